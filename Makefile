@@ -111,5 +111,5 @@ $(STAMP): pyproject.toml requirements.lock
 		--no-deps --no-build-isolation --editable .
 	@echo "Compiling numerical kernels: one to three minutes on two cores"
 	@$(BIN)/python -c 'import logging; logging.basicConfig(level="INFO", format="%(message)s"); \
-		from bt_dualarm.runtime.prepared import compile_kernels; compile_kernels()'
+		from bt_dualarm.runtime.assembly import compile_kernels; compile_kernels()'
 	@touch $(STAMP)

@@ -13,8 +13,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from bt_dualarm.experiments.cases import Cell
-from bt_dualarm.experiments.trials import Trial, TrialError
+from bt_dualarm.experiments.trials import Cell, Trial, TrialError
 
 SCALES = ((0.0, 0.025, 0.05, 0.075, 0.1), (0.0, 0.1, 0.2, 0.3), (0.0, 1.0, 2.0))
 """Latency in s, share of lost frames, shake in px."""

@@ -17,8 +17,8 @@ import numpy as np
 from bt_dualarm.control.controller import JointController
 from bt_dualarm.safety.failsafe import Reservations
 from bt_dualarm.sim.world import World
-from bt_dualarm.trajectory.limits import SetPoint
-from bt_dualarm.trajectory.point_to_point import point_to_point
+from bt_dualarm.trajectory.path_timing import point_to_point
+from bt_dualarm.trajectory.set_points import SetPoint
 from tests.sim.worlds import arm, box, file_of
 
 CALLS = 500

@@ -28,8 +28,7 @@ from bt_dualarm.runtime.options import RunOptions, find_tree
 from bt_dualarm.runtime.run import Run
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.document import TreeFile
-from bt_dualarm.spec.reality import REALITY_NAMES, RealityName
+from bt_dualarm.spec.document import REALITY_NAMES, RealityName, TreeFile
 
 TREES = ("pick_and_transport", "pick_and_track")
 THING = "cube"

@@ -19,8 +19,8 @@ import numpy as np
 
 from benchmarks.rendering import WINDOW, best_ms, staged
 from bt_dualarm.robots.mjspec import LOOP_GROUPS
-from bt_dualarm.sim.gl_renderer import GlRenderer, open_context
-from bt_dualarm.sim.renderer import Exposure, Image
+from bt_dualarm.sim.frame import Exposure, Image
+from bt_dualarm.sim.renderers import GlRenderer, open_context
 
 WIDTH, HEIGHT = 320, 240
 

@@ -30,7 +30,7 @@ from bt_dualarm.safety.failsafe import Reservations
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.node_types import NodeType
-from bt_dualarm.trajectory.point_to_point import point_to_point
+from bt_dualarm.trajectory.path_timing import point_to_point
 from bt_dualarm.trajectory.trajectory import Trajectory
 
 PERIOD = 0.004

@@ -31,7 +31,7 @@ from bt_dualarm.robots.robot_description import load_robot, robot_names
 from bt_dualarm.safety.failsafe import Reservations
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.trajectory.point_to_point import point_to_point
+from bt_dualarm.trajectory.path_timing import point_to_point
 from bt_dualarm.trajectory.trajectory import Trajectory
 
 KINDS = ("plate", "rod", "cube", "aside")

@@ -22,11 +22,10 @@ import numpy as np
 
 import bt_dualarm as bt
 from bt_dualarm.behaviors.report import StatusChange
+from bt_dualarm.runtime.interruption import StopRequest
 from bt_dualarm.runtime.observations import StateLog
-from bt_dualarm.runtime.outcome import ArmResult, Ending, Outcome, RunResult
+from bt_dualarm.runtime.outcome import ArmResult, Ending, Outcome, RunResult, SeriesLog
 from bt_dualarm.runtime.recorder import Recorder
-from bt_dualarm.runtime.series import SeriesLog
-from bt_dualarm.runtime.signals import StopRequest
 from bt_dualarm.sim.world import World
 
 TREE = """

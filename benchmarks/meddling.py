@@ -11,8 +11,7 @@ from unittest.mock import patch
 import numpy as np
 
 from bt_dualarm.core.pose import Matrix, Vector
-from bt_dualarm.experiments.cases import Cell
-from bt_dualarm.experiments.trials import Trial, run_trial
+from bt_dualarm.experiments.trials import Cell, Trial, run_trial
 from bt_dualarm.perception.tracker import TargetTracker
 from bt_dualarm.runtime.arm_runtime import IdleObserver
 from bt_dualarm.sim.world import World

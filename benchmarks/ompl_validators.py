@@ -27,13 +27,18 @@ from typing import Final
 import numpy as np
 
 from benchmarks.scene_problems import scene_problems
-from bt_dualarm.collision.swept import UnknownShapeError, swept_arm
+from bt_dualarm.collision.swept import CompiledEdges, UnknownShapeError, path_length, swept_arm
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix
-from bt_dualarm.planning.edges import CompiledEdges, path_length
-from bt_dualarm.planning.ompl_planner import ArmChecks, Budget, OmplSearch, Planner, shortened
+from bt_dualarm.planning.path_search import (
+    ArmChecks,
+    Budget,
+    CompiledRRTConnect,
+    OmplSearch,
+    Planner,
+    shortened,
+)
 from bt_dualarm.planning.problem import PlanningProblem, admitted, is_free, path_around
-from bt_dualarm.planning.rrt_connect import CompiledRRTConnect
 
 INFORMED: Final = 1_000
 """Number of checks of the planners that optimize; `both` takes about 700."""

@@ -24,7 +24,7 @@ from benchmarks.box_problems import problems
 from bt_dualarm.collision.checker import interpolated
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Vector
-from bt_dualarm.planning.ompl_planner import Planner
+from bt_dualarm.planning.path_search import Planner
 from bt_dualarm.planning.problem import (
     PlanningProblem,
     admitted,

@@ -2,7 +2,7 @@
 
     python -m benchmarks.proportional_gain [--fps 30 60] [--seeds 1] [--jobs 2]
 
-Prints the error by gain, and the best gain of each: what `bt_dualarm.experiments.cases.GAINS` has.
+Prints the error by gain, and the best gain of each: what `bt_dualarm.experiments.trials.GAINS` has.
 Gains are tried on a grid of 0.5 first, then beside the best at a distance of 0.25; 100 runs,
 half an hour of a core.
 """
@@ -18,8 +18,7 @@ from typing import Final
 
 import numpy as np
 
-from bt_dualarm.experiments.cases import CASES, Cell, gain_params
-from bt_dualarm.experiments.trials import Trial, run_trials, usable_cores
+from bt_dualarm.experiments.trials import CASES, Cell, Trial, gain_params, run_trials, usable_cores
 from bt_dualarm.skill.registry import Registry
 
 GRID: Final = tuple(0.5 * number for number in range(2, 10))

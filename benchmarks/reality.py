@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from statistics import median
 
 import bt_dualarm as bt
-from bt_dualarm.spec.reality import REALITY_NAMES
+from bt_dualarm.spec.document import REALITY_NAMES
 
 METRICS = ("path_rms_m", "path_max_m", "yz_rms_m", "yz_max_m", "position_error_m")
 TREES = ("circle", "lissajous", "pick_and_transport", "pick_and_track")

@@ -43,17 +43,17 @@ from mcap.writer import CompressionType, Writer
 import bt_dualarm
 from bt_dualarm.core.errors import DualArmError
 from bt_dualarm.export.mcap import messages_of, write_mcap
-from bt_dualarm.recording.history_file import (
+from bt_dualarm.replay.record import Record
+from bt_dualarm.runtime import observations, recorder
+from bt_dualarm.runtime.history_file import (
     Block,
     HistoryError,
     HistoryWriter,
     ReadBudget,
     read_history,
 )
-from bt_dualarm.replay.record import Record
-from bt_dualarm.runtime import events, recorder
+from bt_dualarm.runtime.outcome import Sample
 from bt_dualarm.runtime.recorder import EVENTS, HISTORY, LOG, PARTS, SAMPLES
-from bt_dualarm.runtime.series import Sample
 
 FILE: Final = "run.mcap"
 LAYOUTS: Final = {
@@ -93,7 +93,7 @@ class Today:
     def __init__(self, folder: Path) -> None:
         self._history = HistoryWriter(folder / HISTORY)
         self._samples = recorder.SampleFiles(folder / PARTS)
-        self._journals = {name: events.Journal(folder / name) for name in (EVENTS, LOG)}
+        self._journals = {name: observations.Journal(folder / name) for name in (EVENTS, LOG)}
         self._archive = folder / SAMPLES
 
     def block(self, block: Block) -> None:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import bt_dualarm
-from bt_dualarm.recording.history_file import read_history
+from bt_dualarm.runtime.history_file import read_history
 from bt_dualarm.runtime.recorder import HISTORY
 
 

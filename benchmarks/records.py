@@ -6,25 +6,78 @@
 Each mutant that is not refused as it is read goes through every reader that takes less than a
 second, and one in `--slow` through those that draw films and run the tree again; one that is
 refused is refused by all readers alike, so one of them, drawn anew for each, has to say so.
+
+Each reading is a process of its own, forked from one that has imported everything and read
+nothing; the memory printed is the largest of one such process, its imports included.
 """
 
 from __future__ import annotations
 
 import argparse
 import multiprocessing
+import os
+import pickle
 import random
 import resource
 import shutil
+import signal
 import tempfile
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from bt_dualarm.replay.record import Record
 from tests.fuzz.malicious_records import MALICIOUS
 from tests.fuzz.record_mutation import Files, mutated
 from tests.fuzz.record_readers import QUICK, SLOW, fault_of
 from tests.fuzz.recorded import recorded
+
+MOST_MB: Final = 1000
+"""Memory that one reading may take."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What came of one reading.
+
+    Attributes:
+        refused: Whether the record was refused with an error for people.
+        fault: What was wrong with that; empty if nothing was.
+        memory_mb: Largest memory of its process, or of one that it started.
+    """
+
+    refused: bool
+    fault: str
+    memory_mb: float
+
+
+def alone(reader: Callable[[Path, Path], int], sandbox: Path) -> Reading:
+    """Read ``sandbox/record`` in a process of its own."""
+    receiver, sender = os.pipe()
+    child = os.fork()
+    if child == 0:
+        os.close(receiver)
+        try:
+            refused, fault = fault_of(reader, sandbox)
+            kb = max(
+                resource.getrusage(who).ru_maxrss
+                for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+            )
+            with os.fdopen(sender, "wb") as pipe:
+                pickle.dump(Reading(refused, fault, kb / 1024), pipe)
+        finally:
+            os._exit(0)
+    os.close(sender)
+    with os.fdopen(receiver, "rb") as pipe:
+        answer = pipe.read()
+    _, status = os.waitpid(child, 0)
+    if not answer:
+        ended = signal.Signals(os.WTERMSIG(status)).name if os.WIFSIGNALED(status) else status
+        return Reading(False, f"the process ended: {ended}", 0.0)
+    reading: Reading = pickle.loads(answer)  # noqa: S301 - written above
+    return reading
 
 
 def _read(record: Path, _: Path) -> int:
@@ -34,28 +87,26 @@ def _read(record: Path, _: Path) -> int:
 
 def _readings(
     files: Files, sandbox: Path, dice: random.Random, slow: int, *, everything: bool
-) -> Iterator[tuple[str, bool, str]]:
-    """Reader, whether it refused the record, and what was wrong with that."""
+) -> Iterator[tuple[str, Reading]]:
+    """Readers, and what came of each."""
     shutil.rmtree(sandbox, ignore_errors=True)
     sandbox.mkdir(parents=True)
     files.write(sandbox / "record")
     names = [*QUICK, *(SLOW if dice.randrange(slow) == 0 else ())]
-    if not everything:
-        refused, _ = fault_of(_read, sandbox)
-        if refused:
-            names = dice.sample(names, 1)
+    if not everything and alone(_read, sandbox).refused:
+        names = dice.sample(names, 1)
     for name in names:
-        refused, fault = fault_of((QUICK | SLOW)[name], sandbox)
-        yield name, refused, fault
+        yield name, alone((QUICK | SLOW)[name], sandbox)
 
 
 def _work(
     place: Path, files: Files, mutants: int, malicious: list[str], seed: int, slow: int
-) -> tuple[Counter[str], list[str], int]:
-    """Counts, faults, and the peak of memory in kB, of one process's share."""
+) -> tuple[Counter[str], list[str], tuple[float, str]]:
+    """Counts, faults, and the most memory of a reading in MB with its name, of one share."""
     dice = random.Random(seed)  # noqa: S311 - no secret
     count = Counter[str]()
     faults = list[str]()
+    peak = (0.0, "")
     for number in range(mutants + len(malicious)):
         if number < mutants:
             what, changed = mutated(files, dice)
@@ -65,19 +116,21 @@ def _work(
             MALICIOUS[what](changed)
         count["records"] += 1
         everything = number >= mutants
-        for name, refused, fault in _readings(
-            changed, place / "s", dice, slow, everything=everything
-        ):
+        for name, reading in _readings(changed, place / "s", dice, slow, everything=everything):
             count["readings"] += 1
-            count["refusals"] += refused
+            count["refusals"] += reading.refused
+            fault = reading.fault
+            peak = max(peak, (reading.memory_mb, f"{what}: {name}"))
+            if reading.memory_mb > MOST_MB:
+                fault = fault or f"memory: {reading.memory_mb:.0f} MB"
             if fault:
                 kind = fault.split(":")[0]
-                if kind not in ("printed", "written elsewhere"):
+                if kind not in ("printed", "written elsewhere", "memory"):
                     kind = "traceback"
                 count[kind] += 1
                 faults.append(f"{what}: {name}: {fault}")
                 print(f"  {what}: {name}: {fault}", flush=True)
-    return count, faults, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return count, faults, peak
 
 
 def main() -> int:
@@ -105,12 +158,13 @@ def main() -> int:
         with multiprocessing.get_context("spawn").Pool(arguments.workers) as pool:
             results = pool.starmap(_work, shares, chunksize=1)
     count = sum((result[0] for result in results), Counter[str]())
-    peak = max(result[2] for result in results) / 1024
+    memory_mb, reading = max(result[2] for result in results)
     print(
         f"{arguments.mutants} mutated and {len(names)} malicious records, "
         f"{count['readings']} readings: {count['refusals']} refused, "
         f"{count['traceback']} tracebacks, {count['written elsewhere']} files elsewhere, "
-        f"{count['printed']} times a raw control character; at most {peak:.0f} MB"
+        f"{count['printed']} times a raw control character; "
+        f"{count['memory']} of more than {MOST_MB} MB, at most {memory_mb:.0f} MB ({reading})"
     )
     return int(any(result[1] for result in results))
 

@@ -24,10 +24,8 @@ from bt_dualarm.perception.detection import ColorFilter, detect
 from bt_dualarm.perception.target_filter import Oscillator, TargetEstimate
 from bt_dualarm.robots.mjspec import LOOP_GROUPS
 from bt_dualarm.sim.camera import Camera
-from bt_dualarm.sim.frame import Window
-from bt_dualarm.sim.gl_renderer import choose_renderer
-from bt_dualarm.sim.ray_renderer import camera_rays
-from bt_dualarm.sim.renderer import RendererKind
+from bt_dualarm.sim.frame import RendererKind, Window
+from bt_dualarm.sim.renderers import camera_rays, choose_renderer
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import CameraSpec
 from bt_dualarm.spec.values import Color

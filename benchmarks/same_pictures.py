@@ -34,8 +34,8 @@ POSES = ("geom_xpos", "geom_xmat", "light_xpos", "light_xdir", "cam_xpos", "cam_
 _DRAW = """
 import pickle, sys, time
 import mujoco, numpy as np
-from bt_dualarm.sim.ray_renderer import RayRenderer
-from bt_dualarm.sim.renderer import Exposure
+from bt_dualarm.sim.renderers import RayRenderer
+from bt_dualarm.sim.frame import Exposure
 models, requests = pickle.load(open(sys.argv[1], "rb"))
 renderer, pictures, spent, latest = RayRenderer(), [], [], None
 for number, poses, asked in requests:

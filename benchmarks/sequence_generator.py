@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -38,6 +38,9 @@ GRIPPER_SKILLS: Final = (
     "release",
     "holding",
 )
+JOINT_SKILLS: Final = ("carry_together", "hand_over", "take_over")
+"""Skills that need a second arm: `benchmarks.carry` and `benchmarks.handover` play them."""
+
 FREE_SKILLS: Final = (
     "reach_to_pose",
     "move_linear",
@@ -49,6 +52,8 @@ FREE_SKILLS: Final = (
     "lissajous",
     "draw",
     "go_home",
+    "follow_tool",
+    "hold_still",
     "stop",
     "approach_and_attach",
     "detach",
@@ -95,7 +100,9 @@ class SkillSequence:
     label: str
 
 
-def generate(seed: int, count: int, reality: str | None = None) -> SkillSequence:
+def generate(
+    seed: int, count: int, reality: str | None = None, skills: Sequence[str] = ()
+) -> SkillSequence:
     """The sequence of a seed; the same whenever it is asked for.
 
     Each leaf is run whether the one before it has succeeded or not, as a tree with a recovery
@@ -105,8 +112,10 @@ def generate(seed: int, count: int, reality: str | None = None) -> SkillSequence
         seed: Seed of world and skills.
         count: Number of skills chained, besides one that may put something into the hand.
         reality: Set of errors of world and arm; drawn where none is given.
+        skills: Skills to chain instead of those that the seed draws, which change as skills are
+            added.
     """
-    return _Author(np.random.default_rng((seed, count)), seed).write(count, reality)
+    return _Author(np.random.default_rng((seed, count)), seed).write(count, reality, skills)
 
 
 class _Author:
@@ -116,13 +125,14 @@ class _Author:
         self._rng = rng
         self._seed = seed
 
-    def write(self, count: int, reality: str | None) -> SkillSequence:
+    def write(self, count: int, reality: str | None, given: Sequence[str]) -> SkillSequence:
         rng = self._rng
         self.robot = str(rng.choice(list(ROBOTS)))
         self.gripper = GRIPPERS[int(rng.integers(len(GRIPPERS)))]
         drawn = str(rng.choice(REALITIES))
         self.reality = reality or drawn
         skills = self._skills(count)
+        skills = list(given) or skills
         if any(skill in CAMERA_SKILLS for skill in skills) and self.robot == "panda":
             self.robot = "ur5"  # the Panda's camera looks ahead, and sees no table from its home
         self.middle = np.array(ROBOTS[self.robot][:2])
@@ -284,7 +294,7 @@ class _Author:
             if rng.uniform() < 0.4:
                 leaves.append({"wait": round(float(rng.uniform(0.02, 0.3)), 3)})
         arms: Ports = {"arm1": arm | {"tree": {"sequence": leaves}}}
-        if any(skill in ("spawn", "remove") for skill in skills):
+        if any(skill in ("spawn", "remove", "follow_tool") for skill in skills):
             far = self._pose((-1.3, 0.4, 0.0), (0, 0, 0))
             arms["arm2"] = {
                 "robot": "ur3",
@@ -406,6 +416,13 @@ class _Author:
 
     def _go_home(self, _: str | None) -> Ports:
         return {"speed": self._speed()}
+
+    def _follow_tool(self, _: str | None) -> Ports:
+        return {"arm": "arm2", "duration": 2.0, "speed": 1.0}
+
+    def _hold_still(self, _: str | None) -> Ports:
+        compliance = round(float(self._rng.uniform(2e-4, 1e-3)), 6)
+        return {"duration": 1.0, "compliance": 0.0 if self._rng.uniform() < 0.5 else compliance}
 
     def _stop(self, _: str | None) -> Ports:
         return {}

@@ -20,7 +20,7 @@ from benchmarks.sequence_generator import Ports, SkillSequence, Step
 from bt_dualarm.behaviors.report import StatusChange
 from bt_dualarm.core.errors import Number
 from bt_dualarm.core.pose import Pose, Vector, camera_pose
-from bt_dualarm.perception.known_shape import KnownShape
+from bt_dualarm.perception.shape_fit import KnownShape
 from bt_dualarm.robots.gripper import FINGERS
 from bt_dualarm.runtime.arm_runtime import IdleObserver
 from bt_dualarm.runtime.outcome import RunResult
@@ -445,6 +445,14 @@ class Referee(IdleObserver):
         yield from self._off(leaf.begun.tool, 0.005, 2.0)
 
     _judge_lissajous = _judge_draw = _judge_back
+
+    def _judge_follow_tool(self, leaf: Ended) -> Iterator[str]:
+        error = float(leaf.metrics["follow_max_m"])
+        if error > 0.005:
+            yield f"its tool was {1e3 * error:.1f} mm from the transform"
+
+    def _judge_hold_still(self, leaf: Ended) -> Iterator[str]:
+        yield from self._off(leaf.begun.tool, 0.005, 2.0)
 
     def _judge_stop(self, _: Ended) -> Iterator[str]:
         speed = float(np.abs(self.run.world.arms[ARM].v).max())

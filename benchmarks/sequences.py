@@ -17,7 +17,7 @@ import logging
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import cache
@@ -73,10 +73,10 @@ def judged(sequence: SkillSequence, registry: Registry) -> tuple[RunResult, tupl
     return result, (*referee.breaches, *verdicts_at_the_end(result, registry))
 
 
-def play(seed: int, length: int, reality: str | None = None) -> Played:
-    """Run the sequence of a seed and judge it."""
+def play(seed: int, length: int, reality: str | None = None, skills: Sequence[str] = ()) -> Played:
+    """Run the sequence of a seed and judge it; arguments as `generate`."""
     began = time.process_time()
-    sequence = generate(seed, length, reality)
+    sequence = generate(seed, length, reality, skills)
     result, breaches = judged(sequence, _registry())
     names = {step.name for step in sequence.steps}
     leaves = tuple(

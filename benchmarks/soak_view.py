@@ -30,8 +30,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import bt_dualarm
+from bt_dualarm.runtime.interruption import StopRequest
 from bt_dualarm.runtime.run import Run
-from bt_dualarm.runtime.signals import StopRequest
 from bt_dualarm.viewer.live_view import LiveView
 
 STRANGERS = r"""

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import py_trees
 
-from bt_dualarm.behaviors.build import build_tree
+from bt_dualarm.behaviors.load import build_tree
 from bt_dualarm.skill.skill import Skill, SkillContext
 from bt_dualarm.spec.node_types import NodeSpec
 

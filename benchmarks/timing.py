@@ -16,9 +16,8 @@ from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.planning.problem import joint_path
 from bt_dualarm.robots.robot_description import load_robot
-from bt_dualarm.trajectory.path_timing import TimeOptimal, spline_through
+from bt_dualarm.trajectory.path_timing import TimeOptimal, spline_through, time_path
 from bt_dualarm.trajectory.paths import Axes, CartesianPath, circle, lissajous
-from bt_dualarm.trajectory.point_to_point import time_path
 from bt_dualarm.trajectory.trajectory import shares_of_limits
 
 DT = 0.004

@@ -40,10 +40,9 @@ from benchmarks.meddling import (
 )
 from benchmarks.tracking_bench import Bench
 from bt_dualarm.control.planar_servo import PlanarServo
-from bt_dualarm.experiments.cases import CASES, UNTUNED, Cell
-from bt_dualarm.experiments.trials import TrialError, run_trial
+from bt_dualarm.experiments.trials import CASES, UNTUNED, Cell, TrialError, run_trial
 from bt_dualarm.sim.camera import Camera
-from bt_dualarm.spec.reality import REALITY_NAMES, RealityName
+from bt_dualarm.spec.document import REALITY_NAMES, RealityName
 
 GOALS: Final[Mapping[RealityName, Mapping[float, tuple[float, float]]]] = {
     "ideal": {60.0: (1.0, 3.0), 30.0: (2.5, 7.0)},

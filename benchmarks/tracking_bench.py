@@ -7,11 +7,10 @@ from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 
-from bt_dualarm.experiments.cases import Cell
 from bt_dualarm.experiments.report import Result
-from bt_dualarm.experiments.trials import Trial, TrialError, run_trials
+from bt_dualarm.experiments.trials import Cell, Trial, TrialError, run_trials
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.reality import RealityName
+from bt_dualarm.spec.document import RealityName
 
 
 @dataclass

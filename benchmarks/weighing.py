@@ -25,15 +25,14 @@ from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.robots.gripper import load_gripper
-from bt_dualarm.robots.mounting import with_gripper
 from bt_dualarm.robots.robot import JointLimits, Robot
-from bt_dualarm.robots.robot_description import load_robot, robot_names
+from bt_dualarm.robots.robot_description import load_robot, robot_names, with_gripper
 from bt_dualarm.safety.failsafe import Reservations
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.node_types import NodeType
-from bt_dualarm.testing.laws import Tree
-from bt_dualarm.trajectory.point_to_point import point_to_point
+from bt_dualarm.testing import Tree
+from bt_dualarm.trajectory.path_timing import point_to_point
 
 PERIOD = 0.004
 LIGHTEST_KG = 0.1

@@ -71,7 +71,7 @@ def of_leaves() -> Iterator[Mistake]:
     yield Mistake("nothing to touch there", tree, "NOTHING_THERE", ("50 mm",))
     tree = shipped("pick_and_transport")
     steps(tree)[0] = {"approach_and_attach": {"object": "cube", "direction": [0, 0, 0]}}
-    yield Mistake("a direction without length", tree, "INVALID_TARGET", ("no length",))
+    yield Mistake("a direction without length", tree, "INVALID_TARGET", ("zero vector",))
     tree = shipped("circle")
     tree["params"] = {}
     tree["objects"] = {"wall": box((0.02, 0.6, 0.6), (0.70, 0.1, 0.80))}

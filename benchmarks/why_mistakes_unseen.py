@@ -107,6 +107,16 @@ def _of_grips() -> Iterator[Mistake]:
     tree = _real("grasp_and_place")
     del steps(tree)[0]
     yield Mistake("nobody took the cube with fingers", tree, "NEVER_ATTACHED", ("cube",))
+    tree = _real("grasp_and_place")
+    tree["objects"]["lid"] = tree["objects"]["cube"] | {"pose": {"xyz": [0.2, -0.55, 0.425]}}
+    steps(tree)[2:] = [{"grasp": {"object": "lid"}}]
+    yield Mistake("the fingers still hold the cube", tree, "HAND_FULL", ("cube", "grasp"))
+    tree = _real("grasp_and_place")
+    base = {"xyz": [0, 2, 0]}
+    thief = {"sequence": [{"wait": {"seconds": 2.2}}, {"remove": {"object": "cube"}}]}
+    tree["arms"]["arm2"] = {"robot": "ur3", "base": base, "tree": thief}
+    steps(tree)[:] = [{"grasp": {"object": "cube", "speed": 0.2}}]
+    yield Mistake("removed between the fingers", tree, "TAKEN_AWAY", ("cube", "arm2"))
 
 
 def _of_two_arms() -> Iterator[Mistake]:

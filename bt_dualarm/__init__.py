@@ -42,19 +42,21 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from bt_dualarm.arm.arm import Arm as Arm
     from bt_dualarm.arm.gripper import ArmGripper as ArmGripper
+    from bt_dualarm.collision.distance import HANDS_APART_M as HANDS_APART_M
+    from bt_dualarm.control.tool_following import ToolFollowing as ToolFollowing
     from bt_dualarm.core.errors import DualArmError as DualArmError
     from bt_dualarm.core.errors import Failure as Failure
     from bt_dualarm.core.errors import WorldError as WorldError
     from bt_dualarm.core.pose import Matrix as Matrix
     from bt_dualarm.core.pose import Pose as Pose
     from bt_dualarm.core.pose import Vector as Vector
-    from bt_dualarm.grasping.ranking import RankedGrasp as RankedGrasp
-    from bt_dualarm.perception.known_shape import KnownShape as KnownShape
-    from bt_dualarm.perception.markers import MarkView as MarkView
-    from bt_dualarm.perception.markers import hand_eye as hand_eye
+    from bt_dualarm.grasping.candidates import RankedGrasp as RankedGrasp
+    from bt_dualarm.perception.scan import MarkView as MarkView
     from bt_dualarm.perception.scan import SightedThing as SightedThing
     from bt_dualarm.perception.scan import SightedThings as SightedThings
-    from bt_dualarm.planning.ompl_planner import Planner as Planner
+    from bt_dualarm.perception.scan import hand_eye as hand_eye
+    from bt_dualarm.perception.shape_fit import KnownShape as KnownShape
+    from bt_dualarm.planning.path_search import Planner as Planner
     from bt_dualarm.robots.gripper import Gripper as Gripper
     from bt_dualarm.runtime.api import check as check
     from bt_dualarm.runtime.api import open as open  # noqa: A004 - read as bt.open
@@ -64,15 +66,30 @@ if TYPE_CHECKING:
     from bt_dualarm.runtime.outcome import LeafResult as LeafResult
     from bt_dualarm.runtime.outcome import Outcome as Outcome
     from bt_dualarm.runtime.outcome import RunResult as RunResult
+    from bt_dualarm.runtime.outcome import Series as Series
     from bt_dualarm.runtime.run import Run as Run
-    from bt_dualarm.runtime.series import Series as Series
     from bt_dualarm.sim.world import World as World
+    from bt_dualarm.skill.carrying import Carrying as Carrying
+    from bt_dualarm.skill.carrying import CarryPorts as CarryPorts
+    from bt_dualarm.skill.cell import CellWait as CellWait
+    from bt_dualarm.skill.grasp_search import GRAVITY as GRAVITY
     from bt_dualarm.skill.grasp_search import TakingPorts as TakingPorts
     from bt_dualarm.skill.grasp_search import WantedGrasp as WantedGrasp
     from bt_dualarm.skill.grasp_search import grasps_on as grasps_on
     from bt_dualarm.skill.grip import Grip as Grip
     from bt_dualarm.skill.grip import TouchSense as TouchSense
     from bt_dualarm.skill.grip import held_through as held_through
+    from bt_dualarm.skill.handover import HandoverPlan as HandoverPlan
+    from bt_dualarm.skill.handover import HandoverSearch as HandoverSearch
+    from bt_dualarm.skill.handover import HandoverWish as HandoverWish
+    from bt_dualarm.skill.handover import LoadSense as LoadSense
+    from bt_dualarm.skill.handover import handover_label as handover_label
+    from bt_dualarm.skill.handover import let_go_of as let_go_of
+    from bt_dualarm.skill.handover import object_in_tool as object_in_tool
+    from bt_dualarm.skill.handover import retreat_from as retreat_from
+    from bt_dualarm.skill.handover import tool_pose_of as tool_pose_of
+    from bt_dualarm.skill.joint import JointPart as JointPart
+    from bt_dualarm.skill.joint import shared_grasp as shared_grasp
     from bt_dualarm.skill.looking import SIDES as SIDES
     from bt_dualarm.skill.looking import MarkViews as MarkViews
     from bt_dualarm.skill.looking import SightPorts as SightPorts
@@ -104,8 +121,9 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.tracking import FollowingError as FollowingError
     from bt_dualarm.skill.tracking import PlaneTracking as PlaneTracking
     from bt_dualarm.skill.tracking import TrackingGains as TrackingGains
-    from bt_dualarm.spec.ports import PortModel as PortModel
-    from bt_dualarm.spec.ports import port as port
+    from bt_dualarm.spec.node_types import Counterpart as Counterpart
+    from bt_dualarm.spec.node_types import PortModel as PortModel
+    from bt_dualarm.spec.node_types import port as port
     from bt_dualarm.spec.problems import Problem as Problem
     from bt_dualarm.spec.problems import SpecError as SpecError
     from bt_dualarm.spec.values import Angle as Angle
@@ -125,6 +143,9 @@ if TYPE_CHECKING:
     from bt_dualarm.spec.values import Speed as Speed
     from bt_dualarm.spec.values import ToolPose as ToolPose
     from bt_dualarm.spec.values import Vector3 as Vector3
+    from bt_dualarm.sweeps.api import compare as compare
+    from bt_dualarm.sweeps.api import sweep as sweep
+    from bt_dualarm.sweeps.sweep import SweepResult as SweepResult
     from bt_dualarm.trajectory.paths import blended as _blended
     from bt_dualarm.trajectory.paths import circle as _circle
     from bt_dualarm.trajectory.paths import drawn as _drawn
@@ -154,16 +175,20 @@ _CONTENTS: Final = {
     "LeafResult": "runtime.outcome:LeafResult",
     "Outcome": "runtime.outcome:Outcome",
     "Ending": "runtime.outcome:Ending",
-    "Series": "runtime.series:Series",
+    "Series": "runtime.outcome:Series",
     "Problem": "spec.problems:Problem",
     "SpecError": "spec.problems:SpecError",
+    # Many runs
+    "sweep": "sweeps.api:sweep",
+    "compare": "sweeps.api:compare",
+    "SweepResult": "sweeps.sweep:SweepResult",
     # Parts of a skill
     "Skill": "skill.skill:Skill",
     "SkillContext": "skill.skill:SkillContext",
     "Ticks": "skill.skill:Ticks",
     "PathSkill": "skill.path_following:PathSkill",
-    "PortModel": "spec.ports:PortModel",
-    "port": "spec.ports:port",
+    "PortModel": "spec.node_types:PortModel",
+    "port": "spec.node_types:port",
     "Failure": "core.errors:Failure",
     "DualArmError": "core.errors:DualArmError",
     "WorldError": "core.errors:WorldError",
@@ -180,7 +205,7 @@ _CONTENTS: Final = {
     "ObjectName": "spec.values:ObjectName",
     "Offset": "spec.values:Offset",
     "Plane": "spec.values:Plane",
-    "Planner": "planning.ompl_planner:Planner",
+    "Planner": "planning.path_search:Planner",
     "PoseSpec": "spec.values:PoseSpec",
     "PostureName": "spec.values:PostureName",
     "Speed": "spec.values:Speed",
@@ -207,9 +232,13 @@ _CONTENTS: Final = {
     "PlaneTracking": "skill.tracking:PlaneTracking",
     "TrackingGains": "skill.tracking:TrackingGains",
     "TrackingScore": "skill.scoring:TrackingScore",
+    "HANDS_APART_M": "collision.distance:HANDS_APART_M",
+    "shared_grasp": "skill.joint:shared_grasp",
+    "CellWait": "skill.cell:CellWait",
+    "ToolFollowing": "control.tool_following:ToolFollowing",
     "WantedGrasp": "skill.grasp_search:WantedGrasp",
     "grasps_on": "skill.grasp_search:grasps_on",
-    "RankedGrasp": "grasping.ranking:RankedGrasp",
+    "RankedGrasp": "grasping.candidates:RankedGrasp",
     "Grip": "skill.grip:Grip",
     "held_through": "skill.grip:held_through",
     "LeftStanding": "skill.placing:LeftStanding",
@@ -220,13 +249,29 @@ _CONTENTS: Final = {
     "SettingDownPorts": "skill.placing:SettingDownPorts",
     "Taking": "skill.picking:Taking",
     "TakingPorts": "skill.grasp_search:TakingPorts",
+    "Carrying": "skill.carrying:Carrying",
+    "CarryPorts": "skill.carrying:CarryPorts",
+    "JointPart": "skill.joint:JointPart",
     "refuse_too_frail": "skill.picking:refuse_too_frail",
     "thing_at": "skill.picking:thing_at",
     "twin_at": "skill.picking:twin_at",
     "TouchSense": "skill.grip:TouchSense",
-    "MarkView": "perception.markers:MarkView",
+    "MarkView": "perception.scan:MarkView",
     "MarkViews": "skill.looking:MarkViews",
-    "hand_eye": "perception.markers:hand_eye",
+    "hand_eye": "perception.scan:hand_eye",
+    # Joint actions of several arms
+    "Counterpart": "spec.node_types:Counterpart",
+    "GRAVITY": "skill.grasp_search:GRAVITY",
+    "HandoverSearch": "skill.handover:HandoverSearch",
+    "HandoverPlan": "skill.handover:HandoverPlan",
+    "HandoverWish": "skill.handover:HandoverWish",
+    "LoadSense": "skill.handover:LoadSense",
+    "handover_label": "skill.handover:handover_label",
+    "let_go_of": "skill.handover:let_go_of",
+    "object_in_tool": "skill.handover:object_in_tool",
+    "retreat_from": "skill.handover:retreat_from",
+    "tool_pose_of": "skill.handover:tool_pose_of",
+    # Steps of several skills
     "unit_vector": "skill.skill:unit_vector",
     "SIDES": "skill.looking:SIDES",
     "go_to_camera": "skill.looking:go_to_camera",
@@ -237,7 +282,7 @@ _CONTENTS: Final = {
     "standing_of": "skill.looking:standing_of",
     "own_camera": "skill.looking:own_camera",
     "still_picture": "skill.looking:still_picture",
-    "KnownShape": "perception.known_shape:KnownShape",
+    "KnownShape": "perception.shape_fit:KnownShape",
     "SightedThing": "perception.scan:SightedThing",
     "SightedThings": "perception.scan:SightedThings",
 }

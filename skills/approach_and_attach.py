@@ -9,6 +9,7 @@ import numpy as np
 
 from bt_dualarm import (
     Failure,
+    Matrix,
     ObjectName,
     PortModel,
     Pose,
@@ -34,11 +35,13 @@ class Approach:
     Attributes:
         to_standoff: Collision-free motion to the standoff.
         to_surface: Straight motion from there to the surface.
+        line: Its configurations, of shape (n, dof), rad.
         standoff: Pose of the tool in the world at the standoff.
     """
 
     to_standoff: Trajectory
     to_surface: Trajectory
+    line: Matrix
     standoff: Pose
 
 
@@ -90,10 +93,7 @@ class ApproachAndAttach(Skill):
         if self.arm.world.objects[name].fixed:
             raise Failure("INVALID_TARGET", f"object {name!r} is fixed: no arm can carry it")
         yield from self._close_empty_fingers()
-        approach = yield from self._approach()
-        for progress in self.arm.follow(approach.to_standoff, self._unseen):
-            yield 0.7 * progress
-            self._refuse_if_gone()
+        approach = yield from self._go_to_standoff()
         try:
             for going in self._touch(approach):
                 yield going
@@ -123,6 +123,22 @@ class ApproachAndAttach(Skill):
     def _refuse_if_gone(self) -> None:
         if self.ports.object not in self.arm.world.objects:
             raise Failure("NOT_THERE", f"object {self.ports.object!r} is not in the world")
+
+    def _go_to_standoff(self) -> Generator[float, None, Approach]:
+        """Move to the standoff of the first approach that is free; wait for arms in the way."""
+        arm = self.arm
+        approaches: list[Approach] = []
+
+        def planned() -> Generator[None, None, Trajectory]:
+            approaches[:] = [(yield from self._approach())]
+            return approaches[0].to_standoff
+
+        move = arm.past_others(self.ports.speed, self._unseen)
+        touched = frozenset({self.ports.object})
+        for progress in move.to_line(planned, lambda: approaches[0].line, touched):
+            yield 0.7 * (progress or 0.0)
+            self._refuse_if_gone()
+        return approaches[0]
 
     def _touch(self, approach: Approach) -> Iterator[float | None]:
         """Move straight until the object is near, and stop there."""
@@ -167,7 +183,7 @@ class ApproachAndAttach(Skill):
             f"no path to {self.ports.object!r}: {first.reason}",
             ways_tried=len(reasons),
             **first.numbers,
-        )
+        ) from ExceptionGroup("no approach is free", reasons)
 
     def _targets(self) -> list[Pose]:
         """Poses of the tool on the object's surface, its z axis along the direction."""
@@ -191,7 +207,8 @@ class ApproachAndAttach(Skill):
         arm.refuse_collision_along(q_line, ignore=touched)
         to_standoff = yield from arm.plan([q_line[0]], ports.speed, self._unseen)
         self._refuse_motion_through(to_standoff)
-        return Approach(to_standoff, arm.time_path(q_line, ports.approach_speed), standoff)
+        to_surface = arm.time_path(q_line, ports.approach_speed)
+        return Approach(to_standoff, to_surface, q_line, standoff)
 
     def _fingertip_offset(self) -> float:
         """Distance, m, of the fingertips beyond the tool frame, which lies between the pads.

@@ -25,6 +25,11 @@ from bt_dualarm import (
 
 _UNKNOWN_FRICTION = 0.5  # of an object that is not declared
 
+# Rest of the object before the grasp is planned
+_STILL_M_S = 0.02
+_LASTS_S = 0.1  # for which one that has moved has to stay at rest: it may bounce
+_LONGEST_S = 2.0  # of the wait
+
 
 class _ObjectPorts(PortModel):
     object: ObjectName | None = port(None, "object to pick; the file declares its shape")
@@ -79,12 +84,26 @@ class Grasp(Skill):
                 return
             yield from Taking.open(self.arm)
         lies = None if self.ports.at is None else self.ports.at.pose
+        if name is not None and lies is None:
+            yield from self._wait_for_rest(name)
         if name is not None and lies is not None:
             name = self.metrics["taken"] = twin_at(self.arm.world, name, lies.position)
         wanted = WantedGrasp.named(self.arm, name, self.ports, lies) if name else self._unnamed()
         refuse_too_frail(self.arm, wanted.label, self.ports.most_force)
         taking = Taking(self.arm, self.ports, wanted, self.ports.at is not None, self.metrics)
         yield from taking.through(grasps_on(self.arm, wanted))
+
+    def _wait_for_rest(self, name: str) -> Iterator[None]:
+        """Wait for an object that falls or slides, since the arm would find it elsewhere."""
+        world = self.arm.world
+        began = self.time
+        moved = -math.inf
+        while name in world.objects and self.time - began < _LONGEST_S:
+            if float(np.linalg.norm(world.object_velocity(name)[3:])) > _STILL_M_S:
+                moved = self.time
+            if self.time - moved >= _LASTS_S:
+                return
+            yield None
 
     def _alike(self, one: str, other: str) -> bool:
         """Whether two objects have the same shape and size: no camera can tell them apart."""

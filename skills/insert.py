@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator
+from contextlib import ExitStack
 
 import numpy as np
 
 from bt_dualarm import (
+    HANDS_APART_M,
     Angle,
     CarriedPose,
     Failure,
@@ -21,6 +23,7 @@ from bt_dualarm import (
     Vector,
     guarded_descent,
     port,
+    shared_grasp,
 )
 
 _CLEAR_M = 0.004  # height above the rim from which the peg is lowered
@@ -42,6 +45,11 @@ class Insert(Skill):
         at: CarriedPose = port(..., "pose of the peg when it is fully inserted")
         depth: float = port(
             0.03, "depth of the inserted peg in the hole", unit="m", ge=0.005, le=0.3
+        )
+        into: ObjectName | None = port(
+            None,
+            "object, held by another arm with `hold_still`, that is a side of the hole: the peg "
+            "and the hand may touch it",
         )
         radius: float = port(
             0.0018,
@@ -95,14 +103,19 @@ class Insert(Skill):
         goal = self.ports.at.pose_from(arm.commanded_tool_pose @ in_tool)
         bottom = goal @ in_tool.inverse
         grip = Grip(arm, name)
-        try:
-            yield from self._go_above(bottom, grip)
-            offset = yield from self._search(bottom, grip)
-            yield from self._push_down(_moved(bottom, offset, 0.0), grip)
-        except Failure as failure:
-            if failure.code == "SLIPPED":
-                yield from grip.judge(failure)
-            raise
+        into = self.ports.into
+        with ExitStack() as shared:
+            for holder in () if into is None else arm.world.attachments.holders(into):
+                if into is not None and holder != arm.name:
+                    shared.enter_context(shared_grasp(arm, holder, into, HANDS_APART_M))
+            try:
+                yield from self._go_above(bottom, grip)
+                offset = yield from self._search(bottom, grip)
+                yield from self._push_down(_moved(bottom, offset, 0.0), grip)
+            except Failure as failure:
+                if failure.code == "SLIPPED":
+                    yield from grip.judge(failure)
+                raise
         self._score(name, goal)
 
     def _score(self, name: str, goal: Pose) -> None:

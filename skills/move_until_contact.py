@@ -8,7 +8,18 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bt_dualarm import Failure, Grip, PortModel, Pose, Skill, Speed, Vector3, port, unit_vector
+from bt_dualarm import (
+    Failure,
+    Grip,
+    PortModel,
+    Pose,
+    Skill,
+    Speed,
+    Vector,
+    Vector3,
+    port,
+    unit_vector,
+)
 
 _TARE_S = (0.1, 0.5)
 """Age of the force samples whose mean is the zero: they contain friction and model errors."""
@@ -24,6 +35,14 @@ _LOOSE_RAD = 2e-3
 """Joint motion, likewise at the start: dry friction changes its sign meanwhile. A
 motion up that is followed by a slow one down changes a UR10's torques by what 60 N at its tool
 would: such a force is neither a contact nor a zero."""
+
+_EARLY_N = 80.0
+"""Increase of the force that is a contact nevertheless: the tool touched something from the start,
+and a UR10 would press on it with 280 N before `_EDGE_S` is over."""
+
+_STEP_M = 2e-4
+_STEPS = 10
+"""Length and largest number of the steps by which the tool moves back while it still presses."""
 
 
 class MoveUntilContact(Skill):
@@ -67,6 +86,7 @@ class MoveUntilContact(Skill):
         motion = self.arm.begin(timed, may_touch=True, compliant=grip is not None)
         samples = deque[tuple[float, float]]()
         duration = motion.trajectory.duration
+        at_rest = self._opposing(direction)
         while not motion.done:
             yield motion.progress
             self.arm.check()
@@ -74,13 +94,19 @@ class MoveUntilContact(Skill):
                 grip.look()
             elapsed = motion.progress * duration
             moved = float(np.abs(self.arm.setpoint.q - rows[0]).max())
+            opposing = self._opposing(direction)
+            force = opposing - at_rest
             if elapsed < _EDGE_S or moved < _LOOSE_RAD:
-                continue
-            force = self._rise(samples, -float(direction @ self.arm.external_wrench[:3]))
-            if force > threshold and elapsed < duration - _EDGE_S:
+                felt = grip is None and force > max(threshold, _EARLY_N)
+            else:
+                force = self._rise(samples, opposing)
+                felt = force > threshold and elapsed < duration - _EDGE_S
+            if felt:
                 self._score(force, start)
                 yield from self.arm.halt()
                 yield from self.arm.relax()
+                if grip is None:
+                    yield from self._back_off(direction, opposing - force + threshold)
                 return
         yield from self.arm.settle()
         if blocked is not None:
@@ -90,6 +116,28 @@ class MoveUntilContact(Skill):
             f"the tool detected no contact over {1e3 * self.ports.distance:.0f} mm",
             distance_m=self.ports.distance,
         )
+
+    def _opposing(self, direction: Vector) -> float:
+        """Sensed force against the direction, N, with the error of the model."""
+        return -float(direction @ self.arm.external_wrench[:3])
+
+    def _back_off(self, direction: Vector, bound: float) -> Iterator[float]:
+        """Move back until the force is below a bound, N.
+
+        A stiff arm on something hard holds the force with which it came to rest: a UR10 pressed
+        with 130 N, and with 280 N when it was to move until contact once more.
+        """
+        for _ in range(_STEPS):
+            if self._opposing(direction) <= bound:
+                return
+            here = self.arm.commanded_tool_pose
+            back = Pose(here.position - _STEP_M * direction, here.quaternion)
+            timed = self.arm.time_path(self.arm.line_on(back), self.ports.speed)
+            motion = self.arm.begin(timed, may_touch=True)
+            while not motion.done:
+                yield 1.0
+                self.arm.check()
+            yield from self.arm.settle()
 
     def _grip(self) -> Grip | None:
         """Slip check of a held object, which is what makes the contact then; None without one."""

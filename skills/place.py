@@ -27,6 +27,7 @@ from bt_dualarm import (
 
 _LOOK_M = 0.3  # distance of the camera from the goal
 _LEAN = np.radians(45.0)  # largest rotation of the line of sight from that at the release
+_LEANS = np.radians(3.0)  # angle from upright above which the current orientation is remarkable
 _PICTURES = 6  # images that are averaged
 _SIGMAS = 3.0  # standard deviations of the estimate that are allowed in addition
 
@@ -67,7 +68,18 @@ class Place(Skill):
         goal = self.ports.at.pose_from(arm.commanded_tool_pose @ in_tool)
         looked_for = self._looked_for(name)
         setting_down = SettingDown(arm, self.ports, held, self.metrics)
-        yield from setting_down.through(goal)
+        try:
+            yield from setting_down.through(goal)
+        except Failure as failure:
+            leans = np.arccos(min(1.0, np.abs(goal.rotation_matrix[2]).max()))
+            if failure.code != "NOT_SUPPORTED" or self.ports.at.is_oriented or leans < _LEANS:
+                raise
+            raise Failure(
+                failure.code,
+                f"{failure.reason}; as `at` has no orientation, it would keep its current one, "
+                f"{np.degrees(leans):.0f}° from upright",
+                **failure.numbers,
+            ) from None
         if looked_for is not None:
             yield from self._look(looked_for, goal)
         yield from setting_down.stays_at(goal)

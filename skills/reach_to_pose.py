@@ -37,9 +37,9 @@ class ReachToPose(Skill):
             "nearest",
             "choice of the configuration: nearest, or farthest from singularities",
         )
-        patience: Duration = port(5.0, "longest wait for another arm that blocks the path", le=600)
+        patience: Duration = port(60.0, "longest wait for another arm that blocks the path", le=600)
         give_way: bool = port(
-            False, "move aside while waiting for another arm, instead of waiting in place"
+            True, "move aside for another arm that has waited longer, instead of waiting in place"
         )
         speed: Speed = port(0.5, "fraction of the arm's limits")
         planner: Planner = port("RRTConnect", "planner to use if the straight path is blocked")

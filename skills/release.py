@@ -33,4 +33,7 @@ class Release(Skill):
         gripper.command(goal, self.ports.speed)
         yield from gripper.until_open(self.ports.settle)
         gripper.forget_released()
+        if self.arm.controller.compliance.active:
+            # Compliant since a contact, it may have moved as the contact force ended.
+            yield from self.arm.settle()
         self.metrics["width_m"] = gripper.width

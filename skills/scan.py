@@ -67,7 +67,7 @@ class Scan(Skill):
         yield from self.arm.think()  # the motion of a halted leaf may still be braking
         viewpoints = 0
         for number, point in enumerate((None, *self._centers())):
-            if point is not None and not (yield from self._look_at(point)):
+            if point is not None and not (yield from self._look_at(point, viewpoints)):
                 continue
             viewpoints += point is not None
             picture = yield from still_picture(self.arm, self.ports.frames)
@@ -91,11 +91,16 @@ class Scan(Skill):
             for x in (xs if row % 2 == 0 else xs[::-1])
         ]
 
-    def _look_at(self, point: Vector) -> Generator[float | None, None, bool]:
+    def _look_at(self, point: Vector, viewpoints: int) -> Generator[float | None, None, bool]:
         down = np.array((0.0, 0.0, -1.0))
         ports = self.ports
         poses = gazes(point, ports.distance, down, ports.lean, camera_now(self.arm))
-        found = yield from look_at(self.arm, poses, ports.speed, ports.ignored)
+        try:
+            found = yield from look_at(self.arm, poses, ports.speed, ports.ignored)
+        except Failure as failure:
+            if failure.code != "NO_PLAN" or not viewpoints:  # so far the arm may be enclosed
+                raise
+            return False
         return found is not None
 
     def _report(self, seen: SightedThings, places: int) -> None:

@@ -103,7 +103,7 @@ class Track(Skill):
         "LOST": "the target was out of view, or not recognized, for longer than lost_timeout",
         "NOT_FOLLOWING": "the target was farther from the image center than max_error",
         "UNREACHABLE": "the target stayed beyond `reach`",
-        "IN_COLLISION": "the held object would touch something on its further path",
+        "IN_COLLISION": "the arm or a held object would touch something on its further path",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
         "BUSY": "another leaf moves the arm",
     }

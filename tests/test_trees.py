@@ -196,7 +196,20 @@ def check_peg_in_hole(ran: Ran) -> None:
     assert leaf["metrics"]["push_n"] < 25.0
 
 
+def check_assembly(ran: Ran) -> None:
+    """The bar stood still while the peg went in beside it, and lies elsewhere at the end."""
+    (hold,) = ran.leaves("holder", "hold_still")
+    assert hold["metrics"]["held_moved_m"] < 1e-3
+    (insert,) = ran.leaves("inserter", "insert")
+    assert insert["metrics"]["inserted_error_m"] < 2e-3
+    during = (ran.samples["time"] >= hold["started_s"]) & (ran.samples["time"] <= hold["ended_s"])
+    assert np.ptp(ran.samples["object_bar"][during, :3], axis=0).max() < 2e-3
+    np.testing.assert_allclose(ran.samples["object_bar"][-1, :2], (0.40, -0.72), atol=0.004)
+    np.testing.assert_allclose(ran.samples["object_peg"][-1, :2], (0.3005, -0.4795), atol=0.002)
+
+
 CHECKS = {
+    "assembly": check_assembly,
     "peg_in_hole": check_peg_in_hole,
     "pick_and_track": check_pick_and_track,
     "visual_tracking": check_visual_tracking,

@@ -8,7 +8,7 @@ yielding and replanning.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Collection, Generator, Iterator, Sequence
+from collections.abc import Callable, Collection, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeAlias, TypeVar
 
@@ -17,9 +17,13 @@ import numpy as np
 from bt_dualarm.arm.gripper import ArmGripper
 from bt_dualarm.arm.payload import PayloadCheck
 from bt_dualarm.arm.slip_response import SlipResponse
-from bt_dualarm.arm.state import ArmContacts, ArmState, Backoff, Lease
+from bt_dualarm.arm.state import BACKOFF_S, ArmContacts, ArmState, Backoff, Lease
+from bt_dualarm.arm.traffic import Traffic
 from bt_dualarm.collision.checker import CollisionChecker
+from bt_dualarm.control.computed_torque import SOFTEST
 from bt_dualarm.control.controller import JointController
+from bt_dualarm.control.dynamics import BANDWIDTH
+from bt_dualarm.control.tool_following import ToolFollowing
 from bt_dualarm.core.errors import (
     RAISED_BY_SKILLS,
     BlockedFailure,
@@ -30,7 +34,8 @@ from bt_dualarm.core.errors import (
 )
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics, refuse_beyond
-from bt_dualarm.planning.ompl_planner import DEFAULT_PLANNER, Planner
+from bt_dualarm.kinematics.solver import Chain
+from bt_dualarm.planning.path_search import DEFAULT_PLANNER, Planner
 from bt_dualarm.planning.problem import (
     PlanningProblem,
     admitted,
@@ -43,10 +48,10 @@ from bt_dualarm.safety.guard import PlanMonitor, clearance
 from bt_dualarm.sim.camera import Camera, GuardedCamera
 from bt_dualarm.sim.contact_monitor import Contacts
 from bt_dualarm.sim.world import World
-from bt_dualarm.trajectory.limits import SetPointSource
+from bt_dualarm.trajectory.coupled import CoupledSource
+from bt_dualarm.trajectory.path_timing import point_to_point, time_path
 from bt_dualarm.trajectory.paths import line
-from bt_dualarm.trajectory.point_to_point import point_to_point, time_path
-from bt_dualarm.trajectory.sources import Stream, TrajectorySource
+from bt_dualarm.trajectory.set_points import SetPointSource, Stream, TrajectorySource
 from bt_dualarm.trajectory.trajectory import Trajectory
 
 SETTLE_S = 1.0
@@ -67,8 +72,9 @@ PLANNING_MARGIN_M = 0.045
 REPLANS = 1
 """How often an arm replans when something has moved into its path."""
 
-WAIT_S = 5.0
-"""Simulated seconds that an arm waits by default for another one to leave its goal."""
+WAIT_S = 60.0
+"""Simulated seconds that an arm waits by default for others to leave its goal or its path: long
+enough for several of them, one after the other, to pick and place there."""
 
 _RELAXATIONS = 4
 _YIELD_S = 0.1  # in which a contact can push the arm away
@@ -87,6 +93,8 @@ class SharedArm(ArmState):
         seed: Random seed in this arm's planning.
         planning: Process that searches for collision-free paths.
         touches: True contacts of the arms, for scoring.
+        traffic: Right of way among the arms of the run.
+        controllers: Controllers of all arms of the run, by the arm's name.
 
     Attributes:
         carrying: Check of loads and motions against what the arm can carry.
@@ -104,6 +112,8 @@ class SharedArm(ArmState):
         seed: int,
         planning: PlanningProcess,
         touches: Contacts,
+        traffic: Traffic,
+        controllers: Mapping[str, JointController],
     ) -> None:
         kinematics = Kinematics(world.robots[name], world.arms[name].base, seed)
         super().__init__(world, name, controller, kinematics)
@@ -111,6 +121,8 @@ class SharedArm(ArmState):
         self.seed = seed
         self.planning = planning
         self.touches = touches
+        self.traffic = traffic
+        self.controllers = controllers
         self.carrying = PayloadCheck(world, name)
         self.lease = Lease(name, lambda: controller.at_rest)
         self.patience = Backoff(name, seed)
@@ -155,15 +167,16 @@ class Arm(ArmState):
             raise Failure("NO_GRIPPER", f"{self.name} has no gripper: the file mounts none on it")
         return self._gripper
 
-    def attach(self, name: str, seen: Pose | None = None) -> None:
+    def attach(self, name: str, seen: Pose | None = None, *, share: float = 1.0) -> None:
         """Weld an object to the tool at its current pose; repeated calls change nothing.
 
         Args:
             name: Name of the object.
             seen: Estimated pose in the world, for the nominal model; the true one by default.
+            share: Share of the weight that the arm bears, if another one holds the object, too.
         """
         self._lease.refuse_other_threads()
-        self.world.attach(self.name, name, seen)
+        self.world.attach(self.name, name, seen, share=share)
 
     def detach(self, name: str) -> bool:
         """Release an attached object; returns whether it was held."""
@@ -189,6 +202,11 @@ class Arm(ArmState):
         return self._contacts.end(asked)
 
     # The leaf's life
+
+    @property
+    def leaf(self) -> str:
+        """Path of the leaf in its tree."""
+        return self._lease.leaf
 
     def enter(self, *, anew: bool) -> None:
         """Register the thread that ticks or halts the leaf, and whether a new run of it begins."""
@@ -219,17 +237,25 @@ class Arm(ArmState):
         """Stop the motion that this leaf has begun; harmless otherwise."""
         if self._lease.give_back():
             self._begun = None
+            self._shared.traffic.lead_no_more(self.name)
+            self._shared.traffic.abandon_motion(self.name)
             if self.is_present:
                 self.controller.stop()
 
     # Motions
 
-    def follow(self, trajectory: Trajectory, ignore: frozenset[str] = _NOTHING) -> Iterator[float]:
+    def follow(
+        self,
+        trajectory: Trajectory,
+        ignore: frozenset[str] = _NOTHING,
+        wait_s: float = WAIT_S,
+    ) -> Iterator[float]:
         """Execute a motion; yields its progress once per tick until the arm is at rest at its end.
 
         Args:
             trajectory: Motion that begins at the last set-point.
             ignore: Names of the objects that may be touched.
+            wait_s: Simulated seconds that it waits for another arm to leave its path.
 
         Raises:
             Failure: ``BUSY`` when another leaf moves the arm, ``TRACKING_ERROR`` when the arm
@@ -242,7 +268,7 @@ class Arm(ArmState):
             yield motion.progress
             self.check()
             watch.look(self.time)
-            self.refuse_when_held_up(motion)
+            self.refuse_when_held_up(motion, wait_s)
         yield from self.settle()
 
     def begin(
@@ -268,9 +294,32 @@ class Arm(ArmState):
         self._contacts.begin()
         self._shared.slip.may_touch = may_touch
         self._begun = motion = self.controller.follow(
-            trajectory, along_path=along_path, may_touch=may_touch, compliant=compliant
+            trajectory,
+            along_path=along_path,
+            may_touch=may_touch,
+            compliant=compliant,
+            most_scale=self._shared.traffic.pace(self.name, trajectory),
         )
+        self._shared.traffic.begin_motion(self.name, self._lease.leaf, motion)
         return motion
+
+    def begin_with_others(self, motion: CoupledSource, *, compliant: bool = False) -> None:
+        """Begin this arm's part of a coupled motion, which the caller monitors with ``check``.
+
+        It moves once all arms of the motion have begun it. Contact is intended.
+
+        Args:
+            motion: Set-points of this arm.
+            compliant: Whether the arm complies on contact, until the next motion begins.
+
+        Raises:
+            Failure: ``BUSY`` when another leaf moves the arm.
+        """
+        self._lease.take()
+        self._contacts.begin()
+        self._shared.slip.may_touch = True
+        self.controller.follow_with_others(motion, compliant=compliant)
+        self._begun = motion
 
     def stream(self, source: Stream) -> None:
         """Follow a stream of set-points until ``release`` or ``halt``.
@@ -284,9 +333,59 @@ class Arm(ArmState):
         self.controller.stream(source)
         self._begun = self.controller.motion
 
+    def follow_tool(self, leader: str, offset: Pose, speed: float) -> ToolFollowing:
+        """Keep a transform to another arm's tool until `release` or `halt`.
+
+        Motions of the other arm that begin meanwhile are slowed to what this one can follow.
+
+        Args:
+            leader: Name of the other arm.
+            offset: Pose of this arm's tool in that of the other one.
+            speed: Fraction of the limits, above 0 to 1.
+
+        Raises:
+            Failure: ``INVALID_TARGET`` if the other arm is this one, is not in the world, or
+                follows this one; ``BUSY`` when another leaf moves the arm.
+        """
+        traffic = self._shared.traffic
+        if leader == self.name or leader in traffic.followers(self.name):
+            raise Failure("INVALID_TARGET", f"{leader} follows the tool of {self.name} itself")
+        if leader not in self.world.arms:
+            raise Failure("INVALID_TARGET", f"there is no arm {leader!r} in the world now")
+        body = self.world.arms[leader]
+        following = ToolFollowing(
+            self.kinematics,
+            self.limits(speed),
+            self.period,
+            self.setpoint,
+            Chain(self.world.robots[leader], body.base),
+            self._shared.controllers[leader].commanded_at,
+            offset,
+            # The other arm moves along; the guard keeps the two apart.
+            lambda motion: refuse_contact(self.checker(frozenset({leader})), motion),
+        )
+        self.stream(following)
+        traffic.lead(self.name, leader, following.pace)
+        motion = self._shared.controllers[leader].motion
+        if isinstance(motion, TrajectorySource):  # it has begun before
+            row = round(motion.parameter.s / motion.trajectory.dt)
+            left = motion.trajectory.piece(row, len(motion.trajectory))
+            motion.cap(min(motion.most_scale, following.pace(left)))
+        return following
+
+    def tool_pose_of(self, other: str) -> Pose:
+        """Measured pose of another arm's tool, by its encoders."""
+        return self.world.nominal[other].tool_pose_at(self.world.hardware[other].q)
+
+    def commanded_tool_pose_of(self, other: str) -> Pose:
+        """Pose of another arm's tool at its last set-point, as its controller knows it."""
+        return self.world.nominal[other].tool_pose_at(self._shared.controllers[other].setpoint.q)
+
     def watch(self, motion: TrajectorySource, ignore: frozenset[str] = _NOTHING) -> PlanMonitor:
         """Monitor that checks a running motion against the world as it changes."""
-        return PlanMonitor(self.world, self.name, motion, ignore)
+        # Arms that follow this one's tool make way by themselves; the guard keeps them apart.
+        followers = self._shared.traffic.followers(self.name)
+        return PlanMonitor(self.world, self.name, motion, ignore | followers)
 
     def check(self) -> None:
         """Raise the error of the running motion, if there is one.
@@ -307,22 +406,43 @@ class Arm(ArmState):
                 **({"progress": begun.progress} if isinstance(begun, TrajectorySource) else {}),
             )
 
-    def refuse_when_held_up(self, motion: TrajectorySource) -> None:
-        """Refuse to wait longer than the backoff for a motion that the guard has stopped.
+    def refuse_when_held_up(self, motion: TrajectorySource, wait_s: float = WAIT_S) -> None:
+        """Refuse to wait longer than a time in s for a motion that the guard has stopped.
+
+        While it waits, arms that wait for this one in turn move aside.
 
         Raises:
             Failure: ``TIMED_OUT`` with what is in the way.
         """
-        waited_s = 0.0 if motion.held_since is None else self.time - motion.held_since
-        if waited_s <= self._shared.patience.seconds:
+        traffic = self._shared.traffic
+        if motion.held_since is None:
+            traffic.advance(self.name)
             return
-        self._shared.patience.renew()
+        traffic.block(self.name, self._lease.leaf, self.controller.neighbors, may_yield=False)
+        self.refuse_deadlock()
+        waited_s = self.time - motion.held_since
+        if waited_s <= wait_s:
+            return
         raise BlockedFailure(
             "TIMED_OUT",
             f"blocked: {motion.held_up}",
             progress=motion.progress,
             waited_s=waited_s,
         )
+
+    def refuse_deadlock(self) -> bool:
+        """Refuse to wait for arms that wait for this one in turn.
+
+        Returns:
+            Whether the arms in the way have ended, and are going to stay there.
+
+        Raises:
+            Failure: ``DEADLOCK`` with the arms and what they wait for.
+        """
+        refusal = self._shared.traffic.take_refusal(self.name)
+        if refusal is not None and refusal.code == "DEADLOCK":
+            raise refusal
+        return refusal is not None
 
     def settle(self) -> Iterator[float]:
         """Wait until the arm has settled at its last set-point; yields once per tick.
@@ -346,22 +466,27 @@ class Arm(ArmState):
                 )
             yield 1.0
 
-    def relax(self) -> Iterator[float]:
+    def relax(self, *, stays_compliant: bool = False) -> Iterator[float]:
         """Move the set-point to the measured configuration, which ends any contact force.
 
         As the arm yields, the contact pushes it farther away, so this takes a few iterations; the
         final configuration does not matter.
 
+        Args:
+            stays_compliant: Whether a compliant arm stays so: its contact goes on. It then yields
+                twice only.
+
         Raises:
             Failure: ``BUSY`` or ``TRACKING_ERROR``, as ``follow``.
         """
         limits = self.robot.limits
-        for _ in range(_RELAXATIONS):
+        for left in range(2 if stays_compliant else _RELAXATIONS, 0 if stays_compliant else -1, -1):
             here = np.clip(self.q, limits.lower, limits.upper)
             retreat = point_to_point(self.setpoint.q, here, limits, self.period)
-            motion = self.begin(
-                retreat, may_touch=True, compliant=self.controller.compliance.active
-            )
+            # A compliant arm with a wrong load model sinks away from every set-point: in the end it
+            # holds its place.
+            compliant = self.controller.compliance.active and left > 0
+            motion = self.begin(retreat, may_touch=True, compliant=compliant)
             began = self.time
             latest = began + retreat.duration + SETTLE_S
             while self.time < began + _YIELD_S or not self.controller.at_rest:
@@ -371,6 +496,40 @@ class Arm(ArmState):
                 self.check()
             if self._servo_error < SETTLED_RAD:
                 return
+
+    def spring_bandwidth(self, compliance: float) -> float:
+        """Bandwidth with which the tool yields by a distance per force in its softest direction.
+
+        A joint stiffness of M w² gives the tool the compliance J M⁻¹ Jᵀ / w² (Khatib, A unified
+        approach for motion and force control of robot manipulators, IEEE J. Robot. Autom. 1987).
+
+        Args:
+            compliance: Displacement of the tool per force, m/N.
+
+        Returns:
+            Bandwidth for `Compliance.spring`, rad/s.
+
+        Raises:
+            Failure: ``INVALID_TARGET`` if the arm cannot be as soft, or is softer, in this
+                configuration.
+        """
+        jacobian = self.world.nominal[self.name].tool_jacobian_at(self.q)[:3]
+        mobility = jacobian @ np.linalg.solve(self.controller.touch.inertia, jacobian.T)
+        softest = float(np.linalg.eigvalsh(mobility)[-1])
+        bandwidth = float(np.sqrt(softest / compliance))
+        if not SOFTEST <= bandwidth <= BANDWIDTH:
+            least = softest / BANDWIDTH**2
+            most = softest / SOFTEST**2
+            raise Failure(
+                "INVALID_TARGET",
+                f"the compliance of {1e3 * compliance:.3g} mm/N is not possible here: this "
+                f"{self.robot.name} allows {1e3 * least:.2g} to {1e3 * most:.2g} mm/N in this "
+                "configuration",
+                compliance_m_per_n=compliance,
+                least_m_per_n=least,
+                most_m_per_n=most,
+            )
+        return bandwidth
 
     def halt(self, *, give_way: bool = False) -> Iterator[None]:
         """Brake with bounded jerk; yields once per tick until the arm is at rest.
@@ -386,6 +545,8 @@ class Arm(ArmState):
         """
         self._lease.refuse_other_threads()
         self._begun = None
+        self._shared.traffic.lead_no_more(self.name)
+        self._shared.traffic.abandon_motion(self.name)
         if give_way:
             self.controller.compliance.soften()
         self.controller.stop()
@@ -558,7 +719,9 @@ class Arm(ArmState):
         """
         refuse_beyond(self.robot.joints, goal, self.robot.limits)
         motion = point_to_point(self.setpoint.q, goal, self.limits(speed), self.period)
-        self.refuse_collision_along(motion)
+        # What is held may go on lying on something, but sets down nowhere: joints are no pose.
+        checker = self.checker().without_new_contacts([self.setpoint.q])
+        refuse_contact(checker, motion)
         return self.within_efforts(motion)
 
     def within_efforts(self, motion: Trajectory) -> Trajectory:
@@ -582,9 +745,11 @@ class Arm(ArmState):
         """Collision checker of configurations in the current world.
 
         It keeps `PLANNING_MARGIN_M` from other arms, or the current distance from an arm that is
-        already nearer.
+        already nearer. Arms that follow this one's tool are left out.
         """
-        margins = dict.fromkeys(self.world.arms, PLANNING_MARGIN_M)
+        followers = self._shared.traffic.followers(self.name)
+        ignore |= followers
+        margins = {name: PLANNING_MARGIN_M for name in self.world.arms if name not in followers}
         while True:
             checker = CollisionChecker(self.world, self.name, margins, ignore)
             contact = checker.contact(self.setpoint.q)
@@ -652,7 +817,7 @@ class Arm(ArmState):
         speed: float,
         ignore: frozenset[str] = _NOTHING,
         *,
-        give_way: bool = False,
+        give_way: bool = True,
         patience: float = WAIT_S,
         planner: Planner = DEFAULT_PLANNER,
     ) -> Iterator[float | None]:
@@ -662,7 +827,7 @@ class Arm(ArmState):
             goals: Configurations, each of shape (dof,), rad, the preferred one first.
             speed: Fraction of the limits, above 0 to 1.
             ignore: Names of the objects that may be touched.
-            give_way: Whether the arm moves aside while it waits for another one.
+            give_way: Whether the arm moves aside if one that has waited longer waits for it.
             patience: Simulated seconds after which it no longer waits or replans.
             planner: Planner to use if the straight path is blocked.
 
@@ -674,7 +839,7 @@ class Arm(ArmState):
 
     def past_others(self, speed: float, ignore: frozenset[str] = _NOTHING) -> MoveTo:
         """Motions other than `travel` that wait for moving arms and replan."""
-        return MoveTo(self, self._shared.patience, speed, ignore)
+        return MoveTo(self, self._shared.patience, self._shared.traffic, speed, ignore)
 
 
 Planning: TypeAlias = Callable[[], Generator[None, None, Trajectory]]
@@ -690,20 +855,21 @@ class MoveTo:
     Attributes:
         arm: Arm of the leaf.
         backoff: Time that the arm waits before it tries again.
+        traffic: Right of way among the arms.
         speed: Fraction of the limits, above 0 to 1.
         ignore: Names of the objects that may be touched.
         search: Planner to use if the straight path is blocked.
-        give_way: Whether the arm moves aside while it waits, so that two arms do not wait
-            for each other.
+        give_way: Whether the arm moves aside if one that has waited longer waits for it.
         wait_s: Simulated seconds after which it no longer waits or replans.
     """
 
     arm: Arm
     backoff: Backoff
+    traffic: Traffic
     speed: float
     ignore: frozenset[str] = frozenset()
     search: Planner = DEFAULT_PLANNER
-    give_way: bool = False
+    give_way: bool = True
     wait_s: float = WAIT_S
 
     def go(self, goals: Sequence[Vector]) -> Iterator[float | None]:
@@ -736,20 +902,46 @@ class MoveTo:
             yield from self._checked(rows, known_free and has_not_moved)
             return self.arm.time_path(rows, self.speed)
 
-        return self.along(planned)
+        # Elsewhere the line may be another one, or none at all: the others move aside.
+        return replace(self, give_way=False).along(planned)
 
-    def until_free(self, rows: Matrix, *, known_free: bool = False) -> Iterator[float | None]:
-        """Wait until no other arm blocks a path; yields once per tick.
+    def to_line(
+        self, planning: Planning, rows: Callable[[], Matrix], touched: frozenset[str] = _NOTHING
+    ) -> Iterator[float | None]:
+        """Move to the beginning of a path, and wait there until no other arm blocks it.
+
+        If an arm with the right of way waits for this one meanwhile, it moves aside and comes back.
+        Yields once per tick.
 
         Args:
-            rows: Configurations along the path, of shape (n, dof), rad.
-            known_free: Whether only another arm can be in the way.
+            planning: Makes the plan to the beginning, each time.
+            rows: Configurations along the path, of shape (n, dof), rad, after the last plan; only
+                other arms can be in its way.
+            touched: Names of the objects that may be touched along the path.
 
         Raises:
-            Failure: ``IN_COLLISION`` with what else is in the way, or with an arm that stays.
+            Failure: As `along`; ``IN_COLLISION`` with an arm that stays in the way of the path.
         """
-        until = self.arm.time + self.wait_s
-        return self._when_clear(lambda: self._checked(rows, known_free), until)
+        line = replace(self, ignore=touched)
+        try:
+            while True:
+                yield from self._along(planning)
+                start = self.arm.setpoint.q
+                path = rows()
+
+                def attempt(
+                    start: Vector = start, path: Matrix = path
+                ) -> Generator[None, None, bool]:
+                    if not np.array_equal(self.arm.setpoint.q, start):
+                        return False  # it has moved aside
+                    yield from line._checked(path, known_free=True)
+                    return True
+
+                until = self.arm.time + self.wait_s
+                if (yield from self._when_clear(attempt, until)):
+                    return
+        finally:
+            self.traffic.arrive(self.arm.name)
 
     def along(self, planning: Planning) -> Iterator[float | None]:
         """Plan and execute the plan to its end; yields once per tick.
@@ -764,12 +956,20 @@ class MoveTo:
         Raises:
             Failure: As ``planning`` and `Arm.follow`.
         """
+        try:
+            yield from self._along(planning)
+        finally:
+            self.traffic.arrive(self.arm.name)
+
+    def _along(self, planning: Planning) -> Iterator[float | None]:
+        """Plan and execute, and keep the arm's rank at the end."""
         until = self.arm.time + self.wait_s
         replans = REPLANS
         while True:
             motion = yield from self._when_clear(planning, until)
             try:
-                yield from self.arm.follow(motion, self.ignore)
+                # If it is held up longer, another plan may lead past the obstacle.
+                yield from self.arm.follow(motion, self.ignore, self.backoff.renew())
             except BlockedFailure:
                 if replans <= 0 and self.arm.time > until:
                     raise
@@ -778,36 +978,75 @@ class MoveTo:
             replans -= 1
             yield from self.arm.halt()
 
+    def make_way(self) -> Iterator[float | None]:
+        """Move aside if another arm waits for this one to leave its path; yields once per tick.
+
+        For an arm that waits for something else: it is not blocked itself.
+
+        Raises:
+            Failure: ``BUSY``, ``TRACKING_ERROR``.
+        """
+        if self.traffic.is_in_the_way(self.arm.name):
+            yield from self._yield_to_others()
+
     def may_clear(self, refusal: Failure) -> bool:
         """Whether another arm, or what it holds, is or may be the reason of a failure."""
+        return bool(self.blockers(refusal))
+
+    def blockers(self, refusal: Failure) -> frozenset[str]:
+        """Names of the arms that are, themselves or with what they hold, or may be, the reason."""
         attempts = refusal.__cause__
-        neighbors = self.arm.controller.neighbors
+        neighbors = frozenset(self.arm.controller.neighbors)
         if isinstance(attempts, ExceptionGroup):
-            return any(
-                isinstance(one, Failure) and self.may_clear(one) for one in attempts.exceptions
-            )
+            refusals = (one for one in attempts.exceptions if isinstance(one, Failure))
+            return frozenset().union(*(self.blockers(one) for one in refusals))
         if not isinstance(refusal, CollisionFailure):
-            return refusal.code == "NO_PLAN" and bool(neighbors)
+            return neighbors if refusal.code == "NO_PLAN" else frozenset()
         held = self.arm.world.attachments
-        return refusal.obstacle in neighbors or any(
-            held.find(name, refusal.obstacle) is not None for name in neighbors
+        return frozenset(
+            name
+            for name in neighbors
+            if name == refusal.obstacle or held.find(name, refusal.obstacle) is not None
         )
 
     def _when_clear(
         self, attempt: Callable[[], Generator[None, None, _Found]], until: float
     ) -> Generator[float | None, None, _Found]:
         """Repeat an attempt while another arm makes it fail, until a simulated time."""
+        arm = self.arm
+        staying: frozenset[str] = frozenset()
         while True:
             try:
-                return (yield from attempt())
+                found = yield from attempt()
             except Failure as refusal:
-                if not self.may_clear(refusal) or self.arm.time > until:
+                blockers = self.blockers(refusal)
+                if blockers <= staying or arm.time > until:
                     raise
-            again = self.arm.time + self.backoff.renew()
-            while self.arm.time < again:
-                yield None
-            if self.give_way:
+            else:
+                self.traffic.advance(arm.name)
+                return found
+            self.traffic.block(arm.name, arm.leaf, blockers, may_yield=self.give_way)
+            yield from self._wait_for_others(until)
+            if arm.refuse_deadlock():
+                staying |= blockers
+
+    def _wait_for_others(self, until: float) -> Iterator[float | None]:
+        """Wait before the next attempt, aside if an arm with the right of way waits for this one.
+
+        Args:
+            until: Simulated time in s after which it no longer waits.
+        """
+        arm = self.arm
+        again = arm.time + self.backoff.renew()
+        aside = arm.time
+        while not self.traffic.is_called(arm.name) and (
+            arm.time < again or (self.traffic.must_yield(arm.name) and arm.time <= until)
+        ):
+            if arm.time >= aside and self.traffic.must_yield(arm.name):
                 yield from self._yield_to_others()
+                # By then the other arm has tried again: if it still cannot pass, move elsewhere.
+                aside = arm.time + BACKOFF_S[1] + 2.0 * PLANNING_S
+            yield None
 
     def _yield_to_others(self) -> Iterator[float | None]:
         """Move away from the other arms, as far as that is possible."""
@@ -824,7 +1063,7 @@ class MoveTo:
             return
         try:
             motion = yield from arm.plan(goals, self.speed, self.ignore, DEFAULT_PLANNER)
-            yield from arm.follow(motion, self.ignore)
+            yield from arm.follow(motion, self.ignore, self.backoff.renew())
         except Failure as failure:
             if failure.code not in _WAITS_ON:
                 raise

@@ -11,9 +11,9 @@ import numpy as np
 from bt_dualarm.arm.payload import jaw_measures
 from bt_dualarm.arm.state import Leaseholder
 from bt_dualarm.core.errors import Failure
-from bt_dualarm.core.pose import Pose
+from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.grasping.candidates import least_width
-from bt_dualarm.grasping.solids import solid_of
+from bt_dualarm.grasping.grasp import solid_of
 from bt_dualarm.robots.gripper import Gripper
 from bt_dualarm.sim.grippers import SPEED_S, GripperCommand, GripperHardware
 from bt_dualarm.sim.world import World
@@ -84,6 +84,19 @@ class ArmGripper:
     def force(self) -> float:
         """Force of a pad by the motor, positive where it closes, or force of a cup's vacuum, N."""
         return self._hardware.force
+
+    @property
+    def load(self) -> Vector | None:
+        """Force of the held object on both pads together, of shape (3,), N, in the world.
+
+        By the tactile sensors of the fingers; None without them.
+        """
+        sensors = self._hardware.tactile
+        if sensors is None:
+            return None
+        tool = self._world.nominal[self._arm].tool_pose_at(self._world.hardware[self._arm].q)
+        load: Vector = tool.turn(sensors.forces.sum(axis=0))
+        return load
 
     @property
     def vacuum(self) -> float:
@@ -266,7 +279,13 @@ class ArmGripper:
         )
 
     def hold(
-        self, name: str, pose: Pose, most_force: float = math.inf, *, mass_declared: bool = True
+        self,
+        name: str,
+        pose: Pose,
+        most_force: float = math.inf,
+        *,
+        mass_declared: bool = True,
+        share: float = 1.0,
     ) -> None:
         """Attach an object to the gripper in the nominal model: it moves with the tool from now on.
 
@@ -275,9 +294,12 @@ class ArmGripper:
             pose: Estimated pose of the object in the world.
             most_force: Force in N of each pad, or of a cup, that the object withstands.
             mass_declared: Whether the arm may use the declared mass, if the file discloses it.
+            share: Share of the weight that the arm bears, if another one holds the object, too.
         """
         self._lease.refuse_other_threads()
-        self._world.hold(self._arm, name, pose, most_force, mass_declared=mass_declared)
+        self._world.hold(
+            self._arm, name, pose, most_force, mass_declared=mass_declared, share=share
+        )
 
     def refuse_other(self, wanted: str | None = None) -> None:
         """Check that it holds nothing but the named object; a lost object is detached first.

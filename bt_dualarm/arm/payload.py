@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -17,10 +18,11 @@ from bt_dualarm.grasping.grasp import (
     suction_forces,
 )
 from bt_dualarm.robots.gripper import Gripper, GripperShape
+from bt_dualarm.robots.meshes import mesh_shapes
 from bt_dualarm.sim.arm_models import NominalLoad
-from bt_dualarm.sim.attachments import Attachment
+from bt_dualarm.sim.grippers import Attachment
 from bt_dualarm.sim.world import World
-from bt_dualarm.trajectory.sources import at_scale
+from bt_dualarm.trajectory.set_points import at_scale
 from bt_dualarm.trajectory.trajectory import Trajectory
 
 IN_HAND: Final = 1.2
@@ -89,7 +91,7 @@ class PayloadCheck:
         pose = tool_link.inverse @ (seen or world.object_pose(name))
         new = NominalLoad.of(name, world.objects[name], pose, known=not nominal.estimates_payload)
         loads = (*nominal.loads, new)
-        mass = sum(load.mass for load in loads if load.mass is not None)
+        mass = sum(load.borne for load in loads if load.borne is not None)
         if robot.payload is not None and mass > robot.payload:
             raise Failure(
                 "OVERLOADED",
@@ -138,7 +140,7 @@ def grip_force_for(world: World, held: Attachment, load: NominalLoad, shake: flo
         return 0.0
     nominal = world.nominal[held.arm]
     turn = nominal.tool_link_pose_at(world.hardware[held.arm].q).rotation_matrix
-    mass = load.mass + load.mass_doubt
+    mass = load.share * (load.mass + load.mass_doubt)
     accelerations = shake * SHAKE_DIRECTIONS
     turns = np.broadcast_to(turn, (len(accelerations), 3, 3))
     return _Grip(world, held, load).force_for(mass, turns, accelerations)
@@ -154,13 +156,13 @@ def min_grip_force(page: Gripper, friction: float, load: NominalLoad) -> float:
         friction: Coefficient of friction.
         load: Load; the force is 0 if its mass is unknown.
     """
-    weight = -_GRAVITY[2] * (load.mass or 0.0)
+    weight = -_GRAVITY[2] * (load.borne or 0.0)
     share = 2.0 * friction if page.fingers else 1.0  # two pads bear by friction, a cup by suction
     return float(IN_HAND * weight / max(share, 1e-9))
 
 
 def _speed_scale(motion: Trajectory, world: World, held: Attachment, load: NominalLoad) -> float:
-    mass = UNKNOWN_KG if load.mass is None else load.mass + load.mass_doubt
+    mass = load.share * (UNKNOWN_KG if load.mass is None else load.mass + load.mass_doubt)
     accelerations, turns = _accelerations(motion, world, held.arm, load)
     grip = _Grip(world, held, load)
     if grip.bears(mass, turns, accelerations):
@@ -256,7 +258,7 @@ def jaw_measures(page: Gripper, friction: float) -> JawMeasures:
         widest_opening=page.stroke,
         pad_length=length,
         pad_width=width,
-        palm=-float(in_tool.position[2]),
+        palm=_palm_depth(page),
         tip=float(points[:, 2].max()),
         thickness=outside,
         least_force=page.force.least,
@@ -264,6 +266,31 @@ def jaw_measures(page: Gripper, friction: float) -> JawMeasures:
         friction=max(page.friction, friction),
         pad_center=float(pad.position[2]),
     )
+
+
+@cache
+def _palm_depth(page: Gripper) -> float:
+    """Distance from the tool frame back to what an object between open pads would meet, m.
+
+    That is the origin of the fingers, or what the palm's shapes have before it between the pads:
+    the face of a Franka Hand is 7 mm nearer.
+    """
+    finger = page.fingers[0]
+    between = 0.5 * np.array((finger.pad.size[0], page.stroke))
+    depth = -float((page.tool.inverse @ finger.pose).position[2])
+    for shape in page.palm.collision:
+        in_tool = page.tool.inverse @ shape.pose
+        points = _corners(in_tool, shape)
+        if points is None and shape.mesh is not None:
+            parts = mesh_shapes(shape.mesh, shape.size).parts
+            points = in_tool.apply(np.vstack([part.vertices for part in parts]))
+        if points is None:
+            continue
+        least = points[:, :2].min(axis=0)
+        most = points[:, :2].max(axis=0)
+        if (least < between).all() and (most > -between).all():
+            depth = min(depth, round(-float(points[:, 2].max()), 6))
+    return depth
 
 
 def cup_measures(page: Gripper, friction: float) -> CupMeasures:

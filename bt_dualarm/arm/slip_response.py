@@ -14,8 +14,7 @@ from bt_dualarm.control.controller import JointController
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix
 from bt_dualarm.sim.arm_models import NominalLoad
-from bt_dualarm.sim.attachments import Attachment
-from bt_dualarm.sim.grippers import GripperCommand, GripperHardware
+from bt_dualarm.sim.grippers import Attachment, GripperCommand, GripperHardware
 from bt_dualarm.sim.world import World
 
 FIRMER: Final = 3.0
@@ -75,6 +74,7 @@ class SlipResponse:
         self._full = 0.0
         self._sensed_at = 0.0
         self._taken: Attachment | None = None
+        self._is_shared = False
         self._taken_width = 0.0
         self._left_since: float | None = None
         self._weighed = self._loads
@@ -142,7 +142,8 @@ class SlipResponse:
         asked = hardware.commanded
         if not is_lost(hardware.gripper, hardware.width, hardware.vacuum, asked.force):
             self._sensed_at = now
-        pulled = (pulled and not self.may_touch) or self._gives(hardware)
+        # A partner that takes or carries the object pulls at it by design.
+        pulled = (pulled and not (self.may_touch or self._is_shared)) or self._gives(hardware)
         if pulled and now - self.felt_at > _PAUSE_S:
             self._grip(held, hardware)
 
@@ -152,7 +153,10 @@ class SlipResponse:
         if self._generation != world.generation:
             self._generation = world.generation
             gripped = world.attachments.gripped_by(self._name)
-            self._gripped_first = next(iter(gripped), None)
+            self._gripped_first = first = next(iter(gripped), None)
+            self._is_shared = first is not None and any(
+                one.object == first.object for one in world.attachments.shared_grasps(self._name)
+            )
         return self._gripped_first
 
     def _begin(self, held: Attachment, hardware: GripperHardware) -> None:
@@ -180,8 +184,8 @@ class SlipResponse:
         known = [load for load in loads if load.mass is not None]
         if names == self._refused or all(load.mass_declared for load in known):
             return
-        mass = sum(load.mass or 0.0 for load in known)
-        doubt = math.sqrt(sum(load.mass_doubt**2 for load in known))
+        mass = sum(load.borne or 0.0 for load in known)
+        doubt = math.sqrt(sum((load.share * load.mass_doubt) ** 2 for load in known))
         hardware = self._world.grippers.get(self._name)
         robot = self._world.robots[self._name]
         limits = [(robot.payload, robot.name)]

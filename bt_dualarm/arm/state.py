@@ -17,7 +17,7 @@ from bt_dualarm.robots.robot import JointLimits, Robot
 from bt_dualarm.sim.arm_models import NominalLoad
 from bt_dualarm.sim.contact_monitor import ContactMonitor, Contacts
 from bt_dualarm.sim.world import World
-from bt_dualarm.trajectory.limits import SetPoint
+from bt_dualarm.trajectory.set_points import SetPoint
 
 BACKOFF_S = (0.5, 2.0)
 """Range of simulated seconds that an arm waits for another one to leave its path."""

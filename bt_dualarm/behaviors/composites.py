@@ -10,9 +10,9 @@ from py_trees.behaviour import Behaviour
 from py_trees.common import Status
 from pydantic import Field
 
-from bt_dualarm.behaviors.blackboard import BoundPorts
 from bt_dualarm.behaviors.node import (
     Became,
+    BoundPorts,
     Children,
     ChildSwap,
     MemoryPorts,
@@ -28,10 +28,12 @@ from bt_dualarm.spec.node_types import (
     LanguageNode,
     NodeSpec,
     Outcomes,
+    PortModel,
     Slot,
     always,
+    one_line,
+    port,
 )
-from bt_dualarm.spec.ports import PortModel, one_line, port
 from bt_dualarm.spec.problems import Problem
 
 Ticks: TypeAlias = Generator[Behaviour, None, Status]

@@ -1,4 +1,4 @@
-"""Node types that coordinate arms: signal, await, meet, claim; see `bt_dualarm.skill.cell`."""
+"""Node types that coordinate arms: signal, await, meet, claim, in_step; see `skill.cell`."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from bt_dualarm.behaviors.composites import Node, Ticks
 from bt_dualarm.behaviors.leaf import LanguageLeaf, compared
 from bt_dualarm.behaviors.node import NodeParts, reached
 from bt_dualarm.core.errors import Failure
-from bt_dualarm.skill.cell import KEPT_VALUES, CellAccess, CellWait, Request
+from bt_dualarm.skill.cell import KEPT_VALUES, Appointment, CellAccess, CellWait, Request
 from bt_dualarm.spec.cell import (
     AWAIT,
     CLAIM,
+    IN_STEP,
     MEET,
     SIGNAL,
     RendezvousName,
@@ -23,9 +24,16 @@ from bt_dualarm.spec.cell import (
     ZoneName,
     claimed,
 )
-from bt_dualarm.spec.node_types import LanguageNode, Outcomes, Slot, always, success
-from bt_dualarm.spec.ports import PortModel, port
-from bt_dualarm.spec.values import Duration, ObjectName
+from bt_dualarm.spec.node_types import (
+    LanguageNode,
+    Outcomes,
+    PortModel,
+    Slot,
+    always,
+    port,
+    success,
+)
+from bt_dualarm.spec.values import ArmName, Duration, ObjectName
 from bt_dualarm.spec.yaml_reader import Data
 
 
@@ -42,6 +50,7 @@ class Signal(LanguageLeaf):
         SIGNAL,
         "Writes a signal of the cell, which other arms read from their next tick on",
         Ports,
+        fixed=frozenset({"signal"}),
         shorthand="signal",
         example="signal: {signal: ready, value: true}",
         outcomes=success,
@@ -103,6 +112,7 @@ class Await(LanguageLeaf):
         "Waits until a signal of the cell has a value",
         Ports,
         outputs=Outputs,
+        fixed=frozenset({"signal"}),
         shorthand="signal",
         failures={
             "TIMEOUT": "the signal did not get such a value in time",
@@ -185,6 +195,7 @@ class Meet(LanguageLeaf):
         MEET,
         "Waits until all participants are waiting at the rendezvous: all of them succeed, or none",
         Ports,
+        fixed=frozenset({"at"}),
         shorthand="at",
         failures={
             "TIMEOUT": "the other participants did not arrive in time",
@@ -299,3 +310,122 @@ class Claim(Node):
         if self._request is not None:
             self._cell.shared.release(self._request)
             self._request = None
+
+
+class _InStepPorts(PortModel):
+    """Ports of in_step; the name of one of them is a keyword of Python."""
+
+    timeout: Duration | None = port(
+        None, "Simulated time after which it fails, if the other arm has not come", gt=0.0
+    )
+    __annotations__["with"] = ArmName
+    vars()["with"] = port(..., "Other arm, whose tree has an `in_step` with this one")
+
+
+class InStep(Node):
+    """Runs its child together with that of another arm: their motions take the same time."""
+
+    node_type = LanguageNode(
+        IN_STEP,
+        "Runs its child while the motions of another arm's child begin and end with its own",
+        _InStepPorts,
+        slots=(Slot("child"),),
+        fixed=frozenset({"with"}),
+        failures={
+            "TIMEOUT": "the other arm did not come in time",
+            "PARTNER_GONE": "the other arm gave up, failed, ended or was removed",
+            "DEADLOCK": "the other arm waits for this one",
+        },
+        example="in_step: {with: arm2, child: {wait: 1}}",
+        runs_all=always,
+        outcomes=lambda _, children: Outcomes(children[0].succeeds, True),
+    )
+    _one: Appointment | None = None
+    _has_entered = False
+    _is_done = False
+
+    def __init__(self, parts: NodeParts) -> None:
+        super().__init__(parts)
+        self._cell = parts.cell
+
+    @property
+    def _other(self) -> str:
+        other: str = getattr(self.ports, "with")
+        return other
+
+    def initialise(self) -> None:
+        """Come to the step; the other arm need not be there yet."""
+        self._leave("began it again")
+        arm = self._cell.arm
+        if self._other == arm:
+            raise Failure("PARTNER_GONE", f"{arm} cannot go in step with itself")
+        first, second = members = tuple(sorted((arm, self._other)))
+        self._one = self._cell.shared.join(
+            arm, self.path, f"the step of {first} and {second}", members
+        )
+        self._one.has_timeout = self._timeout is not None
+
+    @property
+    def _timeout(self) -> float | None:
+        timeout: float | None = getattr(self.ports, "timeout", None)
+        return timeout
+
+    def tick_children(self) -> Ticks:
+        """Tick the child once both arms have come, and wait for the other arm at its end."""
+        one = self._one
+        if one is None:  # never: `initialise` has set it
+            return Status.RUNNING
+        shared = self._cell.shared
+        arm = self._cell.arm
+        if one.failure is not None:
+            raise one.failure
+        if one.action is None:
+            timeout = self._timeout
+            if timeout is not None and reached(self.time, one.since + timeout):
+                raise Failure("TIMEOUT", f"{self._other} did not come in {timeout:g} s")
+            return Status.RUNNING
+        if not self._has_entered:
+            self._has_entered = True
+            one.has_timeout = False
+            shared.traffic.enter_step(arm, self._other, one.action)
+        is_other_done = bool(one.action.told(self._other).get("done"))
+        if is_other_done:
+            shared.traffic.alone_in_step(arm)
+        elif self._other in one.action.left:
+            raise Failure("PARTNER_GONE", f"{self._other} {one.action.left[self._other]}")
+        refusal = shared.step_failure(arm)
+        if refusal is not None:
+            raise refusal
+        if not self._is_done:
+            yield from self.children[0].tick()
+            if self.children[0].status is not Status.SUCCESS:
+                return self.children[0].status
+            self._is_done = True
+            one.action.tell(arm, {"done": True})
+            shared.traffic.leave_step(arm)
+        shared.await_members(one, (self._other,))
+        # What this arm has told becomes visible to both in the same tick.
+        both = is_other_done and one.action.told(arm).get("done")
+        return Status.SUCCESS if both else Status.RUNNING
+
+    def stop(self, new_status: Status = Status.INVALID) -> None:
+        """Halt the child, then leave the step, whatever the reason of the end."""
+        why = f"was halted in {self.path}"
+        if new_status is Status.FAILURE:
+            child = self.children[0]
+            code = self.code or getattr(child, "code", "")
+            reason = self.reason or getattr(child, "reason", "")
+            why = (
+                f"failed in {self.path} with {code}: {reason}" if code else f"failed in {self.path}"
+            )
+        super().stop(new_status)
+        self._leave(why)
+
+    def _leave(self, why: str) -> None:
+        if self._has_entered:
+            self._cell.shared.traffic.leave_step(self._cell.arm)
+        if self._one is not None:
+            self._cell.shared.part(self._one, why)
+        self._one = None
+        self._has_entered = False
+        self._is_done = False

@@ -21,11 +21,12 @@ from bt_dualarm.spec.node_types import (
     NodeSpec,
     NoEffectRule,
     Outcomes,
+    PortModel,
     Slot,
     always,
     as_child,
+    port,
 )
-from bt_dualarm.spec.ports import PortModel, port
 from bt_dualarm.spec.values import Duration
 from bt_dualarm.spec.yaml_reader import Data
 

@@ -63,7 +63,7 @@ def items(file: TreeFile, kinds: Mapping[str, NodeType]) -> list[Item]:
         root = len(found)
         _add(found, arm.tree, found[-1].number, {**kinds, **LANGUAGE})
         for number, node in enumerate(arm.tree.walk(), root):
-            for subject in _shared_by(node):
+            for subject in _shared_by(name, node, kinds):
                 shared.setdefault(subject, []).append(_Use(number, name, node.kind))
     for uses in shared.values():
         for use in uses:
@@ -83,8 +83,12 @@ class _Use:
     kind: str
 
 
-def _shared_by(node: NodeSpec) -> list[str]:
-    """Returns what a node uses of the cell: signals, rendezvous, claimed zones and objects."""
+def _shared_by(arm: str, node: NodeSpec, kinds: Mapping[str, NodeType]) -> list[str]:
+    """Returns what a node shares with other trees: what it uses of the cell, a joint action."""
+    joint = None if node.kind not in kinds else kinds[node.kind].counterpart
+    if joint is not None:
+        arms = sorted((arm, str(node.ports.get(joint.partner))))
+        return [f"joint {[node.ports.get(name) for name in joint.same]} of {arms}"]
     if node.kind in (SIGNAL, AWAIT):
         return [f"signal {node.ports.get('signal')}"]
     if node.kind == MEET:

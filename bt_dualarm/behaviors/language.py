@@ -11,7 +11,7 @@ from types import MappingProxyType
 from typing import Final
 
 from bt_dualarm.behaviors.composites import Guard, If, Parallel, Selector, Sequence, Switch, While
-from bt_dualarm.behaviors.coordination import Await, Claim, Meet, Signal
+from bt_dualarm.behaviors.coordination import Await, Claim, InStep, Meet, Signal
 from bt_dualarm.behaviors.decorators import (
     Delay,
     ForceFailure,
@@ -48,6 +48,7 @@ _PARENTS: Final[tuple[type[ReportingNode], ...]] = (
     RunOnce,
     OnHalt,
     Claim,
+    InStep,
     Subtree,
 )
 _LEAVES: Final[tuple[type[LanguageLeaf], ...]] = (

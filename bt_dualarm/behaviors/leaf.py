@@ -27,8 +27,18 @@ from bt_dualarm.skill.skill import (
     refuse_return,
     wrong_metrics,
 )
-from bt_dualarm.spec.node_types import LanguageNode, failure, success
-from bt_dualarm.spec.ports import KEY, PortModel, Template, WrittenKey, in_words, one_line, port
+from bt_dualarm.spec.node_types import (
+    KEY,
+    LanguageNode,
+    PortModel,
+    Template,
+    WrittenKey,
+    failure,
+    in_words,
+    one_line,
+    port,
+    success,
+)
 from bt_dualarm.spec.values import Duration
 from bt_dualarm.spec.yaml_reader import Data
 
@@ -152,7 +162,7 @@ def _located(location: str, error: SkillError) -> SkillError:
 
 
 def _authors_line(error: Exception) -> str:
-    """Returns file and line of the last frame of an error that is outside of this package."""
+    """Returns file and line of the last frame of an error that is outside this package."""
     frames = traceback.extract_tb(error.__traceback__)
     own = [frame for frame in frames if not Path(frame.filename).is_relative_to(_PACKAGE)]
     last = own[-1] if own else frames[-1]

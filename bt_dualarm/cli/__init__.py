@@ -1,10 +1,11 @@
 """The commands: the only package that reads arguments, prints, and determines exit codes.
 
 Input: the arguments of `bt-run`, `bt-check`, `bt-robot`, `bt-skills`, `bt-tune-color`,
-`bt-experiments`, `bt-why`, `bt-replay`, `bt-record`; the terminal.
+`bt-experiments`, `bt-why`, `bt-replay`, `bt-record`, `bt-sweep`, `bt-compare`,
+`bt-faults`; the terminal.
 Output: text on standard output and standard error; the exit code.
-Open first: `bt_run` (from a tree file to an exit code); `entry` has what all commands share (error
-messages, Ctrl-C, exit codes), `safe_streams` the standard streams, `arguments` shared arguments.
+Open first: `bt_run` (from a tree file to an exit code); `entry` has what all commands share: error
+messages, Ctrl-C, exit codes, arguments; `safe_streams` has the standard streams.
 """
 
 from __future__ import annotations
@@ -15,12 +16,15 @@ from bt_dualarm.cli.entry import entered
 
 __all__ = [
     "check",
+    "compare",
     "experiments",
+    "faults",
     "record",
     "replay",
     "robot",
     "run",
     "skills",
+    "sweep",
     "tune_color",
     "why",
 ]
@@ -73,3 +77,18 @@ def replay(argv: Sequence[str] | None = None) -> int:
 def record(argv: Sequence[str] | None = None) -> int:
     """``bt-record``: export a record; as `run`."""
     return entered("bt-record", argv)
+
+
+def sweep(argv: Sequence[str] | None = None) -> int:
+    """``bt-sweep``: run a tree over seeds, parameters and realities; as `run`."""
+    return entered("bt-sweep", argv)
+
+
+def compare(argv: Sequence[str] | None = None) -> int:
+    """``bt-compare``: compare two sweeps; as `run`."""
+    return entered("bt-compare", argv)
+
+
+def faults(argv: Sequence[str] | None = None) -> int:
+    """``bt-faults``: make every leaf of a tree fail, raise and hang; as `run`."""
+    return entered("bt-faults", argv)

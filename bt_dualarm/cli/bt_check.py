@@ -9,8 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bt_dualarm.cli.arguments import add_params, add_skills, imported_skills
-from bt_dualarm.cli.entry import FAILED, SUCCEEDED
+from bt_dualarm.cli.entry import FAILED, SUCCEEDED, add_params, add_skills, imported_skills
 from bt_dualarm.core.errors import DualArmError
 
 if TYPE_CHECKING:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -12,9 +11,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, get_args
 
-from bt_dualarm.cli.entry import FAILED, SUCCEEDED, early
+from bt_dualarm.cli.entry import FAILED, SUCCEEDED, early, positive
 from bt_dualarm.core.errors import DualArmError
-from bt_dualarm.experiments.cases import (
+from bt_dualarm.experiments.trials import (
     CASES,
     JERK,
     UNTUNED,
@@ -23,8 +22,8 @@ from bt_dualarm.experiments.cases import (
     CurveName,
     RendererName,
 )
-from bt_dualarm.runtime.signals import StopRequest, stop_on_signals
-from bt_dualarm.spec.reality import REALITY_NAMES
+from bt_dualarm.runtime.interruption import StopRequest, stop_on_signals
+from bt_dualarm.spec.document import REALITY_NAMES
 
 if TYPE_CHECKING:
     from bt_dualarm.experiments.report import Campaign, Result
@@ -77,7 +76,7 @@ def command_line() -> argparse.ArgumentParser:
         help="parallel runs; results do not depend on it (default: one per core)",
     )
     add("--seeds", type=_count, default=3, metavar="N", help="number of seeds (default: 3)")
-    add("--fps", type=_positive, default=60.0, help="frame rate of the camera (default: 60)")
+    add("--fps", type=positive, default=60.0, help="frame rate of the camera (default: 60)")
     add("--latency", type=float, metavar="S", help="frame latency (default: one frame period)")
     add("--drop", type=float, default=0.0, help="fraction of lost frames, 0 to 0.9")
     add("--noise", type=float, default=0.0, metavar="PX", help="camera shake, standard deviation")
@@ -104,16 +103,6 @@ def _count(text: str) -> int:
     if not text.isdecimal() or not 1 <= int(text) <= 1000:
         raise argparse.ArgumentTypeError(f"{text!r} is not a number from 1 to 1000")
     return int(text)
-
-
-def _positive(text: str) -> float:
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not 0.0 < number < math.inf:
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number above 0")
-    return number
 
 
 def _path(text: str) -> Path:
@@ -168,7 +157,7 @@ def _renderers(asked: str) -> tuple[RendererName, ...]:
     """
     if asked == "ray":
         return ("ray",)
-    from bt_dualarm.sim.gl_renderer import choose_renderer
+    from bt_dualarm.sim.renderers import choose_renderer
 
     choose_renderer("gl")
     return ("gl",) if asked == "gl" else ("ray", "gl")

@@ -9,8 +9,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bt_dualarm.cli.arguments import add_skills, add_view
-from bt_dualarm.cli.entry import FAILED, SUCCEEDED
+from bt_dualarm.cli.entry import FAILED, SUCCEEDED, add_skills, add_view
 
 if TYPE_CHECKING:
     from bt_dualarm.replay.rerun import Agreement
@@ -37,7 +36,7 @@ def main(argv: Sequence[str] | None) -> int:
         if arguments.json:
             parser.error("--json requires --check")
         return _show(arguments)
-    from bt_dualarm.cli.arguments import imported_skills
+    from bt_dualarm.cli.entry import imported_skills
     from bt_dualarm.replay.record import Record
     from bt_dualarm.replay.rerun import check_record
 

@@ -53,7 +53,7 @@ def _command_line() -> argparse.ArgumentParser:
 
 
 def _robot(arguments: argparse.Namespace) -> int:
-    from bt_dualarm.robots.description_file import find_urdf
+    from bt_dualarm.robots.robot import find_urdf
     from bt_dualarm.robots.urdf import read_urdf
 
     folder = (arguments.out.parent if arguments.out else Path()).resolve()
@@ -100,7 +100,7 @@ def _refuse_unknown(tree: KinematicTree, arguments: argparse.Namespace) -> None:
 def _write(target: Path, text: str) -> None:
     """Write the description, and load it as a run would."""
     from bt_dualarm.core.share import write_text
-    from bt_dualarm.robots.description_file import is_description_path
+    from bt_dualarm.robots.robot import is_description_path
     from bt_dualarm.robots.robot_description import load_robot
 
     if not is_description_path(target.name):

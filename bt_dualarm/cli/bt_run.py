@@ -16,10 +16,21 @@ from pathlib import Path
 from tempfile import TemporaryDirectory, gettempdir
 from typing import TYPE_CHECKING, Final
 
-from bt_dualarm.cli.arguments import add_params, add_skills, add_view, imported_skills, seed
-from bt_dualarm.cli.entry import FAILED, OVERRUN, SUCCEEDED, UNUSABLE, complain, early
+from bt_dualarm.cli.entry import (
+    FAILED,
+    OVERRUN,
+    SUCCEEDED,
+    UNUSABLE,
+    add_params,
+    add_skills,
+    add_view,
+    complain,
+    early,
+    imported_skills,
+    seed,
+)
 from bt_dualarm.core.errors import DualArmError
-from bt_dualarm.runtime.signals import StopRequest, stop_on_signals
+from bt_dualarm.runtime.interruption import StopRequest, stop_on_signals
 
 if TYPE_CHECKING:
     from bt_dualarm.runtime.outcome import RunResult
@@ -274,8 +285,8 @@ def watched(arguments: argparse.Namespace, opened: Run, view: LiveView | None) -
         yield
         return
     from bt_dualarm.runtime.api import registry_of
-    from bt_dualarm.runtime.hot_reload import FileWatch
     from bt_dualarm.runtime.options import find_tree
+    from bt_dualarm.runtime.run import FileWatch
 
     path = find_tree(arguments.file)
     registry = registry_of(arguments.skills)
@@ -433,7 +444,7 @@ def _show(arguments: argparse.Namespace, opened: Run) -> int:
         opened.watch(display)
         result = opened.finish()
     _print_run_error(result, arguments.record)
-    if mode != "quiet" or result.outcome != "SUCCESS":
+    if mode != "quiet" or result.outcome != "SUCCESS" or not result.goals_met:
         console = Console(stderr=mode == "quiet", highlight=False)
         console.print(Report(opened.name, result, arguments.record, symbols))
     drop_record(arguments, opened)
@@ -445,7 +456,7 @@ def _code(result: RunResult, *, complete: bool) -> int:
 
     if result.ending is Ending.OVERRUN:
         return OVERRUN
-    good = result.outcome == "SUCCESS" and result.at_rest and complete
+    good = result.outcome == "SUCCESS" and result.goals_met and result.at_rest and complete
     return SUCCEEDED if good else FAILED
 
 
@@ -465,7 +476,7 @@ def _print_run_error(result: RunResult, folder: Path | None) -> None:
     from bt_dualarm.runtime.outcome import Ending
     from bt_dualarm.runtime.recorder import DIVERGENCE
 
-    if result.ending is Ending.OVERRUN:
+    if result.ending in (Ending.OVERRUN, Ending.INVARIANT):
         print(f"bt-run: error: {result.error}", file=sys.stderr)
     elif result.ending is Ending.DIVERGED:
         where = (
@@ -483,7 +494,7 @@ class _ToTerminal(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Print a line with its traceback; control characters are escaped."""
-        from bt_dualarm.spec.ports import one_line
+        from bt_dualarm.spec.node_types import one_line
 
         lines = self.format(record).split("\n")
         print(

@@ -11,7 +11,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bt_dualarm.cli.arguments import (
+from bt_dualarm.cli.entry import (
+    SUCCEEDED,
     add_skills,
     escape,
     imported_skills,
@@ -19,14 +20,13 @@ from bt_dualarm.cli.arguments import (
     print_parts,
     table,
 )
-from bt_dualarm.cli.entry import SUCCEEDED
 from bt_dualarm.core.errors import DualArmError
 
 if TYPE_CHECKING:
     from rich.table import Table
 
     from bt_dualarm.core.pose import Pose, Vector
-    from bt_dualarm.kinematics.workspace import Workspace
+    from bt_dualarm.kinematics.inverse_kinematics import Workspace
     from bt_dualarm.robots.gripper import Gripper, Interval
     from bt_dualarm.robots.robot import Robot
     from bt_dualarm.spec.node_types import NodeType
@@ -120,7 +120,7 @@ def robot_summary(robot: Robot) -> RobotSummary:
     """Summary of a robot from the catalog or from a description file."""
     # Imported here, because help and node types do not need the robot model.
     from bt_dualarm.core.pose import Pose
-    from bt_dualarm.kinematics.workspace import Workspace
+    from bt_dualarm.kinematics.inverse_kinematics import Workspace
 
     arm = Workspace(robot, Pose.identity())
     limits = robot.limits
@@ -259,7 +259,7 @@ def show_robot(name: str, *, as_json: bool) -> None:
 
 
 def _summary(name: str) -> RobotSummary:
-    from bt_dualarm.robots.description_file import is_description_path
+    from bt_dualarm.robots.robot import is_description_path
     from bt_dualarm.robots.robot_description import load_robot
 
     if is_description_path(name):
@@ -353,8 +353,8 @@ def is_gripper_page(name: str) -> bool:
 
 
 def _load(name: str) -> Gripper:
-    from bt_dualarm.robots.description_file import is_description_path
     from bt_dualarm.robots.gripper import load_gripper
+    from bt_dualarm.robots.robot import is_description_path
 
     if is_description_path(name):
         page = Path(name)
@@ -455,8 +455,8 @@ def _skills(arguments: argparse.Namespace) -> int:
 
 
 def _show_of_catalog(name: str, others: Mapping[str, NodeType], *, as_json: bool) -> int:
-    from bt_dualarm.robots.description_file import is_description_path
     from bt_dualarm.robots.gripper import gripper_names
+    from bt_dualarm.robots.robot import is_description_path
     from bt_dualarm.robots.robot_description import robot_names
 
     if name == _ROBOTS:

@@ -10,13 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
-from bt_dualarm.cli.arguments import add_params, add_skills, imported_skills, seed
-from bt_dualarm.cli.entry import FAILED, SUCCEEDED
+from bt_dualarm.cli.entry import FAILED, SUCCEEDED, add_params, add_skills, imported_skills, seed
 from bt_dualarm.core.errors import DualArmError
 
 if TYPE_CHECKING:
     from bt_dualarm.spec.values import Color
-    from bt_dualarm.tuning.color import ColorView, Save, Shot
+    from bt_dualarm.tuning import ColorView, Save, Shot
 
 
 # Arguments, and their validation.
@@ -115,7 +114,7 @@ def _add_output(group: argparse._ArgumentGroup) -> None:
 def _color(text: str) -> Color:
     from bt_dualarm.spec.problems import SpecError
     from bt_dualarm.spec.yaml_reader import read_text
-    from bt_dualarm.tuning.color import ColorError, color_of
+    from bt_dualarm.tuning import ColorError, color_of
 
     try:
         return color_of(read_text(text).data)
@@ -181,7 +180,7 @@ class _Subject:
 
 
 def _tune(arguments: argparse.Namespace) -> int:
-    from bt_dualarm.tuning.color import ColorView, png
+    from bt_dualarm.tuning import ColorView, png
 
     subject = _of_image(arguments) if _is_image(arguments.file) else _of_tree(arguments)
     look = ColorView(subject.shot.frame, _wanted(arguments, subject))
@@ -198,14 +197,14 @@ def _tune(arguments: argparse.Namespace) -> int:
 
 
 def _is_image(file: str) -> bool:
-    from bt_dualarm.tuning.color import IMAGE_SUFFIXES
+    from bt_dualarm.tuning import IMAGE_SUFFIXES
 
     return Path(file).suffix.lower() in IMAGE_SUFFIXES
 
 
 def _of_image(arguments: argparse.Namespace) -> _Subject:
     from bt_dualarm.spec.values import Color
-    from bt_dualarm.tuning.color import image_shot
+    from bt_dualarm.tuning import image_shot
 
     if arguments.write:
         raise DualArmError("--write: an image has no ranges; --snippet FILE writes a new file")
@@ -217,7 +216,7 @@ def _of_tree(arguments: argparse.Namespace) -> _Subject:
     from bt_dualarm.runtime.file_check import check
     from bt_dualarm.runtime.options import find_tree
     from bt_dualarm.spec.values import Color
-    from bt_dualarm.tuning.color import (
+    from bt_dualarm.tuning import (
         IntoTree,
         ShotTime,
         camera_arm,
@@ -248,14 +247,14 @@ def _of_tree(arguments: argparse.Namespace) -> _Subject:
 
 
 def _snippet(arguments: argparse.Namespace, shot: Shot) -> Save | None:
-    from bt_dualarm.tuning.color import AsSnippet
+    from bt_dualarm.tuning import AsSnippet
 
     return AsSnippet(arguments.snippet, shot.what) if arguments.snippet else None
 
 
 def _wanted(arguments: argparse.Namespace, subject: _Subject) -> Color:
     """The color that the options define, starting from the color in the file."""
-    from bt_dualarm.tuning.color import adjusted
+    from bt_dualarm.tuning import adjusted
 
     bounds = {name: getattr(arguments, name) for name in ("hue", "saturation", "value")}
     return adjusted(
@@ -296,7 +295,7 @@ def _write(path: Path, content: bytes) -> None:
 
 def _serve(subject: _Subject, color: Color, port: int) -> int:
     """Serve the page until Ctrl-C."""
-    from bt_dualarm.tuning.page import Tuning, page_server
+    from bt_dualarm.tuning import Tuning, page_server
 
     with page_server(Tuning(subject.shot, color, subject.save), port) as server:
         host, number = server.server_address[:2]

@@ -17,14 +17,14 @@ examples:
   bt-why out --json                machine-readable output
 
 exit code:
-  0 explained   1 nothing failed and nothing was running   2 no such record, leaf or time
+  0 explained   1 nothing failed, was missed or was running   2 no such record, leaf or time
 """
 
 
 def main(argv: Sequence[str] | None) -> int:
     """Report why a run failed; returns the exit code."""
     arguments = _command_line().parse_args(argv)
-    from bt_dualarm.diagnosis.story import state_of, stories, story_text
+    from bt_dualarm.diagnosis.story import goals_missed, state_of, stories, story_text
     from bt_dualarm.replay.record import Record
 
     record = Record.read(arguments.folder)
@@ -38,7 +38,9 @@ def main(argv: Sequence[str] | None) -> int:
             print(f"\n{story_text(story)}")
         if not found:
             print("nothing failed" if record.summary is None else "every tree succeeded")
-    return SUCCEEDED if found else FAILED
+        for line in goals_missed(record):
+            print(line)
+    return SUCCEEDED if found or goals_missed(record) else FAILED
 
 
 def _command_line() -> argparse.ArgumentParser:

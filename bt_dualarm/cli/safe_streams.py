@@ -42,7 +42,7 @@ class SafeStream:
     def _plain(text: str) -> str:
         if text.replace("\n", "").isprintable():
             return text
-        from bt_dualarm.spec.ports import escaped
+        from bt_dualarm.spec.node_types import escaped
 
         return escaped(text)
 

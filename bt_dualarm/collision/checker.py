@@ -3,24 +3,233 @@
 - `CollisionChecker` checks configurations of an arm without moving the world.
 - `LinkContacts` and `OutsideContacts` report the current contacts of an arm.
 - `interpolated` samples a straight path by the largest motion of the arm.
+- `ScratchModel` is the copy of the world in which configurations are tried. Copies are pooled,
+  since creating one takes 0.8 ms.
 """
 
 from __future__ import annotations
 
 import copy
 import functools
-from collections.abc import Iterable, Mapping, Sequence
+import weakref
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Final, NamedTuple, TypedDict
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
-from bt_dualarm.collision.scratch_model import Marks, ScratchModel
 from bt_dualarm.core.errors import CollisionFailure, TouchFailure
-from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.robots.gripper import FINGERS
-from bt_dualarm.sim.composition import name_of_geom
+from bt_dualarm.sim.composition import ArmBody, name_of_geom
+from bt_dualarm.sim.grippers import SharedGrasp
 from bt_dualarm.sim.world import World
+
+_MARKED: Final = (
+    "geom_contype",
+    "geom_conaffinity",
+    "geom_margin",
+    "body_contype",
+    "body_conaffinity",
+    "body_margin",
+)
+"""Fields of a copy that its owner may change."""
+
+_ONE_CONTACT: Final = mujoco.mjtDisableBit.mjDSBL_MULTICCD
+"""Only the deepest contact of two convex geoms is needed; the others, which a simulation step needs
+so that objects lie flat, cost a tenth of a check."""
+
+Marks = npt.NDArray[np.bool_]
+"""Selection among all geoms of a model, of shape (ngeom,)."""
+
+Bits = npt.NDArray[np.int32] | npt.NDArray[np.bool_]
+"""Collision bits of each geom of a model, of shape (ngeom,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Carried:
+    """Object that moves with a link.
+
+    Attributes:
+        address: First of the seven elements of ``qpos`` that are the object's pose.
+        link: Id of the body that carries it.
+        relative: Pose of the object in that body.
+    """
+
+    address: int
+    link: int
+    relative: Pose
+
+
+class _State(TypedDict):
+    """Pickled state of a scratch model."""
+
+    model: mujoco.MjModel
+    positions: Vector
+    carried: tuple[Carried, ...]
+
+
+class ScratchModel:
+    """Copy of a world's model and state, in which configurations are tried.
+
+    Can be pickled, and measures the same in any process. Must be rebuilt after the world is
+    recompiled.
+
+    Args:
+        world: World to copy; never changed.
+        holders: Names of the arms whose held objects move with them; all others stay in place.
+        carried: Objects that move with a link although no arm holds them yet, or as if they moved
+            with that link only.
+
+    Attributes:
+        model: Copy of the world's model, whose collision bits and margins may be changed.
+        data: State of the copy; the caller sets positions, then calls `settle`.
+    """
+
+    def __init__(
+        self, world: World, holders: Collection[str] = (), carried: Sequence[Carried] = ()
+    ) -> None:
+        self.model, self.data = scratch_copy(world, self)
+        self._positions: Vector = world.sensed.qpos.copy()
+        # No dynamics are simulated here that would hold an object: it follows its tool rigidly.
+        addresses = {one.address for one in carried}
+        held = (
+            Carried(world.pose_address(held.object), world.arms[held.arm].tool_body, held.relative)
+            for held in world.attachments
+            if held.arm in holders
+        )
+        self._carried = (*carried, *(one for one in held if one.address not in addresses))
+        self._begin()
+
+    def __getstate__(self) -> _State:
+        """State without what MuJoCo computes from the rest."""
+        return {"model": self.model, "positions": self._positions, "carried": self._carried}
+
+    def __setstate__(self, state: _State) -> None:
+        """Restore the scratch model, in another process."""
+        self.model = state["model"]
+        self._positions = state["positions"]
+        self._carried = state["carried"]
+        # A copy of its own, outside the pool: another process has no world to lend from.
+        self.data = mujoco.MjData(self.model)
+        self._begin()
+
+    @property
+    def solid(self) -> Marks:
+        """Geoms that can collide, by their current collision bits."""
+        solid: Marks = (self.model.geom_contype != 0) | (self.model.geom_conaffinity != 0)
+        return solid
+
+    def marks(self, geoms: Collection[int]) -> Marks:
+        """Selection of these geoms."""
+        marks = np.zeros(self.model.ngeom, dtype=bool)
+        marks[list(geoms)] = True
+        return marks
+
+    def compare(self, types: Bits, affinities: Bits) -> None:
+        """Check only pairs of geoms of which one has a type bit in the other's affinity bits.
+
+        Args:
+            types: Type bits of each geom (``contype``).
+            affinities: Affinity bits of each geom (``conaffinity``).
+        """
+        model = self.model
+        model.geom_contype[:] = types
+        model.geom_conaffinity[:] = affinities
+        # A body has the bits of its geoms: one without bits is skipped in the broad phase.
+        model.body_contype[:] = model.body_conaffinity[:] = 0
+        np.bitwise_or.at(model.body_contype, model.geom_bodyid, model.geom_contype)
+        np.bitwise_or.at(model.body_conaffinity, model.geom_bodyid, model.geom_conaffinity)
+
+    def report_gaps(self, marks: Marks, distance: float) -> None:
+        """Report geoms nearer to the selected ones than a distance in m, not only contacts."""
+        model = self.model
+        model.geom_margin[marks] = distance
+        model.body_margin[np.unique(model.geom_bodyid[marks])] = distance
+
+    def settle(self, *, carrying: bool = True) -> None:
+        """Compute kinematics and contacts at the positions in ``data``.
+
+        Args:
+            carrying: Whether carried objects follow their links, instead of staying in place.
+        """
+        model = self.model
+        data = self.data
+        mujoco.mj_kinematics(model, data)
+        if self._carried and carrying:
+            # Held objects follow the tools, whose poses are known only after the first pass.
+            for position, quaternion, *link, relative in self._views:
+                mujoco.mju_mulPose(
+                    position, quaternion, *link, relative.position, relative.quaternion
+                )
+            mujoco.mj_kinematics(model, data)
+        mujoco.mj_collision(model, data)
+
+    def _begin(self) -> None:
+        """Set the initial positions."""
+        data = self.data
+        data.qpos[:] = self._positions
+        # Poses of held objects and their links as views: looking up a field costs more.
+        self._views = [
+            (
+                data.qpos[held.address : held.address + 3],
+                data.qpos[held.address + 3 : held.address + 7],
+                data.xpos[held.link],
+                data.xquat[held.link],
+                held.relative,
+            )
+            for held in self._carried
+        ]
+
+
+class ScratchCopy(NamedTuple):
+    """Copy of a model with a state.
+
+    Attributes:
+        model: Copy of a world's model.
+        data: State of the copy.
+    """
+
+    model: mujoco.MjModel
+    data: mujoco.MjData
+
+
+class _Pool:
+    """Unused copies of one model."""
+
+    def __init__(self, original: mujoco.MjModel) -> None:
+        self.original = original
+        self.copies: list[ScratchCopy] = []
+
+
+_pools: weakref.WeakKeyDictionary[World, _Pool] = weakref.WeakKeyDictionary()
+
+
+def scratch_copy(world: World, owner: object) -> ScratchCopy:
+    """Copy of a world's current model for the lifetime of its owner.
+
+    Args:
+        world: World to copy.
+        owner: Object with exclusive use of the copy; it is reused once the owner is collected.
+    """
+    pool = _pools.get(world)
+    if pool is None or pool.original is not world.model:  # the world was recompiled
+        pool = _pools[world] = _Pool(world.model)
+    if pool.copies:
+        lent = pool.copies.pop()
+        # Its state is whatever it was: the owner sets all positions.
+        for field in _MARKED:
+            getattr(lent.model, field)[:] = getattr(pool.original, field)
+    else:
+        model = copy.copy(world.model)
+        model.opt.disableflags |= _ONE_CONTACT
+        lent = ScratchCopy(model, mujoco.MjData(model))
+    # Not at exit, when nobody reuses the copy.
+    weakref.finalize(owner, pool.copies.append, lent).atexit = False
+    return lent
+
 
 FINE = 0.008
 """Largest motion of a point of the arm between two checks of a result, m: together with the
@@ -67,7 +276,9 @@ class CollisionChecker:
         arm: Name of the arm.
         margin: Distance to keep from other arms, m: one for all, or by name; arms that are not
             named must not be touched.
-        ignore: Names of objects that may be touched.
+        ignore: Names of objects that may be touched, and of arms that make way.
+        sharing: Objects that others may hold together with this arm; by default those for which
+            both have consented.
         tool_may_touch: Whether the tool and held objects may touch everything but the arm itself.
 
     Attributes:
@@ -87,6 +298,7 @@ class CollisionChecker:
         ignore: frozenset[str] = frozenset(),
         *,
         tool_may_touch: bool = False,
+        sharing: Sequence[SharedGrasp] | None = None,
     ) -> None:
         body = world.arms[arm]
         self.joints = body.robot.joints
@@ -100,6 +312,9 @@ class CollisionChecker:
         held = {world.object_geom(name) for name in world.attachments.attached_to(arm)}
         self.moving = scratch.marks(body.geom_ids | held)
         ignored = {world.object_geom(name) for name in ignore if name in world.objects}
+        for name in ignore & world.arms.keys():
+            payloads = world.attachments.attached_to(name)
+            ignored |= world.arms[name].geom_ids | {world.object_geom(one) for one in payloads}
         checked = scratch.solid & ~scratch.marks(ignored)
         # Pairs with at least one geom that moves: two fixed bodies never need a check. Pairs within
         # the arm count; MuJoCo itself leaves out neighboring links.
@@ -113,14 +328,39 @@ class CollisionChecker:
                 least[marks] = kept
         # The larger value of the two geoms of a pair: a margin wins against the tolerance.
         self.least = np.maximum(least[:, None], least)
+        # The tolerance is for held objects, which may lie on others; an empty tool touches nothing.
+        tool = scratch.marks(body.tool_geom_ids)
+        objects = scratch.marks({world.object_geom(name) for name in world.objects} - held)
+        apart = (tool[:, None] & objects) | (objects[:, None] & tool)
+        self.least[apart] = np.maximum(self.least[apart], 0.0)
         # A held object touches the tool, and other held objects, by design.
         gripping = scratch.marks(body.tool_geom_ids | held)
         payload = scratch.marks(held)
         self.least[(payload[:, None] | payload) & gripping[:, None] & gripping] = -np.inf
+        if sharing is None:
+            sharing = world.attachments.shared_grasps(arm)
+        for partner, thing, hands_m in self._shared(world, arm, sharing):
+            hands = scratch.marks(world.arms[partner].tool_geom_ids)
+            pairs = (hands[:, None] & tool) | (tool[:, None] & hands)
+            self.least[pairs] = np.minimum(self.least[pairs], hands_m)
+            if world.object_geom(thing) in held:
+                its = scratch.marks([world.object_geom(thing)])
+                self.least[(hands[:, None] & its) | (its[:, None] & hands)] = -np.inf
         if tool_may_touch:
             outside = ~self.moving
             self.least[(gripping[:, None] & outside) | (outside[:, None] & gripping)] = -np.inf
         self._let_stand(gripping)
+
+    @staticmethod
+    def _shared(
+        world: World, arm: str, sharing: Sequence[SharedGrasp]
+    ) -> list[tuple[str, str, float]]:
+        """Partner, object and least distance of the hands, m, where two arms share an object."""
+        found = [(one.partner, one.object, one.hands_m) for one in sharing]
+        for thing in world.attachments.attached_to(arm):
+            others = set(world.attachments.holders(thing)) - {arm}
+            found += [(other, thing, np.inf) for other in sorted(others)]
+        return [one for one in found if one[0] in world.arms and one[1] in world.objects]
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -200,6 +440,10 @@ class CollisionChecker:
         # Both fingers move by half of the opening; the scratch state keeps it between checks.
         self._scratch.data.qpos[self._fingers] = 0.5 * width
 
+    def move_other(self, arm: ArmBody, q: Vector) -> None:
+        """Put another arm into a configuration, of shape (dof,), rad, for all further checks."""
+        self._scratch.data.qpos[arm.qpos_ids] = q
+
     def place(self, q: Vector) -> None:
         """Compute kinematics and contacts at ``q``, of shape (dof,), rad."""
         self._scratch.data.qpos[self._addresses] = q
@@ -232,7 +476,7 @@ class CollisionChecker:
 class LinkContacts:
     """Current contacts of an arm's links other than its tool.
 
-    To be rebuilt after the world is recompiled.
+    Must be rebuilt after the world is recompiled.
 
     Args:
         world: World that contains the arm.
@@ -270,7 +514,7 @@ class LinkContacts:
 class OutsideContacts:
     """Current contacts of an arm and its payload with everything else.
 
-    Reports contact as a switch does, not its force. To be rebuilt after the world is recompiled.
+    Reports contact as a switch does, not its force. Must be rebuilt after the world is recompiled.
 
     Args:
         world: World that contains the arm.

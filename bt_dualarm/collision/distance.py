@@ -15,8 +15,7 @@ from types import ModuleType
 import mujoco
 import numpy as np
 
-from bt_dualarm.collision.checker import last_joint, stretched
-from bt_dualarm.collision.scratch_model import Marks, ScratchModel
+from bt_dualarm.collision.checker import Marks, ScratchModel, last_joint, stretched
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.sim.composition import name_of_geom
 from bt_dualarm.sim.world import World
@@ -61,7 +60,9 @@ class ArmDistance:
     """Distances of one arm and its payload to the other arms and their payloads.
 
     Distances between its tool and another arm's payload do not count: the tool grasps it in a
-    handover. To be rebuilt after the world is recompiled.
+    handover. Neither do those between an object and the tools of arms that hold it together, or
+    that have consented to that (`Attachments.consent`); between the hands of these arms, the
+    distance that they need not keep is added. Must be rebuilt after the world is recompiled.
 
     Args:
         world: World whose current state counts; never changed.
@@ -90,6 +91,7 @@ class ArmDistance:
             else:
                 affinities[geom] = _HELD
                 self._owner[geom] = self._others.index(held.arm)
+        self._added = added_distances(world, arm)
         self._scratch.compare(types, affinities)
         self._horizons = dict.fromkeys(self._others, 0.0)
 
@@ -126,27 +128,79 @@ class ArmDistance:
         self._scratch.settle()
         if data.ncon == 0:
             return dict.fromkeys(horizons, Gap())
-        owners = self._owner[data.contact.geom].max(axis=1)
-        return {name: self._nearest(owners == self._others.index(name)) for name in horizons}
+        geoms = data.contact.geom
+        distances = data.contact.dist
+        if self._added is not None:
+            distances = distances + self._added[geoms[:, 0], geoms[:, 1]]
+        owners = self._owner[geoms].max(axis=1)
+        return {
+            name: self._nearest(distances, owners == self._others.index(name)) for name in horizons
+        }
 
-    def _nearest(self, contacts: Marks) -> Gap:
-        """Smallest distance among selected contacts."""
+    def _nearest(self, distances: Vector, contacts: Marks) -> Gap:
+        """Smallest of the contacts' distances, of shape (ncon,), m, among selected contacts."""
         candidates = np.flatnonzero(contacts)
         if not len(candidates):
             return Gap()
         contact = self.data.contact
-        nearest = int(candidates[contact.dist[candidates].argmin()])
+        nearest = int(candidates[distances[candidates].argmin()])
         # The arm's own geoms have owner -1, and sort first.
         pair = sorted(contact.geom[nearest].tolist(), key=lambda geom: int(self._owner[geom]))
         first, second = (name_of_geom(self._scratch.model, geom) for geom in pair)
-        return Gap(float(contact.dist[nearest]), first, second)
+        return Gap(float(distances[nearest]), first, second)
+
+
+HANDS_APART_M = 0.03
+"""Distance that hands keep from each other where they share no object, m: `guard.CLEAR_M`."""
+
+
+def added_distances(world: World, arm: str) -> Matrix | None:
+    """What is added to the distances of pairs of geoms of arms that hold an object together, m.
+
+    It is infinite between the object and the partner's tool, and what that holds: they may touch.
+    Between the tools it is what `HANDS_APART_M` exceeds the distance that they keep.
+
+    Args:
+        world: World whose current state counts.
+        arm: Name of the arm.
+
+    Returns:
+        Symmetric matrix, of shape (ngeom, ngeom); None if this arm shares no object.
+    """
+    consents = world.attachments.shared_grasps(arm)
+    shared = {(one.partner, one.object): one.hands_m for one in consents}
+    for thing in world.attachments.attached_to(arm):
+        for other in world.attachments.holders(thing):
+            if other != arm:  # whatever they have consented to, it is in both hands
+                shared.setdefault((other, thing), HANDS_APART_M)
+    if not shared:
+        return None
+    added = np.zeros((world.model.ngeom, world.model.ngeom))
+    own = list(world.arms[arm].tool_geom_ids)
+    for (partner, thing), hands_m in shared.items():
+        if partner not in world.arms or thing not in world.objects:
+            continue
+        its = list(world.arms[partner].tool_geom_ids)
+        geom = world.object_geom(thing)
+        payloads = {*world.attachments.attached_to(arm), *world.attachments.attached_to(partner)}
+        others = [world.object_geom(one) for one in payloads - {thing}]
+        for first, second, more in (
+            (own, its, HANDS_APART_M - hands_m),
+            ([geom], its, np.inf),
+            ([geom], own, np.inf),
+            ([geom], others, np.inf),
+        ):
+            rows = np.ix_(first, second)
+            added[rows] = np.maximum(added[rows], more)
+            added[np.ix_(second, first)] = added[rows].T
+    return added
 
 
 class Clearance:
     """Distances of an arm's links to the scene and to objects.
 
     Tool and held objects do not count: they are meant to touch objects. Neither do other arms,
-    which `FailSafeCheck` keeps apart. To be rebuilt after the world is recompiled.
+    which `FailSafeCheck` keeps apart. Must be rebuilt after the world is recompiled.
 
     Args:
         world: World that contains the arm.
@@ -199,7 +253,7 @@ class Clearance:
 class BoundingSpheres:
     """Spheres around all geoms of one arm and its payload.
 
-    To be rebuilt after the world is recompiled.
+    Must be rebuilt after the world is recompiled.
 
     Args:
         world: World that contains the arm.
@@ -302,15 +356,15 @@ class BoundingSpheres:
 
 def apart(first: Matrix, second: Matrix) -> float:
     """Smallest distance between two sets of spheres, of shape (n, 4) and (m, 4), m."""
-    return float(kernels().nearest(first, second))
+    return float(kernels().sphere_distance(first, second))
 
 
 @cache
 def kernels() -> ModuleType:
     """Module of the kernels; cached, since an import statement takes as long as a kernel."""
-    from bt_dualarm.collision import sphere_kernels
+    from bt_dualarm.collision import distance_kernels
 
-    return sphere_kernels
+    return distance_kernels
 
 
 def warm_up_spheres() -> None:
@@ -323,7 +377,7 @@ def warm_up_spheres() -> None:
     )
     kernels().farthest(np.ones((1, 1)), np.ones(1))
     kernels().reach(np.ones((1, 1)), np.ones(1), 1.0)
-    kernels().nearest(spheres, spheres)
+    kernels().sphere_distance(spheres, spheres)
     places = np.ones((1, 3))
     kernels().moved(places, places, np.ones(1), np.ones((1, 1)), np.ones(1))
 

@@ -1,18 +1,20 @@
-"""Continuous collision checks of long paths, and the model of an arm that they read.
+"""Continuous collision checks of straight motions in joint space, and the model that they read.
 
-`is_clear` tells whether a path is free without sampling it densely. `swept_arm` converts the geoms
-of a `CollisionChecker` to the arrays of `swept_kernels`.
+`is_clear` tells whether a path is free without sampling it densely; planners check the edges of
+their trees with an implementation of `Edges`. `swept_arm` converts the geoms of a
+`CollisionChecker` to the arrays of `swept_kernels`.
 """
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable
-from typing import Final
+from typing import Final, Protocol
 
 import mujoco
 import numpy as np
 
-from bt_dualarm.collision.checker import CollisionChecker, last_joint
+from bt_dualarm.collision.checker import FINE, CollisionChecker, interpolated, last_joint
 from bt_dualarm.collision.kernel_arrays import ConvexShapes, Joints, Numbers, Pairs, SweptArm
 from bt_dualarm.core.pose import Matrix, Vector
 
@@ -86,8 +88,8 @@ def swept_arm(checker: CollisionChecker, ends: Iterable[Vector] = ()) -> SweptAr
             there may penetrate as far as the checker allows, all others must not touch.
 
     Raises:
-        UnknownShapeError: A shape is no fixed plane, sphere, capsule, cylinder, box or convex mesh,
-            or a joint is not revolute.
+        UnknownShapeError: A shape is not a fixed plane, sphere, capsule, cylinder, box or convex
+            mesh, or a joint is not revolute.
     """
     touching = _touching(checker, ends)
     checker.place(checker.present)
@@ -155,7 +157,7 @@ def _pairs(checker: CollisionChecker) -> tuple[Numbers, Numbers]:
     kept = (types[:, None] & affinities) != 0
     kept |= kept.T
     kept &= welds[:, None] != welds
-    # The world (weld id 0) is no parent in this sense: an arm's first link may hit the floor.
+    # The world (weld id 0) is not a parent in this sense: an arm's first link may hit the floor.
     related = (welds[:, None] == above) & (welds[:, None] != 0) & (welds != 0)
     kept &= ~(related | related.T)
     # MuJoCo's encoding of pairs excluded in the model, by the bodies' ids.
@@ -269,3 +271,100 @@ def _solid(model: mujoco.MjModel, geom: int) -> tuple[Matrix, float]:
     if kind == _GEOM.mjGEOM_PLANE:
         return _POINT, 0.0
     raise UnknownShapeError(f"a geom of type {kind}")
+
+
+class Edges(Protocol):
+    """Collision check of edges, which counts its work."""
+
+    @property
+    def checked(self) -> int:
+        """Number of configurations that have been checked so far."""
+        ...
+
+    def is_free(self, start: Vector, end: Vector) -> bool:
+        """Whether the straight motion between two configurations, each of shape (dof,), is free."""
+        ...
+
+
+def is_path_free(edges: Edges, corners: Matrix) -> bool:
+    """Whether straight motions from corner to corner, of shape (n, dof), rad, are free."""
+    return all(edges.is_free(start, end) for start, end in itertools.pairwise(corners))
+
+
+def path_length(corners: Matrix, radii: Vector) -> float:
+    """Length of a path, its joints scaled to meters that the arm moves, m.
+
+    Args:
+        corners: Corners of the path, of shape (n, dof), rad.
+        radii: Largest motion of the arm per radian of each joint, of shape (dof,), m/rad.
+    """
+    return float(np.linalg.norm(np.diff(corners, axis=0) * radii, axis=1).sum())
+
+
+class CompiledEdges:
+    """Edges checked as a whole by compiled distances between convex shapes.
+
+    Nothing between two configurations is stepped over.
+
+    Args:
+        arm: Arm in its world.
+
+    Attributes:
+        arm: The same; a search may change its clearance, see `keep_clear`.
+        hints: Directions in which each pair was apart when it was checked last, of shape (p, 3).
+        spent: Number of configurations that have been checked, of shape (1,); kernels add to it.
+    """
+
+    def __init__(self, arm: SweptArm) -> None:
+        self.arm = arm
+        self.hints = arm.pairs.directions.copy()
+        self.spent = np.zeros(1, np.int64)
+
+    @property
+    def checked(self) -> int:
+        """Number of configurations that have been checked so far."""
+        return int(self.spent[0])
+
+    def keep_clear(self, clearance: float) -> None:
+        """Set the clearance that shapes keep besides what they must, in m."""
+        self.arm = self.arm._replace(clearance=clearance)
+
+    def is_free(self, start: Vector, end: Vector) -> bool:
+        """Whether the straight motion between two configurations, each of shape (dof,), is free."""
+        from bt_dualarm.collision.swept_kernels import WHOLE, free_share
+
+        return free_share(self.arm, start, end, WHOLE, self.hints, self.spent) == 1.0
+
+    def is_dense_path_free(self, rows: Matrix, radii: Vector) -> bool:
+        """Whether a dense path is free.
+
+        Args:
+            rows: Configurations, of shape (n, dof), rad.
+            radii: Largest motion of the arm per radian of each joint, of shape (dof,), m/rad.
+        """
+        from bt_dualarm.collision.swept_kernels import first_too_near
+
+        return first_too_near(self.arm, rows, radii, self.hints, self.spent) == len(rows)
+
+
+class SampledEdges:
+    """Edges checked by MuJoCo every `FINE` meters, for shapes that the kernels do not support.
+
+    Args:
+        checker: Collision checker of the arm.
+    """
+
+    def __init__(self, checker: CollisionChecker) -> None:
+        self._checker = checker
+        self._checked = 0
+
+    @property
+    def checked(self) -> int:
+        """Number of configurations that have been checked so far."""
+        return self._checked
+
+    def is_free(self, start: Vector, end: Vector) -> bool:
+        """Whether the straight motion between two configurations, each of shape (dof,), is free."""
+        rows = interpolated(start, end, self._checker.radii, FINE)
+        self._checked += len(rows)
+        return self._checker.first_contact(rows) is None

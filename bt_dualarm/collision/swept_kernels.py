@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from bt_dualarm.collision.convex_distance_kernels import SCRATCH, distance, write_support_point
+from bt_dualarm.collision.distance_kernels import SCRATCH, distance, write_support_point
 from bt_dualarm.collision.kernel_arrays import ConvexShapes, Frames, Joints, Numbers, SweptArm
 from bt_dualarm.core.kernel import kernel
 from bt_dualarm.core.pose import Matrix, Vector

@@ -24,7 +24,7 @@ from bt_dualarm.control.kernel_rows import (
 )
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.robots.robot import JointFriction
-from bt_dualarm.trajectory.limits import SetPoint
+from bt_dualarm.trajectory.set_points import SetPoint
 
 _GRACE: Final = 75
 """Periods of motion after a grasp without detection: the load is transferred from its support."""

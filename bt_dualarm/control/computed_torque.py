@@ -49,9 +49,9 @@ from bt_dualarm.core.errors import DivergenceError, ForceLimitFailure
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.kinematics.chain_kernel_arrays import LIMITS, LINK, ROTOR, links_of
 from bt_dualarm.sim.arm_models import NominalArm, NominalLoad
-from bt_dualarm.sim.kernel_columns import DRIVES
+from bt_dualarm.sim.kernel_arrays import DRIVES
 from bt_dualarm.sim.world import World
-from bt_dualarm.trajectory.limits import SetPoint, SetPointLimiter, limit_rows
+from bt_dualarm.trajectory.set_points import SetPoint, SetPointLimiter, limit_rows
 
 BREAKAWAY_S: Final = 0.35
 """Seconds after the start in which joints break away and friction settles: the arm stays stiff."""
@@ -61,6 +61,13 @@ _COMPENSATION_S: Final = 0.5
 
 _BANDWIDTH: Final = 30.0
 """Bandwidth of a compliant arm, rad/s: softer, friction causes path errors; stiffer, it bounces."""
+
+SOFTEST: Final = 6.0
+"""Least bandwidth of an arm that holds still softly, rad/s; below, its model errors displace it by
+centimeters."""
+
+_STIFFENING_S: Final = 1.0
+"""Time in which such an arm becomes stiff again, s: at once, it would jump to its set-point."""
 
 # Indices in `law_array`, in which gravity takes three elements.
 _BANDWIDTH_AT: Final = 2 + ControlLaw._fields.index("bandwidth")
@@ -404,6 +411,9 @@ class Compliance:
     Args:
         numbers: Control law, of shape (18,), see `law_array`; modified in place.
         period: Control period, s.
+
+    Attributes:
+        is_spring: Whether the arm is a spring, see `spring`.
     """
 
     def __init__(self, numbers: Vector, period: float) -> None:
@@ -413,6 +423,9 @@ class Compliance:
         self._active = False
         self._holds = False
         self._elapsed = 0.0
+        self.is_spring = False
+        self._soft = 0.0
+        self._stiffening = 0.0
 
     @property
     def active(self) -> bool:
@@ -424,12 +437,32 @@ class Compliance:
         if active != self._active:
             self._active = active
             self._elapsed = 0.0
+            # An arm that has held still softly may be far from its set-point.
+            self._stiffening = _STIFFENING_S if self.is_spring and not active else 0.0
+            self._soft = float(self._numbers[_BANDWIDTH_AT])
+            self.is_spring = False
             self._numbers[:] = self._stiff
             self._holds = False
 
+    def spring(self, bandwidth: float) -> None:
+        """Be a spring about the set-point until the arm is stiff again.
+
+        The compensation of disturbances stays as it is: call it at rest without contact, once the
+        arm has been compliant for a second.
+
+        Args:
+            bandwidth: Natural frequency of the arm's motion, rad/s: the joints have a stiffness of
+                inertia times its square.
+        """
+        self._active = True
+        self._holds = True
+        self.is_spring = True
+        self._numbers[_BANDWIDTH_AT] = bandwidth
+        self._numbers[_COMPENSATION_AT] = 0.0
+
     def hold_force(self) -> None:
         """Freeze the compensation until the arm is stiff again: contact force does not build up."""
-        if self._active:
+        if self._active and not self.is_spring:
             self._holds = True
             self._numbers[_COMPENSATION_AT] = 0.0
 
@@ -450,6 +483,15 @@ class Compliance:
         The compensation starts as the mean disturbance since breakaway, later it is an exponential
         average: a single noisy value would persist.
         """
+        if self._stiffening > 0.0:
+            self._stiffening -= self._period
+            self._numbers[:] = self._stiff
+            if self._stiffening > 0.0:
+                stiff = self._stiff[_BANDWIDTH_AT]
+                done = 1.0 - self._stiffening / _STIFFENING_S
+                self._numbers[_BANDWIDTH_AT] = self._soft + done * (stiff - self._soft)
+                self._numbers[_COMPENSATION_AT] = self._period / _COMPENSATION_S
+            return
         if not self._active or self._holds:
             return
         self._elapsed += self._period

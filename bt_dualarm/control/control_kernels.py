@@ -76,7 +76,7 @@ from bt_dualarm.core.kernel import kernel
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.kinematics.chain_kernels import equations_of_motion, multiply, solve
 from bt_dualarm.sim.device_kernels import command_torques
-from bt_dualarm.trajectory.limit_kernels import keeps_limits
+from bt_dualarm.trajectory.trajectory_kernels import keeps_limits
 
 _PERIOD = 3
 """Index of the period in `law_array`, after three elements of gravity."""
@@ -102,7 +102,7 @@ def command_set_point(
         links: Links of the arm with its payload, see `chain_kernel_arrays`.
         joints: Joint constants, of shape (CONSTANTS, dof).
         inertias: Current and previous inertia matrices, of shape (2, dof, dof), kg m².
-        drives: Drives of the joints, see `sim.kernel_columns`.
+        drives: Drives of the joints, see `sim.kernel_arrays`.
         flags: Bits: `READ_ENCODERS`, `NEW_MODEL`, `WITHIN_LIMITS`.
         state: Controller state with the desired and the previous set-point.
         telemetry: Output of shape (TELEMETRY,).

@@ -23,9 +23,16 @@ from bt_dualarm.robots.robot import Robot
 from bt_dualarm.safety.failsafe import Reservations
 from bt_dualarm.safety.guard import ArmGuard
 from bt_dualarm.sim.world import World
-from bt_dualarm.trajectory.limits import SetPoint, SetPointLimiter, SetPointSource
-from bt_dualarm.trajectory.point_to_point import point_to_point, stop
-from bt_dualarm.trajectory.sources import Stream, StreamSource, TrajectorySource
+from bt_dualarm.trajectory.coupled import CoupledSource
+from bt_dualarm.trajectory.path_timing import point_to_point, stop
+from bt_dualarm.trajectory.set_points import (
+    SetPoint,
+    SetPointLimiter,
+    SetPointSource,
+    Stream,
+    StreamSource,
+    TrajectorySource,
+)
 from bt_dualarm.trajectory.trajectory import Trajectory
 
 _AFFECTED: Final = 0.5
@@ -90,11 +97,30 @@ class JointController:
         self.compliance = self._torque.compliance
         self._force = ForceLimit(world, name, self.touch)
         self._hold = self.setpoint
+        self._sent_s = world.time - period
+        self._before = self.setpoint
+        self._before_s = self._sent_s
 
     @property
     def setpoint(self) -> SetPoint:
         """The last set-point that was sent: where the next motion has to begin."""
         return self._limiter.sent
+
+    def commanded_at(self, time: float) -> SetPoint:
+        """Set-point for a simulated time in s, extrapolated from the last one that is older.
+
+        Another arm's controller that asks for it in its own update gets the same result before and
+        after the update of this one.
+        """
+        sent = self.setpoint
+        age = time - self._sent_s
+        if age < 0.5 * self.period:
+            sent = self._before
+            age = time - self._before_s
+        if not sent.v.any() and not sent.a.any():
+            return sent
+        v = sent.v + age * sent.a
+        return SetPoint(sent.q + (0.5 * age) * (sent.v + v), v, sent.a)
 
     @property
     def clipped(self) -> int:
@@ -136,6 +162,7 @@ class JointController:
         along_path: bool = False,
         may_touch: bool = False,
         compliant: bool = False,
+        most_scale: float = 1.0,
     ) -> TrajectorySource:
         """Start following a trajectory; it must begin at the last set-point.
 
@@ -144,24 +171,44 @@ class JointController:
             along_path: Whether the tool's path matters, not only its end.
             may_touch: Whether contact is intended: collision detection is disabled.
             compliant: Whether the arm is compliant, during the motion and afterwards.
+            most_scale: Largest time scale of the motion, above 0 to 1.
 
         Raises:
             Failure: ``TRACKING_ERROR`` if it starts elsewhere.
         """
-        away = float(np.abs(trajectory.start - self.setpoint.q).max())
+        self._refuse_elsewhere(trajectory.start)
+        motion = TrajectorySource(trajectory, along_path, most_scale)
+        self._follow(motion, may_touch=may_touch, compliant=compliant)
+        return motion
+
+    def follow_with_others(self, motion: CoupledSource, *, compliant: bool = False) -> None:
+        """Start following this arm's part of a coupled motion; contact is intended.
+
+        Args:
+            motion: Set-points of this arm; the first one is the last that was sent.
+            compliant: Whether the arm is compliant, during the motion and afterwards.
+
+        Raises:
+            Failure: ``TRACKING_ERROR`` if it starts elsewhere.
+        """
+        self._refuse_elsewhere(motion.trajectory.start)
+        self._follow(motion, may_touch=True, compliant=compliant)
+
+    def _follow(self, motion: TrajectorySource, *, may_touch: bool, compliant: bool) -> None:
+        self._motion = motion
+        self.fault = None
+        self._followed = motion
+        self._may_touch = may_touch
+        self.compliance.active = compliant
+
+    def _refuse_elsewhere(self, start: Vector) -> None:
+        away = float(np.abs(start - self.setpoint.q).max())
         if away > 1e-6:
             raise Failure(
                 "TRACKING_ERROR",
                 f"the motion starts {np.degrees(away):.3g}° from where the arm is",
                 start_error_rad=away,
             )
-        motion = TrajectorySource(trajectory, along_path)
-        self._motion = motion
-        self.fault = None
-        self._followed = motion
-        self._may_touch = may_touch
-        self.compliance.active = compliant
-        return motion
 
     def stream(self, source: Stream, *, may_touch: bool = False) -> None:
         """Follow a stream of set-points until ``stop``; ``may_touch`` as in ``follow``."""
@@ -198,6 +245,9 @@ class JointController:
         """
         guard = self._guard
         limiter = self._limiter
+        self._before = limiter.sent
+        self._before_s = self._sent_s
+        self._sent_s = time
         if self._motion is not None and self._motion is self._followed:
             self._abort(guard.look(self._motion, limiter.sent, time))
         desired = self._desired(time)
@@ -219,7 +269,8 @@ class JointController:
             return
         self.fault = refusal
         motion = self._motion
-        if motion is None or not isinstance(refusal, CONTACTS):
+        alone = not isinstance(motion, CoupledSource)  # else a retreat would tear at the object
+        if motion is None or not (alone and isinstance(refusal, CONTACTS)):
             self.stop()
         else:
             q = self._hardware.q
@@ -268,7 +319,10 @@ class JointController:
             return
         if position_error > MAX_POSITION_ERROR and self.fault is None:
             self.fault = tracking_failure(self._robot, self.setpoint.q - self._hardware.q)
-            self._retreat(self._hardware.q)
+            if isinstance(self._motion, CoupledSource):
+                self.stop()
+            else:
+                self._retreat(self._hardware.q)
         detector = self._torque.collision_detector
         if detector is None or self._may_touch or self._motion is not self._followed:
             return

@@ -27,7 +27,7 @@ from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.robots.robot import Robot
 from bt_dualarm.sim.arm_models import NominalArm, NominalLoad
-from bt_dualarm.trajectory.sources import at_scale
+from bt_dualarm.trajectory.set_points import at_scale
 from bt_dualarm.trajectory.trajectory import Trajectory
 
 BANDWIDTH: Final = 75.0
@@ -152,9 +152,9 @@ class ArmDynamics:
         self.model = copy.copy(nominal.model)
         self.data = mujoco.MjData(self.model)
         known = [
-            (load.mass, np.diag(load.inertia), load.pose)
+            (load.share * load.mass, np.diag(load.share * load.inertia), load.pose)
             for load in loads
-            if load.mass is not None and load.inertia is not None
+            if load.mass is not None and load.inertia is not None and load.share > 0.0
         ]
         if known:
             _load(self.model, nominal.tool_body, known)

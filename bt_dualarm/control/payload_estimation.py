@@ -18,7 +18,7 @@ import numpy.typing as npt
 from bt_dualarm.control.dynamics import DRIVE_DELAY_S, ArmDynamics
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.sim.arm_models import NominalArm, NominalLoad
-from bt_dualarm.trajectory.limits import SetPoint
+from bt_dualarm.trajectory.set_points import SetPoint
 
 INERTIAL = 10
 """Inertial parameters of a rigid body: mass, first moment of mass (3), inertia about the origin of
@@ -160,6 +160,8 @@ class PayloadEstimator:
         self._start_window()
         self._windows += 1
         if self._windows <= 0 or np.abs(self._v).max() < _MOVING:
+            return False
+        if not all(load.alone for load in self._held):  # another arm bears an unknown part
             return False
         window = self._measurements(self._q, self._v, commanded_a, a_error, mean_torque)
         self._parameters.measure(*window)

@@ -36,7 +36,7 @@ from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.kinematics.chain_kernel_arrays import LINK, STEP, links_from_jacobian
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.robots.robot import JointLimits
-from bt_dualarm.trajectory.limits import OnlineStep, SetPoint, limit_rows
+from bt_dualarm.trajectory.set_points import OnlineStep, SetPoint, limit_rows
 
 SLACK_M = 1.5e-4
 """Jump of a target that may use all of the jerk, m: a few times the noise of an estimate."""
@@ -191,7 +191,7 @@ def _chain(kinematics: Kinematics, start: Vector) -> tuple[Matrix, Matrix]:
 def warm_up_servo() -> None:
     """Compile the kernels of servo and limiter, by calling them with arrays of the final types."""
     from bt_dualarm.control.servo_kernels import jerk_bandwidth, observe_tool, servo_step
-    from bt_dualarm.trajectory import limit_kernels as limit_kernels
+    from bt_dualarm.trajectory import trajectory_kernels
 
     work = np.ones((SERVO_STATE, 1))
     seen = np.ones(OBSERVED)
@@ -202,9 +202,9 @@ def warm_up_servo() -> None:
     observe_tool(links, frames, plane, 1.0, work, seen)
     goal = np.ones((3, 2))
     servo_step(1.0, 1.0, 1.0, 1.0, True, goal, links, frames, plane, work, seen, state)
-    limit_kernels.keeps_limits(work[:5].copy(), 1.0, state, state)
-    limit_kernels.can_stop(work[:5].copy(), 0, 1.0, 1.0, 1.0)
-    limit_kernels.max_displacement_before_rest(1.0, 1.0, 1.0, 1.0)
-    limit_kernels.max_displacement(work[:5].copy(), 0, 1.0, 1.0, 1.0)
+    trajectory_kernels.keeps_limits(work[:5].copy(), 1.0, state, state)
+    trajectory_kernels.can_stop(work[:5].copy(), 0, 1.0, 1.0, 1.0)
+    trajectory_kernels.max_displacement_before_rest(1.0, 1.0, 1.0, 1.0)
+    trajectory_kernels.max_displacement(work[:5].copy(), 0, 1.0, 1.0, 1.0)
     jerk_bandwidth(1.0, 1.0)
-    limit_kernels.within(np.ones((3, 1, 1)), 1.0, 1.0, state)
+    trajectory_kernels.within(np.ones((3, 1, 1)), 1.0, 1.0, state)

@@ -59,7 +59,7 @@ from bt_dualarm.kinematics.chain_kernel_arrays import (
     UPPER,
 )
 from bt_dualarm.kinematics.chain_kernels import solve_rows, tool_pose_and_jacobian
-from bt_dualarm.trajectory.limit_kernels import can_stop
+from bt_dualarm.trajectory.trajectory_kernels import can_stop
 
 # Shares of the limits that are used for planning; the rest is left to feedback.
 

@@ -96,6 +96,10 @@ class Failure(DualArmError):
         return self
 
 
+class InjectedFailure(Failure):
+    """Failure that a fault of the file injects; its code need not be declared by the skill."""
+
+
 class CollisionFailure(Failure):
     """Two bodies touch, would touch, or would come too close: ``IN_COLLISION``.
 

@@ -11,10 +11,9 @@ from typing import Any, Final
 import numpy as np
 
 from bt_dualarm.replay.record import Facts, Record
-from bt_dualarm.replay.scene import Scene
-from bt_dualarm.replay.timeline import Change, Timeline, TimelineNode
+from bt_dualarm.replay.timeline import Change, Scene, Timeline, TimelineNode
 from bt_dualarm.spec.cell import CLAIM
-from bt_dualarm.spec.ports import REFERENCE
+from bt_dualarm.spec.node_types import REFERENCE
 
 
 @dataclass(frozen=True, eq=False)

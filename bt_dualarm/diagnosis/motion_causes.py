@@ -13,12 +13,11 @@ from bt_dualarm.core.errors import DualArmError
 from bt_dualarm.core.pose import Vector
 from bt_dualarm.diagnosis.evidence import LOOK_BACK_S, Cause, Evidence, descend
 from bt_dualarm.diagnosis.object_causes import carried
-from bt_dualarm.kinematics.workspace import Workspace
-from bt_dualarm.replay.scene import ContactPoint
-from bt_dualarm.replay.timeline import TimelineNode
+from bt_dualarm.kinematics.inverse_kinematics import Workspace
+from bt_dualarm.replay.timeline import ContactPoint, TimelineNode
 from bt_dualarm.robots.robot_description import load_robot
+from bt_dualarm.runtime.outcome import Ending
 from bt_dualarm.skill.cell import waiting_sentence
-from bt_dualarm.spec.cell import AWAIT, CLAIM, MEET
 from bt_dualarm.spec.values import PoseSpec
 from bt_dualarm.spec.yaml_reader import with_tuples
 
@@ -180,7 +179,7 @@ def _drifted(e: Evidence) -> Iterator[Cause]:
 
 
 def _outside(e: Evidence) -> Cause:
-    """Cause for a target outside of the arm's workspace."""
+    """Cause for a target outside the arm's workspace."""
     away = float(e.numbers["distance_m"])
     reach = float(e.numbers["reach_m"])
     wanted = target_of(e)
@@ -313,6 +312,12 @@ _AT_TARGET_M: Final = 0.15
 """Distance in m from a target within which a body blocks tool or wrist."""
 
 
+def _invariant(e: Evidence) -> str:
+    """Sentence on the violated invariant that ended the run, empty if none did."""
+    summary = e.record.summary or {}
+    return str(summary.get("error")) if summary.get("ending") == Ending.INVARIANT else ""
+
+
 def time_causes(e: Evidence) -> Iterator[Cause]:
     """Yields causes of a leaf that ran out of time, was halted, or was still running."""
     if e.code not in ("", "HALTED", "TIMED_OUT"):
@@ -334,6 +339,8 @@ def time_causes(e: Evidence) -> Iterator[Cause]:
         yield e.cause("TOO_LITTLE_TIME", sentence + _usual(e), remedy, leaf=limit.path)
     elif e.root_cause.at is not None:
         yield _at_work(e)
+    elif (e.root_cause.end is None or _ended_with_run(e)) and _invariant(e):
+        yield e.cause("INVARIANT", f"the run ended by an invariant: {_invariant(e)}")
     elif e.root_cause.end is None or _ended_with_run(e):
         sentence = f"the run ended at {e.record.until:.2f} s: {ran}{_usual(e)}"
         yield e.cause("TOO_LITTLE_TIME", sentence, "a later time_limit or --duration")
@@ -398,14 +405,14 @@ def _ended_with_run(e: Evidence) -> bool:
     return last is not None and last.new == "INVALID" and abs(last.time - e.root_cause.time) < 1e-6
 
 
-# Causes that lie with another arm: a wait for a signal, at a rendezvous, or for a claim.
+# Causes that lie with another arm: waits for a signal, a rendezvous, a claim or a free path.
 
 _WAIT_CODES: Final = frozenset({"", "HALTED", "TIMEOUT", "PARTNER_GONE", "DEADLOCK"})
 
 
 def coordination_causes(e: Evidence) -> Iterator[Cause]:
     """Yields causes of a node that waited for other arms: what they did meanwhile."""
-    if e.leaf.kind not in (AWAIT, MEET, CLAIM) or e.code not in _WAIT_CODES:
+    if e.code not in _WAIT_CODES:
         return
     if e.code == "DEADLOCK":
         remedy = "meet and claim in the same order in all trees, or give one wait a timeout"
@@ -416,7 +423,8 @@ def coordination_causes(e: Evidence) -> Iterator[Cause]:
         for note in e.notes("waits", since=e.began, until=e.ended)
         if note["leaf"] == e.leaf.path
     ]
-    if not waits and e.code != "PARTNER_GONE":
+    others_left = bool(waits) and not waits[-1]["others"] and waits[-1]["target"] == "path"
+    if others_left or (not waits and e.code != "PARTNER_GONE"):
         return
     others = [str(other) for other in waits[-1]["others"]] if waits else []
     what = e.reason

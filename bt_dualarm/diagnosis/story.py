@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from bt_dualarm.diagnosis.camera_causes import camera_causes, sight_causes
 from bt_dualarm.diagnosis.evidence import (
     Cause,
     Evidence,
@@ -24,10 +23,17 @@ from bt_dualarm.diagnosis.motion_causes import (
     reach_causes,
     time_causes,
 )
-from bt_dualarm.diagnosis.object_causes import blackboard_causes, grip_causes, world_causes
+from bt_dualarm.diagnosis.object_causes import (
+    blackboard_causes,
+    camera_causes,
+    grip_causes,
+    sight_causes,
+    world_causes,
+)
 from bt_dualarm.replay.record import Facts, Record, ReplayError
 from bt_dualarm.replay.timeline import Timeline, TimelineNode
-from bt_dualarm.spec.ports import escaped
+from bt_dualarm.runtime.outcome import Ending
+from bt_dualarm.spec.node_types import escaped
 
 _RULES: Final[tuple[Callable[[Evidence], Iterator[Cause]], ...]] = (
     coordination_causes,
@@ -144,7 +150,7 @@ def stories(record: Record, asked: str | None = None) -> tuple[Story, ...]:
         Empty if no leaf failed and none was running.
 
     Raises:
-        ReplayError: No node has this name, or the time is outside of the record.
+        ReplayError: No node has this name, or the time is outside the record.
     """
     timeline = Timeline(record)
     found = _root_causes(record, timeline, asked)
@@ -164,10 +170,12 @@ def _root_causes(record: Record, timeline: Timeline, asked: str | None) -> list[
         for end in leaf.changes
         if end.new == "FAILURE" and end.time <= time + 1e-9
     ]
+    # A node that runs while none of its children does waits itself: a claim, a pause of a retry.
     running = [
-        RootCause(chain_of(timeline.roots[leaf.arm], leaf), None, at=time)
-        for leaf in timeline.leaves()
-        if leaf.status_at(time) == "RUNNING"
+        RootCause(chain_of(timeline.roots[node.arm], node), None, at=time)
+        for node in timeline.nodes()
+        if node.status_at(time) == "RUNNING"
+        and all(child.status_at(time) != "RUNNING" for child in node.children)
     ]
     nearest = max(failed, key=lambda root_cause: root_cause.time, default=None)
     if nearest is not None and (not running or time - nearest.time <= _RECENT_S):
@@ -289,6 +297,19 @@ def _short(value: object) -> str:
         return f"{value:.6g}"
     text = value if isinstance(value, str) else json.dumps(value)
     return text if len(text) <= 100 else f"{text[:97]}..."
+
+
+def goals_missed(record: Record) -> tuple[str, ...]:
+    """A line on each goal of the file that was not met, and on a violated invariant."""
+    summary = record.summary or {}
+    goals = summary.get("goals")
+    lines = []
+    if summary.get("ending") == Ending.INVARIANT:
+        lines.append(f"invariant: {summary.get('error')}")
+    for name, goal in goals.items() if isinstance(goals, dict) else ():
+        if isinstance(goal, dict) and not goal.get("met"):
+            lines.append(f"goal {name} was not met: {goal.get('reason')}")
+    return tuple(escaped(" ".join(line.split()), keep="")[:500] for line in lines)
 
 
 def state_of(record: Record) -> str:

@@ -28,11 +28,10 @@ from scipy.interpolate import CubicSpline
 
 from bt_dualarm.core.pose import Vector
 from bt_dualarm.core.share import write_atomically, write_text
-from bt_dualarm.experiments.cases import Cell
-from bt_dualarm.experiments.trials import Trial, TrialError, run_trials, tree_file
+from bt_dualarm.experiments.trials import Cell, Trial, TrialError, run_trials, tree_file
 from bt_dualarm.perception.target_filter import MotionModel, TargetEstimate
+from bt_dualarm.runtime.interruption import StopRequest
 from bt_dualarm.runtime.plots import COLORS
-from bt_dualarm.runtime.signals import StopRequest
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.yaml_reader import Data
 

@@ -14,7 +14,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from secrets import token_hex
-from types import TracebackType
 from typing import Any, Final, TypeAlias
 
 import mujoco
@@ -25,9 +24,9 @@ from bt_dualarm.core.pose import Matrix
 from bt_dualarm.core.share import write_text
 from bt_dualarm.export.video import Encoder, Picture
 from bt_dualarm.replay.record import Facts, Moment, Record, ReplayError
-from bt_dualarm.replay.scene import GripperKind, file_part, gripper_kind, joints_of
-from bt_dualarm.sim.ray_renderer import RayRenderer
-from bt_dualarm.sim.renderer import Exposure
+from bt_dualarm.replay.timeline import GripperKind, file_part, gripper_kind, joints_of
+from bt_dualarm.sim.frame import Exposure
+from bt_dualarm.sim.renderers import RayRenderer
 
 # Episodes
 
@@ -398,12 +397,7 @@ class DatasetWriter:
     def __enter__(self) -> DatasetWriter:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._open.close()
 
     def _next(self, pattern: str) -> int:
@@ -431,9 +425,7 @@ class DatasetWriter:
             self._tasks = [str(row["task"]) for row in tasks]
             self._info = dict(info)
         except (OSError, ValueError, KeyError, TypeError) as error:
-            raise ReplayError(
-                f"cannot append: this is no data set of LeRobot's: {error}"
-            ) from error
+            raise ReplayError(f"cannot append: this is not a LeRobot data set: {error}") from error
         videos = [name for name, said in info["features"].items() if said["dtype"] == "video"]
         for path in sorted(self._folder.glob("meta/episodes/*/*.parquet")):
             for row in self._parquet.read_table(path).to_pylist():
@@ -578,7 +570,7 @@ class DatasetWriter:
         write_text(self._folder / "meta" / "info.json", info)
 
     def _all_statistics(self) -> Facts:
-        """Statistics of all frames by feature: of values exactly, of images from samples."""
+        """Statistics of all frames by feature: exact for values, from samples for images."""
         assert self._info is not None  # noqa: S101 - there is an episode
         paths = sorted(self._folder.glob("data/*/*.parquet"))
         found: Facts = {}

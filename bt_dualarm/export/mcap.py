@@ -1,4 +1,10 @@
-"""Export of a record as MCAP: time-stamped messages with JSON schemas, which Foxglove shows."""
+"""Export of a record as MCAP: time-stamped messages with JSON schemas, which Foxglove shows.
+
+The scene has the visual meshes of robots and grippers. A record has only the shapes that cameras
+see, convex hulls of the links; the meshes are read from the catalog, by the names of robot and
+gripper. An arm with its own description file keeps its hulls: a record may be untrusted, and no
+path that it names is opened.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +12,7 @@ import base64
 import json
 import math
 import struct
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.metadata import version
@@ -15,22 +21,166 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
+from bt_dualarm.core.errors import DualArmError
 from bt_dualarm.core.pose import Vector, camera_pose
 from bt_dualarm.core.share import write_atomically
-from bt_dualarm.export.scene_shapes import DrawnShape, Mesh, drawn_shapes
 from bt_dualarm.replay.record import Facts, GripperState, Moment, Record, ReplayError
-from bt_dualarm.replay.scene import (
+from bt_dualarm.replay.timeline import (
     finger_joints,
     gripper_kind,
-    held_over_time,
+    gripper_states,
     joints_of,
     recorded_frames,
 )
+from bt_dualarm.robots.gripper import gripper_names, load_gripper
+from bt_dualarm.robots.mjspec import LOOP_GROUPS, TOOL_GEOM, VISUAL_GROUP, add_gripper, robot_spec
+from bt_dualarm.robots.robot_description import load_robot, robot_names, with_gripper
 from bt_dualarm.sim.frame import focal_length_px
+from bt_dualarm.sim.renderers import geom_colors
 
 if TYPE_CHECKING:
     from mcap.writer import Writer
+
+
+_KINDS: Final = {
+    mujoco.mjtGeom.mjGEOM_PLANE: "plane",
+    mujoco.mjtGeom.mjGEOM_SPHERE: "sphere",
+    mujoco.mjtGeom.mjGEOM_CAPSULE: "capsule",
+    mujoco.mjtGeom.mjGEOM_ELLIPSOID: "ellipsoid",
+    mujoco.mjtGeom.mjGEOM_CYLINDER: "cylinder",
+    mujoco.mjtGeom.mjGEOM_BOX: "box",
+    mujoco.mjtGeom.mjGEOM_MESH: "mesh",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A triangle mesh.
+
+    Attributes:
+        vertices: Vertices of shape (n, 3), m, 32-bit.
+        faces: Indices of three vertices each, counterclockwise from outside, of shape (m, 3).
+    """
+
+    vertices: npt.NDArray[np.float32]
+    faces: npt.NDArray[np.uint32]
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnShape:
+    """One shape of a body.
+
+    Attributes:
+        body: Name of the body; ``world`` for static shapes.
+        name: Name of the shape, which may be empty.
+        kind: ``plane``, ``sphere``, ``capsule``, ``ellipsoid``, ``cylinder``, ``box`` or ``mesh``.
+        position: Position in the body, of shape (3,), m.
+        quaternion: Orientation in the body (w, x, y, z).
+        size: MuJoCo's sizes: half lengths of a box or plane (0: infinite), radius and half length.
+        color: Red, green, blue, opacity, from 0 to 1.
+        mesh: Triangles of a mesh.
+    """
+
+    body: str
+    name: str
+    kind: str
+    position: Vector
+    quaternion: Vector
+    size: Vector
+    color: tuple[float, float, float, float]
+    mesh: Mesh | None
+
+
+def drawn_shapes(model: mujoco.MjModel, arms: dict[str, Facts]) -> list[DrawnShape]:
+    """Shapes of everything visible in a compiled world.
+
+    Args:
+        model: The compiled world.
+        arms: The record's data of each arm, by name.
+    """
+    drawn = [*_shapes(model, LOOP_GROUPS)]
+    for arm, facts in arms.items():
+        gripper = facts.get("gripper")
+        locked = tuple(sorted(facts.get("locked", {}).items()))
+        real = _real_shapes(str(facts["robot"]), None if gripper is None else str(gripper), locked)
+        bodies = {f"{arm}/{shape.body}" for shape in real}
+        present = {model.body(body).name for body in range(model.nbody)} & bodies
+        drawn = [shape for shape in drawn if not _is_covered(shape, present)]
+        drawn += [
+            DrawnShape(
+                f"{arm}/{shape.body}",
+                f"{arm}/{shape.name}",
+                shape.kind,
+                shape.position,
+                shape.quaternion,
+                shape.size,
+                shape.color,
+                shape.mesh,
+            )
+            for shape in real
+            if f"{arm}/{shape.body}" in present
+        ]
+    return drawn
+
+
+def _is_covered(shape: DrawnShape, bodies: Collection[str]) -> bool:
+    """Whether a visual mesh replaces the hull of a link; tool shapes have no visual mesh."""
+    return shape.body in bodies and not shape.name.endswith(f"/{TOOL_GEOM}")
+
+
+@lru_cache(maxsize=32)
+def _real_shapes(
+    robot: str, gripper: str | None, locked: tuple[tuple[str, float], ...]
+) -> Sequence[DrawnShape]:
+    """Visual shapes of a robot and its gripper, without the arm's prefix; none if unknown."""
+    if robot not in robot_names() or (gripper is not None and gripper not in gripper_names()):
+        return ()
+    try:
+        mounted = load_robot(robot, locked=dict(locked))
+        if gripper is not None:
+            mounted = with_gripper(mounted, load_gripper(gripper))
+        spec = robot_spec(mounted, visuals=True)
+        if gripper is not None:
+            add_gripper(spec, mounted, load_gripper(gripper), visuals=True)
+        spec.compiler.discardvisual = False
+        model = spec.compile()
+    except (DualArmError, ValueError, OSError):  # no meshes on this machine: hulls are drawn
+        return ()
+    return tuple(_shapes(model, (VISUAL_GROUP,)))
+
+
+def _shapes(model: mujoco.MjModel, groups: Collection[int]) -> Iterator[DrawnShape]:
+    colors = geom_colors(model)
+    for geom in range(model.ngeom):
+        kind = _KINDS.get(mujoco.mjtGeom(int(model.geom_type[geom])))
+        material = int(model.geom_matid[geom])
+        opacity = float(model.geom_rgba[geom, 3] if material < 0 else model.mat_rgba[material, 3])
+        if kind is None or opacity <= 0.0 or model.geom_group[geom] not in groups:
+            continue
+        red, green, blue = colors[geom].tolist()
+        yield DrawnShape(
+            str(model.body(int(model.geom_bodyid[geom])).name),
+            str(model.geom(geom).name),
+            kind,
+            model.geom_pos[geom].copy(),
+            model.geom_quat[geom].copy(),
+            model.geom_size[geom].copy(),
+            (red, green, blue, opacity),
+            _mesh(model, int(model.geom_dataid[geom])) if kind == "mesh" else None,
+        )
+
+
+def _mesh(model: mujoco.MjModel, mesh: int) -> Mesh:
+    first = int(model.mesh_vertadr[mesh])
+    count = int(model.mesh_vertnum[mesh])
+    start = int(model.mesh_faceadr[mesh])
+    faces = int(model.mesh_facenum[mesh])
+    return Mesh(
+        model.mesh_vert[first : first + count].astype(np.float32),
+        model.mesh_face[start : start + faces].astype(np.uint32),
+    )
 
 
 @dataclass(frozen=True)
@@ -608,16 +758,11 @@ def _measured(
 def _grippers(record: Record) -> Iterator[Message]:
     """State and command of each gripper, and the objects that it was assumed to hold."""
     for arm in record.arms:
-        changes = held_over_time(record, arm)
-        held: tuple[str, ...] = ()
-        for index, time in enumerate(record.times.tolist()):
-            while changes and changes[0][0] <= time + 1e-9:
-                held = changes.pop(0)[1]
-            state = record.gripper(arm, index)
-            if state is not None:
-                kind = gripper_kind(record.model(record.moment(index).generation), arm)
-                content = {"time_s": time, "takes_by": kind, **_rounded(state), "held": [*held]}
-                yield Message(f"/{arm}/gripper", "bt_dualarm.Gripper", time, content)
+        for index, state, held in gripper_states(record, arm):
+            time = float(record.times[index])
+            kind = gripper_kind(record.model(record.moment(index).generation), arm)
+            content = {"time_s": time, "takes_by": kind, **_rounded(state), "held": [*held]}
+            yield Message(f"/{arm}/gripper", "bt_dualarm.Gripper", time, content)
 
 
 def _rounded(state: GripperState) -> dict[str, float]:

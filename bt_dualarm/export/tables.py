@@ -12,8 +12,8 @@ from typing import Final
 import mujoco
 
 from bt_dualarm.replay.record import Record
-from bt_dualarm.replay.scene import file_part, held_over_time
-from bt_dualarm.spec.ports import escaped
+from bt_dualarm.replay.timeline import file_part, gripper_states
+from bt_dualarm.spec.node_types import escaped
 
 _FORMULAS: Final = frozenset("=+-@\t\r\n\uff1d\uff0b\uff0d\uff20")
 """First characters of cells that spreadsheets interpret as formulas, with full-width forms."""
@@ -103,15 +103,9 @@ _GRIPPER_COLUMNS: Final = (
 
 def _gripper_rows(record: Record, arm: str) -> Iterator[list[object]]:
     """State and command of a gripper, and the objects that it was assumed to hold."""
-    changes = held_over_time(record, arm)
-    held: tuple[str, ...] = ()
-    for index, time in enumerate(record.times.tolist()):
-        while changes and changes[0][0] <= time + 1e-9:
-            held = changes.pop(0)[1]
-        state = record.gripper(arm, index)
-        if state is not None:
-            numbers = (float(f"{value:.7g}") for value in astuple(state))
-            yield [time, *numbers, " ".join(held)]
+    for index, state, held in gripper_states(record, arm):
+        numbers = (float(f"{value:.7g}") for value in astuple(state))
+        yield [float(record.times[index]), *numbers, " ".join(held)]
 
 
 def _state_columns(record: Record, generation: int) -> list[str]:

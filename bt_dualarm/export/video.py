@@ -20,9 +20,9 @@ from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.replay.record import Facts, Moment, Record, ReplayError
 from bt_dualarm.replay.timeline import Change, Timeline, TimelineNode
 from bt_dualarm.robots.mjspec import OBJECT_GROUP, SCENE_GROUP, TOOL_SITE
+from bt_dualarm.sim.frame import Exposure, Viewpoint, fitted
 from bt_dualarm.sim.painter import ScenePainter, StillRenderer, best_viewpoint
-from bt_dualarm.sim.ray_renderer import RayRenderer
-from bt_dualarm.sim.renderer import Exposure, Viewpoint, fitted
+from bt_dualarm.sim.renderers import RayRenderer
 
 RGB: TypeAlias = tuple[int, int, int]
 

@@ -1,14 +1,15 @@
-"""Grasp candidates on a solid: antipodal pairs for two fingers, flat spots for a suction cup.
+"""Grasp candidates on a solid, and their ranking.
 
 `jaw_grasps` closes a parallel gripper along every antipodal pair, from several directions of
-approach; `cup_grasps` places a cup at both ends of the pairs. Both keep only grasps that hold the
-load, and sort them by force.
+approach; `cup_grasps` places a suction cup at both ends of the pairs, where the surface is flat.
+Both keep only grasps that hold the load, and sort them by force. They are then ranked by force
+margin, clearance from obstacles, and effort of the arm.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import singledispatch
 
@@ -16,15 +17,19 @@ import numpy as np
 
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.grasping.grasp import (
+    Box,
+    Capsule,
     CupMeasures,
+    Cylinder,
     Grasp,
     JawMeasures,
     Load,
+    MeshSolid,
+    Solid,
     pad_contact,
     shaken,
     suction_force,
 )
-from bt_dualarm.grasping.solids import Box, Capsule, Cylinder, MeshSolid, Solid
 
 CLEAR = 0.002
 """Clearance of the palm and of open pads from the object, m."""
@@ -53,12 +58,20 @@ _PITCHES = np.deg2rad([0.0, 30.0, -30.0, 60.0, -60.0])
 _LARGE = 0.02
 """Half length above which pads have room beside the middle of an edge, m."""
 
+SHARES = (0.0, 0.5, -0.5)
+"""Where along a long solid grasps are tried, as shares of half its length."""
+
 _SAMPLES = 48
 """Number of surface points that are sampled on a mesh."""
 
 
 def jaw_grasps(
-    solid: Solid, jaw: JawMeasures, load: Load, friction: float, seed: int = 0
+    solid: Solid,
+    jaw: JawMeasures,
+    load: Load,
+    friction: float,
+    seed: int = 0,
+    shares: Sequence[float] = SHARES,
 ) -> tuple[Grasp, ...]:
     """Grasps of a parallel gripper, least force first.
 
@@ -68,12 +81,13 @@ def jaw_grasps(
         load: Load on the grip.
         friction: Coefficient of friction between the pads and the solid.
         seed: Seed for sampling meshes.
+        shares: Where along a long solid the pads close, as shares of half its length.
     """
     length = float(np.linalg.norm(load.gravity))
     down = load.gravity / length if length > 0.0 else np.array([0.0, 0.0, -1.0])
     lines = np.array([
         np.concatenate((pair.center, pair.axis, pair.around))
-        for pair in antipodal_pairs(solid, down, np.random.default_rng(seed))
+        for pair in antipodal_pairs(solid, down, np.random.default_rng(seed), shares)
     ]).reshape(-1, 9)  # fmt: skip
     rows = _closed(solid, jaw, load, friction, lines)
     found = [grasp for row in rows for grasp in _both_sides(row, jaw)]
@@ -203,6 +217,7 @@ def antipodal_pairs(
     solid: Solid,
     down: Vector,  # noqa: ARG001 - used by the implementations below
     rng: np.random.Generator,  # noqa: ARG001 - as above
+    shares: Sequence[float] = SHARES,  # noqa: ARG001 - as above
 ) -> Iterator[AntipodalPair]:
     """Lines through opposite, parallel parts of a solid's surface, in its own frame.
 
@@ -210,6 +225,7 @@ def antipodal_pairs(
         solid: Solid to grasp.
         down: Unit vector of gravity, of shape (3,): on round solids, level lines come first.
         rng: Generator for sampling meshes.
+        shares: Where along a long solid the lines are, as shares of half its length.
 
     Raises:
         TypeError: The kind of solid is not supported.
@@ -218,29 +234,43 @@ def antipodal_pairs(
 
 
 @antipodal_pairs.register
-def _(solid: Box, down: Vector, rng: np.random.Generator) -> Iterator[AntipodalPair]:  # noqa: ARG001 - as above
+def _(
+    solid: Box,
+    down: Vector,  # noqa: ARG001 - as above
+    rng: np.random.Generator,  # noqa: ARG001 - as above
+    shares: Sequence[float] = SHARES,
+) -> Iterator[AntipodalPair]:
     axes = np.eye(3)
     for i in range(3):
         for j in ((i + 1) % 3, (i + 2) % 3):
-            shares = (0.0, 0.5, -0.5) if solid.half[j] > _LARGE else (0.0,)
-            for share in shares:
+            for share in shares if solid.half[j] > _LARGE else (0.0,):
                 if share or j == (i + 1) % 3:  # the middle only once
                     yield AntipodalPair(share * solid.half[j] * axes[j], axes[i], axes[(i + 1) % 3])
 
 
 @antipodal_pairs.register
-def _(solid: Cylinder, down: Vector, rng: np.random.Generator) -> Iterator[AntipodalPair]:  # noqa: ARG001 - as above
+def _(
+    solid: Cylinder,
+    down: Vector,
+    rng: np.random.Generator,  # noqa: ARG001 - as above
+    shares: Sequence[float] = SHARES,
+) -> Iterator[AntipodalPair]:
     axis = np.array([0.0, 0.0, 1.0])
-    yield from _diameters(axis, down, solid.half_length)
+    yield from _diameters(axis, down, solid.half_length, shares)
     for around in _half_turn(axis, down):
         yield AntipodalPair(np.zeros(3), axis, around)
 
 
 @antipodal_pairs.register
-def _(solid: Capsule, down: Vector, rng: np.random.Generator) -> Iterator[AntipodalPair]:  # noqa: ARG001 - as above
+def _(
+    solid: Capsule,
+    down: Vector,
+    rng: np.random.Generator,  # noqa: ARG001 - as above
+    shares: Sequence[float] = SHARES,
+) -> Iterator[AntipodalPair]:
     if solid.half_length > 0.0:
         axis = np.array([0.0, 0.0, 1.0])
-        yield from _diameters(axis, down, solid.half_length)
+        yield from _diameters(axis, down, solid.half_length, shares)
         yield AntipodalPair(np.zeros(3), axis, square_to(axis, down))
         return
     # A sphere: any line through its center, the vertical one first.
@@ -252,7 +282,12 @@ def _(solid: Capsule, down: Vector, rng: np.random.Generator) -> Iterator[Antipo
 
 
 @antipodal_pairs.register
-def _(solid: MeshSolid, down: Vector, rng: np.random.Generator) -> Iterator[AntipodalPair]:
+def _(
+    solid: MeshSolid,
+    down: Vector,
+    rng: np.random.Generator,
+    shares: Sequence[float] = SHARES,  # noqa: ARG001 - as above
+) -> Iterator[AntipodalPair]:
     """Sampled points with their opposites: I. M. Chen, J. W. Burdick, ICRA 1993."""
     points, normals = solid.sample(_SAMPLES, rng)
     for point, normal in zip(points, normals, strict=True):
@@ -271,9 +306,11 @@ def square_to(axis: Vector, direction: Vector) -> Vector:
     return unit
 
 
-def _diameters(axis: Vector, down: Vector, half_length: float) -> Iterator[AntipodalPair]:
+def _diameters(
+    axis: Vector, down: Vector, half_length: float, shares: Sequence[float]
+) -> Iterator[AntipodalPair]:
     """Lines through an axis of revolution, at its middle and beside it, level ones first."""
-    shares = (0.0, 0.5, -0.5) if half_length > _LARGE else (0.0,)
+    shares = shares if half_length > _LARGE else (0.0,)
     level = np.asarray(np.cross(axis, down), dtype=float)
     for across in _half_turn(axis, level):
         for share in shares:
@@ -286,3 +323,146 @@ def _half_turn(axis: Vector, direction: Vector) -> Iterator[Vector]:
     second = np.cross(axis, first)
     for angle in np.arange(AZIMUTHS) * np.pi / AZIMUTHS:
         yield np.cos(angle) * first + np.sin(angle) * second
+
+
+ENOUGH_ROOM = 0.02
+"""Clearance above which more of it does not improve a grasp, m."""
+
+_ENOUGH_MARGIN = 4.0
+"""Force margin above which more of it does not improve a grasp."""
+
+_TOUCHING = 1e-4
+"""Penetration that counts as rounding, m."""
+
+_AROUND = 8
+"""Number of points of a ring around the palm."""
+
+_POINTS = 4
+"""Number of points along the width of a finger; twice as many along its length."""
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacle:
+    """Obstacle near an object to grasp.
+
+    Attributes:
+        solid: Shape in its own frame.
+        pose: Pose in the world.
+    """
+
+    solid: Solid
+    pose: Pose
+
+
+@dataclass(frozen=True, eq=False)
+class RankedGrasp:
+    """Grasp of an object at its pose in the world.
+
+    Attributes:
+        grasp: Grasp on the object.
+        tool: Pose of the tool in the world.
+        clearance: Smallest distance of the gripper from the obstacles, m.
+        cost: Cost by which grasps are ranked, lowest first.
+    """
+
+    grasp: Grasp
+    tool: Pose
+    clearance: float
+    cost: float
+
+
+def ranked(
+    grasps: Sequence[Grasp],
+    lies: Pose,
+    jaw: JawMeasures | None,
+    obstacles: Sequence[Obstacle],
+    reach: Callable[[Pose], float],
+) -> tuple[RankedGrasp, ...]:
+    """Grasps that are free of collisions and within reach, best first.
+
+    Margin up to four times the load, clearance up to `ENOUGH_ROOM`, and the effort of the arm have
+    equal weights.
+
+    Args:
+        grasps: Grasps on the object.
+        lies: Pose of the object in the world.
+        jaw: Dimensions of a parallel gripper; None for a cup, which needs no clearance beside it.
+        obstacles: Obstacles, without the object itself.
+        reach: Effort of the arm to get to a tool pose in the world, in [0, 1]; infinite if it
+            cannot.
+    """
+    found = []
+    for grasp, room in zip(grasps, _rooms(grasps, lies, jaw, obstacles), strict=True):
+        if room < -_TOUCHING:
+            continue
+        tool = lies @ grasp.tool
+        effort = reach(tool)
+        if math.isinf(effort):
+            continue
+        lacks_margin = 1.0 - min(grasp.margin - 1.0, _ENOUGH_MARGIN - 1.0) / (_ENOUGH_MARGIN - 1.0)
+        lacks_room = 1.0 - min(max(room, 0.0), ENOUGH_ROOM) / ENOUGH_ROOM
+        found.append(RankedGrasp(grasp, tool, room, lacks_margin + lacks_room + effort))
+    return tuple(sorted(found, key=lambda candidate: candidate.cost))
+
+
+def _rooms(
+    grasps: Sequence[Grasp], lies: Pose, jaw: JawMeasures | None, obstacles: Sequence[Obstacle]
+) -> list[float]:
+    """Clearance of palm and fingers, open or closed on the object, from the obstacles, m.
+
+    Of grasps in collision, any value below `-_TOUCHING`.
+    """
+    rooms = np.full(len(grasps), math.inf)
+    if jaw is None or not grasps:
+        return rooms.tolist()
+    from bt_dualarm.grasping.grasp_kernels import lower_clearances
+
+    # In the object's frame, where the grasps are given: only the obstacles need a transform.
+    tools = np.array([(*grasp.tool.position, *grasp.tool.quaternion) for grasp in grasps])
+    widths = np.array([(jaw.widest_opening, grasp.width) for grasp in grasps])
+    points = _moving_points(jaw)
+    for obstacle in obstacles:
+        pose = (lies.inverse @ obstacle.pose).matrix
+        lower_clearances(*obstacle.solid.form, pose, tools, widths, points, -_TOUCHING, rooms)
+    return rooms.tolist()
+
+
+def _moving_points(jaw: JawMeasures) -> Matrix:
+    """Points of the closed gripper, and the direction of each as it opens, of shape (n, 4)."""
+    fingers = finger_points(jaw, 0.0)
+    palm = palm_points(jaw)
+    signs = np.repeat((1.0, -1.0, 0.0), (len(fingers) // 2, len(fingers) // 2, len(palm)))
+    return np.column_stack((np.vstack((fingers, palm)), signs))
+
+
+def finger_points(jaw: JawMeasures, opening: float) -> Matrix:
+    """Points on the surfaces of both fingers in the tool frame, of shape (n, 3), m.
+
+    Args:
+        jaw: Dimensions of the gripper.
+        opening: Distance of the pads, m.
+    """
+    steps = np.linspace(-0.5, 0.5, _POINTS)
+    x = steps * jaw.pad_width
+    y = 0.5 * opening + np.array([0.0, jaw.thickness])
+    z = np.linspace(-jaw.palm, jaw.tip, 2 * _POINTS)
+    finger = np.array(np.meshgrid(x, y, z)).reshape(3, -1).T
+    return np.vstack((finger, finger * np.array([1.0, -1.0, 1.0])))
+
+
+def palm_points(jaw: JawMeasures) -> Matrix:
+    """Points around the palm, on its face and behind it, in the tool frame, of shape (n, 3), m."""
+    angles = np.arange(_AROUND) * 2.0 * np.pi / _AROUND
+    ring = jaw.palm_radius * np.column_stack((np.cos(angles), np.sin(angles)))
+    heights = -jaw.palm - np.array((0.0, 0.5, 1.0)) * jaw.palm_radius
+    return np.array([(x, y, z) for z in heights for x, y in ring])
+
+
+def warm_up_grasping() -> None:
+    """Compile all kernels of grasping, on a cube above a support."""
+    box = Box(np.full(3, 0.02))
+    under = Obstacle(Box(np.full(3, 0.1)), Pose.from_rpy((0, 0, -0.13)))
+    load = Load(0.1, np.array((0.0, 0.0, -9.81)), 8.0, np.zeros(3))
+    jaw = JawMeasures(0.0, 0.085, 0.03, 0.022, 0.056, 0.015, 0.016, 20.0, 235.0, 0.8)
+    ranked(jaw_grasps(box, jaw, load, 0.8), Pose.identity(), jaw, [under], lambda _: 0.0)
+    cup_grasps(box, CupMeasures(0.01, 1e-3, 60.0, 0.5), load)

@@ -12,7 +12,14 @@ import numpy as np
 
 from bt_dualarm.core.kernel import kernel
 from bt_dualarm.core.pose import Matrix, Vector
-from bt_dualarm.grasping.kernel_forms import BOX, CAPSULE, CONVEX, CYLINDER
+
+# Kinds of solids, `Form.kind`.
+BOX: Final = 0
+CYLINDER: Final = 1
+CAPSULE: Final = 2
+CONVEX: Final = 3
+TRIANGLES: Final = 4
+
 
 PRESSED: Final = 3e-4
 """Depth by which a pad yields, m; about that of rubber, and of MuJoCo's contacts."""

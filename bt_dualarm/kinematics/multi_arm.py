@@ -14,15 +14,19 @@ import numpy as np
 
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Pose, Vector
-from bt_dualarm.kinematics.chain import TOOL, Chain, Mechanism, origin, with_tool
 from bt_dualarm.kinematics.solver import (
     EXACT,
     NEAR,
+    TOOL,
+    Chain,
     FrameTask,
+    Mechanism,
     Multistart,
     Tolerance,
     branches,
+    origin,
     target_matrix,
+    with_tool,
 )
 from bt_dualarm.robots.robot import Robot
 
@@ -42,6 +46,20 @@ class ToolTarget:
     arm: str
     pose: Pose
     seen_from: str | None = None
+
+
+def holding(grasps: Mapping[str, Pose], pose: Pose) -> tuple[ToolTarget, ...]:
+    """Targets of arms that hold one object: the first arm's tool in the world, others seen from it.
+
+    Args:
+        grasps: Poses of the tools in the object's frame, by arm.
+        pose: Pose of the object in the world.
+    """
+    (first, grasp), *others = grasps.items()
+    return (
+        ToolTarget(first, pose @ grasp),
+        *(ToolTarget(arm, grasp.inverse @ other, first) for arm, other in others),
+    )
 
 
 class MultiArmKinematics(Mechanism):
@@ -74,6 +92,11 @@ class MultiArmKinematics(Mechanism):
             np.concatenate([each.lower for each in limits]),
             np.concatenate([each.upper for each in limits]),
         )
+
+    @property
+    def parts(self) -> dict[str, slice]:
+        """Columns of each arm's joints where those of all arms are side by side."""
+        return dict(self._slices)
 
     def forward(self, arm: str, q: Mapping[str, Vector]) -> Pose:
         """Pose of an arm's tool in the world."""
@@ -133,13 +156,54 @@ class MultiArmKinematics(Mechanism):
                 return {name: whole[:, part] for name, part in self._slices.items()}
             tried += 1
             longest = max(longest, len(rows))
-        fraction = longest / len(goals)
-        raise Failure(
-            "PATH_BROKEN",
-            f"the arms can follow only {100.0 * fraction:.0f} % of the path together",
-            fraction=fraction,
-            branches=tried,
-        )
+        raise _broken(longest / len(goals), tried)
+
+    def follow_on(
+        self,
+        steps: Sequence[Sequence[ToolTarget]],
+        start: Mapping[str, Vector],
+        tolerance: Tolerance = EXACT,
+        *,
+        max_step: float = 0.2,
+    ) -> dict[str, Matrix]:
+        """Configurations along a path from given ones, which are the first rows.
+
+        Args:
+            steps: Targets of the same tools at each sample; those of the first one are held at
+                ``start``.
+            start: Configurations at the first sample.
+            tolerance: Tolerance of each target at each step.
+            max_step: Movement of a joint between two steps, in rad, that counts as a jump.
+
+        Raises:
+            Failure: ``INVALID_TARGET``; ``PATH_BROKEN`` with the ``fraction`` that was followed.
+        """
+        q = self._joined(start)
+        rows = [q]
+        if len(steps) > 1:
+            keys = [_tasks(step) for step in steps]
+            _require(len(set(keys)) == 1, "the targets of a path must be of one kind")
+            search = self._search(steps[0])
+            goals = [_goals(step) for step in steps[1:]]
+            rows += search.along(search.continuation, goals, q, tolerance, max_step)
+        if len(rows) < len(steps):
+            raise _broken(len(rows) / len(steps), 1)
+        whole = np.array(rows)
+        return {name: whole[:, part] for name, part in self._slices.items()}
+
+    def branches(
+        self,
+        targets: Sequence[ToolTarget],
+        near: Mapping[str, Vector],
+        tolerance: Tolerance = EXACT,
+    ) -> Iterator[dict[str, Vector]]:
+        """Different configurations with all tools on their targets: the nearest ones, then others.
+
+        Raises:
+            Failure: As `solve`.
+        """
+        for q in self._branches(targets, near, tolerance):
+            yield {name: q[part].copy() for name, part in self._slices.items()}
 
     def _branches(
         self, targets: Sequence[ToolTarget], near: Mapping[str, Vector], tolerance: Tolerance
@@ -208,6 +272,15 @@ def _missed(targets: Sequence[ToolTarget], residuals: Sequence[tuple[float, floa
         arm=target.arm,
         residual_m=distance,
         residual_rad=angle,
+    )
+
+
+def _broken(fraction: float, branches: int) -> Failure:
+    return Failure(
+        "PATH_BROKEN",
+        f"the arms can follow only {100.0 * fraction:.0f} % of the path together",
+        fraction=fraction,
+        branches=branches,
     )
 
 

@@ -19,8 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bt_dualarm.core.errors import DualArmError
-from bt_dualarm.sim.frame import Frame, JsonList
-from bt_dualarm.sim.renderer import Image, Region
+from bt_dualarm.sim.frame import Frame, Image, JsonList, Region
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.values import Color
 
@@ -47,7 +46,7 @@ def color_of(thing: ObjectSpec) -> Color:
         try:
             return Color.named(thing.color)
         except ValueError:
-            raise ColorlessError(f"{thing.color} is no color that a camera finds") from None
+            raise ColorlessError(f"{thing.color} is not a color that a camera can find") from None
     hue, saturation, value = colorsys.rgb_to_hsv(*thing.rgba[:3])
     if saturation < _MIN_SATURATION or value < _MIN_VALUE:
         red, green, blue = thing.rgba[:3]
@@ -292,9 +291,9 @@ def coverage(blob: Blob) -> npt.NDArray[np.float32]:
 @cache
 def _kernels() -> ModuleType:
     """The compiled kernels, imported once: an import statement costs as much as a kernel."""
-    from bt_dualarm.perception import image_kernels
+    from bt_dualarm.perception import perception_kernels
 
-    return image_kernels
+    return perception_kernels
 
 
 def warm_up_detection() -> None:

@@ -613,9 +613,9 @@ class EstimatedPlaneLocalizer(Localizer):
 @cache
 def _kernels() -> ModuleType:
     """The compiled kernels, imported once: an import statement costs as much as a kernel."""
-    from bt_dualarm.perception import tracking_kernels
+    from bt_dualarm.perception import perception_kernels
 
-    return tracking_kernels
+    return perception_kernels
 
 
 def warm_up_localization() -> None:

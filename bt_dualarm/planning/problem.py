@@ -25,30 +25,32 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bt_dualarm.collision.checker import FINE, CollisionChecker, interpolated
-from bt_dualarm.collision.swept import UnknownShapeError, is_clear, swept_arm
+from bt_dualarm.collision.swept import (
+    CompiledEdges,
+    Edges,
+    SampledEdges,
+    UnknownShapeError,
+    is_clear,
+    is_path_free,
+    path_length,
+    swept_arm,
+)
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics, refuse_beyond
 from bt_dualarm.kinematics.solver import EXACT, Tolerance
-from bt_dualarm.planning.edges import (
-    CompiledEdges,
-    Edges,
-    SampledEdges,
-    is_path_free,
-    path_length,
-)
-from bt_dualarm.planning.ompl_planner import (
+from bt_dualarm.planning.path_search import (
     DEFAULT_PLANNER,
     ArmChecks,
     Budget,
+    CompiledRRTConnect,
     OmplSearch,
     Planner,
     shortened,
 )
-from bt_dualarm.planning.rrt_connect import CompiledRRTConnect
 from bt_dualarm.robots.robot import JointLimits
+from bt_dualarm.trajectory.path_timing import TimedPath, point_to_point, time_path, timed_path
 from bt_dualarm.trajectory.paths import CartesianPath, corner_curve
-from bt_dualarm.trajectory.point_to_point import TimedPath, point_to_point, time_path, timed_path
 from bt_dualarm.trajectory.trajectory import LONG, Trajectory
 
 _SHORT_CHECKS = 500
@@ -84,6 +86,9 @@ _CUTS = (0.5, 0.3, 0.18, 0.1, 0.05)
 
 _SPACING = 0.02
 """Largest motion of a point of the arm between two samples, m."""
+
+_ELSEWHERE_M = 0.3
+"""Least motion of some part of an arm that moves aside, m."""
 
 _YIELD_SAMPLES = 60
 """Number of random candidates for a configuration out of the way."""
@@ -508,7 +513,8 @@ def yielding_configurations(
 ) -> list[Vector]:
     """Configurations in which the arm is far from other arms' bases, the best one first.
 
-    The targets of the other arms are not known; wherever they go, they reach from their bases.
+    The targets of the other arms are not known; wherever they go, they reach from their bases. The
+    arm is in their way where it is, so it has to be elsewhere: some part of it by `_ELSEWHERE_M`.
 
     Args:
         checker: Collision checker of the arm.
@@ -526,8 +532,13 @@ def yielding_configurations(
     # The wrist hardly affects the distance, but its motion takes time.
     drawn[:, 4:] = checker.present[4:]
     worth: list[tuple[float, Vector]] = []
+    checker.place(checker.present)
+    here = checker.data.geom_xpos[checker.moving]
     for q in (*postures, *drawn):
         if checker.free(q):
+            moved = np.linalg.norm(checker.data.geom_xpos[checker.moving] - here, axis=1)
+            if moved.max() < _ELSEWHERE_M:
+                continue
             turn = float(np.abs(q - checker.present).max())
             worth.append((_distance(checker, others) - _TURN_COST * turn, q))
     worth.sort(key=lambda pair: -pair[0])

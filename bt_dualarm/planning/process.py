@@ -1,7 +1,8 @@
 """Planning in a separate process, so that a search does not hold up the world.
 
-Requests go in through one pipe, motions come back through another; `worker` is the program at the
-other end. Threads would not do: OMPL keeps Python's lock while it searches.
+Requests go in through one pipe, motions come back through another; `serve` is the program at the
+other end. It ends when its parent closes the pipe or dies, even in the middle of a search. Threads
+would not do: OMPL keeps Python's lock while it searches.
 """
 
 from __future__ import annotations
@@ -10,21 +11,26 @@ import itertools
 import os
 import pickle
 import queue
+import signal
 import subprocess
 import sys
 import threading
 import time
 import weakref
+from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from bt_dualarm.core.errors import Failure, Number
-from bt_dualarm.planning.problem import PlanningProblem
+from bt_dualarm.planning.problem import PlanningProblem, motion_around
 from bt_dualarm.trajectory.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
+
 
 LONGEST_S: Final = 120.0
 """Longest wait for an answer, s of wall-clock time; a search without success takes a few."""
@@ -35,7 +41,7 @@ _POLL_S = 0.5
 _DYING_S = 5.0
 """Wall-clock time for a process to end once it has closed its pipe, s."""
 
-_PROGRAM = "from bt_dualarm.planning.worker import serve; serve()"
+_PROGRAM = "from bt_dualarm.planning.process import serve; serve()"
 
 _ROOT = str(Path(__file__).parents[2])
 """Directory of the package that the process is to import: this one."""
@@ -309,3 +315,73 @@ def _end(
     process.kill()
     process.wait()
     answers.close()
+
+
+def serve() -> None:
+    """Solve one problem after the other, until the pipe is closed."""
+    from multiprocessing.connection import Connection
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # for the parent, which then closes the pipe
+    inbox = Inbox(Connection(os.dup(0), writable=False))
+    answers = Connection(os.dup(1), readable=False)
+    os.dup2(2, 1)  # keeps prints of libraries out of the answers
+    for request in inbox:
+        try:
+            answers.send(PlanningAnswer(request.number, _outcome(request, inbox)))
+        except BrokenPipeError:
+            return
+
+
+def _outcome(request: PlanningRequest, inbox: Inbox) -> Trajectory | PlanningRefusal:
+    problem: PlanningProblem = pickle.loads(request.problem or b"")  # noqa: S301 - the run's own
+    try:
+        return motion_around(problem, inbox.is_abandoned)
+    except Failure as failure:
+        return PlanningRefusal(failure.code, failure.reason, dict(failure.numbers))
+    except Exception as error:  # noqa: BLE001 - reported to the parent
+        reason = f"the planner raised {type(error).__name__}: {error}"
+        return PlanningRefusal("NO_PLAN", reason, {"planner": problem.planner})
+
+
+class Inbox:
+    """Problems that have arrived and are still needed.
+
+    Args:
+        connection: Pipe from which they are read.
+    """
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+        self._waiting: deque[PlanningRequest] = deque()
+        self._current: int | None = None
+        self._closed = False
+
+    def __iter__(self) -> Iterator[PlanningRequest]:
+        """Problems in order of arrival, until the pipe is closed."""
+        while True:
+            while not self._waiting and not self._closed:
+                self._take()
+            if self._closed:
+                return
+            request = self._waiting.popleft()
+            self._current = request.number
+            yield request
+
+    def is_abandoned(self) -> bool:
+        """Whether the current problem is no longer needed; polled during a search."""
+        while not self._closed and self._connection.poll():
+            self._take()
+        return self._closed or self._current is None
+
+    def _take(self) -> None:
+        try:
+            request: PlanningRequest = self._connection.recv()
+        except EOFError:
+            self._closed = True
+            return
+        if request.problem is not None:
+            self._waiting.append(request)
+            return
+        self._waiting = deque(kept for kept in self._waiting if kept.number != request.number)
+        if self._current == request.number:
+            self._current = None

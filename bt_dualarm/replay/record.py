@@ -29,7 +29,9 @@ from pydantic import (
 from bt_dualarm.behaviors.report import StatusName
 from bt_dualarm.core.errors import DualArmError, RunError
 from bt_dualarm.core.pose import Vector
-from bt_dualarm.recording.history_file import (
+from bt_dualarm.replay.stored_model import stored_model
+from bt_dualarm.robots.mjspec import joint_motors
+from bt_dualarm.runtime.history_file import (
     MOST_MEMORY,
     Block,
     HistoryError,
@@ -39,13 +41,11 @@ from bt_dualarm.recording.history_file import (
     read_history,
     read_regular,
 )
-from bt_dualarm.recording.stored_model import stored_model
-from bt_dualarm.robots.mjspec import joint_motors
 from bt_dualarm.runtime.options import checked_reality
 from bt_dualarm.runtime.recorder import EVENTS, HISTORY, SUMMARY
-from bt_dualarm.sim.renderer import RendererKind
+from bt_dualarm.sim.frame import RendererKind
 from bt_dualarm.spec.document import LONGEST_NAME, ArmSpec, ObjectSpec
-from bt_dualarm.spec.ports import one_line
+from bt_dualarm.spec.node_types import one_line
 from bt_dualarm.spec.problems import Name
 from bt_dualarm.spec.yaml_reader import MAX_DEPTH, MAX_NODES, with_tuples
 
@@ -635,11 +635,11 @@ class Record:
         """Index of the last state at or before a time; 0 for times before the first state.
 
         Raises:
-            ReplayError: The time is outside of the record.
+            ReplayError: The time is outside the record.
         """
         if not len(self.times) or not -_SLACK_S <= time <= self.until + 1.0:
             raise ReplayError(
-                f"{time:g} s is outside of the record, which goes from 0 to {self.until:.2f} s"
+                f"{time:g} s is outside the record, which goes from 0 to {self.until:.2f} s"
             )
         return max(0, int(np.searchsorted(self.times, time + _SLACK_S, "right")) - 1)
 

@@ -13,19 +13,18 @@ from typing import Any, Final
 import numpy as np
 
 from bt_dualarm.behaviors.report import StatusChange
-from bt_dualarm.recording.history_file import HistoryError, read_regular
 from bt_dualarm.replay.record import Facts, Record, ReplayError
-from bt_dualarm.replay.scene import known_frames
-from bt_dualarm.replay.timeline import Timeline, TimelineNode, node_of
+from bt_dualarm.replay.timeline import Timeline, TimelineNode, known_frames, node_of
 from bt_dualarm.runtime.arm_runtime import IdleObserver
 from bt_dualarm.runtime.file_check import check
 from bt_dualarm.runtime.history import tree_facts
+from bt_dualarm.runtime.history_file import HistoryError, read_regular
+from bt_dualarm.runtime.interruption import StopRequest
 from bt_dualarm.runtime.observations import KnownFrame
 from bt_dualarm.runtime.options import RunOptions, checked_reality
 from bt_dualarm.runtime.outcome import Ending
 from bt_dualarm.runtime.report import processor, versions
 from bt_dualarm.runtime.run import Run
-from bt_dualarm.runtime.signals import StopRequest
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.node_types import NodeSpec
@@ -396,7 +395,7 @@ def check_record(record: Record, registry: Registry, stop: StopRequest | None = 
 
 
 def _undisturbed(record: Record) -> int:
-    """Number of steps until the first intervention from outside of the simulation.
+    """Number of steps until the first intervention from outside the simulation.
 
     A signal or a page halts whole trees; the watchdog, which uses the wall clock, ends a leaf. In
     a repetition, that leaf would continue or block.
@@ -449,7 +448,7 @@ def resumed(
 
     Raises:
         PastChangedError: A step or status differs; the message says which, and why.
-        ReplayError: The time is outside of the record.
+        ReplayError: The time is outside the record.
         DualArmError: The run cannot be prepared.
     """
     timestep = float(record.start["timestep"])

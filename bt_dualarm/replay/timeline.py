@@ -1,15 +1,408 @@
-"""Timeline of a record: its trees with the status changes of every node."""
+"""A record over time: the status changes of its trees, and the world at any moment.
+
+`Timeline` has the trees with the status changes of every node; `Scene` the world at one time:
+poses, contacts, gripper states, images.
+"""
 
 from __future__ import annotations
 
-from collections import Counter
+import io
+import math
+import os
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final, Literal, TypeAlias
 
-from bt_dualarm.replay.record import Facts, Record, ReplayError
-from bt_dualarm.replay.scene import Scene
-from bt_dualarm.spec.problems import suggestion
+import cv2
+import mujoco
+import numpy as np
+import PIL.Image
+
+from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.replay.record import Facts, GripperState, Record, ReplayError, check_picture
+from bt_dualarm.robots.gripper import FINGERS
+from bt_dualarm.robots.mjspec import CUP, PARTS_GROUP, TOOL_SITE, joint_motors
+from bt_dualarm.runtime.history_file import Block, HistoryError, blocks_of
+from bt_dualarm.runtime.observations import KnownFrame
+from bt_dualarm.runtime.recorder import FRAMES
+from bt_dualarm.sim.frame import Image, JsonList, Region, enter_blocks
+from bt_dualarm.spec.problems import is_name, suggestion
+
+GripperKind: TypeAlias = Literal["fingers", "suction"]
+
+
+def joints_of(model: mujoco.MjModel, arm: str, dof: int) -> list[int]:
+    """Ids of an arm's joints, base to tip, without the fingers of its gripper.
+
+    Raises:
+        ReplayError: Their number differs from that of the record.
+    """
+    joints: list[int] = model.actuator_trnid[joint_motors(model, arm), 0].tolist()
+    if len(joints) != dof:
+        raise ReplayError(
+            f"the record has {dof} joints of {arm}, and {len(joints)} in its model: it is damaged"
+        )
+    return joints
+
+
+def finger_joints(model: mujoco.MjModel, arm: str) -> list[int]:
+    """Ids of the two joints of an arm's fingers; empty if it has none."""
+    kind = mujoco.mjtObj.mjOBJ_JOINT
+    found = [mujoco.mj_name2id(model, kind, f"{arm}/{finger}") for finger in FINGERS]
+    return [joint for joint in found if joint >= 0]
+
+
+def gripper_kind(model: mujoco.MjModel, arm: str) -> GripperKind | None:
+    """Kind of an arm's gripper; None without one, or if the arm is not in the model."""
+    if finger_joints(model, arm):
+        return "fingers"
+    cup = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, f"{arm}/{CUP}")
+    return None if cup < 0 else "suction"
+
+
+def held_over_time(record: Record, arm: str) -> list[tuple[float, tuple[str, ...]]]:
+    """Objects that an arm was assumed to hold, by its gripper or a weld, at each change.
+
+    Returns:
+        Simulated time in s and names of the objects, in chronological order; empty if nothing was
+        held, and in records of older versions.
+    """
+    return [
+        (float(note["time_s"]), (*note["gripped"], *note["welded"]))
+        for note in record.notes
+        if note["kind"] == "holds" and note["arm"] == arm
+    ]
+
+
+def gripper_states(record: Record, arm: str) -> Iterator[tuple[int, GripperState, tuple[str, ...]]]:
+    """Yields the states of an arm's gripper: number, state and command, objects assumed held."""
+    changes = held_over_time(record, arm)
+    held: tuple[str, ...] = ()
+    for index, time in enumerate(record.times.tolist()):
+        while changes and changes[0][0] <= time + 1e-9:
+            held = changes.pop(0)[1]
+        state = record.gripper(arm, index)
+        if state is not None:
+            yield index, state, held
+
+
+def file_part(arm: str) -> str:
+    """The name of an arm, safe for use in a file name.
+
+    Raises:
+        ReplayError: No tree file can have an arm of this name: the record was tampered with.
+    """
+    if not is_name(arm):
+        raise ReplayError(f"the record names an arm {arm!r}, which no tree file can: not exported")
+    return arm
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedFrame:
+    """A camera frame stored in a record, as it was exposed.
+
+    Attributes:
+        arm: Name of the camera's arm.
+        time: Simulated time of the exposure in s.
+        stamp: Time in s by the camera's clock.
+        region: Exposed region of the image.
+        stride: Edge in pixels of the blocks that share a sample.
+        size: Width and height of the whole image in pixels.
+        jpeg: The region, one pixel per block, as JPEG.
+    """
+
+    arm: str
+    time: float
+    stamp: float
+    region: Region
+    stride: int
+    size: tuple[int, int]
+    jpeg: bytes
+
+    @property
+    def image(self) -> Image:
+        """RGB image, of shape (height, width, 3), black outside the region."""
+        width, height = self.size
+        image = np.zeros((height, width, 3), np.uint8)
+        part = cv2.imdecode(np.frombuffer(self.jpeg, np.uint8), cv2.IMREAD_COLOR_RGB)
+        if part is not None:
+            enter_blocks(image, self.region, self.stride, np.asarray(part, np.uint8))
+        return image
+
+    @property
+    def whole(self) -> bytes:
+        """The whole image as JPEG."""
+        if self.stride == 1 and self.region == (0, 0, *self.size):
+            return self.jpeg
+        bgr = np.ascontiguousarray(self.image[:, :, ::-1])
+        return bytes(cv2.imencode(".jpg", bgr, (cv2.IMWRITE_JPEG_QUALITY, 92))[1].tobytes())
+
+
+def recorded_frames(record: Record) -> Iterator[RecordedFrame]:
+    """Yields the stored frames in order, up to the end of the complete part of the file.
+
+    Raises:
+        HistoryError: The file exists and is of another kind, or a frame contradicts its facts.
+    """
+    path = record.folder / FRAMES
+    if os.path.lexists(path):
+        for number, block in enumerate(blocks_of(path)):
+            if block.kind == "picture":
+                try:
+                    yield _frame_of(block, record)
+                except ValueError as error:
+                    raise HistoryError(f"{path}: picture {number}: {error}") from error
+
+
+def _frame_of(block: Block, record: Record) -> RecordedFrame:
+    """A frame; the size of its JPEG is checked before decoding, which could take any memory.
+
+    Raises:
+        ValueError: The size differs, or a fact is missing or of a wrong type.
+    """
+    facts: Any = block.data
+    check_picture(facts)
+    if facts["arm"] not in record.arms:
+        raise ValueError(f"there is no arm {facts['arm']!r}")
+    jpeg = block.arrays.get("jpeg")
+    if jpeg is None or jpeg.dtype != np.uint8 or jpeg.ndim != 1:
+        raise ValueError("expected an array of bytes `jpeg`")
+    left, top, right, bottom = facts["region"]
+    stride = facts["stride"]
+    expected = -(-(right - left) // stride), -(-(bottom - top) // stride)
+    try:
+        with PIL.Image.open(io.BytesIO(jpeg.tobytes()), formats=("JPEG",)) as image:
+            size = image.size
+    except (OSError, SyntaxError, ValueError, PIL.Image.DecompressionBombError) as error:
+        raise ValueError(f"its bytes are not a JPEG image: {error}") from error
+    if size != expected:
+        raise ValueError(f"is of {size[0]} by {size[1]} pixels; expected {expected}")
+    width, height = facts["size"]
+    return RecordedFrame(
+        facts["arm"],
+        float(facts["time_s"]),
+        float(facts["stamp"]),
+        (left, top, right, bottom),
+        int(facts["stride"]),
+        (width, height),
+        jpeg.tobytes(),
+    )
+
+
+def known_frames(record: Record, until: float) -> dict[str, dict[float, KnownFrame]]:
+    """Frames captured before a time in s with the findings in them, by arm and stamp.
+
+    A resumed run need not render them. Frames of older records, without a stride, are skipped.
+    """
+    answers: dict[tuple[str, float], dict[str, JsonList]] = defaultdict(dict)
+    for note in record.notes:
+        if note["kind"] == "found":
+            answers[note["arm"], note["stamp"]][note["asked"]] = note["answer"]
+    found: dict[str, dict[float, KnownFrame]] = defaultdict(dict)
+    for note in record.notes:
+        if note["kind"] == "frame" and "stride" in note and note["time_s"] < until:
+            left, top, right, bottom = note["region"]
+            arm = note["arm"]
+            stamp = note["stamp"]
+            found[arm][stamp] = KnownFrame(
+                (left, top, right, bottom), note["stride"], note["crc"], answers[arm, stamp]
+            )
+    return found
+
+
+_MARGIN_M = 1e-3
+"""Relative tolerance by which a ray must end before an object to be blocked by another one."""
+
+
+@dataclass(frozen=True)
+class ContactPoint:
+    """Two bodies in contact.
+
+    Attributes:
+        own: Body of the arm, or the object that it holds.
+        other: The other body.
+        depth_m: Penetration depth in m.
+    """
+
+    own: str
+    other: str
+    depth_m: float
+
+
+@dataclass(frozen=True)
+class CameraSight:
+    """Visibility of an object for a camera.
+
+    Attributes:
+        state: ``seen``, ``hidden`` or ``outside``.
+        hidden_by: Body that hides most of it, or empty.
+        off_axis_deg: Angle between the view axis and the object's center.
+        half_view_deg: Angle between the view axis and the upper edge of the image.
+        distance_m: Distance from the camera in m.
+    """
+
+    state: str
+    hidden_by: str
+    off_axis_deg: float
+    half_view_deg: float
+    distance_m: float
+
+
+class Scene:
+    """The world at one of the recorded times.
+
+    It has the simulator's ground truth, for diagnosis after the run; arms never see it.
+
+    Args:
+        record: The record.
+        time: Simulated time in s; the last state at or before it is used.
+    """
+
+    def __init__(self, record: Record, time: float) -> None:
+        self._record = record
+        moment = record.moment(record.index_at(min(max(time, 0.0), record.until)))
+        self.time = moment.time
+        self.model = record.model(moment.generation)
+        self.data = mujoco.MjData(self.model)
+        self.data.qpos[:] = moment.qpos
+        self.data.qvel[:] = moment.qvel
+        self.data.time = moment.time
+        mujoco.mj_fwdPosition(self.model, self.data)
+        mujoco.mj_camlight(self.model, self.data)
+
+    def has(self, name: str) -> bool:
+        """Whether an object is in the world."""
+        return self._body(name) >= 0
+
+    def position(self, name: str) -> Vector:
+        """Position of an object's center, of shape (3,), m."""
+        found: Vector = self.data.xpos[self._body(name)].copy()
+        return found
+
+    def tool(self, arm: str) -> Vector | None:
+        """Position of an arm's tool, of shape (3,), m; None if it is not in the world."""
+        site = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE, f"{arm}/{TOOL_SITE}")
+        if site < 0:
+            return None
+        found: Vector = self.data.site_xpos[site].copy()
+        return found
+
+    def held(self, arm: str) -> list[str]:
+        """Objects that are welded to an arm."""
+        welds = self.model.eq_type == mujoco.mjtEq.mjEQ_WELD
+        names = []
+        for weld in np.flatnonzero(welds & (self.data.eq_active != 0)):
+            pair = {self._name(int(self.model.eq_obj1id[weld])): 0}
+            pair[self._name(int(self.model.eq_obj2id[weld]))] = 1
+            if any(name.startswith(f"{arm}/") for name in pair):
+                names += [name for name in pair if "/" not in name]
+        return names
+
+    def beside(self, name: str, within: float) -> list[tuple[str, float]]:
+        """Other objects within a distance in m of one, with their distances in m, nearest first."""
+        others = [other for other in self._record.start["objects"] if self.has(other)]
+        own, *geoms = (int(self.model.body_geomadr[self._body(each)]) for each in (name, *others))
+        gaps = (
+            mujoco.mj_geomDistance(self.model, self.data, own, geom, 2.0 * within, None)
+            for geom in geoms
+        )
+        found = [
+            (other, max(float(gap), 0.0))
+            for other, gap in zip(others, gaps, strict=True)
+            if other != name and gap <= within
+        ]
+        return sorted(found, key=lambda pair: pair[1])
+
+    def touches(self, arm: str) -> list[ContactPoint]:
+        """Contacts of the arm and of the objects that it holds."""
+        own = {*self.held(arm)}
+        found = []
+        for contact in self.data.contact[: self.data.ncon]:
+            names = [self._owner(int(geom)) for geom in contact.geom]
+            mine = [name.startswith(f"{arm}/") or name in own for name in names]
+            if mine[0] != mine[1] and contact.dist <= 0.0:
+                first, second = names if mine[0] else reversed(names)
+                found.append(ContactPoint(first, second, float(-contact.dist)))
+        return found
+
+    def near(self, point: Vector, within: float) -> list[str]:
+        """Bodies whose bounding boxes are within a distance in m of a point, nearest first."""
+        in_geom = np.einsum(
+            "gji,gj->gi", self.data.geom_xmat.reshape(-1, 3, 3), point - self.data.geom_xpos
+        )
+        boxes = self.model.geom_aabb
+        distance = np.linalg.norm(
+            np.maximum(np.abs(in_geom - boxes[:, :3]) - boxes[:, 3:], 0.0), axis=1
+        )
+        order = np.argsort(distance)
+        names = (self._owner(int(geom)) for geom in order if distance[geom] <= within)
+        return list(dict.fromkeys(names))
+
+    def sight(self, arm: str, name: str) -> CameraSight | None:
+        """Visibility of an object for the camera of an arm; None if either is missing."""
+        camera = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_CAMERA, f"{arm}/camera")
+        if camera < 0 or not self.has(name):
+            return None
+        eye = self.data.cam_xpos[camera]
+        axes = self.data.cam_xmat[camera].reshape(3, 3)
+        points = self._points(name)
+        seen = (points - eye) @ axes  # x right, y up, z backward
+        depth = -seen[:, 2]
+        half = math.radians(float(self.model.cam_fovy[camera])) / 2.0
+        width, height = self._record.arms[arm]["camera"]["resolution"]
+        wide = math.atan(math.tan(half) * width / height)
+        inside = (depth > 0.0) & (np.abs(seen[:, 0]) < depth * math.tan(wide))
+        inside &= np.abs(seen[:, 1]) < depth * math.tan(half)
+        distance = float(np.linalg.norm(seen[0]))
+        angle = math.degrees(math.acos(max(-1.0, min(1.0, float(depth[0]) / distance))))
+        if not inside.any():
+            return CameraSight("outside", "", angle, math.degrees(half), distance)
+        blockers = [self._blocker(camera, eye, point, name) for point in points[inside]]
+        free = blockers.count("")
+        if 3 * free > len(blockers):
+            return CameraSight("seen", "", angle, math.degrees(half), distance)
+        hiding = [blocker for blocker in blockers if blocker]
+        most = max(hiding, key=hiding.count)
+        return CameraSight("hidden", most, angle, math.degrees(half), distance)
+
+    def _points(self, name: str) -> Matrix:
+        """The center of an object and points near its corners in the world, of shape (9, 3), m."""
+        body = self._body(name)
+        geom = int(self.model.body_geomadr[body])
+        rotation = self.data.geom_xmat[geom].reshape(3, 3)
+        size = self.model.geom_aabb[geom][3:]
+        corners = np.array([(0, 0, 0), *_CORNERS]) * 0.9 * size
+        found: Matrix = self.data.geom_xpos[geom] + corners @ rotation.T
+        return found
+
+    def _blocker(self, camera: int, eye: Vector, point: Vector, name: str) -> str:
+        """Body that a ray from the camera meets before a point of an object; empty if none."""
+        ray = point - eye
+        groups = np.array([group != PARTS_GROUP for group in range(6)], np.uint8)
+        hit = np.full(1, -1, np.int32)
+        own = int(self.model.cam_bodyid[camera])
+        far = mujoco.mj_ray(self.model, self.data, eye, ray, groups, 1, own, hit)
+        if hit[0] < 0 or far > 1.0 + _MARGIN_M:
+            return ""
+        owner = self._owner(int(hit[0]))
+        return "" if owner == name else owner
+
+    def _body(self, name: str) -> int:
+        return int(mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_BODY, name))
+
+    def _name(self, body: int) -> str:
+        return str(mujoco.mj_id2name(self.model, mujoco.mjtObj.mjOBJ_BODY, body) or "")
+
+    def _owner(self, geom: int) -> str:
+        """Name of a geom's body, or of the geom itself if it is fixed to the world."""
+        body = int(self.model.geom_bodyid[geom])
+        if body:
+            return self._name(body)
+        return str(mujoco.mj_id2name(self.model, mujoco.mjtObj.mjOBJ_GEOM, geom) or "the scene")
+
+
+_CORNERS = tuple((x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1))
 
 
 @dataclass(frozen=True)

@@ -16,14 +16,14 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from bt_dualarm.core.pose import Matrix, Pose, Vector
-from bt_dualarm.robots.description_file import (
+from bt_dualarm.robots.meshes import mesh_problems
+from bt_dualarm.robots.robot import (
     DescriptionFile,
     description_path,
     file_below,
     is_description_path,
     shipped_names,
 )
-from bt_dualarm.robots.meshes import mesh_problems
 from bt_dualarm.robots.urdf import (
     Inertial,
     KinematicTree,

@@ -351,7 +351,7 @@ def low_poly_hull(points: Matrix) -> Hull:
     """Simplified convex hull of points, of shape (n, 3), m; its vertices are some of the points.
 
     The hull of the extreme points in evenly spread directions is refined by the farthest point
-    outside of each face, until no point is farther outside than `LOSS_M`.
+    outside each face, until no point is farther outside than `LOSS_M`.
     """
     corners = points[scipy.spatial.ConvexHull(points).vertices]
     chosen = np.unique(np.argmax(corners @ _fibonacci_sphere(_DIRECTIONS).T, axis=0))

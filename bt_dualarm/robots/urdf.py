@@ -556,12 +556,12 @@ def read_urdf(path: Path) -> KinematicTree:
     """Read the names and the topology of a URDF.
 
     Raises:
-        DescriptionError: The file is no URDF; it carries every reason.
+        DescriptionError: The file is not a URDF; the error has every reason.
     """
     reader = AttributeReader()
     robot = read_xml(path)
     if robot.tag != "robot":
-        reader.add(robot, f"is no URDF: its top element is <{robot.tag}>, not <robot>")
+        reader.add(robot, f"is not a URDF: its top element is <{robot.tag}>, not <robot>")
         raise DescriptionError(reader.problems)
     _refuse_templates(robot, reader)
     links = dict(_named(robot, "link", reader))
@@ -582,12 +582,12 @@ def disabled_pairs(path: Path) -> set[frozenset[str]]:
     """Pairs of links whose contacts an SRDF disables.
 
     Raises:
-        DescriptionError: The file is no SRDF.
+        DescriptionError: The file is not an SRDF.
     """
     reader = AttributeReader()
     robot = read_xml(path)
     if robot.tag != "robot":
-        reader.add(robot, f"is no SRDF: its top element is <{robot.tag}>, not <robot>")
+        reader.add(robot, f"is not an SRDF: its top element is <{robot.tag}>, not <robot>")
     found = robot.all("disable_collisions")
     pairs = {frozenset(reader.name(e, end) for end in ("link1", "link2")) for e in found}
     if reader.problems:

@@ -65,7 +65,7 @@ def mesh_finder(urdf: Path, folder: Path, packages: Path) -> MeshFinder:
 def _base(name: str, urdf: Path, packages: Path) -> tuple[Path, str]:
     """The folder that a mesh name refers to, and the rest of the name."""
     if "\0" in name or not name.isprintable() or not name:
-        raise ValueError(f"mesh {name[:80]!r} is no name of a file")
+        raise ValueError(f"mesh {name[:80]!r} is not a file name")
     if name.startswith(PACKAGE):
         package, _, rest = name.removeprefix(PACKAGE).lstrip("/").partition("/")
         return _package(package, urdf, packages), rest
@@ -92,10 +92,10 @@ def _inside(name: str, path: Path, allowed: tuple[Path, ...]) -> Path:
     try:
         path = path.resolve()
     except (OSError, RuntimeError) as error:  # a name that is too long, a loop of symlinks
-        raise ValueError(f"mesh {name[:80]!r} is no name of a file") from error
+        raise ValueError(f"mesh {name[:80]!r} is not a file name") from error
     if not any(path.is_relative_to(folder.resolve()) for folder in allowed):
         raise ValueError(
-            f"mesh {name!r} is outside of {allowed[0]}; meshes must be below the folder of the "
+            f"mesh {name!r} is outside {allowed[0]}; meshes must be below the folder of the "
             "robot's description, or in the package that they name"
         )
     return path

@@ -9,15 +9,15 @@ from typing import TypeAlias
 
 from bt_dualarm.core.errors import RunError
 from bt_dualarm.runtime.file_check import check as check_tree
+from bt_dualarm.runtime.interruption import StopRequest
 from bt_dualarm.runtime.options import RunOptions, checked_folder, checked_reality, find_tree
 from bt_dualarm.runtime.outcome import RunResult
 from bt_dualarm.runtime.run import Run
-from bt_dualarm.runtime.signals import StopRequest
-from bt_dualarm.sim.renderer import RendererKind
+from bt_dualarm.sim.frame import RendererKind
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.skill.skill import Skill
+from bt_dualarm.spec.document import RealitySpec
 from bt_dualarm.spec.problems import Problem
-from bt_dualarm.spec.reality import RealitySpec
 from bt_dualarm.spec.yaml_reader import TreeInput, is_yaml
 
 Tree: TypeAlias = str | os.PathLike[str] | Mapping[str, object]

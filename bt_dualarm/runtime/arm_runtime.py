@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -11,71 +11,22 @@ from time import perf_counter
 from types import MappingProxyType
 from typing import Protocol
 
-from bt_dualarm.behaviors.report import BoundedLog, LeafReport, NodeView, StatusChange, StatusName
-from bt_dualarm.core.errors import RAISED_BY_SKILLS, Number
+from bt_dualarm.behaviors.load import ArmTree
+from bt_dualarm.behaviors.report import (
+    BoundedLog,
+    NodeView,
+    StatusChange,
+)
+from bt_dualarm.control.controller import JointController
+from bt_dualarm.core.errors import RAISED_BY_SKILLS
 from bt_dualarm.core.share import weakly
 from bt_dualarm.runtime.clock import Periodic, exact
 from bt_dualarm.runtime.outcome import STRICT, ArmLife, ArmResult, Leniency, Outcome, SlowTicks
+from bt_dualarm.sim.world import World
 from bt_dualarm.skill.cell import ActiveNode, CellState
 from bt_dualarm.spec.node_types import NodeSpec
-from bt_dualarm.trajectory.limits import SetPoint
 
 _log = logging.getLogger(__name__)
-
-# Protocols of the parts that the runner advances, so that its tests need no simulation.
-
-
-class SteppedWorld(Protocol):
-    """The physics simulation."""
-
-    @property
-    def time(self) -> float:
-        """Simulated time in seconds."""
-
-    @property
-    def timestep(self) -> float:
-        """Seconds of one step."""
-
-    @property
-    def arms(self) -> Mapping[str, object]:
-        """Arms that are present, by name."""
-
-    @property
-    def before_removal(self) -> list[Callable[[str], None]]:
-        """Callbacks that receive the name of an arm that is about to be removed."""
-
-    def step(self) -> None:
-        """Advance by one step.
-
-        Raises:
-            DivergenceError: The state is not finite.
-        """
-
-
-class Controller(Protocol):
-    """One arm's controller."""
-
-    @property
-    def at_rest(self) -> bool:
-        """Whether no motion is commanded any more and the arm is at rest."""
-
-    @property
-    def setpoint(self) -> SetPoint:
-        """The last set-point that was sent."""
-
-    @property
-    def clipped(self) -> int:
-        """Number of set-points clipped so far."""
-
-    @property
-    def guard(self) -> Mapping[str, Number]:
-        """Smallest distances while the arm moved, and interventions of its guard."""
-
-    def update(self, time: float) -> None:
-        """Compute the actuators' commands for the step that begins at ``time``."""
-
-    def stop(self) -> None:
-        """Begin a jerk-limited stop, whatever was commanded."""
 
 
 class CameraLike(Protocol):
@@ -93,44 +44,6 @@ class CameraLike(Protocol):
 
     def deliver(self, time: float) -> object:
         """Deliver the frames whose latency has elapsed to their subscribers."""
-
-
-class Reports(Protocol):
-    """Runs of leaves, in the order in which they began."""
-
-    @property
-    def left_out(self) -> int:
-        """Number of dropped runs of leaves that run many times."""
-
-    def __iter__(self) -> Iterator[LeafReport]:
-        """Iterate over the runs that are kept."""
-
-
-class Tree(Protocol):
-    """One arm's behavior tree."""
-
-    @property
-    def status(self) -> StatusName:
-        """Status of the root."""
-
-    @property
-    def leaves(self) -> Reports:
-        """Every run of every leaf so far."""
-
-    def tick(self) -> object:
-        """Tick the root once."""
-
-    def halt(self) -> None:
-        """Halt all running nodes; does nothing if none runs."""
-
-    def change(self, spec: NodeSpec) -> None:
-        """Replace the tree; unchanged nodes keep running."""
-
-    def view(self) -> NodeView:
-        """Current state for displays."""
-
-    def active(self) -> Iterable[ActiveNode]:
-        """Yields the running nodes without running children."""
 
 
 @dataclass(frozen=True)
@@ -204,8 +117,8 @@ class ArmParts:
     """
 
     robot: str
-    tree: Tree
-    controller: Controller
+    tree: ArmTree
+    controller: JointController
     camera: CameraLike | None
     tick_period: Fraction
     control_period: Fraction
@@ -252,7 +165,7 @@ class ArmRuntime:
         self._control = Periodic(parts.control_period, timestep, held_from)
 
     @property
-    def controller(self) -> Controller:
+    def controller(self) -> JointController:
         """Controller of the arm, to be read only."""
         return self._controller
 
@@ -465,7 +378,7 @@ class Arms:
         self,
         declared: Mapping[str, str],
         equip: Callable[[str], ArmParts],
-        world: SteppedWorld,
+        world: World,
         leniency: Mapping[str, Leniency] = MappingProxyType({}),
         cell: CellState | None = None,
     ) -> None:

@@ -15,19 +15,28 @@ from bt_dualarm.behaviors.language import LANGUAGE
 from bt_dualarm.behaviors.load import load
 from bt_dualarm.core.errors import CatalogError, Failure, OverlapError, WorldError
 from bt_dualarm.core.pose import Vector
-from bt_dualarm.kinematics.inverse_kinematics import Kinematics
-from bt_dualarm.kinematics.workspace import Workspace
-from bt_dualarm.robots.description_file import is_description_path, problems_of
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics, Workspace
 from bt_dualarm.robots.gripper import Gripper, Interval, gripper_names, load_gripper
-from bt_dualarm.robots.mounting import COMES_OFF, stock_joints, with_gripper
-from bt_dualarm.robots.robot import Robot
-from bt_dualarm.robots.robot_description import load_robot, robot_names
+from bt_dualarm.robots.robot import Robot, is_description_path, problems_of
+from bt_dualarm.robots.robot_description import (
+    COMES_OFF,
+    load_robot,
+    robot_names,
+    stock_joints,
+    with_gripper,
+)
 from bt_dualarm.robots.urdf_xml import DescriptionError
 from bt_dualarm.sim.composition import names_in, scene_names, scene_spec
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ArmSpec, TreeFile
-from bt_dualarm.spec.node_types import NodeSpec, NodeType
-from bt_dualarm.spec.ports import is_unknown, metadata_of, models_in, reference_of
+from bt_dualarm.spec.node_types import (
+    NodeSpec,
+    NodeType,
+    is_unknown,
+    metadata_of,
+    models_in,
+    reference_of,
+)
 from bt_dualarm.spec.problems import Location, Problem, SpecError, errors, in_order, suggestion
 from bt_dualarm.spec.values import (
     Goal,

@@ -11,24 +11,24 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from bt_dualarm.core.pose import Vector
-from bt_dualarm.recording.history_file import Block, HistoryWriter, ModelWriter
-from bt_dualarm.robots.description_file import is_description_path
-from bt_dualarm.runtime.arm_runtime import IdleObserver
+from bt_dualarm.control.controller import JointController
+from bt_dualarm.robots.robot import is_description_path
+from bt_dualarm.runtime.arm_runtime import ArmRuntime, IdleObserver
 from bt_dualarm.runtime.clock import Periodic, exact
-from bt_dualarm.runtime.observations import HASH_PERIOD, GuardedArm, Held, TraceEvents
+from bt_dualarm.runtime.history_file import Block, HistoryWriter, ModelWriter
+from bt_dualarm.runtime.observations import HASH_PERIOD, TraceEvents
 from bt_dualarm.runtime.options import RunOptions
 from bt_dualarm.runtime.report import json_ready, processor, versions
+from bt_dualarm.sim.world import World
 from bt_dualarm.skill.skill import Skill
 from bt_dualarm.spec.document import TreeFile
 from bt_dualarm.spec.node_types import NodeSpec
-from bt_dualarm.trajectory.limits import SetPoint
 
 _log = logging.getLogger(__name__)
 
@@ -146,85 +146,6 @@ BLOCK_S: Final = 1
 _KEY_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 
 
-class Hardware(Protocol):
-    """Drives of an arm, as the history reads them."""
-
-    @property
-    def commanded(self) -> Vector:
-        """Torques commanded last, of shape (dof,), N m."""
-
-
-class Command(Protocol):
-    """Last command of a gripper, as the history reads it."""
-
-    @property
-    def width(self) -> float:
-        """Commanded opening, m; for a suction cup 0 turns suction on, any other value off."""
-
-    @property
-    def speed(self) -> float:
-        """Speed of the opening, m/s."""
-
-    @property
-    def force(self) -> float:
-        """Largest force of a pad, or of a cup, N."""
-
-
-class FramedGripper(Protocol):
-    """Gripper, as the history reads it; reading it triggers no sensor noise."""
-
-    @property
-    def width(self) -> float:
-        """Opening by the encoder, m."""
-
-    @property
-    def speed(self) -> float:
-        """Speed of the opening, m/s."""
-
-    @property
-    def force(self) -> float:
-        """Force of a pad, or of a cup, N."""
-
-    @property
-    def vacuum(self) -> float:
-        """Measured fraction of the full vacuum, for a cup."""
-
-    @property
-    def commanded(self) -> Command:
-        """Last command."""
-
-
-class FramedWorld(Protocol):
-    """The world, as the frames of a history read it."""
-
-    model: mujoco.MjModel
-    data: mujoco.MjData
-
-    @property
-    def timestep(self) -> float:
-        """Seconds of one step."""
-
-    @property
-    def generation(self) -> int:
-        """Number that grows when the model is recompiled, which changes the size of the state."""
-
-    @property
-    def hardware(self) -> Mapping[str, Hardware]:
-        """Drives of the arms that are present, by name."""
-
-    @property
-    def grippers(self) -> Mapping[str, FramedGripper]:
-        """Grippers of the arms that are present and have one, by name of the arm."""
-
-
-class FramedController(Protocol):
-    """Controller of an arm, as the frames of a history read it."""
-
-    @property
-    def setpoint(self) -> SetPoint:
-        """The last set-point that was sent."""
-
-
 class Frames:
     """Collects checksums, states and set-points of one compiled model until a block is full.
 
@@ -232,7 +153,7 @@ class Frames:
         world: The world.
     """
 
-    def __init__(self, world: FramedWorld) -> None:
+    def __init__(self, world: World) -> None:
         self._world = world
         self._due = Periodic(FRAME_PERIOD, exact(world.timestep))
         self._per_block = max(1, round(BLOCK_S / world.timestep))
@@ -268,7 +189,7 @@ class Frames:
         self._steps += 1
         return self._due.due(self._steps - 1)
 
-    def keep(self, controllers: Iterable[tuple[str, FramedController]]) -> None:
+    def keep(self, controllers: Iterable[tuple[str, JointController]]) -> None:
         """Keep the state after the last step, and the commands of arms and grippers.
 
         Args:
@@ -323,28 +244,6 @@ _STATES_PER_GUARD_CHECK: Final = 5
 """Kept states from one check of the guards' counts to the next: a tenth of a second."""
 
 
-class HistoryController(FramedController, GuardedArm, Protocol):
-    """Controller of an arm, as the history reads it."""
-
-
-class HistoryArm(Protocol):
-    """Arm that is present, as the history reads it."""
-
-    name: str
-
-    @property
-    def controller(self) -> HistoryController:
-        """Controller of the arm."""
-
-
-class HistoryWorld(FramedWorld, Protocol):
-    """The world, as the history reads it."""
-
-    @property
-    def attachments(self) -> Iterable[Held]:
-        """Objects that arms hold, or are believed to hold."""
-
-
 class History(IdleObserver):
     """Observer that writes a block for each simulated second and for each compiled model.
 
@@ -362,8 +261,8 @@ class History(IdleObserver):
     def __init__(
         self,
         path: Path,
-        world: HistoryWorld,
-        arms: Callable[[], Sequence[HistoryArm]],
+        world: World,
+        arms: Callable[[], Sequence[ArmRuntime]],
         trace: TraceEvents,
         start: Callable[[], Block],
     ) -> None:

@@ -1,29 +1,38 @@
-"""Observations for the record: images, state hash, trace events and frame logs."""
+"""Observations of a run: its event feed, and images, state hash and frame logs for the record.
+
+The event feed has status changes for observers, captured log lines, and journals on disk.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import logging
+import os
+import threading
 import zlib
-from collections.abc import Callable, Iterable, Mapping
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
-from typing import BinaryIO, Final, Protocol
+from typing import BinaryIO, Final
 
 import cv2
 import mujoco
 import numpy as np
 
-from bt_dualarm.behaviors.report import KeyWritten, TraceEvent
-from bt_dualarm.core.errors import Number
+from bt_dualarm.behaviors.report import KeyWritten, StatusChange, TraceEvent
+from bt_dualarm.control.controller import JointController
 from bt_dualarm.core.pose import Matrix, Vector
-from bt_dualarm.recording.history_file import Block, HistoryWriter
-from bt_dualarm.runtime.arm_runtime import IdleObserver
+from bt_dualarm.runtime.arm_runtime import IdleObserver, Observer, RunView
 from bt_dualarm.runtime.clock import Periodic, exact
+from bt_dualarm.runtime.history_file import Block, HistoryWriter
 from bt_dualarm.runtime.report import json_ready
-from bt_dualarm.sim.frame import Frame, FrameFinding, JsonList
-from bt_dualarm.sim.renderer import Region
+from bt_dualarm.sim.frame import Frame, FrameFinding, JsonList, Region
+from bt_dualarm.sim.grippers import Attachment
+from bt_dualarm.sim.world import World
 from bt_dualarm.skill.cell import CellWait
 
 _log = logging.getLogger(__name__)
@@ -99,16 +108,6 @@ LAST_STATES = 250
 """States written if the simulation diverges: half a second at 2 ms a step."""
 
 
-class HashedWorld(Protocol):
-    """The world, as its state is hashed."""
-
-    data: mujoco.MjData
-
-    @property
-    def timestep(self) -> float:
-        """Seconds of one step."""
-
-
 class StateLog(IdleObserver):
     """SHA-256 of time, positions and velocities, and a ring buffer of the last states.
 
@@ -116,7 +115,7 @@ class StateLog(IdleObserver):
         world: The world; the size of its state may change.
     """
 
-    def __init__(self, world: HashedWorld) -> None:
+    def __init__(self, world: World) -> None:
         self._world = world
         self._due = Periodic(HASH_PERIOD, exact(world.timestep))
         self._steps = 0
@@ -170,30 +169,6 @@ class StateLog(IdleObserver):
         np.savez_compressed(file, allow_pickle=False, **columns)
 
 
-class GuardedArm(Protocol):
-    """Arm with a guard that counts its interventions."""
-
-    @property
-    def guard(self) -> Mapping[str, Number]:
-        """Counts and reasons, as in `GuardReport`."""
-
-
-class Held(Protocol):
-    """Object that an arm holds, or is believed to hold."""
-
-    @property
-    def arm(self) -> str:
-        """Name of the arm."""
-
-    @property
-    def object(self) -> str:
-        """Name of the object."""
-
-    @property
-    def by_gripper(self) -> bool:
-        """Whether a gripper holds it; otherwise it is welded to the tool."""
-
-
 class TraceEvents:
     """Buffer of trace events between two frames of a history: ports, keys, frames, guards, ...
 
@@ -211,7 +186,7 @@ class TraceEvents:
         self.clock = clock
         self._events: list[dict[str, object]] = []
         self._guards: dict[str, tuple[object, object]] = {}
-        self._attached: tuple[Held, ...] = ()
+        self._attached: tuple[Attachment, ...] = ()
         self._held: dict[str, tuple[tuple[str, bool], ...]] = {}
         self.readers: list[Callable[[dict[str, object]], object]] = []
         self.frame_readers: list[Callable[[str, Frame], object]] = []
@@ -278,7 +253,7 @@ class TraceEvents:
         """Add the replacement of an arm's tree."""
         self._add_fields("edited", arm, self.clock(), tree=tree)
 
-    def of_guard(self, arm: str, controller: GuardedArm) -> None:
+    def of_guard(self, arm: str, controller: JointController) -> None:
         """Add an event if the guard has slowed or stopped the arm since the last call."""
         guard = controller.guard
         now = guard.get("slowed", 0), guard.get("stopped", 0)
@@ -291,7 +266,7 @@ class TraceEvents:
             "guard", arm, self.clock(), does=action, reason=guard.get("last_reason", "")
         )
 
-    def of_holding(self, held: Iterable[Held]) -> None:
+    def of_holding(self, held: Iterable[Attachment]) -> None:
         """Add an event for each arm whose held objects have changed since the last call."""
         attached = tuple(held)
         if attached == self._attached:
@@ -388,3 +363,173 @@ class FrameLog:
             self.trace.of_frame(self.arm, frame, None if picture is None else picture.crc)
             if self.pictures is not None:
                 self.pictures.add(self.arm, self.trace.clock(), frame)
+
+
+_log = logging.getLogger(__name__)
+
+
+class StatusFeed:
+    """Collects the status changes of a tick and reports them to observers after all trees ticked.
+
+    An observer that raises (a display whose terminal is gone) is dropped: observers cannot affect
+    the arms.
+
+    Args:
+        observers: Observers, notified in this order.
+    """
+
+    def __init__(self, observers: Sequence[Observer] = ()) -> None:
+        self.observers = list(observers)
+        self._changes: list[StatusChange] = []
+
+    def add(self, change: StatusChange) -> None:
+        """Collect a change; called by trees during their ticks."""
+        self._changes.append(change)
+
+    def after_ticks(self, run: RunView) -> None:
+        """Report the changes, then that trees were ticked."""
+        changes = self._changes
+        self._changes = []
+        for observer in tuple(self.observers):
+            try:
+                for change in changes:
+                    observer.on_event(change)
+                observer.after_ticks(run)
+            except Exception as error:  # noqa: BLE001 - see `_drop`
+                self._drop(observer, error)
+
+    def after_step(self, time: float) -> None:
+        """Report a physics step that ended at ``time``, s."""
+        for observer in self.observers:
+            try:
+                observer.after_step(time)
+            except Exception as error:  # noqa: BLE001 - see `_drop`
+                self._drop(observer, error)
+
+    def _drop(self, observer: Observer, error: Exception) -> None:
+        """Remove an observer, so that its error does not end the run."""
+        self.observers = [other for other in self.observers if other is not observer]
+        _log.warning("observer %s was dropped: %r", type(observer).__name__, error)
+
+
+LOGGER: Final = logging.getLogger("bt_dualarm")
+"""Parent of all loggers of the package and of its skills."""
+
+LOGGER.addHandler(logging.NullHandler())  # a library does not print by itself
+
+MOST_LINES: Final = 10_000
+"""Lines buffered until taken; without a record nothing takes them, so the buffer is bounded."""
+
+_active_capture: ContextVar[LogCapture | None] = ContextVar("capture", default=None)
+
+
+class LogCapture(logging.Handler):
+    """Captures log lines, tracebacks included, while its run is advanced.
+
+    Several runs may be open at once, even in several threads: each captures its own lines only.
+    The logger's level is restored when none of them is being advanced.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._lines: deque[str] = deque(maxlen=MOST_LINES)
+
+    def take(self) -> list[str]:
+        """Lines logged since the last call, in order."""
+        lines = list(self._lines)
+        self._lines.clear()
+        return lines
+
+    @contextmanager
+    def during(self) -> Iterator[None]:
+        """Capture what this thread logs in the block."""
+        token = _active_capture.set(self)
+        _log_level.enter()
+        LOGGER.addHandler(self)
+        try:
+            yield
+        finally:
+            LOGGER.removeHandler(self)
+            _log_level.leave()
+            _active_capture.reset(token)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Format and keep a line that belongs to this run."""
+        if _active_capture.get() is self:
+            self._lines.append(self.format(record))
+
+
+class _LogLevel:
+    """Level of the logger: at least INFO while there are captures, otherwise unchanged."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._captures = 0
+        self._level = logging.NOTSET
+
+    def enter(self) -> None:
+        with self._lock:
+            if not self._captures:
+                self._level = LOGGER.level
+                LOGGER.setLevel(min(LOGGER.getEffectiveLevel(), logging.INFO))
+            self._captures += 1
+
+    def leave(self) -> None:
+        with self._lock:
+            self._captures -= 1
+            if not self._captures:
+                LOGGER.setLevel(self._level)
+
+
+_log_level = _LogLevel()
+
+
+class Journal:
+    """Text file that grows line by line; each addition is one system call.
+
+    Its lines survive a run that is killed. A write error does not end the run; `finish` raises it.
+
+    Args:
+        path: The file, created with the first lines.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._file: int | None = None
+        self._failure: OSError | None = None
+
+    def add(self, text: str) -> None:
+        """Append whole lines."""
+        if self._failure is not None or not text:
+            return
+        try:
+            self._write(text.encode())
+        except OSError as error:
+            self._failure = error
+            _log.warning("%s is no longer written during the run: %s", self._path.name, error)
+
+    def finish(self) -> None:
+        """Flush everything to the disk; creates an empty file if there were no lines.
+
+        Raises:
+            OSError: A line could not be written, or the file is gone.
+        """
+        if self._failure is not None:
+            raise self._failure
+        self._write(b"")
+        if self._file is not None:
+            self._path.stat()  # raises if the folder was deleted meanwhile
+            os.fsync(self._file)
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._file is not None:
+            os.close(self._file)
+            self._file = None
+
+    def _write(self, text: bytes) -> None:
+        if self._file is None:
+            flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND
+            self._file = os.open(self._path, flags, 0o644)
+        while text:
+            text = text[os.write(self._file, text) :]

@@ -16,10 +16,10 @@ from pydantic import ValidationError
 
 from bt_dualarm.core.errors import DualArmError, RunError
 from bt_dualarm.core.share import share_dir
-from bt_dualarm.sim.renderer import RendererKind
+from bt_dualarm.sim.frame import RendererKind
+from bt_dualarm.spec.document import REALITY_NAMES, Reality, RealitySpec
 from bt_dualarm.spec.explain import explain
 from bt_dualarm.spec.problems import suggestion
-from bt_dualarm.spec.reality import REALITY_NAMES, Reality, RealitySpec
 
 
 class NoSuchTree(DualArmError):  # noqa: N818 - it reads as a sentence

@@ -1,22 +1,294 @@
-"""Outcomes and results of runs, arms and leaves; attachments of objects; slow ticks."""
+"""Outcomes and results of runs, arms and leaves, with the quantities measured over time.
+
+Results are shown as HTML tables in notebooks. `Series` are measured by skills; `Tracks` are sampled
+paths of tools and objects. Also attachments of objects, and slow ticks.
+"""
 
 from __future__ import annotations
 
+import html
 import logging
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any, Final, Protocol
+from fractions import Fraction
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from bt_dualarm.behaviors.report import BoundedLog, LeafReport, StatusName
 from bt_dualarm.core.errors import Number
-from bt_dualarm.core.pose import Vector
-from bt_dualarm.runtime.notebook import html_table, metrics_text
-from bt_dualarm.runtime.series import Sample, Series
+from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.runtime.clock import Periodic, exact
+from bt_dualarm.sim.world import World
+from bt_dualarm.skill.skill import Samples
 from bt_dualarm.spec.problems import Named
+
+_MOST_METRICS = 6
+"""Metrics that one row shows; the result itself has all of them."""
+
+
+def html_table(caption: str, header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Table of texts as HTML; every text is escaped, none is markup.
+
+    Args:
+        caption: One line above the table.
+        header: Titles of the columns.
+        rows: Texts of the cells, as many in each row as there are titles.
+    """
+    lines = [f"<table><caption>{html.escape(caption)}</caption>"]
+    lines.append(f"<thead>{_row('th', header)}</thead><tbody>")
+    lines += [_row("td", row) for row in rows]
+    lines.append("</tbody></table>")
+    return "\n".join(lines)
+
+
+def metrics_text(metrics: Mapping[str, object]) -> str:
+    """Names and values of the first metrics, to four digits, and how many more there are."""
+    parts = [
+        f"{name} = {value:.4g}" if isinstance(value, float) else f"{name} = {value}"
+        for name, value in metrics.items()
+    ]
+    more = len(parts) - _MOST_METRICS
+    return ", ".join(parts[:_MOST_METRICS]) + (f", and {more} more" if more > 0 else "")
+
+
+def _row(tag: str, cells: Sequence[str]) -> str:
+    # Jupyter aligns cells to the right otherwise, where the indentation of nodes cannot be seen.
+    begin = f'<{tag} style="text-align: left">'
+    texts = "".join(f"{begin}{html.escape(cell)}</{tag}>" for cell in cells)
+    return f"<tr>{texts}</tr>"
+
+
+MOST_SAMPLES = 1 << 15
+"""Largest number of samples kept per series: two minutes at 250 Hz."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Series:
+    """One quantity of one leaf over time; beyond 32,768 samples it is thinned by powers of two.
+
+    Attributes:
+        arm: Name of the arm.
+        leaf: Path of the leaf in its tree.
+        name: ``planned``, ``executed``, ``target``, ... for positions; a scalar's name ends with
+            its unit (``error_m``, ``offset_px``). If a leaf has a scalar whose name begins with
+            ``error``, plots show no other distance.
+        time: Simulated seconds, of shape (n,).
+        values: Positions in the world in meters, of shape (n, 3); or scalars, of shape (n, 1).
+    """
+
+    arm: str
+    leaf: str
+    name: str
+    time: Vector
+    values: Matrix
+
+    @property
+    def is_position(self) -> bool:
+        """Whether the values are positions in the world rather than scalars."""
+        return int(self.values.shape[1]) == 3
+
+    def __repr__(self) -> str:
+        return f"<Series {self.arm}:{self.leaf} {self.name}, {len(self.time)} samples>"
+
+
+class SeriesLog:
+    """All series of a run, in the order of their first samples."""
+
+    def __init__(self) -> None:
+        self._series: dict[tuple[str, str, str], _Samples] = {}
+
+    def add(
+        self, arm: str, leaf: str, name: str, time: npt.ArrayLike, values: npt.ArrayLike
+    ) -> None:
+        """Add one sample or n samples to a series, which is created with its first sample.
+
+        Args:
+            arm: Name of the arm.
+            leaf: Path of the leaf in its tree.
+            name: Name of the series, as in `Series`.
+            time: Simulated seconds, a number or of shape (n,).
+            values: A number or a point of shape (3,); or of shape (n,) or (n, 3).
+
+        Raises:
+            SkillError: The shapes do not match, or the times do not follow the earlier samples.
+        """
+        samples = Samples.of(name, time, values)
+        if len(samples.time):
+            key = (arm, leaf, name)
+            series = self._series.get(key) or _Samples(name)
+            series.add(samples)
+            self._series[key] = series  # only now, so that every series has a sample
+
+    def __iter__(self) -> Iterator[Series]:
+        for key, samples in self._series.items():
+            yield Series(*key, *samples.arrays())
+
+    def of(self, arm: str) -> dict[str, dict[str, Series]]:
+        """Series of one arm, by leaf and by name."""
+        found: dict[str, dict[str, Series]] = {}
+        for series in self:
+            if series.arm == arm:
+                found.setdefault(series.leaf, {})[series.name] = series
+        return found
+
+
+class _Samples:
+    """Growing samples of a series, thinned when they become too many.
+
+    Args:
+        name: Name of the series.
+    """
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._rows = np.empty((0, 0))
+        self._kept = 0
+        self._seen = 0
+        self._stride = 1
+        self._last = 0.0
+
+    def add(self, samples: Samples) -> None:
+        """Add samples.
+
+        Raises:
+            SkillError: The samples do not match the earlier ones.
+        """
+        if self._seen:
+            samples.refuse_after(self._name, self._last, self._rows.shape[1] - 1)
+        self._last = float(samples.time[-1])
+        rows = np.column_stack((samples.time, samples.values))
+        first = -self._seen % self._stride
+        self._seen += len(rows)
+        self._append(rows[first :: self._stride])
+
+    def arrays(self) -> tuple[Vector, Matrix]:
+        rows = self._rows[: self._kept]
+        return rows[:, 0].copy(), rows[:, 1:].copy()
+
+    def _append(self, rows: Matrix) -> None:
+        needed = self._kept + len(rows)
+        if needed > len(self._rows):
+            grown = np.empty((max(needed, 2 * len(self._rows)), rows.shape[1]))
+            if self._kept:
+                grown[: self._kept] = self._rows[: self._kept]
+            self._rows = grown
+        self._rows[self._kept : needed] = rows
+        self._kept = needed
+        while self._kept > MOST_SAMPLES:
+            self._rows = self._rows[: self._kept : 2].copy()
+            self._kept = len(self._rows)
+            self._stride *= 2
+
+
+SAMPLE_PERIOD = Fraction(1, 100)
+"""Seconds between two samples."""
+
+MOST_POINTS = 1 << 17
+"""Largest number of positions kept for plots: four minutes of eight objects."""
+
+_FEWEST = 4
+"""Smallest number of positions that a sample counts as, because samples also have a fixed cost."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """Positions of all tools and objects at one time.
+
+    Attributes:
+        time: Simulated time in seconds.
+        names: ``tool_<arm>`` and ``object_<name>`` of the arms and objects that are present.
+        points: Their positions in the world, of shape (n, 3), m.
+    """
+
+    time: float
+    names: tuple[str, ...]
+    points: Matrix
+
+    def point(self, name: str) -> Vector | None:
+        """Position of one tool or object, of shape (3,), m; None if it was not in the world."""
+        return self.points[self.names.index(name)] if name in self.names else None
+
+
+class Tracks:
+    """World positions of tools and objects at 100 Hz of simulated time, thinned for plots.
+
+    Its memory is bounded: in a long run it keeps every second sample, then every fourth, and so on.
+
+    Args:
+        world: The world, in which arms and objects may appear and disappear.
+
+    Attributes:
+        bases: Base positions of all arms so far in the world, each of shape (3,), m.
+    """
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._due = Periodic(SAMPLE_PERIOD, exact(world.timestep))
+        self._steps = 0
+        self._bound_to = -1
+        self._names: tuple[str, ...] = ()
+        self._sites: list[int] = []
+        self._bodies: list[int] = []
+        self._kept: list[Sample] = []
+        self._seen = 0
+        self._stride = 1
+        self.bases: dict[str, Vector] = {}
+
+    def after_step(self) -> Sample | None:
+        """Take a sample if one is due."""
+        due = self._due.due(self._steps)
+        self._steps += 1
+        if not due:
+            return None
+        if self._bound_to != self._world.generation:
+            self._bind()
+        data = self._world.data
+        points = np.concatenate([data.site_xpos[self._sites], data.xpos[self._bodies]])
+        # After a step, MuJoCo's Cartesian positions are those of the start of the step.
+        sample = Sample(self._world.time - self._world.timestep, self._names, points)
+        self._keep(sample)
+        return sample
+
+    @property
+    def time(self) -> Vector:
+        """Simulated seconds of the samples that are kept, of shape (n,)."""
+        return np.array([sample.time for sample in self._kept])
+
+    def positions(self) -> dict[str, Matrix]:
+        """Positions in the world, each of shape (n, 3), m, NaN while an object was not present.
+
+        Keys are ``tool_<arm>`` and ``object_<name>``, in the order of first appearance.
+        """
+        found: dict[str, Matrix] = {}
+        for row, sample in enumerate(self._kept):
+            for name, point in zip(sample.names, sample.points, strict=True):
+                if name not in found:
+                    found[name] = np.full((len(self._kept), 3), np.nan)
+                found[name][row] = point
+        return found
+
+    def _keep(self, sample: Sample) -> None:
+        if self._seen % self._stride == 0:
+            self._kept.append(sample)
+        self._seen += 1
+        if len(self._kept) * max(len(sample.names), _FEWEST) > MOST_POINTS:
+            self._kept = self._kept[::2]
+            self._stride *= 2
+
+    def _bind(self) -> None:
+        world = self._world
+        self._bound_to = world.generation
+        self._sites = [body.tool_site for body in world.arms.values()]
+        self.bases |= {name: body.base.position for name, body in world.arms.items()}
+        self._bodies = [world.object_body(name) for name in world.objects]
+        self._names = (
+            *(f"tool_{name}" for name in world.arms),
+            *(f"object_{name}" for name in world.objects),
+        )
+
 
 _log = logging.getLogger(__name__)
 
@@ -43,6 +315,7 @@ class Ending(StrEnum):
     STOPPED = "a stop was requested"
     CLOSED = "the run was closed early"
     DIVERGED = "the simulation diverged"
+    INVARIANT = "an invariant was violated"
     OVERRUN = "skill code did not return in time"
     ERROR = "an internal error"
 
@@ -92,30 +365,6 @@ def combined(outcomes: Sequence[Outcome]) -> Outcome:
     if cut_short or Outcome.SUCCESS not in outcomes:
         return Outcome.UNFINISHED
     return Outcome.SUCCESS
-
-
-class Attached(Protocol):
-    """A current attachment of an object to an arm, as the world reports it."""
-
-    @property
-    def arm(self) -> str:
-        """Name of the arm."""
-
-    @property
-    def object(self) -> str:
-        """Name of the object."""
-
-    @property
-    def since(self) -> float:
-        """Simulated time in seconds at which it was attached."""
-
-
-class HoldingWorld(Protocol):
-    """The world, as the attachments are read."""
-
-    @property
-    def attachments(self) -> Iterable[Attached]:
-        """All current attachments."""
 
 
 MOST_HOLDINGS = 1000
@@ -177,7 +426,7 @@ class Holdings:
         world: World with the current attachments.
     """
 
-    def __init__(self, world: HoldingWorld) -> None:
+    def __init__(self, world: World) -> None:
         self._world = world
         self._kept: BoundedLog[Holding] = BoundedLog(MOST_HOLDINGS)
         self._held: dict[tuple[str, str, float], _Lift] = {}
@@ -363,6 +612,19 @@ class ArmResult:
         return f"<ArmResult {self.name} ({self.robot}): {self.outcome}, {len(self.leaves)} leaves>"
 
 
+@dataclass(frozen=True)
+class GoalResult:
+    """Whether a goal of the file was met in the true world at the end of a run.
+
+    Attributes:
+        met: Whether it was met.
+        reason: Sentence on what was not met, else empty.
+    """
+
+    met: bool
+    reason: str = ""
+
+
 @dataclass(frozen=True, repr=False)
 class RunResult:
     """Result of the whole run.
@@ -381,6 +643,7 @@ class RunResult:
             differ from the ideal, as below ``reality`` in a file.
         state_sha256: Hash of the states of the simulation, in hexadecimal: equal for bitwise equal
             runs.
+        goals: Result of each goal of the file, by name; empty if it declares none.
     """
 
     ending: Ending
@@ -394,6 +657,17 @@ class RunResult:
     renderer: str | None = None
     reality: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
     state_sha256: str = ""
+    goals: Mapping[str, GoalResult] = field(default_factory=dict)
+
+    @property
+    def goals_met(self) -> bool:
+        """Whether every goal of the file was met."""
+        return all(goal.met for goal in self.goals.values())
+
+    @property
+    def is_false_success(self) -> bool:
+        """Whether the trees report SUCCESS, but a goal was not met."""
+        return self.outcome is Outcome.SUCCESS and not self.goals_met
 
     @property
     def outcome(self) -> Outcome:

@@ -17,11 +17,10 @@ from matplotlib.figure import Figure
 
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.core.share import write_atomically
-from bt_dualarm.runtime.outcome import Holding, Holdings, RunResult
-from bt_dualarm.runtime.series import Series, Tracks
-from bt_dualarm.runtime.signals import StopRequest
+from bt_dualarm.runtime.interruption import StopRequest
+from bt_dualarm.runtime.outcome import Holding, Holdings, RunResult, Series, Tracks
+from bt_dualarm.sim.frame import Viewpoint
 from bt_dualarm.sim.painter import StillRenderer, best_viewpoint
-from bt_dualarm.sim.renderer import Viewpoint
 
 REFERENCES = ("planned", "target")
 """Names of reference series: drawn in black and dashed, errors are measured from them."""

@@ -12,7 +12,7 @@ import stat
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import BinaryIO, Final, Protocol, TypeAlias
+from typing import BinaryIO, Final, TypeAlias
 
 import numpy as np
 
@@ -20,23 +20,27 @@ from bt_dualarm.behaviors.report import StatusChange
 from bt_dualarm.core.errors import DualArmError
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.core.share import leftovers, write_atomically, write_text
-from bt_dualarm.recording.history_file import (
+from bt_dualarm.runtime.arm_runtime import IdleObserver, RunView
+from bt_dualarm.runtime.history import History
+from bt_dualarm.runtime.history_file import (
     HistoryError,
     ReadBudget,
     file_kind,
     parsed,
     read_regular,
 )
-from bt_dualarm.runtime.arm_runtime import IdleObserver, RunView
-from bt_dualarm.runtime.events import Journal
-from bt_dualarm.runtime.history import History
-from bt_dualarm.runtime.observations import HashedWorld, StateLog
-from bt_dualarm.runtime.outcome import Ending, Holdings, HoldingWorld, RunResult
+from bt_dualarm.runtime.interruption import StopRequest
+from bt_dualarm.runtime.observations import Journal, StateLog
+from bt_dualarm.runtime.outcome import (
+    Ending,
+    Holdings,
+    RunResult,
+    Sample,
+    Tracks,
+)
 from bt_dualarm.runtime.report import json_ready, summary_of
-from bt_dualarm.runtime.series import Sample, SampledWorld, Tracks
-from bt_dualarm.runtime.signals import StopRequest
 from bt_dualarm.sim.painter import StillRenderer
-from bt_dualarm.sim.renderer import RenderableWorld
+from bt_dualarm.sim.world import World
 
 _log = logging.getLogger(__name__)
 
@@ -369,10 +373,6 @@ WriteFile: TypeAlias = Callable[[Path], object]
 """Writes one file atomically."""
 
 
-class RecordedWorld(SampledWorld, HashedWorld, HoldingWorld, RenderableWorld, Protocol):
-    """The world as the recorder reads it."""
-
-
 class Recorder(IdleObserver):
     """Observer that writes events, log and samples during the run, the other files at its end.
 
@@ -391,7 +391,7 @@ class Recorder(IdleObserver):
     def __init__(
         self,
         folder: Path,
-        world: RecordedWorld,
+        world: World,
         states: StateLog,
         log: Callable[[], Sequence[str]],
         history: History | None = None,

@@ -162,6 +162,10 @@ class Report:
         for arm in self.result.arms.values():
             yield Text("  ").append_text(self._arm(arm))
             yield from _entries(arm, options.max_width - len(_INDENT))
+        for name, goal in self.result.goals.items():
+            sign = self.symbols.status["SUCCESS" if goal.met else "FAILURE"]
+            line = Text(f"  {sign} goal {name}", style=STYLES["SUCCESS" if goal.met else "FAILURE"])
+            yield line.append(f"  {goal.reason or 'met'}", style="default")
         if self.folder is not None:
             yield Text.assemble(("record: ", "dim"), str(self.folder), (_PENDING, "dim"))
 
@@ -396,6 +400,8 @@ def summary_of(
         "renderer": result.renderer,
         "attachments": attachments,
         "attachments_left_out": attachments_left_out,
+        "goals": {name: vars(goal) for name, goal in result.goals.items()},
+        "false_success": result.is_false_success,
         "arms": {arm.name: _arm(arm) for arm in result.arms.values()},
     }
     return {name: json_ready(value) for name, value in summary.items()}

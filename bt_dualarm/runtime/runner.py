@@ -8,12 +8,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from bt_dualarm.core.errors import RAISED_BY_SKILLS, DivergenceError, Overrun
-from bt_dualarm.runtime.arm_runtime import Arms, ArmView, SteppedWorld
+from bt_dualarm.runtime.arm_runtime import Arms, ArmView
 from bt_dualarm.runtime.clock import Pacer, Unpaced
-from bt_dualarm.runtime.events import StatusFeed
+from bt_dualarm.runtime.interruption import StopRequest, Watchdog
+from bt_dualarm.runtime.observations import StatusFeed
 from bt_dualarm.runtime.outcome import Ending, RunResult
-from bt_dualarm.runtime.signals import StopRequest
-from bt_dualarm.runtime.watchdog import Watchdog
+from bt_dualarm.sim.world import World
 
 _log = logging.getLogger(__name__)
 
@@ -44,6 +44,7 @@ class Conditions:
         stop: Request to end, checked before every step.
         pacer: Limits the rate of simulated time.
         watchdog: Limits the wall-clock time of skill code.
+        violation: Sentence on a violated invariant, empty while there is none.
     """
 
     limit: Limit
@@ -51,6 +52,7 @@ class Conditions:
     stop: StopRequest = field(default_factory=StopRequest)
     pacer: Pacer = field(default_factory=Unpaced)
     watchdog: Watchdog = field(default_factory=lambda: Watchdog(None, StopRequest()))
+    violation: Callable[[], str] = str
 
 
 class Runner:
@@ -69,9 +71,7 @@ class Runner:
         conditions: Limit, clock, stop request, pacer, watchdog.
     """
 
-    def __init__(
-        self, world: SteppedWorld, arms: Arms, feed: StatusFeed, conditions: Conditions
-    ) -> None:
+    def __init__(self, world: World, arms: Arms, feed: StatusFeed, conditions: Conditions) -> None:
         self._world = world
         self._arms = arms
         self._feed = feed
@@ -142,6 +142,8 @@ class Runner:
     def _reason_to_end(self) -> Ending | None:
         if self._watchdog.overrun and not self._conditions.stop.asked:
             return Ending.OVERRUN
+        if self._conditions.violation():
+            return Ending.INVARIANT
         if self._arms.ended:
             return Ending.FINISHED
         if self._conditions.stop.asked:
@@ -172,7 +174,9 @@ class Runner:
             wall_time_s=self._wall_s,
             arms=self._arms.results(),
             at_rest=at_rest,
-            error="; ".join(filter(None, (self._watchdog.overrun, self._error))),
+            error="; ".join(
+                filter(None, (self._watchdog.overrun, self._error, self._conditions.violation()))
+            ),
         )
 
     def _verdict(self) -> Ending:

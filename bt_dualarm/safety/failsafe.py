@@ -22,7 +22,7 @@ import numpy as np
 from bt_dualarm.collision.distance import HORIZON, ArmDistance, BoundingSpheres, Gap, apart
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.sim.world import World
-from bt_dualarm.trajectory.limits import SetPoint, displacement_bound, limit_rows
+from bt_dualarm.trajectory.set_points import SetPoint, displacement_bound, limit_rows
 
 SAMPLE_S = 0.032
 """Time between two measured distances, s; halved where the bound in between is not clear.
@@ -58,7 +58,7 @@ class FailSafeCheck:
         self._arm = arm
         self._period = period
         self._reservations = reservations
-        from bt_dualarm.safety.region_kernels import longest_free_time
+        from bt_dualarm.trajectory.trajectory_kernels import longest_free_time
 
         self._longest_free_time = longest_free_time
         self._limits = limit_rows(world.robots[arm].limits)
@@ -438,7 +438,7 @@ def _meters(gap: Gap) -> float:
 
 def warm_up_reservations() -> None:
     """Compile the kernel of reservations."""
-    from bt_dualarm.safety.region_kernels import longest_free_time
+    from bt_dualarm.trajectory.trajectory_kernels import longest_free_time
 
     one = np.ones(1)
     table = np.ones((5, 1))

@@ -22,19 +22,31 @@ from dataclasses import dataclass
 import numpy as np
 
 from bt_dualarm.collision.checker import CollisionChecker, Contact, LinkContacts
-from bt_dualarm.collision.distance import BoundingSpheres, Clearance, Gap, apart
+from bt_dualarm.collision.distance import (
+    HANDS_APART_M,
+    BoundingSpheres,
+    Clearance,
+    Gap,
+    apart,
+)
 from bt_dualarm.core.errors import BlockedFailure, Failure, Number
 from bt_dualarm.core.pose import Matrix, Vector
-from bt_dualarm.kinematics.chain import Posture
+from bt_dualarm.kinematics.solver import Posture
 from bt_dualarm.robots.robot import JointLimits
 from bt_dualarm.safety.failsafe import FailSafeCheck, Reservations
 from bt_dualarm.sim.world import World
-from bt_dualarm.trajectory.limits import SetPoint, SetPointSource
-from bt_dualarm.trajectory.point_to_point import stop
-from bt_dualarm.trajectory.sources import ScaledPiece, StreamSource, TrajectorySource, sampled_at
+from bt_dualarm.trajectory.path_timing import stop
+from bt_dualarm.trajectory.set_points import (
+    ScaledPiece,
+    SetPoint,
+    SetPointSource,
+    StreamSource,
+    TrajectorySource,
+    sampled_at,
+)
 from bt_dualarm.trajectory.trajectory import Trajectory
 
-CLEAR_M = 0.03
+CLEAR_M = HANDS_APART_M
 """Separation that an arm keeps from others, m; less if its motion began nearer to them."""
 
 FLOOR_M = 0.012
@@ -49,6 +61,9 @@ SLOW = ((0.05, 1.0), (0.025, 0.6), (0.0, 0.3))
 
 NEAR = "another arm is near"
 """Reason for slowing down because of another arm."""
+
+PACED = "another arm is to keep up"
+"""Reason for slowing down because another arm follows, or moves in step."""
 
 LOOK_S = 0.02
 """Time between two checks near another arm, s."""
@@ -146,6 +161,8 @@ class ArmGuard:
             self._look_around(motion, time)
         if self._trajectory is None or time < self._next_check:
             return None
+        if isinstance(motion, TrajectorySource) and motion.waits:
+            return None
         wait, refusal = self._trajectory.advance(sent, self._scale, self._reason, time)
         self._next_check = time + wait - 1e-9  # against rounding of the time
         return refusal
@@ -240,7 +257,9 @@ class ArmGuard:
                 reason = NEAR
             if motion.change_scale(scale) and scale < 1.0:
                 self.report.slow(reason)
-        elif isinstance(motion, TrajectorySource) and motion.goal_scale != self._scale:
+        elif isinstance(motion, TrajectorySource) and motion.goal_scale != min(
+            self._scale, motion.most_scale
+        ):
             self._next_check = time
 
     def _posture_scale(self, motion: SetPointSource) -> tuple[float, str]:
@@ -314,16 +333,23 @@ class TrajectoryGuard:
         """
         # Cheapest first: where no other arm can be met, no braking trajectory is needed.
         free = self._rule.reserve_free_motion(sent, time, (PIECE_S, 0.5 * PIECE_S, LOOK_S))
-        if free > 0.0 and self._change_to(scale, reason):
-            return free, None
+        if free > 0.0:
+            paced = self._motion.paced(scale, time)
+            if self._change_to(paced, reason if paced == scale else PACED):
+                return free, None
         self._rule.see(sent, time)
         wait = PIECE_S if self._rule.time_scale == 1.0 else LOOK_S
         if self._rule.time_scale < scale:
             scale = self._rule.time_scale
             reason = NEAR
+        paced = self._motion.paced(scale, time)
+        if paced < scale:
+            scale = paced
+            reason = PACED
         refusal = self._take_next_piece(wait, scale, reason, time)
         if refusal is None:
             return wait, None
+        self._motion.note_advance(0.0, time)
         return LOOK_S, self._hold(sent, refusal, time)
 
     def _change_to(self, scale: float, reason: str) -> bool:

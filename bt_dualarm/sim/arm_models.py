@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import TypeAlias
+from dataclasses import dataclass, replace
+from typing import Final, TypeAlias
 
 import mujoco
 import numpy as np
@@ -18,8 +18,10 @@ import numpy.typing as npt
 from bt_dualarm.core.pose import Matrix, Pose, Vector, camera_pose
 from bt_dualarm.robots.mjspec import TOOL_SITE
 from bt_dualarm.robots.robot import JointFriction, Robot
-from bt_dualarm.spec.document import ObjectSpec
-from bt_dualarm.spec.reality import LinkErrors, PayloadErrors, RealityErrors
+from bt_dualarm.spec.document import LinkErrors, ObjectSpec, PayloadErrors, RealityErrors
+
+BORNE_GYRATION_M: Final = 0.05
+"""Radius of gyration of the share of a load that an arm bears together with others, m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +37,9 @@ class NominalLoad:
         mass_declared: Whether the mass is the declared one; otherwise the arm estimates it.
         mass_doubt: Standard deviation of an estimated mass, kg.
         center_doubt: Standard deviation of an estimated center of mass along an axis, m.
+        share: Share of the mass that this arm bears, from 0 to 1.
+        alone: Whether no other arm holds the object; otherwise the torques of this arm do not tell
+            its mass.
     """
 
     object: str
@@ -45,11 +50,32 @@ class NominalLoad:
     mass_declared: bool = True
     mass_doubt: float = 0.0
     center_doubt: float = 0.0
+    share: float = 1.0
+    alone: bool = True
+
+    @property
+    def borne(self) -> float | None:
+        """Mass in kg that this arm bears, None if it is unknown."""
+        return None if self.mass is None else self.share * self.mass
 
     @classmethod
     def of(cls, name: str, thing: ObjectSpec, pose: Pose, *, known: bool = True) -> NominalLoad:
         """Load of a declared object of uniform density, whose mass the arm may know or not."""
         gyration = inertia_per_mass(thing)
+        if not known:
+            return cls(name, None, None, pose, gyration, mass_declared=False)
+        return cls(name, thing.mass, thing.mass * gyration, pose, gyration)
+
+    @classmethod
+    def borne_with_others(
+        cls, name: str, thing: ObjectSpec, pose: Pose, *, known: bool = True
+    ) -> NominalLoad:
+        """Load of an object that several arms bear: a compact body at the arm's grasp.
+
+        With the inertia of a long object, the arm would answer an error with torques that turn
+        the whole object, although the other arms hold its other end.
+        """
+        gyration = np.full(3, BORNE_GYRATION_M**2)
         if not known:
             return cls(name, None, None, pose, gyration, mass_declared=False)
         return cls(name, thing.mass, thing.mass * gyration, pose, gyration)
@@ -128,7 +154,13 @@ class NominalArm:
     def hold(self, loads: Iterable[NominalLoad]) -> None:
         """Set the loads that the arm holds; estimates of loads that it still holds are kept."""
         estimated = {load.object: load for load in self.loads if not load.mass_declared}
-        self.loads = tuple(estimated.get(load.object, load) for load in loads)
+        held = []
+        for load in loads:
+            known = estimated.get(load.object, load)
+            if (known.share, known.alone) != (load.share, load.alone):
+                known = replace(known, share=load.share, alone=load.alone)
+            held.append(known)
+        self.loads = tuple(held)
 
     def update_load(self, load: NominalLoad) -> None:
         """Replace a held load by a new estimate of it."""

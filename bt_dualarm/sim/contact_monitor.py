@@ -92,6 +92,8 @@ class Contacts:
         foreign = (owners[:, 0] != owners[:, 1]) & (owners.max(axis=1) != _NO_ARM)
         foreign &= data.contact.dist <= 0.0  # a cup's lip has contacts across its gap
         foreign &= (holders[:, 0] != owners[:, 1]) & (holders[:, 1] != owners[:, 0])
+        for index, geom in self._others_hold:  # of an object that several arms hold
+            foreign &= ~((owners == index).any(axis=1) & (geoms == geom).any(axis=1))
         found = []
         force = np.empty(6)
         for i in np.flatnonzero(foreign).tolist():
@@ -115,8 +117,13 @@ class Contacts:
         self._holder = np.full(world.model.ngeom, _NO_ARM - 1)
         for index, body in enumerate(world.arms.values()):
             self._owner[list(body.geom_ids)] = index
+        self._others_hold: list[tuple[int, int]] = []
         for held in world.attachments:
-            self._holder[world.object_geom(held.object)] = self._arms.index(held.arm)
+            geom = world.object_geom(held.object)
+            if self._holder[geom] >= 0:
+                self._others_hold.append((self._arms.index(held.arm), geom))
+            else:
+                self._holder[geom] = self._arms.index(held.arm)
 
 
 def warm_up_contacts() -> None:

@@ -1,7 +1,7 @@
 """Compiled kernels of one physics step: encoders, drives, friction, grippers, contacts.
 
 Each call serves the joints of all arms, whose constants and states are rows of arrays (see
-`kernel_columns`): a call from Python costs more than the arithmetic for one joint.
+`kernel_arrays`): a call from Python costs more than the arithmetic for one joint.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from bt_dualarm.core.kernel import kernel
 from bt_dualarm.core.pose import Matrix, Vector
-from bt_dualarm.sim.kernel_columns import (
+from bt_dualarm.sim.kernel_arrays import (
     COMMANDED,
     COMMANDED_FORCE,
     COMMANDED_SPEED,
@@ -75,7 +75,7 @@ def read_joints(
         where: Row, and addresses of position and velocity in the plant, of each joint, (k, 3).
         q: Positions of the plant, of shape (nq,), rad.
         v: Velocities of the plant, of shape (nv,), rad/s.
-        encoders: Constants of the encoders, see `kernel_columns`.
+        encoders: Constants of the encoders, see `kernel_arrays`.
         counts: Windows and numbers of earlier readings, see there; changed.
         noise: Batch of noise, of shape (l, n), rad.
         row: Row of it for this reading.
@@ -122,7 +122,7 @@ def apply_torques(
         where: Row, and address of the motor in the plant, of each joint, of shape (k, 2).
         sent: Ring buffer of commands of the last steps, of shape (m, n), N m.
         newest: Row of it for the current step.
-        drives: Constants and state of the drives, see `kernel_columns`; changed.
+        drives: Constants and state of the drives, see `kernel_arrays`; changed.
         motors: Controls of the plant, of shape (nu,); changed.
     """
     count = len(sent)
@@ -146,7 +146,7 @@ def command_torques(torque: Vector, drives: Matrix) -> None:
 
     Args:
         torque: Commanded torques, of shape (dof,), N m.
-        drives: Constants and state of the drives of these joints, see `kernel_columns`; changed.
+        drives: Constants and state of the drives of these joints, see `kernel_arrays`; changed.
     """
     for i in range(len(torque)):
         commanded = torque[i]
@@ -164,7 +164,7 @@ def apply_friction(
 
     Args:
         where: Row, and address of the velocity in the plant, of each joint, of shape (k, 2).
-        friction: Constants of the joints, see `kernel_columns`.
+        friction: Constants of the joints, see `kernel_arrays`.
         v: Velocities of the plant, of shape (nv,), rad/s.
         dry: Dry friction of the plant (``dof_frictionloss``), of shape (nv,), N m; changed.
         damping: Damping of the plant (``dof_damping``), of shape (nv,), N m s/rad; changed.
@@ -201,7 +201,7 @@ def drive_fingers(q: Vector, v: Vector, drive: Vector, step: float, motor: Vecto
     Args:
         q: Positions of both fingers, of shape (2,), m.
         v: Their speeds, of shape (2,), m/s.
-        drive: Constants, command and state of the drive, see `kernel_columns`; changed.
+        drive: Constants, command and state of the drive, see `kernel_arrays`; changed.
         step: Seconds of a physics step.
         motor: Control of the plant, the force on each finger, of shape (1,), N; changed.
     """

@@ -22,7 +22,7 @@ import numpy.typing as npt
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.robots.robot import JointFriction
 from bt_dualarm.sim.arm_models import SampledArm, random_stream
-from bt_dualarm.sim.kernel_columns import (
+from bt_dualarm.sim.kernel_arrays import (
     COMMANDED,
     COULOMB,
     COUNT,
@@ -48,7 +48,7 @@ from bt_dualarm.sim.kernel_columns import (
     WHOLE,
     WINDOW,
 )
-from bt_dualarm.spec.reality import DriveErrors, EncoderErrors, RealityErrors
+from bt_dualarm.spec.document import DriveErrors, EncoderErrors, RealityErrors
 
 # Indices of an arm's joints
 
@@ -337,7 +337,7 @@ class Drives:
         self._new: set[str] = set()
 
     def of(self, name: str) -> Matrix:
-        """Rows of an arm's drives, by which kernels command them; see `kernel_columns`."""
+        """Rows of an arm's drives, through which kernels command them; see `kernel_arrays`."""
         return self._drives[self._parts[name]]
 
     def is_ideal(self, name: str) -> bool:
@@ -475,7 +475,7 @@ class ArmHardware:
 
     Attributes:
         commanded: Torques that were commanded last, of shape (dof,), N m.
-        drives: Rows of the arm's drives, by which kernels command them (see `kernel_columns`);
+        drives: Rows of the arm's drives, by which kernels command them (see `kernel_arrays`);
             call `note_command` afterwards.
     """
 

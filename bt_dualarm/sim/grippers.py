@@ -1,16 +1,17 @@
-"""Simulated grippers: drives, sensors, suction, and the motion of held objects.
+"""Simulated grippers: drives, sensors, suction, and the objects that arms hold.
 
 `GripperHardware` is the interface of a gripper to its controller. The fingers hold objects by
 friction, a cup by MuJoCo's adhesion; `move_held_objects` corrects an integration error of objects
-that rotate with the palm.
+that rotate with the palm. `Attachments` has which objects the arms hold, by a weld or by the
+gripper.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from types import ModuleType
 from typing import Final
@@ -18,11 +19,13 @@ from typing import Final
 import mujoco
 import numpy as np
 
-from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.core.pose import Matrix, Pose, Vector
+from bt_dualarm.core.share import weakly
 from bt_dualarm.robots.gripper import FINGERS, PALM, Cup, Gripper, Tactile
 from bt_dualarm.robots.mjspec import CUP, PAD, PAD_FORCE
 from bt_dualarm.robots.mjspec import DRIVE as DRIVE_NAME
-from bt_dualarm.sim.kernel_columns import (
+from bt_dualarm.sim import composition
+from bt_dualarm.sim.kernel_arrays import (
     COMMANDED_FORCE,
     COMMANDED_WIDTH,
     DAMPING,
@@ -33,7 +36,7 @@ from bt_dualarm.sim.kernel_columns import (
     REFERENCE,
     STIFFNESS,
 )
-from bt_dualarm.spec.reality import RealityErrors
+from bt_dualarm.spec.document import RealityErrors
 
 # Suction cups
 
@@ -513,3 +516,220 @@ def warm_up_held_objects() -> None:
     for rows in (poses, poses[1:]):
         kernels().store_poses(np.zeros((1, 3)), np.zeros((1, 4)), 0, 0, rows)
     kernels().move_with_palm(pose, poses, np.zeros((6, 1)), np.zeros(1), 0.002)
+
+
+@dataclass(frozen=True, eq=False)
+class Attachment:
+    """An object held by an arm.
+
+    Attributes:
+        relative: Pose of the object in the arm's tool link when it was attached, by the arm's
+            encoders, and by vision if the object was seen.
+        since: Simulated time in seconds.
+        was_seen: Whether that pose is estimated from vision, and not the true one.
+        by_gripper: Whether a gripper holds the object instead of a weld: it is then only assumed
+            to be held.
+        most_force: Largest force of each pad, or of a cup, that the object withstands, N.
+        lay: Estimated pose in the world at which the gripper picked the object.
+        mass_declared: Whether the arm may use the declared mass; it may not for an object that it
+            picked without its name.
+        share: Share of the object's weight that the arm's model bears, from 0 to 1; less than 1
+            only while another arm holds the object, too.
+        borne_at: Where the arm's model bears its share, in the object's frame; None for the center
+            of mass.
+    """
+
+    arm: str
+    object: str
+    relative: Pose
+    since: float
+    was_seen: bool = False
+    by_gripper: bool = False
+    most_force: float = math.inf
+    mass_declared: bool = True
+    lay: Pose | None = None
+    share: float = 1.0
+    borne_at: Pose | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of the weld in the model."""
+        return f"{self.arm}+{self.object}"
+
+
+@dataclass(frozen=True)
+class SharedGrasp:
+    """Consent of an arm and a partner that both may hold one object at the same time.
+
+    The partner's hand may then touch the object, and both hands may come nearer to each other than
+    arms otherwise do.
+
+    Attributes:
+        partner: Name of the other arm.
+        object: Name of the object.
+        hands_m: Distance that the hands keep from each other, m.
+    """
+
+    partner: str
+    object: str
+    hands_m: float
+
+
+class Attachments:
+    """The attachments of a world, each with its weld in the world's MjSpec.
+
+    Two arms may hold one object. Each then has an attachment of its own, with its share of the
+    weight; the object stays held when one of them lets go.
+
+    Args:
+        spec: MjSpec of the world.
+        recompile: Method of the world that compiles a changed spec.
+        rebind: Method of the world that updates what depends on attachments, without compiling.
+        reload: Method of the world that updates only the loads of an arm's model.
+    """
+
+    def __init__(
+        self,
+        spec: mujoco.MjSpec,
+        recompile: Callable[[], None],
+        rebind: Callable[[], None],
+        reload: Callable[[str], None],
+    ) -> None:
+        self._spec = spec
+        self._recompile = weakly(recompile)
+        self._rebind = weakly(rebind)
+        self._reload = weakly(reload)
+        self._held: dict[tuple[str, str], Attachment] = {}
+        self._consents: dict[tuple[str, str, str], float] = {}
+
+    def __iter__(self) -> Iterator[Attachment]:
+        return iter(self._held.values())
+
+    def __len__(self) -> int:
+        return len(self._held)
+
+    def attached_to(self, arm: str) -> tuple[str, ...]:
+        """Objects that the arm holds, in the order in which they were attached."""
+        return tuple(a.object for a in self._held.values() if a.arm == arm)
+
+    def find(self, arm: str, thing: str) -> Attachment | None:
+        """The attachment of this pair, if there is one."""
+        return self._held.get((arm, thing))
+
+    def holders(self, thing: str) -> tuple[str, ...]:
+        """Names of the arms that hold an object, in the order in which they took it."""
+        return tuple(a.arm for a in self._held.values() if a.object == thing)
+
+    def gripped_by(self, arm: str) -> tuple[Attachment, ...]:
+        """Objects that the gripper is assumed to hold, in the order of picking."""
+        return tuple(a for a in self._held.values() if a.arm == arm and a.by_gripper)
+
+    def attach(
+        self, new: Attachment, link: str, relative: Pose, tips: Sequence[str] = ()
+    ) -> Attachment:
+        """Weld an object to an arm's link; does nothing if it is held already.
+
+        Args:
+            new: The attachment.
+            link: Name of the arm's tool link.
+            relative: True pose of the object in that link.
+            tips: Names of the fingers that hold it, whose contacts with it are ignored.
+
+        Returns:
+            The attachment of this arm and object, new or not.
+        """
+        held = self._held.get((new.arm, new.object))
+        if held is not None:
+            return held
+        composition.add_weld(self._spec, new.name, link, new.object, relative, tips)
+        self._held[new.arm, new.object] = new
+        self._recompile()
+        return new
+
+    def hold(self, new: Attachment) -> None:
+        """Assume that a gripper holds an object; replaces an earlier assumption about the pair.
+
+        An object that is welded to the arm stays welded.
+        """
+        held = self._held.get((new.arm, new.object))
+        if held is not None and not held.by_gripper:
+            return
+        self._held[new.arm, new.object] = new
+        self._rebind()
+
+    def detach(self, arm: str, thing: str) -> bool:
+        """Release an object; returns whether it was held."""
+        held = self._held.pop((arm, thing), None)
+        if held is None:
+            return False
+        left = self.holders(thing)
+        if len(left) == 1:  # nobody else bears a share any more
+            self._held[left[0], thing] = replace(
+                self._held[left[0], thing], share=1.0, borne_at=None
+            )
+        if held.by_gripper:
+            self._rebind()
+        else:
+            composition.remove_weld(self._spec, held.name)
+            self._recompile()
+        return True
+
+    def bear(self, arm: str, thing: str, share: float, at: Pose | None = None) -> None:
+        """Set the share of an object's weight that an arm's model bears.
+
+        Does nothing if the arm does not hold the object.
+
+        Args:
+            arm: Name of the arm.
+            thing: Name of the object.
+            share: Share, from 0 to 1.
+            at: Where it bears its share, in the object's frame; by default at the center of mass.
+        """
+        held = self._held.get((arm, thing))
+        if held is not None and (held.share != share or held.borne_at is not at):
+            self._held[arm, thing] = replace(held, share=share, borne_at=at)
+            self._reload(arm)
+
+    def consent(self, arm: str, partner: str, thing: str, hands_m: float) -> None:
+        """Let a partner hold an object together with an arm, once the partner consents as well.
+
+        To be revoked by `dissent`, whatever ends the reason for it.
+
+        Args:
+            arm: Name of the arm.
+            partner: Name of the other arm.
+            thing: Name of the object.
+            hands_m: Distance that the hands keep from each other, m.
+        """
+        self._consents[arm, partner, thing] = hands_m
+        if (partner, arm, thing) in self._consents:
+            self._rebind()
+
+    def dissent(self, arm: str, partner: str, thing: str) -> None:
+        """Revoke a consent; no effect if there is none."""
+        revoked = self._consents.pop((arm, partner, thing), None)
+        if revoked is not None and (partner, arm, thing) in self._consents:
+            self._rebind()
+
+    def shared_grasps(self, arm: str) -> tuple[SharedGrasp, ...]:
+        """Objects that others may hold together with an arm: both sides have consented."""
+        return tuple(
+            SharedGrasp(partner, thing, max(hands_m, self._consents[partner, arm, thing]))
+            for (one, partner, thing), hands_m in self._consents.items()
+            if one == arm and (partner, arm, thing) in self._consents
+        )
+
+    def forget(self, name: str) -> None:
+        """Remove every attachment of an arm or object that leaves the world, without compiling."""
+        for key, held in list(self._held.items()):
+            if name in key:
+                if not held.by_gripper:
+                    composition.remove_weld(self._spec, held.name)
+                del self._held[key]
+        for consent in [one for one in self._consents if name in one]:
+            del self._consents[consent]
+        for key, held in list(self._held.items()):
+            if held.share < 1.0 and len(self.holders(held.object)) == 1:
+                # Nobody else bears the rest any more. It is still modeled at the grasp: a long
+                # object may lie on something; torques that turn all of it would shake the arm.
+                self._held[key] = replace(held, share=1.0)

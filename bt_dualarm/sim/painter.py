@@ -21,9 +21,9 @@ import numpy.typing as npt
 
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.robots.mjspec import LOOP_GROUPS, OBJECT_GROUP, SCENE_GROUP
-from bt_dualarm.sim.ray_kernel_arrays import Fan, Hits
-from bt_dualarm.sim.ray_renderer import RayScene, Shading, fan_of
-from bt_dualarm.sim.renderer import Image, RenderableWorld, Viewpoint, fitted
+from bt_dualarm.sim.frame import Image, RenderableWorld, Viewpoint, fitted
+from bt_dualarm.sim.kernel_arrays import Fan, Hits
+from bt_dualarm.sim.renderers import RayScene, Shading, fan_of
 
 # Shadows
 

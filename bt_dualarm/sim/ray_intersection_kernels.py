@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from bt_dualarm.core.kernel import kernel
 from bt_dualarm.core.pose import Matrix, Vector
-from bt_dualarm.sim.ray_kernel_arrays import CAPSULE, CYLINDER, PLANE, SPHERE, Fan, Marks, Shapes
+from bt_dualarm.sim.kernel_arrays import CAPSULE, CYLINDER, PLANE, SPHERE, Fan, Marks, Shapes
 
 # Planes through the eye
 #

@@ -10,10 +10,11 @@ step are decided by the names of the arms.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
+from bt_dualarm.arm.traffic import BlockedArm, Traffic
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.spec.cell import CellSpec
 from bt_dualarm.spec.yaml_reader import Data
@@ -51,7 +52,8 @@ class CellWait:
         arm: Arm whose tree waits.
         path: Path of the node.
         since: Simulated time in seconds at which it began to wait.
-        target: What it waits at or for: ``rendezvous handover``, ``signal ready``, ``zone bin``.
+        target: What it waits at or for: ``rendezvous handover``, ``signal ready``, ``zone bin``;
+            ``path`` if other arms are in the way of a motion.
         has_timeout: Whether it ends by itself.
         failure: Failure that ends it, None if there is none.
         seen: Number of values of a signal that it has looked at.
@@ -84,6 +86,79 @@ class Request(CellWait):
     granted_s: float | None = None
 
 
+class JointAction:
+    """Leaves of several arms that act together, and what they tell one another.
+
+    What a leaf tells becomes visible to the others in their next tick, so that the order in which
+    trees are ticked does not matter.
+
+    Args:
+        members: Names of the arms.
+
+    Attributes:
+        changes: Number of steps in which something was told, or an arm has left.
+    """
+
+    def __init__(self, members: Sequence[str]) -> None:
+        self.members = tuple(members)
+        self._told: dict[str, dict[str, Any]] = {arm: {} for arm in members}
+        self._new: list[tuple[str, dict[str, Any]]] = []
+        self._left: dict[str, str] = {}
+        self.changes = 0
+
+    def tell(self, arm: str, facts: Mapping[str, Any]) -> None:  # Any: facts of the skills
+        """Tell the others facts by name; visible from their next tick on."""
+        self._new.append((arm, dict(facts)))
+
+    def told(self, arm: str) -> Mapping[str, Any]:  # Any: as in `tell`
+        """Returns what an arm has told so far, by name, as far as that is visible."""
+        return self._told[arm]
+
+    @property
+    def left(self) -> Mapping[str, str]:
+        """Why each arm that takes part no longer has left, as a clause: ``was halted``."""
+        return self._left
+
+    def commit(self, left: Mapping[str, str]) -> None:
+        """Make visible what was told in this step, and which arms have left in it."""
+        self.changes += bool(self._new or left)
+        for arm, facts in self._new:
+            self._told[arm].update(facts)
+        self._new.clear()
+        for arm, why in left.items():
+            self._left.setdefault(arm, why)
+
+
+@dataclass(eq=False)
+class Appointment(CellWait):
+    """One arm's part in a joint action: at first a wait for the other members.
+
+    Attributes:
+        members: Names of all arms of the action.
+        action: The action, None until all members have come.
+        awaited: Members that it waits for during the action; none while it acts itself.
+        makes_way: Whether it moves aside, while it waits, for members whose path it blocks.
+    """
+
+    members: tuple[str, ...] = ()
+    action: JointAction | None = None
+    awaited: tuple[str, ...] = ()
+    makes_way: bool = False
+
+
+@dataclass(eq=False)
+class Obstruction(CellWait):
+    """A motion that waits for other arms to leave its path.
+
+    Which arms are in its way is known from its last try; ``confirmed_by`` is the number of the try
+    that decides whether they still are when nothing else can go on.
+    """
+
+    blockers: frozenset[str] = frozenset()
+    tries: int = 0
+    confirmed_by: int | None = None
+
+
 @dataclass
 class _Signal:
     """Values of one signal; ``count`` is the number of values written so far."""
@@ -107,6 +182,14 @@ def waiting_sentence(target: str, others: Sequence[str], since: float) -> str:
         return f"waits at '{name}' for {listed or 'the next tick'} since {since:.2f} s"
     if kind == "signal":
         return f"waits for signal '{name}' of {listed} since {since:.2f} s"
+    if kind == "motion":
+        return f"waits for the next motion of {listed} since {since:.2f} s"
+    if kind == "tool":
+        return f"follows the tool of {listed} since {since:.2f} s"
+    if kind == "joint":
+        return f"waits for {listed or 'the next tick'} in {name} since {since:.2f} s"
+    if kind == "path":
+        return f"waits for {listed} to leave its path since {since:.2f} s" if others else ""
     held = f", claimed by {listed}," if others else ""
     return f"waits for {target}{held} since {since:.2f} s"
 
@@ -117,23 +200,32 @@ class CellState:
     Args:
         spec: Declarations of the file.
         clock: Simulated time in seconds.
+        traffic: Arms that others are in the way of; none if left out.
 
     Attributes:
         on_wait: Receiver of every new wait, and of those that depend on other arms than before.
     """
 
-    def __init__(self, spec: CellSpec, clock: Callable[[], float]) -> None:
+    def __init__(
+        self, spec: CellSpec, clock: Callable[[], float], traffic: Traffic | None = None
+    ) -> None:
         self.spec = spec
         self.clock = clock
+        self.traffic = traffic or Traffic(clock)
+        self._obstructed: dict[str, Obstruction] = {}
+        self._in_step: dict[str, CellWait] = {}
         self.on_wait: Callable[[CellWait], object] = lambda _: None
         self._signals = {name: _Signal(signal.initial) for name, signal in spec.signals.items()}
         self._written: list[tuple[str, str, Data]] = []
         self._attending: dict[str, list[Attendance]] = {name: [] for name in spec.rendezvous}
         self._left: dict[str, list[tuple[str, str]]] = {}
+        self._appointments: list[Appointment] = []
+        self._parted: list[tuple[Appointment, str]] = []
         self._requests: list[Request] = []
         self._asked: list[Request] = []
         self._waits: dict[tuple[str, str], CellWait] = {}
         self._gone: dict[str, str] = {}
+        self._ended: frozenset[str] = frozenset()
         self._is_changed = False
 
     # What nodes do in a tick
@@ -191,11 +283,55 @@ class CellState:
                 requests.remove(request)
         self._is_changed = True
 
+    def join(self, arm: str, path: str, label: str, members: Sequence[str]) -> Appointment:
+        """Come to a joint action, which begins when all members have come to it.
+
+        Args:
+            arm: Name of the arm.
+            path: Path of the node in its tree.
+            label: Name of the action for people, the same for all members: ``the handover of 'cube'
+                from arm1 to arm2``.
+            members: Names of all arms of the action, in the same order for all of them.
+        """
+        one = Appointment(arm, path, self.clock(), f"joint {label}", has_timeout=False)
+        one.members = tuple(members)
+        self._appointments.append(one)
+        self._begin(one)
+        return one
+
+    def await_members(self, one: Appointment, awaited: Sequence[str]) -> None:
+        """Note for which members an arm waits during a joint action; for none while it acts."""
+        if one.action is not None:
+            self.looked(one, one.action.changes)
+        if one.awaited == tuple(awaited):
+            return
+        one.awaited = tuple(awaited)
+        if awaited:
+            one.since = self.clock()
+            self._begin(one)
+        else:
+            self.end(one)
+
+    def part(self, one: Appointment, why: str) -> None:
+        """Leave a joint action, begun or not; the other members learn why in their next tick."""
+        self.end(one)
+        self._parted.append((one, why))
+
     def await_signal(self, arm: str, path: str, name: str, *, has_timeout: bool) -> CellWait:
         """Begin to wait for a signal."""
         wait = CellWait(arm, path, self.clock(), f"signal {name}", has_timeout)
         self._begin(wait)
         return wait
+
+    def follow(self, arm: str, path: str, leader: str, *, has_timeout: bool) -> CellWait:
+        """Begin to depend on another arm whose tool is followed, until `end`."""
+        wait = CellWait(arm, path, self.clock(), f"tool {leader}", has_timeout)
+        self._begin(wait)
+        return wait
+
+    def has_ended(self, arm: str) -> bool:
+        """Whether the tree of an arm has ended, or the arm was removed, as far as visible."""
+        return arm in self._ended
 
     def looked(self, wait: CellWait, count: int) -> None:
         """Note that a wait has looked at the first ``count`` values of its signal."""
@@ -229,8 +365,14 @@ class CellState:
             self._commit_values()
         if self._left or self._is_changed:
             self._commit_meetings()
+        if self._appointments:
+            self._commit_appointments()
         if self._asked or (self._is_changed and self._requests):
             self._commit_claims()
+        self._note_obstructions(self.traffic.blocked)
+        if self.traffic.waiting_motions or self._in_step:
+            self.traffic.start_motions()
+            self._note_waiting_motions()
         if self._is_changed and self._waits:
             for wait in self.waits():
                 others = self.waited_for(wait)
@@ -238,6 +380,7 @@ class CellState:
                     wait.others = others
                     self.on_wait(wait)
             self._find_deadlock(trees)
+        self._ended = frozenset(self._gone)
         self._is_changed = False
 
     def waiting(self, arm: str, path: str) -> str:
@@ -255,7 +398,16 @@ class CellState:
 
     def waited_for(self, wait: CellWait) -> tuple[str, ...]:
         """Returns the names of the arms that a wait depends on."""
+        if isinstance(wait, Obstruction):
+            return tuple(sorted(wait.blockers))
         kind, _, name = wait.target.partition(" ")
+        if kind in ("tool", "motion"):
+            return (name,)
+        if isinstance(wait, Appointment):
+            if wait.action is not None:
+                return wait.awaited
+            present = {one.arm for one in self._with(wait)}
+            return tuple(arm for arm in wait.members if arm not in present)
         if isinstance(wait, Request):
             return tuple(sorted({holder.arm for holder in self._in_front_of(wait)}))
         if kind == "rendezvous":
@@ -272,6 +424,48 @@ class CellState:
         if self._waits.get((wait.arm, wait.path)) is wait:
             del self._waits[wait.arm, wait.path]
             self._is_changed = True
+
+    def _note_obstructions(self, blocked: Iterable[BlockedArm]) -> None:
+        """Take over which arms are in the way of which."""
+        now = {one.arm: one for one in blocked}
+        for arm, wait in [*self._obstructed.items()]:
+            if arm not in now or now[arm].path != wait.path:
+                del self._obstructed[arm]
+                self.end(wait)
+                wait.others = ()
+                self.on_wait(wait)
+        for arm, one in now.items():
+            known = self._obstructed.get(arm)
+            if known is None:
+                known = Obstruction(arm, one.path, one.since, "path", has_timeout=False)
+                self._obstructed[arm] = known
+                self._begin(known)
+            if known.tries != one.tries:
+                known.tries = one.tries
+                self._is_changed = True
+            if known.blockers != one.blockers:
+                known.blockers = one.blockers
+                known.confirmed_by = None
+                known.failure = None
+                self._is_changed = True
+
+    def _note_waiting_motions(self) -> None:
+        """Take over which motions wait for the next motion of another arm."""
+        now = {(one.arm, one.path): one for one in self.traffic.waiting_motions}
+        for arm, wait in [*self._in_step.items()]:
+            one = now.get((arm, wait.path))
+            if one is None or one.since != wait.since:
+                del self._in_step[arm]
+                self.end(wait)
+        for (arm, path), one in now.items():
+            if arm not in self._in_step:
+                wait = CellWait(arm, path, one.since, f"motion {one.other}", has_timeout=False)
+                self._in_step[arm] = wait
+                self._begin(wait)
+
+    def step_failure(self, arm: str) -> Failure | None:
+        """Why the motion of an arm waits in vain for that of another one; None if it does not."""
+        return self._in_step[arm].failure if arm in self._in_step else None
 
     def _commit_values(self) -> None:
         # By the names of the arms, so that of two values in one step the same one is the latest.
@@ -310,6 +504,47 @@ class CellState:
             )
             self.end(one)
         self._attending[name].clear()
+
+    def _with(self, one: Appointment) -> list[Appointment]:
+        """Returns the appointments for an action that has not begun, by the order of members."""
+        coming = [
+            other
+            for other in self._appointments
+            if other.action is None
+            and other.failure is None
+            and (other.target, other.members) == (one.target, one.members)
+        ]
+        return sorted(coming, key=lambda other: one.members.index(other.arm))
+
+    def _commit_appointments(self) -> None:
+        left: dict[JointAction, dict[str, str]] = {}
+        for one, why in self._parted:
+            self._appointments.remove(one)
+            if one.action is not None:
+                gone = self._gone.get(one.arm, "")
+                left.setdefault(one.action, {})[one.arm] = gone if "removed" in gone else why
+        self._parted.clear()
+        for action in {id(one.action): one.action for one in self._appointments}.values():
+            if action is not None:
+                before = action.changes
+                action.commit(left.get(action, {}))
+                self._is_changed = self._is_changed or action.changes != before
+        for one in self._appointments:
+            if one.action is not None or one.failure is not None:
+                continue
+            coming = self._with(one)
+            if {other.arm for other in coming} == set(one.members):
+                action = JointAction(one.members)
+                for other in coming:
+                    other.action = action
+                    self.end(other)
+                continue
+            missing = [arm for arm in self.waited_for(one) if arm in self._gone]
+            if missing:
+                one.failure = Failure(
+                    "PARTNER_GONE", f"{self._sentence(one)}: {missing[0]} {self._gone[missing[0]]}"
+                )
+                self.end(one)
 
     def _commit_claims(self) -> None:
         # First come, first served; nobody overtakes one in front that wants any of the same, so
@@ -365,8 +600,24 @@ class CellState:
                 break
             live |= can_go_on
         stuck = [wait for wait in self.waits() if wait.arm in active and wait.arm not in live]
-        if not stuck:
+        doubtful = []
+        for blocked in self._obstructed.values():
+            if blocked not in stuck:
+                blocked.confirmed_by = None
+            elif blocked.confirmed_by is None or blocked.tries < blocked.confirmed_by:
+                blocked.confirmed_by = blocked.confirmed_by or blocked.tries + 1
+                doubtful.append(blocked.arm)
+        for arm in doubtful:
+            self.traffic.look_again(arm)
+        if doubtful or not stuck:
             return
+        self._refuse(stuck, active)
+        for wait in stuck:
+            if isinstance(wait, Obstruction) and wait.failure is not None:
+                self.traffic.refuse(wait.arm, wait.failure)
+
+    def _refuse(self, stuck: Sequence[CellWait], active: Collection[str]) -> None:
+        """Fail some of the waits that cannot end otherwise."""
         hopeless = [wait for wait in stuck if not set(self.waited_for(wait)) & set(active)]
         if hopeless:  # they wait for arms that have ended, and for nobody else
             for wait in hopeless:
@@ -394,9 +645,15 @@ class CellState:
         wait = self._waits.get((arm, node.path))
         if wait is None or wait.has_timeout or wait.failure is not None or node.may_be_halted:
             return True
+        if isinstance(wait, Obstruction) and not wait.blockers.isdisjoint(self._obstructed):
+            return True  # of motions that are in each other's way, one moves aside
         kind, _, name = wait.target.partition(" ")
         if kind == "signal" and self._signals[name].count != wait.seen:
             return True  # it looks at a new value in its next tick
+        if isinstance(wait, Appointment) and wait.action is not None:
+            is_new = wait.action.changes != wait.seen  # likewise, it looks at what it was told
+            if wait.makes_way or is_new:
+                return True
         others = self.waited_for(wait)
         if not others:
             return True
@@ -405,7 +662,8 @@ class CellState:
             other in live or (other not in active and other not in self._gone and bool(live))
             for other in others
         ]
-        return any(may_come) if kind == "signal" else all(may_come)
+        # Which of several arms is in the way is not always known: any of them may leave.
+        return any(may_come) if kind in ("signal", "path") else all(may_come)
 
 
 @dataclass

@@ -13,13 +13,28 @@ from bt_dualarm.arm.arm import Arm
 from bt_dualarm.arm.payload import UNKNOWN_KG, cup_measures, jaw_measures
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Pose, Vector
-from bt_dualarm.grasping.candidates import CLEAR, cup_grasps, jaw_grasps, least_width
-from bt_dualarm.grasping.grasp import Grasp, JawMeasures, Load
-from bt_dualarm.grasping.ranking import Obstacle, RankedGrasp, ranked
-from bt_dualarm.grasping.solids import Box, Capsule, Cylinder, Solid, solid_of
+from bt_dualarm.grasping.candidates import (
+    CLEAR,
+    Obstacle,
+    RankedGrasp,
+    cup_grasps,
+    jaw_grasps,
+    least_width,
+    ranked,
+)
+from bt_dualarm.grasping.grasp import (
+    Box,
+    Capsule,
+    Cylinder,
+    Grasp,
+    JawMeasures,
+    Load,
+    Solid,
+    solid_of,
+)
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.skill import unit_vector
-from bt_dualarm.spec.ports import PortModel, port
+from bt_dualarm.spec.node_types import PortModel, port
 from bt_dualarm.spec.values import Speed, Vector3
 from bt_dualarm.trajectory.trajectory import Trajectory
 
@@ -105,6 +120,7 @@ class WantedGrasp:
             within 30°; None for any.
         unlike: Pose of the tool in the object's frame from which the grasp has to differ by at
             least 45°, also after half a turn about the tool axis; None for any.
+        section: Part of the object at which it is grasped, whose pose is ``lies``; None for all.
     """
 
     name: str | None
@@ -117,6 +133,7 @@ class WantedGrasp:
     rubs: float = 0.0
     along: Vector | None = None
     unlike: Pose | None = None
+    section: Solid | None = None
 
     @classmethod
     def named(
@@ -157,7 +174,9 @@ class WantedGrasp:
         return repr(self.name) if self.edges is None else "the object at this pose"
 
     def solid(self, world: World) -> Solid:
-        """Shape of the object."""
+        """Shape of the object, or of the part at which it is grasped."""
+        if self.section is not None:
+            return self.section
         if self.name is None or self.edges is not None:
             return Box(0.5 * np.array(self.edges))
         declared = world.objects[self.name]

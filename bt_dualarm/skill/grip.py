@@ -11,10 +11,10 @@ import numpy as np
 
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.arm.gripper import LOST_S, has_slipped
-from bt_dualarm.collision.checker import Contact
+from bt_dualarm.collision.checker import CollisionChecker, Contact
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Pose, Vector
-from bt_dualarm.trajectory.point_to_point import stop
+from bt_dualarm.trajectory.path_timing import stop
 
 _FIRM: Final = (
     4.0  # safety factor of the grip over a contact force, which overshoots while the arm stops
@@ -244,14 +244,14 @@ def _true_pose_in_tool(arm: Arm, name: str) -> Pose:
 
 
 _EVERY_S: Final = 0.06  # between two checks
-_ROWS: Final = 4  # configurations of the braking motion that are checked
+_ROWS: Final = 8  # configurations of the braking motion that are checked
 
 
-class HeldClear:
-    """Collision check of a held object for an arm that follows a stream.
+class StreamClear:
+    """Collision check of the tool and held objects of an arm that follows a stream.
 
-    A stream is not planned. The controller checks the arm's own links; this checks the held object
-    and the hand, on the motion with which the arm would brake.
+    A stream is not planned. The controller slows the arm near objects by its links and keeps it
+    from other arms; this checks the whole arm on the motion with which it would brake.
 
     Args:
         arm: Arm that follows a stream.
@@ -268,15 +268,16 @@ class HeldClear:
             Failure: ``IN_COLLISION`` with what would collide.
         """
         arm = self._arm
-        if arm.time < self._next or not arm.held:
+        if arm.time < self._next:
             return
         self._next = arm.time + _EVERY_S - 1e-9
-        sent = arm.setpoint
+        q, v, a = arm.setpoint
         limits = arm.limits(1.0)
-        ahead = sent.q + _EVERY_S * sent.v  # the arm continues until the next check
-        braking = stop(ahead, sent.v, sent.a, limits, arm.period)
+        # Until the next check the arm continues, and accelerates as now.
+        later = np.clip(v + _EVERY_S * a, -limits.velocity, limits.velocity)
+        braking = stop(q + 0.5 * _EVERY_S * (v + later), later, a, limits, arm.period)
         rows = braking.q[np.linspace(0, len(braking) - 1, _ROWS).astype(int)]
-        found = arm.checker().first_contact(rows)
+        found = CollisionChecker(arm.world, arm.name).first_contact(rows)
         if found is not None:
             raise found[1].failure()
 

@@ -15,16 +15,14 @@ from bt_dualarm.collision.support import bearing_ahead, half_extents
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.perception.detection import ColorFilter, ColorlessError, Detection, color_of, detect
-from bt_dualarm.perception.known_shape import KnownShape
-from bt_dualarm.perception.markers import MarkView
-from bt_dualarm.perception.scan import SightedThing, SightedThings
-from bt_dualarm.perception.shape_fit import SIZE_ROOM, SIZE_SIGMAS, merged
+from bt_dualarm.perception.scan import MarkView, SightedThing, SightedThings
+from bt_dualarm.perception.shape_fit import SIZE_ROOM, SIZE_SIGMAS, KnownShape, merged
 from bt_dualarm.sim.camera import GuardedCamera
 from bt_dualarm.sim.composition import marker_height
 from bt_dualarm.sim.frame import Frame
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ObjectSpec
-from bt_dualarm.spec.ports import PortModel, port
+from bt_dualarm.spec.node_types import PortModel, port
 from bt_dualarm.spec.values import SIZE_IN_WORDS, SIZES, Color, MarkerSpec, ObjectName, ShapeName
 
 FRAMES: Final = 6
@@ -229,6 +227,13 @@ def go_to_camera(
     Raises:
         Failure: As `Arm.travel`, but for a pose that cannot be reached.
     """
+    return (yield from _refusal(arm, camera, speed, ignore)) is None
+
+
+def _refusal(
+    arm: Arm, camera: Pose, speed: float, ignore: frozenset[str]
+) -> Generator[float | None, None, Failure | None]:
+    """Move as `go_to_camera`; returns why the pose was not reached, None if it was."""
     camera_in_tool = arm.tool_pose.inverse @ camera_now(arm)
     try:
         goals = arm.kinematics.solutions(camera @ camera_in_tool.inverse, arm.setpoint.q)
@@ -237,8 +242,13 @@ def go_to_camera(
         if failure.code not in _UNREACHED:
             raise
         yield None  # one attempt a tick, since each takes computing time
-        return False
-    return True
+        return failure.with_traceback(None)
+    return None
+
+
+_SEARCHES: Final = 6
+"""Poses to which no path may be found before `look_at` gives up: each takes seconds of computing,
+and an arm that is enclosed, as by a hole around what it holds, finds none to any of 156 poses."""
 
 
 def gazes(
@@ -298,11 +308,16 @@ def look_at(
         The pose; None if none of them is reachable.
 
     Raises:
-        Failure: As `go_to_camera`.
+        Failure: As `go_to_camera`; ``NO_PLAN`` if searches for a path to several of them failed.
     """
+    searches = 0
     for camera in cameras:
-        if (yield from go_to_camera(arm, camera, speed, ignore)):
+        refusal = yield from _refusal(arm, camera, speed, ignore)
+        if refusal is None:
             return camera
+        searches += refusal.code == "NO_PLAN"
+        if searches == _SEARCHES:
+            raise refusal
     return None
 
 

@@ -16,9 +16,9 @@ from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.planning.problem import trace
 from bt_dualarm.skill.grip import held_through
 from bt_dualarm.skill.skill import Record, Skill, nowhere
-from bt_dualarm.spec.ports import port
+from bt_dualarm.spec.node_types import port
 from bt_dualarm.trajectory.paths import CartesianPath
-from bt_dualarm.trajectory.sources import TrajectorySource
+from bt_dualarm.trajectory.set_points import TrajectorySource
 from bt_dualarm.trajectory.trajectory import Trajectory
 
 

@@ -12,7 +12,7 @@ from bt_dualarm.arm.arm import Arm
 from bt_dualarm.arm.gripper import OTHER_WIDTH_M
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Pose, Vector
-from bt_dualarm.grasping.ranking import RankedGrasp
+from bt_dualarm.grasping.candidates import RankedGrasp
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.grasp_search import GraspApproach, TakingPorts, WantedGrasp, first_approach
 from bt_dualarm.skill.grip import Grip, TouchSense, make_room
@@ -174,11 +174,9 @@ class Taking:
             return approach.to_standoff
 
         unseen = touched if self._seen else frozenset[str]()
-        for progress in arm.past_others(ports.speed, unseen).along(planned):
+        move = arm.past_others(ports.speed, unseen)
+        for progress in move.to_line(planned, lambda: approaches[-1].rows, touched):
             yield None if progress is None else 0.5 * progress
-        yield from arm.past_others(ports.speed, touched).until_free(
-            approaches[-1].rows, known_free=True
-        )
         return approaches[-1]
 
     def _go_to_grasp(self, approach: GraspApproach) -> Iterator[float | None]:

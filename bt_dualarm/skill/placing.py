@@ -15,12 +15,12 @@ from bt_dualarm.arm.payload import jaw_measures
 from bt_dualarm.collision.support import MARGIN_M, support_below
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Matrix, Pose, Vector
-from bt_dualarm.grasping.solids import solid_of
-from bt_dualarm.perception.known_shape import KnownShape
-from bt_dualarm.planning.ompl_planner import Planner
-from bt_dualarm.sim.attachments import Attachment
+from bt_dualarm.grasping.grasp import solid_of
+from bt_dualarm.perception.shape_fit import KnownShape
+from bt_dualarm.planning.path_search import Planner
+from bt_dualarm.sim.grippers import Attachment
 from bt_dualarm.skill.grip import Grip, TouchSense
-from bt_dualarm.spec.ports import PortModel, port
+from bt_dualarm.spec.node_types import PortModel, port
 from bt_dualarm.spec.values import Angle, Duration, Speed
 from bt_dualarm.trajectory.trajectory import Trajectory
 
@@ -70,12 +70,12 @@ def guarded_descent(
     timed, top = _timed(arm, arm.line_on(end), speed)
     motion = arm.begin(timed, may_touch=True, compliant=True)
     sense = TouchSense(arm, along)
-    lag = _Lag(arm, along, _STEADY * top)
+    lag = Lag(arm, along, _STEADY * top)
     while not motion.done:
         yield motion.progress
         arm.check()
         look()
-        lag.look()
+        lag.look(motion.parameter.scale)
         felt = sense.force(stands=lag.has_stopped or lag.stands)
         if not (lag.is_steady or lag.stands):
             sense.most = 0.0
@@ -103,7 +103,11 @@ def _timed(arm: Arm, rows: Matrix, speed: float) -> tuple[Trajectory, float]:
     return arm.time_path(rows, speed * TOUCHDOWN_M_S / top), TOUCHDOWN_M_S
 
 
-class _Lag:
+_LEAST_SCALE: Final = 0.25
+"""Time scale of a descent below which no contact is detected: the guard slows to 0.3 at least."""
+
+
+class Lag:
     """Detection of a tool that has stopped while its set-point moves on.
 
     Args:
@@ -124,18 +128,24 @@ class _Lag:
         self._past = deque[tuple[float, float, float]]()
         self.is_steady = self.has_stopped = self.stands = False
 
-    def look(self) -> None:
-        """Take a sample; to be called once per tick."""
+    def look(self, scale: float) -> None:
+        """Take a sample; to be called once per tick.
+
+        Args:
+            scale: Time scale of the motion, which is less than 1 near another arm.
+        """
         arm = self._arm
         past = self._past
+        # Of a motion that the guard holds, nothing tells whether the tool would go on.
+        steady_m_s = max(scale, _LEAST_SCALE) * self._steady_m_s
         meant = float(arm.commanded_tool_pose.position @ self._along)
         past.append((arm.time, meant, float(arm.tool_pose.position @ self._along)))
         while len(past) > 2 and arm.time - past[1][0] >= _VERY_LONG_S:
             past.popleft()
-        self.is_steady, share = self._share(_COMPARED_S, self._steady_m_s)
+        self.is_steady, share = self._share(_COMPARED_S, steady_m_s)
         self.has_stopped = self.is_steady and share < _STOPPED
-        was_steady, share = self._share(_LONG_S, self._steady_m_s)
-        was_going, slow_share = self._share(_VERY_LONG_S, _SLOW * self._steady_m_s)
+        was_steady, share = self._share(_LONG_S, steady_m_s)
+        was_going, slow_share = self._share(_VERY_LONG_S, _SLOW * steady_m_s)
         self.stands = (was_steady and share < _LONG_STOPPED) or (
             was_going and slow_share < _LONG_STOPPED
         )
@@ -171,14 +181,16 @@ class LeftStanding:
     Args:
         arm: Arm that releases the object.
         name: Name of the object, which is in the world.
+        still_rad: Largest rotation of an object at rest within `REST_S`, rad.
 
     Attributes:
         rests: Whether the object is at rest.
     """
 
-    def __init__(self, arm: Arm, name: str) -> None:
+    def __init__(self, arm: Arm, name: str, still_rad: float = _STILL_RAD) -> None:
         self._arm = arm
         self._name = name
+        self._still_rad = still_rad
         self._poses = deque[tuple[float, Pose]]()
         self.rests = False
 
@@ -203,7 +215,7 @@ class LeftStanding:
         while len(self._poses) > 1 and now - self._poses[1][0] >= REST_S:
             self._poses.popleft()
         self.rests = now - self._poses[0][0] >= REST_S and all(
-            pose.distance(was) <= _STILL_M and pose.angle(was) <= _STILL_RAD
+            pose.distance(was) <= _STILL_M and pose.angle(was) <= self._still_rad
             for _, was in self._poses
         )
 
@@ -556,7 +568,11 @@ class SettingDown:
             starts = [rows[0] for rows in descents[0].branches]
             return (yield from arm.plan(starts, ports.speed, planner=ports.planner))
 
-        for progress in move.along(planned):
+        def down() -> Matrix:
+            here = arm.setpoint.q
+            return min(descents[0].branches, key=lambda rows: float(np.abs(rows[0] - here).max()))
+
+        for progress in move.to_line(planned, down):
             yield 0.5 * (progress or 0.0)
             grip.look()
         (descent,) = descents
@@ -564,10 +580,6 @@ class SettingDown:
             self._metrics["lowered_from_m"] = descent.height
         if descent.turned:
             self._metrics["spun_rad"] = descent.turned
-        down = min(descent.branches, key=lambda rows: float(np.abs(rows[0] - arm.setpoint.q).max()))
-        for _ in arm.past_others(ports.speed).until_free(down, known_free=True):
-            yield 0.5
-            grip.look()
         return descent.tool
 
     def _descent(self, goal: Pose, move: MoveTo) -> Generator[None, None, _Descent]:

@@ -5,6 +5,6 @@ Loading takes 0.3 s, which no tick should wait for: skills that grasp name this 
 
 from __future__ import annotations
 
-from bt_dualarm.grasping.ranking import warm_up_grasping
+from bt_dualarm.grasping.candidates import warm_up_grasping
 
 warm_up_grasping()

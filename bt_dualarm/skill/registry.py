@@ -19,8 +19,7 @@ from pydantic import ValidationError
 from bt_dualarm.core.errors import DualArmError, Interruption, Overrun
 from bt_dualarm.core.share import share_dir
 from bt_dualarm.skill.skill import STANDARD_FAILURES, Skill
-from bt_dualarm.spec.node_types import RESERVED_NAMES, NodeType
-from bt_dualarm.spec.ports import PortModel, metadata_of
+from bt_dualarm.spec.node_types import RESERVED_NAMES, NodeType, PortModel, metadata_of
 from bt_dualarm.spec.values import Refers
 
 _OUTSIDE: Final = (KeyboardInterrupt, Interruption, Overrun)
@@ -150,6 +149,7 @@ def kind_of(skill: type[Skill], origin: str) -> NodeType:
         brings_in=frozenset(skill.brings_in),
         needs_camera=skill.needs_camera,
         needs_gripper=skill.needs_gripper,
+        counterpart=skill.counterpart,
         failures=skill.failures,
         example=skill.example,
         origin=origin,
@@ -173,6 +173,10 @@ def faults(skill: type[Skill]) -> Iterator[str]:
         else:
             yield from (*_port_faults(part, model), *_choice_faults(part, model))
             yield from _brought_faults(skill) if part == "Ports" else ()
+    if skill.counterpart is not None:
+        for name in (skill.counterpart.partner, *skill.counterpart.same):
+            if name not in getattr(skill.Ports, "model_fields", {}):
+                yield f"counterpart names '{name}', which is not a port"
     yield from _name_faults(skill)
 
 

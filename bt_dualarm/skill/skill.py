@@ -20,11 +20,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeAlias, TypeGuard
 import numpy as np
 import numpy.typing as npt
 
-from bt_dualarm.core.errors import Failure, Number, SkillError
+from bt_dualarm.core.errors import Failure, InjectedFailure, Number, SkillError
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.skill.cell import CellAccess
-from bt_dualarm.spec.node_types import NoPorts
-from bt_dualarm.spec.ports import PortModel
+from bt_dualarm.spec.node_types import Counterpart, NoPorts, PortModel
 
 if TYPE_CHECKING:
     from bt_dualarm.arm.arm import Arm
@@ -54,6 +53,7 @@ STANDARD_FAILURES: Final[Mapping[str, str]] = {
     "STALE": "a set-point stream delivered nothing for 0.1 s",
     "INTERRUPTED": "the motion was stopped externally",
     "BUSY": "another leaf is moving the arm",
+    "DEADLOCK": "the arms in its way wait for this one",
     "NO_GRIPPER": "the arm has no gripper",
     "NO_VALUE": "a blackboard key was read that has no value of the right type",
     "OVERRUN": "the skill's code did not return in time and was interrupted",
@@ -117,6 +117,8 @@ class Skill:
         needs: Modules that are slow to import; they are imported before the run.
         needs_camera: Whether it works only with a camera that moves with the arm.
         needs_gripper: Whether it works only with an arm that has a gripper.
+        counterpart: Skill of another arm with which it acts together; the check of the tree then
+            looks for it.
         progress: Progress from 0 to 1, for the display; None if it is unknown.
         metrics: Measured numbers by name, for the summary of the run.
     """
@@ -129,6 +131,7 @@ class Skill:
     needs: ClassVar[tuple[str, ...]] = ()
     needs_camera: ClassVar[bool] = False
     needs_gripper: ClassVar[bool] = False
+    counterpart: ClassVar[Counterpart | None] = None
 
     ports: Any  # a subclass annotates the type of its own
 
@@ -243,6 +246,8 @@ def refuse_code(skill: Skill, failure: Failure) -> None:
     Raises:
         SkillError: The code is neither declared nor standard, or there is no sentence.
     """
+    if isinstance(failure, InjectedFailure):
+        return
     if not isinstance(failure.reason, str):
         raise SkillError(
             f"{_name(skill)} fails with {_shown(failure.code)} and {_shown(failure.reason)}: the "

@@ -14,11 +14,10 @@ from bt_dualarm.control.planar_servo import PlanarServo, PlaneTarget, plane_limi
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.perception.localization import EstimatedPlaneLocalizer, PlaneOfSizeLocalizer
-from bt_dualarm.perception.rest_detection import RestDetector, look
-from bt_dualarm.perception.target_filter import DualFilterEstimate
+from bt_dualarm.perception.target_filter import DualFilterEstimate, RestDetector, look
 from bt_dualarm.perception.tracker import TargetTracker
 from bt_dualarm.sim.camera import GuardedCamera
-from bt_dualarm.skill.grip import HeldClear
+from bt_dualarm.skill.grip import StreamClear
 from bt_dualarm.skill.looking import own_camera
 from bt_dualarm.spec.values import Color, Plane
 
@@ -448,7 +447,7 @@ class PlaneTracking:
         self._error = error
         self._stillness = RestDetector(_MEASURED_DEPTH if target_size else _GIVEN_DEPTH)
         self._watched = 0
-        self._clear = HeldClear(arm)
+        self._clear = StreamClear(arm)
 
     @property
     def locked(self) -> bool:
@@ -505,7 +504,7 @@ class PlaneTracking:
         """Begin to follow.
 
         Raises:
-            Failure: ``IN_COLLISION``, see `HeldClear`.
+            Failure: ``IN_COLLISION``, see `StreamClear`.
         """
         self._clear.look()
         self._watched = len(self._tracker.sightings)
@@ -525,7 +524,7 @@ class PlaneTracking:
         """Evaluate new sightings: rest of the target and tracking error; called once per tick.
 
         Raises:
-            Failure: ``NOT_FOLLOWING``; ``IN_COLLISION``, see `HeldClear`.
+            Failure: ``NOT_FOLLOWING``; ``IN_COLLISION``, see `StreamClear`.
         """
         self._clear.look()
         seen = self._tracker.sightings

@@ -13,9 +13,8 @@ from typing import Annotated, Final, Literal, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
-from bt_dualarm.spec.node_types import LanguageNode, NodeSpec, NodeType
-from bt_dualarm.spec.parameters import ParamSpec
-from bt_dualarm.spec.ports import port, reference_of
+from bt_dualarm.spec.node_types import LanguageNode, NodeSpec, NodeType, port, reference_of
+from bt_dualarm.spec.parser import ParamSpec
 from bt_dualarm.spec.problems import Name, Problem, suggestion
 from bt_dualarm.spec.values import PoseSpec, Refers, Value
 from bt_dualarm.spec.yaml_reader import Data, DataPath, Source
@@ -110,6 +109,7 @@ SIGNAL: Final = "signal"
 AWAIT: Final = "await"
 MEET: Final = "meet"
 CLAIM: Final = "claim"
+IN_STEP: Final = "in_step"
 """Names of the node types that use the cell."""
 
 
@@ -151,6 +151,7 @@ class CellCheck:
         objects: Names of its objects.
         trees: Tree of each arm, by the arm's name.
         node_types: Node types by name.
+        also_used: Category and name of what the rest of the file uses.
     """
 
     source: Source
@@ -158,6 +159,7 @@ class CellCheck:
     objects: frozenset[str]
     trees: Mapping[str, NodeSpec]
     node_types: Mapping[str, NodeType]
+    also_used: frozenset[tuple[str, str]] = frozenset()
 
     def problems(self) -> Iterator[Problem]:
         """Returns every error."""
@@ -165,6 +167,7 @@ class CellCheck:
         for arm, root in self.trees.items():
             for node in root.walk():
                 yield from self._node(arm, node)
+                yield from self._counterpart(arm, node)
         yield from self._never_written()
         unreachable = [*self._unreachable()]
         yield from unreachable
@@ -181,7 +184,7 @@ class CellCheck:
         }
         for category, section in CATEGORIES.items():
             for name in getattr(self.cell, section):
-                if (category, name) not in used:
+                if (category, name) not in used | self.also_used:
                     problem = self.source.problem(
                         ("cell", section, name), f"nothing uses the {category} '{name}'", key=True
                     )
@@ -248,6 +251,8 @@ class CellCheck:
         elif node.kind == CLAIM and not claimed(node.ports):
             message = f"{CLAIM}: claims nothing"
             yield node.port_problem((), message, "zone: NAME, object: NAME, or both", key=True)
+        elif node.kind == IN_STEP:
+            yield from self._partner(arm, node)
         elif node.kind == MEET:
             name = node.ports.get("at")
             participants = self.cell.rendezvous.get(name, ()) if isinstance(name, str) else ()
@@ -255,6 +260,59 @@ class CellCheck:
                 message = f"{MEET}: {arm} is not a participant of '{name}'"
                 hint = f"its participants are {_listed(participants)}: see cell.rendezvous"
                 yield node.port_problem(("at",), message, hint)
+
+    def _partner(self, arm: str, node: NodeSpec) -> Iterator[Problem]:
+        """Returns the error of an arm that goes in step with one that does not with it."""
+        other = node.ports.get("with")
+        if other == arm:
+            yield node.port_problem(("with",), f"{IN_STEP}: {arm} cannot go in step with itself")
+        elif isinstance(other, str) and other in self.trees:
+            theirs = [
+                below.ports.get("with")
+                for below in self.trees[other].walk()
+                if below.kind == IN_STEP
+            ]
+            if arm not in theirs:
+                message = f"{IN_STEP}: {other} never goes in step with {arm}"
+                hint = f"its tree has no 'in_step: {{with: {arm}, child: …}}'"
+                yield node.port_problem(("with",), message, hint)
+
+    def _counterpart(self, arm: str, node: NodeSpec) -> Iterator[Problem]:
+        """Returns the error of a joint skill whose partner has no fitting leaf in its tree."""
+        node_type = self.node_types.get(node.kind)
+        joint = None if node_type is None else node_type.counterpart
+        partner = None if joint is None else node.ports.get(joint.partner)
+        if joint is None or not isinstance(partner, str) or reference_of(partner) is not None:
+            return
+        if partner == arm:
+            message = f"{node.kind}: {joint.partner}: {arm} cannot be its own partner"
+            others = [name for name in self.trees if name != arm]
+            hint = f"name another arm: {_listed(others)}" if others else ""
+            yield node.port_problem((joint.partner,), message, hint)
+            return
+        if partner not in self.trees:
+            return  # another check reports it
+        wanted = {joint.its_partner: arm, **{name: node.ports.get(name) for name in joint.same}}
+        if any(reference_of(value) is not None for value in wanted.values()):
+            return
+        leaves = [one for one in self.trees[partner].walk() if one.kind == joint.kind]
+        for leaf in leaves:
+            if all(
+                leaf.ports.get(name) == value or reference_of(leaf.ports.get(name)) is not None
+                for name, value in wanted.items()
+            ):
+                return
+        needed = ", ".join(f"{name}: {value}" for name, value in wanted.items())
+        message = f"{node.kind}: no '{joint.kind}' in the tree of {partner} fits this one"
+        hint = f"it needs {joint.kind}: {{{needed}}}"
+        if leaves:
+            has = "; ".join(
+                ", ".join(f"{name}: {leaf.ports.get(name)}" for name in wanted)
+                + f" ({leaf.location})"
+                for leaf in leaves[:3]
+            )
+            hint += f"; it has {has}"
+        yield node.port_problem((joint.partner,), message, hint)
 
     def _never_written(self) -> Iterator[Problem]:
         """Returns awaited signals without initial value that no tree of a writer writes."""
@@ -366,7 +424,7 @@ class CellCheck:
                 for arm, node in stuck.items()
             )
             node = next(iter(stuck.values()))
-            port_name = "at" if node.kind == MEET else "signal"
+            port_name = {MEET: "at", IN_STEP: "with"}.get(node.kind, "signal")
             message = f"{node.kind}: this wait never ends: {steps}"
             hint = (
                 "meet equally often and in the same order, write before waiting, or set a timeout"
@@ -376,6 +434,8 @@ class CellCheck:
     def _subject(self, node: NodeSpec) -> str:
         if node.kind == MEET:
             return f"the meeting '{node.ports['at']}'"
+        if node.kind == IN_STEP:
+            return f"the step with {node.ports['with']}"
         return f"the signal '{node.ports['signal']}'"
 
     def _stalled(self, ahead: Mapping[str, Sequence[NodeSpec]]) -> dict[str, NodeSpec]:
@@ -389,9 +449,10 @@ class CellCheck:
                 for arm, node in waits.items()
                 if node.kind == SIGNAL or (node.kind == AWAIT and node.ports["signal"] in written)
             }
-            for name, participants in self.cell.rendezvous.items():
-                if all(self._is_at(arm, name, waits) for arm in participants):
-                    passing.update(participants)
+            for arm, node in waits.items():
+                name, participants = self._meeting(arm, node)
+                if name and all(self._is_at(other, name, waits) for other in participants):
+                    passing.add(arm)
             if not passing:
                 return waits
             for arm in passing:
@@ -400,7 +461,20 @@ class CellCheck:
                 at[arm] += 1
 
     def _is_at(self, arm: str, name: str, waits: Mapping[str, NodeSpec]) -> bool:
-        return arm in waits and waits[arm].kind == MEET and waits[arm].ports["at"] == name
+        return arm in waits and self._meeting(arm, waits[arm])[0] == name
+
+    def _meeting(self, arm: str, node: NodeSpec) -> tuple[str, Sequence[str]]:
+        """Returns the name and the participants of the meeting that a node waits for, if it does.
+
+        Beginning and end of a step are meetings as well.
+        """
+        if node.kind == IN_STEP:
+            first, second = sorted((arm, str(node.ports["with"])))
+            return f"the step of {first} and {second}", (first, second)
+        if node.kind == MEET:
+            name = str(node.ports["at"])
+            return name, self.cell.rendezvous.get(name, ())
+        return "", ()
 
     def _blocked_by(self, arm: str, waits: Mapping[str, NodeSpec], halted: set[str]) -> list[str]:
         """Returns the arms for which a wait does not end; empty if it may end."""
@@ -409,8 +483,7 @@ class CellCheck:
             signal = self.cell.signals.get(str(node.ports["signal"]))
             writers = () if signal is None else signal.written_by
             return [*writers] if halted.issuperset(writers) else []
-        name = str(node.ports["at"])
-        participants = self.cell.rendezvous.get(name, ())
+        name, participants = self._meeting(arm, node)
         missing = [other for other in participants if not self._is_at(other, name, waits)]
         return [other for other in missing if other in halted]
 
@@ -496,6 +569,14 @@ def _straight(root: NodeSpec, node_types: Mapping[str, NodeType]) -> tuple[list[
     found: list[NodeSpec] = []
 
     def visit(node: NodeSpec) -> bool:
+        if node.kind == IN_STEP:
+            if "timeout" in node.ports or reference_of(node.ports.get("with")) is not None:
+                return False
+            found.append(node)
+            goes_on = visit(node.children[0])
+            if goes_on:
+                found.append(node)  # its end, which waits for the other arm as well
+            return goes_on
         if node.kind in (MEET, AWAIT, SIGNAL):
             name = node.ports.get("at" if node.kind == MEET else "signal")
             if not isinstance(name, str) or reference_of(name) is not None:
@@ -505,6 +586,6 @@ def _straight(root: NodeSpec, node_types: Mapping[str, NodeType]) -> tuple[list[
         node_type = node_types.get(node.kind)
         if isinstance(node_type, LanguageNode) and node_type.runs_all(node):
             return all(visit(child) for child in node.children)
-        return not any(below.kind in (MEET, AWAIT, SIGNAL) for below in node.walk())
+        return not any(below.kind in (MEET, AWAIT, SIGNAL, IN_STEP) for below in node.walk())
 
     return found, visit(root)

@@ -13,24 +13,21 @@ from pydantic.fields import FieldInfo
 from bt_dualarm.spec.cell import CATEGORIES, CellCheck, CellSpec
 from bt_dualarm.spec.document import TreeFile
 from bt_dualarm.spec.explain import explain
+from bt_dualarm.spec.goals import SECTIONS, condition_problems
 from bt_dualarm.spec.node_types import (
     EITHER,
+    KEY,
+    REFERENCE,
     ChildOutcomes,
     LanguageNode,
     NodeSpec,
     NodeType,
     Outcomes,
-    kind_hint,
-)
-from bt_dualarm.spec.parameters import ParamSpec
-from bt_dualarm.spec.parser import SubtreeSpec, not_a_body
-from bt_dualarm.spec.ports import (
-    KEY,
-    REFERENCE,
     PortModel,
     in_words,
     is_unknown,
     key_name,
+    kind_hint,
     metadata_of,
     miscounted,
     only,
@@ -41,6 +38,7 @@ from bt_dualarm.spec.ports import (
     validated,
     written_keys,
 )
+from bt_dualarm.spec.parser import ParamSpec, SubtreeSpec, not_a_body
 from bt_dualarm.spec.problems import Problem, nearest, suggestion
 from bt_dualarm.spec.values import Refers
 from bt_dualarm.spec.yaml_reader import Data, DataPath, Json, Source
@@ -595,11 +593,24 @@ class Examination:
         check = CellCheck(source, cell, self.names.of(("object",)), trees, self._node_types)
         self.problems += check.problems()
 
+    def conditions(self, file: TreeFile, source: Source) -> None:
+        """Check the names in goals and invariants."""
+        sections = {name: getattr(file, name) for name in SECTIONS}
+        objects, arms = self.names.of(("object",)), self.names.of(("arm",))
+        self.problems += condition_problems(sections, source, file.cell, objects, arms)
+
     def warnings(self, file: TreeFile, source: Source) -> Iterator[Problem]:
         """Returns warnings of everything in a correct file that can hardly be intended."""
         trees = {name: arm.tree for name, arm in file.arms.items()}
         objects = self.names.of(("object",))
-        yield from CellCheck(source, file.cell, objects, trees, self._node_types).warnings()
+        zones = frozenset(
+            ("zone", condition.in_zone)
+            for section in SECTIONS
+            for condition in getattr(file, section).values()
+            if condition.in_zone is not None
+        )
+        check = CellCheck(source, file.cell, objects, trees, self._node_types, zones)
+        yield from check.warnings()
         for arm in file.arms.values():
             yield from outcome_warnings(arm.tree, self._node_types)
         yield from absent(file, source, self._node_types)

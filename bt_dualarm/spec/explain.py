@@ -12,8 +12,8 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
-from bt_dualarm.spec.node_types import NodeSpec
-from bt_dualarm.spec.ports import (
+from bt_dualarm.spec.node_types import (
+    NodeSpec,
     Template,
     Unit,
     WrittenKey,

@@ -1,4 +1,8 @@
-"""Node types as the check sees them: ports, children, outcomes; and the nodes of a tree file.
+"""Node types as the check sees them: typed ports, children, outcomes; and the nodes of a file.
+
+Ports are declared once for the check, the schema and the reference. Every port may be given as
+``"{key}"``, a value of the arm's blackboard. The blackboard holds values in YAML notation, so a
+reference has the same meaning as its value written in its place.
 
 The node types of the language are the classes in `bt_dualarm.behaviors`, each with its `NodeType`;
 those of skills come from the registry. Parser and checks get them passed in.
@@ -6,15 +10,470 @@ those of skills come from the registry. Parser and checks get them passed in.
 
 from __future__ import annotations
 
+import json
+import math
 import re
+import unicodedata
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import Final, TypeAlias
+from types import UnionType
+from typing import (
+    Annotated,
+    Any,
+    ClassVar,
+    Final,
+    Self,
+    TypeAlias,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+)
 
-from bt_dualarm.spec.ports import PortModel
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    create_model,
+    model_validator,
+)
+from pydantic.fields import FieldInfo
+from pydantic_core import CoreSchema
+
 from bt_dualarm.spec.problems import Location, Problem, suggestion
-from bt_dualarm.spec.yaml_reader import Data, DataPath, Source
+from bt_dualarm.spec.yaml_reader import Data, DataPath, Json, Source
+
+# Units of numbers.
+
+_DIGITS: Final = r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?"
+
+QUANTITY: Final = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([a-z°%]+)\s*")
+"""Text with a unit; groups: number, unit."""
+
+SECONDS: Final[Mapping[str, float]] = {"ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
+DEGREES: Final[Mapping[str, float]] = {"deg": 1.0, "°": 1.0, "rad": math.degrees(1.0)}
+_METERS: Final[Mapping[str, float]] = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+_KILOGRAMS: Final[Mapping[str, float]] = {"g": 1e-3, "kg": 1.0}
+_HERTZ: Final[Mapping[str, float]] = {"hz": 1.0, "khz": 1e3, "fps": 1.0}
+_NEWTONS: Final[Mapping[str, float]] = {"n": 1.0, "kn": 1e3}
+_KNOWN: Final = {
+    "m": ("meters", _METERS),
+    "s": ("seconds", SECONDS),
+    "deg": ("degrees", DEGREES),
+    "kg": ("kilograms", _KILOGRAMS),
+    "Hz": ("Hz", _HERTZ),
+    "N": ("newtons", _NEWTONS),
+    "px": ("pixels", {"px": 1.0}),
+    "": ("as a share", {"%": 0.01}),
+}
+
+
+def bare(text: str, unit: str) -> str:
+    """Converts text with a unit, ``6 cm``, to a hint with the bare number: ``in meters: 0.06``.
+
+    Args:
+        text: Text as the author wrote it.
+        unit: Unit of the bare number, such as ``"m"``; empty for a share or a count.
+
+    Returns:
+        The hint, empty if the text has no unit of this quantity.
+    """
+    name, others = _KNOWN.get(unit, ("", {}))
+    match = QUANTITY.fullmatch(text.lower())
+    if match is None or match[2] not in others:
+        return ""
+    words = f"in {name}" if unit else name
+    return f"{words}: {float(match[1]) * others[match[2]]:.6g}"
+
+
+@dataclass(frozen=True, eq=False)
+class Unit:
+    """Metadata of a number: its units in YAML.
+
+    Attributes:
+        yaml: Unit of a bare number.
+        others: Units that text may give, as multiples of that unit.
+    """
+
+    yaml: str
+    others: Mapping[str, float]
+
+    def __get_pydantic_json_schema__(
+        self, core_schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> Json:
+        """Returns the schema of a number, or text with one of the units."""
+        pattern = rf"^\s*{_DIGITS}\s*({'|'.join(self.others)})\s*$"
+        return {"anyOf": [handler(core_schema), {"type": "string", "pattern": pattern}]}
+
+
+# Inspection of type annotations.
+
+_T = TypeVar("_T")
+
+
+def models_in(annotation: object) -> Iterator[type[BaseModel]]:
+    """Yields the models that a value of this type may be."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    elif get_origin(annotation) in (Annotated, Union, UnionType):
+        for member in get_args(annotation):
+            yield from models_in(member)
+
+
+def containers_in(annotation: object) -> Iterator[object]:
+    """Yields the tuples, lists and dicts that a value of this type may be."""
+    if get_origin(annotation) in (tuple, list, dict):
+        yield annotation
+    elif get_origin(annotation) in (Annotated, Union, UnionType):
+        for member in get_args(annotation):
+            yield from containers_in(member)
+
+
+def fixed_length(annotation: object) -> int:
+    """Returns the number of items of a list of this type, 0 if that is not fixed."""
+    for container in containers_in(annotation):
+        items = get_args(container)
+        if get_origin(container) is tuple and items[-1] is not ...:
+            return len(items)
+    return 0
+
+
+def metadata_of(field: FieldInfo, wanted: type[_T]) -> _T | None:
+    """Returns the first metadata of this type on a field, or on a member of its type."""
+    return _metadata_in([*field.metadata, field.annotation], wanted)
+
+
+def _metadata_in(items: Sequence[object], wanted: type[_T]) -> _T | None:
+    for item in items:
+        if isinstance(item, wanted):
+            return item
+        found = _metadata_in([*getattr(item, "__metadata__", ()), *get_args(item)], wanted)
+        if found is not None:
+            return found
+    return None
+
+
+# Models of ports, and references to the blackboard.
+
+REFERENCE: Final = re.compile(r"\{([^{}]*)\}")
+"""Reference to a blackboard key, or to a parameter."""
+
+KEY: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,47}")
+"""Name of a key or a parameter, as an author may write it."""
+
+STRICT: Final = ConfigDict(
+    frozen=True, extra="forbid", strict=True, allow_inf_nan=False, defer_build=True
+)
+"""Configuration of all models of a file; built on first use, as a run needs few of them."""
+
+UNKNOWN: Final = "?"
+"""Prefix of a parameter's name in a reference whose value is unknown, or whose error is reported
+already."""
+
+
+@dataclass(frozen=True)
+class Template:
+    """Metadata of a text port: ``{key}`` within the text is replaced by the key's value."""
+
+
+@dataclass(frozen=True)
+class WrittenKey:
+    """Metadata of a text port: it names a blackboard key that the node writes.
+
+    Attributes:
+        port: Port whose value is written there.
+    """
+
+    port: str
+
+
+class PortModel(BaseModel):
+    """Base of a node's ports: immutable, complete, and strict about types.
+
+    Attributes:
+        exactly_one_of: Names of ports, None by default, of which a node is given exactly one.
+        goes_with: Ports, None by default, that are given only together with another one.
+    """
+
+    model_config = ConfigDict(**STRICT, validate_default=True)
+    exactly_one_of: ClassVar[tuple[str, ...]] = ()
+    goes_with: ClassVar[Mapping[str, str]] = {}
+
+    @model_validator(mode="after")
+    def _one_is_given(self) -> Self:
+        complaint = miscounted(type(self), self.__dict__)
+        if complaint:
+            raise ValueError(complaint)
+        return self
+
+
+def miscounted(model: type[PortModel], ports: Mapping[str, object]) -> str:
+    """Returns the violation of ``exactly_one_of`` or ``goes_with``, empty if there is none.
+
+    A reference to the blackboard counts as given.
+    """
+    given = [name for name in model.exactly_one_of if ports.get(name) is not None]
+    if not model.exactly_one_of or len(given) == 1:
+        alone = [
+            (one, other)
+            for one, other in model.goes_with.items()
+            if ports.get(one) is not None and ports.get(other) is None
+        ]
+        return "".join(f"'{one}' goes with '{other}', which is missing" for one, other in alone[:1])
+    here = f"given: {' and '.join(given)}" if given else "none is given"
+    return f"give exactly one of: {', '.join(model.exactly_one_of)}; {here}"
+
+
+def port(
+    default: object,
+    description: str,
+    *,
+    unit: str = "",
+    gt: float | None = None,
+    ge: float | None = None,
+    lt: float | None = None,
+    le: float | None = None,
+    min_length: int | None = None,
+    max_length: int | None = None,
+    pattern: str | None = None,
+) -> Any:  # Any: it stands where a value of the port's own type is declared
+    """Declares a port of a `PortModel`, or a field of the file.
+
+    Args:
+        default: Value in YAML notation; ``...`` for a port that must be given.
+        description: One-line description.
+        unit: Unit of a bare number, such as ``"m"``; value types bring their own.
+        gt: Bound that the number must be greater than.
+        ge: Smallest number.
+        lt: Bound that the number must be less than.
+        le: Largest number.
+        min_length: Least length of text or of a list.
+        max_length: Greatest length of text or of a list.
+        pattern: Regular expression that text must match.
+    """
+    return Field(
+        default,
+        description=description,
+        json_schema_extra={"unit": unit} if unit else None,
+        gt=gt,
+        ge=ge,
+        lt=lt,
+        le=le,
+        min_length=min_length,
+        max_length=max_length,
+        pattern=pattern,
+    )
+
+
+def unknown(name: str) -> str:
+    """Returns a stand-in for the value of a parameter that is unknown; no check reports it."""
+    return f"{{{UNKNOWN}{name}}}"
+
+
+def is_unknown(value: Data) -> bool:
+    """Returns whether a value stands for that of an unknown parameter."""
+    return (reference_of(value) or "").startswith(UNKNOWN)
+
+
+def reference_of(value: Data) -> str | None:
+    """Returns the key that a port's value refers to, None if it is not a reference."""
+    match = REFERENCE.fullmatch(value) if isinstance(value, str) else None
+    return match[1] if match else None
+
+
+def shown(text: str) -> str:
+    """Returns text as its author wrote it: without the prefixes of a subtree's keys."""
+    return REFERENCE.sub(lambda match: f"{{{key_name(match[1])}}}", text)
+
+
+def key_name(key: str) -> str:
+    """Returns a key as its author wrote it: without the prefix of its subtree."""
+    return key.rpartition("/")[2]
+
+
+def as_text(value: Data) -> str:
+    """Returns a value as text in a message: as YAML, to five digits, without nulls."""
+    return value if isinstance(value, str) else _in_flow(value)
+
+
+def _in_flow(value: Data) -> str:
+    if isinstance(value, dict):
+        given = (f"{key}: {_in_flow(item)}" for key, item in value.items() if item is not None)
+        return f"{{{', '.join(given)}}}"
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(map(_in_flow, value))}]"
+    if isinstance(value, float) and abs(value) < 1e4:
+        value = float(f"{value:.5g}")
+    return json.dumps(value, ensure_ascii=False)
+
+
+def references_in(model: type[PortModel], ports: Mapping[str, Data]) -> dict[str, str]:
+    """Returns the key of each port of ``model`` that is given as a reference."""
+    keys = {name: reference_of(value) for name, value in ports.items()}
+    if all(key is None for key in keys.values()):
+        return {}
+    fields = model.model_fields
+    texts = templates_of(model)
+    return {
+        name: key
+        for name, key in keys.items()
+        if key is not None and name in fields and name not in texts
+    }
+
+
+@lru_cache(maxsize=512)
+def templates_of(model: type[PortModel]) -> frozenset[str]:
+    """Returns the ports whose text may contain keys."""
+    fields = model.model_fields.items()
+    return frozenset(name for name, field in fields if Template() in field.metadata)
+
+
+@lru_cache(maxsize=512)
+def written_keys(model: type[PortModel]) -> Mapping[str, str]:
+    """Returns the ports that name a key to write, each with the port that has the value."""
+    items = ((name, metadata_of(field, WrittenKey)) for name, field in model.model_fields.items())
+    return {name: found.port for name, found in items if found is not None}
+
+
+def validated(model: type[PortModel], ports: Mapping[str, Data]) -> PortModel:
+    """Returns the validated ports of a node.
+
+    Raises:
+        pydantic.ValidationError: Ports are invalid; has an entry for each error.
+    """
+    # Strict JSON has the types of YAML: lists become tuples, but "1" is not a number.
+    return model.model_validate_json(json.dumps(ports))
+
+
+def validate_literals(model: type[PortModel], ports: Mapping[str, Data]) -> None:
+    """Validates the ports that are not references.
+
+    Raises:
+        pydantic.ValidationError: As `validated`.
+    """
+    references = references_in(model, ports)
+    if references:
+        model = without(model, frozenset(references))
+        ports = {name: value for name, value in ports.items() if name not in references}
+    validated(model, ports)
+
+
+@lru_cache(maxsize=512)
+def without(model: type[PortModel], names: frozenset[str]) -> type[PortModel]:
+    """Returns a model of the other ports, without the rules over several ports."""
+    return _model_of(model, (name for name in model.model_fields if name not in names))
+
+
+@lru_cache(maxsize=512)
+def only(model: type[PortModel], name: str) -> type[PortModel]:
+    """Returns a model of one port, to check a value by itself."""
+    return _model_of(model, (name,))
+
+
+def _model_of(model: type[PortModel], names: Iterable[str]) -> type[PortModel]:
+    fields: dict[str, Any] = {
+        name: (model.model_fields[name].annotation, model.model_fields[name]) for name in names
+    }
+    return create_model(model.__name__, __base__=PortModel, **fields)
+
+
+def unit_of(field: FieldInfo) -> str:
+    """Returns the unit of a bare number in YAML, empty if the port has none."""
+    unit = metadata_of(field, Unit)
+    extra = field.json_schema_extra
+    given = extra.get("unit", "") if isinstance(extra, dict) else ""
+    return unit.yaml if unit else str(given)
+
+
+# Texts for messages.
+
+_ACTED_ON: Final = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
+"""Unicode categories of characters with which a terminal moves, colors, hides or reverses text."""
+
+
+def in_words(value: Data) -> str:
+    """Returns a short description of a value for a message."""
+    if value is None:
+        return "nothing"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        value = one_line(shown(value))
+        return f"text '{value if len(value) <= 40 else value[:37] + '...'}'"
+    if isinstance(value, dict):
+        return "a mapping"
+    if isinstance(value, (list, tuple)):
+        return f"a list of {len(value)}"
+    return f"{value:g}" if isinstance(value, float) else str(value)[:40]
+
+
+def one_line(text: str) -> str:
+    """Returns text on one line, with U+FFFD for each character that is not printable."""
+    return "".join(
+        letter if letter.isprintable() else "\ufffd" for letter in " ".join(text.split())
+    )
+
+
+def counted(number: int, noun: str) -> str:
+    """Returns a number with its noun: ``1 item``, ``3 items``."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+
+
+def escaped(text: str, keep: str = "\n\t") -> str:
+    r"""Escapes untrusted text for a terminal or a table.
+
+    Control characters, direction marks and lone surrogates become ``\u001b`` and the like, as in
+    JSON; so escaped JSON has the same meaning.
+
+    Args:
+        text: Untrusted text.
+        keep: Characters that are not escaped.
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        letter if letter in keep or unicodedata.category(letter) not in _ACTED_ON else _code(letter)
+        for letter in text
+    )
+
+
+def _code(letter: str) -> str:
+    number = ord(letter)
+    if number > 0xFFFF:
+        number -= 0x10000
+        return f"\\u{0xD800 + (number >> 10):04x}\\u{0xDC00 + (number & 0x3FF):04x}"
+    return f"\\u{number:04x}"
+
+
+# Hints for values in another notation.
+
+_NUMBERS: Final = re.compile(r"\s*(-?[\d.]+(?:\s*[x,; ]\s*-?[\d.]+)+)\s*")
+_BETWEEN: Final = re.compile(r"\s*[x,; ]\s*")
+
+
+def list_of(text: str) -> str:
+    """Returns a hint with the list that text such as ``320x240`` stands for, else nothing."""
+    match = _NUMBERS.fullmatch(text)
+    return f"as a list: [{', '.join(_BETWEEN.split(match[1]))}]" if match else ""
+
+
+def mapping_of(given: Data, model: type[BaseModel]) -> str:
+    """Returns a hint with the mapping whose required field is a bare list, ``[0.4, 0, 0.5]``.
+
+    Empty if the list is not one of numbers, or has another length.
+    """
+    if not isinstance(given, (list, tuple)) or not all(_is_number(item) for item in given):
+        return ""
+    for name, info in model.model_fields.items():
+        if info.is_required() and fixed_length(info.annotation) == len(given):
+            return f"{{{name}: [{', '.join(f'{item:g}' for item in given)}]}}"
+    return ""
+
+
+def _is_number(item: Data) -> bool:
+    return isinstance(item, (int, float)) and not isinstance(item, bool)
 
 
 class NoPorts(PortModel):
@@ -38,6 +497,23 @@ class Slot:
 
 
 @dataclass(frozen=True)
+class Counterpart:
+    """Skill of another arm with which a skill acts together.
+
+    Attributes:
+        kind: Name of that skill in YAML.
+        partner: Port of this skill that names the other arm.
+        its_partner: Port of that skill that names this arm.
+        same: Ports that have the same value in both.
+    """
+
+    kind: str
+    partner: str
+    its_partner: str
+    same: tuple[str, ...] = ("object",)
+
+
+@dataclass(frozen=True)
 class NodeType:
     """Declaration of a node type, of the language or of a skill.
 
@@ -55,6 +531,7 @@ class NodeType:
         brings_in: Ports that name what the node spawns.
         needs_camera: Whether it works only with a camera that moves with the arm.
         needs_gripper: Whether it works only with an arm that has a gripper.
+        counterpart: Skill of another arm with which it acts together, if there is one.
         failures: Failure codes with their meaning.
         example: A node in YAML.
         origin: Where it is defined: a file for skills.
@@ -73,6 +550,7 @@ class NodeType:
     brings_in: frozenset[str] = frozenset()
     needs_camera: bool = False
     needs_gripper: bool = False
+    counterpart: Counterpart | None = None
     failures: Mapping[str, str] = field(default_factory=dict)
     example: str = ""
     origin: str = "the language"
@@ -248,7 +726,7 @@ RESERVED_NAMES: Final = frozenset(
         "retry", "repeat", "timeout", "delay", "rate", "inverter", "force_success",
         "force_failure", "run_once", "on_halt", "subtree",
         "wait", "set", "compare", "log", "fail", "succeed",
-        "signal", "await", "meet", "claim",
+        "signal", "await", "meet", "claim", "in_step",
     }
 )  # fmt: skip
 """Names of the language's node types. No skill may have one of them: the registry of skills, which

@@ -15,27 +15,25 @@ from pydantic.fields import FieldInfo
 from bt_dualarm.spec.cell import CellSignal, CellSpec, CellZone
 from bt_dualarm.spec.document import (
     ArmSpec,
-    CameraSpec,
-    LimitShares,
-    NoiseSpec,
-    ObjectSpec,
-    WorldSpec,
-)
-from bt_dualarm.spec.explain import model_name, names_of, notation_of, range_of
-from bt_dualarm.spec.node_types import LanguageNode, NodeType
-from bt_dualarm.spec.parameters import ParamSpec
-from bt_dualarm.spec.parser import FORMAT
-from bt_dualarm.spec.ports import KEY, Unit, unit_of
-from bt_dualarm.spec.problems import NAME_PATTERN
-from bt_dualarm.spec.reality import (
     CameraErrors,
+    CameraSpec,
     DriveErrors,
     EncoderErrors,
     FrictionErrors,
+    LimitShares,
     LinkErrors,
+    NoiseSpec,
+    ObjectSpec,
     PayloadErrors,
     RealitySpec,
+    WorldSpec,
 )
+from bt_dualarm.spec.explain import model_name, names_of, notation_of, range_of
+from bt_dualarm.spec.faults import FaultSpec
+from bt_dualarm.spec.goals import SECTIONS, ConditionSpec
+from bt_dualarm.spec.node_types import KEY, LanguageNode, NodeType, Unit, unit_of
+from bt_dualarm.spec.parser import FORMAT, ParamSpec
+from bt_dualarm.spec.problems import NAME_PATTERN
 from bt_dualarm.spec.values import (
     Angle,
     Color,
@@ -200,6 +198,8 @@ _FILE_MODELS: Final[tuple[type[BaseModel], ...]] = (
     ObjectSpec,
     CellSpec,
     ArmSpec,
+    ConditionSpec,
+    FaultSpec,
     *_NESTED,
 )
 FILE_NAMES: Final = tuple(map(model_name, _FILE_MODELS))
@@ -224,6 +224,8 @@ arms:
   arm1:
     robot: ur5
     tree: {sequence: [{subtree: {use: pause}}, {go_home: {speed: "{speed}"}}]}
+goal:                              # conditions on the true world at the end; also: always, never
+  in_place: {object: cube, at: {xyz: [0.5, 0, 0.5]}, within: 0.01}
 """
 """Example of a file with every part."""
 
@@ -476,6 +478,14 @@ def _file(definitions: Json) -> Json:
             "objects": {"type": "object", **_named(_model(ObjectSpec, definitions), NAME_PATTERN)},
             "cell": _model(CellSpec, definitions),
             "arms": {"type": "object", "minProperties": 1, **_named(arm, NAME_PATTERN)},
+            **{
+                section: {
+                    "type": "object",
+                    **_named(_model(ConditionSpec, definitions), NAME_PATTERN),
+                }
+                for section in SECTIONS
+            },
+            "faults": {"type": "object", **_named(_model(FaultSpec, definitions), NAME_PATTERN)},
         },
         "required": ["bt_dualarm"],
         "anyOf": [{"required": ["arms"]}, {"required": ["subtrees"]}],

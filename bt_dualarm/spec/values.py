@@ -23,10 +23,9 @@ from pydantic import (
 )
 
 from bt_dualarm.core.pose import Pose, Vector
-from bt_dualarm.spec.ports import DEGREES, QUANTITY, SECONDS, STRICT, PortModel, Unit, port
+from bt_dualarm.spec.node_types import DEGREES, QUANTITY, SECONDS, STRICT, PortModel, Unit, port
 from bt_dualarm.spec.problems import suggestion
-from bt_dualarm.spec.yaml_edit import flow_text
-from bt_dualarm.spec.yaml_reader import Data, Json, with_tuples
+from bt_dualarm.spec.yaml_reader import Data, Json, flow_text, with_tuples
 
 _Component: TypeAlias = Annotated[float, Field(ge=-1000.0, le=1000.0)]
 Vector3: TypeAlias = tuple[_Component, _Component, _Component]
@@ -140,9 +139,14 @@ class PoseSpec(Value):
         roll, pitch, yaw = np.radians(self.rpy or (0.0, 0.0, 0.0))
         return Pose.from_rpy(self.xyz, (roll, pitch, yaw))
 
+    @property
+    def is_oriented(self) -> bool:
+        """Whether an orientation is given."""
+        return not (self.rpy is None and self.quat is None and self.look_at is None)
+
     def pose_from(self, current: Pose) -> Pose:
         """Returns the pose; without an orientation, that of ``current``."""
-        if self.rpy is None and self.quat is None and self.look_at is None:
+        if not self.is_oriented:
             return Pose(np.array(self.xyz), current.quaternion)
         return self.pose
 

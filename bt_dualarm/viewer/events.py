@@ -18,7 +18,7 @@ from bt_dualarm.diagnosis.story import Story, stories, story_text
 from bt_dualarm.replay.record import Record
 from bt_dualarm.replay.timeline import Change, TimelineNode
 from bt_dualarm.runtime.arm_runtime import IdleObserver
-from bt_dualarm.runtime.events import LOGGER
+from bt_dualarm.runtime.observations import LOGGER
 from bt_dualarm.skill.cell import waiting_sentence
 from bt_dualarm.spec.yaml_reader import Json
 from bt_dualarm.viewer.signals import COLUMNS, ModelIndices, Row, model_indices, row_of, series_text
@@ -175,7 +175,7 @@ def why_of(record: Record, asked: str | None, time: float | None = None) -> Json
         time: Simulated time in s: if the node was running then, what it was waiting for.
 
     Raises:
-        ReplayError: No node has this name, or it never ran; the time is outside of the record.
+        ReplayError: No node has this name, or it never ran; the time is outside the record.
     """
     found: list[Story] = []
     if asked is not None and time is not None:

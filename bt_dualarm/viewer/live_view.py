@@ -5,15 +5,15 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from threading import Lock
-from types import TracebackType
 from typing import Final
 
 import mujoco
 import numpy as np
 
-from bt_dualarm.runtime.arm_runtime import Arms, ArmView, Controller, IdleObserver
+from bt_dualarm.control.controller import JointController
+from bt_dualarm.runtime.arm_runtime import Arms, ArmView, IdleObserver
+from bt_dualarm.runtime.interruption import StopRequest
 from bt_dualarm.runtime.run import Run
-from bt_dualarm.runtime.signals import StopRequest
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.yaml_reader import Data, Json
 from bt_dualarm.viewer import signals
@@ -142,7 +142,7 @@ class Snapshot(IdleObserver):
                 self.take()
                 self._is_last = True
 
-    def _arm(self, view: ArmView, controller: Controller | None) -> Json:
+    def _arm(self, view: ArmView, controller: JointController | None) -> Json:
         facts: Json = {
             "arm": view.name,
             "robot": view.robot,
@@ -227,12 +227,7 @@ class LiveView:
         self._served.begin()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Stop serving."""
         self._served.end()
         self._events.close()
@@ -278,7 +273,7 @@ class LiveView:
 
         Raises:
             ViewError: There is no such command, or its value is invalid.
-            GateError: A value is outside of the allowed range.
+            GateError: A value is outside the allowed range.
         """
         button = self._buttons.get(str(asked.get("deed", "")))
         if button is None:
@@ -286,7 +281,7 @@ class LiveView:
         try:
             button(asked.get("value"))
         except (TypeError, ValueError, AttributeError) as error:
-            raise ViewError(f"that value makes no sense: {error}") from error
+            raise ViewError(f"invalid value: {error}") from error
         return self.gate.state
 
     def _page(self) -> PageAnswer:

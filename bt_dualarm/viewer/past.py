@@ -19,16 +19,14 @@ import numpy as np
 
 from bt_dualarm.core.errors import DualArmError
 from bt_dualarm.diagnosis.story import state_of, stories
-from bt_dualarm.recording.history_file import HistoryError
 from bt_dualarm.replay.record import Record, ReplayError
-from bt_dualarm.replay.scene import RecordedFrame, recorded_frames
-from bt_dualarm.replay.timeline import Timeline, TimelineNode
+from bt_dualarm.replay.timeline import RecordedFrame, Timeline, TimelineNode, recorded_frames
+from bt_dualarm.runtime.history_file import HistoryError
 from bt_dualarm.runtime.recorder import EVENTS, FRAMES, HISTORY
 from bt_dualarm.runtime.report import json_ready
 from bt_dualarm.sim.composition import CAMERA
-from bt_dualarm.sim.frame import Frame, Scenery
-from bt_dualarm.sim.ray_renderer import RayRenderer
-from bt_dualarm.sim.renderer import Exposure, Image, RenderableWorld
+from bt_dualarm.sim.frame import Exposure, Frame, Image, RenderableWorld, Scenery
+from bt_dualarm.sim.renderers import RayRenderer
 from bt_dualarm.spec.yaml_reader import Data, Json
 from bt_dualarm.viewer import signals
 from bt_dualarm.viewer.events import (
@@ -556,10 +554,11 @@ def _pictures(record: Record, view: RecordView, arm: str) -> Iterator[tuple[floa
     ]
     if not taken:
         return
-    first = min(taken)
-    last = max(taken)
-    count = int(min(_MOST_PICTURES, max(1.0, _PICTURES * (last - first))))
-    for time in np.linspace(first, last, count).round(4).tolist():
+    taken.sort()
+    wanted = max(1, int(_PICTURES * (taken[-1] - taken[0])))
+    count = min(len(taken), wanted, _MOST_PICTURES)
+    chosen = np.linspace(0, len(taken) - 1, count).astype(int).tolist()
+    for time in (round(taken[number], 4) for number in chosen):
         try:
             picture = view.questions["eye"]({"arm": arm, "t": str(time)})
         except DualArmError:  # the arm was not in the world then

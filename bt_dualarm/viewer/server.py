@@ -595,7 +595,7 @@ def _interface(host: str) -> str:
     try:
         address = ipaddress.IPv4Address(host)
     except ValueError:
-        raise ViewError(f"{host!r} is no IPv4 address of an interface") from None
+        raise ViewError(f"{host!r} is not the IPv4 address of an interface") from None
     if address.is_unspecified or address.is_multicast:
         raise ViewError(f"{host} is not the address of one interface: name that")
     return host

@@ -34,15 +34,14 @@ from bt_dualarm.robots.mjspec import (
     joint_motors,
     robot_spec,
 )
-from bt_dualarm.robots.mounting import with_gripper
 from bt_dualarm.robots.robot import Robot
-from bt_dualarm.robots.robot_description import load_robot
-from bt_dualarm.runtime.arm_runtime import Arms, Controller, IdleObserver
+from bt_dualarm.robots.robot_description import load_robot, with_gripper
+from bt_dualarm.runtime.arm_runtime import Arms, IdleObserver
 from bt_dualarm.runtime.clock import Periodic, exact
 from bt_dualarm.sim.composition import CAMERA
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.yaml_reader import Json
-from bt_dualarm.trajectory.sources import TrajectorySource
+from bt_dualarm.trajectory.set_points import TrajectorySource
 
 Ids = npt.NDArray[np.int64]
 
@@ -237,7 +236,7 @@ class MotionAhead:
         self._times: Vector = np.empty(0)
         self._points: Matrix = np.empty((0, 3))
 
-    def of(self, controller: Controller, data: mujoco.MjData) -> str:
+    def of(self, controller: JointController, data: mujoco.MjData) -> str:
         """Points of the remaining tool path in m, three 32-bit floats each, as base64.
 
         Empty while the arm holds its position, or follows a stream, whose future is unknown.

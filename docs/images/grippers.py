@@ -15,8 +15,8 @@ import numpy as np
 
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.robots.gripper import FINGERS, gripper_names
+from bt_dualarm.sim.frame import Image, Viewpoint
 from bt_dualarm.sim.painter import StillRenderer
-from bt_dualarm.sim.renderer import Image, Viewpoint
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ArmSpec, ObjectSpec, TreeFile, WorldSpec
 from bt_dualarm.spec.node_types import NodeSpec

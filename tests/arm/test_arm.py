@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 
 from bt_dualarm.arm.arm import PLANNING_S, Arm, SharedArm
+from bt_dualarm.arm.traffic import Traffic
 from bt_dualarm.control.controller import JointController
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.planning.process import PlanningProcess
 from bt_dualarm.safety.failsafe import Reservations
 from bt_dualarm.sim.contact_monitor import Contacts
 from bt_dualarm.sim.world import World
-from bt_dualarm.trajectory.limits import SetPoint
-from bt_dualarm.trajectory.point_to_point import point_to_point
+from bt_dualarm.trajectory.path_timing import point_to_point
+from bt_dualarm.trajectory.set_points import SetPoint
 from bt_dualarm.trajectory.trajectory import Trajectory
 from tests.sim.worlds import arm, box, file_of
 
@@ -30,7 +31,11 @@ class Bench:
         self.controller = JointController(self.world, "arm1", self.world.timestep, Reservations())
         planning = planning or PlanningProcess()
         touches = Contacts(self.world)
-        shared = SharedArm(self.world, "arm1", self.controller, None, 1, planning, touches)
+        traffic = Traffic(lambda: self.world.time)
+        controllers = {"arm1": self.controller}
+        shared = SharedArm(
+            self.world, "arm1", self.controller, None, 1, planning, touches, traffic, controllers
+        )
         self.first = Arm(shared, "first")
         self.second = Arm(shared, "second")
 

@@ -11,7 +11,7 @@ from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Matrix
 from bt_dualarm.planning.process import PlanningProcess
 from bt_dualarm.sim.world import World
-from bt_dualarm.trajectory.point_to_point import point_to_point
+from bt_dualarm.trajectory.path_timing import point_to_point
 from tests.arm.test_arm import Bench
 from tests.arm.test_planning import WalledBench
 from tests.control.walls import LEFT

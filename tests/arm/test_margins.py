@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from bt_dualarm.arm.arm import PLANNING_MARGIN_M, Arm
+from bt_dualarm.arm.traffic import Traffic
 from bt_dualarm.collision.checker import CollisionChecker
 from bt_dualarm.robots.robot_description import robot_names
 from bt_dualarm.sim.world import World
@@ -45,7 +46,9 @@ def test_a_near_arm_takes_nothing_from_what_is_kept_from_another(robot: str) -> 
     assert 0.005 < gap(world, "arm2") < 0.035
     assert PLANNING_MARGIN_M < gap(world, "arm3") < 0.08
     q = world.arms["arm1"].q
-    state = SimpleNamespace(world=world, name="arm1", setpoint=SimpleNamespace(q=q))
+    shared = SimpleNamespace(traffic=Traffic(lambda: 0.0))
+    here = SimpleNamespace(q=q)
+    state = SimpleNamespace(world=world, name="arm1", setpoint=here, _shared=shared)
     checker = Arm.checker(cast("Arm", state))
     assert checker.free(q)
     of_third = CollisionChecker(world, "arm1", {"arm3": PLANNING_MARGIN_M})

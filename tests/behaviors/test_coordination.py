@@ -173,6 +173,81 @@ TABLES = {
         },
         ["R - | R -", "R R | R -", "R R | F -"],
     ),
+    "two arms in step begin and end together": (
+        SIGNAL,
+        {
+            "arm1": "in_step: {with: arm2, child: {act: {script: RS}}}",
+            "arm2": "in_step: {with: arm1, child: {act: {script: S}}}",
+        },
+        ["R - | R -", "R R | R S", "R S | R S", "S S | S S"],
+    ),
+    "both children end in the same tick": (
+        SIGNAL,
+        {
+            "arm1": "in_step: {with: arm2, child: {act: {script: S}}}",
+            "arm2": "in_step: {with: arm1, child: {act: {script: S}}}",
+        },
+        ["R - | R -", "R S | R S", "S S | S S"],
+    ),
+    "the first one in step waits for the other": (
+        SIGNAL,
+        {
+            "arm1": "in_step: {with: arm2, child: {act: {script: S}}}",
+            "arm2": "sequence: [{act: {script: RRS}}, "
+            "{in_step: {with: arm1, child: {act: {script: S}}}}]",
+        },
+        ["R - | R R - -", "R - | R R - -", "R - | R S R -", "R S | R S R S", "S S | S S S S"],
+    ),
+    "a child in step that fails": (
+        SIGNAL,
+        {
+            "arm1": "in_step: {with: arm2, child: {act: {script: F}}}",
+            "arm2": "in_step: {with: arm1, child: {act: {script: RRR}}}",
+        },
+        ["R - | R -", "F F | R R", "F F | F -"],
+    ),
+    "one that has done its part hears that the other has failed": (
+        SIGNAL,
+        {
+            "arm1": "in_step: {with: arm2, child: {act: {script: S}}}",
+            "arm2": "in_step: {with: arm1, child: {act: {script: RF}}}",
+        },
+        ["R - | R -", "R S | R R", "R S | F F", "F S | F F"],
+    ),
+    "one that is halted in step": (
+        SIGNAL,
+        {
+            "arm1": "timeout: {seconds: 2, child: {in_step: {with: arm2, "
+            "child: {act: {script: RRRR}}}}}",
+            "arm2": "in_step: {with: arm1, child: {act: {script: RRRR}}}",
+        },
+        ["R R - | R -", "R R R | R R", "F - - | R R", "F - - | F -"],
+    ),
+    "an arm that does not come in time": (
+        SIGNAL,
+        {
+            "arm1": "in_step: {with: arm2, timeout: 1, child: succeed}",
+            "arm2": "sequence: [{act: {script: RRRS}}, {in_step: {with: arm1, child: succeed}}]",
+        },
+        ["R - | R R - -", "F - | R R - -", "F - | R R - -", "F - | R S R -", "F - | F S F -"],
+    ),
+    "both try again": (
+        SIGNAL,
+        {
+            "arm1": "retry: {times: 2, child: {in_step: {with: arm2, "
+            "child: {act: {script: F|S}}}}}",
+            "arm2": "retry: {times: 2, child: {in_step: {with: arm1, "
+            "child: {act: {name: other, script: R|S}}}}}",
+        },
+        [
+            "R R - | R R -",
+            "R F F | R R R",
+            "R R - | R F -",
+            "R R - | R R -",
+            "R R S | R R S",
+            "S S S | S S S",
+        ],
+    ),
 }
 ORDERS = [
     pytest.param(name, order, id=f"{name}-{'-'.join(order)}")
@@ -222,6 +297,36 @@ def test_a_removed_arm_is_missed_and_gives_up_its_claims(tmp_path: Path) -> None
     assert cells.failures() == [
         ("arm2", "PARTNER_GONE", "arm1 was removed at 2.00 s; 'there' had been waited for 2.00 s")
     ]
+
+
+def test_an_arm_in_step_hears_that_the_other_is_removed(tmp_path: Path) -> None:
+    cells = Cells(
+        tmp_path,
+        SIGNAL,
+        {
+            "arm1": "in_step: {with: arm2, child: {act: {script: RRRR}}}",
+            "arm2": "in_step: {with: arm1, child: {act: {script: RRRR}}}",
+        },
+    )
+    assert cells.table(2) == ["R - | R -", "R R | R R"]
+    cells.remove("arm2")
+    assert cells.table(2) == ["R R", "F -"]
+    assert cells.failures() == [("arm1", "PARTNER_GONE", "arm2 was removed at 2.00 s")]
+
+
+def test_an_arm_whose_partner_in_step_has_ended_does_not_wait(tmp_path: Path) -> None:
+    cells = Cells(
+        tmp_path,
+        SIGNAL,
+        {
+            "arm1": "in_step: {with: arm2, child: succeed}",
+            "arm2": "sequence: [{act: {script: RF}}, {in_step: {with: arm1, child: succeed}}]",
+        },
+    )
+    cells.table(3)
+    (failure,) = [one for one in cells.failures() if one[0] == "arm1"]
+    assert failure[1] == "PARTNER_GONE"
+    assert "arm2 has ended with FAILURE at 1.00 s" in failure[2]
 
 
 def test_an_arm_that_is_spawned_again_is_met(tmp_path: Path) -> None:
@@ -286,6 +391,33 @@ WAITS_FOR_GOOD = {
             "arm2": "succeed",
         },
         "arm1 waits here for 'zone bin', which it has claimed",
+    ),
+    "a step with an arm that has none": (
+        SIGNAL,
+        {"arm1": "in_step: {with: arm2, child: succeed}", "arm2": "succeed"},
+        "arm2 never goes in step with arm1",
+    ),
+    "a step with itself": (
+        SIGNAL,
+        {"arm1": "in_step: {with: arm1, child: succeed}", "arm2": "succeed"},
+        "arm1 cannot go in step with itself",
+    ),
+    "a step too many": (
+        SIGNAL,
+        {
+            "arm1": "sequence: [{in_step: {with: arm2, child: succeed}}, "
+            "{in_step: {with: arm2, child: succeed}}]",
+            "arm2": "in_step: {with: arm1, child: succeed}",
+        },
+        "arm1 waits for the step with arm2",
+    ),
+    "a step that waits for what follows the other one": (
+        SIGNAL,
+        {
+            "arm1": "sequence: [{in_step: {with: arm2, child: succeed}}, signal: ready]",
+            "arm2": "in_step: {with: arm1, child: {await: ready}}",
+        },
+        "arm1 waits for the step with arm2",
     ),
     "nobody comes": (
         MEETING,
@@ -421,3 +553,10 @@ def test_claims_that_block_each_other_are_told_before_the_run(tmp_path: Path) ->
     assert "arm1 holds zone a (" in message
     assert "and claims zone b (" in message
     assert "arm2 holds zone b (" in message
+
+
+@pytest.mark.parametrize("leaf", ["meet: '{name}'", "await: '{name}'", "signal: '{name}'"])
+def test_names_of_the_cell_are_not_taken_from_the_blackboard(leaf: str, tmp_path: Path) -> None:
+    tree = f"sequence: [{{set: {{key: name, value: there}}}}, {leaf}]"
+    with pytest.raises(SpecError, match="cannot come from the blackboard"):
+        Cells(tmp_path, MEETING, {"arm1": tree, "arm2": "meet: there"})

@@ -34,18 +34,20 @@ DEFINED_IN = {
     "spec/cell.py",
 }
 
-WRITES_TREES = {"testing/laws.py"}
+WRITES_TREES = {"testing.py"}
 """They write trees around a skill, as an author of tree files does."""
 
 OTHER_THINGS = {
     ("spec/parser.py", "subtree"),  # what a name in a message is the name of
     ("cli/bt_run.py", "log"),  # a display of one line an event
     ("runtime/display.py", "log"),
-    ("spec/reality.py", "set"),  # the name of a set of numbers
+    ("spec/document.py", "set"),  # the name of a set of numbers
     ("runtime/report.py", "guard"),  # the gate on set-points, in summary.json
     ("runtime/observations.py", "guard"),  # likewise, in run.history
     ("skill/cell.py", "signal"),  # what a wait is for
     ("behaviors/graph.py", "signal"),  # a port
+    ("cli/__init__.py", "compare"),  # a command
+    ("spec/faults.py", "fail"),  # what a fault does
 }
 """Texts that are spelt like a node type and mean something else."""
 

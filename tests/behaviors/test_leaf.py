@@ -11,7 +11,7 @@ import pytest
 
 from bt_dualarm.core.errors import Failure, Interruption
 from bt_dualarm.skill.skill import Skill
-from bt_dualarm.spec.ports import PortModel, port
+from bt_dualarm.spec.node_types import PortModel, port
 from tests.behaviors.ticking import Stage
 
 

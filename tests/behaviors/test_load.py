@@ -10,8 +10,7 @@ from typing import Any, TypeAlias
 import pytest
 
 from bt_dualarm.behaviors.load import check_file, load_tree_file
-from bt_dualarm.spec.node_types import NodeType
-from bt_dualarm.spec.ports import PortModel, port
+from bt_dualarm.spec.node_types import NodeType, PortModel, port
 from bt_dualarm.spec.problems import SpecError
 from bt_dualarm.spec.values import ArmName, ObjectName, PoseSpec, Speed
 

@@ -12,15 +12,14 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from bt_dualarm.behaviors.build import ArmTree, build_tree
-from bt_dualarm.behaviors.load import load_tree_file
+from bt_dualarm.behaviors.load import ArmTree, build_tree, load_tree_file
 from bt_dualarm.behaviors.report import NodeView, StatusChange
 from bt_dualarm.core.errors import Failure
-from bt_dualarm.runtime.series import SeriesLog
+from bt_dualarm.runtime.outcome import SeriesLog
 from bt_dualarm.skill.cell import CellAccess, CellState
 from bt_dualarm.skill.registry import kind_of, yaml_name
 from bt_dualarm.skill.skill import Skill, SkillContext
-from bt_dualarm.spec.ports import PortModel, port
+from bt_dualarm.spec.node_types import PortModel, port
 
 if TYPE_CHECKING:
     from bt_dualarm.arm.arm import Arm

@@ -19,7 +19,7 @@ import pytest
 
 from bt_dualarm.cli import entry
 from bt_dualarm.cli.entry import ProcessEnd
-from bt_dualarm.runtime.signals import StopRequest
+from bt_dualarm.runtime.interruption import StopRequest
 from tests.families import some
 from tests.listening import HEEDING, STOPPING, wait_until, wait_until_it_listens
 

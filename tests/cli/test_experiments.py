@@ -20,9 +20,9 @@ from bt_dualarm.cli import experiments as main
 from bt_dualarm.cli.bt_experiments import cells_of, command_line
 from bt_dualarm.core.errors import RendererError
 from bt_dualarm.experiments import report
-from bt_dualarm.experiments.cases import Cell
 from bt_dualarm.experiments.report import Campaign, Result
-from bt_dualarm.sim import gl_renderer
+from bt_dualarm.experiments.trials import Cell
+from bt_dualarm.sim import renderers
 from tests.experiments.test_results import made_up
 
 ONE = ("--case", "circle", "--speed", "1", "--controller", "predictive")
@@ -50,7 +50,7 @@ def test_rays_unless_opengl_is_asked_for(
     asked: tuple[str, ...], seen: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """On every machine alike, whether OpenGL works there or not."""
-    monkeypatch.setattr(gl_renderer, "choose_renderer", lambda kind: kind)
+    monkeypatch.setattr(renderers, "choose_renderer", lambda kind: kind)
     cells = cells_of(command_line().parse_args(["--case", "circle", *asked]))
     assert list(dict.fromkeys(cell.renderer for cell in cells)) == seen
 
@@ -63,7 +63,7 @@ def test_opengl_that_is_missing_is_said_before_anything_runs(
     def missing(kind: str) -> None:
         raise RendererError(f"no {kind} here")
 
-    monkeypatch.setattr(gl_renderer, "choose_renderer", missing)
+    monkeypatch.setattr(renderers, "choose_renderer", missing)
     monkeypatch.setattr(report, "run_all", lambda *_: pytest.fail("it was run"))
     assert main(["--case", "circle", "--renderer", "both"]) == 2
     assert "no gl here" in capsys.readouterr().err

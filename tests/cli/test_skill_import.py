@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from bt_dualarm import cli
-from bt_dualarm.cli import arguments
+from bt_dualarm.cli import entry
 from bt_dualarm.skill.registry import Registry
 
 HUNG = {
@@ -41,7 +41,7 @@ def test_an_import_that_does_not_return_is_an_overrun(
 ) -> None:
     """It says file and line, and the exit code is that of a skill which does not return."""
     Registry.load()  # the shipped ones need their time once in a process
-    monkeypatch.setattr(arguments, "IMPORT_S", SECONDS)
+    monkeypatch.setattr(entry, "IMPORT_S", SECONDS)
     (tmp_path / "hung.py").write_text(HUNG[kind], encoding="utf-8")
     main, given = COMMANDS[name]
     assert main([*given, "--skills", str(tmp_path)]) == 154
@@ -59,9 +59,9 @@ def test_an_import_that_cannot_be_interrupted_ends_the_process(tmp_path: Path) -
         "    except BaseException:\n        pass\n"
     )
     code = (
-        "import sys; import bt_dualarm.cli as cli; from bt_dualarm.cli import arguments; "
+        "import sys; import bt_dualarm.cli as cli; from bt_dualarm.cli import entry; "
         "from bt_dualarm.skill.registry import Registry; Registry.load(); "
-        f"arguments.IMPORT_S = {SECONDS}; sys.exit(cli.check())"
+        f"entry.IMPORT_S = {SECONDS}; sys.exit(cli.check())"
     )
     command = [sys.executable, "-c", code, "circle", "--skills", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -71,7 +71,7 @@ def test_an_import_that_cannot_be_interrupted_ends_the_process(tmp_path: Path) -
 
 
 def test_an_import_within_its_time_is_left_alone() -> None:
-    assert arguments.imported_skills("bt-check", ()).skills == Registry.load().skills
+    assert entry.imported_skills("bt-check", ()).skills == Registry.load().skills
 
 
 @pytest.mark.parametrize(

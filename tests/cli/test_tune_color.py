@@ -10,7 +10,7 @@ import pytest
 
 from bt_dualarm.cli import check, tune_color
 from bt_dualarm.runtime.options import find_tree
-from bt_dualarm.tuning.color import png
+from bt_dualarm.tuning import png
 from tests.tuning.test_look import two_squares
 
 
@@ -68,7 +68,7 @@ def test_a_tree_is_looked_at_changed_and_checked(
     ("arguments", "says"),
     [
         (["PHOTO", "--write"], "an image has no ranges"),
-        (["PHOTO", "--pick", "80,0"], "pixel 80,0 is outside of the image, which is 80x60"),
+        (["PHOTO", "--pick", "80,0"], "pixel 80,0 is outside the image, which is 80x60"),
         (["PHOTO", "--value", "0.9", "0.1"], "value goes from 0.9 down to 0.1"),
         (["PHOTO", "--out", "/no/such/folder/x.png"], "cannot write /no/such/folder/x.png"),
         (["nothing.png"], "nothing.png: cannot be read"),

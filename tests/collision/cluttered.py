@@ -13,9 +13,9 @@ import numpy as np
 
 from bt_dualarm.collision.checker import CollisionChecker
 from bt_dualarm.collision.kernel_arrays import ConvexShapes, Joints, Pairs, SweptArm
+from bt_dualarm.collision.swept import CompiledEdges
 from bt_dualarm.core.pose import Matrix, Vector
-from bt_dualarm.planning.edges import CompiledEdges
-from bt_dualarm.planning.rrt_connect import CompiledRRTConnect
+from bt_dualarm.planning.path_search import CompiledRRTConnect
 from bt_dualarm.robots.robot import JointLimits
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ObjectSpec

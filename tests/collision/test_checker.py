@@ -11,17 +11,18 @@ from bt_dualarm.core.pose import Pose
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.robots.robot_description import robot_names
 from bt_dualarm.sim.world import World
+from bt_dualarm.spec.document import ObjectSpec
 from tests.sim.worlds import arm, box, file_of, world_with
 
 DOWN = (np.pi, 0.0, 0.0)
 
 
-def pick_world() -> World:
+def pick_world(**more: ObjectSpec) -> World:
     """A UR5, a cube that floats in its reach, and a Panda that stands out of its way."""
     return World(
         file_of(
             {"arm1": arm("ur5"), "arm2": arm("panda", (1.6, 0.0, 0.4), 180.0)},
-            {"cube": box((0.45, 0.1, 0.6), fixed=False)},
+            {"cube": box((0.45, 0.1, 0.6), fixed=False), **more},
         )
     )
 
@@ -188,14 +189,25 @@ def test_interpolation_keeps_its_ends_and_its_step() -> None:
 
 def test_on_the_way_nothing_is_touched_that_is_not_touched_at_an_end() -> None:
     """A touch that just counts as none at a sample may be deeper between two of them."""
-    world = pick_world()
+    world = pick_world(brick=box((0.45, 0.1, 0.66), fixed=False))
+    apart = above(world, 0.06)
+    world.data.qpos[world.arms["arm1"].qpos_ids] = apart
+    mujoco.mj_forward(world.model, world.data)
+    world.sense()
+    world.attach("arm1", "brick")
     checker = CollisionChecker(world, "arm1")
-    touching = above(world, -0.0003)
-    apart = above(world, 0.01)
+    touching = above(world, 0.05 - 0.0003)
     assert checker.free(touching)
     assert not checker.without_new_contacts([apart]).free(touching)
     assert checker.without_new_contacts([apart, touching]).free(touching)
-    assert not checker.without_new_contacts([touching]).free(above(world, -0.01))
+    assert not checker.without_new_contacts([touching]).free(above(world, 0.04))
+
+
+def test_an_empty_tool_touches_no_object_however_little() -> None:
+    world = pick_world()
+    checker = CollisionChecker(world, "arm1")
+    assert checker.free(above(world, 0.0003))
+    assert not checker.free(above(world, -0.0003))
 
 
 def test_each_other_arm_keeps_a_margin_of_its_own() -> None:

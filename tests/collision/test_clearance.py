@@ -10,7 +10,7 @@ from bt_dualarm.control.controller import JointController
 from bt_dualarm.core.pose import Vector
 from bt_dualarm.safety.failsafe import Reservations
 from bt_dualarm.sim.world import World
-from bt_dualarm.trajectory.point_to_point import point_to_point
+from bt_dualarm.trajectory.path_timing import point_to_point
 from tests.sim.worlds import arm, box, file_of
 
 PERIOD = 0.004

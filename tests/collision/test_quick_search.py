@@ -11,10 +11,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from bt_dualarm.collision.convex_distance_kernels import SCRATCH, distance
+from bt_dualarm.collision.distance_kernels import SCRATCH, distance
+from bt_dualarm.collision.swept import is_path_free
 from bt_dualarm.collision.swept_kernels import first_too_near, free_share
-from bt_dualarm.planning.edges import is_path_free
-from bt_dualarm.planning.rrt_connect import warm_up_planning
+from bt_dualarm.planning.path_search import warm_up_planning
 from bt_dualarm.planning.rrt_kernels import connect
 from tests.collision.cluttered import found, small_search
 from tests.source import ROOT

@@ -7,8 +7,7 @@ import weakref
 
 import numpy as np
 
-from bt_dualarm.collision.checker import CollisionChecker
-from bt_dualarm.collision.scratch_model import ScratchModel
+from bt_dualarm.collision.checker import CollisionChecker, ScratchModel
 from tests.collision.cluttered import anywhere, cluttered
 
 

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from bt_dualarm.collision.checker import CollisionChecker, interpolated
-from bt_dualarm.collision.swept import swept_arm
+from bt_dualarm.collision.swept import CompiledEdges, is_path_free, swept_arm
 from bt_dualarm.collision.swept_kernels import WHOLE, first_too_near, free_share
 from bt_dualarm.core.pose import Vector
-from bt_dualarm.planning.edges import CompiledEdges, is_path_free
 from bt_dualarm.robots.robot import JointLimits
 from bt_dualarm.robots.robot_description import load_robot, robot_names
 from tests.collision.cluttered import anywhere, checker_in

@@ -10,7 +10,7 @@ from bt_dualarm.control.collision_detection import CollisionDetector
 from bt_dualarm.control.dynamics import ArmDynamics
 from bt_dualarm.core.errors import HitFailure
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.trajectory.limits import SetPoint
+from bt_dualarm.trajectory.set_points import SetPoint
 from tests.plays import STOPPED, Stage
 from tests.skills.scenarios import Tree
 from tests.skills.trials import pushes

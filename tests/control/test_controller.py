@@ -12,9 +12,8 @@ from bt_dualarm.core.errors import DivergenceError, Failure
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.safety.failsafe import Reservations
 from bt_dualarm.sim.world import World
-from bt_dualarm.trajectory.limits import SetPoint
-from bt_dualarm.trajectory.point_to_point import point_to_point
-from bt_dualarm.trajectory.sources import Stream
+from bt_dualarm.trajectory.path_timing import point_to_point
+from bt_dualarm.trajectory.set_points import SetPoint, Stream
 from bt_dualarm.trajectory.trajectory import Trajectory, use_of_limits
 from tests.sim.worlds import PAGES, ROBOTS, arm, box, file_of, world_with
 

@@ -11,7 +11,7 @@ from bt_dualarm.core.pose import Pose
 from bt_dualarm.robots.robot import Robot
 from bt_dualarm.robots.robot_description import load_robot, robot_names
 from bt_dualarm.sim.arm_models import NominalLoad
-from bt_dualarm.trajectory.point_to_point import point_to_point
+from bt_dualarm.trajectory.path_timing import point_to_point
 from bt_dualarm.trajectory.trajectory import Trajectory
 from tests.sim.worlds import box, world_with
 

@@ -16,8 +16,8 @@ from bt_dualarm.robots.robot_description import robot_names
 from bt_dualarm.safety.failsafe import Reservations
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ObjectSpec
+from bt_dualarm.trajectory.path_timing import time_path
 from bt_dualarm.trajectory.paths import line
-from bt_dualarm.trajectory.point_to_point import time_path
 from tests.sim.worlds import arm, file_of
 
 PERIOD = 0.004

@@ -19,7 +19,7 @@ from bt_dualarm.control.kernel_rows import (
 )
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.robots.robot_description import load_robot
-from bt_dualarm.trajectory.limits import Flags, SetPoint
+from bt_dualarm.trajectory.set_points import Flags, SetPoint
 
 FRICTION = load_robot("panda").friction
 DOF = len(FRICTION.coulomb)

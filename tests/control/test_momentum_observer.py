@@ -12,7 +12,7 @@ from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.safety.failsafe import Reservations
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.trajectory.point_to_point import point_to_point
+from bt_dualarm.trajectory.path_timing import point_to_point
 
 KINDS = Registry.load().kinds
 NOTHING = np.zeros(3)

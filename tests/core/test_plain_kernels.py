@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bt_dualarm.collision import sphere_kernels as spheres
+from bt_dualarm.collision import distance_kernels
 from bt_dualarm.control.control_kernels import detect_collision
 from bt_dualarm.control.kernel_rows import COMPARE, DETECTOR_ROWS, FIRST, JUDGE, LEARN
 from bt_dualarm.core.pose import Vector
-from bt_dualarm.perception.tracking_kernels import blend_in_plane
-from bt_dualarm.safety.region_kernels import longest_free_time
+from bt_dualarm.perception.perception_kernels import blend_in_plane
 from bt_dualarm.sim.device_kernels import (
     any_foreign_contact,
     drive_fingers,
@@ -24,8 +23,9 @@ from bt_dualarm.sim.device_kernels import (
     pad_forces_in_tool,
     store_poses,
 )
-from bt_dualarm.sim.kernel_columns import DRIVE
+from bt_dualarm.sim.kernel_arrays import DRIVE
 from bt_dualarm.sim.ray_trace_kernels import enter
+from bt_dualarm.trajectory.trajectory_kernels import longest_free_time
 from tests.plain_kernels import plain
 
 N = 5
@@ -47,14 +47,14 @@ def limits(rng: np.random.Generator) -> Any:
 
 
 KERNELS: dict[Callable[..., Any], Arguments] = {
-    spheres.place: lambda rng: (
+    distance_kernels.place: lambda rng: (
         rng.normal(size=(N, 4)),
         rng.integers(0, BODIES, N),
         rng.normal(size=(BODIES, 3)),
         rng.normal(size=(BODIES, 9)),
         np.empty((N, 4)),
     ),
-    spheres.lever: lambda rng: (
+    distance_kernels.lever: lambda rng: (
         rng.normal(size=(N, 4)),
         rng.permutation(DOF),
         rng.normal(size=(DOF, 3)),
@@ -62,9 +62,12 @@ KERNELS: dict[Callable[..., Any], Arguments] = {
         rng.integers(0, 2, (N, DOF)).astype(float),
         np.empty((N, DOF)),
     ),
-    spheres.reach: lambda rng: (rng.random((N, DOF)), 0.2 * rng.random(DOF), 1.5),
-    spheres.nearest: lambda rng: (rng.normal(size=(N, 4)), rng.normal(size=(3, 4))),
-    spheres.moved: lambda rng: (
+    distance_kernels.reach: lambda rng: (rng.random((N, DOF)), 0.2 * rng.random(DOF), 1.5),
+    distance_kernels.sphere_distance: lambda rng: (
+        rng.normal(size=(N, 4)),
+        rng.normal(size=(3, 4)),
+    ),
+    distance_kernels.moved: lambda rng: (
         *rng.normal(size=(2, N, 3)),
         rng.random(N),
         rng.integers(0, 2, (N, DOF)).astype(float),
@@ -173,6 +176,6 @@ def test_plain_kernels_call_plain_ones() -> None:
     """And whoever imports one gets the compiled one all the same."""
     inner = vars(sys.modules[plain(longest_free_time).__module__])
     assert not hasattr(plain(longest_free_time), "py_func")
-    assert plain(longest_free_time).__globals__["reach"] is not spheres.reach
+    assert plain(longest_free_time).__globals__["reach"] is not distance_kernels.reach
     assert not hasattr(plain(longest_free_time).__globals__["reach"], "py_func")
     assert inner["longest_free_time"] is longest_free_time

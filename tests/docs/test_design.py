@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import pytest
 
+from bt_dualarm.behaviors.language import LANGUAGE
 from tests.source import PACKAGE, ROOT
 
 PAGE = (ROOT / "docs" / "design.md").read_text(encoding="utf-8")
@@ -50,12 +51,15 @@ def test_a_walk_leads_through_files_and_names_that_exist(title: str) -> None:
 def test_the_packages_of_the_page_are_the_layers_and_the_packages_that_there_are() -> None:
     table = PAGE.split("## Packages")[1].split("\n## ")[0]
     page = {
-        name: int(n) for n, name in re.findall(r"^\| (\d+) \| `(\w+)/` \|", table, re.MULTILINE)
+        name: int(n)
+        for n, name in re.findall(r"^\| (\d+) \| `(\w+)(?:/|\.py)` \|", table, re.MULTILINE)
     }
     held = {name: number for number, layer in enumerate(layers(), 1) for name in layer}
     del held["__main__"]
     assert page == held
-    assert set(page) == {path.parent.name for path in PACKAGE.glob("*/__init__.py")}
+    packages = {path.parent.name for path in PACKAGE.glob("*/__init__.py")}
+    modules = {path.stem for path in PACKAGE.glob("*.py")} - {"__init__", "__main__"}
+    assert set(page) == packages | modules
 
 
 @pytest.mark.parametrize("page", ["docs/design.md", "CONTRIBUTING.md"])
@@ -67,3 +71,10 @@ def test_every_file_that_the_page_names_exists(page: str) -> None:
     for name in names:
         written = "NAME" in name
         assert written or any((root / name).is_file() for root in (ROOT, PACKAGE)), name
+
+
+def test_the_pages_count_node_types_and_skills_correctly() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    skills = [path for path in (ROOT / "skills").glob("*.py") if not path.name.startswith("_")]
+    assert f"a tree may contain: {len(skills)} skills" in readme
+    assert f"of the {len(LANGUAGE)} node types" in PAGE

@@ -31,6 +31,7 @@ EXAMPLE_PAGES = (
     "docs/tracking.md",
     "docs/reality.md",
     "docs/running.md",
+    "docs/sweeps.md",
     "docs/first_skill.md",
     "docs/own_robot.md",
 )
@@ -50,7 +51,9 @@ RUN_ELSEWHERE = {
     ".venv/bin/python -m pytest": "this suite",
     ".venv/bin/python -m bt_dualarm circle --display quiet": "tests/runtime/test_api.py",
     ".venv/bin/python docs/images/pick_and_track_film.py": "by hand: a run and 207 pictures",
+    "bt-run handover": "tests/test_trees.py",
     "bt-run shared_bin": "tests/test_trees.py",
+    "bt-run assembly": "tests/test_trees.py",
     "bt-record export out --lerobot data": "docs/running.md",
     "bt-record export run_* --lerobot data --only-successes": "tests/replay/test_lerobot.py",
     "bt-record export more_* --lerobot data --append": "tests/replay/test_lerobot.py",

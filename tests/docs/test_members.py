@@ -13,7 +13,14 @@ DOCS = Path(__file__).parents[2] / "docs"
 @pytest.mark.parametrize(
     ("page", "members"),
     [
-        ("skills.md", ("`arm.follow(trajectory, ignore={})`", "`self.metrics`", "`check_arrival`")),
+        (
+            "skills.md",
+            (
+                "`arm.follow(trajectory, ignore={}, wait_s=60.0)`",
+                "`self.metrics`",
+                "`check_arrival`",
+            ),
+        ),
         ("python.md", ("`run.step(seconds)`", "`result.state_sha256`", "`arm.tool_pose`")),
     ],
 )

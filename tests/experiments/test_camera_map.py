@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.camera_map import Faults, draw, instability, survey, table
-from bt_dualarm.experiments.cases import Cell
-from bt_dualarm.experiments.trials import Trial, TrialError
+from bt_dualarm.experiments.trials import Cell, Trial, TrialError
 from tests.experiments.test_results import made_up
 
 

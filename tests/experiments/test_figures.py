@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bt_dualarm.experiments.cases import Cell, ControllerName
 from bt_dualarm.experiments.report import Result, over_time, overlay
+from bt_dualarm.experiments.trials import Cell, ControllerName
 from tests.experiments.test_results import made_up
 
 

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from bt_dualarm.experiments.cases import CASES, Cell
 from bt_dualarm.experiments.report import Forecast, shown_progress
+from bt_dualarm.experiments.trials import CASES, Cell
 
 CELLS = [Cell(case, speed) for case, speed in CASES]
 

@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.core.pose import Matrix, Vector
-from bt_dualarm.experiments.cases import CASES, GAINS, TREE, UNTUNED, Cell, CurveName, best_gain
 from bt_dualarm.experiments.report import (
     HEADER,
     Result,
@@ -25,7 +24,17 @@ from bt_dualarm.experiments.report import (
     row,
     write_report,
 )
-from bt_dualarm.experiments.trials import Margins, Trial
+from bt_dualarm.experiments.trials import (
+    CASES,
+    GAINS,
+    TREE,
+    UNTUNED,
+    Cell,
+    CurveName,
+    Margins,
+    Trial,
+    best_gain,
+)
 from bt_dualarm.runtime.options import find_tree
 from bt_dualarm.skill.registry import Registry
 

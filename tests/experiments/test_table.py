@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
-from bt_dualarm.experiments.cases import CASES, UNTUNED, Cell, ControllerName
 from bt_dualarm.experiments.report import Result, row, table_of
+from bt_dualarm.experiments.trials import CASES, UNTUNED, Cell, ControllerName
 from tests.experiments.test_results import made_up
 
 CELLS = (*(Cell(case, speed) for case, speed in CASES), *UNTUNED)

@@ -8,9 +8,8 @@ import pytest
 
 from benchmarks.tracking_bench import Bench
 from bt_dualarm.experiments import trials
-from bt_dualarm.experiments.cases import Cell
-from bt_dualarm.experiments.trials import Trial, TrialError
-from bt_dualarm.runtime.signals import StopRequest
+from bt_dualarm.experiments.trials import Cell, Trial, TrialError
+from bt_dualarm.runtime.interruption import StopRequest
 from bt_dualarm.skill.registry import Registry
 from tests.experiments.test_results import made_up
 

@@ -14,7 +14,7 @@ import pytest
 
 from bt_dualarm import cli
 from bt_dualarm.replay.record import Record
-from bt_dualarm.runtime import watchdog
+from bt_dualarm.runtime import interruption
 from tests.commands import Ran
 
 HERE = Path(__file__).parent
@@ -55,8 +55,8 @@ CASES = [
 
 PROGRAM = """\
 import sys
-from bt_dualarm.runtime import watchdog
-watchdog.STOPPING_S = 0.5
+from bt_dualarm.runtime import interruption
+interruption.STOPPING_S = 0.5
 import bt_dualarm.cli as cli
 sys.exit(cli.run())
 """
@@ -134,7 +134,7 @@ def test_a_blocker_is_left_sooner_when_the_run_is_to_end(
     """Without a budget of its own, too; the second signal waits for nothing."""
     request.addfinalizer(partial(signal.signal, signal.SIGHUP, signal.getsignal(signal.SIGHUP)))
     signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup it would stay ignored
-    monkeypatch.setattr(watchdog, "STOPPING_S", 1e6 if " " in signals else 0.5)
+    monkeypatch.setattr(interruption, "STOPPING_S", 1e6 if " " in signals else 0.5)
     ran = run(tmp_path, capsys, 0, phase=phase, deed="spin", signals=signals)
     assert ran.code == code
     check_whole(ran)

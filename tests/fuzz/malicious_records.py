@@ -13,7 +13,7 @@ from typing import Any, Final
 import cv2
 import numpy as np
 
-from bt_dualarm.recording.history_file import MAGIC
+from bt_dualarm.runtime.history_file import MAGIC
 from tests.fuzz.record_mutation import ESCAPES, Files, Part, as_json, framed
 
 Edit = Callable[[Files], object]

@@ -17,7 +17,7 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 
-from bt_dualarm.recording.history_file import MAGIC, Block, pack, read_history
+from bt_dualarm.runtime.history_file import MAGIC, Block, pack, read_history
 
 ESCAPES: Final = "\x1b]0;owned\x07\x1b[2J\x1b[31m\x9b1m\u202e\x7f"
 """What a terminal must never get: title, clearing, color, direction."""

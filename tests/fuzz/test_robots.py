@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
-from bt_dualarm.kinematics.chain import Chain
+from bt_dualarm.kinematics.solver import Chain
 from bt_dualarm.runtime.file_check import check
 from bt_dualarm.runtime.options import RunOptions
 from bt_dualarm.runtime.outcome import Ending

@@ -6,8 +6,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from bt_dualarm.core.pose import Pose
-from bt_dualarm.grasping.grasp import CupMeasures, JawMeasures, Load
-from bt_dualarm.grasping.solids import MeshSolid, Solid, solid_of
+from bt_dualarm.grasping.grasp import CupMeasures, JawMeasures, Load, MeshSolid, Solid, solid_of
 
 JAW = JawMeasures(0.0, 0.085, 0.03, 0.022, 0.056, 0.015, 0.016, 20.0, 235.0, 0.8)
 NARROW = JawMeasures(0.0, 0.080, 0.0185, 0.0175, 0.045, 0.009, 0.015, 5.0, 70.0, 0.8)

@@ -8,8 +8,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from bt_dualarm.core.pose import Matrix, Pose, Vector
-from bt_dualarm.grasping.grasp import pinching_forces
+from bt_dualarm.grasping.candidates import finger_points, palm_points
+from bt_dualarm.grasping.grasp import Box, Solid, pinching_forces
 from bt_dualarm.grasping.grasp_kernels import (
+    BOX,
+    CAPSULE,
+    CYLINDER,
     distance,
     distances,
     hold,
@@ -18,9 +22,6 @@ from bt_dualarm.grasping.grasp_kernels import (
     press,
     reach,
 )
-from bt_dualarm.grasping.kernel_forms import BOX, CAPSULE, CYLINDER
-from bt_dualarm.grasping.ranking import finger_points, palm_points
-from bt_dualarm.grasping.solids import Box, Solid
 from tests.grasping.families import JAW, hulls, poses, primitives
 from tests.plain_kernels import plain
 

@@ -8,10 +8,14 @@ import pytest
 from hypothesis import HealthCheck, Phase, assume, given, settings
 from hypothesis import strategies as st
 
-from bt_dualarm.grasping.candidates import CLEAR, antipodal_pairs, jaw_grasps, least_width
-from bt_dualarm.grasping.grasp import JawMeasures, Load, held, pinching_force
-from bt_dualarm.grasping.ranking import finger_points
-from bt_dualarm.grasping.solids import Solid, solid_of
+from bt_dualarm.grasping.candidates import (
+    CLEAR,
+    antipodal_pairs,
+    finger_points,
+    jaw_grasps,
+    least_width,
+)
+from bt_dualarm.grasping.grasp import JawMeasures, Load, Solid, held, pinching_force, solid_of
 from tests.grasping.families import JAW, JAWS, hulls, loads, mesh_box, primitives
 
 FEW = settings(

@@ -8,10 +8,8 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from bt_dualarm.core.pose import Pose
-from bt_dualarm.grasping.candidates import jaw_grasps
-from bt_dualarm.grasping.grasp import JawMeasures, Load
-from bt_dualarm.grasping.ranking import Obstacle, finger_points, ranked
-from bt_dualarm.grasping.solids import Box, solid_of
+from bt_dualarm.grasping.candidates import Obstacle, finger_points, jaw_grasps, ranked
+from bt_dualarm.grasping.grasp import Box, JawMeasures, Load, solid_of
 from tests.grasping.families import JAW, JAWS, SIZES
 
 TABLE = Obstacle(Box(np.array([1.0, 1.0, 0.5])), Pose.from_rpy((0.0, 0.0, -0.5)))

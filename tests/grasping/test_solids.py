@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bt_dualarm.grasping.solids import Capsule, Cylinder, MeshSolid, Solid, solid_of
+from bt_dualarm.grasping.grasp import Capsule, Cylinder, MeshSolid, Solid, solid_of
 from tests.grasping.families import hulls, mesh_box, poses, primitives
 
 DIRECTIONS = poses().map(lambda pose: pose.turn(np.array([0.0, 0.0, 1.0])))
@@ -68,5 +68,5 @@ def test_a_ray_inward_leaves_on_the_other_side(mesh: MeshSolid, seed: int) -> No
 def test_what_is_no_solid_is_refused() -> None:
     assert isinstance(solid_of("cylinder", (0.02, 0.05)), Cylinder)
     assert isinstance(solid_of("sphere", (0.02,)), Capsule)
-    with pytest.raises(ValueError, match="'torus' is no shape to grasp"):
+    with pytest.raises(ValueError, match="'torus' cannot be grasped"):
         solid_of("torus", (0.1,))

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 
 from bt_dualarm.grasping.candidates import cup_grasps
-from bt_dualarm.grasping.grasp import CupMeasures, Load, suction_force
-from bt_dualarm.grasping.solids import Solid, solid_of
+from bt_dualarm.grasping.grasp import CupMeasures, Load, Solid, solid_of, suction_force
 from tests.grasping.families import CUP, loads, primitives
 
 DOWN = np.array([0.0, 0.0, -9.81])

@@ -7,8 +7,8 @@ import pytest
 
 from bt_dualarm.robots.gripper import FINGERS
 from bt_dualarm.robots.mjspec import LOOP_GROUPS
-from bt_dualarm.sim.ray_renderer import RayScene, fan_of
-from bt_dualarm.sim.renderer import Viewpoint
+from bt_dualarm.sim.frame import Viewpoint
+from bt_dualarm.sim.renderers import RayScene, fan_of
 from tests.grippers.fingers import FINGERED, opened
 from tests.sim.worlds import world_with
 

@@ -7,8 +7,8 @@ import pytest
 
 from bt_dualarm.robots.gripper import gripper_names
 from bt_dualarm.robots.robot_description import load_robot, robot_names
-from bt_dualarm.sim.ray_renderer import RayRenderer
-from bt_dualarm.sim.renderer import Exposure, Image
+from bt_dualarm.sim.frame import Exposure, Image
+from bt_dualarm.sim.renderers import RayRenderer
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import CameraSpec
 from tests.sim.worlds import WORLD as FOLDER
@@ -27,7 +27,7 @@ def _seen(robot: str, mount: str, gripper: str | None) -> Image:
 @pytest.mark.parametrize("gripper", gripper_names())
 @pytest.mark.parametrize("robot", robot_names())
 def test_the_middle_of_the_picture_is_free(robot: str, gripper: str) -> None:
-    """What the gripper hides is at the picture's edge, outside of its middle half and the like.
+    """What the gripper hides is at the picture's edge, outside its middle half and the like.
 
     An arm looks at things by turning the middle of the picture to them. Open fingers reach
     farthest to the sides.

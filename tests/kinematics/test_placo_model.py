@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from bt_dualarm.core.pose import Pose
-from bt_dualarm.kinematics.chain import MOST_IDLE
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.kinematics.solver import MOST_IDLE
 from bt_dualarm.robots.robot_description import load_robot
 
 HERE = Pose.from_rpy((0.0, 0.0, 0.0))

@@ -7,7 +7,7 @@ import pytest
 
 from bt_dualarm.cli.bt_skills import direction, robot_summary
 from bt_dualarm.core.pose import Pose
-from bt_dualarm.kinematics.workspace import Workspace
+from bt_dualarm.kinematics.inverse_kinematics import Workspace
 from bt_dualarm.robots.robot_description import load_robot
 from tests.sim.worlds import ROBOTS, WORLD
 

@@ -12,8 +12,8 @@ import pytest
 
 from bt_dualarm.core.errors import RendererError
 from bt_dualarm.sim.camera import Camera
-from bt_dualarm.sim.gl_renderer import choose_renderer
-from bt_dualarm.sim.renderer import Renderer
+from bt_dualarm.sim.frame import Renderer
+from bt_dualarm.sim.renderers import choose_renderer
 from bt_dualarm.spec.document import CameraSpec
 
 SIDE_M = 0.05

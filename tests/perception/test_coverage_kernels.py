@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from bt_dualarm.perception.image_kernels import cover, measure_coverage, weigh
+from bt_dualarm.perception.perception_kernels import cover, measure_coverage, weigh
 from tests.plain_kernels import plain
 
 _BESIDE, _ABOUT = (cv2.getStructuringElement(cv2.MORPH_RECT, (n, n)) for n in (3, 5))

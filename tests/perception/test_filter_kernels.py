@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bt_dualarm.perception.target_filter import Oscillator, propagated
-from bt_dualarm.perception.tracking_kernels import (
+from bt_dualarm.perception.perception_kernels import (
     COLUMNS,
     blend,
     correct,
@@ -17,6 +16,7 @@ from bt_dualarm.perception.tracking_kernels import (
     propagate,
     scatter,
 )
+from bt_dualarm.perception.target_filter import Oscillator, propagated
 from tests.plain_kernels import plain
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bt_dualarm.core.pose import Pose
-from bt_dualarm.perception.markers import MarkView, hand_eye
+from bt_dualarm.perception.scan import MarkView, hand_eye
 
 MARK = np.array((0.7, 0.1, 0.6))
 FOCAL_PX = 257.0

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bt_dualarm.core.pose import Pose
-from bt_dualarm.perception.known_shape import KnownShape
+from bt_dualarm.perception.shape_fit import KnownShape
 
 CUBE = KnownShape("box", (0.05, 0.05, 0.05))
 PLATE = KnownShape("box", (0.08, 0.08, 0.02))

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from bt_dualarm.perception.tracking_kernels import differentiate, swing
+from bt_dualarm.perception.perception_kernels import differentiate, swing
 from tests.plain_kernels import plain
 
 KERNELS: dict[Callable[..., None], tuple[int, ...]] = {swing: (3, 4), differentiate: (3, 4, 4)}

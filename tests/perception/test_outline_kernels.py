@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bt_dualarm.perception.image_kernels import measure_outline, see
+from bt_dualarm.perception.perception_kernels import measure_outline, see
 from bt_dualarm.perception.shape_fit import UNKNOWNS, turn_by
 from tests.plain_kernels import plain
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bt_dualarm.core.pose import Vector
-from bt_dualarm.perception.rest_detection import RestDetector, RestSample
+from bt_dualarm.perception.target_filter import RestDetector, RestSample
 
 FPS = 60
 GOOD_M = 1e-4

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bt_dualarm.core.pose import Matrix
-from bt_dualarm.perception.tracking_kernels import (
+from bt_dualarm.perception.perception_kernels import (
     last_swing,
     longest_axis,
     slope_against,

@@ -9,7 +9,7 @@ import pytest
 from bt_dualarm.collision.checker import CollisionChecker, interpolated
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Vector
-from bt_dualarm.planning.ompl_planner import PLANNERS, Budget, Planner
+from bt_dualarm.planning.path_search import PLANNERS, Budget, Planner
 from bt_dualarm.planning.problem import (
     PlanningProblem,
     admitted,

@@ -16,7 +16,7 @@ from bt_dualarm.planning.problem import refuse_contact
 from bt_dualarm.robots.robot_description import robot_names
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ObjectSpec
-from bt_dualarm.trajectory.point_to_point import point_to_point
+from bt_dualarm.trajectory.path_timing import point_to_point
 from bt_dualarm.trajectory.trajectory import Trajectory
 from tests.sim.worlds import arm, file_of
 

@@ -25,11 +25,11 @@ import bt_dualarm
 from bt_dualarm import cli
 from bt_dualarm.export.mcap import schema_of
 from bt_dualarm.replay.record import Record
-from bt_dualarm.replay.scene import finger_joints, gripper_kind, held_over_time
+from bt_dualarm.replay.timeline import finger_joints, gripper_kind, held_over_time
 from bt_dualarm.robots.gripper import gripper_names
 from bt_dualarm.robots.robot_description import robot_names
 from bt_dualarm.sim.painter import ScenePainter, StillRenderer, best_viewpoint
-from bt_dualarm.sim.ray_renderer import fan_of
+from bt_dualarm.sim.renderers import fan_of
 
 FAMILY = """\
 bt_dualarm: 1

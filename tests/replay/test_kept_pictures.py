@@ -14,10 +14,10 @@ import bt_dualarm
 from bt_dualarm import cli
 from bt_dualarm.core.errors import RunError
 from bt_dualarm.core.pose import Pose
-from bt_dualarm.recording.history_file import HistoryError, HistoryWriter
 from bt_dualarm.replay.record import Record
 from bt_dualarm.replay.rerun import Changed, resumed
-from bt_dualarm.replay.scene import recorded_frames
+from bt_dualarm.replay.timeline import recorded_frames
+from bt_dualarm.runtime.history_file import HistoryError, HistoryWriter
 from bt_dualarm.runtime.observations import PictureFile
 from bt_dualarm.sim.frame import Frame
 from bt_dualarm.skill.registry import Registry
@@ -93,7 +93,7 @@ def test_a_full_disk_ends_the_pictures_and_not_the_run(
 def test_what_is_no_file_of_pictures_is_refused(tmp_path: Path) -> None:
     assert read(tmp_path) == []
     (tmp_path / "run.frames").write_text("something else, longer than the mark of a history")
-    with pytest.raises(HistoryError, match="is no history of a run"):
+    with pytest.raises(HistoryError, match="is not the history of a run"):
         read(tmp_path)
 
 

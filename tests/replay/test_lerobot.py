@@ -19,8 +19,8 @@ from bt_dualarm import cli
 from bt_dualarm.export.lerobot import episode_of, write_dataset
 from bt_dualarm.export.mcap import messages_of
 from bt_dualarm.export.tables import tables_of
-from bt_dualarm.recording.history_file import Block
 from bt_dualarm.replay.record import Record, ReplayError
+from bt_dualarm.runtime.history_file import Block
 from tests.replay.runs import SHORT, WATCHING, recorded
 
 OF_ALL = {

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 import bt_dualarm
-from bt_dualarm.recording.history_file import HistoryError
 from bt_dualarm.replay.record import Record, ReplayError
+from bt_dualarm.runtime.history_file import HistoryError
 from tests.faults.test_kill import ENDLESS, PROGRAM
 from tests.replay.runs import PARTS, SHORT, recorded
 
@@ -97,7 +97,7 @@ def test_set_points_and_torques_are_kept(short: Record) -> None:
 
 
 def test_a_time_outside_is_refused(short: Record) -> None:
-    with pytest.raises(ReplayError, match=r"99 s is outside of the record, which goes from 0 to"):
+    with pytest.raises(ReplayError, match=r"99 s is outside the record, which goes from 0 to"):
         short.index_at(99)
     with pytest.raises(ReplayError, match="-1 s is outside"):
         short.index_at(-1)
@@ -156,7 +156,7 @@ def test_a_full_disk_leaves_what_was_written(
             raise OSError(28, "No space left on device")
         return write(file, content)
 
-    monkeypatch.setattr("bt_dualarm.recording.history_file.os.write", full)
+    monkeypatch.setattr("bt_dualarm.runtime.history_file.os.write", full)
     with pytest.raises(bt_dualarm.DualArmError, match="No space left on device"):
         recorded(tmp_path)
     record = Record.read(tmp_path / "out")

@@ -125,9 +125,9 @@ def test_a_run_that_succeeded_is_code_1(tmp_path: Path, capsys: pytest.CaptureFi
     ("about", "message"),
     [
         ("circel", "no node is called 'circel'"),
-        ("99", "99 s is outside of the record, which goes from 0 to"),
-        ("-3", "outside of the record"),
-        ("nan", "outside of the record"),
+        ("99", "99 s is outside the record, which goes from 0 to"),
+        ("-3", "outside the record"),
+        ("nan", "outside the record"),
     ],
 )
 def test_what_is_not_in_the_record_is_code_2(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bt_dualarm.core.pose import Pose
-from bt_dualarm.kinematics.chain import Chain
+from bt_dualarm.kinematics.solver import Chain
 from bt_dualarm.robots.mjspec import robot_spec
 from bt_dualarm.robots.robot import Robot
 from bt_dualarm.robots.robot_description import load_robot
@@ -91,7 +91,7 @@ WRONG = {
     "a mesh of the system": (
         SPHERE, '<mesh filename="file:///etc/passwd"/>', "file:///", "meshes must be below"
     ),
-    "a mesh above": (SPHERE, '<mesh filename="../../a.stl"/>', "../../", "is outside of"),
+    "a mesh above": (SPHERE, '<mesh filename="../../a.stl"/>', "../../", "is outside"),
     "a mesh above its package": (
         SPHERE, '<mesh filename="package://panda_description/../../../a.stl"/>', "pack", "outside"
     ),

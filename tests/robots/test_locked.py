@@ -11,7 +11,7 @@ import pytest
 from benchmarks.between_fingers import OPEN, SHUT, admits, finger_problems
 from bt_dualarm.core.errors import CatalogError
 from bt_dualarm.core.pose import Pose
-from bt_dualarm.kinematics.chain import Chain
+from bt_dualarm.kinematics.solver import Chain
 from bt_dualarm.robots.mjspec import robot_spec
 from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.robots.urdf_xml import DescriptionError

@@ -52,7 +52,7 @@ def triangles_of(path: Path, scale: tuple[float, ...]) -> Matrix:
 
 
 def standing_out(points: Matrix, hull: Hull) -> Vector:
-    """How far each point is outside of the planes of a hull, meters; negative inside."""
+    """How far each point is outside the planes of a hull, meters; negative inside."""
     planes = ConvexHull(hull.vertices).equations
     distances: Vector = (points @ planes[:, :3].T + planes[:, 3]).max(axis=1)
     return distances

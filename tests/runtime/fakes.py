@@ -11,13 +11,13 @@ import numpy as np
 from bt_dualarm.behaviors.report import LeafReport, LeafReports, NodeView, StatusChange, StatusName
 from bt_dualarm.core.errors import DivergenceError
 from bt_dualarm.runtime.arm_runtime import ArmParts, Arms, Observer, RunView
-from bt_dualarm.runtime.events import StatusFeed
+from bt_dualarm.runtime.interruption import StopRequest
+from bt_dualarm.runtime.observations import StatusFeed
 from bt_dualarm.runtime.outcome import Leniency, RunResult
 from bt_dualarm.runtime.runner import Conditions, Limit, Runner
-from bt_dualarm.runtime.signals import StopRequest
 from bt_dualarm.skill.cell import ActiveNode
 from bt_dualarm.spec.node_types import NodeSpec
-from bt_dualarm.trajectory.limits import SetPoint
+from bt_dualarm.trajectory.set_points import SetPoint
 
 Diary = list[str]
 """What happened, in order: ``"2 tick arm1"`` is a tick in the third physics step."""
@@ -193,13 +193,13 @@ class Stage:
         self, scripts: dict[str, Iterator[object]], present: tuple[str, ...] | None = None
     ) -> None:
         self.diary: Diary = []
-        self.world = FakeWorld(self.diary, tuple(scripts) if present is None else present)
+        self.world: Any = FakeWorld(self.diary, tuple(scripts) if present is None else present)
         self.stop = StopRequest()
         self.witness = Witness()
         self.observers: list[Observer] = [self.witness]
         self.watch = StatusFeed()
-        self.trees: dict[str, FakeTree] = {}
-        self.controllers: dict[str, FakeController] = {}
+        self.trees: dict[str, Any] = {}
+        self.controllers: dict[str, Any] = {}
         self.eyes: dict[str, FakeEye] = {}
         self.scripts = scripts
         self.limit = Limit(10.0)

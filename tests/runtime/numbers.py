@@ -17,10 +17,9 @@ from bt_dualarm.behaviors.language import LANGUAGE
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.document import TreeContent
 from bt_dualarm.spec.explain import type_at
-from bt_dualarm.spec.node_types import NodeSpec
-from bt_dualarm.spec.ports import PortModel, models_in, validate_literals
+from bt_dualarm.spec.node_types import NodeSpec, PortModel, models_in, validate_literals
 from bt_dualarm.spec.yaml_reader import LARGEST_INTEGER, Data, with_tuples
-from bt_dualarm.testing.laws import Scenario, Tree, node_of
+from bt_dualarm.testing import Scenario, Tree, node_of
 from tests.skills.candidates import candidate
 from tests.skills.scenarios import SCENARIOS
 
@@ -33,8 +32,14 @@ CELL: Tree = {
 }
 """What a second arm shares with the words that need one."""
 
-SHARING = ("await", "meet", "claim")
+SHARING = ("await", "meet", "claim", "in_step")
 """Words of files with that cell."""
+
+PARTNERS: Mapping[str, Tree] = {
+    "meet": {"meet": "there"},
+    "in_step": {"in_step": {"with": "arm1", "child": "succeed"}},
+}
+"""Trees of the second arm, where it has a part in the word."""
 
 FILE: Tree = {
     "bt_dualarm": 1,
@@ -97,6 +102,33 @@ FILE: Tree = {
             "tree": {"sequence": [{"move_joints": {"by": {"panda_joint1": 10}}}, {"wait": 3.0}]},
         }
     },
+    "goal": {
+        "there": {
+            "object": "box",
+            "at": {"xyz": [0.7, 0.5, 0.3]},
+            "within": 0.01,
+            "angle": 5.0,
+            "tilt": 5.0,
+            "height": [0.1, 0.4],
+            "speed": 0.1,
+            "distance_to": "ball",
+            "apart": 0.1,
+            "lasting": 0.1,
+        },
+        "gentle": {"tool": "arm1", "force": 10.0},
+    },
+    "faults": {
+        "stuck": {
+            "arm": "arm1",
+            "leaf": "wait",
+            "phase": "during",
+            "after": 0.1,
+            "begin": 0.1,
+            "until": 5.0,
+            "times": 1,
+            "probability": 0.5,
+        }
+    },
 }
 """A file that gives every number of the world, of objects, arms and cameras."""
 
@@ -113,6 +145,7 @@ WORDS: tuple[Tree, ...] = (
     {"await": {"signal": "go", "relation": "near", "to": 1.0, "tolerance": 1e-6, "timeout": 1.0}},
     {"meet": {"at": "there", "timeout": 1.0}},
     {"claim": {"zone": "bin", "timeout": 1.0, "child": "succeed"}},
+    {"in_step": {"with": "arm2", "timeout": 1.0, "child": "succeed"}},
 )
 _POSE = {"xyz": [0.35, 0.1, 0.55]}
 LOOKED_FOR: tuple[Tree, ...] = (
@@ -175,9 +208,39 @@ FORMS: Mapping[str, tuple[Tree, ...]] = {
             "approach": [0, 0, -1],
         },
     ),
+    "carry_together": tuple(
+        {"object": "beam", "with": ["arm2"], **form}
+        for form in (
+            {"to": {"xyz": [0, -0.5, 0.525], "rpy": [0, 0, 5.0]}, "mass": 4.0},
+            {"path": [{"xyz": [0, -0.5, 0.525], "quat": [1.0, 0, 0, 0]}]},
+            {"to": {"xyz": [0, -0.5, 0.525], "look_at": [0, -0.5, 1.0]}},
+        )
+    ),
+    "hand_over": tuple(
+        {"object": "cube", "to": "arm2"} | form
+        for form in (
+            {"at": {"xyz": [0.5, 0, 0.5]}, "orientation": [0, 0, 10.0]},
+            {"at": {"xyz": [0.5, 0, 0.5], "rpy": [0, 0, 10.0]}},
+            {"at": {"xyz": [0.5, 0, 0.5], "quat": [1.0, 0, 0, 0]}},
+            {"at": {"xyz": [0.5, 0, 0.5], "look_at": [0.5, 0.1, 0]}},
+        )
+    ),
+    "take_over": (
+        {"object": "cube", "from": "arm2", "most_force": 60.0, "force": 40.0, "mass": 0.3},
+    ),
     "open_gripper": ({"width": 0.06, "speed": 0.05, "force": 40.0},),
     "close_gripper": ({"width": 0.06, "speed": 0.05, "force": 40.0},),
     "release": ({"width": 0.02, "speed": 0.05},),
+    "follow_tool": (
+        {
+            "arm": "arm2",
+            "offset": {**_POSE, "rpy": [0, 180, 0]},
+            "duration": 1.0,
+            "until_still": 1.0,
+        },
+        {"arm": "arm2", "offset": {**_POSE, "quat": [0, 1.0, 0, 0]}},
+        {"arm": "arm2", "offset": {**_POSE, "look_at": [0.35, 0.1, 0]}},
+    ),
     "look_at": ({"at": {"xyz": [0.68, 0.11, 0.70]}, "direction": [-1, 0, 0]},),
     **dict.fromkeys(("scan", "locate", "wait_for"), LOOKED_FOR),
     "count": tuple(form | {"height": 0.4} for form in LOOKED_FOR),
@@ -336,7 +399,10 @@ def numbers(registry: Registry) -> Iterator[Number]:
 @cache
 def begin(skill: str) -> float:
     """Simulated seconds that what comes before a skill takes in its scenario."""
-    ended = candidate(skill).perform().result.runs[-1].ended_s
+    one = candidate(skill)
+    # The skill is in the tree, because a partner's may need it, but is never ticked.
+    untouched: Tree = {"selector": [{"succeed": {}}, one.node]}
+    ended = one.perform(untouched).result.runs[-1].ended_s
     assert ended is not None
     return ended
 
@@ -347,7 +413,7 @@ def _of_node(
     file = {"bt_dualarm": 1, **scenario.file(node)}
     (name,) = node
     if name in SHARING:
-        partner = {"meet": "there"} if name == "meet" else "succeed"
+        partner = PARTNERS.get(name, "succeed")
         file["cell"] = copy.deepcopy(CELL)
         file["arms"]["arm2"] = {"robot": "ur3", "base": {"xyz": [1.5, 0, 0]}, "tree": partner}
     place = ("arms", "arm1", "tree", "sequence", len(scenario.before), name)

@@ -15,10 +15,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bt_dualarm.behaviors.report import MOST_RUNS, BoundedLog, LeafReport, LeafReports
-from bt_dualarm.runtime import outcome, series
-from bt_dualarm.runtime.events import MOST_LINES, Journal, LogCapture
-from bt_dualarm.runtime.observations import StateLog
-from bt_dualarm.runtime.outcome import Holdings
+from bt_dualarm.runtime import outcome
+from bt_dualarm.runtime.interruption import StopRequest
+from bt_dualarm.runtime.observations import MOST_LINES, Journal, LogCapture, StateLog
+from bt_dualarm.runtime.outcome import Holdings, Sample, SeriesLog, Tracks
 from bt_dualarm.runtime.recorder import (
     PARTS,
     GrowingArray,
@@ -27,8 +27,6 @@ from bt_dualarm.runtime.recorder import (
     RecordFolder,
     SampleFiles,
 )
-from bt_dualarm.runtime.series import Sample, SeriesLog, Tracks
-from bt_dualarm.runtime.signals import StopRequest
 from tests.runtime.test_record import CHANGE, FallingWorld, Held, View, result
 
 THINGS = ("tool_arm1", "object_cube", "object_ball")
@@ -70,7 +68,7 @@ def test_a_long_series_is_thinned_evenly(batches: list[int], columns: int) -> No
     log = SeriesLog()
     first = 0
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(series, "MOST_SAMPLES", 64)
+        patch.setattr(outcome, "MOST_SAMPLES", 64)
         for count in batches:
             part = slice(first, first + count)
             log.add("arm1", "leaf", "one", time[part], values[part])
@@ -162,7 +160,7 @@ class Stage:
 def test_a_holding_knows_how_far_it_was_lifted(seed: int) -> None:
     """As the whole path, looked at afterwards, says: from the first sample of it to the highest."""
     rng = np.random.default_rng(seed)
-    stage = Stage()
+    stage: Any = Stage()
     time = []
     heights = []
     spans: list[list[float]] = []
@@ -197,7 +195,7 @@ def test_an_attachment_that_is_over_is_not_looked_at_again(monkeypatch: pytest.M
         update(self, sample)
 
     monkeypatch.setattr(outcome._Lift, "update", counted)
-    stage = Stage()
+    stage: Any = Stage()
     holdings = Holdings(stage)
     for number in range(3000):
         stage.attachments = [Held("arm1", "cube", 0.01 * number)]
@@ -212,12 +210,12 @@ def test_what_a_recorder_keeps_does_not_grow(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Ten times as long, no more memory: events, log, samples, holdings, series."""
-    monkeypatch.setattr(series, "MOST_POINTS", 1 << 10)
-    monkeypatch.setattr(series, "MOST_SAMPLES", 1 << 8)
+    monkeypatch.setattr(outcome, "MOST_POINTS", 1 << 10)
+    monkeypatch.setattr(outcome, "MOST_SAMPLES", 1 << 8)
     monkeypatch.setattr(outcome, "MOST_HOLDINGS", 10)
     peaks = {}
     for length in (4_000, 40_000):
-        world = FallingWorld()
+        world: Any = FallingWorld()
         log = SeriesLog()
         folder = tmp_path / str(length)
         folder.mkdir()
@@ -245,8 +243,8 @@ def test_what_a_recorder_keeps_does_not_grow(
 
 
 def test_pictures_of_a_long_run_still_have_its_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(series, "MOST_POINTS", 1 << 8)
-    world = FallingWorld()
+    monkeypatch.setattr(outcome, "MOST_POINTS", 1 << 8)
+    world: Any = FallingWorld()
     kept = Tracks(world)
     for _ in range(3000):
         world.step()
@@ -261,7 +259,7 @@ def test_pictures_of_a_long_run_still_have_its_ends(monkeypatch: pytest.MonkeyPa
 def test_a_record_whose_folder_went_away_is_not_complete(tmp_path: Path) -> None:
     """It was not there to be written to; nothing is said to be whole that is not."""
     folder = tmp_path / "out"
-    world = FallingWorld()
+    world: Any = FallingWorld()
     taken = RecordFolder(folder, ["arm1"])
     recorder = Recorder(folder, world, StateLog(world), list)
     recorder.on_event(CHANGE)
@@ -279,7 +277,7 @@ def test_a_record_whose_folder_went_away_is_not_complete(tmp_path: Path) -> None
 def test_samples_that_cannot_be_written_are_told_at_the_end(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    world = FallingWorld()
+    world: Any = FallingWorld()
     recorder = Recorder(tmp_path, world, StateLog(world), list)
     (tmp_path / PARTS).write_text("in the way")
     for _ in range(3000):

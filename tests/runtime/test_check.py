@@ -194,7 +194,7 @@ arms:
 
 
 def test_all_mistakes_are_told_at_once(tmp_path: Path, registry: Registry) -> None:
-    """What a file names outside of itself is looked up whatever else is wrong with it."""
+    """What a file names outside itself is looked up whatever else is wrong with it."""
     path = tmp_path / "task.yaml"
     path.write_text(MISTAKEN)
     found = [problem.message for problem in check(path, registry.kinds).problems]

@@ -14,8 +14,7 @@ from bt_dualarm.replay.record import Record
 from bt_dualarm.replay.rerun import check_record
 from bt_dualarm.replay.timeline import Timeline
 from bt_dualarm.runtime.api import registry_of
-from bt_dualarm.runtime.hot_reload import FileWatch
-from bt_dualarm.runtime.run import Run
+from bt_dualarm.runtime.run import FileWatch, Run
 from bt_dualarm.viewer.past import PastView
 from tests.replay.runs import PARTS, SHORT, write_short
 

@@ -8,7 +8,7 @@ from xml.etree import ElementTree as ET
 
 import bt_dualarm as bt
 from bt_dualarm.behaviors.report import LeafReport
-from bt_dualarm.runtime.notebook import html_table, metrics_text
+from bt_dualarm.runtime.outcome import html_table, metrics_text
 
 EVIL = "<script>alert('x')</script> & \"more\""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from bt_dualarm.runtime.observations import TraceEvents
 
@@ -14,9 +15,9 @@ class Held:
     by_gripper: bool
 
 
-CUBE = Held("arm1", "cube", True)
-PEG = Held("arm1", "peg", False)
-LID = Held("arm2", "lid", True)
+CUBE: Any = Held("arm1", "cube", True)
+PEG: Any = Held("arm1", "peg", False)
+LID: Any = Held("arm2", "lid", True)
 
 
 def test_who_holds_what_is_noted_as_it_changes() -> None:

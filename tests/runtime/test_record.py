@@ -21,13 +21,19 @@ from bt_dualarm.core.pose import Pose
 from bt_dualarm.core.share import write_atomically, write_text
 from bt_dualarm.runtime import plots
 from bt_dualarm.runtime.arm_runtime import ArmView
-from bt_dualarm.runtime.events import LogCapture
-from bt_dualarm.runtime.observations import StateLog
-from bt_dualarm.runtime.outcome import ArmResult, Ending, Holding, Outcome, RunResult
+from bt_dualarm.runtime.interruption import StopRequest
+from bt_dualarm.runtime.observations import LogCapture, StateLog
+from bt_dualarm.runtime.outcome import (
+    ArmResult,
+    Ending,
+    Holding,
+    Outcome,
+    RunResult,
+    SeriesLog,
+    Tracks,
+)
 from bt_dualarm.runtime.recorder import Recorder, RecordError, RecordFolder
 from bt_dualarm.runtime.report import json_ready
-from bt_dualarm.runtime.series import SeriesLog, Tracks
-from bt_dualarm.runtime.signals import StopRequest
 from bt_dualarm.sim.painter import StillRenderer, best_viewpoint
 
 MODEL = """
@@ -127,7 +133,7 @@ def result(
 def record(
     folder: Path, *, ending: Ending = Ending.FINISHED, push: float = 0.0, urgent: bool = False
 ) -> dict[str, Any]:
-    world = FallingWorld(push)
+    world: Any = FallingWorld(push)
     series = SeriesLog()
     states = StateLog(world)
     taken = RecordFolder(folder, ["arm1"])
@@ -172,6 +178,8 @@ def test_the_summary_has_exactly_the_fields_that_programs_expect(tmp_path: Path)
         "renderer",
         "attachments",
         "attachments_left_out",
+        "goals",
+        "false_success",
         "arms",
     ]
     assert (summary["outcome"], summary["seed"], summary["renderer"]) == ("SUCCESS", 5, "ray")
@@ -235,7 +243,7 @@ def test_samples_are_where_things_were(tmp_path: Path) -> None:
 
 
 def test_a_thing_that_is_gone_is_not_a_number() -> None:
-    world = FallingWorld()
+    world: Any = FallingWorld()
     tracks = Tracks(world)
     for step in range(20):
         if step == 10:
@@ -265,7 +273,7 @@ def test_a_divergence_leaves_its_last_states(tmp_path: Path) -> None:
 
 
 def test_last_states_of_another_size_are_left_out(tmp_path: Path) -> None:
-    world = FallingWorld()
+    world: Any = FallingWorld()
     log = StateLog(world)
     log.after_step(0.0)
     world.data = mujoco.MjData(mujoco.MjModel.from_xml_string("<mujoco/>"))
@@ -284,7 +292,7 @@ def test_plots_are_pictures(tmp_path: Path) -> None:
 
 def test_the_scene_shows_start_and_end_and_changes_nothing() -> None:
     """A state that diverged cannot be drawn: then the start stands alone."""
-    world = FallingWorld()
+    world: Any = FallingWorld()
     start = StillRenderer.of(world)
     for _ in range(100):
         world.step()
@@ -419,7 +427,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
 
 def test_the_log_keeps_tracebacks(tmp_path: Path) -> None:
     logger = logging.getLogger("bt_dualarm.test")
-    world = FallingWorld()
+    world: Any = FallingWorld()
     log = LogCapture()
     recorder = Recorder(tmp_path, world, StateLog(world), log.take)
     with log.during():
@@ -436,7 +444,7 @@ def test_the_log_keeps_tracebacks(tmp_path: Path) -> None:
 
 
 def test_a_full_disk_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    world = FallingWorld()
+    world: Any = FallingWorld()
     recorder = Recorder(tmp_path, world, StateLog(world), list)
 
     def full(*_: object) -> None:

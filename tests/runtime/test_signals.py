@@ -7,7 +7,7 @@ import signal
 
 import pytest
 
-from bt_dualarm.runtime.signals import StopRequest, stop_on_signals
+from bt_dualarm.runtime.interruption import StopRequest, stop_on_signals
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,7 @@ import pytest
 
 import bt_dualarm as bt
 from bt_dualarm.core.errors import Overrun
-from bt_dualarm.runtime.signals import StopRequest
-from bt_dualarm.runtime.watchdog import Watchdog
+from bt_dualarm.runtime.interruption import StopRequest, Watchdog
 
 FOR_EVER_S = 60.0
 """Slept by what is to be interrupted: were it not, its test would fail after that time."""
@@ -80,7 +79,7 @@ def test_many_short_ones_are_not_one_long_one() -> None:
 def test_when_the_run_is_to_end_there_is_less_time_and_then_none(
     requests: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("bt_dualarm.runtime.watchdog.STOPPING_S", 0.3 if requests == 1 else 1e6)
+    monkeypatch.setattr("bt_dualarm.runtime.interruption.STOPPING_S", 0.3 if requests == 1 else 1e6)
     stop = StopRequest()
     for _ in range(requests):
         stop.ask()

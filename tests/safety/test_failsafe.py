@@ -11,8 +11,8 @@ from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.safety.failsafe import FailSafeCheck, Reservations
 from bt_dualarm.safety.guard import CLEAR_M, FLOOR_M
 from bt_dualarm.sim.world import World
-from bt_dualarm.trajectory.limits import SetPoint
-from bt_dualarm.trajectory.point_to_point import point_to_point
+from bt_dualarm.trajectory.path_timing import point_to_point
+from bt_dualarm.trajectory.set_points import SetPoint
 from tests.sim.worlds import arm, box, file_of
 
 PERIOD = 0.004

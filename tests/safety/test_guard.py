@@ -48,7 +48,10 @@ def test_arms_that_are_far_apart_are_not_disturbed(stage: Stage) -> None:
 @pytest.mark.parametrize("speed", [0.3, 1.0])
 def test_arms_that_reach_for_one_place_do_not_meet(stage: Stage, speed: float) -> None:
     """Both move at once, and neither plan knows of the other's motion."""
-    skill = f"reach_to_pose: {{to: {{xyz: [0.55, Y, 0.75]}}, speed: {speed}, patience: 2}}"
+    skill = (
+        f"reach_to_pose: {{to: {{xyz: [0.55, Y, 0.75]}}, speed: {speed}, patience: 2, "
+        "give_way: false}"
+    )
     nearest, guards = swings(stage, skill.replace("Y", "0.02"), skill.replace("Y", "-0.02"))
     assert nearest > 10.0
     assert sum(int(str(guard["stopped"])) for guard in guards.values()) > 0

@@ -9,8 +9,8 @@ from bt_dualarm.core.errors import Failure
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.safety.guard import AHEAD_S, MONITOR_PERIOD_S, PlanMonitor
 from bt_dualarm.sim.world import World
-from bt_dualarm.trajectory.point_to_point import point_to_point
-from bt_dualarm.trajectory.sources import TrajectorySource
+from bt_dualarm.trajectory.path_timing import point_to_point
+from bt_dualarm.trajectory.set_points import TrajectorySource
 from tests.control.walls import DT, LEFT, RIGHT, wall
 from tests.sim.worlds import arm, box, file_of
 

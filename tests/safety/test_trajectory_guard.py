@@ -6,8 +6,7 @@ import pytest
 
 from bt_dualarm.safety.failsafe import FailSafeCheck, Reservations
 from bt_dualarm.safety.guard import GuardReport, SeparationRule, TrajectoryGuard
-from bt_dualarm.trajectory.limits import SetPoint
-from bt_dualarm.trajectory.sources import TrajectorySource
+from bt_dualarm.trajectory.set_points import SetPoint, TrajectorySource
 from tests.sim.worlds import ROBOTS, world_with
 from tests.trajectory.test_time_scaling import drawn
 

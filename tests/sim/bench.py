@@ -11,7 +11,7 @@ import numpy as np
 
 from bt_dualarm.core.pose import Vector
 from bt_dualarm.sim.devices import ArmDrives, ArmHardware, Drives, Encoders, parts_of
-from bt_dualarm.spec.reality import DriveErrors, EncoderErrors
+from bt_dualarm.spec.document import DriveErrors, EncoderErrors
 
 STEP = 0.002
 ARM = "arm"

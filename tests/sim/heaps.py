@@ -12,8 +12,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from bt_dualarm.sim.ray_renderer import RayRenderer, RayScene, fan_of
-from bt_dualarm.sim.renderer import Exposure, Viewpoint
+from bt_dualarm.sim.frame import Exposure, Viewpoint
+from bt_dualarm.sim.renderers import RayRenderer, RayScene, fan_of
 
 WIDTH = 32
 HEIGHT = 24

@@ -12,8 +12,8 @@ import numpy as np
 
 from bt_dualarm.core.pose import Matrix
 from bt_dualarm.sim.device_kernels import apply_friction
-from bt_dualarm.sim.kernel_columns import FRICTION, NARROW, RISE
-from bt_dualarm.spec.reality import DriveErrors, EncoderErrors
+from bt_dualarm.sim.kernel_arrays import FRICTION, NARROW, RISE
+from bt_dualarm.spec.document import DriveErrors, EncoderErrors
 from tests.sim.bench import BenchDrives, BenchEncoders
 
 DOF = 4

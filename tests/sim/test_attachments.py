@@ -9,7 +9,7 @@ from bt_dualarm.control.controller import JointController
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.safety.failsafe import Reservations
 from bt_dualarm.sim.world import World
-from bt_dualarm.trajectory.limits import SetPoint
+from bt_dualarm.trajectory.set_points import SetPoint
 from tests.sim.worlds import arm, box, file_of
 
 HELD = 0.0002

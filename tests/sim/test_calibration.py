@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 
 from bt_dualarm.core.pose import Pose
-from bt_dualarm.sim.camera import Camera
-from bt_dualarm.sim.camera_optics import Calibration, calibration_of
-from bt_dualarm.sim.frame import Frame
-from bt_dualarm.sim.renderer import Image
+from bt_dualarm.sim.camera import Calibration, Camera, calibration_of
+from bt_dualarm.sim.frame import Frame, Image
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import CameraSpec
 from bt_dualarm.spec.values import Uncertainty

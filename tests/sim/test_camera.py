@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 
 from bt_dualarm.core.errors import WorldError
 from bt_dualarm.sim.camera import Camera
-from bt_dualarm.sim.frame import Frame, Window
-from bt_dualarm.sim.renderer import Exposure, Image, Region
+from bt_dualarm.sim.frame import Exposure, Frame, Image, Region, Window
 from bt_dualarm.spec.document import CameraSpec
 
 SCENE = """

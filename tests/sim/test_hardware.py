@@ -11,7 +11,7 @@ import pytest
 from bt_dualarm.core.pose import Vector
 from bt_dualarm.sim.devices import ArmDrives
 from bt_dualarm.sim.world import World
-from bt_dualarm.spec.reality import DriveErrors, EncoderErrors
+from bt_dualarm.spec.document import DriveErrors, EncoderErrors
 from tests.sim.bench import STEP, Bench, BenchDrives, BenchEncoders
 from tests.sim.worlds import arm, file_of
 

@@ -12,7 +12,7 @@ import pytest
 
 from bt_dualarm.sim.device_kernels import apply_friction
 from bt_dualarm.sim.devices import rows_of
-from bt_dualarm.sim.kernel_columns import FRICTION
+from bt_dualarm.sim.kernel_arrays import FRICTION
 from tests.sim.passed import passed
 from tests.sim.worlds import ROBOTS, world_with
 from tests.source import ROOT

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from bt_dualarm.core.pose import Vector
-from bt_dualarm.sim.camera_kernels import source_region
-from bt_dualarm.sim.camera_optics import Lens
-from bt_dualarm.sim.renderer import Exposure, Image, Region
+from bt_dualarm.sim.camera import Lens
+from bt_dualarm.sim.frame import Exposure, Image, Region
+from bt_dualarm.sim.ray_trace_kernels import source_region
 from tests.plain_kernels import plain
 
 WIDTH = 320

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from bt_dualarm.core.pose import Vector
-from bt_dualarm.sim.camera_kernels import Bodies, fastest
+from bt_dualarm.sim.ray_trace_kernels import Bodies, fastest
 from tests.plain_kernels import plain
 
 FOCAL_PX = 200.0

@@ -10,9 +10,9 @@ import pytest
 
 from bt_dualarm.core.pose import Matrix
 from bt_dualarm.robots.mjspec import LOOP_GROUPS
+from bt_dualarm.sim.frame import Image, Viewpoint
 from bt_dualarm.sim.painter import ScenePainter
-from bt_dualarm.sim.ray_renderer import RayScene, Shading, fan_of
-from bt_dualarm.sim.renderer import Image, Viewpoint
+from bt_dualarm.sim.renderers import RayScene, Shading, fan_of
 
 SIZE = (240, 180)
 VIEW = Viewpoint(np.array((1.5, -1.0, 1.4)), np.array((0.0, 0.0, 0.1)), 50.0)

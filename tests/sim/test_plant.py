@@ -11,7 +11,7 @@ import pytest
 from bt_dualarm.control.dynamics import ArmDynamics
 from bt_dualarm.core.pose import Vector, camera_pose
 from bt_dualarm.sim.world import World
-from bt_dualarm.spec.reality import REALITY_SETS
+from bt_dualarm.spec.document import REALITY_SETS
 from bt_dualarm.spec.values import PoseSpec
 from tests.sim.worlds import ROBOTS, arm, box, file_of
 

@@ -17,7 +17,7 @@ import pytest
 
 import bt_dualarm as bt
 from bt_dualarm.core.pose import Matrix
-from bt_dualarm.sim.camera_optics import calibration_of
+from bt_dualarm.sim.camera import calibration_of
 from bt_dualarm.sim.world import World
 
 Numbers: TypeAlias = npt.NDArray[np.float64]

@@ -12,10 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from bt_dualarm.sim import ray_renderer
+from bt_dualarm.sim import renderers
+from bt_dualarm.sim.kernel_arrays import CAPSULE, CYLINDER, PLANE, SPHERE, Fan, Hits
 from bt_dualarm.sim.ray_intersection_kernels import box_of, contains, in_camera
-from bt_dualarm.sim.ray_kernel_arrays import CAPSULE, CYLINDER, PLANE, SPHERE, Fan, Hits
-from bt_dualarm.sim.ray_renderer import RayScene, box, camera_rays
+from bt_dualarm.sim.renderers import RayScene, box, camera_rays
 
 ROWS = 24
 COLUMNS = 32
@@ -64,7 +64,7 @@ def by_mujoco(model: Any, data: Any, fan: Fan) -> Hits:
     hits = Hits.none(fan)
     everything = copy.copy(model)
     everything.geom_group[:] = 0
-    ray_renderer._cast(everything, data, fan, hits)
+    renderers._cast(everything, data, fan, hits)
     return hits
 
 

@@ -13,10 +13,15 @@ from hypothesis import strategies as st
 
 from bt_dualarm.core.errors import RendererError
 from bt_dualarm.robots.mjspec import OBJECT_GROUP, SCENE_GROUP, VISUAL_GROUP
-from bt_dualarm.sim import gl_renderer
-from bt_dualarm.sim.gl_renderer import GL_PACKAGES, GlRenderer, choose_renderer
-from bt_dualarm.sim.ray_renderer import RayRenderer, camera_rays
-from bt_dualarm.sim.renderer import Exposure, Image, Region, Renderer, clip_region
+from bt_dualarm.sim import renderers
+from bt_dualarm.sim.frame import Exposure, Image, Region, Renderer, clip_region
+from bt_dualarm.sim.renderers import (
+    GL_PACKAGES,
+    GlRenderer,
+    RayRenderer,
+    camera_rays,
+    choose_renderer,
+)
 
 SCENE = """
 <mujoco>
@@ -51,9 +56,9 @@ def scene() -> tuple[Any, Any]:
 
 
 @pytest.fixture(scope="module")
-def context() -> gl_renderer.GlContext:
+def context() -> renderers.GlContext:
     try:
-        return gl_renderer.open_context()
+        return renderers.open_context()
     except RendererError as error:
         pytest.skip(str(error))
 
@@ -106,13 +111,13 @@ def test_unknown_kind_names_the_choices() -> None:
         choose_renderer("vulkan")  # type: ignore[arg-type]
 
 
-def test_gl_is_taken_where_it_works(context: gl_renderer.GlContext) -> None:
+def test_gl_is_taken_where_it_works(context: renderers.GlContext) -> None:
     choice = choose_renderer("auto", find_context=lambda: context)
     assert choice.create().name == "gl"
     assert context.platform in choice.message
 
 
-def test_opening_gl_leaves_the_choice_of_others_alone(context: gl_renderer.GlContext) -> None:
+def test_opening_gl_leaves_the_choice_of_others_alone(context: renderers.GlContext) -> None:
     """A wrong MUJOCO_GL would break ``import mujoco`` in every child process."""
     assert context is not None
     assert "MUJOCO_GL" not in os.environ
@@ -124,12 +129,12 @@ def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr("ctypes.CDLL", refuse)
     with pytest.raises(RendererError, match=r"EGL: libEGL.so.1 not found; OSMesa: libOSMesa"):
-        gl_renderer.open_context()
+        renderers.open_context()
 
 
 @pytest.mark.parametrize("size", [(320, 240), (640, 480)])
 def test_both_renderers_agree(
-    scene: tuple[Any, Any], context: gl_renderer.GlContext, size: tuple[int, int]
+    scene: tuple[Any, Any], context: renderers.GlContext, size: tuple[int, int]
 ) -> None:
     """Centers within 0.5 px and areas within 2 %."""
     ray = moments(RayRenderer().render(*scene, Exposure(0, *size)), *YELLOW)
@@ -138,7 +143,7 @@ def test_both_renderers_agree(
     assert ray[0] == pytest.approx(drawn[0], rel=0.02)
 
 
-def test_colors_agree(scene: tuple[Any, Any], context: gl_renderer.GlContext) -> None:
+def test_colors_agree(scene: tuple[Any, Any], context: renderers.GlContext) -> None:
     """Flat surfaces have the same color within an eighth of the scale; highlights may differ."""
     ray = RayRenderer().render(*scene, Exposure(0, 160, 120))
     drawn = GlRenderer(context).render(*scene, Exposure(0, 160, 120))
@@ -168,7 +173,7 @@ def test_a_region_shows_what_the_whole_shows(
 
 
 def test_a_region_drawn_by_gl_shows_what_the_whole_shows(
-    scene: tuple[Any, Any], context: gl_renderer.GlContext
+    scene: tuple[Any, Any], context: renderers.GlContext
 ) -> None:
     renderer = GlRenderer(context)
     whole = renderer.render(*scene, Exposure(0, 80, 60)).astype(int)

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 from bt_dualarm.core.pose import Pose
-from bt_dualarm.sim.camera import Camera
-from bt_dualarm.sim.camera_optics import MAX_SUBIMAGES, Calibration
-from bt_dualarm.sim.ray_renderer import RayRenderer
-from bt_dualarm.sim.renderer import Exposure, Image
+from bt_dualarm.sim.camera import MAX_SUBIMAGES, Calibration, Camera
+from bt_dualarm.sim.frame import Exposure, Image
+from bt_dualarm.sim.renderers import RayRenderer
 from bt_dualarm.spec.document import CameraSpec
 
 WIDTH = 160

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from bt_dualarm.core.pose import Matrix
+from bt_dualarm.sim.frame import Viewpoint, fitted
 from bt_dualarm.sim.painter import StillRenderer, best_viewpoint
-from bt_dualarm.sim.renderer import Viewpoint, fitted
 
 POINTS = arrays(float, st.tuples(st.integers(1, 9), st.just(3)), elements=st.floats(-3, 3))
 

@@ -15,7 +15,7 @@ from bt_dualarm.skill.skill import Skill
 GOOD = '''
     """A skill."""
     from bt_dualarm.skill.skill import Skill
-    from bt_dualarm.spec.ports import PortModel, port
+    from bt_dualarm.spec.node_types import PortModel, port
 
     class WaveOnce(Skill):
         """Waves."""

@@ -14,8 +14,8 @@ from hypothesis.extra import numpy as arrays
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from bt_dualarm.core.errors import SkillError
+from bt_dualarm.runtime.outcome import SeriesLog
 from bt_dualarm.runtime.plots import in_plane, over_time
-from bt_dualarm.runtime.series import SeriesLog
 from bt_dualarm.skill.skill import Samples
 
 NAMES = st.sampled_from(["planned", "executed", "target", "error_m", "error", "m", "_", "ü\n_m"])

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from bt_dualarm.testing.laws import Scenario as Scenario
-from bt_dualarm.testing.laws import Tree as Tree
-from bt_dualarm.testing.laws import after as after
-from bt_dualarm.testing.laws import node_of as node_of
+from bt_dualarm.testing import Scenario as Scenario
+from bt_dualarm.testing import Tree as Tree
+from bt_dualarm.testing import after as after
+from bt_dualarm.testing import node_of as node_of
 
 ABOVE = {"xyz": [0, 0, 0.40]}
 CUBE = {"shape": "box", "size": [0.05, 0.05, 0.05], "mass": 0.1, "color": "yellow"}
@@ -43,7 +43,52 @@ HOLE: Tree = {
 }
 """Four walls, 12 mm high, around a place 1 mm wider on each side than the cube."""
 
+BEAM: Tree = {
+    "beam": {"shape": "box", "size": [1.2, 0.05, 0.05], "mass": 4.0}
+    | {"pose": {"xyz": [0, -0.45, 0.525]}},
+    "stand": WALL | {"spawned": True, "size": [0.5, 0.3, 0.5], "pose": {"xyz": [0, -0.45, 0.25]}},
+}
+CARRIER = GRIPPING | {"base": {"xyz": [-0.55, 0, 0.40]}}
+CARRIES: Tree = {"carry_together": {"object": "beam", "with": ["arm1"]}}
+"""Of the partner, which follows; it tries again if the other arm does."""
+PARTNER = GRIPPING | {
+    "base": {"xyz": [0.55, 0, 0.40]},
+    "tree": {"force_success": {"child": {"retry": {"times": 3, "child": CARRIES}}}},
+}
+STANDING = {"robot": "ur5", "base": {"xyz": [1.3, 0, 0.40], "rpy": [0, 0, 180]}}
+BESIDE_ANOTHER: Tree = {
+    "arm2": STANDING | {"removable": True, "tree": {"sequence": [{"wait": {"seconds": 25}}]}}
+}
+"""Another arm that stands on the other side and does nothing."""
+
+ON_SHELF: Tree = {
+    "shelf": WALL | {"spawned": True, "size": [0.2, 0.2, 0.2], "pose": {"xyz": [0.35, -0.4, 0.1]}},
+    "cube": CUBE
+    | {"size": [0.16, 0.035, 0.035], "mass": 0.3, "pose": {"xyz": [0.35, -0.4, 0.2175]}},
+}
+"""A bar that has room for two hands."""
+
+GIVER: Tree = {"robot": "ur5", "gripper": "robotiq_2f85", "base": {"xyz": [0, 0, 0]}}
+TAKER: Tree = {
+    "robot": "panda",
+    "gripper": "panda_hand",
+    "base": {"xyz": [1.05, 0, 0], "rpy": [0, 0, 180]},
+}
+GIVES: Tree = {"sequence": [GRASP, {"hand_over": {"object": "cube", "to": "arm1"}}]}
+TAKES: Tree = {"take_over": {"object": "cube", "from": "arm1"}}
+
 SCENARIOS = {
+    "carry_together": Scenario(BEAM, arm=CARRIER, again="FAILURE", others={"arm2": PARTNER}),
+    "hand_over": Scenario(
+        ON_SHELF,
+        arm=GIVER,
+        before=(GRASP,),
+        again="FAILURE",
+        others={"arm2": TAKER | {"tree": TAKES}},
+    ),
+    "take_over": Scenario(
+        ON_SHELF, arm=TAKER, again="FAILURE", others={"arm2": GIVER | {"tree": GIVES}}
+    ),
     "approach_and_attach": Scenario(ON_TABLE, scene="table"),
     "close_gripper": Scenario(BETWEEN_PADS, arm=GRIPPING),
     "holding": Scenario(BETWEEN_PADS, arm=GRIPPING, before=({"close_gripper": {"force": 40}},)),
@@ -62,6 +107,8 @@ SCENARIOS = {
     "draw": Scenario(arm=PRESENTING),
     "reach_to_pose": Scenario(),
     "go_home": Scenario(arm=PRESENTING),
+    "follow_tool": Scenario(others=BESIDE_ANOTHER),
+    "hold_still": Scenario(),
     "move_joints": Scenario(),
     "move_until_contact": Scenario({"wall": IN_FRONT}, arm=PRESENTING),
     "move_linear": Scenario(arm=PRESENTING),

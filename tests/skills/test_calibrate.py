@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Any
 
 import pytest
 
 import bt_dualarm as bt
 from benchmarks.hand_eye import calibrated, error_of
+from tests.families import some
 
 
 @pytest.mark.parametrize(("reality", "seed"), [("lab", 1), ("rough", 0)])
@@ -22,8 +24,7 @@ def test_the_mount_is_corrected_by_what_is_seen(reality: str, seed: int) -> None
     assert leaf.metrics["views"] == 10
 
 
-@pytest.mark.parametrize("robot", ["xarm7", "ur3"])
-@pytest.mark.parametrize("reality", ["lab", "rough"])
+@pytest.mark.parametrize(("robot", "reality"), some(product(["xarm7", "ur3"], ["lab", "rough"]), 3))
 def test_where_places_are_out_of_reach_others_stand_in(robot: str, reality: str) -> None:
     """From a tilted base, a mark near the rim of what the arm reaches: from five places only."""
     near = 0.45 if robot == "xarm7" else 0.38

@@ -16,7 +16,7 @@ HALTS = [law for law in LAWS if " when halted at " in law]
 CASES = sorted(
     {
         *product(SKILLS, set(LAWS) - set(HALTS)),
-        *some(product(sorted(SKILLS), HALTS), 3),
+        *some(product(sorted(SKILLS), HALTS), 8),
     }
 )
 """Skill and law, skill by skill; each of the moments at which some skill is halted in turns."""

@@ -13,14 +13,20 @@ from benchmarks.sequences import play
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("seed", "length", "bodies"),
+    ("seed", "skills", "bodies"),
     [
-        (21234, 2, ("arm1/forearm_link", "cube")),
-        (40496, 3, ("arm1/upper_arm_link", "arm1/wrist_1_link")),
+        (21234, ("track", "move_until_contact"), ("arm1/forearm_link", "cube")),
+        (
+            40496,
+            ("scan", "move_until_contact", "move_through"),
+            ("arm1/upper_arm_link", "arm1/wrist_1_link"),
+        ),
     ],
 )
-def test_a_link_in_the_way_ends_it(seed: int, length: int, bodies: tuple[str, str]) -> None:
-    played = play(seed, length, "lab")
+def test_a_link_in_the_way_ends_it(
+    seed: int, skills: tuple[str, ...], bodies: tuple[str, str]
+) -> None:
+    played = play(seed, len(skills), "lab", skills)
     assert played.breaches == ()
     (moved,) = [leaf for leaf in played.leaves if leaf[0] == "move_until_contact"]
     assert moved[1:3] == ("FAILURE", "IN_COLLISION")

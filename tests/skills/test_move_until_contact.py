@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from benchmarks.sequences import play
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.robots.robot_description import load_robot
@@ -74,3 +75,9 @@ def test_what_fingers_hold_is_pressed_on_the_floor_and_does_not_slide(
     assert cube_now.position[2] == pytest.approx(0.025, abs=1e-3), "it stopped in the air"
     believed = world.arms["arm1"].tool_link_pose @ held.relative
     assert believed.distance(cube_now) < 1e-3
+
+
+def test_once_more_from_the_contact_it_presses_no_harder() -> None:
+    """A UR10 held 130 N after the first contact, and pressed with 280 N in the second motion."""
+    leaves = play(700171, 2, "lab").leaves
+    assert [status for _, status, _, _ in leaves] == ["SUCCESS", "SUCCESS"], leaves

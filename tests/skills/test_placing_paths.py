@@ -120,3 +120,19 @@ def test_a_stretched_arm_lowers_as_slowly_as_it_has_to() -> None:
     )
     assert (leaf.skill, leaf.status) == ("place", "SUCCESS"), leaf.reason
     assert float(leaf.metrics["impact_n"]) < 15.0
+
+
+def test_why_it_would_tip_is_said_of_what_is_held_askew() -> None:
+    """Without an orientation the goal is that of the hand, which has turned since the grasp."""
+    box = {"shape": "box", "size": [0.06, 0.06, 0.06], "mass": 0.2}
+    leaf = placed(
+        "ur5",
+        "robotiq_2f85",
+        {"thing": box | {"pose": {"xyz": [0.40, -0.45, 0.43]}}},
+        {"grasp": {"object": "thing"}},
+        {"rotate_tool": {"axis": "x", "angle": 15}},
+        {"place": {"at": {"xyz": [0.35, -0.45, 0.43]}}},
+    )
+    assert leaf.code == "NOT_SUPPORTED", leaf
+    assert "no orientation" in leaf.reason
+    assert "15° from upright" in leaf.reason

@@ -1,4 +1,4 @@
-"""Following by camera with something in the hand: it touches nothing that nobody asked for."""
+"""Following by camera: the arm and what it holds touch nothing that nobody asked for."""
 
 from __future__ import annotations
 
@@ -27,3 +27,23 @@ def test_it_stops_before_what_it_holds_touches_something(blocked: bool, stage: S
     assert (leaf.code or leaf.status) == ("IN_COLLISION" if blocked else "SUCCESS"), leaf
     assert ("block" in leaf.reason) is blocked
     assert "touched" not in leaf.metrics, leaf
+
+
+@pytest.mark.parametrize("blocked", [True, False])
+def test_an_empty_hand_stops_before_it_touches_something(blocked: bool, stage: Stage) -> None:
+    """Nothing was checked without a held object: the fingers ran into what stood in the way."""
+
+    def lead(world: World) -> None:
+        y = -0.45 + min(max(0.03 * (world.time - 1.5), 0.0), 0.09)
+        world.model.body_pos[world.object_body("other"), 1] = y
+
+    tall = BLOCK["block"] | {"size": [0.04, 0.04, 0.3], "pose": {"xyz": [0.30, -0.275, 0.55]}}
+    objects = {"other": FOLLOWED["other"]} | ({"block": tall} if blocked else {})
+    scenario = Scenario(objects, arm=GRIPPING | {"camera": LOW_CAMERA}, scene="table")
+    play = stage.play(scenario.file(LOOK_HOLDING[1], FOLLOW_HOLDING))
+    play.watchers.append(lead)
+    play.run()
+    leaf = play.leaf("track")
+    assert (leaf.code or leaf.status) == ("IN_COLLISION" if blocked else "SUCCESS"), leaf
+    assert ("block" in leaf.reason) is blocked
+    assert not any(play.world.touches("arm1", name) for name in objects)

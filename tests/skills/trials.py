@@ -8,18 +8,25 @@ from typing import Any
 
 from bt_dualarm.robots.gripper import FINGERS
 from bt_dualarm.sim.world import World
-from bt_dualarm.testing.laws import after
+from bt_dualarm.testing import after
 from tests.plays import Deed
 from tests.skills.scenarios import (
     ABOVE,
+    BESIDE_ANOTHER,
     CUBE,
+    GIVER,
     GRASP,
     GRIPPING,
     LOOKING,
+    ON_SHELF,
     ON_TABLE,
+    PARTNER,
     PICK,
     PRESENTING,
     SCENARIOS,
+    STANDING,
+    TAKER,
+    TAKES,
     TARGET,
     WALL,
     Scenario,
@@ -96,6 +103,11 @@ def hides(name: str) -> Deed:
     return lambda world: world.remove_object(name)
 
 
+def departs(arm: str) -> Deed:
+    """Take an arm out of the world."""
+    return lambda world: world.remove_arm(arm)
+
+
 def shifts(name: str, meters: float) -> Deed:
     """Move a fixed object along y."""
 
@@ -105,11 +117,11 @@ def shifts(name: str, meters: float) -> Deed:
     return shift
 
 
-def shrinks(name: str) -> Deed:
-    """Make an object smaller by a seventh."""
+def shrinks(name: str, sides: slice = slice(None)) -> Deed:
+    """Make an object smaller by a seventh, along some of its sides only if they are given."""
 
     def shrink(world: World) -> None:
-        world.model.geom_size[world.object_geom(name)] *= 6 / 7
+        world.model.geom_size[world.object_geom(name), sides] *= 6 / 7
 
     return shrink
 
@@ -213,6 +225,9 @@ SPLIT: tuple[Tree, ...] = ({"spawn": {"object": "left"}}, {"spawn": {"object": "
 BLIND = {name: item for name, item in LOOKING.items() if name != "camera"}
 PANDA = {"robot": "panda"}
 
+JERKY: Tree = {
+    "delay": {"seconds": 2.0, "child": {"move_joints": {"by": {"panda_joint1": 30}, "speed": 1.0}}}
+}
 STOP_AT_ONCE: Tree = {"delay": {"seconds": 1.0, "child": {"stop": {"longest": 0.03}}}}
 CARRY: Tree = {"transport": {"object": "cube", "to": {"xyz": [0.3, -0.4, 0.6]}}}
 LET_GO: Tree = {"detach": {"object": "cube"}}
@@ -276,7 +291,88 @@ def losing(skill: str, ports: Tree) -> dict[tuple[str, str], Trial]:
     }
 
 
+def carried(**ports: Any) -> Tree:
+    """Carry the beam of the skill's scenario; with other ports than that of its example."""
+    to = {"xyz": [0.05, -0.5, 0.525]}
+    return {"carry_together": {"object": "beam", "with": ["arm2"], "to": to, **ports}}
+
+
+def beam_that(**fields: Any) -> Tree:
+    """Objects of that scenario, with another beam."""
+    objects = SCENARIOS["carry_together"].objects
+    return objects | {"beam": objects["beam"] | fields}
+
+
+GIVE: Tree = {"hand_over": {"object": "cube", "to": "arm2"}}
+GIVE_BACK: Tree = {"object": "cube", "to": "arm1"}
+TAKES_FROM: Tree = {"take_over": {"object": "cube", "from": "arm2"}}
+HELD: tuple[Tree, ...] = (GRASP,)
+SELF: tuple[Tree, ...] = ({"set": {"key": "who", "value": "arm1"}},)
+IN_TAKER = CUBE | {"fixed": True, "pose": {"xyz": [0.743, 0, 0.487]}}
+"""Between the fingers of the taker where it begins."""
+
+
+def partner(arm: Tree, tree: Tree) -> Tree:
+    """The other arm of a handover, with another tree."""
+    return {"arm2": arm | {"tree": tree}}
+
+
+def presses(body: str, newton: float) -> Deed:
+    """Push a body downward from now on."""
+
+    def press(world: World) -> None:
+        world.data.xfrc_applied[world.model.body(body).id, 2] = -newton
+
+    return press
+
+
 TRIALS: dict[tuple[str, str], Trial] = {
+    ("carry_together", "PARTNER_GONE"): Trial(
+        carried(), {"others": {"arm2": PARTNER | {"tree": "succeed"}}}
+    ),
+    ("carry_together", "NOT_THERE"): Trial(
+        carried(), {"before": ({"remove": {"object": "beam"}},)}
+    ),
+    ("carry_together", "INVALID_TARGET"): Trial(carried(), {"objects": beam_that(fixed=True)}),
+    ("carry_together", "GRIPPER_FULL"): Trial(
+        carried(),
+        {
+            "before": (TAKE,),
+            "objects": beam_that()
+            | {"cube": CUBE | {"pose": {"xyz": [-0.063, 0.109, 0.682]}, "fixed": True}},
+        },
+    ),
+    ("carry_together", "TOO_WIDE"): Trial(
+        carried(),
+        {"objects": beam_that(size=[1.2, 0.12, 0.12], pose={"xyz": [0, -0.45, 0.56]})},
+    ),
+    ("carry_together", "TOO_HEAVY"): Trial(carried(), {"objects": beam_that(mass=30.0)}),
+    ("carry_together", "NO_FACE"): Trial(
+        carried(),
+        {
+            "arm": SCENARIOS["carry_together"].arm | {"gripper": "suction_cup"},
+            "objects": beam_that(
+                shape="cylinder",
+                size=[0.008, 1.2],
+                pose={"xyz": [0, -0.45, 0.508], "rpy": [0, 90, 0]},
+            ),
+        },
+    ),
+    ("carry_together", "OUT_OF_REACH"): Trial(carried(to={"xyz": [0, -3, 0.6]})),
+    ("carry_together", "NOT_GRASPED"): Trial(carried(), deeds=((3.0, steals("beam")),), moves=True),
+    ("carry_together", "SLIPPED"): Trial(
+        carried(), deeds=((5.0, shrinks("beam", slice(1, 3))),), moves=True
+    ),
+    ("carry_together", "DROPPED"): Trial(carried(), deeds=((5.0, steals("beam")),), moves=True),
+    ("carry_together", "INTERNAL_FORCE"): Trial(carried(most_internal_force=0.3), moves=True),
+    ("carry_together", "NOT_REACHED"): Trial(
+        carried(to={"xyz": [0.05, -0.5, 0.522]}, tolerance=0.001), moves=True
+    ),
+    ("carry_together", "NO_CONTACT"): Trial(carried(to={"xyz": [0.05, -0.5, 0.6]}), moves=True),
+    ("carry_together", "NOT_OPEN"): Trial(carried(), deeds=((9.0, jams),), moves=True),
+    ("carry_together", "NOT_PLACED"): Trial(
+        carried(), deeds=((10.2, slides_in_hand("beam", 0.02)),), moves=True
+    ),
     ("spawn", "NOT_SPAWNED"): Trial(
         {"sequence": [{"spawn": {"object": "cube"}}, {"spawn": {"object": "cube"}}]}
     ),
@@ -291,6 +387,37 @@ TRIALS: dict[tuple[str, str], Trial] = {
             }
         },
         {"arm": PRESENTING},
+        moves=True,
+    ),
+    # Together with another arm
+    ("follow_tool", "INVALID_TARGET"): Trial(
+        {"follow_tool": {"arm": "arm2", "duration": 1.0}},
+        {"before": ({"wait": {"seconds": 0.5}},)},
+        deeds=((0.2, departs("arm2")),),
+    ),
+    ("follow_tool", "UNREACHABLE"): Trial(
+        {"follow_tool": {"arm": "arm2", "offset": {"xyz": [0.0, 0.0, -0.1]}, "duration": 1.0}}
+    ),
+    ("follow_tool", "NOT_FOLLOWING"): Trial(
+        {"follow_tool": {"arm": "arm2", "duration": 9.0, "max_error": 1e-4, "lost_timeout": 0.01}},
+        {"others": {"arm2": STANDING | {"robot": "panda", "tree": {"sequence": [JERKY]}}}},
+        moves=True,
+    ),
+    ("follow_tool", "PARTNER_GONE"): Trial(
+        {"follow_tool": {"arm": "arm2", "duration": 5.0}},
+        deeds=((1.0, departs("arm2")),),
+        moves=True,
+    ),
+    ("hold_still", "INVALID_TARGET"): Trial({"hold_still": {"compliance": 0.02, "duration": 1.0}}),
+    ("hold_still", "MOVED"): Trial(
+        {"hold_still": {"compliance": 0.0005, "max_displacement": 0.005, "duration": 4.0}},
+        deeds=((2.0, pushes(HAND, 40.0)), (2.4, pushes(HAND, 0.0))),
+        moves=True,
+    ),
+    ("hold_still", "PARTNER_GONE"): Trial(
+        {"hold_still": {"partner": "arm2", "duration": 4.0}},
+        {"others": BESIDE_ANOTHER},
+        deeds=((1.0, departs("arm2")),),
         moves=True,
     ),
     # Motions of the joints
@@ -507,6 +634,34 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ),
     ("insert", "SLIPPED"): Trial(INSERT, deeds=((6.0, shrinks("cube")),), moves=True),
     ("insert", "DROPPED"): Trial(INSERT, deeds=((6.0, steals("cube")),), moves=True),
+    # Handing over
+    ("hand_over", "NOT_HELD"): Trial(GIVE, {"before": ()}),
+    ("hand_over", "NOT_THERE"): Trial(GIVE, {"before": REMOVED}),
+    ("hand_over", "INVALID_TARGET"): Trial(
+        {"hand_over": {"object": "cube", "to": "{who}"}}, {"before": (*HELD, *SELF)}, moves=True
+    ),
+    ("hand_over", "PARTNER_GONE"): Trial(
+        GIVE, {"others": partner(TAKER, {"sequence": ["fail", TAKES]})}, moves=True
+    ),
+    ("hand_over", "NOT_TAKEN"): Trial(GIVE, deeds=((9.6, presses("cube", 12.0)),), moves=True),
+    ("hand_over", "NOT_OPEN"): Trial(GIVE, deeds=((9.6, jams),), moves=True),
+    ("take_over", "GRIPPER_FULL"): Trial(
+        TAKES_FROM,
+        {"before": (TAKE,), "objects": ON_SHELF | {"other": IN_TAKER}},
+    ),
+    ("take_over", "NOT_THERE"): Trial(TAKES_FROM, {"before": REMOVED}),
+    ("take_over", "INVALID_TARGET"): Trial(
+        {"take_over": {"object": "cube", "from": "{who}"}}, {"before": SELF}
+    ),
+    ("take_over", "PARTNER_GONE"): Trial(
+        TAKES_FROM,
+        {"others": partner(GIVER, {"sequence": ["fail", {"hand_over": GIVE_BACK}]})},
+    ),
+    ("take_over", "OUT_OF_REACH"): Trial(
+        TAKES_FROM, {"arm": TAKER | {"base": {"xyz": [2.3, 0, 0], "rpy": [0, 0, 180]}}}, moves=True
+    ),
+    ("take_over", "SLIPPED"): Trial(TAKES_FROM, deeds=((9.7, shrinks("cube")),), moves=True),
+    ("take_over", "DROPPED"): Trial(TAKES_FROM, deeds=((11.4, steals("cube")),), moves=True),
     # Handling objects
     ("approach_and_attach", "INVALID_TARGET"): Trial(
         {"approach_and_attach": {"object": "cube", "direction": [0, 0, 0]}}

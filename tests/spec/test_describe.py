@@ -8,8 +8,7 @@ import pytest
 
 from bt_dualarm.behaviors.language import LANGUAGE
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.node_types import NodeType
-from bt_dualarm.spec.ports import PortModel, port
+from bt_dualarm.spec.node_types import NodeType, PortModel, port
 from bt_dualarm.spec.reference import PortDescription, describe, ports_of
 from bt_dualarm.spec.values import Angle, Duration, ObjectOrArmName, PoseSpec, Speed
 

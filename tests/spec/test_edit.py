@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 
 from bt_dualarm.runtime.options import find_tree
 from bt_dualarm.spec.problems import SpecError
-from bt_dualarm.spec.yaml_edit import flow_text, with_value
-from bt_dualarm.spec.yaml_reader import read_text
+from bt_dualarm.spec.yaml_reader import flow_text, read_text, with_value
 
 RANGES = [{"hue": [10, 20], "saturation": [0.5, 1]}]
 WRITTEN = "[{hue: [10, 20], saturation: [0.5, 1]}]"

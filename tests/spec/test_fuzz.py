@@ -15,8 +15,7 @@ import numpy as np
 import pytest
 import yaml
 
-from bt_dualarm.behaviors.build import build_tree
-from bt_dualarm.behaviors.load import check_file, load_tree_file
+from bt_dualarm.behaviors.load import build_tree, check_file, load_tree_file
 from bt_dualarm.core.share import share_dir
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.skill.skill import SkillContext

@@ -20,6 +20,7 @@ cell:
   rendezvous: {handover: [arm1, arm2]}
 objects:
   cube: {shape: box, size: [0.05, 0.05, 0.05], mass: 0.1}
+  beam: {shape: box, size: [1.2, 0.05, 0.05], mass: 4.0}
 """
 
 
@@ -29,6 +30,8 @@ def test_words(word: str, tmp_path: Path) -> None:
     kind = LANGUAGE[word]
     path = task(tmp_path, kind.example, BEFORE)
     partner = kind.example if word == "meet" else "wait: 1"
+    if word == "in_step":
+        partner = kind.example.replace("arm2", "arm1")
     with path.open("a") as file:
         file.write(f"  arm2: {{robot: panda, tree: {{sequence: [{{{partner}}}]}}}}\n")
     problems = check_file(path, SKILLS)
@@ -42,8 +45,12 @@ def test_examples_of_shipped_skills(tmp_path: Path) -> None:
     kinds = Registry.load().kinds
     for name, kind in kinds.items():
         path = task(tmp_path, kind.example, BEFORE)
+        joint = kind.counterpart
+        theirs = "succeed"
+        if joint is not None:
+            theirs = f"{{{joint.kind}: {{object: cube, {joint.its_partner}: arm1}}}}"
         with path.open("a") as file:
-            file.write("  arm2: {robot: panda, tree: succeed}\n")
+            file.write(f"  arm2: {{robot: panda, tree: {theirs}}}\n")
         problems = check_file(path, kinds)
         assert not [str(p) for p in problems if p.severity == "error"], name
         assert kind.example.startswith(name)

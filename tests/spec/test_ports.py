@@ -6,7 +6,7 @@ import pytest
 from pydantic import ValidationError, model_validator
 
 from bt_dualarm.behaviors.leaf import Log
-from bt_dualarm.spec.ports import (
+from bt_dualarm.spec.node_types import (
     PortModel,
     as_text,
     miscounted,

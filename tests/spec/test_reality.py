@@ -10,14 +10,14 @@ import pytest
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.core.errors import RunError
 from bt_dualarm.runtime.options import checked_reality
-from bt_dualarm.spec.problems import SpecError
-from bt_dualarm.spec.reality import (
+from bt_dualarm.spec.document import (
     REALITY_NAMES,
     REALITY_SETS,
     RealityErrors,
     RealitySpec,
     resolved,
 )
+from bt_dualarm.spec.problems import SpecError
 from bt_dualarm.spec.values import Uncertainty
 
 FILE = """\

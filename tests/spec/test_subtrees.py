@@ -168,9 +168,9 @@ def test_what_cannot_be_included(tmp_path: Path) -> None:
     )
     messages = "\n".join(said(task(inside, "look", include)))
     for expected in (
-        "include: '../outside.yaml' is outside of the folder",
-        "include: 'link.yaml' is outside of the folder",
-        "include: '/etc/passwd' is outside of the folder",
+        "include: '../outside.yaml' is outside the folder",
+        "include: 'link.yaml' is outside the folder",
+        "include: '/etc/passwd' is outside the folder",
         "missing.yaml' cannot be used",
         "no such file",
         "unknown field 'arms'",

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from bt_dualarm.spec.ports import PortModel, port, validated
+from bt_dualarm.spec.node_types import PortModel, port, validated
 from bt_dualarm.spec.values import Angle, Color, Duration, HsvRange, Plane, PoseSpec, Speed
 from bt_dualarm.spec.yaml_reader import read_text
 

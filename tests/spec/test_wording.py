@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bt_dualarm.spec.ports import escaped
+from bt_dualarm.spec.node_types import escaped
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,7 @@ from pathlib import Path
 from textwrap import dedent, indent
 
 from bt_dualarm.behaviors.load import check_file, load_tree_file
-from bt_dualarm.spec.node_types import NodeSpec, NodeType
-from bt_dualarm.spec.ports import PortModel, port
+from bt_dualarm.spec.node_types import NodeSpec, NodeType, PortModel, port
 from bt_dualarm.spec.problems import Problem
 from bt_dualarm.spec.values import ArmName, Duration, ObjectName, PoseSpec
 

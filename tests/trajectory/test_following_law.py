@@ -19,7 +19,7 @@ from bt_dualarm.control.servo_kernels import (
     pole_gains,
 )
 from bt_dualarm.core.pose import Matrix, Vector
-from bt_dualarm.trajectory.limits import stopping_distance
+from bt_dualarm.trajectory.set_points import stopping_distance
 
 PERIOD = 0.002  # s
 SLACK = 1.5e-4  # m

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from bt_dualarm.core.pose import Vector
 from bt_dualarm.robots.robot import JointLimits
 from bt_dualarm.robots.robot_description import load_robot
-from bt_dualarm.trajectory.limits import SetPoint, SetPointLimiter
-from bt_dualarm.trajectory.point_to_point import point_to_point, time_path
+from bt_dualarm.trajectory.path_timing import point_to_point, time_path
+from bt_dualarm.trajectory.set_points import SetPoint, SetPointLimiter
 from bt_dualarm.trajectory.trajectory import Trajectory, use_of_limits
 
 PERIOD = 0.002  # s

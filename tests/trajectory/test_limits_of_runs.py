@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bt_dualarm.sim.world import World
-from bt_dualarm.trajectory.limits import SetPoint
+from bt_dualarm.trajectory.set_points import SetPoint
 from bt_dualarm.trajectory.trajectory import Trajectory, use_of_limits
 from tests.plays import Stage
 

@@ -16,9 +16,8 @@ from bt_dualarm.planning.problem import outline
 from bt_dualarm.robots.robot import JointLimits
 from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.trajectory import trajectory
-from bt_dualarm.trajectory.path_timing import time_path
-from bt_dualarm.trajectory.point_to_point import point_to_point
-from bt_dualarm.trajectory.sources import at_scale, sampled_at
+from bt_dualarm.trajectory.path_timing import point_to_point, time_path
+from bt_dualarm.trajectory.set_points import at_scale, sampled_at
 from bt_dualarm.trajectory.trajectory import LONG, LongTrajectory, Trajectory, use_of_limits
 
 DT = 0.004

@@ -14,7 +14,7 @@ from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.robots.robot_description import load_robot, robot_names
-from bt_dualarm.trajectory.limits import SetPoint, SetPointLimiter
+from bt_dualarm.trajectory.set_points import SetPoint, SetPointLimiter
 from bt_dualarm.trajectory.trajectory import Trajectory, use_of_limits
 
 PERIOD = 0.002  # s

@@ -13,8 +13,15 @@ from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.robots.robot import JointLimits
 from bt_dualarm.robots.robot_description import load_robot
-from bt_dualarm.trajectory.path_timing import Profile, TimeOptimal, spline_through
-from bt_dualarm.trajectory.point_to_point import point_to_point, stop, time_path, timed_path
+from bt_dualarm.trajectory.path_timing import (
+    Profile,
+    TimeOptimal,
+    point_to_point,
+    spline_through,
+    stop,
+    time_path,
+    timed_path,
+)
 from bt_dualarm.trajectory.trajectory import Trajectory, use_of_limits
 
 DT = 0.002

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bt_dualarm.trajectory.limit_kernels import within
-from bt_dualarm.trajectory.sources import sampled_at
-from bt_dualarm.trajectory.timing_kernels import scale
+from bt_dualarm.trajectory.set_points import sampled_at
 from bt_dualarm.trajectory.trajectory import Trajectory
+from bt_dualarm.trajectory.trajectory_kernels import scale, within
 from tests.plain_kernels import plain
 
 DT = 0.004

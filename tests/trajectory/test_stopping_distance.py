@@ -8,7 +8,7 @@ import ruckig
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from bt_dualarm.trajectory.limits import every, stopping_distance
+from bt_dualarm.trajectory.set_points import every, stopping_distance
 
 A = 5.0
 J = 100.0

@@ -15,9 +15,8 @@ from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.safety.failsafe import Reservations
 from bt_dualarm.safety.guard import CLEAR_M
 from bt_dualarm.sim.world import World
-from bt_dualarm.trajectory.limits import SetPoint
-from bt_dualarm.trajectory.point_to_point import point_to_point
-from bt_dualarm.trajectory.sources import STALE_S, Stream
+from bt_dualarm.trajectory.path_timing import point_to_point
+from bt_dualarm.trajectory.set_points import STALE_S, SetPoint, Stream
 from bt_dualarm.trajectory.trajectory import Trajectory, use_of_limits
 from tests.sim.worlds import arm, box, file_of, world_with
 

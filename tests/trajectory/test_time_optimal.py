@@ -18,7 +18,7 @@ from bt_dualarm.robots.robot import JointLimits
 from bt_dualarm.robots.robot_description import load_robot, robot_names
 from bt_dualarm.trajectory.kernel_arrays import PathOnGrid
 from bt_dualarm.trajectory.path_timing import Profile, TimeOptimal, spline_through
-from bt_dualarm.trajectory.timing_kernels import squares_of_rates
+from bt_dualarm.trajectory.trajectory_kernels import squares_of_rates
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -10,9 +10,9 @@ from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.planning.problem import trace
 from bt_dualarm.robots.robot import Robot
 from bt_dualarm.robots.robot_description import load_robot
+from bt_dualarm.trajectory.path_timing import point_to_point
 from bt_dualarm.trajectory.paths import circle
-from bt_dualarm.trajectory.point_to_point import point_to_point
-from bt_dualarm.trajectory.sources import TrajectorySource
+from bt_dualarm.trajectory.set_points import TrajectorySource
 from bt_dualarm.trajectory.trajectory import Trajectory, use_of_limits
 
 DT = 0.004

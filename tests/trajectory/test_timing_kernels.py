@@ -18,8 +18,8 @@ from bt_dualarm.trajectory.path_timing import (
     TimeOptimal,
     spline_through,
 )
-from bt_dualarm.trajectory.timing_kernels import write_average, write_joints, write_shares
 from bt_dualarm.trajectory.trajectory import shares_of_limits
+from bt_dualarm.trajectory.trajectory_kernels import write_average, write_joints, write_shares
 from tests.source import ROOT
 from tests.trajectory.timed import LIMITS, timed
 

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from bt_dualarm.tuning.color import IMAGE_SUFFIXES, ImageFileError, read_image
+from bt_dualarm.tuning import IMAGE_SUFFIXES, ImageFileError, read_image
 from tests.tuning.test_look import two_squares
 
 FILES = {suffix: cv2.imencode(suffix, two_squares())[1].tobytes() for suffix in IMAGE_SUFFIXES}

@@ -5,9 +5,9 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from bt_dualarm.sim.renderer import Image
+from bt_dualarm.sim.frame import Image
 from bt_dualarm.spec.values import Color
-from bt_dualarm.tuning.color import ColorView, png, still
+from bt_dualarm.tuning import ColorView, png, still
 
 
 def two_squares() -> Image:
@@ -25,7 +25,7 @@ def test_the_largest_comes_first() -> None:
 
 
 def test_the_picture_has_three_panels_as_wide_as_each_other() -> None:
-    """Image as it is, mask in white, then what lies outside of the mask darkened."""
+    """Image as it is, mask in white, then what lies outside the mask darkened."""
     picture = ColorView(still(two_squares()), Color.named("yellow")).picture("two")
     zoom = 6
     bar = 26

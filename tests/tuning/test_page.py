@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 
 from bt_dualarm.spec.values import Color
-from bt_dualarm.tuning.color import AsSnippet, Shot, still
-from bt_dualarm.tuning.page import HOST, PageError, Tuning, page_server
+from bt_dualarm.tuning import HOST, AsSnippet, PageError, Shot, Tuning, page_server, still
 from tests.tuning.test_look import two_squares
 
 

@@ -17,8 +17,7 @@ from hypothesis import strategies as st
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.values import Color
-from bt_dualarm.tuning.color import IntoTree, Shot, still
-from bt_dualarm.tuning.page import HOST, Tuning, _Handler
+from bt_dualarm.tuning import HOST, IntoTree, Shot, Tuning, _Handler, still
 from tests.tuning.test_look import two_squares
 from tests.tuning.test_page import Browser, browser, saved
 from tests.tuning.test_saving import HOMES, TREE

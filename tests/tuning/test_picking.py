@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bt_dualarm.perception.detection import ColorFilter
-from bt_dualarm.sim.renderer import Image
+from bt_dualarm.sim.frame import Image
 from bt_dualarm.spec.values import Color, HsvRange
-from bt_dualarm.tuning.color import ColorError, Pixel, PixelError, adjusted, range_of
+from bt_dualarm.tuning import ColorError, Pixel, PixelError, adjusted, range_of
 
 shares = st.floats(0.0, 1.0)
 
@@ -84,7 +84,7 @@ def test_a_widened_range_holds_the_old_one(
 
 
 def test_a_pixel_outside_is_said() -> None:
-    with pytest.raises(PixelError, match="8,0 is outside of the image, which is 8x8"):
+    with pytest.raises(PixelError, match="8,0 is outside the image, which is 8x8"):
         range_of(stripes((54, 0.9, 0.9)), [(8, 0)])
 
 

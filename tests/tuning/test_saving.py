@@ -10,7 +10,7 @@ from bt_dualarm.runtime.file_check import check
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.problems import SpecError, errors
 from bt_dualarm.spec.values import Color
-from bt_dualarm.tuning.color import AsSnippet, IntoTree, NoColorPortError, SavingError
+from bt_dualarm.tuning import AsSnippet, IntoTree, NoColorPortError, SavingError
 
 TREE = """\
 # A comment before all.

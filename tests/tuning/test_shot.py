@@ -9,7 +9,7 @@ from bt_dualarm.runtime.options import find_tree
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.document import TreeFile
 from bt_dualarm.spec.values import Color
-from bt_dualarm.tuning.color import ColorView, ShotError, ShotTime, camera_arm, camera_shot
+from bt_dualarm.tuning import ColorView, ShotError, ShotTime, camera_arm, camera_shot
 
 TREE = """\
 bt_dualarm: 1

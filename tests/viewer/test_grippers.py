@@ -16,6 +16,7 @@ from bt_dualarm.robots.mjspec import CUP, joint_motors
 from bt_dualarm.robots.robot_description import robot_names
 from bt_dualarm.viewer.live_view import Snapshot
 from bt_dualarm.viewer.past import RecordView
+from tests.families import some
 from tests.grippers.test_mounting import GRIPPERS
 from tests.sim.worlds import ROBOTS, WORLD, world_with
 
@@ -50,7 +51,7 @@ def test_the_motors_of_an_arm_are_those_of_its_joints(robot: str, gripper: str |
     assert joint_motors(world.model, "arm2").size == 0
 
 
-@pytest.mark.parametrize(("robot", "gripper"), SHOWN)
+@pytest.mark.parametrize(("robot", "gripper"), some(SHOWN, 3))
 def test_an_arm_with_a_gripper_is_shown_live_and_from_its_record(
     robot: str, gripper: str | None, tmp_path: Path
 ) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 import bt_dualarm
 from bt_dualarm.replay.record import Record
-from bt_dualarm.runtime.signals import StopRequest
+from bt_dualarm.runtime.interruption import StopRequest
 from bt_dualarm.viewer.live_view import LiveView
 from bt_dualarm.viewer.past import RecordView, html_of
 from bt_dualarm.viewer.server import Served

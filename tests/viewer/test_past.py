@@ -18,8 +18,8 @@ import pytest
 import bt_dualarm
 from bt_dualarm.core.errors import DualArmError
 from bt_dualarm.replay.record import Record, ReplayError
-from bt_dualarm.replay.scene import recorded_frames
-from bt_dualarm.runtime.signals import StopRequest
+from bt_dualarm.replay.timeline import recorded_frames
+from bt_dualarm.runtime.interruption import StopRequest
 from bt_dualarm.viewer.events import rows_of
 from bt_dualarm.viewer.live_view import LiveView
 from bt_dualarm.viewer.past import RecordView

@@ -15,9 +15,8 @@ import pytest
 
 import bt_dualarm
 from bt_dualarm.core.pose import Matrix
-from bt_dualarm.runtime.signals import StopRequest
-from bt_dualarm.sim.frame import Frame
-from bt_dualarm.sim.renderer import Image
+from bt_dualarm.runtime.interruption import StopRequest
+from bt_dualarm.sim.frame import Frame, Image
 from bt_dualarm.viewer import signals as signals_module
 from bt_dualarm.viewer.live_view import LiveView
 from bt_dualarm.viewer.past import Pictures, RecordView

@@ -18,8 +18,8 @@ import pytest
 
 import bt_dualarm
 from bt_dualarm.behaviors.report import StatusChange
+from bt_dualarm.runtime.interruption import StopRequest
 from bt_dualarm.runtime.run import Run
-from bt_dualarm.runtime.signals import StopRequest
 from bt_dualarm.viewer.live_view import LiveView
 from bt_dualarm.viewer.server import Gate, GateError, whole_page
 from tests.replay.runs import write_short

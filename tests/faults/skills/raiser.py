@@ -10,7 +10,7 @@ import numpy as np
 
 from bt_dualarm import PortModel, Skill, SkillContext, port
 from bt_dualarm.sim.frame import Window
-from bt_dualarm.trajectory.limits import SetPoint
+from bt_dualarm.trajectory.set_points import SetPoint
 
 
 class Raiser(Skill):

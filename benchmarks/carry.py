@@ -1,0 +1,288 @@
+"""Two arms carry a beam along random paths: arrival, and how hard they press against each other.
+
+    python -m benchmarks.carry [--paths 200] [--speeds 0.2 0.5 1.0] [--pairs ur5+ur5 ur5+panda]
+                               [--reality lab] [--seed 0] [--plot carry.svg]
+
+A run grasps a beam of 4 kg, carries it along several random paths with shifts of up to 0.25 m and
+rotations of up to 15°, and sets it down. The beam is 1.2 m long; neither arm can hold it alone.
+Pairs of robots, with the grippers that fit, go around.
+
+A path counts as arrived where the true pose of the beam is within 2 mm and 0.5° of the goal; as
+refused where no arm had moved. The internal force and moment are what the true contact wrenches of
+the hands exceed the ones by which they would share weight and inertia of the beam, see
+`bt_dualarm.control.internal_wrench`; largest of both hands, in every 8 ms of the time in which both
+arms hold the beam. Asked for at speed 0.5 in `lab`: all that are not refused arrive, with at most
+20 N and 5 N m; exit code 1 if that is missed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any
+
+import mujoco
+import numpy as np
+
+import bt_dualarm as bt
+from bt_dualarm.control.internal_wrench import crossed, internal_wrenches
+from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.runtime.arm_runtime import IdleObserver
+from bt_dualarm.sim.world import World
+
+PER_RUN = 8
+"""Paths of one run."""
+
+EVERY = 4
+"""Physics steps between two samples of the internal wrench."""
+
+WITHIN_M = 0.002
+WITHIN_RAD = np.radians(0.5)
+MOST_N = 20.0
+MOST_NM = 5.0
+ARMS = ("arm1", "arm2")
+GRIPPERS = {"panda": "panda_hand"}
+REFUSED = ("OUT_OF_REACH", "PATH_BROKEN", "IN_COLLISION", "NO_PLAN", "SINGULAR", "UNREACHABLE")
+
+LAYOUTS = {"ur3": (0.42, -0.30, 0.8), "ur10": (0.60, -0.60, 1.2)}
+"""Half the distance of the bases in m, y of the beam in m and its length in m, by robot."""
+
+LAYOUT = (0.55, -0.45, 1.2)
+
+
+def task(
+    robots: tuple[str, str], speed: float, reality: str, seed: int, paths: int
+) -> dict[str, Any]:
+    """The tree file of one run."""
+    rng = np.random.default_rng(seed)
+    apart, y, length = LAYOUTS.get(robots[0], LAYOUT)
+    lies = {"xyz": [0, y, 0.5251], "rpy": [0, 0, 0]}
+    goals = [
+        [
+            {
+                "xyz": [float(x), float(y + dy), float(z)],
+                "rpy": [0.0, float(pitch), float(yaw)],
+            }
+            for x, dy, z, pitch, yaw in rng.uniform(
+                (-0.12, -0.08, 0.62, -12, -15), (0.12, 0.08, 0.82, 12, 15), (rng.integers(1, 3), 5)
+            )
+        ]
+        for _ in range(paths)
+    ]
+    arms = {}
+    for i, (arm, robot) in enumerate(zip(ARMS, robots, strict=True)):
+        leaves: list[dict[str, Any]] = []
+        for goal in [*goals, [lies]]:
+            last = goal == [lies]
+            ports: dict[str, Any] = {"object": "beam", "with": [ARMS[1 - i]], "speed": speed}
+            ports |= {"set_down": last, "tolerance": 0.05, "angle_tolerance": 20}
+            leaf = {"carry_together": ports | ({"path": goal} if i == 0 else {})}
+            leaves.append(leaf if last else {"force_success": {"child": leaf}})
+        arms[arm] = {
+            "robot": robot,
+            "gripper": GRIPPERS.get(robot, "robotiq_2f85"),
+            "base": {"xyz": [(-apart, apart)[i], 0, 0.4], "rpy": [0, 0, _yaw(robot)]},
+            "tree": {"sequence": leaves},
+        }
+    beam = {"shape": "box", "size": [length, 0.05, 0.05], "mass": 4.0, "pose": lies}
+    stand = {"shape": "box", "size": [0.3, 0.3, 0.5], "mass": 50, "fixed": True}
+    stand["pose"] = {"xyz": [0, y, 0.25]}
+    return {
+        "bt_dualarm": 1,
+        "name": "carry",
+        "world": {"scene": "empty", "reality": reality, "seed": seed, "time_limit": 300},
+        "objects": {"beam": beam, "stand": stand},
+        "arms": arms,
+    }
+
+
+def _yaw(robot: str) -> float:
+    """Rotation of a base in degrees with which the robot faces the beam."""
+    return 0.0 if robot.startswith("ur") else -90.0
+
+
+@dataclass
+class TrueInternalWrench(IdleObserver):
+    """Internal wrench on an object by the true contact forces, while several arms hold it.
+
+    Attributes:
+        world: World of the run.
+        thing: Name of the object.
+        shares: Share of the load of each arm, by name.
+        samples: Time in s, force in N and moment in N m, largest of all arms.
+    """
+
+    world: World
+    thing: str
+    shares: dict[str, float]
+    samples: list[tuple[float, float, float]] = field(default_factory=list)
+    _steps: int = 0
+
+    def __post_init__(self) -> None:
+        """Watch the forces of the world."""
+        self.world.on_forces.append(self._look)
+
+    def _look(self) -> None:
+        self._steps += 1
+        world = self.world
+        if self._steps % EVERY or set(world.attachments.holders(self.thing)) != set(self.shares):
+            return
+        points, wrenches = self._contacts()
+        found = internal_wrenches(list(self.shares.values()), points, wrenches)
+        force, moment = (np.linalg.norm(part, axis=1).max() for part in np.split(found, 2, axis=1))
+        self.samples.append((world.time, float(force), float(moment)))
+
+    def _contacts(self) -> tuple[Matrix, Matrix]:
+        """Positions of the tools, and the wrenches of the hands on the object about them."""
+        world = self.world
+        data = world.data
+        geom = world.object_geom(self.thing)
+        bodies = [world.arms[arm] for arm in self.shares]
+        points = np.array([data.site_xpos[body.tool_site] for body in bodies])
+        wrenches = np.zeros((len(bodies), 6))
+        force = np.empty(6)
+        for i, pair in enumerate(data.contact.geom.tolist()):
+            if geom not in pair:
+                continue
+            other = pair[0] if pair[1] == geom else pair[1]
+            for k, body in enumerate(bodies):
+                if other in body.geom_ids:
+                    mujoco.mj_contactForce(world.model, data, i, force)
+                    sign = 1.0 if pair[1] == geom else -1.0
+                    pushed, turned = (
+                        sign * force.reshape(2, 3) @ data.contact.frame[i].reshape(3, 3)
+                    )
+                    lever: Vector = data.contact.pos[i] - points[k]
+                    wrenches[k, :3] += pushed
+                    wrenches[k, 3:] += turned + crossed(lever[None], pushed[None])[0]
+        return points, wrenches
+
+
+@dataclass
+class Found:
+    """What was found at one speed.
+
+    Attributes:
+        outcomes: Number of paths by outcome: ``arrived``, ``refused`` or a failure code.
+        errors: Distance in m and angle in rad from the goal of each arrival.
+        forces: Internal force of each sample, N.
+        moments: Internal moment of each sample, N m.
+        most: Largest internal force in N and moment in N m of each run.
+    """
+
+    outcomes: Counter[str] = field(default_factory=Counter)
+    errors: list[tuple[float, float]] = field(default_factory=list)
+    forces: list[float] = field(default_factory=list)
+    moments: list[float] = field(default_factory=list)
+    most: list[tuple[float, float]] = field(default_factory=list)
+
+
+def run(file: dict[str, Any], found: Found) -> list[tuple[float, float, float]]:
+    """Perform a run, and add what was found; returns the samples."""
+    with bt.open(file) as opened:
+        truth = TrueInternalWrench(opened.world, "beam", dict.fromkeys(ARMS, 0.5))
+        opened.watch(truth)
+        result = opened.finish()
+    for leaf in result.arms["arm1"].runs:
+        if leaf.skill != "carry_together":
+            continue
+        away = leaf.metrics.get("placed_error_m")
+        turned = leaf.metrics.get("placed_turned_rad")
+        if leaf.status == "SUCCESS" and away is not None and turned is not None:
+            near = away <= WITHIN_M and turned <= WITHIN_RAD
+            found.outcomes["arrived" if near else "off"] += 1
+            found.errors.append((away, turned))
+        else:
+            code = leaf.code or leaf.status
+            found.outcomes["refused" if code in REFUSED else code] += 1
+            print(f"    {leaf.path}: {code}: {leaf.reason}", flush=True)
+    if truth.samples:
+        _, forces, moments = np.array(truth.samples).T
+        found.forces += forces.tolist()
+        found.moments += moments.tolist()
+        found.most.append((float(forces.max()), float(moments.max())))
+    return truth.samples
+
+
+def plot(curves: dict[str, list[tuple[float, float, float]]], path: str) -> None:
+    """Draw the internal force of some runs over time."""
+    import matplotlib as mpl
+
+    mpl.use("svg")
+    from matplotlib import pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(8.0, 3.2), constrained_layout=True)
+    for label, samples in curves.items():
+        time, force, _ = np.array(samples).T
+        axes.plot(time - time[0], force, label=label, linewidth=0.8)
+    axes.axhline(MOST_N, color="black", linestyle=":", linewidth=0.8)
+    axes.set(
+        xlabel="time since both arms hold the beam, s", ylabel="internal force, N", ylim=(0, None)
+    )
+    axes.legend(frameon=False)
+    figure.savefig(path, metadata={"Date": None})
+    plt.close(figure)
+
+
+def main() -> int:
+    """Print what was found at each speed; returns the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--paths", type=int, default=200)
+    parser.add_argument("--speeds", type=float, nargs="+", default=[0.2, 0.5, 1.0])
+    parser.add_argument(
+        "--pairs", nargs="+", default=["ur5+ur5", "ur5+panda", "panda+xarm7", "ur10+ur10"]
+    )
+    parser.add_argument("--reality", default="lab")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--plot")
+    arguments = parser.parse_args()
+    missed = False
+    curves: dict[str, list[tuple[float, float, float]]] = {}
+    for speed in arguments.speeds:
+        found = Found()
+        left = arguments.paths
+        number = 0
+        while left > 0:
+            first, _, second = arguments.pairs[number % len(arguments.pairs)].partition("+")
+            count = min(left, PER_RUN)
+            file = task((first, second), speed, arguments.reality, arguments.seed + number, count)
+            samples = run(file, found)
+            most = found.most[-1] if samples else (0.0, 0.0)
+            print(f"  {first}+{second}: {most[0]:.1f} N, {most[1]:.1f} N m at most", flush=True)
+            if samples:
+                curves.setdefault(f"speed {speed:g}", samples)
+            left -= count
+            number += 1
+        missed |= report(speed, found) and speed == 0.5 and arguments.reality == "lab"
+    if arguments.plot:
+        plot(curves, arguments.plot)
+    return int(missed)
+
+
+def report(speed: float, found: Found) -> bool:
+    """Print what was found; returns whether a target was missed."""
+    outcomes = ", ".join(f"{count} {name}" for name, count in found.outcomes.most_common())
+    print(f"speed {speed:g}: {outcomes}")
+    if not found.errors or not found.forces:
+        return True
+    away, turned = np.array(found.errors).T
+    forces = np.array(found.forces)
+    moments = np.array(found.moments)
+    print(
+        f"  arrival: median {1e3 * np.median(away):.2f} mm and "
+        f"{np.degrees(np.median(turned)):.2f}°, "
+        f"largest {1e3 * away.max():.2f} mm and {np.degrees(turned.max()):.2f}°"
+    )
+    for name, values, unit in (("force", forces, "N"), ("moment", moments, "N m")):
+        print(
+            f"  internal {name}: median {np.median(values):.1f} {unit}, "
+            f"99 % {np.quantile(values, 0.99):.1f} {unit}, largest {values.max():.1f} {unit}"
+        )
+    bad = set(found.outcomes) - {"arrived", "refused"}
+    return bool(bad) or forces.max() > MOST_N or moments.max() > MOST_NM
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,166 @@
+"""How exactly an arm keeps a transform to another arm's tool that moves at full speed.
+
+    python -m benchmarks.following_tools [--trials 60] [--seed 0] [--reality lab] [--speed 1.0]
+    python -m benchmarks.following_tools --only 17
+
+Two random robots face each other. The second one follows the tool of the first one, at its present
+transform or at a random one, while the first one executes four random motions. The error is the
+true distance of the tool from the transform that it had at rest, from the arrival on. Trials in
+which the second arm cannot reach some pose (``UNREACHABLE``, ``INVALID_TARGET``, ``IN_COLLISION``,
+``NO_PLAN`` before it follows) or no motion of the first arm succeeds are counted separately. Exit
+code 1 if an error is larger than 1 mm or the transform is lost.
+"""
+
+from __future__ import annotations
+
+import argparse
+import statistics
+import sys
+from collections import Counter
+from typing import Any, Final
+
+import numpy as np
+
+from bt_dualarm.behaviors.load import load_tree_file
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.runtime.arm_runtime import IdleObserver
+from bt_dualarm.runtime.options import RunOptions
+from bt_dualarm.runtime.run import Run
+from bt_dualarm.sim.world import World
+from bt_dualarm.skill.registry import Registry
+
+ROBOTS: Final = ("ur5", "ur10", "panda", "xarm7", "ur3")
+ALLOWED_M: Final = 1e-3
+OUT_OF_REACH: Final = ("UNREACHABLE", "INVALID_TARGET", "IN_COLLISION", "NO_PLAN", "SINGULAR")
+BEGIN_S: Final = 6.0
+"""Time at which the first arm begins to move; the second one has arrived by then."""
+
+Tree = dict[str, Any]
+
+
+def generate(seed: int, reality: str, speed: float) -> Tree:
+    """Tree file of a seed."""
+    rng = np.random.default_rng(seed)
+    leader, follower = (str(one) for one in rng.choice(ROBOTS, 2))
+    between = round(float(rng.uniform(1.0, 1.3)), 3)
+    follow: Tree = {"arm": "arm1", "speed": 1.0}
+    if rng.random() < 0.5:
+        x, y = rng.uniform(-0.1, 0.1, 2).round(3).tolist()
+        z = round(float(rng.uniform(0.15, 0.35)), 3)
+        roll, pitch, yaw = rng.uniform(-25.0, 25.0, 3).round(1).tolist()
+        follow["offset"] = {"xyz": [x, y, z], "rpy": [180.0 + roll, pitch, yaw]}
+    motions = [_motion(rng, speed) for _ in range(4)]
+    begun: list[Tree] = [{"wait": {"seconds": BEGIN_S}}]
+    tried = [{"force_success": {"child": one}} for one in motions]
+    return {
+        "bt_dualarm": 1,
+        "name": "following",
+        "world": {"scene": "empty", "reality": reality, "seed": seed, "time_limit": 60.0},
+        "arms": {
+            "arm1": {"robot": leader, "tree": {"sequence": begun + tried}},
+            "arm2": {
+                "robot": follower,
+                "base": {"xyz": [between, 0.0, 0.0], "rpy": [0.0, 0.0, 180.0]},
+                "tree": {"sequence": [{"follow_tool": follow}]},
+            },
+        },
+    }
+
+
+def _motion(rng: np.random.Generator, speed: float) -> Tree:
+    xyz = rng.uniform(-0.15, 0.15, 3).round(3).tolist()
+    rpy = rng.uniform(-20.0, 20.0, 3).round(1).tolist()
+    kind = rng.choice(("line", "reach", "turn", "circle"))
+    if kind == "line":
+        return {"move_linear": {"offset": {"xyz": xyz}, "speed": speed}}
+    if kind == "reach":
+        return {"reach_to_pose": {"offset": {"xyz": xyz, "rpy": rpy}, "speed": speed}}
+    if kind == "turn":
+        angle = round(float(rng.uniform(-40.0, 40.0)), 1)
+        return {"rotate_tool": {"angle": angle, "speed": speed}}
+    radius = round(float(rng.uniform(0.03, 0.1)), 3)
+    plane = str(rng.choice(("xy", "yz", "xz")))
+    return {"circle": {"radius": radius, "plane": plane, "speed": speed}}
+
+
+class TrueTransform(IdleObserver):
+    """True pose of the second tool in the first one, at each step, and which arm touched which."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self.times: list[float] = []
+        self.poses: list[Pose] = []
+
+    def after_step(self, time: float) -> None:
+        """Sample the transform."""
+        arms = self._world.arms
+        self.times.append(time)
+        self.poses.append(arms["arm1"].tool_pose.inverse @ arms["arm2"].tool_pose)
+
+    def errors_m(self, since: float, until: float) -> np.ndarray:
+        """Distances from the transform at the beginning of an interval."""
+        chosen = [
+            pose.position
+            for time, pose in zip(self.times, self.poses, strict=True)
+            if since <= time <= until
+        ]
+        if not chosen:
+            return np.zeros(0)
+        return np.asarray(np.linalg.norm(np.array(chosen) - chosen[0], axis=1))
+
+
+def main() -> int:
+    """Run the trials; returns the exit code."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--trials", type=int, default=60, help="number of trials that count")
+    parser.add_argument("--seed", type=int, default=0, help="the first seed")
+    parser.add_argument("--reality", default="lab", choices=("ideal", "lab", "rough"))
+    parser.add_argument("--speed", type=float, default=1.0, help="speed of the first arm")
+    parser.add_argument("--only", type=int, help="the one seed to run")
+    options = parser.parse_args()
+    registry = Registry.load()
+    wanted = options.trials if options.only is None else 1
+    seed = options.seed if options.only is None else options.only
+    largest: list[float] = []
+    left_out = Counter[str]()
+    lost = 0
+    while len(largest) + lost < wanted:
+        file = generate(seed, options.reality, options.speed)
+        with Run(load_tree_file(file, registry.kinds), registry, RunOptions(renderer="ray")) as run:
+            transform = TrueTransform(run.world)
+            run.watch(transform)
+            result = run.finish()
+        pair = f"{file['arms']['arm1']['robot']} leads {file['arms']['arm2']['robot']}"
+        leaf = next(one for one in result.arms["arm2"].runs if one.skill == "follow_tool")
+        moved = sum(
+            one.status == "SUCCESS" and one.skill != "wait" for one in result.arms["arm1"].runs
+        )
+        head = f"{seed}: {pair}, {moved} motions"
+        seed += 1
+        if leaf.code in OUT_OF_REACH or not moved:
+            left_out[leaf.code or "no motion of the leader"] += 1
+            print(f"{head}: left out: {leaf.code} {leaf.reason}", flush=True)
+        elif leaf.status != "SUCCESS":
+            lost += 1
+            print(f"{head}: {leaf.code}: {leaf.reason}", flush=True)
+        else:
+            end = leaf.ended_s or 0.0
+            errors = transform.errors_m(BEGIN_S - 0.1, end)
+            largest.append(float(errors.max(initial=0.0)))
+            rms = float(np.sqrt(np.mean(errors**2)))
+            print(f"{head}: {1e3 * largest[-1]:.2f} mm, rms {1e3 * rms:.2f} mm", flush=True)
+        if options.only is not None:
+            break
+    print(f"{len(largest) + lost} trials, {lost} lost; left out: {dict(left_out)}")
+    if largest:
+        print(
+            f"  largest error per trial: median {1e3 * statistics.median(largest):.2f} mm, "
+            f"maximum {1e3 * max(largest):.2f} mm"
+        )
+    worse = sum(one > ALLOWED_M for one in largest)
+    print(f"  more than {1e3 * ALLOWED_M:g} mm: {worse}")
+    return 1 if lost or worse else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,518 @@
+"""Handovers between all pairs of robots and finger grippers, at random places.
+
+    python -m benchmarks.handover [--cases 100] [--seed 0] [--reality lab]
+    python -m benchmarks.handover --faults [--cases 20] [--reality lab]
+    python -m benchmarks.handover --only 17
+
+In each case one arm takes a bar from a pedestal and hands it to another arm. Drawn at random are
+how the arms stand to each other, the bar and where it lies; robots and grippers go through all
+combinations. The arms choose the place of the handover themselves. A case in which the giver cannot
+even take the bar is drawn again.
+
+Judged by the true state of the simulation: whether the bar was in a hand at all times, and the
+force between the arms: how far the force of the taker's hand on the bar is from what part of the
+weight would explain, as a mean over 20 ms. With ``--faults`` one arm is halted, crashes, is removed
+or loses its grip at a random tick of the handover: the other one has to end with a reason, and the
+bar must not fall, unless the only hand that holds it is gone. Exit code 1 after a drop.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import math
+import statistics
+import sys
+import time
+from collections import Counter, deque
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from typing import Any, Final
+
+import mujoco
+import numpy as np
+
+from bt_dualarm.behaviors.load import load_tree_file
+from bt_dualarm.behaviors.report import LeafReport
+from bt_dualarm.core.errors import DualArmError
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.robots.robot_description import load_robot
+from bt_dualarm.runtime.arm_runtime import IdleObserver
+from bt_dualarm.runtime.options import RunOptions
+from bt_dualarm.runtime.outcome import RunResult
+from bt_dualarm.runtime.run import Run
+from bt_dualarm.sim.grippers import GripperCommand
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.skill.skill import Skill
+
+ROBOTS: Final = ("ur3", "ur5", "ur10", "panda", "xarm7")
+GRIPPERS: Final = ("robotiq_2f85", "panda_hand")
+FAULTS: Final = ("halt", "crash", "removal", "lost_grip")
+LIMIT_S: Final = 90.0
+PEDESTAL_M: Final = 0.25
+FELL_M: Final = 0.02
+"""Fall that counts after a fault, m."""
+
+UNHELD_S: Final = 0.03
+"""Time without contact of any hand after which the bar counts as dropped."""
+
+FORCE_S: Final = 0.02
+"""Time over which the force between the arms is averaged."""
+
+Tree = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A handover.
+
+    Attributes:
+        seed: Seed of the case.
+        file: Tree file; ``arm1`` hands over to ``arm2``.
+    """
+
+    seed: int
+    file: Tree
+
+    @property
+    def label(self) -> str:
+        """Robots and grippers, giver first."""
+        arms = self.file["arms"].values()
+        return " to ".join(f"{arm['robot']} ({arm['gripper']})" for arm in arms)
+
+
+def generate(seed: int, reality: str) -> Case:
+    """The case of a seed."""
+    rng = np.random.default_rng(seed)
+    giver, taker = ROBOTS[seed % 5], ROBOTS[seed // 5 % 5]
+    hands = GRIPPERS[seed // 25 % 2], GRIPPERS[seed // 50 % 2]
+    reaches = [
+        Kinematics(load_robot(robot), Pose.from_rpy((0, 0, 0))).bounding_ball[1]
+        for robot in (giver, taker)
+    ]
+    apart = float(rng.uniform(0.5, 0.72)) * sum(reaches)
+    bearing = float(rng.uniform(-math.pi, math.pi))
+    turns = np.degrees(bearing) + rng.uniform(-50.0, 50.0, 2) + (0.0, 180.0)
+    heights = rng.uniform(0.0, 0.25, 2).round(3)
+    away = apart * np.array((math.cos(bearing), math.sin(bearing)))
+    # Where the bar lies: in front of the giver, to one side of the line between the arms.
+    side = bearing + float(rng.choice((-1.0, 1.0)) * rng.uniform(1.0, 1.8))
+    spot = 0.5 * reaches[0] * np.array((math.cos(side), math.sin(side)))
+    length = round(float(rng.uniform(0.13, 0.20)), 3)
+    if rng.random() < 0.7:
+        edges = rng.uniform(0.022, 0.045, 2).round(3).tolist()
+        bar: Tree = {"shape": "box", "size": [length, *edges]}
+        up = edges[1] / 2
+    else:
+        radius = round(float(rng.uniform(0.012, 0.022)), 4)
+        bar = {"shape": "cylinder", "size": [radius, length]}
+        up = length / 2
+    base = float(heights[0]) + PEDESTAL_M
+    yaw = float(rng.uniform(-180.0, 180.0))
+    objects: Tree = {
+        "pedestal": {
+            "shape": "box",
+            "size": [0.12, 0.12, round(base, 3)],
+            "mass": 1.0,
+            "color": "grey",
+            "fixed": True,
+            "pose": {"xyz": [*spot.round(4).tolist(), round(base / 2, 4)]},
+        },
+        "bar": bar
+        | {
+            "mass": round(float(rng.uniform(0.1, 0.5)), 3),
+            "color": "orange",
+            "pose": {
+                "xyz": [*spot.round(4).tolist(), round(round(base, 3) + up, 4)],
+                "rpy": [0, 0, round(yaw, 2)],
+            },
+        },
+    }
+    speed = round(float(rng.uniform(0.4, 0.7)), 2)
+    arms: Tree = {
+        "arm1": {
+            "robot": giver,
+            "gripper": hands[0],
+            "base": {"xyz": [0, 0, float(heights[0])], "rpy": [0, 0, round(float(turns[0]), 2)]},
+            "tree": {
+                "sequence": [
+                    {"grasp": {"object": "bar"}},
+                    {"hand_over": {"object": "bar", "to": "arm2", "speed": speed}},
+                ]
+            },
+        },
+        "arm2": {
+            "robot": taker,
+            "gripper": hands[1],
+            "base": {
+                "xyz": [*away.round(4).tolist(), float(heights[1])],
+                "rpy": [0, 0, round(float(turns[1]), 2)],
+            },
+            "tree": {
+                "sequence": [{"take_over": {"object": "bar", "from": "arm1", "speed": speed}}]
+            },
+        },
+    }
+    world = {"scene": "empty", "reality": reality, "seed": seed, "time_limit": LIMIT_S}
+    return Case(
+        seed,
+        {"bt_dualarm": 1, "name": "handover", "world": world, "objects": objects, "arms": arms},
+    )
+
+
+class Referee(IdleObserver):
+    """True contacts of the bar with both hands.
+
+    Attributes:
+        force_n: Largest force between the arms, N.
+        unheld_s: Longest time in which no hand touched the bar after it was first lifted, s.
+        fell_m: How far the bar has fallen while unheld, m.
+        touching: Whether the hands have touched each other, or an arm the other.
+    """
+
+    def __init__(self, run: Run) -> None:
+        self._run = run
+        self._recent = deque[tuple[float, float]]()
+        self._generation = -1
+        self._since: float | None = None
+        self._height = 0.0
+        self._judges = False
+        self.force_n = 0.0
+        self.unheld_s = 0.0
+        self.fell_m = 0.0
+        self.touching = False
+
+    def begin(self) -> None:
+        """Judge from now on: the giver has the bar."""
+        self._judges = True
+
+    def _bind(self) -> None:
+        world = self._run.world
+        self._generation = world.generation
+        count = world.model.ngeom
+        self._owner = np.full(count, -1)
+        for index, name in enumerate(("arm1", "arm2")):
+            if name in world.arms:
+                self._owner[list(world.arms[name].geom_ids)] = index
+        self._bar = world.object_geom("bar")
+
+    def after_step(self, time: float) -> None:
+        """Look at the contacts."""
+        if not self._judges:
+            return
+        world = self._run.world
+        if self._generation != world.generation:
+            self._bind()
+        data = world.data
+        geoms = data.contact.geom
+        owners = self._owner[geoms]
+        is_close = data.contact.dist <= 0.0
+        between = (owners.min(axis=1) >= 0) & (owners[:, 0] != owners[:, 1]) & is_close
+        self.touching = self.touching or bool(between.any())
+        held = (geoms == self._bar).any(axis=1) & (owners.max(axis=1) >= 0) & is_close
+        height = float(world.object_pose("bar").position[2])
+        if held.any() or any(not one.by_gripper for one in world.attachments):
+            self._since = None
+        else:
+            if self._since is None:
+                self._since = time
+                self._height = height
+            self.unheld_s = max(self.unheld_s, time - self._since)
+            self.fell_m = max(self.fell_m, self._height - height)
+
+    def holds(self, arm: str) -> bool:
+        """Whether a hand touches the bar now."""
+        world = self._run.world
+        if arm not in world.arms or not world.attachments.find(arm, "bar"):
+            return False
+        return world.touches(arm, "bar")
+
+    def on_forces(self) -> None:
+        """Measure the force of the taker's hand on the bar while both hands touch it."""
+        world = self._run.world
+        if not self._judges or self._generation != world.generation:
+            return
+        data = world.data
+        forces = np.zeros((2, 3))
+        touched = [False, False]
+        buffer = np.empty(6)
+        for number, pair in enumerate(data.contact.geom.tolist()):
+            if self._bar not in pair:
+                continue
+            other = pair[0] if pair[1] == self._bar else pair[1]
+            owner = int(self._owner[other])
+            if owner < 0:
+                continue
+            mujoco.mj_contactForce(world.model, data, number, buffer)
+            force = buffer[:3] @ data.contact.frame[number].reshape(3, 3)
+            forces[owner] += force if pair[1] == self._bar else -force
+            touched[owner] = True
+        if not all(touched):
+            self._recent.clear()
+            return
+        body = world.object_body("bar")
+        weight = -world.model.body_mass[body] * world.model.opt.gravity
+        share = float(np.clip(forces[1] @ weight / (weight @ weight), 0.0, 1.0))
+        self._recent.append((world.time, float(np.linalg.norm(forces[1] - share * weight))))
+        while world.time - self._recent[0][0] > FORCE_S:
+            self._recent.popleft()
+        if self._recent[-1][0] - self._recent[0][0] > 0.8 * FORCE_S:
+            mean = float(np.mean([force for _, force in self._recent]))
+            self.force_n = max(self.force_n, mean)
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A played case.
+
+    Attributes:
+        result: Result of the run.
+        referee: What happened truly.
+        began_s: Simulated time at which the giver had the bar, s; None if it never had.
+        excused: Whether the fault took away the only hand that held the bar.
+    """
+
+    result: RunResult
+    referee: Referee
+    began_s: float | None
+    excused: bool = False
+
+    def leaf(self, arm: str, skill: str) -> LeafReport | None:
+        """The last run of a skill."""
+        runs = [leaf for leaf in self.result.arms[arm].runs if leaf.skill == skill]
+        return runs[-1] if runs else None
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether both leaves have succeeded."""
+        both = (self.leaf("arm1", "hand_over"), self.leaf("arm2", "take_over"))
+        return all(leaf is not None and leaf.status == "SUCCESS" for leaf in both)
+
+    @property
+    def dropped(self) -> bool:
+        """Whether the bar fell."""
+        return self.referee.unheld_s > UNHELD_S
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Something that goes wrong with one arm during a handover.
+
+    Attributes:
+        kind: One of `FAULTS`.
+        arm: Name of the arm.
+        time_s: Simulated time, s.
+    """
+
+    kind: str
+    arm: str
+    time_s: float
+
+    def __str__(self) -> str:
+        return f"{self.kind} of {self.arm} at {self.time_s:.2f} s"
+
+
+def play(case: Case, registry: Registry, fault: Fault | None = None) -> Judged:
+    """Play a case.
+
+    Args:
+        case: Case to play.
+        registry: Skills.
+        fault: Fault to make, if any.
+    """
+    tree = copy.deepcopy(case.file)
+    if fault is not None and fault.kind == "halt":
+        arm = tree["arms"][fault.arm]
+        arm["tree"] = {"timeout": {"seconds": fault.time_s, "child": arm["tree"]}}
+    file = load_tree_file(tree, registry.kinds)
+    with ExitStack() as stack:
+        run = stack.enter_context(Run(file, registry, RunOptions(renderer="ray")))
+        referee = Referee(run)
+        run.watch(referee)
+        run.world.on_forces.append(referee.on_forces)
+        if fault is not None and fault.kind == "crash":
+            stack.enter_context(crashing(registry, fault))
+        began: float | None = None
+        excused = False
+        pending = fault
+        while not run.done:
+            run.step(0.02)
+            if run.done:
+                break
+            if began is None and any(one.object == "bar" for one in run.world.attachments):
+                root = run.trees["arm1"].snapshot()
+                nodes = [
+                    root,
+                    *root.children,
+                    *(two for one in root.children for two in one.children),
+                ]
+                if any(node.name == "grasp" and node.status == "SUCCESS" for node in nodes):
+                    began = run.time
+                    referee.begin()
+            if pending is not None and run.time >= pending.time_s:
+                other = "arm2" if pending.arm == "arm1" else "arm1"
+                excused = pending.kind in ("removal", "lost_grip") and not referee.holds(other)
+                if pending.kind == "removal" and pending.arm in run.world.arms:
+                    run.world.remove_arm(pending.arm)
+                elif pending.kind == "lost_grip":
+                    hand = run.world.grippers[pending.arm]
+                    page = hand.gripper
+                    hand.command(GripperCommand(page.stroke, page.speed.most, page.force.most))
+                pending = None
+        return Judged(run.result, referee, began, excused)
+
+
+@contextmanager
+def crashing(registry: Registry, fault: Fault) -> Iterator[None]:
+    """Let the skill of an arm raise an error at a time."""
+    skill = registry.skills["hand_over" if fault.arm == "arm1" else "take_over"]
+    runs = skill.run
+
+    def crash(self: Skill) -> Iterator[object]:
+        going = runs(self)
+        try:
+            for progress in going:
+                if self.time >= fault.time_s:
+                    raise RuntimeError("a bug")
+                yield progress
+        finally:
+            going.close()  # type: ignore[attr-defined]  # it is a generator
+
+    skill.run = crash  # type: ignore[method-assign]
+    try:
+        yield
+    finally:
+        skill.run = runs  # type: ignore[method-assign]
+
+
+def play_faults(options: argparse.Namespace, registry: Registry) -> int:
+    """Play cases again with one fault each; returns the exit code."""
+    rng = np.random.default_rng(options.seed)
+    seed = options.seed
+    counted = silent = dropped = excused = 0
+    forces = list[float]()
+    codes = Counter[str]()
+    while counted < options.cases:
+        case = generate(seed, options.reality)
+        seed += options.stride
+        judged = play(case, registry)
+        if judged.began_s is None or not judged.succeeded:
+            continue
+        ends = [judged.leaf(*one) for one in (("arm1", "hand_over"), ("arm2", "take_over"))]
+        last = max(leaf.ended_s or 0.0 for leaf in ends if leaf is not None)
+        for kind in FAULTS:
+            arm = str(rng.choice(("arm1", "arm2")))
+            fault = Fault(kind, arm, round(float(rng.uniform(judged.began_s, last)), 2))
+            again = play(case, registry, fault)
+            counted += 1
+            other = ("arm2", "take_over") if arm == "arm1" else ("arm1", "hand_over")
+            leaf = again.leaf(*other)
+            line = f"case {case.seed}: {case.label}: {fault}: {other[1]} "
+            forces.append(again.referee.force_n)
+            if leaf is None or leaf.status not in ("SUCCESS", "FAILURE"):
+                silent += 1
+                line += "HAS NOT ENDED"
+            else:
+                codes[f"{kind}: {leaf.code or 'SUCCESS'}"] += 1
+                line += f"{leaf.code or 'SUCCESS'}: {leaf.reason}"
+            if again.referee.fell_m > FELL_M:
+                excused += again.excused
+                dropped += not again.excused
+                line += f"\n    fell {again.referee.fell_m:.2f} m"
+                line += ", as its only hand was gone" if again.excused else " AVOIDABLY"
+            line += f" ({again.referee.force_n:.1f} N)"
+            print(line, flush=True)
+    print(f"{counted} faults in {options.reality}")
+    print(f"  the other arm did not end: {silent}")
+    print(f"  fell more than {100 * FELL_M:.0f} cm: {dropped} (and {excused} without another hand)")
+    print(f"  largest force between the arms: {max(forces):.1f} N")
+    for code, count in sorted(codes.items()):
+        print(f"  {count:4d}  {code}")
+    return 1 if silent or dropped else 0
+
+
+def main() -> int:
+    """Play the cases; returns the exit code."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--cases", type=int, default=100, help="number of cases that count")
+    parser.add_argument("--seed", type=int, default=0, help="the first seed")
+    parser.add_argument("--reality", default="lab", choices=("ideal", "lab", "rough"))
+    parser.add_argument("--faults", action="store_true", help="one arm halts, crashes or is gone")
+    parser.add_argument("--only", type=int, help="the one seed to play")
+    parser.add_argument("--stride", type=int, default=1, help="difference of two seeds")
+    options = parser.parse_args()
+    registry = Registry.load()
+    if options.faults:
+        return play_faults(options, registry)
+    wanted = 1 if options.only is not None else options.cases
+    seed = options.seed if options.only is None else options.only
+    counted = succeeded = dropped = left_out = 0
+    forces = list[float]()
+    times = list[float]()
+    codes = Counter[str]()
+    while counted < wanted:
+        case = generate(seed, options.reality)
+        seed += options.stride
+        began = time.perf_counter()
+        try:
+            judged = play(case, registry)
+        except DualArmError as error:
+            print(f"case {case.seed}: left out: {error}", flush=True)
+            left_out += 1
+            if options.only is not None:
+                break
+            continue
+        if judged.began_s is None:
+            left_out += 1
+            grasp = judged.leaf("arm1", "grasp")
+            code = "" if grasp is None else grasp.code
+            print(f"case {case.seed}: left out: {case.label}: grasp {code}", flush=True)
+            if options.only is not None:
+                break
+            continue
+        counted += 1
+        referee = judged.referee
+        line = f"case {case.seed}: {case.label}: {'SUCCESS' if judged.succeeded else 'FAILURE'}"
+        line += f", {referee.force_n:.1f} N"
+        forces.append(referee.force_n)
+        leaf = judged.leaf("arm2", "take_over")
+        if judged.succeeded and leaf is not None:
+            succeeded += 1
+            times.append(float(leaf.metrics["handover_s"]))
+            line += f", {times[-1]:.2f} s"
+        else:
+            for arm, skill in (("arm1", "hand_over"), ("arm2", "take_over")):
+                leaf = judged.leaf(arm, skill)
+                if leaf is not None and leaf.code != "PARTNER_GONE" and leaf.status != "SUCCESS":
+                    codes[f"{skill} {leaf.code}"] += 1
+                    line += f"\n    {skill}: {leaf.code}: {leaf.reason}"
+        if judged.dropped:
+            dropped += 1
+            line += f"\n    DROPPED: unheld for {referee.unheld_s:.2f} s"
+        if referee.touching:
+            line += "\n    arms touch"
+        wall = time.perf_counter() - began
+        print(f"{line} ({wall:.0f} s of computing)", flush=True)
+    print(f"{counted} handovers in {options.reality} ({left_out} left out)")
+    print(f"  succeeded: {succeeded} ({succeeded / max(counted, 1):.1%})")
+    print(f"  dropped: {dropped}")
+    if forces:
+        high = sum(force > 20.0 for force in forces)
+        print(
+            f"  force between the arms: median {statistics.median(forces):.1f} N, "
+            f"largest {max(forces):.1f} N, above 20 N in {high}"
+        )
+    if times:
+        print(
+            f"  from the giver's arrival to the lift: median {statistics.median(times):.2f} s, "
+            f"largest {max(times):.2f} s"
+        )
+    for code, count in codes.most_common():
+        print(f"  {count:4d}  {code}")
+    return 1 if dropped else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,225 @@
+"""Internal wrench of an object that several arms hold: its estimate, and its regulation.
+
+Arms that hold one rigid object can press against each other through it without moving it. The
+contact wrenches of the arms therefore have two parts: those that accelerate the object and bear its
+weight, and the internal ones, which add up to nothing. The first part is distributed as if each arm
+carried a virtual rigid body of mass ``share`` at its grasp, and these bodies moved together (Erhart
+and Hirche, Internal force analysis and load distribution for cooperative multi-robot manipulation,
+IEEE T-RO 31(5), 2015; for equal shares the non-squeezing pseudoinverse of Walker, Freeman and
+Marcus, IJRR 10(4), 1991). What a contact wrench exceeds it by is internal::
+
+    l = BORNE_GYRATION_M, so that the hands share moments about the line between two grasps
+    J = sum_i share_i (l² 1 + |r_i|² 1 - r_i r_i^T)      r_i: grasp from the center sum share_i p_i
+    F = sum_i f_i,  M = sum_i m_i + r_i x f_i,  alpha = J^-1 M
+    internal force  of arm i:  f_i - share_i (F + alpha x r_i)
+    internal moment of arm i:  m_i - share_i l² alpha    about its grasp
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from bt_dualarm.control.computed_torque import MomentumObserver, tool_wrench
+from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.sim.arm_models import BORNE_GYRATION_M, NominalArm
+from bt_dualarm.sim.devices import ArmHardware
+from bt_dualarm.trajectory.set_points import SetPoint
+
+_FORCE_GAIN: Final = 1e-4
+"""Speed at which a grasp yields to an internal force, m/s per N: an arm with a stiffness of 50 N/mm
+at the tool loses it with a time constant of 50 ms. Twice as much overshoots with friction."""
+
+_MOMENT_GAIN: Final = 1e-3
+"""Likewise to an internal moment, rad/s per N m."""
+
+_DEADBAND_N: Final = 2.0
+_DEADBAND_NM: Final = 0.5
+"""Internal wrench that is left alone: joint friction and sensor noise cause as much."""
+
+_FASTEST: Final = (0.01, 0.05)
+"""Largest speed of yielding, m/s and rad/s."""
+
+_FARTHEST: Final = (0.006, 0.04)
+"""Largest displacement by yielding, m and rad: beyond, something else is wrong."""
+
+_SMOOTH_S: Final = 0.005
+"""Time constant of each of the two filters of the yielding speed, s. With a single one, sensor
+noise caused accelerations that broke the jerk limits of the joints."""
+
+_EASE_S: Final = 0.1
+"""Time in which yielding sets in at the beginning of a motion, s."""
+
+_FILTER_S: Final = 0.05
+"""Time constant of the reported internal wrench, s."""
+
+_SINGULAR: Final = 0.02
+"""As that of `tool_wrench`."""
+
+
+def internal_wrenches(shares: Sequence[float], points: Matrix, wrenches: Matrix) -> Matrix:
+    """Internal part of the contact wrenches on an object.
+
+    Args:
+        shares: Share of the load that each arm bears; they add up to 1.
+        points: Positions of the grasps in the world, of shape (n, 3), m.
+        wrenches: Force on the object in N and moment about the grasp in N m, in the world, (n, 6).
+
+    Returns:
+        Internal force and moment about the grasp, of shape (n, 6); the forces add up to zero.
+    """
+    share = np.asarray(shares, dtype=float)[:, None]
+    forces = wrenches[:, :3]
+    moments = wrenches[:, 3:]
+    arms = points - (share * points).sum(axis=0)
+    total = forces.sum(axis=0)
+    moment = (moments + crossed(arms, forces)).sum(axis=0)
+    square = BORNE_GYRATION_M**2 + float((share[:, 0] * (arms**2).sum(axis=1)).sum())
+    inertia = square * np.eye(3) - (share * arms).T @ arms
+    alpha = np.linalg.solve(inertia, moment)
+    required = share * (total + crossed(alpha[None], arms))
+    return np.hstack((forces - required, moments - share * BORNE_GYRATION_M**2 * alpha))
+
+
+def crossed(first: Matrix, second: Matrix) -> Matrix:
+    """Cross products of rows, of shape (n, 3); a tenth of the time of `numpy.cross`."""
+    a, b, c = first.T
+    d, e, f = second.T
+    return np.column_stack((b * f - c * e, c * d - a * f, a * e - b * d))
+
+
+class CarryingArm:
+    """Sensors and model of one of the arms that hold an object.
+
+    Args:
+        nominal: Nominal model of the arm.
+        hardware: Its sensors.
+        touch: Its momentum observer.
+    """
+
+    def __init__(self, nominal: NominalArm, hardware: ArmHardware, touch: MomentumObserver) -> None:
+        self._nominal = nominal
+        self._hardware = hardware
+        self._touch = touch
+
+    def look(self) -> tuple[Vector, Vector]:
+        """Position of the tool, of shape (3,), m; and the wrench on the object less its load, (6,).
+
+        The load that the arm's model bears is not part of it.
+        """
+        q = self._hardware.q
+        wrench = -tool_wrench(self._nominal, q, self._touch.torque)
+        return self._nominal.tool_position_at(q), wrench
+
+    def joint_velocity(self, twist: Vector) -> Vector:
+        """Joint velocities, of shape (dof,), rad/s, for a twist of the tool in the world, (6,)."""
+        jacobian = self._nominal.tool_jacobian_at(self._hardware.q)
+        inverse = np.linalg.pinv(jacobian, rcond=_SINGULAR)
+        velocity: Vector = inverse @ twist
+        return velocity
+
+
+class InternalWrenchRegulator:
+    """Lets the arms that hold an object yield to the internal wrench that their joints sense.
+
+    Two stiff arms press against each other with 50 N for 0.1 mm of disagreement, and compliant ones
+    still with 25 N, since their disturbance observers compensate friction and, with it, the
+    internal wrench. Each arm therefore moves its grasp slowly in the direction in which the object
+    is pressed less. As internal wrenches add up to nothing, the object stays where it is.
+
+    Call it once per control period, as the correction of a `CoupledMotion`.
+
+    Args:
+        arms: The arms, by name, in the order of the joints of the motion.
+        shares: Share of the load of each.
+        parts: Columns of each arm's joints.
+        period: Control period, s.
+
+    Attributes:
+        force_n: Largest internal force of an arm, filtered, N.
+        moment_nm: Largest internal moment of an arm about its grasp, filtered, N m.
+        total: Sum of all wrenches on the object less its load: force in N, then moment about the
+            center of the grasps in N m, filtered, of shape (6,). Contact of the object changes it.
+    """
+
+    def __init__(
+        self,
+        arms: Mapping[str, CarryingArm],
+        shares: Mapping[str, float],
+        parts: Mapping[str, slice],
+        period: float,
+    ) -> None:
+        self.force_n = 0.0
+        self.moment_nm = 0.0
+        self.total = np.zeros(6)
+        self._arms = dict(arms)
+        self._shares = [shares[arm] for arm in arms]
+        self._parts = [parts[arm] for arm in arms]
+        self._period = period
+        self._internal = np.zeros((len(arms), 6))
+        self._share = 0.0
+        self._aimed = np.zeros((len(arms), 6))
+        self._speed = np.zeros((len(arms), 6))
+        self._yielded = np.zeros((len(arms), 6))
+        dof = max(part.stop for part in parts.values())
+        self._added = SetPoint(np.zeros(dof), np.zeros(dof), np.zeros(dof))
+        self._has_looked = False
+
+    def begin(self) -> None:
+        """Begin a new motion: the set-points of the arms include what they have yielded so far."""
+        zero = np.zeros_like(self._added.q)
+        self._added = SetPoint(zero, zero, zero)
+        self._share = 0.0
+        self._aimed[:] = 0.0
+        self._speed[:] = 0.0
+
+    def look(self) -> Matrix:
+        """Update the estimates; returns the unfiltered internal wrenches, of shape (n, 6)."""
+        points, wrenches = map(
+            np.array, zip(*(arm.look() for arm in self._arms.values()), strict=True)
+        )
+        found = internal_wrenches(self._shares, points, wrenches)
+        center = np.asarray(self._shares) @ points
+        moments = wrenches[:, 3:] + crossed(points - center, wrenches[:, :3])
+        total = np.concatenate((wrenches[:, :3].sum(axis=0), moments.sum(axis=0)))
+        new = -np.expm1(-self._period / _FILTER_S) if self._has_looked else 1.0
+        self._has_looked = True
+        self._internal += new * (found - self._internal)
+        self.total = self.total + new * (total - self.total)
+        self.force_n = float(np.linalg.norm(self._internal[:, :3], axis=1).max())
+        self.moment_nm = float(np.linalg.norm(self._internal[:, 3:], axis=1).max())
+        return found
+
+    def __call__(self, time: float) -> SetPoint:  # noqa: ARG002 - the sensors are of this time
+        """Correction of the set-points of all joints, side by side."""
+        found = self.look()
+        self._share = min(self._share + self._period / _EASE_S, 1.0)
+        velocity = np.empty_like(self._added.q)
+        new = -np.expm1(-self._period / _SMOOTH_S)
+        for i, arm in enumerate(self._arms.values()):
+            wanted = self._share * self._wanted(found[i], self._yielded[i])
+            self._aimed[i] += new * (wanted - self._aimed[i])
+            self._speed[i] += new * (self._aimed[i] - self._speed[i])
+            self._yielded[i] += self._period * self._speed[i]
+            velocity[self._parts[i]] = arm.joint_velocity(self._speed[i])
+        before = self._added
+        q = before.q + 0.5 * self._period * (before.v + velocity)
+        self._added = SetPoint(q, velocity, (velocity - before.v) / self._period)
+        return self._added
+
+    @staticmethod
+    def _wanted(internal: Vector, yielded: Vector) -> Vector:
+        """Twist with which a grasp should yield, of shape (6,)."""
+        twist = np.empty(6)
+        gains = (_FORCE_GAIN, _DEADBAND_N), (_MOMENT_GAIN, _DEADBAND_NM)
+        for part, (gain, deadband), fastest, farthest in zip(
+            (slice(0, 3), slice(3, 6)), gains, _FASTEST, _FARTHEST, strict=True
+        ):
+            size = float(np.linalg.norm(internal[part]))
+            speed = min(gain * max(size - deadband, 0.0), fastest)
+            direction = -internal[part] / max(size, 1e-9)
+            beyond = float(direction @ yielded[part])
+            twist[part] = direction * (speed if beyond < farthest else 0.0)
+        return twist

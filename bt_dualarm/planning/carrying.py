@@ -1,0 +1,280 @@
+"""Collision-free paths of an object that several arms hold.
+
+The path is one of the object: straight from pose to pose where that is free, else around obstacles
+by an RRT over its poses (LaValle, Kuffner, IJRR 2001). Every edge is followed by inverse kinematics
+of all arms at once from the configurations at its beginning, so that no arm changes its branch.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Generator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bt_dualarm.collision.group import GroupChecker
+from bt_dualarm.core.errors import CollisionFailure, Failure
+from bt_dualarm.core.pose import Matrix, Pose, Vector
+from bt_dualarm.kinematics.multi_arm import MultiArmKinematics, holding
+from bt_dualarm.trajectory.paths import CartesianPath, blended, line
+
+BLEND_M = 0.05
+"""Distance from a corner at which the object may begin to round it, m."""
+
+_REACH_M = 0.5
+"""Distance around start and goal from which poses are drawn, m."""
+
+_STEP_M = 0.25
+"""Longest edge, m; a rotation by 1 rad counts as `_TURN_M`."""
+
+_TURN_M = 0.3
+
+_DRAWS = 200
+"""Number of edges that are tried."""
+
+_TO_GOAL = 0.25
+"""Share of the edges that lead toward the goal."""
+
+_COARSE = (0.008, 0.015)
+"""Largest distance in m and rotation in rad between two samples of an edge of the search. The path
+that is executed is checked at every sample of `line`."""
+
+_SHORTCUTS = 20
+"""Number of shortcuts that are tried on a path."""
+
+
+@dataclass(frozen=True, eq=False)
+class CarriedPath:
+    """Path of an object and of all arms that hold it.
+
+    Attributes:
+        poses: Poses of the object in the world, n of them.
+        rows: Joint positions of all arms, side by side, of shape (n, dof), rad.
+    """
+
+    poses: list[Pose]
+    rows: Matrix
+
+
+@dataclass(frozen=True, eq=False)
+class _Node:
+    """Node of the search tree: pose of the object, joint positions, number of its parent."""
+
+    pose: Pose
+    q: Vector
+    parent: int
+
+
+class CarryPlanner:
+    """Plans paths of one object in the hands of several arms.
+
+    Args:
+        kinematics: Kinematics of these arms.
+        grasps: Poses of the tools in the object's frame, by arm, in the same order.
+        checker: Collision checker of the arms with the object.
+        seed: Seed of the search around obstacles.
+    """
+
+    def __init__(
+        self,
+        kinematics: MultiArmKinematics,
+        grasps: Mapping[str, Pose],
+        checker: GroupChecker,
+        seed: int,
+    ) -> None:
+        self._kinematics = kinematics
+        self._grasps = dict(grasps)
+        self._checker = checker
+        self._seed = seed
+
+    def joined(self, q: Mapping[str, Vector]) -> Vector:
+        """Joint positions of all arms, side by side, rad."""
+        return np.concatenate([q[arm] for arm in self._kinematics.parts])
+
+    def along(self, path: CartesianPath, q: Vector) -> CarriedPath:
+        """Path of all arms along a path of the object, from joint positions at its beginning.
+
+        Args:
+            path: Path of the object in the world.
+            q: Joint positions of all arms, side by side, rad, at its first pose.
+
+        Raises:
+            Failure: ``PATH_BROKEN`` or ``IN_COLLISION``.
+        """
+        poses = path.poses
+        rows = self._follow(poses, q)
+        found = self._checker.first_contact(rows)
+        if found is not None:
+            raise found[1].failure()
+        return CarriedPath(poses, rows)
+
+    def unchecked(self, path: CartesianPath, q: Vector) -> Matrix:
+        """Joint positions of all arms along a path that ends in an intended contact, (n, dof), rad.
+
+        Args:
+            path: Path of the object in the world.
+            q: Joint positions of all arms, side by side, rad, at its first pose.
+
+        Raises:
+            Failure: ``PATH_BROKEN``.
+        """
+        return self._follow(path.poses, q)
+
+    def through(self, poses: Sequence[Pose], q: Vector) -> Generator[None, None, CarriedPath]:
+        """Path through poses of the object, around obstacles; yields during the search.
+
+        Args:
+            poses: Poses of the object in the world; at the first one the arms are at ``q``.
+            q: Joint positions of all arms, side by side, rad.
+
+        Raises:
+            Failure: ``PATH_BROKEN``, ``IN_COLLISION`` or ``NO_PLAN``.
+        """
+        stops = [poses[0]]
+        for pose in poses[1:]:
+            if pose.distance(stops[-1]) > 1e-4 or pose.angle(stops[-1]) > 1e-3:
+                stops.append(pose)
+        try:
+            return self.along(path_through(stops), q)
+        except CollisionFailure:
+            yield
+        corners = [stops[0]]
+        at = q
+        for here, there in itertools.pairwise(stops):
+            rows = self._follow(line(here, there).poses, at)
+            blocked = self._checker.first_contact(rows)
+            if blocked is None:
+                corners.append(there)
+                at = rows[-1]
+                continue
+            at_goal = self._checker.contact(rows[-1])
+            if at_goal is not None:
+                raise at_goal.failure()
+            found = yield from self._around(here, there, at)
+            if found is None:
+                refusal = blocked[1].failure()
+                raise Failure(
+                    "NO_PLAN",
+                    f"no path of the object around the obstacle was found: {refusal.reason}",
+                    **refusal.numbers,
+                )
+            corners += found[0][1:]
+            at = found[1]
+        try:
+            return self.along(path_through(corners), q)
+        except Failure:  # a blend leads through an obstacle: stop at the corners
+            return self._stopping(corners, q)
+
+    def _stopping(self, corners: Sequence[Pose], q: Vector) -> CarriedPath:
+        parts = []
+        for here, there in itertools.pairwise(corners):
+            parts.append(self.along(line(here, there), q))
+            q = parts[-1].rows[-1]
+        poses = [parts[0].poses[0], *(pose for part in parts for pose in part.poses[1:])]
+        return CarriedPath(
+            poses, np.vstack([part.rows[min(i, 1) :] for i, part in enumerate(parts)])
+        )
+
+    def _follow(self, poses: Sequence[Pose], q: Vector) -> Matrix:
+        parts = self._kinematics.parts
+        steps = [holding(self._grasps, pose) for pose in poses]
+        start = {arm: q[part] for arm, part in parts.items()}
+        rows = self._kinematics.follow_on(steps, start)
+        return np.hstack([rows[arm] for arm in parts])
+
+    def _around(
+        self, start: Pose, goal: Pose, q: Vector
+    ) -> Generator[None, None, tuple[list[Pose], Vector] | None]:
+        """Corners of a path around obstacles and the joint positions at its end; None if none."""
+        rng = np.random.default_rng(self._seed)
+        tree = [_Node(start, q, -1)]
+        low = np.minimum(start.position, goal.position) - _REACH_M
+        high = np.maximum(start.position, goal.position) + _REACH_M
+        for _ in range(_DRAWS):
+            yield
+            target = goal
+            if rng.random() > _TO_GOAL:
+                turn = line(start, goal).poses[int(rng.integers(9))]
+                target = Pose(rng.uniform(low, high), turn.quaternion)
+            near = min(range(len(tree)), key=lambda i: _apart(tree[i].pose, target))
+            while True:
+                node = self._extend(tree[near], near, target)
+                if node is None:
+                    break
+                tree.append(node)
+                near = len(tree) - 1
+                if _apart(node.pose, goal) < 1e-6:
+                    return (yield from self._shortened(_corners(tree, near), q, rng))
+                if target is not goal or _apart(node.pose, target) < 1e-6:
+                    break
+        return None
+
+    def _extend(self, node: _Node, number: int, target: Pose) -> _Node | None:
+        away = _apart(node.pose, target)
+        if away < 1e-6:
+            return None
+        share = min(1.0, _STEP_M / away)
+        end = target if share == 1.0 else _between(node.pose, target, share)
+        q = self._edge(node.pose, end, node.q)
+        return None if q is None else _Node(end, q, number)
+
+    def _edge(self, start: Pose, end: Pose, q: Vector) -> Vector | None:
+        """Joint positions at the end of a straight edge; None if it is not free."""
+        try:
+            rows = self._follow(line(start, end, *_COARSE).poses, q)
+        except Failure:
+            return None
+        last: Vector = rows[-1]
+        return None if self._checker.first_contact(rows) is not None else last
+
+    def _shortened(
+        self, corners: list[Pose], q: Vector, rng: np.random.Generator
+    ) -> Generator[None, None, tuple[list[Pose], Vector]]:
+        """Fewer corners, as far as straight edges between them are free, and the last positions."""
+        at = [q]
+        for here, there in itertools.pairwise(corners):
+            found = self._edge(here, there, at[-1])
+            at.append(at[-1] if found is None else found)
+        for _ in range(_SHORTCUTS):
+            if len(corners) < 3:
+                break
+            yield
+            i, j = sorted(rng.choice(len(corners), 2, replace=False).tolist())
+            found = self._edge(corners[i], corners[j], at[i]) if j > i + 1 else None
+            if found is None:
+                continue
+            rest = [found]
+            for here, there in itertools.pairwise(corners[j:]):
+                further = self._edge(here, there, rest[-1])
+                if further is None:
+                    break
+                rest.append(further)
+            if len(rest) == len(corners) - j:
+                corners = [*corners[: i + 1], *corners[j:]]
+                at = [*at[: i + 1], *rest]
+        return corners, at[-1]
+
+
+def path_through(poses: Sequence[Pose]) -> CartesianPath:
+    """Path of an object through poses: a line, or lines with blended corners."""
+    if len(poses) == 1:
+        return line(poses[0], poses[0])
+    return line(poses[0], poses[1]) if len(poses) == 2 else blended(poses, BLEND_M)
+
+
+def _apart(one: Pose, other: Pose) -> float:
+    return one.distance(other) + _TURN_M * one.angle(other)
+
+
+def _between(start: Pose, end: Pose, share: float) -> Pose:
+    poses = line(start, end, 1e-3, 1e-2).poses
+    return poses[max(round(share * (len(poses) - 1)), 1)]
+
+
+def _corners(tree: Sequence[_Node], last: int) -> list[Pose]:
+    found = []
+    while last >= 0:
+        found.append(tree[last].pose)
+        last = tree[last].parent
+    return found[::-1]

@@ -1,0 +1,267 @@
+"""The referee: conditions of a file on the true world, checked during a run and at its end.
+
+Trees, skills and controllers never read them. They cannot turn a failure into a success.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Final
+
+import mujoco
+import numpy as np
+
+from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.perception.shape_fit import KnownShape
+from bt_dualarm.runtime.arm_runtime import IdleObserver
+from bt_dualarm.runtime.outcome import GoalResult
+from bt_dualarm.sim.contact_monitor import ContactMonitor, Contacts
+from bt_dualarm.sim.world import World
+from bt_dualarm.spec.cell import CellZone
+from bt_dualarm.spec.document import TreeFile
+from bt_dualarm.spec.goals import ConditionSpec
+
+CHECK_S: Final = 0.004
+"""Simulated seconds between two checks: the period of the controllers."""
+
+
+class Referee(IdleObserver):
+    """Observes the true world on behalf of a file's goals and invariants.
+
+    Args:
+        world: World of the run.
+        file: Tree file.
+
+    Attributes:
+        violation: Sentence on the first violated invariant, empty while none is.
+    """
+
+    def __init__(self, world: World, file: TreeFile) -> None:
+        self._world = world
+        self._zones = file.cell.zones
+        self._goals = file.goal
+        self._always = file.always
+        self._never = file.never
+        self._forces: dict[str, ContactMonitor] = {}
+        self._held_since: dict[str, float | None] = {}
+        self._next = 0.0
+        self._lasting = {name: one for name, one in file.goal.items() if one.lasting}
+        self._forced = {
+            one.tool
+            for conditions in (file.goal, file.always, file.never)
+            for one in conditions.values()
+            if one.force is not None and one.tool is not None
+        }
+        # Its observation of every step costs time, so only a file that needs forces has it.
+        self._contacts = Contacts(world) if self._forced else None
+        self.violation = ""
+
+    @property
+    def watches(self) -> bool:
+        """Whether anything has to be checked during the run."""
+        return bool(self._lasting or self._always or self._never or self._forced)
+
+    def after_step(self, time: float) -> None:
+        """Check invariants, and goals that must last."""
+        if not self.watches or time < self._next - 1e-9:
+            return
+        self._next = time + CHECK_S
+        self._watch_forces()
+        for name, goal in self._lasting.items():
+            if self._failing(goal):
+                self._held_since[name] = None
+            elif self._held_since.get(name) is None:
+                self._held_since[name] = time
+        if self.violation:
+            return
+        for name, one in self._always.items():
+            reason = self._failing(one)
+            if reason:
+                self.violation = f"always {name} is violated at {time:.3f} s: {reason}"
+                return
+        for name, one in self._never.items():
+            if not self._failing(one):
+                self.violation = f"never {name} is violated at {time:.3f} s: {_said(one)}"
+                return
+
+    def results(self) -> Mapping[str, GoalResult]:
+        """Result of each goal, in the world as it is now."""
+        found = {}
+        for name, goal in self._goals.items():
+            reason = self._failing(goal)
+            since = self._held_since.get(name)
+            lasted = 0.0 if since is None else self._world.time - since
+            if not reason and lasted < goal.lasting - 1e-6:
+                reason = f"it has been so for {lasted:.2f} s, not for {goal.lasting:g} s"
+            found[name] = GoalResult(not reason, reason)
+        return found
+
+    def _watch_forces(self) -> None:
+        """Monitor the contacts of the arms whose force matters, once they are in the world."""
+        if self._contacts is None:
+            return
+        for arm in self._forced:
+            if arm in self._world.arms and arm not in self._forces:
+                self._forces[arm] = self._contacts.watch(arm)
+            elif arm not in self._world.arms:
+                self._forces.pop(arm, None)
+
+    def _failing(self, one: ConditionSpec) -> str:
+        """Sentence on the first part of a condition that does not hold; empty if all hold."""
+        world = self._world
+        if one.object is not None:
+            if one.object not in world.objects:
+                return f"{one.object} is not in the world"
+            subject = one.object
+            pose = world.object_pose(subject)
+        else:
+            if one.tool not in world.arms:
+                return f"{one.tool} is not in the world"
+            subject = f"the tool of {one.tool}"
+            pose = world.arms[one.tool].tool_pose
+        checks = (
+            self._away(one, subject, pose),
+            self._outside(one, subject, pose.position),
+            self._not_on(one),
+            _tilted(one, subject, pose),
+            _at_another_height(one, subject, pose.position),
+            self._held_otherwise(one),
+            self._too_fast(one, subject),
+            self._too_firm(one),
+            self._too_near(one, subject, pose.position),
+        )
+        return next(filter(None, checks), "")
+
+    def _away(self, one: ConditionSpec, subject: str, pose: Pose) -> str:
+        if one.at is None:
+            return ""
+        goal = one.at.pose_from(pose)
+        distance = pose.distance(goal)
+        if distance > one.within:
+            return f"{subject} is {_mm(distance)} from its place, not within {_mm(one.within)}"
+        angle = pose.angle(goal)
+        if one.object is not None:
+            thing = self._world.objects[one.object]
+            angle = KnownShape(thing.shape, thing.size).angle(pose, goal)
+        if math.degrees(angle) > one.angle:
+            return f"{subject} is turned by {math.degrees(angle):.1f}°, not within {one.angle:g}°"
+        return ""
+
+    def _outside(self, one: ConditionSpec, subject: str, point: Vector) -> str:
+        if one.in_zone is None:
+            return ""
+        zone = self._zones[one.in_zone]
+        frame = zone.pose.pose
+        if zone.around is not None:
+            if zone.around not in self._world.objects:
+                return f"the zone {one.in_zone} is around {zone.around}, which is not in the world"
+            frame = self._world.object_pose(zone.around) @ frame
+        distance = _outside_by(zone, frame.inverse.apply(point))
+        return f"{subject} is {_mm(distance)} outside {one.in_zone}" if distance > 0.0 else ""
+
+    def _not_on(self, one: ConditionSpec) -> str:
+        if one.on is None or one.object is None:
+            return ""
+        if one.on not in self._world.objects:
+            return f"{one.on} is not in the world"
+        model, data = self._world.model, self._world.data
+        upper, lower = self._world.object_body(one.object), self._world.object_body(one.on)
+        for contact in data.contact:
+            bodies = [int(model.geom_bodyid[geom]) for geom in contact.geom]
+            if {upper, lower} == set(bodies):
+                # The normal points from the first geom to the second one.
+                up = float(contact.frame[2]) * (1.0 if bodies[1] == upper else -1.0)
+                if up > 0.5:
+                    return ""
+        return f"{one.object} does not stand on {one.on}"
+
+    def _held_otherwise(self, one: ConditionSpec) -> str:
+        if one.object is None or (one.held is None and one.held_by is None):
+            return ""
+        holders = [held.arm for held in self._world.attachments if held.object == one.object]
+        if one.held_by is not None and one.held_by not in holders:
+            return f"{one.held_by} does not hold {one.object}"
+        if one.held is True and not holders:
+            return f"no arm holds {one.object}"
+        if one.held is False and holders:
+            return f"{holders[0]} holds {one.object}"
+        return ""
+
+    def _too_fast(self, one: ConditionSpec, subject: str) -> str:
+        if one.speed is None:
+            return ""
+        if one.object is not None:
+            velocity = self._world.object_velocity(one.object)[3:]
+        else:
+            velocity = self._tool_velocity(str(one.tool))
+        speed = float(np.linalg.norm(velocity))
+        return f"{subject} moves at {speed:.3f} m/s" if speed > one.speed else ""
+
+    def _tool_velocity(self, arm: str) -> Vector:
+        model, data = self._world.model, self._world.data
+        body = self._world.arms[arm]
+        jacobian = np.zeros((3, model.nv))
+        point = body.tool_pose.position
+        mujoco.mj_jac(model, data, jacobian, None, point, body.tool_body)
+        velocity: Vector = jacobian @ data.qvel
+        return velocity
+
+    def _too_firm(self, one: ConditionSpec) -> str:
+        if one.force is None or one.tool is None or one.tool not in self._forces:
+            return ""
+        forces = self._forces[one.tool].forces_n
+        thing = max(forces, key=lambda name: forces[name], default="")
+        if thing and forces[thing] > one.force:
+            return f"{one.tool} has pressed on {thing} with {forces[thing]:.1f} N"
+        return ""
+
+    def _too_near(self, one: ConditionSpec, subject: str, point: Vector) -> str:
+        if one.distance_to is None:
+            return ""
+        world = self._world
+        if one.distance_to in world.objects:
+            other = world.object_pose(one.distance_to).position
+        elif one.distance_to in world.arms:
+            other = world.arms[one.distance_to].tool_pose.position
+        else:
+            return ""
+        distance = float(np.linalg.norm(point - other))
+        if distance >= one.apart:
+            return ""
+        return f"{subject} is {_mm(distance)} from {one.distance_to}, not {_mm(one.apart)}"
+
+
+def _said(one: ConditionSpec) -> str:
+    """A condition that holds, as text."""
+    given = one.model_dump(exclude_defaults=True)
+    return ", ".join(f"{name} {value}" for name, value in given.items())
+
+
+def _tilted(one: ConditionSpec, subject: str, pose: Pose) -> str:
+    if one.tilt is None:
+        return ""
+    tilt = math.degrees(math.acos(max(-1.0, min(1.0, float(pose.rotation_matrix[2, 2])))))
+    return f"{subject} is tilted by {tilt:.1f}°" if tilt > one.tilt else ""
+
+
+def _at_another_height(one: ConditionSpec, subject: str, point: Vector) -> str:
+    if one.height is None:
+        return ""
+    height = float(point[2])
+    low, high = one.height
+    return "" if low <= height <= high else f"{subject} is at a height of {height:.3f} m"
+
+
+def _outside_by(zone: CellZone, point: Vector) -> float:
+    """Distance in m by which a point in the zone's frame is outside of it; 0 inside."""
+    if zone.shape == "box":
+        beyond = np.abs(point) - 0.5 * np.asarray(zone.size)
+    else:
+        radius, height = zone.size
+        beyond = np.array([np.hypot(point[0], point[1]) - radius, abs(point[2]) - 0.5 * height])
+    return float(np.linalg.norm(np.maximum(beyond, 0.0)))
+
+
+def _mm(meters: float) -> str:
+    return f"{1000 * meters:.1f} mm"

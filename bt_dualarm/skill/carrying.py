@@ -1,0 +1,1039 @@
+"""Carrying one object with several arms: grasp, coupled motions, setting down, release.
+
+Every arm has a leaf of its own. The leaves meet in a joint action, in which the first arm that was
+given a goal leads: it plans for all, with the grasps that each arm has proposed for its hand. Each
+arm executes its own part.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, Final
+
+import numpy as np
+
+from bt_dualarm.arm.arm import PLANNING_MARGIN_M, Arm
+from bt_dualarm.arm.payload import UNKNOWN_KG, PayloadCheck
+from bt_dualarm.collision.checker import CollisionChecker
+from bt_dualarm.collision.group import GroupChecker
+from bt_dualarm.control.internal_wrench import CarryingArm, InternalWrenchRegulator
+from bt_dualarm.core.errors import CollisionFailure, Failure, Number
+from bt_dualarm.core.pose import Matrix, Pose, Vector
+from bt_dualarm.grasping.candidates import CLEAR, RankedGrasp
+from bt_dualarm.grasping.grasp import solid_of
+from bt_dualarm.grasping.sections import Section, sections, shares_at
+from bt_dualarm.kinematics.multi_arm import MultiArmKinematics, ToolTarget, holding
+from bt_dualarm.kinematics.solver import Chain
+from bt_dualarm.planning.carrying import CarriedPath, CarryPlanner, path_through
+from bt_dualarm.skill.grasp_search import WantedGrasp, grasps_on
+from bt_dualarm.skill.grip import Grip, TouchSense, make_room
+from bt_dualarm.skill.joint import JointPart
+from bt_dualarm.skill.picking import Taking
+from bt_dualarm.skill.placing import TOUCHDOWN_M_S, Lag, LeftStanding
+from bt_dualarm.spec.node_types import PortModel, port
+from bt_dualarm.spec.values import Angle, Duration, PoseSpec, Speed
+from bt_dualarm.trajectory.coupled import CoupledMotion, stacked_limits
+from bt_dualarm.trajectory.path_timing import time_path
+from bt_dualarm.trajectory.paths import line
+from bt_dualarm.trajectory.set_points import at_scale
+from bt_dualarm.trajectory.trajectory import Trajectory
+
+_GRASPS: Final = 4  # of each arm at a section that are tried
+_COMBINATIONS: Final = 24  # of grasps of all arms that are tried
+_AROUND: Final = 3  # of these with which paths around obstacles are searched, and of their branches
+_BRANCHES: Final = 6  # of the inverse kinematics of each combination
+_GOOD: Final = (
+    25.0  # condition number of every arm along the path with which no better one is sought
+)
+_BEARABLE: Final = 50.0  # largest condition number: beyond, joint torques tell little of a wrench
+_EVERY: Final = 8  # samples of a path of which one is examined
+_FREE_M: Final = 0.004  # height above the goal from which the object is lowered by touch
+_HOLD_S: Final = 0.15  # for which the pads have to press
+_CLOSING_S: Final = 1.5  # in which the fingers have to press
+_EARLY_M: Final = 0.012  # distance from the grasp at which a contact is one with something else
+_EDGE_S: Final = 0.3  # at the start of the approach, while joints break away
+_STEADY: Final = 0.6  # of the speed of a descent, above which a hand that stopped is detected
+_FIRM: Final = 3.0  # times the contact force at which one hand ends the descent for all
+_CONFIRMED_S: Final = 0.05  # for which an internal wrench has to exceed its bound
+_ROOM: Final = 0.97  # share of the limits that motions use, so that corrections keep the limits
+_STILL_RAD: Final = 5e-3  # of a beam at rest: one that lies on a face rocks by 1e-3 for ever
+_REST_S: Final = 5.0  # in which all arms have to come to rest
+
+
+class CarryPorts(PortModel):
+    """Ports of skills that carry an object with several arms."""
+
+    set_down: bool = port(True, "whether the object is set down and released at the end")
+    spread: float = port(
+        1.0,
+        "distance of the outer grasps along the longest axis, as a share of the largest possible",
+        unit="share",
+        ge=0.2,
+        le=1.0,
+    )
+    lift: float = port(0.08, "height of the first lift", unit="m", ge=0.01, le=0.5)
+    height: float = port(
+        0.04, "height above the goal at which the object is lowered", unit="m", ge=0.01, le=0.3
+    )
+    standoff: float = port(0.08, "length of the straight approach", unit="m", ge=0.01, le=0.3)
+    retreat: float = port(0.08, "length of the retreat", unit="m", ge=0.01, le=0.3)
+    speed: Speed = port(0.5, "fraction of the limits of all arms while carrying")
+    approach_speed: Speed = port(0.15, "fraction of the arm's limits on the straight parts")
+    shake: float = port(8.0, "acceleration that the grips have to bear", unit="m/s²", ge=0, le=50)
+    mass: float | None = port(
+        None,
+        "assumed mass; by default the one that the arms know, or else the largest grip force",
+        unit="kg",
+        gt=0,
+        le=100,
+    )
+    margin: float = port(2.0, "safety factor of the grips", unit="times the load", ge=1, le=10)
+    touch: float = port(40.0, "contact force at which the approach stops", unit="N", ge=1, le=200)
+    force: float = port(
+        15.0, "contact force at which the support is detected", unit="N", ge=1, le=100
+    )
+    search: float = port(
+        0.015,
+        "distance below the goal down to which the support is searched",
+        unit="m",
+        ge=0.001,
+        le=0.1,
+    )
+    down_speed: Speed = port(0.003, "fraction of the limits where contact is expected")
+    most_internal_force: float = port(
+        60.0,
+        "largest force with which the arms may press against each other",
+        unit="N",
+        gt=0,
+        le=500,
+    )
+    most_internal_moment: float = port(
+        20.0,
+        "largest moment with which the arms may twist or bend the object",
+        unit="N m",
+        gt=0,
+        le=200,
+    )
+    tolerance: float = port(
+        0.008, "largest position error of the object at the end", unit="m", ge=1e-3, le=0.1
+    )
+    angle_tolerance: Angle = port(
+        5.0, "largest rotation error at the end, up to the object's symmetry", ge=0.1, le=90
+    )
+    settle: Duration = port(1.0, "longest time to come to rest", gt=0, le=30)
+
+
+@dataclass(frozen=True, eq=False)
+class Proposal:
+    """What an arm tells the others about itself and its grasps.
+
+    Attributes:
+        goals: Poses of the object that its leaf asks for; empty if it follows.
+        carrying: Sensors and model for the internal wrench.
+        q: Joint positions of the last set-point, of shape (dof,), rad.
+        grasps: Grasps at each section that its hand can hold, the best first.
+        why_not: Why it has none; None if it has some.
+    """
+
+    goals: tuple[PoseSpec, ...]
+    carrying: CarryingArm
+    q: Vector
+    grasps: tuple[tuple[RankedGrasp, ...], ...]
+    why_not: Failure | None
+
+
+@dataclass(frozen=True, eq=False)
+class CarryPlan:
+    """Plan of the leader for all arms.
+
+    Attributes:
+        leader: Name of the arm that plans.
+        chosen: Grasp of each arm, by name; empty if they hold the object already.
+        grasps: Poses of the tools in the object's frame, by arm.
+        shares: Share of the weight that each arm bears.
+        approach: Joint positions of each arm's straight approach, of shape (n, dof), rad.
+    """
+
+    leader: str
+    chosen: Mapping[str, RankedGrasp]
+    grasps: Mapping[str, Pose]
+    shares: Mapping[str, float]
+    approach: Mapping[str, Matrix]
+
+
+@dataclass(frozen=True, eq=False)
+class _Leg:
+    """One coupled motion, as the leader tells it.
+
+    Attributes:
+        number: Number of the leg, from 1.
+        motion: The motion.
+        compliant: Whether the arms comply on contact.
+    """
+
+    number: int
+    motion: CoupledMotion
+    compliant: bool = False
+
+
+class Carrying:
+    """One arm's part in carrying an object.
+
+    Args:
+        arm: The arm.
+        joint: Joint action with the other arms.
+        members: Names of all arms, in alphabetical order.
+        thing: Name of the object.
+        goals: Poses of the object, as the leaf gives them; empty to follow another arm.
+        ports: Ports of the skill.
+        metrics: Metrics of the skill, to be filled.
+
+    Attributes:
+        failures: Failure codes and their meaning.
+    """
+
+    failures: Final[Mapping[str, str]] = {
+        "PARTNER_GONE": "another arm of the action failed, was halted, ended or was removed; this "
+        "one holds the object where it is",
+        "NOT_THERE": "the object is not in the world",
+        "INVALID_TARGET": "the object is fixed or has no two ends, no arm or several arms with "
+        "different goals were given one, or an arm is named that cannot take part",
+        "GRIPPER_FULL": "the gripper holds something else",
+        "TOO_WIDE": "the fingers do not open that far",
+        "TOO_HEAVY": "no grasp of this gripper bears its share of the weight",
+        "NO_FACE": "the ends have no sides for the fingers, or no face for the cup",
+        "OUT_OF_REACH": "the arms have no grasps with which they can follow the whole path",
+        "NOT_GRASPED": "a gripper closed on nothing, or on something else",
+        "SLIPPED": "the object slid between the fingers",
+        "DROPPED": "the object was lost",
+        "INTERNAL_FORCE": "the arms pressed against each other through the object with more than "
+        "the allowed force or moment",
+        "NOT_REACHED": "the object touched something above its goal, or did not get to it",
+        "NO_CONTACT": "no support was detected below it",
+        "NOT_OPEN": "the fingers did not open",
+        "NOT_PLACED": "it is not at its goal at the end: it fell, slid, was moved, or was not held "
+        "as estimated",
+    }
+
+    def __init__(
+        self,
+        arm: Arm,
+        joint: JointPart,
+        members: Sequence[str],
+        thing: str,
+        goals: tuple[PoseSpec, ...],
+        ports: CarryPorts,
+        metrics: dict[str, Number],
+    ) -> None:
+        self._arm = arm
+        self._joint = joint
+        self._members = tuple(members)
+        self._thing = thing
+        self._goals = goals
+        self._ports = ports
+        self._metrics = metrics
+        self._proposals: dict[str, Proposal] = {}
+        self._regulator: InternalWrenchRegulator | None = None
+        self._legs = 0
+        self._phase = 0
+
+    def through(self) -> Iterator[float | None]:
+        """Grasp, carry, and set down if that is asked for; yields the progress once per tick.
+
+        Raises:
+            Failure: As declared; as motions.
+        """
+        arm = self._arm
+        yield from self._joint.meet()
+        yield from self._propose()
+        plan, goals = yield from self._plan()
+        if plan.chosen:
+            yield from self._approach(plan)
+            yield from self._close(plan)
+        grip = Grip(arm, self._thing)
+        self._bear(plan)
+        yield from self._sync()
+        if plan.chosen:
+            yield from arm.relax()
+            yield from self._sync()
+        carry = _Coupled(self, plan, grip)
+        yield from carry.run(goals)
+        if self._ports.set_down:
+            yield from self._release(grip, goals[-1])
+        else:
+            self._score(goals[-1])
+        yield from self._sync()
+
+    # Meeting and planning
+
+    def _propose(self) -> Iterator[None]:
+        """Tell the others what this arm can do, and wait for them."""
+        arm = self._arm
+        world = arm.world
+        thing = self._thing
+        if thing not in world.objects:
+            raise Failure("NOT_THERE", f"object {thing!r} is not in the world")
+        if world.objects[thing].fixed:
+            raise Failure("INVALID_TARGET", f"object {thing!r} is fixed: no arm can carry it")
+        yield from arm.halt()
+        grasps: tuple[tuple[RankedGrasp, ...], ...] = ()
+        why_not = None
+        if world.attachments.find(arm.name, thing) is None:
+            arm.gripper.refuse_full()
+            try:
+                grasps = self._grasps_at_sections()
+            except Failure as failure:
+                why_not = failure.with_traceback(None)
+        carrying = CarryingArm(
+            world.nominal[arm.name], world.hardware[arm.name], arm.controller.touch
+        )
+        mine = Proposal(self._goals, carrying, arm.setpoint.q.copy(), grasps, why_not)
+        self._joint.tell(proposal=mine)
+        self._proposals[arm.name] = mine
+        yield from self._until(lambda told: "proposal" in told)
+        for other in self._joint.others:
+            self._proposals[other] = self._joint.told(other)["proposal"]
+        self._proposals = {name: self._proposals[name] for name in self._members}
+        if mine.why_not is not None:
+            raise mine.why_not
+
+    @property
+    def _mass(self) -> float | None:
+        """Mass of the object, kg; None if unknown: the hands then grip as hard as they can."""
+        world = self._arm.world
+        if self._ports.mass is not None:
+            return self._ports.mass
+        estimates = world.nominal[self._arm.name].estimates_payload
+        return None if estimates else world.objects[self._thing].mass
+
+    def _sections(self) -> list[Section]:
+        world = self._arm.world
+        declared = world.objects[self._thing]
+        solid = solid_of(declared.shape, declared.size)
+        found = sections(solid, len(self._members), self._ports.spread)
+        if not found:
+            raise Failure(
+                "INVALID_TARGET",
+                f"{self._thing!r} has no two ends at which {len(self._members)} arms can hold it",
+            )
+        return found
+
+    def _grasps_at_sections(self) -> tuple[tuple[RankedGrasp, ...], ...]:
+        """Grasps of this arm's hand at each section.
+
+        Raises:
+            Failure: If it has none at any of them, with the reason for the first.
+        """
+        arm = self._arm
+        world = arm.world
+        lies = world.object_pose(self._thing)
+        parts = self._sections()
+        told = self._mass
+        shares = shares_at([part.pose.position for part in parts])
+        self._refuse_width(parts[0])
+        found = []
+        refusals: list[Failure] = []
+        for part, share in zip(parts, shares, strict=True):
+            wanted = WantedGrasp(
+                self._thing,
+                lies @ part.pose,
+                share * (told or UNKNOWN_KG),
+                self._ports.shake,
+                self._ports.margin,
+                section=part.solid,
+            )
+            try:
+                order = grasps_on(arm, wanted)
+            except Failure as failure:
+                refusals.append(failure.with_traceback(None))
+                order = ()
+            found.append(tuple(one for one in order if part.allows(one.grasp)))
+        if not any(found):
+            raise (
+                refusals[0]
+                if refusals
+                else Failure(
+                    "OUT_OF_REACH", f"no grasp of {arm.name} leaves room for the rest of the object"
+                )
+            )
+        return tuple(found)
+
+    def _refuse_width(self, part: Section) -> None:
+        """Check that the fingers open around the ends of the object."""
+        page = self._arm.gripper.page
+        if not page.fingers:
+            return
+        across = [axis for axis in np.eye(3) if abs(float(axis @ part.axis)) < 0.5]
+        if part.closing is not None:
+            across = [part.closing]
+        width = min(part.solid.reach(axis) + part.solid.reach(-axis) for axis in across)
+        if width > page.stroke - 2.0 * CLEAR:
+            raise Failure(
+                "TOO_WIDE",
+                f"the ends of {self._thing!r} are {1e3 * width:.0f} mm wide; the fingers open to "
+                f"{1e3 * page.stroke:.0f} mm",
+                width_m=width,
+                opening_m=page.stroke,
+            )
+
+    def _plan(self) -> Generator[None, None, tuple[CarryPlan, list[Pose]]]:
+        """Plan for all arms if this one leads; else wait for the plan."""
+        asked = {name: one.goals for name, one in self._proposals.items() if one.goals}
+        if not asked:
+            raise Failure("INVALID_TARGET", "none of the arms was given `to` or `path`")
+        if len(set(asked.values())) > 1:
+            raise Failure("INVALID_TARGET", f"{' and '.join(asked)} were given different goals")
+        leader = next(iter(asked))
+        lies = self._arm.world.object_pose(self._thing)
+        goals = [goal.pose_from(lies) for goal in asked[leader]]
+        if self._arm.name == leader:
+            plan = yield from _Planning(self._arm, self._proposals, self._thing, self._ports).plan(
+                leader, lies, goals, self._sections()
+            )
+            self._joint.tell(plan=plan)
+            return plan, goals
+        yield from self._joint.until(lambda: "plan" in self._joint.told(leader), (leader,))
+        return self._joint.told(leader)["plan"], goals
+
+    # Grasping and releasing
+
+    def _approach(self, plan: CarryPlan) -> Iterator[float | None]:
+        arm = self._arm
+        ports = self._ports
+        chosen = plan.chosen[arm.name]
+        rows = plan.approach[arm.name]
+        yield from make_room(arm, ports.approach_speed)
+        yield from Taking.open(arm)
+        for progress in arm.travel([rows[0]], ports.speed):
+            self._joint.check()
+            yield None if progress is None else 0.2 * progress
+        yield from self._sync()
+        along = chosen.tool.rotation_matrix[:, 2]
+        sense = TouchSense(arm, along, alone=True)
+        motion = arm.begin(arm.time_path(rows, ports.approach_speed), may_touch=True)
+        began = arm.time
+        while not motion.done:
+            yield 0.2 + 0.05 * motion.progress
+            arm.check()
+            self._joint.check()
+            if sense.force() > ports.touch and arm.time - began > _EDGE_S:
+                yield from arm.halt(give_way=True)
+                yield from arm.relax()
+                break
+        remaining = float((chosen.tool.position - arm.tool_pose.position) @ along)
+        self._metrics["approach_force_n"] = sense.most
+        if remaining > _EARLY_M:
+            raise Failure(
+                "NOT_GRASPED",
+                f"the gripper touched something {1e3 * remaining:.0f} mm before its goal",
+                left_m=remaining,
+                force_n=sense.most,
+            )
+        yield from self._sync()
+
+    def _close(self, plan: CarryPlan) -> Iterator[float | None]:
+        """Close all grippers, and take the object into all models at once."""
+        arm = self._arm
+        gripper = arm.gripper
+        page = gripper.page
+        chosen = plan.chosen[arm.name].grasp
+        force = page.force.most
+        if page.fingers and self._mass is not None:
+            force = page.force.clipped(chosen.force)
+        gripper.command(force=force, speed=page.speed.least if not page.fingers else None)
+        self._metrics["grip_force_n"] = force
+        began = arm.time
+        since: float | None = None
+        while since is None or arm.time - since < _HOLD_S:
+            yield 0.25
+            since = None if not gripper.holding else arm.time if since is None else since
+            if arm.time - began > _CLOSING_S and since is None:
+                raise Failure(
+                    "NOT_GRASPED",
+                    "the gripper closed on something else or nothing",
+                    width_m=gripper.width,
+                    expected_m=chosen.width,
+                )
+        self._metrics["width_m"] = gripper.width
+        lies = arm.tool_pose @ plan.grasps[arm.name].inverse
+        why_not = gripper.why_not(self._thing, lies)
+        if why_not is not None:
+            raise Failure("NOT_GRASPED", why_not, width_m=gripper.width)
+        yield from self._sync()
+        gripper.hold(self._thing, lies)
+
+    def _bear(self, plan: CarryPlan) -> None:
+        """Take this arm's share of the weight into its model, at its grasp."""
+        center = sum(
+            (plan.shares[name] * plan.grasps[name].position for name in self._members), np.zeros(3)
+        )
+        at = plan.grasps[self._arm.name].position - center
+        identity = np.array((1.0, 0.0, 0.0, 0.0))
+        share = plan.shares[self._arm.name]
+        self._arm.world.attachments.bear(self._arm.name, self._thing, share, Pose(at, identity))
+
+    def _release(self, grip: Grip, goal: Pose) -> Iterator[float | None]:
+        """Open all grippers, retreat, and check where the object is."""
+        arm = self._arm
+        gripper = arm.gripper
+        page = gripper.page
+        yield from arm.relax()
+        yield from self._sync()
+        gripper.command(page.stroke if page.fingers else 1.0)
+        for _ in gripper.until_open():
+            yield 0.9
+        gripper.let_go(self._thing)
+        left = LeftStanding(arm, self._thing, _STILL_RAD)
+        yield from self._sync()
+        del grip
+        back = arm.commanded_tool_pose @ Pose.from_rpy((0.0, 0.0, -self._ports.retreat))
+        touched = frozenset({self._thing})
+        for progress in arm.past_others(self._ports.approach_speed, touched).straight(back):
+            left.look()
+            yield 0.9 + 0.1 * (progress or 0.0)
+        yield from left.until_rest(self._ports.settle)
+        if left.is_there:
+            away, turned = left.away_from(goal)
+            self._metrics |= {"placed_error_m": away, "placed_turned_rad": turned}
+        left.refuse_unless_at(goal, self._ports.tolerance, self._ports.angle_tolerance)
+
+    def _score(self, goal: Pose) -> None:
+        """Check that the carried object truly is at its goal."""
+        left = LeftStanding(self._arm, self._thing)
+        if not left.is_there:
+            raise Failure("DROPPED", f"{self._thing!r} was removed from the world")
+        away, turned = left.away_from(goal)
+        self._metrics |= {"placed_error_m": away, "placed_turned_rad": turned}
+        if away > self._ports.tolerance or turned > self._ports.angle_tolerance:
+            raise Failure(
+                "NOT_REACHED",
+                f"{self._thing!r} is {1e3 * away:.1f} mm and {np.degrees(turned):.1f}° from its "
+                "goal",
+                placed_error_m=away,
+                placed_turned_rad=turned,
+            )
+
+    def _sync(self) -> Iterator[None]:
+        """Wait until all arms have come this far; tells them this arm's set-point."""
+        self._phase += 1
+        phase = self._phase
+        self._joint.tell(phase=phase, q=self._arm.setpoint.q.copy())
+        yield from self._until(lambda told: told.get("phase", 0) >= phase)
+
+    def _until(
+        self,
+        has_come: Callable[[Mapping[str, Any]], bool],  # Any: facts by name
+    ) -> Iterator[None]:
+        """Wait for what every other arm tells; for one after the other, so that each is missing.
+
+        Args:
+            has_come: Whether an arm has told enough.
+        """
+        for other in self._joint.others:
+            yield from self._joint.until(partial(self._has_told, other, has_come), (other,))
+
+    def _has_told(
+        self,
+        other: str,
+        has_come: Callable[[Mapping[str, Any]], bool],  # Any: facts by name
+    ) -> bool:
+        return has_come(self._joint.told(other))
+
+
+class _Planning:
+    """Choice of the grasps of all arms with which the whole path can be followed.
+
+    Args:
+        arm: Arm that leads.
+        proposals: What each arm can do, in the order of all joints.
+        thing: Name of the object.
+        ports: Ports of the leader.
+    """
+
+    def __init__(
+        self, arm: Arm, proposals: Mapping[str, Proposal], thing: str, ports: CarryPorts
+    ) -> None:
+        self._arm = arm
+        self._world = arm.world
+        self._proposals = proposals
+        self._thing = thing
+        self._ports = ports
+        world = arm.world
+        arms = {name: (world.robots[name], world.arms[name].base) for name in proposals}
+        self._kinematics = MultiArmKinematics(arms)
+        self._chains = {name: Chain(*one) for name, one in arms.items()}
+
+    def plan(
+        self, leader: str, lies: Pose, goals: Sequence[Pose], parts: Sequence[Section]
+    ) -> Generator[None, None, CarryPlan]:
+        """Choose grasps; yields once per attempt.
+
+        Raises:
+            Failure: ``OUT_OF_REACH`` with the reason of the first attempt, caused by all.
+        """
+        held = {name: self._world.attachments.find(name, self._thing) for name in self._proposals}
+        if all(held.values()):
+            grasps = {
+                name: one.relative.inverse @ self._world.robots[name].tool
+                for name, one in held.items()
+                if one is not None
+            }
+            shares = dict(
+                zip(grasps, shares_at([pose.position for pose in grasps.values()]), strict=True)
+            )
+            return CarryPlan(leader, {}, grasps, shares, {})
+        if any(held.values()):
+            holder = next(name for name, one in held.items() if one is not None)
+            raise Failure(
+                "INVALID_TARGET", f"{holder} holds {self._thing!r} already, and the others do not"
+            )
+        poses = _poses_of(lies, goals, self._ports)
+        refusals: list[Failure] = []
+        best: tuple[float, CarryPlan] | None = None
+        tried = ((False, _COMBINATIONS), (True, _AROUND))
+        for around, count in tried:
+            if around and (best or not any(isinstance(one, CollisionFailure) for one in refusals)):
+                break  # searching around obstacles takes much longer
+            for combination in itertools.islice(self._combinations(lies, parts), count):
+                yield
+                try:
+                    found = yield from self._with(leader, combination, poses, around)
+                except Failure as failure:
+                    refusals.append(failure.with_traceback(None))
+                    continue
+                if best is None or found[0] < best[0]:
+                    best = found
+                if best[0] < _GOOD or around:
+                    break
+        if best is not None:
+            return best[1]
+        if not refusals:
+            raise Failure("OUT_OF_REACH", "no arm has a grasp at its end of the object")
+        raise Failure(
+            "OUT_OF_REACH",
+            f"no grasps of {' and '.join(self._proposals)} allow the whole path: "
+            f"{refusals[0].reason}",
+            ways_tried=len(refusals),
+            **refusals[0].numbers,
+        ) from ExceptionGroup("no way", refusals)
+
+    def _combinations(
+        self, lies: Pose, parts: Sequence[Section]
+    ) -> Iterator[dict[str, RankedGrasp]]:
+        """Grasps of all arms: near ends for near arms first, then the best grasps first."""
+        names = list(self._proposals)
+        bases = [self._world.arms[name].base.position for name in names]
+        places = [(lies @ part.pose).position for part in parts]
+
+        def distance(order: tuple[int, ...]) -> float:
+            return sum(float(np.linalg.norm(bases[i] - places[k])) for i, k in enumerate(order))
+
+        for order in sorted(itertools.permutations(range(len(parts))), key=distance):
+            each = [
+                self._proposals[name].grasps[k][:_GRASPS]
+                for name, k in zip(names, order, strict=True)
+            ]
+            for chosen in sorted(
+                itertools.product(*each), key=lambda some: sum(one.cost for one in some)
+            ):
+                yield dict(zip(names, chosen, strict=True))
+
+    def _with(
+        self, leader: str, chosen: Mapping[str, RankedGrasp], poses: Sequence[Pose], around: bool
+    ) -> Generator[None, None, tuple[float, CarryPlan]]:
+        """Best conditioned plan with these grasps, with the largest condition number of its path.
+
+        Raises:
+            Failure: That of the first branch, if there is no plan.
+        """
+        lies = poses[0]
+        grasps = {name: lies.inverse @ one.tool for name, one in chosen.items()}
+        widths = {name: one.grasp.width for name, one in chosen.items()}
+        checker = GroupChecker(
+            self._world, self._kinematics.parts, self._thing, grasps, PLANNING_MARGIN_M, widths
+        )
+        planner = CarryPlanner(self._kinematics, grasps, checker, seed=0)
+        near = {name: one.q for name, one in self._proposals.items()}
+        refusal: Failure | None = None
+        best: tuple[float, CarryPlan] | None = None
+        branches = self._kinematics.branches(holding(grasps, lies), near)
+        for q in itertools.islice(branches, _AROUND if around else _BRANCHES):
+            yield
+            joined = planner.joined(q)
+            try:
+                found = checker.contact(joined)
+                if found is not None:
+                    raise found.failure()
+                approach = self._approach(chosen, q)
+                if around:
+                    path = yield from planner.through(poses, joined)
+                else:
+                    path = planner.along(path_through(poses), joined)
+                condition = self._condition(path)
+            except Failure as failure:
+                refusal = refusal or failure.with_traceback(None)
+                continue
+            shares = shares_at([pose.position for pose in grasps.values()])
+            plan = CarryPlan(
+                leader, chosen, grasps, dict(zip(grasps, shares, strict=True)), approach
+            )
+            if best is None or condition < best[0]:
+                best = condition, plan
+            if condition < _GOOD:
+                break
+        if best is not None:
+            return best
+        raise refusal or Failure("UNREACHABLE", "the grasps are out of reach")
+
+    def _condition(self, path: CarriedPath) -> float:
+        """Largest condition number of an arm along a path.
+
+        Raises:
+            Failure: ``SINGULAR``.
+        """
+        worst = 1.0
+        for name, part in self._kinematics.parts.items():
+            chain = self._chains[name]
+            condition = max(chain.condition(q) for q in path.rows[::_EVERY, part])
+            if condition > _BEARABLE:
+                raise Failure(
+                    "SINGULAR",
+                    f"{name} would come too near a singularity",
+                    condition=min(condition, 1e12),
+                )
+            worst = max(worst, condition)
+        return worst
+
+    def _approach(
+        self, chosen: Mapping[str, RankedGrasp], q: Mapping[str, Vector]
+    ) -> dict[str, Matrix]:
+        """Straight approaches that end in a configuration, each of shape (n, dof), rad."""
+        found = {}
+        out = Pose.from_rpy((0.0, 0.0, -self._ports.standoff))
+        for name, one in chosen.items():
+            poses = line(one.tool, one.tool @ out).poses
+            alone = MultiArmKinematics({
+                name: (self._world.robots[name], self._world.arms[name].base)
+            })  # fmt: skip
+            rows = alone.follow_on([[ToolTarget(name, pose)] for pose in poses], {name: q[name]})
+            found[name] = rows[name][::-1].copy()
+            checker = CollisionChecker(self._world, name, ignore=frozenset({self._thing}))
+            contact = checker.first_contact(found[name])
+            # The others are going to be elsewhere.
+            if contact is not None and contact[1].second.partition("/")[0] not in self._proposals:
+                raise contact[1].failure()
+        return found
+
+
+class _Coupled:
+    """The coupled motions of one arm.
+
+    Args:
+        carrying: Part of this arm.
+        plan: Plan of the leader.
+        grip: Monitor of this arm's grip.
+    """
+
+    def __init__(self, carrying: Carrying, plan: CarryPlan, grip: Grip) -> None:
+        self._carrying = carrying
+        self._arm = carrying._arm
+        self._joint = carrying._joint
+        self._ports = carrying._ports
+        self._metrics = carrying._metrics
+        self._thing = carrying._thing
+        self._proposals = carrying._proposals
+        self._plan = plan
+        self._grip = grip
+        self._number = 0
+        self._leads = plan.leader == self._arm.name
+        self._over_since: float | None = None
+        world = self._arm.world
+        names = list(self._proposals)
+        self._kinematics = MultiArmKinematics(
+            {name: (world.robots[name], world.arms[name].base) for name in names}
+        )
+        parts = self._kinematics.parts
+        self._regulator = InternalWrenchRegulator(
+            {name: self._proposals[name].carrying for name in names},
+            plan.shares,
+            parts,
+            self._arm.period,
+        )
+        self._grasps = dict(plan.grasps)
+        self._force_n = self._moment_nm = 0.0
+
+    def run(self, goals: Sequence[Pose]) -> Generator[float | None, None, None]:
+        """Lift, carry along the path, and lower until contact."""
+        ports = self._ports
+        up = Pose.from_rpy((0.0, 0.0, ports.lift))
+        lies = self._object_pose()
+        lifted = Pose(lies.position + up.position, lies.quaternion)
+        borne = self._plan.chosen  # else it is in the air already
+        if borne:
+            yield from self._leg([lies, lifted], 0.3 * ports.speed, 0.25)
+        above = [goals[-1]]
+        if ports.set_down:
+            above = [_raised(goals[-1], ports.height), _raised(goals[-1], _FREE_M)]
+        yield from self._leg([None, *goals[:-1], *above], ports.speed, 0.3)
+        if ports.set_down:
+            yield from self._lower(goals[-1])
+        self._metrics |= {"internal_force_n": self._force_n, "internal_moment_nm": self._moment_nm}
+        self._metrics["believed_error_m"] = self._object_pose().distance(goals[-1])
+
+    def _object_pose(self, q: Mapping[str, Vector] | None = None) -> Pose:
+        """Estimated pose of the object: the mean of what the tools of all arms say."""
+        world = self._arm.world
+        poses = []
+        for name, grasp in self._grasps.items():
+            at = world.hardware[name].q if q is None else q[name]
+            poses.append(world.nominal[name].tool_pose_at(at) @ grasp.inverse)
+        return mean_pose(poses)
+
+    def _leg(
+        self, poses: Sequence[Pose | None], speed: float, done: float
+    ) -> Generator[float | None, None, None]:
+        """One motion through poses of the object; None stands for the present one."""
+        leg = yield from self._next_leg(poses, speed)
+        yield from self._execute(leg, done)
+
+    def _next_leg(
+        self,
+        poses: Sequence[Pose | None],
+        speed: float,
+        *,
+        compliant: bool = False,
+        slow: float = 0.0,
+    ) -> Generator[float | None, None, _Leg]:
+        """Plan the next motion of all arms if this one leads; else wait for it."""
+        self._number += 1
+        number = self._number
+        leader = self._plan.leader
+        # All rest, and have told where.
+        yield from self._carrying._sync()
+        if not self._leads:
+            yield from self._joint.until(
+                lambda: getattr(self._joint.told(leader).get("leg"), "number", 0) >= number,
+                (leader,),
+            )
+            found: _Leg = self._joint.told(leader)["leg"]
+            return found
+        motion = yield from self._planned(poses, speed, slow)
+        leg = _Leg(number, motion, compliant)
+        self._joint.tell(leg=leg)
+        return leg
+
+    def _planned(
+        self, poses: Sequence[Pose | None], speed: float, slow: float
+    ) -> Generator[None, None, CoupledMotion]:
+        arm = self._arm
+        world = arm.world
+        parts = self._kinematics.parts
+        q = {name: self._joint.told(name)["q"] for name in self._joint.others}
+        q[arm.name] = arm.setpoint.q.copy()
+        here = self._object_pose(q)
+        # As commanded now: what the arms have yielded to internal wrenches stays.
+        self._grasps = {
+            name: here.inverse @ world.nominal[name].tool_pose_at(q[name]) for name in parts
+        }
+        widths = {name: world.grippers[name].width for name in parts if name in world.grippers}
+        checker = GroupChecker(world, parts, self._thing, self._grasps, PLANNING_MARGIN_M, widths)
+        planner = CarryPlanner(self._kinematics, self._grasps, checker, seed=0)
+        joined = planner.joined(q)
+        stops = [here if pose is None else pose for pose in poses]
+        if slow:
+            path = CarriedPath(stops, planner.unchecked(line(stops[0], stops[1]), joined))
+        else:
+            path = yield from planner.through([here, *stops[1:]], joined)
+        return self._timed(path, speed, slow)
+
+    def _timed(self, path: CarriedPath, speed: float, slow: float) -> CoupledMotion:
+        """Time a path for all arms: as fast as the limits, efforts and grips of all allow."""
+        world = self._arm.world
+        parts = self._kinematics.parts
+        limits = stacked_limits({name: world.robots[name].limits for name in parts})
+        motion = time_path(path.rows, limits.scaled(_ROOM * speed), self._arm.period)
+        scale = 1.0
+        for name, part in parts.items():
+            own = Trajectory(
+                motion.dt, *(rows[:, part].copy() for rows in (motion.q, motion.v, motion.a))
+            )
+            slower = PayloadCheck(world, name).within_efforts(own)
+            scale = min(scale, own.duration / max(slower.duration, 1e-9))
+        if slow:
+            name, part = next(iter(parts.items()))
+            tools = [world.nominal[name].tool_position_at(q) for q in motion.q[:, part]]
+            top = float(np.linalg.norm(np.diff(tools, axis=0), axis=1).max(initial=0.0)) / motion.dt
+            scale = min(scale, slow / max(top, 1e-9))
+        if scale < 0.999:
+            motion = at_scale(motion, scale)
+        self._regulator.begin()
+        return CoupledMotion(motion, parts, limits, self._regulator)
+
+    def _execute(
+        self, leg: _Leg, done: float, force: float | None = None
+    ) -> Generator[float | None, None, None]:
+        """Follow one motion to its end, or until contact.
+
+        Args:
+            leg: The motion.
+            done: Progress at its beginning.
+            force: Contact force that ends it, N; None if it ends at its end.
+        """
+        arm = self._arm
+        motion = leg.motion
+        source = motion.source(arm.name)
+        arm.begin_with_others(source, compliant=leg.compliant)
+        sense = None if force is None else _Touchdown(arm, force)
+        while not source.done:
+            yield done + 0.5 * motion.reached
+            arm.check()
+            try:
+                self._grip.look()
+            except Failure as failure:
+                if failure.code == "SLIPPED":
+                    yield from self._grip.judge(failure)
+                raise
+            self._watch(motion)
+            self._follow_others(motion)
+            if sense is None or not motion.has_begun or motion.is_braking:
+                continue
+            sense.look(motion.common.parameter.scale)
+            if sense.has_touched:
+                self._joint.tell(touched=leg.number)
+                others = [self._joint.told(name).get("touched") for name in self._joint.others]
+                # One end may touch first: the arms comply, and lower the other end, too.
+                if sense.is_firm or all(number == leg.number for number in others):
+                    motion.brake()
+        if sense is not None:
+            self._metrics["impact_n"] = sense.most
+            return
+        try:
+            for _ in arm.settle():
+                yield None
+                self._follow_others(motion)
+        except Failure:
+            self._joint.check()  # an arm that is left alone with the object need not come to rest
+            raise
+
+    def _follow_others(self, motion: CoupledMotion) -> None:
+        """End the motion, on its path, if another arm has left."""
+        for other in self._joint.others:
+            if self._joint.left(other):
+                motion.brake()
+                self._joint.check()
+
+    def _watch(self, motion: CoupledMotion) -> None:
+        """Bound the internal wrench.
+
+        Raises:
+            Failure: ``INTERNAL_FORCE``.
+        """
+        regulator = motion.correction
+        if not isinstance(regulator, InternalWrenchRegulator):
+            return
+        self._force_n = max(self._force_n, regulator.force_n)
+        self._moment_nm = max(self._moment_nm, regulator.moment_nm)
+        ports = self._ports
+        too_much = (
+            regulator.force_n > ports.most_internal_force
+            or regulator.moment_nm > ports.most_internal_moment
+        )
+        now = self._arm.time
+        if not too_much:
+            self._over_since = None
+            return
+        self._over_since = now if self._over_since is None else self._over_since
+        if now - self._over_since >= _CONFIRMED_S:
+            motion.brake()
+            raise Failure(
+                "INTERNAL_FORCE",
+                f"the arms press against each other through {self._thing!r} with "
+                f"{regulator.force_n:.0f} N and {regulator.moment_nm:.1f} N m",
+                internal_force_n=regulator.force_n,
+                internal_moment_nm=regulator.moment_nm,
+            )
+
+    def _lower(self, goal: Pose) -> Generator[float | None, None, None]:
+        """Lower the object until contact with its support."""
+        ports = self._ports
+        low = _raised(goal, -ports.search)
+        leg = yield from self._next_leg(
+            [_raised(goal, _FREE_M), low], ports.down_speed, compliant=True, slow=TOUCHDOWN_M_S
+        )
+        yield from self._execute(leg, 0.8, ports.force)
+        began = self._arm.time
+        while not self._arm.controller.at_rest and self._arm.time - began < _REST_S:
+            yield 0.85
+        height = float(self._object_pose().position[2] - goal.position[2])
+        self._metrics["height_off_m"] = height
+        if leg.motion.common.done and not leg.motion.is_braking:
+            raise Failure(
+                "NO_CONTACT",
+                f"no support was felt {1e3 * ports.search:.0f} mm below its goal",
+            )
+        if abs(height) > ports.tolerance:
+            yield from self._arm.relax()
+            raise Failure(
+                "NOT_REACHED",
+                f"it touched something {1e3 * height:.1f} mm above its goal",
+                height_off_m=height,
+            )
+
+
+class _Touchdown:
+    """Detection that a hand of an arm that lowers an object no longer goes down.
+
+    Args:
+        arm: The arm, which comes down.
+        force: Contact force that counts, N.
+
+    Attributes:
+        has_touched: Whether its end of the object touches the support.
+        is_firm: Whether it presses on it that much that all arms have to stop.
+        most: Largest force, N.
+    """
+
+    def __init__(self, arm: Arm, force: float) -> None:
+        down = np.array((0.0, 0.0, -1.0))
+        self._sense = TouchSense(arm, down)
+        self._lag = Lag(arm, down, _STEADY * TOUCHDOWN_M_S)
+        self._force = force
+        self.has_touched = self.is_firm = False
+        self.most = 0.0
+
+    def look(self, scale: float) -> None:
+        """Take a sample; to be called once per tick.
+
+        Args:
+            scale: Time scale of the motion.
+        """
+        lag = self._lag
+        lag.look(scale)
+        felt = self._sense.force(stands=lag.has_stopped or lag.stands)
+        if not (lag.is_steady or lag.stands):
+            return
+        self.most = max(self.most, felt)
+        self.has_touched = (felt > self._force and lag.has_stopped) or lag.stands
+        self.is_firm = self.has_touched and felt > _FIRM * self._force
+
+
+def _poses_of(lies: Pose, goals: Sequence[Pose], ports: CarryPorts) -> list[Pose]:
+    """Poses of the object from where it lies to where it is lowered by touch."""
+    end = [_raised(goals[-1], ports.height), _raised(goals[-1], _FREE_M)] if ports.set_down else []
+    return [lies, _raised(lies, ports.lift), *goals[:-1], *(end or [goals[-1]])]
+
+
+def _raised(pose: Pose, height: float) -> Pose:
+    return Pose(pose.position + np.array((0.0, 0.0, height)), pose.quaternion)
+
+
+def mean_pose(poses: Sequence[Pose]) -> Pose:
+    """Mean of a few poses that are close together."""
+    position = np.mean([pose.position for pose in poses], axis=0)
+    first = poses[0].quaternion
+    aligned = [pose.quaternion * np.sign(pose.quaternion @ first) for pose in poses]
+    quaternion = np.sum(aligned, axis=0)
+    return Pose(position, quaternion / np.linalg.norm(quaternion))

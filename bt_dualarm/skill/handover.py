@@ -1,0 +1,595 @@
+"""Handover of an object from one arm to another: where, with which grasp, and in which steps.
+
+Both arms tell each other every step, see `bt_dualarm.skill.joint`:
+
+1. The taker chooses the pose of the object and its own grasp by the reach of both arms.
+2. Both move there, the taker to the standoff of its grasp.
+3. The taker closes beside the giver's fingers, compliant, and takes over the weight.
+4. When the taker feels the weight, and the giver that it has become lighter, the giver announces
+   that it lets go. The taker answers that it keeps the object; only then the giver opens.
+5. The giver retreats, the taker lifts the object and checks its grip.
+
+Until the answer of step 4 the giver keeps the object, whatever happens, and from then on the taker
+does. At no time does neither of them hold it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from bt_dualarm.arm.arm import PLANNING_MARGIN_M, Arm
+from bt_dualarm.arm.payload import UNKNOWN_KG, cup_measures, jaw_measures
+from bt_dualarm.collision.checker import CollisionChecker
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.grasping.candidates import Obstacle, cup_grasps, jaw_grasps, ranked
+from bt_dualarm.grasping.grasp import Box, CupMeasures, Grasp, Load, solid_of
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.kinematics.multi_arm import MultiArmKinematics, ToolTarget
+from bt_dualarm.sim.grippers import SharedGrasp
+from bt_dualarm.sim.world import World
+from bt_dualarm.skill.grasp_search import GRAVITY
+from bt_dualarm.skill.joint import HANDS_M
+from bt_dualarm.trajectory.paths import line
+
+_SHARES: Final = (0.0, 0.25, -0.25, 0.5, -0.5, 0.75, -0.75)
+"""Where along a long object the taker may close, as shares of half its length: beside the giver."""
+
+_PLANNED_M: Final = HANDS_M + 0.004
+"""Distance of the hands that plans keep, m: more than the guard keeps."""
+
+_ROOM_M: Final = HANDS_M + 0.003
+"""Clearance of a grasp from the giver's hand, m: the hands keep `HANDS_M`."""
+
+_TOUCH_RADIUS_M: Final = 0.004
+"""Radius of the flat spot that a tool without a gripper touches, m."""
+
+_PALM_M: Final = 0.004
+"""Additional clearance of the palm, m: the giver does not know the object's pose exactly."""
+
+# Candidate poses of the object.
+
+_GRID_M: Final = 0.1  # distance of candidate positions
+_BEST_SHARE: Final = 0.62  # distance from the first joint, as a share of the reach
+_MOST_SHARE: Final = 0.88  # beyond which a position is not considered
+_LEAST_SHARE: Final = 0.30
+_POSITIONS: Final = 14
+_MORE_POSITIONS: Final = 60  # where only one orientation is tried at each
+_APART_M: Final = 0.12  # between two chosen positions
+_TURNS: Final = np.deg2rad([0.0, 90.0, 180.0, 270.0])  # of the giver's tool about its axis
+
+_BACK: Final = Pose.from_rpy((0.0, 0.0, -0.1))
+"""Retreat for which the giver needs room."""
+
+# Costs; all terms are between 0 and about 2.
+
+_POSITION_COST: Final = 3.0
+_DOWN_COST: Final = 0.35  # of a giver that points down instead of toward the taker
+_TURN_COST: Final = 0.4  # of turning the giver's tool by 180°
+_EACH: Final = 3  # grasps that are tried at a pose
+_TRIES: Final = 260  # poses with a grasp for which both arms are searched
+_PLANS: Final = 5  # plans that are proposed
+_NEAR_RAD: Final = 0.4  # rotation of two grasps that count as the same
+_NEAR_M: Final = 0.015
+
+
+@dataclass(frozen=True, eq=False)
+class HandoverWish:
+    """What the giver wants of the handover.
+
+    Attributes:
+        position: Position of the object in the world, of shape (3,), m; None for any.
+        quaternion: Its orientation in the world; None for any.
+        mass: Mass by the giver's estimate, with its uncertainty, kg; None if it does not know it.
+    """
+
+    position: Vector | None = None
+    quaternion: Vector | None = None
+    mass: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class HandoverPlan:
+    """Where the object is handed over, and the grasp with which it is taken.
+
+    Attributes:
+        number: Number of the plan, from 1.
+        lies: Pose of the object in the world.
+        giver_q: Configuration of the giver, of shape (dof,), rad.
+        taker_q: Configuration of the taker at the standoff, of shape (dof,), rad.
+        grasp: Grasp of the taker on the object.
+    """
+
+    number: int
+    lies: Pose
+    giver_q: Vector
+    taker_q: Vector
+    grasp: Grasp
+
+
+def handover_label(thing: str, giver: str, taker: str) -> str:
+    """Returns the name of a handover for people, the same for both arms."""
+    return f"the handover of {thing!r} from {giver} to {taker}"
+
+
+def tool_pose_of(world: World, arm: str) -> Pose:
+    """Measured pose of an arm's tool in the world, by its encoders."""
+    return world.nominal[arm].tool_pose_at(world.hardware[arm].q)
+
+
+def object_in_tool(world: World, arm: str, thing: str) -> Pose:
+    """Estimated pose of a held object in the arm's tool frame.
+
+    Raises:
+        Failure: ``PARTNER_GONE``: the arm no longer holds it.
+    """
+    held = world.attachments.find(arm, thing)
+    if held is None:
+        raise Failure("PARTNER_GONE", f"{arm} no longer holds {thing!r}")
+    return world.robots[arm].tool.inverse @ held.relative
+
+
+class HandoverSearch:
+    """Searches for a pose of the object and a grasp with which two arms can hand it over.
+
+    The pose of the object, and with it both arms' configurations, are the solution of one problem
+    of inverse kinematics with both arms (`MultiArmKinematics`): the giver's tool at a pose in the
+    world, the taker's at a pose seen from the giver's.
+
+    Args:
+        arm: Taker.
+        giver: Name of the giver, which holds the object.
+        thing: Name of the object.
+        wish: Wish of the giver.
+        standoff: Length of the taker's straight approach, m.
+        margin: Safety factor of the taker's grip.
+        shake: Acceleration of the tool that the grip has to bear, m/s².
+        most_force: Largest force of each pad, or of a cup, that the object withstands, N.
+        mass: Mass by the taker's tree, kg; None to use the giver's or the declared one.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        giver: str,
+        thing: str,
+        wish: HandoverWish,
+        *,
+        standoff: float,
+        margin: float,
+        shake: float,
+        most_force: float,
+        mass: float | None,
+    ) -> None:
+        self._arm = arm
+        self._giver = giver
+        self._thing = thing
+        self._wish = wish
+        self._standoff = standoff
+        world = self._world = arm.world
+        self._in_giver = object_in_tool(world, giver, thing)
+        self._giver_q = world.hardware[giver].q.copy()
+        declared = world.objects[thing]
+        self._solid = solid_of(declared.shape, declared.size)
+        told = None if world.nominal[arm.name].estimates_payload else declared.mass
+        self.mass = mass or wish.mass or told or UNKNOWN_KG
+        self.grasps = self._grasps(margin, shake, most_force)
+        self._kinematics = {
+            name: Kinematics(world.robots[name], world.arms[name].base, 0)
+            for name in (giver, arm.name)
+        }
+        self._both = MultiArmKinematics(
+            {name: (world.robots[name], world.arms[name].base) for name in (giver, arm.name)}
+        )
+        self.tries = 0
+        self.reasons: dict[str, int] = {}
+
+    def find(self) -> Iterator[HandoverPlan | None]:
+        """Yields plans, the best first, and None where a tick passes without one."""
+        number = 0
+        sharing = (SharedGrasp(self._giver, self._thing, _PLANNED_M),)
+        margins = dict.fromkeys(self._world.arms, PLANNING_MARGIN_M)
+        thing = frozenset({self._thing})
+        absent = frozenset({self._arm.name})
+        here = CollisionChecker(self._world, self._giver, margins, absent)
+        back = CollisionChecker(self._world, self._giver, margins, absent | thing)
+        there = CollisionChecker(self._world, self._arm.name, margins, thing, sharing=sharing)
+        giver = CollisionChecker(self._world, self._giver, margins)
+        taker = CollisionChecker(self._world, self._arm.name, margins, thing)
+        found = list[HandoverPlan]()
+        for lies in self._poses():
+            tool = lies @ self._in_giver.inverse
+            refused = False
+            for grasp in self._best(lies, tool):
+                if self.tries >= _TRIES or number >= _PLANS or refused:
+                    break
+                self.tries += 1
+                plan, refused = self._try(lies, tool, grasp, (here, back, there, giver, taker))
+                if plan is None:
+                    yield None
+                    continue
+                if any(_alike(plan, other) for other in found):
+                    continue
+                number += 1
+                plan = HandoverPlan(number, plan.lies, plan.giver_q, plan.taker_q, plan.grasp)
+                found.append(plan)
+                yield plan
+                break  # another pose next
+            if self.tries >= _TRIES or number >= _PLANS:
+                return
+
+    def _try(
+        self,
+        lies: Pose,
+        tool: Pose,
+        grasp: Grasp,
+        checkers: tuple[CollisionChecker, ...],
+    ) -> tuple[HandoverPlan | None, bool]:
+        """Plan for a pose and a grasp, or None; and whether the giver is the reason."""
+        here, back, there, giver, taker = checkers
+        arm = self._arm
+        seen = tool.inverse @ lies @ grasp.tool
+        try:
+            q = self._both.solve(
+                (
+                    ToolTarget(self._giver, tool),
+                    ToolTarget(arm.name, seen, seen_from=self._giver),
+                ),
+                {self._giver: self._giver_q, arm.name: arm.setpoint.q},
+            )
+        except Failure as failure:
+            self._note(f"{failure.code} of both")
+            return None, failure.numbers.get("arm") == self._giver
+        giver_q = q[self._giver]
+        contact = here.contact(giver_q)
+        if contact is not None:
+            self._note(f"{contact.first} at {contact.second}")
+            return None, True
+        if not self._can_retreat(giver_q, back):
+            self._note(f"the retreat of {self._giver}")
+            return None, True
+        goal = lies @ grasp.tool
+        out = goal @ Pose.from_rpy((0.0, 0.0, -self._standoff))
+        try:
+            rows = arm.line(out, goal)
+        except Failure as failure:
+            self._note(f"{failure.code} of the approach")
+            return None, False
+        body = self._world.arms[self._giver]
+        there.move_other(body, giver_q)
+        hit = there.first_contact(rows)
+        if hit is not None:
+            self._note(f"{hit[1].first} at {hit[1].second}")
+            return None, False
+        # Each arm comes to its place while the other one may already be at its own.
+        taker.move_other(body, giver_q)
+        giver.move_other(self._world.arms[arm.name], rows[0])
+        contact = taker.contact(rows[0]) or giver.contact(giver_q)
+        if contact is not None:
+            self._note(f"{contact.first} at {contact.second}, at the standoff")
+            return None, False
+        return HandoverPlan(0, lies, giver_q, rows[0], grasp), False
+
+    def _can_retreat(self, q: Vector, checker: CollisionChecker) -> bool:
+        """Whether the giver can retreat straight from a configuration of shape (dof,), rad."""
+        kinematics = self._kinematics[self._giver]
+        here = kinematics.forward(q)
+        try:
+            rows = kinematics.follow_on(line(here, here @ _BACK).poses, q)
+        except Failure:
+            return False
+        return checker.first_contact(rows[::4]) is None and checker.contact(rows[-1]) is None
+
+    def _note(self, reason: str) -> None:
+        self.reasons[reason] = self.reasons.get(reason, 0) + 1
+
+    def refusal(self) -> Failure:
+        """Failure that says why there is no plan."""
+        arm = self._arm.name
+        if not self.grasps:
+            return Failure(
+                "OUT_OF_REACH",
+                f"no grasp of {arm} on {self._thing!r} leaves the hand of {self._giver} room",
+            )
+        often = sorted(self.reasons, key=lambda reason: (-self.reasons[reason], reason))
+        return Failure(
+            "OUT_OF_REACH",
+            f"no pose of {self._thing!r} lets {self._giver} present it and {arm} take it: "
+            f"{', '.join(often[:3]) or 'none is within the reach of both'}",
+            tries=self.tries,
+            grasps=len(self.grasps),
+        )
+
+    # Grasps of the taker
+
+    def _grasps(self, margin: float, shake: float, most_force: float) -> tuple[Grasp, ...]:
+        """Grasps beside the giver's hand, for any direction of gravity."""
+        arm = self._arm
+        world = self._world
+        friction = world.objects[self._thing].friction
+        # No direction of gravity is preferred: it counts like a shake in the worst direction.
+        load = Load(margin * self.mass, np.zeros(3), shake + GRAVITY, np.zeros(3))
+        if arm.name not in world.grippers:
+            spot = CupMeasures(_TOUCH_RADIUS_M, 1e-3, math.inf, 1.0)
+            return cup_grasps(self._solid, spot, load)
+        page = world.grippers[arm.name].gripper
+        if not page.fingers:
+            cup = cup_measures(page, friction)
+            most = min(cup.most_force, most_force)
+            cup = CupMeasures(cup.radius, cup.bends, most, cup.friction)
+            return cup_grasps(self._solid, cup, load)
+        jaw = jaw_measures(page, friction)
+        jaw = replace(jaw, palm=jaw.palm - _PALM_M)
+        found = jaw_grasps(self._solid, jaw, load, jaw.friction, shares=_SHARES)
+        order = ranked(
+            [grasp for grasp in found if grasp.force <= most_force],
+            world.nominal[self._giver].tool_pose_at(self._giver_q) @ self._in_giver,
+            jaw,
+            self._hand(),
+            lambda _: 0.0,
+        )
+        return tuple(one.grasp for one in order if one.clearance >= _ROOM_M)
+
+    def _hand(self) -> list[Obstacle]:
+        """The giver's hand as boxes around its geoms, by its sensors."""
+        world = self._world
+        sensed = world.sensed
+        found = []
+        for geom in sorted(world.arms[self._giver].tool_geom_ids):
+            matrix = np.eye(4)
+            matrix[:3, :3] = sensed.geom_xmat[geom].reshape(3, 3)
+            matrix[:3, 3] = sensed.geom_xpos[geom]
+            center, half = world.model.geom_aabb[geom].reshape(2, 3)
+            pose = Pose.from_matrix(matrix) @ Pose.from_rpy(tuple(center.tolist()))
+            found.append(Obstacle(Box(half.copy()), pose))
+        return found
+
+    def _best(self, lies: Pose, tool: Pose) -> list[Grasp]:
+        """Grasps that suit a pose of the object best: from the taker's side, facing the giver."""
+        if not self.grasps:
+            return []
+        toward = lies.position - self._kinematics[self._arm.name].bounding_ball[0]
+        toward = toward / max(float(np.linalg.norm(toward)), 1e-9)
+        giver_axis = tool.rotation_matrix[:, 2]
+        axes = np.array([lies.turn(one.tool.rotation_matrix[:, 2]) for one in self.grasps])
+        margins = np.array([one.margin for one in self.grasps])
+        offsets = np.array([lies.turn(one.tool.position) for one in self.grasps])
+        cost = (
+            1.0
+            - axes @ toward
+            + 0.6 * (1.0 + axes @ giver_axis)
+            + 0.5 * np.maximum(axes[:, 2], 0.0)  # from below
+            + 0.5 / np.minimum(margins, 4.0)
+            # Near the taker rather than beyond the giver's hand.
+            + 4.0 * np.maximum(offsets @ toward, -0.1)
+        )
+        chosen = list[Grasp]()
+        for index in np.argsort(cost, kind="stable"):
+            grasp = self.grasps[index]
+            if any(
+                grasp.tool.distance(other.tool) < _NEAR_M
+                and grasp.tool.angle(other.tool) < _NEAR_RAD
+                for other in chosen
+            ):
+                continue
+            chosen.append(grasp)
+            if len(chosen) >= _EACH:
+                break
+        return chosen
+
+    # Poses of the object
+
+    def _poses(self) -> Iterator[Pose]:
+        """Candidate poses of the object in the world, the best first."""
+        found = list[tuple[float, int, Pose]]()
+        now = self._world.nominal[self._giver].tool_pose_at(self._giver_q)
+        for place_cost, place in self._positions():
+            for turn_cost, quaternion in self._orientations(place, now):
+                tool = Pose(np.zeros(3), quaternion)
+                # The position is that of the object, whichever way the tool is turned.
+                turned = tool @ Pose(np.zeros(3), self._in_giver.quaternion)
+                found.append((place_cost + turn_cost, len(found), Pose(place, turned.quaternion)))
+        for _, _, pose in sorted(found, key=lambda one: one[:2]):
+            yield pose
+
+    def _positions(self) -> list[tuple[float, Vector]]:
+        """Positions of the object and their costs: within comfortable reach of both arms."""
+        if self._wish.position is not None:
+            return [(0.0, self._wish.position)]
+        balls = [self._kinematics[name].bounding_ball for name in (self._giver, self._arm.name)]
+        centers = np.array([ball[0] for ball in balls])
+        radii = np.array([ball[1] for ball in balls])
+        middle = centers[0] + (centers[1] - centers[0]) * radii[0] / radii.sum()
+        steps = np.arange(-1.2, 1.2 + 1e-9, _GRID_M)
+        grid = np.stack(np.meshgrid(steps, steps, steps[6:19], indexing="ij"), -1).reshape(-1, 3)
+        points = middle + grid
+        shares = np.linalg.norm(points[:, None] - centers, axis=2) / radii
+        fits = (shares < _MOST_SHARE).all(axis=1) & (shares > _LEAST_SHARE).all(axis=1)
+        points = points[fits]
+        shares = shares[fits]
+        held = self._world.nominal[self._giver].tool_pose_at(self._giver_q).position
+        cost = _POSITION_COST * ((shares - _BEST_SHARE) ** 2).sum(axis=1)
+        cost += 0.3 * np.linalg.norm(points - held, axis=1)
+        cost += 0.5 * np.abs(points[:, 2] - centers[:, 2].mean())
+        chosen = list[tuple[float, Vector]]()
+        for index in np.argsort(cost, kind="stable"):
+            if all(np.linalg.norm(points[index] - other) > _APART_M for _, other in chosen):
+                chosen.append((float(cost[index]), points[index]))
+                if len(chosen) >= (
+                    _POSITIONS if self._wish.quaternion is None else _MORE_POSITIONS
+                ):
+                    break
+        return chosen
+
+    def _orientations(self, place: Vector, now: Pose) -> list[tuple[float, Vector]]:
+        """Orientations of the giver's tool at a position, as quaternions, and their costs."""
+        if self._wish.quaternion is not None:
+            tool = Pose(np.zeros(3), self._wish.quaternion) @ Pose(
+                np.zeros(3), self._in_giver.inverse.quaternion
+            )
+            return [(0.0, tool.quaternion)]
+        taker = self._kinematics[self._arm.name].bounding_ball[0]
+        giver = self._kinematics[self._giver].bounding_ball[0]
+        level = np.array((*(taker - giver)[:2], 0.0))
+        if np.linalg.norm(level) < 0.1:
+            level = np.array((*(place - giver)[:2], 0.0))
+        level = level / max(float(np.linalg.norm(level)), 1e-9)
+        out = np.array((*(place - giver)[:2], 0.0))
+        out = out / max(float(np.linalg.norm(out)), 1e-9)
+        down = np.array((0.0, 0.0, -1.0))
+        axes = [
+            (0.0, level + out),
+            (0.1, level),
+            (0.15, level + out + down),
+            (0.15, out),
+            (_DOWN_COST, down),
+        ]
+        found = [(0.05, now.quaternion)]  # as it is
+        for cost, axis in axes:
+            length = float(np.linalg.norm(axis))
+            if length < 1e-6:
+                continue
+            z = axis / length
+            x = now.rotation_matrix[:, 0] - (now.rotation_matrix[:, 0] @ z) * z
+            if np.linalg.norm(x) < 1e-3:
+                x = now.rotation_matrix[:, 1] - (now.rotation_matrix[:, 1] @ z) * z
+            x = x / np.linalg.norm(x)
+            matrix = np.eye(4)
+            matrix[:3, :3] = np.column_stack((x, np.cross(z, x), z))
+            first = Pose.from_matrix(matrix)
+            for turn in _TURNS:
+                tool = first @ Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, float(turn)))
+                turned = tool.angle(Pose(np.zeros(3), now.quaternion)) / math.pi
+                found.append((cost + _TURN_COST * turned, tool.quaternion))
+        return found
+
+
+def _alike(one: HandoverPlan, other: HandoverPlan) -> bool:
+    return one.lies.distance(other.lies) < 0.05 and one.lies.angle(other.lies) < 0.3
+
+
+# Sensors of the load
+
+_SETTLED_S: Final = 0.1
+"""Simulated seconds over which a load is averaged."""
+
+
+class LoadSense:
+    """Force with which a held object pulls at an arm's hand, by its own sensors.
+
+    Fingers with tactile sensors measure it at the pads; otherwise the joint torques tell how it
+    changes, as far as their friction lets them.
+
+    Args:
+        arm: Arm that holds the object.
+    """
+
+    def __init__(self, arm: Arm) -> None:
+        self._arm = arm
+        self._felt = deque[tuple[float, Vector]]()
+
+    @property
+    def is_tactile(self) -> bool:
+        """Whether the pads measure the load."""
+        return self._arm.name in self._arm.world.grippers and self._arm.gripper.load is not None
+
+    def look(self) -> Vector:
+        """Mean force in the last moments, of shape (3,), N, in the world; to be called per tick."""
+        arm = self._arm
+        load = arm.gripper.load if self.is_tactile else arm.external_wrench[:3]
+        assert load is not None  # noqa: S101 - `is_tactile`
+        self._felt.append((arm.time, load))
+        while arm.time - self._felt[0][0] > _SETTLED_S:
+            self._felt.popleft()
+        mean: Vector = np.mean([one for _, one in self._felt], axis=0)
+        return mean
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether the mean spans the whole time."""
+        return len(self._felt) > 1 and self._felt[-1][0] - self._felt[0][0] > 0.7 * _SETTLED_S
+
+
+def let_go_of(arm: Arm, thing: str) -> Iterator[float | None]:
+    """Open the gripper around an object that a partner holds, as far as there is room.
+
+    Yields once per tick until the hand no longer holds it. A weld is removed at once.
+
+    Args:
+        arm: Arm that lets go.
+        thing: Name of the object.
+
+    Raises:
+        Failure: ``NOT_OPEN``: something blocks the fingers.
+    """
+    held = arm.world.attachments.find(arm.name, thing)
+    if held is not None and not held.by_gripper:
+        arm.detach(thing)
+        return
+    gripper = arm.gripper
+    # From the command on, the object is the partner's: it stays so if this leaf ends now.
+    gripper.command(_opening(arm, thing) if gripper.page.fingers else 1.0)
+    gripper.let_go(thing)
+    yield from gripper.until_open(0.05)
+
+
+_LEAST_OPENING_M: Final = 0.006  # beyond the present one, so that the pads leave the object
+_MOST_OPENING_M: Final = 0.03
+_OPENING_STEP_M: Final = 0.004
+
+
+def _opening(arm: Arm, thing: str) -> float:
+    """Widest opening up to which the fingers have room, m."""
+    gripper = arm.gripper
+    now = gripper.width
+    least = min(now + _LEAST_OPENING_M, gripper.page.stroke)
+    checker = arm.checker(frozenset({thing}))
+    widest = least
+    most = min(now + _MOST_OPENING_M, gripper.page.stroke)
+    for width in np.arange(least, most + 1e-9, _OPENING_STEP_M):
+        checker.open_fingers(float(width))
+        if checker.contact(arm.setpoint.q) is not None:
+            break
+        widest = float(width)
+    return widest
+
+
+_RETREAT_WAIT_S: Final = 5.0  # for the taker to leave the way
+_RETREATS_M: Final = (1.0, 0.8, 0.6, 0.45)  # of the wanted length, tried in turn
+
+
+def retreat_from(arm: Arm, thing: str, length: float, speed: float) -> Iterator[float | None]:
+    """Retreat straight from an object that the arm has let go; yields once per tick.
+
+    Args:
+        arm: Arm whose gripper is open.
+        thing: Name of the object, which the hand may touch.
+        length: Length of the retreat, m.
+        speed: Fraction of the arm's limits, above 0 to 1.
+
+    Raises:
+        Failure: As motions, if no retreat is possible.
+    """
+    here = arm.commanded_tool_pose
+    ignore = frozenset({thing})
+    back = -here.rotation_matrix[:, 2]
+    up = np.array((0.0, 0.0, 1.0))
+    first: Failure | None = None
+    for share in _RETREATS_M:
+        for direction in (back, back + 0.5 * up, back - 0.5 * up):
+            away = share * length * direction / float(np.linalg.norm(direction))
+            try:
+                rows = arm.line_on(Pose(here.position + away, here.quaternion))
+                arm.refuse_collision_along(rows, ignore)
+            except Failure as failure:
+                first = first or failure
+                continue
+            yield from arm.follow(arm.time_path(rows, speed), ignore, _RETREAT_WAIT_S)
+            return
+    raise first or Failure("NO_PLAN", "no retreat is possible")

@@ -1,0 +1,179 @@
+"""Joint actions: leaves of several arms that act together on one object.
+
+Each arm has a leaf of its own, in its own tree. They meet, tell one another what they have done,
+and learn when another one has left, and why. `bt_dualarm.skill.cell` has the rules; its waits are
+part of the wait-for graph of all arms.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, Final
+
+from bt_dualarm.arm.arm import Arm
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.skill.cell import Appointment
+from bt_dualarm.skill.skill import SkillContext
+
+HANDS_M: Final = 0.006
+"""Distance that two hands keep from each other while both are at one object, m: other arms keep
+0.03 m. Control errors are less than 2 mm."""
+
+_DONE: Final = "done"  # told by a member that has completed its part
+
+
+class JointPart:
+    """One leaf's part in a joint action; use it in a ``with`` block, whose end leaves the action.
+
+    The others learn why the block ended: the failure, a halt, or that the part is done.
+
+    Args:
+        context: Context of the leaf's skill.
+        label: Name of the action for people, the same in all leaves of it.
+        members: Names of all arms of the action, in the same order in all leaves.
+    """
+
+    def __init__(self, context: SkillContext, label: str, members: Sequence[str]) -> None:
+        self._cell = context.cell.shared
+        self._arm = context.arm.name
+        self._leaf = context.name
+        self._label = label
+        self._members = tuple(members)
+        self._one: Appointment | None = None
+
+    def __enter__(self) -> JointPart:
+        """Come to the action; its other members need not be there yet."""
+        self._one = self._cell.join(self._arm, self._leaf, self._label, self._members)
+        return self
+
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        """Leave the action and let the others know why."""
+        if self._one is None:
+            return
+        if error is None:
+            self.tell(done=True)
+        self._cell.part(self._one, _reason(self._leaf, error))
+
+    @property
+    def others(self) -> tuple[str, ...]:
+        """Names of the other members."""
+        return tuple(name for name in self._members if name != self._arm)
+
+    def meet(self) -> Iterator[None]:
+        """Wait until all members have come; yields once per tick.
+
+        Raises:
+            Failure: ``PARTNER_GONE`` if a member can no longer come; ``DEADLOCK``.
+        """
+        one = self._appointment
+        while one.action is None:
+            if one.failure is not None:
+                raise one.failure
+            yield
+        if one.failure is not None:
+            raise one.failure
+
+    def tell(self, **facts: Any) -> None:  # Any: facts of the skills
+        """Tell the other members facts by name; visible from their next tick on.
+
+        Before all members have come, nobody is told.
+        """
+        action = self._appointment.action
+        if action is not None:
+            action.tell(self._arm, facts)
+
+    def told(self, member: str) -> Mapping[str, Any]:  # Any: as in `tell`
+        """Returns what a member has told so far, by name."""
+        action = self._appointment.action
+        return {} if action is None else action.told(member)
+
+    def left(self, member: str) -> str:
+        """Returns why a member has left before its part was done, as a clause; else empty."""
+        action = self._appointment.action
+        if action is None or action.told(member).get(_DONE):
+            return ""
+        return action.left.get(member, "")
+
+    def check(self) -> None:
+        """Check that no other member has left before its part was done.
+
+        Raises:
+            Failure: ``PARTNER_GONE`` with who has left, and why.
+        """
+        for member in self.others:
+            why = self.left(member)
+            if why:
+                raise Failure("PARTNER_GONE", f"{member} {why}")
+
+    def until(
+        self,
+        fulfilled: Callable[[], bool],
+        awaited: Sequence[str] = (),
+        *,
+        makes_way: bool = False,
+    ) -> Iterator[None]:
+        """Wait for other members during the action; yields once per tick.
+
+        Args:
+            fulfilled: Whether the wait is over.
+            awaited: Names of the members that it depends on; all others by default.
+            makes_way: Whether the caller calls `MoveTo.make_way` in each tick, so that members
+                whose path this arm blocks do not wait in vain.
+
+        Raises:
+            Failure: ``PARTNER_GONE``; ``DEADLOCK`` if they wait for this arm in turn.
+        """
+        one = self._appointment
+        try:
+            while not fulfilled():
+                self.check()
+                if one.failure is not None:
+                    failure = one.failure
+                    one.failure = None  # the action goes on, if the leaf does
+                    raise failure
+                one.makes_way = makes_way
+                self._cell.await_members(one, awaited or self.others)
+                yield
+        finally:
+            one.makes_way = False
+            self._cell.await_members(one, ())
+
+    @property
+    def _appointment(self) -> Appointment:
+        if self._one is None:
+            raise RuntimeError("a joint action is used outside of its `with` block")
+        return self._one
+
+
+def _reason(leaf: str, error: BaseException | None) -> str:
+    """Why a leaf has left a joint action, as a clause."""
+    if error is None:
+        return f"has completed {leaf}"
+    if isinstance(error, Failure):
+        return f"failed in {leaf} with {error.code}: {error.reason}"
+    if isinstance(error, GeneratorExit):
+        return f"was halted in {leaf}"
+    return f"raised {type(error).__name__} in {leaf}"
+
+
+@contextmanager
+def shared_grasp(arm: Arm, partner: str, thing: str, hands_m: float = HANDS_M) -> Iterator[None]:
+    """Let an arm and a partner hold one object together within a ``with`` block.
+
+    It takes effect while both arms are in such a block. Then the hand of one may touch the object
+    in the hand of the other, both hands may come nearer to each other than arms otherwise do, and
+    a pull at the object does not count as a slip.
+
+    Args:
+        arm: Arm of the leaf.
+        partner: Name of the other arm.
+        thing: Name of the object.
+        hands_m: Distance that the hands keep from each other, m.
+    """
+    attachments = arm.world.attachments
+    attachments.consent(arm.name, partner, thing, hands_m)
+    try:
+        yield
+    finally:
+        attachments.dissent(arm.name, partner, thing)

@@ -1,0 +1,416 @@
+"""Engines that run the trials of a sweep: worker processes of this machine, or Dask.
+
+A worker runs one trial after the other in a process of its own, which may die: by a segmentation
+fault, the system's out-of-memory killer or ``kill -9``. That costs the time of one trial, which is
+tried again in a new process, up to `ATTEMPTS` times. A trial that ends with FAILURE has a result
+and is never repeated.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import subprocess
+import sys
+import time
+from collections import deque
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from importlib import import_module
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+from bt_dualarm.core.errors import DualArmError
+from bt_dualarm.sweeps.manifest import SweepError
+from bt_dualarm.sweeps.trial import Job, Row, lost_row
+
+ATTEMPTS: Final = 3
+"""Times that a trial is tried whose worker dies."""
+
+MOST_MEMORY_MB: Final = 1500.0
+"""Peak memory of a trial after which its worker is replaced, so that memory stays bounded."""
+
+_PROGRAM: Final = "from bt_dualarm.sweeps.worker import serve; serve()"
+_ROOT: Final = str(Path(__file__).parents[2])
+ONE_THREAD: Final = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"
+)
+"""Environment of workers: one BLAS thread each, as there is one worker per core."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """A trial to run, and where not to.
+
+    Attributes:
+        job: The trial.
+        audit_of: Row of the same trial from another worker that this run has to confirm, or None.
+        avoid: Worker that has run the trial before; empty for none.
+    """
+
+    job: Job
+    audit_of: Row | None = None
+    avoid: str = ""
+
+
+@dataclass(frozen=True)
+class Done:
+    """A finished task.
+
+    Attributes:
+        task: The task.
+        row: Row of the trial.
+        worker: Name of the worker that has run it.
+    """
+
+    task: Task
+    row: Row
+    worker: str
+
+
+class Engine(Protocol):
+    """Runs tasks in any order."""
+
+    @property
+    def slots(self) -> int:
+        """Number of tasks that can run at the same time now."""
+
+    def submit(self, task: Task) -> None:
+        """Queue a task; returns at once."""
+
+    def completed(self, timeout: float) -> Sequence[Done]:
+        """Tasks that have finished since the last call; waits for the first for some seconds.
+
+        Raises:
+            DualArmError: The engine cannot go on; the message says why.
+        """
+
+    def close(self) -> None:
+        """End all workers at once; unfinished tasks are lost."""
+
+
+class WorkerDied(DualArmError):  # noqa: N818 - it reads as a sentence
+    """The process of a worker ended before its trial did; the message says how."""
+
+
+class Worker:
+    """A process that runs one trial after the other; a new one after its death.
+
+    Args:
+        name: Name of the worker in rows and messages.
+        timeout: Wall-clock seconds after which a trial counts as hung and its process is killed;
+            None for no limit.
+    """
+
+    def __init__(self, name: str, timeout: float | None = None) -> None:
+        self.name = name
+        self.task: Task | None = None
+        self._timeout = timeout
+        self._attempts = 0
+        self._deadline = float("inf")
+        self._process: subprocess.Popen[bytes] | None = None
+        self._requests: Connection | None = None
+        self._answers: Connection | None = None
+
+    @property
+    def answers(self) -> Connection | None:
+        """Pipe on which the answer arrives; None while there is no process."""
+        return self._answers
+
+    @property
+    def pid(self) -> int | None:
+        """Process id, None while there is no process."""
+        return None if self._process is None else self._process.pid
+
+    def begin(self, task: Task) -> None:
+        """Start a task."""
+        self.task = task
+        self._attempts = 0
+        self._try()
+
+    def take(self) -> Row | None:
+        """The row of the current task if it is there, else None; waits for nothing.
+
+        Restarts the process if it has died, and gives up after `ATTEMPTS` deaths.
+        """
+        task = self.task
+        if task is None or self._answers is None:
+            return None
+        reason = ""
+        try:
+            if self._answers.poll():
+                row: Row = self._answers.recv()
+                self.task = None
+                memory = row.get("memory_mb")
+                if isinstance(memory, float) and memory > MOST_MEMORY_MB:
+                    self.end()
+                return {**row, "attempts": self._attempts}
+            if time.monotonic() > self._deadline:
+                reason = f"gave no result within {self._timeout:g} s"
+        except (EOFError, OSError):
+            reason = self._how_it_ended()
+        if not reason:
+            return None
+        self.end()
+        if self._attempts >= ATTEMPTS:
+            self.task = None
+            sentence = f"each of {ATTEMPTS} worker processes died; the last one {reason}"
+            return lost_row(task.job.trial, sentence, self._attempts)
+        self._try()
+        return None
+
+    def end(self) -> None:
+        """Kill the process, if there is one."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.wait()
+        for pipe in (self._requests, self._answers):
+            if pipe is not None:
+                pipe.close()
+        self._process = self._requests = self._answers = None
+
+    def _try(self) -> None:
+        self._attempts += 1
+        try:
+            if self._process is None or self._process.poll() is not None:
+                self.end()
+                self._start()
+            if self._requests is None or self.task is None:
+                raise AssertionError("a started process has a pipe, and there is a task")
+            self._requests.send(self.task.job)
+        except OSError as error:
+            if self._process is None:
+                raise SweepError(f"no worker process can be started: {error}") from error
+            # The process has just died: `take` sees the end of its pipe.
+        self._deadline = time.monotonic() + (self._timeout or float("inf"))
+
+    def _start(self) -> None:
+        child_in, writing = os.pipe()
+        reading, child_out = os.pipe()
+        paths = [_ROOT, os.environ.get("PYTHONPATH", "")]
+        environment = os.environ | ONE_THREAD | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
+        try:
+            # A process group of its own: Ctrl-C in a terminal is for the sweep alone.
+            self._process = subprocess.Popen(  # noqa: S603 - this interpreter, a fixed program
+                [sys.executable, "-P", "-c", _PROGRAM],
+                stdin=child_in,
+                stdout=child_out,
+                stderr=subprocess.DEVNULL,
+                env=environment,
+                process_group=0,
+            )
+        except OSError:
+            os.close(writing)
+            os.close(reading)
+            raise
+        finally:
+            os.close(child_in)
+            os.close(child_out)
+        self._requests = Connection(writing, readable=False)
+        self._answers = Connection(reading, writable=False)
+
+    def _how_it_ended(self) -> str:
+        if self._process is None:
+            return "ended"
+        try:
+            code = self._process.wait(5.0)
+        except subprocess.TimeoutExpired:
+            return "closed its pipe"
+        return f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
+
+
+class ProcessEngine:
+    """Worker processes of this machine.
+
+    Args:
+        jobs: Number of workers.
+        timeout: Wall-clock seconds after which a trial counts as hung; None for no limit.
+    """
+
+    def __init__(self, jobs: int, timeout: float | None = None) -> None:
+        self._workers = [Worker(f"worker {number + 1}", timeout) for number in range(jobs)]
+        self._queue: deque[Task] = deque()
+
+    @property
+    def slots(self) -> int:
+        """Number of workers."""
+        return len(self._workers)
+
+    @property
+    def pids(self) -> tuple[int, ...]:
+        """Process ids of the workers that have a process."""
+        return tuple(worker.pid for worker in self._workers if worker.pid is not None)
+
+    def submit(self, task: Task) -> None:
+        """Queue a task."""
+        self._queue.append(task)
+        self._deal()
+
+    def completed(self, timeout: float) -> Sequence[Done]:
+        """Finished tasks, as `Engine.completed`."""
+        pipes = [w.answers for w in self._workers if w.task is not None and w.answers is not None]
+        if pipes:
+            wait(pipes, timeout)
+        done = []
+        for worker in self._workers:
+            task = worker.task
+            row = worker.take()
+            if row is not None and task is not None:
+                done.append(Done(task, row, worker.name))
+        self._deal()
+        return done
+
+    def close(self) -> None:
+        """Kill all workers."""
+        self._queue.clear()
+        for worker in self._workers:
+            worker.end()
+
+    def _deal(self) -> None:
+        for worker in self._workers:
+            if worker.task is not None or not self._queue:
+                continue
+            task = next((one for one in self._queue if one.avoid != worker.name), None)
+            if task is None:
+                if len(self._workers) > 1:
+                    continue
+                # The only worker: a new process is another one as far as its state goes.
+                worker.end()
+                task = self._queue[0]
+            self._queue.remove(task)
+            worker.begin(task)
+
+
+@dataclass
+class _Slots:
+    """Workers of one Dask worker process, by thread."""
+
+    by_thread: dict[int, Worker] = field(default_factory=dict)
+
+
+_slots = _Slots()
+
+
+def run_in_child(job: Job, timeout: float | None) -> tuple[Row, str]:
+    """Run a trial in a child process of a Dask worker; returns its row and the worker's address.
+
+    A Dask worker counts its own death against every task that was assigned to it, and its process
+    may be daemonic; a trial therefore never runs in it.
+    """
+    import threading
+
+    distributed: Any = import_module("distributed")  # Any: Dask has few types
+    key = threading.get_ident()
+    worker = _slots.by_thread.setdefault(key, Worker(f"thread {key}", timeout))
+    worker.begin(Task(job))
+    while (row := worker.take()) is None:
+        if worker.answers is not None:
+            worker.answers.poll(0.5)
+    return row, str(distributed.get_worker().address)
+
+
+class DaskEngine:
+    """Workers of a Dask cluster, which must be able to import this package and read the tree.
+
+    Args:
+        address: ``tcp://HOST:PORT`` of a scheduler, or ``local:N`` for N workers of this machine.
+        timeout: Wall-clock seconds after which a trial counts as hung; None for no limit.
+
+    Raises:
+        SweepError: Dask is not installed, or the scheduler does not answer.
+    """
+
+    def __init__(self, address: str, timeout: float | None = None) -> None:
+        try:
+            dask: Any = import_module("dask")  # Any: Dask has few types
+            distributed: Any = import_module("distributed")
+        except ImportError as error:
+            raise SweepError("--dask needs Dask: pip install 'bt_dualarm[cluster]'") from error
+        # A preempted machine is no fault of the trials that were assigned to it.
+        dask.config.set({"distributed.scheduler.allowed-failures": 1000})
+        self._timeout = timeout
+        self._cluster = None
+        name, _, count = address.partition(":")
+        try:
+            if name == "local":
+                if not count.isdecimal() or not 1 <= int(count) <= 1024:
+                    raise SweepError(f"{address!r}: local:N needs a number of workers, N")
+                self._cluster = distributed.LocalCluster(
+                    n_workers=int(count),
+                    threads_per_worker=1,
+                    processes=True,
+                    dashboard_address=None,
+                    silence_logs=50,
+                )
+                self._client = distributed.Client(self._cluster, set_as_default=False)
+            else:
+                self._client = distributed.Client(address, timeout="15s", set_as_default=False)
+        except (OSError, TimeoutError, ValueError) as error:
+            raise SweepError(f"no Dask scheduler answers at {address}: {error}") from error
+        self._running: dict[Any, Task] = {}  # Any: futures, which have no types
+        self._finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
+
+    @property
+    def slots(self) -> int:
+        """Number of threads of all workers of the cluster now."""
+        info = self._client.scheduler_info(n_workers=-1)
+        return max(1, sum(int(one["nthreads"]) for one in info["workers"].values()))
+
+    def submit(self, task: Task) -> None:
+        """Send a task to the scheduler."""
+        others = None
+        if task.avoid:
+            info = self._client.scheduler_info(n_workers=-1)
+            others = [address for address in info["workers"] if address != task.avoid] or None
+        future = self._client.submit(
+            run_in_child,
+            task.job,
+            self._timeout,
+            pure=False,
+            retries=0,
+            workers=others,
+            allow_other_workers=others is not None,
+        )
+        self._running[future] = task
+        future.add_done_callback(self._finished.put)
+
+    def completed(self, timeout: float) -> Sequence[Done]:
+        """Finished tasks, as `Engine.completed`.
+
+        Raises:
+            SweepError: The connection to the scheduler is lost.
+        """
+        finished = []
+        with suppress(queue.Empty):
+            finished.append(self._finished.get(timeout=timeout))
+            while True:
+                finished.append(self._finished.get_nowait())
+        if not finished and self._client.status != "running":
+            raise SweepError(
+                "the connection to the Dask scheduler is lost; finished trials are kept, and the "
+                "same command goes on"
+            )
+        done = []
+        for future in finished:
+            task = self._running.pop(future)
+            if future.status in ("cancelled", "lost"):
+                self.submit(task)
+                continue
+            error = future.exception()
+            if error is not None:
+                row = lost_row(task.job.trial, f"the Dask worker failed: {error}", ATTEMPTS)
+                done.append(Done(task, row, "dask"))
+                continue
+            row, worker = future.result()
+            done.append(Done(task, row, worker))
+        return done
+
+    def close(self) -> None:
+        """Cancel what is left and disconnect."""
+        self._client.cancel(list(self._running))
+        self._running.clear()
+        self._client.close()
+        if self._cluster is not None:
+            self._cluster.close()

@@ -1,0 +1,275 @@
+"""One trial of a sweep: a run, its result as a row, and the record and cause of a failure.
+
+A trial runs without a record, which would take time. If it does not succeed, it runs again with
+one, which gives its cause; as runs are bit-for-bit repeatable, the second run is the same, and if
+it is not, the row says so.
+"""
+
+from __future__ import annotations
+
+import json
+import resource
+import shutil
+import socket
+import tempfile
+import time
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Final, Literal, TypeAlias
+
+from bt_dualarm.core.errors import DualArmError, Overrun
+from bt_dualarm.diagnosis.story import stories
+from bt_dualarm.replay.record import Record
+from bt_dualarm.runtime.file_check import check as check_tree
+from bt_dualarm.runtime.options import RunOptions, checked_reality
+from bt_dualarm.runtime.outcome import Outcome, RunResult
+from bt_dualarm.runtime.report import processor
+from bt_dualarm.runtime.run import Run
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.spec.document import TreeFile
+from bt_dualarm.spec.node_types import escaped
+from bt_dualarm.spec.yaml_reader import Data, TreeInput
+from bt_dualarm.sweeps.manifest import TrialSpec
+
+Cell: TypeAlias = str | float | int | bool | None
+"""Value in a table."""
+
+Row: TypeAlias = Mapping[str, Cell]
+"""Row of the table: values by column."""
+
+Keep: TypeAlias = Literal["failures", "all", "none"]
+"""Which records a sweep keeps."""
+
+RECORDS: Final = "records"
+"""Folder of the records below the output folder, each named by its trial's identity."""
+
+FALSE_SUCCESS: Final = "FALSE_SUCCESS"
+"""Outcome of a trial whose trees report SUCCESS although a goal of the file is not met."""
+
+LONGEST_TEXT: Final = 500
+"""Letters of a sentence in a row."""
+
+COST_COLUMNS: Final = (
+    "cpu_s", "wall_s", "memory_mb", "machine", "processor", "attempts", "audited",
+)  # fmt: skip
+"""Columns that depend on the machine and its load; the others are a function of the trial."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """What a worker needs to run a trial.
+
+    Attributes:
+        tree: The tree.
+        folder: Folder from which relative paths of a text or mapping start.
+        skills: Folders of additional skills.
+        trial: The trial.
+        duration: Simulated seconds at most, or None.
+        watchdog: Wall-clock budget of a tick, s, or None.
+        keep: Which records to keep.
+        records: Folder for the records.
+    """
+
+    tree: TreeInput
+    folder: Path | None
+    skills: tuple[Path, ...]
+    trial: TrialSpec
+    duration: float | None
+    watchdog: float | None
+    keep: Keep
+    records: Path
+
+
+def run_trial(job: Job) -> Row:
+    """Run a trial and return its row; an error of the run becomes part of the row."""
+    began = time.perf_counter()
+    cpu = time.process_time()
+    _forget_peak()
+    trial = job.trial
+    row: dict[str, Cell] = {
+        "trial": trial.index,
+        "identity": trial.identity,
+        **{f"param.{name}": _flat(value) for name, value in trial.params.items()},
+        "seed": trial.seed,
+        "reality": trial.reality or "",
+    }
+    try:
+        record = job.records / trial.identity if job.keep == "all" else None
+        result = _run(job, record)
+        row |= _of_result(result)
+        if record is None and (result.outcome is not Outcome.SUCCESS or not result.goals_met):
+            row |= _cause(job, result)
+        elif record is not None:
+            row |= _diagnosis(record) if result.outcome is not Outcome.SUCCESS else {}
+    except DualArmError as error:
+        # The tree does not fit these parameters, or the world cannot be composed with them.
+        text = str(error).strip().splitlines() or [""]
+        row |= {"outcome": "ERROR", "code": type(error).__name__, "reason": _short(text[0])}
+    except Overrun as overrun:
+        row |= {"outcome": "UNFINISHED", "code": "OVERRUN", "reason": _short(str(overrun))}
+    return row | {
+        "cpu_s": time.process_time() - cpu,
+        "wall_s": time.perf_counter() - began,
+        "memory_mb": _peak_mb(),
+        "machine": socket.gethostname(),
+        "processor": processor()["arithmetic"],
+        "attempts": 1,
+        "audited": False,
+    }
+
+
+def lost_row(trial: TrialSpec, reason: str, attempts: int) -> Row:
+    """Row of a trial whose worker died each time."""
+    return {
+        "trial": trial.index,
+        "identity": trial.identity,
+        **{f"param.{name}": _flat(value) for name, value in trial.params.items()},
+        "seed": trial.seed,
+        "reality": trial.reality or "",
+        "outcome": "CRASHED",
+        "code": "WORKER_DIED",
+        "reason": _short(reason),
+        "attempts": attempts,
+        "machine": socket.gethostname(),
+        "processor": processor()["arithmetic"],
+        "audited": False,
+    }
+
+
+def _flat(value: Data) -> Cell:
+    """A parameter as one cell: numbers and texts as they are, vectors and mappings as text."""
+    if value is None or isinstance(value, str | float | int | bool):
+        return value
+    return json.dumps(value)
+
+
+@lru_cache(maxsize=4)
+def _registry(skills: tuple[Path, ...]) -> Registry:
+    return Registry.load(skills)
+
+
+_files: dict[str, TreeFile] = {}
+"""Checked tree files of this process, by their parameters: each is read once."""
+
+_MOST_FILES: Final = 64
+
+
+def _file(job: Job) -> TreeFile:
+    key = repr((job.tree, job.folder, job.skills, sorted(job.trial.params.items())))
+    if key not in _files:
+        if len(_files) >= _MOST_FILES:
+            _files.pop(next(iter(_files)))
+        kinds = _registry(job.skills).kinds
+        _files[key] = check_tree(job.tree, kinds, job.trial.params, build=False).runnable()
+    return _files[key]
+
+
+def _run(job: Job, record: Path | None) -> RunResult:
+    reality = None if job.trial.reality is None else checked_reality(job.trial.reality)
+    options = RunOptions(
+        seed=job.trial.seed,
+        duration=job.duration,
+        reality=reality,
+        record=record,
+        watchdog=job.watchdog,
+    )
+    if record is not None:
+        shutil.rmtree(record, ignore_errors=True)  # of a worker that died
+    with Run(_file(job), _registry(job.skills), options) as run:
+        result = run.finish()
+        if record is not None:
+            # A second request skips the plots, which would take longer than a short run.
+            run.stop()
+            run.stop()
+    return result
+
+
+def _of_result(result: RunResult) -> dict[str, Cell]:
+    """Columns of a result: outcome, the deciding leaf by a simple rule, metrics."""
+    row: dict[str, Cell] = {
+        "outcome": FALSE_SUCCESS if result.is_false_success else str(result.outcome),
+        "ending": str(result.ending),
+        "sim_time_s": result.sim_time_s,
+        "state_sha256": result.state_sha256,
+        "code": "",
+        "arm": "",
+        "leaf": "",
+        "reason": _short(result.error),
+        "cause": "",
+    }
+    for name, goal in result.goals.items():
+        row[f"goal.{name}"] = goal.met
+        if not goal.met and result.is_false_success and not row["code"]:
+            row |= {"code": "GOAL_NOT_MET", "leaf": name, "reason": _short(goal.reason)}
+    for arm in result.arms.values():
+        row[f"outcome.{arm.name}"] = str(arm.outcome)
+        row[f"leaves.{arm.name}"] = "\n".join(arm.leaves)
+        for path, leaf in arm.leaves.items():
+            for name, value in leaf.metrics.items():
+                cell = float(value) if type(value) in (int, float) else value
+                if isinstance(cell, float | bool | str):
+                    row[f"metric.{arm.name}.{path}.{name}"] = (
+                        _short(cell) if isinstance(cell, str) else cell
+                    )
+    failed = [
+        (run.ended_s or 0.0, arm.name, run)
+        for arm in result.arms.values()
+        if arm.outcome is Outcome.FAILURE
+        for run in arm.runs
+        if run.status == "FAILURE"
+    ]
+    if failed:
+        _, name, last = max(failed, key=lambda one: one[0])
+        row |= {"arm": name, "leaf": last.path, "code": last.code, "reason": _short(last.reason)}
+    return row
+
+
+def _cause(job: Job, first: RunResult) -> dict[str, Cell]:
+    """Repeat a failed trial with a record, and diagnose it."""
+    with tempfile.TemporaryDirectory(prefix="bt_sweep_") as scratch:
+        kept = job.keep == "failures"
+        record = job.records / job.trial.identity if kept else Path(scratch) / "record"
+        again = _run(job, record)
+        if again.state_sha256 != first.state_sha256:
+            hashes = f"{first.state_sha256[:12]} and {again.state_sha256[:12]}"
+            return {"code": "NOT_REPEATABLE", "reason": f"two runs had the hashes {hashes}"}
+        return _diagnosis(record)
+
+
+def _diagnosis(record: Path) -> dict[str, Cell]:
+    """The deciding leaf of a failure and its cause, as ``bt-why`` gives them."""
+    found = stories(Record.read(record))
+    if not found:
+        return {}
+    story = found[0]
+    cause = story.causes[0]
+    return {
+        "arm": story.arm,
+        "leaf": story.leaf,
+        "code": story.code or story.status,
+        "reason": _short(story.reason or cause.sentence),
+        "cause": cause.kind,
+        "cause_sentence": _short(cause.sentence),
+    }
+
+
+def _short(text: str) -> str:
+    line = escaped(" ".join(text.split()), keep="")
+    return line if len(line) <= LONGEST_TEXT else f"{line[: LONGEST_TEXT - 1]}…"
+
+
+def _forget_peak() -> None:
+    """Let the peak of this process's memory begin anew, where Linux allows it."""
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
+
+
+def _peak_mb() -> float:
+    with suppress(OSError, ValueError):
+        for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
+            if line.startswith("VmHWM:"):
+                return int(line.split()[1]) / 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

@@ -1,0 +1,38 @@
+"""Program of a worker process: runs the trials that come in through a pipe.
+
+The process ends when its parent closes the pipe or dies, even in the middle of a trial.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import signal
+import threading
+from contextlib import suppress
+from multiprocessing.connection import Connection
+
+from bt_dualarm.sweeps.trial import Job, run_trial
+
+
+def serve() -> None:
+    """Run one trial after the other, until the pipe is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # for the parent, which then closes the pipe
+    requests = Connection(os.dup(0), writable=False)
+    answers = Connection(os.dup(1), readable=False)
+    os.dup2(2, 1)  # keeps prints of skills and libraries out of the answers
+    jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
+    threading.Thread(target=_read, args=(requests, jobs), daemon=True).start()
+    while (job := jobs.get()) is not None:
+        row = run_trial(job)
+        with suppress(BrokenPipeError):
+            answers.send(dict(row))
+
+
+def _read(requests: Connection, jobs: queue.SimpleQueue[Job | None]) -> None:
+    """Read jobs; end the process once the parent is gone, as nobody wants the result then."""
+    try:
+        while True:
+            jobs.put(requests.recv())
+    except (EOFError, OSError):
+        os.kill(os.getpid(), signal.SIGKILL)

@@ -1,0 +1,298 @@
+"""One motion of several arms that hold one object: a common path parameter for all of them.
+
+The trajectory has the joints of all arms side by side. Each arm follows its columns through a
+`CoupledSource` of its own, as it follows any other trajectory, but time scale, stops and progress
+are those of the common motion: what slows one arm slows all, so that they never pull the object
+apart. The motion begins once every arm follows it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from bt_dualarm.robots.robot import JointLimits
+from bt_dualarm.trajectory.set_points import PathParameter, ScaledPiece, SetPoint, TrajectorySource
+from bt_dualarm.trajectory.trajectory import Rows, SetPoints, Trajectory, joined
+
+_NEXT: float = 0.75
+"""Share of a period after which the motion advances: controllers may be half a period apart."""
+
+_FADE_1_S: float = 60.0
+"""Rate at which the velocity of a correction fades once the motion ends or brakes, 1/s: fast
+corrections cannot stop within one period without breaking the jerk limits."""
+
+_FADED: float = 1e-2
+"""Share of the limits below which what is left of it ends at once."""
+
+Correction = Callable[[float], SetPoint]
+"""Returns what is added to the set-points of all arms at a simulated time in s."""
+
+
+def stacked_limits(limits: Mapping[str, JointLimits]) -> JointLimits:
+    """Limits of several arms' joints side by side, in the order of the mapping."""
+    each = list(limits.values())
+    return JointLimits(
+        *(
+            np.concatenate([getattr(one, name) for one in each])
+            for name in ("lower", "upper", "velocity", "acceleration", "jerk", "effort")
+        )
+    )
+
+
+class CoupledMotion:
+    """A motion that several arms execute as one mechanism.
+
+    Args:
+        trajectory: Motion of all joints, side by side, from rest to rest.
+        parts: Columns of each arm's joints.
+        limits: Limits of all joints, side by side, which changes of the time scale keep.
+        correction: Correction of the set-points, called once per period while the arms follow the
+            motion; None for none. It begins at zero.
+    """
+
+    def __init__(
+        self,
+        trajectory: Trajectory,
+        parts: Mapping[str, slice],
+        limits: JointLimits,
+        correction: Correction | None = None,
+    ) -> None:
+        self.trajectory = trajectory
+        self.common = TrajectorySource(trajectory)
+        self.limits = limits
+        self.is_braking = False
+        self._parts = dict(parts)
+        self.correction = correction
+        self._sources = {arm: CoupledSource(self, arm) for arm in parts}
+        self._following: set[str] = set()
+        self._scales = dict.fromkeys(parts, 1.0)
+        rest = np.zeros_like(trajectory.start)
+        self._sent = SetPoint(trajectory.start.copy(), rest, rest)
+        self._last = SetPoint(trajectory.end.copy(), rest, rest)
+        self._added = SetPoint(rest, rest, rest)
+        self._fading: list[SetPoint] | None = None
+        self._is_cancelled = False
+        self._sent_at = -np.inf
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether all arms follow it."""
+        return len(self._following) == len(self._parts)
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether it has ended, or has braked to rest on its path, with its correction at rest."""
+        has_ended = self.common.done or self.is_braking
+        return has_ended and not (self._sent.v.any() or self._sent.a.any())
+
+    @property
+    def reached(self) -> float:
+        """Share of the motion that was sent, in [0, 1]; 0 before it begins."""
+        return self.common.progress if self.has_begun else 0.0
+
+    def source(self, arm: str) -> CoupledSource:
+        """Set-points of one arm."""
+        return self._sources[arm]
+
+    def part(self, arm: str) -> slice:
+        """Columns of an arm's joints."""
+        return self._parts[arm]
+
+    def next(self, arm: str, time: float) -> SetPoint:
+        """Next set-point of an arm; the first call in a period advances the common motion.
+
+        Args:
+            arm: Name of the arm.
+            time: Simulated time, s.
+        """
+        self._following.add(arm)
+        is_due = time - self._sent_at > _NEXT * self.trajectory.dt
+        if is_due and self.has_begun and not self._is_cancelled:
+            self._sent_at = time
+            sent = self._last if self.common.done else self.common.next(time)
+            if self.common.done:
+                sent = self._last = SetPoint(sent.q, 0.0 * sent.v, 0.0 * sent.a)
+                self._fade()
+            if self._fading is not None:
+                self._added = self._fading.pop(0) if self._fading else self._rested()
+            elif self.correction is not None:
+                self._added = self.correction(time)
+            more = self._added
+            self._sent = SetPoint(sent.q + more.q, sent.v + more.v, sent.a + more.a)
+        part = self._parts[arm]
+        return SetPoint(self._sent.q[part], self._sent.v[part], self._sent.a[part])
+
+    def scale_for(self, arm: str, scale: float) -> float:
+        """Note the time scale that one arm allows; returns the least of all."""
+        self._scales[arm] = scale
+        return 0.0 if self.is_braking else min(self._scales.values())
+
+    def brake(self) -> None:
+        """Bring all arms to rest on the path, as fast as the limits of all joints allow."""
+        if self.is_braking:
+            return
+        self.is_braking = True
+        self._is_cancelled = not self.has_begun
+        self._fade()
+        ahead = None if self._is_cancelled else self.common.to_rest_after(0, 0.0, self.limits)
+        if ahead is not None:
+            self.common.take(ahead)
+
+    def remaining(self, arm: str) -> Trajectory | None:
+        """Set-points of an arm from the last one on while all brake; None if none are known."""
+        part = self._parts[arm]
+        braking = self.common.braking
+        if self._is_cancelled or (self.is_at_rest and braking is None):
+            return Trajectory.rest(self._sent.q[part], self.trajectory.dt)
+        if braking is None:
+            return None
+        added = [self._added, *(self._fading or ())]
+        count = max(len(braking), len(added))
+        added += [self._rested()] * (count - len(added))
+        index = np.minimum(np.arange(count), len(braking) - 1)
+        rows = (
+            along[index][:, part] + np.array([getattr(one, name)[part] for one in added])
+            for along, name in ((braking.q, "q"), (braking.v, "v"), (braking.a, "a"))
+        )
+        return Trajectory(braking.dt, *rows)
+
+    def _fade(self) -> None:
+        """Let the correction come to rest: critically damped from its velocity."""
+        if self._fading is not None:
+            return
+        self._fading = []
+        dt = self.trajectory.dt
+        limits = self.limits
+        q, v, a = self._added
+        step = np.array([[0.0, 1.0], [-(_FADE_1_S**2), -2.0 * _FADE_1_S]]) * dt
+        advance = np.linalg.inv(np.eye(2) - 0.5 * step) @ (np.eye(2) + 0.5 * step)
+        while (np.abs(v) > _FADED * limits.acceleration * dt).any() or (
+            np.abs(a) > _FADED * limits.jerk * dt
+        ).any():
+            new = advance @ np.array((v, a))
+            q = q + 0.5 * dt * (v + new[0])
+            v, a = new
+            self._fading.append(SetPoint(q, v, a))
+
+    def _rested(self) -> SetPoint:
+        """The correction once it has faded."""
+        last = self._fading[-1] if self._fading else self._added
+        return SetPoint(last.q, 0.0 * last.v, 0.0 * last.a)
+
+    def columns(self, piece: ScaledPiece, arm: str) -> ScaledPiece:
+        """Part of a piece of the common motion that belongs to an arm."""
+        part = self._parts[arm]
+        rows = piece.motion
+        own = Trajectory(rows.dt, rows.q[:, part], rows.v[:, part], rows.a[:, part])
+        return _ArmPiece(piece.parameters, own, piece.goal, piece)
+
+
+@dataclass(frozen=True, eq=False)
+class _ArmPiece(ScaledPiece):
+    """Piece of one arm, with that of the common motion."""
+
+    common: ScaledPiece
+
+
+@dataclass(frozen=True, eq=False)
+class _Columns:
+    """Some joints of a motion, see `TrajectoryProtocol`."""
+
+    motion: Trajectory
+    part: slice
+
+    def __len__(self) -> int:
+        return len(self.motion)
+
+    def rows(self, index: Rows) -> SetPoints:
+        """Positions, velocities and accelerations of some set-points, each of shape (n, dof)."""
+        q, v, a = self.motion.rows(index)
+        return q[:, self.part], v[:, self.part], a[:, self.part]
+
+
+def columns_of(motion: Trajectory, part: slice) -> Trajectory:
+    """Motion of some joints of a motion of many."""
+    return joined(motion.dt, (_Columns(motion, part),))
+
+
+class CoupledSource(TrajectorySource):
+    """Set-points of one arm of a coupled motion.
+
+    Arguments named ``limits`` are ignored: the limits of all arms count.
+
+    Args:
+        motion: The coupled motion.
+        arm: Name of the arm.
+    """
+
+    def __init__(self, motion: CoupledMotion, arm: str) -> None:
+        super().__init__(columns_of(motion.trajectory, motion.part(arm)))
+        self._coupled = motion
+        self._arm = arm
+        self._is_done = False
+
+    @property
+    def coupled(self) -> CoupledMotion:
+        """The motion of all arms."""
+        return self._coupled
+
+    @property
+    def done(self) -> bool:
+        """Whether this arm has been sent the last set-point, at the end or after braking."""
+        return self._is_done
+
+    @property
+    def progress(self) -> float:
+        """Share of the motion that was sent, in [0, 1]."""
+        return self._coupled.common.progress
+
+    @property
+    def parameter(self) -> PathParameter:
+        """Path parameter of the last set-point."""
+        return self._coupled.common.parameter
+
+    @property
+    def braking(self) -> Trajectory | None:
+        """Reserved braking trajectory from the last set-point on; None if there is none."""
+        reserved = self._coupled.common.braking
+        return None if reserved is None else columns_of(reserved, self._coupled.part(self._arm))
+
+    def next(self, time: float) -> SetPoint:
+        """Next set-point."""
+        sent = self._coupled.next(self._arm, time)
+        self._is_done = self._coupled.is_at_rest
+        self._note(self.parameter.s)
+        return sent
+
+    def change_scale(self, scale: float, limits: JointLimits) -> bool:  # noqa: ARG002
+        """Change the time scale of all arms to the least that each allows."""
+        least = self._coupled.scale_for(self._arm, scale)
+        self.goal_scale = scale
+        common = self._coupled.common
+        return common.goal_scale == least or common.change_scale(least, self._coupled.limits)
+
+    def to_rest_after(self, count: int, scale: float, limits: JointLimits) -> ScaledPiece | None:  # noqa: ARG002
+        """The next set-points of this arm, then rest on the path with all others."""
+        coupled = self._coupled
+        least = coupled.scale_for(self._arm, scale)
+        ahead = coupled.common.to_rest_after(count, least, coupled.limits)
+        return None if ahead is None else coupled.columns(ahead, self._arm)
+
+    def to_brake_after(self, count: int, limits: JointLimits) -> ScaledPiece | None:  # noqa: ARG002
+        """None: no arm leaves the path without the others."""
+        return None
+
+    def take(self, ahead: ScaledPiece, *, leaves_path: bool = False) -> None:  # noqa: ARG002
+        """Follow a reserved piece with all arms."""
+        if isinstance(ahead, _ArmPiece):
+            self._coupled.common.take(ahead.common)
+            self.goal_scale = ahead.goal
+
+    def halt(self, limits: JointLimits) -> Trajectory | None:  # noqa: ARG002
+        """Bring all arms to rest on the path; returns this arm's part."""
+        coupled = self._coupled
+        coupled.brake()
+        return coupled.remaining(self._arm)

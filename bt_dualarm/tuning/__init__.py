@@ -1,4 +1,0 @@
-"""Interactive tuning of the color that a camera looks for.
-
-Open first: `color`.
-"""

@@ -1,0 +1,279 @@
+"""Hand an object over to another arm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterator
+from functools import partial
+
+import numpy as np
+
+from bt_dualarm import (
+    GRAVITY,
+    Angle,
+    ArmName,
+    CarriedPose,
+    Counterpart,
+    Failure,
+    HandoverPlan,
+    HandoverWish,
+    JointPart,
+    LoadSense,
+    ObjectName,
+    PortModel,
+    Pose,
+    Skill,
+    Speed,
+    handover_label,
+    let_go_of,
+    port,
+    retreat_from,
+    shared_grasp,
+)
+
+_MOTIONS = frozenset({"NO_PLAN", "IN_COLLISION", "TIMED_OUT", "DEADLOCK", "UNREACHABLE"})
+_PATIENCE_S = 15.0  # for the taker to leave the path, before another plan is tried
+_LIGHTER = 0.4  # share of the weight that the giver's pads must have lost
+_LEVEL = 0.4  # horizontal share of a load that is still one by the weight
+_PUSHED_N = 4.0  # change of the load that shows that the taker has met the object
+_FELT_N = 0.6  # weight above which pads tell whether it has become lighter
+_LIGHTER_S = 1.0  # in which that has to be felt, once the taker carries
+
+
+class HandOver(Skill):
+    """Present a held object to another arm, and let go once that arm carries it."""
+
+    class Ports(PortModel):
+        object: ObjectName = port(..., "object to hand over, which this arm holds")
+        to: ArmName = port(..., "arm that takes it, with `take_over`")
+        at: CarriedPose | None = port(
+            None,
+            "pose of the object at the handover; without an orientation any that suits both arms; "
+            "by default the place is chosen by the reach of both arms",
+        )
+        orientation: tuple[Angle, Angle, Angle] | None = port(
+            None,
+            "roll, pitch and yaw of the object at the handover, wherever that is; by default any "
+            "that suits both arms",
+        )
+        retreat: float = port(
+            0.1, "length of the straight retreat from the object", unit="m", ge=0.02, le=0.5
+        )
+        speed: Speed = port(0.5, "fraction of the arm's limits up to the handover")
+        retreat_speed: Speed = port(0.4, "fraction of the arm's limits on the retreat")
+
+    failures = {
+        "NOT_HELD": "the arm does not hold the object, or no longer",
+        "NOT_THERE": "an arm or the object is not in the world",
+        "INVALID_TARGET": "the arm hands over to itself, or the orientation is given twice",
+        "PARTNER_GONE": "the other arm has given up, ended or was removed",
+        "NOT_TAKEN": "the other arm says that it carries the object, but it has become no lighter",
+        "NOT_OPEN": "the fingers did not open",
+    }
+    example = "hand_over: {object: cube, to: arm2}"
+    counterpart = Counterpart("take_over", partner="to", its_partner="from")
+    needs = ("scipy.interpolate", "bt_dualarm.skill.preload_grasping")
+    ports: Ports
+
+    def run(self) -> Iterator[float | None]:
+        """Meet the taker; go where it proposes; let go when it carries; retreat."""
+        arm = self.arm
+        name = self.ports.object
+        taker = self.ports.to
+        if taker == arm.name:
+            raise Failure("INVALID_TARGET", f"{arm.name} cannot hand over to itself")
+        yield from self._refuse_empty()
+        label = handover_label(name, arm.name, taker)
+        with JointPart(self.context, label, (arm.name, taker)) as joint:
+            yield from joint.meet()
+            joint.tell(wish=self._wish())
+            number = 0
+            while True:
+                plan = yield from self._present(joint, taker, number)
+                number = plan.number
+                arrived = self.time
+                with shared_grasp(arm, taker, name):
+                    if not (yield from self._pass_on(joint, taker, number)):
+                        continue  # the taker could not grasp it there
+                    self.metrics["handover_s"] = self.time - arrived
+                    for progress in retreat_from(
+                        arm, name, self.ports.retreat, self.ports.retreat_speed
+                    ):
+                        yield 0.8 + 0.2 * (progress or 0.0)
+                joint.tell(clear=True)
+                return
+
+    def _refuse_empty(self) -> Iterator[None]:
+        """Check that the arm holds the object."""
+        arm = self.arm
+        name = self.ports.object
+        if name not in arm.world.objects:
+            raise Failure("NOT_THERE", f"object {name!r} is not in the world")
+        held = arm.world.attachments.find(arm.name, name)
+        if held is not None and held.by_gripper:
+            yield from arm.gripper.until_decided()
+            held = arm.world.attachments.find(arm.name, name)
+        if held is None:
+            raise Failure("NOT_HELD", f"{arm.name} does not hold {name!r}: `grasp` it first")
+
+    def _wish(self) -> HandoverWish:
+        """What the taker has to know before it chooses a pose and a grasp."""
+        ports = self.ports
+        arm = self.arm
+        at = ports.at
+        turn = None if ports.orientation is None else Pose.from_rpy((0, 0, 0), ports.orientation)
+        quaternion = None if turn is None else turn.quaternion
+        if at is not None and (at.rpy or at.quat or at.look_at):
+            if turn is not None:
+                raise Failure("INVALID_TARGET", "`at` and `orientation` both turn the object")
+            quaternion = at.pose.quaternion
+        mass = next(
+            (
+                load.mass + 2.0 * load.mass_doubt
+                for load in arm.payload
+                if load.object == ports.object and load.mass is not None
+            ),
+            None,
+        )
+        return HandoverWish(None if at is None else np.array(at.xyz), quaternion, mass)
+
+    def _present(
+        self, joint: JointPart, taker: str, number: int
+    ) -> Generator[float | None, None, HandoverPlan]:
+        """Go where the taker proposes, or tell it that this is not possible; return the plan.
+
+        Args:
+            joint: The handover.
+            taker: Name of the taker.
+            number: Number of the last plan, which has failed; 0 before the first.
+        """
+        arm = self.arm
+        while True:
+            yield from self._stand(joint, partial(_is_beyond, joint, taker, number))
+            plan: HandoverPlan = joint.told(taker)["plan"]
+            number = plan.number
+            try:
+                for progress in arm.travel([plan.giver_q], self.ports.speed, patience=_PATIENCE_S):
+                    joint.check()
+                    if _plan(joint, taker) > number:
+                        break
+                    yield None if progress is None else 0.4 * progress
+                else:
+                    joint.tell(arrived=number, arrived_s=self.time)
+                    yield from self._stand(joint, partial(_is_there, joint, taker, number))
+                    if joint.told(taker).get("at") == number:
+                        return plan
+            except Failure as failure:
+                if failure.code not in _MOTIONS:
+                    raise
+                joint.tell(refused=(number, f"{failure.code}: {failure.reason}"))
+            yield from arm.halt()
+
+    def _stand(self, joint: JointPart, fulfilled: Callable[[], bool]) -> Iterator[None]:
+        """Wait for the taker, and monitor the grip meanwhile."""
+        for _ in joint.until(fulfilled):
+            self.arm.check()
+            yield
+
+    def _pass_on(
+        self, joint: JointPart, taker: str, number: int
+    ) -> Generator[float | None, None, bool]:
+        """Hold still until the taker carries the object, then let go.
+
+        Returns:
+            Whether the taker has it; otherwise it proposes another plan.
+        """
+        arm = self.arm
+        name = self.ports.object
+        told = joint.told
+        sense = LoadSense(arm)
+        before = sense.look()
+        while not sense.is_settled:
+            yield 0.5
+            before = sense.look()
+        weight = self._weight(sense, before)
+        joint.tell(ready=number, weight_n=weight)
+        first = before
+        is_pushed = not sense.is_tactile  # joints feel it too late
+        for _ in joint.until(
+            lambda: told(taker).get("grasped") == number or _plan(joint, taker) > number
+        ):
+            arm.check()
+            before = sense.look()
+            if not is_pushed and float(np.linalg.norm(before - first)) > _PUSHED_N:
+                is_pushed = True
+                joint.tell(pushed=number)
+            yield 0.5
+        if told(taker).get("grasped") != number:
+            return False
+        for _ in joint.until(
+            lambda: told(taker).get("carries") == number or _plan(joint, taker) > number
+        ):
+            arm.check()
+            sense.look()
+            yield 0.6
+        if told(taker).get("carries") != number:
+            return False
+        yield from self._has_become_lighter(joint, sense, before, weight)
+        joint.tell(releasing=True)
+        # The taker answers that it keeps the object, and does so even if its leaf ends now.
+        for _ in joint.until(lambda: "keeps" in told(taker)):
+            arm.check()
+            yield 0.7
+        if taker not in arm.world.arms:
+            joint.check()
+        yield from let_go_of(arm, name)
+        joint.tell(released=True)
+        return True
+
+    def _weight(self, sense: LoadSense, load: np.ndarray) -> float | None:
+        """Weight of the object, N: by its mass, if that is known, else by the pads.
+
+        None if neither tells it: a load that is not vertical comes from something else as well,
+        such as the palm.
+        """
+        for one in self.arm.payload:
+            if one.object == self.ports.object and one.mass is not None:
+                return GRAVITY * one.mass
+        level = float(np.linalg.norm(load[:2]))
+        is_plausible = sense.is_tactile and level < _LEVEL * -float(load[2])
+        return -float(load[2]) if is_plausible else None
+
+    def _has_become_lighter(
+        self, joint: JointPart, sense: LoadSense, before: np.ndarray, weight: float | None
+    ) -> Iterator[float]:
+        """Wait until the pads feel that the object has become lighter, if they can."""
+        began = self.time
+        while sense.is_tactile and weight is not None and weight > _FELT_N:
+            left = -float(sense.look()[2])
+            lighter = -float(before[2]) - left
+            self.metrics |= {"weight_n": weight, "lighter_n": lighter}
+            # It may have become lighter before, while the taker closed.
+            if lighter > _LIGHTER * weight or left < (1.0 - _LIGHTER) * weight:
+                return
+            joint.check()
+            self.arm.check()
+            if self.time - began > _LIGHTER_S:
+                raise Failure(
+                    "NOT_TAKEN",
+                    f"{self.ports.to} says that it carries {self.ports.object!r}, but that has "
+                    f"become lighter by {lighter:.1f} N of {weight:.1f} N only",
+                    weight_n=weight,
+                    lighter_n=lighter,
+                )
+            yield 0.7
+
+
+def _is_beyond(joint: JointPart, taker: str, number: int) -> bool:
+    """Whether the taker has proposed another plan."""
+    return _plan(joint, taker) > number
+
+
+def _is_there(joint: JointPart, taker: str, number: int) -> bool:
+    """Whether the taker is at its standoff, or has proposed another plan."""
+    return joint.told(taker).get("at") == number or _plan(joint, taker) > number
+
+
+def _plan(joint: JointPart, taker: str) -> int:
+    """Number of the plan that the taker has proposed last; 0 before the first."""
+    plan = joint.told(taker).get("plan")
+    return 0 if plan is None else int(plan.number)

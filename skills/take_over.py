@@ -1,0 +1,620 @@
+"""Take an object from another arm."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Generator, Iterator
+from typing import Any, ClassVar
+
+import numpy as np
+from pydantic import create_model
+
+from bt_dualarm import (
+    ArmName,
+    Counterpart,
+    Failure,
+    Grip,
+    HandoverPlan,
+    HandoverSearch,
+    JointPart,
+    LoadSense,
+    ObjectName,
+    PortModel,
+    Pose,
+    Skill,
+    Speed,
+    TouchSense,
+    Vector,
+    handover_label,
+    let_go_of,
+    object_in_tool,
+    port,
+    shared_grasp,
+    tool_pose_of,
+)
+
+_MOTIONS = frozenset({"NO_PLAN", "IN_COLLISION", "TIMED_OUT", "DEADLOCK", "UNREACHABLE"})
+_ELSEWHERE = _MOTIONS | {
+    "NOT_GRASPED",
+    "NOT_CARRIED",
+    "PATH_BROKEN",
+    "SINGULAR",
+    "COLLISION",
+}
+_HELD_UP_S = 2.0  # for which the approach waits where the guard has stopped it
+_HOLD_S = 0.12  # for which the pads have to press
+_CLOSING_S = 2.5
+_TRANSFER_S = 0.4  # in which the weight is taken over
+_STEPS = 8
+_CARRIES = 0.5  # share of the weight that the taker's pads must feel
+_FELT_N = 0.6
+_MET_N = 1.5  # load on the pads that shows a contact
+_WIDTH_M = 0.006
+_PRESSED_M = 0.006
+_PRESSED_N = 12.0
+_PUSHES_N = 20.0  # contact force that the joints feel, at which the approach ends
+_EARLY_M = 0.015  # before the goal, where fingers still reach around the object
+_TOUCH_M = 0.004  # from the object, at which a bare tool can be attached to it
+_NEAR_M = 0.001
+_STEP_M = 0.001  # by which the set-point follows a pull
+_MOST_STEPS = 12
+_MOST_LEVEL = 4  # steps after which a horizontal pull is accepted
+_LEVEL_N = 6.0  # horizontal pull that is not followed
+_STIFFNESS = 8000.0  # of a compliant arm, N/m
+_HELD_M = 0.03
+_THERE_RAD = 1e-6
+_TOWARD = 0.2  # cosine beyond which a lift leads toward the giver
+_LIFT_WAIT_S = 0.5
+_TRIES = 3  # motions to the standoff
+
+
+class _Ports(PortModel):
+    object: ObjectName = port(..., "object to take over")
+    standoff: float = port(0.1, "length of the straight approach", unit="m", ge=0.04, le=0.3)
+    lift: float = port(0.03, "height of the lift that tests the grip", unit="m", ge=0, le=0.5)
+    force: float | None = port(
+        None,
+        "force of each pad, or of a cup; by default what the load needs",
+        unit="N",
+        gt=0,
+        le=5000,
+    )
+    most_force: float | None = port(
+        None,
+        "largest force of each pad, or of a cup, that the object withstands",
+        unit="N",
+        gt=0,
+        le=5000,
+    )
+    mass: float | None = port(
+        None, "assumed mass; by default the giver's estimate", unit="kg", gt=0, le=100
+    )
+    shake: float = port(
+        8.0, "acceleration of the tool that the grip has to bear", unit="m/s²", ge=0, le=50
+    )
+    margin: float = port(1.5, "safety factor of the grip", unit="times the load", ge=1, le=10)
+    speed: Speed = port(0.5, "fraction of the arm's limits up to the standoff")
+    approach_speed: Speed = port(0.3, "fraction of the arm's limits on the straight parts")
+
+
+class TakeOver(Skill):
+    """Take an object out of the hand of another arm, without a moment in which nobody holds it."""
+
+    # `from` is a keyword of Python: it cannot be written as an attribute of a class.
+    _giver: ClassVar[dict[str, Any]] = {
+        "from": (ArmName, port(..., "arm that hands it over, with `hand_over`"))
+    }
+    Ports = create_model("Ports", __base__=_Ports, **_giver)
+
+    failures = {
+        "GRIPPER_FULL": "the gripper holds something else, or something is attached to the tool",
+        "NOT_THERE": "an arm or the object is not in the world",
+        "INVALID_TARGET": "the arm takes over from itself, or the object is fixed",
+        "PARTNER_GONE": "the other arm has given up, ended or was removed",
+        "OUT_OF_REACH": "there is no place at which one arm can present it and the other take it",
+        "SLIPPED": "the object slid between the fingers",
+        "DROPPED": "the object was lost",
+    }
+    example = "take_over: {object: cube, from: arm2}"
+    counterpart = Counterpart("hand_over", partner="from", its_partner="to")
+    needs = ("scipy.interpolate", "bt_dualarm.skill.preload_grasping")
+    ports: Any
+
+    def run(self) -> Iterator[float | None]:
+        """Meet the giver; choose place and grasp; close beside its fingers; take the weight."""
+        arm = self.arm
+        name = self.ports.object
+        giver = getattr(self.ports, "from")
+        if giver == arm.name:
+            raise Failure("INVALID_TARGET", f"{arm.name} cannot take over from itself")
+        if name not in arm.world.objects:
+            raise Failure("NOT_THERE", f"object {name!r} is not in the world")
+        if arm.name in arm.world.grippers:
+            yield from arm.gripper.until_decided()
+            arm.gripper.refuse_full()
+            self._open()
+        label = handover_label(name, giver, arm.name)
+        with JointPart(self.context, label, (giver, arm.name)) as joint:
+            yield from joint.meet()
+            yield from joint.until(lambda: "wish" in joint.told(giver))
+            try:
+                yield from self._take(joint, giver)
+            except Failure as failure:
+                if failure.code == "SLIPPED":  # or is it lost?
+                    for _ in self._grip.judge(failure):
+                        yield 0.9
+                raise
+            self.metrics["handover_s"] = self.time - float(joint.told(giver)["arrived_s"])
+
+    def _take(self, joint: JointPart, giver: str) -> Iterator[float | None]:
+        """Choose a place and a grasp, and take the object there; elsewhere if that fails."""
+        arm = self.arm
+        ports = self.ports
+        name = ports.object
+        search = HandoverSearch(
+            arm,
+            giver,
+            name,
+            joint.told(giver)["wish"],
+            standoff=ports.standoff,
+            margin=ports.margin,
+            shake=ports.shake,
+            most_force=ports.most_force or math.inf,
+            mass=ports.mass,
+        )
+        reasons = list[str]()
+        for plan in search.find():
+            joint.check()
+            if plan is None:
+                yield 0.0
+                continue
+            self.metrics |= {"plan": plan.number, "tries": search.tries}
+            joint.tell(plan=plan)
+            reason = yield from self._meet_at(joint, giver, plan)
+            if not reason:
+                with shared_grasp(arm, giver, name):
+                    reason = yield from self._try(joint, giver, plan)
+            if not reason:
+                yield from self._lift(name, giver)
+                return
+            reasons.append(reason)
+            yield from arm.halt()
+        if reasons:
+            raise Failure(
+                "OUT_OF_REACH",
+                f"none of {len(reasons)} handovers was possible; the first: {reasons[0]}",
+                tries=search.tries,
+            )
+        raise search.refusal()
+
+    def _meet_at(
+        self, joint: JointPart, giver: str, plan: HandoverPlan
+    ) -> Generator[float | None, None, str]:
+        """Go to the standoff while the giver presents the object; returns why not, or nothing."""
+        arm = self.arm
+        told = joint.told
+
+        def refused() -> str:
+            refusal = told(giver).get("refused")
+            return "" if refusal is None or refusal[0] != plan.number else f"{giver}: {refusal[1]}"
+
+        def arrived() -> bool:
+            return told(giver).get("arrived") == plan.number or bool(refused())
+
+        try:
+            # At the same time as the giver, but not in its way.
+            yield from self._go(joint, plan, lambda: bool(refused()))
+            move = arm.past_others(self.ports.speed)
+            for _ in joint.until(arrived, makes_way=True):
+                yield from move.make_way()
+                yield 0.3
+            if not refused():
+                yield from self._go(joint, plan, lambda: bool(refused()))
+            if not refused():
+                joint.tell(at=plan.number)
+                for _ in joint.until(
+                    lambda: told(giver).get("ready") == plan.number or bool(refused())
+                ):
+                    yield 0.3
+        except Failure as failure:
+            if failure.code not in _MOTIONS:
+                raise
+            return f"{arm.name}: {failure.code}: {failure.reason}"
+        return refused()
+
+    def _go(
+        self, joint: JointPart, plan: HandoverPlan, is_over: Callable[[], bool]
+    ) -> Iterator[float | None]:
+        """Go to the standoff, until something else is over."""
+        arm = self.arm
+        tries = _TRIES
+        while not is_over() and np.abs(arm.setpoint.q - plan.taker_q).max() > _THERE_RAD:
+            tries -= 1
+            try:
+                for progress in arm.travel([plan.taker_q], self.ports.speed):
+                    joint.check()
+                    if is_over():
+                        yield from arm.halt()
+                        return
+                    yield None if progress is None else 0.3 * progress
+            except Failure as failure:
+                # The giver has come to stand in the path, and waits for this arm: plan around it.
+                if failure.code != "DEADLOCK" or tries <= 0:
+                    raise
+                yield from arm.halt()
+
+    def _try(
+        self, joint: JointPart, giver: str, plan: HandoverPlan
+    ) -> Generator[float | None, None, str]:
+        """Grasp the object, take over the weight, and keep it.
+
+        Returns:
+            Why it could not be grasped here; empty if this arm has the object.
+        """
+        arm = self.arm
+        name = self.ports.object
+        keeps = False
+        out = arm.commanded_tool_pose
+        try:
+            try:
+                lies = tool_pose_of(arm.world, giver) @ object_in_tool(arm.world, giver, name)
+                yield from self._approach(joint, giver, plan.number, lies @ plan.grasp.tool)
+                yield from self._close(joint, plan)
+                lies = tool_pose_of(arm.world, giver) @ object_in_tool(arm.world, giver, name)
+                self._hold(name, lies)
+                felt = yield from self._relax(joint)
+                joint.tell(grasped=plan.number)
+                yield from self._bear(joint, giver, name, felt)
+            except Failure as failure:
+                if failure.code not in _ELSEWHERE or self._keeps(joint, giver, promised=False):
+                    raise
+                yield from self._let_go(name, out)
+                return f"{arm.name}: {failure.code}: {failure.reason}"
+            joint.tell(carries=plan.number)
+            for _ in joint.until(lambda: "releasing" in joint.told(giver)):
+                self._watch()
+                yield 0.7
+            joint.tell(keeps=True)
+            keeps = True
+            yield 0.7
+            for _ in joint.until(lambda: "released" in joint.told(giver)):
+                self._watch()
+                yield 0.75
+            for _ in joint.until(lambda: "clear" in joint.told(giver)):
+                self._watch()
+                yield 0.8
+        except Failure:
+            if not self._keeps(joint, giver, promised=keeps):
+                yield from self._let_go(name, out)
+            raise
+        except GeneratorExit:
+            if not self._keeps(joint, giver, promised=keeps):
+                self._drop_belief(name)
+            raise
+        return ""
+
+    def _keeps(self, joint: JointPart, giver: str, *, promised: bool) -> bool:
+        """Whether this arm has to keep the object, because the giver does not, or is about to open.
+
+        Args:
+            joint: The handover.
+            giver: Name of the giver.
+            promised: Whether the giver was told that this arm keeps it.
+        """
+        held = self.arm.world.attachments
+        name = self.ports.object
+        if held.find(self.arm.name, name) is None:
+            return False
+        if held.find(giver, name) is None or giver not in self.arm.world.arms:
+            return True
+        return promised and not joint.left(giver)  # one that has left did not open any more
+
+    # The steps of taking
+
+    def _open(self) -> None:
+        gripper = self.arm.gripper
+        gripper.command(gripper.page.stroke if gripper.page.fingers else 1.0)
+
+    def _approach(
+        self, joint: JointPart, giver: str, number: int, goal: Pose
+    ) -> Iterator[float | None]:
+        """Move straight to the grasp, compliant, so that a contact presses little.
+
+        Raises:
+            Failure: ``NOT_GRASPED``: something is in the way; ``IN_COLLISION``; as motions.
+        """
+        arm = self.arm
+        name = self.ports.object
+        rows = arm.line_on(goal)
+        arm.refuse_collision_along(rows, frozenset({name}))
+        along = goal.rotation_matrix[:, 2]
+        sense = TouchSense(arm, along, alone=True)
+        motion = arm.begin(
+            arm.time_path(rows, self.ports.approach_speed), may_touch=True, compliant=True
+        )
+        while not motion.done:
+            yield 0.3 + 0.2 * motion.progress
+            arm.check()
+            joint.check()
+            arm.refuse_when_held_up(motion, _HELD_UP_S)
+            # The giver feels at once that it is pushed, by the pads; the joints feel it late.
+            if joint.told(giver).get("pushed") == number or sense.force() > _PUSHES_N:
+                yield from arm.halt(give_way=True)
+                for _ in arm.relax(stays_compliant=True):
+                    yield 0.5
+                break
+            if self._is_bare and arm.world.tool_gap(arm.name, name) < _NEAR_M:
+                break
+        yield from arm.halt()  # the compensation is frozen: contact force does not build up
+        self.metrics["approach_force_n"] = sense.most
+        left = float((goal.position - arm.tool_pose.position) @ along)
+        if left > _EARLY_M:
+            raise Failure(
+                "NOT_GRASPED",
+                f"the hand touched something {1e3 * left:.0f} mm before its goal",
+                left_m=left,
+            )
+        if not (self._has_fingers or self._is_bare):
+            yield from self._press(joint, goal, along)
+
+    @property
+    def _is_bare(self) -> bool:
+        """Whether the tool has no gripper: it is attached to the object by a weld."""
+        return self.arm.name not in self.arm.world.grippers
+
+    @property
+    def _has_fingers(self) -> bool:
+        arm = self.arm
+        return arm.name in arm.world.grippers and bool(arm.gripper.page.fingers)
+
+    def _press(self, joint: JointPart, goal: Pose, along: np.ndarray) -> Iterator[float | None]:
+        """Press a cup on slowly, beyond the estimated face, until contact."""
+        arm = self.arm
+        sense = TouchSense(arm, along)
+        rows = arm.line_on(Pose(goal.position + _PRESSED_M * along, goal.quaternion))
+        motion = arm.begin(arm.time_path(rows, 0.01), may_touch=True, compliant=True)
+        while not motion.done and sense.force() < _PRESSED_N:
+            yield 0.5
+            arm.check()
+            joint.check()
+        yield from arm.halt()
+
+    def _close(self, joint: JointPart, plan: HandoverPlan) -> Iterator[float | None]:
+        """Close gently, give way to the object, then take it with the force that it needs."""
+        arm = self.arm
+        name = self.ports.object
+        if arm.name not in arm.world.grippers:
+            gap = arm.world.tool_gap(arm.name, name)
+            if gap > _TOUCH_M:
+                raise Failure("NOT_GRASPED", f"the tool is {1e3 * gap:.0f} mm from {name!r}")
+            return
+        gripper = arm.gripper
+        page = gripper.page
+        grasp = plan.grasp
+        needed = grasp.force if page.fingers else page.force.most
+        most = self.ports.most_force or math.inf
+        force = min(page.force.clipped(self.ports.force or needed), most)
+        gentle = min(page.force.least, force) if page.fingers else force
+        gripper.command(force=gentle)
+        yield from self._until_holding(joint, yields=bool(page.fingers))
+        if page.fingers:
+            error = abs(gripper.width - grasp.width)
+            if error > _WIDTH_M:
+                raise Failure(
+                    "NOT_GRASPED",
+                    f"the fingers are {1e3 * gripper.width:.1f} mm apart instead of "
+                    f"{1e3 * grasp.width:.1f} mm",
+                    width_m=gripper.width,
+                    expected_m=grasp.width,
+                )
+        gripper.command(force=force)
+        yield from self._until_holding(joint)
+        self.metrics |= {"width_m": gripper.width, "grip_force_n": force}
+        self.metrics["grasp_margin"] = force / max(grasp.force, 1e-9)
+
+    def _until_holding(self, joint: JointPart, *, yields: bool = False) -> Iterator[float | None]:
+        """Wait until the gripper holds; meanwhile follow a finger that has met the object first."""
+        arm = self.arm
+        began = arm.time
+        since: float | None = None
+        sense = LoadSense(arm)
+        relaxing: Iterator[float] = iter(())
+        is_met = False
+        while since is None or arm.time - since < _HOLD_S:
+            if yields and sense.is_tactile:
+                is_met = is_met or float(np.linalg.norm(sense.look())) > _MET_N
+            if yields and is_met and next(relaxing, None) is None:
+                relaxing = arm.relax(stays_compliant=True)
+            yield 0.5
+            arm.check()
+            joint.check()
+            since = None if not arm.gripper.holding else arm.time if since is None else since
+            if since is None and arm.time - began > _CLOSING_S:
+                raise Failure(
+                    "NOT_GRASPED",
+                    "the gripper closed on something else or nothing",
+                    width_m=arm.gripper.width,
+                    force_n=arm.gripper.force,
+                )
+
+    def _relax(self, joint: JointPart) -> Generator[float | None, None, float]:
+        """Give way to the forces between the arms; returns the load on the pads then, N."""
+        sense = LoadSense(self.arm)
+        felt = -float(sense.look()[2])
+        for _ in self.arm.relax(stays_compliant=True):
+            yield 0.55
+            joint.check()
+            felt = -float(sense.look()[2])
+        while not sense.is_settled:
+            yield 0.55
+            felt = -float(sense.look()[2])
+        return felt
+
+    def _hold(self, name: str, lies: Pose) -> None:
+        """Believe that the object is held, as well as by the giver, which bears its weight."""
+        arm = self.arm
+        if arm.name not in arm.world.grippers:
+            arm.attach(name, lies, share=0.0)
+            return
+        most = self.ports.most_force or math.inf
+        arm.gripper.hold(name, arm.gripper.between_the_pads(lies), most, share=0.0)
+        self._grip = Grip(arm, name)
+
+    def _watch(self) -> None:
+        """Check the grip."""
+        self.arm.check()
+        if self.arm.name in self.arm.world.grippers:
+            self._grip.look()
+
+    def _bear(
+        self, joint: JointPart, giver: str, name: str, before: float
+    ) -> Iterator[float | None]:
+        """Take over the weight: in the model, then by lifting until the pads feel it.
+
+        Args:
+            joint: The handover.
+            giver: Name of the giver.
+            name: Name of the object.
+            before: Load on the pads while the giver bears the weight, N. Gain errors of the pads
+                under the grip force are part of it.
+        """
+        arm = self.arm
+        bear = arm.world.attachments.bear
+        for step in range(1, _STEPS + 1):
+            bear(arm.name, name, step / _STEPS)
+            until = arm.time + _TRANSFER_S / _STEPS
+            while arm.time < until:
+                self._watch()
+                joint.check()
+                yield 0.6
+        sense = LoadSense(arm)
+        weight = joint.told(giver).get("weight_n")
+        if not sense.is_tactile or weight is None or weight < _FELT_N:
+            return
+        # The grip force appears as a load, too, by the gain errors of the pads.
+        page = arm.gripper.page
+        gain = 0.0 if page.tactile is None else page.tactile.gain
+        closing = abs(float(arm.tool_pose.rotation_matrix[2, 1]))
+        doubt = 2.0 * gain * arm.gripper.commanded.force * closing
+        steps = 0
+        while True:
+            load = sense.look()
+            while not sense.is_settled:
+                self._watch()
+                joint.check()
+                yield 0.65
+                load = sense.look()
+            felt = -float(load[2])
+            carries = max(felt - doubt, felt - before) >= _CARRIES * weight
+            level = float(np.linalg.norm(load[:2]))
+            if carries and (level < _LEVEL_N or steps >= _MOST_LEVEL):
+                break
+            if steps >= _MOST_STEPS:
+                raise Failure(
+                    "NOT_CARRIED",
+                    f"the pads feel {felt:.1f} N of {weight:.1f} N",
+                    weight_n=weight,
+                    felt_n=felt,
+                )
+            steps += 1
+            # The hand follows a pull, upward until it bears the weight.
+            pull = load + np.array((0.0, 0.0, max(felt, weight)))
+            if not carries:
+                pull[2] += weight + doubt
+            yield from self._follow_pull(joint, pull)
+            sense = LoadSense(arm)
+        self.metrics |= {"weight_n": weight, "felt_n": felt, "steps": steps}
+
+    def _follow_pull(self, joint: JointPart, pull: Vector) -> Iterator[float | None]:
+        """Move the set-point of the compliant arm a little along a force, of shape (3,), N."""
+        arm = self.arm
+        here = arm.commanded_tool_pose
+        step = pull / _STIFFNESS
+        step *= min(1.0, _STEP_M / max(float(np.linalg.norm(step)), 1e-9))
+        rows = arm.line_on(Pose(here.position + step, here.quaternion))
+        motion = arm.begin(arm.time_path(rows, 0.05), may_touch=True, compliant=True)
+        while not motion.done:
+            yield 0.65
+            self._watch()
+            joint.check()
+
+    def _let_go(self, name: str, out: Pose) -> Iterator[float | None]:
+        """Leave the object to the giver and retreat; the leaf fails with another reason."""
+        arm = self.arm
+        try:
+            for _ in arm.halt():
+                yield None
+            if arm.world.attachments.find(arm.name, name) is not None:
+                for _ in let_go_of(arm, name):
+                    yield None
+            elif arm.name in arm.world.grippers:
+                self._open()
+                for _ in arm.gripper.until_open():
+                    yield None
+            rows = arm.line_on(out)
+            motion = arm.begin(arm.time_path(rows, 0.5 * self.ports.approach_speed), may_touch=True)
+            while not motion.done:
+                yield None
+                arm.check()
+                arm.refuse_when_held_up(motion, _HELD_UP_S)
+            yield from arm.settle()
+        except Failure:
+            # The hands may be too near to each other to retreat, if the giver's leaf has ended.
+            arm.release()
+
+    def _drop_belief(self, name: str) -> None:
+        """Open at once, without a tick: the giver keeps the object."""
+        arm = self.arm
+        if not arm.is_present:
+            return
+        if arm.name not in arm.world.grippers:
+            arm.detach(name)
+            return
+        self._open()
+        arm.gripper.let_go(name)
+
+    def _lift(self, name: str, giver: str) -> Iterator[float | None]:
+        """Lift the object a little, or move it away from the giver, and check that it is held."""
+        arm = self.arm
+        for _ in arm.relax(stays_compliant=True):
+            yield 0.9
+        here = arm.commanded_tool_pose
+        up = np.array((0.0, 0.0, 1.0))
+        away = np.zeros(3)
+        if giver in arm.world.arms:
+            away = here.position - tool_pose_of(arm.world, giver).position
+            away /= max(float(np.linalg.norm(away)), 1e-9)
+        # Not toward the giver's hand, which is still near.
+        directions = [up, -here.rotation_matrix[:, 2], up + away, away]
+        for direction in sorted(directions, key=lambda one: float(one @ away) < -_TOWARD):
+            goal = Pose(here.position + self.ports.lift * direction, here.quaternion)
+            try:
+                rows = arm.line_on(goal)
+                arm.refuse_collision_along(rows)
+                motion = arm.time_path(rows, self.ports.approach_speed)
+                for progress in arm.follow(motion, wait_s=_LIFT_WAIT_S):
+                    self._watch()
+                    yield 0.9 + 0.1 * progress
+            except Failure as failure:
+                if failure.code not in _ELSEWHERE:
+                    raise
+                yield from arm.halt()  # no room there
+                continue
+            self.metrics["lifted_m"] = self.ports.lift
+            break
+        began = arm.time
+        while arm.name in arm.world.grippers and not arm.gripper.holding:
+            self._watch()
+            if arm.time - began > 1.0:
+                raise Failure("DROPPED", f"{name!r} is no longer held")
+            yield 1.0
+        held = arm.world.attachments.find(arm.name, name)
+        if held is None or name not in arm.world.objects:
+            raise Failure("DROPPED", f"{name!r} is no longer held")
+        # The true pose, as a referee only.
+        estimate = arm.tool_pose @ arm.robot.tool.inverse @ held.relative
+        error = arm.world.object_pose(name).distance(estimate)
+        self.metrics["held_error_m"] = error
+        if error > _HELD_M:
+            arm.gripper.let_go(name)
+            raise Failure("DROPPED", f"{name!r} is no longer held")

@@ -1,0 +1,181 @@
+"""Right of way among arms that block each other, and cells in which nothing declares it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+import bt_dualarm as bt
+from bt_dualarm.arm.traffic import Traffic
+
+
+class Clock:
+    """A clock that a test turns."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def traffic(clock: Clock) -> Traffic:
+    return Traffic(clock)
+
+
+def test_the_one_that_waits_longer_has_the_right_of_way(traffic: Traffic, clock: Clock) -> None:
+    traffic.block("b", "leaf", {"a"})
+    clock.now = 1.0
+    traffic.block("a", "leaf", {"b"})
+    clock.now = 2.0
+    assert traffic.must_yield("a")
+    assert not traffic.must_yield("b")
+
+
+def test_names_decide_between_arms_that_begin_to_wait_together(
+    traffic: Traffic, clock: Clock
+) -> None:
+    for arm, other in (("b", "a"), ("a", "b")):
+        traffic.block(arm, "leaf", {other})
+    clock.now = 1.0
+    assert [traffic.must_yield(arm) for arm in "ab"] == [False, True]
+
+
+def test_one_that_cannot_move_aside_goes_first(traffic: Traffic, clock: Clock) -> None:
+    traffic.block("a", "leaf", {"b"})
+    clock.now = 1.0
+    traffic.block("b", "leaf", {"a"}, may_yield=False)
+    clock.now = 2.0
+    assert traffic.must_yield("a")
+    assert not traffic.must_yield("b")
+
+
+def test_what_happens_in_a_step_is_seen_in_the_next(traffic: Traffic, clock: Clock) -> None:
+    traffic.block("b", "leaf", {"c"})
+    clock.now = 1.0
+    traffic.block("a", "leaf", {"b"}, may_yield=False)
+    assert not traffic.must_yield("b"), "a's tree may have been ticked before b's, or after"
+    clock.now = 1.1
+    assert traffic.must_yield("b")
+    traffic.arrive("a")
+    assert traffic.must_yield("b")
+    clock.now = 1.2
+    assert not traffic.must_yield("b")
+
+
+def test_an_arm_keeps_its_rank_until_it_arrives(traffic: Traffic, clock: Clock) -> None:
+    """Nobody starves: whoever has moved aside most often has waited longest."""
+    traffic.block("late", "leaf", {"early"})
+    clock.now = 1.0
+    traffic.advance("late")
+    clock.now = 2.0
+    traffic.block("early", "leaf", {"late"})
+    traffic.block("late", "leaf", {"early"})
+    clock.now = 3.0
+    assert traffic.must_yield("early")
+    assert not traffic.must_yield("late")
+    traffic.arrive("late")
+    clock.now = 4.0
+    traffic.block("late", "leaf", {"early"})
+    clock.now = 5.0
+    assert traffic.must_yield("late")
+    assert not traffic.must_yield("early")
+
+
+def test_an_arm_that_does_not_wait_need_not_move(traffic: Traffic, clock: Clock) -> None:
+    traffic.block("a", "leaf", {"b"})
+    clock.now = 1.0
+    assert not traffic.must_yield("b")
+
+
+def _swap(order: tuple[str, ...], seed: int) -> dict[str, Any]:
+    """Three arms around one place, each of which reaches across it, twice."""
+    bases = {
+        "north": ("ur5", [0.72, 0.0, 0.0], 180.0),
+        "west": ("panda", [-0.3, 0.45, 0.0], -60.0),
+        "east": ("xarm7", [-0.28, -0.45, 0.0], 60.0),
+    }
+    places = {
+        "north": [[-0.02, 0.1, 0.4], [0.05, -0.1, 0.45]],
+        "west": [[-0.02, 0.06, 0.4], [-0.1, 0.12, 0.45]],
+        "east": [[0.05, 0.1, 0.45], [-0.1, -0.1, 0.4]],
+    }
+    arms: dict[str, Any] = {}
+    for name in order:
+        robot, xyz, yaw = bases[name]
+        reaches = [
+            {"reach_to_pose": {"to": {"xyz": place, "rpy": [180, 0, 0]}, "speed": 0.8}}
+            for place in places[name]
+        ]
+        base = {"xyz": xyz, "rpy": [0, 0, yaw]}
+        arms[name] = {
+            "robot": robot,
+            "base": base,
+            "tree": {"sequence": [*reaches, {"go_home": {"speed": 0.8}}]},
+        }
+    world = {"scene": "empty", "reality": "lab", "seed": seed, "time_limit": 120}
+    return {"bt_dualarm": 1, "name": "swap", "world": world, "arms": arms}
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_three_arms_that_cross_get_through_in_any_order_of_the_file(seed: int) -> None:
+    names = ("north", "west", "east")
+    results = [bt.run(_swap(order, seed)) for order in (names, names[::-1])]
+    assert [result.outcome for result in results] == ["SUCCESS", "SUCCESS"]
+    one, other = (
+        {name: [leaf.code for leaf in arm.runs] for name, arm in result.arms.items()}
+        for result in results
+    )
+    assert one == other
+    leaves = [leaf for arm in results[0].arms.values() for leaf in arm.runs]
+    busy = [leaf.ended_s - leaf.started_s for leaf in leaves if leaf.ended_s is not None]
+    assert max(busy) > 4.0, "nobody had to wait: these arms do not cross"
+
+
+def _covered(after: list[dict[str, Any]]) -> bt.RunResult:
+    """One arm reaches for the place where another one stays, which does something there."""
+    reach = {"reach_to_pose": {"to": {"xyz": [0.0, 0.0, 0.4], "rpy": [180, 0, 0]}, "speed": 0.8}}
+    arms = {
+        "late": {
+            "robot": "ur5",
+            "base": {"xyz": [0.5, 0.0, 0.0]},
+            "tree": {"sequence": [{"wait": 4}, reach, *([{"meet": "both"}] if after else [])]},
+        },
+        "there": {
+            "robot": "panda",
+            "base": {"xyz": [-0.45, 0.0, 0.0]},
+            "tree": {"sequence": [reach, *after]},
+        },
+    }
+    cell = {"rendezvous": {"both": ["late", "there"]} if after else {}}
+    world = {"scene": "empty", "time_limit": 40}
+    return bt.run({"bt_dualarm": 1, "name": "covered", "world": world, "cell": cell, "arms": arms})
+
+
+def test_an_arm_does_not_wait_for_one_that_waits_for_it() -> None:
+    result = _covered([{"meet": "both"}])
+    [failed, *_] = [run for arm in result.arms.values() for run in arm.runs if run.code]
+    assert failed.code == "DEADLOCK"
+    assert "waits for there to leave its path" in failed.reason
+    assert "waits at 'both' for late" in failed.reason
+    assert result.sim_time_s < 20.0
+
+
+def test_an_arm_does_not_wait_for_one_whose_tree_has_ended() -> None:
+    result = _covered([])
+    [failed] = [run for run in result.arms["late"].runs if run.code]
+    assert failed.code == "IN_COLLISION"
+    assert "there/" in failed.reason
+    assert result.sim_time_s < 20.0
+
+
+def test_an_arm_waits_for_one_that_is_going_to_leave() -> None:
+    result = _covered([{"wait": 6}, {"go_home": {"speed": 0.8}}, {"meet": "both"}])
+    assert result.outcome == "SUCCESS"

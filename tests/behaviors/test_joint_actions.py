@@ -1,0 +1,130 @@
+"""Joint actions: leaves of several arms meet, tell each other what they do, and leave.
+
+Each table is one line per step; in a step all trees are ticked, in any order, before the commit.
+"""
+
+from __future__ import annotations
+
+import pytest
+
+from bt_dualarm.skill.cell import ActiveNode, Appointment, CellState
+from bt_dualarm.spec.cell import CellSpec
+
+LABEL = "the handover of 'cube' from arm1 to arm2"
+MEMBERS = ("arm1", "arm2")
+
+
+class Waiting:
+    """A tree with one running leaf."""
+
+    def active(self) -> list[ActiveNode]:
+        """The leaf."""
+        return [ActiveNode("leaf", False)]
+
+
+class Cell:
+    """A cell with a clock that each step advances."""
+
+    def __init__(self) -> None:
+        self.time = 0.0
+        self.state = CellState(CellSpec(), lambda: self.time)
+
+    def step(self, *arms: str) -> None:
+        """Commits what the trees did."""
+        self.state.commit({name: Waiting() for name in arms or MEMBERS})
+        self.time += 0.02
+
+
+def joined(cell: Cell, arm: str, label: str = LABEL) -> Appointment:
+    """The arm comes to the action."""
+    return cell.state.join(arm, "leaf", label, MEMBERS)
+
+
+@pytest.mark.parametrize("order", [("arm1", "arm2"), ("arm2", "arm1")])
+def test_they_meet_in_the_step_in_which_the_last_one_comes(order: tuple[str, str]) -> None:
+    cell = Cell()
+    first = joined(cell, order[0])
+    cell.step()
+    assert first.action is None
+    assert cell.state.waited_for(first) == (order[1],)
+    assert cell.state.waiting(order[0], "leaf") == f"waits for {order[1]} in {LABEL} since 0.00 s"
+    second = joined(cell, order[1])
+    assert first.action is None  # not before the end of the step
+    cell.step()
+    assert first.action is not None
+    assert first.action is second.action
+    assert cell.state.waits() == ()
+
+
+def test_what_one_tells_is_visible_in_the_next_step() -> None:
+    cell = Cell()
+    parts = {arm: joined(cell, arm) for arm in MEMBERS}
+    cell.step()
+    action = parts["arm1"].action
+    assert action is not None
+    action.tell("arm1", {"arrived": True})
+    assert action.told("arm1") == {}
+    cell.step()
+    assert action.told("arm1") == {"arrived": True}
+
+
+def test_different_actions_do_not_meet() -> None:
+    cell = Cell()
+    one = joined(cell, "arm1")
+    other = joined(cell, "arm2", "the handover of 'cube' from arm2 to arm1")
+    cell.step()
+    assert one.action is other.action is None
+    # Both wait for each other for good: the one that came last fails, in the same step.
+    failed = [part for part in (one, other) if part.failure is not None]
+    assert [part.arm for part in failed] == ["arm2"]
+    assert failed[0].failure is not None
+    assert failed[0].failure.code == "DEADLOCK"
+
+
+def test_one_that_leaves_ends_the_action_for_the_others() -> None:
+    cell = Cell()
+    parts = {arm: joined(cell, arm) for arm in MEMBERS}
+    cell.step()
+    action = parts["arm2"].action
+    assert action is not None
+    cell.state.part(parts["arm1"], "was halted in leaf")
+    assert action.left == {}
+    cell.step()
+    assert action.left == {"arm1": "was halted in leaf"}
+
+
+def test_a_removed_arm_is_said_to_be_removed() -> None:
+    cell = Cell()
+    parts = {arm: joined(cell, arm) for arm in MEMBERS}
+    cell.step()
+    cell.state.part(parts["arm1"], "was halted in leaf")
+    cell.state.arm_gone("arm1", "was removed at 0.02 s")
+    cell.step("arm2")
+    action = parts["arm2"].action
+    assert action is not None
+    assert action.left == {"arm1": "was removed at 0.02 s"}
+
+
+def test_nobody_waits_for_a_tree_that_has_ended() -> None:
+    cell = Cell()
+    part = joined(cell, "arm1")
+    cell.state.arm_gone("arm2", "has ended with FAILURE at 0.00 s")
+    cell.step("arm1")
+    assert part.failure is not None
+    assert part.failure.code == "PARTNER_GONE"
+    assert "arm2 has ended with FAILURE at 0.00 s" in part.failure.reason
+
+
+def test_a_wait_during_the_action_is_shown_and_can_deadlock() -> None:
+    cell = Cell()
+    parts = {arm: joined(cell, arm) for arm in MEMBERS}
+    cell.step()
+    cell.state.await_members(parts["arm1"], ["arm2"])
+    cell.step()
+    assert cell.state.waiting("arm1", "leaf").startswith("waits for arm2 in the handover")
+    cell.state.await_members(parts["arm2"], ["arm1"])
+    cell.step()
+    assert parts["arm2"].failure is not None
+    assert parts["arm2"].failure.code == "DEADLOCK"
+    cell.state.await_members(parts["arm1"], ())
+    assert cell.state.waiting("arm1", "leaf") == ""

@@ -1,0 +1,56 @@
+"""What fits between open fingers ends at the palm, whatever that is made of."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from bt_dualarm.arm.payload import jaw_measures
+from bt_dualarm.sim.world import World
+from tests.plays import Stage
+from tests.sim.worlds import arm, file_of
+from tests.skills.scenarios import Scenario, Tree
+
+
+@pytest.mark.parametrize("gripper", ["panda_hand", "robotiq_2f85"])
+def test_the_palm_is_where_a_ray_between_the_pads_meets_it(gripper: str) -> None:
+    """The face of the Franka Hand was taken to be 7 mm farther back."""
+    world = World(file_of({"arm1": arm("ur5", gripper=gripper)}, {}))
+    mujoco.mj_forward(world.model, world.data)
+    tool = world.arms["arm1"].tool_pose
+    jaw = jaw_measures(world.grippers["arm1"].gripper, 0.8)
+    back = -tool.rotation_matrix[:, 2]
+    palm = {
+        geom
+        for geom in world.arms["arm1"].tool_geom_ids
+        if world.model.body(world.model.geom_bodyid[geom]).name == "arm1/gripper/palm"
+    }
+    met = []
+    for x in np.linspace(-0.5, 0.5, 5) * jaw.pad_width:
+        for y in np.linspace(-0.4, 0.4, 9) * jaw.widest_opening:
+            start = tool.apply(np.array((x, y, 0.0)))
+            geom = np.zeros(1, np.int32)
+            away = mujoco.mj_ray(world.model, world.data, start, back, None, 1, -1, geom, None)
+            if int(geom[0]) in palm:
+                met.append(away)
+    assert jaw.palm == pytest.approx(min(met), abs=5e-4)
+
+
+def test_a_tall_thin_thing_is_taken_below_the_palm(stage: Stage) -> None:
+    """The palm pressed on its top with 49 N, and the fingers slipped in three of four runs."""
+    pen: Tree = {
+        "pen": {
+            "shape": "cylinder",
+            "size": [0.012, 0.14],
+            "mass": 0.05,
+            "color": "blue",
+            "pose": {"xyz": [0.45, -0.15, 0.07]},
+        }
+    }
+    scenario = Scenario(pen, arm={"robot": "panda", "gripper": "panda_hand"}, scene="empty")
+    file = scenario.file({"grasp": {"object": "pen"}})
+    file["world"]["reality"] = "lab"
+    leaf = stage.run(file, seed=0).leaf("grasp")
+    assert leaf.status == "SUCCESS", leaf
+    assert float(leaf.metrics["approach_force_n"]) < 10.0

@@ -1,0 +1,148 @@
+"""Goals and invariants are judged by the true world, and change nothing in the run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import bt_dualarm as bt
+from bt_dualarm.cli import replay, why
+
+TREE: dict[str, Any] = {
+    "bt_dualarm": 1,
+    "name": "goals",
+    "world": {"scene": "empty"},
+    "cell": {
+        "zones": {
+            "bin": {"size": [0.3, 0.3, 0.3], "pose": {"xyz": [0.5, 0.2, 0.3]}},
+            "tube": {"shape": "cylinder", "size": [0.1, 0.2], "around": "tray"},
+        }
+    },
+    "objects": {
+        "cube": {
+            "shape": "box",
+            "size": [0.05, 0.05, 0.05],
+            "mass": 0.1,
+            "pose": {"xyz": [0.5, 0.2, 0.325], "rpy": [0, 0, 90]},
+        },
+        "tray": {
+            "shape": "box",
+            "size": [0.2, 0.2, 0.02],
+            "mass": 1.0,
+            "fixed": True,
+            "pose": {"xyz": [0.5, 0.2, 0.29]},
+        },
+        "rod": {
+            "shape": "cylinder",
+            "size": [0.02, 0.2],
+            "mass": 0.1,
+            "fixed": True,
+            "pose": {"xyz": [-0.5, 0.5, 0.5], "rpy": [0, 30, 0]},
+        },
+        "later": {
+            "shape": "sphere",
+            "size": [0.02],
+            "mass": 0.1,
+            "pose": {"xyz": [1, 1, 1]},
+            "spawned": False,
+        },
+    },
+    "arms": {
+        "arm1": {"robot": "ur5", "tree": {"wait": 0.3}},
+        "arm2": {"robot": "panda", "base": {"xyz": [0, 1.2, 0]}, "tree": {"wait": 0.2}},
+    },
+}
+
+CASES: list[tuple[dict[str, object], str]] = [
+    ({"object": "cube", "at": {"xyz": [0.5, 0.2, 0.325]}}, ""),
+    # A cube is the same after a quarter turn.
+    ({"object": "cube", "at": {"xyz": [0.5, 0.2, 0.325], "rpy": [0, 0, 180]}, "angle": 1}, ""),
+    ({"object": "cube", "at": {"xyz": [0.5, 0.2, 0.325], "rpy": [0, 0, 45]}}, "turned by 45.0"),
+    ({"object": "cube", "at": {"xyz": [0.5, 0.23, 0.325]}}, "30.0 mm from its place"),
+    ({"object": "cube", "at": {"xyz": [0.5, 0.23, 0.325]}, "within": 0.04}, ""),
+    ({"object": "cube", "in_zone": "bin"}, ""),
+    ({"object": "cube", "in_zone": "tube"}, ""),
+    ({"object": "rod", "in_zone": "bin"}, "outside bin"),
+    ({"object": "cube", "on": "tray"}, ""),
+    ({"object": "tray", "on": "cube"}, "does not stand on"),
+    ({"object": "rod", "on": "tray"}, "does not stand on"),
+    ({"object": "rod", "tilt": 31}, ""),
+    ({"object": "rod", "tilt": 29}, "tilted by 30.0"),
+    ({"object": "cube", "height": [0.3, 0.35]}, ""),
+    ({"object": "cube", "height": [0.4, 0.5]}, "height of 0.325 m"),
+    ({"object": "cube", "held": False}, ""),
+    ({"object": "cube", "held": True}, "no arm holds"),
+    ({"object": "cube", "held_by": "arm1"}, "arm1 does not hold"),
+    ({"object": "cube", "speed": 0.01, "lasting": 0.1}, ""),
+    ({"object": "cube", "speed": 0.01, "lasting": 5}, "not for 5 s"),
+    ({"object": "later", "speed": 1}, "not in the world"),
+    ({"tool": "arm1", "speed": 0.05, "force": 1}, ""),
+    ({"tool": "arm1", "height": [5, 6]}, "the tool of arm1 is at a height"),
+    ({"tool": "arm1", "distance_to": "arm2", "apart": 0.2}, ""),
+    ({"tool": "arm1", "distance_to": "cube", "apart": 3}, "from cube, not 3000.0 mm"),
+]
+
+
+@pytest.fixture(scope="module")
+def result() -> bt.RunResult:
+    goals = {f"g{number}": condition for number, (condition, _) in enumerate(CASES)}
+    return bt.run(TREE | {"goal": goals})
+
+
+@pytest.mark.parametrize("number", range(len(CASES)), ids=lambda n: "_".join(CASES[n][0]))
+def test_a_goal_is_judged_by_the_true_world(number: int, result: bt.RunResult) -> None:
+    goal = result.goals[f"g{number}"]
+    reason = CASES[number][1]
+    assert goal.met == (not reason), goal.reason
+    assert reason in goal.reason
+
+
+def test_goals_change_no_bit_of_the_run(result: bt.RunResult) -> None:
+    plain = bt.run(TREE)
+    assert plain.state_sha256 == result.state_sha256
+    assert plain.goals == {}
+    assert not plain.is_false_success
+    assert (result.outcome, result.is_false_success) == ("SUCCESS", True)
+
+
+@pytest.mark.parametrize(
+    ("section", "condition", "said"),
+    [
+        ("always", {"object": "cube", "height": [0.3255, 0.4]}, "always rule is violated at 0."),
+        ("never", {"object": "cube", "on": "tray"}, "never rule is violated at 0."),
+    ],
+)
+def test_a_violated_invariant_ends_the_run(
+    section: str,
+    condition: dict[str, object],
+    said: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    tree = TREE | {section: {"rule": condition, "other": {"tool": "arm1", "speed": 9}}}
+    if section == "never":
+        tree[section] = {"rule": condition}
+    ended = bt.run(tree, record=tmp_path)
+    assert ended.ending == bt.Ending.INVARIANT
+    assert ended.outcome == "UNFINISHED"
+    assert ended.sim_time_s < 0.3
+    assert said in ended.error
+    assert why([str(tmp_path)]) == 0
+    assert f"why: the run ended by an invariant: {said}" in capsys.readouterr().out
+    assert replay([str(tmp_path), "--check"]) == 0
+
+
+def test_bt_why_names_the_goals_that_were_missed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bt.run(TREE | {"goal": {"far": {"object": "rod", "in_zone": "bin"}}}, record=tmp_path)
+    assert why([str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert "every tree succeeded\ngoal far was not met: rod is" in said
+
+
+def test_an_invariant_that_holds_ends_nothing() -> None:
+    kept = bt.run(TREE | {"always": {"calm": {"tool": "arm2", "speed": 0.5, "force": 5}}})
+    assert kept.outcome == "SUCCESS"

@@ -1,0 +1,125 @@
+"""One object in two hands: attachments, loads, distances and what is left when one lets go."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bt_dualarm.collision.checker import CollisionChecker
+from bt_dualarm.collision.distance import ArmDistance
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.safety.guard import CLEAR_M
+from bt_dualarm.sim.world import World
+from tests.sim.worlds import arm, box, file_of
+
+HANDS_M = 0.006
+
+
+@pytest.fixture
+def world() -> World:
+    """Two UR5 whose tools are at the two ends of one bar."""
+    world = World(
+        file_of(
+            {"arm1": arm("ur5"), "arm2": arm("ur5", (1.1, 0.0, 0.4), 180.0)},
+            {"bar": box((0, 0, 0), mass=1.0, spawned=False)},
+        )
+    )
+    tool = world.arms["arm1"].tool_pose
+    world.spawn_object("bar", tool @ Pose.from_rpy((0.0, 0.0, 0.026)))
+    return world
+
+
+def test_both_arms_hold_it_until_one_lets_go(world: World) -> None:
+    for name in ("arm1", "arm2"):
+        world.attach(name, "bar")
+    held = world.attachments
+    assert held.holders("bar") == ("arm1", "arm2")
+    assert len(held) == 2
+    assert held.detach("arm1", "bar")
+    assert held.holders("bar") == ("arm2",)
+    assert not held.detach("arm1", "bar")
+    assert held.attached_to("arm1") == ()
+    before = world.object_pose("bar")
+    world.step()
+    assert world.object_pose("bar").distance(before) < 1e-3
+
+
+def test_each_bears_its_share_and_the_last_one_everything(world: World) -> None:
+    for name in ("arm1", "arm2"):
+        world.hold(name, "bar", world.object_pose("bar"))
+    generation = world.generation
+    world.attachments.bear("arm1", "bar", 0.7)
+    world.attachments.bear("arm2", "bar", 0.3)
+    assert world.generation == generation  # nothing but the loads has changed
+    assert [world.nominal[name].loads[0].borne for name in ("arm1", "arm2")] == [0.7, 0.3]
+    assert not world.nominal["arm1"].loads[0].alone
+    world.attachments.detach("arm1", "bar")
+    assert world.nominal["arm1"].loads == ()
+    (load,) = world.nominal["arm2"].loads
+    assert (load.borne, load.alone) == (1.0, True)
+
+
+def test_the_share_of_a_removed_arm_falls_to_the_other(world: World) -> None:
+    for name in ("arm1", "arm2"):
+        world.hold(name, "bar", world.object_pose("bar"))
+        world.attachments.bear(name, "bar", 0.5)
+    world.remove_arm("arm1")
+    assert world.nominal["arm2"].loads[0].borne == 1.0
+    assert world.attachments.holders("bar") == ("arm2",)
+
+
+def test_consent_counts_only_while_both_have_given_it(world: World) -> None:
+    held = world.attachments
+    held.consent("arm1", "arm2", "bar", HANDS_M)
+    assert held.shared_grasps("arm1") == held.shared_grasps("arm2") == ()
+    held.consent("arm2", "arm1", "bar", 0.01)
+    (one,) = held.shared_grasps("arm1")
+    assert (one.partner, one.object, one.hands_m) == ("arm2", "bar", 0.01)  # the larger distance
+    held.dissent("arm1", "arm2", "bar")
+    assert held.shared_grasps("arm2") == ()
+    held.consent("arm1", "arm2", "bar", HANDS_M)
+    world.remove_arm("arm1")
+    assert held.shared_grasps("arm2") == ()
+
+
+def bring_near(world: World) -> None:
+    """Moves arm2's tool to where it points at arm1's from the side, from about 2 cm away."""
+    beside = world.arms["arm1"].tool_pose.position + np.array((0.05, 0.0, -0.03))
+    target = Pose.from_rpy(tuple(beside), (0.0, -np.pi / 2, 0.0))
+    solver = Kinematics(world.robots["arm2"], world.arms["arm2"].base, 0)
+    q = solver.solve(target, world.hardware["arm2"].q)
+    world.data.qpos[world.arms["arm2"].qpos_ids] = q
+    world._refresh()
+
+
+def test_hands_may_come_near_each_other_at_a_shared_object_only(world: World) -> None:
+    world.remove_object("bar")
+    bring_near(world)
+    world.spawn_object("bar", world.arms["arm1"].tool_pose @ Pose.from_rpy((0.0, 0.3, 0.0)))
+    here = {name: world.hardware[name].q for name in world.arms}
+    before = ArmDistance(world, "arm1").gap(here).meters
+    assert HANDS_M < before < CLEAR_M
+    assert CollisionChecker(world, "arm1", CLEAR_M).contact(here["arm1"]) is not None
+    held = world.attachments
+    held.consent("arm1", "arm2", "bar", HANDS_M)
+    held.consent("arm2", "arm1", "bar", HANDS_M)
+    for name in world.arms:
+        # What the guard compares with its 30 mm is 24 mm more between the hands, as they keep 6 mm.
+        gap = ArmDistance(world, name).gap(here).meters
+        assert before < gap <= before + CLEAR_M - HANDS_M + 1e-9
+        assert CollisionChecker(world, name, CLEAR_M).contact(here[name]) is None
+    held.dissent("arm2", "arm1", "bar")
+    assert ArmDistance(world, "arm1").gap(here).meters == pytest.approx(before)
+
+
+def test_an_object_in_both_hands_is_no_obstacle_between_them(world: World) -> None:
+    bring_near(world)
+    here = {name: world.hardware[name].q for name in world.arms}
+    for name in ("arm1", "arm2"):
+        world.hold(name, "bar", world.object_pose("bar"))
+    for name in ("arm1", "arm2"):
+        gap = ArmDistance(world, name).gap(here)
+        assert "bar" not in (gap.first, gap.second)
+        contact = CollisionChecker(world, name).contact(here[name])
+        assert contact is None or "bar" not in (contact.first, contact.second)

@@ -1,0 +1,113 @@
+"""Carrying together: faults of a partner, obstacles, the order of the arms, goals."""
+
+from __future__ import annotations
+
+import copy
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bt_dualarm as bt
+from bt_dualarm.behaviors.report import LeafReport
+from bt_dualarm.sim.grippers import GripperCommand
+from bt_dualarm.testing import after
+from tests.skills.scenarios import PARTNER, SCENARIOS, Tree
+
+AIR = {"xyz": [0.0, -0.45, 0.75], "rpy": [0, 0, 0]}
+TOGETHER: Tree = {"object": "beam", "with": ["arm2"], "to": AIR, "set_down": False}
+
+AT_S = 8.5
+"""When a fault comes, s: both arms carry the beam then."""
+
+
+def file_of(ports: Tree, partner: Tree | None = None, **objects: Tree) -> dict[str, Any]:
+    """Tree file in which two arms carry a beam."""
+    scenario = SCENARIOS["carry_together"]
+    file: dict[str, Any] = {
+        "bt_dualarm": 1,
+        "name": "carry",
+        **scenario.file({"carry_together": ports}),
+    }
+    file["objects"] |= objects
+    if partner is not None:
+        file["arms"]["arm2"] = PARTNER | {"tree": partner}
+    return copy.deepcopy(file)
+
+
+def leaf(result: bt.RunResult, arm: str = "arm1") -> LeafReport:
+    """The first run of the skill."""
+    return next(run for run in result.arms[arm].runs if run.skill == "carry_together")
+
+
+def follows(**ports: Any) -> Tree:
+    """Leaf of the partner."""
+    return {"carry_together": {"object": "beam", "with": ["arm1"], "set_down": False, **ports}}
+
+
+@pytest.mark.parametrize("fault", ["halt", "removal", "loss"])
+def test_when_one_arm_fails_the_other_stops_with_it_and_says_why(fault: str) -> None:
+    partner: Tree = follows()
+    if fault == "halt":
+        partner = {"sequence": [after(AT_S, partner), {"wait": {"seconds": 10}}]}
+    file = file_of(TOGETHER | {"speed": 0.2}, partner)
+    if fault == "removal":
+        file["arms"]["arm2"]["removable"] = True
+    with bt.open(file) as run:
+        run.step(AT_S)
+        assert set(run.world.attachments.holders("beam")) == {"arm1", "arm2"}
+        height = float(run.world.object_pose("beam").position[2])
+        assert height > 0.54
+        if fault == "removal":
+            run.world.remove_arm("arm2")
+        if fault == "loss":
+            gripper = run.world.grippers["arm2"]
+            gripper.command(GripperCommand(0.08, 0.1, 20.0))
+        while run.trees["arm1"].status == "RUNNING" and run.time < AT_S + 5.0:
+            run.step(0.1)
+        if fault == "halt":
+            run.step(0.5)
+            tools = [run.arms[arm].tool_pose for arm in ("arm1", "arm2")]
+            run.step(0.5)
+            later = [run.arms[arm].tool_pose for arm in ("arm1", "arm2")]
+            assert all(one.distance(other) < 5e-4 for one, other in zip(tools, later, strict=True))
+            assert float(run.world.object_pose("beam").position[2]) > height - 0.02
+            assert set(run.world.attachments.holders("beam")) == {"arm1", "arm2"}
+        result = run.finish()
+    found = leaf(result)
+    assert found.status == "FAILURE"
+    if fault == "loss":  # the beam tips in the fingers of the arm that still holds it, or moves it
+        assert found.code in ("SLIPPED", "TRACKING_ERROR", "PARTNER_GONE"), found.reason
+        return
+    assert found.code == "PARTNER_GONE", (found.code, found.reason)
+    assert "arm2" in found.reason
+
+
+def test_an_obstacle_is_gone_around() -> None:
+    ceiling = {"shape": "box", "size": [0.3, 0.12, 0.04], "mass": 5, "fixed": True}
+    ceiling["pose"] = {"xyz": [0, -0.45, 0.74]}
+    to = {"xyz": [0.0, -0.45, 0.85], "rpy": [0, 0, 0]}
+    result = bt.run(file_of(TOGETHER | {"to": to}, follows(), ceiling=ceiling))
+    assert result.outcome == "SUCCESS", leaf(result).reason
+    assert leaf(result).metrics["placed_error_m"] < 2e-3
+    assert "touched" not in leaf(result).metrics
+
+
+def test_the_order_of_the_arms_does_not_matter() -> None:
+    results = []
+    for names in (("arm1", "arm2"), ("arm2", "arm1")):
+        file = file_of(TOGETHER, follows())
+        file["arms"] = {name: file["arms"][name] for name in names}
+        results.append(leaf(bt.run(file)))
+    assert results[0].ended_s == pytest.approx(results[1].ended_s, abs=0.05)
+    assert results[0].metrics["placed_error_m"] == pytest.approx(
+        results[1].metrics["placed_error_m"], abs=1e-5
+    )
+
+
+@pytest.mark.parametrize("leader", ["arm1", "arm2"])
+def test_different_goals_are_refused_and_either_arm_may_lead(leader: str) -> None:
+    other = {"xyz": [0.1, -0.45, 0.75]}
+    result = bt.run(file_of(TOGETHER, follows(to=other)))
+    assert leaf(result, leader).code == "INVALID_TARGET"
+    assert np.isfinite(leaf(result, leader).ended_s or 0.0)

@@ -1,0 +1,156 @@
+"""Handovers: between all kinds of hands, by sensors alone, whatever happens to one of the arms."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from itertools import product
+from typing import Any
+
+import pytest
+
+from bt_dualarm.sim.world import World
+from tests.families import some
+from tests.plays import Play, Stage
+from tests.skills.scenarios import GIVER, GRASP, ON_SHELF, PICK, TAKER, TAKES, Tree
+
+GIVE: Tree = {"hand_over": {"object": "cube", "to": "arm2"}}
+NAMES = ("arm1", "arm2")
+HANDED_S = (4.9, 7.0, 9.0, 9.7, 9.97, 10.1, 11.0)
+"""Moments of the handover of the scenario: on the way, approach, closing, both hold, promised,
+opening, retreat."""
+
+
+def file_with(giver: Tree, taker: Tree, **arms: Any) -> Tree:
+    """Two arms and the bar."""
+    world = {"scene": "empty", "time_limit": 40.0, "reality": arms.pop("reality", "ideal")}
+    objects = copy.deepcopy(ON_SHELF) | arms.pop("objects", {})
+    one = GIVER | {"tree": giver} | arms.pop("arm1", {})
+    two = TAKER | {"tree": taker} | arms.pop("arm2", {})
+    return {
+        "name": "handed",
+        "world": world,
+        "objects": objects,
+        "arms": {"arm1": one, "arm2": two},
+    }
+
+
+def watched(stage: Stage, file: Tree, *watchers: Callable[[World], None], **more: Any) -> Play:
+    """Play a file to its end, and look at the world after each step."""
+    play = stage.play(file, **more)
+    play.watchers += watchers
+    play.run()
+    return play
+
+
+class Watch:
+    """True contacts: how long no hand touches the bar, and whether the arms touch each other."""
+
+    def __init__(self) -> None:
+        self.unheld_s = 0.0
+        self.fell_m = 0.0
+        self._since: tuple[float, float] | None = None
+        self._was_held = False
+
+    def __call__(self, world: World) -> None:
+        if "cube" not in world.objects:
+            return
+        held = any(
+            world.attachments.find(arm, "cube") is not None and world.touches(arm, "cube")
+            for arm in world.arms
+        )
+        self._was_held = self._was_held or (held and world.object_pose("cube").position[2] > 0.24)
+        if held or not self._was_held:
+            self._since = None
+            return
+        height = float(world.object_pose("cube").position[2])
+        self._since = self._since or (world.time, height)
+        self.unheld_s = max(self.unheld_s, world.time - self._since[0])
+        self.fell_m = max(self.fell_m, self._since[1] - height)
+
+
+@pytest.mark.parametrize(
+    ("giving", "taking"),
+    [
+        ("robotiq_2f85", "suction_cup"),
+        ("suction_cup", "panda_hand"),
+        (None, "panda_hand"),
+        ("robotiq_2f85", None),
+    ],
+)
+def test_every_kind_of_hand_gives_and_takes(
+    giving: str | None, taking: str | None, stage: Stage
+) -> None:
+    take = PICK if giving is None else GRASP
+    size = {"size": [0.16, 0.06, 0.05], "pose": {"xyz": [0.35, -0.4, 0.225]}}
+    wide = {"cube": ON_SHELF["cube"] | size}
+    one: Tree = {"gripper": giving} if giving else {}
+    two: Tree = {"gripper": taking} if taking else {}
+    file = file_with({"sequence": [take, GIVE]}, TAKES, objects=wide)
+    for name, hand in (("arm1", one), ("arm2", two)):
+        file["arms"][name].pop("gripper")
+        file["arms"][name] |= hand
+    play = stage.run(file)
+    assert [play.arm(name).outcome for name in ("arm1", "arm2")] == ["SUCCESS", "SUCCESS"]
+    assert play.world.attachments.holders("cube") == ("arm2",)
+
+
+@pytest.mark.parametrize("reality", ["lab", "rough"])
+def test_the_bar_is_never_unheld(reality: str, stage: Stage) -> None:
+    file = file_with({"sequence": [GRASP, GIVE]}, TAKES, reality=reality)
+    watch = Watch()
+    play = watched(stage, file, watch)
+    assert play.leaf("take_over", "arm2").status == "SUCCESS", play.leaf("take_over", "arm2").reason
+    assert watch.unheld_s == 0.0
+    (held,) = play.world.attachments
+    assert (held.arm, held.share) == ("arm2", 1.0)
+    assert play.world.attachments.shared_grasps("arm2") == ()
+
+
+def test_the_orientation_is_as_wanted(stage: Stage) -> None:
+    given = {"hand_over": {"object": "cube", "to": "arm2", "orientation": [0, 0, 90]}}
+    taken: dict[str, float] = {}
+
+    def look(world: World) -> None:
+        if world.attachments.holders("cube") == ("arm1", "arm2") and not taken:
+            taken["along_y"] = abs(float(world.object_pose("cube").rotation_matrix[1, 0]))
+
+    play = watched(stage, file_with({"sequence": [GRASP, given]}, TAKES), look)
+    assert play.arm("arm2").outcome == "SUCCESS"
+    assert taken["along_y"] > 0.999
+
+
+@pytest.mark.parametrize(("who", "at"), some(product(("arm1", "arm2"), HANDED_S), 4))
+def test_the_bar_stays_held_when_one_is_halted(who: str, at: float, stage: Stage) -> None:
+    file = file_with({"sequence": [GRASP, GIVE]}, TAKES)
+    arm = file["arms"][who]
+    arm["tree"] = {"timeout": {"seconds": at, "child": arm["tree"]}}
+    watch = Watch()
+    play = watched(stage, file, watch)
+    other, skill = ("arm2", "take_over") if who == "arm1" else ("arm1", "hand_over")
+    leaf = play.leaf(skill, other)
+    assert leaf.status == "SUCCESS" or (leaf.code == "PARTNER_GONE" and who in leaf.reason)
+    assert watch.fell_m < 0.002
+    assert len(play.world.attachments) == 1
+    assert play.world.attachments.shared_grasps("arm1") == ()
+
+
+@pytest.mark.parametrize(("who", "at"), some(product(("arm1", "arm2"), (9.0, 9.7, 10.1)), 2))
+def test_a_removed_arm_is_named(who: str, at: float, stage: Stage) -> None:
+    file = file_with({"sequence": [GRASP, GIVE]}, TAKES)
+    play = stage.run(file, deeds=((at, lambda world: world.remove_arm(who)),))
+    other, skill = ("arm2", "take_over") if who == "arm1" else ("arm1", "hand_over")
+    leaf = play.leaf(skill, other)
+    assert leaf.code == "PARTNER_GONE"
+    assert f"{who} was removed" in leaf.reason or f"{who} has ended" in leaf.reason
+    assert all(one.arm == other and one.share == 1.0 for one in play.world.attachments)
+
+
+def test_the_order_of_the_arms_does_not_matter(stage: Stage) -> None:
+    file = file_with({"sequence": [GRASP, GIVE]}, TAKES)
+    reverse = {**file, "arms": dict(reversed(file["arms"].items()))}
+    ends = [
+        [(leaf.skill, leaf.code, leaf.ended_s) for arm in NAMES for leaf in play.arm(arm).runs]
+        for play in (stage.run(file), stage.run(reverse))
+    ]
+    assert ends[0] == ends[1]

@@ -1,0 +1,70 @@
+"""Intervals and tests agree with SciPy's, and verdicts with what was planted."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from bt_dualarm.core.pose import Vector
+from bt_dualarm.sweeps.statistics import PairedRates, SuccessRate, paired_metric, verdict_of
+
+
+@pytest.mark.parametrize(("k", "n"), [(0, 1), (1, 1), (0, 10), (10, 10), (97, 100), (3, 7)])
+def test_the_interval_is_wilsons(k: int, n: int) -> None:
+    theirs = stats.binomtest(k, n).proportion_ci(method="wilson")
+    assert SuccessRate(k, n).interval == pytest.approx((theirs.low, theirs.high), abs=1e-12)
+
+
+def test_without_trials_nothing_is_known() -> None:
+    assert SuccessRate(0, 0).interval == (0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("counts", "verdict"),
+    [
+        ((50, 0, 0, 0), "undecided"),
+        ((40, 1, 9, 0), "better"),
+        ((40, 9, 1, 0), "worse"),
+        ((40, 4, 6, 0), "undecided"),
+        ((0, 0, 5, 5), "undecided"),  # five of five: p = 1/16
+        ((0, 0, 6, 4), "better"),  # six of six: p = 1/32
+    ],
+)
+def test_success_is_judged_by_the_pairs_that_differ(
+    counts: tuple[int, int, int, int], verdict: str
+) -> None:
+    assert verdict_of(PairedRates(*counts)) == verdict
+
+
+def test_the_number_of_runs_that_decides_grows_as_the_difference_shrinks() -> None:
+    clear = PairedRates(80, 2, 12, 6).runs_needed()
+    faint = PairedRates(80, 6, 8, 6).runs_needed()
+    assert clear is not None
+    assert faint is not None
+    assert clear < 120 < 1000 < faint
+    assert PairedRates(80, 5, 5, 10).runs_needed() is None
+
+
+def test_a_planted_difference_of_a_metric_is_found() -> None:
+    rng = np.random.default_rng(1)
+    a = rng.normal(1.0, 0.3, 60)
+    found = paired_metric("m", a, a + rng.normal(0.05, 0.05, 60))
+    assert found.differs
+    assert 0.03 < found.interval[0] < found.difference < found.interval[1] < 0.07
+
+
+def test_equal_versions_are_rarely_told_apart() -> None:
+    """5 % of false differences are expected at 95 % confidence; 40 draws have 6 at most."""
+    rng = np.random.default_rng(2)
+    wrong = 0
+    for _ in range(40):
+        a = rng.normal(1.0, 0.3, 40)
+        wrong += paired_metric("m", a, a + rng.normal(0.0, 0.1, 40)).differs
+    assert wrong <= 6
+
+
+def test_constant_differences_need_no_resampling() -> None:
+    a: Vector = np.arange(5, dtype=np.float64)
+    assert not paired_metric("m", a, a).differs
+    assert paired_metric("m", a, a + 1.0).differs

@@ -1,0 +1,97 @@
+"""Rows are complete at any time, whatever their columns, and equal whatever their order."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bt_dualarm.sweeps.manifest import Manifest, SweepError, checked
+from bt_dualarm.sweeps.table import (
+    RowStore,
+    concat,
+    digest,
+    identities_in,
+    ordered,
+    read_rows,
+    table_of,
+)
+from bt_dualarm.sweeps.trial import Row
+from tests.sweeps.made_up import TREE, row_of
+
+
+@pytest.fixture(scope="module")
+def rows() -> list[Row]:
+    trials = checked(Manifest(TREE, seeds=tuple(range(12)))).trials()
+    return [row_of(trial, works=trial.seed % 3 > 0, error_m=0.1 * trial.seed) for trial in trials]
+
+
+def test_the_order_and_the_files_do_not_matter(rows: list[Row], tmp_path: Path) -> None:
+    hashes = set()
+    for seed in range(4):
+        shuffled = [rows[i] for i in np.random.default_rng(seed).permutation(len(rows))]
+        folder = tmp_path / str(seed)
+        store = RowStore(folder)
+        for first in range(0, len(rows), seed + 1):
+            store.add(shuffled[first : first + seed + 1])
+        if seed == 2:
+            store.merge()
+        table = read_rows([folder])
+        assert table is not None
+        hashes.add(digest(ordered(table)))
+    assert len(hashes) == 1
+
+
+def test_costs_are_no_part_of_the_hash_and_results_are(rows: list[Row]) -> None:
+    base = digest(ordered(table_of(rows)))
+    dearer = [{**row, "cpu_s": 9.0, "machine": "there", "attempts": 2} for row in rows]
+    assert digest(ordered(table_of(dearer))) == base
+    other = [*rows[:-1], {**rows[-1], "metric.arm1.circle.error_m": 0.5}]
+    assert digest(ordered(table_of(other))) != base
+
+
+def test_equal_trials_of_two_folders_count_once(rows: list[Row], tmp_path: Path) -> None:
+    RowStore(tmp_path / "a").add(rows[:8])
+    RowStore(tmp_path / "b").add(rows[4:])
+    table = read_rows([tmp_path / "a", tmp_path / "b"])
+    assert table is not None
+    assert sorted(table["trial"].to_pylist()) == list(range(12))
+
+
+def test_columns_may_differ_and_change_their_type() -> None:
+    tables = [
+        table_of([{"a": 1, "b": "x"}, {"a": 2.5}]),
+        table_of([{"a": 3, "c": True}]),
+        table_of([{"b": 7}]),
+    ]
+    assert concat(tables).to_pylist() == [
+        {"a": 1.0, "b": "x", "c": None},
+        {"a": 2.5, "b": None, "c": None},
+        {"a": 3.0, "b": None, "c": True},
+        {"a": None, "b": "7", "c": None},
+    ]
+
+
+def test_many_files_become_one(rows: list[Row], tmp_path: Path) -> None:
+    store = RowStore(tmp_path)
+    for row in rows:
+        store.add([row])
+    store.merge()
+    assert len([*(tmp_path / "rows").iterdir()]) == 1
+    assert len(identities_in(tmp_path)) == len(rows)
+
+
+def test_a_folder_that_is_no_sweep_is_said(tmp_path: Path) -> None:
+    with pytest.raises(SweepError, match="not the output of a sweep"):
+        read_rows([tmp_path])
+    (tmp_path / "rows").mkdir()
+    (tmp_path / "rows" / "x.parquet").write_bytes(b"no parquet")
+    with pytest.raises(SweepError, match="cannot be read"):
+        read_rows([tmp_path])
+
+
+def test_a_folder_that_cannot_be_written_is_said(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(SweepError, match="cannot write to"):
+        RowStore(tmp_path / "file")

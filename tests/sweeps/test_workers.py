@@ -1,0 +1,151 @@
+"""Trials in worker processes that die, hang, print, and exit."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+
+import pytest
+
+import bt_dualarm as bt
+from bt_dualarm.cli import compare, sweep
+from bt_dualarm.sweeps.manifest import Manifest, SweepError, checked
+from bt_dualarm.sweeps.trial import Job, run_trial
+
+SKILL = '''
+import os, signal, sys
+from pathlib import Path
+from bt_dualarm import PortModel, Skill, Ticks, port
+
+class Die(Skill):
+    """Kill the process that ticks it, a number of times."""
+
+    class Ports(PortModel):
+        times: int = port(..., "how often", ge=0)
+        folder: str = port(..., "where the deaths are counted")
+
+    example = "die: {times: 0, folder: /tmp}"
+    ports: Ports
+
+    def run(self) -> Ticks:
+        print("noise on standard output")
+        deaths = Path(self.ports.folder) / f"deaths_{self.ports.times}"
+        before = len(deaths.read_text()) if deaths.exists() else 0
+        if before < self.ports.times:
+            deaths.write_text("x" * (before + 1))
+            os.kill(os.getpid(), signal.SIGKILL)
+        yield
+'''
+
+TREE = """
+bt_dualarm: 1
+name: dying
+params: {times: {type: integer, default: 0}, folder: {type: text}}
+world: {scene: empty}
+arms:
+  arm1: {robot: ur5, tree: {sequence: [{die: {times: "{times}", folder: "{folder}"}}, {wait: 0.1}]}}
+"""
+
+
+@pytest.mark.slow
+def test_a_death_costs_one_try_and_three_become_a_row(tmp_path: Path) -> None:
+    skills = tmp_path / "skills"
+    skills.mkdir()
+    (skills / "die.py").write_text(SKILL)
+    result = bt.sweep(
+        TREE,
+        out=tmp_path / "out",
+        seeds=1,
+        params={"times": [0, 1, 3], "folder": [str(tmp_path)]},
+        jobs=1,
+        skills=[skills],
+    )
+    rows = result.table.to_pylist()
+    assert [row["outcome"] for row in rows] == ["SUCCESS", "SUCCESS", "CRASHED"]
+    assert [row["attempts"] for row in rows] == [1, 2, 3]
+    assert rows[2]["code"] == "WORKER_DIED"
+    assert f"killed by signal {int(signal.SIGKILL)}" in rows[2]["reason"]
+    assert rows[0]["state_sha256"] == rows[1]["state_sha256"] != ""
+    assert result.progress.retried == 2
+    assert "WORKER_DIED" in (tmp_path / "out" / "report.md").read_text()
+
+
+@pytest.mark.slow
+def test_dask_gives_the_same_rows(tmp_path: Path) -> None:
+    """Trials run in children of Dask's workers; a killed worker's trials run elsewhere."""
+    pytest.importorskip("distributed")
+    trials = {"params": {"speed": [0.5, 1.0]}, "seeds": 1, "reality": "lab", "audit": 1.0}
+    there = bt.sweep("circle", out=tmp_path / "dask", dask="local:2", **trials)  # type: ignore[arg-type]
+    here = bt.sweep("circle", out=tmp_path / "here", jobs=1, **trials)  # type: ignore[arg-type]
+    assert there.sha256 == here.sha256
+    assert there.progress.audited == here.progress.audited == 2
+
+
+def test_a_scheduler_that_is_not_there_is_said(tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    with pytest.raises(SweepError, match="local:N needs a number"):
+        bt.sweep("circle", out=tmp_path / "a", dask="local:none")
+    with pytest.raises(SweepError, match="exclude each other"):
+        bt.sweep("circle", out=tmp_path / "a", dask="local:2", jobs=2)
+
+
+@pytest.mark.slow
+def test_the_command_reports_and_goes_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    tree = tmp_path / "tree.yaml"
+    tree.write_text(
+        "bt_dualarm: 1\nname: t\nparams: {x: {type: number, default: 0.3}}\nworld: {scene: empty}\n"
+        "arms: {arm1: {robot: ur5, tree: {reach_to_pose: {offset: {xyz: [0, 0, '{x}']}}}}}\n"
+    )
+    out = tmp_path / "out"
+    arguments = [str(tree), "--param", "x=0.02,1.5", "--seeds", "0:1", "--jobs", "1"]
+    assert sweep([*arguments, "--out", str(out)]) == 0
+    said = capsys.readouterr()
+    assert "2 trials: 50.0 %" in said.out
+    assert "INVALID_TARGET arm1 reach_to_pose [x 1.5]" in said.out
+    assert "2/2" in said.err
+    records = [*(out / "records").iterdir()]
+    assert len(records) == 1  # the failure's
+    # Everything has a row: the second call starts no process.
+    assert sweep([*arguments, "--out", str(out), "--quiet"]) == 0
+    again = capsys.readouterr()
+    assert again.err == ""
+    assert again.out.splitlines()[-2:] == said.out.splitlines()[-2:]
+    assert compare([str(out), str(out)]) == 0
+    assert "success: EQUAL" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["circle", "--seeds", "x"], "neither a seed"),
+        (["circle", "--param", "sped=1"], "did you mean 'speed'"),
+        (["circle", "--reality", "labb"], "did you mean 'lab'"),
+        (["circle", "--shard", "3/2"], "not a shard"),
+        (["circle", "--until", "soon"], "no condition"),
+        (["circle", "--jobs", "0"], "number of workers"),
+        (["circle", "--search", "3"], "one or two parameters as a range"),
+        (["circel"], "no such file"),
+    ],
+)
+def test_mistakes_are_errors_before_anything_runs(
+    arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert sweep([*arguments, "--out", str(tmp_path / "out")]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_a_goal_that_is_missed_makes_a_false_success(tmp_path: Path) -> None:
+    tree = """
+bt_dualarm: 1
+name: missed
+world: {scene: empty}
+arms: {arm1: {robot: ur5, tree: {wait: 0.1}}}
+goal: {high: {tool: arm1, height: [5, 6]}, low: {tool: arm1, height: [-1, 3]}}
+"""
+    manifest = checked(Manifest(tree, (0,)))
+    row = run_trial(Job(tree, None, (), manifest.trial(0), None, None, "failures", tmp_path))
+    assert (row["outcome"], row["code"], row["leaf"]) == ("FALSE_SUCCESS", "GOAL_NOT_MET", "high")
+    assert (row["goal.high"], row["goal.low"]) == (False, True)
+    assert (tmp_path / str(row["identity"])).is_dir()

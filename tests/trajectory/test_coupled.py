@@ -1,0 +1,102 @@
+"""Coupled motions: all arms begin together, keep to one path parameter, and brake together."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bt_dualarm.core.pose import Vector
+from bt_dualarm.robots.robot import JointLimits
+from bt_dualarm.trajectory.coupled import CoupledMotion, stacked_limits
+from bt_dualarm.trajectory.path_timing import time_path
+from bt_dualarm.trajectory.set_points import SetPoint, TrajectorySource
+
+DT = 0.004
+PARTS = {"arm1": slice(0, 2), "arm2": slice(2, 5)}
+
+
+def limits_of(dof: int) -> JointLimits:
+    """Equal limits of some joints."""
+    full = np.full
+    return JointLimits(
+        full(dof, -3.0),
+        full(dof, 3.0),
+        full(dof, 2.0),
+        full(dof, 5.0),
+        full(dof, 60.0),
+        full(dof, 50),
+    )
+
+
+def motion(correction: Vector | None = None) -> CoupledMotion:
+    """A motion of two arms of two and three joints."""
+    limits = stacked_limits({"arm1": limits_of(2), "arm2": limits_of(3)})
+    rows = np.linspace(0.0, 1.0, 40)[:, None] * np.array((1.0, -0.5, 0.3, 0.8, -0.2))
+    trajectory = time_path(rows, limits, DT)
+
+    def corrected(_: float) -> SetPoint:
+        assert correction is not None
+        return SetPoint(correction, 0 * correction, 0 * correction)
+
+    return CoupledMotion(trajectory, PARTS, limits, None if correction is None else corrected)
+
+
+def play(coupled: CoupledMotion, halted_at: int | None = None) -> tuple[np.ndarray, int]:
+    """Set-points of both arms, of shape (n, 5), and how many came before the halt took effect."""
+    sources: dict[str, TrajectorySource] = {arm: coupled.source(arm) for arm in PARTS}
+    rows = []
+    for step in range(3000):
+        if step == halted_at:  # of arm2 only, as its controller does it
+            braking = sources["arm2"].halt(limits_of(3))
+            assert braking is not None
+            sources["arm2"] = TrajectorySource(braking)
+            sources["arm2"].next(step * DT)
+        if all(source.done for source in sources.values()):
+            break
+        rows.append(np.concatenate([source.next(step * DT).q for source in sources.values()]))
+    return np.array(rows), step
+
+
+def test_both_arms_follow_their_columns_to_the_end() -> None:
+    coupled = motion()
+    rows, _ = play(coupled)
+    np.testing.assert_allclose(rows, coupled.trajectory.q[: len(rows)])
+    assert coupled.is_at_rest
+    assert coupled.reached == 1.0
+
+
+def test_no_arm_begins_alone() -> None:
+    coupled = motion()
+    first = coupled.source("arm1")
+    for step in range(5):
+        np.testing.assert_array_equal(first.next(step * DT).q, coupled.trajectory.start[:2])
+    assert not coupled.has_begun
+    coupled.source("arm2").next(5 * DT)
+    assert coupled.has_begun
+
+
+def test_a_halt_of_one_arm_brakes_all_on_the_path() -> None:
+    coupled = motion()
+    rows, steps = play(coupled, halted_at=60)
+    assert steps < len(coupled.trajectory)
+    assert 0.05 < rows[-1, 0] < 0.95
+    # All joints are at one point of the path at any time, also while braking.
+    share = rows[:, :1]
+    np.testing.assert_allclose(rows, share * np.array((1.0, -0.5, 0.3, 0.8, -0.2)), atol=2e-3)
+    assert np.abs(np.diff(rows, 2, axis=0)).max() / DT**2 < 5.1
+
+
+def test_a_halt_before_all_follow_moves_nothing() -> None:
+    coupled = motion()
+    first = coupled.source("arm1")
+    first.next(0.0)
+    coupled.source("arm2").halt(limits_of(3))
+    coupled.source("arm2").next(DT)
+    np.testing.assert_array_equal(first.next(2 * DT).q, coupled.trajectory.start[:2])
+    assert first.done
+
+
+def test_a_correction_is_added_to_all() -> None:
+    by = np.array((0.01, 0.0, 0.0, -0.02, 0.0))
+    coupled = motion(by)
+    rows, _ = play(coupled)
+    np.testing.assert_allclose(rows[-1], coupled.trajectory.end + by)
