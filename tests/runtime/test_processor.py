@@ -43,13 +43,6 @@ def test_processes_on_one_processor_agree() -> None:
     assert processor() == HERE == elsewhere()
 
 
-MODERN = (
-    {"AVX2", "FMA3"} <= set(HERE["simd"])
-    and HERE["blas"] not in ("unknown", "Nehalem")
-    and platform.libc_ver()[0] == "glibc"
-)
-
-
 @pytest.mark.skipif(
     platform.libc_ver()[0] != "glibc"
     or not {"AVX2", "FMA3"} <= set(HERE["simd"])
@@ -58,4 +51,8 @@ MODERN = (
 )
 @pytest.mark.parametrize("name", OTHERS)
 def test_what_rounds_otherwise_has_another_fingerprint(name: str) -> None:
-    assert elsewhere(**OTHERS[name])["arithmetic"] != HERE["arithmetic"]
+    other = elsewhere(**OTHERS[name])
+    assert other != HERE
+    # NumPy's functions of doubles round otherwise only where AVX-512 replaces the C library.
+    if name != "fewer SIMD extensions" or "AVX512_SKX" in HERE["simd"]:
+        assert other["arithmetic"] != HERE["arithmetic"]
