@@ -5,6 +5,9 @@ SHELL := bash
 .SHELLFLAGS := -o pipefail -c
 .DEFAULT_GOAL := help
 
+# Container images often set it. Every process would then compile all modules again: a second each.
+unexport PYTHONDONTWRITEBYTECODE
+
 # The first of these that is Python 3.11, 3.12 or 3.13 (OMPL has no wheel for 3.14 yet).
 # To use another one: make demo PYTHON=/path/to/python
 PYTHON ?= $(shell for name in python3 python3.11 python3.12 python3.13 python; do \
