@@ -91,11 +91,13 @@ class PlanningAnswer:
 class PlanningProcess:
     """One process for all arms of a run, started by the first problem that needs a search.
 
-    If it dies, its pending problems fail, and the next problem gets a new process.
+    If it dies, its pending problems fail, and the next problem gets a new process. A process that
+    has solved all its problems when its run ends is left to the next run of this Python process:
+    starting one takes one to two seconds of CPU. At most one idle process is kept; it ends with
+    this Python process. An outcome depends on its problem only, not on those before it.
     """
 
     def __init__(self) -> None:
-        self._numbers = itertools.count()
         self._line: _Line | None = None
 
     @property
@@ -116,19 +118,22 @@ class PlanningProcess:
             self.close()  # it has died since the last problem
         if self._line is None:
             try:
-                self._line = _Line()
+                self._line = _idle_line() or _Line()
             except OSError as error:
                 reason = f"no planning process can be started: {error}"
                 raise Failure("NO_PLAN", reason, planner=problem.planner) from error
-        number = next(self._numbers)
-        self._line.send(PlanningRequest(number, pickle.dumps(problem, pickle.HIGHEST_PROTOCOL)))
+        number = self._line.ask(pickle.dumps(problem, pickle.HIGHEST_PROTOCOL))
         return PendingMotion(self._line, number, problem)
 
     def close(self) -> None:
-        """End the process; its pending problems fail."""
-        if self._line is not None:
-            self._line.end()
-            self._line = None
+        """End the process if it has pending problems, which fail; otherwise leave it idle."""
+        line, self._line = self._line, None
+        if line is None:
+            return
+        if line.is_idle and not _idle:
+            _idle.append(line)
+        else:
+            line.end()
 
 
 class PendingMotion:
@@ -189,21 +194,31 @@ class _Line:
         self.process, writing, reading = spawn()
         self._answers = Connection(reading, writable=False)
         self._outbox: queue.SimpleQueue[PlanningRequest | None] = queue.SimpleQueue()
+        self._numbers = itertools.count()
+        self._open: set[int] = set()
         self._dropped: set[int] = set()
         self._found: dict[int, Trajectory | PlanningRefusal] = {}
         requests = Connection(writing, readable=False)
         threading.Thread(target=_write, args=(self._outbox, requests), daemon=True).start()
         self.end = weakref.finalize(self, _end, self.process, self._outbox, self._answers)
 
-    def send(self, request: PlanningRequest) -> None:
-        """Queue a request; returns at once."""
-        self._outbox.put(request)
+    @property
+    def is_idle(self) -> bool:
+        """Whether the process is running and every problem has been answered."""
+        return not self._open and self.process.poll() is None
+
+    def ask(self, problem: bytes) -> int:
+        """Queue a pickled problem; returns its number at once."""
+        number = next(self._numbers)
+        self._open.add(number)
+        self._outbox.put(PlanningRequest(number, problem))
+        return number
 
     def drop(self, number: int) -> None:
         """Discard the answer to a problem, whether it has come or not."""
         if self._found.pop(number, None) is None:
             self._dropped.add(number)
-            self.send(PlanningRequest(number))
+            self._outbox.put(PlanningRequest(number))
 
     def outcome(self, number: int) -> Trajectory | PlanningRefusal:
         """Wait for the answer to a problem.
@@ -243,6 +258,7 @@ class _Line:
             answer: PlanningAnswer = self._answers.recv()
         except OSError:
             raise EOFError from None
+        self._open.discard(answer.number)
         if answer.number in self._dropped:
             self._dropped.remove(answer.number)
         else:
@@ -255,6 +271,30 @@ class _Line:
         except subprocess.TimeoutExpired:
             self.process.kill()
             return self.process.wait()
+
+
+_idle: Final[list[_Line]] = []
+"""The idle process that a run has left, if any."""
+
+
+def _idle_line() -> _Line | None:
+    """Take over the idle process, if there is one that still runs."""
+    while _idle:
+        line = _idle.pop()
+        if line.is_idle and not stopping_signal(line.process.pid):
+            return line
+        line.end()
+    return None
+
+
+def _forget_idle() -> None:
+    """In a forked child: the idle process is its parent's alone."""
+    for line in _idle:
+        line.end.detach()
+    _idle.clear()
+
+
+os.register_at_fork(after_in_child=_forget_idle)
 
 
 def spawn() -> tuple[subprocess.Popen[bytes], int, int]:

@@ -104,7 +104,7 @@ class Assembly:
     trees: dict[str, NodeSpec]
 
     def close(self) -> None:
-        """Release the renderer and end the planning process."""
+        """Release the renderer and the planning process."""
         self.planning.close()
         if self.renderer is not None:
             self.renderer.close()

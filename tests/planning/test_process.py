@@ -158,9 +158,47 @@ def test_it_starts_with_the_first_problem_and_ends_when_closed(
     planning.solve(problem_in(world, RIGHT, LEFT))
     pid = planning.pid
     assert pid is not None
-    planning.close()
+    planning.close()  # in the middle of it
     with pytest.raises(ProcessLookupError):  # not even a zombie
         os.kill(pid, 0)
+
+
+def test_an_idle_process_goes_to_one_run_after_the_other(world: World) -> None:
+    """There is one at most, and one that has died meanwhile is not handed on."""
+    problem = problem_in(world, RIGHT, LEFT)
+    first, second = PlanningProcess(), PlanningProcess()
+    for planning in (first, second):
+        planning.solve(problem).result()
+    kept, ended = first.pid, second.pid
+    assert kept is not None
+    assert ended is not None
+    first.close()
+    second.close()
+    with pytest.raises(ProcessLookupError):
+        os.kill(ended, 0)
+    first.solve(problem).result()
+    assert first.pid == kept
+    first.close()
+    os.kill(kept, signal.SIGKILL)
+    os.waitid(os.P_PID, kept, os.WEXITED | os.WNOWAIT)
+    first.solve(problem).result()
+    assert first.pid not in (None, kept)
+    first.close()
+
+
+def test_a_forked_child_leaves_its_parents_process_alone(world: World) -> None:
+    problem = problem_in(world, RIGHT, LEFT)
+    planning = PlanningProcess()
+    planning.solve(problem).result()
+    kept = planning.pid
+    planning.close()
+    child = os.fork()
+    if child == 0:
+        os._exit(1 if process._idle else 0)
+    assert os.waitpid(child, 0)[1] == 0
+    planning.solve(problem).result()
+    assert planning.pid == kept
+    planning.close()
 
 
 def test_a_process_that_is_stopped_is_not_waited_for(
