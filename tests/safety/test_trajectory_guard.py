@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import pytest
 
 from bt_dualarm.safety.failsafe import FailSafeCheck, Reservations
 from bt_dualarm.safety.guard import GuardReport, SeparationRule, TrajectoryGuard
 from bt_dualarm.trajectory.set_points import SetPoint, TrajectorySource
+from tests.families import some
 from tests.sim.worlds import ROBOTS, world_with
 from tests.trajectory.test_time_scaling import drawn
 
@@ -17,8 +20,7 @@ AGAIN_S = 0.5
 """Seconds in which the planned speed is back: a change takes 0.1 to 0.4 s."""
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
-@pytest.mark.parametrize("begin", [0.2, 0.4])
+@pytest.mark.parametrize(("begin", "robot"), some(product((0.2, 0.4), ROBOTS), 3))
 def test_a_motion_is_as_fast_as_planned_soon_after_nothing_slows_it(
     robot: str, begin: float
 ) -> None:

@@ -13,13 +13,16 @@ from tests.skills.candidates import REGISTRY, candidate
 
 SKILLS = dict(REGISTRY.skills)
 HALTS = [law for law in LAWS if " when halted at " in law]
+AGAIN = [law for law in LAWS if law.startswith("starts again ")]
 CASES = sorted(
     {
-        *product(SKILLS, set(LAWS) - set(HALTS)),
+        *product(SKILLS, set(LAWS) - {*HALTS, *AGAIN}),
         *some(product(sorted(SKILLS), HALTS), 8),
+        *some(product(sorted(SKILLS), AGAIN), 3),
     }
 )
-"""Skill and law, skill by skill; each of the moments at which some skill is halted in turns."""
+"""Skill and law, skill by skill; each of the moments at which some skill is halted, and each way in
+which it starts again, in turns."""
 
 
 @pytest.mark.parametrize(("name", "law"), CASES)
