@@ -485,7 +485,7 @@ class Carrying:
         gripper.command(page.stroke if page.fingers else 1.0)
         for _ in gripper.until_open():
             yield 0.9
-        gripper.let_go(self._thing)
+        gripper.let_go(self._thing, stands=True)
         left = LeftStanding(arm, self._thing, _STILL_RAD)
         yield from self._sync()
         del grip

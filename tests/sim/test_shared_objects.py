@@ -69,6 +69,35 @@ def test_the_share_of_a_removed_arm_falls_to_the_other(world: World) -> None:
     assert world.attachments.holders("bar") == ("arm2",)
 
 
+@pytest.mark.parametrize("leaves", ["detach", "remove"])
+def test_the_last_one_bears_everything_at_its_grasp(world: World, leaves: str) -> None:
+    """With the inertia of a long object at its center, the arm would shake: it answers each error
+    with torques that turn all of it, which may lie on something."""
+    at = {"arm1": Pose.from_rpy((-0.4, 0.0, 0.0)), "arm2": Pose.from_rpy((0.4, 0.0, 0.0))}
+    for name, grasp in at.items():
+        world.hold(name, "bar", world.object_pose("bar"))
+        world.attachments.bear(name, "bar", 0.5, grasp)
+    (shared,) = world.nominal["arm2"].loads
+    if leaves == "detach":
+        world.attachments.detach("arm1", "bar")
+    else:
+        world.remove_arm("arm1")
+    (load,) = world.nominal["arm2"].loads
+    assert (load.borne, load.alone) == (1.0, True)
+    assert load.pose.distance(shared.pose) == 0.0
+    assert load.inertia == pytest.approx(shared.inertia)
+
+
+def test_the_weight_of_an_object_that_stands_falls_to_nobody(world: World) -> None:
+    for name in ("arm1", "arm2"):
+        world.hold(name, "bar", world.object_pose("bar"))
+        world.attachments.bear(name, "bar", 0.5)
+    world.attachments.detach("arm1", "bar", stands=True)
+    assert world.nominal["arm2"].loads[0].borne == 0.5
+    world.attachments.detach("arm2", "bar", stands=True)
+    assert world.nominal["arm2"].loads == ()
+
+
 def test_consent_counts_only_while_both_have_given_it(world: World) -> None:
     held = world.attachments
     held.consent("arm1", "arm2", "bar", HANDS_M)
