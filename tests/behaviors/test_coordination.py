@@ -65,6 +65,23 @@ TABLES = {
         },
         ["R R - | R", "R R - | R", "R R - | F"],
     ),
+    "a timeout is not waited for once the only writer has ended": (
+        SIGNAL,
+        {
+            "arm1": "sequence: [{act: {script: RF}}, signal: ready]",
+            "arm2": "await: {signal: ready, timeout: 60}",
+        },
+        ["R R - | R", "F F - | R", "F F - | F"],
+    ),
+    "what it wrote last is looked at before": (
+        COUNT,
+        {
+            "arm1": "signal: {signal: count, value: 1}",
+            "arm2": "await: {signal: count, to: 1, timeout: 60}",
+            "arm3": "await: {signal: count, to: 2, timeout: 60}",
+        },
+        ["S | R | R", "S | S | R", "S | S | F"],
+    ),
     "a meeting takes place in the tick after the last arrival": (
         MEETING,
         {
