@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from bt_dualarm.collision.distance import ArmDistance
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.safety.guard import CLEAR_M
+from bt_dualarm.sim.arm_models import BORNE_GYRATION_M
 from bt_dualarm.sim.world import World
 from tests.sim.worlds import arm, box, file_of
 
@@ -19,10 +22,16 @@ HANDS_M = 0.006
 @pytest.fixture
 def world() -> World:
     """Two UR5 whose tools are at the two ends of one bar."""
+    return world_of("ideal")
+
+
+def world_of(reality: str) -> World:
+    """The two arms in a reality; in `rough` they do not know masses."""
     world = World(
         file_of(
             {"arm1": arm("ur5"), "arm2": arm("ur5", (1.1, 0.0, 0.4), 180.0)},
             {"bar": box((0, 0, 0), mass=1.0, spawned=False)},
+            reality=reality,
         )
     )
     tool = world.arms["arm1"].tool_pose
@@ -96,6 +105,23 @@ def test_the_weight_of_an_object_that_stands_falls_to_nobody(world: World) -> No
     assert world.nominal["arm2"].loads[0].borne == 0.5
     world.attachments.detach("arm2", "bar", stands=True)
     assert world.nominal["arm2"].loads == ()
+
+
+@pytest.mark.parametrize("estimated", [None, 1.1])
+def test_a_shared_object_of_unknown_mass_is_modeled_at_the_grasp(estimated: float | None) -> None:
+    """Else grip and torques would have to bear the moment of all of it, far from the hand."""
+    world = world_of("rough")
+    for name in ("arm1", "arm2"):
+        world.hold(name, "bar", world.object_pose("bar"))
+    alone = world.nominal["arm2"].loads[0]
+    assert alone.mass is None
+    world.nominal["arm2"].update_load(replace(alone, mass=estimated))
+    grasp = Pose.from_rpy((0.4, 0.0, 0.0))
+    world.attachments.bear("arm2", "bar", 0.5, grasp)
+    (load,) = world.nominal["arm2"].loads
+    assert (load.mass, load.share) == (estimated, 0.5)
+    assert load.pose.distance(alone.pose @ grasp) < 1e-9
+    assert load.gyration == pytest.approx(BORNE_GYRATION_M**2)
 
 
 def test_consent_counts_only_while_both_have_given_it(world: World) -> None:
