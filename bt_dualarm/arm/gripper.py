@@ -348,10 +348,16 @@ class ArmGripper:
             for name in self.held:
                 self.let_go(name)
 
-    def let_go(self, name: str) -> bool:
-        """Detach an object in the nominal model; returns whether it was believed to be held."""
+    def let_go(self, name: str, *, stands: bool = False) -> bool:
+        """Detach an object in the nominal model; returns whether it was believed to be held.
+
+        Args:
+            name: Name of the object.
+            stands: Whether it stands on something, and does not fall to another arm that holds it.
+        """
         self._lease.refuse_other_threads()
-        return name in self.held and self._world.attachments.detach(self._arm, name)
+        attachments = self._world.attachments
+        return name in self.held and attachments.detach(self._arm, name, stands=stands)
 
     @property
     def _hardware(self) -> GripperHardware:

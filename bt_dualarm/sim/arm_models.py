@@ -152,13 +152,23 @@ class NominalArm:
         self._tool_position = self._data.site_xpos[self.tool_site]
 
     def hold(self, loads: Iterable[NominalLoad]) -> None:
-        """Set the loads that the arm holds; estimates of loads that it still holds are kept."""
-        estimated = {load.object: load for load in self.loads if not load.mass_declared}
+        """Set the loads that the arm holds; estimates of loads that it still holds are kept.
+
+        Of an object that it now bears with others, at its grasp, only the estimated mass is kept.
+        """
+        estimated = {
+            load.object: load
+            for load in self.loads
+            if not load.mass_declared and load.mass is not None
+        }
         held = []
         for load in loads:
             known = estimated.get(load.object, load)
             if (known.share, known.alone) != (load.share, load.alone):
                 known = replace(known, share=load.share, alone=load.alone)
+            if known.mass is not None and (known.gyration != load.gyration).any():
+                inertia = known.mass * load.gyration
+                known = replace(known, pose=load.pose, gyration=load.gyration, inertia=inertia)
             held.append(known)
         self.loads = tuple(held)
 

@@ -657,22 +657,37 @@ class Attachments:
         self._held[new.arm, new.object] = new
         self._rebind()
 
-    def detach(self, arm: str, thing: str) -> bool:
-        """Release an object; returns whether it was held."""
+    def detach(self, arm: str, thing: str, *, stands: bool = False) -> bool:
+        """Release an object; returns whether it was held.
+
+        Args:
+            arm: Name of the arm.
+            thing: Name of the object.
+            stands: Whether something else supports the object, so that its weight does not fall to
+                an arm that still holds it.
+        """
         held = self._held.pop((arm, thing), None)
         if held is None:
             return False
-        left = self.holders(thing)
-        if len(left) == 1:  # nobody else bears a share any more
-            self._held[left[0], thing] = replace(
-                self._held[left[0], thing], share=1.0, borne_at=None
-            )
+        if not stands:
+            self._leave_all_to_the_last(thing)
         if held.by_gripper:
             self._rebind()
         else:
             composition.remove_weld(self._spec, held.name)
             self._recompile()
         return True
+
+    def _leave_all_to_the_last(self, thing: str) -> None:
+        """Let the only arm that still holds an object bear what nobody else bears any more.
+
+        It is still modeled at the grasp, if it was there: a long object may lie on something;
+        torques that turn all of it would shake the arm.
+        """
+        left = self.holders(thing)
+        if len(left) == 1:
+            key = left[0], thing
+            self._held[key] = replace(self._held[key], share=1.0)
 
     def bear(self, arm: str, thing: str, share: float, at: Pose | None = None) -> None:
         """Set the share of an object's weight that an arm's model bears.
@@ -726,10 +741,6 @@ class Attachments:
                 if not held.by_gripper:
                     composition.remove_weld(self._spec, held.name)
                 del self._held[key]
+                self._leave_all_to_the_last(held.object)
         for consent in [one for one in self._consents if name in one]:
             del self._consents[consent]
-        for key, held in list(self._held.items()):
-            if held.share < 1.0 and len(self.holders(held.object)) == 1:
-                # Nobody else bears the rest any more. It is still modeled at the grasp: a long
-                # object may lie on something; torques that turn all of it would shake the arm.
-                self._held[key] = replace(held, share=1.0)

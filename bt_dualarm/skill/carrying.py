@@ -59,7 +59,6 @@ _STEADY: Final = 0.6  # of the speed of a descent, above which a hand that stopp
 _FIRM: Final = 3.0  # times the contact force at which one hand ends the descent for all
 _CONFIRMED_S: Final = 0.05  # for which an internal wrench has to exceed its bound
 _ROOM: Final = 0.97  # share of the limits that motions use, so that corrections keep the limits
-_STILL_RAD: Final = 5e-3  # of a beam at rest: one that lies on a face rocks by 1e-3 for ever
 _REST_S: Final = 5.0  # in which all arms have to come to rest
 
 
@@ -485,8 +484,8 @@ class Carrying:
         gripper.command(page.stroke if page.fingers else 1.0)
         for _ in gripper.until_open():
             yield 0.9
-        gripper.let_go(self._thing)
-        left = LeftStanding(arm, self._thing, _STILL_RAD)
+        gripper.let_go(self._thing, stands=True)
+        left = LeftStanding(arm, self._thing)
         yield from self._sync()
         del grip
         back = arm.commanded_tool_pose @ Pose.from_rpy((0.0, 0.0, -self._ports.retreat))

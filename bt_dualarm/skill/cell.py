@@ -369,6 +369,8 @@ class CellState:
             self._commit_appointments()
         if self._asked or (self._is_changed and self._requests):
             self._commit_claims()
+        if self._is_changed:
+            self._refuse_signals_without_writers()
         self._note_obstructions(self.traffic.blocked)
         if self.traffic.waiting_motions or self._in_step:
             self.traffic.start_motions()
@@ -379,6 +381,7 @@ class CellState:
                 if others != wait.others:
                     wait.others = others
                     self.on_wait(wait)
+            self._refuse_vain_waits()
             self._find_deadlock(trees)
         self._ended = frozenset(self._gone)
         self._is_changed = False
@@ -563,6 +566,22 @@ class CellState:
                     self.end(request)
                 taken.update(request.resources)
 
+    def _refuse_signals_without_writers(self) -> None:
+        """Fail waits for signals whose writers have all ended, also those that have a timeout."""
+        for wait in self.waits():
+            kind, _, name = wait.target.partition(" ")
+            if kind != "signal" or wait.failure is not None:
+                continue
+            is_new = self._signals[name].count != wait.seen  # it looks at that in its next tick
+            if not is_new and all(arm in self._gone for arm in self.waited_for(wait)):
+                wait.failure = self._partner_gone(wait)
+
+    def _partner_gone(self, wait: CellWait) -> Failure:
+        why = "; ".join(
+            f"{arm} {self._gone.get(arm, 'was never spawned')}" for arm in self.waited_for(wait)
+        )
+        return Failure("PARTNER_GONE", f"{self._sentence(wait)}: {why}")
+
     def _in_front_of(self, request: Request) -> list[Request]:
         """Returns the claims that one waits for: those granted, and those that came before it."""
         found = []
@@ -576,6 +595,26 @@ class CellState:
 
     def _sentence(self, wait: CellWait) -> str:
         return waiting_sentence(wait.target, self.waited_for(wait), wait.since)
+
+    def _refuse_vain_waits(self) -> None:
+        """Fail waits with a timeout for signals that nobody can write any more.
+
+        Those without a timeout fail by the search for deadlocks.
+        """
+        for wait in self._waits.values():
+            kind, _, name = wait.target.partition(" ")
+            if kind != "signal" or not wait.has_timeout or wait.failure is not None:
+                continue
+            is_new = self._signals[name].count != wait.seen  # it looks at it in its next tick
+            if not is_new and self._gone.keys() >= set(self.waited_for(wait)):
+                wait.failure = self._nobody_left(wait)
+
+    def _nobody_left(self, wait: CellWait) -> Failure:
+        """Failure of a wait for arms that have all ended, with their ends."""
+        why = "; ".join(
+            f"{arm} {self._gone.get(arm, 'was never spawned')}" for arm in self.waited_for(wait)
+        )
+        return Failure("PARTNER_GONE", f"{self._sentence(wait)}: {why}")
 
     # Deadlocks
 
@@ -621,11 +660,7 @@ class CellState:
         hopeless = [wait for wait in stuck if not set(self.waited_for(wait)) & set(active)]
         if hopeless:  # they wait for arms that have ended, and for nobody else
             for wait in hopeless:
-                why = "; ".join(
-                    f"{arm} {self._gone.get(arm, 'was never spawned')}"
-                    for arm in self.waited_for(wait)
-                )
-                wait.failure = Failure("PARTNER_GONE", f"{self._sentence(wait)}: {why}")
+                wait.failure = self._partner_gone(wait)
             return
         last = max(stuck, key=lambda one: (one.since, one.arm, one.path))
         members = "; ".join(f"{one.arm} {self._sentence(one)}" for one in stuck)

@@ -108,7 +108,10 @@ class CoupledMotion:
             arm: Name of the arm.
             time: Simulated time, s.
         """
-        self._following.add(arm)
+        if not self.has_begun:
+            self._following.add(arm)
+            # All begin in the next period: arms that were asked before would miss a set-point.
+            self._sent_at = time
         is_due = time - self._sent_at > _NEXT * self.trajectory.dt
         if is_due and self.has_begun and not self._is_cancelled:
             self._sent_at = time

@@ -65,6 +65,23 @@ TABLES = {
         },
         ["R R - | R", "R R - | R", "R R - | F"],
     ),
+    "a timeout is not waited for once the only writer has ended": (
+        SIGNAL,
+        {
+            "arm1": "sequence: [{act: {script: RF}}, signal: ready]",
+            "arm2": "await: {signal: ready, timeout: 60}",
+        },
+        ["R R - | R", "F F - | R", "F F - | F"],
+    ),
+    "what it wrote last is looked at before": (
+        COUNT,
+        {
+            "arm1": "signal: {signal: count, value: 1}",
+            "arm2": "await: {signal: count, to: 1, timeout: 60}",
+            "arm3": "await: {signal: count, to: 2, timeout: 60}",
+        },
+        ["S | R | R", "S | S | R", "S | S | F"],
+    ),
     "a meeting takes place in the tick after the last arrival": (
         MEETING,
         {
@@ -280,6 +297,38 @@ def test_whoever_waits_hears_who_is_gone_and_why(tmp_path: Path) -> None:
     cells.table(3)
     why = "arm1 has ended with FAILURE at 1.00 s; 'there' had been waited for 1.00 s"
     assert cells.failures()[1:] == [("arm2", "PARTNER_GONE", why), ("arm3", "PARTNER_GONE", why)]
+
+
+@pytest.mark.parametrize(
+    "waits",
+    [
+        "await: ready",
+        "await: {signal: ready, timeout: 60}",
+        "timeout: {seconds: 60, child: {await: ready}}",
+    ],
+)
+def test_a_signal_whose_writer_has_ended_is_not_awaited(waits: str, tmp_path: Path) -> None:
+    """It fails at once, names the writer and its end, however much of its timeout is left."""
+    cells = Cells(
+        tmp_path, SIGNAL, {"arm1": "sequence: [{act: {script: RF}}, signal: ready]", "arm2": waits}
+    )
+    cells.table(3)
+    (failure,) = [one for one in cells.failures() if one[0] == "arm2"]
+    assert failure[1] == "PARTNER_GONE"
+    assert "arm1 has ended with FAILURE at 1.00 s" in failure[2]
+
+
+def test_the_last_value_of_a_writer_that_has_ended_counts(tmp_path: Path) -> None:
+    cells = Cells(
+        tmp_path,
+        SIGNAL,
+        {
+            "arm1": "sequence: [{act: {script: RS}}, signal: ready]",
+            "arm2": "await: {signal: ready, timeout: 60}",
+        },
+    )
+    assert cells.table(3)[-1].endswith("| S")
+    assert cells.failures() == []
 
 
 def test_a_removed_arm_is_missed_and_gives_up_its_claims(tmp_path: Path) -> None:

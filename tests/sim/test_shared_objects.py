@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,6 +12,7 @@ from bt_dualarm.collision.distance import ArmDistance
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.safety.guard import CLEAR_M
+from bt_dualarm.sim.arm_models import BORNE_GYRATION_M
 from bt_dualarm.sim.world import World
 from tests.sim.worlds import arm, box, file_of
 
@@ -19,10 +22,16 @@ HANDS_M = 0.006
 @pytest.fixture
 def world() -> World:
     """Two UR5 whose tools are at the two ends of one bar."""
+    return world_of("ideal")
+
+
+def world_of(reality: str) -> World:
+    """The two arms in a reality; in `rough` they do not know masses."""
     world = World(
         file_of(
             {"arm1": arm("ur5"), "arm2": arm("ur5", (1.1, 0.0, 0.4), 180.0)},
             {"bar": box((0, 0, 0), mass=1.0, spawned=False)},
+            reality=reality,
         )
     )
     tool = world.arms["arm1"].tool_pose
@@ -67,6 +76,52 @@ def test_the_share_of_a_removed_arm_falls_to_the_other(world: World) -> None:
     world.remove_arm("arm1")
     assert world.nominal["arm2"].loads[0].borne == 1.0
     assert world.attachments.holders("bar") == ("arm2",)
+
+
+@pytest.mark.parametrize("leaves", ["detach", "remove"])
+def test_the_last_one_bears_everything_at_its_grasp(world: World, leaves: str) -> None:
+    """With the inertia of a long object at its center, the arm would shake: it answers each error
+    with torques that turn all of it, which may lie on something."""
+    at = {"arm1": Pose.from_rpy((-0.4, 0.0, 0.0)), "arm2": Pose.from_rpy((0.4, 0.0, 0.0))}
+    for name, grasp in at.items():
+        world.hold(name, "bar", world.object_pose("bar"))
+        world.attachments.bear(name, "bar", 0.5, grasp)
+    (shared,) = world.nominal["arm2"].loads
+    if leaves == "detach":
+        world.attachments.detach("arm1", "bar")
+    else:
+        world.remove_arm("arm1")
+    (load,) = world.nominal["arm2"].loads
+    assert (load.borne, load.alone) == (1.0, True)
+    assert load.pose.distance(shared.pose) == 0.0
+    assert load.inertia == pytest.approx(shared.inertia)
+
+
+def test_the_weight_of_an_object_that_stands_falls_to_nobody(world: World) -> None:
+    for name in ("arm1", "arm2"):
+        world.hold(name, "bar", world.object_pose("bar"))
+        world.attachments.bear(name, "bar", 0.5)
+    world.attachments.detach("arm1", "bar", stands=True)
+    assert world.nominal["arm2"].loads[0].borne == 0.5
+    world.attachments.detach("arm2", "bar", stands=True)
+    assert world.nominal["arm2"].loads == ()
+
+
+@pytest.mark.parametrize("estimated", [None, 1.1])
+def test_a_shared_object_of_unknown_mass_is_modeled_at_the_grasp(estimated: float | None) -> None:
+    """Else grip and torques would have to bear the moment of all of it, far from the hand."""
+    world = world_of("rough")
+    for name in ("arm1", "arm2"):
+        world.hold(name, "bar", world.object_pose("bar"))
+    alone = world.nominal["arm2"].loads[0]
+    assert alone.mass is None
+    world.nominal["arm2"].update_load(replace(alone, mass=estimated))
+    grasp = Pose.from_rpy((0.4, 0.0, 0.0))
+    world.attachments.bear("arm2", "bar", 0.5, grasp)
+    (load,) = world.nominal["arm2"].loads
+    assert (load.mass, load.share) == (estimated, 0.5)
+    assert load.pose.distance(alone.pose @ grasp) < 1e-9
+    assert load.gyration == pytest.approx(BORNE_GYRATION_M**2)
 
 
 def test_consent_counts_only_while_both_have_given_it(world: World) -> None:

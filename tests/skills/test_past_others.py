@@ -1,4 +1,4 @@
-"""`grasp` and `place` while another arm passes through where they work: they wait, and go on."""
+"""`grasp`, `place` and `approach_and_attach` while another arm passes through where they work: they wait, and go on."""
 
 from __future__ import annotations
 
@@ -69,3 +69,21 @@ def test_both_arms_do_what_they_are_to_do(robot: str, gripper: str, other: str, 
     assert result.outcome == "SUCCESS", result.arms
     assert abs(lies[0] - GOAL[0]) < 3e-3
     assert abs(lies[1] - GOAL[1]) < 3e-3
+
+
+def test_an_arm_that_attaches_waits_for_one_that_stands_there() -> None:
+    """It begins while the other one stands above the cube, and waits until that has left."""
+    file = _file("ur5", "robotiq_2f85", "ur5", 1)
+    del file["arms"]["works"]["gripper"]
+    file["arms"]["works"]["tree"] = {
+        "sequence": [{"wait": 3}, {"approach_and_attach": {"object": "cube"}}]
+    }
+    file["arms"]["passes"]["tree"] = {
+        "sequence": [_hover(START, 0.50), {"wait": 5}, "go_home"]
+    }
+    result = bt_dualarm.run(file)
+    assert result.outcome == "SUCCESS", result.arms
+    attaches = next(run for run in result.arms["works"].runs if run.skill == "approach_and_attach")
+    leaves = next(run for run in result.arms["passes"].runs if run.skill == "go_home")
+    assert attaches.ended_s is not None
+    assert attaches.started_s < leaves.started_s < attaches.ended_s

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from bt_dualarm.core.pose import Vector
 from bt_dualarm.robots.robot import JointLimits
-from bt_dualarm.trajectory.coupled import CoupledMotion, stacked_limits
+from bt_dualarm.trajectory.coupled import CoupledMotion, CoupledSource, stacked_limits
 from bt_dualarm.trajectory.path_timing import time_path
 from bt_dualarm.trajectory.set_points import SetPoint, TrajectorySource
 
@@ -56,12 +57,45 @@ def play(coupled: CoupledMotion, halted_at: int | None = None) -> tuple[np.ndarr
     return np.array(rows), step
 
 
+def reserved(coupled: CoupledMotion, arm: str) -> CoupledSource:
+    """Source of an arm, whose guard has reserved the first 30 set-points."""
+    source = coupled.source(arm)
+    ahead = source.to_rest_after(30, 1.0, coupled.limits)
+    assert ahead is not None
+    source.take(ahead)
+    return source
+
+
 def test_both_arms_follow_their_columns_to_the_end() -> None:
     coupled = motion()
     rows, _ = play(coupled)
-    np.testing.assert_allclose(rows, coupled.trajectory.q[: len(rows)])
+    np.testing.assert_array_equal(rows[0], coupled.trajectory.start)
+    np.testing.assert_allclose(rows[1:], coupled.trajectory.q[: len(rows) - 1])
     assert coupled.is_at_rest
     assert coupled.reached == 1.0
+
+
+@pytest.mark.parametrize("late", [0, 1, 5])
+def test_no_arm_misses_a_set_point_of_the_beginning(late: int) -> None:
+    """Whichever joins last, in whichever order they are asked: all are at the same row."""
+    for first, second in (("arm1", "arm2"), ("arm2", "arm1")):
+        coupled = motion()
+        sources = {arm: reserved(coupled, arm) for arm in PARTS}
+        for step in range(late + 20):
+            row = coupled.trajectory.q[max(step - late, 0)]
+            for arm in (first, second) if step >= late else (first,):
+                sent = sources[arm].next(step * DT).q
+                np.testing.assert_array_equal(sent, row[PARTS[arm]])
+
+
+def test_controllers_half_a_period_apart_begin_with_the_same_row() -> None:
+    coupled = motion()
+    one, two = (reserved(coupled, arm) for arm in PARTS)
+    for step in range(20):
+        row = coupled.trajectory.q[max(step - 1, 0)]
+        np.testing.assert_array_equal(one.next(step * DT).q, row[:2])
+        row = coupled.trajectory.q[step]
+        np.testing.assert_array_equal(two.next((step + 0.5) * DT).q, row[2:])
 
 
 def test_no_arm_begins_alone() -> None:
