@@ -381,7 +381,6 @@ class CellState:
                 if others != wait.others:
                     wait.others = others
                     self.on_wait(wait)
-            self._refuse_vain_waits()
             self._find_deadlock(trees)
         self._ended = frozenset(self._gone)
         self._is_changed = False
@@ -595,26 +594,6 @@ class CellState:
 
     def _sentence(self, wait: CellWait) -> str:
         return waiting_sentence(wait.target, self.waited_for(wait), wait.since)
-
-    def _refuse_vain_waits(self) -> None:
-        """Fail waits with a timeout for signals that nobody can write any more.
-
-        Those without a timeout fail by the search for deadlocks.
-        """
-        for wait in self._waits.values():
-            kind, _, name = wait.target.partition(" ")
-            if kind != "signal" or not wait.has_timeout or wait.failure is not None:
-                continue
-            is_new = self._signals[name].count != wait.seen  # it looks at it in its next tick
-            if not is_new and self._gone.keys() >= set(self.waited_for(wait)):
-                wait.failure = self._nobody_left(wait)
-
-    def _nobody_left(self, wait: CellWait) -> Failure:
-        """Failure of a wait for arms that have all ended, with their ends."""
-        why = "; ".join(
-            f"{arm} {self._gone.get(arm, 'was never spawned')}" for arm in self.waited_for(wait)
-        )
-        return Failure("PARTNER_GONE", f"{self._sentence(wait)}: {why}")
 
     # Deadlocks
 
