@@ -41,6 +41,9 @@ PARTNERS: Mapping[str, Tree] = {
 }
 """Trees of the second arm, where it has a part in the word."""
 
+_TIMED: Tree = {"begin": 0.1, "until": 5.0, "probability": 0.5}
+_ELBOW: Tree = {"arm": "arm1", "joint": "panda_joint4"}
+
 FILE: Tree = {
     "bt_dualarm": 1,
     "world": {"scene": "empty", "seed": 1, "timestep": 0.002, "time_limit": 30.0},
@@ -127,7 +130,27 @@ FILE: Tree = {
             "until": 5.0,
             "times": 1,
             "probability": 0.5,
-        }
+        },
+        "frozen": {**_TIMED, **_ELBOW, "kind": "frozen_joint"},
+        "weak": {**_TIMED, **_ELBOW, "kind": "weak_joint", "strength": 0.3},
+        "loose": {**_TIMED, **_ELBOW, "kind": "loose_joint", "play": 2.0},
+        "saturated": {**_TIMED, **_ELBOW, "kind": "saturated_drive", "limit": 0.2},
+        "repeating": {**_TIMED, **_ELBOW, "kind": "stuck_encoder"},
+        "old_image": {**_TIMED, "kind": "frozen_camera", "arm": "arm1"},
+        "dark": {**_TIMED, "kind": "dark_camera", "arm": "arm1", "brightness": 0.1},
+        "late": {**_TIMED, "kind": "late_camera", "arm": "arm1", "delay": 0.5},
+        "shaking": {**_TIMED, "kind": "shaking_camera", "arm": "arm1", "angle": 1.0},
+        "pushed": {
+            **_TIMED,
+            "kind": "pushed_object",
+            "object": "box",
+            "force": [1.0, -1.0, 0.5],
+        },
+        "swapped": {**_TIMED, "kind": "swapped_object", "object": "box", "other": "can"},
+        "removed": {**_TIMED, "kind": "removed_object", "object": "ball"},
+        "slippery": {**_TIMED, "kind": "reduced_friction", "object": "can", "friction": 0.05},
+        "planless": {**_TIMED, "kind": "no_plan", "arm": "arm1"},
+        "absent": {**_TIMED, "kind": "absent_partner", "arm": "arm1"},
     },
 }
 """A file that gives every number of the world, of objects, arms and cameras."""
