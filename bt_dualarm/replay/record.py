@@ -257,7 +257,7 @@ class _Guard(_Note):
 
 
 class _Fault(_Note):
-    arm: Name | Literal[""]  # type: ignore[assignment]  # a fault of an object is of no arm
+    arm: Name | Literal[""]  # a fault of an object is of no arm
     name: Name
     fault: Label
     sentence: _Text

@@ -17,6 +17,7 @@ from bt_dualarm.behaviors.language import LANGUAGE
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.document import TreeContent
 from bt_dualarm.spec.explain import type_at
+from bt_dualarm.spec.faults import fault_class
 from bt_dualarm.spec.node_types import NodeSpec, PortModel, models_in, validate_literals
 from bt_dualarm.spec.yaml_reader import LARGEST_INTEGER, Data, with_tuples
 from bt_dualarm.testing import Scenario, Tree, node_of
@@ -317,6 +318,8 @@ class Number:
     def owner(self) -> tuple[type[BaseModel], str]:
         """The innermost model with the name of its field."""
         path = self.path[len(self.node) :]
+        if path[0] == "faults":  # a union, of which ``kind`` tells the member
+            return fault_class(at(self.file, self.path[:2])), str(path[2])
         for end in reversed(range(len(path))):
             for model in models_in(type_at(self.model, path[:end])):
                 if path[end] in model.model_fields:
@@ -459,6 +462,8 @@ def _plain(value: object) -> Data:
 
 def fields_of(model: type[BaseModel]) -> Iterator[tuple[type[BaseModel], str]]:
     """Every field that can hold a number, of a model and of those within it."""
+    if model.__name__.startswith("_"):
+        return  # it only stands for what is refused
     for name, field in model.model_fields.items():
         for inner in _numbers_in(field.annotation):
             if inner is None:
