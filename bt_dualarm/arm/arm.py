@@ -95,6 +95,7 @@ class SharedArm(ArmState):
         touches: True contacts of the arms, for scoring.
         traffic: Right of way among the arms of the run.
         controllers: Controllers of all arms of the run, by the arm's name.
+        no_plan: Name of the injected fault by which the planner finds no path now, or empty.
 
     Attributes:
         carrying: Check of loads and motions against what the arm can carry.
@@ -114,12 +115,14 @@ class SharedArm(ArmState):
         touches: Contacts,
         traffic: Traffic,
         controllers: Mapping[str, JointController],
+        no_plan: Callable[[], str] = str,
     ) -> None:
         kinematics = Kinematics(world.robots[name], world.arms[name].base, seed)
         super().__init__(world, name, controller, kinematics)
         self.camera = camera
         self.seed = seed
         self.planning = planning
+        self.no_plan = no_plan
         self.touches = touches
         self.traffic = traffic
         self.controllers = controllers
@@ -627,6 +630,11 @@ class Arm(ArmState):
                 planner,
             )
         )
+        fault = self._shared.no_plan()
+        if fault:
+            yield from self._pass_until(due)
+            reason = f"no path was found: injected by the fault '{fault}' of the file"
+            raise Failure("NO_PLAN", reason, planner=planner, planning_s=PLANNING_S)
         straight = straight_motion(problem)
         if straight is not None:
             yield from self._pass_until(due)

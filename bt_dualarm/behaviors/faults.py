@@ -13,7 +13,7 @@ import numpy as np
 
 from bt_dualarm.core.errors import InjectedFailure
 from bt_dualarm.skill.skill import Skill
-from bt_dualarm.spec.faults import FaultSpec
+from bt_dualarm.spec.faults import FaultEvent, LeafFault
 
 
 class InjectedError(RuntimeError):
@@ -25,7 +25,7 @@ class _Active:
     """One fault of a leaf, and in how many of its runs it was injected."""
 
     name: str
-    spec: FaultSpec
+    spec: LeafFault
     used: int = 0
 
 
@@ -36,11 +36,17 @@ class FaultInjector:
         faults: Faults of the arm, by name.
         clock: Simulated time in seconds.
         seed: Seed of the run.
+        report: Receives each fault that is injected; by default nothing does.
     """
 
     def __init__(
-        self, faults: Mapping[str, FaultSpec], clock: Callable[[], float], seed: int
+        self,
+        faults: Mapping[str, LeafFault],
+        clock: Callable[[], float],
+        seed: int,
+        report: Callable[[FaultEvent], None] = lambda _: None,
     ) -> None:
+        self._report = report
         self._faults = faults
         self._clock = clock
         self._seed = seed
@@ -69,13 +75,13 @@ class FaultInjector:
                 fault.used += 1
                 steps = skill.run
                 # An attribute of this one object hides the method of its class.
-                skill.run = lambda: self._steps(steps(), fault)  # type: ignore[method-assign]
+                skill.run = lambda: self._steps(steps(), fault, path)  # type: ignore[method-assign]
             return skill
 
         return wrapped
 
     def _steps(
-        self, steps: Iterator[float | None], fault: _Active
+        self, steps: Iterator[float | None], fault: _Active, path: str
     ) -> Generator[float | None, None, None]:
         """The steps of a skill with a fault."""
         spec = fault.spec
@@ -98,6 +104,8 @@ class FaultInjector:
                 raise
             except BaseException as error:  # noqa: BLE001 - the skill decides what to do about it
                 pending = error
+        event = FaultEvent(self._clock(), fault.name, spec.kind, spec.arm, spec.sentence, leaf=path)
+        self._report(event)
         yield from _injected(steps, fault)
 
 

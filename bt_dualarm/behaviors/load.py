@@ -56,7 +56,7 @@ from bt_dualarm.spec.document import (
     WorldSpec,
 )
 from bt_dualarm.spec.explain import explain
-from bt_dualarm.spec.faults import FaultSpec, fault_problems, unique_names
+from bt_dualarm.spec.faults import fault_class, fault_problems, unique_names
 from bt_dualarm.spec.goals import SECTIONS, ConditionSpec
 from bt_dualarm.spec.node_types import (
     NodeSpec,
@@ -219,7 +219,10 @@ class _Loading:
         if readable is not None:
             examination.cell(readable.cell, source, trees)
             examination.conditions(readable, source)
-            self.problems += fault_problems(readable.faults, source, trees)
+            cameras = frozenset(name for name, arm in readable.arms.items() if arm.camera)
+            self.problems += fault_problems(
+                readable.faults, source, trees, readable.objects, cameras
+            )
         self.problems += examination.problems
         if not errors(self.problems):
             own = [subtree for subtree in library.values() if subtree.source is source]
@@ -289,16 +292,16 @@ class _Loading:
     def _what_is_sound(self, filled: Mapping[str, Data], path: FilePath) -> TreeFile:
         """Returns world, objects and arms of a file with errors, without the invalid fields."""
         parts: dict[str, dict[str, Value]] = {}
-        models: dict[str, type[Value]] = {
-            "objects": ObjectSpec,
-            "arms": ArmSpec,
-            **dict.fromkeys(SECTIONS, ConditionSpec),
-            "faults": FaultSpec,
+        models: dict[str, Callable[[Data], type[Value]]] = {
+            "objects": lambda _: ObjectSpec,
+            "arms": lambda _: ArmSpec,
+            **dict.fromkeys(SECTIONS, lambda _: ConditionSpec),
+            "faults": fault_class,
         }
         for part, model in models.items():
             items = filled.get(part)
             sound = {
-                name: self._sound_one(model, data, (part, name))
+                name: self._sound_one(model(data), data, (part, name))
                 for name, data in (items.items() if isinstance(items, dict) else ())
             }
             parts[part] = {name: one for name, one in sound.items() if one is not None}

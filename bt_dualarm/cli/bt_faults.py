@@ -20,6 +20,7 @@ _EPILOG: Final = """\
 examples:
   bt-faults pick_and_transport               which faults of which leaves nothing handles
   bt-faults my_tree.yaml --out out/faults    with the records of all failed runs
+  bt-faults circle --pairs 20 --hardware 30  and sampled pairs, and faults of hardware and world
 
 Each leaf that runs is made to fail, raise an exception and hang: before its first step, in the
 middle, and when it would succeed. One sign each, in this order:
@@ -42,6 +43,16 @@ def main(argv: Sequence[str] | None) -> int:
     add = parser.add_argument
     add("tree", metavar="FILE", help="a tree file, or the name of a shipped tree")
     add("--seed", metavar="N", type=seed, default=0, help="seed of all runs (0)")
+    add(
+        "--pairs", metavar="N", type=int, default=0, help="also N sampled pairs of these faults (0)"
+    )
+    add(
+        "--hardware",
+        metavar="N",
+        type=int,
+        default=0,
+        help="also N sampled faults of joints, cameras, objects, planner and partners (0)",
+    )
     add("--jobs", metavar="N", type=int, help="worker processes (default: one per core)")
     add("--out", metavar="DIR", type=Path, default=Path("out/faults"), help="folder (out/faults)")
     add("--ascii", action="store_true", help="draw with ASCII characters only")
@@ -57,7 +68,7 @@ def main(argv: Sequence[str] | None) -> int:
 def _run(arguments: argparse.Namespace, stop: StopRequest) -> int:
     from bt_dualarm.cli.bt_sweep import shown_progress
     from bt_dualarm.sweeps.api import engine_of
-    from bt_dualarm.sweeps.faults import PAGE, inject_faults, lines_of, summary_of
+    from bt_dualarm.sweeps.faults import PAGE, inject_faults, lines_of, sample_lines, summary_of
 
     start = engine_of(arguments.jobs, None, None)
     with ExitStack() as stack:
@@ -74,17 +85,21 @@ def _run(arguments: argparse.Namespace, stop: StopRequest) -> int:
             arguments.out,
             engine,
             seed=arguments.seed,
+            pairs=arguments.pairs,
+            hardware=arguments.hardware,
             skills=tuple(arguments.skills),
             stop=stop,
             progress=progress,
         )
     print("\n".join(lines_of(campaign, ascii_only=arguments.ascii or not _is_utf8())))
+    for line in sample_lines(campaign, ascii_only=arguments.ascii or not _is_utf8()):
+        print(line)
     print(summary_of(campaign))
-    for one in campaign.faults:
+    for one in campaign.trials:
         if one.is_breach:
-            print(f"  {one.arm} {one.leaf} {one.effect} {one.phase}: {one.outcome} {one.reason}")
+            print(f"  {one.sentence}: {one.outcome} {one.reason or one.ending}")
     print(f"page: {arguments.out / PAGE}")
-    return FAILED if any(one.is_breach for one in campaign.faults) else SUCCEEDED
+    return FAILED if any(one.is_breach for one in campaign.trials) else SUCCEEDED
 
 
 def _is_utf8() -> bool:

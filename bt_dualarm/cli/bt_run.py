@@ -120,6 +120,12 @@ def _add_conditions(parser: argparse.ArgumentParser) -> None:
         help="how far all arms deviate from their nominal models (default: the file's)",
     )
     add(
+        "--faults",
+        metavar="FILE",
+        type=Path,
+        help="inject the faults in the section 'faults' of this file, in addition to the tree's",
+    )
+    add(
         "--view", action="store_true", help="show the run in a browser; it starts when you click Go"
     )
     add_view(parser)
@@ -334,6 +340,8 @@ def _command(argv: Sequence[str] | None, stop: StopRequest) -> int:
         parser.error("--frames writes images to a record; add --record DIR")
     if arguments.file is None and arguments.resume is None:
         parser.error("no tree file given (bt-run --list lists the shipped trees)")
+    if arguments.faults is not None and arguments.resume is not None:
+        parser.error("--resume injects the faults of its record; leave out --faults")
     if arguments.watch and arguments.file is None:
         parser.error("--watch: no tree file given")
     return _run(arguments, stop)
@@ -409,6 +417,7 @@ def _opened(arguments: argparse.Namespace, folder: Path | None, stop: StopReques
         real_time=arguments.real_time,
         watchdog=arguments.watchdog,
         skills=arguments.skills,
+        faults=arguments.faults,
         stop=stop,
     )
 

@@ -73,6 +73,7 @@ def _command_line() -> argparse.ArgumentParser:
         default=[],
         help="values of a parameter that the file declares (may be repeated)",
     )
+    add("--faults", metavar="FILE", type=Path, help="inject the faults in this file in every trial")
     add("--reality", metavar="NAME,...", help="ideal, lab, rough (default: the file's)")
     add("--sample", choices=("lhs", "sobol"), help="draw samples from ranges of parameters")
     add("--samples", metavar="N", type=_count, default=0, help="number of samples")
@@ -147,6 +148,7 @@ def _run(arguments: argparse.Namespace, stop: StopRequest) -> int:
             timeout=arguments.timeout,
             dask=arguments.dask,
             skills=arguments.skills,
+            faults=arguments.faults,
             stop=stop,
             progress=progress,
         )

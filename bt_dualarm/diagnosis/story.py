@@ -17,6 +17,7 @@ from bt_dualarm.diagnosis.evidence import (
     second_before,
     waiting,
 )
+from bt_dualarm.diagnosis.injected_faults import injected_causes
 from bt_dualarm.diagnosis.motion_causes import (
     contact_causes,
     coordination_causes,
@@ -36,6 +37,7 @@ from bt_dualarm.runtime.outcome import Ending
 from bt_dualarm.spec.node_types import escaped
 
 _RULES: Final[tuple[Callable[[Evidence], Iterator[Cause]], ...]] = (
+    injected_causes,
     coordination_causes,
     blackboard_causes,
     world_causes,

@@ -171,6 +171,7 @@ class _Start(_Facts):
     renderer: RendererKind | None
     reality: Any
     duration: Annotated[float, Field(gt=0.0, le=LONGEST_S)] | None
+    faults: Annotated[dict[Name, dict[str, Any]], Field(max_length=200)] = {}
     timestep: Annotated[float, Field(ge=1e-5, le=0.1)]
     time_limit: Annotated[float, Field(gt=0.0, le=LONGEST_S)]
     objects: Annotated[dict[Name, _Object], Field(max_length=1000)]
@@ -255,6 +256,16 @@ class _Guard(_Note):
     reason: _Text
 
 
+class _Fault(_Note):
+    arm: Name | Literal[""]  # a fault of an object is of no arm
+    name: Name
+    fault: Label
+    sentence: _Text
+    active: bool
+    leaf: Annotated[str, StringConstraints(max_length=8192), AfterValidator(_printable)]
+    objects: Annotated[list[Name], Field(max_length=16)]
+
+
 class _Event(_Facts):
     time_s: _Time
     arm: Name
@@ -296,6 +307,7 @@ _NOTES: Final[Mapping[str, TypeAdapter[Any]]] = {
         ("look", _Look),
         ("edited", _Edited),
         ("guard", _Guard),
+        ("fault", _Fault),
         ("holds", _Holds),
     )
 }
@@ -379,7 +391,8 @@ def check_second(facts: Facts, arms: Mapping[str, Facts]) -> None:
     for kind, notes in of_kind.items():
         _check(_NOTES.get(kind, _ANY_NOTE), notes, f"notes[{kind[:48]}]")
         for note in notes:
-            _check_arm(note["arm"], arms, f"a note of kind {kind}")
+            if note["arm"] or kind != "fault":
+                _check_arm(note["arm"], arms, f"a note of kind {kind}")
             if kind in ("frame", "found", "look") and not arms[note["arm"]]["camera"]:
                 raise ValueError(f"a note of kind {kind} is of {note['arm']}, which has no camera")
 

@@ -16,7 +16,7 @@ from bt_dualarm.behaviors.report import StatusChange
 from bt_dualarm.replay.record import Facts, Record, ReplayError
 from bt_dualarm.replay.timeline import Timeline, TimelineNode, known_frames, node_of
 from bt_dualarm.runtime.arm_runtime import IdleObserver
-from bt_dualarm.runtime.file_check import check
+from bt_dualarm.runtime.file_check import check, checked_faults
 from bt_dualarm.runtime.history import tree_facts
 from bt_dualarm.runtime.history_file import HistoryError, read_regular
 from bt_dualarm.runtime.interruption import StopRequest
@@ -248,6 +248,9 @@ def rerun(
         "duration": start["duration"],
     } | dict(changed.options)
     file = checked.runnable()
+    given = start.get("faults")
+    if given and "faults" not in options:
+        options["faults"] = checked_faults(file, {"faults": given})
     run = Run(file, registry, RunOptions(**options), stop=stop, warnings=checked.problems)
     return Rerun(run, {name: arm.tree for name, arm in file.arms.items()})
 

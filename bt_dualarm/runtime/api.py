@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeAlias
 
 from bt_dualarm.core.errors import RunError
 from bt_dualarm.runtime.file_check import check as check_tree
+from bt_dualarm.runtime.file_check import checked_faults
 from bt_dualarm.runtime.interruption import StopRequest
 from bt_dualarm.runtime.options import RunOptions, checked_folder, checked_reality, find_tree
 from bt_dualarm.runtime.outcome import RunResult
@@ -28,6 +30,9 @@ Text of several lines, or text that begins with ``{``, is YAML; other text is an
 has the values that YAML can express; relative paths in text and data start from the current folder.
 """
 
+GivenFaults: TypeAlias = str | os.PathLike[str] | Mapping[str, Mapping[str, object]]
+"""Faults: the path of a file with a section ``faults``, or a mapping from names to faults."""
+
 Skills: TypeAlias = Iterable[type[Skill] | str | os.PathLike[str]]
 """Skills in addition to the shipped ones: classes, or folders as for ``--skills``."""
 
@@ -45,6 +50,7 @@ def run(
     real_time: bool = False,
     watchdog: float | None = None,
     skills: Skills = (),
+    faults: GivenFaults | None = None,
 ) -> RunResult:
     """Run a tree to its end and return the result; a failed tree raises no error.
 
@@ -60,6 +66,8 @@ def run(
         real_time: Whether to run no faster than the wall clock.
         watchdog: Wall-clock budget of a tick or callback of a skill, s; by default no limit.
         skills: Additional skills: classes, or folders of files.
+        faults: Faults to inject in addition to the tree's: a file with a section ``faults``, or a
+            mapping from names to faults.
 
     Raises:
         SpecError, NoSuchTree: The tree has errors, listed in ``problems``; there is no such tree.
@@ -85,6 +93,7 @@ def open(  # noqa: A001 - used with the name of its module before it, as gzip.op
     real_time: bool = False,
     watchdog: float | None = None,
     skills: Skills = (),
+    faults: GivenFaults | None = None,
 ) -> Run:
     """Prepare a run that the caller advances in steps; nothing has moved yet.
 
@@ -102,6 +111,7 @@ def open(  # noqa: A001 - used with the name of its module before it, as gzip.op
         watchdog: Wall-clock budget of skill code, s; code that exceeds it is interrupted, and the
             run ends.
         skills: Additional skills.
+        faults: Faults to inject in addition to the tree's.
 
     Raises:
         DualArmError: The same errors as `run`.
@@ -112,7 +122,10 @@ def open(  # noqa: A001 - used with the name of its module before it, as gzip.op
     registry = registry_of(skills)
     # build=False: the run composes the world itself and raises the same errors.
     checked = check_tree(_input(tree), registry.kinds, params, build=False)
-    return Run(checked.runnable(), registry, options, stop=stop, warnings=checked.problems)
+    file = checked.runnable()
+    if faults is not None:
+        options = replace(options, faults=checked_faults(file, faults_input(faults)))
+    return Run(file, registry, options, stop=stop, warnings=checked.problems)
 
 
 def check(
@@ -146,6 +159,11 @@ def registry_of(skills: Skills = ()) -> Registry:
     if len(classes) + len(folders) < len(given):
         raise RunError("skills are classes derived from Skill, or folders of files that have some")
     return Registry.load(folders, classes)
+
+
+def faults_input(faults: GivenFaults) -> TreeInput:
+    """Faults in the form of a file's section."""
+    return {"faults": dict(faults)} if isinstance(faults, Mapping) else Path(faults)
 
 
 def _input(tree: Tree) -> TreeInput:

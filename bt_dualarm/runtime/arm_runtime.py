@@ -24,6 +24,7 @@ from bt_dualarm.runtime.clock import Periodic, exact
 from bt_dualarm.runtime.outcome import STRICT, ArmLife, ArmResult, Leniency, Outcome, SlowTicks
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.cell import ActiveNode, CellState
+from bt_dualarm.spec.faults import FaultEvent
 from bt_dualarm.spec.node_types import NodeSpec
 
 _log = logging.getLogger(__name__)
@@ -88,6 +89,9 @@ class Observer(Protocol):
     def after_step(self, time: float) -> None:
         """React to a physics step that ended at ``time``, s."""
 
+    def on_fault(self, event: FaultEvent) -> None:
+        """React to the start or the end of an injected fault."""
+
 
 class IdleObserver:
     """Observer that ignores everything: base of those that need only some of the methods."""
@@ -99,6 +103,9 @@ class IdleObserver:
         """Do nothing."""
 
     def after_step(self, time: float) -> None:
+        """Do nothing."""
+
+    def on_fault(self, event: FaultEvent) -> None:
         """Do nothing."""
 
 
@@ -114,6 +121,7 @@ class ArmParts:
         tick_period: Seconds between two ticks of the tree.
         control_period: Seconds between two updates of the controller.
         monitor: Called after each update, for example to detect slip of a held object.
+        is_absent: Whether an injected fault keeps the tree from ticking.
     """
 
     robot: str
@@ -123,6 +131,7 @@ class ArmParts:
     tick_period: Fraction
     control_period: Fraction
     monitor: Callable[[], None]
+    is_absent: Callable[[], bool] = bool
 
 
 class ArmRuntime:
@@ -161,6 +170,7 @@ class ArmRuntime:
         self._controller = parts.controller
         self._camera = parts.camera
         self._monitor = parts.monitor
+        self._is_absent = parts.is_absent
         self._ticks = Periodic(parts.tick_period, timestep, ticked_from)
         self._control = Periodic(parts.control_period, timestep, held_from)
 
@@ -205,7 +215,7 @@ class ArmRuntime:
 
     def tick(self, step: int, time: float) -> bool:
         """Tick the tree if that is due; returns whether it was."""
-        if self.outcome is not None or not self._ticks.due(step):
+        if self.outcome is not None or not self._ticks.due(step) or self._is_absent():
             return False
         self._is_ticking = True
         began = perf_counter()

@@ -44,6 +44,7 @@ from bt_dualarm.runtime.goals import Referee
 from bt_dualarm.runtime.history import History, Start
 from bt_dualarm.runtime.interruption import StopRequest, Watchdog, ctrl_c_ends
 from bt_dualarm.runtime.observations import (
+    FaultLog,
     FrameLog,
     LogCapture,
     PictureFile,
@@ -59,6 +60,7 @@ from bt_dualarm.safety.failsafe import Reservations, warm_up_reservations
 from bt_dualarm.sim.camera import Camera, calibration_of, warm_up_lens, warm_up_shutter
 from bt_dualarm.sim.contact_monitor import Contacts, warm_up_contacts
 from bt_dualarm.sim.devices import warm_up_sensors
+from bt_dualarm.sim.faults import WorldFaults
 from bt_dualarm.sim.frame import Renderer, RendererKind
 from bt_dualarm.sim.grippers import warm_up_fingers, warm_up_held_objects, warm_up_tactile_sensors
 from bt_dualarm.sim.renderers import choose_renderer, warm_up_renderer
@@ -67,6 +69,7 @@ from bt_dualarm.skill.cell import CellAccess, CellState
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.skill.skill import SkillContext
 from bt_dualarm.spec.document import TreeFile
+from bt_dualarm.spec.faults import FaultEvent, LeafFault
 from bt_dualarm.spec.node_types import NodeSpec
 from bt_dualarm.spec.problems import Named
 from bt_dualarm.trajectory.path_timing import warm_up_timing
@@ -90,6 +93,7 @@ class Assembly:
         seed: Random seed.
         frame_logs: Findings in the cameras' frames, by the arm's name.
         trees: Definition of the tree that an arm starts with when spawned, by the arm's name.
+        faults: Injected faults of hardware and world.
     """
 
     world: World
@@ -102,6 +106,7 @@ class Assembly:
     seed: int
     frame_logs: Mapping[str, FrameLog]
     trees: dict[str, NodeSpec]
+    faults: WorldFaults
 
     def close(self) -> None:
         """Release the renderer and the planning process."""
@@ -130,14 +135,20 @@ class _ArmFactory:
     trees: Mapping[str, NodeSpec]
     cell: CellState
     controllers: dict[str, JointController]
+    faults: WorldFaults
+    on_fault: Callable[[FaultEvent], None]
 
     def clock(self) -> float:
         return self.world.time
 
     def _faults(self, name: str) -> FaultInjector | None:
         """Faults of the file in an arm's leaves, None if it has none."""
-        faults = {key: one for key, one in self.file.faults.items() if one.arm == name}
-        return FaultInjector(faults, self.clock, self.seed) if faults else None
+        faults = {
+            key: one
+            for key, one in self.file.faults.items()
+            if isinstance(one, LeafFault) and one.arm == name
+        }
+        return FaultInjector(faults, self.clock, self.seed, self.on_fault) if faults else None
 
     def equip(self, name: str) -> ArmParts:
         """Camera, controller and tree of an arm that is in the world."""
@@ -148,7 +159,15 @@ class _ArmFactory:
             calibration = calibration_of(self.world, name, self.seed)
             rng = self._rng(camera_name)
             frame_log = self.frame_logs[name]
-            camera = Camera(camera_name, spec.camera, self.renderer, rng, calibration, frame_log)
+            camera = Camera(
+                camera_name,
+                spec.camera,
+                self.renderer,
+                rng,
+                calibration,
+                frame_log,
+                self.faults.camera(name),
+            )
         period = control_period(self.world.timestep)
         controller = JointController(self.world, name, float(period), self.reservations)
         self.controllers[name] = controller
@@ -162,6 +181,7 @@ class _ArmFactory:
             self.contacts,
             self.traffic,
             self.controllers,
+            partial(self.faults.no_plan, name),
         )
         access = CellAccess(self.cell, name)
         tree = build_tree(
@@ -180,7 +200,16 @@ class _ArmFactory:
             None if camera is None else _MountedCamera(camera, self.world, self.frame_logs[name])
         )
         tick_period = 1 / exact(spec.tick_hz)
-        return ArmParts(robot, tree, controller, mounted, tick_period, period, arm.slip.look)
+        return ArmParts(
+            robot,
+            tree,
+            controller,
+            mounted,
+            tick_period,
+            period,
+            arm.slip.look,
+            partial(self.faults.is_absent, name),
+        )
 
     def _rng(self, owner: str) -> np.random.Generator:
         """Random generator that depends on the seed and its owner, not on the order of use."""
@@ -231,6 +260,7 @@ def assemble(
     seed: int | None = None,
     renderer: RendererKind | None = None,
     trace: TraceEvents | None = None,
+    on_fault: Callable[[FaultEvent], None] = lambda _: None,
 ) -> Assembly:
     """Compose the world and equip its arms; nothing moves yet.
 
@@ -241,6 +271,7 @@ def assemble(
         seed: Seed of all random numbers; None for the file's.
         renderer: Renderer of the cameras; None for the file's.
         trace: Collects events of trees and cameras; None if they are not recorded.
+        on_fault: Receives the start and the end of every injected fault.
 
     Raises:
         CatalogError: A robot or scene is unknown or broken.
@@ -262,6 +293,7 @@ def assemble(
     trees = {name: arm.tree for name, arm in file.arms.items()}
     frame_logs = {name: FrameLog(name, trace) for name in file.arms}
     traffic = Traffic(lambda: world.time)
+    faults = WorldFaults(world, file.faults, seed, on_fault)
     cell = CellState(file.cell, lambda: world.time, traffic)
     if trace is not None:
         cell.on_wait = trace.of_wait
@@ -287,6 +319,8 @@ def assemble(
         trees,
         cell,
         {},
+        faults,
+        on_fault,
     )
     declared = {
         name: name_of_robot(arm.robot, world.robots[name]) for name, arm in file.arms.items()
@@ -296,7 +330,7 @@ def assemble(
     }
     arms = Arms(declared, factory.equip, world, leniency, cell)
     return Assembly(
-        world, arms, opened, message, series, planning, contacts, seed, frame_logs, trees
+        world, arms, opened, message, series, planning, contacts, seed, frame_logs, trees, faults
     )
 
 
@@ -365,6 +399,7 @@ class Prepared:
         watchdog: Limits the wall-clock time of skill code.
         states: Hash of all states of the world.
         referee: Checks the goals and invariants of the file.
+        fault_log: Injected faults that have started or ended.
         log: Captures the log while the run is advanced.
         open_record: Writers of the record, None if none was requested.
         resources: Resources of the run, released when closed.
@@ -377,6 +412,7 @@ class Prepared:
     watchdog: Watchdog
     states: StateLog
     referee: Referee
+    fault_log: FaultLog
     log: LogCapture
     open_record: OpenRecord | None
     resources: ExitStack
@@ -428,6 +464,7 @@ class Prepared:
             },
             state_sha256=self.states.sha256,
             goals=self.referee.results(),
+            faults=self.fault_log.events,
         )
 
 
@@ -449,9 +486,17 @@ def prepare(file: TreeFile, registry: Registry, options: RunOptions, stop: StopR
     log = LogCapture()
     feed = StatusFeed()
     trace = TraceEvents()
+    fault_log = FaultLog()
+
+    def on_fault(event: FaultEvent) -> None:
+        if options.record is not None:
+            trace.of_fault(event)
+        feed.on_fault(event)
+
     with log.during(), ExitStack() as resources:
         if options.reality is not None:
             file = file.in_reality(options.reality)
+        file = file.with_faults(options.faults)
         assembly = assemble(
             file,
             registry,
@@ -460,10 +505,11 @@ def prepare(file: TreeFile, registry: Registry, options: RunOptions, stop: StopR
             renderer=options.renderer,
             # Without a record nothing reads trace events, so none are collected.
             trace=None if options.record is None else trace,
+            on_fault=on_fault,
         )
         resources.enter_context(closing(assembly))
         states = StateLog(assembly.world)
-        feed.observers.append(states)
+        feed.observers += states, fault_log
         open_record = None
         if options.record is not None:
             folder = resources.enter_context(RecordFolder(options.record, file.arms))
@@ -480,6 +526,8 @@ def prepare(file: TreeFile, registry: Registry, options: RunOptions, stop: StopR
         if referee.watches:
             feed.observers.append(referee)
         conditions = _conditions(file.world.time_limit, options, stop, referee)
+        if not assembly.faults.is_idle:
+            conditions.inject = weakly(assembly.faults.update)
         resources.enter_context(closing(conditions.watchdog))
         return Prepared(
             file.name,
@@ -489,6 +537,7 @@ def prepare(file: TreeFile, registry: Registry, options: RunOptions, stop: StopR
             conditions.watchdog,
             states,
             referee,
+            fault_log,
             log,
             open_record,
             resources.pop_all(),

@@ -19,6 +19,7 @@ from rich.text import Text
 from bt_dualarm.behaviors.report import NodeView, StatusChange
 from bt_dualarm.runtime.arm_runtime import ArmView, IdleObserver, Observer, RunView
 from bt_dualarm.runtime.report import ASCII, STYLES, UNICODE, Symbols
+from bt_dualarm.spec.faults import FaultEvent
 
 _BAR_COLUMNS = 10
 _WIDE = 46
@@ -170,6 +171,9 @@ _FRAMED = 48
 
 _UNLIMITED = 10**6
 
+_MOST_FAULTS = 4
+"""Injected faults that are shown above the trees."""
+
 
 @dataclass(frozen=True)
 class Picture:
@@ -182,6 +186,7 @@ class Picture:
         renderer: Name of the cameras' renderer, empty without a camera.
         arms: Arms in the order of the file.
         symbols: Characters to draw with.
+        faults: Sentences on the injected faults that are active.
     """
 
     title: str
@@ -190,16 +195,21 @@ class Picture:
     renderer: str
     arms: Sequence[ArmView]
     symbols: Symbols
+    faults: Sequence[str] = ()
 
     def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
         """Fill the width of the terminal, and stay within its height if possible."""
         yield self._header(options.max_width)
+        for sentence in self.faults:
+            line = Text(f"{self.symbols.fault} {sentence}", style="magenta", no_wrap=True)
+            line.truncate(options.max_width, overflow="ellipsis")
+            yield line
         columns = max(1, min(len(self.arms), options.max_width // _COLUMN))
         width = options.max_width // columns
         rows = [self.arms[first : first + columns] for first in range(0, len(self.arms), columns)]
         needs = [max(self._need(arm, width) for arm in row) for row in rows]
         # Without the line of the header and the line of the cursor.
-        heights = shared_heights(needs, console.height - 2)
+        heights = shared_heights(needs, console.height - 2 - len(self.faults))
         for row, height in zip(rows, heights, strict=True):
             drawn = [self._arm(arm, width, height) for arm in row]
             yield drawn[0] if columns == 1 else _side_by_side(drawn, columns)
@@ -394,6 +404,20 @@ class LogDisplay(QuietDisplay):
             line.append(f"  {change.code}", style="dim")
         self._console.print(line, soft_wrap=True)
 
+    def on_fault(self, event: FaultEvent) -> None:
+        """Write the start or the end of an injected fault."""
+        self._console.print(fault_line(event, self._symbols), soft_wrap=True)
+
+
+def fault_line(event: FaultEvent, symbols: Symbols) -> Text:
+    """Line on the start or the end of an injected fault."""
+    return Text.assemble(
+        (f"{event.time:9.3f} s", "dim"),
+        f"  {event.arm or 'world'}  ",
+        (f"{symbols.fault} {'FAULT' if event.is_active else 'OVER':<7}", "bold magenta"),
+        f"  {event.text}",
+    )
+
 
 class LiveDisplay(QuietDisplay):
     """Display of all trees, redrawn in place at most ten times per second.
@@ -415,6 +439,7 @@ class LiveDisplay(QuietDisplay):
         self._began: float | None = None
         self._drawn = float("-inf")
         self._run: RunView | None = None
+        self._faults: dict[str, str] = {}
         self._stack = ExitStack()
         self._live = Live(console=console, auto_refresh=False, vertical_overflow="crop")
 
@@ -431,6 +456,13 @@ class LiveDisplay(QuietDisplay):
         with self._stack:
             if self._run is not None:
                 self._draw(self._run, None)
+
+    def on_fault(self, event: FaultEvent) -> None:
+        """Show a fault while it is active; one of a leaf until the end."""
+        if event.is_active:
+            self._faults[event.name] = event.text
+        else:
+            self._faults.pop(event.name, None)
 
     def after_ticks(self, run: RunView) -> None:
         """Draw if the last redraw is old enough."""
@@ -451,6 +483,7 @@ class LiveDisplay(QuietDisplay):
             renderer=self._caption.renderer,
             arms=run.views(),
             symbols=self._symbols,
+            faults=list(self._faults.values())[-_MOST_FAULTS:],
         )
         # An empty line for the cursor, so that an echoed ^C does not damage the drawing.
         self._live.update(Group(picture, Text()), refresh=True)

@@ -29,6 +29,7 @@ from bt_dualarm.robots.urdf_xml import DescriptionError
 from bt_dualarm.sim.composition import names_in, scene_names, scene_spec
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ArmSpec, TreeFile
+from bt_dualarm.spec.faults import FaultSpec, fault_problems, joint_problems, read_faults
 from bt_dualarm.spec.node_types import (
     NodeSpec,
     NodeType,
@@ -142,6 +143,8 @@ class Names:
                 self.problems += self._nodes(name, arm, robot)
             if ("arms", name, "gripper") not in self.left_out:
                 self.problems += gripper_problems(name, arm, gripper, self.kinds)
+        joints = {name: robot.joints for name, robot in self.robots.items()}
+        self.problems += joint_problems(self.file.faults, self.source, joints)
 
     def _scene(self) -> None:
         world = self.file.world
@@ -482,6 +485,34 @@ def check(
         *missing_markers(file, kinds),
     )
     return Checked(file, in_order((*loaded.problems, *warnings)))
+
+
+def checked_faults(file: TreeFile, given: TreeInput) -> dict[str, FaultSpec]:
+    """Faults to inject into the run of a file, in addition to its own.
+
+    Args:
+        file: File without errors.
+        given: Path of a file with a section ``faults``, YAML text, or data of the same form.
+
+    Raises:
+        SpecError: They have errors, do not fit the file, or have names of its own faults.
+    """
+    faults, source = read_faults(given)
+    trees = {name: arm.tree for name, arm in file.arms.items()}
+    cameras = frozenset(name for name, arm in file.arms.items() if arm.camera)
+    joints = {
+        name: load_robot(arm.robot, file.root, arm.locked).joints for name, arm in file.arms.items()
+    }
+    problems = [
+        *fault_problems(faults, source, trees, file.objects, cameras),
+        *joint_problems(faults, source, joints),
+    ]
+    for name in faults.keys() & file.faults.keys():
+        message = f"the tree file has a fault '{name}' of its own"
+        problems.append(source.problem(("faults", name), message, "choose another name", key=True))
+    if problems:
+        raise SpecError(problems)
+    return faults
 
 
 def _problems_of_the_world(file: TreeFile, source: Source, name: str) -> list[Problem]:

@@ -67,6 +67,10 @@ class Start:
             "renderer": self.renderer,
             "reality": _reality(options),
             "duration": options.duration,
+            "faults": {
+                name: fault.model_dump(mode="json", exclude_defaults=True) | {"kind": fault.kind}
+                for name, fault in options.faults.items()
+            },
             "timestep": self.timestep,
             "time_limit": file.world.time_limit,
             "objects": objects,

@@ -34,6 +34,7 @@ from bt_dualarm.sim.frame import Frame, FrameFinding, JsonList, Region
 from bt_dualarm.sim.grippers import Attachment
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.cell import CellWait
+from bt_dualarm.spec.faults import FaultEvent
 
 _log = logging.getLogger(__name__)
 
@@ -169,6 +170,27 @@ class StateLog(IdleObserver):
         np.savez_compressed(file, allow_pickle=False, **columns)
 
 
+MOST_FAULTS: Final = 1000
+"""Starts and ends of faults that are kept for the result of a run."""
+
+
+class FaultLog(IdleObserver):
+    """Observer that keeps the injected faults of a run."""
+
+    def __init__(self) -> None:
+        self._events: list[FaultEvent] = []
+
+    @property
+    def events(self) -> tuple[FaultEvent, ...]:
+        """Starts and ends of faults, in order."""
+        return tuple(self._events)
+
+    def on_fault(self, event: FaultEvent) -> None:
+        """Keep an event."""
+        if len(self._events) < MOST_FAULTS:
+            self._events.append(event)
+
+
 class TraceEvents:
     """Buffer of trace events between two frames of a history: ports, keys, frames, guards, ...
 
@@ -216,6 +238,20 @@ class TraceEvents:
             target=wait.target,
             others=list(wait.others),
             since=wait.since,
+        )
+
+    def of_fault(self, event: FaultEvent) -> None:
+        """Add the start or the end of an injected fault."""
+        self._add_fields(
+            "fault",
+            event.arm,
+            event.time,
+            name=event.name,
+            fault=event.kind,
+            sentence=event.sentence,
+            active=event.is_active,
+            leaf=event.leaf,
+            objects=list(event.objects),
         )
 
     def of_frame(self, arm: str, frame: Frame, crc: int | None = None) -> None:
@@ -403,6 +439,14 @@ class StatusFeed:
         for observer in self.observers:
             try:
                 observer.after_step(time)
+            except Exception as error:  # noqa: BLE001 - see `_drop`
+                self._drop(observer, error)
+
+    def on_fault(self, event: FaultEvent) -> None:
+        """Report the start or the end of an injected fault."""
+        for observer in self.observers:
+            try:
+                observer.on_fault(event)
             except Exception as error:  # noqa: BLE001 - see `_drop`
                 self._drop(observer, error)
 

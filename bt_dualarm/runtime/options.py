@@ -7,7 +7,7 @@ import math
 import operator
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from numbers import Real
 from pathlib import Path
 from typing import Final, get_args
@@ -19,6 +19,7 @@ from bt_dualarm.core.share import share_dir
 from bt_dualarm.sim.frame import RendererKind
 from bt_dualarm.spec.document import REALITY_NAMES, Reality, RealitySpec
 from bt_dualarm.spec.explain import explain
+from bt_dualarm.spec.faults import FaultSpec
 from bt_dualarm.spec.problems import suggestion
 
 
@@ -98,6 +99,7 @@ class RunOptions:
         watchdog: Wall-clock budget of each tick and callback of a skill, s; infinity for no limit
             before the end of the run; None for no watchdog.
         frames: Whether the record includes the cameras' images.
+        faults: Faults in addition to the file's, by name, checked against the file.
 
     Raises:
         RunError: A value is invalid; the message says what is allowed.
@@ -111,6 +113,7 @@ class RunOptions:
     real_time: bool = False
     watchdog: float | None = None
     frames: bool = False
+    faults: Mapping[str, FaultSpec] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.seed is not None:

@@ -23,6 +23,7 @@ from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.runtime.clock import Periodic, exact
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.skill import Samples
+from bt_dualarm.spec.faults import FaultEvent
 from bt_dualarm.spec.problems import Named
 
 _MOST_METRICS = 6
@@ -644,6 +645,7 @@ class RunResult:
         state_sha256: Hash of the states of the simulation, in hexadecimal: equal for bitwise equal
             runs.
         goals: Result of each goal of the file, by name; empty if it declares none.
+        faults: Injected faults that have started or ended, in order; the first 1000.
     """
 
     ending: Ending
@@ -658,6 +660,7 @@ class RunResult:
     reality: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
     state_sha256: str = ""
     goals: Mapping[str, GoalResult] = field(default_factory=dict)
+    faults: tuple[FaultEvent, ...] = ()
 
     @property
     def goals_met(self) -> bool:

@@ -54,6 +54,7 @@ class Symbols:
         dot: Separator.
         times: Multiplication sign.
         line: Horizontal rule.
+        fault: Sign of an injected fault.
     """
 
     status: Mapping[str, str]
@@ -66,6 +67,7 @@ class Symbols:
     dot: str
     times: str
     line: str
+    fault: str
 
 
 UNICODE = Symbols(
@@ -90,6 +92,7 @@ UNICODE = Symbols(
     dot="·",
     times="×",  # noqa: RUF001 - a multiplication it is
     line="─",
+    fault="⚡",
 )
 
 ASCII = Symbols(
@@ -114,6 +117,7 @@ ASCII = Symbols(
     dot="|",
     times="x",
     line="-",
+    fault="!",
 )
 
 
@@ -401,6 +405,7 @@ def summary_of(
         "attachments": attachments,
         "attachments_left_out": attachments_left_out,
         "goals": {name: vars(goal) for name, goal in result.goals.items()},
+        "faults": [vars(event) for event in result.faults],
         "false_success": result.is_false_success,
         "arms": {arm.name: _arm(arm) for arm in result.arms.values()},
     }

@@ -45,6 +45,7 @@ class Conditions:
         pacer: Limits the rate of simulated time.
         watchdog: Limits the wall-clock time of skill code.
         violation: Sentence on a violated invariant, empty while there is none.
+        inject: Starts and ends the faults that are due, before each step.
     """
 
     limit: Limit
@@ -53,14 +54,16 @@ class Conditions:
     pacer: Pacer = field(default_factory=Unpaced)
     watchdog: Watchdog = field(default_factory=lambda: Watchdog(None, StopRequest()))
     violation: Callable[[], str] = str
+    inject: Callable[[], None] = lambda: None
 
 
 class Runner:
     """One run, from the first tick until the arms are at rest.
 
-    In the physics step that begins at time t: cameras that are due capture a frame; frames
-    whose latency has elapsed are delivered; trees that are due are ticked; spawned and removed
-    arms are taken over; controllers compute; the world steps; observers are notified.
+    In the physics step that begins at time t: injected faults that are due start or end; cameras
+    that are due capture a frame; frames whose latency has elapsed are delivered; trees that are due
+    are ticked; spawned and removed arms are taken over; controllers compute; the world steps;
+    observers are notified.
 
     A run can be advanced in portions of any length: the result does not depend on them.
 
@@ -189,6 +192,7 @@ class Runner:
         """Make one physics step with everything that is due in it."""
         time = self._world.time
         try:
+            self._conditions.inject()
             if trees and self._arms.due(self._step, time):
                 self._capture_and_tick(time)
             if self._arms.controls(self._step):

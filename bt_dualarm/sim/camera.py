@@ -529,6 +529,56 @@ class CameraTiming(Protocol):
         """Standard deviation of the shake along x and y, in pixels."""
 
 
+@dataclass(eq=False)
+class CameraDisturbance:
+    """What faults do to a camera at present; by default nothing.
+
+    Attributes:
+        is_frozen: Whether it repeats the scene that it saw last.
+        brightness: Share of the brightness of its images.
+        delay: Seconds by which images are delivered late.
+        shake: Standard deviation of its rotation about x and y, rad.
+        rng: Random stream of the shake.
+    """
+
+    is_frozen: bool = False
+    brightness: float = 1.0
+    delay: float = 0.0
+    shake: float = 0.0
+    rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+    _scene: tuple[mujoco.MjModel, mujoco.MjData, int] | None = field(init=False, default=None)
+
+    def scene(
+        self, model: mujoco.MjModel, data: mujoco.MjData, camera_id: int
+    ) -> tuple[mujoco.MjModel, mujoco.MjData, int]:
+        """The scene that the camera sees: the present one, or a copy from when it froze."""
+        if not self.is_frozen:
+            self._scene = None
+            return model, data, camera_id
+        if self._scene is None:
+            self._scene = model, Scenery.of(model, data).data(), camera_id
+        return self._scene
+
+    def turned(self, shake: Vector) -> Vector:
+        """Rotation of the camera about its x and y axes, of shape (2,), rad."""
+        if not self.shake:
+            return shake
+        turned: Vector = shake + self.rng.normal(0.0, self.shake, 2)
+        return turned
+
+    def dimmed(self, degrade: Callable[[Image], Image] | None) -> Callable[[Image], Image] | None:
+        """Function that applies noise to the blocks of an image, of shape (rows, columns, 3)."""
+        if self.brightness == 1.0:
+            return degrade
+        alpha = self.brightness
+
+        def dim(blocks: Image) -> Image:
+            dark: Image = np.asarray(cv2.convertScaleAbs(blocks, alpha=alpha), dtype=np.uint8)
+            return dark if degrade is None else degrade(dark)
+
+        return dim
+
+
 FrameCallback: TypeAlias = Callable[[Frame], None]
 WindowRequest: TypeAlias = Callable[[float, Pose, int, int], Window]
 """Called before each exposure with stamp, camera pose, width and height; returns what to expose."""
@@ -546,6 +596,7 @@ class Camera:
         rng: Random stream of the faults; by default one with seed 0.
         calibration: Nominal pose and optics, and image errors; by default an ideal camera.
         memory: Memory of image processing; frames whose results it knows are not rendered.
+        disturbance: Faults of the camera; none by default.
 
     Attributes:
         aim: Callback that selects the next exposure.
@@ -562,8 +613,10 @@ class Camera:
         rng: np.random.Generator | None = None,
         calibration: Calibration | None = None,
         memory: FrameMemory | None = None,
+        disturbance: CameraDisturbance | None = None,
     ) -> None:
         self.name = name
+        self._disturbance = disturbance or CameraDisturbance()
         self.latency = float(spec.latency)
         self.drop = float(spec.drop)
         self.noise = float(spec.noise)
@@ -581,7 +634,7 @@ class Camera:
         self._rng = rng or np.random.default_rng(0)
         self._next_index = 0
         self._cached_id: tuple[mujoco.MjModel, int] | None = None
-        self._pending: deque[Frame] = deque()
+        self._pending: deque[tuple[float, Frame]] = deque()
         self._callbacks: list[FrameCallback] = []
 
     def subscribe(self, callback: FrameCallback) -> Callable[[], None]:
@@ -623,8 +676,12 @@ class Camera:
         shake = _NO_SHAKE
         if self._is_faulty:
             shake = self._rng.normal(0.0, self.noise / focal_length_px(self.height, fov_rad), 2)
+        disturbance = self._disturbance
+        model, data, camera_id = disturbance.scene(model, data, camera_id)
+        shake = disturbance.turned(shake)
         exposure = Exposure(camera_id, self.width, self.height, region, window.stride, alone=True)
         degrade = nominal.degradation(region, window.stride) if nominal.is_degraded else None
+        degrade = disturbance.dimmed(degrade)
 
         def draw(state: mujoco.MjData) -> Image:
             return self._optics.render(model, state, exposure, shake, degrade)
@@ -639,7 +696,7 @@ class Camera:
             blocks = draw(data)
             frame = LazyFrame(size, lambda: blocks, *metadata)
         if not self._is_faulty or self._rng.random() >= self.drop:
-            self._pending.append(frame)
+            self._pending.append((self.latency + disturbance.delay, frame))
         self._next_index = math.floor((time + _CLOCK_TOLERANCE_S) / self.period) + 1
         self.frames += 1
         return frame
@@ -671,8 +728,11 @@ class Camera:
     def deliver(self, time: float) -> list[Frame]:
         """Pass frames whose latency has passed to the subscribers, oldest first; returns them."""
         ready = []
-        while self._pending and self._pending[0].stamp + self.latency <= time + _CLOCK_TOLERANCE_S:
-            frame = self._pending.popleft()
+        while self._pending:
+            latency, frame = self._pending[0]
+            if frame.stamp + latency > time + _CLOCK_TOLERANCE_S:
+                break
+            self._pending.popleft()
             if self._calibration is not None and self._calibration.stamp_s > 0:
                 # The stamp was ahead of the clock: the arm's pose at that time was not known yet.
                 frame = frame.posed(self._calibration.pose_at(frame.stamp))

@@ -168,6 +168,21 @@ class Encoders:
         self._sources: dict[str, np.random.Generator] = {}
         self._before: Matrix = self.readings
         self._has_read = False
+        self._altered: dict[int, Callable[[float], float]] = {}
+
+    def alter(self, name: str, joint: int, reading: Callable[[float], float] | None) -> None:
+        """Let the encoder of a joint read something else from now on.
+
+        Args:
+            name: Name of the arm.
+            joint: Index of the joint, base to tip.
+            reading: Turns a position in rad into the reading; None for a sound encoder.
+        """
+        column = self._parts[name].start + joint
+        if reading is None:
+            self._altered.pop(column, None)
+        else:
+            self._altered[column] = reading
 
     def begin(self, name: str, source: np.random.Generator) -> None:
         """Start the encoders of an arm that is added, with a random stream for their noise."""
@@ -221,6 +236,10 @@ class Encoders:
             )
         else:  # the first reading does without the kernel, so that a start does not wait for it
             self._read_first(self._noise[row])
+        for joint, reading in self._altered.items():
+            self.readings[0, joint] = reading(float(self.readings[0, joint]))
+            if self.readings[0, joint] == before[0, joint]:
+                self.readings[1, joint] = 0.0  # a drive differences the readings that it has
         self.stamp = time
         self._before = before
         self.past.append((time, self.readings))
@@ -600,6 +619,12 @@ class DeviceBank:
     def end(self, name: str) -> None:
         """Remove the devices of an arm that leaves the world."""
         self._encoders.end(name)
+
+    def alter_encoder(
+        self, name: str, joint: int, reading: Callable[[float], float] | None
+    ) -> None:
+        """Let an encoder read something else from now on; see `Encoders.alter`."""
+        self._encoders.alter(name, joint, reading)
 
     def connect(
         self, model: mujoco.MjModel, data: mujoco.MjData, arms: Mapping[str, PlantArm]

@@ -227,6 +227,12 @@ class Devices:
         """Correct the motion of held objects after the integration of a step."""
         move_held_objects(self._model, self._plant, self._held_motions)
 
+    def alter_encoder(
+        self, name: str, joint: int, reading: Callable[[float], float] | None
+    ) -> None:
+        """Let an encoder read something else from now on; see `Encoders.alter`."""
+        self._bank.alter_encoder(name, joint, reading)
+
     def update_friction(self) -> None:
         """Set the joint friction of all arms for the current velocities."""
         self._bank.update_friction()

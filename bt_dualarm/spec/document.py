@@ -28,7 +28,7 @@ from pydantic import (
 )
 
 from bt_dualarm.spec.cell import CellSpec
-from bt_dualarm.spec.faults import Faults
+from bt_dualarm.spec.faults import Faults, FaultSpec
 from bt_dualarm.spec.goals import Conditions
 from bt_dualarm.spec.node_types import NodeSpec, one_line, port
 from bt_dualarm.spec.problems import Name, written_as
@@ -567,7 +567,7 @@ class TreeContent(Value):
         goal: Conditions on the true world at the end, by name.
         always: Conditions that hold at all times; the first violation ends the run.
         never: Conditions that hold at no time.
-        faults: Faults that are injected into leaves, by name.
+        faults: Faults that are injected, by name.
     """
 
     name: Annotated[str, Field(min_length=1, max_length=LONGEST_NAME), AfterValidator(one_line)]
@@ -606,6 +606,10 @@ class TreeFile(TreeContent):
         arms = {name: arm.model_copy(update={"reality": None}) for name, arm in self.arms.items()}
         world = self.world.model_copy(update={"reality": reality})
         return self.model_copy(update={"world": world, "arms": arms})
+
+    def with_faults(self, faults: Mapping[str, FaultSpec]) -> TreeFile:
+        """Returns the file with these faults in addition to its own."""
+        return self.model_copy(update={"faults": {**self.faults, **faults}})
 
     @property
     def root(self) -> Path:

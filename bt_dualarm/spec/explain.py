@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from types import UnionType
 from typing import Annotated, Any, Final, Literal, TypeAlias, Union, get_args, get_origin
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, Tag, ValidationError
 from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
@@ -218,7 +218,20 @@ def _step(annotation: object, part: int | str) -> object:
             return items[min(part, len(items) - 1)] if items[-1] is not ... else items[0]
         if get_origin(member) is dict and part not in ("[key]",):
             return get_args(member)[1]
-    return annotation
+    return _tagged(annotation, part) or annotation
+
+
+def _tagged(annotation: object, tag: int | str) -> object | None:
+    """Returns the member of a union that has a tag, None if there is none."""
+    if get_origin(annotation) is Annotated:
+        inner, *metadata = get_args(annotation)
+        if any(isinstance(item, Tag) and item.tag == tag for item in metadata):
+            return annotation
+        return _tagged(inner, tag)
+    if get_origin(annotation) in (Union, UnionType):
+        found = (_tagged(member, tag) for member in get_args(annotation))
+        return next((member for member in found if member is not None), None)
+    return None
 
 
 # Messages for pydantic's errors.

@@ -29,7 +29,7 @@ from bt_dualarm.spec.document import (
     WorldSpec,
 )
 from bt_dualarm.spec.explain import model_name, names_of, notation_of, range_of
-from bt_dualarm.spec.faults import FaultSpec
+from bt_dualarm.spec.faults import KINDS
 from bt_dualarm.spec.goals import SECTIONS, ConditionSpec
 from bt_dualarm.spec.node_types import KEY, LanguageNode, NodeType, Unit, unit_of
 from bt_dualarm.spec.parser import FORMAT, ParamSpec
@@ -199,7 +199,7 @@ _FILE_MODELS: Final[tuple[type[BaseModel], ...]] = (
     CellSpec,
     ArmSpec,
     ConditionSpec,
-    FaultSpec,
+    *KINDS.values(),
     *_NESTED,
 )
 FILE_NAMES: Final = tuple(map(model_name, _FILE_MODELS))
@@ -485,7 +485,12 @@ def _file(definitions: Json) -> Json:
                 }
                 for section in SECTIONS
             },
-            "faults": {"type": "object", **_named(_model(FaultSpec, definitions), NAME_PATTERN)},
+            "faults": {
+                "type": "object",
+                **_named(
+                    {"anyOf": [_model(kind, definitions) for kind in KINDS.values()]}, NAME_PATTERN
+                ),
+            },
         },
         "required": ["bt_dualarm"],
         "anyOf": [{"required": ["arms"]}, {"required": ["subtrees"]}],

@@ -14,7 +14,7 @@ from typing import Any, Final, TypeAlias
 import numpy as np
 
 from bt_dualarm.experiments.trials import usable_cores
-from bt_dualarm.runtime.api import Tree
+from bt_dualarm.runtime.api import GivenFaults, Tree, faults_input
 from bt_dualarm.runtime.interruption import StopRequest
 from bt_dualarm.spec.yaml_reader import is_yaml
 from bt_dualarm.sweeps.comparison import Comparison
@@ -66,6 +66,7 @@ def sweep(
     timeout: float | None = None,
     dask: str | None = None,
     skills: Iterable[PathLike] = (),
+    faults: GivenFaults | None = None,
     stop: StopRequest | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> SweepResult:
@@ -94,6 +95,8 @@ def sweep(
         timeout: Wall-clock seconds after which a trial counts as hung.
         dask: Dask cluster to run on, ``tcp://HOST:PORT`` or ``local:N``.
         skills: Folders of additional skills.
+        faults: Faults to inject in every trial in addition to the tree's: a file with a section
+            ``faults``, or a mapping from names to faults.
         stop: Request to end early.
         progress: Called after each change.
 
@@ -112,6 +115,7 @@ def sweep(
         "duration": duration,
         "watchdog": watchdog,
         "skills": tuple(Path(one) for one in skills),
+        "faults": None if faults is None else faults_input(faults),
     }
     given = {name: value for name, value in fields.items() if value not in (None, 0, (), {})}
     manifest = checked(_manifest_of(tree, given))

@@ -9,21 +9,38 @@ from __future__ import annotations
 
 import html
 import math
+import zlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+import numpy as np
+
 from bt_dualarm.core.share import write_text
+from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.runtime.api import registry_of
 from bt_dualarm.runtime.file_check import check as check_tree
 from bt_dualarm.runtime.interruption import StopRequest
 from bt_dualarm.runtime.options import RunOptions, find_tree
+from bt_dualarm.runtime.outcome import Ending
 from bt_dualarm.runtime.run import Run
 from bt_dualarm.spec.document import TreeFile
-from bt_dualarm.spec.faults import EFFECTS, PHASES, leaf_paths, unique_names
+from bt_dualarm.spec.faults import (
+    CAMERA_FAULTS,
+    EFFECTS,
+    JOINT_FAULTS,
+    KINDS,
+    OBJECT_FAULTS,
+    PHASES,
+    LeafFault,
+    PushedObject,
+    SwappedObject,
+    leaf_paths,
+    unique_names,
+)
 from bt_dualarm.spec.node_types import NodeSpec
-from bt_dualarm.spec.yaml_reader import Data, TreeInput, is_yaml, read_tree
+from bt_dualarm.spec.yaml_reader import Data, TreeInput, is_yaml, read_tree, with_tuples
 from bt_dualarm.sweeps.engine import Engine
 from bt_dualarm.sweeps.manifest import Manifest, SweepError, checked
 from bt_dualarm.sweeps.sweep import Progress, run_sweep
@@ -36,26 +53,25 @@ PAGE: Final = "faults.html"
 _PREFIX: Final = "injected_"
 _FIELDS: Final = ("arm", "leaf", "effect", "phase", "after")
 
+_BREACHES: Final = frozenset(
+    str(one) for one in (Ending.INVARIANT, Ending.DIVERGED, Ending.ERROR, Ending.OVERRUN)
+)
+"""Endings of runs that broke a rule, whatever their trees report."""
+
 
 @dataclass(frozen=True)
-class LeafFault:
-    """What became of the run with one fault.
+class FaultTrial:
+    """What became of a run with faults.
 
     Attributes:
-        arm: Name of the arm.
-        leaf: Path of the leaf.
-        effect: ``fail``, ``raise`` or ``hang``.
-        phase: ``start``, ``during`` or ``end``.
+        sentence: The faults that were injected.
         outcome: Outcome of the run.
         code: Code of the decisive failure, empty for SUCCESS.
         reason: Its sentence.
         ending: Why the run ended.
     """
 
-    arm: str
-    leaf: str
-    effect: str
-    phase: str
+    sentence: str
     outcome: str
     code: str
     reason: str
@@ -68,8 +84,25 @@ class LeafFault:
 
     @property
     def is_breach(self) -> bool:
-        """Whether the run broke a rule: a false success, an invariant, a crash."""
-        return self.outcome in ("FALSE_SUCCESS", "CRASHED", "ERROR") or "invariant" in self.ending
+        """Whether the run broke a rule: a false success, an invariant, a crash, a hanging tick."""
+        return self.outcome in ("FALSE_SUCCESS", "CRASHED", "ERROR") or self.ending in _BREACHES
+
+
+@dataclass(frozen=True)
+class LeafTrial(FaultTrial):
+    """What became of the run with one fault of a leaf.
+
+    Attributes:
+        arm: Name of the arm.
+        leaf: Path of the leaf.
+        effect: ``fail``, ``raise`` or ``hang``.
+        phase: ``start``, ``during`` or ``end``.
+    """
+
+    arm: str
+    leaf: str
+    effect: str
+    phase: str
 
 
 @dataclass(frozen=True)
@@ -82,13 +115,17 @@ class FaultCampaign:
         faults: All faults, in the order of the trees.
         never_ran: Paths of leaves, by arm, that did not run without faults.
         reached: Paths of leaves, by arm, that ran in any of the trials.
+        pairs: Sampled pairs of faults of leaves.
+        hardware: Sampled faults of hardware and world.
     """
 
     title: str
     trees: Mapping[str, NodeSpec]
-    faults: tuple[LeafFault, ...]
+    faults: tuple[LeafTrial, ...]
     never_ran: Mapping[str, tuple[str, ...]]
     reached: Mapping[str, frozenset[str]]
+    pairs: tuple[FaultTrial, ...] = ()
+    hardware: tuple[FaultTrial, ...] = ()
 
     @property
     def coverage(self) -> float:
@@ -96,7 +133,12 @@ class FaultCampaign:
         leaves = sum(len(leaf_paths(root)) for root in self.trees.values())
         return sum(len(paths) for paths in self.reached.values()) / leaves
 
-    def of(self, arm: str, leaf: str) -> tuple[LeafFault, ...]:
+    @property
+    def trials(self) -> tuple[FaultTrial, ...]:
+        """All trials."""
+        return (*self.faults, *self.pairs, *self.hardware)
+
+    def of(self, arm: str, leaf: str) -> tuple[LeafTrial, ...]:
         """Faults of one leaf."""
         return tuple(one for one in self.faults if (one.arm, one.leaf) == (arm, leaf))
 
@@ -107,17 +149,21 @@ def inject_faults(
     engine: Callable[[], Engine],
     *,
     seed: int = 0,
+    pairs: int = 0,
+    hardware: int = 0,
     skills: tuple[Path, ...] = (),
     stop: StopRequest | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> FaultCampaign:
-    """Inject every effect in every phase into every leaf, one per trial.
+    """Inject every effect in every phase into every leaf, one per trial, and sampled faults.
 
     Args:
         tree: Path or name of a tree, YAML text, or a mapping.
         out: Output folder, as of a sweep; trials that have run before are kept.
         engine: Returns the engine; the caller closes it.
-        seed: Seed of all trials.
+        seed: Seed of all trials, and of the samples.
+        pairs: Number of pairs of these faults to sample; a trial has one pair.
+        hardware: Number of faults of hardware and world to sample; a trial has one.
         skills: Folders of additional skills.
         stop: Request to end early.
         progress: Called after each change.
@@ -135,19 +181,34 @@ def inject_faults(
         raise SweepError(f"{file.name} has faults of its own: leave out its section 'faults'")
     durations = _without_faults(file, seed, skills)
     longest = max((end for ran in durations.values() for _, end in ran.values()), default=0.0)
-    manifest = Manifest(
-        _with_fault(read_tree(tree, folder).data),
-        (seed,),
-        # A hanging leaf must not take longer than its own timeouts may.
-        duration=min(file.world.time_limit, 3.0 * longest + 30.0),
-        skills=skills,
-        folder=folder,
-        explicit=tuple(_faults_of(durations)),
-    )
-    result = run_sweep(
-        checked(manifest), out, engine, stop=stop, progress=progress, keep="failures"
-    )
-    campaign = _campaign(file, durations, result.table)
+    data = read_tree(tree, folder).data
+    rng = np.random.default_rng([seed, zlib.crc32(b"faults")])
+
+    def tables(content: dict[str, Data], points: list[Mapping[str, Data]], at: Path) -> pa.Table:
+        manifest = Manifest(
+            content,
+            (seed,),
+            # A hanging leaf must not take longer than its own timeouts may.
+            duration=min(file.world.time_limit, 3.0 * longest + 30.0),
+            skills=skills,
+            folder=folder,
+            explicit=tuple(points),
+        )
+        trials = checked(manifest)
+        return run_sweep(trials, at, engine, stop=stop, progress=progress, keep="failures").table
+
+    single = _faults_of(durations)
+    campaign = _campaign(file, durations, tables(_with_faults(data, ("",)), single, out))
+    if pairs and not (stop is not None and stop.asked):
+        points = _sampled_pairs(single, pairs, rng)
+        table = tables(_with_faults(data, _TWO), points, out / "pairs")
+        campaign = replace(campaign, pairs=_pair_trials(table))
+    if hardware and not (stop is not None and stop.asked):
+        sampled = sampled_hardware(file, _joints_of(file), longest, hardware, rng)
+        content = _with_hardware(data, sampled)
+        points = [{f"{_PREFIX}{name}": 1.0} for name in sampled]
+        table = tables(content, points, out / "hardware")
+        campaign = replace(campaign, hardware=_hardware_trials(sampled, table))
     write_text(out / PAGE, _page(campaign))
     return campaign
 
@@ -176,14 +237,167 @@ def _without_faults(
     }
 
 
-def _with_fault(data: Data) -> dict[str, Data]:
-    """The tree with a fault whose fields are parameters."""
+_TWO: Final = ("first_", "second_")
+"""Prefixes of the parameters of the two faults of a pair."""
+
+
+def _with_faults(data: Data, prefixes: Sequence[str]) -> dict[str, Data]:
+    """The tree with a fault for each prefix, whose fields are parameters."""
     params = {
-        f"{_PREFIX}{name}": {"type": "duration" if name == "after" else "text"} for name in _FIELDS
+        f"{_PREFIX}{prefix}{name}": {"type": "duration" if name == "after" else "text"}
+        for prefix in prefixes
+        for name in _FIELDS
     }
     given = data.get("params") or {}
-    faults = {"injected": {name: f"{{{_PREFIX}{name}}}" for name in _FIELDS}}
+    faults = {
+        f"{prefix}injected": {name: f"{{{_PREFIX}{prefix}{name}}}" for name in _FIELDS}
+        for prefix in prefixes
+    }
     return {**data, "params": {**given, **params}, "faults": faults}
+
+
+def _sampled_pairs(
+    single: Sequence[Mapping[str, Data]], count: int, rng: np.random.Generator
+) -> list[Mapping[str, Data]]:
+    """Pairs of faults of different leaves, each pair once; fewer if there are not so many."""
+    found: dict[tuple[int, int], Mapping[str, Data]] = {}
+    for _ in range(20 * count):
+        if len(found) == count or len(single) < 2:
+            break
+        first, second = sorted(int(index) for index in rng.choice(len(single), 2, replace=False))
+        places = {
+            tuple(single[index][f"{_PREFIX}{name}"] for name in ("arm", "leaf"))
+            for index in (first, second)
+        }
+        if len(places) == 2:
+            found[first, second] = {
+                f"{_PREFIX}{prefix}{name}": single[index][f"{_PREFIX}{name}"]
+                for prefix, index in zip(_TWO, (first, second), strict=True)
+                for name in _FIELDS
+            }
+    return [*found.values()]
+
+
+def _pair_trials(table: pa.Table) -> tuple[FaultTrial, ...]:
+    trials = []
+    for row in table.to_pylist():
+        parts = []
+        for prefix in _TWO:
+            given = {name: row[f"param.{_PREFIX}{prefix}{name}"] for name in _FIELDS}
+            parts.append(f"{given['arm']} {given['leaf']} {given['effect']} {given['phase']}")
+        trials.append(FaultTrial(" + ".join(parts), **_ending_of(row)))
+    return tuple(trials)
+
+
+# Faults of hardware and world
+
+_LASTING_S: Final = (0.5, 2.0, None)
+"""Durations of sampled faults; None for one that does not end."""
+
+_PUSH_S: Final = 0.2
+_PUSH_WEIGHTS: Final = 3.0
+"""Force of a sampled push, in weights of the object."""
+
+
+def _joints_of(file: TreeFile) -> dict[str, tuple[str, ...]]:
+    return {
+        name: tuple(load_robot(arm.robot, file.root, arm.locked).joints)
+        for name, arm in file.arms.items()
+    }
+
+
+def sampled_hardware(
+    file: TreeFile,
+    joints: Mapping[str, Sequence[str]],
+    longest: float,
+    count: int,
+    rng: np.random.Generator,
+) -> dict[str, dict[str, Data]]:
+    """Faults of hardware and world that fit a file, all kinds about equally often.
+
+    Args:
+        file: The file.
+        joints: Names of the joints of each arm, by the arm's name.
+        longest: Simulated seconds within which they begin.
+        count: Number of faults.
+        rng: Random generator.
+
+    Returns:
+        Faults by name, as below ``faults`` in a file.
+    """
+    arms = [*file.arms]
+    cameras = [name for name, arm in file.arms.items() if arm.camera is not None]
+    movable = [name for name, one in file.objects.items() if one.spawned and not one.fixed]
+    kinds = [
+        name
+        for name, kind in KINDS.items()
+        if kind is not LeafFault
+        and (kind not in CAMERA_FAULTS or cameras)
+        and (kind not in OBJECT_FAULTS or movable)
+        and (kind is not SwappedObject or len(movable) > 1)
+    ]
+    order: list[str] = []
+    while len(order) < count:
+        order += [kinds[index] for index in rng.permutation(len(kinds))]
+
+    def one_of(names: Sequence[str]) -> str:
+        return names[int(rng.integers(len(names)))]
+
+    found: dict[str, dict[str, Data]] = {}
+    for number, name in enumerate(order[:count], 1):
+        kind = KINDS[name]
+        begin = round(float(rng.uniform(0.0, longest)), 3)
+        lasting = _LASTING_S[int(rng.integers(len(_LASTING_S)))]
+        fault: dict[str, Data] = {"kind": name, "begin": begin}
+        if kind in OBJECT_FAULTS:
+            fault["object"] = one_of(movable)
+        else:
+            fault["arm"] = one_of(cameras if kind in CAMERA_FAULTS else arms)
+        if kind in JOINT_FAULTS:
+            fault["joint"] = one_of(joints[fault["arm"]])
+        if kind is SwappedObject:
+            fault["other"] = one_of([other for other in movable if other != fault["object"]])
+        if kind is PushedObject:
+            angle = float(rng.uniform(0.0, 2.0 * math.pi))
+            force = _PUSH_WEIGHTS * 9.81 * file.objects[fault["object"]].mass
+            direction = (math.cos(angle), math.sin(angle), 0.0)
+            fault["force"] = [round(min(force, 1000.0) * part, 3) for part in direction]
+            lasting = _PUSH_S
+        if lasting is not None:
+            fault["until"] = round(begin + lasting, 3)
+        found[f"hardware_{number}"] = fault
+    return found
+
+
+def _with_hardware(data: Data, sampled: Mapping[str, Mapping[str, Data]]) -> dict[str, Data]:
+    """The tree with all sampled faults; a parameter for each decides whether it happens."""
+    params = {
+        f"{_PREFIX}{name}": {"type": "number", "default": 0.0, "range": [0.0, 1.0]}
+        for name in sampled
+    }
+    given = data.get("params") or {}
+    faults = {
+        name: {**fault, "probability": f"{{{_PREFIX}{name}}}"} for name, fault in sampled.items()
+    }
+    return {**data, "params": {**given, **params}, "faults": faults}
+
+
+def _hardware_trials(
+    sampled: Mapping[str, Mapping[str, Data]], table: pa.Table
+) -> tuple[FaultTrial, ...]:
+    trials = []
+    for row in table.to_pylist():
+        name = next(name for name in sampled if row.get(f"param.{_PREFIX}{name}"))
+        fault = KINDS[sampled[name]["kind"]].model_validate(with_tuples(dict(sampled[name])))
+        lasted = f"{fault.begin:g} s on"
+        if "until" in sampled[name]:
+            lasted = f"{fault.begin:g} to {fault.until:g} s"
+        trials.append(FaultTrial(f"{fault.sentence}, {lasted}", **_ending_of(row)))
+    return tuple(trials)
+
+
+def _ending_of(row: Mapping[str, Data]) -> dict[str, str]:
+    return {name: str(row.get(name) or "") for name in ("outcome", "code", "reason", "ending")}
 
 
 def _faults_of(
@@ -209,8 +423,8 @@ def _campaign(
     reached = {arm: set(leaves) for arm, leaves in durations.items()}
     for row in table.to_pylist():
         given = {name: row[f"param.{_PREFIX}{name}"] for name in _FIELDS[:-1]}
-        rest = {n: str(row.get(n) or "") for n in ("outcome", "code", "reason", "ending")}
-        faults.append(LeafFault(**given, **rest))
+        sentence = " ".join(given.values())
+        faults.append(LeafTrial(sentence, **_ending_of(row), **given))
         for arm in reached:
             reached[arm] |= set((row.get(f"leaves.{arm}") or "").split("\n")) - {""}
     trees = {name: arm.tree for name, arm in file.arms.items()}
@@ -228,7 +442,7 @@ def _campaign(
 # The annotated tree, in the terminal and as a page.
 
 
-def marks_of(faults: Sequence[LeafFault], *, ascii_only: bool = False) -> str:
+def marks_of(faults: Sequence[LeafTrial], *, ascii_only: bool = False) -> str:
     """One sign per effect and phase: handled, not handled, breach; a dot where there is none."""
     handled, missed, breach, none = ("+", "x", "!", ".") if ascii_only else ("✔", "✘", "⚠", "·")
     by = {(one.effect, one.phase): one for one in faults}
@@ -275,11 +489,30 @@ def _named(node: NodeSpec) -> list[tuple[NodeSpec, str]]:
     return list(zip(node.children, unique_names(node.children), strict=True))
 
 
+def sample_lines(campaign: FaultCampaign, *, ascii_only: bool = False) -> list[str]:
+    """A line on each sampled pair and each sampled fault of hardware, below their headings."""
+    handled, missed, breach = ("+", "x", "!") if ascii_only else ("✔", "✘", "⚠")
+    lines = []
+    for title, trials in _samples(campaign):
+        done = sum(one.is_handled for one in trials)
+        lines.append(f"{title}: {done} of {len(trials)} are handled")
+        for one in trials:
+            sign = breach if one.is_breach else handled if one.is_handled else missed
+            why = "" if one.is_handled else f"  {one.code or one.ending}"
+            lines.append(f"  {sign} {one.sentence}{why}")
+    return lines
+
+
+def _samples(campaign: FaultCampaign) -> list[tuple[str, tuple[FaultTrial, ...]]]:
+    both = (("pairs of faults", campaign.pairs), ("hardware and world", campaign.hardware))
+    return [(title, trials) for title, trials in both if trials]
+
+
 def summary_of(campaign: FaultCampaign) -> str:
     """One sentence on all faults."""
-    total = len(campaign.faults)
-    handled = sum(one.is_handled for one in campaign.faults)
-    breaches = sum(one.is_breach for one in campaign.faults)
+    total = len(campaign.trials)
+    handled = sum(one.is_handled for one in campaign.trials)
+    breaches = sum(one.is_breach for one in campaign.trials)
     share = 100 * handled / total if total else math.nan
     return (
         f"{handled} of {total} faults are handled ({share:.0f} %), {breaches} break a rule; "
@@ -321,11 +554,25 @@ def _page(campaign: FaultCampaign) -> str:
         f"<h1>Faults of {html.escape(campaign.title)}</h1>"
         f"<p>{html.escape(summary_of(campaign))}.</p>"
         "<p>✔ the task was done all the same; ✘ the run failed; ⚠ a rule was broken.</p>"
-        f"<table>{head}{''.join(rows)}</table></main></html>\n"
+        f"<table>{head}{''.join(rows)}</table>{_sample_tables(campaign)}</main></html>\n"
     )
 
 
-def _cell(one: LeafFault | None, is_leaf: bool) -> str:
+def _sample_tables(campaign: FaultCampaign) -> str:
+    """Tables of the sampled faults."""
+    parts = []
+    for title, trials in _samples(campaign):
+        rows = "".join(
+            f"<tr><td>{html.escape(one.sentence)}</td>{_cell(one, is_leaf=True)}"
+            f"<td>{html.escape(one.code or one.ending)}</td></tr>"
+            for one in trials
+        )
+        head = "<tr><th>fault</th><th></th><th>end</th></tr>"
+        parts.append(f"<h2>{html.escape(title.capitalize())}</h2><table>{head}{rows}</table>")
+    return "".join(parts)
+
+
+def _cell(one: FaultTrial | None, is_leaf: bool) -> str:
     if one is None:
         return '<td class="n">·</td>' if is_leaf else "<td></td>"
     sign, kind = ("✔", "h") if one.is_handled else ("⚠", "b") if one.is_breach else ("✘", "m")

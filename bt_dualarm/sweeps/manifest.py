@@ -24,6 +24,7 @@ from bt_dualarm.behaviors.load import load
 from bt_dualarm.core.errors import DualArmError
 from bt_dualarm.core.share import share_dir
 from bt_dualarm.runtime.file_check import check as check_tree
+from bt_dualarm.runtime.file_check import checked_faults
 from bt_dualarm.runtime.options import MOST_SEED, checked_reality, find_tree
 from bt_dualarm.runtime.report import processor, versions
 from bt_dualarm.skill.registry import Registry
@@ -124,6 +125,8 @@ class Manifest:
         folder: Folder from which relative paths of a text or mapping start.
         search: Number of halvings of a search for the boundary of success in the parameters that
             are ranges; None for no search.
+        faults: Faults to inject in every trial in addition to the tree's: the path of a file with
+            a section ``faults``, or data of the same form; None for none.
         explicit: Combinations of parameters instead of ``params``, as a search chooses them.
 
     Raises:
@@ -143,6 +146,7 @@ class Manifest:
     folder: Path | None = None
     search: int | None = None
     explicit: tuple[Mapping[str, Data], ...] = ()
+    faults: TreeInput | None = None
 
     def __post_init__(self) -> None:
         ranges = [name for name, one in self.params.items() if _is_range(one)]
@@ -261,7 +265,12 @@ class Manifest:
             "skills": [_digest_of_folder(folder) for folder in self.skills],
             "versions": dict(versions()),
             "processor": processor()["arithmetic"],
+            **({} if self.faults is None else {"faults": _digest(self._fault_text())}),
         }
+
+    def _fault_text(self) -> bytes:
+        source = read_tree(self.faults or {}, self.folder)
+        return json.dumps(source.data, sort_keys=True, default=str).encode()
 
     def _example(self) -> Mapping[str, Data]:
         return self.points[0] if self.points else {}
@@ -346,7 +355,11 @@ def checked(manifest: Manifest) -> Manifest:
             checked_reality(name)
     registry = Registry.load(manifest.skills)
     examined = check_tree(tree, registry.kinds, manifest.points[0], build=False)
-    examined.runnable()
+    file = examined.runnable()
+    if manifest.faults is not None:
+        checked_faults(file, manifest.faults)
+        # Workers on other machines may not have the file.
+        manifest = replace(manifest, faults=read_tree(manifest.faults, manifest.folder).data)
     return manifest
 
 
@@ -483,6 +496,7 @@ class ManifestFile(PortModel):
     search: int | None = port(None, "Halvings of a search for the boundary of success", ge=0, le=12)
     duration: float | None = port(None, "Longest simulated duration", unit="s", gt=0)
     skills: tuple[str, ...] = port((), "Folders of skills, from this file's folder")
+    faults: str | None = port(None, "File with faults for every trial, from this file's folder")
 
 
 def read_manifest(path: Path) -> Manifest:
@@ -520,6 +534,7 @@ def read_manifest(path: Path) -> Manifest:
         content.duration,
         skills=tuple(path.parent / folder for folder in content.skills),
         search=content.search,
+        faults=None if content.faults is None else path.parent / content.faults,
     )
 
 

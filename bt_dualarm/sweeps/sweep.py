@@ -219,6 +219,7 @@ def run_sweep(
                 manifest.watchdog,
                 keep,
                 (out / RECORDS).resolve(),
+                manifest.faults,
             )
             for trial in left
         )

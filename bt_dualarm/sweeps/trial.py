@@ -24,6 +24,7 @@ from bt_dualarm.core.errors import DualArmError, Overrun
 from bt_dualarm.diagnosis.story import stories
 from bt_dualarm.replay.record import Record
 from bt_dualarm.runtime.file_check import check as check_tree
+from bt_dualarm.runtime.file_check import checked_faults
 from bt_dualarm.runtime.options import RunOptions, checked_reality
 from bt_dualarm.runtime.outcome import Outcome, RunResult
 from bt_dualarm.runtime.report import processor
@@ -71,6 +72,7 @@ class Job:
         watchdog: Wall-clock budget of a tick, s, or None.
         keep: Which records to keep.
         records: Folder for the records.
+        faults: Faults in addition to the tree's, or None.
     """
 
     tree: TreeInput
@@ -81,6 +83,7 @@ class Job:
     watchdog: float | None
     keep: Keep
     records: Path
+    faults: TreeInput | None = None
 
 
 def run_trial(job: Job) -> Row:
@@ -168,6 +171,7 @@ def _file(job: Job) -> TreeFile:
 
 
 def _run(job: Job, record: Path | None) -> RunResult:
+    file = _file(job)
     reality = None if job.trial.reality is None else checked_reality(job.trial.reality)
     options = RunOptions(
         seed=job.trial.seed,
@@ -175,10 +179,11 @@ def _run(job: Job, record: Path | None) -> RunResult:
         reality=reality,
         record=record,
         watchdog=job.watchdog,
+        faults={} if job.faults is None else checked_faults(file, job.faults),
     )
     if record is not None:
         shutil.rmtree(record, ignore_errors=True)  # of a worker that died
-    with Run(_file(job), _registry(job.skills), options) as run:
+    with Run(file, _registry(job.skills), options) as run:
         result = run.finish()
         if record is not None:
             # A second request skips the plots, which would take longer than a short run.

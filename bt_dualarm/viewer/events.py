@@ -109,6 +109,9 @@ MOST_POINTS: Final = 2000
 MOST_FAILURES: Final = 500
 """Largest number of failures marked on a page's time line; the first ones are kept."""
 
+MARKED: Final = ("FAILURE", "FAULT")
+"""Levels of lines that a page marks on its time line."""
+
 _MOST_LINES: Final = 5000
 
 
@@ -159,10 +162,12 @@ def gripper_force(record: Record, arm: str, index: int) -> float:
 def log_of(record: Record) -> Json:
     """Log lines and failures of a record, in the format of `EventFeed.since`.
 
-    A line has a time in s, an arm, a text and a level: a status or ``GUARD``.
+    A line has a time in s, an arm, a text and a level: a status, ``GUARD`` or ``FAULT``.
     """
-    lines = sorted([*_changes(record), *_guards(record)], key=lambda line: float(line["time"]))
-    failures = [line for line in lines if line["level"] == "FAILURE"]
+    lines = sorted(
+        [*_changes(record), *_interventions(record)], key=lambda line: float(line["time"])
+    )
+    failures = [line for line in lines if line["level"] in MARKED]
     return {"next": len(lines), "lines": lines[-_MOST_LINES:], "failures": failures[:MOST_FAILURES]}
 
 
@@ -209,11 +214,20 @@ def _changes(record: Record) -> Iterator[Json]:
         yield change_line(float(event["time_s"]), *texts)
 
 
-def _guards(record: Record) -> Iterator[Json]:
+def _interventions(record: Record) -> Iterator[Json]:
     for note in record.notes:
-        if note["kind"] == "guard":
-            text = f"the guard {note['does']} it: {note['reason']}"
-            yield line(float(note["time_s"]), str(note["arm"]), text, "GUARD")
+        if note["kind"] in ("guard", "fault"):
+            yield intervention_line(note)
+
+
+def intervention_line(note: Json) -> Json:
+    """A line of the log for an intervention of a guard, or an injected fault."""
+    if note["kind"] == "guard":
+        text = f"the guard {note['does']} it: {note['reason']}"
+        return line(float(note["time_s"]), str(note["arm"]), text, "GUARD")
+    state = "injected" if note["active"] else "ended"
+    text = f"fault '{note['name']}' {state}: {note['sentence']}"
+    return line(float(note["time_s"]), str(note["arm"]) or "world", text, "FAULT")
 
 
 _MOST_LIVE_LINES: Final = 2000
@@ -251,10 +265,9 @@ class EventFeed(IdleObserver):
         )
 
     def add_event(self, note: Json) -> None:
-        """Add a trace event, if it is an intervention of a guard."""
-        if note["kind"] == "guard":
-            text = f"the guard {note['does']} it: {note['reason']}"
-            self._add(line(float(note["time_s"]), str(note["arm"]), text, "GUARD"))
+        """Add a trace event, if it is an intervention of a guard or an injected fault."""
+        if note["kind"] in ("guard", "fault"):
+            self._add(intervention_line(note))
 
     def listen(self) -> None:
         """Start to add log lines."""
@@ -272,7 +285,7 @@ class EventFeed(IdleObserver):
     def _add(self, added: Json) -> None:
         with self._lock:
             self._lines.append(added)
-            if added["level"] == "FAILURE" and len(self._failures) < MOST_FAILURES:
+            if added["level"] in MARKED and len(self._failures) < MOST_FAILURES:
                 self._failures.append(added)
             self._count += 1
 

@@ -11,7 +11,7 @@ import bt_dualarm as bt
 from bt_dualarm.behaviors.faults import FaultInjector, InjectedError
 from bt_dualarm.core.errors import Failure, InjectedFailure
 from bt_dualarm.skill.skill import Skill
-from bt_dualarm.spec.faults import FaultSpec, leaf_paths
+from bt_dualarm.spec.faults import LeafFault, leaf_paths
 
 TICK_S = 0.02
 
@@ -55,7 +55,7 @@ class FiveSteps(Skill):
 def run_of(fault: dict[str, Any], skill: FiveSteps, most: int = 50) -> tuple[int, str]:
     """Number of ticks of one run with a fault, and how it ended."""
     clock = Clock()
-    spec = FaultSpec(arm="arm1", leaf="five_steps", **fault)
+    spec = LeafFault(arm="arm1", leaf="five_steps", **fault)
     wrap = FaultInjector({"f": spec}, clock, 0).of_leaf("sequence/five_steps")
     assert wrap is not None
     steps = wrap(skill).run()
@@ -108,7 +108,7 @@ def test_a_skill_may_handle_an_exception() -> None:
 def test_faults_of_motions_still_reach_the_skill() -> None:
     """An exception at the wait of a wrapped skill is the skill's to handle."""
     skill = FiveSteps()
-    spec = FaultSpec(arm="arm1", leaf="five_steps", phase="end")
+    spec = LeafFault(arm="arm1", leaf="five_steps", phase="end")
     wrap = FaultInjector({"f": spec}, Clock(), 0).of_leaf("five_steps")
     assert wrap is not None
     steps = wrap(skill).run()
@@ -122,8 +122,8 @@ def test_faults_of_motions_still_reach_the_skill() -> None:
 def test_times_window_and_probability() -> None:
     clock = Clock()
     specs = {
-        "twice": FaultSpec(arm="a", leaf="x", times=2),
-        "later": FaultSpec(arm="a", leaf="x", begin=1.0, until=2.0, code="LATER"),
+        "twice": LeafFault(arm="a", leaf="x", times=2),
+        "later": LeafFault(arm="a", leaf="x", begin=1.0, until=2.0, code="LATER"),
     }
     wrap = FaultInjector(specs, clock, 0).of_leaf("x")
     assert wrap is not None
@@ -139,7 +139,7 @@ def test_times_window_and_probability() -> None:
     assert [code() for _ in range(4)] == ["INJECTED", "INJECTED", "", ""]
     clock.ticks = 60
     assert [code(), code()] == ["LATER", ""]
-    rare = {"rare": FaultSpec(arm="a", leaf="x", times=1000, probability=0.3)}
+    rare = {"rare": LeafFault(arm="a", leaf="x", times=1000, probability=0.3)}
     for _ in range(2):  # a seed repeats the same choices
         wrap = FaultInjector(rare, clock, 5).of_leaf("x")
         assert wrap is not None
@@ -148,7 +148,7 @@ def test_times_window_and_probability() -> None:
 
 
 def test_other_leaves_are_not_wrapped() -> None:
-    injector = FaultInjector({"f": FaultSpec(arm="a", leaf="sequence/x")}, Clock(), 0)
+    injector = FaultInjector({"f": LeafFault(arm="a", leaf="sequence/x")}, Clock(), 0)
     assert injector.of_leaf("sequence/y") is None
     assert injector.of_leaf("x") is None
     assert injector.of_leaf("sequence/x") is not None

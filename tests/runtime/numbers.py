@@ -17,6 +17,7 @@ from bt_dualarm.behaviors.language import LANGUAGE
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.document import TreeContent
 from bt_dualarm.spec.explain import type_at
+from bt_dualarm.spec.faults import fault_class
 from bt_dualarm.spec.node_types import NodeSpec, PortModel, models_in, validate_literals
 from bt_dualarm.spec.yaml_reader import LARGEST_INTEGER, Data, with_tuples
 from bt_dualarm.testing import Scenario, Tree, node_of
@@ -40,6 +41,9 @@ PARTNERS: Mapping[str, Tree] = {
     "in_step": {"in_step": {"with": "arm1", "child": "succeed"}},
 }
 """Trees of the second arm, where it has a part in the word."""
+
+_TIMED: Tree = {"begin": 0.1, "until": 5.0, "probability": 0.5}
+_ELBOW: Tree = {"arm": "arm1", "joint": "panda_joint4"}
 
 FILE: Tree = {
     "bt_dualarm": 1,
@@ -127,7 +131,27 @@ FILE: Tree = {
             "until": 5.0,
             "times": 1,
             "probability": 0.5,
-        }
+        },
+        "frozen": {**_TIMED, **_ELBOW, "kind": "frozen_joint"},
+        "weak": {**_TIMED, **_ELBOW, "kind": "weak_joint", "strength": 0.3},
+        "loose": {**_TIMED, **_ELBOW, "kind": "loose_joint", "play": 2.0},
+        "saturated": {**_TIMED, **_ELBOW, "kind": "saturated_drive", "limit": 0.2},
+        "repeating": {**_TIMED, **_ELBOW, "kind": "stuck_encoder"},
+        "old_image": {**_TIMED, "kind": "frozen_camera", "arm": "arm1"},
+        "dark": {**_TIMED, "kind": "dark_camera", "arm": "arm1", "brightness": 0.1},
+        "late": {**_TIMED, "kind": "late_camera", "arm": "arm1", "delay": 0.5},
+        "shaking": {**_TIMED, "kind": "shaking_camera", "arm": "arm1", "angle": 1.0},
+        "pushed": {
+            **_TIMED,
+            "kind": "pushed_object",
+            "object": "box",
+            "force": [1.0, -1.0, 0.5],
+        },
+        "swapped": {**_TIMED, "kind": "swapped_object", "object": "box", "other": "can"},
+        "removed": {**_TIMED, "kind": "removed_object", "object": "ball"},
+        "slippery": {**_TIMED, "kind": "reduced_friction", "object": "can", "friction": 0.05},
+        "planless": {**_TIMED, "kind": "no_plan", "arm": "arm1"},
+        "absent": {**_TIMED, "kind": "absent_partner", "arm": "arm1"},
     },
 }
 """A file that gives every number of the world, of objects, arms and cameras."""
@@ -294,6 +318,8 @@ class Number:
     def owner(self) -> tuple[type[BaseModel], str]:
         """The innermost model with the name of its field."""
         path = self.path[len(self.node) :]
+        if path[0] == "faults":  # a union, of which ``kind`` tells the member
+            return fault_class(at(self.file, self.path[:2])), str(path[2])
         for end in reversed(range(len(path))):
             for model in models_in(type_at(self.model, path[:end])):
                 if path[end] in model.model_fields:
@@ -436,6 +462,8 @@ def _plain(value: object) -> Data:
 
 def fields_of(model: type[BaseModel]) -> Iterator[tuple[type[BaseModel], str]]:
     """Every field that can hold a number, of a model and of those within it."""
+    if model.__name__.startswith("_"):
+        return  # it only stands for what is refused
     for name, field in model.model_fields.items():
         for inner in _numbers_in(field.annotation):
             if inner is None:

@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import bt_dualarm as bt
+from bt_dualarm.behaviors.load import load
 from bt_dualarm.cli import faults
 from bt_dualarm.sweeps.engine import Engine
-from bt_dualarm.sweeps.faults import inject_faults, lines_of, summary_of
+from bt_dualarm.sweeps.faults import (
+    inject_faults,
+    lines_of,
+    sample_lines,
+    sampled_hardware,
+    summary_of,
+)
 from bt_dualarm.sweeps.manifest import SweepError, TrialSpec
 from bt_dualarm.sweeps.trial import Job, Row, run_trial
 from tests.behaviors.test_faults import TREE
@@ -69,3 +79,49 @@ def test_a_tree_with_faults_of_its_own_is_refused(tmp_path: Path) -> None:
 def test_a_missing_file_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert faults(["circel", "--out", str(tmp_path)]) == 2
     assert "no such file" in capsys.readouterr().err
+
+
+HARDWARE_TREE = {
+    "bt_dualarm": 1,
+    "name": "short",
+    "world": {"scene": "empty"},
+    "objects": {
+        "cube": {
+            "shape": "box",
+            "size": [0.05, 0.05, 0.05],
+            "mass": 0.1,
+            "pose": {"xyz": [1, 1, 0.025]},
+        }
+    },
+    "arms": {"arm1": {"robot": "ur5", "tree": {"sequence": [{"wait": 0.1}, {"log": "done"}]}}},
+}
+
+
+@pytest.mark.slow
+def test_pairs_and_hardware_are_sampled_by_seed(tmp_path: Path) -> None:
+    campaign = inject_faults(HARDWARE_TREE, tmp_path, engine, pairs=2, hardware=10)
+    assert len(campaign.pairs) == 2
+    assert all(" + " in one.sentence for one in campaign.pairs)
+    assert len(campaign.hardware) == 10
+    # Ten kinds fit: no camera, nothing to swap. A tree that only waits minds none of them.
+    assert all(one.is_handled for one in campaign.hardware)
+    lines = "\n".join(sample_lines(campaign))
+    assert "hardware and world: 10 of 10 are handled" in lines
+    assert "cube is taken away" in lines
+    page = (tmp_path / "faults.html").read_text()
+    assert "<h2>Hardware and world</h2>" in page
+    again = inject_faults(
+        HARDWARE_TREE, tmp_path, lambda: pytest.fail("nothing is left"), pairs=2, hardware=10
+    )
+    assert again == campaign
+
+
+def test_sampled_faults_fit_the_file() -> None:
+    """Every kind is drawn about equally often, and the check of the file accepts all."""
+    file = bt.open(HARDWARE_TREE).assembly  # its joints
+    loaded = load(HARDWARE_TREE).file
+    assert loaded is not None
+    joints = {"arm1": file.world.robots["arm1"].joints}
+    drawn = sampled_hardware(loaded, joints, 2.0, 20, np.random.default_rng(3))
+    assert set(Counter(one["kind"] for one in drawn.values()).values()) == {2}
+    assert not load(HARDWARE_TREE | {"faults": drawn}).wrong
