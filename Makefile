@@ -26,7 +26,7 @@ LOCKED := $(if $(filter Linux-x86_64,$(shell uname -s)-$(shell uname -m)),\
 # One test process per core, but at most eight: each of them loads every robot.
 WORKERS ?= logical
 
-.PHONY: help setup demo test matrix fuzz lint format check docs docs-html constraints clean
+.PHONY: help setup demo test matrix fuzz soak lint format check docs docs-html constraints clean
 
 help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' Makefile
@@ -52,6 +52,11 @@ fuzz: $(STAMP) ## Test 40 times as many mutated trees, robots and meshes as make
 	@echo "BT_DUALARM_FUZZ_SEED=$$BT_DUALARM_FUZZ_SEED repeats this run"
 	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --maxprocesses 8 --dist worksteal --quiet \
 		tests/fuzz tests/spec/test_fuzz.py
+
+soak: HOURS ?= 24
+soak: $(STAMP) ## Let four arms work for 24 simulated hours (HOURS=...), then start and end 1,000 runs
+	@$(BIN)/python -m benchmarks.soak --hours $(HOURS)
+	@$(BIN)/python -m benchmarks.soak --starts 1000
 
 lint: $(STAMP) ## Check style, layers and types
 	@$(BIN)/ruff check

@@ -1,0 +1,27 @@
+"""A comparison sees a lower gain of the controller."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks.planted_change import lowered, swept, verdict
+from bt_dualarm.control import dynamics
+from bt_dualarm.sweeps.comparison import compare
+
+
+@pytest.mark.slow
+def test_a_lower_gain_is_detected(tmp_path: Path) -> None:
+    before = swept(tmp_path / "before", 5)
+    planted = compare(before, swept(tmp_path / "after", 5, share=0.8))
+    assert verdict(planted) == "decided"
+    worse = {one.name for one in planted.metrics if one.differs and one.difference > 0}
+    assert "arm1.circle.path_rms_m" in worse
+
+
+def test_the_change_is_planted_in_its_block_only() -> None:
+    whole = dynamics.BANDWIDTH
+    with lowered(0.5):
+        assert 0.5 * whole == dynamics.BANDWIDTH
+    assert whole == dynamics.BANDWIDTH
