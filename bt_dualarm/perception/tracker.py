@@ -585,6 +585,11 @@ class TargetTracker:
         """Seconds since the last exposure that showed the locked target; inf before the first."""
         return time - self.last_stamp
 
+    @property
+    def width(self) -> float | None:
+        """Square root of the target's visible area, m; None before enough images showed it."""
+        return self._outline.side if self._outline.known else None
+
     def predict(self, time: float) -> Motion:
         """Position, velocity and acceleration in the world at ``time``, each of shape (3,).
 
