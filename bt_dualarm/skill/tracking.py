@@ -656,7 +656,8 @@ class PlaneTracking:
         allowed = plane_limits(arm.kinematics, self._limits, arm.setpoint.q, self._axes)
         self._servo_gains = servo_gains(camera, allowed.jerk)
         estimate = DualFilterEstimate(self._servo_gains.calmness, self._servo_gains.calm_jerk)
-        self._tracker = TargetTracker(camera, color, localizer, estimate)
+        depth = None if target_size is None else distance
+        self._tracker = TargetTracker(camera, color, localizer, estimate, depth=depth)
         self._reference = TrackingReference(
             self._tracker,
             PlaneView(self._axes, lambda: guessed.ahead, self._axes @ view.rotation_matrix[:, :2]),
@@ -853,6 +854,8 @@ class PlaneTracking:
     def metrics(self) -> dict[str, Number]:
         """Numbers of images, losses and refused sightings, and those of `FollowingError`.
 
+        ``similar_objects`` is the number of other objects of about its size and color that were in
+        view when the target was chosen: above zero the choice, the image center, was ambiguous.
         ``old_data_steps`` counts the control steps toward a target whose newest sighting was older
         than `STALE_S`.
         """
@@ -860,6 +863,7 @@ class PlaneTracking:
             "frames": self._tracker.frames,
             "lost_count": self._tracker.lost_count,
             "refused_sightings": self._tracker.distractors.count,
+            "similar_objects": len(self._tracker.similar),
             "old_data_steps": self._reference.old_data_steps,
             **self._error.metrics(),
         }

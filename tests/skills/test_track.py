@@ -439,3 +439,41 @@ def test_a_target_out_of_reach_is_waited_for(stage: Stage) -> None:
     leaf = follow(stage, node, scenario({"fov": 70}), comes).leaf("track")
     assert leaf.status == "SUCCESS", leaf.reason
     assert float(leaf.metrics["error_rms_m"]) < 0.01
+
+
+TWIN = {"twin": CUBE | {"fixed": True, "pose": {"xyz": [0.66, 0.26, 0.70]}}}
+
+
+@pytest.mark.parametrize("sized", [False, True])
+def test_of_two_alike_the_one_at_the_image_center_is_tracked(sized: bool, stage: Stage) -> None:
+    """The twin is nearer to the camera, thus larger in the image."""
+    node: Tree = {"track": TRACK["track"] | ({"target_size": 0.05} if sized else {})}
+    node["track"]["duration"] = 2.0
+    leaf = follow(stage, node, scenario({"fov": 70}, **TWIN), swaying).leaf("track")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert float(leaf.metrics["true_rms_m"]) < 2e-3
+    assert leaf.metrics["similar_objects"] == 1
+
+
+def test_of_two_at_hand_the_one_of_the_right_size_is_tracked(stage: Stage) -> None:
+    """The one at the image center is half as large."""
+    small = CUBE | {"size": [0.03] * 3, "fixed": True, "pose": {"xyz": [0.68, 0.11, 0.62]}}
+    node: Tree = {"track": {"duration": 2.0, "score": "cube", "target_size": 0.05}}
+
+    def aside(_: float) -> Vector:
+        return np.array((0.0, 0.0, 0.1))
+
+    leaf = follow(stage, node, scenario({"fov": 70}, small=small), aside).leaf("track")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert float(leaf.metrics["true_rms_m"]) < 2e-3
+    assert leaf.metrics["similar_objects"] == 0
+
+
+def test_a_lost_target_is_not_mistaken_for_the_twin_beside_it(stage: Stage) -> None:
+    """The cube goes at 2 s; the twin, 0.15 m aside, is seen by the search."""
+    node: Tree = {"track": TRACK["track"] | {"lost_timeout": 2.0}}
+    play = stage.play(scenario({"fov": 70}, **TWIN).file(node), deeds=lost_at(2.0))
+    play.run()
+    leaf = play.leaf("track")
+    assert leaf.code == "LOST", leaf.reason
+    assert leaf.metrics["refused_sightings"] > 10
