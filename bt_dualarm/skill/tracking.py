@@ -211,6 +211,7 @@ class FollowingError:
         self._last: float | None = None
         self._time = 0.0
         self._integrals = dict.fromkeys(ErrorCause, 0.0)
+        self._returns = False  # to a target that was out of view
 
     @property
     def rms(self) -> float:
@@ -240,6 +241,7 @@ class FollowingError:
             stamps: Times, increasing, of shape (n,), s.
             errors: Distances of the tool from the interpolated target then, of shape (n,), m.
         """
+        self._returns = True
         for stamp, error in zip(stamps.tolist(), errors.tolist(), strict=True):
             self._integrate(stamp, {ErrorCause.OCCLUSION: error**2})
 
@@ -254,7 +256,9 @@ class FollowingError:
         self._began = stamp if self._began is None else self._began
         if self.counts_from is None and stamp - self._began > self._patience:
             self.counts_from = stamp
-        self._integrate(stamp, _attributed(sample, square))
+        attributed = _attributed(sample, square)
+        # Until the tool has arrived again its error is due to the time without the target.
+        self._integrate(stamp, {ErrorCause.OCCLUSION: square} if self._returns else attributed)
         if not sample.within_reach:
             self.interrupt()
             return
@@ -357,7 +361,7 @@ class FollowingError:
         varied = float(np.sqrt(errors.var(axis=0).sum()))
         rms = float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))
         spread = np.array([one.target for one in self._seen]).var(axis=0).sum()
-        return varied > 0.5 * rms and float(np.sqrt(spread)) < _RESTING * rms
+        return rms > self.bound and varied > 0.5 * rms and float(np.sqrt(spread)) < _RESTING * rms
 
     def _keep(self) -> None:
         rms = self._rms(-math.inf)
@@ -373,6 +377,7 @@ class FollowingError:
         rms = self._rms(stamp - _ARRIVED_S)
         if rms <= self.bound and stamp - self._seen[0].stamp >= _ARRIVED_S:
             self.arrived = True
+            self._returns = False
             self.counts_from = stamp if self.counts_from is None else self.counts_from
             self._drop(stamp - _ARRIVED_S)
         elif rms < _NEARER * self._least:

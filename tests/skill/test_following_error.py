@@ -149,7 +149,10 @@ def test_time_without_the_target_counts() -> None:
     stamps = np.linspace(15.5, 16.48, 50)
     judge.miss(stamps, np.full(len(stamps), 0.05))
     assert judge.rms == pytest.approx(0.05 / 6**0.5, rel=0.05)
-    assert judge.cause is ErrorCause.OCCLUSION
+    for frame in range(60):
+        judge.take(sample(16.5 + frame / 60, 0.04 * 0.9**frame))
+    assert judge.arrived
+    assert judge.cause is ErrorCause.OCCLUSION, "the return to the target counts as well"
     with pytest.raises(Failure, match="not in view"):
         judge.refuse_above_bound()
 
