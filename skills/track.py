@@ -77,11 +77,15 @@ class Track(Skill):
             gt=0,
         )
         wait: Duration = port(60.0, "longest wait for the target to come into view", gt=0)
+        reach_timeout: Duration = port(
+            60.0, "longest wait for a target in view that is farther away than `reach`", gt=0
+        )
         lost_timeout: Duration = port(3.0, "longest time without the target", gt=0)
-        max_error: float = port(
-            0.05,
-            "largest distance of the target from the image center by the camera, root mean square "
-            "over a second, once the tool has caught up",
+        max_error: float | None = port(
+            None,
+            "largest root mean square distance of the target from the image center, from the "
+            "arrival of the tool to the end; by default a fifth of the target's width, at least "
+            "2 mm",
             unit="m",
             ge=1e-4,
             le=2,
@@ -101,8 +105,9 @@ class Track(Skill):
         "NO_CAMERA": "the arm has no camera that moves with it, or it does not face the plane",
         "NOT_SEEN": "the target did not come into view in time",
         "LOST": "the target was out of view, or not recognized, for longer than lost_timeout",
-        "NOT_FOLLOWING": "the target was farther from the image center than max_error",
-        "UNREACHABLE": "the target stayed beyond `reach`",
+        "NOT_FOLLOWING": "the target was farther from the image center than max_error; `cause` is "
+        "speed, latency, reach, occlusion or jitter",
+        "UNREACHABLE": "the target was out of reach for longer than reach_timeout",
         "IN_COLLISION": "the arm or a held object would touch something on its further path",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
         "BUSY": "another leaf moves the arm",
@@ -134,6 +139,8 @@ class Track(Skill):
             yield from self._follow(tracking, score)
             yield from self.arm.halt()
             yield from self._confirm_at_rest(tracking)
+            tracking.refuse_above_bound()
+            score.refuse_above_bound(tracking)
         finally:
             tracking.close()
             self.metrics |= {**score.metrics(tracking), **tracking.metrics()}
@@ -160,7 +167,7 @@ class Track(Skill):
             tracking.watch()
             score.sample(tracking)
             self._refuse_lost(tracking)
-            if tracking.beyond_for > ports.lost_timeout:
+            if tracking.beyond_for > ports.reach_timeout:
                 raise Failure(
                     "UNREACHABLE",
                     f"the target has been more than {ports.reach:.2f} m away from where the arm "

@@ -438,6 +438,9 @@ def sight_causes(e: Evidence) -> Iterator[Cause]:
         yield from filter(None, (_wrong_kind(e, meant),))
     if e.code not in VISION_CODES and not _saw_nothing(e):
         return
+    if e.code == "NOT_FOLLOWING" and e.numbers.get("cause") in _NOT_FOLLOWED:
+        yield _not_followed(e, meant)
+        return
     if e.code == "NOT_FOLLOWING" and meant and _seen_share(e) > _SEEN_SHARE:
         yield _too_slow(e, meant[0])
         return
@@ -447,6 +450,26 @@ def sight_causes(e: Evidence) -> Iterator[Cause]:
         return
     for name in meant:
         yield from _of_target(e, name)
+
+
+_NOT_FOLLOWED: Final = {
+    "latency": ("LATE_PICTURES", "a smaller latency, a higher fps, or a slower target"),
+    "reach": ("LEFT_REACH", "a larger `reach`, or a target that stays nearer"),
+    "occlusion": ("OCCLUDED", "keep the view of the target free"),
+    "jitter": ("UNSTEADY", "a smaller latency or noise of the camera, or a lower `speed`"),
+}
+"""Kind of cause and remedy for each ``cause`` that `track` states, besides its speed."""
+
+
+def _not_followed(e: Evidence, meant: list[str]) -> Cause:
+    """Cause that `track` itself has measured; for an occlusion, what was in the way."""
+    kind, remedy = _NOT_FOLLOWED[e.numbers["cause"]]
+    if kind == "OCCLUDED" and meant:
+        sights = (scene.sight(e.arm, meant[0]) for scene in e.moments(_FOLLOWED_LOOKS))
+        for sight in sights:
+            if sight is not None and sight.state == "hidden":
+                return _hidden(e, meant[0], sight)
+    return e.cause(kind, e.reason, remedy)
 
 
 def _seen_share(e: Evidence) -> float:

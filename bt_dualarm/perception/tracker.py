@@ -420,6 +420,14 @@ _DISTRACTOR_MEMORY_S: Final = 0.5
 """Time without a sighting after which a distractor is forgotten: it may be occluded meanwhile."""
 
 
+_COMPARABLE_AREA: Final = 0.25
+"""Area relative to the largest object of its color from which an object may be the target at first:
+smaller ones are specks."""
+
+_SIMILAR_SIDE: Final = 1.3
+"""Ratio of sides up to which two objects cannot be told apart at first."""
+
+
 @dataclass
 class _Distractor:
     """Last sighting of one distractor."""
@@ -532,6 +540,8 @@ class TargetTracker:
         localizer: Localizer of detections.
         estimate: Filter; by default one with an oscillator model.
         settings: Parameters of gating and search window.
+        depth: Expected depth of the target in front of the camera, m: of several objects whose size
+            is known, those that are as far away are preferred at first.
 
     Attributes:
         detection: Detection in the last frame, if any.
@@ -541,6 +551,8 @@ class TargetTracker:
         lost_since: Stamp of the last sighting before the current loss, s; None if not lost.
         sightings: Sightings so far.
         distractors: Objects that were refused after a loss.
+        similar: Sightings of the other objects of about the target's size when it was first seen:
+            which of them is the target was ambiguous.
     """
 
     def __init__(
@@ -550,7 +562,10 @@ class TargetTracker:
         localizer: Localizer,
         estimate: TargetEstimate | None = None,
         settings: TrackerSettings | None = None,
+        depth: float | None = None,
     ) -> None:
+        self.similar: list[Sighting] = []
+        self._depth = depth
         self.detection: Detection | None = None
         self.frames = 0
         self.lost_count = 0
@@ -584,6 +599,11 @@ class TargetTracker:
     def age(self, time: float) -> float:
         """Seconds since the last exposure that showed the locked target; inf before the first."""
         return time - self.last_stamp
+
+    @property
+    def width(self) -> float | None:
+        """Square root of the target's visible area, m; None before enough images showed it."""
+        return self._outline.side if self._outline.known else None
 
     def predict(self, time: float) -> Motion:
         """Position, velocity and acceleration in the world at ``time``, each of shape (3,).
@@ -651,8 +671,34 @@ class TargetTracker:
         if not self._hunting:
             return self._fitting(found, frame)
         if self._before_loss is None:
-            return max(found, key=lambda seen: seen.detection.area_px, default=None)
+            return self._first(found)
         return self._returning(found, self._before_loss, frame.stamp)
+
+    def _first(self, found: list[VisiblePart]) -> VisiblePart | None:
+        """The object at the image center, of those of the right size, or else of any size."""
+        largest = max((seen.detection.area_px for seen in found), default=0.0)
+        able = [seen for seen in found if seen.detection.area_px >= _COMPARABLE_AREA * largest]
+        if self._depth is not None:
+            right = [seen for seen in able if _alike(_depth_of(seen.sighting), self._depth)]
+            able = right or able
+        best = min(able, key=lambda seen: math.hypot(*seen.detection.centroid), default=None)
+        if best is not None:
+            area = best.detection.area_px
+            self.similar = [
+                seen.sighting
+                for seen in found
+                if seen is not best and _alike(math.sqrt(seen.detection.area_px), math.sqrt(area))
+            ]
+        return best
+
+    def _is_similar_object(self, sighting: Sighting, expected: Vector) -> bool:
+        """Whether an object is where another one was at first, and the target is not expected."""
+        near = max(_MIN_DEVIATION_M, sighting.side)
+        if float(np.linalg.norm(sighting.point - expected)) < near:
+            return False
+        return any(
+            float(np.linalg.norm(sighting.point - other.point)) < near for other in self.similar
+        )
 
     def _finding(self, stamp: float) -> FrameFinding:
         """Annotation of the last frame, for the record."""
@@ -715,6 +761,10 @@ class TargetTracker:
             sighting = seen.sighting
             if is_other:
                 self.distractors.refuse("it came from a place where the target cannot have been")
+                continue
+            if self._is_similar_object(sighting, expected):
+                self.distractors.add(stamp, sighting)
+                self.distractors.refuse("it is where another object of that size was at first")
                 continue
             off = distance_from_reach(lost, stamp, sighting, been, depth=self._outline.known)
             if off is not None:
@@ -784,3 +834,14 @@ class TargetTracker:
             self.lost_count += 1
             self._before_loss = self._estimate
             self._hunting = True
+
+
+def _depth_of(sighting: Sighting) -> float:
+    """Depth of a sighting in front of its camera, m."""
+    local = sighting.camera.inverse.apply(sighting.point)
+    return float(local[2])
+
+
+def _alike(one: float, other: float) -> bool:
+    """Whether two lengths differ by at most `_SIMILAR_SIDE`."""
+    return 1.0 / _SIMILAR_SIDE < one / other < _SIMILAR_SIDE

@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from bt_dualarm.arm.arm import Arm
-from bt_dualarm.core.errors import Number
+from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.skill.tracking import PlaneTracking
 from bt_dualarm.spec.values import Plane
@@ -55,6 +55,7 @@ class TrackingScore:
         self._times = array("d")
         self._tool = array("d")
         self._truth = array("d")
+        self._judged = Moments(2)
         self._sums: PathSums | None = None
         self._summed = 0  # kept samples that are already in the sums
 
@@ -71,7 +72,10 @@ class TrackingScore:
         self._sampled = now
         if self._target is not None and self._target not in world.objects:
             self._gone_s += 0.0 if since is None else now - since
-        if self._target not in world.objects or now < self._from:
+        if self._target not in world.objects:
+            return
+        self._judge(tracking)
+        if now < self._from:
             return
         if len(self._times) == _MOST:
             self._sum_up(tracking, _MOST - OVERLAP)
@@ -85,12 +89,15 @@ class TrackingScore:
         """Metrics of the samples; none after too short a motion.
 
         ``score_gone_s``, only if above zero, is the time during which the target was not in the
-        world; the others refer to the rest. ``plane_rms_m`` and ``plane_max_m`` are errors in the
-        plane, also given as ``yz_rms_m`` and ``yz_max_m`` in the world's yz plane; ``lag_s`` is the
-        delay of the tool; ``sighting_sd_m`` is the standard deviation of a single sighting along an
-        axis of the plane.
+        world; the others refer to the rest. ``true_rms_m`` is the error in the plane, less its
+        mean, while the camera's error counts: it turns a false SUCCESS into a failure.
+        ``plane_rms_m`` and ``plane_max_m`` are errors in the plane, also given as ``yz_rms_m`` and
+        ``yz_max_m`` in the world's yz plane; ``lag_s`` is the delay of the tool;
+        ``sighting_sd_m`` is the standard deviation of a single sighting along an axis of the plane.
         """
         gone: dict[str, Number] = {"score_gone_s": self._gone_s} if self._gone_s > 0.0 else {}
+        if self._judged.count > 0:
+            gone["true_rms_m"] = self.true_rms
         if len(self._times) < 2:
             return gone
         if self._sums is None:
@@ -114,6 +121,30 @@ class TrackingScore:
             "lag_s": late,
             "sighting_sd_m": spread,
         }
+
+    @property
+    def true_rms(self) -> float:
+        """Root mean square of the true error, less its mean, while errors count, m."""
+        return float(np.sqrt(self._judged.variance.sum()))
+
+    def refuse_above_bound(self, tracking: PlaneTracking) -> None:
+        """Referee of a SUCCESS by the true path: no motion of the arm depends on it.
+
+        Raises:
+            Failure: ``NOT_FOLLOWING``: the true error is above the bound.
+        """
+        error = tracking.error
+        if self.true_rms > error.bound:
+            cause = error.cause
+            raise Failure(
+                "NOT_FOLLOWING",
+                f"the tool was {1e3 * self.true_rms:.1f} mm off the true target (root mean square, "
+                f"less the mean; max_error allows {1e3 * error.bound:.1f} mm), though the camera "
+                f"saw {1e3 * error.rms:.1f} mm: {error.explain(cause)}",
+                true_rms_m=self.true_rms,
+                max_error_m=error.bound,
+                cause=str(cause),
+            )
 
     @property
     def times(self) -> Vector:
@@ -152,6 +183,16 @@ class TrackingScore:
         if self._sums is None or self._sums.path is None:
             return self._kept
         return self._sums.path.then(self._kept.part(self._summed))
+
+    def _judge(self, tracking: PlaneTracking) -> None:
+        """Add the true error to the sums of the referee, if errors count."""
+        since = tracking.error.counts_from
+        if since is None or self._target is None:
+            return
+        world = self._arm.world
+        tool = world.data.site_xpos[world.arms[self._arm.name].tool_site]
+        truth = world.data.xpos[world.object_body(self._target)]
+        self._judged.take((self._axes @ (tool - truth))[None])
 
     def _sum_up(self, tracking: PlaneTracking, end: int) -> None:
         """Add samples up to ``end``, and sightings of that time, to the sums."""

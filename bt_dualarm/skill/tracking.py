@@ -6,6 +6,8 @@ import math
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -13,7 +15,11 @@ from bt_dualarm.arm.arm import Arm
 from bt_dualarm.control.planar_servo import PlanarServo, PlaneTarget, plane_limits
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Matrix, Pose, Vector
-from bt_dualarm.perception.localization import EstimatedPlaneLocalizer, PlaneOfSizeLocalizer
+from bt_dualarm.perception.localization import (
+    EstimatedPlaneLocalizer,
+    PlaneOfSizeLocalizer,
+    Sighting,
+)
 from bt_dualarm.perception.target_filter import DualFilterEstimate, RestDetector, look
 from bt_dualarm.perception.tracker import TargetTracker
 from bt_dualarm.sim.camera import GuardedCamera
@@ -108,37 +114,114 @@ class Spiral:
 
 
 _WINDOW_S = 1.0  # of the mean error: two periods of an arm's slowest oscillation
+_WINDOW_FACTOR = 2.0  # by which one second may exceed the bound, as a corner of the path does
 _ARRIVED_S = 0.5  # within the bound after which the tool has arrived and does not just pass
 _FEWEST = 3  # sightings of a mean
 _NEARER = 0.9  # fraction of the least error so far, below which the error has decreased
+_NEEDS_EVERY_S = 0.1  # at which they are sampled
+_NEED_S = 1.0  # time constant of the mean squares of the target's velocity and acceleration
+_RESTING = 0.25  # spread of a target at rest, as a fraction of the error
+_AT_LIMIT = 0.9  # fraction of the arm's acceleration from which the arm limits the tracking
+
+ERROR_SHARE: Final = 0.2
+"""Default of the largest error, as a fraction of the target's width."""
+
+LEAST_ERROR_M: Final = 2e-3
+"""Least default of the largest error, m."""
+
+_UNKNOWN_SIZE_M = 0.05  # default before the size of the target is known
+
+
+class ErrorCause(StrEnum):
+    """Why a target was not followed."""
+
+    SPEED = "speed"
+    LATENCY = "latency"
+    REACH = "reach"
+    OCCLUSION = "occlusion"
+    JITTER = "jitter"
+
+
+class FollowingSample(NamedTuple):
+    """One sighting of a followed target, in the plane, relative to the start of the tool.
+
+    Attributes:
+        stamp: Time of exposure, s.
+        error: Vector from the image center to the target, of shape (2,), m.
+        target: Position of the target, of shape (2,), m.
+        predicted: Position that had been predicted for that time, of shape (2,), m; None if there
+            was no prediction.
+        within_reach: Whether the target was within reach.
+    """
+
+    stamp: float
+    error: Vector
+    target: Vector
+    predicted: Vector | None
+    within_reach: bool = True
+
+
+class _Seen(NamedTuple):
+    """Sighting in the window of the monitor: its squared error in m², error and target."""
+
+    stamp: float
+    square: float
+    error: Vector
+    target: Vector
 
 
 class FollowingError:
     """Monitor of the tracking error that the camera itself measures.
 
     While the tool approaches a target the error only has to decrease. Once it has stayed within the
-    bound for half a second the tool has arrived; from then on its root mean square over each second
-    has to stay within the bound. That detects lag, oscillation and a target that moves away alike.
+    bound for half a second the tool has arrived. From then on, but at the latest ``patience`` after
+    the start, the error counts until the end: its root mean square over all that time has to be
+    within the bound, that over any second within twice the bound. Time without the target counts,
+    too, by its path between the last sighting and the next one.
 
     Args:
-        bound: Largest root mean square over a second, m.
+        bound: Largest root mean square, m; None for `ERROR_SHARE` of the target's width, at least
+            `LEAST_ERROR_M`.
         patience: Longest time without a decrease of the error before the arrival, s.
 
     Attributes:
         arrived: Whether the tool has arrived and follows within the bound.
         largest: Largest error of a sighting since the first arrival, m.
+        bound: Largest root mean square, m.
+        counts_from: Time from which errors count, s; None before.
+        need: Velocity and acceleration that the target needs, root mean squares, m/s and m/s².
+        limit: Acceleration that the arm has in the plane, m/s².
     """
 
-    def __init__(self, bound: float, patience: float) -> None:
+    def __init__(self, bound: float | None, patience: float) -> None:
         self.arrived = False
         self.largest = 0.0
-        self._bound = bound
+        self.bound = _UNKNOWN_SIZE_M if bound is None else bound
+        self.counts_from: float | None = None
+        self.need = (0.0, 0.0)
+        self.limit = math.inf
+        self._by_size = bound is None
         self._patience = patience
-        self._seen: deque[tuple[float, float]] = deque()
+        self._seen: deque[_Seen] = deque()
+        self._began: float | None = None
         self._least = math.inf
         self._nearer_at = 0.0
         self._squares = 0.0
         self._count = 0
+        self._last: float | None = None
+        self._time = 0.0
+        self._integrals = dict.fromkeys(ErrorCause, 0.0)
+        self._returns = False  # to a target that was out of view
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the error over all time that counts, m; 0 before."""
+        return math.sqrt(sum(self._integrals.values()) / self._time) if self._time > 0.0 else 0.0
+
+    def know_width(self, width: float) -> None:
+        """Set the default bound by the target's width in m; ignored once errors count."""
+        if self._by_size and self.counts_from is None:
+            self.bound = max(ERROR_SHARE * width, LEAST_ERROR_M)
 
     def interrupt(self) -> None:
         """Reset, as the target is out of view or reach: the tool has to arrive again."""
@@ -146,18 +229,40 @@ class FollowingError:
         self.arrived = False
         self._least = math.inf
 
-    def take(self, stamp: float, error: Vector) -> None:
-        """Process a sighting.
+    def postpone(self) -> None:
+        """Begin anew, unless errors count: the target is still where the arm need not follow."""
+        if self.counts_from is None:
+            self._began = None
+
+    def miss(self, stamps: Vector, errors: Vector) -> None:
+        """Count time without the target.
 
         Args:
-            stamp: Time of exposure, s; later than all before.
-            error: Vector from the image center to the target, in the plane, of shape (2,), m.
+            stamps: Times, increasing, of shape (n,), s.
+            errors: Distances of the tool from the interpolated target then, of shape (n,), m.
+        """
+        self._returns = True
+        for stamp, error in zip(stamps.tolist(), errors.tolist(), strict=True):
+            self._integrate(stamp, {ErrorCause.OCCLUSION: error**2})
+
+    def take(self, sample: FollowingSample) -> None:
+        """Process a sighting, later than all before.
 
         Raises:
             Failure: ``NOT_FOLLOWING``.
         """
-        square = float(error @ error)
-        self._seen.append((stamp, square))
+        stamp = sample.stamp
+        square = float(sample.error @ sample.error)
+        self._began = stamp if self._began is None else self._began
+        if self.counts_from is None and stamp - self._began > self._patience:
+            self.counts_from = stamp
+        attributed = _attributed(sample, square)
+        # Until the tool has arrived again its error is due to the time without the target.
+        self._integrate(stamp, {ErrorCause.OCCLUSION: square} if self._returns else attributed)
+        if not sample.within_reach:
+            self.interrupt()
+            return
+        self._seen.append(_Seen(stamp, square, sample.error, sample.target))
         if len(self._seen) == 1:
             self._nearer_at = stamp
         self._drop(stamp - _WINDOW_S)
@@ -171,55 +276,155 @@ class FollowingError:
         else:
             self._approach(stamp)
 
+    def refuse_above_bound(self) -> None:
+        """Check the error over all the time that counts.
+
+        Raises:
+            Failure: ``NOT_FOLLOWING``.
+        """
+        if self.rms > self.bound:
+            cause = self.cause
+            raise Failure(
+                "NOT_FOLLOWING",
+                f"the target was {1e3 * self.rms:.1f} mm off the image center over the "
+                f"{self._time:.1f} s of tracking (root mean square; max_error allows "
+                f"{1e3 * self.bound:.1f} mm): {self.explain(cause)}",
+                error_rms_m=self.rms,
+                max_error_m=self.bound,
+                cause=str(cause),
+            )
+
+    @property
+    def cause(self) -> ErrorCause:
+        """What most of the error is due to."""
+        total = sum(self._integrals.values())
+        for cause in (ErrorCause.OCCLUSION, ErrorCause.REACH):
+            if self._integrals[cause] > 0.5 * total:
+                return cause
+        if self._trembles():
+            return ErrorCause.JITTER
+        if self._needed > _AT_LIMIT * self.limit:
+            return ErrorCause.SPEED
+        by_images = self._integrals[ErrorCause.LATENCY] > self._integrals[ErrorCause.SPEED]
+        return ErrorCause.LATENCY if by_images else ErrorCause.SPEED
+
+    def explain(self, cause: ErrorCause) -> str:
+        """A clause that names a cause with its numbers."""
+        if cause is ErrorCause.OCCLUSION:
+            return "most of that while the target was not in view"
+        if cause is ErrorCause.REACH:
+            return "most of that while the target was out of reach"
+        if cause is ErrorCause.JITTER:
+            return "the target rests, but the tool does not"
+        velocity, acceleration = self.need
+        hertz = acceleration / max(2.0 * math.pi * velocity, 1e-6)
+        need = (
+            f"the target needs {self._needed:.2g} m/s² at {hertz:.2g} Hz, the arm has "
+            f"{self.limit:.2g} m/s² there"
+        )
+        if cause is ErrorCause.LATENCY:
+            return f"its motion cannot be predicted from images so late or rare; {need}"
+        return f"it is too fast for the arm: {need}"
+
     def metrics(self) -> dict[str, Number]:
-        """``seen_rms_m`` and ``seen_max_m`` since the arrival; empty without one."""
-        if self._count == 0:
-            return {}
-        rms = math.sqrt(self._squares / self._count)
-        return {"seen_rms_m": rms, "seen_max_m": self.largest}
+        """``seen_rms_m`` and ``seen_max_m`` since the arrival, ``error_rms_m`` over all time.
+
+        Those that have no value yet are missing; ``max_error_m`` is the bound.
+        """
+        metrics: dict[str, Number] = {"max_error_m": self.bound}
+        if self._time > 0.0:
+            metrics["error_rms_m"] = self.rms
+        if self._count > 0:
+            metrics["seen_rms_m"] = math.sqrt(self._squares / self._count)
+            metrics["seen_max_m"] = self.largest
+        return metrics
+
+    @property
+    def _needed(self) -> float:
+        """Largest acceleration of a sinusoidal motion with the target's root mean square."""
+        return math.sqrt(2.0) * self.need[1]
+
+    def _integrate(self, stamp: float, squares: dict[ErrorCause, float]) -> None:
+        """Add squared errors, in m², that hold since the last call, if they count."""
+        if self.counts_from is not None and self._last is not None:
+            passed = stamp - max(self._last, self.counts_from)
+            self._time += max(passed, 0.0)
+            for cause, square in squares.items():
+                self._integrals[cause] += square * max(passed, 0.0)
+        self._last = stamp
+
+    def _trembles(self) -> bool:
+        """Whether the target has been at rest over the window while the error has varied."""
+        if len(self._seen) < _FEWEST:
+            return False
+        errors = np.array([one.error for one in self._seen])
+        varied = float(np.sqrt(errors.var(axis=0).sum()))
+        rms = float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))
+        spread = np.array([one.target for one in self._seen]).var(axis=0).sum()
+        return rms > self.bound and varied > 0.5 * rms and float(np.sqrt(spread)) < _RESTING * rms
 
     def _keep(self) -> None:
         rms = self._rms(-math.inf)
-        if rms > self._bound:
-            raise Failure(
-                "NOT_FOLLOWING",
+        if rms > _WINDOW_FACTOR * self.bound:
+            self._fail(
                 f"the camera saw the target {1000 * rms:.1f} mm off the image center over "
-                f"the last second (root mean square; max_error allows {1000 * self._bound:.1f} mm)",
-                seen_rms_m=rms,
-                max_error_m=self._bound,
+                f"the last second (root mean square; max_error allows {1000 * self.bound:.1f} mm "
+                f"over all time, and twice that over a second)",
+                rms,
             )
 
     def _approach(self, stamp: float) -> None:
         rms = self._rms(stamp - _ARRIVED_S)
-        if rms <= self._bound and stamp - self._seen[0][0] >= _ARRIVED_S:
+        if rms <= self.bound and stamp - self._seen[0].stamp >= _ARRIVED_S:
             self.arrived = True
+            self._returns = False
+            self.counts_from = stamp if self.counts_from is None else self.counts_from
             self._drop(stamp - _ARRIVED_S)
         elif rms < _NEARER * self._least:
             self._least = rms
             self._nearer_at = stamp
-        elif rms <= self._bound:
+        elif rms <= self.bound:
             self._nearer_at = stamp
         elif stamp - self._nearer_at > self._patience:
-            raise Failure(
-                "NOT_FOLLOWING",
+            self._fail(
                 f"for {stamp - self._nearer_at:.1f} s the target has come no closer to the image "
-                f"center: {1000 * rms:.1f} mm off (root mean square over "
-                f"{_ARRIVED_S} s; max_error allows {1000 * self._bound:.1f} mm)",
-                seen_rms_m=rms,
-                max_error_m=self._bound,
+                f"center: {1000 * rms:.1f} mm off (root mean square over {_ARRIVED_S} s; "
+                f"max_error allows {1000 * self.bound:.1f} mm)",
+                rms,
             )
+
+    def _fail(self, reason: str, rms: float) -> None:
+        cause = self.cause
+        raise Failure(
+            "NOT_FOLLOWING",
+            f"{reason}: {self.explain(cause)}",
+            seen_rms_m=rms,
+            max_error_m=self.bound,
+            cause=str(cause),
+        )
 
     def _drop(self, before: float) -> None:
         """Drop sightings before a time, but keep enough of them for a mean."""
-        while len(self._seen) > _FEWEST and self._seen[0][0] < before:
+        while len(self._seen) > _FEWEST and self._seen[0].stamp < before:
             self._seen.popleft()
 
     def _rms(self, since: float) -> float:
         """Root mean square of the sightings since a time, m."""
-        squares = [square for stamp, square in self._seen if stamp >= since]
+        squares = [one.square for one in self._seen if one.stamp >= since]
         if len(squares) < _FEWEST:
-            squares = [square for _, square in list(self._seen)[-_FEWEST:]]
+            squares = [one.square for one in list(self._seen)[-_FEWEST:]]
         return math.sqrt(math.fsum(squares) / len(squares))
+
+
+def _attributed(sample: FollowingSample, square: float) -> dict[ErrorCause, float]:
+    """Squared error of a sighting in m², shared among prediction and arm."""
+    if not sample.within_reach:
+        return {ErrorCause.REACH: square}
+    if sample.predicted is None:
+        return {ErrorCause.SPEED: square}
+    off = sample.predicted - sample.target
+    late = min(float(off @ off), square)
+    return {ErrorCause.LATENCY: late, ErrorCause.SPEED: square - late}
 
 
 STALE_S = 0.1
@@ -233,6 +438,9 @@ HOLD_S = 0.5
 """Time for which the tool holds still before the search begins, s."""
 
 _PATIENCE_FRAMES = 2
+_PREDICTIONS = 1024  # set-points that are kept to compare with late images: two seconds
+_SAME_TIME_S = 0.02  # between a prediction and a sighting that are compared
+_MISSED = 4096  # ticks without the target that are kept
 
 
 @dataclass(frozen=True)
@@ -302,6 +510,7 @@ class TrackingReference:
         self._search_radius = search_radius
         self._stale_after = stale_after
         self._last_position = np.zeros(2)
+        self._predictions: deque[tuple[float, Vector]] = deque(maxlen=_PREDICTIONS)
         self._search: Spiral | None = None
         self._goal = np.zeros(2)
         self._goal_stamp = -np.inf
@@ -326,7 +535,26 @@ class TrackingReference:
             return None
         self.old_data_steps += age > STALE_S
         self._last_position = target.position
+        self._predictions.append((time, target.position))
         return target
+
+    def predicted_at(self, time: float) -> Vector | None:
+        """Position that the tool was to have at a time, of shape (2,), m; None if there was none.
+
+        Args:
+            time: Time of a sighting, s, later than in all previous calls.
+        """
+        past = self._predictions
+        while len(past) > 1 and past[1][0] <= time:
+            past.popleft()
+        if not past or abs(past[0][0] - time) > _SAME_TIME_S:
+            return None
+        return past[0][1]
+
+    @property
+    def origin(self) -> Vector:
+        """Point in the world from which positions in the plane count, of shape (3,), m."""
+        return self._view.ahead()
 
     def stale_for(self, time: float) -> float:
         """Seconds since the newest sighting became too old to follow; negative before."""
@@ -433,7 +661,8 @@ class PlaneTracking:
         allowed = plane_limits(arm.kinematics, self._limits, arm.setpoint.q, self._axes)
         self._servo_gains = servo_gains(camera, allowed.jerk)
         estimate = DualFilterEstimate(self._servo_gains.calmness, self._servo_gains.calm_jerk)
-        self._tracker = TargetTracker(camera, color, localizer, estimate)
+        depth = None if target_size is None else distance
+        self._tracker = TargetTracker(camera, color, localizer, estimate, depth=depth)
         self._reference = TrackingReference(
             self._tracker,
             PlaneView(self._axes, lambda: guessed.ahead, self._axes @ view.rotation_matrix[:, :2]),
@@ -446,7 +675,11 @@ class PlaneTracking:
         self._middle = np.array((0.0, 0.0, distance))
         self._error = error
         self._stillness = RestDetector(_MEASURED_DEPTH if target_size else _GIVEN_DEPTH)
+        self._target_size = target_size
         self._watched = 0
+        self._last_seen: Sighting | None = None
+        self._missed: deque[tuple[float, Vector]] = deque(maxlen=_MISSED)
+        self._needs_at = -math.inf
         self._clear = StreamClear(arm)
 
     @property
@@ -533,16 +766,83 @@ class PlaneTracking:
         # Lost frames do not mean that the target is absent, though `in_view` turns false meanwhile.
         if not self._tracker.locked:
             self._stillness.interrupt()
-        may_follow = self._tracker.locked and self._reference.beyond_since is None
-        if not may_follow:
+        within_reach = self._reference.beyond_since is None
+        if not (self._tracker.locked and within_reach):
             self._error.interrupt()
+        if not within_reach:
+            self._error.postpone()
         if not self._tracker.locked:
+            self._missed.append((self._arm.time, self._middle_now()))
             return
+        width = self._target_size or self._tracker.width
+        if width is not None:
+            self._error.know_width(width)
+        self._learn_needs()
         for one in new:
             self._stillness.take(look(one, self._axes))
-            if may_follow:
-                off = one.point - one.camera.apply(self._middle)
-                self._error.take(one.stamp, self._axes @ off)
+            self._count_missed(one)
+            self._error.take(self._sample(one, within_reach=within_reach))
+            self._last_seen = one
+
+    def refuse_above_bound(self) -> None:
+        """Check the error over the whole time; see `FollowingError.refuse_above_bound`."""
+        self._error.refuse_above_bound()
+
+    @property
+    def error(self) -> FollowingError:
+        """Monitor of the tracking error."""
+        return self._error
+
+    def _sample(self, one: Sighting, *, within_reach: bool) -> FollowingSample:
+        """A sighting relative to image center and prediction."""
+        return FollowingSample(
+            one.stamp,
+            self._axes @ (one.point - one.camera.apply(self._middle)),
+            self._axes @ (one.point - self._reference.origin),
+            self._reference.predicted_at(one.stamp),
+            within_reach,
+        )
+
+    def _middle_now(self) -> Vector:
+        """Point at the image center now, by the encoders, in the plane, of shape (2,), m."""
+        arm = self._arm
+        view = arm.world.nominal[arm.name].camera_pose_at(arm.q)
+        middle: Vector = self._axes @ view.apply(self._middle)
+        return middle
+
+    def _count_missed(self, regained: Sighting) -> None:
+        """Count the time without the target as error, by its path interpolated linearly."""
+        before = self._last_seen
+        if not self._missed or before is None:
+            return
+        times = np.array([time for time, _ in self._missed])
+        tool = np.array([middle for _, middle in self._missed])
+        self._missed.clear()
+        during = (times > before.stamp) & (times < regained.stamp)
+        share = (times[during] - before.stamp) / (regained.stamp - before.stamp)
+        begin = self._axes @ before.point
+        path = begin + share[:, None] * (self._axes @ regained.point - begin)
+        self._error.miss(times[during], np.linalg.norm(path - tool[during], axis=1))
+
+    def _learn_needs(self) -> None:
+        """Update what the target needs and what the arm has, for the reason of a failure."""
+        now = self._arm.time
+        passed = now - self._needs_at
+        if passed < _NEEDS_EVERY_S:
+            return
+        self._needs_at = now
+        kept = math.exp(-passed / _NEED_S)
+        _, *rates = self._tracker.predict_in(self._axes, self._reference.origin, now)
+        error = self._error
+        squares = [
+            kept * was**2 + (1.0 - kept) * float(rate @ rate)
+            for was, rate in zip(error.need, rates, strict=True)
+        ]
+        error.need = math.sqrt(squares[0]), math.sqrt(squares[1])
+        arm = self._arm
+        error.limit = plane_limits(
+            arm.kinematics, self._limits, arm.setpoint.q, self._axes
+        ).acceleration
 
     def close(self) -> None:
         """Unsubscribe from the camera."""
@@ -559,6 +859,8 @@ class PlaneTracking:
     def metrics(self) -> dict[str, Number]:
         """Numbers of images, losses and refused sightings, and those of `FollowingError`.
 
+        ``similar_objects`` is the number of other objects of about its size and color that were in
+        view when the target was chosen: above zero the choice, the image center, was ambiguous.
         ``old_data_steps`` counts the control steps toward a target whose newest sighting was older
         than `STALE_S`.
         """
@@ -566,6 +868,7 @@ class PlaneTracking:
             "frames": self._tracker.frames,
             "lost_count": self._tracker.lost_count,
             "refused_sightings": self._tracker.distractors.count,
+            "similar_objects": len(self._tracker.similar),
             "old_data_steps": self._reference.old_data_steps,
             **self._error.metrics(),
         }

@@ -274,6 +274,7 @@ FORMS: Mapping[str, tuple[Tree, ...]] = {
                 "ranges": [{"hue": [42.0, 70.0], "saturation": [0.4, 1.0], "value": [0.2, 1.0]}]
             },
             "target_size": 0.05,
+            "max_error": 0.01,
             "duration": 2.0,
             "until_still": 1.0,
         },

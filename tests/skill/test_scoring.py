@@ -29,7 +29,11 @@ def followed(count: int, *, still: bool = False) -> tuple[TrackingScore, Any]:
     rng = np.random.default_rng(4)
     seen = Sightings()
     tracking: Any = SimpleNamespace(
-        in_view=True, target=where(0.0), sightings=seen.places, forget_sightings=seen.forget
+        in_view=True,
+        target=where(0.0),
+        sightings=seen.places,
+        forget_sightings=seen.forget,
+        error=SimpleNamespace(counts_from=0.0),
     )
     world: Any = SimpleNamespace(objects={"cube"}, arms={"arm": SimpleNamespace(tool_site=0)})
     world.object_body = {"cube": 0}.__getitem__

@@ -211,7 +211,8 @@ def test_it_is_regained_without_a_jerk(stage: Stage) -> None:
         place = CENTER + circling(world.time) + (behind, 0.0, 0.0)
         world.model.body_pos[world.object_body("cube")] = place
 
-    play = stage.play(scenario({"fps": 60}).file(TRACK))
+    node: Tree = {"track": TRACK["track"] | {"max_error": 0.05}}
+    play = stage.play(scenario({"fps": 60}).file(node))
     play.watchers.append(hidden)
     tools: list[tuple[float, Vector]] = []
 
@@ -222,6 +223,8 @@ def test_it_is_regained_without_a_jerk(stage: Stage) -> None:
     play.run()
     leaf = play.leaf("track")
     assert leaf.status == "SUCCESS", leaf.reason
+    assert float(leaf.metrics["error_rms_m"]) > 0.01, "time without the target counts"
+    assert leaf.metrics["error_rms_m"] == pytest.approx(leaf.metrics["true_rms_m"], rel=0.3)
     assert leaf.metrics["lost_count"] == 1
     assert leaf.metrics["old_data_steps"] == 0
     assert play.arm().clipped_setpoints == 0
@@ -377,7 +380,7 @@ def test_a_camera_that_looks_along_the_plane_cannot_lead_the_arm(stage: Stage) -
     assert "normal" in play.leaf("track").reason
 
 
-@pytest.mark.parametrize(("limits", "bound"), [(1.0, 0.05), (1.0, 0.004), (0.02, 0.02)])
+@pytest.mark.parametrize(("limits", "bound"), [(1.0, 0.02), (1.0, 0.004), (0.02, 0.02)])
 def test_who_cannot_keep_up_says_by_how_much(limits: float, bound: float, stage: Stage) -> None:
     """A circle that grows ever faster, while the target stays in view."""
 
@@ -391,6 +394,7 @@ def test_who_cannot_keep_up_says_by_how_much(limits: float, bound: float, stage:
     assert f"max_error allows {1000 * bound:.1f} mm" in (leaf.reason or "")
     assert float(leaf.metrics["seen_rms_m"]) > bound
     assert float(leaf.metrics["max_error_m"]) == bound
+    assert leaf.metrics["cause"] in ("speed", "latency")
 
 
 def test_what_the_camera_saw_agrees_with_the_truth(stage: Stage) -> None:
@@ -412,3 +416,64 @@ def test_a_target_that_goes_while_the_arm_brakes_was_not_followed(
     play.run()
     leaf = play.leaf("track")
     assert leaf.code == "LOST", leaf.reason
+
+
+def test_the_true_path_turns_a_false_success_into_a_failure(stage: Stage) -> None:
+    """Assumed at a third of its distance, the cube seems to be missed by a third of the lag."""
+    ports = {"controller": "proportional", "distance": 0.12, "max_error": 0.0018, "duration": 8.0}
+    node: Tree = {"track": TRACK["track"] | ports}
+    leaf = follow(stage, node, scenario(), swaying).leaf("track")
+    assert leaf.code == "NOT_FOLLOWING", leaf.metrics
+    assert "off the true target" in leaf.reason
+    assert float(leaf.metrics["error_rms_m"]) <= 0.0018 < float(leaf.metrics["true_rms_m"])
+
+
+def test_a_target_out_of_reach_is_waited_for(stage: Stage) -> None:
+    """It hangs 0.15 m aside for 3 s, in view; `reach` allows 0.1 m; then it comes."""
+
+    def comes(time: float) -> Vector:
+        share = min(max((time - 3.0) / 2.0, 0.0), 1.0)
+        return np.array((0.0, 0.15 - 0.12 * share**3 * (10 - 15 * share + 6 * share**2), 0.0))
+
+    node: Tree = {"track": {"duration": 7.0, "reach": 0.1, "lost_timeout": 0.5, "score": "cube"}}
+    leaf = follow(stage, node, scenario({"fov": 70}), comes).leaf("track")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert float(leaf.metrics["error_rms_m"]) < 0.01
+
+
+TWIN = {"twin": CUBE | {"fixed": True, "pose": {"xyz": [0.66, 0.26, 0.70]}}}
+
+
+@pytest.mark.parametrize("sized", [False, True])
+def test_of_two_alike_the_one_at_the_image_center_is_tracked(sized: bool, stage: Stage) -> None:
+    """The twin is nearer to the camera, thus larger in the image."""
+    node: Tree = {"track": TRACK["track"] | ({"target_size": 0.05} if sized else {})}
+    node["track"]["duration"] = 2.0
+    leaf = follow(stage, node, scenario({"fov": 70}, **TWIN), swaying).leaf("track")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert float(leaf.metrics["true_rms_m"]) < 2e-3
+    assert leaf.metrics["similar_objects"] == 1
+
+
+def test_of_two_at_hand_the_one_of_the_right_size_is_tracked(stage: Stage) -> None:
+    """The one at the image center is half as large."""
+    small = CUBE | {"size": [0.03] * 3, "fixed": True, "pose": {"xyz": [0.68, 0.11, 0.62]}}
+    node: Tree = {"track": {"duration": 2.0, "score": "cube", "target_size": 0.05}}
+
+    def aside(_: float) -> Vector:
+        return np.array((0.0, 0.0, 0.1))
+
+    leaf = follow(stage, node, scenario({"fov": 70}, small=small), aside).leaf("track")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert float(leaf.metrics["true_rms_m"]) < 2e-3
+    assert leaf.metrics["similar_objects"] == 0
+
+
+def test_a_lost_target_is_not_mistaken_for_the_twin_beside_it(stage: Stage) -> None:
+    """The cube goes at 2 s; the twin, 0.15 m aside, is seen by the search."""
+    node: Tree = {"track": TRACK["track"] | {"lost_timeout": 2.0}}
+    play = stage.play(scenario({"fov": 70}, **TWIN).file(node), deeds=lost_at(2.0))
+    play.run()
+    leaf = play.leaf("track")
+    assert leaf.code == "LOST", leaf.reason
+    assert leaf.metrics["refused_sightings"] > 10

@@ -231,7 +231,9 @@ JERKY: Tree = {
 STOP_AT_ONCE: Tree = {"delay": {"seconds": 1.0, "child": {"stop": {"longest": 0.03}}}}
 CARRY: Tree = {"transport": {"object": "cube", "to": {"xyz": [0.3, -0.4, 0.6]}}}
 LET_GO: Tree = {"detach": {"object": "cube"}}
-TRACK: Tree = {"track": {"duration": 3.0, "lost_timeout": 0.5, "wait": 1.0, "reach": 0.1}}
+TRACK: Tree = {
+    "track": {"duration": 3.0, "lost_timeout": 0.5, "wait": 1.0, "reach": 0.1, "reach_timeout": 0.5}
+}
 LOW_CAMERA = {"mount": "wrist", "resolution": [160, 120], "fov": 60, "fps": 20}
 FOLLOWED: Tree = {
     "cube": CUBE | {"pose": {"xyz": [0.45, -0.45, 0.425]}},

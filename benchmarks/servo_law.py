@@ -1,0 +1,144 @@
+"""The servo law alone: filter and servo follow a motion, without physics or images.
+
+    python -m benchmarks.servo_law [--trials N] [--seed S] [--robot NAME ...] [--motion KIND ...]
+                                   [--camera FPS/MS ...] [--share 0.8]
+
+The motions are those of `benchmarks.track_anything`, sampled with 0.2 mm of noise at the camera's
+rate and delivered after its latency. Three root mean square errors in mm tell where an error comes
+from: of the prediction; of the servo that knows the true motion now, with its velocity and
+acceleration; and of the servo that follows the prediction. A trial takes a second.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections import deque
+from types import SimpleNamespace
+from typing import Any, Final, cast
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from benchmarks.following_trial import LOOKS
+from benchmarks.track_anything import CAMERAS, MOTIONS, Case, Course, cases, course
+from benchmarks.vantage import BASE, Vantage, vantage
+from bt_dualarm.control.planar_servo import PlanarServo, PlaneTarget, plane_limits
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Matrix, Pose, Vector
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.perception.target_filter import DualFilterEstimate
+from bt_dualarm.robots.robot_description import load_robot, robot_names
+from bt_dualarm.skill.tracking import servo_gains
+from bt_dualarm.spec.values import Plane
+from bt_dualarm.trajectory.set_points import SetPoint
+
+PERIOD_S: Final = 0.002
+"""Of the set-points."""
+
+_NOISE_M = 2e-4
+_BEFORE_S = 2.0  # at rest before the motion
+_SAMPLE_S = 0.01  # of a course
+
+
+def errors(case: Case, seen: Vantage, path: Course, *, knows: bool) -> tuple[float, float]:
+    """Root mean square errors in m of the tool, less its mean, and of what it follows.
+
+    Args:
+        case: Robot, plane and camera.
+        seen: Where the arm starts.
+        path: Motion of the target.
+        knows: Whether the servo follows the true motion instead of the prediction.
+    """
+    robot = load_robot(case.robot)
+    arm = Kinematics(robot, Pose.from_rpy(BASE[0], np.radians(BASE[1]).tolist()))
+    axes = np.array(Plane.model_validate(case.plane).axes)
+    times = _SAMPLE_S * np.arange(len(path.places))
+    spline = CubicSpline(times, path.places - path.places[0], bc_type="clamped")
+    camera = cast(
+        "Any", SimpleNamespace(noise=0.0, latency=case.latency, period=1.0 / case.fps)
+    )  # what gains depend on
+    gains = servo_gains(camera, plane_limits(arm, robot.limits, seen.q, axes).jerk)
+    estimate = DualFilterEstimate(gains.calmness, gains.calm_jerk)
+
+    def true(time: float, order: int = 0) -> Vector:
+        moving = 0.0 < time < path.duration
+        if order and not moving:
+            return np.zeros(2)
+        value: Vector = spline(min(max(time, 0.0), path.duration), order)
+        return value
+
+    def target(time: float, displacement: Vector) -> PlaneTarget | None:  # noqa: ARG001
+        if knows:
+            return PlaneTarget(true(time), true(time, 1), true(time, 2))
+        return PlaneTarget(*estimate.predict(time)) if estimate.seen else None
+
+    rest = np.zeros_like(seen.q)
+    start = SetPoint(seen.q, rest, rest)
+    servo = PlanarServo(
+        arm, robot.limits, PERIOD_S, start, axes, target, gains.bandwidth, gains.slack
+    )
+    rng = np.random.default_rng(case.seed)
+    coming: deque[tuple[float, Vector]] = deque()
+    time = -_BEFORE_S
+    exposure = time
+    rows = []
+    while time < path.duration:
+        while exposure <= time:
+            hidden = path.hidden[0] <= exposure < path.hidden[1]
+            if not hidden:
+                coming.append((exposure, true(exposure) + rng.normal(0.0, _NOISE_M, 2)))
+            exposure += 1.0 / case.fps
+        while coming and coming[0][0] + case.latency <= time:
+            estimate.update(*coming.popleft(), _NOISE_M)
+        tool = axes @ (arm.matrix(servo(time).q)[:3, 3] - arm.matrix(seen.q)[:3, 3])
+        if time > 0.0:
+            followed = target(time, tool)
+            off = np.zeros(2) if followed is None else followed.position - true(time)
+            rows.append((*(tool - true(time)), *off))
+        time += PERIOD_S
+    found = np.array(rows)
+    return _rms(found[:, :2] - found[:, :2].mean(axis=0)), _rms(found[:, 2:])
+
+
+def _rms(vectors: Matrix) -> float:
+    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1))))
+
+
+def main(arguments: list[str]) -> int:
+    """Print a line for each trial, then medians and 95th percentiles."""
+    parser = argparse.ArgumentParser(description="the servo law alone")
+    parser.add_argument("--trials", type=int, default=40)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--robot", nargs="+", default=list(robot_names()), choices=robot_names())
+    parser.add_argument("--motion", nargs="+", default=list(MOTIONS[:6]), choices=MOTIONS)
+    parser.add_argument("--plane", nargs="+", default=list(LOOKS), choices=list(LOOKS))
+    parser.add_argument("--camera", nargs="+", default=list(CAMERAS))
+    parser.add_argument("--share", type=float, default=0.8)
+    asked = parser.parse_args(arguments)
+    asked.reality = ["ideal"]
+    found = []
+    for case in cases(asked):
+        seen = vantage(case.robot, LOOKS[case.plane])
+        try:
+            path = course(case, seen, np.array(Plane.model_validate(case.plane).axes))
+            known, _ = errors(case, seen, path, knows=True)
+            tool, predicted = errors(case, seen, path, knows=False)
+        except Failure as failure:
+            print(f"{case}: {failure}", flush=True)
+            continue
+        found.append((1e3 * predicted, 1e3 * known, 1e3 * tool))
+        print(
+            f"{case}: prediction {1e3 * predicted:.2f}, servo that knows {1e3 * known:.2f}, "
+            f"servo {1e3 * tool:.2f} mm",
+            flush=True,
+        )
+    for name, column in zip(
+        ("prediction", "servo that knows", "servo"), np.array(found).reshape(-1, 3).T, strict=True
+    ):
+        print(f"{name}: median {np.median(column):.2f}, p95 {np.percentile(column, 95):.2f} mm")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,458 @@
+"""Following any motion: robots by planes by kinds of motion, each with its theoretical bound.
+
+    python -m benchmarks.track_anything [--trials N] [--seed S] [--robot NAME ...]
+        [--motion KIND ...] [--reality lab rough] [--camera FPS/MS ...] [--share 0.8] [--lines]
+
+Every trial draws its plane, curve, reality and camera from its seed. The curve is timed by the
+follower's own limits along the true path, and then stretched: ``--share 0.8`` needs 80 % of the
+fastest speed, which is 64 % of the accelerations; above 1 no arm can follow. `track` ends by
+``until_still``. Printed are median and 95th percentile of the true root mean square error in the
+plane, less its mean, during the motion, by follower and by kind of motion, beside the bound: the
+error of the filter with an ideal arm, true positions and the measured noise. Then the outcomes,
+SUCCESS with a true error above ``max_error``, and runs that did not end.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import sys
+import tempfile
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from benchmarks.following_trial import DISTANCE_M, LOOKS
+from benchmarks.vantage import BASE, POSTURE, Vantage, vantage
+from bt_dualarm.behaviors.load import load_tree_file
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Matrix, Pose, Vector
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.perception.target_filter import TargetEstimate
+from bt_dualarm.planning.problem import trace
+from bt_dualarm.robots.robot_description import load_robot, robot_names
+from bt_dualarm.runtime.arm_runtime import IdleObserver
+from bt_dualarm.runtime.options import RunOptions
+from bt_dualarm.runtime.run import Run
+from bt_dualarm.sim.world import World
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.spec.values import Plane
+from bt_dualarm.spec.yaml_reader import Data
+from bt_dualarm.trajectory.paths import CartesianPath, line, through
+from bt_dualarm.trajectory.trajectory import Trajectory
+
+MOTIONS: Final = (
+    "circle",
+    "square",
+    "spiral",
+    "rotating",
+    "spline",
+    "stop-and-go",
+    "hidden 0.2 s",
+    "hidden 1 s",
+)
+CAMERAS: Final = ("60/20", "30/35", "90/0", "40/49")
+"""Frames a second and latency in ms."""
+
+_REST_S = 3.0  # before the target moves
+_AFTER_S = 15.0  # after its motion, in which `track` has to end
+_STILL_S = 1.0
+_REGAINED_S = 0.5
+_SETTLED_S = 1.0
+_PERIOD_S = 0.01  # of the samples of a motion
+_SIZE_M = 0.05
+_HIDDEN_M = 5.0  # behind the camera
+_ASKED_A_FRAME = 4
+_FRAMES_BEFORE = 0.5  # s at rest before the motion, for the bound
+
+
+@dataclass(frozen=True)
+class Case:
+    """One trial.
+
+    Attributes:
+        robot: Name of the robot in the catalog.
+        motion: Kind of motion, one of `MOTIONS`.
+        plane: A named plane of the world.
+        reality: Model mismatch of the follower.
+        camera: Frames a second and latency in ms, as ``60/20``.
+        share: Speed of the target as a fraction of the fastest that the follower could execute.
+        sized: Whether the target's size is known.
+        seed: Of the curve and of the run.
+    """
+
+    robot: str
+    motion: str
+    plane: str
+    reality: str
+    camera: str
+    share: float
+    sized: bool
+    seed: int
+
+    def __str__(self) -> str:
+        sized = "sized" if self.sized else "-"
+        return (
+            f"{self.robot:<6} {self.plane} {self.motion:<12} {self.reality:<5} "
+            f"{self.camera:<6} {self.share:g} {sized:<5} {self.seed}"
+        )
+
+    @property
+    def fps(self) -> float:
+        """Frames a second."""
+        return float(self.camera.partition("/")[0])
+
+    @property
+    def latency(self) -> float:
+        """Age of an image when it comes, s."""
+        return 1e-3 * float(self.camera.partition("/")[2])
+
+
+@dataclass(frozen=True)
+class Found:
+    """Measurements of one trial.
+
+    Attributes:
+        rms: Root mean square of the true error in the plane, less its mean, during the motion, m.
+        whole: The same from `_SETTLED_S` to the end of `track`, m.
+        bound: That of the filter with an ideal arm, m.
+        code: Failure code of `track`; ``SUCCESS`` without one, ``ENDLESS`` if it did not end.
+        cause: Its metric ``cause``, if any.
+        judged: The metric ``error_rms_m``, m.
+        allowed: The metric ``max_error_m``, m.
+        regained: Time from the target's return to within `allowed` of it, s; NaN if never hidden.
+    """
+
+    rms: float
+    whole: float
+    bound: float
+    code: str
+    cause: str
+    judged: float
+    allowed: float
+    regained: float
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """Motion of the target in the plane: positions of shape (n, 2), m, every `_PERIOD_S`."""
+
+    places: Matrix
+    hidden: tuple[float, float] = (np.inf, np.inf)
+    turning: float = 0.0
+
+    def at(self, time: float) -> Vector:
+        """Position ``time`` seconds after the motion began, of shape (2,), m."""
+        index = min(max(time / _PERIOD_S, 0.0), len(self.places) - 1.0)
+        first = min(int(index), len(self.places) - 2)
+        share = index - first
+        place: Vector = (1.0 - share) * self.places[first] + share * self.places[first + 1]
+        return place
+
+    @property
+    def duration(self) -> float:
+        """Length of the motion, s."""
+        return _PERIOD_S * (len(self.places) - 1)
+
+
+@dataclass
+class _Carrier(IdleObserver):
+    """Moves the target, and keeps where target and tool were."""
+
+    world: World
+    place: Vector
+    axes: Matrix
+    course: Course
+    rows: list[tuple[float, float, float, float, float]] = field(default_factory=list)
+
+    def after_step(self, time: float) -> None:
+        since = time - _REST_S
+        at = self.course.at(since)
+        body = self.world.object_body("cube")
+        normal = np.cross(*self.axes)
+        behind = _HIDDEN_M if self.course.hidden[0] <= since < self.course.hidden[1] else 0.0
+        model = self.world.model
+        looking = self.world.data.site_xpos[self.world.arms["arm1"].tool_site] - self.place
+        side = float(np.sign(normal @ looking))
+        model.body_pos[body] = self.place + at @ self.axes + behind * side * normal
+        if self.course.turning and since > 0.0:
+            angle = 0.5 * np.sin(self.course.turning * since)
+            model.body_quat[body] = (np.cos(0.5 * angle), *(np.sin(0.5 * angle) * normal))
+        tool = self.axes @ self.world.arms["arm1"].tool_pose.position
+        self.rows.append((time, *tool.tolist(), *(self.axes @ self.place + at).tolist()))
+
+
+def cases(asked: argparse.Namespace) -> Iterator[Case]:
+    """All trials: each robot by each motion in random order, everything else at random."""
+    rng = np.random.default_rng(asked.seed)
+    pairs: list[tuple[str, str]] = []
+    for _ in range(asked.trials):
+        if not pairs:
+            pairs = list(itertools.product(asked.robot, asked.motion))
+        robot, motion = pairs.pop(int(rng.integers(len(pairs))))
+        yield Case(
+            robot,
+            motion,
+            str(rng.choice(asked.plane)),
+            str(rng.choice(asked.reality)),
+            str(rng.choice(asked.camera)),
+            asked.share,
+            bool(rng.integers(2)),
+            int(rng.integers(1, 10**6)),
+        )
+
+
+def course(case: Case, seen: Vantage, axes: Matrix) -> Course:
+    """The target's motion, timed by what the follower can execute.
+
+    Raises:
+        Failure: The follower cannot execute the drawn curve at any speed.
+    """
+    rng = np.random.default_rng(case.seed)
+    robot = load_robot(case.robot)
+    xyz, rpy = BASE
+    arm = Kinematics(robot, Pose.from_rpy(xyz, np.radians(rpy).tolist()))
+    tool = Pose.from_matrix(arm.matrix(seen.q))
+
+    def pose(at: Vector) -> Pose:
+        return Pose(tool.position + at @ axes, tool.quaternion)
+
+    def timed(path: CartesianPath) -> Matrix:
+        motion: Trajectory = trace(arm, path, seen.q, robot.limits, _PERIOD_S * case.share).motion
+        points = [axes @ (arm.matrix(q)[:3, 3] - tool.position) for q in motion.q]
+        return np.array(points)
+
+    radius = rng.uniform(0.04, 0.09)
+    phase = rng.uniform(0.0, 2.0 * np.pi)
+    sense = rng.choice((-1.0, 1.0))
+    if case.motion in ("square", "stop-and-go"):
+        if case.motion == "square":
+            angles = phase + sense * 0.5 * np.pi * np.arange(9)
+            corners = radius * np.column_stack((np.cos(angles), np.sin(angles)))
+        else:
+            corners = rng.uniform(-0.09, 0.09, (6, 2))
+        pieces = []
+        for begin, end in itertools.pairwise(corners):
+            pieces.append(timed(line(pose(begin), pose(end))))
+            if case.motion == "stop-and-go":
+                pause = int(rng.uniform(0.2, 0.8) / _PERIOD_S)
+                pieces.append(np.tile(pieces[-1][-1], (pause, 1)))
+        return Course(np.vstack(pieces))
+    if case.motion == "spline":
+        angles = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False) + rng.uniform(-0.3, 0.3, 8)
+        radii = rng.uniform(0.03, 0.09, 8)
+    else:
+        turns = 3 if case.motion == "spiral" else 2
+        angles = phase + sense * np.linspace(0.0, 2.0 * np.pi * turns, 24 * turns + 1)
+        grown = np.linspace(0.2, 1.0, len(angles))
+        radii = radius * (grown if case.motion == "spiral" else np.ones(len(angles)))
+    points = radii[:, None] * np.column_stack((np.cos(angles), np.sin(angles)))
+    path = through([pose(at) for at in points], closed=case.motion == "spline")
+    places = timed(path)
+    duration = _PERIOD_S * (len(places) - 1)
+    hidden = (np.inf, np.inf)
+    if case.motion.startswith("hidden"):
+        begin = rng.uniform(0.3, 0.6) * duration
+        hidden = (begin, begin + float(case.motion.split()[1]))
+    return Course(places, hidden, rng.uniform(1.0, 2.0) if case.motion == "rotating" else 0.0)
+
+
+def follow(case: Case, registry: Registry) -> Found:
+    """Run one trial.
+
+    Raises:
+        Failure: As `course`.
+    """
+    seen = vantage(case.robot, LOOKS[case.plane])
+    axes = np.array(Plane.model_validate(case.plane).axes)
+    path = course(case, seen, axes)
+    place = seen.ahead(DISTANCE_M)
+    end = _REST_S + path.duration
+    with tempfile.TemporaryDirectory() as folder:
+        start = place + path.at(0.0) @ axes
+        tree = _tree(case, seen.write_page(Path(folder)), start, end + _AFTER_S)
+        file = load_tree_file(tree, registry.kinds, folder=Path(folder))
+        with Run(file, registry, RunOptions(seed=case.seed, renderer="ray")) as run:
+            carrier = _Carrier(run.world, place, axes, path)
+            run.watch(carrier)
+            leaf = run.finish().arms["arm1"].runs[0]
+    rows = np.array(carrier.rows)
+    during = rows[(rows[:, 0] >= _REST_S) & (rows[:, 0] <= end)]
+    away = _errors(during)
+    noise = float(leaf.metrics.get("sighting_sd_m", 1e-4))
+    code = "SUCCESS" if str(leaf.status) == "SUCCESS" else str(leaf.code or "ENDLESS")
+    if code in ("HALTED", "TIMEOUT"):
+        code = "ENDLESS"
+    allowed = float(leaf.metrics.get("max_error_m", 0.01))
+    return Found(
+        rms=_rms(away),
+        whole=_rms(_errors(rows[rows[:, 0] >= _SETTLED_S])),
+        bound=bound(case, path, noise),
+        code=code,
+        cause=str(leaf.metrics.get("cause", "")),
+        judged=float(leaf.metrics.get("error_rms_m", np.nan)),
+        allowed=allowed,
+        regained=_regained(path, during[:, 0] - _REST_S, away, allowed),
+    )
+
+
+def _errors(rows: Matrix) -> Vector:
+    """True distances of the tool from the target, less their mean, of shape (n,), m."""
+    error = rows[:, 1:3] - rows[:, 3:5]
+    away: Vector = np.linalg.norm(error - error.mean(axis=0), axis=1)
+    return away
+
+
+def _rms(away: Vector) -> float:
+    return float(np.sqrt(np.mean(away**2))) if len(away) else np.nan
+
+
+def _regained(path: Course, times: Vector, away: Vector, allowed: float) -> float:
+    """Time from the end of the occlusion until the error stays within a bound for 0.1 s."""
+    back = path.hidden[1]
+    late = times >= back
+    if not late.any():
+        return np.nan
+    good = away[late] <= allowed
+    since = times[late] - back
+    for index in range(len(good)):
+        if good[index : np.searchsorted(since, since[index] + 0.1)].all():
+            return float(since[index])
+    return np.inf
+
+
+def bound(case: Case, path: Course, noise: float) -> float:
+    """Error of the filter with an ideal arm, m: true positions and white noise, predicted to now.
+
+    Between two frames the newest sighting ages from the latency to the latency and a period.
+    While the target is hidden there are no sightings.
+    """
+    rng = np.random.default_rng(case.seed)
+    times = _PERIOD_S * np.arange(len(path.places))
+    spline = CubicSpline(times, path.places)
+    estimate = TargetEstimate()
+    errors = []
+    for stamp in np.arange(-_FRAMES_BEFORE, path.duration, 1.0 / case.fps):
+        hidden = path.hidden[0] <= stamp < path.hidden[1]
+        if not hidden:
+            seen = spline(max(stamp, 0.0)) + rng.normal(0.0, noise, 2)
+            estimate.update(float(stamp), seen, max(noise, 1e-6))
+        for share in range(_ASKED_A_FRAME):
+            now = float(stamp) + case.latency + share / _ASKED_A_FRAME / case.fps
+            if 0.0 <= now <= path.duration:
+                errors.append(estimate.predict(now).position - spline(now))
+    return float(np.sqrt(np.mean(np.sum(np.square(errors), axis=1))))
+
+
+def _tree(case: Case, page: str, start: Vector, limit: float) -> dict[str, Data]:
+    """The tree file."""
+    xyz, rpy = BASE
+    cube: dict[str, Data] = {
+        "shape": "box",
+        "size": [_SIZE_M] * 3,
+        "mass": 0.1,
+        "color": "yellow",
+        "fixed": True,
+        "pose": {"xyz": start.tolist()},
+    }
+    camera: dict[str, Data] = {
+        "mount": "wrist",
+        "resolution": [320, 240],
+        "fov": 50,
+        "fps": case.fps,
+        "latency": case.latency,
+    }
+    track: dict[str, Data] = {
+        "plane": case.plane,
+        "distance": DISTANCE_M,
+        "score": "cube",
+        "until_still": _STILL_S,
+    }
+    if case.sized:
+        track["target_size"] = _SIZE_M
+    arm: dict[str, Data] = {
+        "robot": page,
+        "base": {"xyz": list(xyz), "rpy": list(rpy)},
+        "posture": POSTURE,
+        "camera": camera,
+        "tree": {"track": track},
+    }
+    world: dict[str, Data] = {"scene": "empty", "time_limit": limit, "reality": case.reality}
+    return {"bt_dualarm": 1, "world": world, "objects": {"cube": cube}, "arms": {"arm1": arm}}
+
+
+def summary(results: list[tuple[Case, Found]]) -> Iterator[str]:
+    """Lines of the tables."""
+    yield f"{'':<14} {'trials':>6} {'median':>8} {'p95':>8} {'bound':>8}  mm RMS; outcomes"
+    groups: dict[str, list[Found]] = defaultdict(list)
+    for case, found in results:
+        for name in (case.robot, case.motion, f"{case.camera} {case.reality}", "all"):
+            groups[name].append(found)
+    order = [*robot_names(), *MOTIONS, *sorted(name for name in groups if "/" in name), "all"]
+    for name in filter(groups.__contains__, order):
+        all_found = groups[name]
+        rms = 1e3 * np.array([one.rms for one in all_found])
+        least = 1e3 * np.median([one.bound for one in all_found])
+        codes = Counter(f"{one.code} {one.cause}".strip() for one in all_found)
+        said = ", ".join(f"{count} {code}" for code, count in codes.most_common())
+        yield (
+            f"{name:<14} {len(rms):6d} {np.median(rms):8.2f} {np.percentile(rms, 95):8.2f} "
+            f"{least:8.2f}  {said}"
+        )
+    every = [one for _, one in results]
+    yield f"SUCCESS with a true RMS above max_error: {sum(map(_is_false, every))}"
+    worse = sum(one.code == "SUCCESS" and one.rms > one.allowed for one in every)
+    yield f"the same during the motion alone, without the rests: {worse}"
+    yield f"did not end: {sum(one.code == 'ENDLESS' for one in every)}"
+    back = [one.regained for one in every if not np.isnan(one.regained)]
+    if back:
+        soon = sum(time <= _REGAINED_S for time in back)
+        yield f"regained within {_REGAINED_S:g} s of the target's return: {soon} of {len(back)}"
+
+
+def main(arguments: list[str]) -> int:
+    """Print the tables; exit code 1 for a false SUCCESS or a run that did not end."""
+    parser = argparse.ArgumentParser(description="following any motion")
+    parser.add_argument("--trials", type=int, default=40)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--robot", nargs="+", default=list(robot_names()), choices=robot_names())
+    parser.add_argument("--motion", nargs="+", default=list(MOTIONS), choices=MOTIONS)
+    parser.add_argument("--plane", nargs="+", default=list(LOOKS), choices=list(LOOKS))
+    parser.add_argument("--reality", nargs="+", default=["lab", "rough"])
+    parser.add_argument("--camera", nargs="+", default=list(CAMERAS))
+    parser.add_argument("--share", type=float, default=0.8)
+    parser.add_argument("--lines", action="store_true", help="print each trial")
+    asked = parser.parse_args(arguments)
+    registry = Registry.load()
+    results: list[tuple[Case, Found]] = []
+    for case in cases(asked):
+        try:
+            found = follow(case, registry)
+        except Failure as failure:
+            print(f"{case}: not drawn: {failure}", flush=True)
+            continue
+        results.append((case, found))
+        if asked.lines:
+            print(
+                f"{case}: {1e3 * found.rms:6.2f} mm, bound {1e3 * found.bound:5.2f}, "
+                f"judged {1e3 * found.judged:6.2f} of {1e3 * found.allowed:.1f} "
+                f"{found.code} {found.cause}".rstrip(),
+                flush=True,
+            )
+    for said in summary(results):
+        print(said)
+    return int(any(one.code == "ENDLESS" or _is_false(one) for _, one in results))
+
+
+def _is_false(found: Found) -> bool:
+    """Whether it is a SUCCESS whose true error is above what is allowed."""
+    return found.code == "SUCCESS" and found.whole > found.allowed
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
