@@ -614,8 +614,20 @@ class TargetTracker:
         return self._estimate.predict(time)
 
     def predict_in(self, axes: Matrix, origin: Vector, time: float) -> Matrix:
-        """Predicted motion along two axes, of shape (3, 2); see `TargetEstimate.predict_in`."""
-        return self._estimate.predict_in(axes, origin, time)
+        """Predicted motion along two axes, of shape (3, 2); see `TargetEstimate.predict_in`.
+
+        Of a lost target, by what was known of it when it was lost.
+        """
+        return self._confirmed.predict_in(axes, origin, time)
+
+    def doubt(self, time: float) -> float:
+        """Largest standard deviation along an axis of the position that `predict_in` returns, m."""
+        return math.sqrt(float(self._confirmed.variance(time).max()))
+
+    @property
+    def _confirmed(self) -> TargetEstimate:
+        """Filter of the target; after a loss the one from before, until it is found again."""
+        return self._before_loss or self._estimate
 
     def close(self) -> None:
         """Unsubscribe from the camera and stop aiming it; harmless when repeated."""

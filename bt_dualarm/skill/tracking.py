@@ -434,6 +434,9 @@ If latency and period of the images exceed it, the limit is the latency plus two
 the arm would never move.
 """
 
+FORESEEN_M = 0.02
+"""Standard deviation of the predicted position, m, up to which a target out of view is followed."""
+
 HOLD_S = 0.5
 """Time for which the tool holds still before the search begins, s."""
 
@@ -488,7 +491,8 @@ class TrackingReference:
     Attributes:
         beyond_since: Simulated time since which the target has been out of reach, s, or None.
         old_data_steps: Number of control steps toward a target whose newest sighting was older
-            than `STALE_S`.
+            than `STALE_S`, and whose position was uncertain by more than `FORESEEN_M`.
+        foreseen_s: Time for which a target out of view was followed by its prediction, s.
     """
 
     def __init__(
@@ -503,6 +507,9 @@ class TrackingReference:
     ) -> None:
         self.beyond_since: float | None = None
         self.old_data_steps = 0
+        self.foreseen_s = 0.0
+        self._called_at = -math.inf
+        self._braked_at: float | None = None
         self._tracker = tracker
         self._view = view
         self._gains = gains
@@ -522,10 +529,17 @@ class TrackingReference:
             time: Simulated time of actuation, s.
             displacement: Position of the tool in the plane relative to its start, of shape (2,), m.
         """
+        passed = max(time - self._called_at, 0.0)
+        self._called_at = time
         age = self._tracker.age(time)
         if age > self._stale_after or not self._tracker.locked:
+            foreseen = self._foreseen(time)
+            if foreseen is not None:
+                self.foreseen_s += passed
+                return foreseen
             return self._without_target(time, displacement)
         self._search = None
+        self._braked_at = None
         target = (
             self._predicted(time)
             if self._gains is None
@@ -533,7 +547,7 @@ class TrackingReference:
         )
         if not self._is_within_reach(target.position, time):
             return None
-        self.old_data_steps += age > STALE_S
+        self.old_data_steps += age > STALE_S and self._tracker.doubt(time) > FORESEEN_M
         self._last_position = target.position
         self._predictions.append((time, target.position))
         return target
@@ -575,10 +589,23 @@ class TrackingReference:
             self._goal_stamp = detection.stamp
         return PlaneTarget(self._goal, np.zeros(2), np.zeros(2))
 
+    def _foreseen(self, time: float) -> PlaneTarget | None:
+        """Motion of a target out of view while its prediction is good; None from then on."""
+        if self._gains is not None or self._braked_at is not None:
+            return None
+        if math.isinf(self._tracker.age(time)) or self._tracker.doubt(time) > FORESEEN_M:
+            return None
+        target = self._predicted(time)
+        if float(np.hypot(*target.position)) > self._reach:
+            return None
+        self._last_position = target.position
+        return target
+
     def _without_target(self, time: float, displacement: Vector) -> PlaneTarget | None:
         """Come to rest and hold, then search around where the target was last predicted."""
         self.beyond_since = None
-        searched_for = self.stale_for(time) - HOLD_S
+        self._braked_at = time if self._braked_at is None else self._braked_at
+        searched_for = time - self._braked_at - HOLD_S
         if self._search_radius == 0.0 or searched_for < 0.0:
             return None
         if self._search is None:
@@ -862,7 +889,8 @@ class PlaneTracking:
         ``similar_objects`` is the number of other objects of about its size and color that were in
         view when the target was chosen: above zero the choice, the image center, was ambiguous.
         ``old_data_steps`` counts the control steps toward a target whose newest sighting was older
-        than `STALE_S`.
+        than `STALE_S`, and whose position was uncertain by more than `FORESEEN_M`; ``foreseen_s``
+        is the time for which a target out of view was followed by its prediction.
         """
         return {
             "frames": self._tracker.frames,
@@ -870,6 +898,7 @@ class PlaneTracking:
             "refused_sightings": self._tracker.distractors.count,
             "similar_objects": len(self._tracker.similar),
             "old_data_steps": self._reference.old_data_steps,
+            "foreseen_s": self._reference.foreseen_s,
             **self._error.metrics(),
         }
 
