@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from fractions import Fraction
 from time import perf_counter
 from types import MappingProxyType
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from bt_dualarm.behaviors.load import ArmTree
 from bt_dualarm.behaviors.report import (
@@ -89,6 +89,11 @@ class Observer(Protocol):
     def after_step(self, time: float) -> None:
         """React to a physics step that ended at ``time``, s."""
 
+
+@runtime_checkable
+class FaultObserver(Protocol):
+    """Observer that is also told of injected faults."""
+
     def on_fault(self, event: FaultEvent) -> None:
         """React to the start or the end of an injected fault."""
 
@@ -103,9 +108,6 @@ class IdleObserver:
         """Do nothing."""
 
     def after_step(self, time: float) -> None:
-        """Do nothing."""
-
-    def on_fault(self, event: FaultEvent) -> None:
         """Do nothing."""
 
 

@@ -26,7 +26,7 @@ import numpy as np
 from bt_dualarm.behaviors.report import KeyWritten, StatusChange, TraceEvent
 from bt_dualarm.control.controller import JointController
 from bt_dualarm.core.pose import Matrix, Vector
-from bt_dualarm.runtime.arm_runtime import IdleObserver, Observer, RunView
+from bt_dualarm.runtime.arm_runtime import FaultObserver, IdleObserver, Observer, RunView
 from bt_dualarm.runtime.clock import Periodic, exact
 from bt_dualarm.runtime.history_file import Block, HistoryWriter
 from bt_dualarm.runtime.report import json_ready
@@ -443,8 +443,10 @@ class StatusFeed:
                 self._drop(observer, error)
 
     def on_fault(self, event: FaultEvent) -> None:
-        """Report the start or the end of an injected fault."""
+        """Report the start or the end of an injected fault to those who want to know."""
         for observer in self.observers:
+            if not isinstance(observer, FaultObserver):
+                continue
             try:
                 observer.on_fault(event)
             except Exception as error:  # noqa: BLE001 - see `_drop`
