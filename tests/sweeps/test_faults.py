@@ -103,17 +103,18 @@ def test_pairs_and_hardware_are_sampled_by_seed(tmp_path: Path) -> None:
     assert len(campaign.pairs) == 2
     assert all(" + " in one.sentence for one in campaign.pairs)
     assert len(campaign.hardware) == 10
-    # Ten kinds fit: no camera, nothing to swap. A tree that only waits minds none of them.
-    assert all(one.is_handled for one in campaign.hardware)
+    # Ten kinds fit: no camera, nothing to swap. A tree that only waits minds none but its absence.
+    lost = [one.sentence for one in campaign.hardware if not one.is_handled]
+    assert [sentence.partition(",")[0] for sentence in lost] == ["the tree of arm1 does not tick"]
     lines = "\n".join(sample_lines(campaign))
-    assert "hardware and world: 10 of 10 are handled" in lines
+    assert "hardware and world: 9 of 10 are handled" in lines
     assert "cube is taken away" in lines
     page = (tmp_path / "faults.html").read_text()
     assert "<h2>Hardware and world</h2>" in page
     again = inject_faults(
         HARDWARE_TREE, tmp_path, lambda: pytest.fail("nothing is left"), pairs=2, hardware=10
     )
-    assert again == campaign
+    assert again.trials == campaign.trials
 
 
 def test_sampled_faults_fit_the_file() -> None:
