@@ -167,10 +167,13 @@ REST_S: Final = 0.25
 
 _BODY: Final = int(mujoco.mjtObj.mjOBJ_BODY)
 _STILL_M = 1e-4
-"""Largest displacement of any point of an object at rest within `REST_S`, m. Poses are compared, not
-velocities, since a vibrating tool or an edge makes an object oscillate without displacing it: every
-12 ms, MuJoCo 4.0.0 finds one contact instead of four of a box that reaches over an edge, and turns a
-bar of 30 mm by 1 mrad about its long axis, for ever. Its edges move by less than 0.04 mm."""
+"""Largest displacement of any point of an object at rest within `REST_S`, m.
+
+Poses are compared, not velocities, since a vibrating tool or an edge makes an object oscillate
+without displacing it: every 12 ms, MuJoCo 4.0.0 finds one contact instead of four of a box that
+reaches over an edge, and turns a bar of 30 mm by 1 mrad about its long axis, for ever. Its edges
+move by less than 0.04 mm.
+"""
 
 
 class LeftStanding:

@@ -1,4 +1,4 @@
-"""`grasp`, `place` and `approach_and_attach` while another arm passes through where they work: they wait, and go on."""
+"""Skills that wait, and go on, while another arm passes through where they work."""
 
 from __future__ import annotations
 
@@ -78,9 +78,7 @@ def test_an_arm_that_attaches_waits_for_one_that_stands_there() -> None:
     file["arms"]["works"]["tree"] = {
         "sequence": [{"wait": 3}, {"approach_and_attach": {"object": "cube"}}]
     }
-    file["arms"]["passes"]["tree"] = {
-        "sequence": [_hover(START, 0.50), {"wait": 5}, "go_home"]
-    }
+    file["arms"]["passes"]["tree"] = {"sequence": [_hover(START, 0.50), {"wait": 5}, "go_home"]}
     result = bt_dualarm.run(file)
     assert result.outcome == "SUCCESS", result.arms
     attaches = next(run for run in result.arms["works"].runs if run.skill == "approach_and_attach")
