@@ -163,22 +163,28 @@ def generate(seed: int, reality: str) -> Case:
 
 
 class Referee(IdleObserver):
-    """True contacts of the bar with both hands.
+    """True contacts of an object with the hands of ``arm1`` and ``arm2``.
+
+    Args:
+        run: Run to judge.
+        thing: Name of the object.
 
     Attributes:
+        judges: Whether it judges, see `begin`.
         force_n: Largest force between the arms, N.
-        unheld_s: Longest time in which no hand touched the bar after it was first lifted, s.
-        fell_m: How far the bar has fallen while unheld, m.
+        unheld_s: Longest time in which no hand touched the object after it was first lifted, s.
+        fell_m: How far the object has fallen while unheld, m.
         touching: Whether the hands have touched each other, or an arm the other.
     """
 
-    def __init__(self, run: Run) -> None:
+    def __init__(self, run: Run, thing: str = "bar") -> None:
         self._run = run
+        self._thing = thing
         self._recent = deque[tuple[float, float]]()
         self._generation = -1
         self._since: float | None = None
         self._height = 0.0
-        self._judges = False
+        self.judges = False
         self.force_n = 0.0
         self.unheld_s = 0.0
         self.fell_m = 0.0
@@ -186,7 +192,7 @@ class Referee(IdleObserver):
 
     def begin(self) -> None:
         """Judge from now on: the giver has the bar."""
-        self._judges = True
+        self.judges = True
 
     def _bind(self) -> None:
         world = self._run.world
@@ -196,11 +202,11 @@ class Referee(IdleObserver):
         for index, name in enumerate(("arm1", "arm2")):
             if name in world.arms:
                 self._owner[list(world.arms[name].geom_ids)] = index
-        self._bar = world.object_geom("bar")
+        self._geom = world.object_geom(self._thing)
 
     def after_step(self, time: float) -> None:
         """Look at the contacts."""
-        if not self._judges:
+        if not self.judges:
             return
         world = self._run.world
         if self._generation != world.generation:
@@ -211,8 +217,8 @@ class Referee(IdleObserver):
         is_close = data.contact.dist <= 0.0
         between = (owners.min(axis=1) >= 0) & (owners[:, 0] != owners[:, 1]) & is_close
         self.touching = self.touching or bool(between.any())
-        held = (geoms == self._bar).any(axis=1) & (owners.max(axis=1) >= 0) & is_close
-        height = float(world.object_pose("bar").position[2])
+        held = (geoms == self._geom).any(axis=1) & (owners.max(axis=1) >= 0) & is_close
+        height = float(world.object_pose(self._thing).position[2])
         if held.any() or any(not one.by_gripper for one in world.attachments):
             self._since = None
         else:
@@ -223,36 +229,36 @@ class Referee(IdleObserver):
             self.fell_m = max(self.fell_m, self._height - height)
 
     def holds(self, arm: str) -> bool:
-        """Whether a hand touches the bar now."""
+        """Whether a hand touches the object now."""
         world = self._run.world
-        if arm not in world.arms or not world.attachments.find(arm, "bar"):
+        if arm not in world.arms or not world.attachments.find(arm, self._thing):
             return False
-        return world.touches(arm, "bar")
+        return world.touches(arm, self._thing)
 
     def on_forces(self) -> None:
-        """Measure the force of the taker's hand on the bar while both hands touch it."""
+        """Measure the force of the hand of ``arm2`` on the object while both hands touch it."""
         world = self._run.world
-        if not self._judges or self._generation != world.generation:
+        if not self.judges or self._generation != world.generation:
             return
         data = world.data
         forces = np.zeros((2, 3))
         touched = [False, False]
         buffer = np.empty(6)
         for number, pair in enumerate(data.contact.geom.tolist()):
-            if self._bar not in pair:
+            if self._geom not in pair:
                 continue
-            other = pair[0] if pair[1] == self._bar else pair[1]
+            other = pair[0] if pair[1] == self._geom else pair[1]
             owner = int(self._owner[other])
             if owner < 0:
                 continue
             mujoco.mj_contactForce(world.model, data, number, buffer)
             force = buffer[:3] @ data.contact.frame[number].reshape(3, 3)
-            forces[owner] += force if pair[1] == self._bar else -force
+            forces[owner] += force if pair[1] == self._geom else -force
             touched[owner] = True
         if not all(touched):
             self._recent.clear()
             return
-        body = world.object_body("bar")
+        body = world.object_body(self._thing)
         weight = -world.model.body_mass[body] * world.model.opt.gravity
         share = float(np.clip(forces[1] @ weight / (weight @ weight), 0.0, 1.0))
         self._recent.append((world.time, float(np.linalg.norm(forces[1] - share * weight))))

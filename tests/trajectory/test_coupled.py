@@ -119,6 +119,25 @@ def test_a_halt_of_one_arm_brakes_all_on_the_path() -> None:
     assert np.abs(np.diff(rows, 2, axis=0)).max() / DT**2 < 5.1
 
 
+def test_a_guard_that_reserves_does_not_part_arms_that_brake() -> None:
+    """The halted arm follows a copy of the braking plan, so that the others must keep to it."""
+    coupled = motion()
+    one: CoupledSource = coupled.source("arm1")
+    two: TrajectorySource = coupled.source("arm2")
+    for step in range(120):
+        ahead = one.to_rest_after(10, 1.0, coupled.limits)
+        if step == 60:
+            braking = two.halt(limits_of(3))
+            assert braking is not None
+            two = TrajectorySource(braking)
+            two.next(step * DT)
+        if ahead is not None:
+            one.take(ahead)
+        sent = one.next(step * DT).q
+        assert sent[0] == pytest.approx(two.next(step * DT).q[0] / 0.3, abs=1e-9)
+    assert sent[0] > 0.0
+
+
 def test_a_halt_before_all_follow_moves_nothing() -> None:
     coupled = motion()
     first = coupled.source("arm1")

@@ -1,0 +1,352 @@
+"""Faults of one partner at every tick of a handover and of a carry.
+
+    python -m benchmarks.partner_faults [--stride 1] [--tasks handover carry] [--reality lab]
+    python -m benchmarks.partner_faults --tasks carry --only 412 --kind crash --arm arm2
+
+The shipped trees `handover` (its first handover) and `carry_together` are played once without a
+fault, and then again with one fault at each tick, or at each ``--stride``-th one: the arm is
+halted, its skill crashes, it is removed, it loses its grip, or the goal of the other one moves: the
+bar slides by 15 mm in the giver's hand, and what the beam is to be set down on sinks by 50 mm.
+Kinds and arms take turns; with ``--all`` each tick has all of them.
+
+Judged by the true state of the simulation: the other arm's leaf has to end with a success or a
+reason, the object must not fall by more than 2 cm, and the force between the arms must keep its
+limit: 20 N in a handover, in a carry the 60 N at which its leaves fail. A fall is unavoidable where
+the arm that is removed or loses its grip holds the object alone; of the beam, which no arm can hold
+alone, wherever it does so in the air. Exit code 1 if one of this is violated.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import yaml
+
+from benchmarks.handover import FELL_M, Referee, Tree
+from bt_dualarm.behaviors.load import load_tree_file
+from bt_dualarm.behaviors.report import LeafReport
+from bt_dualarm.core.share import share_dir
+from bt_dualarm.runtime.options import RunOptions
+from bt_dualarm.runtime.outcome import RunResult
+from bt_dualarm.runtime.run import Run
+from bt_dualarm.sim.grippers import GripperCommand
+from bt_dualarm.sim.world import World
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.skill.skill import Skill
+
+KINDS: Final = ("halt", "crash", "removal", "lost_grip", "moved_goal")
+ARMS: Final = ("arm1", "arm2")
+TICK_S: Final = 0.02
+LONGEST_S: Final = 25.0
+"""Time after the end of the run without a fault in which the other arm has to end, s."""
+
+SLID_M: Final = 0.015
+SUNK_M: Final = 0.05
+RAISED_M: Final = 0.005
+"""Height above its supports from which on the beam is in the air, m."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """What two arms do together.
+
+    Attributes:
+        name: Name of the task.
+        skills: Skill of each arm.
+        thing: Name of the object.
+        supports: Names of what it is set down on.
+        held_alone: Whether one arm can hold it.
+        limit_n: Largest force between the arms, N.
+    """
+
+    name: str
+    skills: dict[str, str]
+    thing: str
+    supports: tuple[str, ...]
+    held_alone: bool
+    limit_n: float
+
+    def tree(self, reality: str, seed: int) -> Tree:
+        """Tree file without what comes before and after for the sake of the example."""
+        shipped = "handover" if self.name == "handover" else "carry_together"
+        text = Path(share_dir("trees") / f"{shipped}.yaml").read_text(encoding="utf-8")
+        file: Tree = yaml.safe_load(text)
+        file["world"] |= {"reality": reality, "seed": seed}
+        for arm in ARMS:
+            leaves = file["arms"][arm]["tree"]["sequence"]
+            last = next(i for i, leaf in enumerate(leaves) if self.skills[arm] in leaf)
+            file["arms"][arm]["tree"] = {"sequence": leaves[: last + 1]}
+        return file
+
+
+TASKS: Final = {
+    "handover": Task("handover", {"arm1": "hand_over", "arm2": "take_over"}, "bar", (), True, 20.0),
+    "carry": Task(
+        "carry",
+        {"arm1": "carry_together", "arm2": "carry_together"},
+        "beam",
+        ("left", "right"),
+        False,
+        60.0,
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Something that goes wrong with one arm.
+
+    Attributes:
+        kind: One of `KINDS`.
+        arm: Name of the arm.
+        tick: Number of the tick.
+    """
+
+    kind: str
+    arm: str
+    tick: int
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time, s."""
+        return self.tick * TICK_S
+
+    def __str__(self) -> str:
+        return f"{self.kind} of {self.arm} at tick {self.tick}"
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A played task.
+
+    Attributes:
+        result: Result of the run.
+        referee: What happened truly.
+        began_s: Simulated time at which both leaves have begun, s.
+        excused: Whether a fall is unavoidable.
+    """
+
+    result: RunResult
+    referee: Referee
+    began_s: float
+    excused: bool
+
+    def leaf(self, arm: str, skill: str) -> LeafReport | None:
+        """The run of the skill of an arm."""
+        runs = [leaf for leaf in self.result.arms[arm].runs if leaf.skill == skill]
+        return runs[-1] if runs else None
+
+
+def play(
+    task: Task, tree: Tree, registry: Registry, longest_s: float, fault: Fault | None
+) -> Judged:
+    """Play a task.
+
+    Args:
+        task: Task to play.
+        tree: Its tree file, which is changed.
+        registry: Skills.
+        longest_s: Simulated time after which the run ends, s.
+        fault: Fault to make, if any.
+    """
+    if fault is not None and fault.kind == "halt":
+        arm = tree["arms"][fault.arm]
+        arm["tree"] = {"timeout": {"seconds": fault.time_s, "child": arm["tree"]}}
+    file = load_tree_file(tree, registry.kinds)
+    excused = False
+    with ExitStack() as stack:
+        options = RunOptions(renderer="ray", duration=longest_s)
+        run = stack.enter_context(Run(file, registry, options))
+        referee = Referee(run, task.thing)
+        run.watch(referee)
+        run.world.on_forces.append(referee.on_forces)
+        if fault is not None and fault.kind == "crash":
+            stack.enter_context(crashing(registry, task.skills[fault.arm], fault))
+        lies = float(run.world.object_pose(task.thing).position[2])
+        pending = fault
+        while not run.done:
+            run.step(TICK_S)
+            holders = run.world.attachments.holders(task.thing)
+            if holders and not referee.judges:
+                referee.begin()
+            if pending is None or run.done or run.time < pending.time_s - 1e-9:
+                continue
+            other = ARMS[pending.arm == ARMS[0]]
+            in_air = run.world.object_pose(task.thing).position[2] > lies + RAISED_M
+            if pending.kind in ("removal", "lost_grip"):
+                excused = not referee.holds(other) or (in_air and not task.held_alone)
+            interfere(run.world, task, pending, in_air=bool(in_air))
+            pending = None
+        result = run.result
+    starts = [
+        leaf.started_s
+        for arm, skill in task.skills.items()
+        for leaf in result.arms[arm].runs
+        if leaf.skill == skill
+    ]
+    return Judged(result, referee, max(starts, default=0.0), excused)
+
+
+def interfere(world: World, task: Task, fault: Fault, *, in_air: bool) -> None:
+    """Do to the world what a fault does; a halt or a crash changes nothing there."""
+    if fault.kind == "removal" and fault.arm in world.arms:
+        world.remove_arm(fault.arm)
+    elif fault.kind == "lost_grip":
+        hand = world.grippers[fault.arm]
+        page = hand.gripper
+        hand.command(GripperCommand(page.stroke, page.speed.most, page.force.most))
+    elif fault.kind == "moved_goal" and task.supports:
+        for name in task.supports if in_air else ():
+            world.model.body_pos[world.object_body(name), 2] -= SUNK_M
+    elif fault.kind == "moved_goal":
+        along = world.object_pose(task.thing).rotation_matrix[:, 0]
+        start = world.pose_address(task.thing)
+        world.data.qpos[start : start + 3] += SLID_M * along
+
+
+@contextmanager
+def crashing(registry: Registry, name: str, fault: Fault) -> Iterator[None]:
+    """Let the skill of an arm raise an error at the tick of a fault."""
+    skill = registry.skills[name]
+    runs = skill.run
+
+    def crash(self: Skill) -> Iterator[object]:
+        going: Any = runs(self)  # Any: a generator, which the declared type does not say
+        try:
+            for progress in going:
+                if self.arm.name == fault.arm and self.time >= fault.time_s - 1e-9:
+                    going.throw(RuntimeError("a bug"))
+                yield progress
+        finally:
+            going.close()
+
+    skill.run = crash  # type: ignore[method-assign]
+    try:
+        yield
+    finally:
+        skill.run = runs  # type: ignore[method-assign]
+
+
+class Tally:
+    """What was found in one task.
+
+    Attributes:
+        violations: Number of violated laws, by law.
+    """
+
+    def __init__(self, task: Task) -> None:
+        self._task = task
+        self._count = 0
+        self._forces: list[float] = []
+        self._codes = Counter[str]()
+        self._excused = 0
+        self.violations = Counter[str]()
+
+    def judge(self, fault: Fault, judged: Judged) -> None:
+        """Judge a run with a fault, and print a line on it."""
+        task = self._task
+        referee = judged.referee
+        other = ARMS[fault.arm == ARMS[0]]
+        leaf = judged.leaf(other, task.skills[other])
+        self._count += 1
+        self._forces.append(referee.force_n)
+        found: list[str] = []
+        outcome = "ended before"  # its tree failed earlier, for example in the grasp
+        if leaf is not None:
+            outcome = leaf.code or leaf.status
+            has_ended = leaf.status == "SUCCESS" or bool(leaf.code and leaf.reason)
+            if not has_ended or leaf.code in ("HALTED", "EXCEPTION"):
+                found.append("not ended")
+        self._codes[f"{fault.kind}: {outcome}"] += 1
+        if referee.fell_m > FELL_M:
+            self._excused += judged.excused
+            if not judged.excused:
+                found.append("fell")
+        if referee.force_n > task.limit_n:
+            found.append("force")
+        if referee.touching:
+            found.append("touch")
+        self.violations.update(found)
+        reason = "" if leaf is None else leaf.reason
+        print(
+            f"  {fault}: {other}: {outcome} {reason} ({referee.force_n:.1f} N, "
+            f"fell {100 * referee.fell_m:.1f} cm{', unavoidably' if judged.excused else ''})"
+            + "".join(f" VIOLATION: {law}" for law in found),
+            flush=True,
+        )
+
+    def report(self) -> None:
+        """Print the figures."""
+        laws = self.violations
+        print(f"{self._task.name}: {self._count} faults")
+        print(f"  the other arm did not end with a reason: {laws['not ended']}")
+        print(
+            f"  fell more than {100 * FELL_M:.0f} cm avoidably: {laws['fell']} "
+            f"(and {self._excused} unavoidably)"
+        )
+        print(
+            f"  force between the arms: largest {max(self._forces, default=0.0):.1f} N, above "
+            f"{self._task.limit_n:.0f} N in {laws['force']}; arms touch each other in "
+            f"{laws['touch']}"
+        )
+        for code, count in sorted(self._codes.items()):
+            print(f"  {count:4d}  {code}")
+
+
+def faults_of(options: argparse.Namespace, began_s: float, ended_s: float) -> Iterator[Fault]:
+    """Faults to play, in order."""
+    if options.only is not None:
+        yield Fault(options.kind, options.arm, options.only)
+        return
+    # Neighboring ticks differ in their kind, and a full turn in the arm.
+    turns = itertools.cycle([(kind, arm) for arm in ARMS for kind in KINDS])
+    first = int(np.ceil(began_s / TICK_S)) + 1 + options.offset
+    for tick in range(first, int(ended_s / TICK_S), options.stride):
+        for kind, arm in itertools.product(KINDS, ARMS) if options.all else (next(turns),):
+            yield Fault(kind, arm, tick)
+
+
+def main() -> int:
+    """Play the faults; returns the exit code."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--tasks", nargs="+", choices=tuple(TASKS), default=list(TASKS))
+    parser.add_argument("--stride", type=int, default=1, help="ticks from fault to fault")
+    parser.add_argument("--offset", type=int, default=0, help="ticks before the first fault")
+    parser.add_argument("--all", action="store_true", help="each kind and arm at each tick")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--reality", default="lab", choices=("ideal", "lab", "rough"))
+    parser.add_argument("--only", type=int, help="the one tick, with --kind and --arm")
+    parser.add_argument("--kind", choices=KINDS, default="halt")
+    parser.add_argument("--arm", choices=ARMS, default="arm1")
+    options = parser.parse_args()
+    registry = Registry.load()
+    is_bad = False
+    for name in options.tasks:
+        task = TASKS[name]
+        whole = play(task, task.tree(options.reality, options.seed), registry, 120.0, None)
+        leaves = [whole.leaf(arm, task.skills[arm]) for arm in ARMS]
+        if any(leaf is None or leaf.status != "SUCCESS" for leaf in leaves):
+            print(f"{name} fails without a fault")
+            is_bad = True
+            continue
+        ended_s = max(leaf.ended_s or 0.0 for leaf in leaves if leaf is not None)
+        tally = Tally(task)
+        for fault in faults_of(options, whole.began_s, ended_s):
+            tree = task.tree(options.reality, options.seed)
+            tally.judge(fault, play(task, tree, registry, ended_s + LONGEST_S, fault))
+        tally.report()
+        is_bad = is_bad or bool(tally.violations)
+    return int(is_bad)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
