@@ -181,7 +181,12 @@ class WorldFaults:
             self._world.data.xfrc_applied[self._world.object_body(name)] = 0.0
         self._pushed.clear()
 
-    def _write(self, array: Any, index: Any, value: Any) -> None:
+    def _write(
+        self,
+        array: Any,  # field of MuJoCo's model or data, of any type and shape
+        index: Any,  # whatever such an array takes as one
+        value: Any,  # what NumPy casts to its type
+    ) -> None:
         self._written.append((array, index, np.copy(array[index])))
         array[index] = value
 

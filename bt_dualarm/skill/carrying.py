@@ -59,6 +59,9 @@ _STEADY: Final = 0.6  # of the speed of a descent, above which a hand that stopp
 _FIRM: Final = 3.0  # times the contact force at which one hand ends the descent for all
 _CONFIRMED_S: Final = 0.05  # for which an internal wrench has to exceed its bound
 _ROOM: Final = 0.97  # share of the limits that motions use, so that corrections keep the limits
+_STILL_SHARE: Final = (
+    5e-3  # of half a beam by which its ends may move: on two stands it rocks by 1e-3
+)
 _REST_S: Final = 5.0  # in which all arms have to come to rest
 
 
@@ -485,7 +488,7 @@ class Carrying:
         for _ in gripper.until_open():
             yield 0.9
         gripper.let_go(self._thing, stands=True)
-        left = LeftStanding(arm, self._thing)
+        left = LeftStanding(arm, self._thing, _STILL_SHARE)
         yield from self._sync()
         del grip
         back = arm.commanded_tool_pose @ Pose.from_rpy((0.0, 0.0, -self._ports.retreat))

@@ -167,10 +167,12 @@ REST_S: Final = 0.25
 
 _BODY: Final = int(mujoco.mjtObj.mjOBJ_BODY)
 _STILL_M = 1e-4
-"""Largest displacement of any point of an object at rest within `REST_S`, m. Poses are compared,
-not velocities, since a vibrating tool or an edge makes an object oscillate without displacing it:
-every 12 ms, MuJoCo 4.0.0 finds one contact instead of four of a box that reaches over an edge, and
-turns a bar of 30 mm by 1 mrad about its long axis, forever. Its edges move by less than 0.04 mm."""
+_STILL_SHARE = 1e-3
+"""Largest displacement of any point of an object at rest within `REST_S`, in m and as a share of
+the distance of its farthest corner: the ends of a beam move more. Poses are compared, not
+velocities, since a vibrating tool or an edge makes an object oscillate without displacing it: every
+12 ms, MuJoCo 4.0.0 finds one contact instead of four of a box that reaches over an edge, and turns
+a bar of 30 mm by 1 mrad about its long axis, forever. Its edges move by less than 0.04 mm."""
 
 
 class LeftStanding:
@@ -183,14 +185,17 @@ class LeftStanding:
     Args:
         arm: Arm that releases the object.
         name: Name of the object, which is in the world.
+        still_share: Largest displacement of a point of it at rest, as a share of the distance of
+            its farthest corner.
 
     Attributes:
         rests: Whether the object is at rest.
     """
 
-    def __init__(self, arm: Arm, name: str) -> None:
+    def __init__(self, arm: Arm, name: str, still_share: float = _STILL_SHARE) -> None:
         self._arm = arm
         self._name = name
+        self._still_share = still_share
         self._corners = deque[tuple[float, Matrix]]()
         self.rests = False
 
@@ -214,8 +219,10 @@ class LeftStanding:
         self._corners.append((now, corners))
         while len(self._corners) > 1 and now - self._corners[1][0] >= REST_S:
             self._corners.popleft()
+        reach = 0.5 * float(np.linalg.norm(corners[-1] - corners[0]))
+        still = max(_STILL_M, self._still_share * reach)
         self.rests = now - self._corners[0][0] >= REST_S and all(
-            np.linalg.norm(corners - were, axis=1).max() <= _STILL_M for _, were in self._corners
+            np.linalg.norm(corners - were, axis=1).max() <= still for _, were in self._corners
         )
 
     def _box_corners(self) -> Matrix:

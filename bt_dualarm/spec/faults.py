@@ -493,7 +493,7 @@ def fault_problems(
     faults: Mapping[str, FaultSpec],
     source: Source,
     trees: Mapping[str, NodeSpec],
-    objects: Mapping[str, Any],
+    objects: Mapping[str, Any],  # only their names matter
     cameras: frozenset[str],
 ) -> Iterator[Problem]:
     """Yields names in faults that the file does not have.

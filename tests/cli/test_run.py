@@ -106,7 +106,7 @@ def test_nobody_waits_for_pictures_to_hear_how_it_went(
 
     monkeypatch.setattr(Run, "write_record", noting)
     assert cli.run([str(waiting), "--record", str(tmp_path / "out")]) == 0
-    assert "SUCCESS  waiting" in said[0]
+    assert "SUCCESS waiting" in said[0]
     assert "its figures are being drawn" in said[0]
     assert (tmp_path / "out" / "overview.png").is_file()
 

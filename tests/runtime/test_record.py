@@ -179,6 +179,7 @@ def test_the_summary_has_exactly_the_fields_that_programs_expect(tmp_path: Path)
         "attachments",
         "attachments_left_out",
         "goals",
+        "faults",
         "false_success",
         "arms",
     ]

@@ -116,7 +116,7 @@ arms:
     base: {xyz: [1.60, 0.11, 0.28], rpy: [0, 0, 180]}
     posture: look_out
     camera: {mount: wrist, fps: 30}
-    tree: {track: {lost_timeout: 1.0}}
+    tree: {track: {lost_timeout: 1.0, max_error: 0.05}}
 """
 
 
