@@ -60,8 +60,6 @@ _FIRM: Final = 3.0  # times the contact force at which one hand ends the descent
 _CONFIRMED_S: Final = 0.05  # for which an internal wrench has to exceed its bound
 _ROOM: Final = 0.97  # share of the limits that motions use, so that corrections keep the limits
 _STILL_SHARE: Final = 5e-3  # of half a beam, by which its ends may move: it rocks on its stands
-    5e-3  # of half a beam by which its ends may move: on two stands it rocks by 1e-3
-)
 _REST_S: Final = 5.0  # in which all arms have to come to rest
 
 
