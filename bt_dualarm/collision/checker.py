@@ -103,6 +103,21 @@ class ScratchModel:
         self._carried = (*carried, *(one for one in held if one.address not in addresses))
         self._begin()
 
+    def worst_contact(self, least: Matrix) -> int | None:
+        """Index of the contact that violates its least distance most; None if none does.
+
+        Args:
+            least: Least distances of all pairs of geoms, of shape (ngeom, ngeom), m.
+        """
+        if self.data.ncon == 0:
+            return None
+        found = self.data.contact
+        first, second = found.geom.T
+        # MuJoCo's distance of a contact is negative for penetration.
+        excess = least[first, second] - found.dist
+        worst = int(excess.argmax())
+        return worst if excess[worst] > 0.0 else None
+
     def __getstate__(self) -> _State:
         """State without what MuJoCo computes from the rest."""
         return {"model": self.model, "positions": self._positions, "carried": self._carried}
@@ -452,15 +467,7 @@ class CollisionChecker:
     def _deepest(self, q: Vector) -> int | None:
         """Index of the contact at ``q`` that violates its least distance most; None if free."""
         self.place(q)
-        data = self._scratch.data
-        if data.ncon == 0:
-            return None
-        found = data.contact
-        first, second = found.geom.T
-        # MuJoCo's distance of a contact is negative for penetration.
-        excess = self.least[first, second] - found.dist
-        worst = int(excess.argmax())
-        return worst if excess[worst] > 0.0 else None
+        return self._scratch.worst_contact(self.least)
 
     def _let_stand(self, gripping: Marks) -> None:
         """Allow existing contacts of tool and held objects to continue at their depth."""

@@ -70,15 +70,10 @@ class GroupChecker:
     def contact(self, q: Vector) -> Contact | None:
         """Deepest contact at joint positions of all arms, side by side, rad; None if free."""
         self._place(q)
-        data = self._scratch.data
-        if data.ncon == 0:
+        worst = self._scratch.worst_contact(self._least)
+        if worst is None:
             return None
-        found = data.contact
-        first, second = found.geom.T
-        excess = self._least[first, second] - found.dist
-        worst = int(excess.argmax())
-        if excess[worst] <= 0.0:
-            return None
+        found = self._scratch.data.contact
         pair = sorted(found.geom[worst].tolist(), key=lambda one: not self.moving[one])
         names = [name_of_geom(self._scratch.model, one) for one in pair]
         if self.moving[pair[1]] and "/" not in names[1]:  # name the held object first

@@ -438,10 +438,7 @@ def sight_causes(e: Evidence) -> Iterator[Cause]:
         yield from filter(None, (_wrong_kind(e, meant),))
     if e.code not in VISION_CODES and not _saw_nothing(e):
         return
-    cause = e.numbers.get("cause") if e.code == "NOT_FOLLOWING" else None
-    if cause == "latency" and e.ports.get("controller") == "proportional":
-        cause = None  # it predicts nothing: what it lacks is gain
-    if cause in _NOT_FOLLOWED:
+    if e.code == "NOT_FOLLOWING" and e.numbers.get("cause") in _NOT_FOLLOWED:
         yield _not_followed(e, meant)
         return
     if e.code == "NOT_FOLLOWING" and meant and _seen_share(e) > _SEEN_SHARE:

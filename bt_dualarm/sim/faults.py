@@ -117,8 +117,10 @@ class WorldFaults:
         return bool(self._active_on(arm, AbsentPartner))
 
     def _active_on(self, arm: str, kind: type[FaultSpec]) -> str:
-        found = (n for n, one in self._active.items() if isinstance(one, kind))
-        return next((name for name in found if self._active[name].on_arm == arm), "")
+        found = (
+            n for n, one in self._active.items() if isinstance(one, kind) and one.on_arm == arm
+        )
+        return next(found, "")
 
     def update(self) -> None:
         """Start and end what is due; called before each physics step."""

@@ -549,11 +549,12 @@ class TrackingReference:
             return None
         self.old_data_steps += age > STALE_S and self._tracker.doubt(time) > FORESEEN_M
         self._last_position = target.position
-        self._predictions.append((time, target.position))
+        if self._gains is None:  # a proportional controller predicts nothing
+            self._predictions.append((time, target.position))
         return target
 
     def predicted_at(self, time: float) -> Vector | None:
-        """Position that the tool was to have at a time, of shape (2,), m; None if there was none.
+        """Position predicted for a time, of shape (2,), m; None if there was none.
 
         Args:
             time: Time of a sighting, s, later than in all previous calls.
