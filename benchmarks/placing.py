@@ -39,7 +39,7 @@ from bt_dualarm.collision.checker import CollisionChecker
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.runtime.arm_runtime import IdleObserver
-from bt_dualarm.sim.world import World
+from bt_dualarm.sim.world import SHALLOW_DEPTH, World
 from bt_dualarm.trajectory.paths import line
 
 TABLE = 0.40
@@ -324,13 +324,17 @@ REFUSALS = ("UNREACHABLE", "PATH_BROKEN", "SINGULAR", "IN_COLLISION", "INVALID_T
 
 
 def opened_pose(number: int, seed: int, reality: str, tight: bool) -> tuple[Posed, bt.Run]:
-    """A pose, drawn until the arm has room where it begins, and its run."""
+    """A pose, drawn until arm and objects have room where they begin, and its run."""
     for again in range(20):
         one = posed(number, seed, reality, again, tight=tight)
         try:
-            return one, bt.open(one.file)
+            opened = bt.open(one.file)
         except bt.WorldError:
             continue
+        if any(opened.world.overlaps(SHALLOW_DEPTH)):  # contacts would throw the thing away
+            opened.close()
+            continue
+        return one, opened
     raise AssertionError("a shelf that is in no arm's way is drawn in one of 20 times")
 
 

@@ -225,7 +225,7 @@ def test_seed_decides_everything(bt_run: BtRun, bt_run_here: BtRun) -> None:
     Another seed: others.
     """
     runs = [
-        how("trees/pick_and_track.yaml", "--duration", "9", "--seed", str(seed))
+        how("trees/pick_and_track.yaml", "--duration", "4", "--seed", str(seed))
         for how, seed in ((bt_run, 3), (bt_run, 3), (bt_run_here, 3), (bt_run_here, 4))
     ]
     assert [run.code for run in runs] == [1, 1, 1, 1]  # the duration ends it before the trees

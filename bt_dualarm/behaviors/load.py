@@ -6,7 +6,6 @@ at once. `build_tree` makes a tree that ticks from the checked nodes.
 
 from __future__ import annotations
 
-import copy
 import importlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -312,7 +311,7 @@ class _Loading:
 
     def _sound_one(self, model: type[Value], data: Data, path: DataPath) -> Value | None:
         """Returns a part of the file with its valid fields; None if a required one is missing."""
-        fields = copy.deepcopy(data) if isinstance(data, dict) else {}
+        fields = with_tuples(data) if isinstance(data, dict) else {}
         while True:
             try:
                 return model.model_validate(fields)

@@ -27,11 +27,13 @@ class OverlapError(WorldError):
     Args:
         thing: Name of the arm or object.
         reason: One sentence.
+        depth: Penetration, m.
     """
 
-    def __init__(self, thing: str, reason: str) -> None:
+    def __init__(self, thing: str, reason: str, depth: float) -> None:
         super().__init__(reason)
         self.thing = thing
+        self.depth = depth
 
 
 class DivergenceError(WorldError):

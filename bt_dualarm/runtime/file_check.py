@@ -27,7 +27,7 @@ from bt_dualarm.robots.robot_description import (
 )
 from bt_dualarm.robots.urdf_xml import DescriptionError
 from bt_dualarm.sim.composition import names_in, scene_names, scene_spec
-from bt_dualarm.sim.world import World
+from bt_dualarm.sim.world import MAX_DEPTH, SHALLOW_DEPTH, World
 from bt_dualarm.spec.document import ArmSpec, TreeFile
 from bt_dualarm.spec.faults import FaultSpec, fault_problems, joint_problems, read_faults
 from bt_dualarm.spec.node_types import (
@@ -521,12 +521,22 @@ def _problems_of_the_world(file: TreeFile, source: Source, name: str) -> list[Pr
         world = World(file, file.world.seed)
     except (CatalogError, WorldError) as error:
         return [Problem(Location(name), str(error))]
-    return [_overlap(file, source, error) for error in world.overlaps()]
+    # A tool that is a little inside an object is about to hold it: only objects are pushed away.
+    return [
+        _overlap(file, source, error)
+        for error in world.overlaps(SHALLOW_DEPTH)
+        if error.depth > MAX_DEPTH or error.thing in file.objects
+    ]
 
 
 def _overlap(file: TreeFile, source: Source, error: OverlapError) -> Problem:
     """Problem at the pose of the overlapping object, or at its declaration if it has no pose."""
     part, field_name = ("arms", "base") if error.thing in file.arms else ("objects", "pose")
     if source.get((part, error.thing, field_name)) is None:
-        return source.problem((part, error.thing), str(error), key=True)
-    return source.problem((part, error.thing, field_name), str(error))
+        problem = source.problem((part, error.thing), str(error), key=True)
+    else:
+        problem = source.problem((part, error.thing, field_name), str(error))
+    if error.depth > MAX_DEPTH:
+        return problem
+    pushed = f"contacts will push it out, by {1000 * error.depth:.0f} mm or farther"
+    return replace(problem, severity="warning", hint=pushed)

@@ -52,12 +52,13 @@ def in_shell(name: str, redirection: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=False)
 
 
-SIGNALLED = [
-    (name, STOPPING[number % len(STOPPING)], float(moment))
-    for number, (name, moment) in enumerate(
-        (name, at) for row in some(MOMENTS, 2) for name, at in zip(COMMANDS, row, strict=True)
-    )
-]
+SIGNALLED = some(
+    (
+        (name, STOPPING[number % len(STOPPING)], float(moment))
+        for number, (moment, name) in enumerate(zip(MOMENTS.flat, [*COMMANDS] * 2, strict=True))
+    ),
+    3,
+)
 
 
 @pytest.mark.slow
@@ -78,7 +79,8 @@ def test_a_signal_ends_a_command_without_a_traceback(
 
 
 @pytest.mark.parametrize(
-    ("name", "number"), [*itertools.product(["bt-skills"], STOPPING), ("bt-experiments", 15)]
+    ("name", "number"),
+    some([*itertools.product(["bt-skills"], STOPPING), ("bt-experiments", 15)], 2),
 )
 def test_a_signal_that_comes_first_of_all(name: str, number: int) -> None:
     """While nothing is imported; one that is ignored, as ``nohup`` and ``&`` have it, stays so."""
@@ -138,7 +140,7 @@ def test_threads_of_skills_do_not_keep_a_command_alive(tmp_path: Path) -> None:
     assert done.returncode == 0
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", some(COMMANDS, 3))
 def test_a_full_disk_is_told(name: str) -> None:
     done = in_shell(name, "> /dev/full")
     assert f"{name}: error: cannot write the output: No space left on device" in done.stderr
@@ -146,7 +148,7 @@ def test_a_full_disk_is_told(name: str) -> None:
     assert done.returncode == 1
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", some(COMMANDS, 3))
 @pytest.mark.parametrize("redirection", ["<&- >&- 2>&-", "| true"])
 def test_an_output_that_nobody_reads_changes_nothing(name: str, redirection: str) -> None:
     done = in_shell(name, f"{redirection}; exit ${{PIPESTATUS[0]}}")
@@ -163,7 +165,7 @@ def test_with_closed_streams_a_record_is_whole(tmp_path: Path) -> None:
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.parametrize("display", ["live", "log", "quiet"])
+@pytest.mark.parametrize("display", some(["live", "log", "quiet"], 2))
 def test_a_terminal_that_is_closed_takes_no_record_along(tmp_path: Path, display: str) -> None:
     """The shell sends SIGHUP, and whatever is printed from then on fails."""
     ours, theirs = os.openpty()

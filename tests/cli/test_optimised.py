@@ -7,8 +7,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from bt_dualarm.runtime.assembly import compile_kernels
 from tests.commands import BtRun
+from tests.families import WHOLE
 
 TREE = """
 bt_dualarm: 1
@@ -24,6 +27,7 @@ arms:
 """
 
 
+@pytest.mark.skipif(not WHOLE, reason="compiles all modules again: part of `make matrix`")
 def test_python_without_docstrings_runs_the_same(tmp_path: Path, bt_run_here: BtRun) -> None:
     """The same bits, no skill is refused for what ``-OO`` has stripped, and no kernel compiled."""
     (tmp_path / "tree.yaml").write_text(TREE)

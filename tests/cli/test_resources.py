@@ -10,6 +10,7 @@ import sys
 import pytest
 
 from tests.cli.test_entry import COMMANDS
+from tests.families import some
 
 RUNS = (3, 4)
 """Times that a command is run before it is looked at, as caches fill, and again after that."""
@@ -52,7 +53,7 @@ print(json.dumps(found))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", some(COMMANDS, 2))
 def test_a_command_leaves_nothing_behind(name: str) -> None:
     """As often as it is run in one process."""
     command = [sys.executable, "-c", PROGRAM, *COMMANDS[name]]

@@ -16,6 +16,7 @@ from bt_dualarm import cli
 from bt_dualarm.replay.record import Record
 from bt_dualarm.runtime import interruption
 from tests.commands import Ran
+from tests.families import some
 
 HERE = Path(__file__).parent
 
@@ -91,7 +92,7 @@ def check_whole(ran: Ran) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("phase", "deed"), CASES)
+@pytest.mark.parametrize(("phase", "deed"), some(CASES, 2))
 def test_a_blocker_is_named_and_left(
     phase: str, deed: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -115,12 +116,15 @@ def test_a_blocker_is_named_and_left(
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("signals", "phase", "code"),
-    [
-        ("SIGINT", "step", 130),
-        ("SIGTERM", "finally", 143),
-        ("SIGHUP", "constructor", 129),
-        ("SIGTERM SIGINT", "before", 143),
-    ],
+    some(
+        [
+            ("SIGINT", "step", 130),
+            ("SIGTERM", "finally", 143),
+            ("SIGHUP", "constructor", 129),
+            ("SIGTERM SIGINT", "before", 143),
+        ],
+        3,
+    ),
 )
 def test_a_blocker_is_left_sooner_when_the_run_is_to_end(
     signals: str,
@@ -162,12 +166,15 @@ def test_what_cannot_be_interrupted_ends_with_the_record_so_far(
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "deed",
-    [
-        "hold the lock of Python",
-        "a huge power",
-        "a huge regular expression",
-        pytest.param("a foreign call", marks=NEEDS_PROC),
-    ],
+    some(
+        [
+            "hold the lock of Python",
+            "a huge power",
+            "a huge regular expression",
+            pytest.param("a foreign call", marks=NEEDS_PROC),
+        ],
+        3,
+    ),
 )
 def test_what_holds_python_s_own_lock_ends_with_the_record_so_far(
     deed: str, tmp_path: Path

@@ -335,9 +335,7 @@ class Number:
 
     def set_to(self, value: Data) -> Tree:
         """The file with another value in its place."""
-        changed = copy.deepcopy(self.file)
-        at(changed, self.path[:-1])[self.path[-1]] = value
-        return changed
+        return with_value(self.file, self.path, value)
 
     def is_taken(self, value: float) -> bool:
         """Whether the model takes a value."""
@@ -348,7 +346,7 @@ class Number:
                 fields = self.model.model_fields.keys()
                 validate_literals(self.model, {name: given[name] for name in fields & given.keys()})
             else:
-                data["arms"]["arm1"]["tree"] = NodeSpec("wait", "wait", {})
+                data = with_value(data, ("arms", "arm1", "tree"), NodeSpec("wait", "wait", {}))
                 data = {key: item for key, item in data.items() if key != "bt_dualarm"}
                 self.model.model_validate(with_tuples({"name": "all", **data}))
         except ValidationError:
@@ -382,6 +380,15 @@ def _last(is_taken: Callable[[int], bool], taken: int, refused: int) -> int:
         middle = (taken + refused) // 2
         taken, refused = (middle, refused) if is_taken(middle) else (taken, middle)
     return taken
+
+
+def with_value(data: Data, path: Path, value: Data) -> Data:
+    """The same data with another value at a path; what is beside the path is shared, not copied."""
+    if not path:
+        return value
+    changed = copy.copy(data)
+    changed[path[0]] = with_value(data[path[0]], path[1:], value)
+    return changed
 
 
 def at(data: Data, path: Path) -> Data:

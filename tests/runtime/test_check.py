@@ -86,6 +86,21 @@ def test_what_has_no_room_is_said_where_it_is_put(tmp_path: Path, registry: Regi
     assert problem.message == "object 'cube' would be 25 mm deep in floor"
 
 
+@pytest.mark.parametrize(
+    ("depth_mm", "severities"),
+    [(0.5, []), (2.0, ["warning"]), (4.0, ["warning"]), (6.0, ["error"])],
+)
+def test_an_object_that_contacts_would_push_out_is_warned_of(
+    depth_mm: float, severities: list[str], tmp_path: Path, registry: Registry
+) -> None:
+    """It may be thrown off its table before anything moves, and the grasp then finds nothing."""
+    path = tmp_path / "task.yaml"
+    text = FILE.format(**GOOD)
+    path.write_text(text.replace("xyz: [0.4, 0, 0.1]", f"xyz: [0.4, 0, {0.025 - 1e-3 * depth_mm}]"))
+    problems = check(path, registry.kinds).problems
+    assert [problem.severity for problem in problems] == severities
+
+
 def test_a_name_that_the_scene_has_already_is_an_error(tmp_path: Path, registry: Registry) -> None:
     (problem,) = problems_of(tmp_path, registry, thing="floor")
     assert problem.severity == "error"
