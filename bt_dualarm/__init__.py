@@ -126,9 +126,12 @@ if TYPE_CHECKING:
     from bt_dualarm.spec.node_types import port as port
     from bt_dualarm.spec.problems import Problem as Problem
     from bt_dualarm.spec.problems import SpecError as SpecError
+    from bt_dualarm.spec.relative_pose import CarriedPose as CarriedPose
+    from bt_dualarm.spec.relative_pose import ObjectPose as ObjectPose
+    from bt_dualarm.spec.relative_pose import PointPose as PointPose
+    from bt_dualarm.spec.relative_pose import ToolPose as ToolPose
     from bt_dualarm.spec.values import Angle as Angle
     from bt_dualarm.spec.values import ArmName as ArmName
-    from bt_dualarm.spec.values import CarriedPose as CarriedPose
     from bt_dualarm.spec.values import Color as Color
     from bt_dualarm.spec.values import Duration as Duration
     from bt_dualarm.spec.values import GripForce as GripForce
@@ -141,7 +144,6 @@ if TYPE_CHECKING:
     from bt_dualarm.spec.values import PoseSpec as PoseSpec
     from bt_dualarm.spec.values import PostureName as PostureName
     from bt_dualarm.spec.values import Speed as Speed
-    from bt_dualarm.spec.values import ToolPose as ToolPose
     from bt_dualarm.spec.values import Vector3 as Vector3
     from bt_dualarm.sweeps.api import compare as compare
     from bt_dualarm.sweeps.api import sweep as sweep
@@ -195,7 +197,7 @@ _CONTENTS: Final = {
     # Types of ports
     "Angle": "spec.values:Angle",
     "ArmName": "spec.values:ArmName",
-    "CarriedPose": "spec.values:CarriedPose",
+    "CarriedPose": "spec.relative_pose:CarriedPose",
     "Color": "spec.values:Color",
     "Duration": "spec.values:Duration",
     "GripForce": "spec.values:GripForce",
@@ -203,13 +205,15 @@ _CONTENTS: Final = {
     "GripWidth": "spec.values:GripWidth",
     "JointAngles": "spec.values:JointAngles",
     "ObjectName": "spec.values:ObjectName",
+    "ObjectPose": "spec.relative_pose:ObjectPose",
     "Offset": "spec.values:Offset",
     "Plane": "spec.values:Plane",
     "Planner": "planning.path_search:Planner",
+    "PointPose": "spec.relative_pose:PointPose",
     "PoseSpec": "spec.values:PoseSpec",
     "PostureName": "spec.values:PostureName",
     "Speed": "spec.values:Speed",
-    "ToolPose": "spec.values:ToolPose",
+    "ToolPose": "spec.relative_pose:ToolPose",
     "Vector3": "spec.values:Vector3",
     # Objects that a skill uses
     "Arm": "arm.arm:Arm",

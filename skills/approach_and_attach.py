@@ -11,9 +11,9 @@ from bt_dualarm import (
     Failure,
     Matrix,
     ObjectName,
+    ObjectPose,
     PortModel,
     Pose,
-    PoseSpec,
     Skill,
     Speed,
     Trajectory,
@@ -50,7 +50,7 @@ class ApproachAndAttach(Skill):
 
     class Ports(PortModel):
         object: ObjectName = port(..., "object to attach")
-        at: PoseSpec | None = port(
+        at: ObjectPose | None = port(
             None,
             "estimated pose of the object, as `locate` writes it; its true pose is then not used",
         )

@@ -15,8 +15,8 @@ from bt_dualarm import (
     Failure,
     JointPart,
     ObjectName,
+    ObjectPose,
     PortModel,
-    PoseSpec,
     Skill,
     port,
     shared_grasp,
@@ -30,10 +30,10 @@ class _ObjectPorts(PortModel):
     # A keyword of Python cannot be written as the name of an attribute.
     __annotations__["with"] = _Names
     vars()["with"] = port(..., "other arms that carry it, each with such a leaf of its own")
-    to: PoseSpec | None = port(
+    to: ObjectPose | None = port(
         None, "goal pose of the object in the world; by default with its current orientation"
     )
-    path: Annotated[tuple[PoseSpec, ...], Field(min_length=1, max_length=100)] | None = port(
+    path: Annotated[tuple[ObjectPose, ...], Field(min_length=1, max_length=100)] | None = port(
         None, "poses of the object through which it is carried, the last one its goal"
     )
 

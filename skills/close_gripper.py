@@ -11,9 +11,9 @@ from bt_dualarm import (
     GripSpeed,
     GripWidth,
     ObjectName,
+    ObjectPose,
     PortModel,
     Pose,
-    PoseSpec,
     Skill,
     port,
 )
@@ -35,7 +35,9 @@ class CloseGripper(Skill):
         object: ObjectName | None = port(
             None, "object between the fingers; the arm then assumes that it moves with the tool"
         )
-        at: PoseSpec | None = port(None, "estimated pose of that object; by default its true pose")
+        at: ObjectPose | None = port(
+            None, "estimated pose of that object; by default its true pose"
+        )
         empty: bool = port(False, "whether to succeed even if nothing is between the fingers")
         settle: Duration = port(0.2, "time for which the hold must last before it succeeds", le=10)
 

@@ -10,8 +10,8 @@ import numpy as np
 from bt_dualarm import (
     Failure,
     ObjectName,
+    ObjectPose,
     PortModel,
-    PoseSpec,
     Skill,
     Taking,
     TakingPorts,
@@ -33,7 +33,7 @@ _LONGEST_S = 2.0  # of the wait
 
 class _ObjectPorts(PortModel):
     object: ObjectName | None = port(None, "object to pick; the file declares its shape")
-    at: PoseSpec | None = port(
+    at: ObjectPose | None = port(
         None, "estimated pose of the object, as `locate` writes it; its true pose is then not used"
     )
     width: float | None = port(

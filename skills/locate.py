@@ -136,6 +136,8 @@ class Locate(Skill):
     def _report(self, found: list[SightedThing]) -> None:
         poses = [self._seen.pose(thing) for thing in found]
         best = found[0].best
+        if self.ports.object is not None:
+            self.arm.known.saw(self.ports.object, poses[0])
         self.output("pose", _pose_spec(poses[0]))
         self.output("covariance", tuple(map(tuple, best.covariance.tolist())))
         self.output("poses", tuple(map(_pose_spec, poses)))

@@ -10,8 +10,8 @@ import numpy as np
 from bt_dualarm import (
     Angle,
     Failure,
+    PointPose,
     PortModel,
-    PoseSpec,
     Skill,
     Speed,
     Vector3,
@@ -28,7 +28,7 @@ class LookAt(Skill):
     """Point the wrist camera at a point, from a distance."""
 
     class Ports(PortModel):
-        at: PoseSpec = port(..., "point to center in the image; its orientation is not used")
+        at: PointPose = port(..., "point to center in the image; its orientation is not used")
         distance: float = port(
             0.4, "distance of the camera from the point", unit="m", ge=0.05, le=5
         )

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bt_dualarm import PathSkill, PortModel, PoseSpec, Speed, blended_path, port
+from bt_dualarm import PathSkill, PortModel, Speed, ToolPose, blended_path, port
 
 
 class MoveThrough(PathSkill):
     """Move the tool along straight lines from pose to pose, rounding the corners."""
 
     class Ports(PortModel):
-        poses: tuple[PoseSpec, ...] = port(
+        poses: tuple[ToolPose, ...] = port(
             ...,
             "tool poses in the world; by default with the orientation of the previous one",
             min_length=1,

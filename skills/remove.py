@@ -32,6 +32,7 @@ class Remove(Skill):
         try:
             if ports.object is not None:
                 world.remove_object(ports.object)
+                self.arm.known.forget(ports.object, "it was removed")
             elif ports.arm is not None:
                 world.remove_arm(ports.arm)
         except WorldError as error:

@@ -109,6 +109,8 @@ class Scan(Skill):
         a, b, c, d = first.quaternion.tolist()
         self.output("pose", PoseSpec(xyz=(x, y, z), quat=(a, b, c, d)))
         self.output("count", len(seen.things))
+        if self.ports.object is not None:
+            self.arm.known.saw(self.ports.object, first)
         self.metrics |= {"found": len(seen.things), "places": places}
 
     def _refuse(self, viewpoints: int, seen: SightedThings) -> None:

@@ -7,7 +7,7 @@ from typing import Self
 
 from pydantic import model_validator
 
-from bt_dualarm import ArmName, Failure, ObjectName, PortModel, PoseSpec, Skill, WorldError, port
+from bt_dualarm import ArmName, Failure, ObjectName, ObjectPose, PortModel, Skill, WorldError, port
 
 
 class Spawn(Skill):
@@ -18,7 +18,7 @@ class Spawn(Skill):
 
         object: ObjectName | None = port(None, "object to add, declared with spawned: false")
         arm: ArmName | None = port(None, "arm to add, declared with spawned: false")
-        at: PoseSpec | None = port(None, "pose of the object, instead of its declared one")
+        at: ObjectPose | None = port(None, "pose of the object, instead of its declared one")
 
         @model_validator(mode="after")
         def _arm_has_a_declared_pose(self) -> Self:
@@ -40,6 +40,8 @@ class Spawn(Skill):
         try:
             if ports.object is not None:
                 world.spawn_object(ports.object, ports.at.pose if ports.at else None)
+                declared = world.declared_objects[ports.object]
+                self.arm.known.put(ports.object, (ports.at or declared.pose).pose)
             elif ports.arm is not None:
                 world.spawn_arm(ports.arm)
         except WorldError as error:

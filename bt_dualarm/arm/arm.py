@@ -15,6 +15,7 @@ from typing import TypeAlias, TypeVar
 import numpy as np
 
 from bt_dualarm.arm.gripper import ArmGripper
+from bt_dualarm.arm.known_objects import KnownObjects
 from bt_dualarm.arm.payload import PayloadCheck
 from bt_dualarm.arm.slip_response import SlipResponse
 from bt_dualarm.arm.state import BACKOFF_S, ArmContacts, ArmState, Backoff, Lease
@@ -99,6 +100,7 @@ class SharedArm(ArmState):
 
     Attributes:
         carrying: Check of loads and motions against what the arm can carry.
+        known: Where the arm believes objects to be.
         lease: Right to move the arm.
         patience: Backoff while another arm is in the way.
         slip: Slip response of the gripper.
@@ -127,9 +129,10 @@ class SharedArm(ArmState):
         self.traffic = traffic
         self.controllers = controllers
         self.carrying = PayloadCheck(world, name)
+        self.known = KnownObjects(world, name)
         self.lease = Lease(name, lambda: controller.at_rest)
         self.patience = Backoff(name, seed)
-        self.slip = SlipResponse(world, name, controller)
+        self.slip = SlipResponse(world, name, controller, self.known)
 
 
 class Arm(ArmState):
@@ -153,7 +156,7 @@ class Arm(ArmState):
         self.camera = None if shared.camera is None else GuardedCamera(shared.camera)
         self._shared = shared
         self._lease = shared.lease.for_leaf(leaf)
-        self._gripper = ArmGripper(shared.world, shared.name, self._lease)
+        self._gripper = ArmGripper(shared.world, shared.name, self._lease, shared.known)
         self._contacts = ArmContacts(shared.touches, shared.name)
         self._begun: SetPointSource | None = None
 
@@ -180,11 +183,19 @@ class Arm(ArmState):
         """
         self._lease.refuse_other_threads()
         self.world.attach(self.name, name, seen, share=share)
+        self.known.took(name)
 
     def detach(self, name: str) -> bool:
         """Release an attached object; returns whether it was held."""
         self._lease.refuse_other_threads()
+        if name in self.held:
+            self.known.left(name)
         return self.world.attachments.detach(self.name, name)
+
+    @property
+    def known(self) -> KnownObjects:
+        """Where the arm believes objects to be: as declared, seen or felt."""
+        return self._shared.known
 
     def correct_camera(self, correction: Pose) -> None:
         """Correct the camera mount of the nominal model by a pose in the frame assumed so far."""

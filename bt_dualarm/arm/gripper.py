@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from bt_dualarm.arm.known_objects import KnownObjects
 from bt_dualarm.arm.payload import jaw_measures
 from bt_dualarm.arm.state import Leaseholder
 from bt_dualarm.core.errors import Failure
@@ -58,12 +59,14 @@ class ArmGripper:
         world: World that the arm is in.
         arm: Name of the arm.
         lease: Lease of the arm, as the leaf holds it.
+        known: Where the arm believes objects to be.
     """
 
-    def __init__(self, world: World, arm: str, lease: Leaseholder) -> None:
+    def __init__(self, world: World, arm: str, lease: Leaseholder, known: KnownObjects) -> None:
         self._world = world
         self._arm = arm
         self._lease = lease
+        self._known = known
 
     @property
     def page(self) -> Gripper:
@@ -300,6 +303,7 @@ class ArmGripper:
         self._world.hold(
             self._arm, name, pose, most_force, mass_declared=mass_declared, share=share
         )
+        self._known.took(name)
 
     def refuse_other(self, wanted: str | None = None) -> None:
         """Check that it holds nothing but the named object; a lost object is detached first.
@@ -356,8 +360,12 @@ class ArmGripper:
             stands: Whether it stands on something, and does not fall to another arm that holds it.
         """
         self._lease.refuse_other_threads()
-        attachments = self._world.attachments
-        return name in self.held and attachments.detach(self._arm, name, stands=stands)
+        if name not in self.held:
+            return False
+        # A cup that was told to release has no vacuum either, as one that has lost the object.
+        if self.commanded.width > 0.0 or not self.is_lost:
+            self._known.left(name)
+        return self._world.attachments.detach(self._arm, name, stands=stands)
 
     @property
     def _hardware(self) -> GripperHardware:

@@ -8,6 +8,7 @@ from math import hypot
 from typing import Final
 
 from bt_dualarm.arm.gripper import LOST_S, gives, has_slipped, is_lost, leaks
+from bt_dualarm.arm.known_objects import KnownObjects
 from bt_dualarm.arm.payload import grip_force_for, min_grip_force
 from bt_dualarm.control.collision_detection import CollisionDetector
 from bt_dualarm.control.controller import JointController
@@ -48,6 +49,7 @@ class SlipResponse:
         world: World that the arm is in.
         name: Name of the arm in the tree file.
         controller: Controller that follows the motions of the skills.
+        known: Where the arm believes objects to be.
 
     Attributes:
         felt: Number of slips to which it responded, or would have if a firmer grip were possible.
@@ -55,11 +57,14 @@ class SlipResponse:
         may_touch: Whether contact of the held object is intended, so that no pull counts as a slip.
     """
 
-    def __init__(self, world: World, name: str, controller: JointController) -> None:
+    def __init__(
+        self, world: World, name: str, controller: JointController, known: KnownObjects
+    ) -> None:
         # Not the arm itself, which keeps this response: the world of a run is freed with the run.
         self._world = world
         self._name = name
         self._controller = controller
+        self._known = known
         self._pads = PadSlipDetector()
         self._joints = JointSlipDetector(world, name, controller)
         self._held: Attachment | None = None
@@ -227,6 +232,7 @@ class SlipResponse:
         elif self._left_since is None:
             self._left_since = now
         elif now - self._left_since > LOST_S:
+            self._known.left(held.object)
             self._world.attachments.detach(self._name, held.object)
 
     def _gives(self, hardware: GripperHardware) -> bool:

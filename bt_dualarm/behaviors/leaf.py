@@ -74,9 +74,10 @@ class SkillRun:
 
     @property
     def names(self) -> frozenset[str]:
-        """Texts among its ports, which include the names of all objects in its task."""
+        """Texts among its ports, and to what their poses are relative: all objects in its task."""
         values = self._skill.ports.__dict__.values()
-        return frozenset(value for value in values if isinstance(value, str))
+        texts = frozenset(value for value in values if isinstance(value, str))
+        return texts | self._skill.relative_to
 
     def step(self, fault: BaseException | None) -> bool:
         """Run to the next ``yield``; returns False at the end, which is success.

@@ -43,6 +43,7 @@ from bt_dualarm.behaviors.report import (
     StatusName,
 )
 from bt_dualarm.skill.cell import ActiveNode, CellAccess
+from bt_dualarm.skill.relative_poses import resolve_poses
 from bt_dualarm.skill.skill import Skill, SkillContext
 from bt_dualarm.spec.cell import CellSpec
 from bt_dualarm.spec.checks import Examination, declared_names, unused
@@ -591,9 +592,11 @@ class _Builder:
         inject = None if self._faults is None else self._faults.of_leaf(path)
 
         def begin() -> Skill:
-            now = bound.now()
-            self._trace_ports(path, now)
-            made = skill(now, context, writer.write)
+            resolved = resolve_poses(bound.now(), context.arm)
+            self._trace_ports(path, resolved.ports)
+            made = skill(resolved.ports, context, writer.write)
+            made.metrics |= resolved.metrics
+            made.relative_to = resolved.names
             return made if inject is None else inject(made)
 
         return Leaf(spec.name, begin, context.arm, self.reports)

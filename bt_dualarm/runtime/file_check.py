@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from bt_dualarm.behaviors.language import LANGUAGE
 from bt_dualarm.behaviors.load import load
 from bt_dualarm.core.errors import CatalogError, Failure, OverlapError, WorldError
-from bt_dualarm.core.pose import Vector
+from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics, Workspace
 from bt_dualarm.robots.gripper import Gripper, Interval, gripper_names, load_gripper
 from bt_dualarm.robots.robot import Robot, is_description_path, problems_of
@@ -39,6 +39,7 @@ from bt_dualarm.spec.node_types import (
     reference_of,
 )
 from bt_dualarm.spec.problems import Location, Problem, SpecError, errors, in_order, suggestion
+from bt_dualarm.spec.relative_pose import RelativePose, relative_pose
 from bt_dualarm.spec.values import (
     Goal,
     MarkerSpec,
@@ -352,7 +353,8 @@ def out_of_reach(
     # A carried object may be grasped at any point, up to its diagonal away from the pose.
     longest = max((math.hypot(*thing.size) for thing in file.objects.values()), default=0.0)
     for name, arm in file.arms.items():
-        reach = _ReachCheck(name, robots[name], arm.base, longest)
+        bases = {"base": arm.base, **{other: one.base for other, one in file.arms.items()}}
+        reach = _ReachCheck(name, robots[name], arm.base, longest, bases)
         found = 0
         for node in arm.tree.walk():
             fields = kinds[node.kind].ports.model_fields if node.kind in kinds else {}
@@ -374,6 +376,7 @@ class _ReachCheck:
     robot: Robot
     base: PoseSpec
     longest: float
+    bases: Mapping[str, PoseSpec]
     _known: dict[tuple[PoseSpec, Goal], tuple[str, str] | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -384,10 +387,16 @@ class _ReachCheck:
         """Message and hint for a pose in YAML notation; None if it can be reached."""
         if value is None or reference_of(value) is not None:
             return None
-        try:
-            pose = PoseSpec.model_validate(with_tuples(value))
-        except ValidationError:
-            return None  # a part of it is a blackboard key
+        relative = relative_pose(value)
+        if relative is not None:
+            if relative.in_frame not in self.bases:
+                return None  # where it is depends on the run
+            pose = _in_world(relative, self.bases[relative.in_frame].pose)
+        else:
+            try:
+                pose = PoseSpec.model_validate(with_tuples(value))
+            except ValidationError:
+                return None  # a part of it is a blackboard key
         key = (pose, goal)
         if key not in self._known:
             if len(self._known) >= MOST_POSES:
@@ -422,6 +431,16 @@ class _ReachCheck:
         except Failure:
             return False
         return True
+
+
+def _in_world(relative: RelativePose, base: Pose) -> PoseSpec:
+    """Pose in the world of one in the frame of an arm's base."""
+    pose = base @ relative.local
+    x, y, z = pose.position.tolist()
+    if not relative.is_oriented:
+        return PoseSpec(xyz=(x, y, z))
+    a, b, c, d = pose.quaternion.tolist()
+    return PoseSpec(xyz=(x, y, z), quat=(a, b, c, d))
 
 
 @dataclass(frozen=True)

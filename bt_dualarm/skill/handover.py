@@ -531,11 +531,13 @@ def let_go_of(arm: Arm, thing: str) -> Iterator[float | None]:
     held = arm.world.attachments.find(arm.name, thing)
     if held is not None and not held.by_gripper:
         arm.detach(thing)
+        arm.known.forget(thing, "it was handed over")
         return
     gripper = arm.gripper
     # From the command on, the object is the partner's: it stays so if this leaf ends now.
     gripper.command(_opening(arm, thing) if gripper.page.fingers else 1.0)
     gripper.let_go(thing)
+    arm.known.forget(thing, "it was handed over")
     yield from gripper.until_open(0.05)
 
 

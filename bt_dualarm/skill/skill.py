@@ -55,6 +55,7 @@ STANDARD_FAILURES: Final[Mapping[str, str]] = {
     "BUSY": "another leaf is moving the arm",
     "DEADLOCK": "the arms in its way wait for this one",
     "NO_GRIPPER": "the arm has no gripper",
+    "UNKNOWN_POSE": "a pose is relative to an object whose pose the arm does not know",
     "NO_VALUE": "a blackboard key was read that has no value of the right type",
     "OVERRUN": "the skill's code did not return in time and was interrupted",
     "EXCEPTION": "the skill has a bug: see the traceback in the log",
@@ -121,6 +122,7 @@ class Skill:
             looks for it.
         progress: Progress from 0 to 1, for the display; None if it is unknown.
         metrics: Measured numbers by name, for the summary of the run.
+        relative_to: Names of the objects to which poses in the ports were relative.
     """
 
     Ports: ClassVar[type[PortModel]] = NoPorts
@@ -143,6 +145,7 @@ class Skill:
         self.arm = context.arm
         self.progress: float | None = None
         self.metrics: dict[str, Number] = {}
+        self.relative_to: frozenset[str] = frozenset()
         self._write = write
 
     def run(self) -> Ticks:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from dataclasses import field as dataclass_field
 from functools import lru_cache
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
 from bt_dualarm.spec.cell import CATEGORIES, CellCheck, CellSpec
@@ -26,6 +26,7 @@ from bt_dualarm.spec.node_types import (
     PortModel,
     in_words,
     is_unknown,
+    item_models,
     key_name,
     kind_hint,
     metadata_of,
@@ -123,9 +124,15 @@ def check_node(node: NodeSpec, node_type: NodeType, declared: Declared) -> Itera
             message = f"{node.kind}: '{{{key_name(key)}}}' is not a parameter"
             hint = _parameter_hint(node, key) or "a key can only stand for a whole port"
             yield node.port_problem(path, message, hint)
-    for name, field in node_type.ports.model_fields.items():
-        if name in ports:
-            yield from _unknown_name(node, name, field, ports[name], declared)
+    for path, refers, name in _names_in(node_type.ports, ports):
+        names = declared.of(refers.to)
+        if name in refers.words and name in names:
+            message = f"{node.kind}: '{name}' is a word of the language and a name of the file"
+            yield node.port_problem(path, message, "rename what the file declares")
+        elif name not in names | set(refers.words):
+            what = "frame" if refers.words else " or ".join(refers.to)
+            hint = suggestion(name, names | set(refers.words), what)
+            yield node.port_problem(path, f"{node.kind}: there is no {what} '{name}'", hint)
     references = references_in(node_type.ports, ports)
     complaint = miscounted(node_type.ports, ports) if references else ""
     if complaint:  # without references the model's own validator reports it
@@ -169,20 +176,22 @@ def _parameter_hint(node: NodeSpec, key: str) -> str:
     return f"did you mean the parameter '{close}'?" if close else ""
 
 
-def _unknown_name(
-    node: NodeSpec, port: str, field: FieldInfo, value: Data, declared: Declared
-) -> Iterator[Problem]:
-    refers = refers_of(field)
-    if refers is None:
-        return
-    names = declared.of(refers.to)
-    several = isinstance(value, list)
-    for index, name in enumerate(value if several else [value]):
-        if isinstance(name, str) and reference_of(name) is None and name not in names:
-            what = " or ".join(refers.to)
-            hint = suggestion(name, names, what)
-            path = (port, index) if several else (port,)
-            yield node.port_problem(path, f"{node.kind}: there is no {what} '{name}'", hint)
+def _names_in(
+    model: type[BaseModel], values: Mapping[str, Data], path: DataPath = ()
+) -> Iterator[tuple[DataPath, Refers, str]]:
+    """Yields the literal names in a model's fields, and in the fields of their values."""
+    for field_name, field in model.model_fields.items():
+        refers = refers_of(field)
+        value = values.get(field_name)
+        several = isinstance(value, list)
+        items: list[Data] = value if isinstance(value, list) else [value]
+        for index, one in enumerate(items):
+            at = (*path, field_name, index) if several else (*path, field_name)
+            if refers is not None and isinstance(one, str) and reference_of(one) is None:
+                yield at, refers, one
+            elif isinstance(one, dict):
+                for nested in item_models(field.annotation):
+                    yield from _names_in(nested, one, at)
 
 
 def refers_of(field: FieldInfo) -> Refers | None:
@@ -369,7 +378,10 @@ def json_types(model: type[PortModel], name: str) -> frozenset[str]:
 def _types_in(schema: Json, definitions: Json) -> set[str]:
     if "$ref" in schema:
         return _types_in(definitions[schema["$ref"].rpartition("/")[2]], definitions)
-    members = [_types_in(item, definitions) for item in schema.get("anyOf", ())]
+    members = [
+        _types_in(item, definitions)
+        for item in (*schema.get("anyOf", ()), *schema.get("oneOf", ()))
+    ]
     if members:
         return set().union(*members) if all(members) else set()
     if "enum" in schema or "const" in schema:
@@ -480,13 +492,12 @@ def absent(file: TreeFile, source: Source, node_types: Mapping[str, NodeType]) -
         yield replace(source.problem(("arms", arm), message, key=True), severity="warning")
     waiting = Declared({"object": frozenset(objects), "arm": frozenset(arms)})
     for node in nodes:
-        fields = node_types[node.kind].ports.model_fields if node.kind in node_types else {}
-        for port, field in fields.items():
-            refers = refers_of(field)
-            value = node.ports.get(port)
-            if refers and isinstance(value, str) and value in waiting.of(refers.to):
-                message = f"{node.kind}: '{value}' has spawned: false and no leaf spawns it"
-                yield replace(node.port_problem((port,), message), severity="warning")
+        if node.kind not in node_types:
+            continue
+        for path, refers, name in _names_in(node_types[node.kind].ports, node.ports):
+            if name in waiting.of(refers.to):
+                message = f"{node.kind}: '{name}' has spawned: false and no leaf spawns it"
+                yield replace(node.port_problem(path, message), severity="warning")
 
 
 # Warnings of parameters and subtrees that a file declares but does not use.

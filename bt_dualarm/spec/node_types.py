@@ -131,6 +131,14 @@ def containers_in(annotation: object) -> Iterator[object]:
             yield from containers_in(member)
 
 
+def item_models(annotation: object) -> Iterator[type[BaseModel]]:
+    """Yields the models that a value of this type, or an item of it, may be."""
+    yield from models_in(annotation)
+    for container in containers_in(annotation):
+        for member in get_args(container):
+            yield from item_models(member)
+
+
 def fixed_length(annotation: object) -> int:
     """Returns the number of items of a list of this type, 0 if that is not fixed."""
     for container in containers_in(annotation):

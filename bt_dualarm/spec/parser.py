@@ -31,7 +31,8 @@ from bt_dualarm.spec.node_types import (
     validated,
 )
 from bt_dualarm.spec.problems import Location, Problem, SpecError, nearest, suggestion
-from bt_dualarm.spec.values import Angle, Color, Duration, Plane, PoseSpec, Value, Vector3
+from bt_dualarm.spec.relative_pose import WorldPose
+from bt_dualarm.spec.values import Angle, Color, Duration, Plane, Value, Vector3
 from bt_dualarm.spec.yaml_reader import (
     Data,
     DataPath,
@@ -55,7 +56,7 @@ _TYPES: Final[Mapping[str, Any]] = {
     "duration": Duration,
     "angle": Angle,
     "vector": Vector3,
-    "pose": PoseSpec,
+    "pose": WorldPose,
     "color": Color,
     "plane": Plane,
     "object": str,

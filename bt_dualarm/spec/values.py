@@ -32,8 +32,10 @@ Vector3: TypeAlias = tuple[_Component, _Component, _Component]
 """Three numbers; the field of this type states frame and unit."""
 
 _Coordinate: TypeAlias = Annotated[float, Field(ge=-100.0, le=100.0)]
-_Turn: TypeAlias = Annotated[float, Field(ge=-720.0, le=720.0)]
-_Point: TypeAlias = tuple[_Coordinate, _Coordinate, _Coordinate]
+Turn: TypeAlias = Annotated[float, Field(ge=-720.0, le=720.0)]
+"""Angle of an orientation, degrees."""
+Point: TypeAlias = tuple[_Coordinate, _Coordinate, _Coordinate]
+"""Coordinates in m; the field of this type states the frame."""
 
 
 @dataclass(frozen=True)
@@ -42,9 +44,11 @@ class Refers:
 
     Attributes:
         to: Categories: ``"object"``, ``"arm"``, ``"signal"``, ``"zone"``, ``"rendezvous"``.
+        words: Words that are allowed as well.
     """
 
     to: tuple[str, ...]
+    words: tuple[str, ...] = ()
 
 
 ObjectName: TypeAlias = Annotated[str, Refers(("object",))]
@@ -104,14 +108,14 @@ class Value(BaseModel):
 class PoseSpec(Value):
     """Pose of a frame: a position, and at most one notation of its orientation."""
 
-    xyz: _Point = port(..., "Position", unit="m")
-    rpy: tuple[_Turn, _Turn, _Turn] | None = port(
+    xyz: Point = port(..., "Position", unit="m")
+    rpy: tuple[Turn, Turn, Turn] | None = port(
         None, "Roll, pitch, yaw about the fixed axes x, y, z in that order", unit="deg"
     )
     quat: tuple[float, float, float, float] | None = port(
         None, "Quaternion w, x, y, z of unit length"
     )
-    look_at: _Point | None = port(
+    look_at: Point | None = port(
         None, "Point toward which the frame's z axis points; its y axis points downward", unit="m"
     )
 
@@ -516,12 +520,6 @@ GripSpeed: TypeAlias = Annotated[float, OfGripper("speed")]
 
 GripForce: TypeAlias = Annotated[float, OfGripper("force")]
 """Force of each pad, or of a suction cup, in N; the check knows the gripper's limits."""
-
-ToolPose: TypeAlias = Annotated[PoseSpec, Goal()]
-"""Target pose of the tool in the world; the check warns if it is out of reach."""
-
-CarriedPose: TypeAlias = Annotated[PoseSpec, Goal(carried=True)]
-"""Target pose of a held object in the world; the check warns if it is out of reach."""
 
 PostureName: TypeAlias = Annotated[str, OfPosture()]
 """Name of a posture in the robot's description, which the check knows."""

@@ -26,8 +26,15 @@ TICK = 10  # steps
 class Bench:
     """A UR5, the arm as the tree gives it to two leaves, and a clock that a test turns."""
 
-    def __init__(self, planning: PlanningProcess | None = None, **objects: object) -> None:
-        self.world = World(file_of({"arm1": arm("ur5")}, objects))  # type: ignore[arg-type]
+    def __init__(
+        self,
+        planning: PlanningProcess | None = None,
+        robot: str = "ur5",
+        gripper: str | None = None,
+        **objects: object,
+    ) -> None:
+        arms = {"arm1": arm(robot, gripper=gripper)}
+        self.world = World(file_of(arms, objects))  # type: ignore[arg-type]
         self.controller = JointController(self.world, "arm1", self.world.timestep, Reservations())
         planning = planning or PlanningProcess()
         touches = Contacts(self.world)

@@ -23,6 +23,7 @@ ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
 EXAMPLE_PAGES = (
     "docs/grasping.md",
+    "docs/poses.md",
     "README.md",
     "docs/first_tree.md",
     "docs/skills.md",

@@ -9,6 +9,7 @@ from textwrap import dedent, indent
 from bt_dualarm.behaviors.load import check_file, load_tree_file
 from bt_dualarm.spec.node_types import NodeSpec, NodeType, PortModel, port
 from bt_dualarm.spec.problems import Problem
+from bt_dualarm.spec.relative_pose import CarriedPose
 from bt_dualarm.spec.values import ArmName, Duration, ObjectName, PoseSpec
 
 
@@ -28,6 +29,10 @@ class Go(PortModel):
     near: float = port(0.1, "How near", unit="m")
 
 
+class Carry(PortModel):
+    to: CarriedPose = port(..., "Where to")
+
+
 class Bring(PortModel):
     exactly_one_of = ("object", "arm")
 
@@ -38,6 +43,7 @@ class Bring(PortModel):
 SKILLS: Mapping[str, NodeType] = {
     "look": NodeType("look", "Looks.", Look, Seen),
     "go": NodeType("go", "Goes.", Go),
+    "bring": NodeType("bring", "Brings.", Carry),
     "spawn": NodeType("spawn", "Spawns.", Bring, brings_in=frozenset({"object", "arm"})),
 }
 

@@ -1,0 +1,152 @@
+"""Resolves the poses in a leaf's ports that are relative to what its arm knows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final, Literal
+
+import numpy as np
+
+from bt_dualarm.arm.arm import Arm
+from bt_dualarm.arm.known_objects import KnownPose
+from bt_dualarm.core.errors import Failure, Number
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.grasping.grasp import Solid, solid_of
+from bt_dualarm.spec.node_types import PortModel, metadata_of
+from bt_dualarm.spec.relative_pose import FRAME_WORDS, PoseOf, RelativePose
+from bt_dualarm.spec.values import PoseSpec
+
+_FARTHEST_M: Final = 100.0  # largest coordinate of a pose in a tree file
+
+
+@dataclass(frozen=True)
+class ResolvedPorts:
+    """Ports of a leaf, each relative pose replaced by one in the world.
+
+    Attributes:
+        ports: Ports as the skill receives them.
+        names: Names of the objects to which poses were relative.
+        metrics: How the arm knew the poses of these objects, and for how long.
+    """
+
+    ports: PortModel
+    names: frozenset[str] = frozenset()
+    metrics: Mapping[str, Number] = field(default_factory=dict)
+
+
+def resolve_poses(ports: PortModel, arm: Arm) -> ResolvedPorts:
+    """Resolve the relative poses among the ports of a leaf, by what its arm knows now.
+
+    Args:
+        ports: Validated ports.
+        arm: Arm of the leaf.
+
+    Raises:
+        Failure: ``UNKNOWN_POSE``, as `KnownObjects.pose`, or if an arm is not in the world;
+            ``INVALID_TARGET`` if the result is too far away.
+    """
+    resolver = _Resolver(arm, ports)
+    found: dict[str, object] = {}
+    for name, value in ports.__dict__.items():
+        if isinstance(value, RelativePose):
+            found[name] = resolver.resolved(name, value)
+        elif isinstance(value, tuple) and any(isinstance(one, RelativePose) for one in value):
+            found[name] = tuple(
+                resolver.resolved(name, one) if isinstance(one, RelativePose) else one
+                for one in value
+            )
+    if not found:
+        return ResolvedPorts(ports)
+    now = ports.model_copy(update=found)
+    metrics: dict[str, Number] = {}
+    if resolver.known:
+        metrics["known_by"] = ", ".join(sorted({known.by for known in resolver.known}))
+        metrics["known_for_s"] = arm.time - min(known.since for known in resolver.known)
+    return ResolvedPorts(now, frozenset(resolver.names), metrics)
+
+
+class _Resolver:
+    """Resolves relative poses for one leaf; arguments as `resolve_poses`."""
+
+    def __init__(self, arm: Arm, ports: PortModel) -> None:
+        self._arm = arm
+        self._ports = ports
+        self.names: set[str] = set()
+        self.known: list[KnownPose] = []
+
+    def resolved(self, port: str, wanted: RelativePose) -> PoseSpec:
+        """Pose in the world; it has an orientation only if the relative pose has one."""
+        if wanted.in_frame is not None:
+            pose = self._frame(wanted.in_frame) @ wanted.local
+        else:
+            pose = self._next_to(port, wanted)
+        x, y, z = pose.position.tolist()
+        if max(abs(x), abs(y), abs(z)) > _FARTHEST_M:
+            raise Failure("INVALID_TARGET", f"{port}: more than {_FARTHEST_M:g} m away")
+        if not wanted.is_oriented:
+            return PoseSpec(xyz=(x, y, z))
+        a, b, c, d = pose.quaternion.tolist()
+        return PoseSpec(xyz=(x, y, z), quat=(a, b, c, d))
+
+    def _frame(self, name: str) -> Pose:
+        """Frame of ``in_frame`` in the world."""
+        arm = self._arm
+        if name in FRAME_WORDS:
+            return arm.commanded_tool_pose if name == "tool" else arm.kinematics.base
+        if name not in arm.world.declared_arms:
+            return self._object(name)
+        if name not in arm.world.arms:
+            raise Failure("UNKNOWN_POSE", f"arm {name!r} is not in the world now")
+        return arm.world.arms[name].base
+
+    def _next_to(self, port: str, wanted: RelativePose) -> Pose:
+        """Pose above, on or beside an object."""
+        name = wanted.reference
+        lies = self._object(name)
+        turn = Pose(np.zeros(3), wanted.local.quaternion)
+        what, solid, current = self._moved(port)
+        orientation = turn if wanted.is_oriented else current
+        reference = self._solid(name)
+        along = wanted.direction
+        distance = reference.reach(lies.inverse.turn(along)) + wanted.by
+        if solid is not None:
+            distance += solid.reach(orientation.inverse.turn(-along))
+        position = lies.position + distance * along + np.array(wanted.xyz)
+        if wanted.beside is not None and what != "tool" and solid is not None:
+            # The two bottoms are at the same height.
+            down = np.array((0.0, 0.0, -1.0))
+            position[2] += solid.reach(orientation.inverse.turn(down))
+            position[2] -= reference.reach(lies.inverse.turn(down))
+        return Pose(position, turn.quaternion)
+
+    def _moved(self, port: str) -> tuple[str, Solid | None, Pose]:
+        """What has the pose, its shape if it counts, and its current orientation."""
+        of = metadata_of(type(self._ports).model_fields[port], PoseOf)
+        what: Literal["tool", "held", "object", "point"] = "point" if of is None else of.what
+        name: str | None = getattr(self._ports, "object", None)
+        held = self._arm.held
+        if what == "held" and name is None and len(held) == 1:
+            name = held[0]
+        declared = self._arm.world.declared_objects.get(name or "")
+        if what in ("tool", "point") or name is None or declared is None:
+            return what, None, Pose.identity()
+        if what == "held" and name not in held:  # the skill refuses it
+            return what, None, Pose.identity()
+        if name in held:
+            relative = self._arm.world.attachments.find(self._arm.name, name)
+            assert relative is not None  # noqa: S101 - it is held
+            tool_link = self._arm.commanded_tool_pose @ self._arm.robot.tool.inverse
+            return what, self._solid(name), tool_link @ relative.relative
+        return what, self._solid(name), declared.pose.pose
+
+    def _object(self, name: str) -> Pose:
+        """Pose of an object as the arm knows it."""
+        known = self._arm.known.pose(name)
+        self.names.add(name)
+        self.known.append(known)
+        return known.pose
+
+    def _solid(self, name: str) -> Solid:
+        declared = self._arm.world.declared_objects[name]
+        return solid_of(declared.shape, declared.size)

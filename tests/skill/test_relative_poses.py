@@ -1,0 +1,239 @@
+"""Poses relative to objects: resolved by what the arm knows, between surfaces, never by truth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from bt_dualarm.arm.arm import Arm
+from bt_dualarm.behaviors.load import check_file
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.robots.robot_description import robot_names
+from bt_dualarm.runtime.file_check import check
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.skill.relative_poses import resolve_poses
+from bt_dualarm.spec.document import NoiseSpec, ObjectSpec
+from bt_dualarm.spec.node_types import PortModel, port, validated
+from bt_dualarm.spec.relative_pose import CarriedPose, ObjectPose, PointPose, ToolPose
+from bt_dualarm.spec.values import ObjectName, PoseSpec
+from bt_dualarm.spec.yaml_reader import Data
+from tests.arm.test_arm import Bench
+from tests.plays import Stage
+from tests.sim.worlds import box
+from tests.skills.scenarios import Scenario
+
+REGISTRY = Registry.load()
+
+
+class Ports(PortModel):
+    object: ObjectName | None = port(None, "object")
+    tool: ToolPose | None = port(None, "tool pose")
+    held: CarriedPose | None = port(None, "pose of a held object")
+    of: ObjectPose | None = port(None, "pose of an object")
+    point: PointPose | None = port(None, "point")
+    several: tuple[ToolPose, ...] = port((), "tool poses")
+
+
+def resolved(arm: Arm, port: str, value: Data, **others: Data) -> PoseSpec:
+    """The pose that a skill receives."""
+    found = resolve_poses(validated(Ports, {port: value, **others}), arm)
+    pose: PoseSpec = getattr(found.ports, port)
+    return pose
+
+
+def turned_box() -> ObjectSpec:
+    """A box 0.2 by 0.1 by 0.04 m, turned by 90°: its edges along x and y are exchanged."""
+    pose = PoseSpec(xyz=(0.5, 0.1, 0.5), rpy=(0.0, 0.0, 90.0))
+    return ObjectSpec(shape="box", size=(0.2, 0.1, 0.04), mass=0.1, pose=pose, fixed=True)
+
+
+@pytest.mark.parametrize(
+    ("given", "wanted"),
+    [
+        ({"above": "slab", "by": 0.1}, (0.5, 0.1, 0.62)),
+        ({"on": "slab"}, (0.5, 0.1, 0.52)),
+        ({"on": "slab", "xyz": [0.01, -0.02, 0.03]}, (0.51, 0.08, 0.55)),
+        ({"beside": "slab", "side": "+x", "by": 0.03}, (0.58, 0.1, 0.5)),
+        ({"beside": "slab", "side": "-y", "by": 0.03}, (0.5, -0.03, 0.5)),
+        ({"in_frame": "slab", "xyz": [0.1, 0, 0]}, (0.5, 0.2, 0.5)),
+        ({"in_frame": "base", "xyz": [0.3, 0.2, 0.1]}, (0.3, 0.2, 0.5)),
+        ({"in_frame": "arm1", "xyz": [0.3, 0.2, 0.1]}, (0.3, 0.2, 0.5)),
+    ],
+)
+@pytest.mark.parametrize("port", ["tool", "point"])
+def test_a_tool_counts_as_a_point(port: str, given: Data, wanted: tuple[float, ...]) -> None:
+    bench = Bench(slab=turned_box())
+    pose = resolved(bench.first, port, given)
+    assert pose.xyz == pytest.approx(wanted, abs=1e-9)
+    assert not pose.is_oriented  # the skill keeps the current one
+
+
+@pytest.mark.parametrize("robot", robot_names())
+def test_the_frame_of_the_tool_is_that_of_the_last_set_point(robot: str) -> None:
+    bench = Bench(robot=robot)
+    tool = bench.first.commanded_tool_pose
+    step = Pose.from_rpy((0.01, 0.02, 0.03), (0.0, 0.0, np.pi / 2))
+    pose = resolved(
+        bench.first, "tool", {"in_frame": "tool", "xyz": [0.01, 0.02, 0.03], "rpy": [0, 0, 90]}
+    ).pose
+    assert pose.distance(tool @ step) < 1e-9
+    assert pose.angle(tool @ step) < 1e-7
+
+
+@pytest.mark.parametrize("shape", ["box", "cylinder", "capsule", "sphere"])
+def test_surfaces_of_two_objects_touch(shape: str) -> None:
+    """What is set `on` another ends at its top, whatever their shapes and its orientation."""
+    size = {"box": (0.04, 0.06, 0.08), "sphere": (0.03,)}.get(shape, (0.02, 0.08))
+    thing = ObjectSpec(shape=shape, size=size, mass=0.1, pose=PoseSpec(xyz=(2, 2, 2)))  # type: ignore[arg-type]
+    lying = {"box": 0.02, "sphere": 0.03}.get(shape, 0.02)
+    standing = {"box": 0.04, "sphere": 0.03, "capsule": 0.06}.get(shape, 0.04)
+    arm = Bench(slab=turned_box(), thing=thing).first
+    for rpy, half in (([0, 0, 0], standing), ([0, 90, 0], lying)):
+        on = resolved(arm, "of", {"on": "slab", "rpy": rpy}, object="thing")
+        assert on.xyz == pytest.approx((0.5, 0.1, 0.52 + half), abs=1e-9)
+        assert on.is_oriented
+        beside = {"beside": "slab", "side": "+x", "by": 0.01, "rpy": rpy}
+        x, y, z = resolved(arm, "of", beside, object="thing").xyz
+        assert (y, z) == pytest.approx((0.1, 0.48 + half), abs=1e-9)  # both stand on one level
+        assert x > 0.55 + 0.01 + 0.019
+
+
+@pytest.mark.parametrize("gripper", ["robotiq_2f85", "panda_hand", "suction_cup"])
+def test_a_held_object_is_known_from_the_hand_that_holds_it(gripper: str) -> None:
+    arm = Bench(gripper=gripper, slab=turned_box(), cube=box((0.3, 0.4, 0.5))).first
+    in_hand = arm.tool_pose @ Pose.from_rpy((0.0, 0.0, 0.02), (0.0, 0.0, 0.0))
+    arm.gripper.hold("cube", in_hand)
+    known = arm.known.pose("cube")
+    assert (known.by, known.pose.distance(in_hand) < 1e-9) == ("held", True)
+    on = resolved(arm, "held", {"on": "slab", "rpy": [0, 0, 0]})
+    assert on.xyz == pytest.approx((0.5, 0.1, 0.545), abs=1e-9)
+    # Without an orientation the current one counts, with which a tilted cube reaches lower.
+    half = 0.025 * np.abs(in_hand.rotation_matrix[2]).sum()
+    kept = resolved(arm, "held", {"on": "slab"})
+    assert kept.xyz[2] == pytest.approx(0.52 + half, abs=1e-4)  # servo error
+    arm.gripper.command(arm.gripper.page.stroke or 1.0)
+    arm.gripper.let_go("cube")
+    assert arm.known.pose("cube").by == "felt"
+    assert arm.known.pose("cube").pose.distance(in_hand) < 1e-9
+
+
+def test_an_object_is_where_the_file_declares_it_not_where_it_is() -> None:
+    noise = NoiseSpec(xyz=(0.05, 0.05, 0.0))
+    bench = Bench(cube=box((0.3, 0.4, 0.5), noise=noise))
+    assert bench.world.object_pose("cube").position != pytest.approx((0.3, 0.4, 0.5), abs=1e-3)
+    assert resolved(bench.first, "tool", {"on": "cube"}).xyz == pytest.approx((0.3, 0.4, 0.525))
+
+
+def test_the_latest_knowledge_counts() -> None:
+    arm = Bench(cube=box((0.3, 0.4, 0.5))).first
+    arm.known.saw("cube", Pose.from_rpy((0.1, 0.2, 0.3)))
+    assert resolved(arm, "tool", {"in_frame": "cube"}).xyz == pytest.approx((0.1, 0.2, 0.3))
+    found = resolve_poses(validated(Ports, {"several": [{"on": "cube"}, {"xyz": [0, 0, 1]}]}), arm)
+    assert found.names == {"cube"}
+    assert found.metrics == {"known_by": "seen", "known_for_s": 0.0}
+
+
+def test_what_the_arm_does_not_know_is_a_failure_with_the_reason() -> None:
+    bench = Bench(
+        gripper="robotiq_2f85",
+        cube=box((0.3, 0.4, 0.5)),
+        late=box((0.3, -0.4, 0.5), spawned=False),
+    )
+    arm = bench.first
+
+    def refusal(name: str) -> str:
+        with pytest.raises(Failure) as caught:
+            resolved(arm, "tool", {"on": name})
+        assert caught.value.code == "UNKNOWN_POSE"
+        return caught.value.reason
+
+    assert refusal("late").endswith("it is not in the world now")
+    bench.world.spawn_object("late")  # another arm
+    assert refusal("late").endswith("it was spawned during the run, and was never seen")
+    arm.gripper.hold("cube", arm.tool_pose)
+    bench.world.attachments.detach("arm1", "cube")  # as slip detection does
+    assert refusal("cube").endswith("arm1 had taken it, and lost it")
+    arm.known.forget("cube", "it was handed over")
+    assert refusal("cube").endswith("it was handed over")
+    arm.known.saw("cube", Pose.identity())
+    assert resolved(arm, "tool", {"in_frame": "cube"}).xyz == (0.0, 0.0, 0.0)
+
+
+def test_beyond_the_largest_pose_is_a_failure() -> None:
+    arm = Bench(cube=box((0.3, 0.4, 0.5))).first
+    with pytest.raises(Failure, match="more than 100 m away"):
+        resolved(arm, "tool", {"on": "cube", "xyz": [100, 0, 0]})
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"by": 0.1},
+        {"above": "cube", "on": "cube"},
+        {"on": "cube", "by": 0.1},
+        {"beside": "cube"},
+        {"above": "cube", "side": "+x"},
+        {"in_frame": "base", "rpy": [0, 0, 0], "quat": [1, 0, 0, 0]},
+        {"in_frame": "base", "quat": [2, 0, 0, 0]},
+        {"above": "cube", "by": -0.1},
+        {"above": "cube", "look_at": [0, 0, 0]},
+    ],
+)
+def test_contradictory_poses_are_refused(given: Data) -> None:
+    with pytest.raises(ValidationError):
+        validated(Ports, {"tool": given})
+
+
+def test_the_check_knows_where_the_bases_are() -> None:
+    tree = {
+        "bt_dualarm": 1,
+        "objects": {"cube": {"shape": "box", "size": [0.1, 0.1, 0.1], "mass": 1}},
+        "arms": {
+            "arm1": {
+                "robot": "ur5",
+                "tree": {
+                    "sequence": [
+                        {"reach_to_pose": {"to": {"in_frame": "base", "xyz": [3, 0, 0]}}},
+                        {"reach_to_pose": {"to": {"in_frame": "base", "xyz": [0.4, 0.2, 0.4]}}},
+                        {"reach_to_pose": {"to": {"above": "cube", "by": 5}}},
+                    ]
+                },
+            }
+        },
+    }
+    (warning,) = check(tree, REGISTRY.kinds, build=False).problems
+    assert "out of reach of arm1" in warning.message
+    assert warning.severity == "warning"
+
+
+def test_a_run_resolves_when_the_leaf_starts(stage: Stage) -> None:
+    """The second leaf is relative to the tool where the first has left it; the trace says where."""
+    scenario = Scenario(objects={"cube": {
+        "shape": "box", "size": [0.1, 0.1, 0.1], "mass": 1, "fixed": True,
+        "pose": {"xyz": [0.4, 0.2, 0.5]},
+    }})  # fmt: skip
+    play = stage.play(
+        scenario.file(
+            {"reach_to_pose": {"to": {"above": "cube", "by": 0.15, "rpy": [180, 0, 0]}}},
+            {"move_linear": {"to": {"in_frame": "tool", "xyz": [0, 0, 0.05]}}},
+        )
+    )
+    play.run()
+    end = play.world.arms["arm1"].tool_pose
+    assert end.position == pytest.approx((0.4, 0.2, 0.65), abs=1e-3)
+    assert play.leaf("reach_to_pose").metrics["known_by"] == "declared"
+    assert "known_by" not in play.leaf("move_linear").metrics
+
+
+def test_an_object_that_is_never_spawned_is_warned_of(tmp_path) -> None:  # type: ignore[no-untyped-def]
+    path = tmp_path / "task.yaml"
+    path.write_text(
+        "bt_dualarm: 1\n"
+        "objects:\n  late: {shape: sphere, size: [0.1], mass: 1, spawned: false}\n"
+        "arms:\n  arm1:\n    robot: ur5\n    tree:\n"
+        "      reach_to_pose: {to: {above: late, by: 0.1}}\n"
+    )
+    (warning,) = check_file(path, REGISTRY.kinds)
+    assert "'late' has spawned: false and no leaf spawns it" in warning.message
