@@ -89,7 +89,9 @@ class FallingWorld:
         return int(self.model.body(name).id)
 
     def step(self) -> None:
+        """As the world's steps do, this ends with positions that are up to date."""
         mujoco.mj_step(self.model, self.data)
+        mujoco.mj_kinematics(self.model, self.data)
 
 
 class View:
@@ -239,8 +241,11 @@ def test_samples_are_where_things_were(tmp_path: Path) -> None:
     time = samples["time"]
     assert np.allclose(np.diff(time), 0.01)
     fall = 0.5 * 9.81 * time**2
-    assert np.allclose(samples["tool_arm1"][:, 2], 1.1 - fall, atol=0.01)
-    assert np.allclose(samples["object_cube"][:, 2], 1.0 - fall, atol=0.01)
+    # The semi-implicit integrator falls by g t h / 2 too far: 6 mm in 0.6 s at steps h of 2 ms.
+    assert np.allclose(samples["tool_arm1"][:, 2], 1.1 - fall, atol=0.007)
+    assert np.allclose(samples["object_cube"][:, 2], 1.0 - fall, atol=0.007)
+    early = time < 0.05
+    assert np.allclose(samples["object_cube"][early, 2], (1.0 - fall)[early], atol=0.0006)
 
 
 def test_a_thing_that_is_gone_is_not_a_number() -> None:
