@@ -21,9 +21,9 @@ import numpy.typing as npt
 
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.robots.mjspec import LOOP_GROUPS, OBJECT_GROUP, SCENE_GROUP
-from bt_dualarm.sim.frame import Image, RenderableWorld, Viewpoint, fitted
+from bt_dualarm.sim.frame import Exposure, Image, RenderableWorld, Viewpoint, fitted
 from bt_dualarm.sim.kernel_arrays import Fan, Hits
-from bt_dualarm.sim.renderers import RayScene, Shading, fan_of
+from bt_dualarm.sim.renderers import RayRenderer, RayScene, Shading, fan_of
 
 # Shadows
 
@@ -267,6 +267,13 @@ class StillRenderer:
     def draw(self, viewpoint: Viewpoint, width: int, height: int) -> Image:
         """Render scene, arms and objects, of shape (height, width, 3)."""
         return self._painter.draw(self.data, viewpoint, (width, height))
+
+    def through(self, camera: int, width: int, height: int) -> Image:
+        """Render what a camera of the model sees, of shape (height, width, 3).
+
+        The image is ideal: without shadows, noise, blur and distortion of the lens.
+        """
+        return RayRenderer().render(self.model, self.data, Exposure(camera, width, height))
 
     def subjects(self) -> Matrix:
         """Corners of the bounding boxes of all geoms of arms and objects, of shape (n, 3), m."""
