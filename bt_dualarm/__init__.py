@@ -57,6 +57,12 @@ if TYPE_CHECKING:
     from bt_dualarm.perception.scan import hand_eye as hand_eye
     from bt_dualarm.perception.shape_fit import KnownShape as KnownShape
     from bt_dualarm.planning.path_search import Planner as Planner
+    from bt_dualarm.replay.data import ArmTrack as ArmTrack
+    from bt_dualarm.replay.data import GripperTrack as GripperTrack
+    from bt_dualarm.replay.data import ObjectTrack as ObjectTrack
+    from bt_dualarm.replay.data import RunData as RunData
+    from bt_dualarm.replay.data import load as load
+    from bt_dualarm.replay.timeline import RecordedFrame as RecordedFrame
     from bt_dualarm.robots.gripper import Gripper as Gripper
     from bt_dualarm.runtime.api import check as check
     from bt_dualarm.runtime.api import open as open  # noqa: A004 - read as bt.open
@@ -180,6 +186,13 @@ _CONTENTS: Final = {
     "Series": "runtime.outcome:Series",
     "Problem": "spec.problems:Problem",
     "SpecError": "spec.problems:SpecError",
+    # Reading a record
+    "load": "replay.data:load",
+    "RunData": "replay.data:RunData",
+    "ArmTrack": "replay.data:ArmTrack",
+    "GripperTrack": "replay.data:GripperTrack",
+    "ObjectTrack": "replay.data:ObjectTrack",
+    "RecordedFrame": "replay.timeline:RecordedFrame",
     # Many runs
     "sweep": "sweeps.api:sweep",
     "compare": "sweeps.api:compare",

@@ -10,6 +10,8 @@ from typing import Any, Final
 
 import bt_dualarm
 from bt_dualarm.arm.arm import Arm
+from bt_dualarm.replay.data import ArmTrack, GripperTrack, ObjectTrack, RunData
+from bt_dualarm.replay.timeline import RecordedFrame
 from bt_dualarm.runtime.outcome import ArmResult, LeafResult, RunResult
 from bt_dualarm.runtime.run import ArmHandle, Run, TreeHandle
 from bt_dualarm.skill.skill import Skill, SkillContext
@@ -32,7 +34,7 @@ _MACHINERY: Final = frozenset(
 )
 """What is there for others than authors of skills and users of the front door."""
 
-_FRONT_DOOR: Final = ("bt_dualarm.runtime.", "bt_dualarm.spec.problems")
+_FRONT_DOOR: Final = ("bt_dualarm.runtime.", "bt_dualarm.replay.", "bt_dualarm.spec.problems")
 """Modules of the façade that are not for authors of skills."""
 
 _ATTRIBUTE = re.compile(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", re.MULTILINE)
@@ -63,6 +65,11 @@ def tables_of_python() -> str:
         ("`bt.run(…)` and `run.result` give a `RunResult`", "result.", (RunResult,)),
         ("`result.arms[…]`", "arm.", (ArmResult,)),
         ("`arm.leaves[…]`", "leaf.", (LeafResult,)),
+        ("`bt.load(…)` gives a `RunData`", "data.", (RunData,)),
+        ("`data.arms[…]`", "arm.", (ArmTrack,)),
+        ("`arm.gripper`", "gripper.", (GripperTrack,)),
+        ("`data.objects[…]`", "object.", (ObjectTrack,)),
+        ("`data.frames(…)`", "frame.", (RecordedFrame,)),
     ):
         rows = []
         for kind in kinds:

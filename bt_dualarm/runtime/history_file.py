@@ -637,6 +637,10 @@ class ModelReader(Mapping[int, bytes]):
             at = end
         return b"".join((*pieces, rest[taken:]))
 
+    def __contains__(self, generation: object) -> bool:
+        """Whether there is a model of a generation; without this method each test would join it."""
+        return generation in self._models
+
     def __iter__(self) -> Iterator[int]:
         return iter(self._models)
 

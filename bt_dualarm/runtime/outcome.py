@@ -248,8 +248,8 @@ class Tracks:
             self._bind()
         data = self._world.data
         points = np.concatenate([data.site_xpos[self._sites], data.xpos[self._bodies]])
-        # After a step, MuJoCo's Cartesian positions are those of the start of the step.
-        sample = Sample(self._world.time - self._world.timestep, self._names, points)
+        # The world's steps end with `mj_step1`: Cartesian positions are up to date, too.
+        sample = Sample(self._world.time, self._names, points)
         self._keep(sample)
         return sample
 
@@ -431,7 +431,6 @@ class Holdings:
         self._world = world
         self._kept: BoundedLog[Holding] = BoundedLog(MOST_HOLDINGS)
         self._held: dict[tuple[str, str, float], _Lift] = {}
-        self._released: list[_Lift] = []
 
     def after_ticks(self, time: float) -> None:
         """Add attachments and releases since the last call; ``time`` in s."""
@@ -440,19 +439,12 @@ class Holdings:
             self._held[key] = _Lift(Holding(*key))
             self._kept.add(self._held[key].holding)
         for key in self._held.keys() - now:
-            released = self._held.pop(key)
-            released.holding.released_s = time
-            self._released.append(released)
+            self._held.pop(key).holding.released_s = time
 
     def sampled(self, sample: Sample) -> None:
         """Update the lifted heights of held objects."""
         for lift in self._held.values():
             lift.update(sample)
-        # A sample dates from before the step, so it may belong to an object released since.
-        for lift in self._released:
-            if sample.time <= (lift.holding.released_s or 0.0):
-                lift.update(sample)
-        self._released.clear()
 
     def of(self, arm: str) -> list[Holding]:
         """Attachments of one arm that are kept, in the order of attachment."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import colorsys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,7 +14,10 @@ import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
+from matplotlib.patches import Polygon
+from scipy.spatial import ConvexHull
 
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.core.share import write_atomically
@@ -75,8 +79,29 @@ def errors(
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 """Palette for color-blind readers (Okabe and Ito, Color Universal Design, 2008)."""
 
+_GOLDEN = 0.618034
+"""Steps of this share of the color circle keep hues apart, however many there are."""
+
+
+def distinct_colors(count: int) -> list[str]:
+    """As many different colors: those of `COLORS`, then darker and lighter hues in turn."""
+    colors = list(COLORS[:count])
+    for extra in range(count - len(colors)):
+        hue = (0.05 + extra * _GOLDEN) % 1.0
+        lightness = (0.3, 0.62)[extra % 2]
+        colors.append(to_hex(colorsys.hls_to_rgb(hue, lightness, (0.55, 0.85)[extra // 2 % 2])))
+    return colors
+
+
 _MOVED_M = 0.01
 """Smallest movement in m for which an object is drawn."""
+
+_FLAT_M = 1e-6
+_HUGE_M = 4.0
+"""Smallest extent in m of an outline that is drawn, and largest of one that is shown whole."""
+
+_ONE_POINT_M = 0.03
+"""Distance in m of two points whose labels would overlap."""
 
 _TOOL = "tool_"
 OBJECT = "object_"
@@ -99,32 +124,74 @@ class _Style(TypedDict, total=False):
     linestyle: tuple[int, tuple[int, int]]
 
 
-def overview(paths: Mapping[str, Matrix], bases: Mapping[str, Vector]) -> Figure:
+def overview(
+    paths: Mapping[str, Matrix],
+    bases: Mapping[str, Vector],
+    fixed: Mapping[str, Sequence[Matrix]] | None = None,
+) -> Figure:
     """Figure of the paths of all tools and moved objects, seen from above and from the side.
 
     Args:
         paths: Positions of tools and objects over time in the world, each of shape (n, 3), m, by
             name.
         bases: Positions of the arms' bases in the world, each of shape (3,), m, by the arms' names.
+        fixed: Fixed objects and the scene, by name: points whose convex hulls are their shapes,
+            each of shape (n, 3), m.
     """
     figure = Figure(figsize=(10, 4.8), dpi=120, layout="constrained")
     figure.suptitle("Paths of tools and objects")
     panels = figure.subplots(1, 2)
     shown = {name: path for name, path in paths.items() if name.startswith(_TOOL) or _moved(path)}
+    colors = distinct_colors(len(shown))
     for axes, (u, v), view in zip(panels, ((0, 1), (1, 2)), ("from above", "along x"), strict=True):
-        for (name, path), color in zip(shown.items(), cycle(COLORS)):
+        _draw_fixed(axes, fixed or {}, u, v)
+        for (name, path), color in zip(shown.items(), colors, strict=True):
             label = name.replace(_TOOL, "tool of ").replace(OBJECT, "")
             axes.plot(path[:, u], path[:, v], color=color, label=label, linewidth=1.2)
             axes.plot(*path[_first(path)][[u, v]], "o", color=color, markersize=5)
-        for name, base in bases.items():
-            axes.plot(base[u], base[v], "s", color="0.35", markersize=8)
-            axes.annotate(
-                name, base[[u, v]], (0, 7), textcoords="offset points", ha="center", fontsize=8
-            )
+        for names, base in _at_one_point({name: base[[u, v]] for name, base in bases.items()}):
+            axes.plot(*base, "s", color="0.35", markersize=8)
+            axes.annotate(names, base, (0, 7), textcoords="offset points", ha="center", fontsize=8)
         _label_plane(axes, u, v, f"seen {view}")
     if shown:
         panels[0].legend(fontsize=8, title="● start   ■ base", title_fontsize=8)
     return figure
+
+
+def _draw_fixed(axes: Axes, fixed: Mapping[str, Sequence[Matrix]], u: int, v: int) -> None:
+    """Draw outlines in gray, the largest first, each with its name in its lower left corner."""
+    outlines = [
+        (name, flat[ConvexHull(flat, qhull_options="QJ").vertices])  # QJ: however thin it is
+        for name, shapes in fixed.items()
+        for flat in (shape[:, [u, v]] for shape in shapes)
+        if np.ptp(flat, axis=0).min() > _FLAT_M
+    ]
+    outlines.sort(key=lambda pair: -float(np.ptp(pair[1], axis=0).prod()))
+    corners: dict[str, Vector] = {}
+    for name, outline in outlines:
+        shape = Polygon(outline, facecolor="0.93", edgecolor="0.65", linewidth=0.8, zorder=0.5)
+        if np.ptp(outline, axis=0).max() <= _HUGE_M:
+            axes.add_patch(shape)
+            corners.setdefault(name, outline.min(axis=0))
+        else:  # a wall or floor; an artist does not count for the section that is shown
+            axes.add_artist(shape)
+    for names, corner in _at_one_point(corners):
+        axes.annotate(
+            names, corner, (3, 3), textcoords="offset points", fontsize=7, color="0.45", zorder=1
+        )
+
+
+def _at_one_point(points: Mapping[str, Vector]) -> Iterator[tuple[str, tuple[float, float]]]:
+    """Yields labels of points, of shape (2,), in m: one label for all names at nearly one point.
+
+    Parts of arms, such as their pedestals, get none.
+    """
+    left = {name: point for name, point in points.items() if name and "/" not in name}
+    while left:
+        point = next(iter(left.values()))
+        names = [name for name, at in left.items() if np.abs(at - point).max() < _ONE_POINT_M]
+        yield ", ".join(names), (float(point[0]), float(point[1]))
+        left = {name: at for name, at in left.items() if name not in names}
 
 
 def scene(stills: Sequence[StillRenderer], viewpoint: Viewpoint) -> Figure:
@@ -315,8 +382,9 @@ def _drawings(result: RunResult, observed: Observed) -> Iterator[tuple[str, Call
     shown = _drawn(len(time))
     time = time[shown]
     paths = {name: path[shown] for name, path in observed.tracks.positions().items()}
-    yield "overview", partial(overview, paths, observed.tracks.bases)
     stills = [still for still in observed.stills if still.is_sound]
+    fixed = {name: one for still in stills for name, one in still.fixed_outlines().items()}
+    yield "overview", partial(overview, paths, observed.tracks.bases, fixed)
     viewpoint = best_viewpoint(stills, PICTURE[0] / PICTURE[1])
     if viewpoint is not None:
         yield "scene", partial(scene, stills, viewpoint)

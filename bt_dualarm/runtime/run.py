@@ -8,11 +8,15 @@ from __future__ import annotations
 
 import logging
 import math
+import operator
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 from threading import Event, Lock, Thread
 from typing import Final
+
+import numpy as np
 
 from bt_dualarm.behaviors.report import NodeView, StatusName
 from bt_dualarm.core.errors import DualArmError, RunError
@@ -25,12 +29,14 @@ from bt_dualarm.runtime.history import tree_facts
 from bt_dualarm.runtime.interruption import StopRequest, Watchdog
 from bt_dualarm.runtime.options import RunOptions, checked_seconds
 from bt_dualarm.runtime.outcome import Outcome, RunResult, html_table
-from bt_dualarm.sim.composition import ArmBody, must_be_among
+from bt_dualarm.sim.composition import CAMERA, ArmBody, must_be_among
+from bt_dualarm.sim.frame import Image, Viewpoint
+from bt_dualarm.sim.painter import StillRenderer, best_viewpoint
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.document import TreeFile
 from bt_dualarm.spec.node_types import NodeSpec
-from bt_dualarm.spec.problems import Named, Problem
+from bt_dualarm.spec.problems import Named, Problem, suggestion
 
 
 class ArmHandle:
@@ -101,6 +107,11 @@ class ArmHandle:
         must_be_among(self.name, self._world.arms, "arm", "in the world")
         return self._world.arms[self.name]
 
+    def rebind(self, world: World, arms: Arms) -> None:
+        """Show the arm in another world, after the run was reset."""
+        self._world = world
+        self._arms = arms
+
     def __repr__(self) -> str:
         state = self.outcome or ("RUNNING" if self.is_present else "not in the world")
         return f"<arm {self.name} ({self.robot}): {state}>"
@@ -132,8 +143,58 @@ class TreeHandle:
         """Immutable copy of the current state of all nodes."""
         return self._arms.view(self.arm).tree or _never_ticked(self._spec)
 
+    def rebind(self, arms: Arms) -> None:
+        """Show the tree of the run after a reset."""
+        self._arms = arms
+
     def __repr__(self) -> str:
         return f"<tree of {self.arm}: {self.status}>"
+
+
+_PICTURE: Final = (640, 480)
+"""Width and height in pixels of an image without a camera."""
+
+_LARGEST_PX: Final = 4096
+
+
+def _checked_size(size: tuple[int, int]) -> tuple[int, int]:
+    """Width and height in pixels.
+
+    Raises:
+        RunError: They are not two whole numbers from 1 to 4096.
+    """
+    try:
+        width, height = (operator.index(side) for side in size)
+    except (TypeError, ValueError):
+        width = height = 0
+    if not (1 <= width <= _LARGEST_PX and 1 <= height <= _LARGEST_PX):
+        raise RunError(f"size: {size!r} is not two whole numbers from 1 to {_LARGEST_PX}")
+    return width, height
+
+
+def _checked_viewpoint(
+    eye: Sequence[float] | None, look_at: Sequence[float] | None, fov: float
+) -> Viewpoint:
+    """A viewpoint.
+
+    Raises:
+        RunError: A point is missing or not three finite numbers, they are above each other, or the
+            field of view is not from 1 to 170 degrees.
+    """
+    points = []
+    for name, given in (("eye", eye), ("look_at", look_at)):
+        try:
+            point = np.asarray(given, dtype=float)
+        except (TypeError, ValueError):
+            point = np.empty(0)
+        if point.shape != (3,) or not np.isfinite(point).all():
+            raise RunError(f"{name}: {given!r} is not a point of three numbers")
+        points.append(point)
+    if np.linalg.norm((points[0] - points[1])[:2]) < 1e-6:
+        raise RunError("eye is straight above or below look_at: move it a little to one side")
+    if not 1.0 <= fov <= 170.0:
+        raise RunError(f"fov: {fov!r} is not from 1 to 170 degrees")
+    return Viewpoint(points[0], points[1], float(fov))
 
 
 def _never_ticked(spec: NodeSpec) -> NodeView:
@@ -175,17 +236,29 @@ class Run:
         warnings: Sequence[Problem] = (),
     ) -> None:
         self.warnings = tuple(warnings)
-        self._stop = stop or StopRequest()
-        compile_kernels()  # before the run captures the log: compiling is not part of its record
-        self._parts = prepare(file, registry, options or RunOptions(), self._stop)
-        self._requested_s = Fraction(0)
+        self._given_stop = stop
+        self._file = file
+        self._registry = registry
+        self._options = options or RunOptions()
         self._is_busy = False
-        self._is_recorded = self._parts.open_record is None
-        self._result: RunResult | None = None
+        self._is_closed = False
+        self._watching: list[Observer] = []
+        compile_kernels()  # before the run captures the log: compiling is not part of its record
+        self._begin()
         world = self.world
         arms = self.assembly.arms
         self._arms = {name: ArmHandle(name, world, arms) for name in file.arms}
         self._trees = {name: TreeHandle(name, arm.tree, arms) for name, arm in file.arms.items()}
+
+    def _begin(self) -> None:
+        """Prepare the first step."""
+        self._stop = self._given_stop or StopRequest()
+        self._parts = prepare(self._file, self._registry, self._options, self._stop)
+        self._parts.feed.observers += self._watching
+        self._requested_s = Fraction(0)
+        self._is_recorded = self._parts.open_record is None
+        self._viewpoint: Viewpoint | None = None
+        self._result: RunResult | None = None
 
     @property
     def name(self) -> str:
@@ -281,8 +354,96 @@ class Run:
         """
         self._stop.ask()
 
+    def reset(self, seed: int | None = None) -> None:
+        """Begin again, as a new run of the file would: nothing has moved, and no result is there.
+
+        Handles on arms and trees stay valid, and observers that were added stay; the world, its
+        model and data are new objects. Equal seeds give bitwise equal runs, whatever ran before.
+
+        Args:
+            seed: Seed of all random numbers from now on; None for the same as before.
+
+        Raises:
+            RunError: The run has a record, which is of one run; it is closed, or is being advanced;
+                or the seed is not an integer from 0 to 2³² - 1.
+        """
+        if self._parts.open_record is not None:
+            raise RunError("a run with a record cannot be reset: the record is of one run")
+        if self._is_busy:
+            raise RunError("the run is being advanced; its own parts cannot reset it")
+        if self._is_closed:
+            raise RunError("the run is closed; open another one")
+        options = self._options
+        if seed is not None:
+            options = replace(options, seed=seed)
+        with self._parts.resources, self._parts.at_work():
+            self._parts.runner.abandon()
+        self._options = options
+        self._begin()
+        for name, handle in self._arms.items():
+            handle.rebind(self.world, self.assembly.arms)
+            self._trees[name].rebind(self.assembly.arms)
+
+    def render(
+        self,
+        camera: str | None = None,
+        *,
+        size: tuple[int, int] | None = None,
+        eye: Sequence[float] | None = None,
+        look_at: Sequence[float] | None = None,
+        fov: float = 45.0,
+    ) -> Image:
+        """Image of the world as it is now, of shape (height, width, 3): red, green, blue.
+
+        It is rendered from a copy of the state and changes nothing. Without arguments it shows
+        everything with shadows, from a viewpoint that is chosen once for the run.
+
+        Args:
+            camera: An arm, for what its camera sees (the whole image, without shadows, noise and
+                latency), or a camera of the scene.
+            size: Width and height in pixels; by default those of the arm's camera, or 640 × 480.
+            eye: Position of a viewer in the world, of shape (3,), m, instead of a camera.
+            look_at: Point in the middle of the viewer's image, of shape (3,), m; with ``eye``.
+            fov: Vertical field of view of the viewer, degrees.
+
+        Raises:
+            RunError: There is no such camera, or an argument is out of range.
+        """
+        width, height = self._image_size(camera) if size is None else _checked_size(size)
+        still = StillRenderer.of(self.world)
+        if not still.is_sound:
+            raise RunError("the world cannot be rendered: the simulation has diverged")
+        if camera is not None:
+            if eye is not None or look_at is not None:
+                raise RunError("give either a camera, or eye and look_at of a viewer")
+            return still.through(self._camera_id(camera), width, height)
+        if eye is not None or look_at is not None:
+            return still.draw(_checked_viewpoint(eye, look_at, fov), width, height)
+        if self._viewpoint is None:
+            self._viewpoint = best_viewpoint([still], width / height)
+        if self._viewpoint is None:
+            raise RunError("nothing to see: the world has neither arms nor objects")
+        return still.draw(self._viewpoint, width, height)
+
+    def _image_size(self, camera: str | None) -> tuple[int, int]:
+        spec = None if camera not in self._file.arms else self._file.arms[str(camera)].camera
+        return _PICTURE if spec is None else spec.resolution
+
+    def _camera_id(self, camera: str) -> int:
+        """Id of a camera in the model, by the name of its arm, or its own."""
+        model = self.world.model
+        names = [model.camera(number).name for number in range(model.ncam)]
+        for name in (f"{camera}/{CAMERA}", camera):
+            if name in names:
+                return int(model.camera(name).id)
+        known = [name.removesuffix(f"/{CAMERA}") for name in names]
+        if not known:
+            raise RunError(f"there is no camera '{camera}': no arm in the world has one")
+        raise RunError(f"there is no camera '{camera}'; {suggestion(camera, known, 'camera')}")
+
     def watch(self, observer: Observer) -> None:
         """Add an observer, notified after those that are already registered."""
+        self._watching.append(observer)
         self._parts.feed.observers.append(observer)
 
     @property
@@ -324,6 +485,7 @@ class Run:
         Raises:
             RecordError: The disk is full, or the folder is gone.
         """
+        self._is_closed = True
         with self._parts.resources, self._parts.at_work():
             if self._result is None:
                 self._parts.runner.break_off()

@@ -122,6 +122,11 @@ class Runner:
                 self._begin_to_end(Ending.CLOSED)
             self._result = self._made_result()
 
+    def abandon(self) -> None:
+        """Halt the trees of a run whose result is not wanted; arms get no time to come to rest."""
+        if self._ending is None:
+            self._begin_to_end(Ending.CLOSED)
+
     def so_far(self) -> RunResult:
         """Interim result of a run that cannot continue because skill code blocks its thread."""
         if self._ending is None:

@@ -21,9 +21,9 @@ import numpy.typing as npt
 
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.robots.mjspec import LOOP_GROUPS, OBJECT_GROUP, SCENE_GROUP
-from bt_dualarm.sim.frame import Image, RenderableWorld, Viewpoint, fitted
+from bt_dualarm.sim.frame import Exposure, Image, RenderableWorld, Viewpoint, fitted
 from bt_dualarm.sim.kernel_arrays import Fan, Hits
-from bt_dualarm.sim.renderers import RayScene, Shading, fan_of
+from bt_dualarm.sim.renderers import RayRenderer, RayScene, Shading, fan_of
 
 # Shadows
 
@@ -268,6 +268,13 @@ class StillRenderer:
         """Render scene, arms and objects, of shape (height, width, 3)."""
         return self._painter.draw(self.data, viewpoint, (width, height))
 
+    def through(self, camera: int, width: int, height: int) -> Image:
+        """Render what a camera of the model sees, of shape (height, width, 3).
+
+        The image is ideal: without shadows, noise, blur and distortion of the lens.
+        """
+        return RayRenderer().render(self.model, self.data, Exposure(camera, width, height))
+
     def subjects(self) -> Matrix:
         """Corners of the bounding boxes of all geoms of arms and objects, of shape (n, 3), m."""
         groups = self.model.geom_group
@@ -299,6 +306,26 @@ class StillRenderer:
         mujoco.mj_camlight(self.model, data)
         return data
 
+    def fixed_outlines(self) -> dict[str, list[Matrix]]:
+        """Points whose convex hulls are the shapes that stand still, each of shape (n, 3), m.
+
+        Keys are names of objects, of shapes of the scene, and of pedestals (``ARM/pedestal``);
+        planes, which have no outline, are left out, as are markers and arms.
+        """
+        model = self.model
+        found: dict[str, list[Matrix]] = {}
+        for geom in np.flatnonzero(np.isin(model.geom_group, (SCENE_GROUP, OBJECT_GROUP))).tolist():
+            body = int(model.geom_bodyid[geom])
+            is_plane = model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE
+            is_marker = not (model.geom_contype[geom] or model.geom_conaffinity[geom])
+            if is_plane or is_marker or model.body_weldid[body]:
+                continue
+            name = str((model.body(body) if body else model.geom(geom)).name)
+            axes = self.data.geom_xmat[geom].reshape(3, 3)
+            points = _hull_points(model, geom) @ axes.T + self.data.geom_xpos[geom]
+            found.setdefault(name, []).append(points)
+        return found
+
     @cached_property
     def _painter(self) -> ScenePainter:
         return ScenePainter(self.model)
@@ -312,6 +339,38 @@ class StillRenderer:
         places = self.data.geom_xpos[geoms][:, None]
         corners: Matrix = (np.einsum("gij,gcj->gci", axes, local) + places).reshape(-1, 3)
         return corners
+
+
+_ROUND: Final = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+_RING: Final = np.column_stack([np.cos(_ROUND), np.sin(_ROUND)])
+_BALL: Final = np.vstack(
+    [np.column_stack([_RING * math.cos(up), np.full(len(_RING), math.sin(up))])
+     for up in np.radians(np.arange(-90.0, 91.0, 7.5))]
+)  # fmt: skip
+"""Points on the unit sphere, of shape (n, 3)."""
+
+
+def _hull_points(model: mujoco.MjModel, geom: int) -> Matrix:
+    """Points in a geom's frame whose convex hull is its shape, of shape (n, 3), m."""
+    kinds = mujoco.mjtGeom
+    kind = model.geom_type[geom]
+    size = model.geom_size[geom]
+    if kind in (kinds.mjGEOM_SPHERE, kinds.mjGEOM_ELLIPSOID):
+        round_size = size if kind == kinds.mjGEOM_ELLIPSOID else np.full(3, size[0])
+        return np.asarray(_BALL * round_size)
+    if kind == kinds.mjGEOM_CAPSULE:
+        ends = np.sign(_BALL[:, 2:]) * np.array([0.0, 0.0, size[1]])
+        return np.asarray(_BALL * size[0] + ends)
+    if kind == kinds.mjGEOM_CYLINDER:
+        ends = np.repeat([-size[1], size[1]], len(_RING))
+        return np.column_stack([np.tile(_RING * size[0], (2, 1)), ends])
+    if kind == kinds.mjGEOM_MESH:
+        mesh = int(model.geom_dataid[geom])
+        first = int(model.mesh_vertadr[mesh])
+        vertices: Matrix = model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])]
+        return vertices.astype(float)
+    box = model.geom_aabb[geom]
+    return np.asarray(box[:3] + _CORNERS * box[3:])
 
 
 def best_viewpoint(stills: Sequence[StillRenderer], aspect: float) -> Viewpoint | None:

@@ -17,6 +17,7 @@ from typing import Final
 
 from bt_dualarm import cli
 from bt_dualarm.core.errors import DualArmError
+from bt_dualarm.replay.data import load
 from bt_dualarm.runtime.recorder import RecordFolder
 from bt_dualarm.viewer.past import RecordView
 
@@ -43,6 +44,18 @@ def _view(record: Path, _: Path) -> int:
     return 0
 
 
+def _load(record: Path, _: Path) -> int:
+    """All arrays, frames and the table of a record."""
+    data = load(record)
+    for arm in data.arms:
+        data.blackboard(arm)
+    for frame in data.frames():
+        assert frame.image.ndim == 3
+    data.table()
+    repr(data)
+    return 0
+
+
 def _recorded_over(record: Path, out: Path) -> int:
     """A run that is recorded where such a record lies takes away what was written, and no more."""
     copy = out / "again"
@@ -65,6 +78,7 @@ QUICK: Final[dict[str, Callable[[Path, Path], int]]] = {
     "--csv": _export("csv", "tables"),
     "--mcap": _export("mcap", "run.mcap"),
     "view": _view,
+    "bt.load": _load,
     "--record": _recorded_over,
 }
 SLOW: Final[dict[str, Callable[[Path, Path], int]]] = {
