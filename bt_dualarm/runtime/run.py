@@ -401,7 +401,7 @@ class Run:
         Args:
             camera: An arm, for what its camera sees (the whole image, without shadows, noise and
                 latency), or a camera of the scene.
-            size: Width and height in pixels; by default those of the arm's camera, or 640 × 480.
+            size: Width and height in pixels; by default those of the arm's camera, or 640 x 480.
             eye: Position of a viewer in the world, of shape (3,), m, instead of a camera.
             look_at: Point in the middle of the viewer's image, of shape (3,), m; with ``eye``.
             fov: Vertical field of view of the viewer, degrees.
