@@ -335,7 +335,8 @@ class Number:
 
     def set_to(self, value: Data) -> Tree:
         """The file with another value in its place."""
-        return with_value(self.file, self.path, value)
+        changed: Tree = with_value(self.file, self.path, value)
+        return changed
 
     def is_taken(self, value: float) -> bool:
         """Whether the model takes a value."""
