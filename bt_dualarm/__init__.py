@@ -96,6 +96,7 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.handover import tool_pose_of as tool_pose_of
     from bt_dualarm.skill.joint import JointPart as JointPart
     from bt_dualarm.skill.joint import shared_grasp as shared_grasp
+    from bt_dualarm.skill.keeping import KeptPath as KeptPath
     from bt_dualarm.skill.looking import SIDES as SIDES
     from bt_dualarm.skill.looking import MarkViews as MarkViews
     from bt_dualarm.skill.looking import SightPorts as SightPorts
@@ -130,6 +131,7 @@ if TYPE_CHECKING:
     from bt_dualarm.spec.node_types import Counterpart as Counterpart
     from bt_dualarm.spec.node_types import PortModel as PortModel
     from bt_dualarm.spec.node_types import port as port
+    from bt_dualarm.spec.path_keep import Keep as Keep
     from bt_dualarm.spec.problems import Problem as Problem
     from bt_dualarm.spec.problems import SpecError as SpecError
     from bt_dualarm.spec.relative_pose import CarriedPose as CarriedPose
@@ -217,6 +219,7 @@ _CONTENTS: Final = {
     "GripSpeed": "spec.values:GripSpeed",
     "GripWidth": "spec.values:GripWidth",
     "JointAngles": "spec.values:JointAngles",
+    "Keep": "spec.path_keep:Keep",
     "ObjectName": "spec.values:ObjectName",
     "ObjectPose": "spec.relative_pose:ObjectPose",
     "Offset": "spec.values:Offset",
@@ -258,6 +261,7 @@ _CONTENTS: Final = {
     "RankedGrasp": "grasping.candidates:RankedGrasp",
     "Grip": "skill.grip:Grip",
     "held_through": "skill.grip:held_through",
+    "KeptPath": "skill.keeping:KeptPath",
     "LeftStanding": "skill.placing:LeftStanding",
     "is_tied_to": "skill.placing:is_tied_to",
     "stands_without": "skill.placing:stands_without",

@@ -4,7 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bt_dualarm import Offset, PathSkill, PortModel, Pose, Speed, ToolPose, line_path, port
+from bt_dualarm import (
+    Keep,
+    KeptPath,
+    Offset,
+    PathSkill,
+    PortModel,
+    Pose,
+    Speed,
+    ToolPose,
+    line_path,
+    port,
+)
 
 
 class MoveLinear(PathSkill):
@@ -19,14 +30,22 @@ class MoveLinear(PathSkill):
         offset: Offset | None = port(None, "step from the current tool pose")
         speed: Speed = PathSkill.SPEED
         tolerance: float = PathSkill.TOLERANCE
+        keep: Keep | None = port(None, "limits that have to hold along the whole line")
 
+    failures = {**PathSkill.failures, **KeptPath.failures}
     example = "move_linear: {offset: {xyz: [0, 0, 0.10], frame: tool}, speed: 0.3}"
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
         """Build the line from the current tool pose, follow it, measure the error."""
         tool = self.arm.commanded_tool_pose
-        yield from self.along(line_path(tool, self._goal(tool)))
+        path = line_path(tool, self._goal(tool))
+        if self.ports.keep is None:
+            yield from self.along(path)
+            return
+        kept = KeptPath(self.arm, self.ports.keep)
+        kept.refuse_path(path.poses)
+        yield from kept.through(self.along(path), self.metrics)
 
     def _goal(self, tool: Pose) -> Pose:
         to = self.ports.to

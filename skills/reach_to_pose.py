@@ -8,6 +8,8 @@ from typing import Literal
 from bt_dualarm import (
     Angle,
     Duration,
+    Keep,
+    KeptPath,
     Offset,
     Planner,
     PortModel,
@@ -43,6 +45,7 @@ class ReachToPose(Skill):
         )
         speed: Speed = port(0.5, "fraction of the arm's limits")
         planner: Planner = port("RRTConnect", "planner to use if the straight path is blocked")
+        keep: Keep | None = port(None, "limits that the planner keeps along the whole path")
         tolerance: float = port(
             0.001, "largest position error at the end", unit="m", ge=1e-4, le=0.1
         )
@@ -56,6 +59,7 @@ class ReachToPose(Skill):
         "NOT_REACHED": "the tool ended farther away than the tolerance",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
         "BUSY": "another leaf moves the arm",
+        **KeptPath.failures,
     }
     example = "reach_to_pose: {to: {xyz: [0.4, 0.2, 0.6], rpy: [180, 0, 0]}, speed: 0.5}"
     ports: Ports
@@ -63,13 +67,22 @@ class ReachToPose(Skill):
     def run(self) -> Iterator[float | None]:
         """Solve the inverse kinematics, move, verify the arrival."""
         goals, target = self._goals()
-        yield from self.arm.travel(
+        kept = None
+        if self.ports.keep is not None:
+            kept = KeptPath(self.arm, self.ports.keep)
+            kept.refuse_ends(target)
+        motion = self.arm.travel(
             goals,
             self.ports.speed,
             give_way=self.ports.give_way,
             patience=self.ports.patience,
             planner=self.ports.planner,
+            keep=None if kept is None else kept.constraint,
         )
+        if kept is None:
+            yield from motion
+        else:
+            yield from kept.through(motion, self.metrics)
         self.metrics |= check_arrival(
             "the tool",
             self.arm.tool_pose,

@@ -9,6 +9,8 @@ from bt_dualarm import (
     Angle,
     CarriedPose,
     Failure,
+    Keep,
+    KeptPath,
     KnownShape,
     ObjectName,
     Planner,
@@ -34,6 +36,7 @@ class Transport(Skill):
         )
         speed: Speed = port(0.5, "fraction of the arm's limits")
         planner: Planner = port("RRTConnect", "planner to use if the straight path is blocked")
+        keep: Keep | None = port(None, "limits that the planner keeps along the whole path")
         tolerance: float = port(
             0.005,
             "largest position error of the object at the end",
@@ -56,6 +59,7 @@ class Transport(Skill):
         "NOT_REACHED": "the object is beyond the tolerance, or moved in the gripper",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
         "BUSY": "another leaf moves the arm",
+        **KeptPath.failures,
     }
     example = "transport: {object: cube, to: {xyz: [0.4, -0.2, 0.5]}}"
     ports: Ports
@@ -70,8 +74,19 @@ class Transport(Skill):
         object_in_tool = arm.robot.tool.inverse @ held.relative
         goal = self.ports.to.pose_from(arm.commanded_tool_pose @ object_in_tool)
         tool_goal = goal @ object_in_tool.inverse
+        kept = None
+        if self.ports.keep is not None:
+            kept = KeptPath(arm, self.ports.keep, object_in_tool)
+            kept.refuse_ends(tool_goal)
         configurations = arm.kinematics.solutions(tool_goal, arm.setpoint.q)
-        motion = arm.travel(configurations, self.ports.speed, planner=self.ports.planner)
+        motion = arm.travel(
+            configurations,
+            self.ports.speed,
+            planner=self.ports.planner,
+            keep=None if kept is None else kept.constraint,
+        )
+        if kept is not None:
+            motion = kept.through(motion, self.metrics)
         self.metrics |= yield from held_through(arm, motion)
         if held.by_gripper and arm.grip_pace < 1.0:
             self.metrics["grip_pace"] = arm.grip_pace

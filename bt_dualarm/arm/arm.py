@@ -36,6 +36,7 @@ from bt_dualarm.core.errors import (
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics, refuse_beyond
 from bt_dualarm.kinematics.solver import Chain
+from bt_dualarm.planning.path_constraints import ConstrainedProblem, PathConstraint
 from bt_dualarm.planning.path_search import DEFAULT_PLANNER, Planner
 from bt_dualarm.planning.problem import (
     PlanningProblem,
@@ -596,6 +597,7 @@ class Arm(ArmState):
         speed: float,
         ignore: frozenset[str] = _NOTHING,
         planner: Planner = DEFAULT_PLANNER,
+        keep: PathConstraint | None = None,
     ) -> Generator[None, None, Trajectory]:
         """Plan a collision-free motion to one of several configurations, straight where possible.
 
@@ -607,6 +609,8 @@ class Arm(ArmState):
             speed: Fraction of the limits, above 0 to 1.
             ignore: Names of the objects that may be touched.
             planner: Planner to use if the straight path to the preferred goal is blocked.
+            keep: Constraint along the whole path, if there is one; the motion may then end in
+                another configuration with the tool at the same pose.
 
         Raises:
             Failure: ``IN_COLLISION`` or ``JOINT_LIMIT`` of the start, or of the preferred goal if
@@ -615,7 +619,7 @@ class Arm(ArmState):
         """
         yield from self._come_to_rest()
         for replan in range(REPLANS, -1, -1):
-            found = yield from self._plan_once(goals, speed, ignore, planner)
+            found = yield from self._plan_once(goals, speed, ignore, planner, keep)
             motion = self.within_efforts(found)
             try:
                 refuse_contact(self.checker(ignore), motion)
@@ -627,7 +631,12 @@ class Arm(ArmState):
         return motion
 
     def _plan_once(
-        self, goals: Sequence[Vector], speed: float, ignore: frozenset[str], planner: Planner
+        self,
+        goals: Sequence[Vector],
+        speed: float,
+        ignore: frozenset[str],
+        planner: Planner,
+        keep: PathConstraint | None,
     ) -> Generator[None, None, Trajectory]:
         due = self.time + PLANNING_S
         problem = admitted(
@@ -646,11 +655,12 @@ class Arm(ArmState):
             yield from self._pass_until(due)
             reason = f"no path was found: injected by the fault '{fault}' of the file"
             raise Failure("NO_PLAN", reason, planner=planner, planning_s=PLANNING_S)
+        constrained = None if keep is None else ConstrainedProblem(problem, keep)
         straight = straight_motion(problem)
-        if straight is not None:
+        if straight is not None and (constrained is None or constrained.keeps(straight)):
             yield from self._pass_until(due)
             return straight
-        pending = self._shared.planning.solve(problem)
+        pending = self._shared.planning.solve(problem if constrained is None else constrained)
         try:
             yield from self._pass_until(due)
             try:
@@ -839,6 +849,7 @@ class Arm(ArmState):
         give_way: bool = True,
         patience: float = WAIT_S,
         planner: Planner = DEFAULT_PLANNER,
+        keep: PathConstraint | None = None,
     ) -> Iterator[float | None]:
         """Plan to one of several goals and execute the plan, waiting for other arms; once per tick.
 
@@ -846,15 +857,20 @@ class Arm(ArmState):
             goals: Configurations, each of shape (dof,), rad, the preferred one first.
             speed: Fraction of the limits, above 0 to 1.
             ignore: Names of the objects that may be touched.
-            give_way: Whether the arm moves aside if one that has waited longer waits for it.
+            give_way: Whether the arm moves aside if one that has waited longer waits for it; never
+                with ``keep``, which a motion aside would not keep.
             patience: Simulated seconds after which it no longer waits or replans.
             planner: Planner to use if the straight path is blocked.
+            keep: Constraint along the whole path, if there is one.
 
         Raises:
             Failure: As `plan` and `follow`.
         """
         move = self.past_others(speed, ignore)
-        return replace(move, search=planner, give_way=give_way, wait_s=patience).go(goals)
+        give_way = give_way and keep is None
+        return replace(move, search=planner, give_way=give_way, wait_s=patience, keep=keep).go(
+            goals
+        )
 
     def past_others(self, speed: float, ignore: frozenset[str] = _NOTHING) -> MoveTo:
         """Motions other than `travel` that wait for moving arms and replan."""
@@ -880,6 +896,7 @@ class MoveTo:
         search: Planner to use if the straight path is blocked.
         give_way: Whether the arm moves aside if one that has waited longer waits for it.
         wait_s: Simulated seconds after which it no longer waits or replans.
+        keep: Constraint along the paths of `go`, if there is one.
     """
 
     arm: Arm
@@ -890,6 +907,7 @@ class MoveTo:
     search: Planner = DEFAULT_PLANNER
     give_way: bool = True
     wait_s: float = WAIT_S
+    keep: PathConstraint | None = None
 
     def go(self, goals: Sequence[Vector]) -> Iterator[float | None]:
         """Plan and execute a motion to one of several goals; yields once per tick.
@@ -900,7 +918,9 @@ class MoveTo:
         Raises:
             Failure: As `Arm.plan` and `Arm.follow`.
         """
-        return self.along(lambda: self.arm.plan(goals, self.speed, self.ignore, self.search))
+        return self.along(
+            lambda: self.arm.plan(goals, self.speed, self.ignore, self.search, self.keep)
+        )
 
     def straight(self, end: Pose, *, known_free: bool = False) -> Iterator[float | None]:
         """Move the tool straight to a pose in the world, as `along`; yields once per tick.

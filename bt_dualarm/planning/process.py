@@ -25,6 +25,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from bt_dualarm.core.errors import Failure, Number
+from bt_dualarm.planning.path_constraints import ConstrainedProblem
 from bt_dualarm.planning.problem import PlanningProblem, motion_around
 from bt_dualarm.trajectory.trajectory import Trajectory
 
@@ -53,7 +54,7 @@ class PlanningRequest:
 
     Attributes:
         number: Number of the problem.
-        problem: Pickled `PlanningProblem`; None to drop the problem.
+        problem: Pickled `PlanningProblem` or `ConstrainedProblem`; None to drop the problem.
     """
 
     number: int
@@ -105,11 +106,11 @@ class PlanningProcess:
         """Process id; None if there is no process."""
         return None if self._line is None else self._line.process.pid
 
-    def solve(self, problem: PlanningProblem) -> PendingMotion:
-        """Begin to plan a motion around obstacles; returns at once.
+    def solve(self, problem: PlanningProblem | ConstrainedProblem) -> PendingMotion:
+        """Begin to plan a motion around obstacles, or with a constraint; returns at once.
 
         Args:
-            problem: Admitted problem whose straight path is not free.
+            problem: Admitted problem whose straight path is not free, or breaks a constraint.
 
         Raises:
             Failure: ``NO_PLAN`` if no process can be started.
@@ -139,7 +140,9 @@ class PlanningProcess:
 class PendingMotion:
     """Motion that is being planned."""
 
-    def __init__(self, line: _Line, number: int, problem: PlanningProblem) -> None:
+    def __init__(
+        self, line: _Line, number: int, problem: PlanningProblem | ConstrainedProblem
+    ) -> None:
         self._line = line
         self._number = number
         self._problem = problem
@@ -373,8 +376,12 @@ def serve() -> None:
 
 
 def _outcome(request: PlanningRequest, inbox: Inbox) -> Trajectory | PlanningRefusal:
-    problem: PlanningProblem = pickle.loads(request.problem or b"")  # noqa: S301 - the run's own
+    problem: PlanningProblem | ConstrainedProblem = pickle.loads(  # noqa: S301 - the run's own
+        request.problem or b""
+    )
     try:
+        if isinstance(problem, ConstrainedProblem):
+            return problem.motion(inbox.is_abandoned)
         return motion_around(problem, inbox.is_abandoned)
     except Failure as failure:
         return PlanningRefusal(failure.code, failure.reason, dict(failure.numbers))

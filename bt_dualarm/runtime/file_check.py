@@ -389,9 +389,10 @@ class _ReachCheck:
             return None
         relative = relative_pose(value)
         if relative is not None:
-            if relative.in_frame not in self.bases:
+            base = self.bases.get(relative.in_frame or "")
+            if base is None:
                 return None  # where it is depends on the run
-            pose = _in_world(relative, self.bases[relative.in_frame].pose)
+            pose = _in_world(relative, base.pose)
         else:
             try:
                 pose = PoseSpec.model_validate(with_tuples(value))

@@ -47,18 +47,9 @@ def resolve_poses(ports: PortModel, arm: Arm) -> ResolvedPorts:
             ``INVALID_TARGET`` if the result is too far away.
     """
     resolver = _Resolver(arm, ports)
-    found: dict[str, object] = {}
-    for name, value in ports.__dict__.items():
-        if isinstance(value, RelativePose):
-            found[name] = resolver.resolved(name, value)
-        elif isinstance(value, tuple) and any(isinstance(one, RelativePose) for one in value):
-            found[name] = tuple(
-                resolver.resolved(name, one) if isinstance(one, RelativePose) else one
-                for one in value
-            )
-    if not found:
+    now = resolver.all_of(ports)
+    if now is ports:
         return ResolvedPorts(ports)
-    now = ports.model_copy(update=found)
     metrics: dict[str, Number] = {}
     if resolver.known:
         metrics["known_by"] = ", ".join(sorted({known.by for known in resolver.known}))
@@ -75,12 +66,30 @@ class _Resolver:
         self.names: set[str] = set()
         self.known: list[KnownPose] = []
 
-    def resolved(self, port: str, wanted: RelativePose) -> PoseSpec:
+    def all_of(self, model: PortModel) -> PortModel:
+        """The model with all of its relative poses resolved; the same object if it has none."""
+        found: dict[str, object] = {}
+        for name, value in model.__dict__.items():
+            of = metadata_of(type(model).model_fields[name], PoseOf)
+            if isinstance(value, RelativePose):
+                found[name] = self._resolved(name, of, value)
+            elif isinstance(value, tuple) and any(isinstance(one, RelativePose) for one in value):
+                found[name] = tuple(
+                    self._resolved(name, of, one) if isinstance(one, RelativePose) else one
+                    for one in value
+                )
+            elif isinstance(value, PortModel):
+                part = self.all_of(value)
+                if part is not value:
+                    found[name] = part
+        return model.model_copy(update=found) if found else model
+
+    def _resolved(self, port: str, of: PoseOf | None, wanted: RelativePose) -> PoseSpec:
         """Pose in the world; it has an orientation only if the relative pose has one."""
         if wanted.in_frame is not None:
             pose = self._frame(wanted.in_frame) @ wanted.local
         else:
-            pose = self._next_to(port, wanted)
+            pose = self._next_to(of, wanted)
         x, y, z = pose.position.tolist()
         if max(abs(x), abs(y), abs(z)) > _FARTHEST_M:
             raise Failure("INVALID_TARGET", f"{port}: more than {_FARTHEST_M:g} m away")
@@ -100,12 +109,12 @@ class _Resolver:
             raise Failure("UNKNOWN_POSE", f"arm {name!r} is not in the world now")
         return arm.world.arms[name].base
 
-    def _next_to(self, port: str, wanted: RelativePose) -> Pose:
+    def _next_to(self, of: PoseOf | None, wanted: RelativePose) -> Pose:
         """Pose above, on or beside an object."""
         name = wanted.reference
         lies = self._object(name)
         turn = Pose(np.zeros(3), wanted.local.quaternion)
-        what, solid, current = self._moved(port)
+        what, solid, current = self._moved(of)
         orientation = turn if wanted.is_oriented else current
         reference = self._solid(name)
         along = wanted.direction
@@ -120,9 +129,8 @@ class _Resolver:
             position[2] -= reference.reach(lies.inverse.turn(down))
         return Pose(position, turn.quaternion)
 
-    def _moved(self, port: str) -> tuple[str, Solid | None, Pose]:
+    def _moved(self, of: PoseOf | None) -> tuple[str, Solid | None, Pose]:
         """What has the pose, its shape if it counts, and its current orientation."""
-        of = metadata_of(type(self._ports).model_fields[port], PoseOf)
         what: Literal["tool", "held", "object", "point"] = "point" if of is None else of.what
         name: str | None = getattr(self._ports, "object", None)
         held = self._arm.held

@@ -95,6 +95,16 @@ Angle: TypeAlias = Annotated[
 ]
 """Radians; in YAML degrees, at most ten turns: ``90``, or text with a unit: ``"1.57 rad"``."""
 
+Tilt: TypeAlias = Annotated[
+    float,
+    BeforeValidator(_degrees),
+    Field(ge=0.5, le=90.0),
+    AfterValidator(math.radians),
+    PlainSerializer(math.degrees),
+    Unit("deg", DEGREES),
+]
+"""Half-width of a cone, radians; in YAML degrees. Below half a degree no arm can keep it."""
+
 Speed: TypeAlias = Annotated[float, Field(ge=0.001, le=1.0)]
 """Fraction of the arm's limits of velocity, acceleration and jerk; 1.0 is the arm's maximum."""
 

@@ -1,0 +1,433 @@
+"""Limits that hold along a path, and motions of one arm that keep them.
+
+A `PathConstraint` limits the pose of a frame that moves with the tool: cones in which an axis of it
+stays, and a range of its height. Any pose can be projected onto it in closed form. The search is
+an RRT over poses (LaValle, Kuffner, IJRR 2001) whose samples are projected (Berenson, Srinivasa,
+Kuffner, Task Space Regions, IJRR 2011), with straight edges that are followed by inverse kinematics
+from the configuration at their beginning: what holds at every pose of an edge holds for the arm.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bt_dualarm.collision.checker import FINE, CollisionChecker
+from bt_dualarm.core.errors import Failure, Number
+from bt_dualarm.core.pose import Matrix, Pose, Vector
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.planning.problem import (
+    PlanningProblem,
+    motion_around,
+    outline,
+    refuse_contact,
+)
+from bt_dualarm.robots.robot import Robot
+from bt_dualarm.trajectory.path_timing import time_path
+from bt_dualarm.trajectory.paths import blended, line
+from bt_dualarm.trajectory.trajectory import Trajectory
+
+MARGIN_RAD = math.radians(0.5)
+"""Angle by which plans stay inside a cone: what servo and spline may add during the motion."""
+
+MARGIN_M = 0.002
+"""Distance by which plans stay inside a range of heights, m."""
+
+_BLEND_M = 0.05  # distance from a corner at which it may be rounded
+_REACH_M = 0.5  # distance around start and goal from which poses are drawn
+_STEP_M = 0.25  # longest edge; a rotation by 1 rad counts as `_TURN_M`
+_TURN_M = 0.3
+_TO_GOAL = 0.25  # share of the edges that lead toward the goal
+_SPUN = 0.6  # share of the samples that are turned about the vertical
+_COARSE = (0.008, 0.02)  # distance in m and rotation in rad between two samples of an edge
+_SAME = 1e-6
+_SHORTCUTS = 30
+_PROJECTIONS = 4  # rounds in which two cones are satisfied together
+
+
+@dataclass(frozen=True, eq=False)
+class Cone:
+    """Cone in which an axis of a frame stays.
+
+    Attributes:
+        name: Name in messages and metrics.
+        axis: Axis in the frame, of unit length, of shape (3,).
+        most: Largest angle between the axis and the center of the cone, rad.
+        direction: Center of the cone in the world, of unit length, of shape (3,); None if it leads
+            to a point.
+        point: Point in the world to which the center leads, of shape (3,), m.
+    """
+
+    name: str
+    axis: Vector
+    most: float
+    direction: Vector | None = None
+    point: Vector | None = None
+
+    def angle(self, pose: Pose) -> float:
+        """Angle between the axis and the center of the cone, rad."""
+        axis = pose.turn(self.axis)
+        center = self._center(pose)
+        return math.atan2(float(np.linalg.norm(np.cross(axis, center))), float(axis @ center))
+
+    def projected(self, pose: Pose, most: float) -> Pose:
+        """Pose turned about its origin by the smallest angle so that it keeps an angle, rad."""
+        beyond = self.angle(pose) - most
+        if beyond <= 0.0:
+            return pose
+        axis = pose.turn(self.axis)
+        about = np.cross(axis, self._center(pose))
+        length = float(np.linalg.norm(about))
+        if length < _SAME:  # opposite: any axis at a right angle
+            about = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
+            length = float(np.linalg.norm(about))
+        half = 0.5 * beyond
+        turn = Pose(np.zeros(3), np.array((math.cos(half), *(math.sin(half) * about / length))))
+        turned = turn @ Pose(np.zeros(3), pose.quaternion)
+        return Pose(pose.position, turned.quaternion)
+
+    def _center(self, pose: Pose) -> Vector:
+        if self.direction is not None:
+            return self.direction
+        assert self.point is not None  # noqa: S101 - one of the two is given
+        to = self.point - pose.position
+        return np.asarray(to / max(float(np.linalg.norm(to)), _SAME), float)
+
+
+@dataclass(frozen=True)
+class Violation:
+    """By how much a pose violates a constraint; 0 where it does not.
+
+    Attributes:
+        rad: Largest angle beyond a cone.
+        m: Distance beyond the range of heights.
+        what: What is violated most, with its value and its limit, for messages.
+    """
+
+    rad: float = 0.0
+    m: float = 0.0
+    what: str = ""
+
+    def __bool__(self) -> bool:
+        return self.rad > 0.0 or self.m > 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class PathConstraint:
+    """Limits of the pose of a frame that moves with the tool; can be pickled.
+
+    Attributes:
+        robot: Robot of the arm.
+        base: Pose of its base link in the world.
+        in_tool: Pose of the frame in the tool.
+        cones: Cones in which axes of the frame stay.
+        lowest: Least height of its origin in the world, m.
+        highest: Largest height of its origin in the world, m.
+    """
+
+    robot: Robot
+    base: Pose
+    in_tool: Pose
+    cones: tuple[Cone, ...] = ()
+    lowest: float = -math.inf
+    highest: float = math.inf
+
+    def violation(self, frame: Pose) -> Violation:
+        """Violation by a pose of the frame in the world."""
+        rad = 0.0
+        what = ""
+        for cone in self.cones:
+            angle = cone.angle(frame)
+            if angle - cone.most > rad:
+                rad = angle - cone.most
+                what = f"{cone.name}: {math.degrees(angle):.1f}° of {math.degrees(cone.most):.3g}°"
+        height = float(frame.position[2])
+        m = max(self.lowest - height, height - self.highest, 0.0)
+        if m > 0.0:
+            limits = f"{self.lowest:.4g} to {self.highest:.4g} m"
+            what = f"{what}; " * bool(what) + f"height: {height:.4f} m, not {limits}"
+        return Violation(rad, m, what)
+
+    def of_tool(self, tool: Pose) -> Violation:
+        """Violation by a pose of the tool in the world."""
+        return self.violation(tool @ self.in_tool)
+
+    def within(self, *frames: Pose) -> PathConstraint:
+        """Constraint with a margin inside, but no stricter than poses that it has to admit."""
+        cones = tuple(
+            replace(
+                cone,
+                most=min(
+                    cone.most,
+                    max(
+                        cone.most - min(MARGIN_RAD, 0.2 * cone.most),
+                        *(cone.angle(frame) + _SAME for frame in frames),
+                    ),
+                ),
+            )
+            for cone in self.cones
+        )
+        heights = [float(frame.position[2]) for frame in frames]
+        margin = min(MARGIN_M, 0.2 * (self.highest - self.lowest))
+        lowest = max(self.lowest, min(self.lowest + margin, *(h - _SAME for h in heights)))
+        highest = min(self.highest, max(self.highest - margin, *(h + _SAME for h in heights)))
+        return replace(self, cones=cones, lowest=lowest, highest=highest)
+
+    def projected(self, frame: Pose) -> Pose:
+        """Pose of the frame nearest to a given one that keeps the limits, as far as possible."""
+        x, y, z = frame.position.tolist()
+        pose = Pose(np.array((x, y, min(max(z, self.lowest), self.highest))), frame.quaternion)
+        for _ in range(_PROJECTIONS if len(self.cones) > 1 else 1):
+            for cone in self.cones:
+                pose = cone.projected(pose, cone.most)
+        return pose
+
+    def along(self, kinematics: Kinematics, rows: Matrix) -> tuple[float, Violation] | None:
+        """First violation along configurations, of shape (n, dof), rad, with its share of them."""
+        for i, q in enumerate(rows):
+            violation = self.of_tool(kinematics.forward(q))
+            if violation:
+                return i / max(len(rows) - 1, 1), violation
+        return None
+
+    @property
+    def names(self) -> str:
+        """What it limits, for messages."""
+        limited = [cone.name for cone in self.cones]
+        if self.lowest > -math.inf or self.highest < math.inf:
+            limited.append("height")
+        return " and ".join(limited)
+
+
+@dataclass(frozen=True, eq=False)
+class ConstrainedProblem:
+    """Motion planning problem with a path constraint; can be pickled.
+
+    Attributes:
+        problem: Admitted problem without it.
+        keep: Path constraint.
+        poses: Maximum number of poses of which the search solves the inverse kinematics.
+    """
+
+    problem: PlanningProblem
+    keep: PathConstraint
+    poses: int = 40_000
+
+    @property
+    def planner(self) -> str:
+        """Name of the planner, for messages."""
+        return "RRT"
+
+    def motion(self, abandoned: Callable[[], bool] = lambda: False) -> Trajectory:
+        """Motion to the tool pose of the preferred goal that keeps the constraint.
+
+        The motion may end in another configuration than the goals given, with the tool at the same
+        pose.
+
+        Args:
+            abandoned: Polled during the search; ends it when the plan is no longer needed.
+
+        Raises:
+            Failure: ``NO_PLAN``.
+        """
+        return _ConstrainedSearch(self, abandoned).motion()
+
+    def keeps(self, motion: Trajectory) -> bool:
+        """Whether a motion keeps the constraint with its margin."""
+        kinematics = Kinematics(self.keep.robot, self.keep.base, self.problem.seed)
+        ends = (kinematics.forward(motion.q[0]), kinematics.forward(motion.q[-1]))
+        strict = self.keep.within(*(tool @ self.keep.in_tool for tool in ends))
+        rows = outline(motion, self.problem.checker.radii, FINE)
+        return strict.along(kinematics, rows) is None
+
+
+@dataclass(frozen=True, eq=False)
+class _Node:
+    """Node of the search tree: pose of the frame, configuration, number of its parent."""
+
+    frame: Pose
+    q: Vector
+    parent: int
+
+
+class _ConstrainedSearch:
+    """Search for one motion; arguments as `ConstrainedProblem.motion`."""
+
+    def __init__(self, given: ConstrainedProblem, abandoned: Callable[[], bool]) -> None:
+        problem = given.problem
+        self._problem = problem
+        self._given = given
+        self._abandoned = abandoned
+        self._kinematics = Kinematics(given.keep.robot, given.keep.base, problem.seed)
+        self._to_tool = given.keep.in_tool.inverse
+        self._start = self._kinematics.forward(problem.start) @ given.keep.in_tool
+        self._goal = self._kinematics.forward(problem.goals[0]) @ given.keep.in_tool
+        self._strict = given.keep.within(self._start, self._goal)
+        self._rng = np.random.default_rng(problem.seed)
+        self._count = 0
+        self._checker: CollisionChecker = problem.checker
+
+    def motion(self) -> Trajectory:
+        """See `ConstrainedProblem.motion`."""
+        found = self._timed([self._start, self._goal])
+        if found is not None:
+            return found
+        if not self._given.keep.cones:  # often kept without a search for it
+            free = motion_around(self._problem, self._abandoned)
+            if self._given.keeps(free):
+                return free
+        while self._count < self._given.poses:
+            corners = self._tree()
+            if corners is None:
+                break
+            found = self._timed(corners)
+            if found is not None:
+                return found
+        if self._abandoned():
+            raise Failure("INTERRUPTED", "this plan is no longer needed")
+        numbers: dict[str, Number] = {"planner": self._given.planner, "states": self._count}
+        raise Failure(
+            "NO_PLAN",
+            f"no collision-free path was found along which the arm keeps {self._strict.names} "
+            f"({self._count} poses)",
+            **numbers,
+        )
+
+    def _tree(self) -> list[Pose] | None:
+        """Corners of a path from the start to the goal; None once the search is over."""
+        tree = [_Node(self._start, self._problem.start, -1)]
+        low = np.minimum(self._start.position, self._goal.position) - _REACH_M
+        high = np.maximum(self._start.position, self._goal.position) + _REACH_M
+        while self._count < self._given.poses and not self._abandoned():
+            self._count += 1
+            target = self._goal
+            if self._rng.random() > _TO_GOAL:
+                target = self._sample(low, high)
+            near = min(range(len(tree)), key=lambda i: _apart(tree[i].frame, target))
+            while True:
+                node = self._extended(tree[near], near, target)
+                if node is None:
+                    break
+                tree.append(node)
+                near = len(tree) - 1
+                if _apart(node.frame, self._goal) < _SAME:
+                    return self._shortened(_corners(tree, near))
+                if target is not self._goal or _apart(node.frame, target) < _SAME:
+                    break
+        return None
+
+    def _sample(self, low: Vector, high: Vector) -> Pose:
+        """Random pose of the frame, projected onto the constraint."""
+        share = float(self._rng.random())
+        turned = _between(self._start, self._goal, share)
+        quaternion = turned.quaternion
+        if self._rng.random() < _SPUN:
+            spin = Pose.from_rpy((0, 0, 0), (0.0, 0.0, float(self._rng.uniform(-np.pi, np.pi))))
+            quaternion = (spin @ Pose(np.zeros(3), quaternion)).quaternion
+        return self._strict.projected(Pose(self._rng.uniform(low, high), quaternion))
+
+    def _extended(self, node: _Node, number: int, target: Pose) -> _Node | None:
+        away = _apart(node.frame, target)
+        if away < _SAME:
+            return None
+        share = min(1.0, _STEP_M / away)
+        end = target if share == 1.0 else _between(node.frame, target, share)
+        if end is not self._goal:
+            end = self._strict.projected(end)
+        q = self._edge(node.frame, end, node.q)
+        return None if q is None else _Node(end, q, number)
+
+    def _edge(self, start: Pose, end: Pose, q: Vector) -> Vector | None:
+        """Configuration at the end of a straight edge; None if it is not free, or not kept."""
+        frames = line(start, end, *_COARSE).poses
+        if any(self._strict.violation(frame) for frame in frames):
+            return None
+        self._count += len(frames)
+        try:
+            rows = self._kinematics.follow_on([frame @ self._to_tool for frame in frames], q)
+        except Failure:
+            return None
+        last: Vector = rows[-1]
+        return None if self._checker.first_contact(rows) is not None else last
+
+    def _shortened(self, corners: list[Pose]) -> list[Pose]:
+        """Fewer corners, as far as straight edges between them are free."""
+        for _ in range(_SHORTCUTS):
+            if len(corners) < 3 or self._abandoned():
+                break
+            i, j = sorted(self._rng.choice(len(corners), 2, replace=False).tolist())
+            if j == i + 1:
+                continue
+            shorter = [*corners[: i + 1], *corners[j:]]
+            q: Vector | None = self._problem.start
+            for here, there in itertools.pairwise(shorter):
+                q = None if q is None else self._edge(here, there, q)
+            if q is not None:
+                corners = shorter
+        return corners
+
+    def _timed(self, corners: Sequence[Pose]) -> Trajectory | None:
+        """Motion along straight lines, with rounded corners where possible; None if not free."""
+        stops = [corners[0]]
+        stops += [pose for pose in corners[1:] if _apart(pose, stops[-1]) > _SAME]
+        if len(stops) < 2:  # already there
+            return Trajectory.rest(self._problem.start, self._problem.dt)
+        attempts = [[blended(stops, _BLEND_M).poses]] if len(stops) > 2 else []
+        attempts.append([line(here, there).poses for here, there in itertools.pairwise(stops)])
+        for pieces in attempts:
+            motion = self._followed(pieces)
+            if motion is not None:
+                return motion
+        return None
+
+    def _followed(self, pieces: Sequence[Sequence[Pose]]) -> Trajectory | None:
+        """Motion along pieces of a path, with a stop after each; None if it is not free."""
+        motion = Trajectory.rest(self._problem.start, self._problem.dt)
+        q = self._problem.start
+        for frames in pieces:
+            if any(self._strict.violation(frame) for frame in frames):
+                return None
+            self._count += len(frames)
+            try:
+                rows = self._kinematics.follow_on([one @ self._to_tool for one in frames], q)
+                piece = time_path(rows, self._problem.limits, self._problem.dt)
+            except Failure:
+                return None
+            motion = motion.then(piece)
+            q = rows[-1]
+        try:
+            refuse_contact(self._checker, motion)
+        except Failure:
+            return None
+        rows = outline(motion, self._checker.radii, FINE)
+        return motion if self._given.keep.along(self._kinematics, rows) is None else None
+
+
+def _apart(one: Pose, other: Pose) -> float:
+    return one.distance(other) + _TURN_M * one.angle(other)
+
+
+def _between(start: Pose, end: Pose, share: float) -> Pose:
+    """Pose at a share of the straight line between two others."""
+    step = start.inverse @ end
+    w = float(np.clip(step.quaternion[0], -1.0, 1.0))
+    vector = step.quaternion[1:] if w >= 0.0 else -step.quaternion[1:]
+    sine = float(np.linalg.norm(vector))
+    position = start.position + share * (end.position - start.position)
+    if sine < 1e-12:
+        return Pose(position, start.quaternion)
+    half = share * math.atan2(sine, abs(w))
+    turn = Pose(np.zeros(3), np.array((math.cos(half), *(math.sin(half) * vector / sine))))
+    return Pose(position, (Pose(np.zeros(3), start.quaternion) @ turn).quaternion)
+
+
+def _corners(tree: Sequence[_Node], last: int) -> list[Pose]:
+    found = []
+    while last >= 0:
+        found.append(tree[last].frame)
+        last = tree[last].parent
+    return found[::-1]
