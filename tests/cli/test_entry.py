@@ -104,9 +104,9 @@ def test_a_second_signal_ends_a_command_that_takes_no_notice_of_the_first(tmp_pa
     """A file of skills that never gets imported, and keeps what would end it to itself."""
     (tmp_path / "hung.py").write_text(
         "import pathlib, time\n"
-        "pathlib.Path(__file__).with_name('reached').touch()\n"
         "while True:\n"
         "    try:\n"
+        "        pathlib.Path(__file__).with_name('reached').touch()\n"
         "        time.sleep(1000)\n"
         "    except BaseException:\n"
         "        pathlib.Path(__file__).with_name('noticed').touch()\n"

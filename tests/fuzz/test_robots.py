@@ -34,7 +34,7 @@ LONGEST_S = 10.0
 """Seconds of the processor for one mutant: none needs two of them where nothing else runs, and what
 grows without bound needs all of them anywhere."""
 
-URDFS, PAGES, MESHES = (int(TIMES * count / CHUNKS) for count in (240, 240, 60))
+URDFS, PAGES, MESHES = (int(TIMES * count / CHUNKS) for count in (240, 240, 120))
 
 TREE = """\
 bt_dualarm: 1

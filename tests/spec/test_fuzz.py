@@ -27,7 +27,7 @@ from tests.spec.test_mistakes import FOLDER
 FILES = int(os.environ.get("BT_DUALARM_FUZZ_FILES", "2000"))
 """How many: 15 s of one core; a longer run sets the variable to more, say 200000."""
 
-CHUNKS = 8
+CHUNKS = 4
 """So that workers share the work; each has its own seed."""
 
 
