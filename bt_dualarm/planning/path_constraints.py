@@ -9,6 +9,7 @@ from the configuration at their beginning: what holds at every pose of an edge h
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import math
 from collections.abc import Callable, Sequence
@@ -37,6 +38,9 @@ MARGIN_RAD = math.radians(0.5)
 MARGIN_M = 0.002
 """Distance by which plans stay inside a range of heights, m."""
 
+POSES = 20_000
+"""Maximum number of poses of which a search solves the inverse kinematics: a few seconds."""
+
 _BLEND_M = 0.05  # distance from a corner at which it may be rounded
 _REACH_M = 0.5  # distance around start and goal from which poses are drawn
 _STEP_M = 0.25  # longest edge; a rotation by 1 rad counts as `_TURN_M`
@@ -44,6 +48,8 @@ _TURN_M = 0.3
 _TO_GOAL = 0.25  # share of the edges that lead toward the goal
 _SPUN = 0.6  # share of the samples that are turned about the vertical
 _COARSE = (0.008, 0.02)  # distance in m and rotation in rad between two samples of an edge
+_FREE = 40_000  # configurations that are checked in a search without the constraint
+_RESTARTS = 4  # trees that are begun anew: the branch depends on the route to a pose
 _SAME = 1e-6
 _SHORTCUTS = 30
 _PROJECTIONS = 4  # rounds in which two cones are satisfied together
@@ -215,7 +221,7 @@ class ConstrainedProblem:
 
     problem: PlanningProblem
     keep: PathConstraint
-    poses: int = 40_000
+    poses: int = POSES
 
     @property
     def planner(self) -> str:
@@ -277,14 +283,15 @@ class _ConstrainedSearch:
         if found is not None:
             return found
         if not self._given.keep.cones:  # often kept without a search for it
-            free = motion_around(self._problem, self._abandoned)
-            if self._given.keeps(free):
-                return free
+            with contextlib.suppress(Failure):
+                free = motion_around(replace(self._problem, checks=_FREE), self._abandoned)
+                if self._given.keeps(free):
+                    return free
         while self._count < self._given.poses:
-            corners = self._tree()
-            if corners is None:
+            corners = self._tree(self._count + self._given.poses // _RESTARTS)
+            if self._abandoned():
                 break
-            found = self._timed(corners)
+            found = None if corners is None else self._timed(corners)
             if found is not None:
                 return found
         if self._abandoned():
@@ -297,12 +304,12 @@ class _ConstrainedSearch:
             **numbers,
         )
 
-    def _tree(self) -> list[Pose] | None:
-        """Corners of a path from the start to the goal; None once the search is over."""
+    def _tree(self, last: int) -> list[Pose] | None:
+        """Corners of a path from the start to the goal; None if it has used this many poses."""
         tree = [_Node(self._start, self._problem.start, -1)]
         low = np.minimum(self._start.position, self._goal.position) - _REACH_M
         high = np.maximum(self._start.position, self._goal.position) + _REACH_M
-        while self._count < self._given.poses and not self._abandoned():
+        while self._count < last and not self._abandoned():
             self._count += 1
             target = self._goal
             if self._rng.random() > _TO_GOAL:

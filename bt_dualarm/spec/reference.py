@@ -33,6 +33,7 @@ from bt_dualarm.spec.faults import KINDS
 from bt_dualarm.spec.goals import SECTIONS, ConditionSpec
 from bt_dualarm.spec.node_types import KEY, LanguageNode, NodeType, Unit, unit_of
 from bt_dualarm.spec.parser import FORMAT, ParamSpec
+from bt_dualarm.spec.path_keep import Facing, Keep
 from bt_dualarm.spec.problems import NAME_PATTERN
 from bt_dualarm.spec.relative_pose import RelativePose
 from bt_dualarm.spec.values import (
@@ -243,6 +244,8 @@ def file_sections() -> Iterator[tuple[str, str, tuple[PortDescription, ...]]]:
 _VALUE_MODELS: Final[tuple[type[BaseModel], ...]] = (
     PoseSpec,
     RelativePose,
+    Keep,
+    Facing,
     Offset,
     Plane,
     Color,

@@ -8,6 +8,7 @@ from textwrap import dedent, indent
 
 from bt_dualarm.behaviors.load import check_file, load_tree_file
 from bt_dualarm.spec.node_types import NodeSpec, NodeType, PortModel, port
+from bt_dualarm.spec.path_keep import Keep
 from bt_dualarm.spec.problems import Problem
 from bt_dualarm.spec.relative_pose import CarriedPose
 from bt_dualarm.spec.values import ArmName, Duration, ObjectName, PoseSpec
@@ -33,6 +34,10 @@ class Carry(PortModel):
     to: CarriedPose = port(..., "Where to")
 
 
+class Kept(PortModel):
+    keep: Keep = port(..., "What to keep")
+
+
 class Bring(PortModel):
     exactly_one_of = ("object", "arm")
 
@@ -43,6 +48,7 @@ class Bring(PortModel):
 SKILLS: Mapping[str, NodeType] = {
     "look": NodeType("look", "Looks.", Look, Seen),
     "go": NodeType("go", "Goes.", Go),
+    "carry": NodeType("carry", "Carries.", Kept),
     "bring": NodeType("bring", "Brings.", Carry),
     "spawn": NodeType("spawn", "Spawns.", Bring, brings_in=frozenset({"object", "arm"})),
 }

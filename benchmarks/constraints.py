@@ -1,0 +1,147 @@
+"""An arm carries upright past boxes: how many carries succeed, and how far it ever tilts.
+
+    python -m benchmarks.constraints [--carries 200] [--upright 5] [--reality lab] [--seed 0]
+
+The worlds, starts and goals are those of `benchmarks.planning`: a UR5 and a Panda take turns, with
+five to ten boxes around, and stand with the tool down. The arm reaches the start by any path, and
+then the goal with `keep: {upright: ...}`.
+
+The tilt is the true one, of the tool's vertical at the start of that leaf, in every physics step. A
+carry that finds no path counts as solvable if ten times as many poses find one. Asked for: no true
+tilt beyond the limit by more than 0.5°, no leaf that ends with `KEEP_VIOLATED`, and 98 % of the
+solvable carries solved; exit code 1 if that is missed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import sys
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+import bt_dualarm as bt
+from benchmarks.box_problems import ARMS, problems
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.planning.path_constraints import POSES, Cone, ConstrainedProblem, PathConstraint
+from bt_dualarm.planning.problem import PlanningProblem, admitted
+from bt_dualarm.runtime.arm_runtime import IdleObserver
+from bt_dualarm.sim.world import World
+
+BEYOND_RAD = np.radians(0.5)
+SOLVED = 0.98
+UP = np.array((0.0, 0.0, 1.0))
+
+
+@dataclass
+class TrueTilt(IdleObserver):
+    """Largest true tilt of a tool while a leaf runs.
+
+    Attributes:
+        world: World of the run.
+        arm: Name of the arm.
+        leaf: Path of the leaf.
+        most: Largest tilt so far, rad.
+    """
+
+    world: World
+    arm: str
+    leaf: str
+    most: float = 0.0
+    _up: Vector | None = field(default=None)
+    _runs: bool = False
+
+    def on_event(self, change: Any) -> None:
+        """Note when the leaf begins and ends."""
+        if change.path == self.leaf:
+            self._runs = change.new == "RUNNING"
+
+    def after_step(self, time: float) -> None:  # noqa: ARG002 - declared by the base class
+        """Measure."""
+        if not self._runs:
+            return
+        tool = self.world.arms[self.arm].tool_pose
+        if self._up is None:
+            self._up = tool.inverse.turn(UP)
+        self.most = max(self.most, float(np.arccos(min(1.0, tool.turn(self._up) @ UP))))
+
+
+def task(world: World, arm: str, poses: tuple[Pose, Pose], upright: float, reality: str) -> Any:
+    """The tree file of one carry."""
+    start, goal = (
+        {"xyz": pose.position.tolist(), "quat": pose.quaternion.tolist()} for pose in poses
+    )
+    robot, x, yaw = ARMS[arm]
+    tree = [
+        {"reach_to_pose": {"to": start}},
+        {"reach_to_pose": {"to": goal, "keep": {"upright": upright}}},
+    ]
+    return {
+        "bt_dualarm": 1,
+        "name": "upright",
+        "world": {"scene": "empty", "reality": reality},
+        "objects": {name: one.model_dump(mode="json") for name, one in world.objects.items()},
+        "arms": {
+            arm: {
+                "robot": robot,
+                "base": {"xyz": [x, 0, 0], "rpy": [0, 0, yaw]},
+                "tree": {"sequence": tree},
+            }
+        },
+    }
+
+
+def is_solvable(world: World, arm: str, problem: PlanningProblem, upright: float) -> bool:
+    """Whether ten times as many poses find a path."""
+    body = world.arms[arm]
+    kinematics = Kinematics(body.robot, body.base)
+    axis = kinematics.forward(problem.start).inverse.turn(UP)
+    cone = Cone("upright", axis, np.radians(upright), UP)
+    keep = PathConstraint(body.robot, body.base, Pose.identity(), (cone,))
+    try:
+        ConstrainedProblem(admitted(problem), keep, 10 * POSES).motion()
+    except Failure:
+        return False
+    return True
+
+
+def main() -> int:
+    """Print the counts and the largest tilt; returns the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--carries", type=int, default=200)
+    parser.add_argument("--upright", type=float, default=5.0, help="largest tilt, degrees")
+    parser.add_argument("--reality", default="lab")
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    outcomes: Counter[str] = Counter()
+    worst = 0.0
+    unsolved = 0
+    for world, arm, problem in itertools.islice(problems(options.seed), options.carries):
+        body = world.arms[arm]
+        kinematics = Kinematics(body.robot, body.base)
+        poses = kinematics.forward(problem.start), kinematics.forward(problem.goals[0])
+        file = task(world, arm, poses, options.upright, options.reality)
+        with bt.open(file, seed=options.seed) as run:
+            tilt = TrueTilt(run.world, arm, "sequence/reach_to_pose#2")
+            run.watch(tilt)
+            result = run.finish()
+        *_, last = result.arms[arm].runs
+        code = "start not reached" if last.path != tilt.leaf else last.code or last.status
+        outcomes[code] += 1
+        worst = max(worst, tilt.most)
+        unsolved += code == "NO_PLAN" and is_solvable(world, arm, problem, options.upright)
+        print(f"{arm}: {code}, tilt {np.degrees(tilt.most):.2f}°", flush=True)
+    solved = outcomes["SUCCESS"] / max(outcomes["SUCCESS"] + unsolved, 1)
+    print(", ".join(f"{count} {code}" for code, count in outcomes.most_common()))
+    print(f"{100 * solved:.1f} % of the solvable carries; largest tilt {np.degrees(worst):.2f}°")
+    kept = worst <= np.radians(options.upright) + BEYOND_RAD and not outcomes["KEEP_VIOLATED"]
+    return 0 if kept and solved >= SOLVED else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,187 @@
+"""Path constraints of skills: kept in the true world, measured, refused where they cannot hold."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bt_dualarm.core.pose import Vector
+from bt_dualarm.sim.world import World
+from bt_dualarm.spec.node_types import validated
+from bt_dualarm.spec.path_keep import Keep
+from tests.plays import Stage
+from tests.skills.scenarios import Scenario, Tree
+
+UP = np.array((0.0, 0.0, 1.0))
+WALL = {
+    "shape": "box", "size": [0.02, 0.3, 0.35], "mass": 1, "fixed": True,
+    "pose": {"xyz": [0.1, -0.5, 0.575]},
+}  # fmt: skip
+CUP = {"shape": "cylinder", "size": [0.02, 0.1], "mass": 0.2, "pose": {"xyz": [0.3, -0.4, 0.45]}}
+
+
+@dataclass
+class Tilts:
+    """True tilt of the cup, or else of the tool from its start, in every step."""
+
+    most: float = 0.0
+    heights: list[float] = field(default_factory=list)
+    first: Vector | None = None
+
+    def of_tool(self, world: World) -> None:
+        tool = world.arms["arm1"].tool_pose
+        if self.first is None:
+            self.first = tool.inverse.turn(UP)
+        self.most = max(self.most, float(np.arccos(min(1.0, tool.turn(self.first) @ UP))))
+        self.heights.append(float(tool.position[2]))
+
+    def of_cup(self, world: World) -> None:
+        z = world.object_pose("cup").rotation_matrix[2, 2]
+        self.most = max(self.most, float(np.arccos(min(1.0, z))))
+
+
+@pytest.mark.parametrize(
+    ("robot", "to"),
+    [("ur5", [0.4, 0.3, 0.5]), ("panda", [0.3, 0.4, 0.7]), ("xarm7", [0.3, 0.3, 0.6])],
+)
+def test_the_tool_stays_upright_where_the_fastest_motion_would_not(
+    robot: str, to: list[float], stage: Stage
+) -> None:
+    """A long motion with a turn about the vertical: straight in the joints it tilts the tool."""
+    leaf: Tree = {"reach_to_pose": {"to": {"xyz": to}, "keep": {"upright": "5 deg"}}}
+    arm: Tree = {"robot": robot, "base": {"xyz": [0, 0, 0.4]}}
+    play = stage.play(Scenario(arm=arm).file(leaf))
+    tilts = Tilts()
+    play.watchers.append(tilts.of_tool)
+    play.run()
+    report = play.leaf("reach_to_pose")
+    assert report.status == "SUCCESS", report.reason
+    assert tilts.most < np.radians(5.5)
+    assert float(report.metrics["upright_max_rad"]) == pytest.approx(tilts.most, abs=2e-3)
+    assert report.metrics["keep_violation_rad"] == 0.0
+
+
+@pytest.mark.parametrize("gripper", ["robotiq_2f85", "suction_cup"])
+def test_a_cup_is_carried_upright_over_a_wall(gripper: str, stage: Stage) -> None:
+    tree: Tree = {
+        "bt_dualarm": 1,
+        "world": {"scene": "table", "reality": "lab"},
+        "objects": {"cup": CUP, "wall": WALL},
+        "arms": {
+            "arm1": {
+                "robot": "ur5",
+                "gripper": gripper,
+                "base": {"xyz": [0, 0, 0.4]},
+                "tree": {
+                    "sequence": [
+                        {"grasp": {"object": "cup"}},
+                        {
+                            "transport": {
+                                "to": {"xyz": [-0.15, -0.45, 0.55]},
+                                "keep": {"upright": 5, "height": [0.47, 1.1]},
+                            }
+                        },
+                    ]
+                },
+            }
+        },
+    }
+    play = stage.play(tree)
+    tilts = Tilts()
+    play.watchers.append(tilts.of_cup)
+    play.run()
+    report = play.leaf("transport")
+    assert report.status == "SUCCESS", report.reason
+    assert tilts.most < np.radians(5.5)
+    assert 0.47 <= float(report.metrics["height_min_m"]) < float(report.metrics["height_max_m"])
+    assert float(report.metrics["height_max_m"]) <= 1.1
+
+
+@pytest.mark.parametrize(
+    ("node", "reason"),
+    [
+        (
+            {"reach_to_pose": {"to": {"xyz": [0.4, 0.2, 0.6], "rpy": [90, 0, 0]},
+                               "keep": {"upright": 5}}},
+            "at the goal upright",
+        ),
+        (
+            {"reach_to_pose": {"to": {"xyz": [0.4, 0.2, 0.6]}, "keep": {"height": [1.5, 2]}}},
+            "at the start height",
+        ),
+        (
+            {"move_linear": {"offset": {"xyz": [0, 0, -0.1]}, "keep": {"facing": {
+                "direction": [1, 0, 0], "axis": "-x", "within": 1}}}},
+            "at the start facing",
+        ),
+        (
+            {"move_linear": {"offset": {"xyz": [0, 0.1, 0], "rpy": [40, 0, 0]},
+                             "keep": {"upright": 10}}},
+            "at the goal upright",
+        ),
+    ],
+)  # fmt: skip
+def test_what_cannot_hold_is_refused_before_anything_moves(
+    node: Tree, reason: str, stage: Stage
+) -> None:
+    play = stage.play(Scenario().file(node))
+    tilts = Tilts()
+    play.watchers.append(tilts.of_tool)
+    play.run()
+    report = play.leaf(next(iter(node)))
+    assert (report.status, report.code) == ("FAILURE", "KEEP_VIOLATED")
+    assert report.reason.startswith(reason)
+    assert np.ptp(tilts.heights) < 1e-3
+
+
+def test_a_violation_in_the_motion_ends_it(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A plan that does not keep the limit is found out by the encoders, and stopped."""
+    from bt_dualarm.planning.path_constraints import ConstrainedProblem
+
+    monkeypatch.setattr(ConstrainedProblem, "keeps", lambda self, motion: True)
+    node: Tree = {
+        "reach_to_pose": {"to": {"xyz": [0.4, 0.3, 0.5]}, "keep": {"upright": 1}, "speed": 1.0}
+    }
+    play = stage.play(Scenario().file(node))
+    play.run()
+    report = play.leaf("reach_to_pose")
+    assert (report.status, report.code) == ("FAILURE", "KEEP_VIOLATED")
+    assert report.reason.startswith("during the motion upright")
+    assert float(report.metrics["keep_violation_rad"]) > 0.0
+    assert float(report.metrics["upright_max_rad"]) > np.radians(1.0)
+
+
+def test_move_linear_keeps_a_point_in_front_of_the_tool(stage: Stage) -> None:
+    node: Tree = {
+        "move_linear": {
+            "offset": {"xyz": [0, 0, -0.1], "frame": "world"},
+            "keep": {"facing": {"toward": {"in_frame": "tool", "xyz": [0, 0, 1]}, "within": 10}},
+        }
+    }
+    play = stage.play(Scenario().file(node))
+    play.run()
+    report = play.leaf("move_linear")
+    assert report.status == "SUCCESS", report.reason
+    assert 0.0 < float(report.metrics["facing_max_rad"]) < np.radians(10)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {},
+        {"upright": 0.1},
+        {"upright": "5 m"},
+        {"height": [0.5, 0.5]},
+        {"height": [0.6, 0.5]},
+        {"facing": {}},
+        {"facing": {"direction": [0, 0, 0]}},
+        {"facing": {"direction": [0, 0, 1], "toward": {"xyz": [0, 0, 1]}}},
+        {"facing": {"direction": [0, 0, 1], "axis": "z"}},
+    ],
+)
+def test_contradictory_limits_are_refused(given: Any) -> None:
+    with pytest.raises(ValueError, match="validation error"):
+        validated(Keep, given)
