@@ -613,6 +613,7 @@ class Arm(ArmState):
         speed: float,
         ignore: frozenset[str] = _NOTHING,
         planner: Planner = DEFAULT_PLANNER,
+        began_s: float | None = None,
     ) -> Generator[None, None, Trajectory]:
         """Plan a collision-free motion to one of several configurations, straight where possible.
 
@@ -624,6 +625,7 @@ class Arm(ArmState):
             speed: Fraction of the limits, above 0 to 1.
             ignore: Names of the objects that may be touched.
             planner: Planner to use if the straight path to the preferred goal is blocked.
+            began_s: Simulated time at which the caller began to plan, s; by default now.
 
         Raises:
             Failure: ``IN_COLLISION`` or ``JOINT_LIMIT`` of the start, or of the preferred goal if
@@ -631,8 +633,10 @@ class Arm(ArmState):
                 moves the arm; ``TRACKING_ERROR`` when it does not come to rest.
         """
         yield from self._come_to_rest()
+        due = (self.time if began_s is None else began_s) + PLANNING_S
         for replan in range(REPLANS, -1, -1):
-            found = yield from self._plan_once(goals, speed, ignore, planner)
+            found = yield from self._plan_once(goals, speed, ignore, planner, due)
+            due = self.time + PLANNING_S
             motion = self.within_efforts(found)
             try:
                 refuse_contact(self.checker(ignore), motion)
@@ -644,9 +648,13 @@ class Arm(ArmState):
         return motion
 
     def _plan_once(
-        self, goals: Sequence[Vector], speed: float, ignore: frozenset[str], planner: Planner
+        self,
+        goals: Sequence[Vector],
+        speed: float,
+        ignore: frozenset[str],
+        planner: Planner,
+        due: float,
     ) -> Generator[None, None, Trajectory]:
-        due = self.time + PLANNING_S
         problem = admitted(
             PlanningProblem(
                 self.checker(ignore),
@@ -757,8 +765,8 @@ class Arm(ArmState):
     ) -> OverlappedMotion:
         """A motion that begins before the one before has ended, so that the arm does not stop.
 
-        The overlap is as long as limits, efforts and grip allow at full speed, and free of
-        collisions; at worst there is none.
+        Limits, efforts and grip allow the whole, and the overlap is free of collisions; at worst
+        there is none.
 
         Args:
             before: Motions before, from the last set-point on.

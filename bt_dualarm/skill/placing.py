@@ -423,6 +423,7 @@ def _is_beyond(arm: Arm, name: str, lies: Pose) -> bool:
 
 
 _ROOM_M: Final = 0.01  # least opening on each side of the object at the release
+_APART_M: Final = 0.003  # opening on each side of it at which the retreat begins
 _FREE_M: Final = 0.006  # height above the goal down to which the path must be free
 _EXPECTED_M: Final = 0.001  # height above the goal from which contact is expected
 _LOWEST_M: Final = 0.008  # least height above the goal at which the descent begins
@@ -433,7 +434,7 @@ _UPRIGHT: Final = np.cos(np.radians(5.0))  # cosine of an axis about which rotat
 _NEAR_M: Final = 0.0015  # height above the goal beyond which a contact may be joint friction
 _FALSE: Final = 3  # descents until a contact beyond that height counts
 _OFF_M: Final = 0.003  # length of the compliant start of the retreat
-_LOWERING: Final = 0.3  # fraction of the speed below the approach height
+_LOWERING: Final = (0.6, 0.45, 0.3)  # fractions of the speed below the approach height
 _BRANCHES: Final = 3  # free branches of the inverse kinematics among which the planner chooses
 _TRIES: Final = 12  # blocked branches after which the search for free ones ends
 
@@ -553,8 +554,7 @@ class SettingDown:
             raise
         lies = arm.tool_pose @ self._in_tool
         self._metrics["believed_error_m"] = lies.distance(goal)
-        yield from self._release(grip.width)
-        yield from self._refuse_if_it_sticks(grip.width, lies)
+        yield from self._release(grip.width, lies)
         return lies
 
     def stays_at(self, goal: Pose, within_m: float | None = None) -> Iterator[float]:
@@ -620,9 +620,14 @@ class SettingDown:
         descents: list[_Descent] = []
 
         def above() -> Generator[None, None, Trajectory]:
+            began_s = arm.time
             descents[:] = [(yield from self._descent(goal, move))]
             starts = [rows[0] for rows in descents[0].branches]
-            return (yield from arm.plan(starts, ports.speed, planner=ports.planner))
+            return (
+                yield from arm.plan(
+                    starts, ports.speed, planner=ports.planner, began_s=began_s
+                )
+            )
 
         def down(q: Vector) -> Matrix:
             return min(descents[0].branches, key=lambda rows: float(np.abs(rows[0] - q).max()))
@@ -668,14 +673,18 @@ class SettingDown:
         arm = self._arm
         ports = self._ports
         held = frozenset({self._name})
-        free = arm.time_path(down, _LOWERING * ports.speed)
         near = arm.line_after(down[-1], _raised(tool, _EXPECTED_M))
-        brisk = _LOWERING * ports.speed
+        brisk = _LOWERING[0] * ports.speed
         nearing, _ = arm.slow_path(near, brisk, NEARING_M_S, brisk)
         low = arm.line_after(near[-1], _raised(tool, -ports.search))
         touching, self._top = arm.slow_path(low, ports.down_speed, TOUCHDOWN_M_S, brisk)
-        # On the lower half of each part, the tool is straight above the goal.
-        begin = arm.overlapped(begin, free, ports.speed, 0.5 * free.duration)
+        # On the lower half of each part, the tool is straight above the goal. A slower descent may
+        # leave more of the limits to the overlap.
+        descents = [arm.time_path(down, share * ports.speed) for share in _LOWERING]
+        begin = min(
+            (arm.overlapped(begin, one, ports.speed, 0.5 * one.duration) for one in descents),
+            key=lambda one: one.motion.duration,
+        )
         begin = arm.overlapped(begin, nearing, ports.speed, 0.5 * nearing.duration, held)
         return arm.overlapped(begin, touching, ports.speed, nearing.duration, held)
 
@@ -826,40 +835,93 @@ class SettingDown:
         """Height of the tool above a pose, by the encoders, m."""
         return float(self._arm.tool_pose.position[2] - tool.position[2])
 
-    def _release(self, width: float) -> Iterator[float | None]:
-        """Open and retreat.
+    def _release(self, width: float, lies: Pose) -> Iterator[float | None]:
+        """Open, retreat, and check meanwhile that the object does not come along.
+
+        The retreat begins as soon as there is `_APART_M` on each side of the object. An object that
+        is still in the gripper is attached again.
 
         Args:
             width: Opening of the fingers when they held it, m.
+            lies: Pose of the object in the world at the release.
+
+        Raises:
+            Failure: ``NOT_OPEN``; ``NOT_PLACED`` if it sticks to the gripper; as motions.
         """
         arm = self._arm
-        ports = self._ports
-        yield from self._open(width)
-        arm.gripper.let_go(self._name)
-        self._left = LeftStanding(arm, self._name)
-        back = arm.commanded_tool_pose @ Pose.from_rpy((0, 0, -ports.retreat))
-        yield from self._retreat_compliantly()
-        for progress in arm.past_others(0.3 * ports.speed, frozenset({self._name})).straight(back):
-            self._left.look()
-            yield 0.85 + 0.15 * (progress or 0.0)
-
-    def _open(self, width: float) -> Iterator[float]:
-        """Open fingers from a width, m, until there is `_ROOM_M` on each side of the object."""
-        gripper = self._arm.gripper
-        page = self._arm.gripper.page
-        wide = min(width + 2.0 * _ROOM_M, page.stroke)
-        gripper.command(wide if page.fingers else 1.0)
+        gripper = arm.gripper
+        fingers = gripper.page.fingers
+        gripper.command(self._open_width(width) if fingers else 1.0)
+        apart = width + 2.0 * _APART_M
         for _ in gripper.until_open():
+            if fingers and gripper.width >= apart:
+                break
             yield 0.85
+        gripper.let_go(self._name)
+        self._left = LeftStanding(arm, self._name)
+        back = arm.commanded_tool_pose @ Pose.from_rpy((0, 0, -self._ports.retreat))
+        move = replace(arm.past_others(self._ports.speed, frozenset({self._name})), give_way=False)
 
-    def _refuse_if_it_sticks(self, width: float, lies: Pose) -> Iterator[float]:
-        """Check that the gripper is empty; an object that is still in it is attached again."""
+        def planned() -> Generator[None, None, Trajectory]:
+            rows = arm.line_on(back)
+            yield from move.checked(rows, known_free=False)
+            return arm.time_path(rows, move.speed)
+
+        self._test: Generator[float, None, bool] | None = None
+        self._sticks: bool | None = None
+        yield from move.along(planned, partial(self._retreat, width, lies))
+        while self._test is not None and self._sticks is None:
+            yield 1.0
+            self._continue_test(width)
+        if self._sticks:
+            self._refuse_sticking()
+
+    def _retreat(
+        self, width: float, lies: Pose, motion: Trajectory, wait_s: float
+    ) -> Iterator[float | None]:
+        """Execute the retreat: compliant at first, as the tool may still be in contact."""
+        arm = self._arm
+        start = arm.commanded_tool_pose
+        running = arm.begin(motion, may_touch=True, compliant=True)
+        watch = arm.watch(running, frozenset({self._name}))
+        in_contact = True
+        while not running.done:
+            yield 0.85 + 0.15 * running.progress
+            arm.check()
+            self._left.look()
+            if in_contact and arm.commanded_tool_pose.distance(start) >= _OFF_M:
+                in_contact = False
+                arm.expect_no_contact()
+            if not in_contact:
+                watch.look(arm.time)
+                arm.refuse_when_held_up(running, wait_s)
+            if self._test is None and _is_beyond(arm, self._name, lies):
+                self._test = came_along(arm, self._held, width, lies)
+            if self._test is not None:
+                self._continue_test(width)
+        yield from arm.settle()
+
+    def _continue_test(self, width: float) -> None:
+        """Go on with the test whether the object came along; open again at its end."""
+        if self._test is None or self._sticks is not None:
+            return
+        try:
+            next(self._test)
+        except StopIteration as end:
+            self._sticks = bool(end.value)
+            if not self._sticks:
+                page = self._arm.gripper.page
+                self._arm.gripper.command(self._open_width(width) if page.fingers else 1.0)
+
+    def _open_width(self, width: float) -> float:
+        """Opening of the fingers, m, with `_ROOM_M` on each side of an object of a width."""
+        return min(width + 2.0 * _ROOM_M, self._arm.gripper.page.stroke)
+
+    def _refuse_sticking(self) -> None:
+        """Attach an object that sticks to the gripper again, and fail."""
         arm = self._arm
         gripper = self._arm.gripper
         name = self._name
-        if not (yield from came_along(arm, self._held, width, lies)):
-            yield from self._open(width)
-            return
         pose = arm.tool_pose @ self._in_tool
         if gripper.why_not(name, pose) is None:
             gripper.hold(name, pose, self._held.most_force, mass_declared=self._held.mass_declared)
@@ -870,17 +932,6 @@ class SettingDown:
             width_m=gripper.width,
             force_n=gripper.force,
         )
-
-    def _retreat_compliantly(self) -> Iterator[float]:
-        """Retreat a little while still compliant, since the tool is still in contact."""
-        arm = self._arm
-        off = arm.commanded_tool_pose @ Pose.from_rpy((0.0, 0.0, -_OFF_M))
-        motion = arm.begin(
-            arm.time_path(arm.line_on(off), _LOWERING), may_touch=True, compliant=True
-        )
-        while not motion.done:
-            yield 0.85
-            arm.check()
 
 
 def _raised(pose: Pose, height: float) -> Pose:

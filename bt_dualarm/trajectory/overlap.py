@@ -2,8 +2,9 @@
 
 In the overlap the displacements add up (superposition of motions at via points: Siciliano et al.,
 Robotics, 2009, section 4.2.2; Lloyd and Hayward, Trajectory generation for sensor-driven and
-time-varying tasks, IJRR 1993). Velocities and accelerations add up as well, so that an overlap is as
-long as the limits allow. Outside of it, every set-point is that of one of the motions.
+time-varying tasks, IJRR 1993). Velocities and accelerations add up as well; where they exceed the
+limits, time is stretched, and the overlap with the shortest result is taken. Outside of the overlap,
+the joints are on the path of one of the motions.
 """
 
 from __future__ import annotations
@@ -15,13 +16,17 @@ import numpy as np
 
 from bt_dualarm.core.pose import Matrix
 from bt_dualarm.robots.robot import JointLimits
+from bt_dualarm.trajectory.set_points import at_scale
 from bt_dualarm.trajectory.trajectory import LONG, Trajectory, use_of_limits
 
 _CANDIDATES = 24
 """Number of overlaps that are tried, the longest first: the next one is 4 % shorter."""
 
 _MOST_REFUSED = 4
-"""Number of overlaps within the limits that the caller may refuse until there is none."""
+"""Number of overlaps that the caller may refuse until there is none."""
+
+_MARGIN = 1.0 + 1e-3
+"""Additional stretch of time, as set-points fall on other points after stretching."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +53,7 @@ class OverlappedMotion:
         longest_s: float,
         is_allowed: Callable[[Trajectory, int, int], bool],
     ) -> OverlappedMotion:
-        """These motions and one more, with the longest allowed overlap.
+        """These motions and one more, with the allowed overlap that gives the shortest result.
 
         Args:
             motion: Motion that begins where these end.
@@ -68,19 +73,35 @@ class OverlappedMotion:
         # Three motions at a time would add up to a path that nobody planned.
         longest = min(longest_s, last_end - before, motion.duration)
         most = int(longest / whole.dt + 1e-9)
-        refused = 0
+        candidates = []
         for share in np.linspace(1.0, 0.0, _CANDIDATES, endpoint=False).tolist():
             count = int(share * most)
-            if count < 1 or refused == _MOST_REFUSED:
+            if count < 1:
                 break
             found = _overlapped(whole, motion, count)
-            if not use_of_limits(found, limits).within:
-                continue
-            if is_allowed(found, len(whole) - 1 - count, len(whole) - 1):
-                end = found.duration
-                return OverlappedMotion(found, (*self.ends_s, end))
-            refused += 1
+            use = use_of_limits(found, limits)
+            # A stretch by r divides velocity by r, acceleration by r² and jerk by r³.
+            stretch = max(1.0, use.velocity, use.acceleration**0.5, use.jerk ** (1.0 / 3.0))
+            if use.position_margin >= 0.0 and found.duration * stretch < plain.motion.duration:
+                candidates.append((found.duration * stretch, count, stretch, found))
+        candidates.sort(key=lambda one: one[:2])
+        for _, count, stretch, found in candidates[:_MOST_REFUSED]:
+            stretched, by = _stretched(found, stretch, limits)
+            ends_s = (*(by * end for end in self.ends_s), stretched.duration)
+            first = int(by * (len(whole) - 1 - count))
+            last = min(int(np.ceil(by * (len(whole) - 1))), len(stretched) - 1)
+            if is_allowed(stretched, first, last):
+                return OverlappedMotion(stretched, ends_s)
         return plain
+
+
+def _stretched(motion: Trajectory, stretch: float, limits: JointLimits) -> tuple[Trajectory, float]:
+    """The motion at a constant time scale at which it keeps the limits, and the stretch of time."""
+    while True:
+        slower = motion if stretch == 1.0 else at_scale(motion, 1.0 / stretch)
+        if use_of_limits(slower, limits).within:
+            return slower, stretch
+        stretch *= _MARGIN
 
 
 def _overlapped(first: Trajectory, second: Trajectory, count: int) -> Trajectory:
