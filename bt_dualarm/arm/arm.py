@@ -307,15 +307,16 @@ class Arm(ArmState):
         self._shared.traffic.begin_motion(self.name, self._lease.leaf, motion)
         return motion
 
-    def expect_contact(self) -> None:
-        """Change the running motion: contact is intended from now on, and the arm complies.
+    def expect_contact(self, *, compliant: bool = True) -> None:
+        """Change the running motion: contact is intended from now on.
 
-        Called again, a compliant arm averages its friction and model errors anew, as at another
-        speed they are others.
+        Args:
+            compliant: Whether the arm complies from now on. Called again, it averages its friction
+                and model errors anew, as at another speed they are others.
         """
         self._lease.refuse_other_threads()
         self._shared.slip.may_touch = True
-        self.controller.expect_contact()
+        self.controller.expect_contact(compliant=compliant)
 
     def expect_no_contact(self) -> None:
         """Change the running motion: no contact is intended any more, and the arm is stiff."""

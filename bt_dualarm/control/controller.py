@@ -201,13 +201,16 @@ class JointController:
         self._may_touch = may_touch
         self.compliance.active = compliant
 
-    def expect_contact(self) -> None:
-        """Become compliant in the middle of a motion, without collision detection from now on.
+    def expect_contact(self, *, compliant: bool = True) -> None:
+        """Disable collision detection in the middle of a motion.
 
-        Called again, it averages the disturbance anew, see `Compliance.begin_moving`.
+        Args:
+            compliant: Whether the arm becomes compliant. Called again, it averages the disturbance
+                anew, see `Compliance.begin_moving`.
         """
         self._may_touch = True
-        self.compliance.begin_moving()
+        if compliant:
+            self.compliance.begin_moving()
 
     def expect_no_contact(self) -> None:
         """Become stiff in the middle of a motion, with collision detection from now on."""
