@@ -30,7 +30,8 @@ _PRESSING: Final = 0.01  # fraction of the limits for pressing a cup on
 _EARLY_M: Final = 0.012  # distance from the grasp at which a contact is one with something else
 _EDGE_S: Final = 0.12  # at the start of the straight part, in which the force has no zero yet
 _CLEAR_M: Final = 0.01  # uncertainty of the distance at which the gripper may touch the object
-_NEAR_M_S: Final = 0.1  # highest speed of the tool there
+_NEAR_M_S: Final = 0.15  # highest speed of the tool there
+_ROOM_M: Final = 0.012  # opening on each side of an object whose pose is known, before the fingers close
 _BRISK: Final = 0.6  # fraction of the speed on straight parts on which nothing is touched
 
 
@@ -241,6 +242,10 @@ class Taking:
         standoff_s = self._motion.ends_s[0]
         running = arm.begin(motion)
         watch = arm.watch(running, unseen, standoff_s)
+        page = arm.gripper.page
+        if page.fingers and self._seen is None:  # less to close later
+            wide = approach.ranked.grasp.width + 2.0 * _ROOM_M
+            arm.gripper.command(min(wide, page.stroke))
         while running.parameter.s < standoff_s:
             yield 0.5 * running.parameter.s / standoff_s
             arm.check()
