@@ -425,7 +425,8 @@ def _is_beyond(arm: Arm, name: str, lies: Pose) -> bool:
 _ROOM_M: Final = 0.01  # least opening on each side of the object at the release
 _APART_M: Final = 0.003  # opening on each side of it at which the retreat begins
 _FREE_M: Final = 0.006  # height above the goal down to which the path must be free
-_EXPECTED_M: Final = 0.001  # height above the goal from which contact is expected
+_EXPECTED_M: Final = 0.0007  # height above the goal from which contact is expected
+_EXPECTED_M_S: Final = 0.0015  # highest speed from there on
 _LOWEST_M: Final = 0.008  # least height above the goal at which the descent begins
 _CLEAR_M: Final = 0.003  # clearance to the height at which the descent is still free
 _LOWER: Final = (0.7, 0.5, 0.35, 0.25)  # fractions of the height that are tried if it is not free
@@ -677,7 +678,7 @@ class SettingDown:
         brisk = _LOWERING[0] * ports.speed
         nearing, _ = arm.slow_path(near, brisk, NEARING_M_S, brisk)
         low = arm.line_after(near[-1], _raised(tool, -ports.search))
-        touching, self._top = arm.slow_path(low, ports.down_speed, TOUCHDOWN_M_S, brisk)
+        touching, self._top = arm.slow_path(low, ports.down_speed, _EXPECTED_M_S, brisk)
         # On the lower half of each part, the tool is straight above the goal. A slower descent may
         # leave more of the limits to the overlap.
         descents = [arm.time_path(down, share * ports.speed) for share in _LOWERING]
@@ -704,9 +705,9 @@ class SettingDown:
             watch.look(arm.time)
             arm.refuse_when_held_up(running, wait_s)
             grip.look()
+        arm.expect_contact()
         down = np.array((0.0, 0.0, -1.0))
         for end_s in (near_s, low_s):
-            arm.expect_contact()
             felt, most = yield from until_contact(
                 arm, running, end_s, down, self._top, force, grip.look, lightly=True
             )
