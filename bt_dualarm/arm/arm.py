@@ -51,6 +51,7 @@ from bt_dualarm.sim.camera import Camera, GuardedCamera
 from bt_dualarm.sim.contact_monitor import Contacts
 from bt_dualarm.sim.world import World
 from bt_dualarm.trajectory.coupled import CoupledSource
+from bt_dualarm.trajectory.overlap import OverlappedMotion
 from bt_dualarm.trajectory.path_timing import point_to_point, time_path
 from bt_dualarm.trajectory.paths import line
 from bt_dualarm.trajectory.set_points import SetPointSource, Stream, TrajectorySource
@@ -318,6 +319,23 @@ class Arm(ArmState):
         self._shared.traffic.begin_motion(self.name, self._lease.leaf, motion)
         return motion
 
+    def expect_contact(self, *, compliant: bool = True) -> None:
+        """Change the running motion: contact is intended from now on.
+
+        Args:
+            compliant: Whether the arm complies from now on. Called again, it averages its friction
+                and model errors anew, as at another speed they are others.
+        """
+        self._lease.refuse_other_threads()
+        self._shared.slip.may_touch = True
+        self.controller.expect_contact(compliant=compliant)
+
+    def expect_no_contact(self) -> None:
+        """Change the running motion: no contact is intended any more, and the arm is stiff."""
+        self._lease.refuse_other_threads()
+        self._shared.slip.may_touch = False
+        self.controller.expect_no_contact()
+
     def begin_with_others(self, motion: CoupledSource, *, compliant: bool = False) -> None:
         """Begin this arm's part of a coupled motion, which the caller monitors with ``check``.
 
@@ -396,11 +414,22 @@ class Arm(ArmState):
         """Pose of another arm's tool at its last set-point, as its controller knows it."""
         return self.world.nominal[other].tool_pose_at(self._shared.controllers[other].setpoint.q)
 
-    def watch(self, motion: TrajectorySource, ignore: frozenset[str] = _NOTHING) -> PlanMonitor:
-        """Monitor that checks a running motion against the world as it changes."""
+    def watch(
+        self,
+        motion: TrajectorySource,
+        ignore: frozenset[str] = _NOTHING,
+        until_s: float | None = None,
+    ) -> PlanMonitor:
+        """Monitor that checks a running motion against the world as it changes.
+
+        Args:
+            motion: Motion that has just begun.
+            ignore: Names of the objects that may be touched.
+            until_s: Time of the motion as planned after which contact is intended, s.
+        """
         # Arms that follow this one's tool make way by themselves; the guard keeps them apart.
         followers = self._shared.traffic.followers(self.name)
-        return PlanMonitor(self.world, self.name, motion, ignore | followers)
+        return PlanMonitor(self.world, self.name, motion, ignore | followers, until_s)
 
     def check(self) -> None:
         """Raise the error of the running motion, if there is one.
@@ -598,6 +627,7 @@ class Arm(ArmState):
         ignore: frozenset[str] = _NOTHING,
         planner: Planner = DEFAULT_PLANNER,
         keep: PathConstraint | None = None,
+        began_s: float | None = None,
     ) -> Generator[None, None, Trajectory]:
         """Plan a collision-free motion to one of several configurations, straight where possible.
 
@@ -611,6 +641,7 @@ class Arm(ArmState):
             planner: Planner to use if the straight path to the preferred goal is blocked.
             keep: Constraint along the whole path, if there is one; the motion may then end in
                 another configuration with the tool at the same pose.
+            began_s: Simulated time at which the caller began to plan, s; by default now.
 
         Raises:
             Failure: ``IN_COLLISION`` or ``JOINT_LIMIT`` of the start, or of the preferred goal if
@@ -618,8 +649,10 @@ class Arm(ArmState):
                 moves the arm; ``TRACKING_ERROR`` when it does not come to rest.
         """
         yield from self._come_to_rest()
+        due = (self.time if began_s is None else began_s) + PLANNING_S
         for replan in range(REPLANS, -1, -1):
-            found = yield from self._plan_once(goals, speed, ignore, planner, keep)
+            found = yield from self._plan_once(goals, speed, ignore, planner, keep, due)
+            due = self.time + PLANNING_S
             motion = self.within_efforts(found)
             try:
                 refuse_contact(self.checker(ignore), motion)
@@ -637,8 +670,8 @@ class Arm(ArmState):
         ignore: frozenset[str],
         planner: Planner,
         keep: PathConstraint | None,
+        due: float,
     ) -> Generator[None, None, Trajectory]:
-        due = self.time + PLANNING_S
         problem = admitted(
             PlanningProblem(
                 self.checker(ignore),
@@ -739,6 +772,68 @@ class Arm(ArmState):
             Failure: ``OVERLOADED``.
         """
         return self.within_efforts(time_path(q, self.limits(speed), self.period))
+
+    def overlapped(
+        self,
+        before: OverlappedMotion,
+        motion: Trajectory,
+        speed: float,
+        longest_s: float,
+        ignore: frozenset[str] = _NOTHING,
+    ) -> OverlappedMotion:
+        """A motion that begins before the one before has ended, so that the arm does not stop.
+
+        Limits, efforts and grip allow the whole, and the overlap is free of collisions; at worst
+        there is none.
+
+        Args:
+            before: Motions before, from the last set-point on.
+            motion: Motion that begins where they end.
+            speed: Fraction of the limits for the whole, above 0 to 1.
+            longest_s: Longest overlap, s.
+            ignore: Names of the objects that may be touched in the overlap.
+        """
+        checker = self.checker(ignore)
+
+        def is_allowed(whole: Trajectory, first: int, last: int) -> bool:
+            try:
+                refuse_contact(checker, whole.piece(first, last + 1))
+            except Failure:
+                return False
+            return self.within_efforts(whole) is whole
+
+        return before.then(motion, self.limits(speed), longest_s, is_allowed)
+
+    def slow_path(
+        self, q: Matrix, speed: float, most_m_s: float, brisk: float
+    ) -> tuple[Trajectory, float]:
+        """Motion through configurations with a bounded speed of the tool, soon reached.
+
+        Args:
+            q: Configurations, of shape (n, dof), rad.
+            speed: Fraction of the velocity limits, above 0 to 1.
+            most_m_s: Highest speed of the tool, m/s.
+            brisk: Fraction of the acceleration and jerk limits, above 0 to 1.
+
+        Returns:
+            The motion, and the highest speed of the tool on it, m/s.
+
+        Raises:
+            Failure: ``OVERLOADED``.
+        """
+        limits = replace(self.limits(brisk), velocity=self.limits(speed).velocity)
+        motion = time_path(q, limits, self.period)
+        top = self._top_speed(motion)
+        if top > most_m_s:
+            share = float((np.abs(motion.v) / limits.velocity).max()) * most_m_s / top
+            slower = replace(limits, velocity=share * limits.velocity)
+            motion = time_path(q, slower, self.period)
+            top = self._top_speed(motion)
+        return self.within_efforts(motion), top
+
+    def _top_speed(self, motion: Trajectory) -> float:
+        steps = np.diff(self.planned_tool_positions(motion), axis=0)
+        return float(np.linalg.norm(steps, axis=1).max(initial=0.0)) / motion.dt
 
     def straight_to(self, goal: Vector, speed: float) -> Trajectory:
         """Motion to a configuration along a straight line in joint space.
@@ -880,6 +975,9 @@ class Arm(ArmState):
 Planning: TypeAlias = Callable[[], Generator[None, None, Trajectory]]
 """Plans a motion from the current configuration, in the current world; yields once per tick."""
 
+Following: TypeAlias = Callable[[Trajectory, float], Iterator[float | None]]
+"""Executes a motion, and waits so many simulated seconds for another arm; yields once per tick."""
+
 _Found = TypeVar("_Found")
 
 
@@ -938,7 +1036,7 @@ class MoveTo:
             rows = self.arm.line_on(end)
             # After an interruption the line begins elsewhere, where nothing is known to be free.
             has_not_moved = bool(np.array_equal(self.arm.setpoint.q, start))
-            yield from self._checked(rows, known_free and has_not_moved)
+            yield from self.checked(rows, known_free and has_not_moved)
             return self.arm.time_path(rows, self.speed)
 
         # Elsewhere the line may be another one, or none at all: the others move aside.
@@ -973,7 +1071,7 @@ class MoveTo:
                 ) -> Generator[None, None, bool]:
                     if not np.array_equal(self.arm.setpoint.q, start):
                         return False  # it has moved aside
-                    yield from line._checked(path, known_free=True)
+                    yield from line.checked(path, known_free=True)
                     return True
 
                 until = self.arm.time + self.wait_s
@@ -982,7 +1080,9 @@ class MoveTo:
         finally:
             self.traffic.arrive(self.arm.name)
 
-    def along(self, planning: Planning) -> Iterator[float | None]:
+    def along(
+        self, planning: Planning, follow: Following | None = None
+    ) -> Iterator[float | None]:
         """Plan and execute the plan to its end; yields once per tick.
 
         If another arm is at the goal or in the path, the arm waits for that to change. If something
@@ -991,16 +1091,19 @@ class MoveTo:
 
         Args:
             planning: Makes the plan, each time.
+            follow: Executes it; by default `Arm.follow`.
 
         Raises:
-            Failure: As ``planning`` and `Arm.follow`.
+            Failure: As ``planning`` and ``follow``.
         """
         try:
-            yield from self._along(planning)
+            yield from self._along(planning, follow)
         finally:
             self.traffic.arrive(self.arm.name)
 
-    def _along(self, planning: Planning) -> Iterator[float | None]:
+    def _along(
+        self, planning: Planning, follow: Following | None = None
+    ) -> Iterator[float | None]:
         """Plan and execute, and keep the arm's rank at the end."""
         until = self.arm.time + self.wait_s
         replans = REPLANS
@@ -1008,7 +1111,11 @@ class MoveTo:
             motion = yield from self._when_clear(planning, until)
             try:
                 # If it is held up longer, another plan may lead past the obstacle.
-                yield from self.arm.follow(motion, self.ignore, self.backoff.renew())
+                wait_s = self.backoff.renew()
+                if follow is None:
+                    yield from self.arm.follow(motion, self.ignore, wait_s)
+                else:
+                    yield from follow(motion, wait_s)
             except BlockedFailure:
                 if replans <= 0 and self.arm.time > until:
                     raise
@@ -1108,8 +1215,16 @@ class MoveTo:
                 raise
             yield from arm.halt()
 
-    def _checked(self, rows: Matrix, known_free: bool) -> Generator[None, None, None]:
-        """Refuse a blocked path; if it is known to be free, only one that an arm blocks."""
+    def checked(self, rows: Matrix, known_free: bool) -> Generator[None, None, None]:
+        """Refuse a blocked path; if it is known to be free, only one that an arm blocks.
+
+        Args:
+            rows: Configurations along the path, of shape (n, dof), rad.
+            known_free: Whether only another arm can be in the way.
+
+        Raises:
+            Failure: ``IN_COLLISION``.
+        """
         yield from ()
         if known_free and not self.arm.controller.neighbors:
             return

@@ -62,6 +62,11 @@ _COMPENSATION_S: Final = 0.5
 _BANDWIDTH: Final = 30.0
 """Bandwidth of a compliant arm, rad/s: softer, friction causes path errors; stiffer, it bounces."""
 
+_CREEP_SPEED: Final = 0.001
+"""Velocity over which dry friction is smoothed in a motion that gets slower without reversing,
+rad/s. With more, the friction that is fed forward would fade where the joints are slow: the soft arm
+stopped short, as if it had made contact."""
+
 SOFTEST: Final = 6.0
 """Least bandwidth of an arm that holds still softly, rad/s; below, its model errors displace it by
 centimeters."""
@@ -71,6 +76,8 @@ _STIFFENING_S: Final = 1.0
 
 # Indices in `law_array`, in which gravity takes three elements.
 _BANDWIDTH_AT: Final = 2 + ControlLaw._fields.index("bandwidth")
+
+_FRICTION_SPEED_AT: Final = 2 + ControlLaw._fields.index("friction_speed")
 
 _COMPENSATION_AT: Final = 2 + ControlLaw._fields.index("compensation_share")
 
@@ -443,6 +450,17 @@ class Compliance:
             self.is_spring = False
             self._numbers[:] = self._stiff
             self._holds = False
+
+    def begin_moving(self) -> None:
+        """Become compliant in the middle of a motion, or average the disturbance anew.
+
+        The joints have broken away, so that the average begins now: friction depends on the speed,
+        and what was measured at another one would displace the arm.
+        """
+        self.active = True
+        self._holds = False
+        self._elapsed = BREAKAWAY_S
+        self._numbers[_FRICTION_SPEED_AT] = _CREEP_SPEED
 
     def spring(self, bandwidth: float) -> None:
         """Be a spring about the set-point until the arm is stiff again.

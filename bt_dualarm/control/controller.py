@@ -201,6 +201,22 @@ class JointController:
         self._may_touch = may_touch
         self.compliance.active = compliant
 
+    def expect_contact(self, *, compliant: bool = True) -> None:
+        """Disable collision detection in the middle of a motion.
+
+        Args:
+            compliant: Whether the arm becomes compliant. Called again, it averages the disturbance
+                anew, see `Compliance.begin_moving`.
+        """
+        self._may_touch = True
+        if compliant:
+            self.compliance.begin_moving()
+
+    def expect_no_contact(self) -> None:
+        """Become stiff in the middle of a motion, with collision detection from now on."""
+        self._may_touch = False
+        self.compliance.active = False
+
     def _refuse_elsewhere(self, start: Vector) -> None:
         away = float(np.abs(start - self.setpoint.q).max())
         if away > 1e-6:

@@ -549,10 +549,17 @@ class PlanMonitor:
         arm: Name of the arm.
         motion: Motion that has just begun; all of it was checked against this world.
         ignore: Names of objects that may be touched.
+        until_s: Time of the motion as planned after which it is not checked, as contact is
+            intended, s; None for its end.
     """
 
     def __init__(
-        self, world: World, arm: str, motion: TrajectorySource, ignore: frozenset[str]
+        self,
+        world: World,
+        arm: str,
+        motion: TrajectorySource,
+        ignore: frozenset[str],
+        until_s: float | None = None,
     ) -> None:
         self._world = world
         self._arm = arm
@@ -563,7 +570,9 @@ class PlanMonitor:
         self._next = world.time + MONITOR_PERIOD_S
         self._seen = self._others()
         self._moved: set[str] = set()
-        self._checked = len(motion.trajectory)
+        count = len(motion.trajectory)
+        self._end = count if until_s is None else min(int(until_s / motion.trajectory.dt), count)
+        self._checked = self._end
 
     def look(self, time: float) -> None:
         """Check the motion ahead, if it is time for that.
@@ -576,7 +585,7 @@ class PlanMonitor:
         self._next = time + MONITOR_PERIOD_S
         if self._has_seen_motion():
             self._checked = self._row()
-        if self._checked < len(self._motion.trajectory):
+        if self._checked < self._end:
             self._look_ahead()
 
     def _has_seen_motion(self) -> bool:
@@ -596,7 +605,7 @@ class PlanMonitor:
         """Check the next part of the motion, as far as it has not been checked yet."""
         motion = self._motion.trajectory
         first = max(self._row(), self._checked)
-        ahead = min(self._row() + round(AHEAD_S / motion.dt), len(motion))
+        ahead = min(self._row() + round(AHEAD_S / motion.dt), self._end)
         if first >= ahead:  # held by the guard: no unchecked part has come into range
             return
         near = self._within_reach(first, ahead)

@@ -70,7 +70,9 @@ class TakingPorts(PortModel):
     margin: float = port(1.5, "safety factor of the grip", unit="times the load", ge=1, le=10)
     touch: float = port(40.0, "contact force at which the approach stops", unit="N", ge=1, le=200)
     speed: Speed = port(0.5, "fraction of the arm's limits up to the standoff")
-    approach_speed: Speed = port(0.15, "fraction of the arm's limits on the straight parts")
+    approach_speed: Speed = port(
+        0.15, "fraction of the arm's limits where the gripper may touch something"
+    )
 
     @property
     def along(self) -> Vector | None:
@@ -432,6 +434,7 @@ def first_approach(
         Failure: ``OUT_OF_REACH`` with the reason of the best grasp, caused by all; ``OVERLOADED``;
             ``BUSY``.
     """
+    began_s = arm.time
     reasons = list[Failure]()
     touched = frozenset({wanted.name} if wanted.name else ())
     left = list(order)
@@ -448,9 +451,8 @@ def first_approach(
                 arm.refuse_load(wanted.name, rows[-1], seen)
             arm.refuse_collision_along(rows, ignore=touched)
             unknown = touched if seen else frozenset[str]()
-            return GraspApproach(
-                ranked, (yield from arm.plan([rows[0]], speed, unknown)), rows, standoff
-            )
+            motion = yield from arm.plan([rows[0]], speed, unknown, began_s=began_s)
+            return GraspApproach(ranked, motion, rows, standoff)
         except Failure as failure:
             if failure.code in ("BUSY", "OVERLOADED"):
                 raise

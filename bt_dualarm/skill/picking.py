@@ -8,14 +8,16 @@ from typing import Final
 
 import numpy as np
 
-from bt_dualarm.arm.arm import Arm
+from bt_dualarm.arm.arm import WAIT_S, Arm
 from bt_dualarm.arm.gripper import OTHER_WIDTH_M
+from bt_dualarm.arm.payload import jaw_measures
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.grasping.candidates import RankedGrasp
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.grasp_search import GraspApproach, TakingPorts, WantedGrasp, first_approach
 from bt_dualarm.skill.grip import Grip, TouchSense, make_room
+from bt_dualarm.trajectory.overlap import OverlappedMotion
 from bt_dualarm.trajectory.trajectory import Trajectory
 
 _NOT_IT: Final = "the gripper closed on something else or nothing"
@@ -26,7 +28,11 @@ _PRESSED_M: Final = 0.006  # by which a cup is pressed beyond the estimated face
 _PRESSED_N: Final = 12.0  # contact force of a cup that seals
 _PRESSING: Final = 0.01  # fraction of the limits for pressing a cup on
 _EARLY_M: Final = 0.012  # distance from the grasp at which a contact is one with something else
-_EDGE_S: Final = 0.3  # at the start of the motion, while joints break away: no contact is detected
+_EDGE_S: Final = 0.12  # at the start of the straight part, in which the force has no zero yet
+_CLEAR_M: Final = 0.01  # uncertainty of the distance at which the gripper may touch the object
+_NEAR_M_S: Final = 0.15  # highest speed of the tool there
+_ROOM_M: Final = 0.012  # opening on each side of an object whose pose is known, before the fingers close
+_BRISK: Final = 0.6  # fraction of the speed on straight parts on which nothing is touched
 
 
 class Taking:
@@ -70,6 +76,8 @@ class Taking:
         self._wanted = wanted
         self._metrics = metrics
         self._seen = wanted.lies if seen else None
+        self._entered: GraspApproach | None = None  # whose straight part has begun
+        self._motion: OverlappedMotion
 
     def through(self, order: Sequence[RankedGrasp]) -> Generator[float | None, None, RankedGrasp]:
         """Execute the first feasible of these grasps, best first: approach, close, lift, verify.
@@ -86,14 +94,14 @@ class Taking:
         arm.gripper.refuse_full()
         yield from make_room(arm, self._ports.approach_speed)
         yield from self.open(arm)
-        approach = yield from self._go_to_standoff(order)
         try:
-            yield from self._go_to_grasp(approach)
+            approach = yield from self._approach(order)
             name = yield from self._close(approach)
             if not arm.gripper.page.fingers:
                 yield from arm.relax()  # else the contact force of the cup would act on the lift
         except Failure:
-            yield from self._retreat(approach)
+            if self._entered is not None:
+                yield from self._retreat(self._entered)
             raise
         grip = Grip(arm, name)
         low = arm.commanded_tool_pose
@@ -156,38 +164,99 @@ class Taking:
         except Failure:
             return  # the leaf fails with the reason why it was not lifted
 
-    def _go_to_standoff(
+    def _approach(
         self, order: Sequence[RankedGrasp]
     ) -> Generator[float | None, None, GraspApproach]:
-        """Move to the standoff of a grasp, and wait until no arm blocks the straight part."""
+        """Move to the standoff of a grasp and straight on to the grasp.
+
+        It is one motion without a stop, unless other arms are near: then the arm waits at the
+        standoff until none of them blocks the straight part.
+        """
         arm = self._arm
         ports = self._ports
         wanted = self._wanted
         approaches: list[GraspApproach] = []
         touched = frozenset({wanted.name} if wanted.name else ())
 
-        def planned() -> Generator[None, None, Trajectory]:
+        def to_standoff() -> Generator[None, None, Trajectory]:
             approach = yield from first_approach(
                 arm, order, wanted, ports.standoff, ports.speed, self._seen
             )
             approaches.append(approach)
             return approach.to_standoff
 
+        def whole() -> Generator[None, None, Trajectory]:
+            begin = OverlappedMotion.of((yield from to_standoff()))
+            self._motion = self._straight_on(begin, approaches[-1])
+            return self._motion.motion
+
         unseen = touched if self._seen else frozenset[str]()
         move = arm.past_others(ports.speed, unseen)
-        for progress in move.to_line(planned, lambda: approaches[-1].rows, touched):
-            yield None if progress is None else 0.5 * progress
+        if not arm.controller.neighbors:
+            yield from move.along(whole, lambda *given: self._enter(approaches[-1], unseen, *given))
+        else:
+            for progress in move.to_line(to_standoff, lambda: approaches[-1].rows, touched):
+                yield None if progress is None else 0.5 * progress
+            begin = OverlappedMotion.of(Trajectory.rest(arm.setpoint.q, arm.period))
+            self._motion = self._straight_on(begin, approaches[-1])
+            yield from self._enter(approaches[-1], unseen, self._motion.motion, WAIT_S)
         return approaches[-1]
 
-    def _go_to_grasp(self, approach: GraspApproach) -> Iterator[float | None]:
-        """Move straight to the grasp, and stop on contact."""
+    def _straight_on(self, begin: OverlappedMotion, approach: GraspApproach) -> OverlappedMotion:
+        """A motion to the standoff and the straight part after it: slow where contact is possible.
+
+        The speed there bounds the force of an unexpected contact.
+        """
+        arm = self._arm
+        ports = self._ports
+        brisk = _BRISK * ports.speed
+        rows = approach.rows
+        count = round((len(rows) - 1) * max(1.0 - self._near_m(approach) / approach.standoff, 0.0))
+        if count > 0:
+            far = arm.time_path(rows[: count + 1], brisk)
+            begin = arm.overlapped(begin, far, ports.speed, 0.5 * far.duration)
+        slow = min(ports.approach_speed, brisk)
+        near, _ = arm.slow_path(rows[count:], slow, _NEAR_M_S, brisk)
+        touched = frozenset({self._wanted.name} if self._wanted.name else ())
+        return arm.overlapped(begin, near, ports.speed, 0.5 * near.duration, touched)
+
+    def _near_m(self, approach: GraspApproach) -> float:
+        """Distance from the grasp within which the gripper may touch the object, m."""
+        arm = self._arm
+        page = arm.gripper.page
+        if not page.fingers:
+            return _CLEAR_M
+        solid = self._wanted.solid(arm.world)
+        in_tool = approach.ranked.grasp.tool.inverse
+        back = in_tool.rotation_matrix.T @ np.array((0.0, 0.0, -1.0))
+        nearest = float(in_tool.position[2]) - solid.reach(back)
+        tip = jaw_measures(page, self._wanted.friction(arm.world)).tip
+        return max(tip - nearest, 0.0) + _CLEAR_M
+
+    def _enter(
+        self, approach: GraspApproach, unseen: frozenset[str], motion: Trajectory, wait_s: float
+    ) -> Iterator[float | None]:
+        """Execute the motion of `_straight_on`, and stop on contact on its straight part."""
         arm = self._arm
         along = approach.ranked.tool.rotation_matrix[:, 2]
+        standoff_s = self._motion.ends_s[0]
+        running = arm.begin(motion)
+        watch = arm.watch(running, unseen, standoff_s)
+        page = arm.gripper.page
+        if page.fingers and self._seen is None:  # less to close later
+            wide = approach.ranked.grasp.width + 2.0 * _ROOM_M
+            arm.gripper.command(min(wide, page.stroke))
+        while running.parameter.s < standoff_s:
+            yield 0.5 * running.parameter.s / standoff_s
+            arm.check()
+            watch.look(arm.time)
+            arm.refuse_when_held_up(running, wait_s)
+        self._entered = approach
+        arm.expect_contact(compliant=False)
         sense = TouchSense(arm, along, alone=True)
-        motion = arm.begin(arm.time_path(approach.rows, self._ports.approach_speed), may_touch=True)
         began = arm.time
-        while not motion.done:
-            yield 0.5 + 0.2 * motion.progress
+        while not running.done:
+            yield 0.5 + 0.2 * running.progress
             arm.check()
             if sense.force() > self._ports.touch and arm.time - began > _EDGE_S:
                 yield from arm.halt(give_way=True)
@@ -267,16 +336,19 @@ class Taking:
         start = self._arm.commanded_tool_pose
         height = float(arm.world.object_pose(name).position[2])
         up = Pose(start.position + np.array((0.0, 0.0, self._ports.lift)), start.quaternion)
-        move = arm.past_others(self._ports.approach_speed)
+        move = arm.past_others(_BRISK * self._ports.speed)
+        since = arm.time  # since when the gripper holds
         for progress in move.straight(up, known_free=True):
             yield 0.8 + 0.2 * (progress or 0.0)
             grip.look()
+            since = since if arm.gripper.holding else arm.time
         began = arm.time
-        while arm.time - began < _HOLD_S or not arm.gripper.holding:
+        while arm.time - since < _HOLD_S:
             if arm.time - began > 1.0:
                 raise Failure("DROPPED", f"{name!r} is no longer held")
             yield 1.0
             grip.look()
+            since = since if arm.gripper.holding else arm.time
         rose = float(arm.world.object_pose(name).position[2]) - height
         self._metrics["lifted_m"] = rose  # true height, for the score only
 

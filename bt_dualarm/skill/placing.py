@@ -5,7 +5,8 @@ from __future__ import annotations
 import itertools
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final
 
 import mujoco
@@ -23,11 +24,16 @@ from bt_dualarm.sim.grippers import Attachment
 from bt_dualarm.skill.grip import Grip, TouchSense
 from bt_dualarm.spec.node_types import PortModel, port
 from bt_dualarm.spec.values import Angle, Duration, Speed
+from bt_dualarm.trajectory.overlap import OverlappedMotion
+from bt_dualarm.trajectory.set_points import TrajectorySource
 from bt_dualarm.trajectory.trajectory import Trajectory
 
 TOUCHDOWN_M_S: Final = 0.002
 """Highest speed at contact, m/s: with an effective mass of 6 to 8 kg at the tool it makes 7 N in
 the first 2 ms."""
+
+NEARING_M_S: Final = 0.02
+"""Highest speed at a height at which contact is possible, but not expected, m/s: 50 N at most."""
 
 # A tool has stopped if, over a time window, it covers less than a fraction of its set-point's
 # distance while the set-point is faster than a fraction of its highest speed.
@@ -70,9 +76,41 @@ def guarded_descent(
     along = _direction(arm.commanded_tool_pose, end)
     timed, top = _timed(arm, arm.line_on(end), speed)
     motion = arm.begin(timed, may_touch=True, compliant=True)
+    return (
+        yield from until_contact(arm, motion, motion.trajectory.duration, along, top, force, look,
+                                 lightly=lightly)
+    )
+
+
+def until_contact(
+    arm: Arm,
+    motion: TrajectorySource,
+    until_s: float,
+    along: Vector,
+    top: float,
+    force: float,
+    look: Callable[[], None],
+    *,
+    lightly: bool = False,
+) -> Generator[float, None, tuple[bool, float]]:
+    """Follow a part of a compliant motion until contact; yields the progress once per tick.
+
+    Args:
+        arm: Arm that moves.
+        motion: Running motion.
+        until_s: Time of the motion as planned at which the part ends, s.
+        along: Direction of the tool's motion in the world, of unit length, of shape (3,).
+        top: Speed of the tool on this part, m/s: at much lower speed no contact is detected.
+        force: As `guarded_descent`.
+        look: As `guarded_descent`.
+        lightly: As `guarded_descent`.
+
+    Returns:
+        Whether there was contact, after which the arm is at rest, and the largest force, N.
+    """
     sense = TouchSense(arm, along)
     lag = Lag(arm, along, _STEADY * top)
-    while not motion.done:
+    while not motion.done and motion.parameter.s < until_s:
         yield motion.progress
         arm.check()
         look()
@@ -385,7 +423,10 @@ def _is_beyond(arm: Arm, name: str, lies: Pose) -> bool:
 
 
 _ROOM_M: Final = 0.01  # least opening on each side of the object at the release
+_APART_M: Final = 0.003  # opening on each side of it at which the retreat begins
 _FREE_M: Final = 0.006  # height above the goal down to which the path must be free
+_EXPECTED_M: Final = 0.0007  # height above the goal from which contact is expected
+_EXPECTED_M_S: Final = 0.0015  # highest speed from there on
 _LOWEST_M: Final = 0.008  # least height above the goal at which the descent begins
 _CLEAR_M: Final = 0.003  # clearance to the height at which the descent is still free
 _LOWER: Final = (0.7, 0.5, 0.35, 0.25)  # fractions of the height that are tried if it is not free
@@ -394,7 +435,7 @@ _UPRIGHT: Final = np.cos(np.radians(5.0))  # cosine of an axis about which rotat
 _NEAR_M: Final = 0.0015  # height above the goal beyond which a contact may be joint friction
 _FALSE: Final = 3  # descents until a contact beyond that height counts
 _OFF_M: Final = 0.003  # length of the compliant start of the retreat
-_LOWERING: Final = 0.3  # fraction of the speed below the approach height
+_LOWERING: Final = (0.6, 0.45, 0.3)  # fractions of the speed below the approach height
 _BRANCHES: Final = 3  # free branches of the inverse kinematics among which the planner chooses
 _TRIES: Final = 12  # blocked branches after which the search for free ones ends
 
@@ -507,16 +548,14 @@ class SettingDown:
         self._refuse_unsupported(goal)
         yield None
         try:
-            tool = yield from self._go_above(goal, grip)
-            yield from self._lower(tool, grip)
+            yield from self._go_down(goal, grip)
         except Failure as failure:
             if failure.code == "SLIPPED":
                 yield from grip.judge(failure)
             raise
         lies = arm.tool_pose @ self._in_tool
         self._metrics["believed_error_m"] = lies.distance(goal)
-        yield from self._release(grip.width)
-        yield from self._refuse_if_it_sticks(grip.width, lies)
+        yield from self._release(grip.width, lies)
         return lies
 
     def stays_at(self, goal: Pose, within_m: float | None = None) -> Iterator[float]:
@@ -567,8 +606,11 @@ class SettingDown:
             friction=found.friction,
         )
 
-    def _go_above(self, goal: Pose, grip: Grip) -> Generator[float, None, Pose]:
-        """Move above the goal, in a branch that allows the descent and the retreat.
+    def _go_down(self, goal: Pose, grip: Grip) -> Generator[float | None, None, Pose]:
+        """Move above the goal, in a branch that allows descent and retreat, and lower the object.
+
+        It is one motion without a stop, unless other arms are near: then the arm waits above the
+        goal until they are out of the way.
 
         Returns:
             Pose of the tool in the world with the object at its goal.
@@ -578,24 +620,122 @@ class SettingDown:
         move = arm.past_others(ports.speed)
         descents: list[_Descent] = []
 
-        def planned() -> Generator[None, None, Trajectory]:
+        def above() -> Generator[None, None, Trajectory]:
+            began_s = arm.time
             descents[:] = [(yield from self._descent(goal, move))]
             starts = [rows[0] for rows in descents[0].branches]
-            return (yield from arm.plan(starts, ports.speed, planner=ports.planner))
+            return (
+                yield from arm.plan(
+                    starts, ports.speed, planner=ports.planner, began_s=began_s
+                )
+            )
 
-        def down() -> Matrix:
-            here = arm.setpoint.q
-            return min(descents[0].branches, key=lambda rows: float(np.abs(rows[0] - here).max()))
+        def down(q: Vector) -> Matrix:
+            return min(descents[0].branches, key=lambda rows: float(np.abs(rows[0] - q).max()))
 
-        for progress in move.to_line(planned, down):
-            yield 0.5 * (progress or 0.0)
-            grip.look()
+        def whole() -> Generator[None, None, Trajectory]:
+            begin = OverlappedMotion.of((yield from above()))
+            self._lowering = self._lowered(begin, down(begin.motion.end), descents[0].tool)
+            return self._lowering.motion
+
+        def rest() -> Generator[None, None, Trajectory]:
+            begin = OverlappedMotion.of(Trajectory.rest(arm.setpoint.q, arm.period))
+            rows = arm.line_on(_raised(descents[0].tool, _FREE_M))
+            yield from move.checked(rows, known_free=True)
+            self._lowering = self._lowered(begin, rows, descents[0].tool)
+            return self._lowering.motion
+
+        follow = partial(self._touch_down, grip, lambda: descents[0].tool)
+        if not arm.controller.neighbors:
+            yield from move.along(whole, follow)
+        else:
+            for progress in move.to_line(above, lambda: down(arm.setpoint.q)):
+                yield 0.3 * (progress or 0.0)
+                grip.look()
+            yield from replace(move, give_way=False).along(rest, follow)
         (descent,) = descents
         if descent.height < ports.height:
             self._metrics["lowered_from_m"] = descent.height
         if descent.turned:
             self._metrics["spun_rad"] = descent.turned
         return descent.tool
+
+    def _lowered(self, begin: OverlappedMotion, down: Matrix, tool: Pose) -> OverlappedMotion:
+        """A motion and the descent after it: the slower, the nearer contact may be.
+
+        Its last three parts end `_FREE_M` above the goal, `_EXPECTED_M` above it, and where the
+        search for the support ends.
+
+        Args:
+            begin: Motion to the beginning of the descent.
+            down: Configurations from there to `_FREE_M` above the goal, of shape (n, dof), rad.
+            tool: Pose of the tool in the world with the object at its goal.
+        """
+        arm = self._arm
+        ports = self._ports
+        held = frozenset({self._name})
+        near = arm.line_after(down[-1], _raised(tool, _EXPECTED_M))
+        brisk = _LOWERING[0] * ports.speed
+        nearing, _ = arm.slow_path(near, brisk, NEARING_M_S, brisk)
+        low = arm.line_after(near[-1], _raised(tool, -ports.search))
+        touching, self._top = arm.slow_path(low, ports.down_speed, _EXPECTED_M_S, brisk)
+        # On the lower half of each part, the tool is straight above the goal. A slower descent may
+        # leave more of the limits to the overlap.
+        descents = [arm.time_path(down, share * ports.speed) for share in _LOWERING]
+        begin = min(
+            (arm.overlapped(begin, one, ports.speed, 0.5 * one.duration) for one in descents),
+            key=lambda one: one.motion.duration,
+        )
+        begin = arm.overlapped(begin, nearing, ports.speed, 0.5 * nearing.duration, held)
+        return arm.overlapped(begin, touching, ports.speed, nearing.duration, held)
+
+    def _touch_down(
+        self, grip: Grip, tool: Callable[[], Pose], motion: Trajectory, wait_s: float
+    ) -> Iterator[float | None]:
+        """Execute the motion of `_lowered` until contact with the support."""
+        arm = self._arm
+        ports = self._ports
+        free_s, near_s, low_s = self._lowering.ends_s[-3:]
+        force = grip.firm_for(ports.force)
+        running = arm.begin(motion)
+        watch = arm.watch(running, until_s=free_s)
+        while running.parameter.s < free_s:
+            yield 0.6 * running.parameter.s / free_s
+            arm.check()
+            watch.look(arm.time)
+            arm.refuse_when_held_up(running, wait_s)
+            grip.look()
+        arm.expect_contact()
+        down = np.array((0.0, 0.0, -1.0))
+        for end_s in (near_s, low_s):
+            felt, most = yield from until_contact(
+                arm, running, end_s, down, self._top, force, grip.look, lightly=True
+            )
+            if felt:
+                break
+        low = _raised(tool(), -ports.search)
+        for _ in range(_FALSE):
+            if not felt:
+                yield from arm.settle()
+                raise Failure(
+                    "NO_CONTACT",
+                    f"no support was felt {1e3 * ports.search:.0f} mm below its goal",
+                )
+            height = self._height(tool())
+            if height <= _NEAR_M:
+                break
+            felt, most = yield from guarded_descent(
+                arm, low, ports.down_speed, force, grip.look, lightly=True
+            )
+        self._metrics |= {"impact_n": most, "height_off_m": height}
+        if abs(height) > ports.tolerance:
+            yield from arm.relax()
+            raise Failure(
+                "NOT_REACHED",
+                f"it touched something {1e3 * height:.1f} mm above its goal",
+                height_off_m=height,
+                force_n=most,
+            )
 
     def _descent(self, goal: Pose, move: MoveTo) -> Generator[None, None, _Descent]:
         """Descent to a goal: as requested, from a lower height, or with a round object rotated.
@@ -692,77 +832,97 @@ class SettingDown:
             raise refusals[0]
         return found
 
-    def _lower(self, tool: Pose, grip: Grip) -> Iterator[float | None]:
-        """Lower until contact with the support."""
-        arm = self._arm
-        ports = self._ports
-        move = arm.past_others(_LOWERING * ports.speed)
-        for progress in move.straight(_raised(tool, _FREE_M), known_free=True):
-            yield 0.5 + 0.1 * (progress or 0.0)
-            grip.look()
-        low = _raised(tool, -ports.search)
-        force = grip.firm_for(ports.force)
-        for _ in range(_FALSE):
-            felt, most = yield from guarded_descent(
-                arm, low, ports.down_speed, force, grip.look, lightly=True
-            )
-            if not felt:
-                yield from arm.settle()
-                raise Failure(
-                    "NO_CONTACT",
-                    f"no support was felt {1e3 * ports.search:.0f} mm below its goal",
-                )
-            height = self._height(tool)
-            if height <= _NEAR_M:
-                break
-        self._metrics |= {"impact_n": most, "height_off_m": height}
-        if abs(height) > ports.tolerance:
-            yield from arm.relax()
-            raise Failure(
-                "NOT_REACHED",
-                f"it touched something {1e3 * height:.1f} mm above its goal",
-                height_off_m=height,
-                force_n=most,
-            )
-
     def _height(self, tool: Pose) -> float:
         """Height of the tool above a pose, by the encoders, m."""
         return float(self._arm.tool_pose.position[2] - tool.position[2])
 
-    def _release(self, width: float) -> Iterator[float | None]:
-        """Open and retreat.
+    def _release(self, width: float, lies: Pose) -> Iterator[float | None]:
+        """Open, retreat, and check meanwhile that the object does not come along.
+
+        The retreat begins as soon as there is `_APART_M` on each side of the object. An object that
+        is still in the gripper is attached again.
 
         Args:
             width: Opening of the fingers when they held it, m.
+            lies: Pose of the object in the world at the release.
+
+        Raises:
+            Failure: ``NOT_OPEN``; ``NOT_PLACED`` if it sticks to the gripper; as motions.
         """
         arm = self._arm
-        ports = self._ports
-        yield from self._open(width)
-        arm.gripper.let_go(self._name)
-        self._left = LeftStanding(arm, self._name)
-        back = arm.commanded_tool_pose @ Pose.from_rpy((0, 0, -ports.retreat))
-        yield from self._retreat_compliantly()
-        for progress in arm.past_others(0.3 * ports.speed, frozenset({self._name})).straight(back):
-            self._left.look()
-            yield 0.85 + 0.15 * (progress or 0.0)
-
-    def _open(self, width: float) -> Iterator[float]:
-        """Open fingers from a width, m, until there is `_ROOM_M` on each side of the object."""
-        gripper = self._arm.gripper
-        page = self._arm.gripper.page
-        wide = min(width + 2.0 * _ROOM_M, page.stroke)
-        gripper.command(wide if page.fingers else 1.0)
+        gripper = arm.gripper
+        fingers = gripper.page.fingers
+        gripper.command(self._open_width(width) if fingers else 1.0)
+        apart = width + 2.0 * _APART_M
         for _ in gripper.until_open():
+            if fingers and gripper.width >= apart:
+                break
             yield 0.85
+        gripper.let_go(self._name)
+        self._left = LeftStanding(arm, self._name)
+        back = arm.commanded_tool_pose @ Pose.from_rpy((0, 0, -self._ports.retreat))
+        move = replace(arm.past_others(self._ports.speed, frozenset({self._name})), give_way=False)
 
-    def _refuse_if_it_sticks(self, width: float, lies: Pose) -> Iterator[float]:
-        """Check that the gripper is empty; an object that is still in it is attached again."""
+        def planned() -> Generator[None, None, Trajectory]:
+            rows = arm.line_on(back)
+            yield from move.checked(rows, known_free=False)
+            return arm.time_path(rows, move.speed)
+
+        self._test: Generator[float, None, bool] | None = None
+        self._sticks: bool | None = None
+        yield from move.along(planned, partial(self._retreat, width, lies))
+        while self._test is not None and self._sticks is None:
+            yield 1.0
+            self._continue_test(width)
+        if self._sticks:
+            self._refuse_sticking()
+
+    def _retreat(
+        self, width: float, lies: Pose, motion: Trajectory, wait_s: float
+    ) -> Iterator[float | None]:
+        """Execute the retreat: compliant at first, as the tool may still be in contact."""
+        arm = self._arm
+        start = arm.commanded_tool_pose
+        running = arm.begin(motion, may_touch=True, compliant=True)
+        watch = arm.watch(running, frozenset({self._name}))
+        in_contact = True
+        while not running.done:
+            yield 0.85 + 0.15 * running.progress
+            arm.check()
+            self._left.look()
+            if in_contact and arm.commanded_tool_pose.distance(start) >= _OFF_M:
+                in_contact = False
+                arm.expect_no_contact()
+            if not in_contact:
+                watch.look(arm.time)
+                arm.refuse_when_held_up(running, wait_s)
+            if self._test is None and _is_beyond(arm, self._name, lies):
+                self._test = came_along(arm, self._held, width, lies)
+            if self._test is not None:
+                self._continue_test(width)
+        yield from arm.settle()
+
+    def _continue_test(self, width: float) -> None:
+        """Go on with the test whether the object came along; open again at its end."""
+        if self._test is None or self._sticks is not None:
+            return
+        try:
+            next(self._test)
+        except StopIteration as end:
+            self._sticks = bool(end.value)
+            if not self._sticks:
+                page = self._arm.gripper.page
+                self._arm.gripper.command(self._open_width(width) if page.fingers else 1.0)
+
+    def _open_width(self, width: float) -> float:
+        """Opening of the fingers, m, with `_ROOM_M` on each side of an object of a width."""
+        return min(width + 2.0 * _ROOM_M, self._arm.gripper.page.stroke)
+
+    def _refuse_sticking(self) -> None:
+        """Attach an object that sticks to the gripper again, and fail."""
         arm = self._arm
         gripper = self._arm.gripper
         name = self._name
-        if not (yield from came_along(arm, self._held, width, lies)):
-            yield from self._open(width)
-            return
         pose = arm.tool_pose @ self._in_tool
         if gripper.why_not(name, pose) is None:
             gripper.hold(name, pose, self._held.most_force, mass_declared=self._held.mass_declared)
@@ -773,17 +933,6 @@ class SettingDown:
             width_m=gripper.width,
             force_n=gripper.force,
         )
-
-    def _retreat_compliantly(self) -> Iterator[float]:
-        """Retreat a little while still compliant, since the tool is still in contact."""
-        arm = self._arm
-        off = arm.commanded_tool_pose @ Pose.from_rpy((0.0, 0.0, -_OFF_M))
-        motion = arm.begin(
-            arm.time_path(arm.line_on(off), _LOWERING), may_touch=True, compliant=True
-        )
-        while not motion.done:
-            yield 0.85
-            arm.check()
 
 
 def _raised(pose: Pose, height: float) -> Pose:
