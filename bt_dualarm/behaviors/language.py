@@ -25,7 +25,7 @@ from bt_dualarm.behaviors.decorators import (
     Subtree,
     Timeout,
 )
-from bt_dualarm.behaviors.leaf import Compare, Fail, LanguageLeaf, Log, Set, Succeed, Wait
+from bt_dualarm.behaviors.leaf import Compare, Fail, LanguageLeaf, Log, Set, Succeed, Test, Wait
 from bt_dualarm.behaviors.node import ReportingNode
 from bt_dualarm.spec.node_types import LanguageNode
 
@@ -55,6 +55,7 @@ _LEAVES: Final[tuple[type[LanguageLeaf], ...]] = (
     Wait,
     Set,
     Compare,
+    Test,
     Log,
     Fail,
     Succeed,

@@ -34,6 +34,7 @@ EXAMPLE_PAGES = (
     "docs/sweeps.md",
     "docs/first_skill.md",
     "docs/own_robot.md",
+    "docs/expressions.md",
 )
 
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
