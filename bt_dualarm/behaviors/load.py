@@ -565,7 +565,8 @@ class _Builder:
         )
         node: TreeNode
         if children:
-            parts = NodeParts(spec.name, children, spec.slots, self.bound(spec), self._cell)
+            write = partial(self._write, path)
+            parts = NodeParts(spec.name, children, spec.slots, self.bound(spec), self._cell, write)
             node = PARENT_CLASSES[spec.kind].of(parts)
             for child in children:
                 detach_parent(child)
@@ -584,8 +585,8 @@ class _Builder:
         named = {name: reference_of(spec.ports.get(name)) for name in outputs}
         keys = {name: key for name, key in named.items() if key is not None}
         ports = {name: value for name, value in spec.ports.items() if name not in keys}
-        for port, output in written_keys(skill.Ports).items():
-            keys[output] = spec.ports[port]
+        for port, written in written_keys(skill.Ports).items():
+            keys[written.port] = spec.ports[port]
         bound = BoundPorts(skill.Ports, ports, self._blackboard)
         writer = OutputWriter(skill.Outputs, keys, self._blackboard, partial(self._trace_key, path))
         context = self._make_context(path)
@@ -601,6 +602,11 @@ class _Builder:
             return made if inject is None else inject(made)
 
         return Leaf(spec.name, begin, context.arm, self.reports)
+
+    def _write(self, path: str, key: str, value: Data) -> None:
+        """Write a key on behalf of the node at a path."""
+        self._blackboard.write(key, value)
+        self._trace_key(path, key, value)
 
     def _trace_ports(self, path: str, ports: PortModel) -> None:
         if self._on_trace is not None:

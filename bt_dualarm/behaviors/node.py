@@ -214,6 +214,7 @@ class NodeParts:
         slots: Role of each child: ``child``, ``condition``, a case, …
         ports: Ports, bound to the arm's blackboard.
         cell: What the trees of the file share.
+        write: Function that writes a key of the arm's blackboard.
     """
 
     name: str
@@ -221,6 +222,7 @@ class NodeParts:
     slots: tuple[str, ...]
     ports: BoundPorts
     cell: CellAccess = field(default_factory=CellAccess.alone)
+    write: Callable[[str, Data], None] = lambda _key, _value: None
 
 
 NAMES: Final[Mapping[Status, StatusName]] = {

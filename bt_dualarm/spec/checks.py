@@ -35,6 +35,7 @@ from bt_dualarm.spec.node_types import (
     NodeType,
     Outcomes,
     PortModel,
+    WrittenKey,
     dynamic_ports,
     in_words,
     is_dynamic,
@@ -251,7 +252,7 @@ class KeyWrite:
         node: Node that writes it.
         port: Port or output that names the key.
         key: Key on the arm's blackboard, with the prefix of its subtree.
-        literal: Value in YAML notation as a tuple of one, empty if it is not known.
+        literal: All values that may be written, in YAML notation; empty if they are not known.
         model: Model with the output of that name, None if a port has the value.
     """
 
@@ -260,6 +261,16 @@ class KeyWrite:
     key: str
     literal: tuple[Data, ...] = ()
     model: type[PortModel] | None = None
+
+
+def _literal_values(written: WrittenKey, value: Data) -> tuple[Data, ...]:
+    """Returns all values that a node may write to a key, empty if they are not known."""
+    if written.what == "value":
+        return () if is_dynamic(value) else (value,)
+    items = value if isinstance(value, list) else []
+    if written.what == "indices":
+        return tuple(range(len(items)))
+    return () if is_dynamic(items) else tuple(items)
 
 
 @dataclass(frozen=True, eq=False)
@@ -327,6 +338,7 @@ class Flow:
         """Check the reads of a node and its descendants; returns their new writes."""
         new: list[KeyWrite] = []
         node_type = self.node_types[node.kind]
+        overwritten = self._overwritten(node, node_type)
         if isinstance(node_type, LanguageNode) and node_type.revisits(node):
             new += self._record(write for below in node.walk() for write in self._writes[below])
         for read in self._reads(node):
@@ -335,6 +347,7 @@ class Flow:
         self._check_expressions(node, node_type)
         new += self._record(self._writes[node])
         branches: list[KeyWrite] = []
+        self._hidden |= overwritten
         for slot, child in zip(node.slots, node.children, strict=True):
             is_branch = node_type.is_alternative(slot)
             hidden = set(branches) if is_branch else set()
@@ -343,7 +356,18 @@ class Flow:
             self._hidden -= hidden
             new += written
             branches += written if is_branch else []
+        self._hidden -= overwritten
         return new
+
+    def _overwritten(self, node: NodeSpec, node_type: NodeType) -> set[KeyWrite]:
+        """Returns earlier writes of keys that a loop writes before each start of its child."""
+        keys = [
+            node.ports.get(port)
+            for port, written in written_keys(node_type.ports).items()
+            if written.what != "value"
+        ]
+        earlier = {write for key in keys for write in self._before.get(str(key), ())}
+        return earlier - self._hidden
 
     def _record(self, writes: Iterable[KeyWrite]) -> list[KeyWrite]:
         """Count writes as done from here on; returns those that did not count before."""
@@ -439,9 +463,9 @@ class Flow:
         node_type = self.node_types[node.kind]
         for port, written in written_keys(node_type.ports).items():
             key = node.ports.get(port)
-            value = node.ports.get(written)
+            value = node.ports.get(written.port)
             if isinstance(key, str) and KEY.fullmatch(key_name(key)):
-                yield KeyWrite(node, port, key, () if is_dynamic(value) else (value,))
+                yield KeyWrite(node, port, key, _literal_values(written, value))
         for name in node_type.outputs.model_fields:
             output = reference_of(node.ports.get(name))
             if output is not None:
@@ -498,12 +522,15 @@ def _type_of_write(write: KeyWrite) -> ValueType:
         kinds = json_types(write.model, write.port)
         kind = next(iter(kinds)) if len(kinds) == 1 else ""
         return ValueType(kind, dimension_of(unit_of(write.model.model_fields[write.port])))
-    for value in write.literal:
-        if isinstance(value, str) and as_number(value) is not None:
-            return ValueType("number", type_of(parse(f"max({value}, {value})"), {}).dimension)
-        names = {bool: "boolean", str: "string", list: "array", dict: "object"}
-        return ValueType(names.get(type(value), "number" if value is not None else ""))
-    return ANYTHING
+    found = {_type_of_value(value) for value in write.literal}
+    return found.pop() if len(found) == 1 else ANYTHING
+
+
+def _type_of_value(value: Data) -> ValueType:
+    if isinstance(value, str) and as_number(value) is not None:
+        return ValueType("number", type_of(parse(f"max({value}, {value})"), {}).dimension)
+    names = {bool: "boolean", str: "string", list: "array", dict: "object"}
+    return ValueType(names.get(type(value), "number" if value is not None else ""))
 
 
 def _misfit(model: type[PortModel], port: str, write: KeyWrite) -> str:

@@ -23,6 +23,7 @@ from typing import (
     Any,
     ClassVar,
     Final,
+    Literal,
     Self,
     TypeAlias,
     TypeVar,
@@ -185,9 +186,12 @@ class WrittenKey:
 
     Attributes:
         port: Port whose value is written there.
+        what: Its ``value``, or one after the other the ``items`` of that list, or their
+            ``indices``.
     """
 
     port: str
+    what: Literal["value", "items", "indices"] = "value"
 
 
 class PortModel(BaseModel):
@@ -356,10 +360,10 @@ def templates_of(model: type[PortModel]) -> frozenset[str]:
 
 
 @lru_cache(maxsize=512)
-def written_keys(model: type[PortModel]) -> Mapping[str, str]:
-    """Returns the ports that name a key to write, each with the port that has the value."""
+def written_keys(model: type[PortModel]) -> Mapping[str, WrittenKey]:
+    """Returns the ports that name a key to write, each with what is written there."""
     items = ((name, metadata_of(field, WrittenKey)) for name, field in model.model_fields.items())
-    return {name: found.port for name, found in items if found is not None}
+    return {name: found for name, found in items if found is not None}
 
 
 def validated(model: type[PortModel], ports: Mapping[str, Data]) -> PortModel:
@@ -764,8 +768,9 @@ TEST: Final = "test"
 
 RESERVED_NAMES: Final = frozenset(
     {
-        "sequence", "selector", "parallel", "switch", "if", "while", "guard",
-        "retry", "repeat", "timeout", "delay", "rate", "inverter", "force_success",
+        "sequence", "selector", "reactive_sequence", "reactive_fallback", "parallel", "switch",
+        "if", "if_then_else", "while", "guard", "retry", "repeat", "for_each",
+        "timeout", "delay", "rate", "inverter", "force_success",
         "force_failure", "run_once", "on_halt", "subtree",
         "wait", "set", "compare", "test", "log", "fail", "succeed",
         "signal", "await", "meet", "claim", "in_step",

@@ -85,7 +85,7 @@ def nodes(node_type: LanguageNode) -> Iterator[NodeSpec]:
     required = [slot.name for slot in node_type.slots if slot.required]
     counts = {len(required), len(node_type.slots)}
     if node_type.many or node_type.cases:
-        counts = {1, 2, 3}
+        counts = {2, 3} if node_type.name == "if_then_else" else {1, 2, 3}
     for count in sorted(counts) if not node_type.uses else [1]:
         children = tuple(NodeSpec("look", f"look {i}", {}) for i in range(count))
         slots = tuple(slot.name for slot in node_type.slots)[:count]
