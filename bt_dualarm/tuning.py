@@ -45,7 +45,14 @@ from bt_dualarm.sim.frame import Frame, Image, RendererKind
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.document import ArmSpec, TreeFile
 from bt_dualarm.spec.explain import explain
-from bt_dualarm.spec.node_types import NodeSpec, NodeType, key_name, models_in, reference_of
+from bt_dualarm.spec.node_types import (
+    NodeSpec,
+    NodeType,
+    is_dynamic,
+    key_name,
+    models_in,
+    reference_of,
+)
 from bt_dualarm.spec.problems import SpecError, errors, suggestion
 from bt_dualarm.spec.values import Color, HsvRange
 from bt_dualarm.spec.yaml_reader import Data, DataPath, Source, with_tuples, with_value
@@ -394,7 +401,7 @@ def color_ports(file: TreeFile, arm: str, kinds: Mapping[str, NodeType]) -> Iter
             if Color not in models_in(field.annotation):
                 continue
             value = node.ports.get(name, field.default)
-            known = reference_of(value) is None and value is not None
+            known = not is_dynamic(value) and value is not None
             color = Color.model_validate(with_tuples(value)) if known else None
             found = ColorPort(node, name, color)
             if (node.source.file, found.path) not in seen:

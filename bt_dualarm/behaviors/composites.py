@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Mapping
-from typing import Annotated, Final, Literal, Self, TypeAlias, cast
+from typing import Annotated, ClassVar, Final, Literal, Self, TypeAlias, cast
 
 from py_trees import composites
 from py_trees.behaviour import Behaviour
@@ -23,14 +23,17 @@ from bt_dualarm.behaviors.node import (
 )
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.spec.node_types import (
+    FAILURE,
     SUCCESS,
     ChildOutcomes,
     LanguageNode,
     NodeSpec,
+    NoPorts,
     Outcomes,
     PortModel,
     Slot,
     always,
+    counted,
     one_line,
     port,
 )
@@ -41,9 +44,24 @@ Ticks: TypeAlias = Generator[Behaviour, None, Status]
 
 
 def _in_order(
-    name: str, summary: str, example: str, synonyms: Mapping[str, str], *, advances_on: bool
+    name: str,
+    summary: str,
+    example: str,
+    synonyms: Mapping[str, str],
+    *,
+    advances_on: bool,
+    is_reactive: bool = False,
 ) -> LanguageNode:
-    """Node type whose children follow each other: after a success (``advances_on``) or failure."""
+    """Node type whose children follow each other: after a success (``advances_on``) or failure.
+
+    Args:
+        name: Name in the file.
+        summary: One-line description.
+        example: A node in YAML.
+        synonyms: Names in other libraries.
+        advances_on: Result of a child that leads to the next.
+        is_reactive: Whether it never has a memory, instead of by its port.
+    """
 
     def outcomes(_: NodeSpec, children: ChildOutcomes) -> Outcomes:
         through = True
@@ -57,14 +75,16 @@ def _in_order(
     return LanguageNode(
         name,
         summary,
-        MemoryPorts,
+        NoPorts if is_reactive else MemoryPorts,
         many=True,
-        fixed=frozenset({"memory"}),
+        fixed=frozenset() if is_reactive else frozenset({"memory"}),
         example=example,
         outcomes=outcomes,
         advances_on=advances_on,
-        revisits=lambda node: node.ports.get("memory") is False,
-        runs_all=lambda node: advances_on and node.ports.get("memory", True) is True,
+        revisits=lambda node: is_reactive or node.ports.get("memory") is False,
+        runs_all=lambda node: (
+            advances_on and not is_reactive and node.ports.get("memory", True) is True
+        ),
         synonyms=synonyms,
     )
 
@@ -76,7 +96,7 @@ class Sequence(ChildSwap, composites.Sequence):
         "sequence",
         "Runs its children in sequence until one fails",
         "sequence: [{wait: 1}, {log: a second is over}]",
-        {"ReactiveSequence": "memory: false", "SequenceWithMemory": ""},
+        {"SequenceWithMemory": ""},
         advances_on=True,
     )
 
@@ -93,7 +113,7 @@ class Selector(ChildSwap, composites.Selector):
         "selector",
         "Runs its children in sequence until one succeeds",
         "selector: [{compare: {value: 1, to: 2}}, {log: they differ}]",
-        {"Fallback": "", "ReactiveFallback": "memory: false"},
+        {"Fallback": "", "FallbackWithMemory": ""},
         advances_on=False,
     )
 
@@ -105,6 +125,50 @@ class Selector(ChildSwap, composites.Selector):
     def initialise(self) -> None:
         """Reset the children, as py_trees' Sequence and Parallel do."""
         reset(self.children)
+
+
+class ReactiveSequence(Sequence):
+    """py_trees' sequence without memory, which ticks as BehaviorTree.CPP's ReactiveSequence."""
+
+    node_type = _in_order(
+        "reactive_sequence",
+        "Ticks its children in sequence, the earlier ones again at each tick, until one fails",
+        "reactive_sequence: [{compare: {value: 1, to: 1}}, {wait: 1}]",
+        {},
+        advances_on=True,
+        is_reactive=True,
+    )
+
+    @classmethod
+    def of(cls, parts: NodeParts) -> Self:
+        """Returns a sequence without memory."""
+        return cls(parts.name, False, parts.children)
+
+    def swap_ports(self, ports: BoundPorts) -> bool:  # noqa: ARG002 - it has none
+        """Continue: it has no ports."""
+        return True
+
+
+class ReactiveFallback(Selector):
+    """py_trees' selector without memory, which ticks as BehaviorTree.CPP's ReactiveFallback."""
+
+    node_type = _in_order(
+        "reactive_fallback",
+        "Ticks its children in sequence, the earlier ones again at each tick, until one succeeds",
+        "reactive_fallback: [{compare: {value: 1, to: 2}}, {wait: 1}]",
+        {"ReactiveSelector": ""},
+        advances_on=False,
+        is_reactive=True,
+    )
+
+    @classmethod
+    def of(cls, parts: NodeParts) -> Self:
+        """Returns a selector without memory."""
+        return cls(parts.name, False, parts.children)
+
+    def swap_ports(self, ports: BoundPorts) -> bool:  # noqa: ARG002 - it has none
+        """Continue: it has no ports."""
+        return True
 
 
 def _memory(parts: NodeParts) -> bool:
@@ -319,9 +383,9 @@ class If(Node):
         ),
         example="if: {condition: {compare: {value: 1, to: 2}}, then: succeed, else: fail}",
         outcomes=_if_outcomes,
-        synonyms={"IfThenElse": ""},
     )
     _chosen: Behaviour | None = None
+    has_default: ClassVar[bool] = True
 
     def initialise(self) -> None:
         """Evaluate the condition again."""
@@ -341,11 +405,41 @@ class If(Node):
             if condition.status is Status.RUNNING:
                 return Status.RUNNING
             chosen = branches[0:1] if condition.status is Status.SUCCESS else branches[1:2]
+            if not chosen and not self.has_default:
+                raise Failure("FALSE", f"'{condition.name}' failed, and there is no other child")
             if not chosen:
                 return Status.SUCCESS
             self._chosen = chosen[0]
         yield from self._chosen.tick()
         return self._chosen.status
+
+
+def _if_then_else_outcomes(_: NodeSpec, children: ChildOutcomes) -> Outcomes:
+    condition, *branches = children[:3]
+    then = branches[0] if branches else FAILURE
+    other = branches[1] if len(branches) > 1 else FAILURE
+    reached = [then] * condition.succeeds + [other] * condition.fails
+    return Outcomes(any(child.succeeds for child in reached), any(child.fails for child in reached))
+
+
+def _two_or_three(node: NodeSpec) -> Iterator[Problem]:
+    if node.children and len(node.children) not in (2, 3):
+        message = f"{node.kind}: has {counted(len(node.children), 'child')}, not 2 or 3"
+        yield node.problem(message.replace("childs", "children"), "[condition, then, else]")
+
+
+class IfThenElse(If):
+    """BehaviorTree.CPP's node of that name: without a third child, it fails where `if` succeeds."""
+
+    node_type = LanguageNode(
+        "if_then_else",
+        "Runs its second child if the first succeeds, else the third; without one, it fails",
+        many=True,
+        example="if_then_else: [{compare: {value: 1, to: 2}}, succeed, {log: they differ}]",
+        outcomes=_if_then_else_outcomes,
+        problems=_two_or_three,
+    )
+    has_default = False
 
 
 _CONDITION_AND_CHILD: Final = (Slot("condition"), Slot("child", after=True))

@@ -8,13 +8,14 @@ from typing import Annotated, Final, Literal, Self, TypeAlias
 from py_trees import decorators
 from py_trees.behaviour import Behaviour
 from py_trees.common import OneShotPolicy, Status
-from pydantic import Field
+from pydantic import Field, WithJsonSchema
 
 from bt_dualarm.behaviors.composites import Node, Ticks
 from bt_dualarm.behaviors.node import Became, Children, NodeParts, ReportingNode, reached
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.spec.node_types import (
     FAILURE,
+    KEY,
     SUCCESS,
     ChildOutcomes,
     LanguageNode,
@@ -23,6 +24,7 @@ from bt_dualarm.spec.node_types import (
     Outcomes,
     PortModel,
     Slot,
+    WrittenKey,
     always,
     as_child,
     port,
@@ -147,6 +149,80 @@ class Repeat(Node):
             return self.children[0].status
         self._successes += 1
         return Status.SUCCESS if self._successes == self.ports.times else Status.RUNNING
+
+
+_KEY_NAME: Final = WithJsonSchema({"type": "string", "pattern": f"^{KEY.pattern}$"})
+
+
+def _for_each_outcomes(node: NodeSpec, children: ChildOutcomes) -> Outcomes:
+    items = node.ports.get("items")
+    may_be_empty = not isinstance(items, list) or not items
+    if_empty = node.ports.get("if_empty", "succeed")
+    return Outcomes(
+        children[0].succeeds or (may_be_empty and if_empty != "fail"),
+        children[0].fails or (may_be_empty and if_empty != "succeed"),
+    )
+
+
+class ForEach(Node):
+    """Runs its child for each item of a list, and fails with it; one item at most per tick."""
+
+    class Ports(PortModel):
+        """Ports of for_each."""
+
+        items: Annotated[tuple[Data, ...], Field(max_length=1000)] = port(
+            ..., "The list: literal, a key, or with keys in it"
+        )
+        item: Annotated[str, WrittenKey("items", "items"), _KEY_NAME] = port(
+            ..., "Blackboard key for the current item"
+        )
+        index: Annotated[str | None, WrittenKey("items", "indices"), _KEY_NAME] = port(
+            None, "Blackboard key for its number, from 0"
+        )
+        if_empty: Literal["succeed", "fail"] = port("succeed", "Result for an empty list")
+
+    node_type = LanguageNode(
+        "for_each",
+        "Runs its child for each item of a list",
+        Ports,
+        slots=_CHILD,
+        fixed=frozenset({"if_empty"}),
+        example="for_each: {items: [0.1, 0.2], item: height, child: {log: 'to {height}'}}",
+        outcomes=_for_each_outcomes,
+        revisits=always,
+        synonyms={"LoopDouble": "items", "LoopString": "items", "LoopInt": "items"},
+    )
+    ports: Ports
+
+    def __init__(self, parts: NodeParts) -> None:
+        super().__init__(parts)
+        self._write = parts.write
+
+    def initialise(self) -> None:
+        """Begin with the first item.
+
+        Raises:
+            Failure: ``EMPTY``: there is none, and ``if_empty`` is ``fail``.
+        """
+        self._number = 0
+        if not self.ports.items and self.ports.if_empty == "fail":
+            raise Failure("EMPTY", "the list has no items")
+
+    def tick_children(self) -> Ticks:
+        """Write the item before each start of the child; start it at most once per tick."""
+        items = self.ports.items
+        if self._number >= len(items):
+            return Status.SUCCESS
+        child = self.children[0]
+        if child.status is not Status.RUNNING:
+            self._write(self.ports.item, items[self._number])
+            if self.ports.index is not None:
+                self._write(self.ports.index, self._number)
+        yield from child.tick()
+        if child.status is not Status.SUCCESS:
+            return child.status
+        self._number += 1
+        return Status.SUCCESS if self._number == len(items) else Status.RUNNING
 
 
 class SecondsPorts(PortModel):

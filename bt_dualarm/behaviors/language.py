@@ -10,12 +10,24 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final
 
-from bt_dualarm.behaviors.composites import Guard, If, Parallel, Selector, Sequence, Switch, While
+from bt_dualarm.behaviors.composites import (
+    Guard,
+    If,
+    IfThenElse,
+    Parallel,
+    ReactiveFallback,
+    ReactiveSequence,
+    Selector,
+    Sequence,
+    Switch,
+    While,
+)
 from bt_dualarm.behaviors.coordination import Await, Claim, InStep, Meet, Signal
 from bt_dualarm.behaviors.decorators import (
     Delay,
     ForceFailure,
     ForceSuccess,
+    ForEach,
     Inverter,
     OnHalt,
     Rate,
@@ -25,20 +37,24 @@ from bt_dualarm.behaviors.decorators import (
     Subtree,
     Timeout,
 )
-from bt_dualarm.behaviors.leaf import Compare, Fail, LanguageLeaf, Log, Set, Succeed, Wait
+from bt_dualarm.behaviors.leaf import Compare, Fail, LanguageLeaf, Log, Set, Succeed, Test, Wait
 from bt_dualarm.behaviors.node import ReportingNode
 from bt_dualarm.spec.node_types import LanguageNode
 
 _PARENTS: Final[tuple[type[ReportingNode], ...]] = (
     Sequence,
     Selector,
+    ReactiveSequence,
+    ReactiveFallback,
     Parallel,
     Switch,
     If,
+    IfThenElse,
     While,
     Guard,
     Retry,
     Repeat,
+    ForEach,
     Timeout,
     Delay,
     Rate,
@@ -55,6 +71,7 @@ _LEAVES: Final[tuple[type[LanguageLeaf], ...]] = (
     Wait,
     Set,
     Compare,
+    Test,
     Log,
     Fail,
     Succeed,

@@ -27,6 +27,7 @@ from bt_dualarm.skill.skill import (
     refuse_return,
     wrong_metrics,
 )
+from bt_dualarm.spec.expressions import same as same
 from bt_dualarm.spec.node_types import (
     KEY,
     LanguageNode,
@@ -502,6 +503,36 @@ class Compare(LanguageLeaf):
         yield from ()
 
 
+class Test(LanguageLeaf):
+    """Succeeds if an expression is true."""
+
+    __test__ = False  # for pytest, which takes the name for that of a test
+
+    class Ports(PortModel):
+        """Ports of test."""
+
+        expression: bool = port(..., 'Usually of keys: `"{n} < 3 and not {empty}"`')
+
+    node_type = LanguageNode(
+        "test",
+        "Succeeds if an expression is true",
+        Ports,
+        shorthand="expression",
+        example="test: true",
+    )
+    ports: Ports
+
+    def run(self) -> Iterator[None]:
+        """Fail if the value of the expression is false.
+
+        Raises:
+            Failure: ``FALSE``: it is false.
+        """
+        if not self.ports.expression:
+            raise Failure("FALSE", "the expression is false")
+        yield from ()
+
+
 class Log(LanguageLeaf):
     """Writes a line to the log."""
 
@@ -609,17 +640,6 @@ def compared(value: Data, relation: str, to: Data, tolerance: float) -> bool:
             f"{in_words(value)} and {in_words(to)} cannot be ordered; only numbers can",
         )
     return _ORDER[relation](value, to)
-
-
-def same(a: Data, b: Data) -> bool:
-    """Returns whether YAML data are equal; unlike in Python, true is not 1."""
-    if isinstance(a, bool) or isinstance(b, bool):
-        return a is b
-    if isinstance(a, list) and isinstance(b, list):
-        return len(a) == len(b) and all(map(same, a, b))
-    if isinstance(a, dict) and isinstance(b, dict):
-        return a.keys() == b.keys() and all(same(a[key], b[key]) for key in a)
-    return bool(a == b)
 
 
 def near(a: Data, b: Data, tolerance: float) -> bool:

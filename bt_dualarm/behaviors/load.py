@@ -77,6 +77,7 @@ from bt_dualarm.spec.parser import (
     chosen,
     declared,
     fill_parameters,
+    value_types,
 )
 from bt_dualarm.spec.problems import Location, Problem, SpecError, errors, in_order
 from bt_dualarm.spec.values import Value
@@ -209,12 +210,13 @@ class _Loading:
         library = libraries.of(source)
         self.problems += libraries.problems
         self._texts = {each.file: each.text for each in (source, *libraries.included)}
-        trees = self._trees(ParseContext(source, ("arms",), Scope(values), library))
+        scope = Scope(values, types=value_types(specs))
+        trees = self._trees(ParseContext(source, ("arms",), scope, library))
         examination = Examination(LANGUAGE, self.skills, declared_names(source))
         self._examine_subtrees(source, library, examination)
         for root in trees.values():
             examination.tree(root)
-        file = self._model(source, values, trees)
+        file = self._model(source, scope, trees)
         readable = file or self.sound
         if readable is not None:
             examination.cell(readable.cell, source, trees)
@@ -259,18 +261,19 @@ class _Loading:
                 name: unknown(name) if spec.default is None else spec.default
                 for name, spec in subtree.params.items()
             }
-            context = ParseContext(source, subtree.path, Scope(values), subtree.library, (subtree,))
+            scope = Scope(values, types=value_types(subtree.params))
+            context = ParseContext(source, subtree.path, scope, subtree.library, (subtree,))
             root = self._parser.tree(context)
             if root is not None:
                 examination.nodes(root)
 
     def _model(
-        self, source: Source, values: Mapping[str, Data], trees: Mapping[str, NodeSpec]
+        self, source: Source, scope: Scope, trees: Mapping[str, NodeSpec]
     ) -> TreeFile | None:
         if "arms" not in source.data and "subtrees" in source.data:
             return None  # a file to include
         data = {key: item for key, item in source.data.items() if key not in _NOT_OF_THE_MODEL}
-        data = fill_parameters(data, values)
+        data = fill_parameters(source, (), data, scope, self.problems)
         path = FilePath(source.file)
         data.setdefault("name", path.stem.strip("<>")[:LONGEST_NAME])
         filled = with_tuples(data)
@@ -286,7 +289,7 @@ class _Loading:
             self.sound = self._what_is_sound(filled, path)
             return None
         return TreeFile.model_construct(
-            **dict(content), path=path, texts=self._texts, given=dict(values)
+            **dict(content), path=path, texts=self._texts, given=dict(scope.values)
         )
 
     def _what_is_sound(self, filled: Mapping[str, Data], path: FilePath) -> TreeFile:
@@ -562,7 +565,8 @@ class _Builder:
         )
         node: TreeNode
         if children:
-            parts = NodeParts(spec.name, children, spec.slots, self.bound(spec), self._cell)
+            write = partial(self._write, path)
+            parts = NodeParts(spec.name, children, spec.slots, self.bound(spec), self._cell, write)
             node = PARENT_CLASSES[spec.kind].of(parts)
             for child in children:
                 detach_parent(child)
@@ -581,8 +585,8 @@ class _Builder:
         named = {name: reference_of(spec.ports.get(name)) for name in outputs}
         keys = {name: key for name, key in named.items() if key is not None}
         ports = {name: value for name, value in spec.ports.items() if name not in keys}
-        for port, output in written_keys(skill.Ports).items():
-            keys[output] = spec.ports[port]
+        for port, written in written_keys(skill.Ports).items():
+            keys[written.port] = spec.ports[port]
         bound = BoundPorts(skill.Ports, ports, self._blackboard)
         writer = OutputWriter(skill.Outputs, keys, self._blackboard, partial(self._trace_key, path))
         context = self._make_context(path)
@@ -600,6 +604,11 @@ class _Builder:
             return made if inject is None else inject(made)
 
         return Leaf(spec.name, begin, context.arm, self.reports)
+
+    def _write(self, path: str, key: str, value: Data) -> None:
+        """Write a key on behalf of the node at a path."""
+        self._blackboard.write(key, value)
+        self._trace_key(path, key, value)
 
     def _trace_ports(self, path: str, ports: PortModel) -> None:
         if self._on_trace is not None:

@@ -15,15 +15,16 @@ from bt_dualarm.behaviors.report import StatusChange, StatusName
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.skill.cell import CellAccess
 from bt_dualarm.spec.explain import explain
+from bt_dualarm.spec.expressions import ExpressionError, resolved
 from bt_dualarm.spec.node_types import (
     REFERENCE,
     LanguageNode,
     PortModel,
     as_text,
+    dynamic_ports,
     key_name,
     only,
     port,
-    references_in,
     shown,
     templates_of,
     validated,
@@ -79,7 +80,7 @@ class BoundPorts:
         self._model = model
         self._ports = ports
         self._blackboard = blackboard
-        self._references = references_in(model, ports)
+        self._references = dynamic_ports(model, ports)
         self._templates = {
             name for name in templates_of(model) if REFERENCE.search(str(ports.get(name, "")))
         }
@@ -90,12 +91,17 @@ class BoundPorts:
         """Returns the ports with the current values of the blackboard.
 
         Raises:
-            Failure: ``NO_VALUE``: a key has no value, or one that its port does not allow.
+            Failure: ``NO_VALUE``: a key or an expression has no value, or one that its port does
+                not allow.
         """
         if self._known is not None:
             return self._known
         values = dict(self._ports)
-        values |= {name: self._blackboard.read(key) for name, key in self._references.items()}
+        for name in self._references:
+            try:
+                values[name] = resolved(values[name], self._blackboard.read)
+            except ExpressionError as error:
+                raise Failure("NO_VALUE", f"{name}: {error}") from error
         values |= {name: self._blackboard.write_out(values[name]) for name in self._templates}
         try:
             return validated(self._model, values)
@@ -208,6 +214,7 @@ class NodeParts:
         slots: Role of each child: ``child``, ``condition``, a case, …
         ports: Ports, bound to the arm's blackboard.
         cell: What the trees of the file share.
+        write: Function that writes a key of the arm's blackboard.
     """
 
     name: str
@@ -215,6 +222,7 @@ class NodeParts:
     slots: tuple[str, ...]
     ports: BoundPorts
     cell: CellAccess = field(default_factory=CellAccess.alone)
+    write: Callable[[str, Data], None] = lambda _key, _value: None
 
 
 NAMES: Final[Mapping[Status, StatusName]] = {

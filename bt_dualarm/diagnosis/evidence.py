@@ -13,6 +13,7 @@ import numpy as np
 from bt_dualarm.replay.record import Facts, Record
 from bt_dualarm.replay.timeline import Change, Scene, Timeline, TimelineNode
 from bt_dualarm.spec.cell import CLAIM
+from bt_dualarm.spec.expressions import keys_in
 from bt_dualarm.spec.node_types import REFERENCE
 
 
@@ -272,7 +273,9 @@ class Evidence:
         """Keys that its ports refer to: key, port, value, writer, time; None if unwritten."""
         found = []
         for port, value in self.leaf.ports.items():
-            for key in REFERENCE.findall(value) if isinstance(value, str) else ():
+            # A text may also be a message, in which keys need not form an expression.
+            keys = REFERENCE.findall(value) if isinstance(value, str) else keys_in(value)
+            for key in dict.fromkeys(keys):
                 written = [
                     note for note in self.notes("wrote", until=self.ended) if note["key"] == key
                 ]

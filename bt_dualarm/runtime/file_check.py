@@ -33,10 +33,10 @@ from bt_dualarm.spec.faults import FaultSpec, fault_problems, joint_problems, re
 from bt_dualarm.spec.node_types import (
     NodeSpec,
     NodeType,
+    is_dynamic,
     is_unknown,
     metadata_of,
     models_in,
-    reference_of,
 )
 from bt_dualarm.spec.problems import Location, Problem, SpecError, errors, in_order, suggestion
 from bt_dualarm.spec.relative_pose import RelativePose, relative_pose
@@ -84,7 +84,7 @@ def _beyond(node: NodeSpec, kind: NodeType, gripper: Gripper) -> Iterator[Proble
     for port, declared in kind.ports.model_fields.items():
         quantity = metadata_of(declared, OfGripper)
         value = node.ports.get(port)
-        if quantity is None or value is None or reference_of(value) is not None:
+        if quantity is None or value is None or is_dynamic(value):
             continue
         span = _limits(gripper, quantity.what)
         is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
@@ -222,7 +222,7 @@ class Names:
                 yield node.problem(message, f"give {name} one: camera: {{mount: {mount}}}")
             for port, declared in kind.ports.model_fields.items():
                 value = node.ports.get(port)
-                if value is None or reference_of(value) is not None:
+                if value is None or is_dynamic(value):
                     continue
                 if metadata_of(declared, OfPosture) and isinstance(value, str):
                     if value not in robot.postures:
@@ -385,7 +385,7 @@ class _ReachCheck:
 
     def complaint(self, value: Data, goal: Goal) -> tuple[str, str] | None:
         """Message and hint for a pose in YAML notation; None if it can be reached."""
-        if value is None or reference_of(value) is not None:
+        if value is None or is_dynamic(value):
             return None
         relative = relative_pose(value)
         if relative is not None:

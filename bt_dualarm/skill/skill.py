@@ -56,7 +56,7 @@ STANDARD_FAILURES: Final[Mapping[str, str]] = {
     "DEADLOCK": "the arms in its way wait for this one",
     "NO_GRIPPER": "the arm has no gripper",
     "UNKNOWN_POSE": "a pose is relative to an object whose pose the arm does not know",
-    "NO_VALUE": "a blackboard key was read that has no value of the right type",
+    "NO_VALUE": "a blackboard key or an expression has no value of the right type",
     "OVERRUN": "the skill's code did not return in time and was interrupted",
     "EXCEPTION": "the skill has a bug: see the traceback in the log",
 }

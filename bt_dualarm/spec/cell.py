@@ -13,7 +13,7 @@ from typing import Annotated, Final, Literal, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
-from bt_dualarm.spec.node_types import LanguageNode, NodeSpec, NodeType, port, reference_of
+from bt_dualarm.spec.node_types import LanguageNode, NodeSpec, NodeType, is_dynamic, port
 from bt_dualarm.spec.parser import ParamSpec
 from bt_dualarm.spec.problems import Name, Problem, suggestion
 from bt_dualarm.spec.values import PoseSpec, Refers, Value
@@ -120,9 +120,7 @@ def claimed(ports: Mapping[str, Data]) -> list[str]:
         names = ports.get(category)
         items = names if isinstance(names, (list, tuple)) else (names,)
         found += [
-            f"{category} {name}"
-            for name in items
-            if isinstance(name, str) and reference_of(name) is None
+            f"{category} {name}" for name in items if isinstance(name, str) and not is_dynamic(name)
         ]
     return sorted(found)
 
@@ -237,7 +235,7 @@ class CellCheck:
                 hint = f"it is written by {_listed(signal.written_by)}: see cell.signals"
                 yield node.port_problem(("signal",), message, hint)
             value = "value" if node.kind == SIGNAL else "to"
-            if value in node.ports and reference_of(node.ports[value]) is None:
+            if value in node.ports and not is_dynamic(node.ports[value]):
                 for complaint in signal.complaints(node.ports[value]):
                     what = complaint.removeprefix("value: ")
                     yield node.port_problem(
@@ -282,7 +280,7 @@ class CellCheck:
         node_type = self.node_types.get(node.kind)
         joint = None if node_type is None else node_type.counterpart
         partner = None if joint is None else node.ports.get(joint.partner)
-        if joint is None or not isinstance(partner, str) or reference_of(partner) is not None:
+        if joint is None or not isinstance(partner, str) or is_dynamic(partner):
             return
         if partner == arm:
             message = f"{node.kind}: {joint.partner}: {arm} cannot be its own partner"
@@ -293,12 +291,12 @@ class CellCheck:
         if partner not in self.trees:
             return  # another check reports it
         wanted = {joint.its_partner: arm, **{name: node.ports.get(name) for name in joint.same}}
-        if any(reference_of(value) is not None for value in wanted.values()):
+        if any(is_dynamic(value) for value in wanted.values()):
             return
         leaves = [one for one in self.trees[partner].walk() if one.kind == joint.kind]
         for leaf in leaves:
             if all(
-                leaf.ports.get(name) == value or reference_of(leaf.ports.get(name)) is not None
+                leaf.ports.get(name) == value or is_dynamic(leaf.ports.get(name))
                 for name, value in wanted.items()
             ):
                 return
@@ -322,7 +320,7 @@ class CellCheck:
             for node in root.walk()
             if node.kind == SIGNAL
         ]
-        if any(reference_of(name) for name in written):
+        if any(map(is_dynamic, written)):
             return
         for root in self.trees.values():
             for node in root.walk():
@@ -340,7 +338,7 @@ class CellCheck:
         for name, participants in self.cell.rendezvous.items():
             coming = {arm: [*self._meets(arm, name)] for arm in participants if arm in self.trees}
             if not any(coming.values()) or any(
-                reference_of(node.ports.get("at"))
+                is_dynamic(node.ports.get("at"))
                 for arm in coming
                 for node in self.trees[arm].walk()
                 if node.kind == MEET
@@ -570,7 +568,7 @@ def _straight(root: NodeSpec, node_types: Mapping[str, NodeType]) -> tuple[list[
 
     def visit(node: NodeSpec) -> bool:
         if node.kind == IN_STEP:
-            if "timeout" in node.ports or reference_of(node.ports.get("with")) is not None:
+            if "timeout" in node.ports or is_dynamic(node.ports.get("with")):
                 return False
             found.append(node)
             goes_on = visit(node.children[0])
@@ -579,7 +577,7 @@ def _straight(root: NodeSpec, node_types: Mapping[str, NodeType]) -> tuple[list[
             return goes_on
         if node.kind in (MEET, AWAIT, SIGNAL):
             name = node.ports.get("at" if node.kind == MEET else "signal")
-            if not isinstance(name, str) or reference_of(name) is not None:
+            if not isinstance(name, str) or is_dynamic(name):
                 return False  # another check reports what is no name
             found.append(node)
             return "timeout" not in node.ports

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Set
+import itertools
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from dataclasses import field as dataclass_field
 from functools import lru_cache
@@ -11,8 +13,17 @@ from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
 from bt_dualarm.spec.cell import CATEGORIES, CellCheck, CellSpec
+from bt_dualarm.spec.dimensions import ANYTHING, Dimension, ValueType, dimension_of, misfit
 from bt_dualarm.spec.document import TreeFile
-from bt_dualarm.spec.explain import explain
+from bt_dualarm.spec.explain import explain, field_at
+from bt_dualarm.spec.expressions import (
+    ExpressionError,
+    as_number,
+    keys_in,
+    parse,
+    resolved,
+    type_of,
+)
 from bt_dualarm.spec.goals import SECTIONS, condition_problems
 from bt_dualarm.spec.node_types import (
     EITHER,
@@ -24,7 +35,10 @@ from bt_dualarm.spec.node_types import (
     NodeType,
     Outcomes,
     PortModel,
+    WrittenKey,
+    dynamic_ports,
     in_words,
+    is_dynamic,
     is_unknown,
     item_models,
     key_name,
@@ -33,14 +47,14 @@ from bt_dualarm.spec.node_types import (
     miscounted,
     only,
     reference_of,
-    references_in,
     templates_of,
+    unit_of,
     validate_literals,
     validated,
     written_keys,
 )
 from bt_dualarm.spec.parser import ParamSpec, SubtreeSpec, not_a_body
-from bt_dualarm.spec.problems import Problem, nearest, suggestion
+from bt_dualarm.spec.problems import Location, Problem, nearest, suggestion
 from bt_dualarm.spec.values import Refers
 from bt_dualarm.spec.yaml_reader import Data, DataPath, Json, Source
 
@@ -108,7 +122,6 @@ def check_node(node: NodeSpec, node_type: NodeType, declared: Declared) -> Itera
         name: node.ports[name] for name in node_type.outputs.model_fields if name in node.ports
     }
     ports = {name: value for name, value in node.ports.items() if name not in outputs}
-    known: set[DataPath] = set()
     try:
         validate_literals(node_type.ports, ports)
     except ValidationError as error:
@@ -118,12 +131,6 @@ def check_node(node: NodeSpec, node_type: NodeType, declared: Declared) -> Itera
             key = reference_of(_at(ports, found.path))
             hint = _parameter_hint(node, key) if key else ""
             yield node.port_problem(found.path, message, hint or found.hint, key=at_key)
-            known.add(found.path)
-    for path, key in _inner_references({} if node_type.uses else ports):
-        if path not in known:
-            message = f"{node.kind}: '{{{key_name(key)}}}' is not a parameter"
-            hint = _parameter_hint(node, key) or "a key can only stand for a whole port"
-            yield node.port_problem(path, message, hint)
     for path, refers, name in _names_in(node_type.ports, ports):
         names = declared.of(refers.to)
         if name in refers.words and name in names:
@@ -133,13 +140,14 @@ def check_node(node: NodeSpec, node_type: NodeType, declared: Declared) -> Itera
             what = "frame" if refers.words else " or ".join(refers.to)
             hint = suggestion(name, names | set(refers.words), what)
             yield node.port_problem(path, f"{node.kind}: there is no {what} '{name}'", hint)
-    references = references_in(node_type.ports, ports)
+    for name in node_type.ports.model_fields:
+        if name in ports:
+            yield from _wrong_units(node, node_type, name)
+    references = dynamic_ports(node_type.ports, ports)
     complaint = miscounted(node_type.ports, ports) if references else ""
     if complaint:  # without references the model's own validator reports it
         yield node.port_problem((), f"{node.kind}: {complaint}", key=True)
-    for name in (
-        name for name in node_type.fixed & references.keys() if not is_unknown(ports[name])
-    ):
+    for name in (name for name in node_type.fixed & references if not is_unknown(ports[name])):
         message = f"{node.kind}: {name}: cannot come from the blackboard"
         yield node.port_problem((name,), message, "give a literal value, or use a parameter")
     if isinstance(node_type, LanguageNode):
@@ -150,14 +158,52 @@ def check_node(node: NodeSpec, node_type: NodeType, declared: Declared) -> Itera
             yield node.port_problem((name,), message, f'for example: {name}: "{{{name}}}"')
 
 
-def _inner_references(data: Data, path: DataPath = ()) -> Iterator[tuple[DataPath, str]]:
-    """Returns references within a port's value, which cannot be replaced in a running tree."""
+def _dynamic_texts(data: Data, path: DataPath = ()) -> Iterator[tuple[DataPath, str]]:
+    """Yields the references and expressions in a value, with their paths in it."""
     if isinstance(data, (dict, list)):
         for part, item in data.items() if isinstance(data, dict) else enumerate(data):
-            yield from _inner_references(item, (*path, part))
-    key = reference_of(data)
-    if key is not None and len(path) > 1 and not is_unknown(data):
-        yield path, key
+            yield from _dynamic_texts(item, (*path, part))
+    elif isinstance(data, str) and is_dynamic(data):
+        yield path, data
+
+
+def _written(node: NodeSpec, node_type: NodeType, port: str) -> tuple[DataPath, Data]:
+    """Returns the path below the node's kind of a port's value, and the value as in the file."""
+    body = node.source.get((*node.path, node.kind))
+    if isinstance(body, dict):
+        return (port,), body.get(port)
+    return (), body if node_type.shorthand == port else None
+
+
+def _wrong_units(node: NodeSpec, node_type: NodeType, port: str) -> Iterator[Problem]:
+    """Returns the errors of units that are known from the declarations of parameters."""
+    above, value = _written(node, node_type, port)
+    for path, text in _dynamic_texts(value):
+        try:
+            found = type_of(parse(text), node.types)
+        except ExpressionError:
+            continue  # the parser has reported it
+        complaint = misfit(found, _dimension_at(node_type.ports, (port, *path)))
+        if complaint:
+            message = f"{node.kind}: {_owner(port, path)}: {complaint}"
+            yield node.port_problem((*above, *path), message)
+
+
+def _misfit_of_type(found: ValueType, model: type[PortModel], port: str, path: DataPath) -> str:
+    """Returns why no value of a type fits a port, or a part of it; empty if one may."""
+    accepted = frozenset() if path else json_types(model, port)
+    if found.kind and accepted and found.kind not in accepted:
+        return f"expected {_type_names(accepted)}, not {_type_names({found.kind})}"
+    return misfit(found, _dimension_at(model, (port, *path)))
+
+
+def _dimension_at(model: type[PortModel], path: DataPath) -> Dimension | None:
+    field = field_at(model, path)
+    return None if field is None else dimension_of(unit_of(field))
+
+
+def _owner(port: str, path: DataPath) -> str:
+    return next((part for part in reversed(path) if isinstance(part, str)), port)
 
 
 def _at(data: Data, path: DataPath) -> Data:
@@ -187,7 +233,7 @@ def _names_in(
         items: list[Data] = value if isinstance(value, list) else [value]
         for index, one in enumerate(items):
             at = (*path, field_name, index) if several else (*path, field_name)
-            if refers is not None and isinstance(one, str) and reference_of(one) is None:
+            if refers is not None and isinstance(one, str) and not is_dynamic(one):
                 yield at, refers, one
             elif isinstance(one, dict):
                 for nested in item_models(field.annotation):
@@ -217,7 +263,7 @@ class KeyWrite:
         node: Node that writes it.
         port: Port or output that names the key.
         key: Key on the arm's blackboard, with the prefix of its subtree.
-        literal: Value in YAML notation as a tuple of one, empty if it is not known.
+        literal: All values that may be written, in YAML notation; empty if they are not known.
         model: Model with the output of that name, None if a port has the value.
     """
 
@@ -228,14 +274,44 @@ class KeyWrite:
     model: type[PortModel] | None = None
 
 
+def _literal_values(written: WrittenKey, value: Data) -> tuple[Data, ...]:
+    """Returns all values that a node may write to a key, empty if they are not known."""
+    if written.what == "value":
+        return () if is_dynamic(value) else (value,)
+    items = value if isinstance(value, list) else []
+    if written.what == "indices":
+        return tuple(range(len(items)))
+    return () if is_dynamic(items) else tuple(items)
+
+
 @dataclass(frozen=True, eq=False)
 class KeyRead:
-    """A read of a key; ``model`` has the port, None for a key within a text."""
+    """A read of a key.
+
+    Attributes:
+        node: Node that reads it.
+        port: Port that refers to it.
+        key: Key on the arm's blackboard, with the prefix of its subtree.
+        model: Model with the port if its whole value is that of the key, else None.
+        path: Path of the reference below the node's kind in the file.
+    """
 
     node: NodeSpec
     port: str
     key: str
     model: type[PortModel] | None = None
+    path: DataPath = ()
+
+    @property
+    def location(self) -> Location:
+        """Location of the reference."""
+        path = (*self.node.path, self.node.kind, *self.path)
+        text = self.node.source.get(path)
+        reference = f"{{{key_name(self.key)}}}"
+        if self.model is not None or not isinstance(text, str) or reference not in text:
+            return self.node.source.location(path)
+        start = text.index(reference)
+        return self.node.source.part_location(path, start, start + len(reference))
 
 
 @dataclass
@@ -273,13 +349,16 @@ class Flow:
         """Check the reads of a node and its descendants; returns their new writes."""
         new: list[KeyWrite] = []
         node_type = self.node_types[node.kind]
+        overwritten = self._overwritten(node, node_type)
         if isinstance(node_type, LanguageNode) and node_type.revisits(node):
             new += self._record(write for below in node.walk() for write in self._writes[below])
         for read in self._reads(node):
             writes = [w for w in self._before.get(read.key, ()) if w not in self._hidden]
             self._check(read, writes, everywhere)
+        self._check_expressions(node, node_type)
         new += self._record(self._writes[node])
         branches: list[KeyWrite] = []
+        self._hidden |= overwritten
         for slot, child in zip(node.slots, node.children, strict=True):
             is_branch = node_type.is_alternative(slot)
             hidden = set(branches) if is_branch else set()
@@ -288,7 +367,18 @@ class Flow:
             self._hidden -= hidden
             new += written
             branches += written if is_branch else []
+        self._hidden -= overwritten
         return new
+
+    def _overwritten(self, node: NodeSpec, node_type: NodeType) -> set[KeyWrite]:
+        """Returns earlier writes of keys that a loop writes before each start of its child."""
+        keys = [
+            node.ports.get(port)
+            for port, written in written_keys(node_type.ports).items()
+            if written.what != "value"
+        ]
+        earlier = {write for key in keys for write in self._before.get(str(key), ())}
+        return earlier - self._hidden
 
     def _record(self, writes: Iterable[KeyWrite]) -> list[KeyWrite]:
         """Count writes as done from here on; returns those that did not count before."""
@@ -308,13 +398,85 @@ class Flow:
                 message = f"{read.node.kind}: {complaint}"
                 self.problems.append(read.node.port_problem((read.port,), message, hint))
 
+    def _check_expressions(self, node: NodeSpec, node_type: NodeType) -> None:
+        """Check units, and values where those of all keys are known."""
+        if node_type.uses:
+            return
+        for port in dynamic_ports(node_type.ports, node.ports):
+            value = node.ports[port]
+            if reference_of(value) is not None:
+                continue
+            writes = {
+                key: [w for w in self._before.get(key, ()) if w not in self._hidden]
+                for key in keys_in(value)
+            }
+            if not all(writes.values()):
+                continue  # it is reported that they are never written
+            above, written = _written(node, node_type, port)
+            originals = dict(_dynamic_texts(written))
+            types = {key: _common_type(each) for key, each in writes.items()}
+            wrong = False
+            for path, text in _dynamic_texts(value):
+                where = node.source.location((*node.path, node.kind, *above, *path))
+                try:
+                    found = type_of(parse(text), types)
+                    complaint = _misfit_of_type(found, node_type.ports, port, path)
+                    hint = ""
+                except ExpressionError as error:
+                    complaint = str(error)
+                    hint = error.hint
+                    if originals.get(path) == text:
+                        at = (*node.path, node.kind, *above, *path)
+                        where = node.source.part_location(at, error.start, error.end)
+                if complaint:
+                    wrong = True
+                    message = f"{node.kind}: {_owner(port, path)}: {complaint}"
+                    self.problems.append(Problem(where, message, hint))
+            if not wrong:
+                self._check_values(node, node_type.ports, port, above, writes)
+
+    def _check_values(
+        self,
+        node: NodeSpec,
+        model: type[PortModel],
+        port: str,
+        above: DataPath,
+        writes: Mapping[str, Sequence[KeyWrite]],
+    ) -> None:
+        """Check the value of a port for all that is written to its keys, if all of it is known.
+
+        It is an error only if no combination of these values is allowed: which of them occur
+        together is not known.
+        """
+        known = [[value for write in each for value in write.literal] for each in writes.values()]
+        if math.prod(map(len, known)) > _MOST_COMBINATIONS or any(
+            not write.literal for each in writes.values() for write in each
+        ):
+            return
+        wanted = only(model, port)
+        complaint = ""
+        for values in itertools.product(*known):
+            given = dict(zip(writes, values, strict=True))
+            try:
+                value = resolved(node.ports[port], given.__getitem__)
+                validated(wanted, {port: value})
+                return
+            except ExpressionError as error:
+                found = f"{_owner(port, ())}: {error}"
+            except ValidationError as error:
+                found = next(explain(error, wanted, {port: value}, "port")).message
+            if not complaint:
+                shown = (f"'{{{key_name(key)}}}' is {in_words(one)}" for key, one in given.items())
+                complaint = f"{found}, where {' and '.join(shown)}"
+        self.problems.append(node.port_problem(above, f"{node.kind}: {complaint}"))
+
     def _writes_of(self, node: NodeSpec) -> Iterator[KeyWrite]:
         node_type = self.node_types[node.kind]
         for port, written in written_keys(node_type.ports).items():
             key = node.ports.get(port)
-            value = node.ports.get(written)
+            value = node.ports.get(written.port)
             if isinstance(key, str) and KEY.fullmatch(key_name(key)):
-                yield KeyWrite(node, port, key, () if reference_of(value) else (value,))
+                yield KeyWrite(node, port, key, _literal_values(written, value))
         for name in node_type.outputs.model_fields:
             output = reference_of(node.ports.get(name))
             if output is not None:
@@ -324,13 +486,18 @@ class Flow:
         node_type = self.node_types[node.kind]
         if node_type.uses:  # parameters of a subtree are read where its nodes read them
             return
-        for port, key in references_in(node_type.ports, node.ports).items():
-            if KEY.fullmatch(key_name(key)):  # else the parser has refused it
-                yield KeyRead(node, port, key, node_type.ports)
+        for port in sorted(dynamic_ports(node_type.ports, node.ports)):
+            above, _ = _written(node, node_type, port)
+            for path, text in _dynamic_texts(node.ports[port]):
+                whole = not path and reference_of(text) is not None
+                model = node_type.ports if whole else None
+                for key in keys_in(text):
+                    if KEY.fullmatch(key_name(key)):  # else the parser has refused it
+                        yield KeyRead(node, port, key, model, (*above, *path))
         for port in templates_of(node_type.ports):
             for match in REFERENCE.finditer(str(node.ports.get(port, ""))):
                 if KEY.fullmatch(key_name(match[1])):
-                    yield KeyRead(node, port, match[1])
+                    yield KeyRead(node, port, match[1], path=_written(node, node_type, port)[0])
 
 
 def _never_written(read: KeyRead, everywhere: set[str]) -> Problem:
@@ -348,7 +515,33 @@ def _never_written(read: KeyRead, everywhere: set[str]) -> Problem:
     if read.node.user:
         hint += f"; the subtree is used at {read.node.user}"
     message = f"{read.node.kind}: no node before this one writes '{{{name}}}'"
-    return read.node.port_problem((read.port,), message, hint)
+    return Problem(read.location, message, hint)
+
+
+_MOST_COMBINATIONS = 64
+"""Combinations of written values for which an expression is evaluated in the check."""
+
+
+def _common_type(writes: Iterable[KeyWrite]) -> ValueType:
+    """Returns what all values of a key have in common."""
+    found = {_type_of_write(write) for write in writes}
+    return found.pop() if len(found) == 1 else ANYTHING
+
+
+def _type_of_write(write: KeyWrite) -> ValueType:
+    if write.model is not None:
+        kinds = json_types(write.model, write.port)
+        kind = next(iter(kinds)) if len(kinds) == 1 else ""
+        return ValueType(kind, dimension_of(unit_of(write.model.model_fields[write.port])))
+    found = {_type_of_value(value) for value in write.literal}
+    return found.pop() if len(found) == 1 else ANYTHING
+
+
+def _type_of_value(value: Data) -> ValueType:
+    if isinstance(value, str) and as_number(value) is not None:
+        return ValueType("number", type_of(parse(f"max({value}, {value})"), {}).dimension)
+    names = {bool: "boolean", str: "string", list: "array", dict: "object"}
+    return ValueType(names.get(type(value), "number" if value is not None else ""))
 
 
 def _misfit(model: type[PortModel], port: str, write: KeyWrite) -> str:
@@ -365,7 +558,8 @@ def _misfit(model: type[PortModel], port: str, write: KeyWrite) -> str:
     accepted = json_types(model, port)
     if given and accepted and not given & accepted:
         return f"{port}: expected {_type_names(accepted)}, not {_type_names(given)}"
-    return ""
+    complaint = _misfit_of_type(_type_of_write(write), model, port, ())
+    return f"{port}: {complaint}" if complaint else ""
 
 
 @lru_cache(maxsize=512)
@@ -392,7 +586,13 @@ def _types_in(schema: Json, definitions: Json) -> set[str]:
 
 
 def _type_names(types: Set[str]) -> str:
-    names = {"string": "text", "array": "a list", "object": "a mapping", "number": "a number"}
+    names = {
+        "string": "text",
+        "array": "a list",
+        "object": "a mapping",
+        "number": "a number",
+        "boolean": "true or false",
+    }
     return " or ".join(sorted(names.get(each, each) for each in types))
 
 
@@ -410,7 +610,7 @@ def outcomes_in(root: NodeSpec, node_types: Mapping[str, NodeType]) -> dict[Node
     known: dict[NodeSpec, Outcomes] = {}
     for node in reversed(tuple(root.walk())):  # children come after their parent
         node_type = node_types.get(node.kind)
-        reads = any(reference_of(value) for value in node.ports.values())
+        reads = any(map(is_dynamic, node.ports.values()))
         if not isinstance(node_type, LanguageNode):
             known[node] = EITHER
         elif not node.children and (reads or not node_type.is_leaf or node_type.uses):
@@ -482,7 +682,7 @@ def absent(file: TreeFile, source: Source, node_types: Mapping[str, NodeType]) -
         if node.kind in node_types
         for port in node_types[node.kind].brings_in
     ]
-    if any(reference_of(value) for value in named):
+    if any(map(is_dynamic, named)):
         return  # what is spawned is known only in the run
     spawned = {value for value in named if isinstance(value, str)}
     objects = {name for name, item in file.objects.items() if not item.spawned} - spawned

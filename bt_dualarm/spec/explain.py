@@ -463,4 +463,4 @@ def _reference_hint(given: Data) -> str:
     key = reference_of(given)
     if key is None:
         return ""
-    return f"there is no parameter '{key_name(key)}', and a key can only stand for a whole port"
+    return f"there is no parameter '{key_name(key)}'"

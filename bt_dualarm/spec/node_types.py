@@ -23,6 +23,7 @@ from typing import (
     Any,
     ClassVar,
     Final,
+    Literal,
     Self,
     TypeAlias,
     TypeVar,
@@ -42,6 +43,7 @@ from pydantic import (
 from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema
 
+from bt_dualarm.spec.dimensions import ValueType
 from bt_dualarm.spec.problems import Location, Problem, suggestion
 from bt_dualarm.spec.yaml_reader import Data, DataPath, Json, Source
 
@@ -192,9 +194,12 @@ class WrittenKey:
 
     Attributes:
         port: Port whose value is written there.
+        what: Its ``value``, or one after the other the ``items`` of that list, or their
+            ``indices``.
     """
 
     port: str
+    what: Literal["value", "items", "indices"] = "value"
 
 
 class PortModel(BaseModel):
@@ -291,6 +296,23 @@ def reference_of(value: Data) -> str | None:
     return match[1] if match else None
 
 
+def is_expression(value: Data) -> bool:
+    """Returns whether a value is a text with a reference to a key within it."""
+    if not isinstance(value, str) or reference_of(value) is not None:
+        return False
+    return any(KEY.match(match[1].strip()) for match in REFERENCE.finditer(value))
+
+
+def is_dynamic(value: Data) -> bool:
+    """Returns whether a value, or a part of it, is a reference or an expression."""
+    if isinstance(value, str):
+        return reference_of(value) is not None or is_expression(value)
+    if isinstance(value, (dict, list, tuple)):
+        items = value.values() if isinstance(value, dict) else value
+        return any(map(is_dynamic, items))
+    return False
+
+
 def shown(text: str) -> str:
     """Returns text as its author wrote it: without the prefixes of a subtree's keys."""
     return REFERENCE.sub(lambda match: f"{{{key_name(match[1])}}}", text)
@@ -317,6 +339,13 @@ def _in_flow(value: Data) -> str:
     return json.dumps(value, ensure_ascii=False)
 
 
+def dynamic_ports(model: type[PortModel], ports: Mapping[str, Data]) -> frozenset[str]:
+    """Returns the ports of ``model`` that depend on references, except texts that contain keys."""
+    fields = model.model_fields
+    dynamic = [name for name, value in ports.items() if name in fields and is_dynamic(value)]
+    return frozenset(dynamic) - templates_of(model) if dynamic else frozenset()
+
+
 def references_in(model: type[PortModel], ports: Mapping[str, Data]) -> dict[str, str]:
     """Returns the key of each port of ``model`` that is given as a reference."""
     keys = {name: reference_of(value) for name, value in ports.items()}
@@ -339,10 +368,10 @@ def templates_of(model: type[PortModel]) -> frozenset[str]:
 
 
 @lru_cache(maxsize=512)
-def written_keys(model: type[PortModel]) -> Mapping[str, str]:
-    """Returns the ports that name a key to write, each with the port that has the value."""
+def written_keys(model: type[PortModel]) -> Mapping[str, WrittenKey]:
+    """Returns the ports that name a key to write, each with what is written there."""
     items = ((name, metadata_of(field, WrittenKey)) for name, field in model.model_fields.items())
-    return {name: found.port for name, found in items if found is not None}
+    return {name: found for name, found in items if found is not None}
 
 
 def validated(model: type[PortModel], ports: Mapping[str, Data]) -> PortModel:
@@ -356,16 +385,28 @@ def validated(model: type[PortModel], ports: Mapping[str, Data]) -> PortModel:
 
 
 def validate_literals(model: type[PortModel], ports: Mapping[str, Data]) -> None:
-    """Validates the ports that are not references.
+    """Validates the ports that are neither references nor expressions.
 
     Raises:
-        pydantic.ValidationError: As `validated`.
+        pydantic.ValidationError: As `validated`; where a part of a port is dynamic, errors of that
+            part have an unknown value as their input.
     """
-    references = references_in(model, ports)
-    if references:
-        model = without(model, frozenset(references))
-        ports = {name: value for name, value in ports.items() if name not in references}
+    dynamic = dynamic_ports(model, ports)
+    if dynamic:
+        whole = frozenset(name for name in dynamic if isinstance(ports[name], str))
+        if whole:
+            model = without(model, whole)
+        ports = {name: _literals(value) for name, value in ports.items() if name not in whole}
     validated(model, ports)
+
+
+def _literals(value: Data) -> Data:
+    """Returns a value with an unknown one in the place of each dynamic part."""
+    if isinstance(value, dict):
+        return {name: _literals(item) for name, item in value.items()}
+    if isinstance(value, list):
+        return [_literals(item) for item in value]
+    return unknown("part") if is_dynamic(value) else value
 
 
 @lru_cache(maxsize=512)
@@ -599,6 +640,7 @@ class NodeSpec:
         whole: Whether all of it could be parsed.
         user: Location where the subtree that it is part of is used, if it is part of one.
         parameters: Names of the parameters that it may refer to.
+        types: Types of their values in expressions, by name.
     """
 
     kind: str
@@ -611,6 +653,7 @@ class NodeSpec:
     whole: bool = field(default=True, repr=False)
     user: Location | None = field(default=None, repr=False)
     parameters: frozenset[str] = field(default=frozenset(), repr=False)
+    types: Mapping[str, ValueType] = field(default_factory=dict, repr=False)
 
     @property
     def location(self) -> Location:
@@ -728,12 +771,16 @@ class LanguageNode(NodeType):
     synonyms: Mapping[str, str] = field(default_factory=dict)
 
 
+TEST: Final = "test"
+"""Node type of which a text with references is a short form: ``condition: "{n} < 3"``."""
+
 RESERVED_NAMES: Final = frozenset(
     {
-        "sequence", "selector", "parallel", "switch", "if", "while", "guard",
-        "retry", "repeat", "timeout", "delay", "rate", "inverter", "force_success",
+        "sequence", "selector", "reactive_sequence", "reactive_fallback", "parallel", "switch",
+        "if", "if_then_else", "while", "guard", "retry", "repeat", "for_each",
+        "timeout", "delay", "rate", "inverter", "force_success",
         "force_failure", "run_once", "on_halt", "subtree",
-        "wait", "set", "compare", "log", "fail", "succeed",
+        "wait", "set", "compare", "test", "log", "fail", "succeed",
         "signal", "await", "meet", "claim", "in_step",
     }
 )  # fmt: skip

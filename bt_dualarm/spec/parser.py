@@ -12,10 +12,20 @@ from typing import Any, Final, Literal, TypeAlias
 
 from pydantic import Field, ValidationError, create_model, model_validator
 
+from bt_dualarm.spec.dimensions import ANYTHING, ValueType, dimension_of, misfit
 from bt_dualarm.spec.explain import explain
+from bt_dualarm.spec.expressions import (
+    Expression,
+    ExpressionError,
+    parse,
+    substituted,
+    type_of,
+    value_of,
+)
 from bt_dualarm.spec.node_types import (
     KEY,
     REFERENCE,
+    TEST,
     LanguageNode,
     NodeSpec,
     NodeType,
@@ -24,6 +34,8 @@ from bt_dualarm.spec.node_types import (
     WrittenKey,
     as_text,
     in_words,
+    is_dynamic,
+    is_expression,
     is_unknown,
     port,
     reference_of,
@@ -64,6 +76,9 @@ _TYPES: Final[Mapping[str, Any]] = {
     "key": str,
 }
 _RANGED: Final = ("number", "integer", "duration", "angle")
+_WITH_UNIT: Final = ("number", "integer", "vector")
+
+UnitName: TypeAlias = Literal["m", "s", "deg", "kg", "N", "Hz", "m/s", "m/s²"]
 
 
 class ParamSpec(Value):
@@ -76,6 +91,9 @@ class ParamSpec(Value):
     default: Data = port(None, "Default value; a parameter without one must be given")
     range: tuple[float, float] | None = port(None, "Smallest and largest number")
     choices: tuple[str, ...] | None = port(None, "Allowed texts", min_length=1)
+    unit: UnitName | None = port(
+        None, "Unit of a number or of a vector's components; expressions check it"
+    )
     description: str = port("", "One-line description")
 
     @model_validator(mode="after")
@@ -86,11 +104,25 @@ class ParamSpec(Value):
             raise ValueError(f"the range goes from {self.range[0]:g} down to {self.range[1]:g}")
         if self.range and self.type == "integer" and not all(x.is_integer() for x in self.range):
             raise ValueError("the range of an integer must have integer bounds")
+        if self.unit and self.type not in _WITH_UNIT:
+            raise ValueError(f"a {self.type} has no unit; types with one: {', '.join(_WITH_UNIT)}")
         if self.choices and self.type != "text":
             raise ValueError("only a parameter of type text has choices")
         if self.type == "key" and self.default is not None:
             raise ValueError("a key has no default: it is given where the subtree is used")
         return self
+
+    @property
+    def value_type(self) -> ValueType:
+        """Type of its values in expressions."""
+        if self.type in ("duration", "angle"):
+            return ValueType("number", dimension_of("s" if self.type == "duration" else "deg"))
+        if self.type == "vector":
+            return ValueType("array", dimension_of(self.unit or ""))
+        if self.type in ("number", "integer"):
+            return ValueType("number", dimension_of(self.unit or ""))
+        kinds = {"boolean": "boolean", "pose": "object", "text": "string", "object": "string"}
+        return ValueType(kinds.get(self.type, ""))
 
     def complaints(self, name: str, value: Data) -> list[str]:
         """Returns every reason why ``value`` cannot be the parameter's value."""
@@ -218,21 +250,38 @@ class Scope:
     Attributes:
         values: Values of the parameters; one that was given as a key is ``"{outer key}"``.
         prefix: Prefix of every other key.
+        types: Types of the parameters' values, as far as their declarations state them.
     """
 
     values: Mapping[str, Data] = field(default_factory=dict)
     prefix: str = ""
+    types: Mapping[str, ValueType] = field(default_factory=dict)
 
-    def fill(self, value: Data) -> Data:
-        """Returns data with parameters replaced and keys prefixed."""
-        if isinstance(value, dict):
-            return {key: self.fill(item) for key, item in value.items()}
-        if isinstance(value, list):
-            return [self.fill(item) for item in value]
-        name = reference_of(value)
+    def fill(self, reference: str) -> Data:
+        """Returns the value of a parameter; the reference to any other key with its prefix."""
+        name = reference_of(reference)
         if name is None or not KEY.fullmatch(name):
-            return value
+            return reference
         return self.values.get(name, f"{{{self.prefix}{name}}}")
+
+    def value_of(self, expression: Expression) -> Data:
+        """Returns the value of an expression of parameters; with keys, an expression of those.
+
+        Raises:
+            ExpressionError: Its units do not fit together, or it has no value.
+        """
+        type_of(expression, self.types)
+        given = [self.values.get(key) for key in expression.keys]
+        for value in given:
+            if is_unknown(value):
+                return value
+        if not any(
+            key not in self.values or is_dynamic(self.values[key]) for key in expression.keys
+        ):
+            return value_of(expression, self.values.__getitem__)
+        text = substituted(expression, lambda key: self.fill(f"{{{key}}}"))
+        parse(text)  # it may have become too long
+        return text
 
     def fill_text(self, text: str) -> str:
         """Returns text with the values of parameters inserted and keys prefixed."""
@@ -243,14 +292,57 @@ class Scope:
         return reference_of(self.values.get(name)) or f"{self.prefix}{name}"
 
 
-def fill_parameters(value: Data, values: Mapping[str, Data]) -> Data:
-    """Returns data from outside the trees, where references are parameters only, filled in."""
+def value_types(specs: Mapping[str, ParamSpec]) -> dict[str, ValueType]:
+    """Returns the types of parameters in expressions, by name."""
+    return {name: spec.value_type for name, spec in specs.items()}
+
+
+_SENTENCES: Final = frozenset({"description", "name", "reason"})
+"""Fields outside of trees whose texts people read: no expressions are looked for in them."""
+
+
+def fill_parameters(
+    source: Source, path: DataPath, value: Data, scope: Scope, problems: list[Problem]
+) -> Data:
+    """Returns data from outside the trees, where references are parameters only, filled in.
+
+    Args:
+        source: Source of the file.
+        path: Path of the data in it.
+        value: The data.
+        scope: Values of the parameters.
+        problems: Receives the errors of expressions.
+    """
+    if path[:1] == ("arms",) and path[2:] == ("tree",):
+        return value  # its parser fills it in
     if isinstance(value, dict):
-        return {key: fill_parameters(item, values) for key, item in value.items()}
+        return {
+            key: fill_parameters(source, (*path, key), item, scope, problems)
+            for key, item in value.items()
+        }
     if isinstance(value, list):
-        return [fill_parameters(item, values) for item in value]
+        return [
+            fill_parameters(source, (*path, index), item, scope, problems)
+            for index, item in enumerate(value)
+        ]
     name = reference_of(value)
-    return value if name is None else values.get(name, value)
+    if name is not None:
+        return scope.values.get(name, value)
+    if not is_expression(value) or (path and path[-1] in _SENTENCES):
+        return value
+    try:
+        expression = parse(value)
+        for key in expression.keys:
+            if key not in scope.values:
+                hint = suggestion(key, scope.values, "parameter")
+                start = value.index(f"{{{key}}}")
+                message = f"there is no parameter '{key}'"
+                raise ExpressionError(message, start, start + len(key) + 2, hint)
+        return scope.value_of(expression)
+    except ExpressionError as error:
+        location = source.part_location(path, error.start, error.end)
+        problems.append(Problem(location, str(error), error.hint))
+        return unknown("expression")
 
 
 FORMAT: Final = 1
@@ -267,9 +359,6 @@ _LONGEST_NAME: Final = 60
 _FIELDS: Final = frozenset({"bt_dualarm", "description", "include", "subtrees"})
 _SUBTREE_FIELDS: Final = frozenset({"description", "params", "tree"})
 _KEY_RULE: Final = "a key has letters, digits and _ and begins with a letter"
-_WITHIN_TEXT: Final = (
-    "there are no expressions; only the messages of log and fail may contain references"
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -374,7 +463,7 @@ class SubtreeUse:
         return ParseContext(
             subtree.source,
             subtree.path,
-            Scope(self._values(subtree), prefix),
+            Scope(self._values(subtree), prefix, value_types(subtree.params)),
             subtree.library,
             (*self.here.uses, subtree),
             self.here.depth,
@@ -409,9 +498,18 @@ class SubtreeUse:
         if reference_of(value) is None and spec.type == "key":
             message = f"{name}: expected a blackboard key"
             self._add(("params", name), message, f'for example "{{{name}}}"')
-        elif reference_of(value) is None:
+        elif not is_dynamic(value):
             for complaint in spec.complaints(name, value):
                 self._add(("params", name), complaint)
+        written = self.here.into("params", name).data
+        if is_dynamic(written) and isinstance(written, str):
+            try:
+                found = type_of(parse(written), self.here.scope.types)
+            except ExpressionError:  # the parser has reported it
+                found = ANYTHING
+            complaint = misfit(found, spec.value_type.dimension)
+            if complaint:
+                self._add(("params", name), f"{name}: {complaint}")
         return value
 
     def _add(
@@ -580,7 +678,7 @@ class Parser:
             self._add(context, f"nodes are nested deeper than {_MAX_DEPTH} levels")
             return None
         if isinstance(data, str):
-            data = {data: None}
+            data = {TEST: data} if is_dynamic(data) else {data: None}
         if not isinstance(data, dict) or len(data) != 1:
             self._add(context, *_not_a_node(data))
             return None
@@ -615,6 +713,7 @@ class Parser:
             context.path,
             user=context.user,
             parameters=frozenset(context.scope.values),
+            types=context.scope.types,
         )
 
     def _name(
@@ -679,33 +778,37 @@ class Parser:
         metadata = {type(item) for item in info.metadata} if info else set()
         if Template in metadata and isinstance(value, str):
             for match in REFERENCE.finditer(value):
-                self._is_key(match[1], here)
+                if self._is_key(match[1], here) and is_expression(here.scope.fill(match[0])):
+                    message = f"{port}: {match[0]} is an expression of keys where it is given"
+                    self._add(here, message, "write it to a key with 'set' there, and give the key")
             return here.scope.fill_text(value)
         if WrittenKey in metadata and isinstance(value, str):
             if not KEY.fullmatch(value):
                 self._add(here, f"{port}: {in_words(value)} cannot be a key", _KEY_RULE)
+                return unknown("key")
             return here.scope.key(value)
-        return here.scope.fill(self._checked(value, here))
+        return self._filled(value, here)
 
-    def _checked(self, value: Data, here: ParseContext) -> Data:
-        """Returns the value of a port, with malformed references reported and made unknown."""
+    def _filled(self, value: Data, here: ParseContext) -> Data:
+        """Returns a value with parameters filled in and keys prefixed; unknown where it is wrong.
+
+        Expressions of parameters are replaced by their values.
+        """
         if isinstance(value, dict):
-            return {part: self._checked(item, here.into(part)) for part, item in value.items()}
+            return {part: self._filled(item, here.into(part)) for part, item in value.items()}
         if isinstance(value, list):
-            return [self._checked(item, here.into(part)) for part, item in enumerate(value)]
-        if not isinstance(value, str):
-            return value
+            return [self._filled(item, here.into(part)) for part, item in enumerate(value)]
         key = reference_of(value)
         if key is not None:
-            return value if self._is_key(key, here) else unknown(key)
-        within = (match for match in REFERENCE.finditer(value) if KEY.match(match[1].strip()))
-        for match in within:
-            message = (
-                f"{in_words(value)}: {match[0]} stands for a whole value, not for a part of it"
-            )
-            self._add(here, message, _WITHIN_TEXT)
-            return unknown(match[1])
-        return value
+            return here.scope.fill(value) if self._is_key(key, here) else unknown(key)
+        if not is_expression(value):
+            return value
+        try:
+            return here.scope.value_of(parse(value))
+        except ExpressionError as error:
+            location = here.source.part_location(here.path, error.start, error.end)
+            self.problems.append(Problem(location, str(error), error.hint))
+            return unknown("expression")
 
     def _is_key(self, key: str, here: ParseContext) -> bool:
         """Returns whether a text in braces can be a key; if not, reports it."""

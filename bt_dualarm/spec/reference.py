@@ -294,8 +294,9 @@ _HEAD: Final = """\
 The parts of a tree file, every node type of the tree language and every shipped skill, with ports,
 bounds and failure codes. Generated from the code; `make docs` updates it.
 
-In a file a node is its type with its ports: `circle: {radius: 0.1}`. Any port may be given as
-`"{key}"`: a parameter, or a blackboard key. `name:` beside the ports sets the displayed name.
+In a file a node is its type with its ports: `circle: {radius: 0.1}`. Any port, or a
+part of it, may be `"{key}"`, a parameter or a blackboard key, or an [expression](expressions.md) of
+them, `"2 * {key}"`. `name:` beside the ports sets the displayed name.
 See also [how trees are ticked and halted](ticking.md), and the [robots and scenes](robots.md):
 joints, postures, camera mounts, reach, position of the table.
 """
@@ -412,6 +413,7 @@ def _anchor(title: str) -> str:
 
 
 _REFERENCE: Final[Json] = {"$ref": "#/$defs/reference"}
+_DYNAMIC: Final[Json] = {"$ref": "#/$defs/dynamic"}
 _NODE: Final[Json] = {"$ref": "#/$defs/node"}
 _KEY_PATTERN: Final = f"^{KEY.pattern}$"
 # pydantic keeps its own names for bounds that follow a validator or belong to a union.
@@ -435,7 +437,13 @@ def json_schema(node_types: Mapping[str, NodeType]) -> Json:
             "description": 'A parameter, or a blackboard key: "{key}".',
             "type": "string",
             "pattern": r"^\{" + KEY.pattern + r"\}$",
-        }
+        },
+        "dynamic": {
+            "description": 'A parameter or a blackboard key, "{key}", or an expression of them: '
+            '"2 * {key}".',
+            "type": "string",
+            "pattern": r"\{" + KEY.pattern + r"\}",
+        },
     }
     bodies = {name: _body(node_type, definitions) for name, node_type in sorted(node_types.items())}
     bare = [name for name, node_type in sorted(node_types.items()) if _can_be_bare(node_type)]
@@ -450,6 +458,7 @@ def json_schema(node_types: Mapping[str, NodeType]) -> Json:
                 "minProperties": 1,
                 "maxProperties": 1,
             },
+            {"$ref": "#/$defs/dynamic", "description": "A condition: short for `test`."},
         ],
     }
     return {
@@ -582,7 +591,7 @@ def _or_reference(schema: Json) -> Json:
     about: Json = {key: schema[key] for key in ("description", "default", "unit") if key in schema}
     plain: Json = {key: value for key, value in schema.items() if key not in about}
     forms = plain["anyOf"] if plain.keys() == {"anyOf"} else [plain]
-    return {**about, "anyOf": [*forms, _REFERENCE]}
+    return {**about, "anyOf": [*forms, _DYNAMIC]}
 
 
 def schema_text(node_types: Mapping[str, NodeType]) -> str:

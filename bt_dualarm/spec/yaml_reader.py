@@ -14,7 +14,7 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePath
 from typing import Any, Final, TypeAlias, cast
 
@@ -103,6 +103,25 @@ class Source:
             if path[:length] in self.values:
                 break
         return self.location(path)
+
+    def part_location(self, path: DataPath, start: int, end: int) -> Location:
+        """Returns the location of some characters of the text at ``path``.
+
+        A text that the file does not have letter by letter has the location of the whole text.
+        """
+        whole = self.location(path)
+        while path and path not in self.values:
+            path = path[:-1]  # a bare value stands for a port
+        text = self.get(path)
+        span = self.values.get(path)
+        if span is None or span.line != span.end_line or not isinstance(text, str):
+            return whole
+        written = self.lines[span.line][span.column : span.end_column]
+        for quote in ("", "'", '"'):
+            if written == f"{quote}{text}{quote}":
+                column = whole.column + len(quote) + start
+                return replace(whole, column=column, width=max(1, end - start))
+        return whole
 
     def problem(
         self, path: DataPath, message: str, hint: str = "", *, key: bool = False

@@ -253,6 +253,10 @@ COMPOSITES = {
     "reactive selector": (
         "selector: {memory: false, children: [{act: {script: F}}, {act: {script: RS}}]}"
     ),
+    "reactive_sequence": "reactive_sequence: [{act: {script: S}}, {act: {script: RS}}]",
+    "reactive_fallback": "reactive_fallback: [{act: {script: F}}, {act: {script: RS}}]",
+    "if_then_else": "if_then_else: [{act: {script: S}}, {act: {script: RS}}]",
+    "for_each": "for_each: {items: [1], item: n, child: {act: {script: RS}}}",
     "parallel": "parallel: [{act: {script: S}}, {act: {script: RS}}]",
     "switch": "switch: {value: 1, cases: {'1': {act: {script: RS}}}}",
     "if": "if: {condition: {act: {script: S}}, then: {act: {script: RS}}}",

@@ -105,3 +105,18 @@ def test_values_are_written_out_as_in_yaml(
         "sequence: [{set: {key: v, value: {a: [true, 0.5, é]}}}, {log: 'v = {v}'}]",
     ).tick()
     assert caplog.messages == ['v = {a: [true, 0.5, "é"]}']
+
+
+@pytest.mark.parametrize(
+    ("expression", "letters"),
+    [("{n} < 4", "S S S"), ("{n} > 3", "F S F"), ("{n} / 0 > 1", "F S F"), ("{n} + 1", "F S F")],
+)
+def test_test(expression: str, letters: str, tmp_path: Path) -> None:
+    """It fails both where the expression is false and where it has no truth value."""
+    stage = Stage(
+        tmp_path,
+        f"sequence:\n- selector: [{{set: {{key: n, value: 3}}}}, {{set: {{key: m, value: 1}}}}]\n"
+        f"- set: {{key: n, value: '{{n}}'}}\n- test: '{expression}'",
+    )
+    assert stage.tick().split()[0] == letters[0]
+    assert stage.tick().split()[-1] == letters[-1]

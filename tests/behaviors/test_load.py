@@ -136,7 +136,7 @@ def test_a_parameter_that_must_be_given(write: Write) -> None:
         ("speed: \"{speed}\"", "speed: {speed}", "expected a number, not a mapping"),
         ("object: \"{target}\", ", "", "18:11: grasp: port 'object' is missing"),
         ("- grasp:", "- grap:", "18:11: there is no node or skill 'grap'"),
-        ("\"{height}\"]}}", "\"{hight}\"]}}", "move: xyz: expected a number, not text '{hight}'"),
+        ("\"{height}\"]}}", "\"{hight}\"]}}", "move: no node before this one writes '{hight}'"),
         ("name: pick it", "name: a/b", "name: text 'a/b' cannot be a node's name"),
         ("- succeed", "- sequence: []", "21:11: sequence: has no children"),
         ("- succeed", "- retry: {times: 2}", "21:11: retry: 'child' is missing"),

@@ -35,6 +35,8 @@ EXAMPLE_PAGES = (
     "docs/sweeps.md",
     "docs/first_skill.md",
     "docs/own_robot.md",
+    "docs/expressions.md",
+    "docs/ticking.md",
 )
 
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)

@@ -45,7 +45,7 @@ RIGHT = {
           - compare: {value: "{s}", relation: greater, to: 0.1}
         """,
     "written by a condition": """
-        if: {condition: {look: {size: "{s}"}}, then: {wait: "{s}"}}
+        if: {condition: {look: {size: "{s}"}}, then: {go: {to: {xyz: [0, 0, 1]}, near: "{s}"}}}
         """,
     "a number from two writers": """
         sequence:
@@ -126,15 +126,20 @@ WRONG = {
         ["e: look: output 'size' needs a key to write, not 3"],
         'for example: size: "{size}"',
     ),
-    "a key inside of a port": (
-        "sequence: [{set: {key: y, value: 1}}, {go: {to: {xyz: [0, '{y}', 0]}}}, {log: '{y}'}]",
-        ["e: go: xyz: expected a number, not text '{y}'"],
-        "there is no parameter 'y', and a key can only stand for a whole port",
+    "a key of the wrong type inside of a port": (
+        "sequence: [{set: {key: y, value: a}}, {go: {to: {xyz: [0, '{y}', 0]}}}]",
+        ["e: go: xyz: expected a number, not text 'a', where '{y}' is text 'a'"],
+        "",
     ),
-    "a key inside of a port that takes anything": (
-        "sequence: [{set: {key: y, value: 1}}, {compare: {value: ['{y}'], to: [1]}}, {log: '{y}'}]",
-        ["e: compare: '{y}' is not a parameter"],
-        "a key can only stand for a whole port",
+    "a key inside of a port that nothing writes": (
+        "sequence: [{set: {key: y, value: 1}}, {compare: {value: ['{y}', '{yy}'], to: [1]}}]",
+        ["e: compare: no node before this one writes '{yy}'"],
+        "did you mean 'y'?",
+    ),
+    "a key with another unit": (
+        'sequence: [{look: {size: "{s}"}}, {wait: "{s}"}]',
+        ["e: wait: seconds: expected a time (s), not a length (m)"],
+        "'{s}' is written at",
     ),
     "a port that cannot come from a key": (
         "sequence: [{set: {key: m, value: false}},"
