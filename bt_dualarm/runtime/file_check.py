@@ -27,8 +27,9 @@ from bt_dualarm.robots.robot_description import (
 )
 from bt_dualarm.robots.urdf_xml import DescriptionError
 from bt_dualarm.sim.composition import names_in, scene_names, scene_spec
+from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.sim.world import World
-from bt_dualarm.spec.document import ArmSpec, TreeFile
+from bt_dualarm.spec.document import ArmSpec, ObjectSpec, TreeFile
 from bt_dualarm.spec.faults import FaultSpec, fault_problems, joint_problems, read_faults
 from bt_dualarm.spec.node_types import (
     NodeSpec,
@@ -350,7 +351,7 @@ def out_of_reach(
         kinds: All node types, by name.
     """
     # A carried object may be grasped at any point, up to its diagonal away from the pose.
-    longest = max((math.hypot(*thing.size) for thing in file.objects.values()), default=0.0)
+    longest = max(map(_diagonal, file.objects.values()), default=0.0)
     for name, arm in file.arms.items():
         reach = _ReachCheck(name, robots[name], arm.base, longest)
         found = 0
@@ -364,6 +365,13 @@ def out_of_reach(
                     message = f"{node.kind}: {port}: {complaint[0]}"
                     problem = node.port_problem((port,), message, complaint[1])
                     yield replace(problem, severity="warning")
+
+
+def _diagonal(thing: ObjectSpec) -> float:
+    """Upper bound of the distance between two points of an object, m."""
+    if thing.shape == "compound":
+        return float(np.linalg.norm(np.ptp(body_of(thing).corners, axis=0)))
+    return math.hypot(*thing.size)
 
 
 @dataclass

@@ -13,6 +13,7 @@ from bt_dualarm.arm.gripper import OTHER_WIDTH_M
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.grasping.candidates import RankedGrasp
+from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.grasp_search import GraspApproach, TakingPorts, WantedGrasp, first_approach
 from bt_dualarm.skill.grip import Grip, TouchSense, make_room
@@ -313,10 +314,12 @@ def twin_at(world: World, name: str, place: Vector) -> str:
     away = {
         other: float(np.linalg.norm(world.object_pose(other).position - place))
         for other, thing in world.objects.items()
-        if not thing.fixed and (thing.shape, thing.size) == (wanted.shape, wanted.size)
+        if not thing.fixed and body_of(thing) is body_of(wanted)
     }
     nearest = min(away, key=lambda other: (away[other], other != name), default=name)
-    return nearest if away.get(nearest, math.inf) < 0.5 * min(wanted.size) else name
+    body = body_of(wanted)
+    least = min(wanted.size) if body.is_simple else float(np.ptp(body.corners, axis=0).min())
+    return nearest if away.get(nearest, math.inf) < 0.5 * least else name
 
 
 def refuse_too_frail(arm: Arm, what: str, bears: float | None) -> None:

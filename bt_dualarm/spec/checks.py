@@ -63,12 +63,21 @@ def declared_names(source: Source) -> Declared:
     sections = {"object": source.get(("objects",)), "arm": source.get(("arms",))}
     for category, section in CATEGORIES.items():
         sections[category] = cell.get(section) if isinstance(cell, dict) else None
+    objects = sections["object"]
+    for name, thing in objects.items() if isinstance(objects, dict) else ():
+        parts = thing.get("parts") if isinstance(thing, dict) else None
+        sections[_part_of(name)] = parts
     return Declared(
         {
             category: frozenset(items) if isinstance(items, dict) else frozenset()
             for category, items in sections.items()
         }
     )
+
+
+def _part_of(name: object) -> str:
+    """Category of the names of an object's parts."""
+    return f"part of {name}"
 
 
 def check_tree(
@@ -175,6 +184,11 @@ def _unknown_name(
     refers = refers_of(field)
     if refers is None:
         return
+    if refers.to == ("part",):
+        thing = node.ports.get("object")
+        if thing is None or reference_of(thing) is not None:
+            return  # known only when the node runs
+        refers = Refers((_part_of(thing),))
     names = declared.of(refers.to)
     several = isinstance(value, list)
     for index, name in enumerate(value if several else [value]):

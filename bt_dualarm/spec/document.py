@@ -32,9 +32,18 @@ from bt_dualarm.spec.faults import Faults, FaultSpec
 from bt_dualarm.spec.goals import Conditions
 from bt_dualarm.spec.node_types import NodeSpec, one_line, port
 from bt_dualarm.spec.problems import Name, written_as
-from bt_dualarm.spec.values import (
+from bt_dualarm.spec.shapes import (
     SIZE_IN_WORDS,
-    SIZES,
+    Length,
+    ObjectColor,
+    ObjectShape,
+    PartSpec,
+    has_round_top,
+    refuse_size,
+    rgba_of,
+    room_on_top,
+)
+from bt_dualarm.spec.values import (
     Bend,
     Degrees,
     Duration,
@@ -42,7 +51,6 @@ from bt_dualarm.spec.values import (
     Meters,
     PoseSpec,
     Seconds,
-    ShapeName,
     Share,
     Speed,
     Uncertainty,
@@ -392,21 +400,6 @@ Mounted: TypeAlias = Annotated[
 LONGEST_NAME: Final = 100
 """Largest number of characters in the name of a task."""
 
-NAMED_COLORS: Final[Mapping[str, tuple[float, float, float]]] = {
-    "red": (0.80, 0.05, 0.05),
-    "orange": (0.95, 0.45, 0.05),
-    "yellow": (0.95, 0.85, 0.05),
-    "green": (0.05, 0.65, 0.10),
-    "blue": (0.05, 0.15, 0.80),
-    "white": (0.95, 0.95, 0.95),
-    "grey": (0.50, 0.50, 0.50),
-    "black": (0.05, 0.05, 0.05),
-}
-"""Red, green, blue from 0 to 1 of each color that an object can have by name."""
-
-ColorName: TypeAlias = Literal["red", "orange", "yellow", "green", "blue", "white", "grey", "black"]
-_Part: TypeAlias = Annotated[float, Field(ge=0.0, le=1.0)]
-_Length: TypeAlias = Annotated[float, Field(ge=1e-4, le=10.0)]
 _HalfWidth: TypeAlias = Annotated[float, Field(ge=0.0, le=10.0)]
 _Locked: TypeAlias = Annotated[float, Field(ge=-720.0, le=720.0)]
 
@@ -441,19 +434,31 @@ class NoiseSpec(Value):
     )
 
 
+MOST_PARTS: Final = 32
+"""Largest number of parts of a compound object."""
+
+
 class ObjectSpec(Value):
     """An object in the world."""
 
-    shape: ShapeName = port(..., "Shape, which determines the meaning of `size`")
-    size: tuple[_Length, ...] = port(..., SIZE_IN_WORDS, unit="m", min_length=1, max_length=3)
+    shape: ObjectShape = port(..., "Shape, which determines the meaning of `size`")
+    size: tuple[Length, ...] = port((), SIZE_IN_WORDS, unit="m", max_length=3)
+    wall: float | None = port(
+        None, "Thickness of the wall of a hollow shape; by default 3 mm", unit="m", ge=5e-4, le=0.2
+    )
+    sides: int | None = port(None, "Number of sides of a prism; by default 6", ge=3, le=32)
+    parts: Annotated[dict[Name, PartSpec], Field(max_length=MOST_PARTS)] = port(
+        {}, "Parts of a compound by name, in its frame"
+    )
     mass: float = port(..., "Mass, evenly distributed", unit="kg", ge=1e-4, le=1000.0)
     friction: float = port(0.8, "Coefficient of sliding friction", ge=0.0, le=10.0)
-    color: Annotated[
-        Annotated[ColorName, Tag("name")]
-        | Annotated[tuple[_Part, ...], Field(min_length=3, max_length=4), Tag("value")],
-        Discriminator(written_as),
-    ] = port("grey", "Color by name, or as red, green, blue (, opacity) from 0 to 1")
-    pose: PoseSpec = port(PoseSpec(xyz=(0.0, 0.0, 0.0)), "Pose of its center in the world")
+    color: ObjectColor = port(
+        "grey", "Color by name, or as red, green, blue (, opacity) from 0 to 1"
+    )
+    pose: PoseSpec = port(
+        PoseSpec(xyz=(0.0, 0.0, 0.0)),
+        "Pose of its center in the world; of a compound, pose of its frame",
+    )
     noise: NoiseSpec = port(NoiseSpec(), "Bounds within which the seed may move it")
     marker: MarkerSpec | None = port(None, "Marker on its top face, if it has one")
     spawned: bool = port(True, "Whether it is in the world from the start")
@@ -461,18 +466,24 @@ class ObjectSpec(Value):
 
     @model_validator(mode="after")
     def _size_fits_shape(self) -> ObjectSpec:
-        meaning = SIZES[self.shape]
-        if len(self.size) != len(meaning):
-            wanted = ", ".join(meaning)
-            raise ValueError(f"the size of a {self.shape} is [{wanted}], not {list(self.size)}")
+        if self.shape != "compound":
+            refuse_size(self.shape, self)
+            if self.parts:
+                raise ValueError(f"only a compound has parts; the shape is '{self.shape}'")
+            return self
+        for field in ("size", "wall", "sides"):
+            if getattr(self, field):
+                raise ValueError(f"a compound has no {field}: its parts have")
+        if not self.parts:
+            raise ValueError("a compound needs parts: {NAME: {shape: …, size: …, pose: …}, …}")
         return self
 
     @model_validator(mode="after")
     def _marker_fits(self) -> ObjectSpec:
         if self.marker is not None:
-            if self.shape in ("sphere", "capsule"):
+            if has_round_top(self.shape):
                 raise ValueError(f"a {self.shape} has no face for a marker")
-            room = min(self.size[:2]) if self.shape == "box" else 2**0.5 * self.size[0]
+            room = room_on_top(self.shape, self)
             if self.marker.outer_size > room + 1e-9:
                 raise ValueError(
                     f"its marker takes {1e3 * self.marker.outer_size:.1f} mm with the white around "
@@ -483,10 +494,7 @@ class ObjectSpec(Value):
     @property
     def rgba(self) -> tuple[float, float, float, float]:
         """Red, green, blue, opacity from 0 to 1."""
-        red, green, blue, *opacity = (
-            NAMED_COLORS[self.color] if isinstance(self.color, str) else self.color
-        )
-        return red, green, blue, opacity[0] if opacity else 1.0
+        return rgba_of(self.color)
 
 
 class LimitShares(Value):

@@ -34,6 +34,7 @@ from bt_dualarm.spec.goals import SECTIONS, ConditionSpec
 from bt_dualarm.spec.node_types import KEY, LanguageNode, NodeType, Unit, unit_of
 from bt_dualarm.spec.parser import FORMAT, ParamSpec
 from bt_dualarm.spec.problems import NAME_PATTERN
+from bt_dualarm.spec.shapes import PartSpec
 from bt_dualarm.spec.values import (
     Angle,
     Color,
@@ -182,6 +183,7 @@ _NESTED: Final[tuple[type[BaseModel], ...]] = (
     CellSignal,
     CellZone,
     NoiseSpec,
+    PartSpec,
     LimitShares,
     CameraSpec,
     RealitySpec,
