@@ -60,9 +60,9 @@ class KnownShape:
             any rotation.
         flips: Whether half a turn about the x axis brings a hull into itself.
         one_way: Whether such a turn changes the object nevertheless: the opening of a cup does not
-            show in its outline. Of the two poses the upright one is assumed.
+            show in its outline. Of the poses that look alike the least turned one is assumed.
         concave: Whether the outline may be concave, of which only the convex hull is known.
-        half_turns: Axes about which half a turn brings a concave shape into itself.
+        half_turns: Axes about which half a turn brings the hull of a concave shape into itself.
     """
 
     kind: ShapeName | Literal["hull"]
@@ -82,8 +82,10 @@ class KnownShape:
         corners = body_of(thing).corners
         far = float(np.linalg.norm(corners, axis=1).max())
         unit = tuple((x, y, z) for x, y, z in (corners / far).tolist())
-        if thing.shape == "compound":
-            return cls("hull", (far,), unit, concave=True, half_turns=body_of(thing).half_turns)
+        if thing.shape in ("compound", "mesh"):
+            body = body_of(thing)
+            alike = body.hull_half_turns
+            return cls("hull", (far,), unit, 1, False, alike != body.half_turns, True, alike)
         return cls("hull", (far,), unit, *_symmetry(thing))
 
     @cached_property
@@ -219,6 +221,7 @@ class KnownShape:
             reversible = self.kind != "hull" or (self.flips and not self.one_way)
             cosine = abs(cosine) if reversible else cosine
             return math.acos(min(max(cosine, -1.0), 1.0))
+        # What makes the outline alike makes the object alike unless it has one way only.
         turns = self._symmetries[: self.fold] if self.one_way else self._symmetries
         traces = [float(np.trace(first.T @ second @ turn)) for turn in turns]
         return math.acos(min(max((max(traces) - 1.0) / 2.0, -1.0), 1.0))

@@ -17,6 +17,7 @@ from bt_dualarm.core.errors import CatalogError, Failure, OverlapError, WorldErr
 from bt_dualarm.core.pose import Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics, Workspace
 from bt_dualarm.robots.gripper import Gripper, Interval, gripper_names, load_gripper
+from bt_dualarm.robots.meshes import MeshError, refuse_object_mesh
 from bt_dualarm.robots.robot import Robot, is_description_path, problems_of
 from bt_dualarm.robots.robot_description import (
     COMES_OFF,
@@ -130,6 +131,7 @@ class Names:
         """Find every name that does not exist."""
         if not {("world",), ("world", "scene")} & self.left_out:
             self._scene()
+        self._meshes()
         for name, arm in self.file.arms.items():
             robot = self._described(
                 ("arms", name, "robot"), "robot", arm.robot, robot_names(), load_robot
@@ -162,6 +164,15 @@ class Names:
                 if name in taken:
                     message = f"'{name}' is already the name of a part of the scene '{world.scene}'"
                     self._add((part, name), message, "choose another name", key=True)
+
+    def _meshes(self) -> None:
+        for name, thing in self.file.objects.items():
+            if thing.shape == "mesh":
+                try:
+                    refuse_object_mesh(thing.mesh_path, self.file.root, thing.scale)
+                except MeshError as error:
+                    message = f"mesh {thing.file} {error.message}"
+                    self._add(("objects", name, "file"), message, error.hint)
 
     def _locked(self, path: DataPath, arm: ArmSpec, robot: Robot, gripper: Gripper | None) -> Robot:
         """The robot with its locked joints at the file's positions, if these are valid."""
@@ -369,7 +380,7 @@ def out_of_reach(
 
 def _diagonal(thing: ObjectSpec) -> float:
     """Upper bound of the distance between two points of an object, m."""
-    if thing.shape == "compound":
+    if thing.shape in ("compound", "mesh"):
         return float(np.linalg.norm(np.ptp(body_of(thing).corners, axis=0)))
     return math.hypot(*thing.size)
 

@@ -12,6 +12,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from pathlib import Path
 from typing import Final, Literal, TypeAlias
 
 import mujoco
@@ -21,6 +22,7 @@ import scipy
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.grasping.grasp import Box, CompoundSolid, Cylinder, MeshSolid, Solid
 from bt_dualarm.grasping.grasp import solid_of as simple_solid
+from bt_dualarm.robots.meshes import object_hulls
 from bt_dualarm.robots.mjspec import GEOM_TYPES, half_sizes
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.shapes import DEFAULT_SIDES, WALL_M, PartShape, PartSpec, rgba_of
@@ -217,6 +219,15 @@ class ObjectBody:
         return tuple(found)
 
     @cached_property
+    def hull_half_turns(self) -> tuple[int, ...]:
+        """Axes, 0 to 2, about which half a turn brings the convex hull into itself."""
+        return tuple(
+            axis
+            for axis in range(3)
+            if _same(self.corners * np.where(np.arange(3) == axis, 1.0, -1.0), self.corners)
+        )
+
+    @cached_property
     def center(self) -> Vector:
         """Center of mass, of shape (3,), m."""
         weights = np.array([part.weight for part in self.parts])
@@ -278,7 +289,20 @@ def body_of(thing: ObjectSpec) -> ObjectBody:
         (name, part.shape, part.size, part.wall, part.sides, part.density, part.color, *_key(part))
         for name, part in thing.parts.items()
     )
+    if thing.shape == "mesh":
+        state = thing.mesh_path.stat()
+        return _mesh_body(thing.mesh_path, thing.scale, state.st_mtime_ns, state.st_size)
     return _body(thing.shape, thing.size, thing.wall, thing.sides, parts)
+
+
+@lru_cache(maxsize=64)
+def _mesh_body(path: Path, scale: float, changed: int, size: int) -> ObjectBody:
+    """Body of a mesh, read again after its file has changed."""
+    parts = tuple(
+        _hull(corners, f"{path} {scale} {changed} {size} {number}")
+        for number, corners in enumerate(object_hulls(path, scale))
+    )
+    return ObjectBody("mesh", parts, (), tuple(range(len(parts))))
 
 
 def _key(part: PartSpec) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -294,7 +318,7 @@ def _body(
     sides: int | None,
     declared: tuple[tuple[object, ...], ...],
 ) -> ObjectBody:
-    if shape != "compound":
+    if shape not in ("compound", "mesh"):
         parts = tuple(_parts_of(shape, size, wall, sides))  # type: ignore[arg-type]  # no compound
         return ObjectBody(shape, parts, *_grasped(shape, size, parts))
     found: list[BodyPart] = []

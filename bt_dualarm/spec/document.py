@@ -19,6 +19,7 @@ from pydantic import (
     Discriminator,
     Field,
     InstanceOf,
+    PrivateAttr,
     StringConstraints,
     Tag,
     ValidationInfo,
@@ -434,6 +435,21 @@ class NoiseSpec(Value):
     )
 
 
+def _mesh_file(path: str) -> str:
+    """Refuses a path that is absolute, leaves the folder, or is of no supported format."""
+    if not path.lower().endswith((".stl", ".obj")):
+        raise ValueError(f"expected an STL or OBJ file, not {path!r}")
+    steps = path.replace("\\", "/").split("/")
+    if steps[0] == "" or ".." in steps or ":" in steps[0]:
+        raise ValueError(f"{path!r} is not below the folder of the tree file")
+    return path
+
+
+MeshFile: TypeAlias = Annotated[
+    str, Field(min_length=5, max_length=200), AfterValidator(_mesh_file)
+]
+"""Path of a mesh relative to the tree file."""
+
 MOST_PARTS: Final = 32
 """Largest number of parts of a compound object."""
 
@@ -450,6 +466,10 @@ class ObjectSpec(Value):
     parts: Annotated[dict[Name, PartSpec], Field(max_length=MOST_PARTS)] = port(
         {}, "Parts of a compound by name, in its frame"
     )
+    file: MeshFile | None = port(
+        None, "STL or OBJ file of a mesh, below the folder of the tree file"
+    )
+    scale: float = port(1.0, "Length in meters of a unit of the mesh", unit="m", ge=1e-6, le=1e3)
     mass: float = port(..., "Mass, evenly distributed", unit="kg", ge=1e-4, le=1000.0)
     friction: float = port(0.8, "Coefficient of sliding friction", ge=0.0, le=10.0)
     color: ObjectColor = port(
@@ -464,18 +484,34 @@ class ObjectSpec(Value):
     spawned: bool = port(True, "Whether it is in the world from the start")
     fixed: bool = port(False, "Whether it is fixed in the world")
 
+    _folder: Path = PrivateAttr(default=Path())
+
+    def look_in(self, folder: Path) -> None:
+        """Sets the folder from which the path of a mesh starts."""
+        self._folder = folder
+
+    @property
+    def mesh_path(self) -> Path:
+        """Path of the file of a mesh."""
+        return self._folder / (self.file or "")
+
     @model_validator(mode="after")
     def _size_fits_shape(self) -> ObjectSpec:
-        if self.shape != "compound":
+        if self.parts and self.shape != "compound":
+            raise ValueError(f"only a compound has parts; the shape is '{self.shape}'")
+        if (self.file or "scale" in self.model_fields_set) and self.shape != "mesh":
+            raise ValueError(f"only a mesh has a file and a scale; the shape is '{self.shape}'")
+        if self.shape != "compound" and self.shape != "mesh":
             refuse_size(self.shape, self)
-            if self.parts:
-                raise ValueError(f"only a compound has parts; the shape is '{self.shape}'")
             return self
+        of_another = {"compound": "its parts have", "mesh": "its file determines it"}[self.shape]
         for field in ("size", "wall", "sides"):
             if getattr(self, field):
-                raise ValueError(f"a compound has no {field}: its parts have")
-        if not self.parts:
+                raise ValueError(f"a {self.shape} has no {field}: {of_another}")
+        if self.shape == "compound" and not self.parts:
             raise ValueError("a compound needs parts: {NAME: {shape: …, size: …, pose: …}, …}")
+        if self.shape == "mesh" and not self.file:
+            raise ValueError("a mesh needs file: the path of an STL or OBJ file")
         return self
 
     @model_validator(mode="after")
@@ -608,6 +644,12 @@ class TreeFile(TreeContent):
     path: InstanceOf[Path] = Path()
     texts: Mapping[str, str] = Field(default_factory=dict, repr=False)
     given: Mapping[str, object] = Field(default_factory=dict, repr=False)
+
+    @model_validator(mode="after")
+    def _objects_know_their_folder(self) -> Self:
+        for thing in self.objects.values():
+            thing.look_in(self.root)
+        return self
 
     def in_reality(self, reality: Reality) -> TreeFile:
         """Returns the file with this model mismatch for all arms."""

@@ -28,7 +28,7 @@ PartShape: TypeAlias = Literal[
 ]
 """Shapes that are given by a size."""
 
-ObjectShape: TypeAlias = Literal[PartShape, "compound"]
+ObjectShape: TypeAlias = Literal[PartShape, "compound", "mesh"]
 """Shapes that an object can have."""
 
 SIZES: Final[Mapping[PartShape, tuple[str, ...]]] = {
@@ -52,7 +52,7 @@ HOLLOW: Final = ("bin", "tray", "tube", "cup", "bowl")
 SIZE_IN_WORDS: Final = (
     "Edge lengths of a box; outer lengths of an ellipsoid, bin or tray; radius and length of a "
     "cylinder, prism (of its corners) or tube, or of a capsule without its end caps; radius and "
-    "height of a cup or bowl; radius of a sphere. A compound has parts instead"
+    "height of a cup or bowl; radius of a sphere. A compound has parts instead, a mesh a file"
 )
 """Description of these numbers, which are in meters."""
 
