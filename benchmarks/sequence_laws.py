@@ -538,7 +538,7 @@ class Referee(IdleObserver):
         if "rpy" in at:
             turn = pose.angle(goal)
             if spec.shape != "box":
-                turn = KnownShape(spec.shape, spec.size).angle(pose, goal)
+                turn = KnownShape.of(spec).angle(pose, goal)
         else:  # turned as now: what counts is that it stands
             turn = math.acos(
                 min(1.0, abs(float(pose.rotation_matrix[:, 2] @ goal.rotation_matrix[:, 2])))

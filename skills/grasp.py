@@ -9,6 +9,7 @@ import numpy as np
 
 from bt_dualarm import (
     Failure,
+    KnownShape,
     ObjectName,
     ObjectPose,
     PortModel,
@@ -63,7 +64,13 @@ class Grasp(Skill):
 
     class Ports(TakingPorts, _ObjectPorts):
         exactly_one_of = ("object", "width")
-        goes_with = {"width": "at", "depth": "width", "height": "width", "friction": "width"}
+        goes_with = {
+            "width": "at",
+            "depth": "width",
+            "height": "width",
+            "friction": "width",
+            "part": "object",
+        }
 
     failures = Taking.failures
     example = "grasp: {object: cube}"
@@ -108,7 +115,7 @@ class Grasp(Skill):
     def _alike(self, one: str, other: str) -> bool:
         """Whether two objects have the same shape and size: no camera can tell them apart."""
         first, second = (self.arm.world.declared_objects[name] for name in (one, other))
-        return (first.shape, first.size) == (second.shape, second.size)
+        return KnownShape.of(first) == KnownShape.of(second)
 
     def _unnamed(self) -> WantedGrasp:
         """Wanted grasp of an undeclared object: a box of the given extent at the given pose."""

@@ -133,7 +133,7 @@ class Insert(Skill):
         true = self.arm.world.object_pose(name)
         error = true.position - goal.position
         beside = float(np.linalg.norm(error[:2]))
-        turned = KnownShape(spec.shape, spec.size).angle(true, goal)
+        turned = KnownShape.of(spec).angle(true, goal)
         self.metrics |= {"inserted_error_m": true.distance(goal), "inserted_turned_rad": turned}
         if (
             abs(error[2]) > ports.tolerance

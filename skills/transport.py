@@ -123,7 +123,7 @@ class Transport(Skill):
             self.metrics["believed_turned_rad"] = estimate.angle(goal)
         # True pose, for the score only: no sensor measures how far the object moved in the gripper.
         away = true.distance(goal)
-        turn = KnownShape(spec.shape, spec.size).angle(true, goal)
+        turn = KnownShape.of(spec).angle(true, goal)
         self.metrics |= {"object_error_m": away, "object_turned_rad": turn}
         if away > self.ports.tolerance or turn > self.ports.angle_tolerance:
             raise Failure(

@@ -14,7 +14,6 @@ from bt_dualarm.arm.state import Leaseholder
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.grasping.candidates import least_width
-from bt_dualarm.grasping.grasp import solid_of
 from bt_dualarm.robots.gripper import Gripper
 from bt_dualarm.sim.grippers import SPEED_S, GripperCommand, GripperHardware
 from bt_dualarm.sim.world import World
@@ -249,7 +248,7 @@ class ArmGripper:
             A sentence; None if it can be this object.
         """
         declared = self._world.objects[name]
-        solid = solid_of(declared.shape, declared.size)
+        solid = self._world.object_solid(name)
         q = self._world.hardware[self._arm].q
         in_tool = self._world.nominal[self._arm].tool_pose_at(q).inverse @ pose
         if not self.page.fingers:

@@ -288,6 +288,8 @@ class _Loading:
                 )
             self.sound = self._what_is_sound(filled, path)
             return None
+        for thing in content.objects.values():
+            thing.look_in(path.parent)
         return TreeFile.model_construct(
             **dict(content), path=path, texts=self._texts, given=dict(scope.values)
         )
@@ -310,6 +312,9 @@ class _Loading:
             parts[part] = {name: one for name, one in sound.items() if one is not None}
         world = self._sound_one(WorldSpec, filled.get("world", {}), ("world",)) or WorldSpec()
         cell = self._sound_one(CellSpec, filled.get("cell", {}), ("cell",)) or CellSpec()
+        for thing in parts["objects"].values():
+            if isinstance(thing, ObjectSpec):
+                thing.look_in(path.parent)
         fields: dict[str, Any] = {"world": world, "cell": cell, "path": path, **parts}
         return TreeFile.model_construct(name="", **fields)
 

@@ -324,12 +324,12 @@ class CollisionChecker:
         self._fingers = [int(world.model.joint(f"{arm}/{name}").qposadr[0]) for name in fingers]
         self.joint_ids = world.model.dof_jntid[body.dof_ids]
         self._scratch = scratch = ScratchModel(world, (arm,))
-        held = {world.object_geom(name) for name in world.attachments.attached_to(arm)}
+        held = geoms_of(world, world.attachments.attached_to(arm))
         self.moving = scratch.marks(body.geom_ids | held)
-        ignored = {world.object_geom(name) for name in ignore if name in world.objects}
+        ignored = geoms_of(world, ignore & world.objects.keys())
         for name in ignore & world.arms.keys():
             payloads = world.attachments.attached_to(name)
-            ignored |= world.arms[name].geom_ids | {world.object_geom(one) for one in payloads}
+            ignored |= world.arms[name].geom_ids | geoms_of(world, payloads)
         checked = scratch.solid & ~scratch.marks(ignored)
         # Pairs with at least one geom that moves: two fixed bodies never need a check. Pairs within
         # the arm count; MuJoCo itself leaves out neighboring links.
@@ -345,7 +345,7 @@ class CollisionChecker:
         self.least = np.maximum(least[:, None], least)
         # The tolerance is for held objects, which may lie on others; an empty tool touches nothing.
         tool = scratch.marks(body.tool_geom_ids)
-        objects = scratch.marks({world.object_geom(name) for name in world.objects} - held)
+        objects = scratch.marks(geoms_of(world, world.objects) - held)
         apart = (tool[:, None] & objects) | (objects[:, None] & tool)
         self.least[apart] = np.maximum(self.least[apart], 0.0)
         # A held object touches the tool, and other held objects, by design.
@@ -359,7 +359,7 @@ class CollisionChecker:
             pairs = (hands[:, None] & tool) | (tool[:, None] & hands)
             self.least[pairs] = np.minimum(self.least[pairs], hands_m)
             if world.object_geom(thing) in held:
-                its = scratch.marks([world.object_geom(thing)])
+                its = scratch.marks(world.object_geoms(thing))
                 self.least[(hands[:, None] & its) | (its[:, None] & hands)] = -np.inf
         if tool_may_touch:
             outside = ~self.moving
@@ -534,7 +534,7 @@ class OutsideContacts:
         self._own = np.zeros(world.model.ngeom, dtype=bool)
         self._own[list(world.arms[arm].geom_ids)] = True
         for name in world.attachments.attached_to(arm):
-            self._own[world.object_geom(name)] = True
+            self._own[list(world.object_geoms(name))] = True
 
     def deepest(self) -> tuple[str, str] | None:
         """Names of both bodies of the deepest contact, own one first; None without contact."""
@@ -552,6 +552,11 @@ class OutsideContacts:
             if second.partition("/")[0] != self._arm:  # the arm's pedestal has its name
                 return first, second
         return None
+
+
+def geoms_of(world: World, objects: Iterable[str]) -> set[int]:
+    """Geoms of some objects that are present."""
+    return {geom for name in objects for geom in world.object_geoms(name)}
 
 
 def interpolated(start: Vector, end: Vector, radii: Vector, step: float) -> Matrix:

@@ -85,12 +85,12 @@ class ArmDistance:
             affinities[geoms] = _LINKS
             self._owner[geoms] = index
         for held in world.attachments:
-            geom = world.object_geom(held.object)
+            geoms = list(world.object_geoms(held.object))
             if held.arm == arm:
-                types[geom] = _LINKS | _HELD
+                types[geoms] = _LINKS | _HELD
             else:
-                affinities[geom] = _HELD
-                self._owner[geom] = self._others.index(held.arm)
+                affinities[geoms] = _HELD
+                self._owner[geoms] = self._others.index(held.arm)
         self._added = added_distances(world, arm)
         self._scratch.compare(types, affinities)
         self._horizons = dict.fromkeys(self._others, 0.0)
@@ -181,14 +181,14 @@ def added_distances(world: World, arm: str) -> Matrix | None:
         if partner not in world.arms or thing not in world.objects:
             continue
         its = list(world.arms[partner].tool_geom_ids)
-        geom = world.object_geom(thing)
+        geoms = world.object_geoms(thing)
         payloads = {*world.attachments.attached_to(arm), *world.attachments.attached_to(partner)}
-        others = [world.object_geom(one) for one in payloads - {thing}]
+        others = [geom for one in payloads - {thing} for geom in world.object_geoms(one)]
         for first, second, more in (
             (own, its, HANDS_APART_M - hands_m),
-            ([geom], its, np.inf),
-            ([geom], own, np.inf),
-            ([geom], others, np.inf),
+            (geoms, its, np.inf),
+            (geoms, own, np.inf),
+            (geoms, others, np.inf),
         ):
             rows = np.ix_(first, second)
             added[rows] = np.maximum(added[rows], more)
@@ -216,8 +216,10 @@ class Clearance:
         self._scratch = scratch = ScratchModel(world)
         self._begun: dict[tuple[int, int], float] = {}
         body = world.arms[arm]
-        held = {world.object_geom(attached.object) for attached in world.attachments}
-        arms = held.union(*(other.geom_ids for other in world.arms.values()))
+        arms = set[int]().union(
+            *(world.object_geoms(attached.object) for attached in world.attachments),
+            *(other.geom_ids for other in world.arms.values()),
+        )
         others = scratch.solid & ~scratch.marks(arms)
         scratch.compare(scratch.marks(body.geom_ids - body.tool_geom_ids), others)
         scratch.report_gaps(others, NEAR_M)
@@ -270,7 +272,9 @@ class BoundingSpheres:
     def __init__(self, world: World, arm: str) -> None:
         model = world.model
         body = world.arms[arm]
-        held = [world.object_geom(name) for name in world.attachments.attached_to(arm)]
+        held = [
+            geom for name in world.attachments.attached_to(arm) for geom in world.object_geoms(name)
+        ]
         self._world = world
         self._shapes = np.array(sorted((*body.geom_ids, *held)))
         self._bounds = model.geom_rbound[self._shapes]

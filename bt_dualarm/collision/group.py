@@ -49,9 +49,9 @@ class GroupChecker:
         carried = Carried(world.pose_address(thing), body.tool_body, relative)
         self._scratch = scratch = ScratchModel(world, list(parts), [carried])
         self._columns = [(world.arms[arm].qpos_ids, part) for arm, part in parts.items()]
-        geom = world.object_geom(thing)
+        geoms = world.object_geoms(thing)
         own = {arm: scratch.marks(world.arms[arm].geom_ids) for arm in parts}
-        payload = scratch.marks([geom])
+        payload = scratch.marks(geoms)
         self.moving = np.logical_or.reduce([*own.values(), payload])
         solid = scratch.solid
         scratch.compare(solid & self.moving, solid)
@@ -65,7 +65,7 @@ class GroupChecker:
             least[hand[:, None] & hand] = -np.inf
         self._least = least
         self._open(world, parts, widths)
-        self._let_stand(geom)
+        self._let_stand(geoms)
 
     def contact(self, q: Vector) -> Contact | None:
         """Deepest contact at joint positions of all arms, side by side, rad; None if free."""
@@ -133,13 +133,13 @@ class GroupChecker:
             self._scratch.data.qpos[addresses] = q[part]
         self._scratch.settle()
 
-    def _let_stand(self, geom: int) -> None:
+    def _let_stand(self, geoms: Collection[int]) -> None:
         """Let the object stay in contact with what it rests on."""
         data = self._scratch.data
         self._scratch.settle(carrying=False)
         for (first, second), distance in zip(
             data.contact.geom.tolist(), data.contact.dist, strict=True
         ):
-            if geom in (first, second) and -STANDING < distance <= 0.0:
+            if (first in geoms or second in geoms) and -STANDING < distance <= 0.0:
                 depth = min(self._least[first, second], float(distance) - TOUCH)
                 self._least[first, second] = self._least[second, first] = depth

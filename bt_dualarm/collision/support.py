@@ -7,7 +7,7 @@ the first surface along a line of sight that could support something.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -16,6 +16,7 @@ import numpy as np
 import scipy
 
 from bt_dualarm.core.pose import Matrix, Pose, Vector
+from bt_dualarm.sim.object_body import ObjectBody, body_of, half_extents
 
 if TYPE_CHECKING:
     from bt_dualarm.sim.world import World
@@ -122,20 +123,24 @@ def support_below(
     # MuJoCo combines the friction of two geoms by their maximum.
     friction = max(world.objects[name].friction, min(coefficients, default=0.0))
     spec = world.objects[name]
+    body = body_of(spec)
     axis = pose.rotation_matrix[:, 2]
-    if spec.shape == "box" or (spec.shape == "cylinder" and abs(axis[2]) > _UPRIGHT):
-        return Support(nearest, tilt, slope, friction, rolls=False)
     if spec.shape == "capsule" and abs(axis[2]) > _UPRIGHT:
         return Support(nearest, tilt, slope, friction, rolls=tilt > _LEVEL)
-    # A lying cylinder or capsule rolls across its axis, a sphere in any direction.
+    is_ball = spec.shape in ("sphere", "ellipsoid")
+    is_round = is_ball or (body.is_axisymmetric and abs(axis[2]) <= _UPRIGHT)
+    if not is_round:
+        return Support(nearest, tilt, slope, friction, rolls=False)
+    # A lying cylinder, capsule or tube rolls across its axis, a sphere in any direction.
     along = axis[:2] / max(math.hypot(axis[0], axis[1]), 1e-9)
     across = [np.array((-along[1], along[0]))]
-    if spec.shape == "sphere":
+    if is_ball:
         across = [np.array((1.0, 0.0)), np.array((0.0, 1.0))]
     lowest = lower[int(np.argmin(gaps))]
     level = all(rays.is_level(lowest + drop, direction) for direction in across)
-    if level and spec.shape == "sphere":
-        return Support(nearest, 0.0, 0.0, friction, rolls=False)
+    if level and is_ball:
+        rocks = spec.shape == "ellipsoid" and _off_balance(spec.size, pose.rotation_matrix)
+        return Support(nearest, 0.0, 0.0, friction, rolls=rocks)
     if level:
         ends = (-min(MARGIN_M, room) * along, min(MARGIN_M, room) * along)
         tilt = max(abs(float(hull.gradient(at) @ along)) for at in ends)
@@ -161,9 +166,9 @@ def bearing_ahead(
         Distance in m; None if the line hits nothing, or first something that is not level.
     """
     solid = (world.model.geom_contype != 0) | (world.model.geom_conaffinity != 0)
-    left_out = _arm_geoms(world) | {
-        world.object_geom(name) for name in passes if name in world.objects
-    }
+    left_out = _arm_geoms(world).union(
+        *(world.object_geoms(name) for name in passes if name in world.objects)
+    )
     hit = _first_hit(world, set(np.flatnonzero(solid).tolist()) - left_out, start, toward)
     return hit.length if math.isfinite(hit.length) and hit.slope <= _FLAT else None
 
@@ -202,7 +207,7 @@ class _Rays:
         aside = np.linalg.norm(sensed.geom_xpos[:, :2] - middle, axis=1)
         plane = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
         near = plane | (aside <= wide + model.geom_rbound)
-        left_out = {world.object_geom(name)} | _arm_geoms(world)
+        left_out = _arm_geoms(world).union(world.object_geoms(name))
         solid = near & ((model.geom_contype != 0) | (model.geom_conaffinity != 0))
         self._geoms = [geom for geom in np.flatnonzero(solid).tolist() if geom not in left_out]
 
@@ -226,7 +231,8 @@ def _arm_geoms(world: World) -> set[int]:
     found = set[int]()
     for name, body in world.arms.items():
         found |= set(body.geom_ids)
-        found |= {world.object_geom(held) for held in world.attachments.attached_to(name)}
+        for held in world.attachments.attached_to(name):
+            found.update(world.object_geoms(held))
     return found
 
 
@@ -291,10 +297,13 @@ class _LowerHull:
 def _lower_side(world: World, name: str, pose: Pose) -> Matrix:
     """Points on the lower side of an object at a pose, of shape (n, 3), in the world, m."""
     spec = world.objects[name]
-    geom = world.object_geom(name)
     turn = pose.rotation_matrix
-    half = half_extents(spec.shape, spec.size, turn) - (_INSET, _INSET, 0.0)
     shares = np.linspace(-1.0, 1.0, _RAYS)
+    body = body_of(spec)
+    if not body.is_simple:
+        return _lower_side_of_parts(body, pose, shares)
+    geom = world.object_geom(name)
+    half = half_extents(spec.shape, spec.size, turn) - (_INSET, _INSET, 0.0)
     # Rays from below hit the lower side first, whatever the shape.
     upward = np.array((0.0, 0.0, 1.0))
     deep = pose.position[2] - half[2] - 1.0
@@ -312,22 +321,26 @@ def _lower_side(world: World, name: str, pose: Pose) -> Matrix:
     return np.array(found)
 
 
-def half_extents(shape: str, size: Sequence[float], turn: Matrix) -> Vector:
-    """Half of the extents of a shape along the axes of the world, of shape (3,), m.
+def _off_balance(size: tuple[float, ...], turn: Matrix) -> bool:
+    """Whether an ellipsoid's lowest point is beside its center, so that it would start to roll."""
+    half = 0.5 * np.array(size)
+    down = -turn[2]  # in the frame of the ellipsoid
+    lowest = turn @ (half**2 * down / np.linalg.norm(half * down))
+    return float(math.hypot(lowest[0], lowest[1])) > 0.5 * MARGIN_M
 
-    Args:
-        shape: Name of the shape.
-        size: Its size as in a tree file, m.
-        turn: Rotation matrix of the shape in the world, of shape (3, 3).
-    """
-    if shape == "box":
-        edges: Vector = np.abs(turn) @ (0.5 * np.array(size))
-        return edges
-    if shape == "sphere":
-        return np.full(3, size[0])
-    radius, length = size
-    # The axis contributes its projection; the radius that of a disk across it, or of a sphere.
-    along = np.abs(turn[:, 2])
-    round_off = np.ones(3) if shape == "capsule" else np.sqrt(np.maximum(1.0 - along**2, 0.0))
-    extents: Vector = 0.5 * length * along + radius * round_off
-    return extents
+
+def _lower_side_of_parts(body: ObjectBody, pose: Pose, shares: Vector) -> Matrix:
+    """As `_lower_side`, for a body of hulls or several parts."""
+    turn = pose.rotation_matrix
+    low, high = body.extents(turn)
+    middle = 0.5 * (low + high)
+    half = 0.5 * (high - low) - (_INSET, _INSET, 0.0)
+    upward = turn[2]
+    found = []
+    for x in (middle[0] + half[0] * shares).tolist():
+        for y in (middle[1] + half[1] * shares).tolist():
+            start = np.array((x, y, low[2] - 1.0))
+            length = body.ray(start @ turn, upward)
+            if math.isfinite(length):
+                found.append(pose.position + start + (0.0, 0.0, length))
+    return np.array(found)

@@ -17,6 +17,7 @@ import numpy as np
 from bt_dualarm.collision.checker import FINE, CollisionChecker, interpolated, last_joint
 from bt_dualarm.collision.kernel_arrays import ConvexShapes, Joints, Numbers, Pairs, SweptArm
 from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.sim.object_body import BALL_LOSS, unit_ball
 
 CLEARANCE: Final = 2.5e-3
 """Distance that shapes keep on top of their least distances, m: to pass anything closer would take
@@ -268,6 +269,8 @@ def _solid(model: mujoco.MjModel, geom: int) -> tuple[Matrix, float]:
         return np.array(((0.0, 0.0, size[1]), (0.0, 0.0, -size[1]))), float(size[0])
     if kind == _GEOM.mjGEOM_SPHERE:
         return _POINT, float(size[0])
+    if kind == _GEOM.mjGEOM_ELLIPSOID:  # a polyhedron around it
+        return size * unit_ball() / (1.0 - BALL_LOSS), 0.0
     if kind == _GEOM.mjGEOM_PLANE:
         return _POINT, 0.0
     raise UnknownShapeError(f"a geom of type {kind}")

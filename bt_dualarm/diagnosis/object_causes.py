@@ -331,10 +331,11 @@ def grip_causes(e: Evidence) -> Iterator[Cause]:
         yield e.cause("OVERLOADED", sentence, "a lighter object, or a stronger gripper")
     opening = _opening(e)
     size = " by ".join(f"{1e3 * side:g}" for side in facts["size"])
+    measures = f"{size} mm" if size else f"a {facts['shape']}"
     opens = "" if opening is None else f", and the fingers open {1e3 * opening:.0f} mm"
     wide = opening is not None and facts["shape"] == "box" and sorted(facts["size"])[1] > opening
     if e.code == "TOO_WIDE":
-        sentence = f"{name} is {size} mm{opens}: {e.reason}"
+        sentence = f"{name} is {measures}{opens}: {e.reason}"
         yield e.cause("TOO_WIDE", sentence, "a smaller object, or fingers that open wider")
     elif "grasps" in e.numbers and e.code == "OUT_OF_REACH":
         beside = e.scene(e.began).beside(str(name), _NEAR_M)
@@ -342,13 +343,13 @@ def grip_causes(e: Evidence) -> Iterator[Cause]:
             yield _crowded(e, str(name), beside)
         elif wide:
             sentence = (
-                f"{name} is {size} mm{opens}; there is no room for fingers around its short side"
+                f"{name} is {measures}{opens}; there is no room for fingers around its short side"
             )
             remedy = "a smaller object, fingers that open wider, or a suction cup"
             yield e.cause("TOO_WIDE", sentence, remedy)
         else:
             remedy = "turn it, support it from below, or use a suction cup"
-            yield e.cause("NO_ROOM", f"{name} is {size} mm{opens}: {e.reason}", remedy)
+            yield e.cause("NO_ROOM", f"{name} is {measures}{opens}: {e.reason}", remedy)
     if e.code == "NOT_HELD":
         yield not_attached(e, str(name))
 
@@ -573,7 +574,7 @@ def _wrong_kind(e: Evidence, meant: list[str]) -> Cause | None:
         deviation = [
             abs(one - other) for one, other in zip(sorted(size), sorted(has), strict=False)
         ]
-        if len(size) != len(has) or max(deviation) > _SIZE_TOLERANCE * max(has):
+        if has and (len(size) != len(has) or max(deviation) > _SIZE_TOLERANCE * max(has)):
             wanted, real = (" by ".join(f"{1e3 * x:g}" for x in each) for each in (size, has))
             sentence = f"it looked for an object of {wanted} mm; {name} is {real} mm"
             return e.cause("NOT_RECOGNISED", sentence, f"size: {has}")

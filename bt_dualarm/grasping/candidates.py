@@ -9,8 +9,8 @@ margin, clearance from obstacles, and effort of the arm.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import singledispatch
 
 import numpy as np
@@ -19,6 +19,7 @@ from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.grasping.grasp import (
     Box,
     Capsule,
+    CompoundSolid,
     CupMeasures,
     Cylinder,
     Grasp,
@@ -61,6 +62,9 @@ _LARGE = 0.02
 SHARES = (0.0, 0.5, -0.5)
 """Where along a long solid grasps are tried, as shares of half its length."""
 
+_BEHIND = 10
+"""Number of balls of a cup's radius, one behind the other, that stand for the cup and its tube."""
+
 _SAMPLES = 48
 """Number of surface points that are sampled on a mesh."""
 
@@ -83,6 +87,17 @@ def jaw_grasps(
         seed: Seed for sampling meshes.
         shares: Where along a long solid the pads close, as shares of half its length.
     """
+    if isinstance(solid, CompoundSolid):
+        return _sorted(
+            grasp
+            for part, pose, others in _pieces(solid)
+            for grasp in _beside(
+                jaw_grasps(part, jaw, _load_on(load, pose), friction, seed, shares),
+                pose,
+                jaw,
+                [solid.surfaces[index] for index in others],
+            )
+        )
     length = float(np.linalg.norm(load.gravity))
     down = load.gravity / length if length > 0.0 else np.array([0.0, 0.0, -1.0])
     lines = np.array([
@@ -90,8 +105,51 @@ def jaw_grasps(
         for pair in antipodal_pairs(solid, down, np.random.default_rng(seed), shares)
     ]).reshape(-1, 9)  # fmt: skip
     rows = _closed(solid, jaw, load, friction, lines)
-    found = [grasp for row in rows for grasp in _both_sides(row, jaw)]
-    return tuple(sorted(found, key=lambda grasp: grasp.force))
+    return _sorted(grasp for row in rows for grasp in _both_sides(row, jaw))
+
+
+def _sorted(grasps: Iterable[Grasp]) -> tuple[Grasp, ...]:
+    """Grasps, the one with the least force first."""
+    return tuple(sorted(grasps, key=lambda grasp: grasp.force))
+
+
+def _pieces(solid: CompoundSolid) -> Iterator[tuple[Solid, Pose, list[int]]]:
+    """Solids of a compound that can be grasped, with pose and the indices of all other parts.
+
+    An envelope contains all parts, so that nothing is in the way of fingers around it.
+    """
+    for envelope, pose in solid.envelopes:
+        yield envelope, pose, []
+    for index in solid.graspable:
+        part, pose = solid.parts[index]
+        yield part, pose, [other for other in range(len(solid.parts)) if other != index]
+
+
+def _load_on(load: Load, pose: Pose) -> Load:
+    """A load on a compound, in the frame of a part at this pose."""
+    gravity = load.gravity @ pose.rotation_matrix
+    return replace(load, gravity=gravity, center=pose.inverse.apply(load.center))
+
+
+def _beside(
+    grasps: Sequence[Grasp], pose: Pose, jaw: JawMeasures, others: Sequence[Matrix]
+) -> Iterator[Grasp]:
+    """Grasps of a part, in the frame of the compound, that the other parts leave room for.
+
+    No point of their surfaces may be where the fingers close, or where the palm is.
+    """
+    points = np.vstack((np.zeros((0, 3)), *others))
+    wide = 0.5 * jaw.pad_width
+    for grasp in grasps:
+        tool = pose @ grasp.tool
+        x, y, z = tool.inverse.apply(points).T
+        beside = np.abs(y)
+        fingers = (np.abs(x) < wide - _TOUCHING) & (z > -jaw.palm) & (z < jaw.tip - _TOUCHING)
+        fingers &= beside > 0.5 * grasp.width + _TOUCHING
+        fingers &= beside < 0.5 * jaw.widest_opening + jaw.thickness
+        palm = (z < -jaw.palm) & (np.hypot(x, y) < jaw.palm_radius)
+        if not (fingers | palm).any():
+            yield replace(grasp, tool=tool)
 
 
 def _closed(solid: Solid, jaw: JawMeasures, load: Load, friction: float, lines: Matrix) -> Matrix:
@@ -129,6 +187,8 @@ def _both_sides(row: Vector, jaw: JawMeasures) -> Iterator[Grasp]:
 
 def least_width(solid: Solid, seed: int = 0) -> float:
     """Smallest distance between antipodal points of a solid, m: the least opening around it."""
+    if isinstance(solid, CompoundSolid):
+        return min(least_width(part, seed) for part, _, _ in _pieces(solid))
     down = np.array([0.0, 0.0, -1.0])
     rng = np.random.default_rng(seed)
     return min(
@@ -146,6 +206,13 @@ def cup_grasps(solid: Solid, cup: CupMeasures, load: Load, seed: int = 0) -> tup
         load: Load on the grip.
         seed: Seed for sampling meshes.
     """
+    if isinstance(solid, CompoundSolid):
+        return _sorted(
+            replace(grasp, tool=pose @ grasp.tool)
+            for part, pose, others in _pieces(solid)
+            for grasp in cup_grasps(part, cup, _load_on(load, pose), seed)
+            if _is_open(pose @ grasp.tool, cup, [solid.parts[index] for index in others])
+        )
     found = []
     for place, normal in _places(solid, load.gravity, seed):
         if not seals(solid, cup, place, normal):
@@ -155,7 +222,18 @@ def cup_grasps(solid: Solid, cup: CupMeasures, load: Load, seed: int = 0) -> tup
             continue
         margin = cup.most_force / max(force, 1e-9)
         found += [Grasp(tool, 0.0, force, margin) for tool in _tools(place, normal)]
-    return tuple(sorted(found, key=lambda grasp: grasp.force))
+    return _sorted(found)
+
+
+def _is_open(tool: Pose, cup: CupMeasures, others: Sequence[tuple[Solid, Pose]]) -> bool:
+    """Whether the other parts of a compound leave room for a cup and the tube behind it."""
+    behind = np.zeros((_BEHIND, 3))
+    behind[:, 2] = -cup.radius * (1.0 + np.arange(_BEHIND))
+    points = tool.apply(behind)
+    return all(
+        float(other.distance(pose.inverse.apply(points)).min()) >= cup.radius
+        for other, pose in others
+    )
 
 
 def seals(solid: Solid, cup: CupMeasures, place: Vector, normal: Vector) -> bool:

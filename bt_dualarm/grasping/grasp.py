@@ -1,7 +1,8 @@
 """Solids, grasps on them, and the least force with which a grip holds a load.
 
 - A `Solid` has extents, signed distances and rays in its own frame. `Box`, `Cylinder` and `Capsule`
-  are centered at its origin; `MeshSolid` is a closed surface of triangles.
+  are centered at its origin; `MeshSolid` is a closed surface of triangles; `CompoundSolid` consists
+  of several others.
 - `Grasp` is a pose of the tool on an object, with its force and margin.
 - `JawMeasures` and `CupMeasures` are what counts of a gripper; their tool frame has its z axis out
   of the tool. A parallel gripper closes along y, with the tool frame in the middle of its pads.
@@ -227,6 +228,43 @@ class MeshSolid(Solid):
         within = (u >= -_SAME) & (v >= -_SAME) & (u + v <= 1 + _SAME) & np.isfinite(safe)
         distances: Vector = np.where(within, along, -np.inf)
         return distances
+
+
+@dataclass(frozen=True, eq=False)
+class CompoundSolid(Solid):
+    """Union of convex solids.
+
+    Attributes:
+        parts: Each solid with its pose in the frame of the union.
+        envelopes: Solids whose surface the union has in common with its convex hull, with their
+            poses: the outside of a cup, around which fingers close as around a can.
+        graspable: Indices of the parts on which grasps are searched.
+        surfaces: Points on the surface of each part in the frame of the union, close enough that
+            none of it passes between a gripper's parts unseen, each of shape (n, 3), m.
+    """
+
+    parts: tuple[tuple[Solid, Pose], ...]
+    envelopes: tuple[tuple[Solid, Pose], ...] = ()
+    graspable: tuple[int, ...] = ()
+    surfaces: tuple[Matrix, ...] = ()
+
+    @property
+    def form(self) -> Form:
+        """Not available: kernels take one solid at a time."""
+        raise TypeError("a compound has no single form; its parts have")
+
+    def reach(self, direction: Vector) -> float:
+        """See `Solid.reach`."""
+        return max(
+            float(pose.position @ direction) + solid.reach(direction @ pose.rotation_matrix)
+            for solid, pose in self.parts
+        )
+
+    def distance(self, points: Matrix) -> Vector:
+        """Signed distances to the nearest part; see `Solid.distance`."""
+        each = [solid.distance(pose.inverse.apply(points)) for solid, pose in self.parts]
+        nearest: Vector = np.min(each, axis=0)
+        return nearest
 
 
 def solid_of(shape: str, size: Sequence[float]) -> Solid:

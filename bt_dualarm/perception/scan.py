@@ -25,6 +25,7 @@ from bt_dualarm.perception.shape_fit import (
     ShapeFitter,
     SizeFit,
     canonical,
+    hulled,
     outlines,
     project,
 )
@@ -341,7 +342,12 @@ class SightedThings:
         """Detector of objects of a color and a shape, which may lie flat on a level surface."""
         seen = ColorFilter(color)
         fitter = ShapeFitter(shape, flat)
-        return cls(lambda frame: outlines(frame, seen, LEAST_AREA_PX), fitter, color=seen)
+
+        def find(frame: Frame) -> list[OutlineView]:
+            found = outlines(frame, seen, LEAST_AREA_PX)
+            return [hulled(one) for one in found] if shape.concave else found
+
+        return cls(find, fitter, color=seen)
 
     @classmethod
     def of_marker(

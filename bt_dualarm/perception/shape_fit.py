@@ -15,7 +15,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final
+from typing import Final, Literal
 
 import cv2
 import numpy as np
@@ -24,6 +24,9 @@ import numpy.typing as npt
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.perception.detection import Blob, ColorFilter, Detection, detect_blobs
 from bt_dualarm.sim.frame import Frame, Image, JsonList, LazyFrame
+from bt_dualarm.sim.object_body import body_of, half_extents
+from bt_dualarm.spec.document import ObjectSpec
+from bt_dualarm.spec.shapes import DEFAULT_SIDES
 from bt_dualarm.spec.values import ShapeName
 
 _ROUND: Final = 48
@@ -45,20 +48,52 @@ _TILTS: Final = (0.0, 25.0, 50.0)
 
 @dataclass(frozen=True)
 class KnownShape:
-    """A convex shape, as an object of a tree file declares it.
+    """The convex hull of a shape, as an object of a tree file declares it.
 
     Attributes:
-        kind: Kind of shape, which determines the meaning of ``size``.
+        kind: Kind of shape, which determines the meaning of ``size``; ``hull`` for any other than
+            those of `ShapeName`.
         size: Edges of a box; radius and length of a cylinder, or of a capsule without its caps;
-            radius of a sphere; m.
+            radius of a sphere; distance of the farthest corner of a hull; m.
+        hull: Corners of a hull for a farthest distance of 1.
+        fold: Number of rotations about the z axis, in a whole turn, of a hull into itself; 0 for
+            any rotation.
+        flips: Whether half a turn about the x axis brings a hull into itself.
+        one_way: Whether such a turn changes the object nevertheless: the opening of a cup does not
+            show in its outline. Of the poses that look alike the least turned one is assumed.
+        concave: Whether the outline may be concave, of which only the convex hull is known.
+        half_turns: Axes about which half a turn brings the hull of a concave shape into itself.
     """
 
-    kind: ShapeName
+    kind: ShapeName | Literal["hull"]
     size: tuple[float, ...]
+    hull: tuple[tuple[float, float, float], ...] = ()
+    fold: int = 1
+    flips: bool = False
+    one_way: bool = False
+    concave: bool = False
+    half_turns: tuple[int, ...] = ()
+
+    @classmethod
+    def of(cls, thing: ObjectSpec) -> KnownShape:
+        """Shape of a declared object."""
+        if thing.shape in ("box", "cylinder", "capsule", "sphere"):
+            return cls(thing.shape, thing.size)
+        corners = body_of(thing).corners
+        far = float(np.linalg.norm(corners, axis=1).max())
+        unit = tuple((x, y, z) for x, y, z in (corners / far).tolist())
+        if thing.shape in ("compound", "mesh"):
+            body = body_of(thing)
+            alike = body.hull_half_turns
+            return cls("hull", (far,), unit, 1, False, alike != body.half_turns, True, alike)
+        return cls("hull", (far,), unit, *_symmetry(thing))
 
     @cached_property
     def points(self) -> Matrix:
         """Points whose convex hull is the shape, (n, 3), in its frame; empty for round shapes."""
+        if self.kind == "hull":
+            scaled: Matrix = self.size[0] * np.array(self.hull)
+            return scaled
         if self.kind == "box":
             signs = np.array(list(itertools.product((-0.5, 0.5), repeat=3)))
             corners: Matrix = signs * np.array(self.size)
@@ -147,15 +182,31 @@ class KnownShape:
     @property
     def spins(self) -> Vector | None:
         """Axis of rotational symmetry in its frame, of shape (3,), if there is one."""
-        return np.array((0.0, 0.0, 1.0)) if self.kind in _AXISYMMETRIC else None
+        return np.array((0.0, 0.0, 1.0)) if self._is_axisymmetric else None
+
+    @property
+    def _is_axisymmetric(self) -> bool:
+        return self.kind in _AXISYMMETRIC or self.fold == 0
+
+    def half_height(self, rotation: Matrix) -> float:
+        """Height of its center above its lowest point, m.
+
+        Args:
+            rotation: Rotation of the shape in the world, of shape (3, 3).
+        """
+        if self.kind == "hull":
+            return -float((self.points @ rotation[2]).min())
+        return float(half_extents(self.kind, self.size, rotation)[2])
 
     def canonical(self, pose: Pose) -> Pose:
         """The equivalent pose with the least rotation from the axes of the world."""
         axes = pose.rotation_matrix
         if self.kind == "sphere":
             return Pose(pose.position, np.array((1.0, 0.0, 0.0, 0.0)))
-        if self.kind in _AXISYMMETRIC:
-            return _pose(pose.position, _least_turn_to(axes[:, 2] * (np.sign(axes[2, 2]) or 1.0)))
+        if self._is_axisymmetric:
+            looks_alike = self.kind != "hull" or self.flips
+            up = axes[:, 2] * (np.sign(axes[2, 2]) or 1.0) if looks_alike else axes[:, 2]
+            return _pose(pose.position, _least_turn_to(up))
         alike = [axes @ turn for turn in self._symmetries]
         return _pose(pose.position, max(alike, key=lambda one: float(np.trace(one))))
 
@@ -165,14 +216,25 @@ class KnownShape:
             return 0.0
         first = one.rotation_matrix
         second = other.rotation_matrix
-        if self.kind in _AXISYMMETRIC:
-            return math.acos(min(abs(float(first[:, 2] @ second[:, 2])), 1.0))
-        traces = [float(np.trace(first.T @ second @ turn)) for turn in self._symmetries]
+        if self._is_axisymmetric:
+            cosine = float(first[:, 2] @ second[:, 2])
+            reversible = self.kind != "hull" or (self.flips and not self.one_way)
+            cosine = abs(cosine) if reversible else cosine
+            return math.acos(min(max(cosine, -1.0), 1.0))
+        # What makes the outline alike makes the object alike unless it has one way only.
+        turns = self._symmetries[: self.fold] if self.one_way else self._symmetries
+        traces = [float(np.trace(first.T @ second @ turn)) for turn in turns]
         return math.acos(min(max((max(traces) - 1.0) / 2.0, -1.0), 1.0))
 
     @cached_property
     def _symmetries(self) -> tuple[Matrix, ...]:
-        """Rotations of the box into itself."""
+        """Rotations of a box, or of a hull that is no body of revolution, into itself."""
+        if self.concave:
+            return (np.eye(3), *(2.0 * np.diag(np.eye(3)[i]) - np.eye(3) for i in self.half_turns))
+        if self.kind == "hull":
+            about = [_about_z(2.0 * math.pi * k / self.fold) for k in range(self.fold)]
+            over = [turn @ _about_x(math.pi) for turn in about] if self.flips else []
+            return (*about, *over)  # in this order, see `angle`
         found = []
         for order in itertools.permutations(range(3)):
             if all(abs(self.size[i] - self.size[k]) < _SAME for i, k in enumerate(order)):
@@ -188,6 +250,10 @@ class KnownShape:
         upright = np.eye(3)
         on_side = _about_x(math.pi / 2)
         on_end = _about_y(math.pi / 2)
+        if self.kind == "hull":
+            over = _about_x(math.pi)
+            ups = [upright, on_end] if self._is_axisymmetric else [upright, on_side, on_end]
+            return ups if self.flips else [*ups, *(over @ up for up in ups)]
         if self.kind in _AXISYMMETRIC:
             return [upright, on_end]
         a, b, c = self.size
@@ -200,12 +266,27 @@ class KnownShape:
 
     def _yaws(self, up: Matrix) -> list[float]:
         """Distinguishable rotations about the vertical, in steps, rad."""
-        if self.kind in _AXISYMMETRIC:
+        if self.kind == "hull":
+            upright = abs(up[2, 2]) > 0.5
+            whole = 2.0 * math.pi / (self.fold or math.inf) if upright else 2.0 * math.pi
+        elif self.kind in _AXISYMMETRIC:
             whole = 0.0 if abs(up[2, 2]) > 0.5 else math.pi
         else:
             level = np.delete(np.array(self.size), int(np.argmax(np.abs(up[2]))))
             whole = math.pi / 2 if abs(level[0] - level[1]) < _SAME else math.pi
         return [step * _YAW_STEP for step in range(max(round(whole / _YAW_STEP), 1))]
+
+
+def _symmetry(thing: ObjectSpec) -> tuple[int, bool, bool]:
+    """`KnownShape.fold`, `flips` and `one_way` of a declared object."""
+    if body_of(thing).is_axisymmetric:
+        return 0, thing.shape in ("tube", "cup"), thing.shape == "cup"
+    if thing.shape == "prism":
+        return thing.sides or DEFAULT_SIDES, True, False
+    is_square = abs(thing.size[0] - thing.size[1]) < _SAME
+    if thing.shape == "ellipsoid":
+        return (0 if is_square else 2), True, False
+    return (4 if is_square else 2), True, True  # a bin or tray
 
 
 def _pose(position: Vector, axes: Matrix) -> Pose:
@@ -216,8 +297,10 @@ def _pose(position: Vector, axes: Matrix) -> Pose:
 
 
 def _least_turn_to(z: Vector) -> Matrix:
-    """The least rotation that maps the world's z axis to ``z``, which must not point down."""
+    """The least rotation that maps the world's z axis to ``z``."""
     x, y, up = z.tolist()
+    if up < -1.0 + 1e-9:  # every axis across it is as near
+        return _about_x(math.pi)
     share = 1.0 / (1.0 + up)
     return np.array(
         (
@@ -341,6 +424,24 @@ def outlines(frame: Frame, color: ColorFilter, min_area: float) -> list[OutlineV
         for edge, seen in frame.answer(f"all outlines {color.name} from {min_area!r} px", look)
     ]
     return sorted(found, key=lambda view: -view.detection.area_px)
+
+
+_ON_HULL_PX: Final = 0.35
+"""Distance from the convex hull of an outline within which its points are on the hull, px: noise
+moves points by a fifth of a pixel, and the hull goes through the outermost ones."""
+
+
+def hulled(view: OutlineView) -> OutlineView:
+    """The convex hull of an outline: its points on the hull, and the area within."""
+    if not len(view.edge):
+        return view
+    around = cv2.convexHull(view.edge.astype(np.float32))
+    kept = [
+        cv2.pointPolygonTest(around, (float(x), float(y)), measureDist=True) <= _ON_HULL_PX
+        for x, y in view.edge
+    ]
+    area = max(float(cv2.contourArea(around)), view.detection.area_px)
+    return replace(view, edge=view.edge[kept], detection=replace(view.detection, area_px=area))
 
 
 def _edge(frame: Frame, blob: Blob) -> Matrix:

@@ -302,10 +302,14 @@ class Scene:
     def beside(self, name: str, within: float) -> list[tuple[str, float]]:
         """Other objects within a distance in m of one, with their distances in m, nearest first."""
         others = [other for other in self._record.start["objects"] if self.has(other)]
-        own, *geoms = (int(self.model.body_geomadr[self._body(each)]) for each in (name, *others))
+        own, *bodies = (self._solid_geoms(each) for each in (name, *others))
         gaps = (
-            mujoco.mj_geomDistance(self.model, self.data, own, geom, 2.0 * within, None)
-            for geom in geoms
+            min(
+                mujoco.mj_geomDistance(self.model, self.data, one, geom, 2.0 * within, None)
+                for one in own
+                for geom in geoms
+            )
+            for geoms in bodies
         )
         found = [
             (other, max(float(gap), 0.0))
@@ -368,13 +372,28 @@ class Scene:
 
     def _points(self, name: str) -> Matrix:
         """The center of an object and points near its corners in the world, of shape (9, 3), m."""
-        body = self._body(name)
-        geom = int(self.model.body_geomadr[body])
-        rotation = self.data.geom_xmat[geom].reshape(3, 3)
-        size = self.model.geom_aabb[geom][3:]
-        corners = np.array([(0, 0, 0), *_CORNERS]) * 0.9 * size
-        found: Matrix = self.data.geom_xpos[geom] + corners @ rotation.T
+        geoms = self._solid_geoms(name)
+        rotation = self.data.geom_xmat[geoms[0]].reshape(3, 3)
+        low = np.full(3, np.inf)
+        high = np.full(3, -np.inf)
+        for geom in geoms:  # bounding box in the axes of the first one
+            turn = rotation.T @ self.data.geom_xmat[geom].reshape(3, 3)
+            box = self.model.geom_aabb[geom]
+            middle = self.data.geom_xpos[geom] @ rotation + turn @ box[:3]
+            half = np.abs(turn) @ box[3:]
+            low = np.minimum(low, middle - half)
+            high = np.maximum(high, middle + half)
+        corners = np.array([(0, 0, 0), *_CORNERS]) * 0.45 * (high - low) + 0.5 * (low + high)
+        found: Matrix = corners @ rotation.T
         return found
+
+    def _solid_geoms(self, name: str) -> list[int]:
+        """Ids of the geoms of an object's parts; its first geom always is one."""
+        body = self._body(name)
+        first = int(self.model.body_geomadr[body])
+        count = int(self.model.body_geomnum[body])
+        solid = [geom for geom in range(first, first + count) if self.model.geom_contype[geom]]
+        return solid or [first]
 
     def _blocker(self, camera: int, eye: Vector, point: Vector, name: str) -> str:
         """Body that a ray from the camera meets before a point of an object; empty if none."""

@@ -347,18 +347,18 @@ class Hull:
     triangles: Matrix
 
 
-def low_poly_hull(points: Matrix) -> Hull:
+def low_poly_hull(points: Matrix, loss: float = LOSS_M) -> Hull:
     """Simplified convex hull of points, of shape (n, 3), m; its vertices are some of the points.
 
     The hull of the extreme points in evenly spread directions is refined by the farthest point
-    outside each face, until no point is farther outside than `LOSS_M`.
+    outside each face, until no point is farther outside than ``loss``, m.
     """
     corners = points[scipy.spatial.ConvexHull(points).vertices]
     chosen = np.unique(np.argmax(corners @ _fibonacci_sphere(_DIRECTIONS).T, axis=0))
     while True:
         hull = scipy.spatial.ConvexHull(corners[chosen])
         outside = corners @ hull.equations[:, :3].T + hull.equations[:, 3]
-        farthest = np.argmax(outside, axis=0)[outside.max(axis=0) > LOSS_M]
+        farthest = np.argmax(outside, axis=0)[outside.max(axis=0) > loss]
         if len(farthest) == 0:
             return Hull(corners[chosen], _outward(corners[chosen], hull))
         chosen = np.union1d(chosen, farthest)
@@ -640,3 +640,69 @@ def _read_hulls(cached: Path) -> list[Hull] | None:
             return [Hull(*pair) for pair in zip(arrays[::2], arrays[1::2], strict=True)]
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None
+
+
+# Meshes of objects
+
+
+MAX_OBJECT_BYTES: Final = 20_000_000
+"""Largest file of an object's mesh."""
+
+MAX_OBJECT_EXTENT: Final = 10.0
+"""Largest extent of an object, m, as that of one that is given by a size."""
+
+_OBJECT_LOSS: Final = 0.005
+"""Share of an object's extent by which a point may lie outside of its simplified hulls."""
+
+
+def refuse_object_mesh(path: Path, folder: Path, scale: float) -> None:
+    """Check the mesh of an object before any use of it.
+
+    Args:
+        path: Its file.
+        folder: Folder that the file must be in, or below.
+        scale: Factor of its coordinates.
+
+    Raises:
+        MeshError: It is missing, outside of the folder, too large, too small or broken.
+    """
+    if not path.is_file():
+        raise MeshError(path, "does not exist")
+    if not path.resolve().is_relative_to(folder.resolve()):
+        raise MeshError(path, f"is a link to a place outside of {folder}")
+    size = path.stat().st_size
+    if size > MAX_OBJECT_BYTES:
+        most = MAX_OBJECT_BYTES // 1_000_000
+        raise MeshError(path, f"has {size / 1e6:.0f} MB; {most} MB are the most", "simplify it")
+    try:
+        largest, thickness = extents(path, (scale,) * 3)
+    except OSError as error:
+        raise MeshError(path, f"cannot be read: {error}") from error
+    if largest > MAX_OBJECT_EXTENT:
+        hint = "a mesh in millimeters needs scale: 0.001"
+        raise MeshError(
+            path, f"extends over {largest:.3g} m; {MAX_OBJECT_EXTENT:g} m are the most", hint
+        )
+    if thickness < MIN_THICKNESS:
+        hint = "it is not a solid, or needs a larger scale"
+        raise MeshError(path, f"is {1e3 * thickness:.2g} mm thick; 0.1 mm are the least", hint)
+
+
+def object_hulls(path: Path, scale: float) -> tuple[Matrix, ...]:
+    """Corners of the convex parts of an object's mesh, each of shape (n, 3), m; cached.
+
+    At most eight parts, cut by planes across the axes of the mesh, so that bent objects and those
+    with handles are decomposed well, and cavities are not.
+    """
+    mesh = as_stl(path)
+    key = mesh.read_bytes() + f"object {scale!r}".encode() + _source()
+    digest = hashlib.sha256(key).hexdigest()[:16]
+    cached = cache_dir() / "hulls" / f"{path.stem}-{digest}.npz"
+    hulls = _read_hulls(cached)
+    if hulls is None:
+        triangles = stl_triangles(mesh) * scale
+        loss = min(LOSS_M, _OBJECT_LOSS * float(np.ptp(triangles.reshape(-1, 3), axis=0).max()))
+        hulls = [low_poly_hull(part, loss) for part in convex_parts(triangles)]
+        with suppress(OSError), _atomic_file(cached) as raw:
+            np.savez(raw, *(array for hull in hulls for array in (hull.vertices, hull.triangles)))
+    return tuple(hull.vertices for hull in hulls)

@@ -47,6 +47,7 @@ GEOM_TYPES: Final[Mapping[str, mujoco.mjtGeom]] = {
     "cylinder": mujoco.mjtGeom.mjGEOM_CYLINDER,
     "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE,
     "sphere": mujoco.mjtGeom.mjGEOM_SPHERE,
+    "ellipsoid": mujoco.mjtGeom.mjGEOM_ELLIPSOID,
 }
 
 TOOL_SITE = "tool"
@@ -64,10 +65,10 @@ def half_sizes(kind: str, size: Sequence[float]) -> tuple[float, float, float]:
 
     Args:
         kind: A key of `GEOM_TYPES`.
-        size: Full lengths of a box; radius and length of a cylinder, or of a capsule without its
-            caps; radius of a sphere.
+        size: Full lengths of a box or ellipsoid; radius and length of a cylinder, or of a capsule
+            without its caps; radius of a sphere.
     """
-    if kind == "box":
+    if kind in ("box", "ellipsoid"):
         x, y, z = size
         return x / 2, y / 2, z / 2
     if kind in ("cylinder", "capsule"):

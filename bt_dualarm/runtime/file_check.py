@@ -17,6 +17,7 @@ from bt_dualarm.core.errors import CatalogError, Failure, OverlapError, WorldErr
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics, Workspace
 from bt_dualarm.robots.gripper import Gripper, Interval, gripper_names, load_gripper
+from bt_dualarm.robots.meshes import MeshError, refuse_object_mesh
 from bt_dualarm.robots.robot import Robot, is_description_path, problems_of
 from bt_dualarm.robots.robot_description import (
     COMES_OFF,
@@ -27,8 +28,9 @@ from bt_dualarm.robots.robot_description import (
 )
 from bt_dualarm.robots.urdf_xml import DescriptionError
 from bt_dualarm.sim.composition import names_in, scene_names, scene_spec
+from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.sim.world import MAX_DEPTH, SHALLOW_DEPTH, World
-from bt_dualarm.spec.document import ArmSpec, TreeFile
+from bt_dualarm.spec.document import ArmSpec, ObjectSpec, TreeFile
 from bt_dualarm.spec.faults import FaultSpec, fault_problems, joint_problems, read_faults
 from bt_dualarm.spec.node_types import (
     NodeSpec,
@@ -130,6 +132,7 @@ class Names:
         """Find every name that does not exist."""
         if not {("world",), ("world", "scene")} & self.left_out:
             self._scene()
+        self._meshes()
         for name, arm in self.file.arms.items():
             robot = self._described(
                 ("arms", name, "robot"), "robot", arm.robot, robot_names(), load_robot
@@ -162,6 +165,15 @@ class Names:
                 if name in taken:
                     message = f"'{name}' is already the name of a part of the scene '{world.scene}'"
                     self._add((part, name), message, "choose another name", key=True)
+
+    def _meshes(self) -> None:
+        for name, thing in self.file.objects.items():
+            if thing.shape == "mesh":
+                try:
+                    refuse_object_mesh(thing.mesh_path, self.file.root, thing.scale)
+                except MeshError as error:
+                    message = f"mesh {thing.file} {error.message}"
+                    self._add(("objects", name, "file"), message, error.hint)
 
     def _locked(self, path: DataPath, arm: ArmSpec, robot: Robot, gripper: Gripper | None) -> Robot:
         """The robot with its locked joints at the file's positions, if these are valid."""
@@ -351,7 +363,7 @@ def out_of_reach(
         kinds: All node types, by name.
     """
     # A carried object may be grasped at any point, up to its diagonal away from the pose.
-    longest = max((math.hypot(*thing.size) for thing in file.objects.values()), default=0.0)
+    longest = max(map(_diagonal, file.objects.values()), default=0.0)
     for name, arm in file.arms.items():
         bases = {"base": arm.base, **{other: one.base for other, one in file.arms.items()}}
         reach = _ReachCheck(name, robots[name], arm.base, longest, bases)
@@ -366,6 +378,13 @@ def out_of_reach(
                     message = f"{node.kind}: {port}: {complaint[0]}"
                     problem = node.port_problem((port,), message, complaint[1])
                     yield replace(problem, severity="warning")
+
+
+def _diagonal(thing: ObjectSpec) -> float:
+    """Upper bound of the distance between two points of an object, m."""
+    if thing.shape in ("compound", "mesh"):
+        return float(np.linalg.norm(np.ptp(body_of(thing).corners, axis=0)))
+    return math.hypot(*thing.size)
 
 
 @dataclass

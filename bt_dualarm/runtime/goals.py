@@ -143,7 +143,7 @@ class Referee(IdleObserver):
         angle = pose.angle(goal)
         if one.object is not None:
             thing = self._world.objects[one.object]
-            angle = KnownShape(thing.shape, thing.size).angle(pose, goal)
+            angle = KnownShape.of(thing).angle(pose, goal)
         if math.degrees(angle) > one.angle:
             return f"{subject} is turned by {math.degrees(angle):.1f}°, not within {one.angle:g}°"
         return ""

@@ -646,10 +646,11 @@ class PlanMonitor:
         world = self._world
         arm = self._world.arms.get(name)
         if arm is None:
-            geoms = [world.object_geom(name)]
+            geoms = [*world.object_geoms(name)]
         else:
             held = world.attachments.attached_to(name)
-            geoms = [*arm.geom_ids, *(world.object_geom(payload) for payload in held)]
+            payloads = (geom for one in held for geom in world.object_geoms(one))
+            geoms = [*arm.geom_ids, *payloads]
         spheres: Matrix = np.empty((len(geoms), 4))
         spheres[:, :3] = world.sensed.geom_xpos[geoms]
         spheres[:, 3] = world.model.geom_rbound[geoms]

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from bt_dualarm.core.pose import Matrix, Pose, Vector, camera_pose
 from bt_dualarm.robots.mjspec import TOOL_SITE
 from bt_dualarm.robots.robot import JointFriction, Robot
+from bt_dualarm.sim.object_body import body_of, primitive_inertia
 from bt_dualarm.spec.document import LinkErrors, ObjectSpec, PayloadErrors, RealityErrors
 
 BORNE_GYRATION_M: Final = 0.05
@@ -60,8 +61,13 @@ class NominalLoad:
 
     @classmethod
     def of(cls, name: str, thing: ObjectSpec, pose: Pose, *, known: bool = True) -> NominalLoad:
-        """Load of a declared object of uniform density, whose mass the arm may know or not."""
+        """Load of a declared object of uniform density, whose mass the arm may know or not.
+
+        ``pose`` is that of the object in the tool link.
+        """
         gyration = inertia_per_mass(thing)
+        if not body_of(thing).is_simple:
+            pose = pose @ body_of(thing).principal[0]
         if not known:
             return cls(name, None, None, pose, gyration, mass_declared=False)
         return cls(name, thing.mass, thing.mass * gyration, pose, gyration)
@@ -82,24 +88,11 @@ class NominalLoad:
 
 
 def inertia_per_mass(thing: ObjectSpec) -> Vector:
-    """Moments of inertia of a uniform body about its axes, for 1 kg, of shape (3,), m²."""
-    if thing.shape == "box":
-        x, y, z = np.square(thing.size)
-        return np.array([y + z, z + x, x + y]) / 12
-    if thing.shape == "cylinder":
-        radius, length = np.square(thing.size)
-        return np.array([3 * radius + length, 3 * radius + length, 6 * radius]) / 12
-    if thing.shape == "capsule":
-        radius, length = thing.size
-        # Shares of the mass: cylinder and both half balls. A half ball's center of mass is 3/8 of
-        # the radius from its flat face, which gives the mixed term of the parallel-axis theorem.
-        cylinder = length / (length + 4.0 / 3.0 * radius)
-        ball = 1.0 - cylinder
-        along = (0.5 * cylinder + 0.4 * ball) * radius**2
-        across = cylinder * (length**2 / 12 + radius**2 / 4)
-        across += ball * (0.4 * radius**2 + length**2 / 4 + 0.375 * length * radius)
-        return np.array([across, across, along])
-    return np.full(3, 0.4 * thing.size[0] ** 2)
+    """Moments of inertia of a uniform body about its principal axes, for 1 kg, (3,), m²."""
+    body = body_of(thing)
+    if body.is_simple:
+        return primitive_inertia(thing.shape, thing.size)
+    return body.principal[1]
 
 
 Rotations: TypeAlias = npt.NDArray[np.float64]

@@ -35,6 +35,7 @@ from bt_dualarm.robots.mjspec import (
 )
 from bt_dualarm.robots.robot import Robot
 from bt_dualarm.sim.arm_models import LinkFactors, SampledArm, inertia_per_mass
+from bt_dualarm.sim.object_body import BodyPart, ObjectBody, body_of
 from bt_dualarm.spec.document import ArmSpec, CameraSpec, ObjectSpec, TreeFile, WorldSpec
 from bt_dualarm.spec.values import MarkerSpec
 
@@ -249,47 +250,97 @@ within a minute; this tilt, which is 10 nm on a can, it keeps."""
 def add_object(
     spec: mujoco.MjSpec, name: str, thing: ObjectSpec, pose: Pose, sampled: LinkFactors
 ) -> None:
-    """Add an object with its sampled mass; body, joint and geom have its name."""
+    """Add an object with its sampled mass; body, joint and first geom have its name."""
     if thing.shape == "cylinder" and abs(abs(pose.rotation_matrix[2, 2]) - 1.0) < _EXACTLY_UPRIGHT:
         pose = pose @ _LEAN
     body = spec.worldbody.add_body(name=name, pos=pose.position, quat=pose.quaternion)
     if not thing.fixed:
         body.add_freejoint(name=name)
-    body.add_geom(
-        name=name,
-        type=GEOM_TYPES[thing.shape],
-        size=half_sizes(thing.shape, thing.size),
-        mass=thing.mass * sampled.mass,
-        rgba=thing.rgba,
-        friction=(thing.friction, _TORSION, _rolling(thing)),
-        condim=3 if thing.shape == "box" else _CONDIM_ROLLING,
-        group=OBJECT_GROUP,
-    )
+    solid = body_of(thing)
+    total = sum(part.weight for part in solid.parts)
+    for index, part in enumerate(solid.parts):
+        geom = body.add_geom(
+            name=part_geom(name, index),
+            mass=thing.mass * sampled.mass * (part.weight / total),
+            rgba=part.rgba or thing.rgba,
+            friction=(thing.friction, _TORSION, _rolling(part, solid, thing)),
+            condim=_CONDIM_ROLLING if _can_roll(part, solid) else 3,
+            group=OBJECT_GROUP,
+        )
+        if not solid.is_simple:  # MuJoCo's compiler need not rotate what is at the origin
+            geom.pos = part.pose.position
+            geom.quat = part.pose.quaternion
+        if part.kind == "hull":
+            geom.type = mujoco.mjtGeom.mjGEOM_MESH
+            geom.meshname = _object_mesh(spec, name, part)
+        else:
+            geom.type = GEOM_TYPES[part.kind]
+            geom.size = half_sizes(part.kind, part.size)
     add_marker(body, thing)
-    shift = _stable_center_offset(thing, pose, sampled.shift)
+    shift = _stable_center_offset(thing, solid, pose, sampled.shift)
     if shift.any():
         body.mass = thing.mass * sampled.mass
         body.ipos = shift
         body.inertia = body.mass * inertia_per_mass(thing)
+        if not solid.is_simple:
+            principal = solid.principal[0]
+            body.ipos = principal.position + shift
+            body.iquat = principal.quaternion
         body.explicitinertial = True
 
 
-def _rolling(thing: ObjectSpec) -> float:
+def part_geom(name: str, index: int) -> str:
+    """Name of the geom of an object's convex part; that of the first is the object's."""
+    return name if index == 0 else f"{name}{_PART_MARK}{index}"
+
+
+def remove_object(spec: mujoco.MjSpec, name: str) -> None:
+    """Delete an object's body and meshes."""
+    spec.delete(spec.body(name))
+    for mesh in [one for one in spec.meshes if one.name.startswith(f"{name}{_PART_MARK}")]:
+        spec.delete(mesh)
+
+
+def _object_mesh(spec: mujoco.MjSpec, name: str, part: BodyPart) -> str:
+    """Name of the mesh of an object's part; equal parts share one."""
+    mesh_name = f"{name}{_PART_MARK}{zlib.crc32(part.mesh.encode()):08x}"
+    if spec.mesh(mesh_name) is None:
+        mesh = spec.add_mesh(name=mesh_name)
+        mesh.uservert = part.corners.ravel()
+        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+    return mesh_name
+
+
+_PART_MARK: Final = "#"
+"""Separates an object's name, which cannot contain it, from the number of a part."""
+
+
+def _can_roll(part: BodyPart, solid: ObjectBody) -> bool:
+    """Whether contacts of a part need rolling friction: it is round, or one of a round wall."""
+    return solid.is_axisymmetric or part.kind not in ("box", "hull")
+
+
+def _rolling(part: BodyPart, solid: ObjectBody, thing: ObjectSpec) -> float:
     """Coefficient of rolling friction in m, such that balls and cylinders come to rest."""
-    return _NO_ROLLING if thing.shape == "box" else _ROLLING * thing.size[0]
+    if not _can_roll(part, solid):
+        return _NO_ROLLING
+    radius = thing.size[0] if thing.size else part.size[0]
+    return _ROLLING * (0.5 * min(part.size) if part.kind == "ellipsoid" else radius)
 
 
-def _stable_center_offset(thing: ObjectSpec, pose: Pose, shift: Vector) -> Vector:
+def _stable_center_offset(
+    thing: ObjectSpec, solid: ObjectBody, pose: Pose, shift: Vector
+) -> Vector:
     """Restrict a sampled offset of the center of mass, of shape (3,), m, so that nothing rolls off.
 
     An eccentric ball, or an eccentric cylinder or capsule that lies, would roll away from its
     declared pose as soon as the simulation starts. Their offset is restricted to zero, or to the
     axis.
     """
-    if thing.shape == "sphere":
+    if thing.shape in ("sphere", "ellipsoid"):
         return np.zeros(3)
     lies = abs(float(pose.rotation_matrix[2, 2])) < _UPRIGHT
-    return shift * (0, 0, 1) if thing.shape in ("cylinder", "capsule") and lies else shift
+    return shift * (0, 0, 1) if solid.is_axisymmetric and lies else shift
 
 
 def noisy_pose(name: str, thing: ObjectSpec, seed: int) -> Pose:

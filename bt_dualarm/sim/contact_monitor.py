@@ -119,11 +119,11 @@ class Contacts:
             self._owner[list(body.geom_ids)] = index
         self._others_hold: list[tuple[int, int]] = []
         for held in world.attachments:
-            geom = world.object_geom(held.object)
-            if self._holder[geom] >= 0:
-                self._others_hold.append((self._arms.index(held.arm), geom))
-            else:
-                self._holder[geom] = self._arms.index(held.arm)
+            for geom in world.object_geoms(held.object):
+                if self._holder[geom] >= 0:
+                    self._others_hold.append((self._arms.index(held.arm), geom))
+                else:
+                    self._holder[geom] = self._arms.index(held.arm)
 
 
 def warm_up_contacts() -> None:

@@ -236,8 +236,11 @@ class WorldFaults:
 
     def _make_slippery(self, fault: ReducedFriction) -> None:
         """Let the object's friction count in each of its contacts, not the larger of the two."""
+        for geom in self._world.object_geoms(fault.object):
+            self._reduce_friction(geom, fault)
+
+    def _reduce_friction(self, geom: int, fault: ReducedFriction) -> None:
         model = self._world.model
-        geom = self._world.object_geom(fault.object)
         _, torsion, rolling = model.geom_friction[geom]
         share = min(1.0, fault.friction / max(float(model.geom_friction[geom, 0]), 1e-9))
         self._write(model.geom_friction, geom, (fault.friction, share * torsion, share * rolling))

@@ -19,6 +19,7 @@ import numpy as np
 
 from bt_dualarm.core.errors import DivergenceError, OverlapError, WorldError
 from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.grasping.grasp import Solid
 from bt_dualarm.robots.gripper import FINGERS, Gripper
 from bt_dualarm.robots.robot import JointFriction, Robot
 from bt_dualarm.robots.robot_description import load_arm
@@ -51,6 +52,7 @@ from bt_dualarm.sim.grippers import (
     HeldObjectMotion,
     move_held_objects,
 )
+from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.spec.document import (
     REALITY_SETS,
     ArmSpec,
@@ -296,9 +298,19 @@ class WorldView:
         return int(self.model.body(name).id)
 
     def object_geom(self, name: str) -> int:
-        """Id of an object's geom."""
+        """Id of an object's geom; of an object of several parts that of the first one."""
         must_be_among(name, self.objects, "object", "in the world")
         return int(self.model.geom(name).id)
+
+    def object_geoms(self, name: str) -> tuple[int, ...]:
+        """Ids of the geoms of an object's convex parts, in the order of `ObjectBody.parts`."""
+        first = self.object_geom(name)
+        return tuple(range(first, first + len(body_of(self.objects[name]).parts)))
+
+    def object_solid(self, name: str) -> Solid:
+        """Shape of a present object in its own frame."""
+        must_be_among(name, self.objects, "object", "in the world")
+        return body_of(self.objects[name]).solid
 
     def pose_address(self, name: str) -> int:
         """Address in ``qpos`` of a free object's pose, of seven numbers."""
@@ -315,7 +327,7 @@ class WorldView:
         return Pose(self.data.xpos[body].copy(), self.data.xquat[body].copy())
 
     def surface_point(self, name: str, direction: Vector, pose: Pose | None = None) -> Vector:
-        """Point at which a ray from an object's center leaves it, of shape (3,), in the world, m.
+        """Point at which a ray from an object's center of mass leaves it, (3,), in the world, m.
 
         Args:
             name: Name of the object.
@@ -323,8 +335,13 @@ class WorldView:
             pose: Estimated pose of the object; its true one by default.
         """
         pose = self.object_pose(name) if pose is None else pose
-        ray = np.abs(direction @ pose.rotation_matrix) + 1e-12
         thing = self.objects[name]
+        body = body_of(thing)
+        if not body.is_simple:
+            along = direction @ pose.rotation_matrix
+            out: Vector = pose.apply(body.center) + body.way_out(along) * direction
+            return out
+        ray = np.abs(direction @ pose.rotation_matrix) + 1e-12
         if thing.shape == "box":
             reach = float((0.5 * np.asarray(thing.size) / ray).min())
         elif thing.shape == "cylinder":
@@ -347,19 +364,19 @@ class WorldView:
     def tool_gap(self, arm: str, thing: str) -> float:
         """Smallest distance in meters between an arm's tool and an object; negative inside it."""
         must_be_among(arm, self.arms, "arm", "in the world")
-        geom = self.object_geom(thing)
         return min(
             float(mujoco.mj_geomDistance(self.model, self.data, tool, geom, _MAX_DISTANCE_M, None))
+            for geom in self.object_geoms(thing)
             for tool in self.arms[arm].tool_geom_ids
         )
 
     def touches(self, arm: str, thing: str) -> bool:
         """Whether an arm's tool and an object are in contact."""
-        geom = self.object_geom(thing)
+        geoms = self.object_geoms(thing)
         tool = self.arms[arm].tool_geom_ids
         contact = self.data.contact
         return any(
-            (geom1 == geom and geom2 in tool) or (geom2 == geom and geom1 in tool)
+            (geom1 in geoms and geom2 in tool) or (geom2 in geoms and geom1 in tool)
             for geom1, geom2 in contact.geom[contact.dist <= 0.0]
         )
 
@@ -737,7 +754,7 @@ class World(HoldingView):
         """
         must_be_among(name, self.objects, "object", "in the world")
         self.attachments.forget(name)
-        self._spec.delete(self._spec.body(name))
+        composition.remove_object(self._spec, name)
         del self.objects[name]
         self._recompile()
 

@@ -23,7 +23,6 @@ from bt_dualarm.control.internal_wrench import CarryingArm, InternalWrenchRegula
 from bt_dualarm.core.errors import CollisionFailure, Failure, Number
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.grasping.candidates import CLEAR, RankedGrasp
-from bt_dualarm.grasping.grasp import solid_of
 from bt_dualarm.grasping.sections import Section, sections, shares_at
 from bt_dualarm.kinematics.multi_arm import MultiArmKinematics, ToolTarget, holding
 from bt_dualarm.kinematics.solver import Chain
@@ -311,8 +310,7 @@ class Carrying:
 
     def _sections(self) -> list[Section]:
         world = self._arm.world
-        declared = world.objects[self._thing]
-        solid = solid_of(declared.shape, declared.size)
+        solid = world.object_solid(self._thing)
         found = sections(solid, len(self._members), self._ports.spread)
         if not found:
             raise Failure(

@@ -29,13 +29,14 @@ from bt_dualarm.grasping.grasp import (
     Grasp,
     JawMeasures,
     Load,
+    MeshSolid,
     Solid,
-    solid_of,
 )
+from bt_dualarm.sim.object_body import body_of, unit_ball
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.skill import unit_vector
 from bt_dualarm.spec.node_types import PortModel, port
-from bt_dualarm.spec.values import Speed, Vector3
+from bt_dualarm.spec.values import PartName, Speed, Vector3
 from bt_dualarm.trajectory.trajectory import Trajectory
 
 
@@ -44,6 +45,9 @@ class TakingPorts(PortModel):
 
     approach: Vector3 | None = port(
         None, "direction of the straight approach, world axes, within 30°; by default the best one"
+    )
+    part: PartName | None = port(
+        None, "part of a compound object at which it is picked; by default any"
     )
     standoff: float = port(0.08, "length of the straight approach", unit="m", ge=0.01, le=0.3)
     lift: float = port(0.04, "height of the lift that tests the grip", unit="m", ge=0, le=0.5)
@@ -122,7 +126,8 @@ class WantedGrasp:
             within 30°; None for any.
         unlike: Pose of the tool in the object's frame from which the grasp has to differ by at
             least 45°, also after half a turn about the tool axis; None for any.
-        section: Part of the object at which it is grasped, whose pose is ``lies``; None for all.
+        section: Piece of the object at which it is grasped, whose pose is ``lies``; None for all.
+        part: Name of the declared part at which it is grasped; None for any.
     """
 
     name: str | None
@@ -136,6 +141,7 @@ class WantedGrasp:
     along: Vector | None = None
     unlike: Pose | None = None
     section: Solid | None = None
+    part: str | None = None
 
     @classmethod
     def named(
@@ -151,13 +157,15 @@ class WantedGrasp:
             unlike: As the attribute.
 
         Raises:
-            Failure: ``NOT_THERE``, or ``INVALID_TARGET`` if it is fixed.
+            Failure: ``NOT_THERE``, or ``INVALID_TARGET`` if it is fixed or has no such part.
         """
         world = arm.world
         if name not in world.objects:
             raise Failure("NOT_THERE", f"object {name!r} is not in the world")
         if world.objects[name].fixed:
             raise Failure("INVALID_TARGET", f"object {name!r} is fixed: no arm can carry it")
+        if ports.part is not None and body_of(world.objects[name]).part(ports.part) is None:
+            raise Failure("INVALID_TARGET", f"object {name!r} has no part {ports.part!r}")
         told = None if world.nominal[arm.name].estimates_payload else world.objects[name].mass
         return cls(
             name,
@@ -168,12 +176,15 @@ class WantedGrasp:
             ports.most_force or math.inf,
             along=ports.along,
             unlike=unlike,
+            part=ports.part,
         )
 
     @property
     def label(self) -> str:
         """The object in messages."""
-        return repr(self.name) if self.edges is None else "the object at this pose"
+        if self.edges is not None:
+            return "the object at this pose"
+        return repr(self.name) if self.part is None else f"{self.part!r} of {self.name!r}"
 
     def solid(self, world: World) -> Solid:
         """Shape of the object, or of the part at which it is grasped."""
@@ -181,8 +192,14 @@ class WantedGrasp:
             return self.section
         if self.name is None or self.edges is not None:
             return Box(0.5 * np.array(self.edges))
-        declared = world.objects[self.name]
-        return solid_of(declared.shape, declared.size)
+        piece = None if self.part is None else body_of(world.objects[self.name]).part(self.part)
+        return world.object_solid(self.name) if piece is None else piece
+
+    def center(self, world: World) -> Vector:
+        """Center of mass in the frame of its shape, of shape (3,), m."""
+        if self.section is not None or self.name is None or self.edges is not None:
+            return np.zeros(3)
+        return body_of(world.objects[self.name]).center
 
     def friction(self, world: World) -> float:
         """Coefficient of friction of the object, as declared or as given by the tree."""
@@ -221,7 +238,7 @@ def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
     symmetry = _turned_to(arm.kinematics.base.position, wanted.lies, solid)
     lies = wanted.lies @ symmetry
     gravity = lies.rotation_matrix.T @ np.array([0.0, 0.0, -GRAVITY])
-    load = Load(wanted.margin * wanted.mass, gravity, wanted.shake, np.zeros(3))
+    load = Load(wanted.margin * wanted.mass, gravity, wanted.shake, wanted.center(arm.world))
     _refuse_weight(arm, wanted)
     jaw: JawMeasures | None = None
     if page.fingers:
@@ -286,11 +303,11 @@ def obstacles_around(arm: Arm, wanted: WantedGrasp) -> list[Obstacle]:
     """Simple shapes of the world near the object, without it and the arms."""
     world = arm.world
     model = arm.world.model
-    own = {world.object_geom(wanted.name)} if wanted.name else set()
+    own = {*world.object_geoms(wanted.name)} if wanted.name else set[int]()
     arms = set[int]().union(*(body.geom_ids for body in world.arms.values()))
     found = []
     for geom in range(model.ngeom):
-        solid = _solid_of_geom(int(model.geom_type[geom]), model.geom_size[geom])
+        solid = _solid_of_geom(model, geom)
         counts = model.geom_contype[geom] or model.geom_conaffinity[geom]
         if solid is None or not counts or geom in own or geom in arms:
             continue
@@ -305,8 +322,17 @@ def obstacles_around(arm: Arm, wanted: WantedGrasp) -> list[Obstacle]:
     return found
 
 
-def _solid_of_geom(kind: int, size: np.ndarray) -> Solid | None:
+def _solid_of_geom(model: mujoco.MjModel, geom: int) -> Solid | None:
     kinds = mujoco.mjtGeom
+    kind = int(model.geom_type[geom])
+    size = model.geom_size[geom]
+    if kind == kinds.mjGEOM_ELLIPSOID:
+        return MeshSolid.hull_of(size * unit_ball())
+    if kind == kinds.mjGEOM_MESH:  # its hull, with which MuJoCo collides as well
+        mesh = int(model.geom_dataid[geom])
+        first = int(model.mesh_vertadr[mesh])
+        corners = model.mesh_vert[first : first + int(model.mesh_vertnum[mesh])]
+        return MeshSolid.hull_of(corners.astype(float))
     if kind == kinds.mjGEOM_PLANE:
         return Box(np.full(3, _WIDE))
     if kind == kinds.mjGEOM_BOX:

@@ -29,10 +29,11 @@ from bt_dualarm.collision.checker import CollisionChecker
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.grasping.candidates import Obstacle, cup_grasps, jaw_grasps, ranked
-from bt_dualarm.grasping.grasp import Box, CupMeasures, Grasp, Load, solid_of
+from bt_dualarm.grasping.grasp import Box, CupMeasures, Grasp, Load
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.kinematics.multi_arm import MultiArmKinematics, ToolTarget
 from bt_dualarm.sim.grippers import SharedGrasp
+from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.grasp_search import GRAVITY
 from bt_dualarm.skill.joint import HANDS_M
@@ -176,7 +177,8 @@ class HandoverSearch:
         self._in_giver = object_in_tool(world, giver, thing)
         self._giver_q = world.hardware[giver].q.copy()
         declared = world.objects[thing]
-        self._solid = solid_of(declared.shape, declared.size)
+        self._solid = world.object_solid(thing)
+        self._center = body_of(declared).center
         told = None if world.nominal[arm.name].estimates_payload else declared.mass
         self.mass = mass or wish.mass or told or UNKNOWN_KG
         self.grasps = self._grasps(margin, shake, most_force)
@@ -314,7 +316,7 @@ class HandoverSearch:
         world = self._world
         friction = world.objects[self._thing].friction
         # No direction of gravity is preferred: it counts like a shake in the worst direction.
-        load = Load(margin * self.mass, np.zeros(3), shake + GRAVITY, np.zeros(3))
+        load = Load(margin * self.mass, np.zeros(3), shake + GRAVITY, self._center)
         if arm.name not in world.grippers:
             spot = CupMeasures(_TOUCH_RADIUS_M, 1e-3, math.inf, 1.0)
             return cup_grasps(self._solid, spot, load)

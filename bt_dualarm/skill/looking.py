@@ -11,7 +11,7 @@ import numpy as np
 from pydantic import Field
 
 from bt_dualarm.arm.arm import Arm
-from bt_dualarm.collision.support import bearing_ahead, half_extents
+from bt_dualarm.collision.support import bearing_ahead
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.perception.detection import ColorFilter, ColorlessError, Detection, color_of, detect
@@ -95,7 +95,7 @@ class SightPorts(PortModel):
             color = self.color or color_of(thing)
         except ColorlessError as error:
             raise Failure("INVALID_TARGET", f"{error}: give `color`") from error
-        return SightedThings.of_color(color, KnownShape(thing.shape, thing.size), flat=self.flat)
+        return SightedThings.of_color(color, KnownShape.of(thing), flat=self.flat)
 
     @property
     def ignored(self) -> frozenset[str]:
@@ -439,7 +439,7 @@ def standing_of(
     shape = seen.shape
     fit = thing.best
     eye = thing.views[0].camera.position
-    half = float(half_extents(shape.kind, shape.size, fit.scene.rotation)[2])
+    half = shape.half_height(fit.scene.rotation)
     line = fit.scene.position - np.array((0.0, 0.0, half)) - eye
     away = float(np.linalg.norm(line))
     downward = float(-line[2])

@@ -14,6 +14,7 @@ from bt_dualarm.arm.payload import jaw_measures
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.grasping.candidates import RankedGrasp
+from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.grasp_search import GraspApproach, TakingPorts, WantedGrasp, first_approach
 from bt_dualarm.skill.grip import Grip, TouchSense, make_room
@@ -31,7 +32,9 @@ _EARLY_M: Final = 0.012  # distance from the grasp at which a contact is one wit
 _EDGE_S: Final = 0.12  # at the start of the straight part, in which the force has no zero yet
 _CLEAR_M: Final = 0.01  # uncertainty of the distance at which the gripper may touch the object
 _NEAR_M_S: Final = 0.15  # highest speed of the tool there
-_ROOM_M: Final = 0.012  # opening on each side of an object whose pose is known, before the fingers close
+_ROOM_M: Final = (
+    0.012  # opening on each side of an object whose pose is known, before the fingers close
+)
 _BRISK: Final = 0.6  # fraction of the speed on straight parts on which nothing is touched
 
 
@@ -385,10 +388,12 @@ def twin_at(world: World, name: str, place: Vector) -> str:
     away = {
         other: float(np.linalg.norm(world.object_pose(other).position - place))
         for other, thing in world.objects.items()
-        if not thing.fixed and (thing.shape, thing.size) == (wanted.shape, wanted.size)
+        if not thing.fixed and body_of(thing) is body_of(wanted)
     }
     nearest = min(away, key=lambda other: (away[other], other != name), default=name)
-    return nearest if away.get(nearest, math.inf) < 0.5 * min(wanted.size) else name
+    body = body_of(wanted)
+    least = min(wanted.size) if body.is_simple else float(np.ptp(body.corners, axis=0).min())
+    return nearest if away.get(nearest, math.inf) < 0.5 * least else name
 
 
 def refuse_too_frail(arm: Arm, what: str, bears: float | None) -> None:

@@ -17,7 +17,6 @@ from bt_dualarm.arm.payload import jaw_measures
 from bt_dualarm.collision.support import MARGIN_M, support_below
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Matrix, Pose, Vector
-from bt_dualarm.grasping.grasp import solid_of
 from bt_dualarm.perception.shape_fit import KnownShape
 from bt_dualarm.planning.path_search import Planner
 from bt_dualarm.sim.grippers import Attachment
@@ -77,8 +76,9 @@ def guarded_descent(
     timed, top = _timed(arm, arm.line_on(end), speed)
     motion = arm.begin(timed, may_touch=True, compliant=True)
     return (
-        yield from until_contact(arm, motion, motion.trajectory.duration, along, top, force, look,
-                                 lightly=lightly)
+        yield from until_contact(
+            arm, motion, motion.trajectory.duration, along, top, force, look, lightly=lightly
+        )
     )
 
 
@@ -265,8 +265,7 @@ class LeftStanding:
 
     def _box_corners(self) -> Matrix:
         """Corners of its bounding box in the world, of shape (8, 3), m: they move farthest."""
-        spec = self._arm.world.objects[self._name]
-        solid = solid_of(spec.shape, spec.size)
+        solid = self._arm.world.object_solid(self._name)
         sides = [(-solid.reach(-axis), solid.reach(axis)) for axis in np.eye(3)]
         pose = self.pose
         corners: Matrix = np.array([*itertools.product(*sides)]) @ pose.rotation_matrix.T
@@ -283,7 +282,7 @@ class LeftStanding:
         """Distance, m, and angle, rad, from a pose, up to the symmetry of the object."""
         pose = self.pose
         spec = self._arm.world.objects[self._name]
-        return pose.distance(goal), KnownShape(spec.shape, spec.size).angle(pose, goal)
+        return pose.distance(goal), KnownShape.of(spec).angle(pose, goal)
 
     def refuse_unless_at(
         self, goal: Pose, tolerance: float, angle_tolerance: float, *, touched: bool = False
@@ -342,15 +341,15 @@ def stands_without(arm: Arm, name: str) -> bool:
         return True
     model = world.model
     data = world.data
-    geom = world.object_geom(name)
+    geoms = world.object_geoms(name)
     own = world.arms[arm.name].geom_ids
     force = np.empty(6)
     borne = 0.0
     for number, pair in enumerate(data.contact.geom.tolist()):
-        if geom in pair and not own & set(pair):
+        if not own & set(pair) and (pair[0] in geoms or pair[1] in geoms):
             mujoco.mj_contactForce(model, data, number, force)
             upward = float(force[:3] @ data.contact.frame[number].reshape(3, 3)[:, 2])
-            borne += upward if pair[1] == geom else -upward  # forces act on the second geom
+            borne += upward if pair[1] in geoms else -upward  # forces act on the second geom
     weight = float(model.body_mass[world.object_body(name)] * -model.opt.gravity[2])
     return borne >= 0.5 * weight
 
@@ -417,7 +416,7 @@ def _is_beyond(arm: Arm, name: str, lies: Pose) -> bool:
     page = arm.gripper.page
     in_tool = arm.tool_pose.inverse @ lies
     back = in_tool.rotation_matrix.T @ np.array((0.0, 0.0, -1.0))
-    nearest = float(in_tool.position[2]) - solid_of(declared.shape, declared.size).reach(back)
+    nearest = float(in_tool.position[2]) - arm.world.object_solid(name).reach(back)
     tip = jaw_measures(page, declared.friction).tip if page.fingers else 0.0
     return nearest > tip + _BESIDE_M
 
@@ -625,9 +624,7 @@ class SettingDown:
             descents[:] = [(yield from self._descent(goal, move))]
             starts = [rows[0] for rows in descents[0].branches]
             return (
-                yield from arm.plan(
-                    starts, ports.speed, planner=ports.planner, began_s=began_s
-                )
+                yield from arm.plan(starts, ports.speed, planner=ports.planner, began_s=began_s)
             )
 
         def down(q: Vector) -> Matrix:
@@ -785,7 +782,7 @@ class SettingDown:
     def _turns(self, goal: Pose) -> list[float]:
         """Symmetry rotations of the object about the vertical, rad, the smallest first."""
         spec = self._arm.world.objects[self._name]
-        spins = KnownShape(spec.shape, spec.size).spins
+        spins = KnownShape.of(spec).spins
         is_upright = spins is not None and abs(goal.rotation_matrix[2] @ spins) >= _UPRIGHT
         if not (is_upright or spec.shape == "sphere"):
             return [0.0]

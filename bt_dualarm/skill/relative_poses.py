@@ -12,7 +12,8 @@ from bt_dualarm.arm.arm import Arm
 from bt_dualarm.arm.known_objects import KnownPose
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Pose
-from bt_dualarm.grasping.grasp import Solid, solid_of
+from bt_dualarm.grasping.grasp import Solid
+from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.spec.node_types import PortModel, metadata_of
 from bt_dualarm.spec.relative_pose import FRAME_WORDS, PoseOf, RelativePose
 from bt_dualarm.spec.values import PoseSpec
@@ -156,5 +157,4 @@ class _Resolver:
         return known.pose
 
     def _solid(self, name: str) -> Solid:
-        declared = self._arm.world.declared_objects[name]
-        return solid_of(declared.shape, declared.size)
+        return body_of(self._arm.world.declared_objects[name]).solid

@@ -78,12 +78,21 @@ def declared_names(source: Source) -> Declared:
     sections = {"object": source.get(("objects",)), "arm": source.get(("arms",))}
     for category, section in CATEGORIES.items():
         sections[category] = cell.get(section) if isinstance(cell, dict) else None
+    objects = sections["object"]
+    for name, thing in objects.items() if isinstance(objects, dict) else ():
+        parts = thing.get("parts") if isinstance(thing, dict) else None
+        sections[_part_of(name)] = parts
     return Declared(
         {
             category: frozenset(items) if isinstance(items, dict) else frozenset()
             for category, items in sections.items()
         }
     )
+
+
+def _part_of(name: object) -> str:
+    """Category of the names of an object's parts."""
+    return f"part of {name}"
 
 
 def check_tree(
@@ -132,6 +141,11 @@ def check_node(node: NodeSpec, node_type: NodeType, declared: Declared) -> Itera
             hint = _parameter_hint(node, key) if key else ""
             yield node.port_problem(found.path, message, hint or found.hint, key=at_key)
     for path, refers, name in _names_in(node_type.ports, ports):
+        if refers.to == ("part",):
+            thing = node.ports.get("object")
+            if thing is None or is_dynamic(thing):
+                continue  # known only when the node runs
+            refers = Refers((_part_of(thing),))
         names = declared.of(refers.to)
         if name in refers.words and name in names:
             message = f"{node.kind}: '{name}' is a word of the language and a name of the file"

@@ -19,6 +19,7 @@ from pydantic import (
     Discriminator,
     Field,
     InstanceOf,
+    PrivateAttr,
     StringConstraints,
     Tag,
     ValidationInfo,
@@ -32,9 +33,18 @@ from bt_dualarm.spec.faults import Faults, FaultSpec
 from bt_dualarm.spec.goals import Conditions
 from bt_dualarm.spec.node_types import NodeSpec, one_line, port
 from bt_dualarm.spec.problems import Name, written_as
-from bt_dualarm.spec.values import (
+from bt_dualarm.spec.shapes import (
     SIZE_IN_WORDS,
-    SIZES,
+    Length,
+    ObjectColor,
+    ObjectShape,
+    PartSpec,
+    has_round_top,
+    refuse_size,
+    rgba_of,
+    room_on_top,
+)
+from bt_dualarm.spec.values import (
     Bend,
     Degrees,
     Duration,
@@ -42,7 +52,6 @@ from bt_dualarm.spec.values import (
     Meters,
     PoseSpec,
     Seconds,
-    ShapeName,
     Share,
     Speed,
     Uncertainty,
@@ -392,21 +401,6 @@ Mounted: TypeAlias = Annotated[
 LONGEST_NAME: Final = 100
 """Largest number of characters in the name of a task."""
 
-NAMED_COLORS: Final[Mapping[str, tuple[float, float, float]]] = {
-    "red": (0.80, 0.05, 0.05),
-    "orange": (0.95, 0.45, 0.05),
-    "yellow": (0.95, 0.85, 0.05),
-    "green": (0.05, 0.65, 0.10),
-    "blue": (0.05, 0.15, 0.80),
-    "white": (0.95, 0.95, 0.95),
-    "grey": (0.50, 0.50, 0.50),
-    "black": (0.05, 0.05, 0.05),
-}
-"""Red, green, blue from 0 to 1 of each color that an object can have by name."""
-
-ColorName: TypeAlias = Literal["red", "orange", "yellow", "green", "blue", "white", "grey", "black"]
-_Part: TypeAlias = Annotated[float, Field(ge=0.0, le=1.0)]
-_Length: TypeAlias = Annotated[float, Field(ge=1e-4, le=10.0)]
 _HalfWidth: TypeAlias = Annotated[float, Field(ge=0.0, le=10.0)]
 _Locked: TypeAlias = Annotated[float, Field(ge=-720.0, le=720.0)]
 
@@ -441,38 +435,91 @@ class NoiseSpec(Value):
     )
 
 
+def _mesh_file(path: str) -> str:
+    """Refuses a path that is absolute, leaves the folder, or is of no supported format."""
+    if not path.lower().endswith((".stl", ".obj")):
+        raise ValueError(f"expected an STL or OBJ file, not {path!r}")
+    steps = path.replace("\\", "/").split("/")
+    if steps[0] == "" or ".." in steps or ":" in steps[0]:
+        raise ValueError(f"{path!r} is not below the folder of the tree file")
+    return path
+
+
+MeshFile: TypeAlias = Annotated[
+    str, Field(min_length=5, max_length=200), AfterValidator(_mesh_file)
+]
+"""Path of a mesh relative to the tree file."""
+
+MOST_PARTS: Final = 32
+"""Largest number of parts of a compound object."""
+
+
 class ObjectSpec(Value):
     """An object in the world."""
 
-    shape: ShapeName = port(..., "Shape, which determines the meaning of `size`")
-    size: tuple[_Length, ...] = port(..., SIZE_IN_WORDS, unit="m", min_length=1, max_length=3)
+    shape: ObjectShape = port(..., "Shape, which determines the meaning of `size`")
+    size: tuple[Length, ...] = port((), SIZE_IN_WORDS, unit="m", max_length=3)
+    wall: float | None = port(
+        None, "Thickness of the wall of a hollow shape; by default 3 mm", unit="m", ge=5e-4, le=0.2
+    )
+    sides: int | None = port(None, "Number of sides of a prism; by default 6", ge=3, le=32)
+    parts: Annotated[dict[Name, PartSpec], Field(max_length=MOST_PARTS)] = port(
+        {}, "Parts of a compound by name, in its frame"
+    )
+    file: MeshFile | None = port(
+        None, "STL or OBJ file of a mesh, below the folder of the tree file"
+    )
+    scale: float = port(1.0, "Length in meters of a unit of the mesh", unit="m", ge=1e-6, le=1e3)
     mass: float = port(..., "Mass, evenly distributed", unit="kg", ge=1e-4, le=1000.0)
     friction: float = port(0.8, "Coefficient of sliding friction", ge=0.0, le=10.0)
-    color: Annotated[
-        Annotated[ColorName, Tag("name")]
-        | Annotated[tuple[_Part, ...], Field(min_length=3, max_length=4), Tag("value")],
-        Discriminator(written_as),
-    ] = port("grey", "Color by name, or as red, green, blue (, opacity) from 0 to 1")
-    pose: PoseSpec = port(PoseSpec(xyz=(0.0, 0.0, 0.0)), "Pose of its center in the world")
+    color: ObjectColor = port(
+        "grey", "Color by name, or as red, green, blue (, opacity) from 0 to 1"
+    )
+    pose: PoseSpec = port(
+        PoseSpec(xyz=(0.0, 0.0, 0.0)),
+        "Pose of its center in the world; of a compound, pose of its frame",
+    )
     noise: NoiseSpec = port(NoiseSpec(), "Bounds within which the seed may move it")
     marker: MarkerSpec | None = port(None, "Marker on its top face, if it has one")
     spawned: bool = port(True, "Whether it is in the world from the start")
     fixed: bool = port(False, "Whether it is fixed in the world")
 
+    _folder: Path = PrivateAttr(default=Path())
+
+    def look_in(self, folder: Path) -> None:
+        """Sets the folder from which the path of a mesh starts."""
+        self._folder = folder
+
+    @property
+    def mesh_path(self) -> Path:
+        """Path of the file of a mesh."""
+        return self._folder / (self.file or "")
+
     @model_validator(mode="after")
     def _size_fits_shape(self) -> ObjectSpec:
-        meaning = SIZES[self.shape]
-        if len(self.size) != len(meaning):
-            wanted = ", ".join(meaning)
-            raise ValueError(f"the size of a {self.shape} is [{wanted}], not {list(self.size)}")
+        if self.parts and self.shape != "compound":
+            raise ValueError(f"only a compound has parts; the shape is '{self.shape}'")
+        if (self.file or "scale" in self.model_fields_set) and self.shape != "mesh":
+            raise ValueError(f"only a mesh has a file and a scale; the shape is '{self.shape}'")
+        if self.shape != "compound" and self.shape != "mesh":
+            refuse_size(self.shape, self)
+            return self
+        of_another = {"compound": "its parts have", "mesh": "its file determines it"}[self.shape]
+        for field in ("size", "wall", "sides"):
+            if getattr(self, field):
+                raise ValueError(f"a {self.shape} has no {field}: {of_another}")
+        if self.shape == "compound" and not self.parts:
+            raise ValueError("a compound needs parts: {NAME: {shape: …, size: …, pose: …}, …}")
+        if self.shape == "mesh" and not self.file:
+            raise ValueError("a mesh needs file: the path of an STL or OBJ file")
         return self
 
     @model_validator(mode="after")
     def _marker_fits(self) -> ObjectSpec:
         if self.marker is not None:
-            if self.shape in ("sphere", "capsule"):
+            if has_round_top(self.shape):
                 raise ValueError(f"a {self.shape} has no face for a marker")
-            room = min(self.size[:2]) if self.shape == "box" else 2**0.5 * self.size[0]
+            room = room_on_top(self.shape, self)
             if self.marker.outer_size > room + 1e-9:
                 raise ValueError(
                     f"its marker takes {1e3 * self.marker.outer_size:.1f} mm with the white around "
@@ -483,10 +530,7 @@ class ObjectSpec(Value):
     @property
     def rgba(self) -> tuple[float, float, float, float]:
         """Red, green, blue, opacity from 0 to 1."""
-        red, green, blue, *opacity = (
-            NAMED_COLORS[self.color] if isinstance(self.color, str) else self.color
-        )
-        return red, green, blue, opacity[0] if opacity else 1.0
+        return rgba_of(self.color)
 
 
 class LimitShares(Value):
@@ -600,6 +644,12 @@ class TreeFile(TreeContent):
     path: InstanceOf[Path] = Path()
     texts: Mapping[str, str] = Field(default_factory=dict, repr=False)
     given: Mapping[str, object] = Field(default_factory=dict, repr=False)
+
+    @model_validator(mode="after")
+    def _objects_know_their_folder(self) -> Self:
+        for thing in self.objects.values():
+            thing.look_in(self.root)
+        return self
 
     def in_reality(self, reality: Reality) -> TreeFile:
         """Returns the file with this model mismatch for all arms."""

@@ -36,6 +36,7 @@ from bt_dualarm.spec.parser import FORMAT, ParamSpec
 from bt_dualarm.spec.path_keep import Facing, Keep
 from bt_dualarm.spec.problems import NAME_PATTERN
 from bt_dualarm.spec.relative_pose import RelativePose
+from bt_dualarm.spec.shapes import PartSpec
 from bt_dualarm.spec.values import (
     Angle,
     Color,
@@ -184,6 +185,7 @@ _NESTED: Final[tuple[type[BaseModel], ...]] = (
     CellSignal,
     CellZone,
     NoiseSpec,
+    PartSpec,
     LimitShares,
     CameraSpec,
     RealitySpec,

@@ -43,7 +43,8 @@ class Refers:
     """Metadata of a port that has the name of something that the file declares, or several names.
 
     Attributes:
-        to: Categories: ``"object"``, ``"arm"``, ``"signal"``, ``"zone"``, ``"rendezvous"``.
+        to: Categories: ``"object"``, ``"arm"``, ``"signal"``, ``"zone"``, ``"rendezvous"``,
+            ``"part"`` (of the object that the port ``object`` names).
         words: Words that are allowed as well.
     """
 
@@ -53,6 +54,9 @@ class Refers:
 
 ObjectName: TypeAlias = Annotated[str, Refers(("object",))]
 """The name of an object of the tree file."""
+
+PartName: TypeAlias = Annotated[str, Refers(("part",))]
+"""The name of a part of the object that the port ``object`` of the same node names."""
 
 ArmName: TypeAlias = Annotated[str, Refers(("arm",))]
 """The name of an arm of the tree file."""

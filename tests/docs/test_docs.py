@@ -22,6 +22,7 @@ from tests.undrawn import undrawn
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
 EXAMPLE_PAGES = (
+    "docs/objects.md",
     "docs/grasping.md",
     "docs/poses.md",
     "README.md",

@@ -32,7 +32,8 @@ def constraint(**limits: object) -> PathConstraint:
 def random_poses(count: int) -> list[Pose]:
     rng = np.random.default_rng(3)
     return [
-        Pose.from_rpy(rng.uniform(-1, 1, 3), rng.uniform(-np.pi, np.pi, 3)) for _ in range(count)
+        Pose.from_rpy(rng.uniform(-1, 1, 3).tolist(), rng.uniform(-np.pi, np.pi, 3).tolist())
+        for _ in range(count)
     ]
 
 

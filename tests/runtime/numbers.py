@@ -65,6 +65,40 @@ FILE: Tree = {
             "mass": 0.1,
             "pose": {"xyz": [-0.7, 0.5, 0.3], "quat": [1.0, 0, 0, 0]},
         },
+        "prism": {
+            "shape": "prism",
+            "size": [0.03, 0.1],
+            "sides": 5,
+            "mass": 0.1,
+            "pose": {"xyz": [-0.9, -0.5, 0.3]},
+        },
+        "cup": {
+            "shape": "cup",
+            "size": [0.03, 0.1],
+            "wall": 0.004,
+            "mass": 0.1,
+            "pose": {"xyz": [-0.9, 0.5, 0.3]},
+        },
+        "mug": {
+            "shape": "compound",
+            "mass": 0.1,
+            "pose": {"xyz": [-0.9, 0, 0.3]},
+            "parts": {
+                "body": {
+                    "shape": "cup",
+                    "size": [0.04, 0.1],
+                    "wall": 0.004,
+                    "density": 1.0,
+                    "color": [0.9, 0.9, 0.1, 1.0],
+                },
+                "handle": {
+                    "shape": "prism",
+                    "size": [0.01, 0.05],
+                    "sides": 8,
+                    "pose": {"xyz": [0.05, 0, 0], "rpy": [0, 0, 10]},
+                },
+            },
+        },
         "can": {
             "shape": "cylinder",
             "size": [0.03, 0.1],

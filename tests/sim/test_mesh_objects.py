@@ -1,0 +1,131 @@
+"""Objects from files: meshes below the folder of the tree, decomposed, checked and bounded."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bt_dualarm as bt
+from bt_dualarm.core.pose import Matrix
+from bt_dualarm.robots import meshes
+from bt_dualarm.sim.object_body import body_of
+from bt_dualarm.spec.document import ObjectSpec
+
+BOX_FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+
+
+def box_mesh(size: tuple[float, float, float], center: tuple[float, float, float]) -> Matrix:
+    """Triangles of a box, of shape (12, 3, 3)."""
+    signs = np.array([(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
+    corners = signs * size + center
+    quads = [corners[list(face)] for face in BOX_FACES]
+    triangles: Matrix = np.array([quad[[0, i, i + 1]] for quad in quads for i in (1, 2)])
+    return triangles
+
+
+BRACKET = np.vstack((box_mesh((80, 30, 10), (0, 0, -25)), box_mesh((10, 30, 50), (35, 0, 5))))
+"""An angle of two plates, in millimeters."""
+
+
+def write_obj(path: Path, triangles: Matrix) -> None:
+    lines = [f"v {x:g} {y:g} {z:g}" for x, y, z in triangles.reshape(-1, 3).tolist()]
+    lines += [f"f {i} {i + 1} {i + 2}" for i in range(1, len(lines) + 1, 3)]
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def file_with(thing: dict[str, Any], *tree: Any) -> dict[str, Any]:
+    return {
+        "bt_dualarm": 1,
+        "name": "bracket",
+        "world": {"scene": "table", "reality": "lab", "time_limit": 90},
+        "objects": {"bracket": {"mass": 0.2, "color": "yellow"} | thing},
+        "arms": {
+            "arm1": {
+                "robot": "ur5",
+                "gripper": "robotiq_2f85",
+                "base": {"xyz": [0, 0, 0.4]},
+                "tree": {"sequence": [*tree] or ["stop"]},
+            }
+        },
+    }
+
+
+MESH = {"shape": "mesh", "file": "parts/bracket.obj", "scale": 0.001}
+LIES = {"pose": {"xyz": [0.40, -0.40, 0.4305], "rpy": [0, 0, 30]}}
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    write_obj(tmp_path / "parts" / "bracket.obj", BRACKET)
+    return tmp_path
+
+
+def test_an_angle_is_two_convex_parts(folder: Path) -> None:
+    thing = ObjectSpec(**MESH, mass=0.2)  # type: ignore[arg-type]  # as in a file
+    thing.look_in(folder)
+    body = body_of(thing)
+    assert len(body.parts) == 2
+    assert sum(part.weight for part in body.parts) == pytest.approx(39e-6, rel=1e-3)  # m³
+    assert body.ray(np.array((0.0, 0.0, 0.02)), np.array((1.0, 0.0, 0.0))) == pytest.approx(0.03)
+
+
+def test_the_decomposition_is_computed_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = meshes.object_hulls(folder / "parts" / "bracket.obj", 0.00099)
+
+    def refuse(*_: object) -> None:
+        raise AssertionError
+
+    monkeypatch.setattr(meshes, "convex_parts", refuse)
+    again = meshes.object_hulls(folder / "parts" / "bracket.obj", 0.00099)
+    assert all((one == other).all() for one, other in zip(first, again, strict=True))
+
+
+def test_it_is_picked_carried_set_down_and_replayed(folder: Path) -> None:
+    goal = {"xyz": [0.25, -0.50, 0.4305]}
+    tree = [
+        {"grasp": {"object": "bracket"}},
+        {"transport": {"to": {"xyz": [0.30, -0.45, 0.60]}}},
+        {"place": {"at": goal}},
+    ]
+    result = bt.run(file_with(MESH | LIES, *tree), record=folder / "out")
+    leaves = result.arms["arm1"].leaves
+    assert result.outcome == "SUCCESS", {n: (one.code, one.reason) for n, one in leaves.items()}
+    assert float(leaves["sequence/place"].metrics["placed_error_m"]) < 0.005
+
+
+@pytest.mark.parametrize(
+    ("path", "message"),
+    [
+        ("/etc/bracket.stl", "is not below the folder of the tree file"),
+        ("../bracket.stl", "is not below the folder of the tree file"),
+        ("parts/../../bracket.stl", "is not below the folder of the tree file"),
+        ("C:/bracket.stl", "is not below the folder of the tree file"),
+        ("parts/bracket.dae", "expected an STL or OBJ file"),
+        ("parts/nothing.stl", "does not exist"),
+        ("parts/link.obj", "is a link to a place outside"),
+        ("parts/text.stl", "cannot be read by assimp"),
+        ("parts/flat.obj", "mm thick"),
+    ],
+)
+def test_what_cannot_be_used_is_an_error(folder: Path, path: str, message: str) -> None:
+    outside = folder.parent / f"{folder.name}_outside.obj"
+    write_obj(outside, BRACKET)
+    (folder / "parts" / "link.obj").symlink_to(outside)
+    (folder / "parts" / "text.stl").write_text("a bracket", encoding="utf-8")
+    write_obj(folder / "parts" / "flat.obj", BRACKET * (1, 1, 0))
+    found = bt.check(file_with(MESH | {"file": path} | LIES))
+    assert any(message in problem.message for problem in found), found
+
+
+def test_a_scale_that_is_wrong_by_a_thousand_is_an_error_with_a_hint(folder: Path) -> None:
+    """The file is in millimeters."""
+    assert folder
+    thing = {key: value for key, value in MESH.items() if key != "scale"}
+    (problem,) = bt.check(file_with(thing | LIES))
+    assert "extends over 80 m" in problem.message
+    assert problem.hint == "a mesh in millimeters needs scale: 0.001"
