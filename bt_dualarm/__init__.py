@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from bt_dualarm.core.pose import Pose as Pose
     from bt_dualarm.core.pose import Vector as Vector
     from bt_dualarm.grasping.candidates import RankedGrasp as RankedGrasp
+    from bt_dualarm.learning.api import gym as gym
     from bt_dualarm.perception.scan import MarkView as MarkView
     from bt_dualarm.perception.scan import SightedThing as SightedThing
     from bt_dualarm.perception.scan import SightedThings as SightedThings
@@ -188,6 +189,8 @@ _CONTENTS: Final = {
     "Series": "runtime.outcome:Series",
     "Problem": "spec.problems:Problem",
     "SpecError": "spec.problems:SpecError",
+    # Learning
+    "gym": "learning.api:gym",
     # Reading a record
     "load": "replay.data:load",
     "RunData": "replay.data:RunData",

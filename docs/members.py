@@ -34,7 +34,12 @@ _MACHINERY: Final = frozenset(
 )
 """What is there for others than authors of skills and users of the front door."""
 
-_FRONT_DOOR: Final = ("bt_dualarm.runtime.", "bt_dualarm.replay.", "bt_dualarm.spec.problems")
+_FRONT_DOOR: Final = (
+    "bt_dualarm.runtime.",
+    "bt_dualarm.learning.",
+    "bt_dualarm.replay.",
+    "bt_dualarm.spec.problems",
+)
 """Modules of the façade that are not for authors of skills."""
 
 _ATTRIBUTE = re.compile(r"^ {4}(\w+): (.*(?:\n {8}.*)*)", re.MULTILINE)

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TypeAlias
 
 from bt_dualarm.core.errors import RunError
+from bt_dualarm.runtime.file_check import Checked, checked_faults
 from bt_dualarm.runtime.file_check import check as check_tree
-from bt_dualarm.runtime.file_check import checked_faults
 from bt_dualarm.runtime.interruption import StopRequest
 from bt_dualarm.runtime.options import RunOptions, checked_folder, checked_reality, find_tree
 from bt_dualarm.runtime.outcome import RunResult
@@ -18,7 +18,7 @@ from bt_dualarm.runtime.run import Run
 from bt_dualarm.sim.frame import RendererKind
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.skill.skill import Skill
-from bt_dualarm.spec.document import RealitySpec
+from bt_dualarm.spec.document import RealitySpec, TreeFile
 from bt_dualarm.spec.problems import Problem
 from bt_dualarm.spec.yaml_reader import TreeInput, is_yaml
 
@@ -120,8 +120,7 @@ def open(  # noqa: A001 - used with the name of its module before it, as gzip.op
     realistic = None if reality is None else checked_reality(reality)
     options = RunOptions(seed, duration, renderer, realistic, folder, real_time, watchdog, frames)
     registry = registry_of(skills)
-    # build=False: the run composes the world itself and raises the same errors.
-    checked = check_tree(_input(tree), registry.kinds, params, build=False)
+    checked = _checked(tree, params, registry)
     file = checked.runnable()
     if faults is not None:
         options = replace(options, faults=checked_faults(file, faults_input(faults)))
@@ -144,6 +143,19 @@ def check(
         RunError: An argument is invalid.
     """
     return check_tree(_input(tree), registry_of(skills).kinds, params).problems
+
+
+def checked_file(
+    tree: Tree, params: Mapping[str, object] | None, skills: Skills
+) -> tuple[TreeFile, Registry]:
+    """A file that can run, and its skills; raises the same errors as `run`."""
+    registry = registry_of(skills)
+    return _checked(tree, params, registry).runnable(), registry
+
+
+def _checked(tree: Tree, params: Mapping[str, object] | None, registry: Registry) -> Checked:
+    # build=False: the run composes the world itself and raises the same errors.
+    return check_tree(_input(tree), registry.kinds, params, build=False)
 
 
 def registry_of(skills: Skills = ()) -> Registry:

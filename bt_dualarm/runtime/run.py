@@ -28,7 +28,7 @@ from bt_dualarm.runtime.file_check import check
 from bt_dualarm.runtime.history import tree_facts
 from bt_dualarm.runtime.interruption import StopRequest, Watchdog
 from bt_dualarm.runtime.options import RunOptions, checked_seconds
-from bt_dualarm.runtime.outcome import Outcome, RunResult, html_table
+from bt_dualarm.runtime.outcome import GoalResult, Outcome, RunResult, html_table
 from bt_dualarm.sim.composition import CAMERA, ArmBody, must_be_among
 from bt_dualarm.sim.frame import Image, Viewpoint
 from bt_dualarm.sim.painter import StillRenderer, best_viewpoint
@@ -307,6 +307,16 @@ class Run:
         return Named("arm", self._trees)
 
     @property
+    def goals(self) -> Mapping[str, GoalResult]:
+        """Whether each goal of the file is met in the true world now, by name."""
+        return self._parts.referee.results()
+
+    @property
+    def violation(self) -> str:
+        """Sentence on the invariant of the file that was violated, which ends the run; or empty."""
+        return self._parts.referee.violation
+
+    @property
     def seed(self) -> int:
         """Random seed."""
         return self.assembly.seed
@@ -401,7 +411,7 @@ class Run:
         Args:
             camera: An arm, for what its camera sees (the whole image, without shadows, noise and
                 latency), or a camera of the scene.
-            size: Width and height in pixels; by default those of the arm's camera, or 640 x 480.
+            size: Width and height in pixels; by default those of the arm's camera, or 640 by 480.
             eye: Position of a viewer in the world, of shape (3,), m, instead of a camera.
             look_at: Point in the middle of the viewer's image, of shape (3,), m; with ``eye``.
             fov: Vertical field of view of the viewer, degrees.
