@@ -24,7 +24,10 @@ from bt_dualarm.behaviors.node import (
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.spec.node_types import (
     FAILURE,
+    ONLY_IF,
+    SKIP_IF,
     SUCCESS,
+    UNTIL,
     ChildOutcomes,
     LanguageNode,
     NodeSpec,
@@ -473,6 +476,135 @@ class While(Node):
                 return Status.RUNNING
         yield from child.tick()
         return Status.FAILURE if child.status is Status.FAILURE else Status.RUNNING
+
+
+class _Precondition(Node):
+    """Base of nodes that evaluate a condition once, before their child starts."""
+
+    _decided = False
+
+    def initialise(self) -> None:
+        """Evaluate the condition again."""
+        self._decided = False
+
+    def tick_children(self) -> Ticks:
+        """Tick the condition until it ends, then the child unless the condition forbids it."""
+        condition, child = self.children
+        if not self._decided:
+            yield from condition.tick()
+            if condition.status is Status.RUNNING:
+                return Status.RUNNING
+            if self.skips(holds=condition.status is Status.SUCCESS):
+                return Status.SUCCESS
+            self._decided = True
+        yield from child.tick()
+        return child.status
+
+    def skips(self, *, holds: bool) -> bool:
+        """Returns whether the node succeeds without its child.
+
+        Raises:
+            Failure: The node fails without its child.
+        """
+        raise NotImplementedError
+
+
+def _only_if_outcomes(_: NodeSpec, children: ChildOutcomes) -> Outcomes:
+    condition, child = children
+    return Outcomes(condition.succeeds and child.succeeds, condition.fails or child.fails)
+
+
+class OnlyIf(_Precondition):
+    """Fails without starting its child if a condition does not hold."""
+
+    node_type = LanguageNode(
+        ONLY_IF,
+        "Fails without starting its child unless a condition holds",
+        slots=_CONDITION_AND_CHILD,
+        example="only_if: {condition: {compare: {value: 1, to: 1}}, child: {wait: 1}}",
+        outcomes=_only_if_outcomes,
+    )
+
+    def skips(self, *, holds: bool) -> bool:
+        """Returns False.
+
+        Raises:
+            Failure: ``PRECONDITION``: the condition does not hold.
+        """
+        if not holds:
+            raise Failure("PRECONDITION", f"'{self.children[0].name}' does not hold")
+        return False
+
+
+def _skip_if_outcomes(_: NodeSpec, children: ChildOutcomes) -> Outcomes:
+    condition, child = children
+    return Outcomes(condition.succeeds or child.succeeds, condition.fails and child.fails)
+
+
+class SkipIf(_Precondition):
+    """Succeeds without starting its child if a condition holds."""
+
+    node_type = LanguageNode(
+        SKIP_IF,
+        "Succeeds without starting its child if a condition holds",
+        slots=(Slot("condition"), Slot("child", after=False)),
+        example="skip_if: {condition: {compare: {value: 1, to: 2}}, child: {wait: 1}}",
+        outcomes=_skip_if_outcomes,
+    )
+
+    def skips(self, *, holds: bool) -> bool:
+        """Returns whether the condition holds."""
+        return holds
+
+
+def _until_outcomes(_: NodeSpec, children: ChildOutcomes) -> Outcomes:
+    condition, child = children
+    return Outcomes(condition.succeeds, child.fails or (child.succeeds and condition.fails))
+
+
+class Until(Node):
+    """Evaluates a condition before each tick of its child; halts it and succeeds once that holds.
+
+    If the child succeeds first, the condition must hold at that moment: a postcondition.
+    """
+
+    node_type = LanguageNode(
+        UNTIL,
+        "Halts its child and succeeds once a condition holds; fails if the child ends without it",
+        slots=(Slot("condition"), Slot("child", after=False)),
+        example="until: {condition: {compare: {value: 1, to: 1}}, child: {wait: 5}}",
+        outcomes=_until_outcomes,
+        revisits=always,
+    )
+
+    def tick_children(self) -> Ticks:
+        """Tick the condition, then the child, and after its success the condition once more."""
+        condition, child = self.children
+        yield from condition.tick()
+        if condition.status is Status.SUCCESS:
+            return Status.SUCCESS
+        if child.status is Status.SUCCESS:
+            return self._after_the_child()
+        if condition.status is Status.RUNNING and child.status is not Status.RUNNING:
+            return Status.RUNNING
+        yield from child.tick()
+        if child.status is Status.RUNNING or child.status is Status.FAILURE:
+            return child.status
+        if condition.status is not Status.RUNNING:
+            yield from condition.tick()
+        return self._after_the_child()
+
+    def _after_the_child(self) -> Status:
+        """Returns the result after the child's success.
+
+        Raises:
+            Failure: ``POSTCONDITION``: the condition does not hold.
+        """
+        condition, child = self.children
+        if condition.status is Status.FAILURE:
+            reason = f"'{child.name}' has ended, and '{condition.name}' does not hold"
+            raise Failure("POSTCONDITION", reason)
+        return condition.status
 
 
 def _guard_outcomes(_: NodeSpec, children: ChildOutcomes) -> Outcomes:

@@ -17,7 +17,7 @@ from py_trees.behaviour import Behaviour
 from py_trees.common import Status
 from pydantic import ValidationError
 
-from bt_dualarm.behaviors.composites import Guard, While
+from bt_dualarm.behaviors.composites import Guard, Until, While
 from bt_dualarm.behaviors.decorators import Timeout
 from bt_dualarm.behaviors.faults import FaultInjector
 from bt_dualarm.behaviors.language import LANGUAGE, LEAF_CLASSES, PARENT_CLASSES
@@ -455,7 +455,9 @@ def _may_halt(node: TreeNode) -> bool:
 
     The other children of a parallel are active nodes of the same arm, which count by themselves.
     """
-    return isinstance(node, (Timeout, Guard, While)) or getattr(node, "memory", True) is False
+    return (
+        isinstance(node, (Timeout, Guard, Until, While)) or getattr(node, "memory", True) is False
+    )
 
 
 def _view(node: TreeNode, cell: CellAccess) -> NodeView:

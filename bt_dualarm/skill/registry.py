@@ -19,7 +19,13 @@ from pydantic import ValidationError
 from bt_dualarm.core.errors import DualArmError, Interruption, Overrun
 from bt_dualarm.core.share import share_dir
 from bt_dualarm.skill.skill import STANDARD_FAILURES, Skill
-from bt_dualarm.spec.node_types import RESERVED_NAMES, NodeType, PortModel, metadata_of
+from bt_dualarm.spec.node_types import (
+    CONDITION_FIELDS,
+    RESERVED_NAMES,
+    NodeType,
+    PortModel,
+    metadata_of,
+)
 from bt_dualarm.spec.values import Refers
 
 _OUTSIDE: Final = (KeyboardInterrupt, Interruption, Overrun)
@@ -65,7 +71,7 @@ ENTRY_POINTS: Final = "bt_dualarm.skills"
 _CODE: Final = re.compile(r"[A-Z][A-Z0-9_]*")
 _SKILL_NAME: Final = re.compile(r"[a-z][a-z0-9_]{0,47}")
 _NO_PORT: Final = "no port"
-_RESERVED: Final = frozenset({"name", "child", "children"})
+_RESERVED: Final = frozenset({"name", "child", "children", *CONDITION_FIELDS})
 
 
 class RegistryError(DualArmError):

@@ -26,6 +26,7 @@ from bt_dualarm.spec.expressions import (
 )
 from bt_dualarm.spec.goals import SECTIONS, condition_problems
 from bt_dualarm.spec.node_types import (
+    CONDITION_FIELDS,
     EITHER,
     KEY,
     REFERENCE,
@@ -134,7 +135,10 @@ def check_node(node: NodeSpec, node_type: NodeType, declared: Declared) -> Itera
     try:
         validate_literals(node_type.ports, ports)
     except ValidationError as error:
-        for found in explain(error, node_type.ports, ports, "port", node_type.fields_besides_ports):
+        # What is most likely meant for one of these is explained so; they are listed nowhere else.
+        meant = {nearest(name, CONDITION_FIELDS) for name in ports} - {None}
+        also = node_type.fields_besides_ports | {str(name) for name in meant}
+        for found in explain(error, node_type.ports, ports, "port", also):
             message = f"{node.kind}: {found.message}"
             at_key = found.at_key or not found.path
             key = reference_of(_at(ports, found.path))

@@ -774,11 +774,18 @@ class LanguageNode(NodeType):
 TEST: Final = "test"
 """Node type of which a text with references is a short form: ``condition: "{n} < 3"``."""
 
+ONLY_IF: Final = "only_if"
+SKIP_IF: Final = "skip_if"
+UNTIL: Final = "until"
+CONDITION_FIELDS: Final = (SKIP_IF, ONLY_IF, UNTIL)
+"""Fields that any node may have, with a condition each: short for nodes of these types around it,
+the first one outermost."""
+
 RESERVED_NAMES: Final = frozenset(
     {
         "sequence", "selector", "reactive_sequence", "reactive_fallback", "parallel", "switch",
-        "if", "if_then_else", "while", "guard", "retry", "repeat", "for_each",
-        "timeout", "delay", "rate", "inverter", "force_success",
+        "if", "if_then_else", "while", "guard", "only_if", "skip_if", "until",
+        "retry", "repeat", "for_each", "timeout", "delay", "rate", "inverter", "force_success",
         "force_failure", "run_once", "on_halt", "subtree",
         "wait", "set", "compare", "test", "log", "fail", "succeed",
         "signal", "await", "meet", "claim", "in_step",

@@ -23,6 +23,7 @@ from bt_dualarm.spec.expressions import (
     value_of,
 )
 from bt_dualarm.spec.node_types import (
+    CONDITION_FIELDS,
     KEY,
     REFERENCE,
     TEST,
@@ -684,7 +685,36 @@ class Parser:
             return None
         name, body = next(iter(data.items()))
         node_type = self.language.get(name) or NodeType(name, "")
-        return self._node_of_type(node_type, body, context.deeper())
+        given = [one for one in CONDITION_FIELDS if isinstance(body, dict) and one in body]
+        if not given:
+            return self._node_of_type(node_type, body, context.deeper())
+        bare = {key: item for key, item in body.items() if key not in given}
+        node: NodeSpec | None = self._node_of_type(node_type, bare, context.deeper())
+        for condition in reversed(given):
+            here = context.into(name, condition)
+            node = self._with_condition(condition, body[condition], here, node)
+        return node
+
+    def _with_condition(
+        self, name: str, data: Data, context: ParseContext, child: NodeSpec | None
+    ) -> NodeSpec | None:
+        """Returns a node with a condition around it."""
+        condition = self._node(data, context.deeper())
+        self._count += 1
+        if condition is None or child is None:
+            return child
+        return NodeSpec(
+            name,
+            name,
+            {},
+            (condition, child),
+            tuple(slot.name for slot in self.language[name].slots),
+            context.source,
+            context.path[:-1],
+            user=context.user,
+            parameters=frozenset(context.scope.values),
+            types=context.scope.types,
+        )
 
     def _node_of_type(self, node_type: NodeType, body: Data, context: ParseContext) -> NodeSpec:
         here = context.into(node_type.name)

@@ -31,7 +31,7 @@ from bt_dualarm.spec.document import (
 from bt_dualarm.spec.explain import model_name, names_of, notation_of, range_of
 from bt_dualarm.spec.faults import KINDS
 from bt_dualarm.spec.goals import SECTIONS, ConditionSpec
-from bt_dualarm.spec.node_types import KEY, LanguageNode, NodeType, Unit, unit_of
+from bt_dualarm.spec.node_types import CONDITION_FIELDS, KEY, LanguageNode, NodeType, Unit, unit_of
 from bt_dualarm.spec.parser import FORMAT, ParamSpec
 from bt_dualarm.spec.path_keep import Facing, Keep
 from bt_dualarm.spec.problems import NAME_PATTERN
@@ -298,7 +298,8 @@ bounds and failure codes. Generated from the code; `make docs` updates it.
 
 In a file a node is its type with its ports: `circle: {radius: 0.1}`. Any port, or a
 part of it, may be `"{key}"`, a parameter or a blackboard key, or an [expression](expressions.md) of
-them, `"2 * {key}"`. `name:` beside the ports sets the displayed name.
+them, `"2 * {key}"`. `name:` beside the ports sets the displayed name; `skip_if`, `only_if` and
+`until` beside them take a [condition](ticking.md#preconditions-and-postconditions).
 See also [how trees are ticked and halted](ticking.md), and the [robots and scenes](robots.md):
 joints, postures, camera mounts, reach, position of the table.
 """
@@ -536,6 +537,7 @@ def _body(node_type: NodeType, definitions: Json) -> Json:
     properties["name"] = {"type": "string", "description": "Displayed name."}
     properties |= dict.fromkeys(node_type.outputs.model_fields, _REFERENCE)
     properties |= {slot.name: _NODE for slot in node_type.slots}
+    properties |= dict.fromkeys(CONDITION_FIELDS, _NODE)
     children = {"type": "array", "items": _NODE, "minItems": 1}
     if node_type.many:
         properties["children"] = children

@@ -202,6 +202,99 @@ TABLES = {
         2    | S - S
         """,
     ),
+    "only_if: the condition is asked once": (
+        "act: {script: RRS, only_if: {act: {script: RS|F}}}",
+        """
+        tick | only_if, condition, act
+        1    | R R -
+        2    | R S R
+        3    | R S R
+        4    | S S S
+        """,
+    ),
+    "only_if: fails without its child": (
+        "act: {script: S, only_if: {act: {script: F}}}",
+        """
+        tick | only_if, condition, act
+        1    | F F -
+        """,
+    ),
+    "skip_if: succeeds without its child": (
+        "act: {script: F, skip_if: {act: {script: RS}}}",
+        """
+        tick | skip_if, condition, act
+        1    | R R -
+        2    | S S -
+        """,
+    ),
+    "skip_if: the condition is asked once": (
+        "act: {script: RF, skip_if: {act: {script: F|S}}}",
+        """
+        tick | skip_if, condition, act
+        1    | R F R
+        2    | F F F
+        """,
+    ),
+    "until: halts its child once the condition holds": (
+        "act: {script: RRRR, until: {act: {script: F|F|S}}}",
+        """
+        tick | until, condition, act
+        1    | R F R
+        2    | R F R
+        3    | S S -
+        """,
+    ),
+    "until: nothing to do if the condition holds": (
+        "act: {script: RRRR, until: {act: {script: S}}}",
+        """
+        tick | until, condition, act
+        1    | S S -
+        """,
+    ),
+    "until: the condition is asked once more after the child": (
+        "act: {script: RS, until: {act: {script: F|F|S}}}",
+        """
+        tick | until, condition, act
+        1    | R F R
+        2    | S S S
+        """,
+    ),
+    "until: the child has ended, and the condition does not hold": (
+        "act: {script: RS, until: {act: {script: F|F|F}}}",
+        """
+        tick | until, condition, act
+        1    | R F R
+        2    | F F S
+        """,
+    ),
+    "until: fails with its child": (
+        "act: {script: RF, until: {act: {script: F}}}",
+        """
+        tick | until, condition, act
+        1    | R F R
+        2    | F F F
+        """,
+    ),
+    "until: a slow condition keeps the child from starting, not from going on": (
+        "act: {script: RS, until: {act: {script: RF|RRS}}}",
+        """
+        tick | until, condition, act
+        1    | R R -
+        2    | R F R
+        3    | R R S   # its end waits for the condition
+        4    | R R S
+        5    | S S S
+        """,
+    ),
+    "conditions around a node: skip_if first, until last": (
+        "act: {script: RR, until: {act: {script: F|S}}, only_if: {act: {script: S}},"
+        " skip_if: {act: {script: F}}}",
+        """
+        tick | skip_if, condition, only_if, condition, until, condition, act
+        1    | R F R S R F R
+        2    | S F S S S S -
+        """,
+    ),
     "switch: the case that equals the value": (
         "sequence:\n"
         "- set: {key: color, value: red}\n"
@@ -262,6 +355,9 @@ COMPOSITES = {
     "if": "if: {condition: {act: {script: S}}, then: {act: {script: RS}}}",
     "while": "while: {condition: {act: {script: S|F}}, child: {act: {script: RS}}}",
     "guard": "guard: {condition: {act: {script: S}}, child: {act: {script: RS}}}",
+    "only_if": "only_if: {condition: {act: {script: S}}, child: {act: {script: RS}}}",
+    "skip_if": "skip_if: {condition: {act: {script: F}}, child: {act: {script: RS}}}",
+    "until": "until: {condition: {act: {script: F|F|S|F|F|S}}, child: {act: {script: RS}}}",
 }
 
 

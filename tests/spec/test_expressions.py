@@ -10,7 +10,8 @@ from random import Random
 import pytest
 
 from bt_dualarm.behaviors.node import Blackboard, BoundPorts
-from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.errors import DualArmError, Failure
+from bt_dualarm.skill.skill import Skill
 from bt_dualarm.spec.dimensions import ANGLE, LENGTH, ValueType
 from bt_dualarm.spec.expressions import (
     FUNCTIONS,
@@ -24,6 +25,7 @@ from bt_dualarm.spec.expressions import (
 from bt_dualarm.spec.node_types import PortModel, port
 from bt_dualarm.spec.values import Duration, PoseSpec
 from bt_dualarm.spec.yaml_reader import LARGEST_INTEGER, Data
+from bt_dualarm.testing import registry_with
 from tests.fuzz.seeds import dice_of
 from tests.spec.writing import found, task, tree_of
 
@@ -346,3 +348,31 @@ def test_the_page_has_every_function() -> None:
     page = (Path(__file__).parents[2] / "docs" / "expressions.md").read_text(encoding="utf-8")
     for name, function in FUNCTIONS.items():
         assert f"| `{name}` | {function.description} |" in page
+
+
+def test_conditions_beside_the_ports_are_nodes_around_the_node(tmp_path: Path) -> None:
+    """From the outside in: skip_if, only_if, until, whatever their order in the file."""
+    text = 'wait: {until: "{r} > 1", seconds: 2, name: pause, skip_if: succeed}'
+    tree = tree_of(task(tmp_path, text, PARAMS))
+    kinds = [(node.kind, node.name) for node in tree.walk()]
+    assert kinds == [
+        ("skip_if", "skip_if"),
+        ("succeed", "succeed"),
+        ("until", "until"),
+        ("test", "test"),
+        ("wait", "pause"),
+    ]
+    assert tree.location.text[tree.location.column - 1 :].startswith("skip_if")
+
+
+def test_a_skill_cannot_have_a_port_of_such_a_name() -> None:
+    class Watch(Skill):
+        """Watches."""
+
+        class Ports(PortModel):
+            until: float = port(1.0, "Time", unit="s")
+
+        example = "watch"
+
+    with pytest.raises(DualArmError, match="'until' cannot be the name of a port"):
+        registry_with(Watch)

@@ -18,8 +18,9 @@ SYNONYMS = synonyms_in(LANGUAGE.values())
     [
         ("fallback", "here it is 'selector'"),
         ("Fallback", "here it is 'selector'"),
-        ("ReactiveSequence", "here it is 'sequence', with memory: false"),
-        ("reactive_sequence", "here it is 'sequence', with memory: false"),
+        ("ReactiveSequence", "here it is 'reactive_sequence'"),
+        ("ReactiveSelector", "here it is 'reactive_fallback'"),
+        ("LoopString", "here it is 'for_each', with items"),
         ("RetryUntilSuccessful", "here it is 'retry', with times"),
         ("SubTree", "here it is 'subtree'"),
         ("ForceSuccess", "here it is 'force_success'"),
