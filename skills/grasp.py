@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from bt_dualarm import (
     Failure,
+    GripWidth,
     KnownShape,
     ObjectName,
     ObjectPose,
@@ -16,6 +18,7 @@ from bt_dualarm import (
     Skill,
     Taking,
     TakingPorts,
+    Vector3,
     WantedGrasp,
     grasps_on,
     port,
@@ -36,6 +39,15 @@ class _ObjectPorts(PortModel):
     object: ObjectName | None = port(None, "object to pick; the file declares its shape")
     at: ObjectPose | None = port(
         None, "estimated pose of the object, as `locate` writes it; its true pose is then not used"
+    )
+    point: Vector3 | None = port(
+        None,
+        "point of the object, in its frame, at which the fingers close or over which the cup sits; "
+        "by default the best one",
+        unit="m",
+    )
+    open_to: GripWidth | None = port(
+        None, "opening of the fingers during the approach; by default the widest", unit="m", gt=0
     )
     width: float | None = port(
         None,
@@ -96,6 +108,13 @@ class Grasp(Skill):
         if name is not None and lies is not None:
             name = self.metrics["taken"] = twin_at(self.arm.world, name, lies.position)
         wanted = WantedGrasp.named(self.arm, name, self.ports, lies) if name else self._unnamed()
+        if self.ports.open_to is not None and not gripper.page.fingers:
+            raise Failure("INVALID_TARGET", f"{gripper.page.name} has no fingers to `open_to`")
+        wanted = replace(
+            wanted,
+            point=None if self.ports.point is None else np.array(self.ports.point),
+            opening=self.ports.open_to,
+        )
         refuse_too_frail(self.arm, wanted.label, self.ports.most_force)
         taking = Taking(self.arm, self.ports, wanted, self.ports.at is not None, self.metrics)
         yield from taking.through(grasps_on(self.arm, wanted))

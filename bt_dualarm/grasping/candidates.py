@@ -76,6 +76,7 @@ def jaw_grasps(
     friction: float,
     seed: int = 0,
     shares: Sequence[float] = SHARES,
+    point: Vector | None = None,
 ) -> tuple[Grasp, ...]:
     """Grasps of a parallel gripper, least force first.
 
@@ -86,13 +87,16 @@ def jaw_grasps(
         friction: Coefficient of friction between the pads and the solid.
         seed: Seed for sampling meshes.
         shares: Where along a long solid the pads close, as shares of half its length.
+        point: Point in the solid's frame at which the pads close instead, of shape (3,), m.
     """
     if isinstance(solid, CompoundSolid):
         return _sorted(
             grasp
             for part, pose, others in _pieces(solid)
             for grasp in _beside(
-                jaw_grasps(part, jaw, _load_on(load, pose), friction, seed, shares),
+                jaw_grasps(
+                    part, jaw, _load_on(load, pose), friction, seed, shares, _in(pose, point)
+                ),
                 pose,
                 jaw,
                 [solid.surfaces[index] for index in others],
@@ -102,7 +106,7 @@ def jaw_grasps(
     down = load.gravity / length if length > 0.0 else np.array([0.0, 0.0, -1.0])
     lines = np.array([
         np.concatenate((pair.center, pair.axis, pair.around))
-        for pair in antipodal_pairs(solid, down, np.random.default_rng(seed), shares)
+        for pair in _pairs(solid, down, np.random.default_rng(seed), shares, point)
     ]).reshape(-1, 9)  # fmt: skip
     rows = _closed(solid, jaw, load, friction, lines)
     return _sorted(grasp for row in rows for grasp in _both_sides(row, jaw))
@@ -129,6 +133,11 @@ def _load_on(load: Load, pose: Pose) -> Load:
     """A load on a compound, in the frame of a part at this pose."""
     gravity = load.gravity @ pose.rotation_matrix
     return replace(load, gravity=gravity, center=pose.inverse.apply(load.center))
+
+
+def _in(pose: Pose, point: Vector | None) -> Vector | None:
+    """A point of a compound in the frame of a part at this pose."""
+    return None if point is None else pose.inverse.apply(point)
 
 
 def _beside(
@@ -197,7 +206,9 @@ def least_width(solid: Solid, seed: int = 0) -> float:
     )
 
 
-def cup_grasps(solid: Solid, cup: CupMeasures, load: Load, seed: int = 0) -> tuple[Grasp, ...]:
+def cup_grasps(
+    solid: Solid, cup: CupMeasures, load: Load, seed: int = 0, point: Vector | None = None
+) -> tuple[Grasp, ...]:
     """Grasps of a suction cup, least force first.
 
     Args:
@@ -205,16 +216,17 @@ def cup_grasps(solid: Solid, cup: CupMeasures, load: Load, seed: int = 0) -> tup
         cup: Dimensions of the cup.
         load: Load on the grip.
         seed: Seed for sampling meshes.
+        point: Point in the solid's frame over which the cup is placed, of shape (3,), m.
     """
     if isinstance(solid, CompoundSolid):
         return _sorted(
             replace(grasp, tool=pose @ grasp.tool)
             for part, pose, others in _pieces(solid)
-            for grasp in cup_grasps(part, cup, _load_on(load, pose), seed)
+            for grasp in cup_grasps(part, cup, _load_on(load, pose), seed, _in(pose, point))
             if _is_open(pose @ grasp.tool, cup, [solid.parts[index] for index in others])
         )
     found = []
-    for place, normal in _places(solid, load.gravity, seed):
+    for place, normal in _places(solid, load.gravity, seed, point):
         if not seals(solid, cup, place, normal):
             continue
         force = suction_force(load, place, normal, cup)
@@ -253,11 +265,13 @@ def seals(solid: Solid, cup: CupMeasures, place: Vector, normal: Vector) -> bool
     return bool(solid.distance(rim).max() <= 0.0)
 
 
-def _places(solid: Solid, gravity: Vector, seed: int) -> Iterator[tuple[Vector, Vector]]:
+def _places(
+    solid: Solid, gravity: Vector, seed: int, point: Vector | None
+) -> Iterator[tuple[Vector, Vector]]:
     """Flat spots of the surface and their normals, each of shape (3,): ends of antipodal pairs."""
     length = float(np.linalg.norm(gravity))
     down = gravity / length if length > 0.0 else np.array([0.0, 0.0, -1.0])
-    for pair in antipodal_pairs(solid, down, np.random.default_rng(seed)):
+    for pair in _pairs(solid, down, np.random.default_rng(seed), SHARES, point):
         for normal in (pair.axis, -pair.axis):
             spot = pad_contact(solid, pair.center, normal, pair.around, _NORMAL_SPOT)
             if spot is not None and spot.slope < _SMOOTH:
@@ -372,6 +386,36 @@ def _(
         found = solid.farthest_hit(point, -normal)
         if found is not None:
             yield AntipodalPair(0.5 * (point + found[0]), normal, square_to(normal, down))
+
+
+def _pairs(
+    solid: Solid,
+    down: Vector,
+    rng: np.random.Generator,
+    shares: Sequence[float],
+    point: Vector | None,
+) -> Iterator[AntipodalPair]:
+    """Antipodal pairs as `antipodal_pairs`, or those whose lines pass nearest to a point."""
+    if point is None:
+        yield from antipodal_pairs(solid, down, rng, shares)
+        return
+    along = np.array([0.0, 0.0, 1.0])
+    for pair in antipodal_pairs(solid, down, rng, (0.0,)):
+        shift = point - pair.center
+        shift -= (shift @ pair.axis) * pair.axis
+        if isinstance(solid, Capsule) and solid.half_length == 0.0:
+            shift = np.zeros(3)  # every line through a sphere passes through its center
+        elif isinstance(solid, Cylinder | Capsule) and abs(float(pair.axis @ along)) < 0.5:
+            shift = (shift @ along) * along  # so does every diameter through the axis
+        elif isinstance(solid, Capsule | MeshSolid):
+            shift = np.zeros(3)
+        yield replace(pair, center=pair.center + shift)
+        if isinstance(solid, Box):
+            yield replace(
+                pair,
+                center=pair.center + shift,
+                around=np.asarray(np.cross(pair.axis, pair.around), float),
+            )
 
 
 def square_to(axis: Vector, direction: Vector) -> Vector:

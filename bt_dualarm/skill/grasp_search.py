@@ -104,6 +104,8 @@ _ALONG = 0.99  # cosine above which fingers close along the given width
 _AS_ASKED = math.cos(math.radians(30.0))  # of an approach along the given direction
 _OTHER = math.radians(45.0)  # rotation of a grasp that counts as another one
 _HALF_TURN = Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, math.pi))
+_OFF_POINT_M = 0.02  # largest distance of a grasp from the wanted point
+_SAME_POINT_M = 0.005  # difference of these distances that does not count
 _NEAR = 0.5  # m from the object, beyond which nothing obstructs the fingers
 
 
@@ -128,6 +130,8 @@ class WantedGrasp:
             least 45°, also after half a turn about the tool axis; None for any.
         section: Piece of the object at which it is grasped, whose pose is ``lies``; None for all.
         part: Name of the declared part at which it is grasped; None for any.
+        point: Point in the object's frame at which it is grasped, of shape (3,), m; None for any.
+        opening: Opening of the fingers during the approach, m; None for the widest.
     """
 
     name: str | None
@@ -142,6 +146,21 @@ class WantedGrasp:
     unlike: Pose | None = None
     section: Solid | None = None
     part: str | None = None
+    point: Vector | None = None
+    opening: float | None = None
+
+    def off_point(self, grasp: Grasp) -> float:
+        """Distance of the point from the line along which a grasp closes or pulls, m.
+
+        Args:
+            grasp: Grasp in the object's frame.
+        """
+        if self.point is None:
+            return 0.0
+        # Fingers close along the tool's y axis, and a cup pulls along its z axis.
+        axis = grasp.tool.rotation_matrix[:, 1 if grasp.width > 0.0 else 2]
+        offset = self.point - grasp.tool.position
+        return float(np.linalg.norm(offset - (offset @ axis) * axis))
 
     @classmethod
     def named(
@@ -240,20 +259,25 @@ def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
     gravity = lies.rotation_matrix.T @ np.array([0.0, 0.0, -GRAVITY])
     load = Load(wanted.margin * wanted.mass, gravity, wanted.shake, wanted.center(arm.world))
     _refuse_weight(arm, wanted)
+    point = None if wanted.point is None else symmetry.inverse.apply(wanted.point)
     jaw: JawMeasures | None = None
     if page.fingers:
         jaw = jaw_measures(page, friction)
         jaw = replace(jaw, most_force=min(jaw.most_force, wanted.most_force))
+        if wanted.opening is not None:
+            jaw = replace(jaw, widest_opening=min(jaw.widest_opening, wanted.opening))
         _refuse_width(solid, jaw, wanted)
-        found = jaw_grasps(solid, jaw, load, jaw.friction)
+        found = jaw_grasps(solid, jaw, load, jaw.friction, point=point)
     else:
         cup = cup_measures(page, friction)
         cup = replace(cup, most_force=min(cup.most_force, wanted.most_force))
-        found = cup_grasps(solid, cup, load)
+        found = cup_grasps(solid, cup, load, point=point)
     if not found:
         raise _no_grasp(solid, jaw, arm, wanted)
     found = tuple(replace(one, tool=symmetry @ one.tool) for one in found)
     found = tuple(one for one in found if wanted.allows(one))
+    if wanted.point is not None:
+        found = _at_point(found, wanted)
     here = arm.tool_pose
     order = ranked(
         found,
@@ -271,6 +295,24 @@ def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
             grasps=len(found),
         )
     return order
+
+
+def _at_point(found: tuple[Grasp, ...], wanted: WantedGrasp) -> tuple[Grasp, ...]:
+    """Grasps nearest to the wanted point of the object.
+
+    Raises:
+        Failure: ``NO_FACE`` if none is near it.
+    """
+    off = [wanted.off_point(one) for one in found]
+    nearest = min(off, default=math.inf)
+    if nearest > _OFF_POINT_M:
+        raise Failure(
+            "NO_FACE",
+            f"no grasp of {wanted.label} is within {1e3 * _OFF_POINT_M:.0f} mm of `point`"
+            + (f"; the nearest is {1e3 * nearest:.0f} mm from it" if found else ""),
+            point_off_m=min(nearest, 1e3),
+        )
+    return tuple(one for one, d in zip(found, off, strict=True) if d <= nearest + _SAME_POINT_M)
 
 
 def _turned_to(base: Vector, lies: Pose, solid: Solid) -> Pose:

@@ -16,7 +16,13 @@ from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.grasping.candidates import RankedGrasp
 from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.sim.world import World
-from bt_dualarm.skill.grasp_search import GraspApproach, TakingPorts, WantedGrasp, first_approach
+from bt_dualarm.skill.grasp_search import (
+    GRAVITY,
+    GraspApproach,
+    TakingPorts,
+    WantedGrasp,
+    first_approach,
+)
 from bt_dualarm.skill.grip import Grip, TouchSense, make_room
 from bt_dualarm.trajectory.overlap import OverlappedMotion
 from bt_dualarm.trajectory.trajectory import Trajectory
@@ -59,7 +65,7 @@ class Taking:
         "NOT_THERE": "the object is not in the world",
         "TOO_WIDE": "the fingers do not open that far",
         "TOO_HEAVY": "no grasp of this gripper bears its weight",
-        "NO_FACE": "the object has no sides for the fingers, or no face for the cup",
+        "NO_FACE": "the object has no sides for the fingers, or no face for the cup, or not there",
         "OUT_OF_REACH": "no approach of any grasp is both reachable and collision-free",
         "NOT_GRASPED": "the gripper closed on nothing, or on something else",
         "SLIPPED": "the object slid between the fingers",
@@ -96,9 +102,11 @@ class Taking:
         arm = self._arm
         arm.gripper.refuse_full()
         yield from make_room(arm, self._ports.approach_speed)
-        yield from self.open(arm)
+        yield from self.open(arm, self._wanted.opening)
         try:
             approach = yield from self._approach(order)
+            if self._wanted.point is not None:
+                self._metrics["point_off_m"] = self._wanted.off_point(approach.ranked.grasp)
             name = yield from self._close(approach)
             if not arm.gripper.page.fingers:
                 yield from arm.relax()  # else the contact force of the cup would act on the lift
@@ -120,14 +128,21 @@ class Taking:
         return approach.ranked
 
     @staticmethod
-    def open(arm: Arm) -> Iterator[None]:
-        """Open the gripper of an arm completely, and detach what it held."""
+    def open(arm: Arm, opening: float | None = None) -> Iterator[None]:
+        """Open the gripper of an arm, and detach what it held.
+
+        Args:
+            arm: Arm with the gripper.
+            opening: Opening of the fingers, m; by default the widest.
+        """
         gripper = arm.gripper
-        gripper.command(gripper.page.stroke if gripper.page.fingers else 1.0)
+        fingers = gripper.page.fingers
+        wide = opening if opening is not None and fingers else gripper.page.stroke
+        gripper.command(wide if fingers else 1.0)
         began = arm.time
-        travel = gripper.page.stroke - gripper.width
+        travel = abs(wide - gripper.width)
         while arm.time - began < 1.0 + travel / max(gripper.page.speed.most, 1e-3):
-            if gripper.at_rest and abs(gripper.width - gripper.page.stroke) < 2e-3:
+            if gripper.at_rest and abs(gripper.width - wide) < 2e-3:
                 break
             yield
         gripper.forget_released()
@@ -248,7 +263,7 @@ class Taking:
         page = arm.gripper.page
         if page.fingers and self._seen is None:  # less to close later
             wide = approach.ranked.grasp.width + 2.0 * _ROOM_M
-            arm.gripper.command(min(wide, page.stroke))
+            arm.gripper.command(min(wide, self._wanted.opening or page.stroke, page.stroke))
         while running.parameter.s < standoff_s:
             yield 0.5 * running.parameter.s / standoff_s
             arm.check()
@@ -258,10 +273,12 @@ class Taking:
         arm.expect_contact(compliant=False)
         sense = TouchSense(arm, along, alone=True)
         began = arm.time
+        stopped = False
         while not running.done:
             yield 0.5 + 0.2 * running.progress
             arm.check()
             if sense.force() > self._ports.touch and arm.time - began > _EDGE_S:
+                stopped = True
                 yield from arm.halt(give_way=True)
                 yield from arm.relax()
                 break
@@ -269,6 +286,8 @@ class Taking:
             yield from self._press(approach, along)
         remaining = float((approach.ranked.tool.position - arm.tool_pose.position) @ along)
         self._metrics["approach_force_n"] = sense.most
+        if stopped:
+            self._metrics["contact_error_m"] = remaining
         if remaining > _EARLY_M:
             raise Failure(
                 "NOT_GRASPED",
@@ -312,6 +331,8 @@ class Taking:
             raise
         self._metrics |= {"width_m": gripper.width, "grip_force_n": force}
         self._metrics["grasp_margin"] = force / max(grasp.force, 1e-9)
+        if page.fingers:
+            self._metrics["width_error_m"] = gripper.width - grasp.width
         name = self._wanted.name or thing_at(arm.world, arm.tool_pose.position, _REACHED_M)
         width_error = abs(gripper.width - grasp.width)
         why_not: str | None = None
@@ -346,14 +367,32 @@ class Taking:
             grip.look()
             since = since if arm.gripper.holding else arm.time
         began = arm.time
+        errors: list[float | None] = []
         while arm.time - since < _HOLD_S:
             if arm.time - began > 1.0:
                 raise Failure("DROPPED", f"{name!r} is no longer held")
             yield 1.0
             grip.look()
             since = since if arm.gripper.holding else arm.time
+            errors.append(self._weight_error(name))
+        if None not in errors:
+            self._metrics["weight_error_n"] = float(np.mean(np.array(errors, float)))
         rose = float(arm.world.object_pose(name).position[2]) - height
         self._metrics["lifted_m"] = rose  # true height, for the score only
+
+    def _weight_error(self, name: str) -> float | None:
+        """Felt weight of the held object less the one that the arm assumes, N.
+
+        None if the arm assumes none: it is about to estimate the mass.
+        """
+        arm = self._arm
+        pads = arm.gripper.load
+        if pads is not None:  # tactile sensors feel the object alone
+            return -float(pads[2]) - GRAVITY * self._wanted.mass
+        if any(load.object == name and load.borne is not None for load in arm.payload):
+            # Joints feel what their model, which has the load, does not explain.
+            return -float(arm.external_wrench[2])
+        return None
 
 
 def thing_at(world: World, place: Vector, radius: float) -> str | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
@@ -430,6 +430,7 @@ _LOWEST_M: Final = 0.008  # least height above the goal at which the descent beg
 _CLEAR_M: Final = 0.003  # clearance to the height at which the descent is still free
 _LOWER: Final = (0.7, 0.5, 0.35, 0.25)  # fractions of the height that are tried if it is not free
 _TURN: Final = np.radians(15.0)  # step of the rotations that are tried for a round object
+_SAME_EDGE_M: Final = 1e-6  # difference of the edges of a square
 _UPRIGHT: Final = np.cos(np.radians(5.0))  # cosine of an axis about which rotations keep pads level
 _NEAR_M: Final = 0.0015  # height above the goal beyond which a contact may be joint friction
 _FALSE: Final = 3  # descents until a contact beyond that height counts
@@ -485,7 +486,7 @@ class _Descent:
         height: Height above that at which the descent begins, m.
         branches: Configurations down to near the goal, of shape (n, dof), rad, for each feasible
             branch of the inverse kinematics; the preferred one first.
-        turned: Rotation of a round object from its goal about its vertical axis, rad.
+        turned: Rotation of the object from its goal into itself about its vertical axis, rad.
     """
 
     tool: Pose
@@ -784,6 +785,8 @@ class SettingDown:
         spec = self._arm.world.objects[self._name]
         spins = KnownShape.of(spec).spins
         is_upright = spins is not None and abs(goal.rotation_matrix[2] @ spins) >= _UPRIGHT
+        if spec.shape == "box" and spec.marker is None:
+            return _turns_of_box(goal, spec.size)
         if not (is_upright or spec.shape == "sphere"):
             return [0.0]
         steps = np.arange(1, round(np.pi / _TURN) + 1) * _TURN
@@ -930,6 +933,17 @@ class SettingDown:
             width_m=gripper.width,
             force_n=gripper.force,
         )
+
+
+def _turns_of_box(goal: Pose, size: Sequence[float]) -> list[float]:
+    """Rotations about the vertical, rad, that take a box with a vertical axis into itself."""
+    upright = np.abs(goal.rotation_matrix[2])
+    axis = int(upright.argmax())
+    if upright[axis] < _UPRIGHT:
+        return [0.0]
+    one, other = (edge for i, edge in enumerate(size) if i != axis)
+    quarter = abs(one - other) < _SAME_EDGE_M
+    return [0.0, *((np.pi / 2, -np.pi / 2) if quarter else ()), np.pi]
 
 
 def _raised(pose: Pose, height: float) -> Pose:

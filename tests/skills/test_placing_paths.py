@@ -73,9 +73,19 @@ def test_what_is_round_is_turned_where_that_makes_its_goal_reachable() -> None:
     assert float(leaf.metrics["placed_error_m"]) < 2e-3
 
 
-def test_what_is_not_round_is_not_turned() -> None:
-    """A box would stand there otherwise than was asked for."""
+def test_a_box_is_turned_into_itself_only() -> None:
+    """A quarter turn of a square base shows no difference; 15° would."""
     leaf = in_shelf(-45, {"shape": "box", "size": [0.05, 0.05, 0.10], "mass": 0.3})
+    assert (leaf.skill, leaf.status) == ("place", "SUCCESS"), leaf.reason
+    turned = abs(float(leaf.metrics["spun_rad"]))
+    assert min(abs(turned - np.pi / 2), abs(turned - np.pi)) < 1e-9
+    assert float(leaf.metrics["placed_turned_rad"]) < np.radians(1.0)
+
+
+def test_what_would_look_otherwise_is_not_turned() -> None:
+    """The marker on the box would be elsewhere than was asked for."""
+    marked = {"shape": "box", "size": [0.05, 0.05, 0.10], "mass": 0.3}
+    leaf = in_shelf(-45, marked | {"marker": {"id": 1, "size": 0.03}})
     assert (leaf.skill, leaf.code) == ("place", "SINGULAR"), leaf.reason
     assert "impact_n" not in leaf.metrics, "before it moves"
 

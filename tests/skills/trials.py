@@ -434,6 +434,9 @@ TRIALS: dict[tuple[str, str], Trial] = {
         {"objects": HALVES, "before": (MIRRORED, *SPLIT)},
         moves=True,
     ),
+    ("reach_to_pose", "KEEP_VIOLATED"): Trial(
+        {"reach_to_pose": {"offset": {"rpy": [30, 0, 0]}, "keep": {"upright": 5}}}
+    ),
     ("reach_to_pose", "NOT_REACHED"): Trial(
         {"reach_to_pose": {"offset": {"xyz": [0, 0, 0.05]}, "tolerance": 1e-4}},
         deeds=((0.0, pushes("arm1/forearm_link", 105.0)),),  # just beyond what is made up for
@@ -477,6 +480,9 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ),
     ("move_linear", "IN_COLLISION"): Trial(
         {"move_linear": {"offset": {"xyz": [0, 0.12, 0]}}}, {"objects": BESIDE}
+    ),
+    ("move_linear", "KEEP_VIOLATED"): Trial(
+        {"move_linear": {"offset": {"xyz": [0, 0, 0.1]}, "keep": {"height": [0, 0.9]}}}
     ),
     **moving("move_linear", {"move_linear": {"offset": {"xyz": [0, 0.1, 0]}}}, 0.4),
     ("move_until_contact", "INVALID_TARGET"): Trial(
@@ -690,6 +696,9 @@ TRIALS: dict[tuple[str, str], Trial] = {
         {"transport": {"object": "cube", "to": {"xyz": [-0.4, -0.35, 0.6]}}},
         {"objects": ON_TABLE | CROSSING, "before": (PICK, *SPLIT)},
         moves=True,
+    ),
+    ("transport", "KEEP_VIOLATED"): Trial(
+        {"transport": CARRY["transport"] | {"keep": {"height": [0.4, 0.5]}}}, moves=True
     ),
     ("transport", "NOT_REACHED"): Trial(
         {"transport": CARRY["transport"] | {"tolerance": 1e-4}},

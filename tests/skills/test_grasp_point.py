@@ -1,0 +1,109 @@
+"""Where on an object it is grasped, how far the fingers open for it, and what the gripper feels."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bt_dualarm.core.pose import Vector
+from bt_dualarm.grasping.candidates import jaw_grasps
+from bt_dualarm.grasping.grasp import Box, Capsule, Cylinder, JawMeasures, Load, Solid
+from tests.plays import Stage
+from tests.skills.scenarios import Tree
+
+JAW = JawMeasures(
+    least_opening=0.0, widest_opening=0.085, pad_length=0.022, pad_width=0.022, palm=0.05,
+    tip=0.012, thickness=0.02, least_force=1.0, most_force=200.0, friction=0.8, pad_center=0.0,
+)  # fmt: skip
+LOAD = Load(0.3, np.array((0.0, 0.0, -9.81)), 4.0, np.zeros(3))
+
+
+@pytest.mark.parametrize(
+    ("solid", "point"),
+    [
+        (Box(np.array((0.02, 0.1, 0.03))), np.array((0.0, 0.05, 0.01))),
+        (Cylinder(0.02, 0.1), np.array((0.01, 0.0, -0.06))),
+        (Capsule(0.02, 0.1), np.array((0.0, 0.0, 0.07))),
+    ],
+    ids=["box", "cylinder", "capsule"],
+)
+def test_the_pads_close_at_the_point(solid: Solid, point: Vector) -> None:
+    """Along the line on which they close it does not matter where."""
+    found = jaw_grasps(solid, JAW, LOAD, JAW.friction, point=point)
+    assert found
+    off = []
+    for grasp in found:
+        across = grasp.tool.rotation_matrix[:, 1]
+        offset = point - grasp.tool.position
+        off.append(float(np.linalg.norm(offset - (offset @ across) * across)))
+    assert min(off) < (0.005 if isinstance(solid, Box) else 0.0151)  # a round one at its axis
+
+
+BAR = {"shape": "box", "size": [0.04, 0.16, 0.04], "mass": 0.3}
+
+
+def picking(stage: Stage, gripper: str, robot: str, ports: Tree, bar: Tree = BAR) -> Tree:
+    play = stage.play(
+        {
+            "world": {"scene": "table", "reality": "lab", "time_limit": 30},
+            "objects": {"bar": {**bar, "pose": {"xyz": [0.35, -0.42, 0.42]}}},
+            "arms": {
+                "arm1": {
+                    "robot": robot,
+                    "gripper": gripper,
+                    "base": {"xyz": [0, 0, 0.4]},
+                    "tree": {"grasp": {"object": "bar", **ports}},
+                }
+            },
+        }
+    )
+    widths: list[float] = []
+
+    def look(world) -> None:  # type: ignore[no-untyped-def]
+        widths.append(world.grippers["arm1"].width)
+
+    play.watchers.append(look)
+    play.run()
+    leaf = play.leaf("grasp")
+    held = play.world.attachments.find("arm1", "bar")
+    tool = None
+    if held is not None:
+        arm = play.world.robots["arm1"].tool
+        tool = held.relative.inverse @ arm
+    return {"leaf": leaf, "widest": max(widths[len(widths) // 10 :]), "tool": tool}
+
+
+@pytest.mark.parametrize(
+    ("robot", "gripper"),
+    [("ur5", "robotiq_2f85"), ("panda", "panda_hand"), ("xarm7", "suction_cup")],
+)
+def test_an_object_is_held_where_the_file_says(robot: str, gripper: str, stage: Stage) -> None:
+    found = picking(stage, gripper, robot, {"point": [0, 0.05, 0]})
+    leaf = found["leaf"]
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert found["tool"].position[1] == pytest.approx(0.05, abs=0.008)
+    assert float(leaf.metrics["point_off_m"]) < 0.02
+    assert ("width_error_m" in leaf.metrics) == (gripper != "suction_cup")
+    assert abs(float(leaf.metrics["weight_error_n"])) < 3.0  # joint friction of `lab`
+
+
+def test_the_fingers_open_no_wider_than_asked(stage: Stage) -> None:
+    found = picking(stage, "robotiq_2f85", "ur5", {"open_to": 0.055})
+    assert found["leaf"].status == "SUCCESS", found["leaf"].reason
+    assert found["widest"] < 0.058
+
+
+@pytest.mark.parametrize(
+    ("gripper", "ports", "code", "reason"),
+    [
+        ("robotiq_2f85", {"open_to": 0.03}, "TOO_WIDE", "the fingers open to 30 mm"),
+        ("robotiq_2f85", {"point": [0, 0.3, 0]}, "NO_FACE", "mm"),
+        ("suction_cup", {"open_to": 0.03}, "INVALID_TARGET", "has no fingers"),
+    ],
+)
+def test_what_is_not_possible_is_refused_with_the_reason(
+    gripper: str, ports: Tree, code: str, reason: str, stage: Stage
+) -> None:
+    leaf = picking(stage, gripper, "ur5", ports)["leaf"]
+    assert (leaf.status, leaf.code) == ("FAILURE", code)
+    assert reason in leaf.reason
