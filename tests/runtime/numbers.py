@@ -233,14 +233,26 @@ FORMS: Mapping[str, tuple[Tree, ...]] = {
         {"to": {**_POSE, "rpy": [180, 0, 0]}},
         {"to": {**_POSE, "quat": [0, 1.0, 0, 0]}},
         {"to": {**_POSE, "look_at": [0.35, 0.1, 0]}},
+        {"to": {"in_frame": "base", "xyz": [0.4, 0.1, 0.3], "rpy": [180, 0, 0]}},
+        {"to": {"in_frame": "base", "xyz": [0.4, 0.1, 0.3], "quat": [0, 1.0, 0, 0]}},
+        {
+            "offset": {"xyz": [0, 0, 0.05]},
+            "keep": {"upright": 5, "height": [0.1, 2.0], "facing": {"toward": {**_POSE}}},
+        },
+        {
+            "offset": {"xyz": [0, 0, 0.05]},
+            "keep": {"facing": {"direction": [0, 0, -1.0], "within": 80}},
+        },
     ),
     "rotate_tool": ({"angle": 10, "axis": [0, 0, 1]},),
     "spawn": ({"object": "cube", "at": {"xyz": [0.6, 0, 0.3]}},),
     "approach_and_attach": (
         {"object": "cube", "direction": [0, 0, -1]},
         {"object": "cube", "at": {"xyz": [0.40, -0.45, 0.425]}},
+        {"object": "cube", "at": {"above": "cube", "by": 0.01}},
     ),
     "grasp": (
+        {"object": "cube", "point": [0, 0, 0.01], "open_to": 0.07},
         {
             "object": "cube",
             "at": {"xyz": [0.40, -0.45, 0.425]},
@@ -356,7 +368,17 @@ class Number:
         if path[0] == "faults":  # a union, of which ``kind`` tells the member
             return fault_class(at(self.file, self.path[:2])), str(path[2])
         for end in reversed(range(len(path))):
-            for model in models_in(type_at(self.model, path[:end])):
+            given = at(self.file, (*self.node, *path[:end]))
+            models = list(models_in(type_at(self.model, path[:end])))
+            # Of a union, the member that has all of the fields.
+            models.sort(
+                key=lambda model: (
+                    not given.keys() <= model.model_fields.keys()
+                    if isinstance(given, dict)
+                    else True
+                )
+            )
+            for model in models:
                 if path[end] in model.model_fields:
                     return model, str(path[end])
         raise LookupError(str(self))
