@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Literal
 
@@ -42,6 +43,17 @@ class Circle(PathSkill):
     }
     example = "circle: {plane: yz, radius: 0.10, turns: 2, speed: 0.5}"
     ports: Ports
+
+    @classmethod
+    def shift(cls, ports: Ports) -> tuple[float, str] | None:
+        """Distance of the end from where the tool was."""
+        if ports.start == "around":
+            distance = 0.0 if ports.end == "center" else ports.radius
+            return distance, "end: center brings the tool back"
+        if ports.end == "center":
+            return ports.radius, "end: rim brings the tool back after whole turns"
+        chord = 2.0 * ports.radius * abs(math.sin(math.pi * ports.turns))
+        return chord, "whole turns bring the tool back"
 
     def run(self) -> Iterator[float | None]:
         """Build the path from the current tool pose, follow it, measure the error."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
@@ -39,6 +40,20 @@ class Draw(PathSkill):
     }
     example = "draw: {points: [[0.08, 0.0], [0.0, 0.06], [-0.05, 0.01], [0.02, -0.07]], speed: 0.5}"
     ports: Ports
+
+    @classmethod
+    def shift(cls, ports: Ports) -> tuple[float, str] | None:
+        """Distance of the end from where the tool was."""
+        first = math.hypot(*ports.points[0])
+        if ports.start == "around":
+            if ports.end == "center":
+                return 0.0, ""
+            last = first if ports.closed else math.hypot(*ports.points[-1])
+            return last, "end: center brings the tool back"
+        if ports.end == "center":
+            return first, "end: curve brings the tool back along a closed curve"
+        apart = 0.0 if ports.closed else math.dist(ports.points[0], ports.points[-1])
+        return apart, "closed: true brings the tool back"
 
     def run(self) -> Iterator[float | None]:
         """Build the path from the current tool pose, follow it, measure the error."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
@@ -48,6 +49,20 @@ class Lissajous(PathSkill):
     }
     example = "lissajous: {amplitudes: [0.10, 0.05], frequencies: [1, 2], speed: 0.5}"
     ports: Ports
+
+    @classmethod
+    def shift(cls, ports: Ports) -> tuple[float, str] | None:
+        """Distance of the end from where the tool was."""
+        to_first = abs(ports.amplitudes[0] * math.sin(ports.phase))
+        if ports.start == "around" and ports.end == "center":
+            return 0.0, ""
+        if ports.end == "center":
+            return to_first, "end: curve brings the tool back after whole repeats"
+        if not float(ports.repeats).is_integer():
+            return None
+        if ports.start == "around":
+            return to_first, "end: center brings the tool back"
+        return 0.0, ""
 
     def run(self) -> Iterator[float | None]:
         """Build the path from the current tool pose, follow it, measure the error."""

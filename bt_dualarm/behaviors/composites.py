@@ -463,6 +463,7 @@ class While(Node):
         example="while: {condition: {compare: {value: 1, to: 2}}, child: {wait: 1}}",
         outcomes=_while_outcomes,
         revisits=always,
+        repeats=always,
     )
 
     def tick_children(self) -> Ticks:

@@ -133,6 +133,7 @@ class Repeat(Node):
         example="repeat: {times: 3, child: {wait: 1}}",
         outcomes=_repeat_outcomes,
         revisits=always,
+        repeats=lambda node: node.ports.get("times") != 1,
         no_effect=_unless("succeed"),
         synonyms={"KeepRunningUntilFailure": "times: forever"},
     )

@@ -159,6 +159,7 @@ def kind_of(skill: type[Skill], origin: str) -> NodeType:
         failures=skill.failures,
         example=skill.example,
         origin=origin,
+        shift=skill.shift,
     )
 
 

@@ -165,6 +165,18 @@ class Skill:
         """Whether the skill may fail with a code: one of ``failures``, or a standard one."""
         return code in cls.failures or code in STANDARD_FAILURES
 
+    @classmethod
+    def shift(cls, ports: Any) -> tuple[float, str] | None:  # noqa: ARG003 - for subclasses
+        """How far a run moves the tool from where it was, for the check of repeated nodes.
+
+        Args:
+            ports: Validated ports.
+
+        Returns:
+            Distance in m, and how to avoid it; None if it depends on more than the ports.
+        """
+        return None
+
     @property
     def time(self) -> float:
         """Simulated time in seconds."""

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from dataclasses import field as dataclass_field
 from functools import lru_cache
+from typing import Final
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
@@ -682,6 +683,59 @@ def _never_chosen(
             yield f"unreachable: '{node.children[0].name}' {how}", child
 
 
+# Warnings of motions that drift when they are repeated.
+
+_DRIFT_M: Final = 1e-3
+"""Smallest displacement in m of one repetition that is reported."""
+
+
+def drift_warnings(root: NodeSpec, node_types: Mapping[str, NodeType]) -> Iterator[Problem]:
+    """Returns warnings of skills that end elsewhere than they began each time they are repeated.
+
+    Only where the file determines it: one leaf of the repeated ones moves the tool by a known
+    distance, and no other leaf moves it.
+    """
+    for node in root.walk():
+        node_type = node_types.get(node.kind)
+        if not (isinstance(node_type, LanguageNode) and node_type.repeats(node)):
+            continue
+        shifts = [*_shifts_below(node, node_types)]
+        known = [shift for shift in shifts if shift is not None and shift[1] > _DRIFT_M]
+        if None in shifts or len(known) != 1:
+            continue
+        leaf, distance, advice = known[0]
+        message = (
+            f"each repetition moves the tool by {1000 * distance:.0f} mm: it ends elsewhere than "
+            f"it begins"
+        )
+        yield replace(leaf.problem(message, advice), severity="warning")
+
+
+def _shifts_below(
+    node: NodeSpec, node_types: Mapping[str, NodeType]
+) -> Iterator[tuple[NodeSpec, float, str] | None]:
+    """Yields how far each leaf below a node moves the tool; None where the file does not tell."""
+    for below in itertools.islice(node.walk(), 1, None):
+        node_type = node_types.get(below.kind)
+        if isinstance(node_type, LanguageNode):
+            is_repeated = node_type.repeats(below)  # which is warned of, if it drifts
+            if is_repeated or (len(below.children) > 1 and not node_type.runs_all(below)):
+                yield None
+        elif node_type is not None:
+            shift = _shift_of(below, node_type)
+            yield None if shift is None else (below, *shift)
+
+
+def _shift_of(node: NodeSpec, node_type: NodeType) -> tuple[float, str] | None:
+    outputs = node_type.outputs.model_fields.keys()
+    ports = {name: value for name, value in node.ports.items() if name not in outputs}
+    try:
+        checked = validated(node_type.ports, ports)
+    except ValidationError:  # a value of the blackboard
+        return None
+    return node_type.shift(checked)
+
+
 # Warnings of objects and arms that a tree names but that are never spawned.
 
 
@@ -842,4 +896,5 @@ class Examination:
         yield from check.warnings()
         for arm in file.arms.values():
             yield from outcome_warnings(arm.tree, self._node_types)
+            yield from drift_warnings(arm.tree, self._node_types)
         yield from absent(file, source, self._node_types)

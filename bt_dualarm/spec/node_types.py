@@ -562,6 +562,10 @@ class Counterpart:
     same: tuple[str, ...] = ("object",)
 
 
+def _unknown_shift(_: PortModel) -> None:
+    return None
+
+
 @dataclass(frozen=True)
 class NodeType:
     """Declaration of a node type, of the language or of a skill.
@@ -584,6 +588,8 @@ class NodeType:
         failures: Failure codes with their meaning.
         example: A node in YAML.
         origin: Where it is defined: a file for skills.
+        shift: Distance in m, by its validated ports, by which a run moves the tool from where it
+            was, and how to avoid that; None if it depends on more than the ports.
     """
 
     name: str
@@ -603,6 +609,7 @@ class NodeType:
     failures: Mapping[str, str] = field(default_factory=dict)
     example: str = ""
     origin: str = "the language"
+    shift: Callable[[Any], tuple[float, str] | None] = _unknown_shift
 
     @property
     def is_leaf(self) -> bool:
@@ -756,6 +763,7 @@ class LanguageNode(NodeType):
             the next; None if children do not follow each other.
         revisits: Whether a node may tick a child after one that comes later in the file.
         runs_all: Whether every run of a node that goes as planned runs all children once, in order.
+        repeats: Whether a node may run its children again after they have succeeded.
         problems: Problems of a node beyond the types of its ports.
         no_effect: Why a node has no effect.
         synonyms: Names in other behavior tree libraries, each with what to write here besides
@@ -766,6 +774,7 @@ class LanguageNode(NodeType):
     advances_on: bool | None = None
     revisits: Callable[[NodeSpec], bool] = _never
     runs_all: Callable[[NodeSpec], bool] = _never
+    repeats: Callable[[NodeSpec], bool] = _never
     problems: ProblemRule = _no_problems
     no_effect: NoEffectRule = _has_effect
     synonyms: Mapping[str, str] = field(default_factory=dict)
