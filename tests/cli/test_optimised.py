@@ -7,7 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from bt_dualarm.runtime.assembly import compile_kernels
+from bt_dualarm.runtime.kernels import compile_kernels
 from tests.commands import BtRun
 
 TREE = """
