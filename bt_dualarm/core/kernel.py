@@ -37,8 +37,9 @@ from typing import Any, Final, ParamSpec, TypeVar, cast
 from uuid import uuid4
 
 import numba
+from llvmlite import binding
 from numba.core import codegen, compiler, environment, registry, typed_passes, types
-from numba.core.caching import FunctionCache, UserWideCacheLocator
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, UserWideCacheLocator
 from numba.core.compiler_machinery import register_pass
 from numba.core.environment import _rebuild_env
 from numba.core.runtime import rtsys
@@ -461,12 +462,34 @@ class KernelPlace(UserWideCacheLocator):
         return _folder_of(Path(self._py_file))
 
 
+class KernelCode(CompileResultCacheImpl):
+    """Machine code of a kernel as it is stored: without what numba needs to include it in others.
+
+    Kernels include each other from their sources. To read the code in LLVM's own form would take
+    most of the time to load a kernel, and memory for as long as the process lives.
+    """
+
+    def reduce(self, data: Any) -> object:  # numba has no types
+        """Returns what is stored of a compiled function."""
+        (name, kind, (machine_code, _)), description, *rest = super().reduce(data)  # type: ignore[no-untyped-call]
+        return (name, kind, (machine_code, symbol_alone(description))), description, *rest
+
+
+def symbol_alone(description: Any) -> bytes:  # numba has no types
+    """A module in LLVM's form that defines only the name by which Python calls a function."""
+    name = description.llvm_cpython_wrapper_name
+    code: bytes = binding.parse_assembly(f'define void @"{name}"() {{ ret void }}').as_bitcode()
+    return code
+
+
 class KernelCache(FunctionCache):
     """Machine code of one kernel, per signature.
 
     Numba's cache also compares the byte code, which differs without docstrings (``-OO``), so
     everything would be compiled twice. Here the folder identifies the sources.
     """
+
+    _impl_class = KernelCode
 
     def __init__(self, function: Callable[..., object]) -> None:
         super().__init__(function)  # type: ignore[no-untyped-call]  # numba has no types
