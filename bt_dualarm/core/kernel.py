@@ -31,6 +31,7 @@ import time
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from functools import cache
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Final, ParamSpec, TypeVar, cast
@@ -42,7 +43,7 @@ from numba.core import codegen, compiler, environment, registry, typed_passes, t
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, UserWideCacheLocator
 from numba.core.compiler_machinery import register_pass
 from numba.core.environment import _rebuild_env
-from numba.core.runtime import rtsys
+from numba.core.runtime import _nrt_python
 from numba.core.serialize import dumps
 
 from bt_dualarm.core.share import code_folder, digest_of_code, digest_of_kernels
@@ -475,6 +476,13 @@ class KernelCode(CompileResultCacheImpl):
         return (name, kind, (machine_code, symbol_alone(description))), description, *rest
 
 
+@cache
+def _add_symbols() -> None:
+    """Let loaded code find numba's functions in C."""
+    for name, address in _nrt_python.c_helpers.items():
+        binding.add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
+
+
 def symbol_alone(description: Any) -> bytes:  # numba has no types
     """A module in LLVM's form that defines only the name by which Python calls a function."""
     name = description.llvm_cpython_wrapper_name
@@ -503,10 +511,11 @@ class KernelCache(FunctionCache):
     ) -> Any:
         """Machine code of a signature; None if there is none.
 
-        Numba first imports all that it could need to compile, which takes most of the time to load
-        the kernels of a run, and 27 MB: code that is loaded needs its memory management only.
+        Numba first imports all that it could need to compile, and compiles functions for its memory
+        management, which every kernel contains already. That takes most of the time to load the
+        kernels of a run, and 50 MB: code that is loaded needs symbols only.
         """
-        rtsys.initialize(target_context)
+        _add_symbols()
         return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
 
     def _index_key(
