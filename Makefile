@@ -26,7 +26,7 @@ LOCKED := $(if $(filter Linux-x86_64,$(shell uname -s)-$(shell uname -m)),\
 # One test process per core, but at most eight: each of them loads every robot.
 WORKERS ?= logical
 
-.PHONY: help setup demo test matrix fuzz soak lint format check docs docs-html constraints clean
+.PHONY: help setup demo kernels test matrix fuzz soak lint format check docs docs-html constraints clean
 
 help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' Makefile
@@ -37,18 +37,23 @@ demo: $(STAMP) ## Run the demo: two arms pick, carry and track
 	@$(BIN)/bt-run trees/pick_and_track.yaml
 	@echo "Next: source $(VENV)/bin/activate, then bt-run --list"
 
-test: $(STAMP) ## Run the whole test suite
+# A run compiles what it needs; test processes would compile the same kernels side by side.
+kernels: $(STAMP)
+	@$(BIN)/python -c 'import logging; logging.basicConfig(level="INFO", format="%(message)s"); \
+		from bt_dualarm.runtime.kernels import compile_kernels; compile_kernels()'
+
+test: kernels ## Run the whole test suite
 	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --maxprocesses 8 --dist worksteal --quiet
 
 matrix: export BT_DUALARM_MATRIX := all
-matrix: $(STAMP) ## Test whole families of similar cases, such as every operation on every kind of file: an hour of CPU
+matrix: kernels ## Test whole families of similar cases, such as every operation on every kind of file: an hour of CPU
 	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --maxprocesses 8 --dist worksteal --quiet \
 		$$(grep --recursive --files-with-matches --include='test_*.py' tests.families tests)
 
 fuzz: export BT_DUALARM_FUZZ_FILES ?= 200000
 fuzz: export BT_DUALARM_FUZZ_TIMES ?= 80
 fuzz: export BT_DUALARM_FUZZ_SEED ?= $(shell date +%s)
-fuzz: $(STAMP) ## Test 80 times as many mutated trees, robots and meshes as make test, with other seeds
+fuzz: kernels ## Test 80 times as many mutated trees, robots and meshes as make test, with other seeds
 	@echo "BT_DUALARM_FUZZ_SEED=$$BT_DUALARM_FUZZ_SEED repeats this run"
 	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --maxprocesses 8 --dist worksteal --quiet \
 		tests/fuzz tests/spec/test_fuzz.py
@@ -103,21 +108,19 @@ clean: ## Remove everything that make has created
 	@rm -rf $(VENV) build dist out site .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
-# One dot per package, so that a slow connection does not look like a hang.
+# One dot per package, so that a slow connection does not look like a hang. Python compiles the modules
+# that it imports, a part of all that are installed.
 $(STAMP): pyproject.toml requirements.lock
 	@test -n "$(PYTHON)" || { \
 		echo "No Python 3.11 or newer found. Specify one: make PYTHON=/path/to/python" >&2; exit 1; }
 	@echo "Setting up $(VENV) with $(PYTHON): once, one to two minutes, depending on your connection"
 	@$(PYTHON) -m venv $(VENV) || { \
 		echo "Could not create $(VENV); on Debian and Ubuntu: apt install python3-venv" >&2; exit 1; }
-	@PYTHONUNBUFFERED=1 PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install \
+	@PYTHONUNBUFFERED=1 PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install --no-compile \
 		$(LOCKED) 2> $(VENV)/install.log \
 		| awk '/^Collecting/ {printf "."; fflush()} \
 			/^Installing collected/ {printf " collected, installing\n"; fflush()}' \
 		|| { cat $(VENV)/install.log >&2; exit 1; }
 	@PIP_DISABLE_PIP_VERSION_CHECK=1 $(BIN)/python -m pip install --quiet \
 		--no-deps --no-build-isolation --editable .
-	@echo "Compiling numerical kernels: one to three minutes on two cores"
-	@$(BIN)/python -c 'import logging; logging.basicConfig(level="INFO", format="%(message)s"); \
-		from bt_dualarm.runtime.assembly import compile_kernels; compile_kernels()'
 	@touch $(STAMP)

@@ -189,9 +189,8 @@ def _chain(kinematics: Kinematics, start: Vector) -> tuple[Matrix, Matrix]:
 
 
 def warm_up_servo() -> None:
-    """Compile the kernels of servo and limiter, by calling them with arrays of the final types."""
+    """Compile the kernels of the servo, by calling them with arrays of the final types."""
     from bt_dualarm.control.servo_kernels import jerk_bandwidth, observe_tool, servo_step
-    from bt_dualarm.trajectory import trajectory_kernels
 
     work = np.ones((SERVO_STATE, 1))
     seen = np.ones(OBSERVED)
@@ -202,9 +201,4 @@ def warm_up_servo() -> None:
     observe_tool(links, frames, plane, 1.0, work, seen)
     goal = np.ones((3, 2))
     servo_step(1.0, 1.0, 1.0, 1.0, True, goal, links, frames, plane, work, seen, state)
-    trajectory_kernels.keeps_limits(work[:5].copy(), 1.0, state, state)
-    trajectory_kernels.can_stop(work[:5].copy(), 0, 1.0, 1.0, 1.0)
-    trajectory_kernels.max_displacement_before_rest(1.0, 1.0, 1.0, 1.0)
-    trajectory_kernels.max_displacement(work[:5].copy(), 0, 1.0, 1.0, 1.0)
     jerk_bandwidth(1.0, 1.0)
-    trajectory_kernels.within(np.ones((3, 1, 1)), 1.0, 1.0, state)

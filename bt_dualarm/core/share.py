@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
 from secrets import token_hex
@@ -99,9 +99,40 @@ def weakly(method: Callable[Given, None]) -> Callable[Given, None]:
     return call
 
 
+_KERNEL_IMPORT: Final = re.compile(r"^from (bt_dualarm[.\w]*\.\w*kernel\w*) import", re.MULTILINE)
+
+
 @cache
-def folder() -> Path:
-    """Folder of the kernels' machine code, named after a digest of all kernel sources."""
-    sources = sorted(_PACKAGE.rglob("*kernel*.py"))
-    digest = hashlib.sha256(b"".join(source.read_bytes() for source in sources))
-    return cache_dir() / "kernels" / digest.hexdigest()[:16]
+def code_folder() -> Path:
+    """Folder of the machine code of all kernels, of any version of their sources."""
+    return cache_dir() / "kernels"
+
+
+@cache
+def digest_of_kernels() -> str:
+    """Digest of all kernel sources of the package."""
+    return _digest(_PACKAGE.rglob("*kernel*.py"))
+
+
+@cache
+def digest_of_code(path: Path) -> str:
+    """Digest of all sources that are compiled into a module's kernels.
+
+    These are the module and all of the package's kernel modules that it imports, directly or not.
+    """
+    sources = {path}
+    unread = [path]
+    while unread:
+        text = unread.pop().read_text(encoding="utf-8")
+        for name in _KERNEL_IMPORT.findall(text):
+            source = _PACKAGE.joinpath(*name.split(".")[1:]).with_suffix(".py")
+            if source not in sources:
+                sources.add(source)
+                unread.append(source)
+    return _digest(sources)
+
+
+def _digest(sources: Iterable[Path]) -> str:
+    # In the order of their texts: paths differ between installations, and names are not unique.
+    whole = hashlib.sha256(b"".join(sorted(source.read_bytes() for source in sources)))
+    return whole.hexdigest()[:16]

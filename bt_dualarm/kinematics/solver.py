@@ -23,7 +23,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import mujoco
 import numpy as np
@@ -33,9 +33,7 @@ from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.robots.robot import Robot
 from bt_dualarm.sim.world import World
 
-with warnings.catch_warnings():
-    # Pinocchio 3.8, which PlaCo brings, imports a module that has been renamed.
-    warnings.simplefilter("ignore", DeprecationWarning)
+if TYPE_CHECKING:
     import placo
 
 __all__ = [
@@ -48,7 +46,6 @@ __all__ = [
     "Posture",
     "broken",
     "origin",
-    "placo",
     "with_tool",
 ]
 
@@ -292,6 +289,10 @@ class _Model:
     """Robot model of PlaCo, with its URDF for reuse."""
 
     def __init__(self, urdf: str) -> None:
+        with warnings.catch_warnings():
+            # Pinocchio 3.8, which PlaCo brings, imports a module that has been renamed.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            import placo  # it takes long, and many checks of a file do without
         self.urdf = urdf
         self.placo = placo.RobotWrapper("", placo.Flags.ignore_collisions, urdf)
         self._first = self.placo.state.q.copy()

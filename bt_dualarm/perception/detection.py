@@ -12,16 +12,21 @@ import math
 from dataclasses import dataclass
 from functools import cache
 from types import ModuleType
-from typing import Final, TypeAlias
+from typing import TYPE_CHECKING, Final, TypeAlias
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from bt_dualarm.core.errors import DualArmError
+from bt_dualarm.core.later import Later
 from bt_dualarm.sim.frame import Frame, Image, JsonList, Region
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.values import Color
+
+if TYPE_CHECKING:
+    import cv2
+else:
+    cv2 = Later("cv2")
 
 # Colors
 
@@ -86,7 +91,7 @@ class ColorFilter:
 
 # Targets
 
-_KERNEL = cv2.getStructuringElement(cv2.MORPH_RECT, (3, 3))
+_KERNEL = np.ones((3, 3), np.uint8)
 _MARGIN_PX = 3
 _CLEANING_REACH_PX = 2  # around matching pixels, of opening and closing
 

@@ -13,15 +13,21 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from types import ModuleType
+from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
 from bt_dualarm.core.errors import DualArmError
+from bt_dualarm.core.later import Later
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.perception.detection import Detection
 from bt_dualarm.sim.frame import Frame
+
+if TYPE_CHECKING:
+    import cv2
+else:
+    cv2 = Later("cv2")
 
 # Perspective bias of cubes
 #

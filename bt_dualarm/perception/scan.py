@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Final, TypeAlias
+from typing import TYPE_CHECKING, Final, TypeAlias
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 import scipy
 
+from bt_dualarm.core.later import Later
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.perception.detection import ColorFilter, Detection
 from bt_dualarm.perception.shape_fit import (
@@ -32,6 +32,11 @@ from bt_dualarm.perception.shape_fit import (
 from bt_dualarm.sim.composition import DICTIONARIES
 from bt_dualarm.sim.frame import Frame, JsonList
 from bt_dualarm.spec.values import Color, MarkerSpec
+
+if TYPE_CHECKING:
+    import cv2
+else:
+    cv2 = Later("cv2")
 
 Gray: TypeAlias = npt.NDArray[np.uint8]
 """Brightness of each pixel, of shape (height, width)."""

@@ -15,12 +15,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
+from bt_dualarm.core.later import Later
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.perception.detection import Blob, ColorFilter, Detection, detect_blobs
 from bt_dualarm.sim.frame import Frame, Image, JsonList, LazyFrame
@@ -28,6 +28,11 @@ from bt_dualarm.sim.object_body import body_of, half_extents
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.shapes import DEFAULT_SIDES
 from bt_dualarm.spec.values import ShapeName
+
+if TYPE_CHECKING:
+    import cv2
+else:
+    cv2 = Later("cv2")
 
 _ROUND: Final = 48
 """Points of a circle; their polygon deviates from it by 0.2 % of the radius."""
@@ -345,8 +350,8 @@ INSIDE_PX: Final = 0.5 / _OVERSAMPLING
 """Distance in pixels by which the points of an outline, the centers of its outermost samples, are
 inside of it."""
 
-_NEXT: Final = cv2.getStructuringElement(cv2.MORPH_RECT, (3, 3))
-_NEIGHBORS: Final = cv2.getStructuringElement(cv2.MORPH_RECT, (5, 5))
+_NEXT: Final = np.ones((3, 3), np.uint8)
+_NEIGHBORS: Final = np.ones((5, 5), np.uint8)
 _NEIGHBORHOOD: Final = (9, 9)
 """Window in pixels over which the background at an edge is averaged."""
 

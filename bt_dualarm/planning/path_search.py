@@ -18,7 +18,7 @@ import contextlib
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from types import ModuleType
+from types import MappingProxyType, ModuleType
 from typing import TYPE_CHECKING, Final, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -440,8 +440,27 @@ def _branch(trees: Trees, side: int) -> Matrix:
     return np.array(nodes)
 
 
-def warm_up_planning() -> None:
-    """Compile all kernels of the search, on a small problem with a sphere and a plane."""
+SEARCH: Final = MappingProxyType({"search": ("bt_dualarm.planning.path_search:warm_up_search",)})
+"""Kernels of the search, which only a planning process calls: compiled by the first one."""
+
+
+def warm_up_edges() -> None:
+    """Compile the kernel that checks dense paths, on a small problem."""
+    edges, start, goal = _small_problem()
+    edges.is_dense_path_free(np.array((start, goal)), np.ones(2))
+
+
+def warm_up_search() -> None:
+    """Compile the kernels of the search, on a small problem."""
+    edges, start, goal = _small_problem()
+    far = np.full(2, 3.0)
+    limits = JointLimits(-far, far, *np.ones((4, 2)))
+    CompiledRRTConnect(edges, start, (goal,), limits, np.ones(2), 1).path(10_000, lambda: False)
+    edges.is_free(start, goal)
+
+
+def _small_problem() -> tuple[CompiledEdges, Vector, Vector]:
+    """A sphere and a plane around an arm, with start and goal, each of shape (2,), rad."""
     joints = Joints(np.zeros(2), np.zeros((2, 3)), np.eye(3)[:2].copy())
     places = np.array(((1.0, 0.0, 0.0), (0.0, 0.0, 1.5), (0.0, 0.0, -9.0)))
     shapes = ConvexShapes(
@@ -456,12 +475,4 @@ def warm_up_planning() -> None:
         reaches=np.ones((3, 2)),
     )
     pairs = Pairs(np.zeros(2, np.int64), np.array((1, 2)), np.zeros(2), places[[0, 0]] - places[1:])
-    far = np.full(2, 3.0)
-    limits = JointLimits(-far, far, *np.ones((4, 2)))
-    start = np.zeros(2)
-    goal = np.array((0.5, -3.0))
-    edges = CompiledEdges(SweptArm(joints, shapes, pairs, 1e-3))
-    radii = np.ones(2)
-    path = CompiledRRTConnect(edges, start, (goal,), limits, radii, 1).path(10_000, lambda: False)
-    edges.is_free(start, goal)
-    edges.is_dense_path_free(np.array((start, goal)) if path is None else path, radii)
+    return CompiledEdges(SweptArm(joints, shapes, pairs, 1e-3)), np.zeros(2), np.array((0.5, -3.0))

@@ -12,13 +12,13 @@ import os
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, Literal, TypeAlias
 
-import cv2
 import mujoco
 import numpy as np
 import PIL.Image
 
+from bt_dualarm.core.later import Later
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.replay.record import Facts, GripperState, Record, ReplayError, check_picture
 from bt_dualarm.robots.gripper import FINGERS
@@ -28,6 +28,11 @@ from bt_dualarm.runtime.observations import KnownFrame
 from bt_dualarm.runtime.recorder import FRAMES
 from bt_dualarm.sim.frame import Image, JsonList, Region, enter_blocks
 from bt_dualarm.spec.problems import is_name, suggestion
+
+if TYPE_CHECKING:
+    import cv2
+else:
+    cv2 = Later("cv2")
 
 GripperKind: TypeAlias = Literal["fingers", "suction"]
 

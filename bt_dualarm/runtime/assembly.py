@@ -1,7 +1,7 @@
 """Assembly of a run: from a tree file to a runner that is ready for its first step.
 
-`assemble` makes the world, whose arms have cameras, controllers and trees. Preparation compiles the
-kernels, and adds runner, observers and the open record.
+`assemble` makes the world, whose arms have cameras, controllers and trees. Preparation adds
+runner, observers and the open record.
 """
 
 from __future__ import annotations
@@ -24,18 +24,8 @@ from bt_dualarm.arm.traffic import Traffic
 from bt_dualarm.behaviors.faults import FaultInjector
 from bt_dualarm.behaviors.load import build_tree
 from bt_dualarm.behaviors.report import StatusChange
-from bt_dualarm.collision.distance import warm_up_spheres
-from bt_dualarm.control.collision_detection import warm_up_collision_detection
-from bt_dualarm.control.computed_torque import warm_up_control
 from bt_dualarm.control.controller import JointController
-from bt_dualarm.control.planar_servo import warm_up_servo
 from bt_dualarm.core.share import weakly
-from bt_dualarm.grasping.candidates import warm_up_grasping
-from bt_dualarm.perception.detection import warm_up_detection
-from bt_dualarm.perception.localization import warm_up_localization
-from bt_dualarm.perception.shape_fit import warm_up_outlines
-from bt_dualarm.perception.target_filter import warm_up_prediction, warm_up_rest_detection
-from bt_dualarm.planning.path_search import warm_up_planning
 from bt_dualarm.planning.process import PlanningProcess
 from bt_dualarm.robots.robot import Robot, is_description_path
 from bt_dualarm.runtime.arm_runtime import ArmParts, ArmRuntime, Arms
@@ -56,14 +46,12 @@ from bt_dualarm.runtime.options import RunOptions
 from bt_dualarm.runtime.outcome import Ending, Leniency, RunResult, SeriesLog
 from bt_dualarm.runtime.recorder import FRAMES, HISTORY, Recorder, RecordFolder
 from bt_dualarm.runtime.runner import Conditions, Limit, Runner
-from bt_dualarm.safety.failsafe import Reservations, warm_up_reservations
-from bt_dualarm.sim.camera import Camera, calibration_of, warm_up_lens, warm_up_shutter
-from bt_dualarm.sim.contact_monitor import Contacts, warm_up_contacts
-from bt_dualarm.sim.devices import warm_up_sensors
+from bt_dualarm.safety.failsafe import Reservations
+from bt_dualarm.sim.camera import Camera, calibration_of
+from bt_dualarm.sim.contact_monitor import Contacts
 from bt_dualarm.sim.faults import WorldFaults
 from bt_dualarm.sim.frame import Renderer, RendererKind
-from bt_dualarm.sim.grippers import warm_up_fingers, warm_up_held_objects, warm_up_tactile_sensors
-from bt_dualarm.sim.renderers import choose_renderer, warm_up_renderer
+from bt_dualarm.sim.renderers import choose_renderer
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.cell import CellAccess, CellState
 from bt_dualarm.skill.registry import Registry
@@ -72,7 +60,6 @@ from bt_dualarm.spec.document import TreeFile
 from bt_dualarm.spec.faults import FaultEvent, LeafFault
 from bt_dualarm.spec.node_types import NodeSpec
 from bt_dualarm.spec.problems import Named
-from bt_dualarm.trajectory.path_timing import warm_up_timing
 
 CONTROL_PERIOD = Fraction(1, 250)
 """Longest time in seconds between two set-points of an arm, where the physics steps as often."""
@@ -343,31 +330,6 @@ def control_period(timestep: float) -> Fraction:
     """Seconds between set-points: the physics steps that fit into `CONTROL_PERIOD`, or one."""
     step = exact(timestep)
     return max(1, CONTROL_PERIOD // step) * step
-
-
-def compile_kernels() -> None:
-    """Compile all kernels of the package, and log a line if that takes time.
-
-    Compiles on first use on a machine; later calls return at once.
-    """
-    from bt_dualarm.core.kernel import compile_once
-
-    cameras = warm_up_renderer, warm_up_lens, warm_up_shutter, warm_up_detection
-    world = warm_up_sensors, warm_up_contacts, warm_up_spheres
-    vision = warm_up_prediction, warm_up_rest_detection, warm_up_outlines, warm_up_localization
-    motion = warm_up_control, warm_up_servo, warm_up_timing, warm_up_planning
-    grips = warm_up_held_objects, warm_up_fingers, warm_up_tactile_sensors, warm_up_grasping
-    compile_once(
-        (
-            *cameras,
-            *world,
-            *vision,
-            *motion,
-            *grips,
-            warm_up_reservations,
-            warm_up_collision_detection,
-        )
-    )
 
 
 @dataclass(frozen=True)

@@ -17,14 +17,14 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
-from typing import BinaryIO, Final
+from typing import TYPE_CHECKING, BinaryIO, Final
 
-import cv2
 import mujoco
 import numpy as np
 
 from bt_dualarm.behaviors.report import KeyWritten, StatusChange, TraceEvent
 from bt_dualarm.control.controller import JointController
+from bt_dualarm.core.later import Later
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.runtime.arm_runtime import FaultObserver, IdleObserver, Observer, RunView
 from bt_dualarm.runtime.clock import Periodic, exact
@@ -35,6 +35,11 @@ from bt_dualarm.sim.grippers import Attachment
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.cell import CellWait
 from bt_dualarm.spec.faults import FaultEvent
+
+if TYPE_CHECKING:
+    import cv2
+else:
+    cv2 = Later("cv2")
 
 _log = logging.getLogger(__name__)
 

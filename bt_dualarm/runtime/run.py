@@ -22,11 +22,12 @@ from bt_dualarm.behaviors.report import NodeView, StatusName
 from bt_dualarm.core.errors import DualArmError, RunError
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.runtime.arm_runtime import Arms, ArmView, IdleObserver, Observer
-from bt_dualarm.runtime.assembly import Assembly, OpenRecord, compile_kernels, prepare
+from bt_dualarm.runtime.assembly import Assembly, OpenRecord, prepare
 from bt_dualarm.runtime.clock import exact
 from bt_dualarm.runtime.file_check import check
 from bt_dualarm.runtime.history import tree_facts
 from bt_dualarm.runtime.interruption import StopRequest, Watchdog
+from bt_dualarm.runtime.kernels import compile_kernels, needed
 from bt_dualarm.runtime.options import RunOptions, checked_seconds
 from bt_dualarm.runtime.outcome import GoalResult, Outcome, RunResult, html_table
 from bt_dualarm.sim.composition import CAMERA, ArmBody, must_be_among
@@ -243,7 +244,8 @@ class Run:
         self._is_busy = False
         self._is_closed = False
         self._watching: list[Observer] = []
-        compile_kernels()  # before the run captures the log: compiling is not part of its record
+        # Before the run captures the log: compiling is not part of its record.
+        compile_kernels(needed(file))
         self._begin()
         world = self.world
         arms = self.assembly.arms

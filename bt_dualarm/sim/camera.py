@@ -18,15 +18,15 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache, partial
 from types import ModuleType
-from typing import Final, NamedTuple, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Final, NamedTuple, Protocol, TypeAlias
 
-import cv2
 import mujoco
 import numpy as np
 import numpy.typing as npt
 import scipy
 
 from bt_dualarm.core.errors import RAISED_BY_SKILLS, WorldError
+from bt_dualarm.core.later import Later
 from bt_dualarm.core.pose import Pose, Vector, camera_pose
 from bt_dualarm.sim.arm_models import random_stream
 from bt_dualarm.sim.frame import (
@@ -47,6 +47,11 @@ from bt_dualarm.sim.frame import (
 )
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.values import Uncertainty
+
+if TYPE_CHECKING:
+    import cv2
+else:
+    cv2 = Later("cv2")
 
 # Lens distortion
 

@@ -12,14 +12,14 @@ import zlib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
-import cv2
 import mujoco
 import numpy as np
 import numpy.typing as npt
 
 from bt_dualarm.core.errors import CatalogError, WorldError
+from bt_dualarm.core.later import Later
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.core.share import share_dir
 from bt_dualarm.robots.gripper import Gripper
@@ -38,6 +38,11 @@ from bt_dualarm.sim.arm_models import LinkFactors, SampledArm, inertia_per_mass
 from bt_dualarm.sim.object_body import BodyPart, ObjectBody, body_of
 from bt_dualarm.spec.document import ArmSpec, CameraSpec, ObjectSpec, TreeFile, WorldSpec
 from bt_dualarm.spec.values import MarkerSpec
+
+if TYPE_CHECKING:
+    import cv2
+else:
+    cv2 = Later("cv2")
 
 # Mounting surfaces
 

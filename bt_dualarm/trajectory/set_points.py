@@ -859,3 +859,16 @@ def _within(rows: Stack, dt: float, limits: JointLimits) -> bool:
 
     most = np.array((limits.velocity, limits.acceleration, limits.jerk))
     return within(rows, dt, _ROUNDING, most)
+
+
+def warm_up_limiter() -> None:
+    """Compile the kernels of the limits, by calling them with arrays of the final types."""
+    from bt_dualarm.trajectory import trajectory_kernels
+
+    limits = np.ones((5, 1))
+    state = np.ones((3, 1))
+    trajectory_kernels.keeps_limits(limits, 1.0, state, state)
+    trajectory_kernels.can_stop(limits, 0, 1.0, 1.0, 1.0)
+    trajectory_kernels.max_displacement_before_rest(1.0, 1.0, 1.0, 1.0)
+    trajectory_kernels.max_displacement(limits, 0, 1.0, 1.0, 1.0)
+    trajectory_kernels.within(np.ones((3, 1, 1)), 1.0, 1.0, state)

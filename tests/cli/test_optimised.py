@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from bt_dualarm.runtime.assembly import compile_kernels
+from bt_dualarm.runtime.kernels import compile_kernels
 from tests.commands import BtRun
 from tests.families import WHOLE
 

@@ -14,7 +14,7 @@ import pytest
 from bt_dualarm.collision.distance_kernels import SCRATCH, distance
 from bt_dualarm.collision.swept import is_path_free
 from bt_dualarm.collision.swept_kernels import first_too_near, free_share
-from bt_dualarm.planning.path_search import warm_up_planning
+from bt_dualarm.planning.path_search import warm_up_edges, warm_up_search
 from bt_dualarm.planning.rrt_kernels import connect
 from tests.collision.cluttered import found, small_search
 from tests.source import ROOT
@@ -56,8 +56,9 @@ def test_a_search_ends_after_its_checks_and_when_nobody_waits() -> None:
 
 
 def test_one_code_serves_all_that_is_asked_of_a_kernel() -> None:
-    """What is compiled in `warm_up_planning` is what a search calls: nothing compiles in a run."""
-    warm_up_planning()
+    """What is compiled before is what a search calls: nothing compiles in a run."""
+    warm_up_search()
+    warm_up_edges()
     found(0)
     for kernel in (connect, free_share, first_too_near):
         assert len(vars(kernel)["overloads"]) == 1

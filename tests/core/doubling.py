@@ -23,21 +23,24 @@ from bt_dualarm.core.kernel import kernel
 @kernel
 def doubled(x):
     return 2.0 * x
+
+def warm_up():
+    doubled(2.0)
 """
 USE = """
 import json, logging, sys
 from bt_dualarm.core.kernel import compile_once
-from bt_dualarm.core.share import folder
+from bt_dualarm.core.share import code_folder
 said = []
 handler = logging.Handler()
 handler.emit = lambda record: said.append(record.getMessage())
 logging.getLogger("bt_dualarm").addHandler(handler)
 logging.getLogger("bt_dualarm").setLevel(logging.INFO)
 from double_kernels import doubled
-compile_once([lambda: doubled(2.0)])
+compile_once({"doubling": ["double_kernels:warm_up"]})
 result = doubled(3.0)
 hits = sum(doubled.stats.cache_hits.values()) if hasattr(doubled, "stats") else 0
-print(json.dumps([result, hits, said, str(folder())]))
+print(json.dumps([result, hits, said, str(code_folder())]))
 """
 """Compiles one small kernel, and tells its result, whether its code was found, what was logged."""
 

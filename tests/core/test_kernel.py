@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import ast
+import os
 import re
 import shutil
 import stat
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from bt_dualarm.core.share import folder
+from bt_dualarm.core.share import digest_of_code, digest_of_kernels
+from bt_dualarm.runtime.kernels import GROUPS
 from tests.core.doubling import started, told
-from tests.source import MODULES, PACKAGE, ROOT, dotted_name, imports_of
+from tests.source import MODULES, ROOT, dotted_name, imports_of
 
 KERNEL_FILES = [path for path in MODULES if "kernel" in path.name]
 CALLED = [path for path in KERNEL_FILES if path.name.endswith("_kernels.py")]
@@ -28,7 +31,7 @@ def test_code_is_compiled_once_and_found_from_anywhere(tmp_path: Path, scripts: 
     assert (result, hits) == (6.0, 0)
     assert len(said) == 1
     assert "once on this machine" in said[0]
-    assert place.is_relative_to(cache / "bt_dualarm" / "kernels")
+    assert place == cache / "bt_dualarm" / "kernels"
 
     elsewhere = tmp_path / "elsewhere"
     shutil.copytree(scripts, elsewhere, ignore=shutil.ignore_patterns("__pycache__"))
@@ -59,9 +62,62 @@ def test_kernels_can_be_told_apart_by_the_names_of_their_files() -> None:
     assert sorted(set(names)) == sorted(names)
 
 
-def test_the_folder_is_named_after_all_that_is_compiled() -> None:
-    assert folder().parent.name == "kernels"
-    assert sorted(PACKAGE.rglob("*kernel*.py")) == KERNEL_FILES
+def test_a_change_of_a_module_compiles_it_and_its_callers_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Kernels that call the changed ones contain their code, directly or not; others stay."""
+    before = {path.stem: digest_of_code(path) for path in CALLED}
+    whole = digest_of_kernels()
+    read = Path.read_bytes
+
+    def changed(path: Path) -> bytes:
+        return read(path) + (b"# changed" if path.stem == "swept_kernels" else b"")
+
+    monkeypatch.setattr(Path, "read_bytes", changed)
+    digest_of_code.cache_clear()
+    digest_of_kernels.cache_clear()
+    after = {path.stem: digest_of_code(path) for path in CALLED}
+    assert {name for name in after if after[name] != before[name]} == {
+        "swept_kernels",
+        "rrt_kernels",
+    }
+    assert digest_of_kernels() != whole
+    monkeypatch.undo()
+    digest_of_code.cache_clear()
+    digest_of_kernels.cache_clear()
+
+
+@pytest.mark.parametrize("path", CALLED, ids=dotted_name)
+def test_the_digest_of_a_module_is_that_of_all_that_it_imports(path: Path) -> None:
+    """However it is written: an import that the digest overlooks would leave old code in use."""
+    found = [name for _, name in imports_of(path) if name.startswith("bt_dualarm.")]
+    kernels = {name for name in found if "kernel" in name.rpartition(".")[2]}
+    listed = set(re.findall(r"^from (bt_dualarm\S+) import", path.read_text(), re.MULTILINE))
+    assert kernels <= listed
+
+
+def test_every_kernel_that_python_calls_is_in_a_group() -> None:
+    """What warms kernels up is named nowhere else: a group that is left out compiles in a run."""
+    defined = {
+        f"{dotted_name(path)}:{name}"
+        for path in MODULES
+        for name in re.findall(r"^def (warm_up_\w+)", path.read_text(), re.MULTILINE)
+    }
+    assert sorted(path for group in GROUPS.values() for path in group) == sorted(defined)
+
+
+def test_code_of_other_sources_is_removed_after_a_week(tmp_path: Path, scripts: Path) -> None:
+    place = tmp_path / "cache" / "bt_dualarm" / "kernels"
+    old = place / "double_kernels-0123456789abcdef"
+    new = place / "double_kernels-fedcba9876543210"
+    for folder in (old, new):
+        folder.mkdir(parents=True)
+        (folder / "doubled.nbc").write_bytes(b"code")
+    long_ago = time.time() - 8 * 86_400
+    os.utime(old, (long_ago, long_ago))
+    told(started(tmp_path / "cache", scripts))
+    assert not old.exists()
+    assert new.exists()
 
 
 @pytest.mark.parametrize("path", CALLED, ids=dotted_name)

@@ -9,7 +9,7 @@ import pytest
 
 from tests.core.doubling import Compiled, started, told
 
-SAID = "Compiling kernels, once on this machine: one to three minutes"
+SAID = "Compiling kernels, once on this machine: up to a minute"
 
 
 @pytest.mark.parametrize("left", [0, 3, 100, -1])
@@ -33,10 +33,12 @@ def test_code_that_was_garbled_is_compiled_again(compiled: Compiled) -> None:
 
 def test_code_is_found_where_nothing_can_be_written(compiled: Compiled) -> None:
     """As in a container whose image has the code."""
-    place = compiled.file.parent
-    place.chmod(stat.S_IRUSR | stat.S_IXUSR)
-    assert told(started(compiled.cache, compiled.scripts)) == (6.0, 1, [], place)
-    place.chmod(stat.S_IRWXU)
+    places = compiled.file.parent, compiled.file.parents[1]
+    for place in places:
+        place.chmod(stat.S_IRUSR | stat.S_IXUSR)
+    assert told(started(compiled.cache, compiled.scripts)) == (6.0, 1, [], places[1])
+    for place in reversed(places):
+        place.chmod(stat.S_IRWXU)
 
 
 @pytest.mark.parametrize("mode", [stat.S_IRUSR | stat.S_IXUSR, None])
@@ -51,9 +53,7 @@ def test_without_a_place_for_code_kernels_work_all_the_same(
         cache.mkdir(mode)
     result, hits, said, place = told(started(cache, scripts))
     assert (result, hits) == (6.0, 0)
-    assert said == [
-        f"Compiling kernels, in every run: {place} cannot be written: one to three minutes"
-    ]
+    assert said == [f"Compiling kernels, in every run: {place} cannot be written: up to a minute"]
 
 
 def test_without_numba_nothing_is_compiled(tmp_path: Path, scripts: Path) -> None:
