@@ -78,7 +78,7 @@ _BRAKE_JERK = 0.35
 _NEAR_M = 0.02
 """Distance within which the tool closes in with the two shares below, m."""
 
-_NEAR_ACCELERATION = 0.06
+_NEAR_ACCELERATION = 0.25
 """Share of the plane acceleration for closing the last distance."""
 
 _NEAR_JERK = 0.02
@@ -86,9 +86,9 @@ _NEAR_JERK = 0.02
 
 A target that is followed leaves the arm only what it does not need itself, and a prediction errs in
 velocity and acceleration before it errs in position. An arm that hurries to close a distance has to
-undo that speed when the next image contradicts: it overshoots and needs longer. The two shares are
-those with the least error on motions that use 80 % of the speed of five arms, by
-`benchmarks.servo_law`; half or twice as much costs 2 %.
+undo that speed when the next image contradicts: it overshoots and needs longer. Smaller shares are
+a few percent better near the limits of an arm, but worse on the curves of the experiments, where a
+Panda has acceleration to spare.
 """
 
 _FADE_JERK = 0.5
