@@ -117,6 +117,7 @@ _WINDOW_S = 1.0  # of the mean error: two periods of an arm's slowest oscillatio
 _WINDOW_FACTOR = 2.0  # by which one second may exceed the bound, as a corner of the path does
 _ARRIVED_S = 0.5  # within the bound after which the tool has arrived and does not just pass
 _FEWEST = 3  # sightings of a mean
+_PATIENT_LOSSES = 3  # without an arrival, each of which lets the approach begin anew
 _NEARER = 0.9  # fraction of the least error so far, below which the error has decreased
 _NEEDS_EVERY_S = 0.1  # at which they are sampled
 _NEED_S = 1.0  # time constant of the mean squares of the target's velocity and acceleration
@@ -206,6 +207,8 @@ class FollowingError:
         self._began: float | None = None
         self._least = math.inf
         self._nearer_at = 0.0
+        self._interrupted_at = 0.0
+        self._losses = 0  # since the last arrival
         self._squares = 0.0
         self._count = 0
         self._last: float | None = None
@@ -224,13 +227,22 @@ class FollowingError:
             self.bound = max(ERROR_SHARE * width, LEAST_ERROR_M)
 
     def interrupt(self) -> None:
-        """Reset, as the target is out of view or reach: the tool has to arrive again."""
+        """Reset, as the target is out of view: the tool has to arrive again.
+
+        After some losses without an arrival the error has to decrease all the same: a tool that
+        swings about the target, and loses and finds it again and again, must not do so forever.
+        """
+        if self._seen:
+            self._interrupted_at = self._seen[-1].stamp
+            self._losses = 1 if self.arrived else self._losses + 1
+        if self._losses <= _PATIENT_LOSSES:
+            self._least = math.inf
         self._seen.clear()
         self.arrived = False
-        self._least = math.inf
 
     def postpone(self) -> None:
         """Begin anew, unless errors count: the target is still where the arm need not follow."""
+        self._least = math.inf
         if self.counts_from is None:
             self._began = None
 
@@ -261,10 +273,12 @@ class FollowingError:
         self._integrate(stamp, {ErrorCause.OCCLUSION: square} if self._returns else attributed)
         if not sample.within_reach:
             self.interrupt()
+            self._least = math.inf
             return
+        if not self._seen:  # time out of view does not count
+            fresh = math.isinf(self._least)
+            self._nearer_at = stamp if fresh else self._nearer_at + stamp - self._interrupted_at
         self._seen.append(_Seen(stamp, square, sample.error, sample.target))
-        if len(self._seen) == 1:
-            self._nearer_at = stamp
         self._drop(stamp - _WINDOW_S)
         if len(self._seen) < _FEWEST:
             return
@@ -387,8 +401,8 @@ class FollowingError:
             self._nearer_at = stamp
         elif stamp - self._nearer_at > self._patience:
             self._fail(
-                f"for {stamp - self._nearer_at:.1f} s the target has come no closer to the image "
-                f"center: {1000 * rms:.1f} mm off (root mean square over {_ARRIVED_S} s; "
+                f"for {stamp - self._nearer_at:.1f} s in view the target has come no closer to the "
+                f"image center: {1000 * rms:.1f} mm off (root mean square over {_ARRIVED_S} s; "
                 f"max_error allows {1000 * self.bound:.1f} mm)",
                 rms,
             )

@@ -204,3 +204,29 @@ def test_the_bound_is_a_fifth_of_the_width_unless_it_is_given(width: float, boun
     given = FollowingError(BOUND_M, PATIENCE_S)
     given.know_width(1.0)
     assert given.bound == BOUND_M
+
+
+def blinking(error: Callable[[float], float]) -> FollowingError:
+    """A judge after an arrival and twenty losses, each with half a second in view before it."""
+    judge, _, _ = judged(lambda _: 0.0, 2.0, 60)
+    assert judge.arrived
+    for round_ in range(20):
+        judge.interrupt()
+        for frame in range(30):
+            since = round_ + frame / 60
+            judge.take(sample(20.0 + since, error(since)))
+    return judge
+
+
+def test_who_loses_the_target_again_and_again_does_not_do_so_forever() -> None:
+    """It swings by 0.1 m; only time in view counts."""
+    with pytest.raises(Failure, match=r"for 2\.\d s in view") as caught:
+        blinking(swing(0.1, 1.0))
+    assert caught.value.code == "NOT_FOLLOWING"
+
+
+def test_who_comes_nearer_between_losses_may_go_on() -> None:
+    judge = blinking(lambda time: 0.5 * 0.8**time)
+    for frame in range(60):
+        judge.take(sample(40.0 + frame / 60, 0.0))
+    assert judge.arrived
