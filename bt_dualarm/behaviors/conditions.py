@@ -258,8 +258,8 @@ class Sees(_Leaf):
             raise Failure("FALSE", "the camera gave no image in time")
         seen.take(picture)
         if len(seen.things) < self.ports.least:
-            found = f"{len(seen.things)} of {self.ports.least}"
-            raise Failure("FALSE", f"{found} objects are in view: {seen.others}")
+            reason = f"{len(seen.things)} of {self.ports.least} objects are in view"
+            raise Failure("FALSE", reason if seen.things else f"{reason}: {seen.others}")
 
 
 class ObjectAt(_Leaf):
