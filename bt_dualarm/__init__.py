@@ -79,6 +79,7 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.carrying import Carrying as Carrying
     from bt_dualarm.skill.carrying import CarryPorts as CarryPorts
     from bt_dualarm.skill.cell import CellWait as CellWait
+    from bt_dualarm.skill.condition import Condition as Condition
     from bt_dualarm.skill.grasp_search import GRAVITY as GRAVITY
     from bt_dualarm.skill.grasp_search import TakingPorts as TakingPorts
     from bt_dualarm.skill.grasp_search import WantedGrasp as WantedGrasp
@@ -207,6 +208,7 @@ _CONTENTS: Final = {
     "SkillContext": "skill.skill:SkillContext",
     "Ticks": "skill.skill:Ticks",
     "PathSkill": "skill.path_following:PathSkill",
+    "Condition": "skill.condition:Condition",
     "PortModel": "spec.node_types:PortModel",
     "port": "spec.node_types:port",
     "Failure": "core.errors:Failure",

@@ -186,8 +186,10 @@ class Node(ReportingNode, composites.Composite):
 
     Attributes:
         ports: Ports with the blackboard's values of the last start.
+        restarts_children: Whether a new start sets the children back, too.
     """
 
+    restarts_children: ClassVar[bool] = True
     ports: PortModel
 
     def __init__(self, parts: NodeParts) -> None:
@@ -204,7 +206,8 @@ class Node(ReportingNode, composites.Composite):
         try:
             if self.status is not Status.RUNNING:
                 self.code = self.reason = ""
-                reset(self.children)
+                if self.restarts_children:
+                    reset(self.children)
                 self.ports = self._bound.now()
                 self.initialise()
             new_status = yield from self.tick_children()

@@ -25,6 +25,19 @@ from bt_dualarm.behaviors.composites import (
     Until,
     While,
 )
+from bt_dualarm.behaviors.conditions import (
+    All,
+    AnyOf,
+    ArmAt,
+    ArmNear,
+    Elapsed,
+    ForceAbove,
+    InZone,
+    Moving,
+    Not,
+    ObjectAt,
+    Sees,
+)
 from bt_dualarm.behaviors.coordination import Await, Claim, InStep, Meet, Signal
 from bt_dualarm.behaviors.decorators import (
     Delay,
@@ -61,6 +74,9 @@ _PARENTS: Final[tuple[type[ReportingNode], ...]] = (
     Retry,
     Repeat,
     ForEach,
+    All,
+    AnyOf,
+    Not,
     Timeout,
     Delay,
     Rate,
@@ -84,6 +100,14 @@ _LEAVES: Final[tuple[type[LanguageLeaf], ...]] = (
     Signal,
     Await,
     Meet,
+    ArmAt,
+    ArmNear,
+    InZone,
+    ObjectAt,
+    Sees,
+    Moving,
+    ForceAbove,
+    Elapsed,
 )
 
 PARENT_CLASSES: Final[Mapping[str, type[ReportingNode]]] = MappingProxyType(

@@ -6,6 +6,7 @@ import atexit
 import logging
 import traceback
 from collections.abc import Callable, Collection, Generator, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from types import GeneratorType, MappingProxyType
 from typing import Annotated, ClassVar, Final, Literal, Protocol, TypeAlias
@@ -203,6 +204,13 @@ class HeldArm(Protocol):
         """Returns metrics of contacts while the leaf moved the arm, except with ``asked``."""
 
 
+@dataclass
+class FirstTick:
+    """Time of a leaf's first tick since it was set back, in seconds; None if it was not ticked."""
+
+    time: float | None = None
+
+
 class Leaf(AcyclicNode):
     """A py_trees behavior that runs a skill and catches all of its exceptions.
 
@@ -214,6 +222,7 @@ class Leaf(AcyclicNode):
         begin: Function that makes a skill for a new run; may raise, as every call of a skill may.
         arm: Arm that this leaf uses.
         reports: Reports to which each run is added.
+        first_tick: Shared with ``begin``; by default unused.
     """
 
     def __init__(
@@ -222,7 +231,9 @@ class Leaf(AcyclicNode):
         begin: Callable[[], Skill],
         arm: HeldArm,
         reports: LeafReports,
+        first_tick: FirstTick | None = None,
     ) -> None:
+        self._first_tick = first_tick or FirstTick()
         self.path = name
         self.kind = name
         self.since = 0.0
@@ -244,6 +255,8 @@ class Leaf(AcyclicNode):
 
     def tick(self) -> Iterator[Behaviour]:
         """Run the skill to its next ``yield``."""
+        if self._first_tick.time is None:
+            self._first_tick.time = self._reporter.clock() if self._reporter else 0.0
         try:
             self._held_arm.enter(anew=self._run is None)
             if self._run is None:
@@ -279,6 +292,7 @@ class Leaf(AcyclicNode):
 
     def stop(self, new_status: Status = Status.INVALID) -> None:
         """Halt the skill if it is running."""
+        self._first_tick.time = None
         if self._run is not None:
             self._held_arm.enter(anew=False)
             problem = self._close()
@@ -397,9 +411,11 @@ class LanguageLeaf(Skill):
 
     Attributes:
         node_type: Declaration of the node type that a class implements.
+        first_tick: Time in s of the leaf's first tick in this run of the node around it.
     """
 
     node_type: ClassVar[LanguageNode]
+    first_tick = 0.0
 
     @classmethod
     def declares(cls, code: str) -> bool:  # noqa: ARG003 - any code is

@@ -21,7 +21,7 @@ from bt_dualarm.behaviors.composites import Guard, Until, While
 from bt_dualarm.behaviors.decorators import Timeout
 from bt_dualarm.behaviors.faults import FaultInjector
 from bt_dualarm.behaviors.language import LANGUAGE, LEAF_CLASSES, PARENT_CLASSES
-from bt_dualarm.behaviors.leaf import Leaf, Succeed
+from bt_dualarm.behaviors.leaf import FirstTick, LanguageLeaf, Leaf, Succeed
 from bt_dualarm.behaviors.node import (
     NAMES,
     Blackboard,
@@ -602,15 +602,19 @@ class _Builder:
 
         inject = None if self._faults is None else self._faults.of_leaf(path)
 
+        first = FirstTick()
+
         def begin() -> Skill:
             resolved = resolve_poses(bound.now(), context.arm)
             self._trace_ports(path, resolved.ports)
             made = skill(resolved.ports, context, writer.write)
             made.metrics |= resolved.metrics
             made.relative_to = resolved.names
+            if isinstance(made, LanguageLeaf) and first.time is not None:
+                made.first_tick = first.time
             return made if inject is None else inject(made)
 
-        return Leaf(spec.name, begin, context.arm, self.reports)
+        return Leaf(spec.name, begin, context.arm, self.reports, first)
 
     def _write(self, path: str, key: str, value: Data) -> None:
         """Write a key on behalf of the node at a path."""

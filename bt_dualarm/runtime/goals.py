@@ -18,7 +18,6 @@ from bt_dualarm.runtime.arm_runtime import IdleObserver
 from bt_dualarm.runtime.outcome import GoalResult
 from bt_dualarm.sim.contact_monitor import ContactMonitor, Contacts
 from bt_dualarm.sim.world import World
-from bt_dualarm.spec.cell import CellZone
 from bt_dualarm.spec.document import TreeFile
 from bt_dualarm.spec.goals import ConditionSpec
 
@@ -157,7 +156,7 @@ class Referee(IdleObserver):
             if zone.around not in self._world.objects:
                 return f"the zone {one.in_zone} is around {zone.around}, which is not in the world"
             frame = self._world.object_pose(zone.around) @ frame
-        distance = _outside_by(zone, frame.inverse.apply(point))
+        distance = zone.outside_by(frame.inverse.apply(point))
         return f"{subject} is {_mm(distance)} outside {one.in_zone}" if distance > 0.0 else ""
 
     def _not_on(self, one: ConditionSpec) -> str:
@@ -251,16 +250,6 @@ def _at_another_height(one: ConditionSpec, subject: str, point: Vector) -> str:
     height = float(point[2])
     low, high = one.height
     return "" if low <= height <= high else f"{subject} is at a height of {height:.3f} m"
-
-
-def _outside_by(zone: CellZone, point: Vector) -> float:
-    """Distance in m by which a point in the zone's frame is outside of it; 0 inside."""
-    if zone.shape == "box":
-        beyond = np.abs(point) - 0.5 * np.asarray(zone.size)
-    else:
-        radius, height = zone.size
-        beyond = np.array([np.hypot(point[0], point[1]) - radius, abs(point[2]) - 0.5 * height])
-    return float(np.linalg.norm(np.maximum(beyond, 0.0)))
 
 
 def _mm(meters: float) -> str:

@@ -18,6 +18,7 @@ from pydantic import ValidationError
 
 from bt_dualarm.core.errors import DualArmError, Interruption, Overrun
 from bt_dualarm.core.share import share_dir
+from bt_dualarm.skill.condition import Condition
 from bt_dualarm.skill.skill import STANDARD_FAILURES, Skill
 from bt_dualarm.spec.node_types import (
     CONDITION_FIELDS,
@@ -173,6 +174,8 @@ def faults(skill: type[Skill]) -> Iterator[str]:
         yield "run() has no yield: every yield ends a tick"
     if skill.run is Skill.run:
         yield "does not implement run()"
+    if skill.run is Condition.run and vars(skill).get("check") is None:
+        yield "does not implement check()"
     for part in ("Ports", "Outputs"):
         model = getattr(skill, part)
         if not (isinstance(model, type) and issubclass(model, PortModel)):

@@ -11,9 +11,18 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Final, Literal, Self, TypeAlias
 
+import numpy as np
 from pydantic import Field, model_validator
 
-from bt_dualarm.spec.node_types import LanguageNode, NodeSpec, NodeType, is_dynamic, port
+from bt_dualarm.core.pose import Vector
+from bt_dualarm.spec.node_types import (
+    LanguageNode,
+    NodeSpec,
+    NodeType,
+    is_dynamic,
+    metadata_of,
+    port,
+)
 from bt_dualarm.spec.parser import ParamSpec
 from bt_dualarm.spec.problems import Name, Problem, suggestion
 from bt_dualarm.spec.values import PoseSpec, Refers, Value
@@ -76,6 +85,19 @@ class CellZone(Value):
             raise ValueError(f"the size of a {self.shape} is [{wanted}], not {list(self.size)}")
         return self
 
+    def outside_by(self, point: Vector) -> float:
+        """Returns the distance in m of a point outside the zone, 0 inside.
+
+        Args:
+            point: Position in the frame of the zone, of shape (3,), m.
+        """
+        if self.shape == "box":
+            beyond = np.abs(point) - 0.5 * np.asarray(self.size)
+        else:
+            radius, height = self.size
+            beyond = np.array([np.hypot(point[0], point[1]) - radius, abs(point[2]) - 0.5 * height])
+        return float(np.linalg.norm(np.maximum(beyond, 0.0)))
+
 
 Participants: TypeAlias = Annotated[tuple[Name, ...], Field(min_length=2, max_length=16)]
 _Most: Final = 200
@@ -110,6 +132,7 @@ AWAIT: Final = "await"
 MEET: Final = "meet"
 CLAIM: Final = "claim"
 IN_STEP: Final = "in_step"
+IN_ZONE: Final = "in_zone"
 """Names of the node types that use the cell."""
 
 
@@ -201,6 +224,11 @@ class CellCheck:
             for resource in claimed(node.ports):
                 category, _, name = resource.partition(" ")
                 yield category, name
+        elif node.kind in self.node_types:
+            for port, info in self.node_types[node.kind].ports.model_fields.items():
+                refers = metadata_of(info, Refers)
+                if refers is not None:
+                    yield from ((each, str(node.ports.get(port))) for each in refers.to)
 
     def _declarations(self) -> Iterator[Problem]:
         for name, signal in self.cell.signals.items():
@@ -251,6 +279,12 @@ class CellCheck:
             yield node.port_problem((), message, "zone: NAME, object: NAME, or both", key=True)
         elif node.kind == IN_STEP:
             yield from self._partner(arm, node)
+        elif node.kind == IN_ZONE:
+            zone = self.cell.zones.get(str(node.ports.get("zone")))
+            if zone is not None and zone.around is not None:
+                message = f"{IN_ZONE}: '{node.ports['zone']}' moves with {zone.around}"
+                hint = "no sensor gives its pose: name a zone that does not move"
+                yield node.port_problem(("zone",), message, hint)
         elif node.kind == MEET:
             name = node.ports.get("at")
             participants = self.cell.rendezvous.get(name, ()) if isinstance(name, str) else ()

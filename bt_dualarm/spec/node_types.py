@@ -580,6 +580,7 @@ class NodeType:
         cases: Whether it takes a mapping of children, ``cases``.
         fixed: Ports that need a literal value and cannot come from the blackboard.
         shorthand: Port that a bare value stands for: ``wait: 2``.
+        bare_child: Whether its child may be written in its place: ``not: holding``.
         uses: Port that names a subtree, whose tree becomes the node's child; empty if none does.
         brings_in: Ports that name what the node spawns.
         needs_camera: Whether it works only with a camera that moves with the arm.
@@ -601,6 +602,7 @@ class NodeType:
     cases: bool = False
     fixed: frozenset[str] = frozenset()
     shorthand: str = ""
+    bare_child: bool = False
     uses: str = ""
     brings_in: frozenset[str] = frozenset()
     needs_camera: bool = False
@@ -797,7 +799,8 @@ RESERVED_NAMES: Final = frozenset(
         "retry", "repeat", "for_each", "timeout", "delay", "rate", "inverter", "force_success",
         "force_failure", "run_once", "on_halt", "subtree",
         "wait", "set", "compare", "test", "log", "fail", "succeed",
-        "signal", "await", "meet", "claim", "in_step",
+        "signal", "await", "meet", "claim", "in_step", "all", "any", "not",
+        "arm_at", "arm_near", "in_zone", "object_at", "sees", "moving", "force_above", "elapsed",
     }
 )  # fmt: skip
 """Names of the language's node types. No skill may have one of them: the registry of skills, which

@@ -797,7 +797,8 @@ class Parser:
                 )
         for slot in node_type.slots:
             if fields.get(slot.name) is not None:
-                yield slot.name, fields[slot.name], here.into(slot.name)
+                is_bare = node_type.bare_child and _is_bare_child(node_type, here.data)
+                yield slot.name, fields[slot.name], here if is_bare else here.into(slot.name)
             elif slot.required and slot.name not in misspelt:
                 message = f"{node_type.name}: '{slot.name}' is missing"
                 self._add(here, message, f"{slot.name}: a node", key=True)
@@ -869,11 +870,19 @@ def _fields(node_type: NodeType, body: Data) -> dict[str, Data] | None:
     """Returns the body of a node as a mapping, whatever its notation; None if it is invalid."""
     if body is None:
         return {}
+    if node_type.bare_child and _is_bare_child(node_type, body):
+        return {node_type.slots[0].name: body}
     if isinstance(body, dict):
         return dict(body)
     if isinstance(body, list):
         return {"children": body} if node_type.many else None
     return {node_type.shorthand: body} if node_type.shorthand else None
+
+
+def _is_bare_child(node_type: NodeType, body: Data) -> bool:
+    return isinstance(body, str) or (
+        isinstance(body, dict) and len(body) == 1 and not node_type.no_data_fields & body.keys()
+    )
 
 
 def _misspelt(node_type: NodeType, fields: Mapping[str, Data]) -> set[str]:

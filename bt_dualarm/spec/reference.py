@@ -84,6 +84,7 @@ class Description:
         outputs: Values that it writes to the blackboard if the file names a key.
         children: Fields for children, each with a text that says what it takes.
         shorthand: Port that a bare value stands for, empty if there is none.
+        bare_child: Whether the child may be written in its place.
         exactly_one_of: Ports of which exactly one must be given, if there are such.
         needs_camera: Whether it works only with a camera that moves with the arm.
         needs_gripper: Whether it works only with an arm that has a gripper.
@@ -98,6 +99,7 @@ class Description:
     outputs: tuple[PortDescription, ...]
     children: Mapping[str, str]
     shorthand: str
+    bare_child: bool
     exactly_one_of: tuple[str, ...]
     needs_camera: bool
     needs_gripper: bool
@@ -115,6 +117,7 @@ def describe(node_type: NodeType) -> Description:
         ports_of(node_type.outputs),
         _children_of(node_type),
         node_type.shorthand,
+        node_type.bare_child,
         node_type.ports.exactly_one_of,
         node_type.needs_camera,
         node_type.needs_gripper,
@@ -357,6 +360,8 @@ def _node(node: Description) -> Iterator[str]:
         yield f"Children: {'; '.join(fields)}.\n"
     if node.shorthand:
         yield f"A bare value is its `{node.shorthand}`.\n"
+    if node.bare_child:
+        yield "The child may also be written in its place.\n"
     if node.exactly_one_of:
         names = ", ".join(f"`{name}`" for name in node.exactly_one_of)
         yield f"Exactly one of {names} is given.\n"
@@ -553,6 +558,8 @@ def _body(node_type: NodeType, definitions: Json) -> Json:
         forms.append(children)
     if node_type.shorthand:
         forms.append(properties[node_type.shorthand])
+    if node_type.bare_child:
+        forms.append(_NODE)
     if _can_be_bare(node_type):
         forms.append({"type": "null"})
     return {"description": node_type.summary, "anyOf": forms}

@@ -31,6 +31,7 @@ DEFINED_IN = {
     "behaviors/decorators.py",
     "behaviors/leaf.py",
     "behaviors/coordination.py",
+    "behaviors/conditions.py",
     "spec/cell.py",
 }
 

@@ -61,9 +61,18 @@ class Stage:
         self.skills: dict[str, type[Skill]] = {yaml_name(s): s for s in (act, *more)}
         kinds = {name: kind_of(skill, "the test") for name, skill in self.skills.items()}
         file = folder / "tree.yaml"
-        head = "bt_dualarm: 1\narms:\n  arm1:\n    robot: ur5\n    tree:\n"
+        head = f"bt_dualarm: 1\n{self.head()}arms:\n{self.other_arms()}"
+        head += "  arm1:\n    robot: ur5\n    tree:\n"
         file.write_text(head + indent(tree.strip("\n"), "      "))
         self.tree = self.build(load_tree_file(file, kinds).arms["arm1"].tree)
+
+    def head(self) -> str:
+        """Sections of the file before its arms."""
+        return ""
+
+    def other_arms(self) -> str:
+        """Arms of the file besides this one."""
+        return ""
 
     def build(self, spec: Any) -> ArmTree:
         clock: Callable[[], float] = lambda: self.now  # noqa: E731 - read late, on purpose

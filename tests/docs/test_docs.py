@@ -37,6 +37,7 @@ EXAMPLE_PAGES = (
     "docs/first_skill.md",
     "docs/own_robot.md",
     "docs/expressions.md",
+    "docs/conditions.md",
     "docs/ticking.md",
 )
 

@@ -33,7 +33,7 @@ CELL: Tree = {
 }
 """What a second arm shares with the words that need one."""
 
-SHARING = ("await", "meet", "claim", "in_step")
+SHARING = ("await", "meet", "claim", "in_step", "arm_near")
 """Words of files with that cell."""
 
 PARTNERS: Mapping[str, Tree] = {
@@ -204,6 +204,10 @@ WORDS: tuple[Tree, ...] = (
     {"meet": {"at": "there", "timeout": 1.0}},
     {"claim": {"zone": "bin", "timeout": 1.0, "child": "succeed"}},
     {"in_step": {"with": "arm2", "timeout": 1.0, "child": "succeed"}},
+    {"arm_at": {"at": {"xyz": [0.35, 0.1, 0.55], "rpy": [0, 0, 5]}, "within": 0.01, "angle": 5.0}},
+    {"arm_near": {"arm": "arm2", "within": 0.3}},
+    {"force_above": {"force": 20.0, "direction": [0, 0, 1.0]}},
+    {"elapsed": {"seconds": 1.0}},
 )
 _POSE = {"xyz": [0.35, 0.1, 0.55]}
 LOOKED_FOR: tuple[Tree, ...] = (
@@ -474,6 +478,14 @@ def numbers(registry: Registry) -> Iterator[Number]:
     for node in WORDS:
         (word,) = node
         yield from _of_node(Scenario(), node, LANGUAGE[word].ports, "")
+    seeing = SCENARIOS["count"]
+    seen: tuple[Tree, ...] = (
+        *({"sees": {**form, "least": 1}} for form in LOOKED_FOR),
+        {"object_at": {"object": "cube", "at": [0.4, 0.1, 0.4], "within": 0.02}},
+    )
+    for node in seen:
+        (word,) = node
+        yield from _of_node(seeing, node, LANGUAGE[word].ports, "")
     for name, skill in registry.skills.items():
         example = node_of(skill.example)[name]
         fields = skill.Ports.model_fields.items()
