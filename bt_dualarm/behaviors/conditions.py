@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from py_trees.behaviour import Behaviour
@@ -37,10 +37,10 @@ from bt_dualarm.spec.values import (
     Angle,
     ArmName,
     Duration,
+    Goal,
     ObjectName,
     PoseSpec,
     PostureName,
-    ToolPose,
     Vector3,
 )
 
@@ -63,7 +63,7 @@ class ArmAt(_Leaf):
 
         exactly_one_of = ("at", "posture")
 
-        at: ToolPose | None = port(
+        at: Annotated[PoseSpec, Goal()] | None = port(
             None, "Pose of the tool in the world; the orientation counts only if given"
         )
         posture: PostureName | None = port(None, "Posture of the robot")

@@ -58,6 +58,7 @@ from bt_dualarm.spec.document import (
 from bt_dualarm.spec.explain import explain
 from bt_dualarm.spec.faults import fault_class, fault_problems, unique_names
 from bt_dualarm.spec.goals import SECTIONS, ConditionSpec
+from bt_dualarm.spec.many import expanded
 from bt_dualarm.spec.node_types import (
     NodeSpec,
     NodeType,
@@ -80,7 +81,8 @@ from bt_dualarm.spec.parser import (
     value_types,
 )
 from bt_dualarm.spec.problems import Location, Problem, SpecError, errors, in_order
-from bt_dualarm.spec.values import Value
+from bt_dualarm.spec.scene import Scene, is_scene_path, read_scene
+from bt_dualarm.spec.values import PoseSpec, Value
 from bt_dualarm.spec.yaml_reader import Data, DataPath, Source, TreeInput, read_tree, with_tuples
 
 _NOT_OF_THE_MODEL: Final = frozenset({"bt_dualarm", "params", "subtrees", "include"})
@@ -206,17 +208,24 @@ class _Loading:
         specs = declared(source, ("params",), self.problems)
         values, complaints = chosen(specs, self.given, source.file)
         self.problems += complaints
+        scope = Scope(values, types=value_types(specs))
+        # What is wrong with their expressions is reported with the rest of the file.
+        objects = fill_parameters(source, ("objects",), source.data.get("objects"), scope, [])
+        scene = self._scene(source, scope)
+        if scene is not None:
+            own = objects if isinstance(objects, dict) else {}
+            objects = {**(scene.source.get(("fixtures",)) or {}), **own}
         libraries = Libraries(FilePath(source.file).parent, source.texts)
         library = libraries.of(source)
         self.problems += libraries.problems
-        self._texts = {each.file: each.text for each in (source, *libraries.included)}
-        scope = Scope(values, types=value_types(specs))
+        read = [] if scene is None else [scene.source]
+        self._texts = {each.file: each.text for each in (source, *libraries.included, *read)}
         trees = self._trees(ParseContext(source, ("arms",), scope, library))
-        examination = Examination(LANGUAGE, self.skills, declared_names(source))
+        examination = Examination(LANGUAGE, self.skills, declared_names(source, objects))
         self._examine_subtrees(source, library, examination)
         for root in trees.values():
             examination.tree(root)
-        file = self._model(source, scope, trees)
+        file = self._model(source, scope, trees, scene)
         readable = file or self.sound
         if readable is not None:
             examination.cell(readable.cell, source, trees)
@@ -227,8 +236,8 @@ class _Loading:
             )
         self.problems += examination.problems
         if not errors(self.problems):
-            own = [subtree for subtree in library.values() if subtree.source is source]
-            self.problems += unused(source, specs, own, self._parser.used)
+            subtrees = [subtree for subtree in library.values() if subtree.source is source]
+            self.problems += unused(source, specs, subtrees, self._parser.used)
             if file is not None:
                 self.problems += examination.warnings(file, source)
         return file
@@ -268,7 +277,11 @@ class _Loading:
                 examination.nodes(root)
 
     def _model(
-        self, source: Source, scope: Scope, trees: Mapping[str, NodeSpec]
+        self,
+        source: Source,
+        scope: Scope,
+        trees: Mapping[str, NodeSpec],
+        scene: Scene | None,
     ) -> TreeFile | None:
         if "arms" not in source.data and "subtrees" in source.data:
             return None  # a file to include
@@ -286,15 +299,46 @@ class _Loading:
                 self.problems.append(
                     source.problem(found.path, found.message, found.hint, key=found.at_key)
                 )
-            self.sound = self._what_is_sound(filled, path)
+            self.sound = self._what_is_sound(filled, path, scene)
             return None
         for thing in content.objects.values():
             thing.look_in(path.parent)
+        fixtures = _fixtures(scene)
+        for name in (
+            fixtures.keys() & content.objects.keys() | fixtures.keys() & content.arms.keys()
+        ):
+            section = "objects" if name in content.objects else "arms"
+            message = f"'{name}' is already the name of a fixture of the scene"
+            self.problems.append(source.problem((section, name), message, key=True))
+        objects, groups, wrong = expanded({**fixtures, **content.objects})
+        for entry, message in wrong:
+            self.problems.append(source.problem(("objects", entry), message, key=True))
+        fields = dict(content) | {"objects": objects}
+        if scene is not None and scene.content is not None:
+            fields["arms"] = _on_mounts(content.arms, scene.content.cameras)
+            fields["scene_source"] = scene.source
         return TreeFile.model_construct(
-            **dict(content), path=path, texts=self._texts, given=dict(scope.values)
+            **fields,
+            path=path,
+            groups=groups,
+            fixtures=frozenset(fixtures),
+            texts=self._texts,
+            given=dict(scope.values),
         )
 
-    def _what_is_sound(self, filled: Mapping[str, Data], path: FilePath) -> TreeFile:
+    def _scene(self, source: Source, scope: Scope) -> Scene | None:
+        """Returns the scene file that the tree file names, if it does and it can be read."""
+        world = fill_parameters(source, ("world",), source.data.get("world"), scope, [])
+        name = world.get("scene") if isinstance(world, dict) else None
+        if not isinstance(name, str) or not is_scene_path(name):
+            return None
+        scene, problems = read_scene(source, name, FilePath(source.file).parent, source.texts)
+        self.problems += problems
+        return scene
+
+    def _what_is_sound(
+        self, filled: Mapping[str, Data], path: FilePath, scene: Scene | None
+    ) -> TreeFile:
         """Returns world, objects and arms of a file with errors, without the invalid fields."""
         parts: dict[str, dict[str, Value]] = {}
         models: dict[str, Callable[[Data], type[Value]]] = {
@@ -315,6 +359,10 @@ class _Loading:
         for thing in parts["objects"].values():
             if isinstance(thing, ObjectSpec):
                 thing.look_in(path.parent)
+        things = {
+            name: one for name, one in parts["objects"].items() if isinstance(one, ObjectSpec)
+        }
+        parts["objects"] = {**expanded({**_fixtures(scene), **things})[0]}
         fields: dict[str, Any] = {"world": world, "cell": cell, "path": path, **parts}
         return TreeFile.model_construct(name="", **fields)
 
@@ -334,6 +382,24 @@ class _Loading:
                 for part in parents:
                     holder = holder.get(part, {})
                 holder.pop(name, None)
+
+
+def _fixtures(scene: Scene | None) -> dict[str, ObjectSpec]:
+    """Returns the fixtures of a scene as objects by name."""
+    return {} if scene is None or scene.content is None else {**scene.content.fixtures}
+
+
+def _on_mounts(arms: Mapping[str, ArmSpec], mounts: Mapping[str, PoseSpec]) -> dict[str, ArmSpec]:
+    """Returns the arms with cameras at the poses of the scene's mounts that they name."""
+    found = {}
+    for name, arm in arms.items():
+        camera = arm.camera
+        if camera is not None and isinstance(camera.mount, str) and camera.mount in mounts:
+            placed = camera.model_copy(update={"mount": mounts[camera.mount]})
+            found[name] = arm.model_copy(update={"camera": placed})
+        else:
+            found[name] = arm
+    return found
 
 
 def _innermost(data: Data, location: Sequence[int | str]) -> DataPath:

@@ -21,6 +21,20 @@ class WorldError(DualArmError):
     """The world cannot do what was requested (unknown name, name in use, not present)."""
 
 
+class RoomError(WorldError):
+    """There is no room for the objects of one entry.
+
+    Args:
+        entry: Name of the entry.
+        message: The problem.
+    """
+
+    def __init__(self, entry: str, message: str) -> None:
+        super().__init__(f"{entry}: {message}")
+        self.entry = entry
+        self.message = message
+
+
 class OverlapError(WorldError):
     """An arm or object would overlap with another body.
 

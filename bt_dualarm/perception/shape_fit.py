@@ -291,7 +291,9 @@ def _symmetry(thing: ObjectSpec) -> tuple[int, bool, bool]:
     is_square = abs(thing.size[0] - thing.size[1]) < _SAME
     if thing.shape == "ellipsoid":
         return (0 if is_square else 2), True, False
-    return (4 if is_square else 2), True, True  # a bin or tray
+    if thing.shape == "shelf":
+        return 1, False, False
+    return (4 if is_square else 2), True, True  # a bin, tray or table
 
 
 def _pose(position: Vector, axes: Matrix) -> Pose:

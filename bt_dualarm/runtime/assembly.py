@@ -510,6 +510,7 @@ def _start(file: TreeFile, registry: Registry, options: RunOptions, assembly: As
     """Facts that the run starts from, for its history."""
     renderer = None if assembly.renderer is None else assembly.renderer.name
     timestep = assembly.world.timestep
+    file = file.model_copy(update={"objects": dict(assembly.world.declared_objects)})
     return Start(file, registry.skills, options, assembly.seed, renderer, timestep)
 
 

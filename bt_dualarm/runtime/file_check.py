@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from bt_dualarm.behaviors.language import LANGUAGE
 from bt_dualarm.behaviors.load import load
-from bt_dualarm.core.errors import CatalogError, Failure, OverlapError, WorldError
+from bt_dualarm.core.errors import CatalogError, Failure, OverlapError, RoomError, WorldError
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics, Workspace
 from bt_dualarm.robots.gripper import Gripper, Interval, gripper_names, load_gripper
@@ -42,6 +42,7 @@ from bt_dualarm.spec.node_types import (
 )
 from bt_dualarm.spec.problems import Location, Problem, SpecError, errors, in_order, suggestion
 from bt_dualarm.spec.relative_pose import RelativePose, relative_pose
+from bt_dualarm.spec.scene import is_scene_path
 from bt_dualarm.spec.values import (
     Goal,
     MarkerSpec,
@@ -152,7 +153,7 @@ class Names:
 
     def _scene(self) -> None:
         world = self.file.world
-        if world.scene not in scene_names():
+        if not is_scene_path(world.scene) and world.scene not in scene_names():
             self._unknown(("world", "scene"), "scene", world.scene, scene_names())
             return
         try:
@@ -173,7 +174,8 @@ class Names:
                     refuse_object_mesh(thing.mesh_path, self.file.root, thing.scale)
                 except MeshError as error:
                     message = f"mesh {thing.file} {error.message}"
-                    self._add(("objects", name, "file"), message, error.hint)
+                    problem = self.file.thing_problem(self.source, name, "file", message)
+                    self.problems.append(replace(problem, hint=error.hint))
 
     def _locked(self, path: DataPath, arm: ArmSpec, robot: Robot, gripper: Gripper | None) -> Robot:
         """The robot with its locked joints at the file's positions, if these are valid."""
@@ -558,6 +560,10 @@ def _problems_of_the_world(file: TreeFile, source: Source, name: str) -> list[Pr
     """Problems of composing the world, and of overlapping objects in it."""
     try:
         world = World(file, file.world.seed)
+    except RoomError as error:
+        hint = "a larger area, a smaller gap, or fewer objects"
+        problem = file.thing_problem(source, f"{error.entry}1", "many", error.message)
+        return [replace(problem, hint=hint)]
     except (CatalogError, WorldError) as error:
         return [Problem(Location(name), str(error))]
     # A tool that is a little inside an object is about to hold it: only objects are pushed away.
@@ -570,11 +576,12 @@ def _problems_of_the_world(file: TreeFile, source: Source, name: str) -> list[Pr
 
 def _overlap(file: TreeFile, source: Source, error: OverlapError) -> Problem:
     """Problem at the pose of the overlapping object, or at its declaration if it has no pose."""
-    part, field_name = ("arms", "base") if error.thing in file.arms else ("objects", "pose")
-    if source.get((part, error.thing, field_name)) is None:
-        problem = source.problem((part, error.thing), str(error), key=True)
+    if error.thing not in file.arms:
+        problem = file.thing_problem(source, error.thing, "pose", str(error))
+    elif source.get(("arms", error.thing, "base")) is None:
+        problem = source.problem(("arms", error.thing), str(error), key=True)
     else:
-        problem = source.problem((part, error.thing, field_name), str(error))
+        problem = source.problem(("arms", error.thing, "base"), str(error))
     if error.depth > MAX_DEPTH:
         return problem
     pushed = f"contacts will push it out, by {1000 * error.depth:.0f} mm or farther"

@@ -37,6 +37,7 @@ from bt_dualarm.robots.robot import Robot
 from bt_dualarm.sim.arm_models import LinkFactors, SampledArm, inertia_per_mass
 from bt_dualarm.sim.object_body import BodyPart, ObjectBody, body_of
 from bt_dualarm.spec.document import ArmSpec, CameraSpec, ObjectSpec, TreeFile, WorldSpec
+from bt_dualarm.spec.scene import is_scene_path
 from bt_dualarm.spec.values import MarkerSpec
 
 if TYPE_CHECKING:
@@ -426,6 +427,8 @@ def scene_spec(world: WorldSpec, root: Path) -> mujoco.MjSpec:
 def _scene_file(name: str, root: Path) -> Path:
     if name.endswith(".xml"):
         return root / name
+    if is_scene_path(name):  # its fixtures are objects of the file
+        name = "empty"
     if name in scene_names():
         return share_dir("assets") / "scenes" / f"{name}.xml"
     near = difflib.get_close_matches(name, scene_names(), n=1)

@@ -25,7 +25,14 @@ from bt_dualarm.grasping.grasp import solid_of as simple_solid
 from bt_dualarm.robots.meshes import object_hulls
 from bt_dualarm.robots.mjspec import GEOM_TYPES, half_sizes
 from bt_dualarm.spec.document import ObjectSpec
-from bt_dualarm.spec.shapes import DEFAULT_SIDES, WALL_M, PartShape, PartSpec, rgba_of
+from bt_dualarm.spec.shapes import (
+    DEFAULT_BOARDS,
+    DEFAULT_SIDES,
+    PartShape,
+    PartSpec,
+    rgba_of,
+    wall_of,
+)
 
 Primitive: TypeAlias = Literal["box", "cylinder", "capsule", "sphere", "ellipsoid"]
 PartKind: TypeAlias = Literal[Primitive, "hull"]
@@ -286,13 +293,22 @@ class ObjectBody:
 def body_of(thing: ObjectSpec) -> ObjectBody:
     """Body of a declared object; computed once for equal shapes."""
     parts = tuple(
-        (name, part.shape, part.size, part.wall, part.sides, part.density, part.color, *_key(part))
+        (
+            name,
+            part.shape,
+            part.size,
+            part.wall,
+            _count(part),
+            part.density,
+            part.color,
+            *_key(part),
+        )
         for name, part in thing.parts.items()
     )
     if thing.shape == "mesh":
         state = thing.mesh_path.stat()
         return _mesh_body(thing.mesh_path, thing.scale, state.st_mtime_ns, state.st_size)
-    return _body(thing.shape, thing.size, thing.wall, thing.sides, parts)
+    return _body(thing.shape, thing.size, thing.wall, _count(thing), parts)
 
 
 @lru_cache(maxsize=64)
@@ -303,6 +319,11 @@ def _mesh_body(path: Path, scale: float, changed: int, size: int) -> ObjectBody:
         for number, corners in enumerate(object_hulls(path, scale))
     )
     return ObjectBody("mesh", parts, (), tuple(range(len(parts))))
+
+
+def _count(shaped: ObjectSpec | PartSpec) -> int | None:
+    """Number of sides or boards, of a shape that has them."""
+    return shaped.sides or shaped.boards
 
 
 def _key(part: PartSpec) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -392,25 +413,29 @@ def half_extents(shape: str, size: Sequence[float], turn: Matrix) -> Vector:
 def _parts_of(
     shape: PartShape, size: tuple[float, ...], wall: float | None, sides: int | None
 ) -> Iterator[BodyPart]:
-    """Convex parts of a shape."""
+    """Convex parts of a shape; ``sides`` are the boards of a shelf."""
+    thick = wall_of(shape, wall)
     if shape in ("box", "cylinder", "capsule", "sphere", "ellipsoid"):
         yield _primitive(shape, size)
     elif shape == "prism":
         around = _circle(size[0], np.arange(sides or DEFAULT_SIDES) / (sides or DEFAULT_SIDES))
         yield _hull(_between(around, around, -0.5 * size[1], 0.5 * size[1]), f"prism{size}{sides}")
     elif shape in ("bin", "tray"):
-        yield from _open_box(size, wall or WALL_M)
+        yield from _open_box(size, thick)
+    elif shape == "table":
+        yield from _table(size, thick)
+    elif shape == "shelf":
+        yield from _shelf(size, thick, sides or DEFAULT_BOARDS)
     elif shape == "tube":
-        yield from _round_wall(size[0], -0.5 * size[1], 0.5 * size[1], wall or WALL_M)
+        yield from _round_wall(size[0], -0.5 * size[1], 0.5 * size[1], thick)
     elif shape == "cup":
         radius, height = size
-        thick = wall or WALL_M
         low = -0.5 * height
         floor = (radius - 0.5 * thick, thick)  # half into the wall, so that no gap remains
         yield _primitive("cylinder", floor, (0.0, 0.0, low + 0.5 * thick))
         yield from _round_wall(radius, low, 0.5 * height, thick)
     else:
-        yield from _bowl(size, wall or WALL_M)
+        yield from _bowl(size, thick)
 
 
 def _primitive(
@@ -437,6 +462,33 @@ def _open_box(size: tuple[float, ...], wall: float) -> Iterator[BodyPart]:
     for side in (-1.0, 1.0):
         between = (x - 2.0 * wall, wall, up)
         yield _primitive("box", between, (0.0, 0.5 * side * (y - wall), lifted))
+
+
+def _table(size: tuple[float, ...], top: float) -> Iterator[BodyPart]:
+    """A top and four square legs at its corners."""
+    x, y, z = size
+    yield _primitive("box", (x, y, top), (0.0, 0.0, 0.5 * (z - top)))
+    leg = min(_LEG_M, 0.2 * x, 0.2 * y)
+    for i in (-0.5, 0.5):
+        for k in (-0.5, 0.5):
+            place = (i * (x - leg), k * (y - leg), -0.5 * top)
+            yield _primitive("box", (leg, leg, z - top), place)
+
+
+_LEG_M: Final = 0.05
+"""Largest width of a table's legs, m."""
+
+
+def _shelf(size: tuple[float, ...], thick: float, boards: int) -> Iterator[BodyPart]:
+    """Two sides, a back at +y, and boards from the bottom to the top."""
+    x, y, z = size
+    for side in (-0.5, 0.5):
+        yield _primitive("box", (thick, y, z), (side * (x - thick), 0.0, 0.0))
+    inside = x - 2.0 * thick
+    yield _primitive("box", (inside, thick, z), (0.0, 0.5 * (y - thick), 0.0))
+    for number in range(boards):
+        height = (number / (boards - 1) - 0.5) * (z - thick)
+        yield _primitive("box", (inside, y - thick, thick), (0.0, -0.5 * thick, height))
 
 
 def _round_wall(radius: float, low: float, high: float, wall: float) -> Iterator[BodyPart]:

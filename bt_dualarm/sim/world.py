@@ -52,6 +52,7 @@ from bt_dualarm.sim.grippers import (
     HeldObjectMotion,
     move_held_objects,
 )
+from bt_dualarm.sim.many import drawn
 from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.spec.document import (
     REALITY_SETS,
@@ -635,6 +636,7 @@ class World(HoldingView):
 
     def __init__(self, file: TreeFile, seed: int = 0, *, visuals: bool = False) -> None:
         mujoco.set_mju_user_warning(_log.warning)  # by default MuJoCo writes MUJOCO_LOG.TXT
+        file = drawn(file, seed)
         self._file = file
         self._visuals = visuals
         self.declared_arms: Mapping[str, ArmSpec] = file.arms

@@ -26,6 +26,7 @@ from bt_dualarm.spec.expressions import (
     type_of,
 )
 from bt_dualarm.spec.goals import SECTIONS, condition_problems
+from bt_dualarm.spec.many import MOST_OF_A_KIND, ManySpec, members
 from bt_dualarm.spec.node_types import (
     CONDITION_FIELDS,
     EITHER,
@@ -58,7 +59,7 @@ from bt_dualarm.spec.node_types import (
 from bt_dualarm.spec.parser import ParamSpec, SubtreeSpec, not_a_body
 from bt_dualarm.spec.problems import Location, Problem, nearest, suggestion
 from bt_dualarm.spec.values import Refers
-from bt_dualarm.spec.yaml_reader import Data, DataPath, Json, Source
+from bt_dualarm.spec.yaml_reader import Data, DataPath, Json, Source, with_tuples
 
 # Nodes against the declarations of their node types: names, ports, outputs.
 
@@ -74,10 +75,15 @@ class Declared:
         return frozenset().union(*(self.names.get(each, frozenset()) for each in categories))
 
 
-def declared_names(source: Source) -> Declared:
-    """Returns the names to which the ports of a file's nodes may refer."""
+def declared_names(source: Source, given: Data) -> Declared:
+    """Returns the names to which the ports of a file's nodes may refer.
+
+    Args:
+        source: Source of the file.
+        given: Its section ``objects``, with its parameters filled in.
+    """
     cell = source.get(("cell",))
-    sections = {"object": source.get(("objects",)), "arm": source.get(("arms",))}
+    sections = {"object": _single(given), "arm": source.get(("arms",))}
     for category, section in CATEGORIES.items():
         sections[category] = cell.get(section) if isinstance(cell, dict) else None
     objects = sections["object"]
@@ -90,6 +96,24 @@ def declared_names(source: Source) -> Declared:
             for category, items in sections.items()
         }
     )
+
+
+def _single(objects: Data) -> Data:
+    """Section ``objects`` with an entry for each object of an entry that stands for several."""
+    if not isinstance(objects, dict):
+        return None
+    found: dict[str, Data] = {}
+    for name, thing in objects.items():
+        many = thing.get("many") if isinstance(thing, dict) else None
+        if many is None:
+            found[name] = thing
+            continue
+        try:
+            count = ManySpec.model_validate(with_tuples(many)).count
+        except ValidationError:  # reported elsewhere; names are not to be reported as well
+            count = MOST_OF_A_KIND
+        found |= dict.fromkeys(members(name, count), thing)
+    return found
 
 
 def _part_of(name: object) -> str:

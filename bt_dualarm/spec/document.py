@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Annotated, Final, Literal, Self, TypeAlias
 
 from pydantic import (
@@ -31,10 +32,12 @@ from pydantic import (
 from bt_dualarm.spec.cell import CellSpec
 from bt_dualarm.spec.faults import Faults, FaultSpec
 from bt_dualarm.spec.goals import Conditions
+from bt_dualarm.spec.many import MOST_OBJECTS, Group, ManySpec
 from bt_dualarm.spec.node_types import NodeSpec, one_line, port
-from bt_dualarm.spec.problems import Name, written_as
+from bt_dualarm.spec.problems import Name, Problem, written_as
 from bt_dualarm.spec.shapes import (
     SIZE_IN_WORDS,
+    WALL_IN_WORDS,
     Length,
     ObjectColor,
     ObjectShape,
@@ -57,7 +60,7 @@ from bt_dualarm.spec.values import (
     Uncertainty,
     Value,
 )
-from bt_dualarm.spec.yaml_reader import Data
+from bt_dualarm.spec.yaml_reader import Data, DataPath, Source
 
 RealityName: TypeAlias = Literal["ideal", "lab", "rough"]
 
@@ -405,10 +408,21 @@ _HalfWidth: TypeAlias = Annotated[float, Field(ge=0.0, le=10.0)]
 _Locked: TypeAlias = Annotated[float, Field(ge=-720.0, le=720.0)]
 
 
+SceneName: TypeAlias = Annotated[
+    str,
+    StringConstraints(max_length=200, pattern=r"^([A-Za-z][A-Za-z0-9_-]{0,47}|.{1,190}\.ya?ml)$"),
+]
+"""Name of a shipped scene, or path of a scene file."""
+
+
 class WorldSpec(Value):
     """The world and its clock."""
 
-    scene: Name = port("table", "File in `assets/scenes`, without its ending")
+    scene: SceneName = port(
+        "table",
+        "Scene that is shipped, by name, or path of a scene file (`scenes/cell.yaml`) relative to "
+        "the tree file",
+    )
     seed: int = port(0, "Random seed", ge=0, lt=2**32)
     timestep: float = port(0.002, "Physics time step", unit="s", ge=1e-4, le=0.004)
     renderer: Literal["auto", "gl", "ray"] = port(
@@ -459,10 +473,9 @@ class ObjectSpec(Value):
 
     shape: ObjectShape = port(..., "Shape, which determines the meaning of `size`")
     size: tuple[Length, ...] = port((), SIZE_IN_WORDS, unit="m", max_length=3)
-    wall: float | None = port(
-        None, "Thickness of the wall of a hollow shape; by default 3 mm", unit="m", ge=5e-4, le=0.2
-    )
+    wall: float | None = port(None, WALL_IN_WORDS, unit="m", ge=5e-4, le=0.2)
     sides: int | None = port(None, "Number of sides of a prism; by default 6", ge=3, le=32)
+    boards: int | None = port(None, "Number of boards of a shelf; by default 3", ge=2, le=12)
     parts: Annotated[dict[Name, PartSpec], Field(max_length=MOST_PARTS)] = port(
         {}, "Parts of a compound by name, in its frame"
     )
@@ -480,6 +493,9 @@ class ObjectSpec(Value):
         "Pose of its center in the world; of a compound, pose of its frame",
     )
     noise: NoiseSpec = port(NoiseSpec(), "Bounds within which the seed may move it")
+    many: ManySpec | None = port(
+        None, "Numbers, places, sizes and colors, if the entry stands for several objects"
+    )
     marker: MarkerSpec | None = port(None, "Marker on its top face, if it has one")
     spawned: bool = port(True, "Whether it is in the world from the start")
     fixed: bool = port(False, "Whether it is fixed in the world")
@@ -499,19 +515,30 @@ class ObjectSpec(Value):
     def _size_fits_shape(self) -> ObjectSpec:
         if self.parts and self.shape != "compound":
             raise ValueError(f"only a compound has parts; the shape is '{self.shape}'")
-        if (self.file or "scale" in self.model_fields_set) and self.shape != "mesh":
+        if (self.file or self.scale != 1.0) and self.shape != "mesh":
             raise ValueError(f"only a mesh has a file and a scale; the shape is '{self.shape}'")
         if self.shape != "compound" and self.shape != "mesh":
             refuse_size(self.shape, self)
             return self
         of_another = {"compound": "its parts have", "mesh": "its file determines it"}[self.shape]
-        for field in ("size", "wall", "sides"):
+        for field in ("size", "wall", "sides", "boards"):
             if getattr(self, field):
                 raise ValueError(f"a {self.shape} has no {field}: {of_another}")
         if self.shape == "compound" and not self.parts:
             raise ValueError("a compound needs parts: {NAME: {shape: …, size: …, pose: …}, …}")
         if self.shape == "mesh" and not self.file:
             raise ValueError("a mesh needs file: the path of an STL or OBJ file")
+        return self
+
+    @model_validator(mode="after")
+    def _sizes_fit_shape(self) -> ObjectSpec:
+        if self.many is not None and self.many.sizes is not None:
+            if self.shape == "compound" or self.shape == "mesh":
+                raise ValueError(f"many: a {self.shape} has no sizes")
+            for size in self.many.sizes:
+                refuse_size(
+                    self.shape, SimpleNamespace(size=size, wall=self.wall, sides=None, boards=None)
+                )
         return self
 
     @model_validator(mode="after")
@@ -531,6 +558,15 @@ class ObjectSpec(Value):
     def rgba(self) -> tuple[float, float, float, float]:
         """Red, green, blue, opacity from 0 to 1."""
         return rgba_of(self.color)
+
+
+class FixtureSpec(ObjectSpec):
+    """A fixture of a scene file: an object that is fixed by default."""
+
+    mass: float = port(
+        1.0, "Mass of one that is not fixed, evenly distributed", unit="kg", ge=1e-4, le=1000.0
+    )
+    fixed: bool = port(True, "Whether it is fixed in the world")
 
 
 class LimitShares(Value):
@@ -617,7 +653,7 @@ class TreeContent(Value):
     name: Annotated[str, Field(min_length=1, max_length=LONGEST_NAME), AfterValidator(one_line)]
     description: Annotated[str, Field(max_length=500)] = ""
     world: WorldSpec = WorldSpec()
-    objects: Annotated[dict[Name, ObjectSpec], Field(default_factory=dict, max_length=200)]
+    objects: Annotated[dict[Name, ObjectSpec], Field(default_factory=dict, max_length=MOST_OBJECTS)]
     cell: CellSpec = CellSpec()
     arms: Annotated[dict[Name, ArmSpec], Field(min_length=1, max_length=16)]
     goal: Conditions = Field(default_factory=dict)
@@ -637,11 +673,17 @@ class TreeFile(TreeContent):
 
     Attributes:
         path: Path of the file; relative paths in it start from its folder.
+        groups: Objects that stand for one entry, whose places the seed of a run determines.
+        scene_source: Source of its scene file, if it has one.
+        fixtures: Names of the objects that are declared there.
         texts: Texts of the file and of the files that it includes by path; Python data as JSON.
         given: Values of its parameters by name.
     """
 
     path: InstanceOf[Path] = Path()
+    groups: InstanceOf[tuple[Group, ...]] = ()
+    scene_source: InstanceOf[Source] | None = Field(default=None, repr=False)
+    fixtures: frozenset[str] = frozenset()
     texts: Mapping[str, str] = Field(default_factory=dict, repr=False)
     given: Mapping[str, object] = Field(default_factory=dict, repr=False)
 
@@ -656,6 +698,24 @@ class TreeFile(TreeContent):
         arms = {name: arm.model_copy(update={"reality": None}) for name, arm in self.arms.items()}
         world = self.world.model_copy(update={"reality": reality})
         return self.model_copy(update={"world": world, "arms": arms})
+
+    def thing_problem(self, source: Source, thing: str, field: str, message: str) -> Problem:
+        """Returns the problem of an object, or of one of its fields if the file has it.
+
+        Args:
+            source: Source of the tree file.
+            thing: Name of the object.
+            field: Name of the field.
+            message: The problem.
+        """
+        entries = (group.entry for group in self.groups if thing in group.names)
+        entry = next(entries, thing)
+        where: DataPath = ("objects", entry)
+        if entry in self.fixtures and self.scene_source is not None:
+            source = self.scene_source
+            where = ("fixtures", entry)
+        has_field = source.get((*where, field)) is not None
+        return source.problem((*where, field) if has_field else where, message, key=not has_field)
 
     def with_faults(self, faults: Mapping[str, FaultSpec]) -> TreeFile:
         """Returns the file with these faults in addition to its own."""

@@ -31,6 +31,7 @@ from bt_dualarm.spec.document import (
 from bt_dualarm.spec.explain import model_name, names_of, notation_of, range_of
 from bt_dualarm.spec.faults import KINDS
 from bt_dualarm.spec.goals import SECTIONS, ConditionSpec
+from bt_dualarm.spec.many import ManySpec
 from bt_dualarm.spec.node_types import CONDITION_FIELDS, KEY, LanguageNode, NodeType, Unit, unit_of
 from bt_dualarm.spec.parser import FORMAT, ParamSpec
 from bt_dualarm.spec.path_keep import Facing, Keep
@@ -188,6 +189,7 @@ _NESTED: Final[tuple[type[BaseModel], ...]] = (
     CellSignal,
     CellZone,
     NoiseSpec,
+    ManySpec,
     PartSpec,
     LimitShares,
     CameraSpec,

@@ -25,6 +25,8 @@ PartShape: TypeAlias = Literal[
     "tube",
     "cup",
     "bowl",
+    "table",
+    "shelf",
 ]
 """Shapes that are given by a size."""
 
@@ -43,16 +45,19 @@ SIZES: Final[Mapping[PartShape, tuple[str, ...]]] = {
     "tube": ("radius", "length"),
     "cup": ("radius", "height"),
     "bowl": ("radius", "height"),
+    "table": ("x", "y", "z"),
+    "shelf": ("x", "y", "z"),
 }
 """Names of the numbers in the size of each shape."""
 
-HOLLOW: Final = ("bin", "tray", "tube", "cup", "bowl")
+HOLLOW: Final = ("bin", "tray", "tube", "cup", "bowl", "table", "shelf")
 """Shapes that have a wall."""
 
 SIZE_IN_WORDS: Final = (
-    "Edge lengths of a box; outer lengths of an ellipsoid, bin or tray; radius and length of a "
-    "cylinder, prism (of its corners) or tube, or of a capsule without its end caps; radius and "
-    "height of a cup or bowl; radius of a sphere. A compound has parts instead, a mesh a file"
+    "Edge lengths of a box; outer lengths of an ellipsoid, bin, tray, table or shelf; radius and "
+    "length of a cylinder, prism (of its corners) or tube, or of a capsule without its end caps; "
+    "radius and height of a cup or bowl; radius of a sphere. A compound has parts instead, a mesh "
+    "a file"
 )
 """Description of these numbers, which are in meters."""
 
@@ -60,8 +65,18 @@ THINNEST_WALL: Final = 0.007
 """Least wall of a round hollow shape as a share of its radius: its wall consists of at most 32 flat
 segments, which would be thinner at their edges than in their middle."""
 
-WALL_M: Final = 0.003
-"""Thickness of a wall that is not given, m."""
+WALL_IN_WORDS: Final = (
+    "Thickness of the walls of a hollow shape, by default 3 mm; of a table's top, 30 mm; or of the "
+    "boards of a shelf, 18 mm"
+)
+"""Description of ``wall``."""
+
+_WALLS_M: Final = {"table": 0.03, "shelf": 0.018}
+_WALL_M: Final = 0.003
+"""Thickness of a wall that is not given, m; that of the boards of some shapes, and of others."""
+
+DEFAULT_BOARDS: Final = 3
+"""Number of boards of a shelf that does not give it."""
 
 Length: TypeAlias = Annotated[float, Field(ge=1e-4, le=10.0)]
 _Shade: TypeAlias = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -108,6 +123,10 @@ class Shaped(Protocol):
     def sides(self) -> int | None:
         """Number of sides of a prism; None for the default."""
 
+    @property
+    def boards(self) -> int | None:
+        """Number of boards of a shelf; None for the default."""
+
 
 def refuse_size(shape: PartShape, shaped: Shaped) -> None:
     """Check that size, wall and sides fit a shape.
@@ -124,12 +143,16 @@ def refuse_size(shape: PartShape, shaped: Shaped) -> None:
         raise ValueError(f"the size of {_a(shape)} is [{wanted}], not {list(size)}")
     if shaped.sides is not None and shape != "prism":
         raise ValueError(f"only a prism has sides, not {_a(shape)}")
+    if shaped.boards is not None and shape != "shelf":
+        raise ValueError(f"only a shelf has boards, not {_a(shape)}")
     if shaped.wall is not None and shape not in HOLLOW:
         raise ValueError(f"only {', '.join(HOLLOW)} have a wall, not {_a(shape)}")
     if shape not in HOLLOW:
         return
-    wall = wall_of(shaped)
-    if shape in ("bin", "tray"):
+    wall = wall_of(shape, shaped.wall)
+    if shape == "shelf":
+        most = min(0.4 * size[0], 0.4 * size[1], 0.9 * size[2] / (shaped.boards or DEFAULT_BOARDS))
+    elif shape in ("bin", "tray", "table"):
         most = min(0.4 * size[0], 0.4 * size[1], 0.8 * size[2])
     else:
         most = 0.8 * size[0] if shape == "tube" else min(0.8 * size[0], 0.8 * size[1])
@@ -144,9 +167,14 @@ def refuse_size(shape: PartShape, shaped: Shaped) -> None:
         )
 
 
-def wall_of(shaped: Shaped) -> float:
-    """Returns the thickness of a hollow shape's wall, m."""
-    return WALL_M if shaped.wall is None else shaped.wall
+def wall_of(shape: PartShape, wall: float | None) -> float:
+    """Returns the thickness of the walls or boards of a shape, m.
+
+    Args:
+        shape: Shape.
+        wall: Given thickness, m; None for the default.
+    """
+    return _WALLS_M.get(shape, _WALL_M) if wall is None else wall
 
 
 def has_round_top(shape: ObjectShape) -> bool:
@@ -175,10 +203,9 @@ class PartSpec(Value):
     size: tuple[Length, ...] = port(
         ..., "Size, as that of an object of this shape", unit="m", min_length=1, max_length=3
     )
-    wall: float | None = port(
-        None, "Thickness of the wall of a hollow shape; by default 3 mm", unit="m", ge=5e-4, le=0.2
-    )
+    wall: float | None = port(None, WALL_IN_WORDS, unit="m", ge=5e-4, le=0.2)
     sides: int | None = port(None, "Number of sides of a prism; by default 6", ge=3, le=32)
+    boards: int | None = port(None, "Number of boards of a shelf; by default 3", ge=2, le=12)
     pose: PoseSpec = port(
         PoseSpec(xyz=(0.0, 0.0, 0.0)), "Pose of its center in the frame of the object"
     )

@@ -10,8 +10,11 @@ import pytest
 
 import bt_dualarm as bt
 from bt_dualarm.core.pose import Matrix
+from bt_dualarm.replay.record import Record
+from bt_dualarm.replay.rerun import check_record
 from bt_dualarm.robots import meshes
 from bt_dualarm.sim.object_body import body_of
+from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.document import ObjectSpec
 
 BOX_FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
@@ -96,6 +99,7 @@ def test_it_is_picked_carried_set_down_and_replayed(folder: Path) -> None:
     leaves = result.arms["arm1"].leaves
     assert result.outcome == "SUCCESS", {n: (one.code, one.reason) for n, one in leaves.items()}
     assert float(leaves["sequence/place"].metrics["placed_error_m"]) < 0.005
+    assert check_record(Record.read(folder / "out"), Registry.load()).agrees
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,208 @@
+"""Places, sizes and colors of the objects of a group, drawn with the seed of the run.
+
+Scattered objects and piles are placed one after the other, where MuJoCo finds no contact with
+the scene and everything placed before, with the gap that the file asks for.
+"""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections.abc import Iterator
+from typing import Final
+
+import mujoco
+import numpy as np
+
+from bt_dualarm.core.errors import RoomError, WorldError
+from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.sim import composition
+from bt_dualarm.sim.arm_models import LinkFactors
+from bt_dualarm.sim.object_body import body_of
+from bt_dualarm.spec.document import ObjectSpec, TreeFile
+from bt_dualarm.spec.many import Group, ManySpec
+from bt_dualarm.spec.values import PoseSpec
+
+_TRIES: Final = 400
+"""Random places that are tried for each scattered object."""
+
+_LAYERS: Final = 200
+"""Heights that are tried for each object of a pile."""
+
+_STACKED_M: Final = 1e-4
+"""Distance between the objects of a stack at the start, m: they do not penetrate each other."""
+
+_FAR_M: Final = 500.0
+"""Height of what is not placed yet, m."""
+
+_EXACT: Final = LinkFactors(1.0, 1.0, np.zeros(3))
+
+
+def drawn(file: TreeFile, seed: int) -> TreeFile:
+    """The file with a pose, size and color for each object of its groups; has no groups itself.
+
+    Raises:
+        RoomError: There is no room for a group.
+        WorldError: The objects do not compile to a world.
+        CatalogError: The scene cannot be used.
+    """
+    if not file.groups:
+        return file
+    objects = dict(file.objects)
+    for group in file.groups:
+        rng = np.random.default_rng([seed, zlib.crc32(group.entry.encode()), 1])
+        for name in group.names:
+            objects[name] = _varied(objects[name], group.many, rng)
+    for group in file.groups:
+        if group.many.grid is not None or group.many.stack is not None:
+            own = [objects[name] for name in group.names]
+            places = _grid(own, group.many) if group.many.grid else _stack(own)
+            for name, place in zip(group.names, places, strict=True):
+                objects[name] = _moved(objects[name], place)
+    loose = [group for group in file.groups if group.many.pile or group.many.scatter]
+    if loose:
+        _place(file, seed, objects, loose)
+    return file.model_copy(update={"objects": objects, "groups": ()})
+
+
+def _varied(thing: ObjectSpec, many: ManySpec, rng: np.random.Generator) -> ObjectSpec:
+    """An object with a random size and color, if the group has several."""
+    changed: dict[str, object] = {}
+    if many.sizes is not None:
+        low, high = (np.array(size) for size in many.sizes)
+        changed["size"] = tuple((low + (high - low) * rng.uniform(size=len(low))).tolist())
+    if many.colors is not None:
+        changed["color"] = many.colors[int(rng.integers(len(many.colors)))]
+    return thing.model_copy(update=changed)
+
+
+def _moved(thing: ObjectSpec, place: Pose) -> ObjectSpec:
+    """An object at a pose in the frame of its declared one."""
+    pose = thing.pose.pose @ place
+    x, y, z = pose.position.tolist()
+    a, b, c, d = pose.quaternion.tolist()
+    return thing.model_copy(update={"pose": PoseSpec(xyz=(x, y, z), quat=(a, b, c, d))})
+
+
+def _grid(things: list[ObjectSpec], many: ManySpec) -> Iterator[Pose]:
+    """Places on a grid around the pose, x first; rows are as far apart as the largest needs."""
+    counts = (*(many.grid or ()), 1, 1)[:3]
+    spans = np.array([np.ptp(body_of(thing).corners, axis=0) for thing in things])
+    steps: Vector = spans.max(axis=0) + many.gap
+    if many.spacing is not None:
+        given = many.spacing if len(many.spacing) > 1 else many.spacing * len(many.grid or ())
+        steps[: len(given)] = given
+    for z in range(counts[2]):
+        for y in range(counts[1]):
+            for x in range(counts[0]):
+                number = np.array((x, y, z)) - 0.5 * (np.array(counts) - 1.0)
+                yield Pose.from_rpy(tuple((number * steps).tolist()))
+
+
+def _stack(things: list[ObjectSpec]) -> Iterator[Pose]:
+    """Places on top of each other, of which the first one is the pose."""
+    top: float | None = None
+    for thing in things:
+        heights = body_of(thing).corners[:, 2]
+        low, high = float(heights.min()), float(heights.max())
+        place = 0.0 if top is None else top + _STACKED_M - low
+        top = place + high
+        yield Pose.from_rpy((0.0, 0.0, place))
+
+
+class _Room:
+    """A world of objects alone, in which places are tried.
+
+    Args:
+        file: File whose scene surrounds the objects.
+        seed: Seed of the noise of objects that are in place already.
+        objects: All objects.
+        loose: Names of those that have no place yet.
+    """
+
+    def __init__(
+        self, file: TreeFile, seed: int, objects: dict[str, ObjectSpec], loose: set[str]
+    ) -> None:
+        spec = composition.scene_spec(file.world, file.root)
+        for number, (name, thing) in enumerate(objects.items()):
+            if name in loose:
+                free = thing.model_copy(update={"fixed": False})
+                away = Pose.from_rpy((0.0, 20.0 * number, _FAR_M))
+                composition.add_object(spec, name, free, away, _EXACT)
+            elif thing.spawned:
+                pose = composition.noisy_pose(name, thing, seed)
+                composition.add_object(spec, name, thing, pose, _EXACT)
+        try:
+            self._model = spec.compile()
+        except ValueError as error:
+            raise WorldError(f"MuJoCo cannot compile the objects: {error}") from error
+        self._data = mujoco.MjData(self._model)
+
+    def takes(self, name: str, pose: Pose, gap: float) -> bool:
+        """Put an object at a pose; returns whether it keeps the gap from everything else."""
+        model = self._model
+        data = self._data
+        body = int(model.body(name).id)
+        start = int(model.jnt_qposadr[model.body_jntadr[body]])
+        data.qpos[start : start + 7] = (*pose.position, *pose.quaternion)
+        own = model.geom_bodyid == body
+        model.geom_margin[:] = np.where(own, gap, 0.0)
+        model.body_margin[:] = np.where(np.arange(model.nbody) == body, gap, 0.0)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_collision(model, data)
+        contact = data.contact
+        # What lies on a support keeps no gap from it: only what is beside it counts.
+        beside = np.abs(contact.frame.reshape(-1, 3, 3)[:, 0, 2]) < _BENEATH
+        near = (contact.dist < gap) & beside | (contact.dist < -_TOUCH_M)
+        return not (own[contact.geom].any(axis=1) & near).any()
+
+
+_BENEATH: Final = 0.9
+"""Least cosine between the vertical and the normal of a contact with a support."""
+
+_TOUCH_M: Final = 5e-4
+"""Penetration that counts as lying on something, m."""
+
+
+def _place(file: TreeFile, seed: int, objects: dict[str, ObjectSpec], groups: list[Group]) -> None:
+    """Set the poses of scattered objects and piles, one after the other."""
+    room = _Room(file, seed, objects, {name for group in groups for name in group.names})
+    for group in groups:
+        rng = np.random.default_rng([seed, zlib.crc32(group.entry.encode()), 2])
+        many = group.many
+        for number, name in enumerate(group.names):
+            thing = objects[name]
+            places = _dropped(thing, many, rng) if many.pile else _scattered(thing, many, rng)
+            for place in places:
+                moved = _moved(thing, place)
+                if room.takes(name, moved.pose.pose, many.gap):
+                    objects[name] = moved
+                    break
+            else:
+                wide, deep = many.area
+                raise RoomError(
+                    group.entry,
+                    f"only {number} of {many.count} objects found room in {wide:g} m by "
+                    f"{deep:g} m with a gap of {many.gap:g} m",
+                )
+
+
+def _scattered(thing: ObjectSpec, many: ManySpec, rng: np.random.Generator) -> Iterator[Pose]:
+    """Random places within the area, with the whole object inside."""
+    corners = body_of(thing).corners
+    for _ in range(_TRIES):
+        share = rng.uniform(-0.5, 0.5, 2)
+        turn = math.radians(float(rng.uniform(-many.yaw, many.yaw)))
+        half = np.abs(Pose.from_rpy((0, 0, 0), (0, 0, turn)).apply(corners)[:, :2]).max(axis=0)
+        x, y = (share * np.maximum(np.array(many.area) - 2.0 * half, 0.0)).tolist()
+        yield Pose.from_rpy((x, y, 0.0), (0.0, 0.0, turn))
+
+
+def _dropped(thing: ObjectSpec, many: ManySpec, rng: np.random.Generator) -> Iterator[Pose]:
+    """A random place within the area at rising heights."""
+    x, y = (rng.uniform(-0.5, 0.5, 2) * np.array(many.area)).tolist()
+    turn = math.radians(float(rng.uniform(-many.yaw, many.yaw)))
+    step = 0.25 * float(np.ptp(body_of(thing).corners[:, 2])) + many.gap
+    for layer in range(_LAYERS):
+        yield Pose.from_rpy((x, y, layer * step), (0.0, 0.0, turn))
