@@ -43,7 +43,7 @@ from numba.core import codegen, compiler, environment, registry, typed_passes, t
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, UserWideCacheLocator
 from numba.core.compiler_machinery import register_pass
 from numba.core.environment import _rebuild_env
-from numba.core.runtime import _nrt_python
+from numba.core.runtime import nrt
 from numba.core.serialize import dumps
 
 from bt_dualarm.core.share import code_folder, digest_of_code, digest_of_kernels
@@ -111,7 +111,7 @@ class _Unlinked:
         """Does nothing."""
 
 
-@register_pass(mutates_CFG=True, analysis_only=False)  # type: ignore[no-untyped-call, untyped-decorator]
+@register_pass(mutates_CFG=True, analysis_only=False)  # type: ignore[no-untyped-call]
 class InnerLowering(typed_passes.NativeLowering):
     """Lowers to a library for other kernels."""
 
@@ -479,7 +479,7 @@ class KernelCode(CompileResultCacheImpl):
 @cache
 def _add_symbols() -> None:
     """Let loaded code find numba's functions in C."""
-    for name, address in _nrt_python.c_helpers.items():
+    for name, address in nrt._nrt.c_helpers.items():
         binding.add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
 
 
