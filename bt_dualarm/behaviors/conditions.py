@@ -33,6 +33,7 @@ from bt_dualarm.spec.node_types import (
     Slot,
     port,
 )
+from bt_dualarm.spec.relative_pose import ToolPose
 from bt_dualarm.spec.values import (
     Angle,
     ArmName,
@@ -40,7 +41,6 @@ from bt_dualarm.spec.values import (
     ObjectName,
     PoseSpec,
     PostureName,
-    ToolPose,
     Vector3,
 )
 
