@@ -75,10 +75,13 @@ _BRAKE_ACCELERATION = 0.5
 _BRAKE_JERK = 0.35
 """Share of the plane jerk for braking before the target, from afar."""
 
-_NEAR_M = 0.02
-"""Distance within which the tool closes in with the two shares below, m."""
+_SMALL_M = 0.001
+"""Distance within which the tool hurries all the same, m: what remains where nothing surprises."""
 
-_NEAR_ACCELERATION = 0.25
+_NEAR_M = 0.02
+"""Distance down to which the tool closes in as from afar, m; between both with the shares below."""
+
+_NEAR_ACCELERATION = 0.06
 """Share of the plane acceleration for closing the last distance."""
 
 _NEAR_JERK = 0.02
@@ -86,9 +89,9 @@ _NEAR_JERK = 0.02
 
 A target that is followed leaves the arm only what it does not need itself, and a prediction errs in
 velocity and acceleration before it errs in position. An arm that hurries to close a distance has to
-undo that speed when the next image contradicts: it overshoots and needs longer. Smaller shares are
-a few percent better near the limits of an arm, but worse on the curves of the experiments, where a
-Panda has acceleration to spare.
+undo that speed when the next image contradicts: it overshoots and needs longer. The two shares are
+those with the least error on motions of `benchmarks.servo_law`, which need 80 % of an arm's speed;
+half or twice as much costs 2 %.
 """
 
 _FADE_JERK = 0.5
@@ -243,11 +246,14 @@ def closing_velocity(away: Vector, gains: Gains, reach: PlaneLimits) -> Vector:
     distance = math.hypot(away[0], away[1])
     if distance == 0.0:
         return np.zeros(2)
-    near = PlaneLimits(_NEAR_ACCELERATION * reach.acceleration, _NEAR_JERK * reach.jerk)
-    speed = braking_speed(distance, near)
+    far = PlaneLimits(_BRAKE_ACCELERATION * reach.acceleration, _BRAKE_JERK * reach.jerk)
+    small = min(distance, _SMALL_M)
+    speed = min(gains.c * small, braking_speed(small, far))
+    # Squares add: by v² = 2 a d the tool then brakes no harder than each part asks for.
+    if distance > _SMALL_M:
+        near = PlaneLimits(_NEAR_ACCELERATION * reach.acceleration, _NEAR_JERK * reach.jerk)
+        speed = math.hypot(speed, braking_speed(distance - _SMALL_M, near))
     if distance > _NEAR_M:
-        # Squares add: by v² = 2 a d the tool then brakes no harder than from afar.
-        far = PlaneLimits(_BRAKE_ACCELERATION * reach.acceleration, _BRAKE_JERK * reach.jerk)
         speed = math.hypot(speed, braking_speed(distance - _NEAR_M, far))
     speed = min(gains.c * distance, speed)
     closing: Vector = away * (speed / distance)
