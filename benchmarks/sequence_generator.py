@@ -51,6 +51,7 @@ FREE_SKILLS: Final = (
     "circle",
     "lissajous",
     "draw",
+    "follow_path",
     "go_home",
     "follow_tool",
     "hold_still",
@@ -412,6 +413,15 @@ class _Author:
             "points": points.round(4).tolist(),
             "end": "center",
             "speed": 1.0,
+        }
+
+    def _follow_path(self, _: str | None) -> Ports:
+        width, height = self._rng.uniform(30, 60, 2).round(1).tolist()
+        return {
+            "plane": self._plane(),
+            "points": [[0, 0], [width, 0], [width, height], [0, height]],
+            "closed": True,
+            "tool_speed": 0.03,
         }
 
     def _go_home(self, _: str | None) -> Ports:

@@ -444,7 +444,7 @@ class Referee(IdleObserver):
     def _judge_back(self, leaf: Ended) -> Iterator[str]:
         yield from self._off(leaf.begun.tool, 0.005, 2.0)
 
-    _judge_lissajous = _judge_draw = _judge_back
+    _judge_lissajous = _judge_draw = _judge_follow_path = _judge_back
 
     def _judge_follow_tool(self, leaf: Ended) -> Iterator[str]:
         error = float(leaf.metrics["follow_max_m"])

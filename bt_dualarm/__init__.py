@@ -133,6 +133,8 @@ if TYPE_CHECKING:
     from bt_dualarm.spec.node_types import Counterpart as Counterpart
     from bt_dualarm.spec.node_types import PortModel as PortModel
     from bt_dualarm.spec.node_types import port as port
+    from bt_dualarm.spec.path_file import PathFile as PathFile
+    from bt_dualarm.spec.path_file import points_in as points_in
     from bt_dualarm.spec.path_keep import Keep as Keep
     from bt_dualarm.spec.problems import Problem as Problem
     from bt_dualarm.spec.problems import SpecError as SpecError
@@ -229,6 +231,7 @@ _CONTENTS: Final = {
     "ObjectPose": "spec.relative_pose:ObjectPose",
     "Offset": "spec.values:Offset",
     "Plane": "spec.values:Plane",
+    "PathFile": "spec.path_file:PathFile",
     "Planner": "planning.path_search:Planner",
     "PointPose": "spec.relative_pose:PointPose",
     "PoseSpec": "spec.values:PoseSpec",
@@ -252,6 +255,7 @@ _CONTENTS: Final = {
     "drawn_path": "trajectory.paths:drawn",
     "turned_path": "trajectory.paths:turned_about",
     "follow_curve": "skill.path_following:follow_curve",
+    "points_in": "spec.path_file:points_in",
     "check_arrival": "skill.path_following:check_arrival",
     "FollowingError": "skill.tracking:FollowingError",
     "PlaneTracking": "skill.tracking:PlaneTracking",

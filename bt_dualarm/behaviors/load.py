@@ -80,6 +80,7 @@ from bt_dualarm.spec.parser import (
     fill_parameters,
     value_types,
 )
+from bt_dualarm.spec.path_file import texts_of
 from bt_dualarm.spec.problems import Location, Problem, SpecError, errors, in_order
 from bt_dualarm.spec.scene import Scene, is_scene_path, read_scene
 from bt_dualarm.spec.values import PoseSpec, Value
@@ -221,6 +222,8 @@ class _Loading:
         read = [] if scene is None else [scene.source]
         self._texts = {each.file: each.text for each in (source, *libraries.included, *read)}
         trees = self._trees(ParseContext(source, ("arms",), scope, library))
+        for root in trees.values():
+            self._read_texts(root)
         examination = Examination(LANGUAGE, self.skills, declared_names(source, objects))
         self._examine_subtrees(source, library, examination)
         for root in trees.values():
@@ -241,6 +244,15 @@ class _Loading:
             if file is not None:
                 self.problems += examination.warnings(file, source)
         return file
+
+    def _read_texts(self, root: NodeSpec) -> None:
+        """Read the files that ports name; they are part of the file, and of its record."""
+        folder = FilePath(self.source.file).parent
+        for found in texts_of(root, self.skills or {}, folder, self.source.texts):
+            if isinstance(found, Problem):
+                self.problems.append(found)
+            else:
+                self._texts[found[0]] = found[1]
 
     def _check_version(self, source: Source) -> None:
         version = source.data.get("bt_dualarm")

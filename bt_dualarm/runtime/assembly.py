@@ -211,6 +211,7 @@ class _ArmFactory:
             log=logging.getLogger(f"bt_dualarm.skills.{arm.name}"),
             record=partial(self.series.add, arm.name, path),
             cell=cell,
+            texts=self.file.texts_by_name,
         )
 
 

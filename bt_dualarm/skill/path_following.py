@@ -13,10 +13,12 @@ import numpy as np
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Pose, Vector
-from bt_dualarm.planning.problem import trace
+from bt_dualarm.planning.problem import joint_path, trace
 from bt_dualarm.skill.grip import held_through
 from bt_dualarm.skill.skill import Record, Skill, nowhere
 from bt_dualarm.spec.node_types import port
+from bt_dualarm.trajectory.constant_speed import at_constant_speed
+from bt_dualarm.trajectory.path_timing import timed_path
 from bt_dualarm.trajectory.paths import CartesianPath
 from bt_dualarm.trajectory.set_points import TrajectorySource
 from bt_dualarm.trajectory.trajectory import Trajectory
@@ -156,6 +158,7 @@ def follow_curve(
     record: Record = nowhere,
     tolerance: float = TOLERANCE_M,
     end: Pose | None = None,
+    tool_speed: float | None = None,
 ) -> Generator[float | None, None, dict[str, Number]]:
     """Move to the start of a path, then along it from rest to rest: all of it or nothing.
 
@@ -168,19 +171,22 @@ def follow_curve(
         record: Recorder of ``planned`` and ``executed`` tool positions.
         tolerance: Largest distance of the tool from its planned position, m.
         end: Pose in the world to which the tool moves on in a straight line; None to stay.
+        tool_speed: Constant speed of the tool along the path, m/s, after a smooth start and before
+            a smooth end; None for as fast as ``speed`` allows.
 
     Returns:
         ``path_rms_m`` and ``path_max_m`` of executed against planned tool positions at equal
         times, ``duration_s``, and ``shortest_s``: the least duration under velocity and
-        acceleration limits alone (TOPP-RA). ``grip_pace`` if the grip limits the speed.
+        acceleration limits alone (TOPP-RA). ``grip_pace`` if the grip limits the speed. With
+        ``tool_speed`` also ``ramp_s``, the duration of the start and of the end.
 
     Raises:
-        Failure: ``PATH_BROKEN``, ``SINGULAR``, ``UNREACHABLE``, ``IN_COLLISION`` or
+        Failure: ``TOO_FAST``, ``PATH_BROKEN``, ``SINGULAR``, ``UNREACHABLE``, ``IN_COLLISION`` or
             ``OVERLOADED`` before anything moves; ``TRACKING_ERROR`` as soon as the tool is beyond
             the tolerance; ``INTERRUPTED`` or ``BUSY``.
     """
     yield from arm.think()
-    plan = _Plan.of(arm, path, speed, end)
+    plan = _Plan.of(arm, path, speed, end, tool_speed)
     yield from _enter(arm, path, plan.motion, speed)
     source = arm.begin(plan.motion, along_path=True)
     deviation = PathDeviation(arm, source, record)
@@ -194,6 +200,8 @@ def follow_curve(
     }
     if plan.grip_scale < 1.0:
         metrics["grip_pace"] = plan.grip_scale
+    if plan.ramp_s is not None:
+        metrics["ramp_s"] = plan.ramp_s
     if plan.exit is not None:
         arm.refuse_collision_along(plan.exit)  # the world may have changed since it was planned
         for progress in arm.follow(plan.exit):
@@ -210,24 +218,51 @@ class _Plan:
         shortest_s: Its least duration under velocity and acceleration limits alone.
         grip_scale: Speed scale to which the grip limits it, up to 1.
         exit: Motion from the path's end to another end pose; None to stay there.
+        ramp_s: Duration of its start and of its end, if its speed is constant in between.
     """
 
     motion: Trajectory
     shortest_s: float
     grip_scale: float
     exit: Trajectory | None
+    ramp_s: float | None
 
     @classmethod
-    def of(cls, arm: Arm, path: CartesianPath, speed: float, end: Pose | None) -> _Plan:
+    def of(
+        cls,
+        arm: Arm,
+        path: CartesianPath,
+        speed: float,
+        end: Pose | None,
+        tool_speed: float | None = None,
+    ) -> _Plan:
         limits = arm.limits(speed)
-        motion, shortest = trace(arm.kinematics, path, arm.setpoint.q, limits, arm.period)
+        ramp = None
+        if tool_speed is None:
+            motion, shortest = trace(arm.kinematics, path, arm.setpoint.q, limits, arm.period)
+        else:
+            full = arm.limits(1.0)
+            rows = joint_path(arm.kinematics, path, arm.setpoint.q)
+            shortest = timed_path(rows, full, arm.period, path.closed).shortest_s
+            motion, ramp = at_constant_speed(rows, path.lengths, tool_speed, full, arm.period)
         arm.refuse_collision_along(motion)
+        asked_s = motion.duration
         motion = arm.within_efforts(motion)
+        if ramp is not None and motion.duration > asked_s + arm.period:
+            asked = path.length / (asked_s - ramp)
+            fastest = asked * asked_s / motion.duration
+            raise Failure(
+                "TOO_FAST",
+                f"the load does not allow the tool to move at {asked:.3g} m/s on the whole path; "
+                f"try {fastest:.3g} m/s",
+                asked_m_s=asked,
+                fastest_m_s=fastest,
+            )
         grip_scale = arm.grip_pace
         leave = None
         if end is not None and not _is_at(path.end, end):
             leave = _straight(arm, motion.end, end, speed)
-        return cls(motion, shortest, grip_scale, leave)
+        return cls(motion, shortest, grip_scale, leave, ramp)
 
     @property
     def share(self) -> float:
@@ -352,21 +387,27 @@ class PathSkill(Skill):
     }
     needs = ("scipy.interpolate",)
 
-    def along(self, path: CartesianPath, *, to_center: bool = False) -> Iterator[float | None]:
+    def along(
+        self, path: CartesianPath, *, to_center: bool = False, tool_speed: float | None = None
+    ) -> Iterator[float | None]:
         """Move to the start of a path and along it; adds the measured errors to the metrics.
 
         Args:
             path: Path of the tool, in the world.
             to_center: Whether the tool moves on to the curve's center, on a straight line.
+            tool_speed: Constant speed of the tool, m/s; None for as fast as ``speed`` allows.
 
         Raises:
             Failure: As `follow_curve` and, with a held object, as `held_through`.
         """
         end = path.center if to_center else None
-        self.metrics |= yield from held_through(self.arm, self._follow(path, end))
+        following = self._follow(path, end, tool_speed)
+        self.metrics |= yield from held_through(self.arm, following)
 
-    def _follow(self, path: CartesianPath, end: Pose | None) -> Iterator[float | None]:
+    def _follow(
+        self, path: CartesianPath, end: Pose | None, tool_speed: float | None
+    ) -> Iterator[float | None]:
         ports = self.ports
         self.metrics |= yield from follow_curve(
-            self.arm, path, ports.speed, self.record, ports.tolerance, end
+            self.arm, path, ports.speed, self.record, ports.tolerance, end, tool_speed
         )

@@ -90,6 +90,7 @@ class SkillContext:
         log: Logger of the arm's skills.
         record: Function that records samples over time.
         cell: What the trees of the file share.
+        texts: Texts of the files that ports of the tree name, by the name that the port has.
     """
 
     name: str
@@ -99,6 +100,7 @@ class SkillContext:
     log: logging.Logger
     record: Record = nowhere
     cell: CellAccess = field(default_factory=CellAccess.alone)
+    texts: Mapping[str, str] = field(default_factory=dict)
 
 
 class Skill:

@@ -722,6 +722,15 @@ class TreeFile(TreeContent):
         return self.model_copy(update={"faults": {**self.faults, **faults}})
 
     @property
+    def texts_by_name(self) -> dict[str, str]:
+        """Texts of the files below the file's folder, by their path relative to it."""
+        return {
+            Path(path).relative_to(self.root).as_posix(): text
+            for path, text in self.texts.items()
+            if Path(path).is_relative_to(self.root)
+        }
+
+    @property
     def root(self) -> Path:
         """Folder from which relative paths in the file start."""
         return self.path.parent

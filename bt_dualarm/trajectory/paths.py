@@ -79,6 +79,12 @@ class CartesianPath:
         return Pose(self.positions[-1].copy(), self.quaternions[-1].copy())
 
     @property
+    def lengths(self) -> Vector:
+        """Path length up to each sample of all passes, m, of shape (repeats (n - 1) + 1,)."""
+        steps = np.linalg.norm(np.diff(self.positions, axis=0), axis=1)
+        return np.concatenate(((0.0,), np.cumsum(np.tile(steps, self.repeats))))
+
+    @property
     def length(self) -> float:
         """Path length over all passes, m."""
         return self.repeats * float(np.linalg.norm(np.diff(self.positions, axis=0), axis=1).sum())

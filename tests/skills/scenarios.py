@@ -105,6 +105,7 @@ SCENARIOS = {
     "circle": Scenario(arm=PRESENTING),
     "lissajous": Scenario(arm=PRESENTING),
     "draw": Scenario(arm=PRESENTING),
+    "follow_path": Scenario(arm=PRESENTING),
     "reach_to_pose": Scenario(),
     "go_home": Scenario(arm=PRESENTING),
     "follow_tool": Scenario(others=BESIDE_ANOTHER),

@@ -40,6 +40,10 @@ CURVES = [
     f"draw: {{{TRIANGLE}, start: from}}",
     f"draw: {{{TRIANGLE}, start: from, closed: false}}",
     f"draw: {{{TRIANGLE}, start: from, end: center}}",
+    "follow_path: {points: [[0, 0], [80, 0], [80, 50]]}",
+    "follow_path: {points: [[9, 0], [80, 0], [80, 50]], start: around, scale: 0.0005}",
+    "follow_path: {points: [[9, 0], [80, 0], [80, 50]], start: around, closed: true}",
+    "follow_path: {points: [[9, 0], [80, 0], [80, 50]], closed: true}",
 ]
 
 
@@ -50,7 +54,7 @@ def test_what_a_curve_declares_is_where_its_path_ends(
     """The declaration that the check reads, against the path that the skill would follow."""
     found: list[float] = []
 
-    def along(skill: Any, path: CartesianPath, *, to_center: bool = False) -> Any:
+    def along(skill: Any, path: CartesianPath, *, to_center: bool = False, **_: Any) -> Any:
         end = path.center if to_center else path.end
         assert end is not None
         found.append(end.distance(skill.arm.commanded_tool_pose))
@@ -131,4 +135,4 @@ def test_skills_that_do_not_tell_are_not_warned_of() -> None:
         for name, skill in registry_of().skills.items()
         if skill.shift.__func__ is not bt.Skill.shift.__func__  # type: ignore[attr-defined]  # class methods
     }
-    assert known == {"circle", "lissajous", "draw"}
+    assert known == {"circle", "lissajous", "draw", "follow_path"}

@@ -61,6 +61,19 @@ def square(width: float, height: float, **more: Any) -> Tree:
     return {"draw": {"points": points, **more}}
 
 
+def lines(points: list[list[float]], **more: Any) -> Tree:
+    """Follow lines through points in m, around the tool."""
+    return {"follow_path": {"points": points, "scale": 1.0, "start": "around", **more}}
+
+
+SQUARE = [[0.1, 0.0], [0.0, 0.1], [-0.1, 0.0], [0.0, -0.1]]
+
+WIDE = [
+    [0.25 * math.cos(0.1 * math.pi * step), 0.25 * math.sin(0.1 * math.pi * step)]
+    for step in range(21)
+]
+"""A circle, as of the trial of that skill."""
+
 FLAT_EIGHT = [
     [0.5 * math.sin(0.1 * math.pi * step), 0.1 * math.sin(0.2 * math.pi * step)]
     for step in range(20)
@@ -474,6 +487,13 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("draw", "PATH_BROKEN"): Trial(square(0.25, 0.25, plane="xz"), {"arm": PANDA}),
     ("draw", "IN_COLLISION"): Trial(square(0.1, 0.1), {"objects": BESIDE}),
     **moving("draw", square(0.1, 0.1), 1.0),
+    ("follow_path", "INVALID_TARGET"): Trial(lines([[0.1, 0.0], [0.1, 0.0]])),
+    ("follow_path", "TOO_FAST"): Trial(lines(SQUARE, tool_speed=0.5)),
+    ("follow_path", "UNREACHABLE"): Trial(lines([[0.7, 0.7], [0.7, -0.7]])),
+    ("follow_path", "SINGULAR"): Trial(lines(FLAT_EIGHT)),
+    ("follow_path", "PATH_BROKEN"): Trial(lines(WIDE, plane="xz"), {"arm": PANDA}),
+    ("follow_path", "IN_COLLISION"): Trial(lines(SQUARE), {"objects": BESIDE}),
+    **moving("follow_path", lines(SQUARE), 1.5),
     ("move_linear", "SINGULAR"): Trial({"move_linear": {"offset": {"xyz": [0.5, 0, 0]}}}),
     ("move_linear", "PATH_BROKEN"): Trial(
         {"move_linear": {"offset": {"rpy": [0, 90, 0], "frame": "tool"}}}, {"arm": PANDA}
@@ -531,6 +551,7 @@ TRIALS: dict[tuple[str, str], Trial] = {
     **losing("circle", {"plane": "xy", "radius": 0.05, "speed": 0.1}),
     **losing("lissajous", {"plane": "xy", "amplitudes": [0.05, 0.05], "speed": 0.1}),
     **losing("draw", {"plane": "xy", "points": SMALL, "speed": 0.1}),
+    **losing("follow_path", {"plane": "xy", "points": SMALL, "scale": 1.0, "tool_speed": 0.03}),
     **losing("move_linear", {"offset": {"xyz": [0, 0, 0.2]}, "speed": 0.1}),
     **losing(
         "move_through", {"poses": [{"xyz": [0.40, -0.45, z]} for z in (0.55, 0.70)], "speed": 0.1}

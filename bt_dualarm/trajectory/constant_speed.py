@@ -1,0 +1,134 @@
+"""Timing of a path at a constant speed of the tool, with a smooth start and end.
+
+The path parameter is the tool's path length s. Its rate rises from 0 to the speed along a quintic
+and falls likewise, so that acceleration and its change are continuous. The ramps are as short as
+the joint limits allow; in between, the rate does not change.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+import scipy.interpolate
+
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.robots.robot import JointLimits
+from bt_dualarm.trajectory.trajectory import Trajectory
+
+_FIRST_RAMP_S: Final = 0.04
+_LONGER: Final = 1.3
+"""Duration of the shortest ramp that is tried, s, and the ratio of one ramp to the next."""
+
+_SPACING_M: Final = 3e-4
+"""Least distance of samples, m: the third derivative of a spline amplifies the rounding of inverse
+kinematics with its inverse cube."""
+
+_SHARE: Final = 0.98
+"""Share of the joint limits that may be used: between set-points, derivatives vary a little."""
+
+
+def at_constant_speed(
+    samples: Matrix, lengths: Vector, speed: float, limits: JointLimits, dt: float
+) -> tuple[Trajectory, float]:
+    """Motion along a path from rest to rest, at a constant speed of the tool in between.
+
+    Args:
+        samples: Configurations along the path, of shape (n, dof), rad, dense enough that the
+            spline through them is the path.
+        lengths: Length of the tool's path up to each of them, of shape (n,), m; at least two of
+            them apart.
+        speed: Speed of the tool, m/s.
+        limits: Joint limits.
+        dt: Time between set-points, s.
+
+    Returns:
+        The motion, and the duration of each ramp in s.
+
+    Raises:
+        Failure: ``TOO_FAST`` with the largest possible speed, ``fastest_m_s``: the joints cannot
+            follow, or the path is too short to reach the speed.
+    """
+    kept = _apart(lengths)
+    path = scipy.interpolate.CubicSpline(lengths[kept], samples[kept])
+    length = float(lengths[-1])
+    fastest = _fastest(path, length, limits)
+    if speed > fastest:
+        raise _too_fast(speed, fastest, "a joint would exceed its limits on the path")
+    ramp = _FIRST_RAMP_S
+    while speed * ramp <= length:
+        motion, used = _timed(path, length, speed, ramp, dt)
+        if _keeps(motion, limits):
+            return motion, used
+        ramp *= _LONGER
+    raise _too_fast(speed, 0.5 * speed, "the path is too short to reach the speed smoothly")
+
+
+def _apart(lengths: Vector) -> list[int]:
+    """Indices of samples that are not nearer than `_SPACING_M` to each other, with both ends."""
+    kept = [0]
+    last = float(lengths[-1])
+    for index, length in enumerate(lengths.tolist()):
+        if length - lengths[kept[-1]] >= _SPACING_M and last - length >= _SPACING_M:
+            kept.append(index)
+    return [*kept, len(lengths) - 1]
+
+
+def _too_fast(speed: float, fastest: float, reason: str) -> Failure:
+    return Failure(
+        "TOO_FAST",
+        f"the tool cannot move at {speed:g} m/s: {reason}; try {fastest:.3g} m/s",
+        asked_m_s=speed,
+        fastest_m_s=fastest,
+    )
+
+
+def _fastest(path: scipy.interpolate.CubicSpline, length: float, limits: JointLimits) -> float:
+    """Largest constant speed within the joint limits, m/s."""
+    s = np.linspace(0.0, length, max(64, math.ceil(length / 5e-4)))
+    rates = [np.abs(path(s, order)).max(axis=0) for order in (1, 2, 3)]
+    bounds = (limits.velocity, limits.acceleration, limits.jerk)
+    speeds = [
+        (_SHARE * bound / np.maximum(rate, 1e-12)) ** (1.0 / order)
+        for order, (rate, bound) in enumerate(zip(rates, bounds, strict=True), 1)
+    ]
+    return float(np.min(speeds))
+
+
+def _timed(
+    path: scipy.interpolate.CubicSpline, length: float, speed: float, ramp: float, dt: float
+) -> tuple[Trajectory, float]:
+    """Motion with ramps of at least a duration in s, and their exact duration."""
+    count = math.ceil((length / speed + ramp) / dt)
+    ramp = count * dt - length / speed
+    t = dt * np.arange(count + 1)
+    steady = count * dt - ramp
+    s, ds, dds = np.empty((3, count + 1))
+    u = np.clip(np.minimum(t, count * dt - t) / ramp, 0.0, 1.0)
+    ds[:] = speed * u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+    dds[:] = speed / ramp * 30.0 * u**2 * (1.0 - u) ** 2
+    covered = speed * ramp * u**4 * (2.5 - 3.0 * u + u**2)
+    late = t > 0.5 * count * dt
+    s[:] = covered + speed * np.clip(t - ramp, 0.0, None)
+    s[late] = length - covered[late] - speed * np.clip(steady - t[late], 0.0, None)
+    dds[late] *= -1.0
+    s = np.clip(s, 0.0, length)
+    first = path(s, 1)
+    q = path(s)
+    v = first * ds[:, None]
+    a = first * dds[:, None] + path(s, 2) * (ds**2)[:, None]
+    v[[0, -1]] = 0.0
+    a[[0, -1]] = 0.0
+    return Trajectory(dt, q, v, a), ramp
+
+
+def _keeps(motion: Trajectory, limits: JointLimits) -> bool:
+    """Whether a motion keeps the limits of velocity, acceleration and jerk."""
+    jerk = np.abs(np.diff(motion.a, axis=0)).max(axis=0) / motion.dt
+    return bool(
+        (np.abs(motion.v) <= limits.velocity).all()
+        and (np.abs(motion.a) <= limits.acceleration).all()
+        and (jerk <= limits.jerk).all()
+    )

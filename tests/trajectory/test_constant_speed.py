@@ -1,0 +1,89 @@
+"""A path at a constant speed of the tool: constant, within the limits, smooth at both ends."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Matrix, Pose, Vector
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.planning.problem import joint_path
+from bt_dualarm.robots.robot_description import load_robot
+from bt_dualarm.trajectory.constant_speed import at_constant_speed
+from bt_dualarm.trajectory.paths import blended
+
+ROBOT = load_robot("ur5", Path(), None)
+ARM = Kinematics(ROBOT, Pose.from_rpy((0, 0, 0.4), (0, 0, 0)))
+DT = 0.004
+
+
+def samples(blend: float, side: float = 0.08) -> tuple[Matrix, Vector]:
+    """Configurations along two lines with a blended corner, and their lengths."""
+    q = ROBOT.postures["present"]
+    tool = ARM.forward(q)
+    corners = [
+        Pose(tool.position + np.array(step), tool.quaternion)
+        for step in ((0, 0, 0), (0, side, 0), (0, side, side))
+    ]
+    path = blended(corners, blend)
+    return joint_path(ARM, path, q), path.lengths
+
+
+@pytest.mark.parametrize("speed", [0.01, 0.03, 0.06])
+def test_the_tool_moves_at_the_speed_between_the_ramps(speed: float) -> None:
+    rows, lengths = samples(0.015)
+    motion, ramp = at_constant_speed(rows, lengths, speed, ROBOT.limits, DT)
+    assert motion.duration == pytest.approx(lengths[-1] / speed + ramp, abs=1e-9)
+    positions = np.array([ARM.forward(q).position for q in motion.q])
+    speeds = np.linalg.norm(np.diff(positions, axis=0), axis=1) / DT
+    inner = slice(round(ramp / DT) + 1, -round(ramp / DT) - 1)
+    assert np.abs(speeds[inner] / speed - 1.0).max() < 2e-3
+    assert speeds.max() < speed * 1.002
+    np.testing.assert_allclose(motion.q[[0, -1]], rows[[0, -1]], atol=1e-12)
+
+
+def test_it_is_smooth_and_within_the_limits() -> None:
+    rows, lengths = samples(0.015)
+    motion, _ = at_constant_speed(rows, lengths, 0.06, ROBOT.limits, DT)
+    limits = ROBOT.limits
+    assert (np.abs(motion.v) <= limits.velocity).all()
+    assert (np.abs(motion.a) <= limits.acceleration).all()
+    assert (np.abs(np.diff(motion.a, axis=0)) <= DT * limits.jerk).all()
+    # Velocity and acceleration are the derivatives of what is before them.
+    np.testing.assert_allclose(np.diff(motion.q, axis=0) / DT, _means(motion.v), atol=1e-3)
+    np.testing.assert_allclose(np.diff(motion.v, axis=0) / DT, _means(motion.a), atol=0.1)
+    assert not motion.v[[0, -1]].any()
+
+
+def _means(rows: Matrix) -> Matrix:
+    return 0.5 * (rows[1:] + rows[:-1])
+
+
+def test_what_is_too_fast_is_refused_with_what_is_possible() -> None:
+    rows, lengths = samples(0.015)
+    with pytest.raises(Failure, match="a joint would exceed its limits") as refused:
+        at_constant_speed(rows, lengths, 1.0, ROBOT.limits, DT)
+    fastest = float(refused.value.numbers["fastest_m_s"])
+    at_constant_speed(rows, lengths, 0.99 * fastest, ROBOT.limits, DT)
+    with pytest.raises(Failure, match="a joint would exceed its limits"):
+        at_constant_speed(rows, lengths, 1.01 * fastest, ROBOT.limits, DT)
+
+
+def test_sharper_corners_are_slower() -> None:
+    fastest = []
+    for blend in (0.002, 0.01, 0.03):
+        with pytest.raises(Failure) as refused:
+            at_constant_speed(*samples(blend), 5.0, ROBOT.limits, DT)
+        fastest.append(float(refused.value.numbers["fastest_m_s"]))
+    assert fastest == sorted(fastest)
+
+
+def test_a_path_too_short_for_the_speed_is_refused() -> None:
+    rows, lengths = samples(0.001, side=0.004)
+    straight = lengths < 0.003
+    with pytest.raises(Failure, match="too short") as refused:
+        at_constant_speed(rows[straight], lengths[straight], 0.3, ROBOT.limits, DT)
+    assert refused.value.code == "TOO_FAST"
