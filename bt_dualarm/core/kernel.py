@@ -479,7 +479,8 @@ class KernelCode(CompileResultCacheImpl):
 @cache
 def _add_symbols() -> None:
     """Let loaded code find numba's functions in C."""
-    for name, address in nrt._nrt.c_helpers.items():
+    runtime: Any = nrt  # numba has no types
+    for name, address in runtime._nrt.c_helpers.items():
         binding.add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
 
 
