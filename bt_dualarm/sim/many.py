@@ -23,8 +23,11 @@ from bt_dualarm.spec.document import ObjectSpec, TreeFile
 from bt_dualarm.spec.many import Group, ManySpec
 from bt_dualarm.spec.values import PoseSpec
 
-_TRIES: Final = 400
+_TRIES: Final = 200
 """Random places that are tried for each scattered object."""
+
+_STARTS: Final = 20
+"""Number of times that a group is placed anew: the first objects may leave no room for the last."""
 
 _LAYERS: Final = 200
 """Heights that are tried for each object of a pile."""
@@ -138,6 +141,12 @@ class _Room:
             raise WorldError(f"MuJoCo cannot compile the objects: {error}") from error
         self._data = mujoco.MjData(self._model)
 
+    def clear(self, name: str) -> None:
+        """Take an object out of the way again."""
+        body = int(self._model.body(name).id)
+        start = int(self._model.jnt_qposadr[self._model.body_jntadr[body]])
+        self._data.qpos[start : start + 7] = self._model.qpos0[start : start + 7]
+
     def takes(self, name: str, pose: Pose, gap: float) -> bool:
         """Put an object at a pose; returns whether it keeps the gap from everything else."""
         model = self._model
@@ -170,22 +179,39 @@ def _place(file: TreeFile, seed: int, objects: dict[str, ObjectSpec], groups: li
     room = _Room(file, seed, objects, {name for group in groups for name in group.names})
     for group in groups:
         rng = np.random.default_rng([seed, zlib.crc32(group.entry.encode()), 2])
-        many = group.many
-        for number, name in enumerate(group.names):
-            thing = objects[name]
-            places = _dropped(thing, many, rng) if many.pile else _scattered(thing, many, rng)
-            for place in places:
-                moved = _moved(thing, place)
-                if room.takes(name, moved.pose.pose, many.gap):
-                    objects[name] = moved
-                    break
-            else:
-                wide, deep = many.area
-                raise RoomError(
-                    group.entry,
-                    f"only {number} of {many.count} objects found room in {wide:g} m by "
-                    f"{deep:g} m with a gap of {many.gap:g} m",
-                )
+        most = 0
+        for _ in range(_STARTS):
+            found = _one_after_the_other(room, [objects[name] for name in group.names], group, rng)
+            if len(found) == len(group.names):
+                objects.update(zip(group.names, found, strict=True))
+                break
+            most = max(most, len(found))
+            for name in group.names:
+                room.clear(name)
+        else:
+            wide, deep = group.many.area
+            raise RoomError(
+                group.entry,
+                f"only {most} of {group.many.count} objects found room in {wide:g} m by {deep:g} m "
+                f"with a gap of {group.many.gap:g} m",
+            )
+
+
+def _one_after_the_other(
+    room: _Room, things: list[ObjectSpec], group: Group, rng: np.random.Generator
+) -> list[ObjectSpec]:
+    """Objects of a group at places that are free; fewer if there is no room for the next one."""
+    many = group.many
+    found: list[ObjectSpec] = []
+    for name, thing in zip(group.names, things, strict=True):
+        places = _dropped(thing, many, rng) if many.pile else _scattered(thing, many, rng)
+        moved = (_moved(thing, place) for place in places)
+        fits = (one for one in moved if room.takes(name, one.pose.pose, many.gap))
+        placed = next(fits, None)
+        if placed is None:
+            break
+        found.append(placed)
+    return found
 
 
 def _scattered(thing: ObjectSpec, many: ManySpec, rng: np.random.Generator) -> Iterator[Pose]:

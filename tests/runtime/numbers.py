@@ -119,6 +119,14 @@ FILE: Tree = {
             "pose": {"xyz": [-2.5, -3, 0.3]},
             "many": {"pile": 2},
         },
+        "bracket": {
+            "shape": "mesh",
+            "file": "tests/runtime/bracket.obj",
+            "scale": 0.001,
+            "mass": 1.0,
+            "pose": {"xyz": [-2.5, -4, 0.3]},
+            "spawned": False,
+        },
         "mug": {
             "shape": "compound",
             "mass": 0.1,
@@ -130,6 +138,13 @@ FILE: Tree = {
                     "wall": 0.004,
                     "density": 1.0,
                     "color": [0.9, 0.9, 0.1, 1.0],
+                },
+                "base": {
+                    "shape": "shelf",
+                    "size": [0.05, 0.05, 0.05],
+                    "boards": 2,
+                    "wall": 0.004,
+                    "pose": {"xyz": [0, 0, -0.1]},
                 },
                 "handle": {
                     "shape": "prism",
