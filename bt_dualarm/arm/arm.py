@@ -311,8 +311,8 @@ class Arm(ArmState):
         """Change the running motion: contact is intended from now on.
 
         Args:
-            compliant: Whether the arm complies from now on. Called again, it averages its friction
-                and model errors anew, as at another speed they are others.
+            compliant: Whether the arm complies from now on. Its friction and model errors are the
+                mean disturbance since then: contact has to come later by a tenth of a second.
         """
         self._lease.refuse_other_threads()
         self._shared.slip.may_touch = True
@@ -763,6 +763,8 @@ class Arm(ArmState):
         speed: float,
         longest_s: float,
         ignore: frozenset[str] = _NOTHING,
+        *,
+        may_touch: bool = False,
     ) -> OverlappedMotion:
         """A motion that begins before the one before has ended, so that the arm does not stop.
 
@@ -775,12 +777,14 @@ class Arm(ArmState):
             speed: Fraction of the limits for the whole, above 0 to 1.
             longest_s: Longest overlap, s.
             ignore: Names of the objects that may be touched in the overlap.
+            may_touch: Whether contact is intended, so that collisions are not checked.
         """
         checker = self.checker(ignore)
 
         def is_allowed(whole: Trajectory, first: int, last: int) -> bool:
             try:
-                refuse_contact(checker, whole.piece(first, last + 1))
+                if not may_touch:
+                    refuse_contact(checker, whole.piece(first, last + 1))
             except Failure:
                 return False
             return self.within_efforts(whole) is whole

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
@@ -79,6 +79,47 @@ def guarded_descent(
     return (
         yield from until_contact(arm, motion, motion.trajectory.duration, along, top, force, look,
                                  lightly=lightly)
+    )
+
+
+def guarded_line(
+    arm: Arm,
+    parts: Sequence[tuple[Pose, float]],
+    force: float,
+    look: Callable[[], None],
+    *,
+    lightly: bool = False,
+) -> Generator[float, None, tuple[bool, float]]:
+    """Compliant straight motion with several speeds that stops on contact; yields the progress.
+
+    The arm is compliant from the start, and does not stop between the parts.
+
+    Args:
+        arm: Arm that moves.
+        parts: Poses of the tool in the world along the line, and its highest speed up to each, m/s.
+        force: As `guarded_descent`.
+        look: As `guarded_descent`.
+        lightly: As `guarded_descent`.
+
+    Returns:
+        As `guarded_descent`.
+    """
+    along = _direction(arm.commanded_tool_pose, parts[-1][0])
+    whole = OverlappedMotion.of(Trajectory.rest(arm.setpoint.q, arm.period))
+    q = arm.setpoint.q
+    slowest = np.inf
+    for end, most_m_s in parts:
+        rows = arm.line_after(q, end)
+        motion, top = arm.slow_path(rows, 1.0, most_m_s, _LOWERING[0])
+        whole = arm.overlapped(whole, motion, 1.0, 0.5 * motion.duration, may_touch=True)
+        q = rows[-1]
+        slowest = min(slowest, top)
+    running = arm.begin(whole.motion, may_touch=True)
+    arm.expect_contact()
+    return (
+        yield from until_contact(
+            arm, running, whole.motion.duration, along, slowest, force, look, lightly=lightly
+        )
     )
 
 
@@ -425,6 +466,7 @@ def _is_beyond(arm: Arm, name: str, lies: Pose) -> bool:
 _ROOM_M: Final = 0.01  # least opening on each side of the object at the release
 _APART_M: Final = 0.003  # opening on each side of it at which the retreat begins
 _FREE_M: Final = 0.006  # height above the goal down to which the path must be free
+_LEARNED_S: Final = 0.15  # in which a compliant arm learns its friction before contact is possible
 _EXPECTED_M: Final = 0.0007  # height above the goal from which contact is expected
 _EXPECTED_M_S: Final = 0.0015  # highest speed from there on
 _LOWEST_M: Final = 0.008  # least height above the goal at which the descent begins
@@ -698,14 +740,21 @@ class SettingDown:
         free_s, near_s, low_s = self._lowering.ends_s[-3:]
         force = grip.firm_for(ports.force)
         running = arm.begin(motion)
-        watch = arm.watch(running, until_s=free_s)
-        while running.parameter.s < free_s:
-            yield 0.6 * running.parameter.s / free_s
+        # Compliant a little earlier than contact is possible: until then the arm has learned its
+        # friction and model errors, for which it would otherwise take the contact force.
+        comply_s = max(free_s - _LEARNED_S, 0.0)
+        watch = arm.watch(running, until_s=comply_s)
+        while running.parameter.s < comply_s:
+            yield 0.6 * running.parameter.s / max(comply_s, 1e-9)
             arm.check()
             watch.look(arm.time)
             arm.refuse_when_held_up(running, wait_s)
             grip.look()
         arm.expect_contact()
+        while running.parameter.s < free_s:
+            yield 0.6
+            arm.check()
+            grip.look()
         down = np.array((0.0, 0.0, -1.0))
         for end_s in (near_s, low_s):
             felt, most = yield from until_contact(
