@@ -1057,9 +1057,7 @@ class MoveTo:
         finally:
             self.traffic.arrive(self.arm.name)
 
-    def along(
-        self, planning: Planning, follow: Following | None = None
-    ) -> Iterator[float | None]:
+    def along(self, planning: Planning, follow: Following | None = None) -> Iterator[float | None]:
         """Plan and execute the plan to its end; yields once per tick.
 
         If another arm is at the goal or in the path, the arm waits for that to change. If something
@@ -1078,9 +1076,7 @@ class MoveTo:
         finally:
             self.traffic.arrive(self.arm.name)
 
-    def _along(
-        self, planning: Planning, follow: Following | None = None
-    ) -> Iterator[float | None]:
+    def _along(self, planning: Planning, follow: Following | None = None) -> Iterator[float | None]:
         """Plan and execute, and keep the arm's rank at the end."""
         until = self.arm.time + self.wait_s
         replans = REPLANS

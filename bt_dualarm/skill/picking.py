@@ -31,7 +31,9 @@ _EARLY_M: Final = 0.012  # distance from the grasp at which a contact is one wit
 _EDGE_S: Final = 0.12  # at the start of the straight part, in which the force has no zero yet
 _CLEAR_M: Final = 0.01  # uncertainty of the distance at which the gripper may touch the object
 _NEAR_M_S: Final = 0.15  # highest speed of the tool there
-_ROOM_M: Final = 0.012  # opening on each side of an object whose pose is known, before the fingers close
+_ROOM_M: Final = (
+    0.012  # opening on each side of an object whose pose is known, before the fingers close
+)
 _BRISK: Final = 0.6  # fraction of the speed on straight parts on which nothing is touched
 
 

@@ -77,8 +77,9 @@ def guarded_descent(
     timed, top = _timed(arm, arm.line_on(end), speed)
     motion = arm.begin(timed, may_touch=True, compliant=True)
     return (
-        yield from until_contact(arm, motion, motion.trajectory.duration, along, top, force, look,
-                                 lightly=lightly)
+        yield from until_contact(
+            arm, motion, motion.trajectory.duration, along, top, force, look, lightly=lightly
+        )
     )
 
 
@@ -133,6 +134,7 @@ def until_contact(
     look: Callable[[], None],
     *,
     lightly: bool = False,
+    behind_m: float = np.inf,
 ) -> Generator[float, None, tuple[bool, float]]:
     """Follow a part of a compliant motion until contact; yields the progress once per tick.
 
@@ -145,6 +147,8 @@ def until_contact(
         force: As `guarded_descent`.
         look: As `guarded_descent`.
         lightly: As `guarded_descent`.
+        behind_m: Distance of the tool behind its set-point that counts as contact, m: only where
+            the joints had broken away before the arm became compliant.
 
     Returns:
         Whether there was contact, after which the arm is at rest, and the largest force, N.
@@ -157,9 +161,11 @@ def until_contact(
         look()
         lag.look(motion.parameter.scale)
         felt = sense.force(stands=lag.has_stopped or lag.stands)
-        if not (lag.is_steady or lag.stands):
+        meant = arm.commanded_tool_pose.position
+        is_behind = float((meant - arm.tool_pose.position) @ along) > behind_m
+        if not (lag.is_steady or lag.stands or is_behind):
             sense.most = 0.0
-        elif (felt > force and lag.has_stopped) or (lightly and lag.stands):
+        elif is_behind or (felt > force and lag.has_stopped) or (lightly and lag.stands):
             for _ in arm.halt():
                 yield 1.0
                 sense.force(stands=True)
@@ -467,6 +473,7 @@ _ROOM_M: Final = 0.01  # least opening on each side of the object at the release
 _APART_M: Final = 0.003  # opening on each side of it at which the retreat begins
 _FREE_M: Final = 0.006  # height above the goal down to which the path must be free
 _LEARNED_S: Final = 0.15  # in which a compliant arm learns its friction before contact is possible
+_BEHIND_M: Final = 0.001  # distance behind its set-point at which the tool has made contact
 _EXPECTED_M: Final = 0.0007  # height above the goal from which contact is expected
 _EXPECTED_M_S: Final = 0.0015  # highest speed from there on
 _LOWEST_M: Final = 0.008  # least height above the goal at which the descent begins
@@ -667,9 +674,7 @@ class SettingDown:
             descents[:] = [(yield from self._descent(goal, move))]
             starts = [rows[0] for rows in descents[0].branches]
             return (
-                yield from arm.plan(
-                    starts, ports.speed, planner=ports.planner, began_s=began_s
-                )
+                yield from arm.plan(starts, ports.speed, planner=ports.planner, began_s=began_s)
             )
 
         def down(q: Vector) -> Matrix:
@@ -751,14 +756,18 @@ class SettingDown:
             arm.refuse_when_held_up(running, wait_s)
             grip.look()
         arm.expect_contact()
-        while running.parameter.s < free_s:
-            yield 0.6
-            arm.check()
-            grip.look()
         down = np.array((0.0, 0.0, -1.0))
         for end_s in (near_s, low_s):
             felt, most = yield from until_contact(
-                arm, running, end_s, down, self._top, force, grip.look, lightly=True
+                arm,
+                running,
+                end_s,
+                down,
+                self._top,
+                force,
+                grip.look,
+                lightly=True,
+                behind_m=_BEHIND_M,
             )
             if felt:
                 break
