@@ -763,8 +763,6 @@ class Arm(ArmState):
         speed: float,
         longest_s: float,
         ignore: frozenset[str] = _NOTHING,
-        *,
-        may_touch: bool = False,
     ) -> OverlappedMotion:
         """A motion that begins before the one before has ended, so that the arm does not stop.
 
@@ -777,14 +775,12 @@ class Arm(ArmState):
             speed: Fraction of the limits for the whole, above 0 to 1.
             longest_s: Longest overlap, s.
             ignore: Names of the objects that may be touched in the overlap.
-            may_touch: Whether contact is intended, so that collisions are not checked.
         """
         checker = self.checker(ignore)
 
         def is_allowed(whole: Trajectory, first: int, last: int) -> bool:
             try:
-                if not may_touch:
-                    refuse_contact(checker, whole.piece(first, last + 1))
+                refuse_contact(checker, whole.piece(first, last + 1))
             except Failure:
                 return False
             return self.within_efforts(whole) is whole

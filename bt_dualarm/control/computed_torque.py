@@ -64,8 +64,8 @@ _BANDWIDTH: Final = 30.0
 
 _CREEP_SPEED: Final = 0.001
 """Velocity over which dry friction is smoothed in a motion that gets slower without reversing,
-rad/s. With more, the friction that is fed forward would fade where the joints are slow: the soft arm
-stopped short, as if it had made contact."""
+rad/s. With more, the friction that is fed forward would fade where the joints are slow: the soft
+arm stopped short, as if it had made contact."""
 
 SOFTEST: Final = 6.0
 """Least bandwidth of an arm that holds still softly, rad/s; below, its model errors displace it by

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
@@ -79,47 +79,6 @@ def guarded_descent(
     return (
         yield from until_contact(
             arm, motion, motion.trajectory.duration, along, top, force, look, lightly=lightly
-        )
-    )
-
-
-def guarded_line(
-    arm: Arm,
-    parts: Sequence[tuple[Pose, float]],
-    force: float,
-    look: Callable[[], None],
-    *,
-    lightly: bool = False,
-) -> Generator[float, None, tuple[bool, float]]:
-    """Compliant straight motion with several speeds that stops on contact; yields the progress.
-
-    The arm is compliant from the start, and does not stop between the parts.
-
-    Args:
-        arm: Arm that moves.
-        parts: Poses of the tool in the world along the line, and its highest speed up to each, m/s.
-        force: As `guarded_descent`.
-        look: As `guarded_descent`.
-        lightly: As `guarded_descent`.
-
-    Returns:
-        As `guarded_descent`.
-    """
-    along = _direction(arm.commanded_tool_pose, parts[-1][0])
-    whole = OverlappedMotion.of(Trajectory.rest(arm.setpoint.q, arm.period))
-    q = arm.setpoint.q
-    slowest = np.inf
-    for end, most_m_s in parts:
-        rows = arm.line_after(q, end)
-        motion, top = arm.slow_path(rows, 1.0, most_m_s, _LOWERING[0])
-        whole = arm.overlapped(whole, motion, 1.0, 0.5 * motion.duration, may_touch=True)
-        q = rows[-1]
-        slowest = min(slowest, top)
-    running = arm.begin(whole.motion, may_touch=True)
-    arm.expect_contact()
-    return (
-        yield from until_contact(
-            arm, running, whole.motion.duration, along, slowest, force, look, lightly=lightly
         )
     )
 

@@ -3,8 +3,8 @@
 In the overlap the displacements add up (superposition of motions at via points: Siciliano et al.,
 Robotics, 2009, section 4.2.2; Lloyd and Hayward, Trajectory generation for sensor-driven and
 time-varying tasks, IJRR 1993). Velocities and accelerations add up as well; where they exceed the
-limits, time is stretched, and the overlap with the shortest result is taken. Outside of the overlap,
-the joints are on the path of one of the motions.
+limits, time is stretched, and the overlap with the shortest result is taken. Outside of the
+overlap, the joints are on the path of one of the motions.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ def _stretched(motion: Trajectory, stretch: float, limits: JointLimits) -> tuple
 
 
 def _overlapped(first: Trajectory, second: Trajectory, count: int) -> Trajectory:
-    """The sum of two motions, the second of which begins ``count`` periods before the first ends."""
+    """The sum of two motions; the second begins ``count`` periods before the first ends."""
     start = len(first) - 1 - count
     length = max(start + len(second), len(first))
     whole: list[Matrix] = []
