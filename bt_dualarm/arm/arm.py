@@ -323,8 +323,8 @@ class Arm(ArmState):
         """Change the running motion: contact is intended from now on.
 
         Args:
-            compliant: Whether the arm complies from now on. Called again, it averages its friction
-                and model errors anew, as at another speed they are others.
+            compliant: Whether the arm complies from now on. Its friction and model errors are the
+                mean disturbance since then: contact has to come later by a tenth of a second.
         """
         self._lease.refuse_other_threads()
         self._shared.slip.may_touch = True

@@ -452,10 +452,9 @@ class Compliance:
             self._holds = False
 
     def begin_moving(self) -> None:
-        """Become compliant in the middle of a motion, or average the disturbance anew.
+        """Become compliant in the middle of a motion.
 
-        The joints have broken away, so that the average begins now: friction depends on the speed,
-        and what was measured at another one would displace the arm.
+        The joints have broken away, so that the mean disturbance begins now.
         """
         self.active = True
         self._holds = False

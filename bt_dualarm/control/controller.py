@@ -205,8 +205,7 @@ class JointController:
         """Disable collision detection in the middle of a motion.
 
         Args:
-            compliant: Whether the arm becomes compliant. Called again, it averages the disturbance
-                anew, see `Compliance.begin_moving`.
+            compliant: Whether the arm becomes compliant, see `Compliance.begin_moving`.
         """
         self._may_touch = True
         if compliant:

@@ -92,6 +92,7 @@ def until_contact(
     look: Callable[[], None],
     *,
     lightly: bool = False,
+    behind_m: float = np.inf,
 ) -> Generator[float, None, tuple[bool, float]]:
     """Follow a part of a compliant motion until contact; yields the progress once per tick.
 
@@ -104,6 +105,8 @@ def until_contact(
         force: As `guarded_descent`.
         look: As `guarded_descent`.
         lightly: As `guarded_descent`.
+        behind_m: Distance of the tool behind its set-point that counts as contact, m: only where
+            the joints had broken away before the arm became compliant.
 
     Returns:
         Whether there was contact, after which the arm is at rest, and the largest force, N.
@@ -116,9 +119,11 @@ def until_contact(
         look()
         lag.look(motion.parameter.scale)
         felt = sense.force(stands=lag.has_stopped or lag.stands)
-        if not (lag.is_steady or lag.stands):
+        meant = arm.commanded_tool_pose.position
+        is_behind = float((meant - arm.tool_pose.position) @ along) > behind_m
+        if not (lag.is_steady or lag.stands or is_behind):
             sense.most = 0.0
-        elif (felt > force and lag.has_stopped) or (lightly and lag.stands):
+        elif is_behind or (felt > force and lag.has_stopped) or (lightly and lag.stands):
             for _ in arm.halt():
                 yield 1.0
                 sense.force(stands=True)
@@ -424,6 +429,8 @@ def _is_beyond(arm: Arm, name: str, lies: Pose) -> bool:
 _ROOM_M: Final = 0.01  # least opening on each side of the object at the release
 _APART_M: Final = 0.003  # opening on each side of it at which the retreat begins
 _FREE_M: Final = 0.006  # height above the goal down to which the path must be free
+_LEARNED_S: Final = 0.15  # in which a compliant arm learns its friction before contact is possible
+_BEHIND_M: Final = 0.001  # distance behind its set-point at which the tool has made contact
 _EXPECTED_M: Final = 0.0007  # height above the goal from which contact is expected
 _EXPECTED_M_S: Final = 0.0015  # highest speed from there on
 _LOWEST_M: Final = 0.008  # least height above the goal at which the descent begins
@@ -696,9 +703,12 @@ class SettingDown:
         free_s, near_s, low_s = self._lowering.ends_s[-3:]
         force = grip.firm_for(ports.force)
         running = arm.begin(motion)
-        watch = arm.watch(running, until_s=free_s)
-        while running.parameter.s < free_s:
-            yield 0.6 * running.parameter.s / free_s
+        # Compliant a little earlier than contact is possible: until then the arm has learned its
+        # friction and model errors, for which it would otherwise take the contact force.
+        comply_s = max(free_s - _LEARNED_S, 0.0)
+        watch = arm.watch(running, until_s=comply_s)
+        while running.parameter.s < comply_s:
+            yield 0.6 * running.parameter.s / max(comply_s, 1e-9)
             arm.check()
             watch.look(arm.time)
             arm.refuse_when_held_up(running, wait_s)
@@ -707,7 +717,15 @@ class SettingDown:
         down = np.array((0.0, 0.0, -1.0))
         for end_s in (near_s, low_s):
             felt, most = yield from until_contact(
-                arm, running, end_s, down, self._top, force, grip.look, lightly=True
+                arm,
+                running,
+                end_s,
+                down,
+                self._top,
+                force,
+                grip.look,
+                lightly=True,
+                behind_m=_BEHIND_M,
             )
             if felt:
                 break

@@ -598,8 +598,8 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ),
     ("grasp", "OUT_OF_REACH"): Trial(GRASP, {"objects": CUBE_AWAY}),
     ("grasp", "NOT_GRASPED"): Trial(GRASP, deeds=((1.6, steals("cube")),), moves=True),
-    ("grasp", "SLIPPED"): Trial(GRASP, deeds=((3.3, shrinks("cube")),), moves=True),
-    ("grasp", "DROPPED"): Trial(GRASP, deeds=((3.3, steals("cube")),), moves=True),
+    ("grasp", "SLIPPED"): Trial(GRASP, deeds=((2.6, shrinks("cube")),), moves=True),
+    ("grasp", "DROPPED"): Trial(GRASP, deeds=((2.6, steals("cube")),), moves=True),
     ("place", "NOT_HELD"): Trial(PLACE, {"before": ()}),
     ("place", "NOT_REACHED"): Trial(
         {"place": {"object": "cube", "at": {"xyz": [0.35, -0.45, 0.4205]}, "tolerance": 0.001}},
@@ -612,20 +612,20 @@ TRIALS: dict[tuple[str, str], Trial] = {
         moves=True,
     ),
     ("place", "NOT_SEEN"): Trial(
-        placed_seen(), {"arm": GRIPPING | {"camera": SEEING}}, ((10.6, hides("cube")),), moves=True
+        placed_seen(), {"arm": GRIPPING | {"camera": SEEING}}, ((5.7, hides("cube")),), moves=True
     ),
     ("place", "NOT_SUPPORTED"): Trial(
         {"place": {"object": "cube", "at": {"xyz": [0.35, -0.249, 0.425]}}}, moves=True
     ),
     ("place", "NOT_PLACED"): Trial(
-        PLACE, deeds=((4.9, slides_in_hand("cube", 0.012)),), moves=True
+        PLACE, deeds=((3.6, slides_in_hand("cube", 0.012)),), moves=True
     ),
     ("place", "NO_CONTACT"): Trial(
         {"place": {"object": "cube", "at": {"xyz": [0.35, -0.45, 0.5]}}}, moves=True
     ),
-    ("place", "NOT_OPEN"): Trial(PLACE, deeds=((5.0, jams),), moves=True),
-    ("place", "SLIPPED"): Trial(PLACE, deeds=((4.9, shrinks("cube")),), moves=True),
-    ("place", "DROPPED"): Trial(PLACE, deeds=((4.9, steals("cube")),), moves=True),
+    ("place", "NOT_OPEN"): Trial(PLACE, deeds=((4.2, jams),), moves=True),
+    ("place", "SLIPPED"): Trial(PLACE, deeds=((3.6, shrinks("cube")),), moves=True),
+    ("place", "DROPPED"): Trial(PLACE, deeds=((3.6, steals("cube")),), moves=True),
     ("regrasp", "NOT_HELD"): Trial({"regrasp": {}}, {"before": ()}),
     ("regrasp", "GRIPPER_FULL"): Trial({"regrasp": {"object": "other"}}, CLOSED),
     ("regrasp", "INVALID_TARGET"): Trial(AGAIN, {"before": (), "objects": cube_that(fixed=True)}),
@@ -647,13 +647,13 @@ TRIALS: dict[tuple[str, str], Trial] = {
         {"regrasp": {"at": {"xyz": [0.35, -0.249, 0.425]}}}, moves=True
     ),
     ("regrasp", "NOT_PLACED"): Trial(
-        AGAIN, deeds=((4.9, slides_in_hand("cube", 0.012)),), moves=True
+        AGAIN, deeds=((3.6, slides_in_hand("cube", 0.012)),), moves=True
     ),
     ("regrasp", "NO_CONTACT"): Trial({"regrasp": {"at": {"xyz": [0.35, -0.45, 0.5]}}}, moves=True),
-    ("regrasp", "NOT_OPEN"): Trial(AGAIN, deeds=((5.0, jams),), moves=True),
-    ("regrasp", "NOT_GRASPED"): Trial(AGAIN, deeds=((11.0, steals("cube")),), moves=True),
-    ("regrasp", "SLIPPED"): Trial(AGAIN, deeds=((4.9, shrinks("cube")),), moves=True),
-    ("regrasp", "DROPPED"): Trial(AGAIN, deeds=((4.9, steals("cube")),), moves=True),
+    ("regrasp", "NOT_OPEN"): Trial(AGAIN, deeds=((4.2, jams),), moves=True),
+    ("regrasp", "NOT_GRASPED"): Trial(AGAIN, deeds=((7.0, steals("cube")),), moves=True),
+    ("regrasp", "SLIPPED"): Trial(AGAIN, deeds=((3.6, shrinks("cube")),), moves=True),
+    ("regrasp", "DROPPED"): Trial(AGAIN, deeds=((3.6, steals("cube")),), moves=True),
     ("insert", "NOT_HELD"): Trial(INSERT, {"before": ()}),
     ("insert", "NO_CONTACT"): Trial(inserted([0.25, -0.45, 0.5]), moves=True),
     ("insert", "NOT_FOUND"): Trial(inserted([0.262, -0.45, 0.425], radius=0.0002), moves=True),
@@ -672,8 +672,8 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("hand_over", "PARTNER_GONE"): Trial(
         GIVE, {"others": partner(TAKER, {"sequence": ["fail", TAKES]})}, moves=True
     ),
-    ("hand_over", "NOT_TAKEN"): Trial(GIVE, deeds=((9.6, presses("cube", 12.0)),), moves=True),
-    ("hand_over", "NOT_OPEN"): Trial(GIVE, deeds=((9.6, jams),), moves=True),
+    ("hand_over", "NOT_TAKEN"): Trial(GIVE, deeds=((8.9, presses("cube", 12.0)),), moves=True),
+    ("hand_over", "NOT_OPEN"): Trial(GIVE, deeds=((8.9, jams),), moves=True),
     ("take_over", "GRIPPER_FULL"): Trial(
         TAKES_FROM,
         {"before": (TAKE,), "objects": ON_SHELF | {"other": IN_TAKER}},
@@ -689,8 +689,8 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("take_over", "OUT_OF_REACH"): Trial(
         TAKES_FROM, {"arm": TAKER | {"base": {"xyz": [2.3, 0, 0], "rpy": [0, 0, 180]}}}, moves=True
     ),
-    ("take_over", "SLIPPED"): Trial(TAKES_FROM, deeds=((9.7, shrinks("cube")),), moves=True),
-    ("take_over", "DROPPED"): Trial(TAKES_FROM, deeds=((11.4, steals("cube")),), moves=True),
+    ("take_over", "SLIPPED"): Trial(TAKES_FROM, deeds=((9.0, shrinks("cube")),), moves=True),
+    ("take_over", "DROPPED"): Trial(TAKES_FROM, deeds=((10.5, steals("cube")),), moves=True),
     # Handling objects
     ("approach_and_attach", "INVALID_TARGET"): Trial(
         {"approach_and_attach": {"object": "cube", "direction": [0, 0, 0]}}

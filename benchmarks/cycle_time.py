@@ -1,0 +1,238 @@
+"""How long skills take in simulated time, and in which of their phases.
+
+    python -m benchmarks.cycle_time [--seeds 3] [--first 0] [--robots ur3 ur5 ur10 panda xarm7]
+                                    [--grippers robotiq_2f85 panda_hand suction_cup]
+                                    [--reality lab] [--speed 1.0] [--tasks carry insert sight]
+
+``carry`` grasps a box or cylinder that is drawn, and places it 0.4 m away; ``insert`` grasps a peg
+and inserts it into a hole that is up to 1.5 mm off; ``sight`` is the tree `pick_by_sight` with each
+of the robots. ``speed`` is that of each leaf that has one. The phase of a moment is the innermost
+generator of the skill that waits then. Printed are medians over all runs that succeeded, in s: of
+each skill, of grasp and place together, and of each phase. Exit code 1 if a run failed, or if a
+median exceeds what is asked for (``GOALS``) at speed 1.0 in ``lab``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections import defaultdict
+from pathlib import Path
+from types import GeneratorType
+from typing import Any, Final
+
+import numpy as np
+import yaml
+
+import bt_dualarm as bt
+from benchmarks import inserting
+from bt_dualarm.behaviors.leaf import SkillRun
+from bt_dualarm.behaviors.report import LeafReport
+from bt_dualarm.skill.registry import Registry
+
+ROBOTS: Final = ("ur3", "ur5", "ur10", "panda", "xarm7")
+GRIPPERS: Final = ("robotiq_2f85", "panda_hand", "suction_cup")
+TASKS: Final = ("carry", "insert", "sight")
+
+GOALS: Final = {
+    "grasp": 2.5,
+    "place": 2.0,
+    "grasp and place": 5.0,
+    "insert": 12.0,
+    "pick_by_sight": 8.0,
+}
+"""Median simulated time at speed 1.0 in ``lab``, s."""
+
+_TABLE_M: Final = 0.40
+_APART_M: Final = 0.4
+_BASE: Final = {"xyz": [0.35, 0.0, _TABLE_M], "rpy": [0, 0, -90]}
+_TREES: Final = Path(__file__).parents[1] / "trees"
+
+# In these generators another one decides what is done.
+_PASSED_ON: Final = frozenset({"run", "through", "along", "_along", "to_line", "_when_clear"})
+
+
+class Phases:
+    """Simulated time by skill and phase of one run: the generators of a skill that wait.
+
+    Attributes:
+        seconds: Simulated time by skill and phase, s.
+    """
+
+    def __init__(self) -> None:
+        self.seconds: dict[tuple[str, str], float] = defaultdict(float)
+        self._last: tuple[str, str, float] | None = None
+
+    def note(self, run: SkillRun) -> None:
+        """Take a sample after a step of a skill."""
+        skill = run._skill
+        name = type(skill).__name__
+        if self._last is not None and self._last[0] == name:
+            self.seconds[name, self._last[1]] += skill.time - self._last[2]
+        self._last = (name, _phase(run._steps), skill.time)
+
+
+def _phase(steps: object) -> str:
+    names = []
+    while isinstance(steps, GeneratorType):
+        names.append(steps.gi_code.co_name)
+        steps = steps.gi_yieldfrom
+    return " > ".join(name for name in names if name not in _PASSED_ON) or "end"
+
+
+def carry(robot: str, gripper: str, reality: str, seed: int) -> dict[str, Any]:
+    """A file in which an arm grasps a thing and places it 0.4 m away."""
+    rng = np.random.default_rng((seed, ROBOTS.index(robot)))
+    cup = gripper == "suction_cup"
+    low = 0.045 if cup else 0.025
+    shape = str(rng.choice(["box", "cylinder"]))
+    edges = rng.uniform(low, 0.06, 3)
+    size = edges.tolist() if shape == "box" else [float(edges[0]) / 2, float(edges[1])]
+    height = float(edges[2] if shape == "box" else edges[1])
+    near, far = (-0.32, -0.28) if robot == "ur3" else (-0.48, -0.34)
+    along = float(rng.uniform(-0.03, 0.03))
+    x = 0.35 + along + 0.5 * _APART_M * np.array((1.0, -1.0)) * rng.choice([-1.0, 1.0])
+    y = float(rng.uniform(near, far))
+    pose = {
+        "xyz": [float(x[0]), y, _TABLE_M + height / 2],
+        "rpy": [0, 0, float(rng.uniform(0, 90))],
+    }
+    thing = {"shape": shape, "size": size, "mass": float(rng.uniform(0.1, 0.5)), "pose": pose}
+    at = {"xyz": [float(x[1]), y, _TABLE_M + height / 2]}
+    leaves = [{"grasp": {"object": "thing"}}, {"place": {"object": "thing", "at": at}}]
+    return _file("carry", robot, gripper, reality, seed, {"thing": thing}, leaves)
+
+
+def _file(
+    name: str,
+    robot: str,
+    gripper: str,
+    reality: str,
+    seed: int,
+    objects: dict[str, Any],
+    leaves: list[Any],
+) -> dict[str, Any]:
+    arm = {"robot": robot, "gripper": gripper, "base": _BASE, "tree": {"sequence": leaves}}
+    return {
+        "bt_dualarm": 1,
+        "name": name,
+        "world": {"scene": "table", "reality": reality, "seed": seed, "time_limit": 200},
+        "objects": objects,
+        "arms": {"arm1": arm},
+    }
+
+
+def insert(robot: str, gripper: str, reality: str, seed: int) -> dict[str, Any]:
+    """The file of `benchmarks.inserting` for a robot."""
+    options = argparse.Namespace(robot=robot, gripper=gripper, reality=reality, shape="cylinder")
+    file, _ = inserting.task(options, seed)
+    return file
+
+
+def sight(robot: str, gripper: str, reality: str, seed: int) -> dict[str, Any]:
+    """The tree `pick_by_sight` with another robot and gripper."""
+    file: dict[str, Any] = yaml.safe_load((_TREES / "pick_by_sight.yaml").read_text("utf-8"))
+    file["arms"]["arm1"] |= {"robot": robot, "gripper": gripper}
+    file["world"] |= {"reality": reality, "seed": seed}
+    return file
+
+
+def _at_speed(node: Any, speed: float, with_speed: frozenset[str]) -> Any:
+    """A node of a tree file with the speed of each leaf that has one."""
+    if isinstance(node, list):
+        return [_at_speed(one, speed, with_speed) for one in node]
+    if isinstance(node, str):
+        return {node: {"speed": speed}} if node in with_speed else node
+    if not isinstance(node, dict):
+        return node
+    changed = {key: _at_speed(value, speed, with_speed) for key, value in node.items()}
+    return {
+        key: value | {"speed": speed} if key in with_speed and isinstance(value, dict) else value
+        for key, value in changed.items()
+    }
+
+
+def run(file: dict[str, Any], speed: float) -> tuple[list[LeafReport], float, Phases]:
+    """The leaves of a run, its simulated time, and its phases."""
+    skills = Registry.load().skills
+    with_speed = frozenset(name for name in skills if "speed" in skills[name].Ports.model_fields)
+    arm = file["arms"]["arm1"]
+    arm["tree"] = _at_speed(arm["tree"], speed, with_speed)
+    phases = Phases()
+    step = SkillRun.step
+
+    def observed(self: SkillRun, fault: BaseException | None) -> bool:
+        goes_on = step(self, fault)
+        phases.note(self)
+        return goes_on
+
+    SkillRun.step = observed  # type: ignore[method-assign]
+    try:
+        with bt.open(file) as opened:
+            result = opened.finish()
+    finally:
+        SkillRun.step = step  # type: ignore[method-assign]
+    return result.arms["arm1"].runs, result.sim_time_s, phases
+
+
+def times_of(task: str, runs: list[LeafReport], seconds: float) -> dict[str, float]:
+    """Simulated time of each skill of a run, and of the whole task, s."""
+    took = {leaf.skill: (leaf.ended_s or 0.0) - leaf.started_s for leaf in runs}
+    if task == "carry":
+        took["grasp and place"] = took["grasp"] + took["place"]
+    if task == "sight":
+        return {"pick_by_sight": seconds}
+    return took if task == "carry" else {"insert": took["insert"]}
+
+
+def main() -> int:
+    """Run the family and print the medians; 1 if something failed or is slower than asked for."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--robots", nargs="+", default=list(ROBOTS), choices=ROBOTS)
+    parser.add_argument("--grippers", nargs="+", default=list(GRIPPERS), choices=GRIPPERS)
+    parser.add_argument("--tasks", nargs="+", default=list(TASKS), choices=TASKS)
+    parser.add_argument("--reality", default="lab")
+    parser.add_argument("--speed", type=float, default=1.0)
+    options = parser.parse_args()
+    makers = {"carry": carry, "insert": insert, "sight": sight}
+    times: dict[str, list[float]] = defaultdict(list)
+    phases: dict[tuple[str, str], list[float]] = defaultdict(list)
+    failed = 0
+    for task in options.tasks:
+        for robot in options.robots:
+            for seed in range(options.first, options.first + options.seeds):
+                gripper = options.grippers[seed % len(options.grippers)]
+                if task == "insert" and gripper == "suction_cup":
+                    continue  # the peg is too thin for it
+                file = makers[task](robot, gripper, options.reality, seed)
+                runs, seconds, seen = run(file, options.speed)
+                label = f"{task} {robot} {gripper} seed {seed}"
+                bad = [leaf for leaf in runs if leaf.status != "SUCCESS"]
+                if bad:
+                    failed += 1
+                    print(f"{label}: {bad[0].skill} {bad[0].code}: {bad[0].reason}", flush=True)
+                    continue
+                took = times_of(task, runs, seconds)
+                print(f"{label}:", ", ".join(f"{k} {v:.2f}" for k, v in took.items()), flush=True)
+                for name, value in took.items():
+                    times[name].append(value)
+                for key, value in seen.seconds.items():
+                    phases[(f"{task} {key[0]}", key[1])].append(value)
+    for (skill, phase), values in phases.items():
+        print(f"{np.median(values):6.2f} s  {len(values):3}x  {skill}: {phase}")
+    missed = 0
+    for name, values in times.items():
+        median = float(np.median(values))
+        goal = GOALS.get(name, np.inf)
+        missed += options.speed == 1.0 and options.reality == "lab" and median > goal
+        print(
+            f"{name}: median {median:.2f} s of {len(values)}, worst {max(values):.2f} (goal {goal})"
+        )
+    print(f"{failed} failed")
+    return 1 if failed or missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
