@@ -18,7 +18,7 @@ import contextlib
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType, ModuleType
+from types import ModuleType
 from typing import TYPE_CHECKING, Final, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -438,10 +438,6 @@ def _branch(trees: Trees, side: int) -> Matrix:
         nodes.append(trees.nodes[side, number])
         number = int(trees.parents[side, number])
     return np.array(nodes)
-
-
-SEARCH: Final = MappingProxyType({"search": ("bt_dualarm.planning.path_search:warm_up_search",)})
-"""Kernels of the search, which only a planning process calls: compiled by the first one."""
 
 
 def warm_up_edges() -> None:

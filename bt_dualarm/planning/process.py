@@ -26,7 +26,6 @@ from typing import TYPE_CHECKING, Final
 
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.planning.path_constraints import ConstrainedProblem
-from bt_dualarm.planning.path_search import SEARCH
 from bt_dualarm.planning.problem import PlanningProblem, motion_around
 from bt_dualarm.trajectory.trajectory import Trajectory
 
@@ -365,13 +364,10 @@ def serve() -> None:
     """Solve one problem after the other, until the pipe is closed."""
     from multiprocessing.connection import Connection
 
-    from bt_dualarm.core.kernel import compile_once
-
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # for the parent, which then closes the pipe
     inbox = Inbox(Connection(os.dup(0), writable=False))
     answers = Connection(os.dup(1), readable=False)
     os.dup2(2, 1)  # keeps prints of libraries out of the answers
-    compile_once(SEARCH)
     for request in inbox:
         try:
             answers.send(PlanningAnswer(request.number, _outcome(request, inbox)))

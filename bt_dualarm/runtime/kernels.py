@@ -6,12 +6,14 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Final
 
-from bt_dualarm.planning.path_search import SEARCH
 from bt_dualarm.spec.document import TreeFile
 
 GROUPS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
     {
-        "edges": ("bt_dualarm.planning.path_search:warm_up_edges",),
+        "planning": (
+            "bt_dualarm.planning.path_search:warm_up_edges",
+            "bt_dualarm.planning.path_search:warm_up_search",
+        ),
         "motion": (
             "bt_dualarm.control.computed_torque:warm_up_control",
             "bt_dualarm.control.collision_detection:warm_up_collision_detection",
@@ -41,7 +43,6 @@ GROUPS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
             "bt_dualarm.sim.grippers:warm_up_fingers",
             "bt_dualarm.sim.grippers:warm_up_tactile_sensors",
         ),
-        **SEARCH,
     }
 )
 """Functions that call the kernels of a group, by its name; kernels that call the same ones are in
@@ -49,9 +50,13 @@ one group, and groups take about equally long to compile."""
 
 
 def needed(file: TreeFile) -> tuple[str, ...]:
-    """Names of the groups whose kernels a run of a file may call, but for its planning process."""
+    """Names of the groups whose kernels a run of a file may call.
+
+    Those of a search are among them: whether one is needed shows during the run, which would wait
+    for them.
+    """
     arms = file.arms.values()
-    names = ["edges", "motion"]
+    names = ["planning", "motion"]
     if any(arm.camera is not None for arm in arms):
         names += ["vision", "cameras"]
     if any(arm.gripper is not None for arm in arms):
