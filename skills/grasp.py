@@ -47,7 +47,11 @@ class _ObjectPorts(PortModel):
         unit="m",
     )
     open_to: GripWidth | None = port(
-        None, "opening of the fingers during the approach; by default the widest", unit="m", gt=0
+        None,
+        "opening of the fingers during the approach; by default the widest",
+        unit="m",
+        gt=0,
+        le=1,
     )
     width: float | None = port(
         None,
