@@ -75,7 +75,7 @@ _BRAKE_ACCELERATION = 0.5
 _BRAKE_JERK = 0.35
 """Share of the plane jerk for braking before the target, from afar."""
 
-_SMALL_M = 0.001
+_SMALL_M = 0.002
 """Distance within which the tool hurries all the same, m: what remains where nothing surprises."""
 
 _NEAR_M = 0.02
