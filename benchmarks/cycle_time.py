@@ -17,7 +17,6 @@ from __future__ import annotations
 import argparse
 import sys
 from collections import defaultdict
-from collections.abc import Sequence
 from pathlib import Path
 from types import GeneratorType
 from typing import Any, Final
@@ -153,7 +152,7 @@ def _at_speed(node: Any, speed: float, with_speed: frozenset[str]) -> Any:
     }
 
 
-def run(file: dict[str, Any], speed: float) -> tuple[Sequence[LeafReport], float, Phases]:
+def run(file: dict[str, Any], speed: float) -> tuple[tuple[LeafReport, ...], float, Phases]:
     """The leaves of a run, its simulated time, and its phases."""
     skills = Registry.load().skills
     with_speed = frozenset(name for name in skills if "speed" in skills[name].Ports.model_fields)
@@ -176,7 +175,7 @@ def run(file: dict[str, Any], speed: float) -> tuple[Sequence[LeafReport], float
     return result.arms["arm1"].runs, result.sim_time_s, phases
 
 
-def times_of(task: str, runs: Sequence[LeafReport], seconds: float) -> dict[str, float]:
+def times_of(task: str, runs: tuple[LeafReport, ...], seconds: float) -> dict[str, float]:
     """Simulated time of each skill of a run, and of the whole task, s."""
     took = {leaf.skill: (leaf.ended_s or 0.0) - leaf.started_s for leaf in runs}
     if task == "carry":

@@ -246,12 +246,12 @@ def place_ways() -> Iterator[Way]:
     goal = pose(*GOAL, TABLE + 0.06 + 0.025)
     yield placing("on a loose ball", CUBE, goal, around={"loose": loose})
     goal = on_table(CUBE)
-    yield placing("pushed when released", CUBE, goal, deed=kicked(0.5), begins=("released", 0.5))
-    yield placing("pushed lightly", CUBE, goal, deed=moved(0.012), begins=("released", 1.0))
+    yield placing("pushed when released", CUBE, goal, deed=kicked(0.5), begins=("released", 0.2))
+    yield placing("pushed lightly", CUBE, goal, deed=moved(0.012), begins=("released", 0.4))
     tall = on_table(TALL)
-    yield placing("knocked over", TALL, tall, deed=kicked(0.8), begins=("released", 0.8))
+    yield placing("knocked over", TALL, tall, deed=kicked(0.8), begins=("released", 0.4))
     round_goal = on_table(BALL)
-    yield placing("a ball that rolls", BALL, round_goal, deed=kicked(0.4), begins=("released", 0.8))
+    yield placing("a ball that rolls", BALL, round_goal, deed=kicked(0.4), begins=("released", 0.4))
     yield placing(
         "a ball that creeps", BALL, round_goal, deed=kicked(0.04), begins=("released", 0.8)
     )
@@ -350,7 +350,7 @@ def regrasp_ways() -> Iterator[Way]:
     for name, deed, begins in (
         ("slid by 14 mm", slid(0.014), ("held", 0.5)),
         ("tilted by 20°", turned(20.0), ("held", 0.5)),
-        ("pushed by 15 mm", moved(0.015), ("released", 0.9)),
+        ("pushed by 15 mm", moved(0.015), ("released", 0.4)),
         ("knocked over", kicked(0.8), ("released", 0.9)),
         ("moved before it is taken", moved(0.0, 0.02), ("released", 3.0)),
         ("taken away", gone, ("released", 1.0)),

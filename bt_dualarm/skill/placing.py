@@ -914,11 +914,8 @@ class SettingDown:
             if not in_contact:
                 watch.look(arm.time)
                 arm.refuse_when_held_up(running, wait_s)
-            if self._test is None and _is_beyond(arm, self._name, lies):
-                self._test = came_along(arm, self._held, width, lies)
-            if self._test is not None:
-                self._continue_test(width)
         yield from arm.settle()
+        self._test = came_along(arm, self._held, width, lies)
 
     def _continue_test(self, width: float) -> None:
         """Go on with the test whether the object came along; open again at its end."""
