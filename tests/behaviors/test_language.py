@@ -49,7 +49,10 @@ OTHER_THINGS = {
     ("behaviors/graph.py", "signal"),  # a port
     ("cli/__init__.py", "compare"),  # a command
     ("spec/faults.py", "fail"),  # what a fault does
-    ("spec/expressions.py", "if"),  # a word of expressions
+    ("spec/expressions.py", "if"),  # words of expressions
+    ("spec/expressions.py", "not"),
+    ("spec/goals.py", "in_zone"),  # a field of a goal
+    ("cli/bt_sweep.py", "all"),  # a choice of an option
 }
 """Texts that are spelt like a node type and mean something else."""
 
