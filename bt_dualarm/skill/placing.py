@@ -855,7 +855,7 @@ class SettingDown:
         return float(self._arm.tool_pose.position[2] - tool.position[2])
 
     def _release(self, width: float, lies: Pose) -> Iterator[float | None]:
-        """Open, retreat, and check meanwhile that the object does not come along.
+        """Open, retreat, and check that the object did not come along.
 
         The retreat begins as soon as there is `_APART_M` on each side of the object. An object that
         is still in the gripper is attached again.
