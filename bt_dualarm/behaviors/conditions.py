@@ -33,7 +33,6 @@ from bt_dualarm.spec.node_types import (
     Slot,
     port,
 )
-from bt_dualarm.spec.relative_pose import ToolPose
 from bt_dualarm.spec.values import (
     Angle,
     ArmName,

@@ -54,11 +54,11 @@ from bt_dualarm.spec.document import (
     TreeContent,
     TreeFile,
     WorldSpec,
+    expanded,
 )
 from bt_dualarm.spec.explain import explain
 from bt_dualarm.spec.faults import fault_class, fault_problems, unique_names
 from bt_dualarm.spec.goals import SECTIONS, ConditionSpec
-from bt_dualarm.spec.many import expanded
 from bt_dualarm.spec.node_types import (
     NodeSpec,
     NodeType,

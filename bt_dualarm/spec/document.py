@@ -32,7 +32,7 @@ from pydantic import (
 from bt_dualarm.spec.cell import CellSpec
 from bt_dualarm.spec.faults import Faults, FaultSpec
 from bt_dualarm.spec.goals import Conditions
-from bt_dualarm.spec.many import MOST_OBJECTS, Group, ManySpec
+from bt_dualarm.spec.many import MOST_OBJECTS, Group, ManySpec, members
 from bt_dualarm.spec.node_types import NodeSpec, one_line, port
 from bt_dualarm.spec.problems import Name, Problem, written_as
 from bt_dualarm.spec.shapes import (
@@ -567,6 +567,33 @@ class FixtureSpec(ObjectSpec):
         1.0, "Mass of one that is not fixed, evenly distributed", unit="kg", ge=1e-4, le=1000.0
     )
     fixed: bool = port(True, "Whether it is fixed in the world")
+
+
+def expanded(
+    objects: Mapping[str, ObjectSpec],
+) -> tuple[dict[str, ObjectSpec], tuple[Group, ...], list[tuple[str, str]]]:
+    """Returns the objects of a file with every member of a group, and the groups.
+
+    The third value is the entries with errors: name and message.
+    """
+    found: dict[str, ObjectSpec] = {}
+    groups: list[Group] = []
+    wrong: list[tuple[str, str]] = []
+    for entry, thing in objects.items():
+        if thing.many is None:
+            found[entry] = thing
+            continue
+        group = Group(entry, members(entry, thing.many.count), thing.many)
+        groups.append(group)
+        for name in group.names:
+            if name in objects or name in found:
+                message = f"'{name}' is the name of an object already: rename one of the entries"
+                wrong.append((entry, message))
+            found[name] = thing.model_copy(update={"many": None})
+    if groups and len(found) > MOST_OBJECTS:
+        message = f"the file has {len(found)} objects with it; {MOST_OBJECTS} are the most"
+        wrong.append((groups[-1].entry, message))
+    return found, tuple(groups), wrong
 
 
 class LimitShares(Value):

@@ -1,7 +1,7 @@
 """Many objects from one entry of a tree file: grids, stacks, piles and scattered ones.
 
 An entry with ``many`` stands for several objects, whose names are its own with a number from 1:
-``cube1``, ``cube2``. `expanded` replaces the entries of a file. Random sizes, colors and positions
+``cube1``, ``cube2``. `document.expanded` replaces the entries of a file. Random sizes, colors and positions
 are drawn when the seed of the run is known, from the `Group` of an entry.
 """
 
@@ -9,15 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, ClassVar, Final, TypeAlias
+from typing import Annotated, ClassVar, Final, TypeAlias
 
 from pydantic import Field, model_validator
 
 from bt_dualarm.spec.node_types import PortModel, port
 from bt_dualarm.spec.shapes import Length, ObjectColor
-
-if TYPE_CHECKING:
-    from bt_dualarm.spec.document import ObjectSpec
 
 MOST_OF_A_KIND: Final = 100
 """Largest number of objects of one entry."""
@@ -109,33 +106,6 @@ class Group:
 def members(entry: str, count: int) -> tuple[str, ...]:
     """Returns the names of the objects of an entry."""
     return tuple(f"{entry}{number}" for number in range(1, count + 1))
-
-
-def expanded(
-    objects: Mapping[str, ObjectSpec],
-) -> tuple[dict[str, ObjectSpec], tuple[Group, ...], list[tuple[str, str]]]:
-    """Returns the objects of a file with every member of a group, and the groups.
-
-    The third value is the entries with errors: name and message.
-    """
-    found: dict[str, ObjectSpec] = {}
-    groups: list[Group] = []
-    wrong: list[tuple[str, str]] = []
-    for entry, thing in objects.items():
-        if thing.many is None:
-            found[entry] = thing
-            continue
-        group = Group(entry, members(entry, thing.many.count), thing.many)
-        groups.append(group)
-        for name in group.names:
-            if name in objects or name in found:
-                message = f"'{name}' is the name of an object already: rename one of the entries"
-                wrong.append((entry, message))
-            found[name] = thing.model_copy(update={"many": None})
-    if groups and len(found) > MOST_OBJECTS:
-        message = f"the file has {len(found)} objects with it; {MOST_OBJECTS} are the most"
-        wrong.append((groups[-1].entry, message))
-    return found, tuple(groups), wrong
 
 
 MOST_OBJECTS: Final = 200
