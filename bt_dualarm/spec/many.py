@@ -1,8 +1,8 @@
 """Many objects from one entry of a tree file: grids, stacks, piles and scattered ones.
 
 An entry with ``many`` stands for several objects, whose names are its own with a number from 1:
-``cube1``, ``cube2``. `document.expanded` replaces the entries of a file. Random sizes, colors and positions
-are drawn when the seed of the run is known, from the `Group` of an entry.
+``cube1``, ``cube2``. `document.expanded` replaces the entries of a file. Random sizes, colors and
+positions are drawn when the seed of the run is known, from the `Group` of an entry.
 """
 
 from __future__ import annotations
