@@ -143,5 +143,6 @@ def test_no_file_of_the_package_knows_a_shipped_skill_by_name() -> None:
     found = {(name, text) for name, path in files() for text in texts_in(path) if text in skills}
     assert found == {
         ("runtime/history.py", "place"),  # where in a file a node stands
+        ("runtime/run.py", "look_at"),  # an argument of `render`
         ("spec/expressions.py", "look_at"),  # a field of a pose
     }
