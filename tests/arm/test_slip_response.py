@@ -13,7 +13,7 @@ from tests.plays import Play, Stage
 from tests.skills.scenarios import GRIPPING, ON_TABLE, Scenario, Tree
 
 CARRY: Tree = {"transport": {"object": "cube", "to": {"xyz": [0.35, 0.2, 0.7]}, "speed": 1.0}}
-GOING = 5.0
+GOING = 3.6
 """Simulated seconds after which the cube is on its way."""
 
 
