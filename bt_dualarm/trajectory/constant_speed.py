@@ -11,7 +11,7 @@ import math
 from typing import Final
 
 import numpy as np
-import scipy.interpolate
+import scipy
 
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Vector
