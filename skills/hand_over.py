@@ -33,6 +33,8 @@ from bt_dualarm import (
 _MOTIONS = frozenset({"NO_PLAN", "IN_COLLISION", "TIMED_OUT", "DEADLOCK", "UNREACHABLE"})
 _PATIENCE_S = 15.0  # for the taker to leave the path, before another plan is tried
 _LIGHTER = 0.4  # share of the weight that the giver's pads must have lost
+_WEIGHED_M = 0.05  # height by which an object of unknown mass is raised to weigh it
+_WEIGHING_SPEED = 0.15  # fraction of the arm's limits
 _LEVEL = 0.4  # horizontal share of a load that is still one by the weight
 _PUSHED_N = 4.0  # change of the load that shows that the taker has met the object
 _FELT_N = 0.6  # weight above which pads tell whether it has become lighter
@@ -85,6 +87,7 @@ class HandOver(Skill):
         label = handover_label(name, arm.name, taker)
         with JointPart(self.context, label, (arm.name, taker)) as joint:
             yield from joint.meet()
+            yield from self._weigh()
             joint.tell(wish=self._wish())
             number = 0
             while True:
@@ -115,10 +118,37 @@ class HandOver(Skill):
         if held is None:
             raise Failure("NOT_HELD", f"{arm.name} does not hold {name!r}: `grasp` it first")
 
+    def _weigh(self) -> Iterator[float | None]:
+        """Raise and lower the object until the arm knows its mass, if it has to estimate that.
+
+        Joint friction hides the weight while the arm stands. Without the mass the taker would have
+        to grip for any load, and might find no grasp.
+        """
+        arm = self.arm
+        if not arm.world.nominal[arm.name].estimates_payload:
+            return
+        start = arm.commanded_tool_pose
+        raised = Pose(start.position + np.array((0.0, 0.0, _WEIGHED_M)), start.quaternion)
+        for end in (raised, start, raised, start):
+            if self._mass() is not None:
+                return
+            try:
+                yield from arm.past_others(_WEIGHING_SPEED).straight(end)
+            except Failure as failure:
+                if failure.code not in _MOTIONS | {"PATH_BROKEN", "SINGULAR"}:
+                    raise
+                return  # there is no room: the taker assumes a large mass
+
+    def _mass(self) -> float | None:
+        """Mass of the object with its uncertainty, kg; None if the arm does not know it."""
+        for load in self.arm.payload:
+            if load.object == self.ports.object and load.mass is not None:
+                return load.mass + 2.0 * load.mass_doubt
+        return None
+
     def _wish(self) -> HandoverWish:
         """What the taker has to know before it chooses a pose and a grasp."""
         ports = self.ports
-        arm = self.arm
         at = ports.at
         turn = None if ports.orientation is None else Pose.from_rpy((0, 0, 0), ports.orientation)
         quaternion = None if turn is None else turn.quaternion
@@ -126,15 +156,7 @@ class HandOver(Skill):
             if turn is not None:
                 raise Failure("INVALID_TARGET", "`at` and `orientation` both turn the object")
             quaternion = at.pose.quaternion
-        mass = next(
-            (
-                load.mass + 2.0 * load.mass_doubt
-                for load in arm.payload
-                if load.object == ports.object and load.mass is not None
-            ),
-            None,
-        )
-        return HandoverWish(None if at is None else np.array(at.xyz), quaternion, mass)
+        return HandoverWish(None if at is None else np.array(at.xyz), quaternion, self._mass())
 
     def _present(
         self, joint: JointPart, taker: str, number: int
