@@ -211,7 +211,7 @@ class Taking:
 
         unseen = touched if self._seen else frozenset[str]()
         move = arm.past_others(ports.speed, unseen)
-        if not arm.controller.neighbors:
+        if not arm.controller.neighbors and not self._is_uncertain:
             yield from move.along(whole, lambda *given: self._enter(approaches[-1], unseen, *given))
         else:
             for progress in move.to_line(to_standoff, lambda: approaches[-1].rows, touched):
@@ -221,6 +221,20 @@ class Taking:
             yield from self._enter(approaches[-1], unseen, self._motion.motion, WAIT_S)
         return approaches[-1]
 
+    @property
+    def _is_uncertain(self) -> bool:
+        """Whether the arm has to estimate its load, and knows its friction as little.
+
+        Such an arm is farther from a fast motion, and comes to rest later.
+        """
+        return self._arm.world.nominal[self._arm.name].estimates_payload
+
+    @property
+    def _brisk(self) -> float:
+        """Fraction of the arm's limits on straight parts on which nothing is touched."""
+        ports = self._ports
+        return ports.approach_speed if self._is_uncertain else _BRISK * ports.speed
+
     def _straight_on(self, begin: OverlappedMotion, approach: GraspApproach) -> OverlappedMotion:
         """A motion to the standoff and the straight part after it: slow where contact is possible.
 
@@ -228,7 +242,7 @@ class Taking:
         """
         arm = self._arm
         ports = self._ports
-        brisk = _BRISK * ports.speed
+        brisk = self._brisk
         rows = approach.rows
         count = round((len(rows) - 1) * max(1.0 - self._near_m(approach) / approach.standoff, 0.0))
         if count > 0:
@@ -361,7 +375,7 @@ class Taking:
         start = self._arm.commanded_tool_pose
         height = float(arm.world.object_pose(name).position[2])
         up = Pose(start.position + np.array((0.0, 0.0, self._ports.lift)), start.quaternion)
-        move = arm.past_others(_BRISK * self._ports.speed)
+        move = arm.past_others(self._brisk)
         since = arm.time  # since when the gripper holds
         errors: list[float | None] = []
         for progress in move.straight(up, known_free=True):
