@@ -94,7 +94,7 @@ def _sight() -> Iterator[Mistake]:
     tree = shipped("visual_tracking")
     aside = {"transport": {"object": "cube", "to": {"xyz": [0.45, 0.65, 0.70]}}}
     steps(tree)[2] = {"sequence": [{"wait": {"seconds": 1}}, aside]}
-    tree["arms"]["arm2"]["tree"]["track"]["lost_timeout"] = 1.0
+    tree["arms"]["arm2"]["tree"]["track"] |= {"lost_timeout": 1.0, "reach_timeout": 1.0}
     yield Mistake("the cube is carried too far away", tree, "LEFT_REACH", ("0.30 m",))
     tree = shipped("visual_tracking")
     steps(tree)[2:] = [{"detach": {"object": "cube"}}, {"remove": {"object": "cube"}}]
