@@ -104,7 +104,7 @@ class _Unlinked:
     def __init__(self, generator: Any) -> None:  # numba has no types
         self._generator = generator
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str) -> Any:  # numba has no types
         return getattr(self._generator, name)
 
     def set_env(self, name: str, environment: object) -> None:
@@ -128,7 +128,7 @@ class InnerLowering(typed_passes.NativeLowering):
 class InnerCompiler(compiler.CompilerBase):
     """Compiles functions that only other kernels call."""
 
-    def define_pipelines(self) -> list[Any]:
+    def define_pipelines(self) -> list[Any]:  # numba has no types
         """Returns numba's passes with our lowering."""
         builder: Any = compiler.DefaultPassBuilder  # numba has no types
         passes = builder.define_nopython_pipeline(self.state)
@@ -410,7 +410,7 @@ class _Reader(pickle.Unpickler):  # of the user's own cache
     imports it for code in Python; compiled code uses the constants only.
     """
 
-    def find_class(self, module: str, name: str) -> Any:
+    def find_class(self, module: str, name: str) -> Any:  # any class
         """Returns what a name stands for."""
         if name == _rebuild_env.__name__ and module == _rebuild_env.__module__:
             return _environment
@@ -509,7 +509,7 @@ class KernelCache(FunctionCache):
         self,
         sig: object,
         target_context: Any,  # numba has no types
-    ) -> Any:
+    ) -> Any:  # numba has no types
         """Machine code of a signature; None if there is none.
 
         Numba first imports all that it could need to compile, and compiles functions for its memory

@@ -92,8 +92,11 @@ class BehaviorEnv(gymnasium.Env[Any, Any]):
         self.observation_space = spaces.Dict({**self._boxes})
 
     def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
+        self,
+        *,
+        seed: int | None = None,
+        options: dict[str, Any] | None = None,  # as Gymnasium's
+    ) -> tuple[Observation, dict[str, Any]]:  # likewise
         """Begin a new run.
 
         Args:
@@ -111,7 +114,9 @@ class BehaviorEnv(gymnasium.Env[Any, Any]):
         self._share = self._goals_share()
         return self._observation(), self._info()
 
-    def step(self, action: Action) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    def step(
+        self, action: Action
+    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:  # as Gymnasium's
         """Execute an action for the duration of a step.
 
         Returns:
@@ -276,7 +281,7 @@ class BehaviorEnv(gymnasium.Env[Any, Any]):
         goals = self.run.goals
         return sum(goal.met for goal in goals.values()) / len(goals)
 
-    def _info(self) -> dict[str, Any]:
+    def _info(self) -> dict[str, Any]:  # as Gymnasium's
         if self.run is None:
             return {}
         goals = self.run.goals

@@ -222,7 +222,7 @@ class RunData:
         }
         return Named("object", tracks)
 
-    def blackboard(self, arm: str) -> dict[str, list[tuple[float, Any]]]:
+    def blackboard(self, arm: str) -> dict[str, list[tuple[float, Any]]]:  # any data
         """Every value that an arm's tree wrote, by key: pairs of simulated time in s and value.
 
         Raises:

@@ -206,11 +206,17 @@ class WantedGrasp:
         return repr(self.name) if self.part is None else f"{self.part!r} of {self.name!r}"
 
     def solid(self, world: World) -> Solid:
-        """Shape of the object, or of the part at which it is grasped."""
+        """Shape of the object, or of the part at which it is grasped.
+
+        Raises:
+            Failure: ``NOT_THERE`` if the object has been removed meanwhile.
+        """
         if self.section is not None:
             return self.section
         if self.name is None or self.edges is not None:
             return Box(0.5 * np.array(self.edges))
+        if self.name not in world.objects:  # removed meanwhile
+            raise Failure("NOT_THERE", f"object {self.name!r} is not in the world")
         piece = None if self.part is None else body_of(world.objects[self.name]).part(self.part)
         return world.object_solid(self.name) if piece is None else piece
 
