@@ -295,7 +295,7 @@ class ObjectAt(_Leaf):
         """
         name = self.ports.object
         if name in self.arm.held:
-            found = [self._held(name)]
+            found = [self.arm.known.pose(name).pose.position]
         else:
             look = SightPorts(object=name, by=self.ports.by)
             seen = look.sighted(self.arm)
@@ -309,14 +309,6 @@ class ObjectAt(_Leaf):
         self.metrics["distance_m"] = away
         if away > self.ports.within:
             raise Failure("FALSE", f"{name} is {1e3 * away:.0f} mm away")
-
-    def _held(self, name: str) -> Vector:
-        """Position in the world, of shape (3,), at which the arm believes a held object to be."""
-        held = self.arm.world.attachments
-        relative = next(
-            one.relative for one in held if one.object == name and one.arm == self.arm.name
-        )
-        return (self.arm.tool_pose @ self.arm.robot.tool.inverse @ relative).position
 
 
 # Combinations.

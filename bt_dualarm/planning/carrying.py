@@ -17,24 +17,14 @@ from bt_dualarm.collision.group import GroupChecker
 from bt_dualarm.core.errors import CollisionFailure, Failure
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.kinematics.multi_arm import MultiArmKinematics, holding
+from bt_dualarm.planning.pose_tree import REACH_M, TO_GOAL, PoseTree
 from bt_dualarm.trajectory.paths import CartesianPath, blended, line
 
 BLEND_M = 0.05
 """Distance from a corner at which the object may begin to round it, m."""
 
-_REACH_M = 0.5
-"""Distance around start and goal from which poses are drawn, m."""
-
-_STEP_M = 0.25
-"""Longest edge, m; a rotation by 1 rad counts as `_TURN_M`."""
-
-_TURN_M = 0.3
-
 _DRAWS = 200
 """Number of edges that are tried."""
-
-_TO_GOAL = 0.25
-"""Share of the edges that lead toward the goal."""
 
 _COARSE = (0.008, 0.015)
 """Largest distance in m and rotation in rad between two samples of an edge of the search. The path
@@ -55,15 +45,6 @@ class CarriedPath:
 
     poses: list[Pose]
     rows: Matrix
-
-
-@dataclass(frozen=True, eq=False)
-class _Node:
-    """Node of the search tree: pose of the object, joint positions, number of its parent."""
-
-    pose: Pose
-    q: Vector
-    parent: int
 
 
 class CarryPlanner:
@@ -188,36 +169,19 @@ class CarryPlanner:
     ) -> Generator[None, None, tuple[list[Pose], Vector] | None]:
         """Corners of a path around obstacles and the joint positions at its end; None if none."""
         rng = np.random.default_rng(self._seed)
-        tree = [_Node(start, q, -1)]
-        low = np.minimum(start.position, goal.position) - _REACH_M
-        high = np.maximum(start.position, goal.position) + _REACH_M
+        tree = PoseTree(start, goal, q, _step, self._edge)
+        low = np.minimum(start.position, goal.position) - REACH_M
+        high = np.maximum(start.position, goal.position) + REACH_M
         for _ in range(_DRAWS):
             yield
             target = goal
-            if rng.random() > _TO_GOAL:
+            if rng.random() > TO_GOAL:
                 turn = line(start, goal).poses[int(rng.integers(9))]
                 target = Pose(rng.uniform(low, high), turn.quaternion)
-            near = min(range(len(tree)), key=lambda i: _apart(tree[i].pose, target))
-            while True:
-                node = self._extend(tree[near], near, target)
-                if node is None:
-                    break
-                tree.append(node)
-                near = len(tree) - 1
-                if _apart(node.pose, goal) < 1e-6:
-                    return (yield from self._shortened(_corners(tree, near), q, rng))
-                if target is not goal or _apart(node.pose, target) < 1e-6:
-                    break
+            corners = tree.grow(target)
+            if corners is not None:
+                return (yield from self._shortened(corners, q, rng))
         return None
-
-    def _extend(self, node: _Node, number: int, target: Pose) -> _Node | None:
-        away = _apart(node.pose, target)
-        if away < 1e-6:
-            return None
-        share = min(1.0, _STEP_M / away)
-        end = target if share == 1.0 else _between(node.pose, target, share)
-        q = self._edge(node.pose, end, node.q)
-        return None if q is None else _Node(end, q, number)
 
     def _edge(self, start: Pose, end: Pose, q: Vector) -> Vector | None:
         """Joint positions at the end of a straight edge; None if it is not free."""
@@ -263,18 +227,9 @@ def path_through(poses: Sequence[Pose]) -> CartesianPath:
     return line(poses[0], poses[1]) if len(poses) == 2 else blended(poses, BLEND_M)
 
 
-def _apart(one: Pose, other: Pose) -> float:
-    return one.distance(other) + _TURN_M * one.angle(other)
-
-
-def _between(start: Pose, end: Pose, share: float) -> Pose:
+def _step(start: Pose, end: Pose, share: float) -> Pose:
+    """Pose at about a share of the way between two others."""
+    if share == 1.0:
+        return end
     poses = line(start, end, 1e-3, 1e-2).poses
     return poses[max(round(share * (len(poses) - 1)), 1)]
-
-
-def _corners(tree: Sequence[_Node], last: int) -> list[Pose]:
-    found = []
-    while last >= 0:
-        found.append(tree[last].pose)
-        last = tree[last].parent
-    return found[::-1]

@@ -21,6 +21,7 @@ from bt_dualarm.collision.checker import FINE, CollisionChecker
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.planning.pose_tree import REACH_M, SAME, TO_GOAL, PoseTree, apart
 from bt_dualarm.planning.problem import (
     PlanningProblem,
     motion_around,
@@ -42,15 +43,11 @@ POSES = 20_000
 """Maximum number of poses of which a search solves the inverse kinematics: a few seconds."""
 
 _BLEND_M = 0.05  # distance from a corner at which it may be rounded
-_REACH_M = 0.5  # distance around start and goal from which poses are drawn
-_STEP_M = 0.25  # longest edge; a rotation by 1 rad counts as `_TURN_M`
-_TURN_M = 0.3
-_TO_GOAL = 0.25  # share of the edges that lead toward the goal
 _SPUN = 0.6  # share of the samples that are turned about the vertical
 _COARSE = (0.008, 0.02)  # distance in m and rotation in rad between two samples of an edge
 _FREE = 40_000  # configurations that are checked in a search without the constraint
 _RESTARTS = 4  # trees that are begun anew: the branch depends on the route to a pose
-_SAME = 1e-6
+_TINY = 1e-6  # distance, angle or length that counts as none
 _SHORTCUTS = 30
 _PROJECTIONS = 4  # rounds in which two cones are satisfied together
 
@@ -88,7 +85,7 @@ class Cone:
         axis = pose.turn(self.axis)
         about = np.cross(axis, self._center(pose))
         length = float(np.linalg.norm(about))
-        if length < _SAME:  # opposite: any axis at a right angle
+        if length < _TINY:  # opposite: any axis at a right angle
             about = np.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])
             length = float(np.linalg.norm(about))
         half = 0.5 * beyond
@@ -101,7 +98,7 @@ class Cone:
             return self.direction
         assert self.point is not None  # noqa: S101 - one of the two is given
         to = self.point - pose.position
-        return np.asarray(to / max(float(np.linalg.norm(to)), _SAME), float)
+        return np.asarray(to / max(float(np.linalg.norm(to)), _TINY), float)
 
 
 @dataclass(frozen=True)
@@ -171,7 +168,7 @@ class PathConstraint:
                     cone.most,
                     max(
                         cone.most - min(MARGIN_RAD, 0.2 * cone.most),
-                        *(cone.angle(frame) + _SAME for frame in frames),
+                        *(cone.angle(frame) + _TINY for frame in frames),
                     ),
                 ),
             )
@@ -179,8 +176,8 @@ class PathConstraint:
         )
         heights = [float(frame.position[2]) for frame in frames]
         margin = min(MARGIN_M, 0.2 * (self.highest - self.lowest))
-        lowest = max(self.lowest, min(self.lowest + margin, *(h - _SAME for h in heights)))
-        highest = min(self.highest, max(self.highest - margin, *(h + _SAME for h in heights)))
+        lowest = max(self.lowest, min(self.lowest + margin, *(h - _TINY for h in heights)))
+        highest = min(self.highest, max(self.highest - margin, *(h + _TINY for h in heights)))
         return replace(self, cones=cones, lowest=lowest, highest=highest)
 
     def projected(self, frame: Pose) -> Pose:
@@ -251,15 +248,6 @@ class ConstrainedProblem:
         return strict.along(kinematics, rows) is None
 
 
-@dataclass(frozen=True, eq=False)
-class _Node:
-    """Node of the search tree: pose of the frame, configuration, number of its parent."""
-
-    frame: Pose
-    q: Vector
-    parent: int
-
-
 class _ConstrainedSearch:
     """Search for one motion; arguments as `ConstrainedProblem.motion`."""
 
@@ -306,25 +294,17 @@ class _ConstrainedSearch:
 
     def _tree(self, last: int) -> list[Pose] | None:
         """Corners of a path from the start to the goal; None if it has used this many poses."""
-        tree = [_Node(self._start, self._problem.start, -1)]
-        low = np.minimum(self._start.position, self._goal.position) - _REACH_M
-        high = np.maximum(self._start.position, self._goal.position) + _REACH_M
+        tree = PoseTree(self._start, self._goal, self._problem.start, self._step, self._edge)
+        low = np.minimum(self._start.position, self._goal.position) - REACH_M
+        high = np.maximum(self._start.position, self._goal.position) + REACH_M
         while self._count < last and not self._abandoned():
             self._count += 1
             target = self._goal
-            if self._rng.random() > _TO_GOAL:
+            if self._rng.random() > TO_GOAL:
                 target = self._sample(low, high)
-            near = min(range(len(tree)), key=lambda i: _apart(tree[i].frame, target))
-            while True:
-                node = self._extended(tree[near], near, target)
-                if node is None:
-                    break
-                tree.append(node)
-                near = len(tree) - 1
-                if _apart(node.frame, self._goal) < _SAME:
-                    return self._shortened(_corners(tree, near))
-                if target is not self._goal or _apart(node.frame, target) < _SAME:
-                    break
+            corners = tree.grow(target)
+            if corners is not None:
+                return self._shortened(corners)
         return None
 
     def _sample(self, low: Vector, high: Vector) -> Pose:
@@ -337,16 +317,11 @@ class _ConstrainedSearch:
             quaternion = (spin @ Pose(np.zeros(3), quaternion)).quaternion
         return self._strict.projected(Pose(self._rng.uniform(low, high), quaternion))
 
-    def _extended(self, node: _Node, number: int, target: Pose) -> _Node | None:
-        away = _apart(node.frame, target)
-        if away < _SAME:
-            return None
-        share = min(1.0, _STEP_M / away)
-        end = target if share == 1.0 else _between(node.frame, target, share)
-        if end is not self._goal:
-            end = self._strict.projected(end)
-        q = self._edge(node.frame, end, node.q)
-        return None if q is None else _Node(end, q, number)
+    def _step(self, start: Pose, end: Pose, share: float) -> Pose:
+        """Pose at a share of the way between two others, projected onto the constraint."""
+        if share < 1.0:
+            end = _between(start, end, share)
+        return end if end is self._goal else self._strict.projected(end)
 
     def _edge(self, start: Pose, end: Pose, q: Vector) -> Vector | None:
         """Configuration at the end of a straight edge; None if it is not free, or not kept."""
@@ -380,7 +355,7 @@ class _ConstrainedSearch:
     def _timed(self, corners: Sequence[Pose]) -> Trajectory | None:
         """Motion along straight lines, with rounded corners where possible; None if not free."""
         stops = [corners[0]]
-        stops += [pose for pose in corners[1:] if _apart(pose, stops[-1]) > _SAME]
+        stops += [pose for pose in corners[1:] if apart(pose, stops[-1]) > SAME]
         if len(stops) < 2:  # already there
             return Trajectory.rest(self._problem.start, self._problem.dt)
         attempts = [[blended(stops, _BLEND_M).poses]] if len(stops) > 2 else []
@@ -414,10 +389,6 @@ class _ConstrainedSearch:
         return motion if self._given.keep.along(self._kinematics, rows) is None else None
 
 
-def _apart(one: Pose, other: Pose) -> float:
-    return one.distance(other) + _TURN_M * one.angle(other)
-
-
 def _between(start: Pose, end: Pose, share: float) -> Pose:
     """Pose at a share of the straight line between two others."""
     step = start.inverse @ end
@@ -430,11 +401,3 @@ def _between(start: Pose, end: Pose, share: float) -> Pose:
     half = share * math.atan2(sine, abs(w))
     turn = Pose(np.zeros(3), np.array((math.cos(half), *(math.sin(half) * vector / sine))))
     return Pose(position, (Pose(np.zeros(3), start.quaternion) @ turn).quaternion)
-
-
-def _corners(tree: Sequence[_Node], last: int) -> list[Pose]:
-    found = []
-    while last >= 0:
-        found.append(tree[last].frame)
-        last = tree[last].parent
-    return found[::-1]

@@ -54,11 +54,13 @@ from bt_dualarm.spec.values import (
     MarkerSpec,
     Meters,
     PoseSpec,
+    RelativePath,
     Seconds,
     Share,
     Speed,
     Uncertainty,
     Value,
+    below_tree,
 )
 from bt_dualarm.spec.yaml_reader import Data, DataPath, Source
 
@@ -449,18 +451,8 @@ class NoiseSpec(Value):
     )
 
 
-def _mesh_file(path: str) -> str:
-    """Refuses a path that is absolute, leaves the folder, or is of no supported format."""
-    if not path.lower().endswith((".stl", ".obj")):
-        raise ValueError(f"expected an STL or OBJ file, not {path!r}")
-    steps = path.replace("\\", "/").split("/")
-    if steps[0] == "" or ".." in steps or ":" in steps[0]:
-        raise ValueError(f"{path!r} is not below the folder of the tree file")
-    return path
-
-
 MeshFile: TypeAlias = Annotated[
-    str, Field(min_length=5, max_length=200), AfterValidator(_mesh_file)
+    RelativePath, AfterValidator(below_tree("an STL or OBJ file", ".stl", ".obj"))
 ]
 """Path of a mesh relative to the tree file."""
 

@@ -346,20 +346,6 @@ def dynamic_ports(model: type[PortModel], ports: Mapping[str, Data]) -> frozense
     return frozenset(dynamic) - templates_of(model) if dynamic else frozenset()
 
 
-def references_in(model: type[PortModel], ports: Mapping[str, Data]) -> dict[str, str]:
-    """Returns the key of each port of ``model`` that is given as a reference."""
-    keys = {name: reference_of(value) for name, value in ports.items()}
-    if all(key is None for key in keys.values()):
-        return {}
-    fields = model.model_fields
-    texts = templates_of(model)
-    return {
-        name: key
-        for name, key in keys.items()
-        if key is not None and name in fields and name not in texts
-    }
-
-
 @lru_cache(maxsize=512)
 def templates_of(model: type[PortModel]) -> frozenset[str]:
     """Returns the ports whose text may contain keys."""

@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import Annotated, Final, TypeAlias
 from xml.parsers import expat
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator
 
 from bt_dualarm.spec.node_types import NodeSpec, NodeType, metadata_of, reference_of
 from bt_dualarm.spec.problems import Problem
+from bt_dualarm.spec.values import RelativePath, below_tree
 
 Point: TypeAlias = tuple[float, float]
 
@@ -35,18 +36,9 @@ class ReadsText:
     """Metadata of a port that names a text file, which is read with the tree."""
 
 
-def _below(path: str) -> str:
-    if not path.lower().endswith((".csv", ".svg")):
-        raise ValueError(f"expected a CSV or SVG file, not {path!r}")
-    steps = path.replace("\\", "/").split("/")
-    if steps[0] == "" or ".." in steps or ":" in steps[0]:
-        raise ValueError(f"{path!r} is not below the folder of the tree file")
-    return path
+_below = below_tree("a CSV or SVG file", ".csv", ".svg")
 
-
-PathFile: TypeAlias = Annotated[
-    str, Field(min_length=5, max_length=200), AfterValidator(_below), ReadsText()
-]
+PathFile: TypeAlias = Annotated[RelativePath, AfterValidator(_below), ReadsText()]
 """Path of a CSV or SVG file, relative to the folder of the tree file."""
 
 

@@ -50,12 +50,6 @@ class Scene:
     source: Source
     content: SceneContent | None
 
-    @property
-    def fixture_names(self) -> frozenset[str]:
-        """Names of its fixtures, also if it has errors elsewhere."""
-        fixtures = self.source.get(("fixtures",))
-        return frozenset(fixtures) if isinstance(fixtures, dict) else frozenset()
-
 
 def is_scene_path(name: object) -> bool:
     """Whether a scene is given by the path of a file."""

@@ -270,6 +270,29 @@ Degrees: TypeAlias = Annotated[Uncertainty, AfterValidator(_below(20.0, "deg"))]
 Seconds: TypeAlias = Annotated[Uncertainty, AfterValidator(_below(0.1, "s"))]
 
 
+RelativePath: TypeAlias = Annotated[str, Field(min_length=5, max_length=200)]
+"""Path of a file relative to the tree file."""
+
+
+def below_tree(kind: str, *suffixes: str) -> Callable[[str], str]:
+    """Returns a validator of paths of one kind of file below the folder of the tree file.
+
+    Args:
+        kind: What the file is, for messages: ``"an STL or OBJ file"``.
+        suffixes: Endings in lower case, with the dot.
+    """
+
+    def checked(path: str) -> str:
+        if not path.lower().endswith(suffixes):
+            raise ValueError(f"expected {kind}, not {path!r}")
+        steps = path.replace("\\", "/").split("/")
+        if steps[0] == "" or ".." in steps or ":" in steps[0]:
+            raise ValueError(f"{path!r} is not below the folder of the tree file")
+        return path
+
+    return checked
+
+
 class Offset(PortModel):
     """Offset from the current pose of the tool."""
 

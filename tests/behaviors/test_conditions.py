@@ -29,7 +29,7 @@ class ArmStage(Stage):
     """A tree whose arm has encoders, a force estimate and a belief of what it holds."""
 
     def __init__(self, folder: Path, tree: str, *more: type[Condition], **sensed: Any) -> None:
-        held = SimpleNamespace(object="cube", arm="arm1", relative=Pose.from_rpy((0, 0, 0.1)))
+        believed = SimpleNamespace(pose=Pose.from_rpy((0.5, 0, 0.6)))
         self.sensed = {
             "tool_pose": Pose.from_rpy((0.5, 0, 0.5)),
             "q": np.array([0.0, 0.1]),
@@ -39,8 +39,8 @@ class ArmStage(Stage):
             "posture": {"home": np.array([0.0, 0.0])}.__getitem__,
             "tool_pose_of": lambda _: Pose.from_rpy((0.5, 0.2, 0.5)),
             "controller": SimpleNamespace(at_rest=False),
-            "robot": SimpleNamespace(tool=Pose.identity()),
-            "world": SimpleNamespace(arms=("arm1", "arm2"), attachments=(held,)),
+            "known": SimpleNamespace(pose={"cube": believed}.__getitem__),
+            "world": SimpleNamespace(arms=("arm1", "arm2")),
             **sensed,
         }
         super().__init__(folder, tree, *more)

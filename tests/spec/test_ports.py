@@ -9,10 +9,11 @@ from bt_dualarm.behaviors.leaf import Log
 from bt_dualarm.spec.node_types import (
     PortModel,
     as_text,
+    dynamic_ports,
     miscounted,
     only,
     port,
-    references_in,
+    reference_of,
     templates_of,
     unit_of,
     validate_literals,
@@ -35,7 +36,8 @@ class Ports(PortModel):
 
 def test_references_are_found_and_left_out_of_the_early_check() -> None:
     ports = {"low": "{a}", "high": 2}
-    assert references_in(Ports, ports) == {"low": "a"}
+    assert dynamic_ports(Ports, ports) == {"low"}
+    assert reference_of(ports["low"]) == "a"
     validate_literals(Ports, ports)
 
 
@@ -101,7 +103,8 @@ def test_units() -> None:
 
 def test_a_text_with_keys_in_it_is_no_reference() -> None:
     assert templates_of(Log.Ports) == {"message"}
-    assert references_in(Log.Ports, {"message": "{a}", "level": "{b}"}) == {"level": "b"}
+    assert dynamic_ports(Log.Ports, {"message": "{a}", "level": "{b}"}) == {"level"}
+    assert reference_of("{b}") == "b"
 
 
 @pytest.mark.parametrize(
