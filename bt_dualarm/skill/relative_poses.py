@@ -119,7 +119,7 @@ class _Resolver:
         orientation = turn if wanted.is_oriented else current
         reference = self._solid(name)
         along = wanted.direction
-        distance = reference.reach(lies.inverse.turn(along)) + wanted.by
+        distance = self._surface(lies, wanted) + wanted.by
         if solid is not None:
             distance += solid.reach(orientation.inverse.turn(-along))
         position = lies.position + distance * along + np.array(wanted.xyz)
@@ -129,6 +129,21 @@ class _Resolver:
             position[2] += solid.reach(orientation.inverse.turn(down))
             position[2] -= reference.reach(lies.inverse.turn(down))
         return Pose(position, turn.quaternion)
+
+    def _surface(self, lies: Pose, wanted: RelativePose) -> float:
+        """Distance of the object's surface from its origin, along the direction, m.
+
+        In something hollow, an object stands on the inner floor, not at the height of the rim.
+        """
+        body = body_of(self._arm.world.declared_objects[wanted.reference])
+        along = lies.inverse.turn(wanted.direction)
+        if wanted.on is not None and not body.is_simple:
+            place = lies.position + np.array((*wanted.xyz[:2], 0.0))
+            start = lies.inverse.apply(place + _FARTHEST_M * wanted.direction)
+            length = body.ray(start, -along)
+            if np.isfinite(length):
+                return _FARTHEST_M - length
+        return body.solid.reach(along)
 
     def _moved(self, of: PoseOf | None) -> tuple[str, Solid | None, Pose]:
         """What has the pose, its shape if it counts, and its current orientation."""

@@ -38,7 +38,7 @@ class RelativePose(Value):
     model_config = ConfigDict(json_schema_extra=_with_one_relation)
 
     above: ObjectName | None = port(None, "Object above whose top it is, by the distance `by`")
-    on: ObjectName | None = port(None, "Object on whose top it is")
+    on: ObjectName | None = port(None, "Object on whose top it is, or on whose inner floor")
     beside: ObjectName | None = port(
         None, "Object beside which it is, on its side `side`, at the same height"
     )

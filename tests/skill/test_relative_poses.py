@@ -100,6 +100,24 @@ def test_surfaces_of_two_objects_touch(shape: str) -> None:
         assert x > 0.55 + 0.01 + 0.019
 
 
+@pytest.mark.parametrize(
+    ("shape", "size"),
+    [
+        ("tray", (0.2, 0.1, 0.04)),
+        ("bin", (0.2, 0.1, 0.04)),
+        ("cup", (0.05, 0.04)),
+        ("bowl", (0.05, 0.04)),
+    ],
+)
+def test_on_something_hollow_is_on_its_inner_floor(shape: str, size: tuple[float, ...]) -> None:
+    """Above it is above the rim, which is at half the height of 0.04 m over the origin."""
+    pose = PoseSpec(xyz=(0.5, 0.1, 0.5), rpy=(0.0, 0.0, 30.0))
+    hollow = ObjectSpec(shape=shape, size=size, mass=0.1, pose=pose, wall=0.004)  # type: ignore[arg-type]
+    arm = Bench(hollow=hollow).first
+    assert resolved(arm, "tool", {"on": "hollow"}).xyz[2] == pytest.approx(0.484, abs=1e-6)
+    assert resolved(arm, "tool", {"above": "hollow"}).xyz[2] == pytest.approx(0.52, abs=1e-6)
+
+
 @pytest.mark.parametrize("gripper", ["robotiq_2f85", "panda_hand", "suction_cup"])
 def test_a_held_object_is_known_from_the_hand_that_holds_it(gripper: str) -> None:
     arm = Bench(gripper=gripper, slab=turned_box(), cube=box((0.3, 0.4, 0.5))).first
