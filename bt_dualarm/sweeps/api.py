@@ -7,7 +7,7 @@ import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
@@ -35,7 +35,7 @@ from bt_dualarm.sweeps.manifest import (
 )
 from bt_dualarm.sweeps.report import title_of, write_report
 from bt_dualarm.sweeps.search import search_boundary
-from bt_dualarm.sweeps.sweep import MANIFEST, TABLE, Progress, SweepResult, Until, run_sweep
+from bt_dualarm.sweeps.sweep import MANIFEST, TABLE, Progress, StopCondition, SweepResult, run_sweep
 from bt_dualarm.sweeps.table import RowStore, digest, ordered, read_rows, write_table
 from bt_dualarm.sweeps.trial import RECORDS, Keep
 
@@ -120,7 +120,7 @@ def sweep(
     given = {name: value for name, value in fields.items() if value not in (None, 0, (), {})}
     manifest = checked(_manifest_of(tree, given))
     folder = Path(out)
-    condition = None if until is None else Until.of(until)
+    condition = None if until is None else StopCondition.of(until)
     part = shard_of(shard)
     start = engine_of(jobs, timeout, dask)
     if manifest.search is not None and (condition is not None or part != (1, 1)):
@@ -133,19 +133,17 @@ def sweep(
             stack.callback(started.close)
             return started
 
-        def run(wanted: Manifest) -> SweepResult:
-            return run_sweep(
-                wanted,
-                folder,
-                engine,
-                keep=keep,
-                until=condition,
-                audit=audit,
-                shard=part,
-                stop=stop,
-                progress=progress,
-            )
-
+        run = partial(
+            run_sweep,
+            out=folder,
+            engine=engine,
+            keep=keep,
+            until=condition,
+            audit=audit,
+            shard=part,
+            stop=stop,
+            progress=progress,
+        )
         result = run(manifest) if manifest.search is None else search_boundary(manifest, run)
     write_report(folder, result.table, manifest.title, result.boundary)
     return result

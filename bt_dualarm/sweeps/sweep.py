@@ -101,7 +101,7 @@ class Progress:
 
 
 @dataclass(frozen=True)
-class Until:
+class StopCondition:
     """Condition that ends a sweep early: an interval that is narrow enough.
 
     Attributes:
@@ -111,7 +111,7 @@ class Until:
     width: float
 
     @classmethod
-    def of(cls, text: str) -> Until:
+    def of(cls, text: str) -> StopCondition:
         """Condition from text, ``ci<0.02``.
 
         Raises:
@@ -168,7 +168,7 @@ def run_sweep(
     engine: Callable[[], Engine],
     *,
     keep: Keep = "failures",
-    until: Until | None = None,
+    until: StopCondition | None = None,
     audit: float = 0.0,
     shard: tuple[int, int] = (1, 1),
     stop: StopRequest | None = None,
@@ -276,7 +276,7 @@ class _Watch:
     """Evaluates the condition for ending early, on trials without a gap from the first on."""
 
     def __init__(
-        self, manifest: Manifest, wanted: Sequence[TrialSpec], until: Until | None
+        self, manifest: Manifest, wanted: Sequence[TrialSpec], until: StopCondition | None
     ) -> None:
         self._until = until
         self._order = deque(trial.index for trial in wanted)
@@ -306,7 +306,7 @@ class _Watch:
                 self.ends_at = first
                 return
 
-    def _is_narrow(self, until: Until) -> bool:
+    def _is_narrow(self, until: StopCondition) -> bool:
         return all(rate.width < until.width for rate in self._rates.values())
 
 

@@ -13,7 +13,7 @@ from bt_dualarm.sweeps.comparison import compare
 from bt_dualarm.sweeps.manifest import Grid, Manifest, SweepError, TrialSpec, checked
 from bt_dualarm.sweeps.report import causes_of, cells_of, write_report
 from bt_dualarm.sweeps.search import search_boundary
-from bt_dualarm.sweeps.sweep import Progress, Until, run_sweep
+from bt_dualarm.sweeps.sweep import Progress, StopCondition, run_sweep
 from bt_dualarm.sweeps.trial import Row
 from tests.sweeps.made_up import TREE, InstantEngine, row_of
 
@@ -96,7 +96,7 @@ def test_it_ends_once_the_interval_is_narrow(tmp_path: Path) -> None:
     for slots in (1, 4):
         engine = InstantEngine(row_of, slots)
         folder = tmp_path / str(slots)
-        result = run_sweep(long, folder, lambda e=engine: e, until=Until.of("ci<0.1"))  # type: ignore[misc]
+        result = run_sweep(long, folder, lambda e=engine: e, until=StopCondition.of("ci<0.1"))  # type: ignore[misc]
         assert result.enough
         assert result.rate.width < 0.1
         ends.add((len(result.table), result.sha256))
@@ -106,7 +106,7 @@ def test_it_ends_once_the_interval_is_narrow(tmp_path: Path) -> None:
 @pytest.mark.parametrize("text", ["ci<0", "ci<2", "ci>0.1", "0.1", "ci<x", ""])
 def test_other_conditions_are_refused(text: str) -> None:
     with pytest.raises(SweepError, match="no condition"):
-        Until.of(text)
+        StopCondition.of(text)
 
 
 def test_an_audit_confirms_trials_on_another_worker(manifest: Manifest, tmp_path: Path) -> None:
