@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from bt_dualarm.core.pose import Vector
@@ -17,6 +17,9 @@ from bt_dualarm.trajectory.path_timing import point_to_point
 from bt_dualarm.trajectory.trajectory import Trajectory, use_of_limits
 
 DT = 0.004
+ON_PATH_RAD = 1e-6
+"""A stretched motion is interpolated between set-points, which are that close to its path."""
+
 LIMITS = {name: load_robot(name).limits for name in ("ur5", "panda", "xarm7")}
 
 arms = st.sampled_from(sorted(LIMITS))
@@ -75,7 +78,7 @@ def test_the_whole_keeps_the_limits_and_is_no_longer(
 def test_ends_are_in_order_and_the_last_is_the_duration(arm: str, seed: int, count: int) -> None:
     whole, _ = overlap_all(motions_of(LIMITS[arm], seed, count), LIMITS[arm], 1.0)
     assert len(whole.ends_s) == count
-    assert [*whole.ends_s] == sorted(whole.ends_s)
+    assert all(next_one >= one - 1e-9 for one, next_one in itertools.pairwise(whole.ends_s))
     assert whole.ends_s[-1] == pytest.approx(whole.motion.duration, abs=1e-9)
 
 
@@ -91,13 +94,14 @@ def distance_to_line(point: Vector, start: Vector, end: Vector) -> float:
 def test_only_the_overlap_leaves_the_paths(arm: str, seed: int) -> None:
     """Before and after the set-points that the caller checks, the joints are on a path."""
     first, second = motions_of(LIMITS[arm], seed, 2)
-    whole, asked = overlap_all([first, second], LIMITS[arm], 1.5)
+    whole, asked = overlap_all([first, second], LIMITS[arm], 0.5 * second.duration)
+    assume(asked)  # sometimes no overlap is shorter than one motion after the other
     begin, end = asked[-1]
-    assert 0 < begin < end < len(whole.motion) - 1
+    assert 0 <= begin < end < len(whole.motion)
     for q in whole.motion.q[: begin + 1]:
-        assert distance_to_line(q, first.start, first.end) < 1e-9
+        assert distance_to_line(q, first.start, first.end) < ON_PATH_RAD
     for q in whole.motion.q[end:]:
-        assert distance_to_line(q, second.start, second.end) < 1e-9
+        assert distance_to_line(q, second.start, second.end) < ON_PATH_RAD
     between = [distance_to_line(q, first.start, first.end) for q in whole.motion.q[begin:end]]
     assert max(between) > 1e-4
 
