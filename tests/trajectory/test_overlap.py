@@ -17,7 +17,7 @@ from bt_dualarm.trajectory.path_timing import point_to_point
 from bt_dualarm.trajectory.trajectory import Trajectory, use_of_limits
 
 DT = 0.004
-ON_PATH_RAD = 1e-6
+ON_PATH_RAD = 1e-5
 """A stretched motion is interpolated between set-points, which are that close to its path."""
 
 LIMITS = {name: load_robot(name).limits for name in ("ur5", "panda", "xarm7")}
