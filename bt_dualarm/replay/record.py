@@ -479,6 +479,9 @@ __all__ = ["Facts", "HistoryError", "Moment", "Record", "ReplayError"]
 _MOST_COMPILED: Final = 4
 """Compiled models kept in memory; one of a large world takes several megabytes."""
 
+_TRIED_AHEAD: Final = 15
+"""Models that are tried together with one for which a process has to be started."""
+
 _MOST_JOINTS: Final = 4 * 64
 _CLOCK_TOLERANCE: Final = 1e-6
 """Relative rounding error of MuJoCo's clock, which is a sum of steps."""
@@ -704,12 +707,15 @@ class Record:
         if generation not in self.models:
             raise ReplayError(f"{self.folder} lacks the model of generation {generation}")
         if generation not in self._compiled:
-            rows = [
-                block.arrays["states"] for block in self._framed if _generation(block) == generation
-            ]
+            first: dict[int, list[Vector]] = {}
+            for block in self._framed:
+                first.setdefault(_generation(block), [block.arrays["states"][0]])
+            known = sorted(self.models)
+            following = known[known.index(generation) + 1 :][:_TRIED_AHEAD]
+            others = [(self.models[one], first.get(one, [])) for one in following]
             where = f"{self.folder / HISTORY}: the model of generation {generation}"
             try:
-                model = stored_model(self.models[generation], [each[0] for each in rows[:1]])
+                model = stored_model(self.models[generation], first.get(generation, []), others)
                 self._compare_with(model, generation)
             except ValueError as error:
                 wrote = self.start["versions"].get("mujoco", "?")

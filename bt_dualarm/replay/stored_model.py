@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import faulthandler
 import hashlib
+import json
 import os
 import resource
 import select
@@ -37,7 +38,8 @@ _SECONDS: Final = 20
 MOST_SPACE: Final = 3 << 30
 """Address space that trying a model may add, bytes."""
 
-_LENGTHS: Final = struct.Struct("<QQ")
+_LENGTHS: Final = struct.Struct("<QQQ")
+"""Bytes of a model, number of its states, and their bytes, in a request to try it."""
 _VALID: Final = "valid"
 _MOST_ACCEPTED: Final = 4096
 
@@ -45,12 +47,18 @@ _accepted: dict[str, None] = {}
 """Digests of models that were tried from this process and are harmless."""
 
 
-def stored_model(content: bytes, states: Sequence[Vector] = ()) -> mujoco.MjModel:
+def stored_model(
+    content: bytes,
+    states: Sequence[Vector] = (),
+    others: Sequence[tuple[bytes, Sequence[Vector]]] = (),
+) -> mujoco.MjModel:
     """Load a model.
 
     Args:
         content: Its binary form.
         states: States with which it is tried: time, positions and velocities of each.
+        others: More models with states, which are probably loaded next: where a process has to be
+            started for a model, it tries these as well, since its start takes the most time.
 
     Raises:
         ValueError: MuJoCo cannot read it, crashes with it, or it contains an invalid index; the
@@ -58,17 +66,25 @@ def stored_model(content: bytes, states: Sequence[Vector] = ()) -> mujoco.MjMode
     """
     if mujoco.get_mju_user_warning() is None:
         mujoco.set_mju_user_warning(_ignore)  # by default MuJoCo writes MUJOCO_LOG.TXT
-    digest = hashlib.sha256(content).hexdigest()
-    if digest not in _accepted:
+    if _digest(content) not in _accepted:
         # A fork takes a hundredth of the time, but may deadlock if there are other threads.
         is_single = threading.active_count() == 1 and len([*Path("/proc/self/task").iterdir()]) == 1
-        complaint = (_forked if is_single else _spawned)(content, states)
-        if complaint:
-            raise ValueError(complaint)
-        _accepted[digest] = None
+        trials = [(content, states)]
+        if not is_single:
+            trials += [one for one in others if _digest(one[0]) not in _accepted]
+        complaints = [_forked(content, states)] if is_single else _spawned(trials)
+        for (tried, _), complaint in zip(trials, complaints, strict=False):
+            if not complaint:
+                _accepted[_digest(tried)] = None
+        if complaints[0]:
+            raise ValueError(complaints[0])
         while len(_accepted) > _MOST_ACCEPTED:
             del _accepted[next(iter(_accepted))]
     return _loaded(content)
+
+
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
 
 
 def _ignore(_: str) -> None:
@@ -106,25 +122,32 @@ def _forked(content: bytes, states: Sequence[Vector]) -> str:
     return _verdict(said, ended)
 
 
-def _spawned(content: bytes, states: Sequence[Vector]) -> str:
-    """Try a model in a new process; returns the problem, empty if there is none."""
-    numbers = np.concatenate([*states, np.empty(0)]).astype("<f8").tobytes()
-    head = _LENGTHS.pack(len(content), len(states))
+def _spawned(trials: Sequence[tuple[bytes, Sequence[Vector]]]) -> list[str]:
+    """Try models in a new process; returns the problem of each, empty if there is none.
+
+    The list may be shorter than that of the models, but has the first.
+    """
+    request = bytearray()
+    for content, states in trials:
+        numbers = np.concatenate([*states, np.empty(0)]).astype("<f8").tobytes()
+        request += _LENGTHS.pack(len(content), len(states), len(numbers)) + content + numbers
     try:
         done = subprocess.run(  # noqa: S603 - this interpreter, this file
             [sys.executable, "-P", Path(__file__)],
-            input=head + content + numbers,
+            input=bytes(request),
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
-            timeout=3.0 * _SECONDS,
+            timeout=3.0 * _SECONDS * (1 + len(trials)),
             check=False,
             process_group=0,
+            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},  # it forks
         )
     except subprocess.TimeoutExpired:
-        return _verdict(b"", -signal.SIGKILL)
+        return [_verdict(b"", -signal.SIGKILL)]
     except OSError as error:
-        return f"it cannot be tried: {error}"
-    return _verdict(done.stdout, done.returncode)
+        return [f"it cannot be tried: {error}"]
+    complaints = [str(json.loads(line)) for line in done.stdout.splitlines()]
+    return complaints or [_verdict(b"", done.returncode)]
 
 
 def _verdict(said: bytes, ended: int) -> str:
@@ -637,12 +660,16 @@ def _use(model: mujoco.MjModel, states: Sequence[Vector]) -> None:
 
 
 def _main() -> None:
-    """Read a model and states from standard input, try it, and write the problem or `_VALID`."""
-    given = sys.stdin.buffer.read()
-    length, number = _LENGTHS.unpack_from(given)
-    at = _LENGTHS.size + length
-    states = np.frombuffer(given, "<f8", offset=at)
-    os.write(1, _tried(given[_LENGTHS.size : at], np.split(states, max(number, 1))).encode())
+    """Read models and states from standard input, try each in a fork, and write its problem."""
+    given = memoryview(sys.stdin.buffer.read())
+    while given:
+        length, count, size = _LENGTHS.unpack_from(given)
+        end = _LENGTHS.size + length
+        states = np.frombuffer(given[end : end + size], "<f8")
+        content = bytes(given[_LENGTHS.size : end])
+        given = given[end + size :]
+        complaint = _forked(content, np.split(states, max(count, 1)))
+        os.write(1, json.dumps(complaint).encode() + b"\n")
 
 
 if __name__ == "__main__":

@@ -104,8 +104,14 @@ def test_what_is_no_model_is_refused_and_leaves_no_file(
 
 
 def test_a_new_process_says_the_same_as_a_fork(model: mujoco.MjModel) -> None:
-    assert _spawned(content_of(model), ()) == ""
-    assert "cannot read it" in _spawned(b"x" * 100, ())
+    good = content_of(model)
+    bad = b"x" * 100
+    for trials in ([good], [bad, good], [good, bad, good]):
+        complaints = _spawned([(content, ()) for content in trials])
+        assert len(complaints) == len(trials)
+        for content, complaint in zip(trials, complaints, strict=True):
+            assert bool(complaint) is (content is bad)
+            assert ("cannot read it" in complaint) is (content is bad)
 
 
 def test_every_index_is_known(model: mujoco.MjModel) -> None:
