@@ -343,10 +343,29 @@ class _Search:
         """Factors of the acceleration share at each grid point, of shape (n,)."""
         # A set-point is an average over the width: every point within it contributes.
         reach = max(int(0.5 * motion.width / motion.unstretched * len(needed)), 1)
-        responsible = scipy.ndimage.maximum_filter1d(needed, 2 * reach + 1)
+        responsible = largest_within(needed, reach)
         # Stretching time by r divides accelerations by r².
         shares: Vector = np.interp(self._optimal.grid, places, responsible) ** (-2.0 * _GAIN)
         return np.clip(shares, 1e-2, _BACK)
+
+
+def largest_within(values: Vector, reach: int) -> Vector:
+    """Largest of each value and its neighbors, of the shape of the values, (n,).
+
+    SciPy's ``maximum_filter1d`` is in a package that takes longer to import than a path to time.
+
+    Args:
+        values: Numbers, of shape (n,).
+        reach: How many neighbors count on each side, at least 1.
+    """
+    largest = np.pad(values, reach, constant_values=-np.inf)
+    window = 1
+    while 2 * window <= 2 * reach + 1:
+        largest = np.maximum(largest[:-window], largest[window:])
+        window *= 2
+    rest = 2 * reach + 1 - window  # two overlapping windows make the last one
+    whole: Vector = np.maximum(largest[: len(largest) - rest], largest[rest:])
+    return whole
 
 
 class TimeOptimal:
