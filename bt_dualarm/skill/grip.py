@@ -259,6 +259,7 @@ class StreamClear:
 
     def __init__(self, arm: Arm) -> None:
         self._arm = arm
+        self._limits = arm.limits(1.0)
         self._next = -np.inf
 
     def look(self) -> None:
@@ -272,7 +273,7 @@ class StreamClear:
             return
         self._next = arm.time + _EVERY_S - 1e-9
         q, v, a = arm.setpoint
-        limits = arm.limits(1.0)
+        limits = self._limits
         # Until the next check the arm continues, and accelerates as now.
         later = np.clip(v + _EVERY_S * a, -limits.velocity, limits.velocity)
         then = q + 0.5 * _EVERY_S * (v + later)
