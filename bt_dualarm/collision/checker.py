@@ -319,63 +319,15 @@ class CollisionChecker:
         self.joints = body.robot.joints
         self.present = world.hardware[arm].q
         self._addresses = body.qpos_ids
-        gripper = world.grippers.get(arm)
-        fingers = FINGERS if gripper is not None and gripper.gripper.fingers else ()
-        self._fingers = [int(world.model.joint(f"{arm}/{name}").qposadr[0]) for name in fingers]
-        self.joint_ids = world.model.dof_jntid[body.dof_ids]
+        rules = _rules_of(world, arm, margin, ignore, tool_may_touch, sharing)
+        self._fingers = rules.fingers
+        self.joint_ids = rules.joint_ids
         self._scratch = scratch = ScratchModel(world, (arm,))
-        held = geoms_of(world, world.attachments.attached_to(arm))
-        self.moving = scratch.marks(body.geom_ids | held)
-        ignored = geoms_of(world, ignore & world.objects.keys())
-        for name in ignore & world.arms.keys():
-            payloads = world.attachments.attached_to(name)
-            ignored |= world.arms[name].geom_ids | geoms_of(world, payloads)
-        checked = scratch.solid & ~scratch.marks(ignored)
-        # Pairs with at least one geom that moves: two fixed bodies never need a check. Pairs within
-        # the arm count; MuJoCo itself leaves out neighboring links.
-        scratch.compare(checked & self.moving, checked)
-        least = np.full(scratch.model.ngeom, -TOUCH)
-        for name, other in world.arms.items():
-            if name != arm:
-                kept = margin.get(name, 0.0) if isinstance(margin, Mapping) else margin
-                marks = scratch.marks(other.geom_ids)
-                scratch.report_gaps(marks, kept)
-                least[marks] = kept
-        # The larger value of the two geoms of a pair: a margin wins against the tolerance.
-        self.least = np.maximum(least[:, None], least)
-        # The tolerance is for held objects, which may lie on others; an empty tool touches nothing.
-        tool = scratch.marks(body.tool_geom_ids)
-        objects = scratch.marks(geoms_of(world, world.objects) - held)
-        apart = (tool[:, None] & objects) | (objects[:, None] & tool)
-        self.least[apart] = np.maximum(self.least[apart], 0.0)
-        # A held object touches the tool, and other held objects, by design.
-        gripping = scratch.marks(body.tool_geom_ids | held)
-        payload = scratch.marks(held)
-        self.least[(payload[:, None] | payload) & gripping[:, None] & gripping] = -np.inf
-        if sharing is None:
-            sharing = world.attachments.shared_grasps(arm)
-        for partner, thing, hands_m in self._shared(world, arm, sharing):
-            hands = scratch.marks(world.arms[partner].tool_geom_ids)
-            pairs = (hands[:, None] & tool) | (tool[:, None] & hands)
-            self.least[pairs] = np.minimum(self.least[pairs], hands_m)
-            if world.object_geom(thing) in held:
-                its = scratch.marks(world.object_geoms(thing))
-                self.least[(hands[:, None] & its) | (its[:, None] & hands)] = -np.inf
-        if tool_may_touch:
-            outside = ~self.moving
-            self.least[(gripping[:, None] & outside) | (outside[:, None] & gripping)] = -np.inf
-        self._let_stand(gripping)
-
-    @staticmethod
-    def _shared(
-        world: World, arm: str, sharing: Sequence[SharedGrasp]
-    ) -> list[tuple[str, str, float]]:
-        """Partner, object and least distance of the hands, m, where two arms share an object."""
-        found = [(one.partner, one.object, one.hands_m) for one in sharing]
-        for thing in world.attachments.attached_to(arm):
-            others = set(world.attachments.holders(thing)) - {arm}
-            found += [(other, thing, np.inf) for other in sorted(others)]
-        return [one for one in found if one[0] in world.arms and one[1] in world.objects]
+        for field, value in rules.marks.items():
+            getattr(scratch.model, field)[:] = value
+        self.moving = rules.moving
+        self.least = rules.least.copy()
+        self._let_stand(rules.gripping)
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -478,6 +430,134 @@ class CollisionChecker:
                 # As deep as now, with the tolerance of any other contact on top.
                 least = min(self.least[first, second], float(distance) - TOUCH)
                 self.least[first, second] = self.least[second, first] = least
+
+
+@dataclass(frozen=True, eq=False)
+class _Rules:
+    """What a checker allows, independent of the state of the world.
+
+    Attributes:
+        fingers: Addresses of the finger positions of the gripper.
+        joint_ids: Ids of the arm's joints in the model, base to tip.
+        marks: Fields of the scratch model's collision bits and margins, by name.
+        moving: Geoms that move with the arm, including those of held objects.
+        gripping: Geoms of the tool and of held objects.
+        least: Least allowed distance of each pair of geoms, of shape (ngeom, ngeom), m.
+    """
+
+    fingers: list[int]
+    joint_ids: npt.NDArray[np.int32]
+    marks: dict[str, npt.NDArray[np.generic]]
+    moving: Marks
+    gripping: Marks
+    least: Matrix
+
+
+class _KnownRules:
+    """Rules of the checkers of one generation of a world: many checkers have the same ones."""
+
+    def __init__(self, generation: int) -> None:
+        self.generation = generation
+        self.rules: dict[tuple[object, ...], _Rules] = {}
+
+
+_known_rules: weakref.WeakKeyDictionary[World, _KnownRules] = weakref.WeakKeyDictionary()
+
+
+def _rules_of(
+    world: World,
+    arm: str,
+    margin: float | Mapping[str, float],
+    ignore: frozenset[str],
+    tool_may_touch: bool,
+    sharing: Sequence[SharedGrasp] | None,
+) -> _Rules:
+    """Rules of a checker, arguments as `CollisionChecker`; made once per generation of the world.
+
+    Attachments and consents, on which they depend, begin a new generation when they change.
+    """
+    known = _known_rules.get(world)
+    if known is None or known.generation != world.generation:
+        known = _known_rules[world] = _KnownRules(world.generation)
+    margins = tuple(margin.items()) if isinstance(margin, Mapping) else margin
+    shared = None if sharing is None else tuple(sharing)
+    key = arm, margins, ignore, tool_may_touch, shared
+    rules = known.rules.get(key)
+    if rules is None:
+        if sharing is None:
+            sharing = world.attachments.shared_grasps(arm)
+        rules = known.rules[key] = _new_rules(world, arm, margin, ignore, tool_may_touch, sharing)
+    return rules
+
+
+def _new_rules(
+    world: World,
+    arm: str,
+    margin: float | Mapping[str, float],
+    ignore: frozenset[str],
+    tool_may_touch: bool,
+    sharing: Sequence[SharedGrasp],
+) -> _Rules:
+    """Rules of a checker, arguments as `CollisionChecker`."""
+    body = world.arms[arm]
+    gripper = world.grippers.get(arm)
+    fingers = FINGERS if gripper is not None and gripper.gripper.fingers else ()
+    scratch = ScratchModel(world, (arm,))
+    held = geoms_of(world, world.attachments.attached_to(arm))
+    moving = scratch.marks(body.geom_ids | held)
+    ignored = geoms_of(world, ignore & world.objects.keys())
+    for name in ignore & world.arms.keys():
+        payloads = world.attachments.attached_to(name)
+        ignored |= world.arms[name].geom_ids | geoms_of(world, payloads)
+    checked = scratch.solid & ~scratch.marks(ignored)
+    # Pairs with at least one geom that moves: two fixed bodies never need a check. Pairs within
+    # the arm count; MuJoCo itself leaves out neighboring links.
+    scratch.compare(checked & moving, checked)
+    distances = np.full(scratch.model.ngeom, -TOUCH)
+    for name, other in world.arms.items():
+        if name != arm:
+            kept = margin.get(name, 0.0) if isinstance(margin, Mapping) else margin
+            marks = scratch.marks(other.geom_ids)
+            scratch.report_gaps(marks, kept)
+            distances[marks] = kept
+    # The larger value of the two geoms of a pair: a margin wins against the tolerance.
+    least: Matrix = np.maximum(distances[:, None], distances)
+    # The tolerance is for held objects, which may lie on others; an empty tool touches nothing.
+    tool = scratch.marks(body.tool_geom_ids)
+    objects = scratch.marks(geoms_of(world, world.objects) - held)
+    apart = (tool[:, None] & objects) | (objects[:, None] & tool)
+    least[apart] = np.maximum(least[apart], 0.0)
+    # A held object touches the tool, and other held objects, by design.
+    gripping = scratch.marks(body.tool_geom_ids | held)
+    payload = scratch.marks(held)
+    least[(payload[:, None] | payload) & gripping[:, None] & gripping] = -np.inf
+    for partner, thing, hands_m in _shared(world, arm, sharing):
+        hands = scratch.marks(world.arms[partner].tool_geom_ids)
+        pairs = (hands[:, None] & tool) | (tool[:, None] & hands)
+        least[pairs] = np.minimum(least[pairs], hands_m)
+        if world.object_geom(thing) in held:
+            its = scratch.marks(world.object_geoms(thing))
+            least[(hands[:, None] & its) | (its[:, None] & hands)] = -np.inf
+    if tool_may_touch:
+        outside = ~moving
+        least[(gripping[:, None] & outside) | (outside[:, None] & gripping)] = -np.inf
+    return _Rules(
+        fingers=[int(world.model.joint(f"{arm}/{name}").qposadr[0]) for name in fingers],
+        joint_ids=world.model.dof_jntid[body.dof_ids],
+        marks={field: getattr(scratch.model, field).copy() for field in _MARKED},
+        moving=moving,
+        gripping=gripping,
+        least=least,
+    )
+
+
+def _shared(world: World, arm: str, sharing: Sequence[SharedGrasp]) -> list[tuple[str, str, float]]:
+    """Partner, object and least distance of the hands, m, where two arms share an object."""
+    found = [(one.partner, one.object, one.hands_m) for one in sharing]
+    for thing in world.attachments.attached_to(arm):
+        others = set(world.attachments.holders(thing)) - {arm}
+        found += [(other, thing, np.inf) for other in sorted(others)]
+    return [one for one in found if one[0] in world.arms and one[1] in world.objects]
 
 
 class LinkContacts:

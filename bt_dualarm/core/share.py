@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 from secrets import token_hex
 from typing import BinaryIO, Final, ParamSpec
-from weakref import WeakMethod
+from weakref import ref
 
 _PACKAGE: Final = Path(__file__).resolve().parents[1]
 _NOWHERE = Path(os.devnull)  # not a folder, and none can be created in it
@@ -89,12 +89,15 @@ def weakly(method: Callable[Given, None]) -> Callable[Given, None]:
     Args:
         method: Bound method; once its object is gone, the callback does nothing.
     """
-    reference = WeakMethod(method)
+    # Not `weakref.WeakMethod`: some of these callbacks are called in each physics step, and its
+    # call costs more than all that they do.
+    function: Callable[..., None] = method.__func__  # type: ignore[attr-defined]
+    reference = ref(method.__self__)  # type: ignore[attr-defined]
 
     def call(*given: Given.args, **named: Given.kwargs) -> None:
         alive = reference()
         if alive is not None:
-            alive(*given, **named)
+            function(alive, *given, **named)
 
     return call
 

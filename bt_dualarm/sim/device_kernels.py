@@ -52,6 +52,7 @@ from bt_dualarm.sim.kernel_arrays import (
 
 
 Numbers: TypeAlias = npt.NDArray[np.int64]
+Stack: TypeAlias = npt.NDArray[np.float64]
 
 
 @kernel
@@ -281,21 +282,85 @@ def held_body(geoms: Integers, distances: Vector, first: int, second: int, bodie
 
 
 @kernel
-def store_poses(
-    positions: Matrix, quaternions: Matrix, first: int, second: int, rows: Matrix
-) -> None:
-    """Store the poses of one or two bodies in the rows of `move_with_palm`.
+def find_held(
+    geoms: Integers,
+    distances: Vector,
+    pads: Numbers,
+    bodies: Integers,
+    addresses: Numbers,
+    positions: Matrix,
+    quaternions: Matrix,
+    held: Numbers,
+    poses: Stack,
+) -> int:
+    """Find the body that each gripper holds, and store its pose and the palm's before the step.
 
     Args:
+        geoms: Geoms of each contact, of shape (n, 2).
+        distances: Distance of each contact, of shape (n,), m.
+        pads: Geoms of both pads, and body of the palm, of each gripper, of shape (k, 3).
+        bodies: Body of each geom, of shape (ngeom,).
+        addresses: First of the seven elements of ``qpos`` of each body's pose; -1 for one that
+            cannot move freely.
         positions: Positions of all bodies, of shape (nbody, 3), m.
         quaternions: Quaternions of all bodies, of shape (nbody, 4).
-        first: Body whose pose goes into the first row.
-        second: Body whose pose goes into the third row, if there is one.
-        rows: Positions and quaternions, of shape (3, 7) or (2, 7); changed.
+        held: Takes the body that each gripper holds, of shape (k,): -1 for none, and for one that
+            an earlier gripper holds, too.
+        poses: Takes the poses, see `move_with_palm`, of shape (k, 3, 7).
+
+    Returns:
+        Number of held bodies.
     """
-    rows[0, :3], rows[0, 3:] = positions[first], quaternions[first]
-    if len(rows) > 2:
-        rows[2, :3], rows[2, 3:] = positions[second], quaternions[second]
+    count = 0
+    for k in range(len(pads)):
+        body = held_body(geoms, distances, pads[k, 0], pads[k, 1], bodies)
+        if body >= 0 and addresses[body] < 0:
+            body = -1
+        for earlier in range(k):
+            if held[earlier] == body:
+                body = -1
+        held[k] = body
+        if body >= 0:
+            palm = pads[k, 2]
+            poses[k, 0, :3], poses[k, 0, 3:] = positions[palm], quaternions[palm]
+            poses[k, 2, :3], poses[k, 2, 3:] = positions[body], quaternions[body]
+            count += 1
+    return count
+
+
+@kernel
+def move_held(
+    pads: Numbers,
+    addresses: Numbers,
+    positions: Matrix,
+    quaternions: Matrix,
+    held: Numbers,
+    poses: Stack,
+    jacobians: Stack,
+    velocities: Vector,
+    step: float,
+    q: Vector,
+) -> None:
+    """Move all held bodies with their palms, see `move_with_palm`.
+
+    Args:
+        pads: As in `find_held`.
+        addresses: As there.
+        positions: Positions of all bodies after the step, of shape (nbody, 3), m.
+        quaternions: Their quaternions, of shape (nbody, 4).
+        held: Result of `find_held`.
+        poses: Likewise; changed.
+        jacobians: Jacobian of each palm before the step, of shape (k, 6, nv).
+        velocities: Velocities of the step, of shape (nv,).
+        step: Seconds of the step.
+        q: Positions of the plant, of shape (nq,); changed.
+    """
+    for k in range(len(pads)):
+        if held[k] >= 0:
+            palm = pads[k, 2]
+            poses[k, 1, :3], poses[k, 1, 3:] = positions[palm], quaternions[palm]
+            start = addresses[held[k]]
+            move_with_palm(q[start : start + 7], poses[k], jacobians[k], velocities, step)
 
 
 @kernel

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from types import ModuleType
@@ -430,92 +430,80 @@ def warm_up_fingers() -> None:
 
 
 class HeldObjectMotion:
-    """Moves the object that one gripper holds; create a new one after a recompilation.
+    """Moves the objects that grippers hold; create a new one after a recompilation.
 
     Args:
         model: The plant.
         data: Its state.
-        arm: Name of the arm.
-        gripper: Description of its gripper.
+        grippers: Descriptions of the grippers, by the arm's name.
     """
 
     def __init__(
-        self, model: mujoco.MjModel, data: mujoco.MjData, arm: str, gripper: Gripper
+        self, model: mujoco.MjModel, data: mujoco.MjData, grippers: Mapping[str, Gripper]
     ) -> None:
         self._model = model
         self._data = data
-        bodies = FINGERS if gripper.fingers else (CUP, CUP)
-        self._first, self._second = (model.geom(f"{arm}/{body}/{PAD}").id for body in bodies)
-        self._palm = int(model.body(f"{arm}/{PALM}").id)
+        self._pads = np.zeros((len(grippers), 3), np.int64)
+        for row, (arm, gripper) in zip(self._pads, grippers.items(), strict=True):
+            bodies = FINGERS if gripper.fingers else (CUP, CUP)
+            row[:2] = [model.geom(f"{arm}/{body}/{PAD}").id for body in bodies]
+            row[2] = model.body(f"{arm}/{PALM}").id
+        self._palms = self._pads[:, 2].tolist()
         self._geom_bodies = model.geom_bodyid.copy()
         joints = model.body_jntadr
         free = (joints >= 0) & (model.jnt_type[joints] == mujoco.mjtJoint.mjJNT_FREE)
-        self._addresses = np.where(free, model.jnt_qposadr[joints], -1).tolist()
-        self._jacobian = np.zeros((6, model.nv))
-        self._poses = np.zeros((3, 7))  # palm before and after the step, object before
+        self._addresses = np.where(free, model.jnt_qposadr[joints], -1).astype(np.int64)
+        self._held = np.full(len(grippers), -1)
+        self._poses = np.zeros((len(grippers), 3, 7))
+        self._jacobians = np.zeros((len(grippers), 6, model.nv))
         self._step = float(model.opt.timestep)
         # Views: an attribute lookup on mjData costs more than the arithmetic on it.
-        self._xpos = data.xpos
-        self._xquat = data.xquat
+        self._bodies = data.xpos, data.xquat
         self._qpos = data.qpos
         self._qvel = data.qvel
 
-    def find(self) -> int:
-        """Find the held body, -1 if there is none, and store its pose and the palm's.
+    def correct(self) -> None:
+        """Correct the poses of all held objects after the integration of a step.
 
-        Call it for all grippers before `move` is called for any: positions are then still those
-        before the step.
+        Positions of bodies and contacts are still those before it. An object that two grippers hold
+        moves with the first.
         """
+        model = self._model
         data = self._data
         if not data.ncon:
-            return -1
+            return
         contact = data.contact
-        body = int(
-            kernels().held_body(
-                contact.geom, contact.dist, self._first, self._second, self._geom_bodies
-            )
-        )
-        if body < 0 or self._addresses[body] < 0:
-            return -1
-        kernels().store_poses(self._xpos, self._xquat, self._palm, body, self._poses)
-        mujoco.mj_jacBody(self._model, data, self._jacobian[:3], self._jacobian[3:], self._palm)
-        return body
-
-    def move(self, body: int) -> None:
-        """Correct the pose of the held body, once positions are those after the step."""
-        kernels().store_poses(self._xpos, self._xquat, self._palm, self._palm, self._poses[1:])
-        start = self._addresses[body]
-        pose = self._qpos[start : start + 7]
-        kernels().move_with_palm(pose, self._poses, self._jacobian, self._qvel, self._step)
-
-
-def move_held_objects(
-    model: mujoco.MjModel, data: mujoco.MjData, grippers: Sequence[HeldObjectMotion]
-) -> None:
-    """Correct the poses of all held objects after the integration of a step.
-
-    An object that two grippers hold moves with the first.
-    """
-    held: dict[int, HeldObjectMotion] = {}
-    for gripper in grippers:
-        body = gripper.find()
-        if body >= 0:
-            held.setdefault(body, gripper)
-    if held:
+        held = self._held
+        if not kernels().find_held(
+            contact.geom, contact.dist, self._pads, self._geom_bodies, self._addresses,
+            *self._bodies, held, self._poses,
+        ):  # fmt: skip
+            return
+        for palm, body, jacobian in zip(self._palms, held.tolist(), self._jacobians, strict=True):
+            if body >= 0:
+                mujoco.mj_jacBody(model, data, jacobian[:3], jacobian[3:], palm)
         mujoco.mj_kinematics(model, data)
-        for body, gripper in held.items():
-            gripper.move(body)
+        kernels().move_held(
+            self._pads, self._addresses, *self._bodies, held, self._poses, self._jacobians,
+            self._qvel, self._step, self._qpos,
+        )  # fmt: skip
 
 
 def warm_up_held_objects() -> None:
     """Compile the kernels of held objects."""
-    one = np.zeros(1, np.int32)
-    kernels().held_body(np.zeros((1, 2), np.int32), np.zeros(1), 0, 0, one)
-    pose = np.array((0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
-    poses = np.zeros((3, 7))
-    for rows in (poses, poses[1:]):
-        kernels().store_poses(np.zeros((1, 3)), np.zeros((1, 4)), 0, 0, rows)
-    kernels().move_with_palm(pose, poses, np.zeros((6, 1)), np.zeros(1), 0.002)
+    pads = np.zeros((1, 3), np.int64)
+    held = np.zeros(1, np.int64)
+    geoms = np.zeros((4, 2), np.int32)
+    distances = np.zeros(4)
+    bodies = np.zeros(1, np.int32)
+    positions = np.zeros((1, 3))
+    quaternions = np.array(((1.0, 0.0, 0.0, 0.0),))
+    poses = np.zeros((1, 3, 7))
+    q = np.zeros(7)
+    plant = positions, quaternions
+    for some in (slice(None), slice(None, None, 2)):  # one contact is contiguous, several are not
+        kernels().find_held(geoms[some], distances[some], pads, bodies, held, *plant, held, poses)
+    kernels().move_held(pads, held, *plant, held, poses, np.zeros((1, 6, 1)), q[:1], 0.002, q)
 
 
 @dataclass(frozen=True, eq=False)

@@ -50,7 +50,6 @@ from bt_dualarm.sim.grippers import (
     Attachments,
     GripperHardware,
     HeldObjectMotion,
-    move_held_objects,
 )
 from bt_dualarm.sim.many import drawn
 from bt_dualarm.sim.object_body import body_of
@@ -99,7 +98,6 @@ class Devices:
         self.mounted = mounted
         self.grippers: dict[str, GripperHardware] = {}
         self._sensed_joints: list[tuple[ArmHardware, Vector]] = []
-        self._held_motions: list[HeldObjectMotion] = []
         self.errors: dict[str, RealityErrors] = {
             name: resolved(file.world.reality, arm.reality, REALITY_SETS)
             for name, arm in file.arms.items()
@@ -156,7 +154,6 @@ class Devices:
         self._sensed = mujoco.MjData(self._model)
         self._is_sensed = False
         self._sensed_joints = []
-        self._held_motions = []
         self._sensed_qpos = self._sensed.qpos  # a view: attribute lookups on mjData are slow
         self.reload(arms, held, objects)
         for name, body in arms.items():
@@ -166,9 +163,8 @@ class Devices:
             self._sensed_joints.append((self.hardware[name], self._sensed_qpos[first : last + 1]))
             if name in self.grippers:
                 self.grippers[name].connect(self._model, body.data, name)
-                self._held_motions.append(
-                    HeldObjectMotion(self._model, body.data, name, self.mounted[name])
-                )
+        mounted = {name: self.mounted[name] for name in arms if name in self.grippers}
+        self._held_motion = HeldObjectMotion(*plant, mounted)
         self._bank.connect(*plant, arms)
 
     def reload(
@@ -228,7 +224,7 @@ class Devices:
 
     def move_held_objects(self) -> None:
         """Correct the motion of held objects after the integration of a step."""
-        move_held_objects(self._model, self._plant, self._held_motions)
+        self._held_motion.correct()
 
     def alter_encoder(
         self, name: str, joint: int, reading: Callable[[float], float] | None

@@ -14,7 +14,7 @@ from bt_dualarm.arm.gripper import LOST_S, has_slipped
 from bt_dualarm.collision.checker import CollisionChecker, Contact
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Pose, Vector
-from bt_dualarm.trajectory.path_timing import stop
+from bt_dualarm.trajectory.path_timing import stop_positions
 
 _FIRM: Final = (
     4.0  # safety factor of the grip over a contact force, which overshoots while the arm stops
@@ -259,6 +259,7 @@ class StreamClear:
 
     def __init__(self, arm: Arm) -> None:
         self._arm = arm
+        self._limits = arm.limits(1.0)
         self._next = -np.inf
 
     def look(self) -> None:
@@ -272,11 +273,11 @@ class StreamClear:
             return
         self._next = arm.time + _EVERY_S - 1e-9
         q, v, a = arm.setpoint
-        limits = arm.limits(1.0)
+        limits = self._limits
         # Until the next check the arm continues, and accelerates as now.
         later = np.clip(v + _EVERY_S * a, -limits.velocity, limits.velocity)
-        braking = stop(q + 0.5 * _EVERY_S * (v + later), later, a, limits, arm.period)
-        rows = braking.q[np.linspace(0, len(braking) - 1, _ROWS).astype(int)]
+        then = q + 0.5 * _EVERY_S * (v + later)
+        rows = stop_positions(then, later, a, limits, arm.period, _ROWS)
         found = CollisionChecker(arm.world, arm.name).first_contact(rows)
         if found is not None:
             raise found[1].failure()

@@ -72,18 +72,19 @@ class TrackingScore:
         self._sampled = now
         if self._target is not None and self._target not in world.objects:
             self._gone_s += 0.0 if since is None else now - since
-        if self._target not in world.objects:
+        if self._target is None or self._target not in world.objects:
             return
-        self._judge(tracking)
+        tool = world.data.site_xpos[world.arms[self._arm.name].tool_site]
+        truth = world.data.xpos[world.object_body(self._target)]
+        if tracking.error.counts_from is not None:
+            self._judged.take((self._axes @ (tool - truth))[None])
         if now < self._from:
             return
         if len(self._times) == _MOST:
             self._sum_up(tracking, _MOST - OVERLAP)
-        data = world.data
-        tool = world.arms[self._arm.name].tool_site
         self._times.append(now)
-        self._tool.extend(data.site_xpos[tool].tolist())
-        self._truth.extend(data.xpos[world.object_body(self._target)].tolist())
+        self._tool.extend(tool.tolist())
+        self._truth.extend(truth.tolist())
 
     def metrics(self, tracking: PlaneTracking) -> dict[str, Number]:
         """Metrics of the samples; none after too short a motion.
@@ -183,16 +184,6 @@ class TrackingScore:
         if self._sums is None or self._sums.path is None:
             return self._kept
         return self._sums.path.then(self._kept.part(self._summed))
-
-    def _judge(self, tracking: PlaneTracking) -> None:
-        """Add the true error to the sums of the referee, if errors count."""
-        since = tracking.error.counts_from
-        if since is None or self._target is None:
-            return
-        world = self._arm.world
-        tool = world.data.site_xpos[world.arms[self._arm.name].tool_site]
-        truth = world.data.xpos[world.object_body(self._target)]
-        self._judged.take((self._axes @ (tool - truth))[None])
 
     def _sum_up(self, tracking: PlaneTracking, end: int) -> None:
         """Add samples up to ``end``, and sightings of that time, to the sums."""
@@ -309,10 +300,13 @@ class Moments:
         if not len(points):
             return
         count = self.count[at]
-        mean = points.mean(axis=0)
         total = count + len(points)
+        if len(points) == 1:  # at each tick: NumPy's mean and variance cost ten times as much
+            mean = points[0]
+        else:
+            mean = points.mean(axis=0)
+            self._squares[at] += len(points) * points.var(axis=0)
         apart = mean - self.mean[at]
-        self._squares[at] += len(points) * points.var(axis=0)
         self._squares[at] += apart**2 * (count * len(points) / total)
         self.mean[at] += apart * (len(points) / total)
         self.count[at] = total

@@ -191,7 +191,8 @@ class FollowingError:
         bound: Largest root mean square, m.
         counts_from: Time from which errors count, s; None before.
         need: Velocity and acceleration that the target needs, root mean squares, m/s and m/s².
-        limit: Acceleration that the arm has in the plane, m/s².
+        limit: Returns the acceleration that the arm has in the plane, m/s²; only the reason of a
+            failure needs it.
     """
 
     def __init__(self, bound: float | None, patience: float) -> None:
@@ -200,7 +201,7 @@ class FollowingError:
         self.bound = _UNKNOWN_SIZE_M if bound is None else bound
         self.counts_from: float | None = None
         self.need = (0.0, 0.0)
-        self.limit = math.inf
+        self.limit: Callable[[], float] = lambda: math.inf
         self._by_size = bound is None
         self._patience = patience
         self._seen: deque[_Seen] = deque()
@@ -317,7 +318,7 @@ class FollowingError:
                 return cause
         if self._trembles():
             return ErrorCause.JITTER
-        if self._needed > _AT_LIMIT * self.limit:
+        if self._needed > _AT_LIMIT * self.limit():
             return ErrorCause.SPEED
         by_images = self._integrals[ErrorCause.LATENCY] > self._integrals[ErrorCause.SPEED]
         return ErrorCause.LATENCY if by_images else ErrorCause.SPEED
@@ -334,7 +335,7 @@ class FollowingError:
         hertz = acceleration / max(2.0 * math.pi * velocity, 1e-6)
         need = (
             f"the target needs {self._needed:.2g} m/s² at {hertz:.2g} Hz, the arm has "
-            f"{self.limit:.2g} m/s² there"
+            f"{self.limit():.2g} m/s² there"
         )
         if cause is ErrorCause.LATENCY:
             return f"its motion cannot be predicted from images so late or rare; {need}"
@@ -881,10 +882,12 @@ class PlaneTracking:
             for was, rate in zip(error.need, rates, strict=True)
         ]
         error.need = math.sqrt(squares[0]), math.sqrt(squares[1])
-        arm = self._arm
-        error.limit = plane_limits(
-            arm.kinematics, self._limits, arm.setpoint.q, self._axes
-        ).acceleration
+        kinematics = self._arm.kinematics
+        limits = self._limits
+        q = self._arm.setpoint.q
+        axes = self._axes
+        # Not a method, which would make a cycle of references.
+        error.limit = lambda: plane_limits(kinematics, limits, q, axes).acceleration
 
     def close(self) -> None:
         """Unsubscribe from the camera."""

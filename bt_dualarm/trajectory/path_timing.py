@@ -343,10 +343,29 @@ class _Search:
         """Factors of the acceleration share at each grid point, of shape (n,)."""
         # A set-point is an average over the width: every point within it contributes.
         reach = max(int(0.5 * motion.width / motion.unstretched * len(needed)), 1)
-        responsible = scipy.ndimage.maximum_filter1d(needed, 2 * reach + 1)
+        responsible = largest_within(needed, reach)
         # Stretching time by r divides accelerations by r².
         shares: Vector = np.interp(self._optimal.grid, places, responsible) ** (-2.0 * _GAIN)
         return np.clip(shares, 1e-2, _BACK)
+
+
+def largest_within(values: Vector, reach: int) -> Vector:
+    """Largest of each value and its neighbors, of the shape of the values, (n,).
+
+    SciPy's ``maximum_filter1d`` is in a package that takes longer to import than a path to time.
+
+    Args:
+        values: Numbers, of shape (n,).
+        reach: How many neighbors count on each side, at least 1.
+    """
+    largest = np.pad(values, reach, constant_values=-np.inf)
+    window = 1
+    while 2 * window <= 2 * reach + 1:
+        largest = np.maximum(largest[:-window], largest[window:])
+        window *= 2
+    rest = 2 * reach + 1 - window  # two overlapping windows make the last one
+    whole: Vector = np.maximum(largest[: len(largest) - rest], largest[rest:])
+    return whole
 
 
 class TimeOptimal:
@@ -690,14 +709,43 @@ def stop(q: Vector, v: Vector, a: Vector, limits: JointLimits, dt: float) -> Tra
     Raises:
         Failure: ``NO_PLAN`` if Ruckig finds no motion.
     """
+    motion = _braking(q, v, a, limits)
+    position, velocity, acceleration = _at(motion, np.arange(_count(motion, dt) + 1), dt)
+    velocity[-1] = 0.0
+    acceleration[-1] = 0.0
+    return Trajectory(dt, position, velocity, acceleration)
+
+
+def stop_positions(
+    q: Vector, v: Vector, a: Vector, limits: JointLimits, dt: float, count: int
+) -> Matrix:
+    """Positions of the trajectory of `stop` alone, at some of its set-points.
+
+    Args:
+        q: As in `stop`, as the next four.
+        v: Velocity.
+        a: Acceleration.
+        limits: Velocity, acceleration and jerk limits.
+        dt: Time between set-points.
+        count: Number of set-points, spread evenly from the first to the last.
+
+    Returns:
+        Positions of shape (count, dof), rad.
+
+    Raises:
+        Failure: ``NO_PLAN`` if Ruckig finds no motion.
+    """
+    motion = _braking(q, v, a, limits)
+    return _at(motion, np.linspace(0, _count(motion, dt), count).astype(int), dt)[0]
+
+
+def _braking(q: Vector, v: Vector, a: Vector, limits: JointLimits) -> ruckig.Trajectory:
+    """Ruckig's trajectory of `stop`."""
     request = _request(q, v, a, limits.velocity, limits.acceleration)
     request.control_interface = ruckig.ControlInterface.Velocity
     # Each joint brakes at its own limits: the arm leaves its path, but stops soonest.
     request.synchronization = ruckig.Synchronization.No
-    position, velocity, acceleration = _sampled(request, limits.jerk, dt)
-    velocity[-1] = 0.0
-    acceleration[-1] = 0.0
-    return Trajectory(dt, position, velocity, acceleration)
+    return solve_ruckig(request, limits.jerk)
 
 
 def _limits_along(displacement: Vector, limits: JointLimits) -> tuple[Vector, Vector, Vector]:
@@ -733,14 +781,6 @@ def _request(
     request.max_velocity = velocity.tolist()
     request.max_acceleration = acceleration.tolist()
     return request
-
-
-def _sampled(
-    request: ruckig.InputParameter, jerk: Vector, dt: float
-) -> tuple[Matrix, Matrix, Matrix]:
-    """Ruckig's trajectory sampled every ``dt``, to its end or less than ``dt`` later: (n, dof)."""
-    motion = solve_ruckig(request, jerk)
-    return _at(motion, np.arange(_count(motion, dt) + 1), dt)
 
 
 def _count(motion: ruckig.Trajectory, dt: float) -> int:

@@ -18,10 +18,11 @@ from bt_dualarm.perception.perception_kernels import blend_in_plane
 from bt_dualarm.sim.device_kernels import (
     any_foreign_contact,
     drive_fingers,
+    find_held,
     held_body,
+    move_held,
     move_with_palm,
     pad_forces_in_tool,
-    store_poses,
 )
 from bt_dualarm.sim.kernel_arrays import DRIVE
 from bt_dualarm.sim.ray_trace_kernels import enter
@@ -117,12 +118,28 @@ KERNELS: dict[Callable[..., Any], Arguments] = {
         1,
         rng.integers(0, 2, 4, dtype=np.int32),
     ),
-    store_poses: lambda rng: (
+    find_held: lambda rng: (
+        rng.integers(0, 4, (8, 2), dtype=np.int32),
+        rng.uniform(-1.0, 0.5, 8),
+        np.array(((0, 1, 5), (0, 1, 6))),
+        rng.integers(0, 2, 4, dtype=np.int32),
+        rng.integers(-1, 2, BODIES),
         rng.normal(size=(BODIES, 3)),
         quaternions(rng, BODIES),
-        2,
-        4,
-        np.zeros((3, 7)),
+        np.zeros(2, np.int64),
+        np.zeros((2, 3, 7)),
+    ),
+    move_held: lambda rng: (
+        np.array(((0, 1, 5), (2, 3, 6))),
+        np.array((-1, 0, 7, -1, -1, -1, -1)),
+        rng.normal(size=(BODIES, 3)),
+        quaternions(rng, BODIES),
+        np.array((rng.choice((-1, 1)), rng.choice((-1, 2)))),
+        np.concatenate((rng.normal(size=(2, 3, 3)), rng.normal(size=(2, 3, 4))), axis=2),
+        rng.normal(size=(2, 6, 9)),
+        rng.normal(size=9),
+        0.002,
+        rng.normal(size=14),
     ),
     move_with_palm: lambda rng: (
         np.concatenate((rng.normal(size=3), *quaternions(rng, 1))),

@@ -170,7 +170,7 @@ def test_the_cause_is_what_the_error_is_due_to(
 ) -> None:
     judge = FollowingError(BOUND_M, PATIENCE_S)
     judge.need = (0.2, need)
-    judge.limit = 1.2
+    judge.limit = lambda: 1.2
 
     def swings() -> None:
         for frame in range(600):

@@ -33,8 +33,10 @@ GOOD = '''
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Where ``load`` finds its skills, and nothing is installed."""
-    monkeypatch.setattr(registry, "share_dir", lambda _: tmp_path)
+    """A folder of the user; no skill is shipped or installed."""
+    shipped = tmp_path / "shipped"
+    shipped.mkdir()
+    monkeypatch.setattr(registry, "share_dir", lambda _: shipped)
     monkeypatch.setattr(importlib.metadata, "entry_points", lambda **_: [])
     return tmp_path
 
@@ -42,7 +44,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def complaints(folder: Path, text: str, name: str = "wave.py") -> list[str]:
     (folder / name).write_text(dedent(text))
     with pytest.raises(RegistryError) as caught:
-        Registry.load()
+        Registry.load([folder])
     return [c.replace(f"{folder}/", "") for c in caught.value.complaints]
 
 
@@ -63,13 +65,13 @@ def test_names(name: str, yaml: str) -> None:
 def test_a_good_skill(folder: Path) -> None:
     (folder / "wave.py").write_text(dedent(GOOD))
     (folder / "_shared.py").write_text("raise RuntimeError('not a skill file')")
-    found = Registry.load()
+    found = Registry.load([folder])
     kind = found.kinds["wave_once"]
     assert kind.summary == "Waves."
     assert kind.is_leaf
     assert kind.failures == {"TIRED": "the arm is tired"}
     assert kind.origin.endswith("wave.py")
-    assert Registry.load().skills["wave_once"] is found.skills["wave_once"]
+    assert Registry.load([folder]).skills["wave_once"] is found.skills["wave_once"]
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,12 @@ from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.robots.robot import JointLimits
 from bt_dualarm.robots.robot_description import load_robot, robot_names
 from bt_dualarm.trajectory.kernel_arrays import PathOnGrid
-from bt_dualarm.trajectory.path_timing import Profile, TimeOptimal, spline_through
+from bt_dualarm.trajectory.path_timing import (
+    Profile,
+    TimeOptimal,
+    largest_within,
+    spline_through,
+)
 from bt_dualarm.trajectory.trajectory_kernels import squares_of_rates
 
 if TYPE_CHECKING:
@@ -152,3 +157,12 @@ def test_a_straight_line_takes_what_the_trapezoid_of_its_velocity_takes(
     if acceleration > velocity**2:
         shortest = 1.0 / velocity + velocity / acceleration
     assert TimeOptimal(line, limits).fastest.duration == pytest.approx(shortest, rel=1e-3)
+
+
+@pytest.mark.parametrize("reach", [1, 2, 3, 4, 7, 40])
+def test_largest_of_neighbors_is_scipys_maximum_filter(reach: int) -> None:
+    """Also where the window reaches beyond one end or both."""
+    for count in (1, 2, 9, 33):
+        values = np.random.default_rng(count).normal(size=count)
+        expected = scipy.ndimage.maximum_filter1d(values, 2 * reach + 1)
+        assert np.array_equal(largest_within(values, reach), expected)
