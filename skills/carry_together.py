@@ -12,6 +12,7 @@ from bt_dualarm import (
     ArmName,
     Carrying,
     CarryPorts,
+    Counterpart,
     Failure,
     JointPart,
     ObjectName,
@@ -26,6 +27,7 @@ _Names = Annotated[tuple[ArmName, ...], Field(min_length=1, max_length=2)]
 
 
 class _ObjectPorts(PortModel):
+    at_most_one_of = ("to", "path")
     object: ObjectName = port(..., "object to carry; the file declares its shape")
     # A keyword of Python cannot be written as the name of an attribute.
     __annotations__["with"] = _Names
@@ -44,6 +46,7 @@ class CarryTogether(Skill):
     class Ports(CarryPorts, _ObjectPorts):
         pass
 
+    counterpart = Counterpart("carry_together", partner="with", its_partner="with")
     failures = Carrying.failures
     example = "carry_together: {object: beam, with: [arm2], to: {xyz: [0.05, -0.5, 0.525]}}"
     needs = ("scipy.interpolate", "bt_dualarm.skill.preload_grasping")
@@ -59,8 +62,6 @@ class CarryTogether(Skill):
         members = tuple(sorted({arm.name, *partners}))
         if len(members) != 1 + len(partners):
             raise Failure("INVALID_TARGET", f"`with` of {arm.name} names it, or an arm twice")
-        if ports.to is not None and ports.path is not None:
-            raise Failure("INVALID_TARGET", "give `to` or `path`, not both")
         goals = ports.path or (() if ports.to is None else (ports.to,))
         with ExitStack() as stack:
             for partner in partners:

@@ -526,8 +526,12 @@ def _show(kind: NodeType, *, as_json: bool) -> int:
         if ports:
             console.print(f"\n{title}:")
             console.print((_table if console.width >= _WIDE else _entries)(ports))
-    if description.exactly_one_of:
-        console.print(f"\nexactly one of {', '.join(description.exactly_one_of)} is given")
+    for rule, choice in (
+        ("exactly", description.exactly_one_of),
+        ("at most", description.at_most_one_of),
+    ):
+        if choice:
+            console.print(f"\n{rule} one of {', '.join(choice)} is given")
     if description.needs_camera:
         console.print("\nthe arm needs a camera that moves with it")
     if description.needs_gripper:

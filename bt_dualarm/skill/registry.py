@@ -234,10 +234,11 @@ def _refused_defaults(model: type[PortModel]) -> dict[str, str]:
 
 
 def _choice_faults(part: str, model: type[PortModel]) -> Iterator[str]:
-    for name in model.exactly_one_of:
+    for name in (*model.exactly_one_of, *model.at_most_one_of):
         field = model.model_fields.get(name)
         if field is None:
-            yield f"{part}.exactly_one_of names '{name}', which is not a port"
+            rule = "exactly_one_of" if name in model.exactly_one_of else "at_most_one_of"
+            yield f"{part}.{rule} names '{name}', which is not a port"
         elif field.is_required() or field.default is not None:
             yield f"{part}.{name} is one of several alternatives: its default must be None"
     for name in {*model.goes_with, *model.goes_with.values()} - model.model_fields.keys():

@@ -16,6 +16,7 @@ from pydantic import Field, model_validator
 
 from bt_dualarm.core.pose import Vector
 from bt_dualarm.spec.node_types import (
+    Counterpart,
     LanguageNode,
     NodeSpec,
     NodeType,
@@ -310,36 +311,52 @@ class CellCheck:
                 yield node.port_problem(("with",), message, hint)
 
     def _counterpart(self, arm: str, node: NodeSpec) -> Iterator[Problem]:
-        """Returns the error of a joint skill whose partner has no fitting leaf in its tree."""
+        """Returns the errors of a joint skill without a fitting leaf in a partner's tree."""
         node_type = self.node_types.get(node.kind)
         joint = None if node_type is None else node_type.counterpart
-        partner = None if joint is None else node.ports.get(joint.partner)
-        if joint is None or not isinstance(partner, str) or is_dynamic(partner):
+        given = None if joint is None else node.ports.get(joint.partner)
+        if joint is None or given is None or is_dynamic(given):
             return
-        if partner == arm:
+        partners = _names(given)
+        if arm in partners:
             message = f"{node.kind}: {joint.partner}: {arm} cannot be its own partner"
             others = [name for name in self.trees if name != arm]
             hint = f"name another arm: {_listed(others)}" if others else ""
             yield node.port_problem((joint.partner,), message, hint)
             return
-        if partner not in self.trees:
-            return  # another check reports it
-        wanted = {joint.its_partner: arm, **{name: node.ports.get(name) for name in joint.same}}
-        if any(is_dynamic(value) for value in wanted.values()):
+        # Where one skill is done by several arms, each names all others.
+        members = frozenset({arm, *partners})
+        for partner in partners:
+            if partner in self.trees:  # otherwise another check reports it
+                yield from self._misfit(node, joint, partner, members - {partner})
+
+    def _misfit(
+        self, node: NodeSpec, joint: Counterpart, partner: str, theirs: frozenset[str]
+    ) -> Iterator[Problem]:
+        """Returns the error of a partner without a leaf that names ``theirs`` as its partners."""
+        is_list = not isinstance(node.ports.get(joint.partner), str)
+        same = {name: node.ports.get(name) for name in joint.same}
+        if any(is_dynamic(value) for value in same.values()):
             return
         leaves = [one for one in self.trees[partner].walk() if one.kind == joint.kind]
         for leaf in leaves:
-            if all(
+            named = leaf.ports.get(joint.its_partner)
+            if (is_dynamic(named) or frozenset(_names(named)) == theirs) and all(
                 leaf.ports.get(name) == value or is_dynamic(leaf.ports.get(name))
-                for name, value in wanted.items()
+                for name, value in same.items()
             ):
                 return
-        needed = ", ".join(f"{name}: {value}" for name, value in wanted.items())
+        shown = f"[{', '.join(sorted(theirs))}]" if is_list else ", ".join(theirs)
+        needed = ", ".join(
+            f"{name}: {value}" for name, value in ((joint.its_partner, shown), *same.items())
+        )
         message = f"{node.kind}: no '{joint.kind}' in the tree of {partner} fits this one"
         hint = f"it needs {joint.kind}: {{{needed}}}"
         if leaves:
             has = "; ".join(
-                ", ".join(f"{name}: {leaf.ports.get(name)}" for name in wanted)
+                ", ".join(
+                    f"{name}: {_flow(leaf.ports.get(name))}" for name in (joint.its_partner, *same)
+                )
                 + f" ({leaf.location})"
                 for leaf in leaves[:3]
             )
@@ -518,6 +535,18 @@ class CellCheck:
         name, participants = self._meeting(arm, node)
         missing = [other for other in participants if not self._is_at(other, name, waits)]
         return [other for other in missing if other in halted]
+
+
+def _names(value: Data) -> tuple[str, ...]:
+    """Names that a port has: one, or a list."""
+    if isinstance(value, (list, tuple)):
+        return tuple(str(one) for one in value)
+    return () if value is None else (str(value),)
+
+
+def _flow(value: Data) -> str:
+    """Names as in a file."""
+    return f"[{', '.join(_names(value))}]" if isinstance(value, (list, tuple)) else str(value)
 
 
 def _listed(names: Iterable[str]) -> str:

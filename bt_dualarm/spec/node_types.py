@@ -207,11 +207,13 @@ class PortModel(BaseModel):
 
     Attributes:
         exactly_one_of: Names of ports, None by default, of which a node is given exactly one.
+        at_most_one_of: Names of ports, None by default, of which a node is given one or none.
         goes_with: Ports, None by default, that are given only together with another one.
     """
 
     model_config = ConfigDict(**STRICT, validate_default=True)
     exactly_one_of: ClassVar[tuple[str, ...]] = ()
+    at_most_one_of: ClassVar[tuple[str, ...]] = ()
     goes_with: ClassVar[Mapping[str, str]] = {}
 
     @model_validator(mode="after")
@@ -223,20 +225,19 @@ class PortModel(BaseModel):
 
 
 def miscounted(model: type[PortModel], ports: Mapping[str, object]) -> str:
-    """Returns the violation of ``exactly_one_of`` or ``goes_with``, empty if there is none.
+    """Returns the first violation of the rules on which ports are given, empty if there is none.
 
     A reference to the blackboard counts as given.
     """
-    given = [name for name in model.exactly_one_of if ports.get(name) is not None]
-    if not model.exactly_one_of or len(given) == 1:
-        alone = [
-            (one, other)
-            for one, other in model.goes_with.items()
-            if ports.get(one) is not None and ports.get(other) is None
-        ]
-        return "".join(f"'{one}' goes with '{other}', which is missing" for one, other in alone[:1])
-    here = f"given: {' and '.join(given)}" if given else "none is given"
-    return f"give exactly one of: {', '.join(model.exactly_one_of)}; {here}"
+    for rule, names in (("exactly", model.exactly_one_of), ("at most", model.at_most_one_of)):
+        given = [name for name in names if ports.get(name) is not None]
+        if len(given) > 1 or (names and not given and rule == "exactly"):
+            here = f"given: {' and '.join(given)}" if given else "none is given"
+            return f"give {rule} one of: {', '.join(names)}; {here}"
+    for one, other in model.goes_with.items():
+        if ports.get(one) is not None and ports.get(other) is None:
+            return f"'{one}' goes with '{other}', which is missing"
+    return ""
 
 
 def port(
@@ -533,12 +534,12 @@ class Slot:
 
 @dataclass(frozen=True)
 class Counterpart:
-    """Skill of another arm with which a skill acts together.
+    """Skill of another arm, or of several, with which a skill acts together.
 
     Attributes:
         kind: Name of that skill in YAML.
-        partner: Port of this skill that names the other arm.
-        its_partner: Port of that skill that names this arm.
+        partner: Port of this skill that names the other arm, or lists all others.
+        its_partner: Port of that skill that names this arm, or lists this one and the others.
         same: Ports that have the same value in both.
     """
 

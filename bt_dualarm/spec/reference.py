@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import itertools
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -87,6 +88,7 @@ class Description:
         shorthand: Port that a bare value stands for, empty if there is none.
         bare_child: Whether the child may be written in its place.
         exactly_one_of: Ports of which exactly one must be given, if there are such.
+        at_most_one_of: Ports of which one may be given, if there are such.
         needs_camera: Whether it works only with a camera that moves with the arm.
         needs_gripper: Whether it works only with an arm that has a gripper.
         failures: Failure codes with their meaning.
@@ -102,6 +104,7 @@ class Description:
     shorthand: str
     bare_child: bool
     exactly_one_of: tuple[str, ...]
+    at_most_one_of: tuple[str, ...]
     needs_camera: bool
     needs_gripper: bool
     failures: Mapping[str, str]
@@ -120,6 +123,7 @@ def describe(node_type: NodeType) -> Description:
         node_type.shorthand,
         node_type.bare_child,
         node_type.ports.exactly_one_of,
+        node_type.ports.at_most_one_of,
         node_type.needs_camera,
         node_type.needs_gripper,
         dict(node_type.failures),
@@ -364,9 +368,9 @@ def _node(node: Description) -> Iterator[str]:
         yield f"A bare value is its `{node.shorthand}`.\n"
     if node.bare_child:
         yield "The child may also be written in its place.\n"
-    if node.exactly_one_of:
-        names = ", ".join(f"`{name}`" for name in node.exactly_one_of)
-        yield f"Exactly one of {names} is given.\n"
+    for rule, choice in (("Exactly", node.exactly_one_of), ("At most", node.at_most_one_of)):
+        if choice:
+            yield f"{rule} one of {', '.join(f'`{name}`' for name in choice)} is given.\n"
     if node.needs_camera:
         yield "The arm needs a camera that moves with it.\n"
     if node.needs_gripper:
@@ -553,6 +557,9 @@ def _body(node_type: NodeType, definitions: Json) -> Json:
     mapping["required"] = _required(node_type)
     if node_type.ports.exactly_one_of:
         mapping["oneOf"] = [{"required": [name]} for name in node_type.ports.exactly_one_of]
+    if node_type.ports.at_most_one_of:
+        pairs = itertools.combinations(node_type.ports.at_most_one_of, 2)
+        mapping["not"] = {"anyOf": [{"required": [*pair]} for pair in pairs]}
     if node_type.ports.goes_with:
         mapping["dependentRequired"] = {a: [b] for a, b in node_type.ports.goes_with.items()}
     forms: list[Json] = [mapping]

@@ -111,3 +111,23 @@ def test_different_goals_are_refused_and_either_arm_may_lead(leader: str) -> Non
     result = bt.run(file_of(TOGETHER, follows(to=other)))
     assert leaf(result, leader).code == "INVALID_TARGET"
     assert np.isfinite(leaf(result, leader).ended_s or 0.0)
+
+
+@pytest.mark.parametrize(
+    ("ports", "partner", "message"),
+    [
+        ({}, {"wait": 1}, "no 'carry_together' in the tree of arm2 fits this one"),
+        ({}, follows() | {"carry_together": follows()["carry_together"] | {"object": "cube"}},
+         "carry_together: {with: [arm1], object: beam}; it has with: [arm1], object: cube"),
+        ({"with": ["arm1"]}, follows(), "with: arm1 cannot be its own partner"),
+        ({"path": [AIR]}, follows(), "give at most one of: to, path; given: to and path"),
+    ],
+    ids=["no partner", "another object", "itself", "two goals"],
+)  # fmt: skip
+def test_the_check_finds_a_leaf_that_never_gets_a_partner(
+    ports: Tree, partner: Tree, message: str
+) -> None:
+    cube = {"shape": "box", "size": [0.04, 0.04, 0.04], "mass": 0.1, "pose": {"xyz": [1, 1, 1]}}
+    with pytest.raises(bt.SpecError) as raised:
+        bt.run(file_of(TOGETHER | ports, partner, cube=cube))
+    assert message in str(raised.value)

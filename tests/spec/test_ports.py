@@ -71,6 +71,20 @@ def test_exactly_one_of_several_ports_is_given() -> None:
             validated(Choice, ports)
 
 
+class Alternatives(PortModel):
+    at_most_one_of = ("to", "path")
+
+    to: float | None = port(None, "Where to", unit="m")
+    path: float | None = port(None, "Along what", unit="m")
+
+
+def test_at_most_one_of_several_ports_is_given() -> None:
+    for ports in ({}, {"to": 1}, {"path": 1}):
+        validated(Alternatives, ports)
+    with pytest.raises(ValidationError, match="give at most one of: to, path; given: to and path"):
+        validated(Alternatives, {"to": 1, "path": 2})
+
+
 def test_a_reference_counts_as_given() -> None:
     assert miscounted(Choice, {"to": "{a}"}) == ""
     assert miscounted(Choice, {"to": "{a}", "by": 1}).endswith("given: to and by")
