@@ -53,7 +53,7 @@ print(json.dumps(found))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", some(COMMANDS, 2))
+@pytest.mark.parametrize("name", some(COMMANDS, 3))
 def test_a_command_leaves_nothing_behind(name: str) -> None:
     """As often as it is run in one process."""
     command = [sys.executable, "-c", PROGRAM, *COMMANDS[name]]

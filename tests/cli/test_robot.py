@@ -128,7 +128,7 @@ def chain_of(path: Path) -> ArmChain | None:
 
 
 def urdfs() -> list[Path]:
-    found = some(sorted(robot_data_dir().glob("*/*/*.urdf")), 8)
+    found = some(sorted(robot_data_dir().glob("*/*/*.urdf")), 14)
     return [path for path in found if path.name not in NOT_READ and chain_of(path)]
 
 

@@ -92,7 +92,7 @@ def check_whole(ran: Ran) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("phase", "deed"), some(CASES, 2))
+@pytest.mark.parametrize(("phase", "deed"), some(CASES, 3))
 def test_a_blocker_is_named_and_left(
     phase: str, deed: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

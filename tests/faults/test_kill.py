@@ -75,7 +75,7 @@ def check_whole(folder: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("number", "seconds"), some(EARLY, 2))
+@pytest.mark.parametrize(("number", "seconds"), some(EARLY, 4))
 def test_killed_while_it_starts(tmp_path: Path, number: signal.Signals, seconds: float) -> None:
     """No record where no leaf has begun; else a whole one. Nothing in between."""
     with begun(tmp_path) as process:
@@ -92,7 +92,7 @@ def test_killed_while_it_starts(tmp_path: Path, number: signal.Signals, seconds:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("number", "lines"), some(LATE, 2))
+@pytest.mark.parametrize(("number", "lines"), some(LATE, 5))
 def test_killed_while_it_runs(tmp_path: Path, number: signal.Signals, lines: int) -> None:
     with begun(tmp_path) as process:
         say(process, lines)

@@ -20,7 +20,7 @@ AGAIN_S = 0.5
 """Seconds in which the planned speed is back: a change takes 0.1 to 0.4 s."""
 
 
-@pytest.mark.parametrize(("begin", "robot"), some(product((0.2, 0.4), ROBOTS), 3))
+@pytest.mark.parametrize(("begin", "robot"), some(product((0.2, 0.4), ROBOTS), 6))
 def test_a_motion_is_as_fast_as_planned_soon_after_nothing_slows_it(
     robot: str, begin: float
 ) -> None:

@@ -17,8 +17,8 @@ AGAIN = [law for law in LAWS if law.startswith("starts again ")]
 CASES = sorted(
     {
         *product(SKILLS, set(LAWS) - {*HALTS, *AGAIN}),
-        *some(product(sorted(SKILLS), HALTS), 12),
-        *some(product(sorted(SKILLS), AGAIN), 5),
+        *some(product(sorted(SKILLS), HALTS), 18),
+        *some(product(sorted(SKILLS), AGAIN), 9),
     }
 )
 """Skill and law, skill by skill; each of the moments at which some skill is halted, and each way in
