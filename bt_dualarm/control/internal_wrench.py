@@ -184,6 +184,8 @@ class InternalWrenchRegulator:
         center = np.asarray(self._shares) @ points
         moments = wrenches[:, 3:] + crossed(points - center, wrenches[:, :3])
         total = np.concatenate((wrenches[:, :3].sum(axis=0), moments.sum(axis=0)))
+        # The first sample is taken as it is: a filter that starts at zero would report no squeeze
+        # during the first 0.1 s, when the second arm has just closed its hand.
         new = -np.expm1(-self._period / _FILTER_S) if self._has_looked else 1.0
         self._has_looked = True
         self._internal += new * (found - self._internal)
@@ -204,6 +206,8 @@ class InternalWrenchRegulator:
             self._speed[i] += new * (self._aimed[i] - self._speed[i])
             self._yielded[i] += self._period * self._speed[i]
             velocity[self._parts[i]] = arm.joint_velocity(self._speed[i])
+        # Positions are the integral of the velocities that are sent with them, so that the sum of
+        # motion and correction is a consistent set-point for the limiter.
         before = self._added
         q = before.q + 0.5 * self._period * (before.v + velocity)
         self._added = SetPoint(q, velocity, (velocity - before.v) / self._period)
@@ -220,6 +224,7 @@ class InternalWrenchRegulator:
             size = float(np.linalg.norm(internal[part]))
             speed = min(gain * max(size - deadband, 0.0), fastest)
             direction = -internal[part] / max(size, 1e-9)
+            # A grasp at its farthest may still go back: only further yielding is stopped.
             beyond = float(direction @ yielded[part])
             twist[part] = direction * (speed if beyond < farthest else 0.0)
         return twist

@@ -157,6 +157,7 @@ class ToolFollowing:
         """The set-point for a simulated time in s."""
         goal = tool_motion(self._leader, self._commanded(time), self._period).at(self._offset)
         before = self._reference
+        # Extrapolated, the start is so close that one iteration is enough nearly always.
         near = before.q + self._period * (before.v + 0.5 * self._period * before.a)
         self._reference = reference = self._solved(goal, near, self._period)
         sent = self._limiter.send(reference)
@@ -209,11 +210,13 @@ class ToolFollowing:
             self.refusal = refusal
             return 1.0
         limits = self._limits
+        # At time scale s velocities shrink by s and accelerations by s², hence the square root.
         needed = max(
             float((np.abs(followed.v) / limits.velocity).max()),
             math.sqrt(float((np.abs(followed.a) / limits.acceleration).max())),
         )
         scale = min(_SHARE / max(needed, 1e-9), 1.0)
+        # Jerk is not in this estimate, and the limiter adds a lag of its own: simulate it.
         while scale > _SLOWEST and self._lag(followed, scale, np.array(levers)) > _LAG_M:
             scale *= _SLOWER
         if scale > _SLOWEST:

@@ -101,6 +101,8 @@ def _timed(
     path: scipy.interpolate.CubicSpline, length: float, speed: float, ramp: float, dt: float
 ) -> tuple[Trajectory, float]:
     """Motion with ramps of at least a duration in s, and their exact duration."""
+    # Each ramp covers half of what the speed would in its time, so both together cost one ramp.
+    # The end falls on a set-point: the ramps become longer by what the last period has left.
     count = math.ceil((length / speed + ramp) / dt)
     ramp = count * dt - length / speed
     t = dt * np.arange(count + 1)
@@ -109,6 +111,7 @@ def _timed(
     u = np.clip(np.minimum(t, count * dt - t) / ramp, 0.0, 1.0)
     ds[:] = speed * u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
     dds[:] = speed / ramp * 30.0 * u**2 * (1.0 - u) ** 2
+    # The integral of the quintic; the second half of the motion mirrors the first.
     covered = speed * ramp * u**4 * (2.5 - 3.0 * u + u**2)
     late = t > 0.5 * count * dt
     s[:] = covered + speed * np.clip(t - ramp, 0.0, None)
@@ -117,6 +120,7 @@ def _timed(
     s = np.clip(s, 0.0, length)
     first = path(s, 1)
     q = path(s)
+    # Chain rule: q(s(t)) has the derivatives q' s' and q' s'' + q'' s'^2.
     v = first * ds[:, None]
     a = first * dds[:, None] + path(s, 2) * (ds**2)[:, None]
     v[[0, -1]] = 0.0
