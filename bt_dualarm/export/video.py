@@ -506,7 +506,14 @@ class Encoder:
             raise ReplayError(message) from error
         keys = ["-g", str(key_every)]
         self._film = imageio_ffmpeg.write_frames(
-            str(path), size, fps=fps, codec="libx264", macro_block_size=2, output_params=keys
+            str(path),
+            size,
+            fps=fps,
+            codec="libx264",
+            macro_block_size=2,
+            # It would warn on the terminal if a record that turns out to be invalid has no frame.
+            ffmpeg_log_level="error",
+            output_params=keys,
         )
         self._film.send(None)
 
