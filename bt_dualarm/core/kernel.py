@@ -31,7 +31,7 @@ import time
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from functools import cache
+from functools import cache, cached_property
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Final, ParamSpec, TypeVar, cast
@@ -40,7 +40,12 @@ from uuid import uuid4
 import numba
 from llvmlite import binding
 from numba.core import codegen, compiler, environment, registry, typed_passes, types
-from numba.core.caching import CompileResultCacheImpl, FunctionCache, UserWideCacheLocator
+from numba.core.caching import (
+    CompileResultCacheImpl,
+    FunctionCache,
+    NullCache,
+    UserWideCacheLocator,
+)
 from numba.core.compiler_machinery import register_pass
 from numba.core.environment import _rebuild_env
 from numba.core.runtime import nrt
@@ -61,16 +66,9 @@ def kernel(function: Callable[Given, Returned]) -> Callable[Given, Returned]:
 
     Without a writable cache it is compiled in every process.
     """
-    with _settings() as config:
-        if config.DISABLE_JIT:
-            return function
-        compiled = Kernel(function)
-        try:
-            keep_code(compiled, function)
-        except RuntimeError as error:
-            if _NO_CACHE not in str(error):
-                raise
-    return cast("Callable[Given, Returned]", compiled)
+    if _config().DISABLE_JIT:
+        return function
+    return cast("Callable[Given, Returned]", Kernel(function))
 
 
 class InnerLibrary(codegen.JITCodeLibrary):
@@ -141,19 +139,40 @@ class InnerCompiler(compiler.CompilerBase):
         return [passes]
 
 
+_OPTIONS: Final = {"nopython": True, "boundscheck": None, "no_cfunc_wrapper": True}
+
+
 class Kernel(registry.CPUDispatcher):
     """A kernel as Python calls it; other kernels get its code to include.
+
+    What only some kernels need is made on demand: most are called by other kernels alone, whose
+    code is in the cache.
 
     Args:
         function: The function in Python.
     """
 
     def __init__(self, function: Callable[..., object]) -> None:
-        options = {"nopython": True, "boundscheck": None, "no_cfunc_wrapper": True}
-        super().__init__(function, targetoptions=options)
-        self._included = registry.CPUDispatcher(
-            function,
-            targetoptions=options | {"no_cpython_wrapper": True},
+        self._kept: Any = None  # numba has no types
+        super().__init__(function, targetoptions=_OPTIONS)
+
+    @property
+    def _cache(self) -> Any:  # numba has no types
+        """Where numba looks for machine code before it compiles, and stores it afterwards."""
+        if self._kept is None:
+            self._kept = _cache_of(self.py_func)
+        return self._kept
+
+    @_cache.setter
+    def _cache(self, cache: object) -> None:
+        """Ignore the empty cache with which numba begins."""
+
+    @cached_property
+    def _included(self) -> Any:  # numba has no types
+        """The function as other kernels include it."""
+        return registry.CPUDispatcher(
+            self.py_func,
+            targetoptions=_OPTIONS | {"no_cpython_wrapper": True},
             pipeline_class=InnerCompiler,
         )
 
@@ -162,18 +181,13 @@ class Kernel(registry.CPUDispatcher):
         return types.Dispatcher(self._included)
 
 
-@contextmanager
-def _settings() -> Iterator[Any]:  # Any: a module whose attributes are created at run time
-    """Configure numba for our kernels in the block; other packages keep their cache location."""
+@cache
+def _config() -> Any:  # a module whose attributes are created at run time
+    """Settings of numba, which compiles for our processor from now on."""
     os.environ.setdefault("NUMBA_CPU_NAME", _BASELINE)
-    config: Any = numba.config  # its attributes are created at run time
+    config: Any = numba.config
     config.reload_config()  # another package may have imported it before
-    before = config.CACHE_LOCATOR_CLASSES
-    config.CACHE_LOCATOR_CLASSES = "bt_dualarm.core.kernel.KernelPlace"
-    try:
-        yield config
-    finally:
-        config.CACHE_LOCATOR_CLASSES = before
+    return config
 
 
 _BASELINE: Final = "generic"
@@ -189,10 +203,9 @@ def compile_once(groups: Groups) -> None:
     The groups are compiled by one process per core. Processes that start at once share the work,
     and each of them waits for the others. Does nothing if numba's JIT is disabled.
     """
-    with _settings() as config:
-        if config.DISABLE_JIT:
-            return
-        target = _target()
+    if _config().DISABLE_JIT:
+        return
+    target = _target()
     left = {name: group for name, group in groups.items() if not _mark(name, target).exists()}
     if not left:
         _note_use(_mark(name, target) for name in groups)
@@ -527,13 +540,16 @@ class KernelCache(FunctionCache):
         return sig, codegen.magic_tuple()
 
 
-def keep_code(
-    compiled: Any,  # numba has no types
-    function: Callable[..., object],
-) -> None:
-    """Let a compiled function load its code from the cache folder and store it there.
-
-    Raises:
-        RuntimeError: The folder does not exist and cannot be created.
-    """
-    compiled._cache = KernelCache(function)
+def _cache_of(function: Callable[..., object]) -> Any:  # numba has no types
+    """Cache of a kernel; an empty one if its folder does not exist and cannot be created."""
+    config = _config()
+    before = config.CACHE_LOCATOR_CLASSES  # other packages keep their cache location
+    config.CACHE_LOCATOR_CLASSES = "bt_dualarm.core.kernel.KernelPlace"
+    try:
+        return KernelCache(function)
+    except RuntimeError as error:
+        if _NO_CACHE not in str(error):
+            raise
+        return NullCache()
+    finally:
+        config.CACHE_LOCATOR_CLASSES = before

@@ -355,9 +355,11 @@ def obstacles_around(arm: Arm, wanted: WantedGrasp) -> list[Obstacle]:
     arms = set[int]().union(*(body.geom_ids for body in world.arms.values()))
     found = []
     for geom in range(model.ngeom):
-        solid = _solid_of_geom(model, geom)
         counts = model.geom_contype[geom] or model.geom_conaffinity[geom]
-        if solid is None or not counts or geom in own or geom in arms:
+        if not counts or geom in own or geom in arms:
+            continue
+        solid = _solid_of_geom(model, geom)
+        if solid is None:
             continue
         matrix = np.eye(4)
         matrix[:3, :3] = world.sensed.geom_xmat[geom].reshape(3, 3)
