@@ -39,6 +39,9 @@ _DEADBAND_N: Final = 2.0
 _DEADBAND_NM: Final = 0.5
 """Internal wrench that is left alone: joint friction and sensor noise cause as much."""
 
+_AT_REST_N: Final = 6.0
+"""Internal force that may be left at the end of a motion, N: some is an error of the estimate."""
+
 _FASTEST: Final = (0.01, 0.05)
 """Largest speed of yielding, m/s and rad/s."""
 
@@ -174,6 +177,14 @@ class InternalWrenchRegulator:
         self._share = 0.0
         self._aimed[:] = 0.0
         self._speed[:] = 0.0
+
+    def is_pressed(self) -> bool:
+        """Whether the arms press so hard that they would not come to rest at their set-points.
+
+        Their disturbance observers act as integrators: against each other, both push harder until
+        the set-points agree.
+        """
+        return self.force_n > _AT_REST_N
 
     def look(self) -> Matrix:
         """Update the estimates; returns the unfiltered internal wrenches, of shape (n, 6)."""

@@ -868,7 +868,7 @@ class _Coupled:
         if scale < 0.999:
             motion = at_scale(motion, scale)
         self._regulator.begin()
-        return CoupledMotion(motion, parts, limits, self._regulator)
+        return CoupledMotion(motion, parts, limits, self._regulator, self._regulator.is_pressed)
 
     def _execute(
         self, leg: _Leg, done: float, force: float | None = None

@@ -27,6 +27,9 @@ corrections cannot stop within one period without breaking the jerk limits."""
 _FADED: float = 1e-2
 """Share of the limits below which what is left of it ends at once."""
 
+_LONGEST_S: float = 1.0
+"""Longest time for which a correction goes on at the end of the trajectory, s."""
+
 Correction = Callable[[float], SetPoint]
 """Returns what is added to the set-points of all arms at a simulated time in s."""
 
@@ -51,6 +54,8 @@ class CoupledMotion:
         limits: Limits of all joints, side by side, which changes of the time scale keep.
         correction: Correction of the set-points, called once per period while the arms follow the
             motion; None for none. It begins at zero.
+        is_needed: Whether the correction has to go on at the end of the trajectory, before the
+            motion has ended; for `_LONGEST_S` at most.
     """
 
     def __init__(
@@ -59,6 +64,7 @@ class CoupledMotion:
         parts: Mapping[str, slice],
         limits: JointLimits,
         correction: Correction | None = None,
+        is_needed: Callable[[], bool] | None = None,
     ) -> None:
         self.trajectory = trajectory
         self.common = TrajectorySource(trajectory)
@@ -66,6 +72,8 @@ class CoupledMotion:
         self.is_braking = False
         self._parts = dict(parts)
         self.correction = correction
+        self._is_needed = is_needed
+        self._ended_at: float | None = None
         self._sources = {arm: CoupledSource(self, arm) for arm in parts}
         self._following: set[str] = set()
         self._scales = dict.fromkeys(parts, 1.0)
@@ -118,7 +126,10 @@ class CoupledMotion:
             sent = self._last if self.common.done else self.common.next(time)
             if self.common.done:
                 sent = self._last = SetPoint(sent.q, 0.0 * sent.v, 0.0 * sent.a)
-                self._fade()
+                self._ended_at = time if self._ended_at is None else self._ended_at
+                is_late = time - self._ended_at >= _LONGEST_S
+                if self._is_needed is None or is_late or not self._is_needed():
+                    self._fade()
             if self._fading is not None:
                 self._added = self._fading.pop(0) if self._fading else self._rested()
             elif self.correction is not None:

@@ -153,3 +153,28 @@ def test_a_correction_is_added_to_all() -> None:
     coupled = motion(by)
     rows, _ = play(coupled)
     np.testing.assert_allclose(rows[-1], coupled.trajectory.end + by)
+
+
+@pytest.mark.parametrize(("needed", "seconds"), [(0, 0.0), (75, 75 * DT), (10_000, 1.0)])
+def test_a_correction_goes_on_at_the_end_while_it_is_needed(needed: int, seconds: float) -> None:
+    """For a second at most; then the motion ends where the correction has led the arms."""
+    plain = motion()
+    before = len(play(plain)[0])
+    left = [needed]
+    moved = np.zeros(5)
+
+    def corrected(_: float) -> SetPoint:
+        speed = np.full(5, 1e-3)
+        moved[:] += DT * speed
+        return SetPoint(moved.copy(), speed, 0 * speed)
+
+    def is_needed() -> bool:
+        left[0] -= 1
+        return left[0] >= 0
+
+    coupled = CoupledMotion(plain.trajectory, PARTS, plain.limits, corrected, is_needed)
+    rows, _ = play(coupled)
+    fading_s = 0.3
+    assert seconds - DT <= (len(rows) - before) * DT <= seconds + fading_s
+    assert coupled.is_at_rest
+    np.testing.assert_allclose(rows[-1] - plain.trajectory.end, moved, atol=1e-4)
