@@ -162,6 +162,8 @@ class Operate(Skill):
             if self.time - began >= _EDGE_S:
                 self._most_n = max(self._most_n, felt)
             if exceeded is not None and self.time - exceeded > _FELT_S:
+                if motion.done and self._away(goal) <= ports.tolerance:
+                    return
                 moved = self._lever * abs(past[-1][1] - past[0][1])
                 yield from self._stop(felt, moved)
 

@@ -348,7 +348,7 @@ class Sees(_Leaf):
         Raises:
             Failure: ``FALSE``: there are too few.
         """
-        seen = self.ports.sighted(self.arm)
+        seen = self.ports.sighted(self.arm, self.context.cell.zones)
         picture = yield from still_picture(self.arm, 1)
         if picture is None:
             raise Failure("FALSE", "the camera gave no image in time")

@@ -449,17 +449,18 @@ def scene_names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in (share_dir("assets") / "scenes").glob("*.xml")))
 
 
-def scene_spec(world: WorldSpec, root: Path) -> mujoco.MjSpec:
+def scene_spec(world: WorldSpec) -> mujoco.MjSpec:
     """The scene as an MjSpec with the options of the world.
+
+    Fixtures of a scene file are no part of it: they are objects.
 
     Args:
         world: Names the scene and the time step.
-        root: Folder against which a scene given as a path is resolved.
 
     Raises:
         CatalogError: No such scene, or MuJoCo cannot read it.
     """
-    spec = _read_scene(_scene_file(world.scene, root))
+    spec = _read_scene(_scene_file(world.scene))
     spec.option.timestep = world.timestep
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
@@ -468,9 +469,7 @@ def scene_spec(world: WorldSpec, root: Path) -> mujoco.MjSpec:
     return spec
 
 
-def _scene_file(name: str, root: Path) -> Path:
-    if name.endswith(".xml"):
-        return root / name
+def _scene_file(name: str) -> Path:
     if is_scene_path(name):  # its fixtures are objects of the file
         name = "empty"
     if name in scene_names():

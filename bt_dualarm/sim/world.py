@@ -711,7 +711,7 @@ class World(HoldingView):
         self.nominal = self.devices.nominal
         self.grippers = self.devices.grippers
         self.on_forces: list[Callable[[], None]] = [self.devices.update_friction]
-        self._spec = composition.scene_spec(file.world, file.root)
+        self._spec = composition.scene_spec(file.world)
         if mounted:
             self.on_forces.append(self.devices.move_held_objects)
             composition.set_grasp_contact_options(self._spec)

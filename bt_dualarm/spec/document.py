@@ -35,7 +35,7 @@ from bt_dualarm.spec.goals import Conditions
 from bt_dualarm.spec.joints import MOST_JOINTS, Articulation, JointSpec, moved_name, refuse_joints
 from bt_dualarm.spec.many import MOST_OBJECTS, Group, ManySpec, members
 from bt_dualarm.spec.node_types import NodeSpec, one_line, port
-from bt_dualarm.spec.problems import Name, Problem, written_as
+from bt_dualarm.spec.problems import Name, Problem, ThingName, written_as
 from bt_dualarm.spec.shapes import (
     SIZE_IN_WORDS,
     WALL_IN_WORDS,
@@ -413,7 +413,9 @@ _Locked: TypeAlias = Annotated[float, Field(ge=-720.0, le=720.0)]
 
 SceneName: TypeAlias = Annotated[
     str,
-    StringConstraints(max_length=200, pattern=r"^([A-Za-z][A-Za-z0-9_-]{0,47}|.{1,190}\.ya?ml)$"),
+    StringConstraints(
+        max_length=200, pattern=r"^([A-Za-z][A-Za-z0-9_-]{0,47}|.{1,190}\.(ya?ml|xml))$"
+    ),
 ]
 """Name of a shipped scene, or path of a scene file."""
 
@@ -423,8 +425,8 @@ class WorldSpec(Value):
 
     scene: SceneName = port(
         "table",
-        "Scene that is shipped, by name, or path of a scene file (`scenes/cell.yaml`) relative to "
-        "the tree file",
+        "Scene that is shipped, by name, or path of a scene file (`scenes/cell.yaml`) or of a file "
+        "in MJCF (`scenes/cell.xml`), relative to the tree file",
     )
     seed: int = port(0, "Random seed", ge=0, lt=2**32)
     timestep: float = port(0.002, "Physics time step", unit="s", ge=1e-4, le=0.004)
@@ -747,6 +749,8 @@ class TreeFile(TreeContent):
         given: Values of its parameters by name.
     """
 
+    # What a joint moves is an object of its own.
+    objects: Annotated[dict[ThingName, ObjectSpec], Field(default_factory=dict)]
     path: InstanceOf[Path] = Path()
     groups: InstanceOf[tuple[Group, ...]] = ()
     scene_source: InstanceOf[Source] | None = Field(default=None, repr=False)
