@@ -41,6 +41,9 @@ GRIPPER_SKILLS: Final = (
 JOINT_SKILLS: Final = ("carry_together", "hand_over", "take_over")
 """Skills that need a second arm: `benchmarks.carry` and `benchmarks.handover` play them."""
 
+PLAYED_APART: Final = ("operate",)
+"""Skills that need objects of their own: `benchmarks.articulated` plays it."""
+
 FREE_SKILLS: Final = (
     "reach_to_pose",
     "move_linear",

@@ -76,6 +76,9 @@ if TYPE_CHECKING:
     from bt_dualarm.runtime.outcome import Series as Series
     from bt_dualarm.runtime.run import Run as Run
     from bt_dualarm.sim.world import World as World
+    from bt_dualarm.skill.articulated import HandForce as HandForce
+    from bt_dualarm.skill.articulated import MovedPart as MovedPart
+    from bt_dualarm.skill.articulated import loads_on as loads_on
     from bt_dualarm.skill.carrying import Carrying as Carrying
     from bt_dualarm.skill.carrying import CarryPorts as CarryPorts
     from bt_dualarm.skill.cell import CellWait as CellWait
@@ -150,8 +153,10 @@ if TYPE_CHECKING:
     from bt_dualarm.spec.values import GripSpeed as GripSpeed
     from bt_dualarm.spec.values import GripWidth as GripWidth
     from bt_dualarm.spec.values import JointAngles as JointAngles
+    from bt_dualarm.spec.values import JointName as JointName
     from bt_dualarm.spec.values import ObjectName as ObjectName
     from bt_dualarm.spec.values import Offset as Offset
+    from bt_dualarm.spec.values import PartName as PartName
     from bt_dualarm.spec.values import Plane as Plane
     from bt_dualarm.spec.values import PoseSpec as PoseSpec
     from bt_dualarm.spec.values import PostureName as PostureName
@@ -226,10 +231,12 @@ _CONTENTS: Final = {
     "GripSpeed": "spec.values:GripSpeed",
     "GripWidth": "spec.values:GripWidth",
     "JointAngles": "spec.values:JointAngles",
+    "JointName": "spec.values:JointName",
     "Keep": "spec.path_keep:Keep",
     "ObjectName": "spec.values:ObjectName",
     "ObjectPose": "spec.relative_pose:ObjectPose",
     "Offset": "spec.values:Offset",
+    "PartName": "spec.values:PartName",
     "Plane": "spec.values:Plane",
     "PathFile": "spec.path_file:PathFile",
     "Planner": "planning.path_search:Planner",
@@ -279,6 +286,9 @@ _CONTENTS: Final = {
     "SettingDownPorts": "skill.placing:SettingDownPorts",
     "Taking": "skill.picking:Taking",
     "TakingPorts": "skill.grasp_search:TakingPorts",
+    "MovedPart": "skill.articulated:MovedPart",
+    "HandForce": "skill.articulated:HandForce",
+    "loads_on": "skill.articulated:loads_on",
     "Carrying": "skill.carrying:Carrying",
     "CarryPorts": "skill.carrying:CarryPorts",
     "JointPart": "skill.joint:JointPart",

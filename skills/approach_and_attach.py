@@ -12,6 +12,7 @@ from bt_dualarm import (
     Matrix,
     ObjectName,
     ObjectPose,
+    PartName,
     PortModel,
     Pose,
     Skill,
@@ -50,6 +51,9 @@ class ApproachAndAttach(Skill):
 
     class Ports(PortModel):
         object: ObjectName = port(..., "object to attach")
+        part: PartName | None = port(
+            None, "part of a compound object at which it is touched; by default above its center"
+        )
         at: ObjectPose | None = port(
             None,
             "estimated pose of the object, as `locate` writes it; its true pose is then not used",
@@ -84,7 +88,7 @@ class ApproachAndAttach(Skill):
 
     def run(self) -> Iterator[float | None]:
         """Plan the whole approach before moving; attach only what is near and touched."""
-        name = self.ports.object
+        name = self._name
         if self.arm.name in self.arm.world.grippers:
             self.arm.gripper.refuse_other(name)
         if name in self.arm.held:
@@ -121,8 +125,8 @@ class ApproachAndAttach(Skill):
                 raise  # else something is between them, and that will touch the object
 
     def _refuse_if_gone(self) -> None:
-        if self.ports.object not in self.arm.world.objects:
-            raise Failure("NOT_THERE", f"object {self.ports.object!r} is not in the world")
+        if self._name not in self.arm.world.objects:
+            raise Failure("NOT_THERE", f"object {self._name!r} is not in the world")
 
     def _go_to_standoff(self) -> Generator[float, None, Approach]:
         """Move to the standoff of the first approach that is free; wait for arms in the way."""
@@ -134,7 +138,7 @@ class ApproachAndAttach(Skill):
             return approaches[0].to_standoff
 
         move = arm.past_others(self.ports.speed, self._unseen)
-        touched = frozenset({self.ports.object})
+        touched = frozenset({self._name})
         for progress in move.to_line(planned, lambda: approaches[0].line, touched):
             yield 0.7 * (progress or 0.0)
             self._refuse_if_gone()
@@ -180,7 +184,7 @@ class ApproachAndAttach(Skill):
         first = reasons[0]
         raise Failure(
             "OUT_OF_REACH",
-            f"no path to {self.ports.object!r}: {first.reason}",
+            f"no path to {self._name!r}: {first.reason}",
             ways_tried=len(reasons),
             **first.numbers,
         ) from ExceptionGroup("no approach is free", reasons)
@@ -188,8 +192,12 @@ class ApproachAndAttach(Skill):
     def _targets(self) -> list[Pose]:
         """Poses of the tool on the object's surface, its z axis along the direction."""
         direction = unit_vector(self.ports.direction)
-        center = self._seen or self.arm.world.object_pose(self.ports.object)
-        surface = self.arm.world.surface_point(self.ports.object, -direction, center)
+        world = self.arm.world
+        name = self._name
+        center = self._seen or world.object_pose(name)
+        if self._seen is None and world.joint_of(name) is not None:
+            center = self.arm.known.pose(name).pose
+        surface = world.surface_point(name, -direction, center, self.ports.part)
         x, y, _ = center.rotation_matrix.T
         # Projected along its x axis, an object's small tilt alone would decide how the tool turns.
         side = y if abs(x @ direction) > _ALONG else x
@@ -202,8 +210,8 @@ class ApproachAndAttach(Skill):
         surface = surface @ Pose.from_rpy((0, 0, -self._fingertip_offset()))
         standoff = surface @ Pose.from_rpy((0, 0, -ports.standoff))
         q_line = arm.line(standoff, surface @ Pose.from_rpy((0, 0, self._depth())))
-        arm.refuse_load(ports.object, q_line[-1], self._seen)
-        touched = frozenset({ports.object})
+        arm.refuse_load(self._name, q_line[-1], self._seen)
+        touched = frozenset({self._name})
         arm.refuse_collision_along(q_line, ignore=touched)
         to_standoff = yield from arm.plan([q_line[0]], ports.speed, self._unseen)
         self._refuse_motion_through(to_standoff)
@@ -228,6 +236,11 @@ class ApproachAndAttach(Skill):
         return farthest
 
     @property
+    def _name(self) -> str:
+        """Name of the object that has the part."""
+        return self.arm.world.part_owner(self.ports.object, self.ports.part)
+
+    @property
     def _seen(self) -> Pose | None:
         """Estimated pose of the object in the world, if it is given."""
         return None if self.ports.at is None else self.ports.at.pose
@@ -235,7 +248,7 @@ class ApproachAndAttach(Skill):
     @property
     def _unseen(self) -> frozenset[str]:
         """Objects that plans must ignore, since only their estimated pose may be used."""
-        return frozenset() if self._seen is None else frozenset({self.ports.object})
+        return frozenset() if self._seen is None else frozenset({self._name})
 
     def _refuse_motion_through(self, motion: Trajectory) -> None:
         """Refuse a motion of the tool through the estimated pose, which the plan has ignored."""
@@ -254,10 +267,10 @@ class ApproachAndAttach(Skill):
         return -min(0.8 * self.ports.proximity, 0.5 * self.ports.standoff)
 
     def _gap(self) -> float:
-        return self.arm.world.tool_gap(self.arm.name, self.ports.object)
+        return self.arm.world.tool_gap(self.arm.name, self._name)
 
     def _touching(self) -> bool:
-        return self.arm.world.touches(self.arm.name, self.ports.object)
+        return self.arm.world.touches(self.arm.name, self._name)
 
     def _near(self) -> bool:
         return self._touching() if self.ports.contact else self._gap() <= self.ports.proximity
@@ -274,12 +287,12 @@ class ApproachAndAttach(Skill):
         if gap > self.ports.proximity or (self.ports.contact and not touching):
             raise Failure(
                 "PROXIMITY_NOT_REACHED",
-                f"the tool is {1000 * gap:.1f} mm from {self.ports.object!r}"
+                f"the tool is {1000 * gap:.1f} mm from {self._name!r}"
                 + ("" if touching else " and does not touch it"),
                 gap_m=gap,
                 touching=touching,
             )
-        name = self.ports.object
+        name = self._name
         self.arm.attach(name, self._seen)
         self.metrics["gap_m"] = gap
         held = self.arm.world.attachments.find(self.arm.name, name)

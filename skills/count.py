@@ -45,7 +45,7 @@ class Count(Skill):
     def run(self) -> Iterator[float | None]:
         """Evaluate one averaged image from the current pose."""
         ports = self.ports
-        seen = ports.sighted(self.arm)
+        seen = ports.sighted(self.arm, self.context.cell.zones)
         picture = yield from still_picture(self.arm, ports.frames)
         if picture is None:
             raise Failure("NOT_SEEN", "the camera gave no image in time")

@@ -12,9 +12,11 @@ from bt_dualarm import (
     Failure,
     GripWidth,
     KnownShape,
+    MovedPart,
     ObjectName,
     ObjectPose,
     PortModel,
+    Pose,
     Skill,
     Taking,
     TakingPorts,
@@ -53,6 +55,14 @@ class _ObjectPorts(PortModel):
         gt=0,
         le=1,
     )
+    then_to: float | None = port(
+        None,
+        "position to which `operate` will move the joint of the part: grasps with which the arm "
+        "can follow it are chosen",
+        unit="deg or m",
+        ge=-720,
+        le=720,
+    )
     width: float | None = port(
         None,
         "extent of an undeclared object `at` that pose along its y axis, in which fingers close",
@@ -86,6 +96,7 @@ class Grasp(Skill):
             "height": "width",
             "friction": "width",
             "part": "object",
+            "then_to": "object",
         }
 
     failures = Taking.failures
@@ -97,6 +108,8 @@ class Grasp(Skill):
     def run(self) -> Iterator[float | None]:
         """Select a grasp before moving; approach, close with the force needed, lift, verify."""
         name = self.ports.object
+        if name is not None:
+            name = self.arm.world.part_owner(name, self.ports.part)
         gripper = self.arm.gripper
         yield from gripper.until_decided()
         if name is not None and self.ports.at is not None:
@@ -118,10 +131,21 @@ class Grasp(Skill):
             wanted,
             point=None if self.ports.point is None else np.array(self.ports.point),
             opening=self.ports.open_to,
+            onward=() if name is None else self._onward(name),
         )
         refuse_too_frail(self.arm, wanted.label, self.ports.most_force)
         taking = Taking(self.arm, self.ports, wanted, self.ports.at is not None, self.metrics)
         yield from taking.through(grasps_on(self.arm, wanted))
+
+    def _onward(self, name: str) -> tuple[Pose, ...]:
+        """Displacements of a part on its joint to where it will be moved, if that is given."""
+        if self.ports.then_to is None:
+            return ()
+        hung = self.arm.world.objects[name].joint if name in self.arm.world.objects else None
+        if hung is None:
+            raise Failure("INVALID_TARGET", f"{name!r} moves on no joint: `then_to` needs one")
+        moved = MovedPart(self.arm, hung.owner, hung.name)
+        return tuple(moved.displacements(moved.target(self.ports.then_to)))
 
     def _wait_for_rest(self, name: str) -> Iterator[None]:
         """Wait for an object that falls or slides, since the arm would find it elsewhere."""

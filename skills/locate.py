@@ -79,7 +79,7 @@ class Locate(Skill):
     def run(self) -> Iterator[float | None]:
         """View, move around until the poses are accurate, write them to the blackboard."""
         own_camera(self.arm)
-        self._seen = self.ports.sighted(self.arm)
+        self._seen = self.ports.sighted(self.arm, self.context.cell.zones)
         yield from self.arm.think()  # the motion of a halted leaf may still be braking
         yield from self._take_image()
         if not self._seen.things:

@@ -33,7 +33,11 @@ class Scan(Skill):
     """
 
     class Ports(SightPorts):
-        center: Vector3 = port((0.35, -0.5, 0.4), "center of the area", unit="m")
+        center: Vector3 = port(
+            (0.35, -0.5, 0.4),
+            "center of the area; with `region`, this and the extents are by default those of it",
+            unit="m",
+        )
         width: float = port(0.5, "extent of the area along x", unit="m", ge=0, le=5)
         depth: float = port(0.4, "extent of the area along y", unit="m", ge=0, le=5)
         distance: float = port(0.45, "distance of the camera from the area", unit="m", ge=0.1, le=5)
@@ -63,7 +67,7 @@ class Scan(Skill):
     def run(self) -> Iterator[float | None]:
         """View from where the arm is, then from above one part of the area after the other."""
         own_camera(self.arm)
-        seen = self.ports.sighted(self.arm)
+        seen = self.ports.sighted(self.arm, self.context.cell.zones)
         yield from self.arm.think()  # the motion of a halted leaf may still be braking
         viewpoints = 0
         for number, point in enumerate((None, *self._centers())):
@@ -82,9 +86,15 @@ class Scan(Skill):
         """Centers of the parts of the area, row by row; a part covers about half of an image."""
         ports = self.ports
         step = 0.6 * self.ports.distance
-        xs = _centers(ports.width, step)
-        ys = _centers(ports.depth, step)
         center = np.array(ports.center)
+        width = ports.width
+        depth = ports.depth
+        if ports.region is not None and not {"center", "width", "depth"} & ports.model_fields_set:
+            frame, region = ports.placed_region(self.arm, self.context.cell.zones)
+            center = frame.position
+            width, depth = (np.abs(frame.rotation_matrix) @ region.edges)[:2].tolist()
+        xs = _centers(width, step)
+        ys = _centers(depth, step)
         return [
             center + np.array((x, y, 0.0))
             for row, y in enumerate(ys)

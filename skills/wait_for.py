@@ -35,7 +35,7 @@ class WaitFor(Skill):
         while confirmed < ports.confirm:
             looked = self.time
             picture = yield from still_picture(self.arm, 1)
-            seen = ports.sighted(self.arm)
+            seen = ports.sighted(self.arm, self.context.cell.zones)
             if picture is not None:
                 seen.take(picture)
             most = max(most, len(seen.things))

@@ -304,8 +304,11 @@ class Arm(ArmState):
             compliant: Whether the arm complies on contact, until the next motion begins.
 
         Raises:
-            Failure: ``BUSY`` when another leaf moves the arm.
+            Failure: ``BUSY`` when another leaf moves the arm; ``INVALID_TARGET`` if it holds
+                something that moves on a joint, unless contact is intended.
         """
+        if not may_touch:
+            self._refuse_jointed()
         self._lease.take()
         self._contacts.begin()
         self._shared.slip.may_touch = may_touch
@@ -318,6 +321,13 @@ class Arm(ArmState):
         )
         self._shared.traffic.begin_motion(self.name, self._lease.leaf, motion)
         return motion
+
+    def _refuse_jointed(self) -> None:
+        """Refuse to move what a joint guides along a path that does not follow the joint."""
+        for name in self.held:
+            if self.world.objects[name].joint is not None:
+                reason = f"{self.name} holds {name!r}, which moves on a joint: `operate` it"
+                raise Failure("INVALID_TARGET", f"{reason}, or `release` it first")
 
     def expect_contact(self, *, compliant: bool = True) -> None:
         """Change the running motion: contact is intended from now on.
@@ -360,6 +370,7 @@ class Arm(ArmState):
         Raises:
             Failure: ``BUSY`` when another leaf moves the arm.
         """
+        self._refuse_jointed()
         self._lease.take()
         self._contacts.begin()
         self._shared.slip.may_touch = False
@@ -540,6 +551,17 @@ class Arm(ArmState):
                 self.check()
             if self._servo_error < SETTLED_RAD:
                 return
+
+    def yield_to(self, force: Vector) -> None:
+        """Give way to a part of the measured contact force; see `Compliance.yield_to`.
+
+        Args:
+            force: Force on the tool in the world, of shape (3,), N, by which the contact force
+                shall decrease.
+        """
+        self._lease.refuse_other_threads()
+        jacobian = self.world.nominal[self.name].tool_jacobian_at(self.q)[:3]
+        self.controller.compliance.yield_to(jacobian.T @ force)
 
     def spring_bandwidth(self, compliance: float) -> float:
         """Bandwidth with which the tool yields by a distance per force in its softest direction.
@@ -930,6 +952,8 @@ class Arm(ArmState):
         Raises:
             Failure: ``OVERLOADED``, as `PayloadCheck.refuse`.
         """
+        if self.world.objects[name].joint is not None:  # its joint bears it
+            return
         tool_link = self.kinematics.forward(q) @ self.robot.tool.inverse
         self._shared.carrying.refuse(name, q, tool_link, seen)
 

@@ -101,6 +101,20 @@ class ArmGripper:
         return load
 
     @property
+    def touch(self) -> float:
+        """Largest force on one of the fingertips by their sensors, N.
+
+        Without tactile sensors, that of the drive once the fingers are at rest on something; for a
+        cup, the force of its vacuum.
+        """
+        sensors = self._hardware.tactile
+        if sensors is not None:
+            return float(np.linalg.norm(sensors.forces, axis=1).max())
+        if self.page.fingers and not (self.at_rest and self.width > self.closed_width):
+            return 0.0
+        return max(self.force, 0.0)
+
+    @property
     def vacuum(self) -> float:
         """Measured fraction of the full vacuum of a cup, from 0 to 1; 0 for fingers."""
         return self._hardware.vacuum

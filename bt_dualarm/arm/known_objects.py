@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.sim.world import World
 
-KnownBy: TypeAlias = Literal["declared", "seen", "felt", "held"]
+KnownBy: TypeAlias = Literal["declared", "seen", "felt", "held", "sensor"]
 """How an arm knows a pose: from the file, from its camera, from where its gripper let the object
-go, or from where its gripper holds the object now."""
+go, from where its gripper holds the object now, or from the sensor of the joint that moves it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +58,13 @@ class KnownObjects:
             if declared is None:
                 raise self._unknown_pose(name, "the file declares no such object")
             raise self._unknown_pose(name, "it is not in the world now")
+        hung = world.objects[name].joint
+        if hung is not None:
+            reading = world.joint_reading(name)
+            if reading is not None:
+                owner = self.pose(hung.owner)
+                pose = owner.pose @ hung.spec.displacement(reading)
+                return KnownPose(pose, "sensor", world.time)
         held = world.attachments.find(self._arm, name)
         if held is not None:
             link = world.nominal[self._arm].tool_link_pose_at(world.hardware[self._arm].q)
@@ -66,10 +73,30 @@ class KnownObjects:
             raise self._unknown_pose(name, self._unknown[name])
         if name in self._known:
             return self._known[name]
+        if hung is not None:
+            owner = self.pose(hung.owner)
+            return replace(owner, pose=owner.pose @ hung.spec.displacement(hung.spec.start))
         declared = world.declared_objects[name]
         if not declared.spawned:
             raise self._unknown_pose(name, "it was spawned during the run, and was never seen")
         return KnownPose(declared.pose.pose, "declared", 0.0)
+
+    def joint_position(self, name: str) -> float:
+        """Estimated position in rad or m of the joint on which an object moves.
+
+        By its sensor, or from the pose of the object.
+
+        Raises:
+            Failure: ``UNKNOWN_POSE``; ``INVALID_TARGET`` if it moves on no joint.
+        """
+        known = self.pose(name)
+        hung = self._world.objects[name].joint
+        if hung is None:
+            raise Failure("INVALID_TARGET", f"{name!r} moves on no joint")
+        reading = self._world.joint_reading(name)
+        if reading is not None:
+            return reading
+        return hung.spec.position_of(self.pose(hung.owner).pose.inverse @ known.pose)
 
     def saw(self, name: str, pose: Pose) -> None:
         """Take over a pose in the world that a camera has measured."""

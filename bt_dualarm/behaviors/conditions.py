@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, TypeAlias
 
 import numpy as np
 from py_trees.behaviour import Behaviour
 from py_trees.common import Status
+from pydantic import Field
 
 from bt_dualarm.behaviors.composites import Node, Ticks
 from bt_dualarm.behaviors.decorators import Inverter
@@ -20,6 +21,7 @@ from bt_dualarm.behaviors.leaf import LanguageLeaf
 from bt_dualarm.behaviors.node import Became, Children, NodeParts, halt_running
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.skill.articulated import MovedPart
 from bt_dualarm.skill.condition import Condition
 from bt_dualarm.skill.looking import SightPorts, still_picture
 from bt_dualarm.skill.skill import unit_vector
@@ -38,11 +40,14 @@ from bt_dualarm.spec.values import (
     ArmName,
     Duration,
     Goal,
+    JointName,
     ObjectName,
     PoseSpec,
     PostureName,
     Vector3,
 )
+
+_Position: TypeAlias = Annotated[float, Field(ge=-720.0, le=720.0)]
 
 
 class _Leaf(LanguageLeaf, Condition):
@@ -201,6 +206,97 @@ class ForceAbove(_Leaf):
         return felt > self.ports.force
 
 
+class Touching(_Leaf):
+    """Holds if the arm feels a contact, by its fingertips, its cup or its joint torques."""
+
+    class Ports(PortModel):
+        """Ports of touching."""
+
+        by: Literal["any", "fingers", "joints"] = port(
+            "any",
+            "what has to feel it: the fingers or the cup, the joints as a force on the tool, or "
+            "either",
+        )
+        fingers: float = port(
+            2.0, "Bound of the force on one of the fingertips", unit="N", gt=0.0, le=1e3
+        )
+        joints: float = port(
+            30.0, "Bound of the force on the tool, by the joint torques", unit="N", gt=0.0, le=1e4
+        )
+
+    node_type = LanguageNode(
+        "touching",
+        "Holds if the arm feels a contact, by its fingertips, its cup or its joint torques",
+        Ports,
+        example="touching: {by: joints, joints: 40}",
+        failures={"NO_GRIPPER": "the fingers shall feel it, and the arm has no gripper"},
+    )
+    ports: Ports
+
+    def check(self) -> bool:
+        """Compare what fingers and joints feel with the bounds."""
+        ports = self.ports
+        felt: dict[str, float] = {}
+        if ports.by == "fingers" or (
+            ports.by == "any" and self.arm.name in self.arm.world.grippers
+        ):
+            felt["fingers"] = self.arm.gripper.touch
+        if ports.by != "fingers":
+            felt["joints"] = float(np.linalg.norm(self.arm.external_wrench[:3]))
+        self.metrics |= {f"{name}_n": force for name, force in felt.items()}
+        forces = ", ".join(f"{force:.1f} N by the {name}" for name, force in felt.items())
+        self.reason = f"the arm feels no contact: {forces}"
+        return any(force > getattr(ports, name) for name, force in felt.items())
+
+
+class JointAt(_Leaf):
+    """Holds if a joint of an object is in a range, by its sensor or by where the arm holds it."""
+
+    class Ports(PortModel):
+        """Ports of joint_at."""
+
+        exactly_one_of = ("above", "below", "between")
+
+        object: ObjectName = port(..., "Object with the joint")
+        joint: JointName = port(..., "The joint")
+        above: float | None = port(None, "Least position", unit="deg or m", ge=-720.0, le=720.0)
+        below: float | None = port(None, "Largest position", unit="deg or m", ge=-720.0, le=720.0)
+        between: tuple[_Position, _Position] | None = port(
+            None, "Least and largest position", unit="deg or m"
+        )
+
+    node_type = LanguageNode(
+        "joint_at",
+        "Holds if a joint of an object is in a range, by its sensor or by where the arm holds it",
+        Ports,
+        example="joint_at: {object: cabinet, joint: slide, above: 0.1}",
+        failures={
+            "NOT_THERE": "the object is not in the world",
+            "INVALID_TARGET": "the object has no such joint, or the range is empty",
+        },
+    )
+    ports: Ports
+
+    def check(self) -> bool:
+        """Compare the position that the arm knows with the range.
+
+        Raises:
+            Failure: ``NOT_THERE``, ``INVALID_TARGET``; ``UNKNOWN_POSE``, as `KnownObjects.pose`.
+        """
+        ports = self.ports
+        part = MovedPart(self.arm, ports.object, ports.joint)
+        low, high = ports.between or (
+            -math.inf if ports.above is None else ports.above,
+            math.inf if ports.below is None else ports.below,
+        )
+        if low > high:
+            raise Failure("INVALID_TARGET", f"between {low:g} and {high:g}: there is nothing")
+        position = part.position
+        self.metrics["joint"] = position
+        self.reason = f"{part.name} is at {part.spec.in_words(position)}"
+        return part.spec.si(low) <= position <= part.spec.si(high)
+
+
 class Elapsed(_Leaf):
     """Holds once a time has passed since its first evaluation in a run of the node around it."""
 
@@ -252,7 +348,7 @@ class Sees(_Leaf):
         Raises:
             Failure: ``FALSE``: there are too few.
         """
-        seen = self.ports.sighted(self.arm)
+        seen = self.ports.sighted(self.arm, self.context.cell.zones)
         picture = yield from still_picture(self.arm, 1)
         if picture is None:
             raise Failure("FALSE", "the camera gave no image in time")

@@ -33,10 +33,12 @@ from bt_dualarm.behaviors.conditions import (
     Elapsed,
     ForceAbove,
     InZone,
+    JointAt,
     Moving,
     Not,
     ObjectAt,
     Sees,
+    Touching,
 )
 from bt_dualarm.behaviors.coordination import Await, Claim, InStep, Meet, Signal
 from bt_dualarm.behaviors.decorators import (
@@ -107,6 +109,8 @@ _LEAVES: Final[tuple[type[LanguageLeaf], ...]] = (
     Sees,
     Moving,
     ForceAbove,
+    Touching,
+    JointAt,
     Elapsed,
 )
 

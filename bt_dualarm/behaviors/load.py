@@ -42,6 +42,7 @@ from bt_dualarm.behaviors.report import (
     StatusChange,
     StatusName,
 )
+from bt_dualarm.robots.mjcf_scene import read_mjcf
 from bt_dualarm.skill.cell import ActiveNode, CellAccess
 from bt_dualarm.skill.relative_poses import resolve_poses
 from bt_dualarm.skill.skill import Skill, SkillContext
@@ -344,7 +345,9 @@ class _Loading:
         name = world.get("scene") if isinstance(world, dict) else None
         if not isinstance(name, str) or not is_scene_path(name):
             return None
-        scene, problems = read_scene(source, name, FilePath(source.file).parent, source.texts)
+        scene, problems = read_scene(
+            source, name, FilePath(source.file).parent, source.texts, read_mjcf
+        )
         self.problems += problems
         return scene
 

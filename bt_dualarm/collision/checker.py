@@ -98,7 +98,8 @@ class ScratchModel:
         held = (
             Carried(world.pose_address(held.object), world.arms[held.arm].tool_body, held.relative)
             for held in world.attachments
-            if held.arm in holders
+            # What moves on a joint does not follow the arm: it stays where it is.
+            if held.arm in holders and world.objects[held.object].joint is None
         )
         self._carried = (*carried, *(one for one in held if one.address not in addresses))
         self._begin()

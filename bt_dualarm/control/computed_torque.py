@@ -16,6 +16,7 @@ from bt_dualarm.control.collision_detection import CollisionDetector
 from bt_dualarm.control.dynamics import ArmDynamics, control_law, joint_constants
 from bt_dualarm.control.kernel_rows import (
     BASELINE_TORQUE,
+    COMPENSATION,
     CONSTANTS,
     DESIRED_A,
     DESIRED_Q,
@@ -121,7 +122,6 @@ class ComputedTorque:
         self._nominal = world.nominal[arm]
         law = control_law(period, world.timestep, self._nominal.model.opt.gravity.copy())
         self._law = law_array(law)
-        self.compliance = Compliance(self._law, period)
         # The declared limits of an arm may be a share of its robot's. Exceeding only that share
         # damages nothing, so that measured speeds are compared with the robot's own limits.
         self.top_speed = (
@@ -131,6 +131,7 @@ class ComputedTorque:
         dof = len(self._hardware.q)
         self._state = np.zeros((STATE, dof))
         self._inertias = np.zeros((2, dof, dof))
+        self.compliance = Compliance(self._law, period, self._state[COMPENSATION])
         state = self._state  # views of rows: looking one up costs as much as filling it
         state[SENT_Q] = self._hardware.q
         self._desired = state[DESIRED_Q], state[DESIRED_V], state[DESIRED_A]
@@ -418,12 +419,14 @@ class Compliance:
     Args:
         numbers: Control law, of shape (18,), see `law_array`; modified in place.
         period: Control period, s.
+        compensation: Torques that compensate disturbances, of shape (dof,), N m; likewise.
 
     Attributes:
         is_spring: Whether the arm is a spring, see `spring`.
     """
 
-    def __init__(self, numbers: Vector, period: float) -> None:
+    def __init__(self, numbers: Vector, period: float, compensation: Vector) -> None:
+        self._compensation = compensation
         self._numbers = numbers
         self._period = period
         self._stiff = numbers.copy()
@@ -493,6 +496,15 @@ class Compliance:
         self._holds = True
         self._numbers[_BANDWIDTH_AT] = _BANDWIDTH
         self._numbers[_COMPENSATION_AT] = 0.0
+
+    def yield_to(self, torque: Vector) -> None:
+        """Change the frozen compensation of a soft arm by torques, of shape (dof,), N m.
+
+        With those of a measured contact force, the arm gives way to it. No effect unless the
+        compensation is frozen (`soften`, `hold_force`).
+        """
+        if self._active and self._holds and not self.is_spring:
+            self._compensation += torque
 
     def advance(self) -> None:
         """Advance by one period.

@@ -31,6 +31,7 @@ from bt_dualarm.perception.shape_fit import (
 )
 from bt_dualarm.sim.composition import DICTIONARIES
 from bt_dualarm.sim.frame import Frame, JsonList
+from bt_dualarm.spec.cell import Region
 from bt_dualarm.spec.values import Color, MarkerSpec
 
 if TYPE_CHECKING:
@@ -318,7 +319,6 @@ class SightedThings:
         color: Color of the objects, if they are detected by color.
 
     Attributes:
-        things: Detected objects, in no particular order.
         unlike: Number of candidates of another shape in the last image.
         others_whole: Number of these that are certainly other objects: balls instead of boxes.
         beyond: Share of the last image covered by regions that go beyond its edge.
@@ -334,7 +334,8 @@ class SightedThings:
     ) -> None:
         self._color = color
         self._none_found = none_found
-        self.things: list[SightedThing] = []
+        self._all: list[SightedThing] = []
+        self._region: tuple[Pose, Region] | None = None
         self.unlike = 0
         self.others_whole = 0
         self.beyond = 0.0
@@ -364,6 +365,41 @@ class SightedThings:
             lambda frame: markers_in(frame, marker), fitter, middle, "no such marker is in it"
         )
 
+    def within(self, frame: Pose, region: Region) -> SightedThings:
+        """Ignore everything outside of a region from now on; returns the detector.
+
+        A candidate in an image counts if its line of sight crosses the region, an object if its
+        estimated center is in it, or nearer than two standard deviations.
+
+        Args:
+            frame: Pose of the region in the world.
+            region: The region.
+        """
+        self._region = frame, region
+        return self
+
+    @property
+    def things(self) -> list[SightedThing]:
+        """Detected objects, in no particular order."""
+        if self._region is None:
+            return self._all
+        frame, region = self._region
+        inverse = frame.inverse
+        return [
+            one
+            for one in self._all
+            if region.outside_by(inverse.apply(one.position)) <= 2.0 * one.best.sigma_m
+        ]
+
+    def _may_be_within(self, view: OutlineView) -> bool:
+        """Whether the line of sight through the middle of a candidate crosses the region."""
+        if self._region is None:
+            return True
+        frame, region = self._region
+        sight = view.camera.turn(np.array((*view.middle, view.focal_px)))
+        inverse = frame.inverse
+        return region.may_cross(inverse.apply(view.camera.position), inverse.turn(sight))
+
     @property
     def shape(self) -> KnownShape:
         """Shape that is fitted."""
@@ -376,12 +412,12 @@ class SightedThings:
 
     def take(self, frame: Frame) -> None:
         """Process one image: refine known objects and add new ones."""
-        found = self._find(frame)
+        found = [one for one in self._find(frame) if self._may_be_within(one)]
         regions = [region for region in found if region.is_whole]
         cut = sum(region.detection.area_px for region in found if not region.is_whole)
         self.beyond = cut / (frame.width * frame.height)
         seen = list[SightedThing]()
-        for thing in self.things:
+        for thing in self._all:
             region = self._of(thing, regions)
             if region is not None:
                 regions.remove(region)
@@ -398,7 +434,7 @@ class SightedThings:
             known = self._known_at(fits[0].scene.position, seen)
             if known is None:
                 known = SightedThing(fits, [region], middle=self._middle)
-                self.things.append(known)
+                self._all.append(known)
             else:
                 known.astray.append(region)
             seen.append(known)
@@ -488,10 +524,10 @@ class SightedThings:
         """
         away = {
             number: float(np.linalg.norm(one.position - position))
-            for number, one in enumerate(self.things)
+            for number, one in enumerate(self._all)
             if one not in seen
         }
         nearest = min(away, key=lambda number: away[number], default=None)
         if nearest is None or away[nearest] >= self._fitter.shape.extent:
             return None
-        return self.things[nearest]
+        return self._all[nearest]

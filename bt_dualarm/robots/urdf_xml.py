@@ -116,10 +116,22 @@ def read_xml(path: Path) -> Element:
     Raises:
         DescriptionError: Not a readable file within the size limits, not XML, or with a DOCTYPE.
     """
-    text = _text(path)
+    return parse_xml(_text(path), str(path))
+
+
+def parse_xml(text: str, file: str) -> Element:
+    """Read the text of one file; returns its top element.
+
+    Args:
+        text: Text.
+        file: Path of the file, for messages.
+
+    Raises:
+        DescriptionError: Not XML, too large, or with a DOCTYPE.
+    """
     # Normalize line ends to what expat counts as lines.
     text = text.replace("\r\n", "\n").replace("\r", "\n")
-    return _Reader(Document(str(path), text.split("\n"))).read(text)
+    return _Reader(Document(file, text.split("\n"))).read(text)
 
 
 def _text(path: Path) -> str:

@@ -157,7 +157,7 @@ class Names:
             self._unknown(("world", "scene"), "scene", world.scene, scene_names())
             return
         try:
-            taken = names_in(scene_spec(world, self.file.root))
+            taken = names_in(scene_spec(world))
         except CatalogError as error:
             self._add(("world", "scene"), f"scene '{world.scene}' cannot be used", str(error))
             return

@@ -20,6 +20,7 @@ from bt_dualarm.sim.contact_monitor import ContactMonitor, Contacts
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import TreeFile
 from bt_dualarm.spec.goals import ConditionSpec
+from bt_dualarm.spec.joints import moved_name
 
 CHECK_S: Final = 0.004
 """Simulated seconds between two checks: the period of the controllers."""
@@ -129,6 +130,7 @@ class Referee(IdleObserver):
             self._too_fast(one, subject),
             self._too_firm(one),
             self._too_near(one, subject, pose.position),
+            self._joint_elsewhere(one),
         )
         return next(filter(None, checks), "")
 
@@ -214,6 +216,20 @@ class Referee(IdleObserver):
         if thing and forces[thing] > one.force:
             return f"{one.tool} has pressed on {thing} with {forces[thing]:.1f} N"
         return ""
+
+    def _joint_elsewhere(self, one: ConditionSpec) -> str:
+        if one.joint is None or one.between is None:
+            return ""
+        name = moved_name(one.object or "", one.joint)
+        hung = self._world.joint_of(name) if name in self._world.objects else None
+        if hung is None:
+            return f"{name} is not in the world"
+        low, high = (hung.spec.si(end) for end in one.between)
+        position = self._world.joint_position(name)
+        if low <= position <= high:
+            return ""
+        where = hung.spec.in_words(position)
+        return f"{name} is at {where}, not between {one.between[0]:g} and {one.between[1]:g}"
 
     def _too_near(self, one: ConditionSpec, subject: str, point: Vector) -> str:
         if one.distance_to is None:

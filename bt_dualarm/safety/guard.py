@@ -687,8 +687,11 @@ class PlanMonitor:
         held = world.attachments.attached_to(self._arm)
         states = {name: arm.q for name, arm in world.hardware.items() if name != self._arm}
         for name in world.objects.keys() - held:
-            if world.objects[name].fixed:
+            thing = world.objects[name]
+            if thing.fixed:
                 states[name] = np.zeros(7)
+            elif thing.joint is not None:
+                states[name] = np.append(world.joint_position(name), np.zeros(6))
             else:
                 start = world.pose_address(name)
                 states[name] = world.sensed.qpos[start : start + 7].copy()

@@ -37,6 +37,7 @@ from bt_dualarm.robots.robot import Robot
 from bt_dualarm.sim.arm_models import LinkFactors, SampledArm, inertia_per_mass
 from bt_dualarm.sim.object_body import BodyPart, ObjectBody, body_of
 from bt_dualarm.spec.document import ArmSpec, CameraSpec, ObjectSpec, TreeFile, WorldSpec
+from bt_dualarm.spec.joints import Articulation
 from bt_dualarm.spec.scene import is_scene_path
 from bt_dualarm.spec.values import MarkerSpec
 
@@ -256,11 +257,19 @@ within a minute; this tilt, which is 10 nm on a can, it keeps."""
 def add_object(
     spec: mujoco.MjSpec, name: str, thing: ObjectSpec, pose: Pose, sampled: LinkFactors
 ) -> None:
-    """Add an object with its sampled mass; body, joint and first geom have its name."""
+    """Add an object with its sampled mass; body, joint and first geom have its name.
+
+    The pose of an object that moves on a joint is that of the object on which it hangs.
+    """
     if thing.shape == "cylinder" and abs(abs(pose.rotation_matrix[2, 2]) - 1.0) < _EXACTLY_UPRIGHT:
         pose = pose @ _LEAN
+    hung = thing.joint
+    if hung is not None:
+        pose = pose @ hung.spec.displacement(hung.spec.start)
     body = spec.worldbody.add_body(name=name, pos=pose.position, quat=pose.quaternion)
-    if not thing.fixed:
+    if hung is not None:
+        _hang(spec, body, hung)
+    elif not thing.fixed:
         body.add_freejoint(name=name)
     solid = body_of(thing)
     total = sum(part.weight for part in solid.parts)
@@ -295,6 +304,39 @@ def add_object(
         body.explicitinertial = True
 
 
+_STOP_SOLREF: Final = (0.008, 1.0)  # s, damping ratio: end stops give by less than a millimeter
+
+
+_FRICTION_SOLIMP: Final = (0.99, 0.999)
+"""Impedance of dry friction: with MuJoCo's 0.9, what friction holds creeps at centimeters a second
+under a load of a tenth of it."""
+
+
+def _hang(spec: mujoco.MjSpec, body: mujoco.MjsBody, hung: Articulation) -> None:
+    """Add the joint by which a body, placed as at the start, hangs on another object.
+
+    The two may touch: what is beside a hinge or on the rails of a slide would jam otherwise.
+    """
+    own = hung.spec
+    is_hinge = own.type == "hinge"
+    kind = mujoco.mjtJoint.mjJNT_HINGE if is_hinge else mujoco.mjtJoint.mjJNT_SLIDE
+    unit = math.degrees if is_hinge and spec.compiler.degree else float
+    joint = body.add_joint(name=body.name, type=kind)
+    joint.axis = own.direction
+    joint.pos = own.anchor if is_hinge else (0.0, 0.0, 0.0)
+    joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
+    joint.range = [unit(end) for end in own.limits]
+    joint.ref = unit(own.start)
+    joint.damping[0] = own.damping
+    joint.frictionloss = own.friction
+    joint.stiffness[0] = own.spring
+    joint.springref = unit(own.si(own.rest))
+    joint.solref_limit = _STOP_SOLREF
+    joint.solref_friction = _STIFF_SOLREF
+    joint.solimp_friction[:2] = _FRICTION_SOLIMP
+    spec.add_exclude(name=body.name, bodyname1=hung.owner, bodyname2=body.name)
+
+
 def part_geom(name: str, index: int) -> str:
     """Name of the geom of an object's convex part; that of the first is the object's."""
     return name if index == 0 else f"{name}{_PART_MARK}{index}"
@@ -303,6 +345,8 @@ def part_geom(name: str, index: int) -> str:
 def remove_object(spec: mujoco.MjSpec, name: str) -> None:
     """Delete an object's body and meshes."""
     spec.delete(spec.body(name))
+    for exclude in [one for one in spec.excludes if one.name == name]:
+        spec.delete(exclude)
     for mesh in [one for one in spec.meshes if one.name.startswith(f"{name}{_PART_MARK}")]:
         spec.delete(mesh)
 
@@ -405,17 +449,18 @@ def scene_names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in (share_dir("assets") / "scenes").glob("*.xml")))
 
 
-def scene_spec(world: WorldSpec, root: Path) -> mujoco.MjSpec:
+def scene_spec(world: WorldSpec) -> mujoco.MjSpec:
     """The scene as an MjSpec with the options of the world.
+
+    Fixtures of a scene file are no part of it: they are objects.
 
     Args:
         world: Names the scene and the time step.
-        root: Folder against which a scene given as a path is resolved.
 
     Raises:
         CatalogError: No such scene, or MuJoCo cannot read it.
     """
-    spec = _read_scene(_scene_file(world.scene, root))
+    spec = _read_scene(_scene_file(world.scene))
     spec.option.timestep = world.timestep
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
@@ -424,9 +469,7 @@ def scene_spec(world: WorldSpec, root: Path) -> mujoco.MjSpec:
     return spec
 
 
-def _scene_file(name: str, root: Path) -> Path:
-    if name.endswith(".xml"):
-        return root / name
+def _scene_file(name: str) -> Path:
     if is_scene_path(name):  # its fixtures are objects of the file
         name = "empty"
     if name in scene_names():

@@ -450,9 +450,9 @@ class HeldObjectMotion:
             row[2] = model.body(f"{arm}/{PALM}").id
         self._palms = self._pads[:, 2].tolist()
         self._geom_bodies = model.geom_bodyid.copy()
-        joints = model.body_jntadr
-        free = (joints >= 0) & (model.jnt_type[joints] == mujoco.mjtJoint.mjJNT_FREE)
-        self._addresses = np.where(free, model.jnt_qposadr[joints], -1).astype(np.int64)
+        free = model.jnt_type == mujoco.mjtJoint.mjJNT_FREE
+        self._addresses = np.full(model.nbody, -1, np.int64)
+        self._addresses[model.jnt_bodyid[free]] = model.jnt_qposadr[free]
         self._held = np.full(len(grippers), -1)
         self._poses = np.zeros((len(grippers), 3, 7))
         self._jacobians = np.zeros((len(grippers), 6, model.nv))

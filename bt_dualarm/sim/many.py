@@ -126,7 +126,7 @@ class _Room:
     def __init__(
         self, file: TreeFile, seed: int, objects: dict[str, ObjectSpec], loose: set[str]
     ) -> None:
-        spec = composition.scene_spec(file.world, file.root)
+        spec = composition.scene_spec(file.world)
         for number, (name, thing) in enumerate(objects.items()):
             if name in loose:
                 free = thing.model_copy(update={"fixed": False})

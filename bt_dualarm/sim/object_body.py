@@ -311,6 +311,11 @@ def body_of(thing: ObjectSpec) -> ObjectBody:
     return _body(thing.shape, thing.size, thing.wall, _count(thing), parts)
 
 
+def body_of_part(part: PartSpec) -> ObjectBody:
+    """Body of a part of a compound alone, in the frame of the part."""
+    return _body(part.shape, part.size, part.wall, _count(part), ())
+
+
 @lru_cache(maxsize=64)
 def _mesh_body(path: Path, scale: float, changed: int, size: int) -> ObjectBody:
     """Body of a mesh, read again after its file has changed."""

@@ -52,7 +52,7 @@ from bt_dualarm.sim.grippers import (
     HeldObjectMotion,
 )
 from bt_dualarm.sim.many import drawn
-from bt_dualarm.sim.object_body import body_of
+from bt_dualarm.sim.object_body import body_of, body_of_part
 from bt_dualarm.spec.document import (
     REALITY_SETS,
     ArmSpec,
@@ -61,6 +61,7 @@ from bt_dualarm.spec.document import (
     TreeFile,
     resolved,
 )
+from bt_dualarm.spec.joints import Articulation
 
 # Devices
 
@@ -181,6 +182,8 @@ class Devices:
                 continue
             known = one.mass_declared and self.errors[one.arm].payload.known
             thing = objects[one.object]
+            if thing.joint is not None:  # its joint bears it
+                continue
             if one.borne_at is None:
                 load = NominalLoad.of(one.object, thing, one.relative, known=known)
             else:
@@ -259,6 +262,7 @@ class WorldView:
         devices: Hardware and nominal model of the arms.
         arms: Arms that are present, by name.
         objects: Objects that are present, by name.
+        declared_objects: Every object of the file, present or not.
     """
 
     model: mujoco.MjModel
@@ -266,6 +270,7 @@ class WorldView:
     devices: Devices
     arms: dict[str, ArmBody]
     objects: dict[str, ObjectSpec]
+    declared_objects: Mapping[str, ObjectSpec]
 
     @property
     def sensed(self) -> mujoco.MjData:
@@ -309,6 +314,48 @@ class WorldView:
         must_be_among(name, self.objects, "object", "in the world")
         return body_of(self.objects[name]).solid
 
+    def joint_of(self, name: str) -> Articulation | None:
+        """Joint on which a present object moves; None for one that is free or fixed."""
+        must_be_among(name, self.objects, "object", "in the world")
+        return self.objects[name].joint
+
+    def part_owner(self, name: str, part: str | None) -> str:
+        """Name of the object that has a part of a declared one: its own, or that of a joint."""
+        declared = self.declared_objects.get(name)
+        if part is None or declared is None or part in declared.parts:
+            return name
+        for other, thing in self.declared_objects.items():
+            if thing.joint is not None and thing.joint.owner == name and part in thing.parts:
+                return other
+        return name
+
+    def joint_position(self, name: str) -> float:
+        """True position in rad or m of the joint on which an object moves.
+
+        Raises:
+            WorldError: The object is not present, or moves on no joint.
+        """
+        return float(self.data.qpos[self._joint_address(name)])
+
+    def joint_reading(self, name: str) -> float | None:
+        """Position in rad or m by the sensor of the joint on which an object moves.
+
+        None without a sensor. The sensor is part of the fixture, and has no errors.
+
+        Raises:
+            WorldError: The object is not present, or moves on no joint.
+        """
+        address = self._joint_address(name)
+        hung = self.objects[name].joint
+        if hung is None or not hung.spec.sensor:
+            return None
+        return float(self.data.qpos[address])
+
+    def _joint_address(self, name: str) -> int:
+        if self.joint_of(name) is None:
+            raise WorldError(f"object {name!r} moves on no joint")
+        return int(self.model.jnt_qposadr[self.model.body_jntadr[self.object_body(name)]])
+
     def pose_address(self, name: str) -> int:
         """Address in ``qpos`` of a free object's pose, of seven numbers."""
         joint = self.model.body_jntadr[self.object_body(name)]
@@ -323,16 +370,25 @@ class WorldView:
         body = self.object_body(name)
         return Pose(self.data.xpos[body].copy(), self.data.xquat[body].copy())
 
-    def surface_point(self, name: str, direction: Vector, pose: Pose | None = None) -> Vector:
+    def surface_point(
+        self, name: str, direction: Vector, pose: Pose | None = None, part: str | None = None
+    ) -> Vector:
         """Point at which a ray from an object's center of mass leaves it, (3,), in the world, m.
 
         Args:
             name: Name of the object.
             direction: Direction of the ray in the world, of unit length.
             pose: Estimated pose of the object; its true one by default.
+            part: Part of a compound that stands for the whole object.
         """
         pose = self.object_pose(name) if pose is None else pose
         thing = self.objects[name]
+        if part is not None and part in thing.parts:
+            pose = pose @ thing.parts[part].pose.pose
+            alone = body_of_part(thing.parts[part])
+            away = alone.way_out(direction @ pose.rotation_matrix)
+            on_part: Vector = pose.apply(alone.center) + away * direction
+            return on_part
         body = body_of(thing)
         if not body.is_simple:
             along = direction @ pose.rotation_matrix
@@ -637,7 +693,10 @@ class World(HoldingView):
         self._visuals = visuals
         self.declared_arms: Mapping[str, ArmSpec] = file.arms
         self.declared_objects: Mapping[str, ObjectSpec] = file.objects
-        self._poses = {name: noisy_pose(name, thing, seed) for name, thing in file.objects.items()}
+        self._poses = {}
+        for name, thing in file.objects.items():
+            owner = name if thing.joint is None else thing.joint.owner
+            self._poses[name] = noisy_pose(owner, thing, seed)
         loaded = {name: load_arm(arm, file.root) for name, arm in file.arms.items()}
         self.robots: dict[str, Robot] = {
             name: robot.derated(file.arms[name].limits) for name, (robot, _) in loaded.items()
@@ -652,7 +711,7 @@ class World(HoldingView):
         self.nominal = self.devices.nominal
         self.grippers = self.devices.grippers
         self.on_forces: list[Callable[[], None]] = [self.devices.update_friction]
-        self._spec = composition.scene_spec(file.world, file.root)
+        self._spec = composition.scene_spec(file.world)
         if mounted:
             self.on_forces.append(self.devices.move_held_objects)
             composition.set_grasp_contact_options(self._spec)
@@ -737,7 +796,8 @@ class World(HoldingView):
         must_be_among(name, self._file.objects, "object", "declared")
         if name in self.objects:
             raise WorldError(f"object {name!r} is present already")
-        self._put_object(name, pose or self._poses[name])
+        for each in self._with_moved(name):
+            self._put_object(each, pose or self._poses[each])
         self._recompile()
         inside = deepest_overlap(self.model, self.data, name)
         if inside is not None:
@@ -751,9 +811,11 @@ class World(HoldingView):
             WorldError: The object is not present.
         """
         must_be_among(name, self.objects, "object", "in the world")
-        self.attachments.forget(name)
-        composition.remove_object(self._spec, name)
-        del self.objects[name]
+        for each in self._with_moved(name):
+            if each in self.objects:
+                self.attachments.forget(each)
+                composition.remove_object(self._spec, each)
+                del self.objects[each]
         self._recompile()
 
     def restore(self, state: Vector) -> None:
@@ -783,6 +845,15 @@ class World(HoldingView):
         for name, thing in self._file.objects.items():
             if thing.spawned and thing.fixed == fixed:
                 self._put_object(name, self._poses[name])
+
+    def _with_moved(self, name: str) -> list[str]:
+        """The object, and what moves on its joints."""
+        moved = [
+            other
+            for other, thing in self._file.objects.items()
+            if thing.joint is not None and thing.joint.owner == name
+        ]
+        return [name, *moved]
 
     def _put_object(self, name: str, pose: Pose) -> None:
         self.objects[name] = thing = self._file.objects[name]

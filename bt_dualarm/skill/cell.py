@@ -16,7 +16,7 @@ from typing import Any, Final, Protocol
 
 from bt_dualarm.arm.traffic import BlockedArm, Traffic
 from bt_dualarm.core.errors import Failure
-from bt_dualarm.spec.cell import CellSpec
+from bt_dualarm.spec.cell import CellSpec, CellZone
 from bt_dualarm.spec.yaml_reader import Data
 
 KEPT_VALUES: Final = 1000
@@ -693,6 +693,11 @@ class CellAccess:
     shared: CellState
     arm: str
     taken: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def zones(self) -> Mapping[str, CellZone]:
+        """Zones of the cell by name."""
+        return self.shared.spec.zones
 
     @classmethod
     def alone(cls) -> CellAccess:

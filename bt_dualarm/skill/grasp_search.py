@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import mujoco
 import numpy as np
@@ -32,11 +33,14 @@ from bt_dualarm.grasping.grasp import (
     MeshSolid,
     Solid,
 )
+from bt_dualarm.planning.problem import refuse_contact
 from bt_dualarm.sim.object_body import body_of, unit_ball
 from bt_dualarm.sim.world import World
+from bt_dualarm.skill.articulated import loads_on
 from bt_dualarm.skill.skill import unit_vector
 from bt_dualarm.spec.node_types import PortModel, port
 from bt_dualarm.spec.values import PartName, Speed, Vector3
+from bt_dualarm.trajectory.paths import line
 from bt_dualarm.trajectory.trajectory import Trajectory
 
 
@@ -96,6 +100,10 @@ class TakingPorts(PortModel):
         return self.mass or told or UNKNOWN_KG
 
 
+_PULLED_KG = 1.0
+"""Mass, kg, that stands for the pull at something that moves on a joint, of which the joint bears
+the weight. `operate` closes firmer, by its port ``force``."""
+
 GRAVITY = 9.81
 """Acceleration of gravity in m/s²."""
 
@@ -132,6 +140,8 @@ class WantedGrasp:
         part: Name of the declared part at which it is grasped; None for any.
         point: Point in the object's frame at which it is grasped, of shape (3,), m; None for any.
         opening: Opening of the fingers during the approach, m; None for the widest.
+        onward: Displacements in the world, each from the object's present pose, through which the
+            arm has to be able to move the object once it holds it.
     """
 
     name: str | None
@@ -148,6 +158,7 @@ class WantedGrasp:
     part: str | None = None
     point: Vector | None = None
     opening: float | None = None
+    onward: tuple[Pose, ...] = ()
 
     def off_point(self, grasp: Grasp) -> float:
         """Distance of the point from the line along which a grasp closes or pulls, m.
@@ -181,14 +192,18 @@ class WantedGrasp:
         world = arm.world
         if name not in world.objects:
             raise Failure("NOT_THERE", f"object {name!r} is not in the world")
+        name = world.part_owner(name, ports.part)
         if world.objects[name].fixed:
             raise Failure("INVALID_TARGET", f"object {name!r} is fixed: no arm can carry it")
         if ports.part is not None and body_of(world.objects[name]).part(ports.part) is None:
             raise Failure("INVALID_TARGET", f"object {name!r} has no part {ports.part!r}")
+        hung = world.objects[name].joint
         told = None if world.nominal[arm.name].estimates_payload else world.objects[name].mass
+        if hung is not None:  # its joint bears the weight: the grip has to pull it
+            told = _PULLED_KG
         return cls(
             name,
-            lies or world.object_pose(name),
+            lies or (world.object_pose(name) if hung is None else arm.known.pose(name).pose),
             ports.mass_of(told),
             ports.shake,
             ports.margin,
@@ -224,7 +239,18 @@ class WantedGrasp:
         """Center of mass in the frame of its shape, of shape (3,), m."""
         if self.section is not None or self.name is None or self.edges is not None:
             return np.zeros(3)
+        if self.name in world.objects and world.objects[self.name].joint is not None:
+            return self._pulled_at(world)
         return body_of(world.objects[self.name]).center
+
+    def _pulled_at(self, world: World) -> Vector:
+        """Center of the part at which something on a joint is pulled, of shape (3,), m."""
+        body = body_of(world.objects[self.name or ""])
+        its = [one for one in body.parts if self.part in (None, one.name)]
+        weights = np.array([one.weight for one in its])
+        centers = np.array([one.pose.position for one in its])
+        center: Vector = weights @ centers / weights.sum()
+        return center
 
     def friction(self, world: World) -> float:
         """Coefficient of friction of the object, as declared or as given by the tree."""
@@ -448,6 +474,9 @@ def _no_grasp(solid: Solid, jaw: JawMeasures | None, arm: Arm, wanted: WantedGra
     return Failure("NO_FACE", f"{wanted.label} has no two sides between which the fingers fit")
 
 
+_OPENINGS = 8  # of the fingers that are checked as they close beside other parts
+_BRANCHES = 4  # of the inverse kinematics that are tried for a grasp from which the arm moves on
+
 TRIES = 16
 """Grasps for which an approach is searched until the object counts as out of reach."""
 
@@ -522,10 +551,11 @@ def first_approach(
         left.remove(ranked)
         out = ranked.tool @ Pose.from_rpy((0.0, 0.0, -standoff))
         try:
-            rows = arm.line(out, ranked.tool)
+            rows = _rows_to(arm, out, ranked.tool, wanted.onward, touched)
             if wanted.name and wanted.edges is None:
                 arm.refuse_load(wanted.name, rows[-1], seen)
             arm.refuse_collision_along(rows, ignore=touched)
+            _refuse_beside(arm, wanted, rows, ranked.grasp.width)
             unknown = touched if seen else frozenset[str]()
             motion = yield from arm.plan([rows[0]], speed, unknown, began_s=began_s)
             return GraspApproach(ranked, motion, rows, standoff)
@@ -543,6 +573,66 @@ def first_approach(
         ways_tried=len(reasons),
         **first.numbers,
     ) from ExceptionGroup("no way", reasons)
+
+
+def _rows_to(
+    arm: Arm, out: Pose, tool: Pose, onward: Sequence[Pose], touched: frozenset[str]
+) -> Matrix:
+    """Configurations along the line to a grasp, in a branch in which the arm can move on from it.
+
+    Raises:
+        Failure: As `Arm.line`; ``IN_COLLISION`` on the way on.
+    """
+    if not onward:
+        return arm.line(out, tool)
+    poses = line(out, tool).poses
+    there = [*poses, *(one @ tool for one in onward)]
+    touched |= loads_on(arm.world, next(iter(touched), None))
+    blocked: Failure | None = None
+    for rows in islice(arm.kinematics.branches_along(there, arm.setpoint.q), _BRANCHES):
+        try:
+            arm.refuse_collision_along(rows, ignore=touched)
+        except Failure as failure:
+            blocked = blocked or failure.with_traceback(None)  # else it would keep this frame alive
+        else:
+            return rows[: len(poses)]
+    if blocked is None:
+        raise Failure("PATH_BROKEN", "the arm cannot follow the joint")
+    raise blocked
+
+
+def _refuse_beside(arm: Arm, wanted: WantedGrasp, rows: Matrix, width: float) -> None:
+    """Check that the hand touches nothing but one part of something that moves on a joint.
+
+    What cannot be lifted does not yield either, where another part is beside a finger.
+
+    Args:
+        arm: Arm with its gripper open.
+        wanted: Specification of the grasp.
+        rows: Configurations of the approach, of shape (n, dof), rad.
+        width: Opening around the part, m.
+
+    Raises:
+        Failure: ``IN_COLLISION`` with the object.
+    """
+    world = arm.world
+    thing = world.objects.get(wanted.name or "")
+    if thing is None or thing.joint is None or wanted.name is None:
+        return
+    checker = arm.checker()
+    its = [
+        geom
+        for geom, part in zip(world.object_geoms(wanted.name), body_of(thing).parts, strict=True)
+        if wanted.part in (None, part.name)
+    ]
+    checker.least[its, :] = checker.least[:, its] = -np.inf
+    refuse_contact(checker, rows)
+    page = arm.gripper.page
+    for opening in np.linspace(page.stroke, width, _OPENINGS) if page.fingers else ():
+        checker.open_fingers(float(opening))
+        contact = checker.contact(rows[-1])
+        if contact is not None:
+            raise contact.failure()
 
 
 def _is_near(one: Pose, other: Pose) -> bool:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Annotated, Final, Literal, TypeAlias
 
 import numpy as np
@@ -21,6 +22,7 @@ from bt_dualarm.sim.camera import GuardedCamera
 from bt_dualarm.sim.composition import marker_height
 from bt_dualarm.sim.frame import Frame
 from bt_dualarm.sim.world import World
+from bt_dualarm.spec.cell import CellZone, Region, RegionOrZone
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.node_types import PortModel, port
 from bt_dualarm.spec.values import SIZE_IN_WORDS, SIZES, Color, MarkerSpec, ObjectName, ShapeName
@@ -31,6 +33,9 @@ FRAMES: Final = 6
 _WAIT_S: Final = 1.0  # simulated seconds to wait for lost images, in addition to the exposures
 
 _Length: TypeAlias = Annotated[float, Field(ge=1e-4, le=10.0)]
+
+
+_NO_ZONES: Final[Mapping[str, CellZone]] = MappingProxyType({})
 
 
 class SightPorts(PortModel):
@@ -60,17 +65,54 @@ class SightPorts(PortModel):
         True, "whether objects lie flat on a level surface: one of their axes is vertical"
     )
 
+    region: RegionOrZone | None = port(
+        None,
+        "zone of the cell, or region of the world, in which the objects are; what is elsewhere is "
+        "ignored",
+    )
+
     @property
     def is_by_marker(self) -> bool:
         """Whether a marker is to be detected."""
         return self.marker is not None or (self.object is not None and self.by == "marker")
 
-    def sighted(self, arm: Arm) -> SightedThings:
+    def sighted(self, arm: Arm, zones: Mapping[str, CellZone] = _NO_ZONES) -> SightedThings:
         """Detector of such objects, by images alone: a declared object need not be in the world.
 
+        Args:
+            arm: Arm with the camera.
+            zones: Zones of the cell by name.
+
         Raises:
-            Failure: ``INVALID_TARGET``: color, size or marker are missing.
+            Failure: ``INVALID_TARGET``: color, size or marker are missing, or there is no such
+                zone; ``UNKNOWN_POSE`` if the zone moves with an object whose pose is not known.
         """
+        seen = self._sighted(arm)
+        if self.region is None:
+            return seen
+        frame, region = self.placed_region(arm, zones)
+        return seen.within(frame, region)
+
+    def placed_region(self, arm: Arm, zones: Mapping[str, CellZone]) -> tuple[Pose, Region]:
+        """Pose of the region in the world, and the region; arguments as of `sighted`.
+
+        Raises:
+            Failure: ``INVALID_TARGET``, ``UNKNOWN_POSE``, as `sighted`.
+        """
+        region = self.region
+        if isinstance(region, str):
+            if region not in zones:
+                raise Failure("INVALID_TARGET", f"the cell has no zone {region!r}")
+            region = zones[region]
+        if region is None:
+            raise Failure("INVALID_TARGET", "no region is given")
+        frame = region.pose.pose
+        if isinstance(region, CellZone) and region.around is not None:
+            frame = arm.known.pose(region.around).pose @ frame
+        return frame, region
+
+    def _sighted(self, arm: Arm) -> SightedThings:
+        """Detector of such objects anywhere."""
         if self.object is not None:
             return self._like(arm.world.declared_objects[self.object])
         if self.marker is not None:

@@ -16,6 +16,7 @@ from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.grasping.candidates import RankedGrasp
 from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.sim.world import World
+from bt_dualarm.skill.articulated import HandForce
 from bt_dualarm.skill.grasp_search import (
     GRAVITY,
     GraspApproach,
@@ -108,7 +109,15 @@ class Taking:
             approach = yield from self._approach(order)
             if self._wanted.point is not None:
                 self._metrics["point_off_m"] = self._wanted.off_point(approach.ranked.grasp)
+            hangs = self._hangs_on_a_joint
+            if hangs:  # what cannot follow the fingers pulls the arm: it yields
+                arm.controller.compliance.soften()
             name = yield from self._close(approach)
+            if hangs:
+                hand = HandForce(arm)
+                yield from hand.calm()
+                yield from hand.rest()
+                return approach.ranked
             if not arm.gripper.page.fingers:
                 yield from arm.relax()  # else the contact force of the cup would act on the lift
         except Failure:
@@ -222,6 +231,12 @@ class Taking:
         return approaches[-1]
 
     @property
+    def _hangs_on_a_joint(self) -> bool:
+        """Whether the object moves on a joint: it is not lifted."""
+        thing = self._arm.world.objects.get(self._wanted.name or "")
+        return thing is not None and self._wanted.edges is None and thing.joint is not None
+
+    @property
     def _is_uncertain(self) -> bool:
         """Whether the arm has to estimate its load, and knows its friction as little.
 
@@ -251,6 +266,8 @@ class Taking:
         slow = min(ports.approach_speed, brisk)
         near, _ = arm.slow_path(rows[count:], slow, _NEAR_M_S, brisk)
         touched = frozenset({self._wanted.name} if self._wanted.name else ())
+        if self._hangs_on_a_joint:  # it does not yield to a hand that cuts the corner
+            touched = frozenset()
         return arm.overlapped(begin, near, ports.speed, 0.5 * near.duration, touched)
 
     def _near_m(self, approach: GraspApproach) -> float:
@@ -276,7 +293,8 @@ class Taking:
         running = arm.begin(motion)
         watch = arm.watch(running, unseen, standoff_s)
         page = arm.gripper.page
-        if page.fingers and self._seen is None:  # less to close later
+        # Less to close later. Plans are for open fingers: not beside what cannot yield.
+        if page.fingers and self._seen is None and not self._hangs_on_a_joint:
             wide = approach.ranked.grasp.width + 2.0 * _ROOM_M
             arm.gripper.command(min(wide, self._wanted.opening or page.stroke, page.stroke))
         while running.parameter.s < standoff_s:
@@ -423,7 +441,7 @@ def thing_at(world: World, place: Vector, radius: float) -> str | None:
     distances = {
         name: float(np.linalg.norm(world.object_pose(name).position - place))
         for name, declared in world.objects.items()
-        if not declared.fixed
+        if declared.is_free
     }
     nearest = min(distances, key=distances.__getitem__, default=None)
     return nearest if nearest is not None and distances[nearest] <= radius else None
@@ -444,7 +462,7 @@ def twin_at(world: World, name: str, place: Vector) -> str:
     away = {
         other: float(np.linalg.norm(world.object_pose(other).position - place))
         for other, thing in world.objects.items()
-        if not thing.fixed and body_of(thing) is body_of(wanted)
+        if thing.is_free and body_of(thing) is body_of(wanted)
     }
     nearest = min(away, key=lambda other: (away[other], other != name), default=name)
     body = body_of(wanted)

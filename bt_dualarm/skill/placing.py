@@ -340,7 +340,7 @@ def is_tied_to(arm: Arm, name: str) -> bool:
 def stands_without(arm: Arm, name: str) -> bool:
     """Whether something other than an arm bears at least half of an object's weight."""
     world = arm.world
-    if world.objects[name].fixed:
+    if not world.objects[name].is_free:
         return True
     if any(one.object == name and one.arm != arm.name for one in world.attachments):
         return True

@@ -13,7 +13,7 @@ from bt_dualarm.arm.known_objects import KnownPose
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.grasping.grasp import Solid
-from bt_dualarm.sim.object_body import body_of
+from bt_dualarm.sim.object_body import ObjectBody, body_of, body_of_part
 from bt_dualarm.spec.node_types import PortModel, metadata_of
 from bt_dualarm.spec.relative_pose import FRAME_WORDS, PoseOf, RelativePose
 from bt_dualarm.spec.values import PoseSpec
@@ -135,7 +135,7 @@ class _Resolver:
 
         In something hollow, an object stands on the inner floor, not at the height of the rim.
         """
-        body = body_of(self._arm.world.declared_objects[wanted.reference])
+        body = self._body(wanted.reference)
         along = lies.inverse.turn(wanted.direction)
         if wanted.on is not None and not body.is_simple:
             place = lies.position + np.array((*wanted.xyz[:2], 0.0))
@@ -165,11 +165,28 @@ class _Resolver:
         return what, self._solid(name), declared.pose.pose
 
     def _object(self, name: str) -> Pose:
-        """Pose of an object as the arm knows it."""
-        known = self._arm.known.pose(name)
-        self.names.add(name)
+        """Pose of an object, or of a part of one, as the arm knows it."""
+        owner, part = self._named(name)
+        known = self._arm.known.pose(owner)
+        self.names.add(owner)
         self.known.append(known)
-        return known.pose
+        if part is None:
+            return known.pose
+        return known.pose @ self._arm.world.declared_objects[owner].parts[part].pose.pose
 
     def _solid(self, name: str) -> Solid:
-        return body_of(self._arm.world.declared_objects[name]).solid
+        return self._body(name).solid
+
+    def _body(self, name: str) -> ObjectBody:
+        """Shape of an object, or of a part of one, in its own frame."""
+        owner, part = self._named(name)
+        thing = self._arm.world.declared_objects[owner]
+        return body_of(thing) if part is None else body_of_part(thing.parts[part])
+
+    def _named(self, name: str) -> tuple[str, str | None]:
+        """Name of an object, and of its part that a name stands for."""
+        world = self._arm.world
+        owner, dot, part = name.partition(".")
+        if not dot or name in world.declared_objects:
+            return name, None
+        return world.part_owner(owner, part), part

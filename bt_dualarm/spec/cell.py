@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Final, Literal, Self, TypeAlias
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from bt_dualarm.core.pose import Vector
 from bt_dualarm.spec.node_types import (
@@ -25,7 +25,7 @@ from bt_dualarm.spec.node_types import (
     port,
 )
 from bt_dualarm.spec.parser import ParamSpec
-from bt_dualarm.spec.problems import Name, Problem, suggestion
+from bt_dualarm.spec.problems import Name, Problem, suggestion, written_as
 from bt_dualarm.spec.values import PoseSpec, Refers, Value
 from bt_dualarm.spec.yaml_reader import Data, DataPath, Source
 
@@ -66,8 +66,8 @@ class CellSignal(Value):
         return self
 
 
-class CellZone(Value):
-    """A region that one arm at a time may claim."""
+class Region(Value):
+    """A region of space."""
 
     shape: Literal["box", "cylinder"] = port("box", "Shape, which determines the meaning of `size`")
     size: Annotated[tuple[_Extent, ...], Field(min_length=2, max_length=3)] = port(
@@ -76,7 +76,6 @@ class CellZone(Value):
     pose: PoseSpec = port(
         PoseSpec(xyz=(0.0, 0.0, 0.0)), "Pose of its center in the world, or in the object's frame"
     )
-    around: str | None = port(None, "Object that it moves with")
 
     @model_validator(mode="after")
     def _size_fits_shape(self) -> Self:
@@ -98,6 +97,39 @@ class CellZone(Value):
             radius, height = self.size
             beyond = np.array([np.hypot(point[0], point[1]) - radius, abs(point[2]) - 0.5 * height])
         return float(np.linalg.norm(np.maximum(beyond, 0.0)))
+
+    @property
+    def edges(self) -> Vector:
+        """Edges of the box around it, in its frame, of shape (3,), m."""
+        if self.shape == "box":
+            return np.asarray(self.size, float)
+        radius, height = self.size
+        return np.array((2.0 * radius, 2.0 * radius, height))
+
+    def may_cross(self, start: Vector, direction: Vector) -> bool:
+        """Returns whether a ray crosses the box around the region.
+
+        Args:
+            start: Start of the ray in the frame of the region, of shape (3,), m.
+            direction: Its direction there, of shape (3,).
+        """
+        slopes = np.where(np.abs(direction) < 1e-12, 1e-12, direction)
+        ends = np.sort(
+            np.stack((-0.5 * self.edges - start, 0.5 * self.edges - start)) / slopes, axis=0
+        )
+        return bool(max(float(ends[0].max()), 0.0) <= float(ends[1].min()))
+
+
+class CellZone(Region):
+    """A region that one arm at a time may claim."""
+
+    around: str | None = port(None, "Object that it moves with")
+
+
+RegionOrZone: TypeAlias = Annotated[
+    Annotated[ZoneName, Tag("name")] | Annotated[Region, Tag("value")], Discriminator(written_as)
+]
+"""A zone of the cell by name, or a region of the world."""
 
 
 Participants: TypeAlias = Annotated[tuple[Name, ...], Field(min_length=2, max_length=16)]

@@ -26,6 +26,7 @@ from bt_dualarm.spec.expressions import (
     type_of,
 )
 from bt_dualarm.spec.goals import SECTIONS, condition_problems
+from bt_dualarm.spec.joints import moved_name
 from bt_dualarm.spec.many import MOST_OF_A_KIND, ManySpec, members
 from bt_dualarm.spec.node_types import (
     CONDITION_FIELDS,
@@ -87,9 +88,22 @@ def declared_names(source: Source, given: Data) -> Declared:
     for category, section in CATEGORIES.items():
         sections[category] = cell.get(section) if isinstance(cell, dict) else None
     objects = sections["object"]
+    moved: dict[str, Data] = {}
+    placed: dict[str, Data] = {}
     for name, thing in objects.items() if isinstance(objects, dict) else ():
         parts = thing.get("parts") if isinstance(thing, dict) else None
+        joints = thing.get("joints") if isinstance(thing, dict) else None
         sections[_part_of(name)] = parts
+        sections[_joint_of(name)] = joints
+        for joint, body in joints.items() if isinstance(joints, dict) else ():
+            moves = body.get("parts") if isinstance(body, dict) else None
+            moved[moved_name(str(name), str(joint))] = body
+            its = dict.fromkeys(part for part in moves or () if isinstance(part, str))
+            sections[_part_of(moved_name(str(name), str(joint)))] = its
+        for part, body in parts.items() if isinstance(parts, dict) else ():
+            placed[f"{name}.{part}"] = body
+    sections["object"] = {**(objects if isinstance(objects, dict) else {}), **moved}
+    sections["object part"] = placed
     return Declared(
         {
             category: frozenset(items) if isinstance(items, dict) else frozenset()
@@ -119,6 +133,15 @@ def _single(objects: Data) -> Data:
 def _part_of(name: object) -> str:
     """Category of the names of an object's parts."""
     return f"part of {name}"
+
+
+def _joint_of(name: object) -> str:
+    """Category of the names of an object's joints."""
+    return f"joint of {name}"
+
+
+_OF_AN_OBJECT: Final = {"part": _part_of, "joint": _joint_of}
+"""Categories of what the object has that the port ``object`` of the same node names."""
 
 
 def check_tree(
@@ -170,17 +193,19 @@ def check_node(node: NodeSpec, node_type: NodeType, declared: Declared) -> Itera
             hint = _parameter_hint(node, key) if key else ""
             yield node.port_problem(found.path, message, hint or found.hint, key=at_key)
     for path, refers, name in _names_in(node_type.ports, ports):
-        if refers.to == ("part",):
+        of_an_object = _OF_AN_OBJECT.get(refers.to[0])
+        if of_an_object is not None:
             thing = node.ports.get("object")
             if thing is None or is_dynamic(thing):
                 continue  # known only when the node runs
-            refers = Refers((_part_of(thing),))
+            refers = Refers((of_an_object(thing),))
         names = declared.of(refers.to)
         if name in refers.words and name in names:
             message = f"{node.kind}: '{name}' is a word of the language and a name of the file"
             yield node.port_problem(path, message, "rename what the file declares")
         elif name not in names | set(refers.words):
-            what = "frame" if refers.words else " or ".join(refers.to)
+            kinds = [kind for kind in refers.to if kind != "object part"]
+            what = "frame" if refers.words else " or ".join(kinds)
             hint = suggestion(name, names | set(refers.words), what)
             yield node.port_problem(path, f"{node.kind}: there is no {what} '{name}'", hint)
     for name in node_type.ports.model_fields:

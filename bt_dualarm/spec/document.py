@@ -32,9 +32,10 @@ from pydantic import (
 from bt_dualarm.spec.cell import CellSpec
 from bt_dualarm.spec.faults import Faults, FaultSpec
 from bt_dualarm.spec.goals import Conditions
+from bt_dualarm.spec.joints import MOST_JOINTS, Articulation, JointSpec, moved_name, refuse_joints
 from bt_dualarm.spec.many import MOST_OBJECTS, Group, ManySpec, members
 from bt_dualarm.spec.node_types import NodeSpec, one_line, port
-from bt_dualarm.spec.problems import Name, Problem, written_as
+from bt_dualarm.spec.problems import Name, Problem, ThingName, written_as
 from bt_dualarm.spec.shapes import (
     SIZE_IN_WORDS,
     WALL_IN_WORDS,
@@ -412,7 +413,9 @@ _Locked: TypeAlias = Annotated[float, Field(ge=-720.0, le=720.0)]
 
 SceneName: TypeAlias = Annotated[
     str,
-    StringConstraints(max_length=200, pattern=r"^([A-Za-z][A-Za-z0-9_-]{0,47}|.{1,190}\.ya?ml)$"),
+    StringConstraints(
+        max_length=200, pattern=r"^([A-Za-z][A-Za-z0-9_-]{0,47}|.{1,190}\.(ya?ml|xml))$"
+    ),
 ]
 """Name of a shipped scene, or path of a scene file."""
 
@@ -422,8 +425,8 @@ class WorldSpec(Value):
 
     scene: SceneName = port(
         "table",
-        "Scene that is shipped, by name, or path of a scene file (`scenes/cell.yaml`) relative to "
-        "the tree file",
+        "Scene that is shipped, by name, or path of a scene file (`scenes/cell.yaml`) or of a file "
+        "in MJCF (`scenes/cell.xml`), relative to the tree file",
     )
     seed: int = port(0, "Random seed", ge=0, lt=2**32)
     timestep: float = port(0.002, "Physics time step", unit="s", ge=1e-4, le=0.004)
@@ -471,6 +474,9 @@ class ObjectSpec(Value):
     parts: Annotated[dict[Name, PartSpec], Field(max_length=MOST_PARTS)] = port(
         {}, "Parts of a compound by name, in its frame"
     )
+    joints: Annotated[dict[Name, JointSpec], Field(max_length=MOST_JOINTS)] = port(
+        {}, "Joints between the parts of a compound that is fixed, by name"
+    )
     file: MeshFile | None = port(
         None, "STL or OBJ file of a mesh, below the folder of the tree file"
     )
@@ -493,6 +499,21 @@ class ObjectSpec(Value):
     fixed: bool = port(False, "Whether it is fixed in the world")
 
     _folder: Path = PrivateAttr(default=Path())
+    _joint: Articulation | None = PrivateAttr(default=None)
+
+    def hang(self, joint: Articulation) -> None:
+        """Sets the joint by which it hangs on the other parts of its compound."""
+        self._joint = joint
+
+    @property
+    def joint(self) -> Articulation | None:
+        """Joint by which it hangs on the other parts of its compound; None for other objects."""
+        return self._joint
+
+    @property
+    def is_free(self) -> bool:
+        """Whether it can be anywhere: it is neither fixed nor moves on a joint."""
+        return not self.fixed and self._joint is None
 
     def look_in(self, folder: Path) -> None:
         """Sets the folder from which the path of a mesh starts."""
@@ -520,6 +541,19 @@ class ObjectSpec(Value):
             raise ValueError("a compound needs parts: {NAME: {shape: …, size: …, pose: …}, …}")
         if self.shape == "mesh" and not self.file:
             raise ValueError("a mesh needs file: the path of an STL or OBJ file")
+        return self
+
+    @model_validator(mode="after")
+    def _joints_fit(self) -> ObjectSpec:
+        if not self.joints:
+            return self
+        if self.shape != "compound":
+            raise ValueError(f"only a compound has joints; the shape is '{self.shape}'")
+        if not self.fixed:
+            raise ValueError("joints need 'fixed: true': what they move hangs on the world")
+        if self.many is not None:
+            raise ValueError("an object with joints cannot be 'many': write an entry for each")
+        refuse_joints(self.joints, self.parts)
         return self
 
     @model_validator(mode="after")
@@ -555,7 +589,7 @@ class ObjectSpec(Value):
 def expanded(
     objects: Mapping[str, ObjectSpec],
 ) -> tuple[dict[str, ObjectSpec], tuple[Group, ...], list[tuple[str, str]]]:
-    """Returns the objects of a file with every member of a group, and the groups.
+    """Returns the objects of a file with every member of a group and joint, and the groups.
 
     The third value is the entries with errors: name and message.
     """
@@ -564,7 +598,7 @@ def expanded(
     wrong: list[tuple[str, str]] = []
     for entry, thing in objects.items():
         if thing.many is None:
-            found[entry] = thing
+            found |= _split(entry, thing)
             continue
         group = Group(entry, members(entry, thing.many.count), thing.many)
         groups.append(group)
@@ -577,6 +611,22 @@ def expanded(
         message = f"the file has {len(found)} objects with it; {MOST_OBJECTS} are the most"
         wrong.append((groups[-1].entry, message))
     return found, tuple(groups), wrong
+
+
+def _split(name: str, thing: ObjectSpec) -> dict[str, ObjectSpec]:
+    """Returns an object and what its joints move, each an object of its own, by name."""
+    if not thing.joints:
+        return {name: thing}
+    moved = {part for joint in thing.joints.values() for part in joint.parts}
+    stays = {part: spec for part, spec in thing.parts.items() if part not in moved}
+    found = {name: thing.model_copy(update={"parts": stays, "joints": {}})}
+    for key, joint in thing.joints.items():
+        parts = {part: thing.parts[part] for part in joint.parts}
+        update = {"parts": parts, "joints": {}, "mass": joint.mass, "fixed": False}
+        piece = thing.model_copy(update=update)
+        piece.hang(Articulation(name, key, joint))
+        found[moved_name(name, key)] = piece
+    return found
 
 
 class FixtureSpec(ObjectSpec):
@@ -699,6 +749,8 @@ class TreeFile(TreeContent):
         given: Values of its parameters by name.
     """
 
+    # What a joint moves is an object of its own.
+    objects: Annotated[dict[ThingName, ObjectSpec], Field(default_factory=dict)]
     path: InstanceOf[Path] = Path()
     groups: InstanceOf[tuple[Group, ...]] = ()
     scene_source: InstanceOf[Source] | None = Field(default=None, repr=False)
@@ -727,8 +779,9 @@ class TreeFile(TreeContent):
             field: Name of the field.
             message: The problem.
         """
+        joint = self.objects[thing].joint if thing in self.objects else None
         entries = (group.entry for group in self.groups if thing in group.names)
-        entry = next(entries, thing)
+        entry = next(entries, thing if joint is None else joint.owner)
         where: DataPath = ("objects", entry)
         if entry in self.fixtures and self.scene_source is not None:
             source = self.scene_source

@@ -515,9 +515,11 @@ def fault_problems(
                 unknown = True
                 hint = suggestion(given, known[noun], noun)
                 yield source.problem(at, f"there is no {noun} '{given}'", hint)
-            elif noun == "object" and objects[given].fixed and fault.kind != "reduced_friction":
-                message = f"'{given}' is fixed in the world: it cannot move"
-                yield source.problem(at, message, "choose an object that is not fixed")
+            elif noun == "object" and fault.kind != "reduced_friction":
+                how = "is fixed in the world" if objects[given].fixed else "moves on a joint only"
+                if not objects[given].is_free:
+                    message = f"'{given}' {how}: it cannot move"
+                    yield source.problem(at, message, "choose an object that is not fixed")
         if unknown:
             continue
         if isinstance(fault, CAMERA_FAULTS) and fault.on_arm not in cameras:

@@ -12,17 +12,23 @@ from typing import Annotated, Final, Self, TypeAlias
 from pydantic import Field, model_validator
 
 from bt_dualarm.spec.cell import CellSpec
+from bt_dualarm.spec.joints import moved_name
 from bt_dualarm.spec.node_types import port
 from bt_dualarm.spec.problems import Name, Problem, suggestion
 from bt_dualarm.spec.values import Duration, PoseSpec, Value
 from bt_dualarm.spec.yaml_reader import Source
 
 CONDITIONS: Final = ("at", "in_zone", "on", "tilt", "height", "held_by", "held", "speed", "force",
-                     "distance_to")  # fmt: skip
+                     "distance_to", "joint")  # fmt: skip
 """Fields of which a condition has at least one; all that are given must hold."""
 
 _Bounds: TypeAlias = tuple[
     Annotated[float, Field(ge=-100.0, le=100.0)], Annotated[float, Field(ge=-100.0, le=100.0)]
+]
+
+
+_Positions: TypeAlias = tuple[
+    Annotated[float, Field(ge=-720.0, le=720.0)], Annotated[float, Field(ge=-720.0, le=720.0)]
 ]
 
 
@@ -48,6 +54,10 @@ class ConditionSpec(Value):
     )
     distance_to: str | None = port(None, "Object or arm from which its center keeps `apart`")
     apart: float = port(0.1, "Smallest distance from `distance_to`", unit="m", gt=0.0, le=100.0)
+    joint: str | None = port(None, "Joint of the object whose position is `between` two others")
+    between: _Positions | None = port(
+        None, "Least and largest position of `joint`, in degrees or in meters"
+    )
     lasting: Duration = port(0.0, "Time for which it must hold until the end of the run", le=3600.0)
 
     @model_validator(mode="after")
@@ -58,11 +68,16 @@ class ConditionSpec(Value):
         if not given:
             raise ValueError(f"gives no condition: {', '.join(CONDITIONS)}")
         if self.object is None:
-            for name in ("on", "held_by", "held"):
+            for name in ("on", "held_by", "held", "joint"):
                 if getattr(self, name) is not None:
                     raise ValueError(f"{name} is about an object, not about a tool")
         elif self.force is not None:
             raise ValueError("force is about the tool of an arm")
+        if (self.joint is None) != (self.between is None):
+            raise ValueError("joint and between go together: {joint: hinge, between: [80, 90]}")
+        if self.between is not None and self.between[0] > self.between[1]:
+            low, high = self.between
+            raise ValueError(f"between goes from {low:g} down to {high:g}")
         if self.height is not None and self.height[0] > self.height[1]:
             raise ValueError(f"the height goes from {self.height[0]:g} down to {self.height[1]:g}")
         return self
@@ -107,6 +122,10 @@ def condition_problems(
                     message = f"there is no {noun} '{given}'"
                     hint = suggestion(given, names, noun)
                     yield source.problem((section, name, field), message, hint)
+            wanted = moved_name(condition.object or "", condition.joint or "")
+            if condition.joint is not None and wanted not in objects:
+                message = f"'{condition.object}' has no joint '{condition.joint}'"
+                yield source.problem((section, name, "joint"), message)
             if section != "goal" and condition.lasting:
                 message = "an invariant holds at all times: lasting is for goals"
                 yield source.problem((section, name, "lasting"), message)

@@ -788,6 +788,7 @@ RESERVED_NAMES: Final = frozenset(
         "wait", "set", "compare", "test", "log", "fail", "succeed",
         "signal", "await", "meet", "claim", "in_step", "all", "any", "not",
         "arm_at", "arm_near", "in_zone", "object_at", "sees", "moving", "force_above", "elapsed",
+        "touching", "joint_at",
     }
 )  # fmt: skip
 """Names of the language's node types. No skill may have one of them: the registry of skills, which

@@ -140,6 +140,10 @@ NAME_PATTERN: Final = r"^[A-Za-z][A-Za-z0-9_-]{0,47}$"
 and paths of nodes."""
 
 Name: TypeAlias = Annotated[str, StringConstraints(pattern=NAME_PATTERN)]
+ThingName: TypeAlias = Annotated[
+    str, StringConstraints(pattern=f"{NAME_PATTERN[:-1]}([.]{NAME_PATTERN[1:-1]})?$")
+]
+"""Name of an object, or of what moves on a joint of it: ``OBJECT.JOINT``."""
 
 
 def is_name(text: str) -> bool:

@@ -16,7 +16,7 @@ from pydantic import ConfigDict, Discriminator, Tag, ValidationError, model_vali
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.spec.node_types import port
 from bt_dualarm.spec.problems import nearest
-from bt_dualarm.spec.values import Goal, ObjectName, Point, PoseSpec, Refers, Turn, Value
+from bt_dualarm.spec.values import Goal, Point, PoseSpec, Refers, Turn, Value
 from bt_dualarm.spec.yaml_reader import Data, Json, with_tuples
 
 FRAME_WORDS: Final = ("tool", "base")
@@ -24,6 +24,9 @@ FRAME_WORDS: Final = ("tool", "base")
 
 RELATIONS: Final = ("above", "on", "beside", "in_frame")
 """Fields of which a relative pose has exactly one."""
+
+ThingOrPart: TypeAlias = Annotated[str, Refers(("object", "object part"))]
+"""Name of an object, or of a part of one: ``OBJECT.PART``."""
 
 Side: TypeAlias = Literal["+x", "-x", "+y", "-y"]
 
@@ -37,13 +40,19 @@ class RelativePose(Value):
 
     model_config = ConfigDict(json_schema_extra=_with_one_relation)
 
-    above: ObjectName | None = port(None, "Object above whose top it is, by the distance `by`")
-    on: ObjectName | None = port(None, "Object on whose top it is, or on whose inner floor")
-    beside: ObjectName | None = port(
-        None, "Object beside which it is, on its side `side`, at the same height"
+    above: ThingOrPart | None = port(
+        None, "Object, or part of one (`OBJECT.PART`), above whose top it is, by the distance `by`"
     )
-    in_frame: Annotated[str, Refers(("object", "arm"), FRAME_WORDS)] | None = port(
-        None, "Frame of `xyz` and of the orientation: `tool`, `base`, an object, or an arm's base"
+    on: ThingOrPart | None = port(
+        None, "Object, or part of one, on whose top it is, or on whose inner floor"
+    )
+    beside: ThingOrPart | None = port(
+        None, "Object, or part of one, beside which it is, on its side `side`, at the same height"
+    )
+    in_frame: Annotated[str, Refers(("object", "arm", "object part"), FRAME_WORDS)] | None = port(
+        None,
+        "Frame of `xyz` and of the orientation: `tool`, `base`, an object, a part of one "
+        "(`OBJECT.PART`), or an arm's base",
     )
     side: Side | None = port(None, "Side for `beside`, along an axis of the world")
     by: float = port(

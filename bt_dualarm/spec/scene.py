@@ -6,10 +6,10 @@ the tree, which skills and conditions can name; its cameras are mounts that arms
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Final, TypeAlias
 
 from pydantic import Field, ValidationError
 
@@ -18,7 +18,11 @@ from bt_dualarm.spec.explain import explain
 from bt_dualarm.spec.node_types import in_words, port
 from bt_dualarm.spec.problems import Name, Problem, SpecError
 from bt_dualarm.spec.values import PoseSpec, Value
-from bt_dualarm.spec.yaml_reader import Source, read_file, read_text, with_tuples
+from bt_dualarm.spec.yaml_reader import Source, read_file, read_text, text_of, with_tuples
+
+MOST_FIXTURES: Final = 100
+MOST_CAMERAS: Final = 16
+"""Largest numbers of fixtures and of cameras of a scene."""
 
 SCENE_FORMAT: Final = 1
 """Version of the format, the value of the key `VERSION`."""
@@ -30,10 +34,10 @@ class SceneContent(Value):
     """A scene file."""
 
     description: Annotated[str, Field(max_length=500)] = port("", "One-line description")
-    fixtures: Annotated[dict[Name, FixtureSpec], Field(max_length=100)] = port(
+    fixtures: Annotated[dict[Name, FixtureSpec], Field(max_length=MOST_FIXTURES)] = port(
         {}, "Fixed objects by name"
     )
-    cameras: Annotated[dict[Name, PoseSpec], Field(max_length=16)] = port(
+    cameras: Annotated[dict[Name, PoseSpec], Field(max_length=MOST_CAMERAS)] = port(
         {}, "Poses in the world of camera mounts by name, with z forward and y down"
     )
 
@@ -53,11 +57,15 @@ class Scene:
 
 def is_scene_path(name: object) -> bool:
     """Whether a scene is given by the path of a file."""
-    return isinstance(name, str) and name.endswith((".yaml", ".yml"))
+    return isinstance(name, str) and name.endswith((".yaml", ".yml", ".xml"))
+
+
+SceneReader: TypeAlias = Callable[[str, str], tuple[Scene | None, list[Problem]]]
+"""Reads the text of a scene; its arguments are the text and the path for messages."""
 
 
 def read_scene(
-    tree: Source, name: str, root: Path, texts: Mapping[str, str]
+    tree: Source, name: str, root: Path, texts: Mapping[str, str], read_xml: SceneReader
 ) -> tuple[Scene | None, list[Problem]]:
     """Reads a scene file, and returns it with its problems; None if it cannot be read.
 
@@ -66,6 +74,7 @@ def read_scene(
         name: Path relative to the tree file.
         root: Folder outside which no file is read, wherever a symlink leads.
         texts: Texts of files by path, used instead of those on the disk.
+        read_xml: Reader of scenes in MJCF.
     """
 
     def refused(message: str, found: tuple[Problem, ...] = ()) -> tuple[None, list[Problem]]:
@@ -80,6 +89,16 @@ def read_scene(
         return refused(f"'{name}' cannot be resolved: {error}")
     if Path(name).is_absolute() or not resolved.is_relative_to(root.resolve()):
         return refused(f"'{name}' is outside the folder {root}")
+    if name.endswith(".xml"):
+        try:
+            scene, found = read_xml(texts.get(str(shown)) or text_of(shown), str(shown))
+        except SpecError as error:
+            return refused(f"scene '{name}' cannot be used", error.problems)
+        if scene is None:
+            return refused(f"scene '{name}' cannot be used", tuple(found))
+        for fixture in () if scene.content is None else scene.content.fixtures.values():
+            fixture.look_in(shown.parent)
+        return scene, found
     try:
         text = texts.get(str(shown))
         source = read_file(shown) if text is None else read_text(text, str(shown))

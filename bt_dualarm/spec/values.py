@@ -44,7 +44,8 @@ class Refers:
 
     Attributes:
         to: Categories: ``"object"``, ``"arm"``, ``"signal"``, ``"zone"``, ``"rendezvous"``,
-            ``"part"`` (of the object that the port ``object`` names).
+            ``"part"`` and ``"joint"`` (of the object that the port ``object`` names), ``"object
+            part"`` (``OBJECT.PART``).
         words: Words that are allowed as well.
     """
 
@@ -57,6 +58,9 @@ ObjectName: TypeAlias = Annotated[str, Refers(("object",))]
 
 PartName: TypeAlias = Annotated[str, Refers(("part",))]
 """The name of a part of the object that the port ``object`` of the same node names."""
+
+JointName: TypeAlias = Annotated[str, Refers(("joint",))]
+"""The name of a joint of the object that the port ``object`` of the same node names."""
 
 ArmName: TypeAlias = Annotated[str, Refers(("arm",))]
 """The name of an arm of the tree file."""

@@ -257,6 +257,15 @@ def read_file(path: Path) -> Source:
     Raises:
         SpecError: Not a readable text file within the caps, or not the strict YAML of this module.
     """
+    return read_text(text_of(path), str(path))
+
+
+def text_of(path: Path) -> str:
+    """Reads a text file.
+
+    Raises:
+        SpecError: Not a readable text file within the caps.
+    """
     whole_file = Location(str(path))
     try:
         if not path.is_file():
@@ -269,11 +278,10 @@ def read_file(path: Path) -> Source:
     if len(raw) > MAX_BYTES:
         raise SpecError([Problem(whole_file, f"is larger than {MAX_BYTES // 1024} KiB")])
     try:
-        text = raw.decode("utf-8-sig")
+        return raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         message = f"is not UTF-8 text: byte {error.start} is 0x{raw[error.start]:02x}"
         raise SpecError([Problem(whole_file, message, "save the file as UTF-8")]) from error
-    return read_text(text, str(path))
 
 
 def read_text(text: str, file: str = "<text>") -> Source:

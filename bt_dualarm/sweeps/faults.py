@@ -327,7 +327,7 @@ def sampled_hardware(
     """
     arms = [*file.arms]
     cameras = [name for name, arm in file.arms.items() if arm.camera is not None]
-    movable = [name for name, one in file.objects.items() if one.spawned and not one.fixed]
+    movable = [name for name, one in file.objects.items() if one.spawned and one.is_free]
     kinds = [
         name
         for name, kind in KINDS.items()

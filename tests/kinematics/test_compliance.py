@@ -20,7 +20,7 @@ PUSH_N = 20.0
 def test_joints_break_loose_first_and_what_is_off_then_is_a_mean() -> None:
     numbers = law_array(control_law(PERIOD, 0.002, np.zeros(3)))
     stiff = numbers.copy()
-    compliance = Compliance(numbers, PERIOD)
+    compliance = Compliance(numbers, PERIOD, np.zeros(6))
     compliance.active = True
     for _ in range(int(BREAKAWAY_S / PERIOD)):
         compliance.advance()

@@ -22,7 +22,7 @@ from bt_dualarm.spec.node_types import NodeSpec, PortModel, models_in, validate_
 from bt_dualarm.spec.yaml_reader import LARGEST_INTEGER, Data, with_tuples
 from bt_dualarm.testing import Scenario, Tree, node_of
 from tests.skills.candidates import candidate
-from tests.skills.scenarios import SCENARIOS
+from tests.skills.scenarios import CABINET, SCENARIOS
 
 Path: TypeAlias = tuple[str | int, ...]
 
@@ -86,6 +86,35 @@ FILE: Tree = {
             "boards": 4,
             "mass": 1.0,
             "pose": {"xyz": [-1.5, 0, 0.3]},
+        },
+        "door": {
+            "shape": "compound",
+            "mass": 1.0,
+            "fixed": True,
+            "pose": {"xyz": [-3.5, 0, 0.5]},
+            "parts": {
+                "post": {"shape": "box", "size": [0.02, 0.02, 0.4]},
+                "panel": {
+                    "shape": "box",
+                    "size": [0.2, 0.02, 0.4],
+                    "pose": {"xyz": [0.12, 0, 0]},
+                },
+            },
+            "joints": {
+                "hinge": {
+                    "type": "hinge",
+                    "parts": ["panel"],
+                    "axis": [0, 0, 1.0],
+                    "anchor": [0.01, 0.01, 0],
+                    "range": [-90, 0],
+                    "at": -20,
+                    "mass": 1.0,
+                    "damping": 1.0,
+                    "friction": 0.5,
+                    "spring": 0.1,
+                    "rest": -30,
+                }
+            },
         },
         "post": {
             "shape": "box",
@@ -262,8 +291,15 @@ WORDS: tuple[Tree, ...] = (
     {"arm_at": {"at": {"xyz": [0.35, 0.1, 0.55], "rpy": [0, 0, 5]}, "within": 0.01, "angle": 5.0}},
     {"arm_near": {"arm": "arm2", "within": 0.3}},
     {"force_above": {"force": 20.0, "direction": [0, 0, 1.0]}},
+    {"touching": {"by": "joints", "fingers": 2.0, "joints": 30.0}},
     {"elapsed": {"seconds": 1.0}},
 )
+ON_JOINTS: tuple[Tree, ...] = (
+    {"joint_at": {"object": "cabinet", "joint": "slide", "above": 0.1}},
+    {"joint_at": {"object": "cabinet", "joint": "slide", "below": 0.1}},
+    {"joint_at": {"object": "cabinet", "joint": "slide", "between": [-1.0, 1.0]}},
+)
+"""Words about a joint of an object."""
 _POSE = {"xyz": [0.35, 0.1, 0.55]}
 LOOKED_FOR: tuple[Tree, ...] = (
     {"marker": {"id": 3, "size": 0.03}},
@@ -533,6 +569,8 @@ def numbers(registry: Registry) -> Iterator[Number]:
     for node in WORDS:
         (word,) = node
         yield from _of_node(Scenario(), node, LANGUAGE[word].ports, "")
+    for node in ON_JOINTS:
+        yield from _of_node(Scenario(CABINET), node, LANGUAGE["joint_at"].ports, "")
     seeing = SCENARIOS["count"]
     seen: tuple[Tree, ...] = (
         *({"sees": {**form, "least": 1}} for form in LOOKED_FOR),

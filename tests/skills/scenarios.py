@@ -43,6 +43,32 @@ HOLE: Tree = {
 }
 """Four walls, 12 mm high, around a place 1 mm wider on each side than the cube."""
 
+CABINET: Tree = {
+    "cabinet": {
+        "shape": "compound",
+        "mass": 5,
+        "fixed": True,
+        "pose": {"xyz": [0.45, -0.65, 0.5]},
+        "parts": {
+            "top": {"shape": "box", "size": [0.3, 0.24, 0.01], "pose": {"xyz": [0, 0, 0.085]}},
+            "box": {"shape": "bin", "size": [0.27, 0.22, 0.12], "wall": 0.006},
+            "stem": {
+                "shape": "box",
+                "size": [0.012, 0.04, 0.012],
+                "pose": {"xyz": [-0.05, 0.13, 0]},
+            },
+            "handle": {"shape": "box", "size": [0.12, 0.014, 0.014]}
+            | {"pose": {"xyz": [0, 0.155, 0]}, "color": "red"},
+        },
+        "joints": {
+            "slide": {"type": "slide", "axis": [0, 1, 0], "range": [0, 0.18], "mass": 0.8}
+            | {"parts": ["box", "stem", "handle"], "friction": 3, "damping": 10},
+        },
+    }
+}
+"""A drawer with a handle."""
+PULLS: Tree = {"grasp": {"object": "cabinet", "part": "handle", "then_to": 0.15}}
+
 BEAM: Tree = {
     "beam": {"shape": "box", "size": [1.2, 0.05, 0.05], "mass": 4.0}
     | {"pose": {"xyz": [0, -0.45, 0.525]}},
@@ -97,6 +123,7 @@ SCENARIOS = {
         ON_TABLE | HOLE, arm=GRIPPING, before=(GRASP,), scene="table", again="SUCCESS"
     ),
     "open_gripper": Scenario(arm=GRIPPING),
+    "operate": Scenario(CABINET, arm=GRIPPING, before=(PULLS,), scene="table"),
     "grasp": Scenario(ON_TABLE, arm=GRIPPING, scene="table"),
     "place": Scenario(ON_TABLE, arm=GRIPPING, before=(GRASP,), scene="table", again="FAILURE"),
     "regrasp": Scenario(ON_TABLE, arm=GRIPPING, before=(GRASP,), scene="table"),

@@ -167,3 +167,20 @@ def test_a_wrong_height_makes_doubt(stage: Stage) -> None:
     """The height that is given counts, not that of the table."""
     leaf = count(stage, CUBE, {"a": {"at": (0, 0, 0)}}, height=0.34)
     assert (leaf.code, leaf.metrics["other_size"]) == ("AMBIGUOUS", 1)
+
+
+def test_region_limits_what_counts(stage: Stage) -> None:
+    """What is elsewhere neither counts nor makes the count ambiguous."""
+    things: Things = {
+        "inside": {"at": (0.05, 0.02, 0)},
+        "outside": {"at": (-0.06, -0.02, 0)},
+        "other": {"at": (-0.03, 0.07, 0), "shape": "sphere", "size": [0.02]},
+        "on it": {"at": (-0.03, 0.07, 0.03)},
+    }
+    things["on_it"] = things.pop("on it")
+    region = {"size": [0.08, 0.1, 0.1], "pose": {"xyz": [0.43, -0.43, TOP + 0.03]}}
+    everywhere = count(stage, CUBE, things)
+    assert everywhere.code == "AMBIGUOUS", everywhere
+    leaf = count(stage, CUBE, things, region=region)
+    assert (leaf.status, leaf.metrics["found"]) == ("SUCCESS", 1), leaf.reason
+    assert leaf.metrics["unlike"] == 0

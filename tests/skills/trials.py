@@ -7,12 +7,14 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from bt_dualarm.robots.gripper import FINGERS
+from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.sim.world import World
 from bt_dualarm.testing import after
 from tests.plays import Deed
 from tests.skills.scenarios import (
     ABOVE,
     BESIDE_ANOTHER,
+    CABINET,
     CUBE,
     GIVER,
     GRASP,
@@ -109,6 +111,16 @@ def steals(name: str) -> Deed:
         world.data.qpos[world.model.jnt_qposadr[joint]] += 2.0
 
     return steal
+
+
+def drags(joint: str, newton: float) -> Deed:
+    """Brake what moves on a joint by dry friction, from now on."""
+
+    def drag(world: World) -> None:
+        dof = world.model.jnt_dofadr[world.model.joint(joint).id]
+        world.model.dof_frictionloss[dof] = newton
+
+    return drag
 
 
 def hides(name: str) -> Deed:
@@ -310,6 +322,37 @@ def carried(**ports: Any) -> Tree:
     """Carry the beam of the skill's scenario; with other ports than that of its example."""
     to = {"xyz": [0.05, -0.5, 0.525]}
     return {"carry_together": {"object": "beam", "with": ["arm2"], "to": to, **ports}}
+
+
+_OPERATED: Tree = {"object": "cabinet", "joint": "slide", "to": 0.15}
+OPERATE: Tree = {"operate": _OPERATED}
+
+
+def cabinet_that(**fields: Any) -> Tree:
+    """Objects of the scenario with a drawer, whose joint is otherwise than it is."""
+    cabinet = CABINET["cabinet"]
+    joint = cabinet["joints"]["slide"] | fields
+    return {"cabinet": cabinet | {"joints": {"slide": joint}}}
+
+
+def slips(name: str, meters: float) -> Deed:
+    """Move what moves on a joint, as if the fingers had slid along it."""
+
+    def slip(world: World) -> None:
+        joint = world.model.body_jntadr[world.object_body(name)]
+        world.data.qpos[world.model.jnt_qposadr[joint]] += meters
+
+    return slip
+
+
+def thins(name: str, part: str, share: float) -> Deed:
+    """Make a part of an object thinner."""
+
+    def thin(world: World) -> None:
+        index = [one.name for one in body_of(world.objects[name]).parts].index(part)
+        world.model.geom_size[world.object_geoms(name)[index], 1:] *= share
+
+    return thin
 
 
 def beam_that(**fields: Any) -> Tree:
@@ -586,6 +629,24 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ),
     ("release", "NOT_OPEN"): Trial({"release": {}}, deeds=((0.5, jams),)),
     ("holding", "NOT_HOLDING"): Trial({"holding": {}}, {"before": ()}),
+    ("operate", "NOT_HELD"): Trial(OPERATE, {"before": ()}),
+    ("operate", "NOT_THERE"): Trial(OPERATE, {"before": ({"remove": {"object": "cabinet"}},)}),
+    ("operate", "INVALID_TARGET"): Trial({"operate": _OPERATED | {"to": 0.3}}, {"before": ()}),
+    ("operate", "BLOCKED"): Trial(OPERATE, deeds=((7.5, drags("cabinet.slide", 1e3)),), moves=True),
+    ("operate", "FORCE_LIMIT"): Trial(
+        {"operate": _OPERATED | {"force": 20}},
+        {"objects": cabinet_that(friction=10.0, damping=300.0)},
+        moves=True,
+    ),
+    ("operate", "NOT_REACHED"): Trial(
+        OPERATE, deeds=((9.1, slips("cabinet.slide", -0.008)),), moves=True
+    ),
+    ("operate", "SLIPPED"): Trial(
+        OPERATE, deeds=((7.8, thins("cabinet.slide", "handle", 0.6)),), moves=True
+    ),
+    ("operate", "DROPPED"): Trial(
+        OPERATE, deeds=((7.8, thins("cabinet.slide", "handle", 0.01)),), moves=True
+    ),
     ("grasp", "GRIPPER_FULL"): Trial({"grasp": {"object": "other"}}, CLOSED),
     ("grasp", "INVALID_TARGET"): Trial(GRASP, {"objects": cube_that(fixed=True)}),
     ("grasp", "NOT_THERE"): Trial(GRASP, {"before": REMOVED}),

@@ -21,6 +21,15 @@ cell:
 objects:
   cube: {shape: box, size: [0.05, 0.05, 0.05], mass: 0.1}
   beam: {shape: box, size: [1.2, 0.05, 0.05], mass: 4.0}
+  cabinet:
+    shape: compound
+    mass: 5
+    fixed: true
+    pose: {xyz: [0, 2, 0.2]}
+    parts:
+      frame: {shape: box, size: [0.3, 0.01, 0.3]}
+      box: {shape: box, size: [0.2, 0.2, 0.2], pose: {xyz: [0, 0.2, 0]}}
+    joints: {slide: {type: slide, axis: [0, 1, 0], range: [0, 0.2], parts: [box]}}
 """
 
 

@@ -12,6 +12,7 @@ from benchmarks.sequence_generator import (
     FREE_SKILLS,
     GRIPPER_SKILLS,
     JOINT_SKILLS,
+    PLAYED_APART,
     SkillSequence,
     Step,
     generate,
@@ -66,7 +67,7 @@ def test_a_seed_always_is_the_same_sequence() -> None:
 def test_every_shipped_skill_is_asked_for(registry: Registry) -> None:
     """A new skill comes into the sequences with its scenario."""
     alone = {*FREE_SKILLS, *CAMERA_SKILLS, *GRIPPER_SKILLS}
-    assert alone | {*JOINT_SKILLS} == set(registry.skills)
+    assert alone | {*JOINT_SKILLS, *PLAYED_APART} == set(registry.skills)
 
 
 @pytest.mark.parametrize(

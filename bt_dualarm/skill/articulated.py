@@ -1,0 +1,209 @@
+"""Parts that move on a joint, such as doors and drawers, as a skill moves them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+
+from bt_dualarm.arm.arm import Arm
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.sim.world import World
+from bt_dualarm.spec.joints import JointSpec, moved_name
+from bt_dualarm.trajectory.path_timing import point_to_point
+from bt_dualarm.trajectory.trajectory import Trajectory
+
+_SPACING_M: Final = 0.005
+_SPACING_RAD: Final = 0.03
+"""Largest distances between two samples of a path: inverse kinematics stays on one branch."""
+
+
+class MovedPart:
+    """What a joint of an object moves, as one arm knows it.
+
+    Args:
+        arm: Arm that moves it.
+        owner: Name of the object with the joint.
+        joint: Name of the joint.
+
+    Attributes:
+        name: Name of the object that the joint moves.
+        spec: The joint.
+
+    Raises:
+        Failure: ``NOT_THERE`` or ``INVALID_TARGET``: there is no such object or joint.
+    """
+
+    def __init__(self, arm: Arm, owner: str, joint: str) -> None:
+        self._arm = arm
+        self._owner = owner
+        self.name = moved_name(owner, joint)
+        world = arm.world
+        if owner not in world.objects:
+            raise Failure("NOT_THERE", f"object {owner!r} is not in the world")
+        hung = world.objects[self.name].joint if self.name in world.objects else None
+        if hung is None:
+            raise Failure("INVALID_TARGET", f"object {owner!r} has no joint {joint!r}")
+        self.spec: JointSpec = hung.spec
+
+    @property
+    def position(self) -> float:
+        """Position of the joint in rad or m, by its sensor or by where the arm holds the part.
+
+        Raises:
+            Failure: ``UNKNOWN_POSE``.
+        """
+        return self._arm.known.joint_position(self.name)
+
+    def target(self, given: float) -> float:
+        """Position in rad or m of one as in a file, in degrees or m.
+
+        Raises:
+            Failure: ``INVALID_TARGET`` if it is not in the range of the joint.
+        """
+        low, high = self.spec.range
+        if not low <= given <= high:
+            unit = "°" if self.spec.type == "hinge" else " m"
+            raise Failure(
+                "INVALID_TARGET",
+                f"{given:g}{unit} is not in the range of {self.name}: {low:g} to {high:g}{unit}",
+                asked=given,
+                least=low,
+                most=high,
+            )
+        return self.spec.si(given)
+
+    def displacements(self, goal: float) -> list[Pose]:
+        """Displacements in the world of the part from its present pose to a goal, first to last.
+
+        The pose of a tool that holds it is each of them times the present one.
+
+        Args:
+            goal: Position of the joint, rad or m.
+
+        Raises:
+            Failure: ``UNKNOWN_POSE``.
+        """
+        here = self.position
+        frame = self._arm.known.pose(self._owner).pose
+        before = (frame @ self.spec.displacement(here)).inverse
+        count = max(math.ceil(abs(goal - here) / self._spacing), 8)
+        places = np.linspace(here, goal, count + 1).tolist()
+        return [frame @ self.spec.displacement(place) @ before for place in places]
+
+    @property
+    def _spacing(self) -> float:
+        return _SPACING_RAD if self.spec.type == "hinge" else _SPACING_M
+
+
+_EASE_S: Final = 0.04
+"""Time constant with which a soft arm gives way to what its fingertips feel, s."""
+
+
+class HandForce:
+    """Force of a held part on the fingers, to which a soft arm gives way.
+
+    An arm that follows the path of a joint presses sideways on the part, by the friction of its own
+    joints and the errors of its model. Fingertip sensors measure that force; without them it is
+    unknown, and nothing is done about it.
+
+    Args:
+        arm: Arm that holds the part.
+    """
+
+    def __init__(self, arm: Arm) -> None:
+        self._arm = arm
+        self._last = arm.time
+
+    @property
+    def measured(self) -> Vector | None:
+        """Force on the tool in the world, of shape (3,), N; None without fingertip sensors."""
+        arm = self._arm
+        return arm.gripper.load if arm.name in arm.world.grippers else None
+
+    def ease(self, along: Vector | None = None) -> None:
+        """Give way to the force, once per tick.
+
+        Args:
+            along: Unit vector in the world of the motion, of shape (3,): the arm does not give way
+                in this direction. None to give way in all.
+        """
+        now = self._arm.time
+        share = min((now - self._last) / _EASE_S, 0.5)
+        self._last = now
+        force = self.measured
+        if force is None:
+            return
+        if along is not None:
+            force = force - (force @ along) * along
+        self._arm.yield_to(share * force)
+
+    def soften(self) -> Iterator[None]:
+        """Become soft at rest, and give way until little force is left; once per tick.
+
+        Raises:
+            Failure: ``BUSY`` when another leaf moves the arm.
+        """
+        arm = self._arm
+        arm.begin(Trajectory.rest(arm.setpoint.q, arm.period), may_touch=True, compliant=True)
+        arm.controller.compliance.soften()
+        yield from self.calm()
+
+    def calm(self) -> Iterator[None]:
+        """Give way, as a soft arm, until little force is left; once per tick."""
+        self._last = began = self._arm.time
+        while self._arm.time - began < _CALM_S:
+            yield None
+            self._arm.check()
+            self.ease()
+
+    def rest(self, along: Vector | None = None) -> Iterator[None]:
+        """Let the set-point come to where the arm is; once per tick.
+
+        The arm stays soft until its next motion: a stiff one would press with 60 N for each 0.1 mm
+        of the servo's error.
+
+        Args:
+            along: As of `ease`.
+
+        Raises:
+            Failure: ``BUSY`` when another leaf moves the arm.
+        """
+        arm = self._arm
+        limits = arm.robot.limits
+        for _ in range(_RESTS):
+            here = np.clip(arm.q, limits.lower, limits.upper)
+            motion = point_to_point(arm.setpoint.q, here, limits, arm.period)
+            running = arm.begin(motion, may_touch=True, compliant=True)
+            began = arm.time
+            while not running.done or arm.time - began < _REST_S:
+                yield None
+                arm.check()
+                self.ease(along)
+
+
+_RESTS: Final = 2
+_REST_S: Final = 0.15
+"""Motions of the set-point to where the arm is, which moves meanwhile; least time of each, s."""
+
+_CALM_S: Final = 0.4
+"""Time in which an arm gives way at rest, s."""
+
+
+def loads_on(world: World, name: str | None) -> frozenset[str]:
+    """Names of the objects that lie on or in something that moves on a joint, and move with it."""
+    if name is None or name not in world.objects or world.objects[name].joint is None:
+        return frozenset()
+    model = world.model
+    body = world.object_body(name)
+    found = set()
+    for one, other in world.data.contact.geom.tolist():
+        bodies = {int(model.geom_bodyid[one]), int(model.geom_bodyid[other])}
+        if body in bodies:
+            found |= {model.body(each).name for each in bodies - {body}}
+    return frozenset(
+        thing for thing in found & world.objects.keys() if world.objects[thing].is_free
+    )

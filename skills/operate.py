@@ -1,0 +1,227 @@
+"""Open or close a door, drawer, lid or lever that the arm holds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from bt_dualarm import (
+    Failure,
+    Grip,
+    HandForce,
+    JointName,
+    MovedPart,
+    ObjectName,
+    PortModel,
+    Pose,
+    Skill,
+    Speed,
+    Vector,
+    loads_on,
+    port,
+)
+
+_FELT_S = 0.06  # for which the force has to exceed its limit: a reading may be wrong
+_EDGE_S = 0.15  # at the start of a motion, in which the joints of the arm break away
+_STILL_M = 0.0005  # motion of the held point in `_STILL_S` below which the joint is blocked
+_STILL_S = 0.06
+_SETTLES_S = 2.0  # at most, in which friction may keep the part from its goal
+_NEAR = 0.2  # fraction of the tolerance within which it is there
+_PULL_N_M_S = 1e4  # rate at which the pull grows with the distance from the set-point
+
+
+class Operate(Skill):
+    """Move a joint of an object, such as a door or drawer, by the part that the arm holds."""
+
+    class Ports(PortModel):
+        object: ObjectName = port(..., "object with the joint")
+        joint: JointName = port(..., "joint to move; the arm holds one of the parts that it moves")
+        to: float = port(
+            ...,
+            "position of the joint at the end",
+            unit="deg or m",
+            ge=-720,
+            le=720,
+        )
+        force: float = port(
+            40.0, "force along the path of the handle at which it stops", unit="N", ge=2, le=200
+        )
+        tolerance: float = port(
+            0.005, "largest distance of the held point from its goal", unit="m", ge=5e-4, le=0.1
+        )
+        speed: Speed = port(0.1, "fraction of the arm's limits")
+        tool_speed: float = port(0.12, "highest speed of the tool", unit="m/s", ge=0.005, le=0.5)
+
+    failures = {
+        "NOT_HELD": "the arm holds none of the parts that the joint moves",
+        "NOT_THERE": "the object is not in the world",
+        "INVALID_TARGET": "the object has no such joint, or the position is not in its range",
+        "BLOCKED": "the joint does not move any further with the allowed force",
+        "FORCE_LIMIT": "the part moves, but needs more than the allowed force",
+        "NOT_REACHED": "the joint is not at its goal, although the arm has moved there",
+        "SLIPPED": "the part slid between the fingers",
+        "DROPPED": "the arm has lost the part",
+    }
+    example = "operate: {object: cabinet, joint: slide, to: 0.15}"
+    needs = ("scipy.interpolate",)
+    ports: Ports
+
+    def run(self) -> Iterator[float | None]:
+        """Plan the whole path of the handle, follow it softly, compare the joint with the goal."""
+        arm = self.arm
+        ports = self.ports
+        part = MovedPart(arm, ports.object, ports.joint)
+        goal = part.target(ports.to)
+        if part.name not in arm.held:
+            reason = f"{arm.name} holds no part that {ports.joint!r} of {ports.object!r} moves"
+            raise Failure("NOT_HELD", reason)
+        self._part = part
+        self._hand = HandForce(arm)
+        self._most_n = 0.0
+        self._along: Vector | None = None
+        has_gripper = arm.name in arm.world.grippers and part.name in arm.gripper.held
+        grip = Grip(arm, part.name) if has_gripper else None
+        began = part.position
+        yield from arm.think()
+        try:
+            force = ports.force if grip is None else grip.firm_for(ports.force)
+            yield from self._hand.soften()
+            for progress in self._move(goal, force, grip):
+                yield 0.9 * progress
+            yield from self._hand.rest(self._along)
+        except Failure as failure:
+            if failure.code == "SLIPPED" and grip is not None:
+                yield from grip.judge(failure)
+            raise
+        finally:
+            self.metrics["pull_force_n"] = self._most_n
+        reached = part.position
+        away = self._away(goal)
+        self.metrics |= {
+            "joint_before": began,
+            "joint_after": reached,
+            "joint_error_m": away,
+        }
+        if away > ports.tolerance:
+            spec = part.spec
+            raise Failure(
+                "NOT_REACHED",
+                f"{part.name} is at {spec.in_words(reached)}, {1e3 * away:.1f} mm of its path from "
+                f"{spec.in_words(goal)}",
+                joint=reached,
+                away_m=away,
+            )
+
+    def _move(self, goal: float, limit: float, grip: Grip | None) -> Iterator[float]:
+        """Follow the path of the joint softly from where it is to its goal.
+
+        Raises:
+            Failure: ``BLOCKED``, ``FORCE_LIMIT``, ``SLIPPED``, ``DROPPED``; as planning.
+        """
+        arm = self.arm
+        ports = self.ports
+        part = self._part
+        start = arm.commanded_tool_pose
+        poses = [moved @ start for moved in part.displacements(goal)]
+        if max(start.distance(pose) for pose in poses) < 1e-5:
+            return
+        rows = arm.kinematics.follow_on(poses, arm.setpoint.q)
+        moving = frozenset({part.name}) | loads_on(arm.world, part.name)
+        arm.refuse_collision_along(rows, ignore=moving)
+        timed, _ = arm.slow_path(rows, ports.speed, ports.tool_speed, ports.speed)
+        motion = arm.begin(timed, may_touch=True, compliant=True)
+        arm.controller.compliance.soften()
+        began = last = self.time
+        exceeded: float | None = None
+        past = [(self.time, part.position)]
+        set_point = self._set_points(start)
+        way = float(np.sign(goal - part.position))
+        near = _NEAR * ports.tolerance
+        while not motion.done or (
+            self._away(goal) > near and self.time - began < timed.duration + _SETTLES_S
+        ):
+            yield motion.progress
+            arm.check()
+            if grip is not None:
+                grip.look()
+            past.append((self.time, part.position))
+            while self.time - past[0][0] > _STILL_S:
+                past.pop(0)
+            along = self._along = self._direction(poses, motion.progress)
+            self._hand.ease(along)
+            # Softly followed, the part stays behind by what friction takes: pull it on.
+            behind = self._lever * way * (set_point() - past[-1][1])
+            arm.yield_to((self.time - last) * _PULL_N_M_S * behind * along)
+            last = self.time
+            felt = self._against(along)
+            if self.time - began < _EDGE_S or felt <= limit:
+                exceeded = None
+            elif exceeded is None:
+                exceeded = self.time
+            if self.time - began >= _EDGE_S:
+                self._most_n = max(self._most_n, felt)
+            if exceeded is not None and self.time - exceeded > _FELT_S:
+                if motion.done and self._away(goal) <= ports.tolerance:
+                    return
+                moved = self._lever * abs(past[-1][1] - past[0][1])
+                yield from self._stop(felt, moved)
+
+    def _stop(self, felt: float, moved: float) -> Iterator[float]:
+        """Stop, and end the force; always raises."""
+        arm = self.arm
+        for _ in arm.halt(give_way=True):
+            yield 1.0
+        yield from arm.relax()
+        part = self._part
+        where = part.spec.in_words(part.position)
+        numbers = {"force_n": felt, "joint": part.position}
+        if moved < _STILL_M:
+            raise Failure("BLOCKED", f"{part.name} is blocked at {where}: {felt:.0f} N", **numbers)
+        raise Failure("FORCE_LIMIT", f"{part.name} needs {felt:.0f} N at {where}", **numbers)
+
+    def _set_points(self, start: Pose) -> Callable[[], float]:
+        """Position of the joint, rad or m, at the arm's last set-point, as a function.
+
+        Args:
+            start: Commanded pose of the tool at the present position of the joint.
+        """
+        spec = self._part.spec
+        frame = self.arm.known.pose(self.ports.object).pose
+        grasped = start.inverse @ frame @ spec.displacement(self._part.position)
+        return lambda: spec.position_of(frame.inverse @ self.arm.commanded_tool_pose @ grasped)
+
+    @staticmethod
+    def _direction(poses: list[Pose], progress: float) -> Vector:
+        """Unit vector in the world along the path of the tool, of shape (3,)."""
+        index = min(int(progress * (len(poses) - 1)), len(poses) - 2)
+        step = poses[index + 1].position - poses[index].position
+        return np.asarray(step / max(float(np.linalg.norm(step)), 1e-9), float)
+
+    def _against(self, direction: Vector) -> float:
+        """Force against the motion of the held point, N: by the fingertips, else by the joints.
+
+        That force alone is then fitted to the external joint torques, relative to the joints'
+        efforts: a full wrench is not observable near a singularity.
+        """
+        arm = self.arm
+        force = self._hand.measured
+        if force is not None:
+            return -float(force @ direction)
+        lever = direction @ arm.world.nominal[arm.name].tool_jacobian_at(arm.q)[:3]
+        shares = lever / arm.robot.limits.effort**2
+        return -float(shares @ arm.external_torque) / max(float(shares @ lever), 1e-12)
+
+    def _away(self, goal: float) -> float:
+        """Distance of the held point along its path from where it is at a joint position, m."""
+        return self._lever * abs(goal - self._part.position)
+
+    @property
+    def _lever(self) -> float:
+        """Motion of the held point per unit of the joint: its distance from a hinge's axis, m."""
+        spec = self._part.spec
+        if spec.type == "slide":
+            return 1.0
+        frame = self.arm.known.pose(self.ports.object).pose
+        point = frame.inverse.apply(self.arm.tool_pose.position) - np.array(spec.anchor)
+        return float(np.linalg.norm(np.cross(spec.direction, point)))
