@@ -27,6 +27,7 @@ import numpy as np
 import yaml
 
 from bt_dualarm.behaviors.load import load_tree_file
+from bt_dualarm.core.errors import OverlapError
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.runtime.arm_runtime import IdleObserver
 from bt_dualarm.runtime.options import RunOptions
@@ -35,13 +36,14 @@ from bt_dualarm.skill.registry import Registry
 
 KINDS: Final = ("drawer", "door", "lid", "lever")
 ROBOTS: Final = ("ur3", "ur5", "ur10", "panda", "xarm7")
-REACH_M: Final = {"ur3": 0.45, "ur5": 0.75, "ur10": 1.1, "panda": 0.7, "xarm7": 0.65}
+REACH_M: Final = {"ur3": 0.42, "ur5": 0.75, "ur10": 1.1, "panda": 0.7, "xarm7": 0.65}
 """Distance from the base, m, of which handles are at 70 to 85 %."""
 
 MOST_N: Final = 40.0
 SHARE: Final = 0.95
 _MEAN_S: Final = 0.02
 _BASE_M: Final = 0.4
+_ATTEMPTS: Final = 5
 
 
 def _bar(length: float, way: int, thick: float) -> list[float]:
@@ -185,9 +187,9 @@ def _feel(rng: np.random.Generator, friction: float, damping: float) -> dict[str
 MAKERS: Final = {"drawer": drawer, "door": door, "lid": lid, "lever": lever}
 
 
-def task(kind: str, robot: str, seed: int, reality: str) -> dict[str, Any]:
-    """The tree file of one run."""
-    rng = np.random.default_rng([seed, KINDS.index(kind)])
+def task(kind: str, robot: str, seed: int, reality: str, attempt: int = 0) -> dict[str, Any]:
+    """The tree file of one run; a further attempt is another object at another place."""
+    rng = np.random.default_rng([seed, KINDS.index(kind), *([attempt] if attempt else [])])
     far = REACH_M[robot]
     thing = MAKERS[kind](rng, min(far / 0.75, 1.2))
     distance = far * float(rng.uniform(0.7, 0.85))
@@ -207,7 +209,7 @@ def task(kind: str, robot: str, seed: int, reality: str) -> dict[str, Any]:
         {"grasp": {"object": "thing", "part": "handle", "then_to": to}},
         {"operate": operate | {"to": to}},
         {"operate": operate | {"to": 0.0}},
-        "release",
+        {"release": {"width": 0.03}},
         "go_home",
     ]
     gripper = "panda_hand" if robot == "panda" else "robotiq_2f85"
@@ -269,7 +271,15 @@ class Observer(IdleObserver):
 
 def played(kind: str, robot: str, seed: int, reality: str, registry: Registry) -> tuple[str, float]:
     """Result of one run, empty if all went well, and the largest force, N."""
-    data = task(kind, robot, seed, reality)
+    for attempt in range(_ATTEMPTS):
+        try:
+            return _played(task(kind, robot, seed, reality, attempt), seed, registry)
+        except OverlapError:  # the arm would begin within the object
+            continue
+    raise RuntimeError(f"no place for {kind} {seed} before {robot}")
+
+
+def _played(data: dict[str, Any], seed: int, registry: Registry) -> tuple[str, float]:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "task.yaml"
         path.write_text(yaml.safe_dump(data), encoding="utf-8")

@@ -77,8 +77,8 @@ if TYPE_CHECKING:
     from bt_dualarm.runtime.run import Run as Run
     from bt_dualarm.sim.world import World as World
     from bt_dualarm.skill.articulated import HandForce as HandForce
+    from bt_dualarm.skill.articulated import JointPath as JointPath
     from bt_dualarm.skill.articulated import MovedPart as MovedPart
-    from bt_dualarm.skill.articulated import loads_on as loads_on
     from bt_dualarm.skill.carrying import Carrying as Carrying
     from bt_dualarm.skill.carrying import CarryPorts as CarryPorts
     from bt_dualarm.skill.cell import CellWait as CellWait
@@ -288,7 +288,7 @@ _CONTENTS: Final = {
     "TakingPorts": "skill.grasp_search:TakingPorts",
     "MovedPart": "skill.articulated:MovedPart",
     "HandForce": "skill.articulated:HandForce",
-    "loads_on": "skill.articulated:loads_on",
+    "JointPath": "skill.articulated:JointPath",
     "Carrying": "skill.carrying:Carrying",
     "CarryPorts": "skill.carrying:CarryPorts",
     "JointPart": "skill.joint:JointPart",

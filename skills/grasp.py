@@ -11,12 +11,12 @@ import numpy as np
 from bt_dualarm import (
     Failure,
     GripWidth,
+    JointPath,
     KnownShape,
     MovedPart,
     ObjectName,
     ObjectPose,
     PortModel,
-    Pose,
     Skill,
     Taking,
     TakingPorts,
@@ -131,21 +131,21 @@ class Grasp(Skill):
             wanted,
             point=None if self.ports.point is None else np.array(self.ports.point),
             opening=self.ports.open_to,
-            onward=() if name is None else self._onward(name),
+            onward=None if name is None else self._onward(name),
         )
         refuse_too_frail(self.arm, wanted.label, self.ports.most_force)
         taking = Taking(self.arm, self.ports, wanted, self.ports.at is not None, self.metrics)
         yield from taking.through(grasps_on(self.arm, wanted))
 
-    def _onward(self, name: str) -> tuple[Pose, ...]:
-        """Displacements of a part on its joint to where it will be moved, if that is given."""
+    def _onward(self, name: str) -> JointPath | None:
+        """Path of a part on its joint to where it will be moved, if that is given."""
         if self.ports.then_to is None:
-            return ()
+            return None
         hung = self.arm.world.objects[name].joint if name in self.arm.world.objects else None
         if hung is None:
             raise Failure("INVALID_TARGET", f"{name!r} moves on no joint: `then_to` needs one")
         moved = MovedPart(self.arm, hung.owner, hung.name)
-        return tuple(moved.displacements(moved.target(self.ports.then_to)))
+        return moved.path(moved.target(self.ports.then_to))
 
     def _wait_for_rest(self, name: str) -> Iterator[None]:
         """Wait for an object that falls or slides, since the arm would find it elsewhere."""

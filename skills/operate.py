@@ -18,7 +18,6 @@ from bt_dualarm import (
     Skill,
     Speed,
     Vector,
-    loads_on,
     port,
 )
 
@@ -27,7 +26,7 @@ _EDGE_S = 0.15  # at the start of a motion, in which the joints of the arm break
 _STILL_M = 0.0005  # motion of the held point in `_STILL_S` below which the joint is blocked
 _STILL_S = 0.06
 _SETTLES_S = 2.0  # at most, in which friction may keep the part from its goal
-_NEAR = 0.2  # fraction of the tolerance within which it is there
+_NEAR = 0.6  # fraction of the tolerance within which it is there: pulled on, it may jump beyond
 _PULL_N_M_S = 1e4  # rate at which the pull grows with the distance from the set-point
 
 
@@ -45,7 +44,11 @@ class Operate(Skill):
             le=720,
         )
         force: float = port(
-            40.0, "force along the path of the handle at which it stops", unit="N", ge=2, le=200
+            40.0,
+            "force on the hand, along or across its path, at which it stops",
+            unit="N",
+            ge=2,
+            le=200,
         )
         tolerance: float = port(
             0.005, "largest distance of the held point from its goal", unit="m", ge=5e-4, le=0.1
@@ -79,7 +82,9 @@ class Operate(Skill):
         self._part = part
         self._hand = HandForce(arm)
         self._most_n = 0.0
-        self._along: Vector | None = None
+        self._along = np.zeros(3)
+        self._way = float(np.sign(goal - part.position))
+        self._last = self.time
         has_gripper = arm.name in arm.world.grippers and part.name in arm.gripper.held
         grip = Grip(arm, part.name) if has_gripper else None
         began = part.position
@@ -89,7 +94,13 @@ class Operate(Skill):
             yield from self._hand.soften()
             for progress in self._move(goal, force, grip):
                 yield 0.9 * progress
-            yield from self._hand.rest(self._along)
+            yield from self._hand.rest(lambda: self._hold(goal))
+            # Without the spring of a soft arm that was behind, the part may have moved back.
+            rested = self.time
+            while self._away(goal) > _NEAR * ports.tolerance and self.time - rested < _SETTLES_S:
+                yield 0.95
+                arm.check()
+                self._hold(goal)
         except Failure as failure:
             if failure.code == "SLIPPED" and grip is not None:
                 yield from grip.judge(failure)
@@ -123,20 +134,19 @@ class Operate(Skill):
         ports = self.ports
         part = self._part
         start = arm.commanded_tool_pose
-        poses = [moved @ start for moved in part.displacements(goal)]
+        path = part.path(goal)
+        poses = [moved @ start for moved in path.moves]
         if max(start.distance(pose) for pose in poses) < 1e-5:
             return
         rows = arm.kinematics.follow_on(poses, arm.setpoint.q)
-        moving = frozenset({part.name}) | loads_on(arm.world, part.name)
-        arm.refuse_collision_along(rows, ignore=moving)
+        path.refuse_contact(arm, rows)
         timed, _ = arm.slow_path(rows, ports.speed, ports.tool_speed, ports.speed)
         motion = arm.begin(timed, may_touch=True, compliant=True)
         arm.controller.compliance.soften()
-        began = last = self.time
+        began = self._last = self.time
         exceeded: float | None = None
         past = [(self.time, part.position)]
         set_point = self._set_points(start)
-        way = float(np.sign(goal - part.position))
         near = _NEAR * ports.tolerance
         while not motion.done or (
             self._away(goal) > near and self.time - began < timed.duration + _SETTLES_S
@@ -148,13 +158,9 @@ class Operate(Skill):
             past.append((self.time, part.position))
             while self.time - past[0][0] > _STILL_S:
                 past.pop(0)
-            along = self._along = self._direction(poses, motion.progress)
-            self._hand.ease(along)
-            # Softly followed, the part stays behind by what friction takes: pull it on.
-            behind = self._lever * way * (set_point() - past[-1][1])
-            arm.yield_to((self.time - last) * _PULL_N_M_S * behind * along)
-            last = self.time
-            felt = self._against(along)
+            self._along = self._direction(poses, motion.progress)
+            self._pull_on(set_point() - past[-1][1])
+            felt = self._felt(self._along)
             if self.time - began < _EDGE_S or felt <= limit:
                 exceeded = None
             elif exceeded is None:
@@ -172,13 +178,32 @@ class Operate(Skill):
         arm = self.arm
         for _ in arm.halt(give_way=True):
             yield 1.0
-        yield from arm.relax()
+        for _ in self._hand.rest():
+            yield 1.0
         part = self._part
         where = part.spec.in_words(part.position)
         numbers = {"force_n": felt, "joint": part.position}
         if moved < _STILL_M:
             raise Failure("BLOCKED", f"{part.name} is blocked at {where}: {felt:.0f} N", **numbers)
         raise Failure("FORCE_LIMIT", f"{part.name} needs {felt:.0f} N at {where}", **numbers)
+
+    def _hold(self, goal: float) -> None:
+        """Give way sideways, and pull on what has left its goal; once per tick."""
+        behind = goal - self._part.position
+        self._pull_on(behind if self._lever * abs(behind) > _NEAR * self.ports.tolerance else 0.0)
+
+    def _pull_on(self, behind: float) -> None:
+        """Give way sideways, and pull along the path; once per tick.
+
+        Softly followed, the part stays behind by what friction takes.
+
+        Args:
+            behind: What is left to the position where the joint should be, rad or m.
+        """
+        self._hand.ease(self._along)
+        rate = _PULL_N_M_S * self._lever * self._way * behind
+        self.arm.yield_to((self.time - self._last) * rate * self._along)
+        self._last = self.time
 
     def _set_points(self, start: Pose) -> Callable[[], float]:
         """Position of the joint, rad or m, at the arm's last set-point, as a function.
@@ -198,16 +223,17 @@ class Operate(Skill):
         step = poses[index + 1].position - poses[index].position
         return np.asarray(step / max(float(np.linalg.norm(step)), 1e-9), float)
 
-    def _against(self, direction: Vector) -> float:
-        """Force against the motion of the held point, N: by the fingertips, else by the joints.
+    def _felt(self, direction: Vector) -> float:
+        """Larger one of the forces against the motion and across it, N, by the fingertips.
 
-        That force alone is then fitted to the external joint torques, relative to the joints'
-        efforts: a full wrench is not observable near a singularity.
+        Without them, the force against the motion alone is fitted to the external joint torques,
+        relative to the joints' efforts: a full wrench is not observable near a singularity.
         """
         arm = self.arm
         force = self._hand.measured
         if force is not None:
-            return -float(force @ direction)
+            against = -float(force @ direction)
+            return max(against, float(np.linalg.norm(force + against * direction)))
         lever = direction @ arm.world.nominal[arm.name].tool_jacobian_at(arm.q)[:3]
         shares = lever / arm.robot.limits.effort**2
         return -float(shares @ arm.external_torque) / max(float(shares @ lever), 1e-12)

@@ -408,6 +408,17 @@ class CollisionChecker:
         # Both fingers move by half of the opening; the scratch state keeps it between checks.
         self._scratch.data.qpos[self._fingers] = 0.5 * width
 
+    def move_joint(self, name: str, position: float) -> None:
+        """Put an object that moves on a joint elsewhere, for all further configurations.
+
+        Args:
+            name: Name of the object.
+            position: Position of its joint, rad or m.
+        """
+        model = self._scratch.model
+        joint = model.body_jntadr[model.body(name).id]
+        self._scratch.data.qpos[model.jnt_qposadr[joint]] = position
+
     def move_other(self, arm: ArmBody, q: Vector) -> None:
         """Put another arm into a configuration, of shape (dof,), rad, for all further checks."""
         self._scratch.data.qpos[arm.qpos_ids] = q

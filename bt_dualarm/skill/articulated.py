@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.core.errors import Failure
-from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.joints import JointSpec, moved_name
 from bt_dualarm.trajectory.path_timing import point_to_point
@@ -19,6 +20,42 @@ from bt_dualarm.trajectory.trajectory import Trajectory
 _SPACING_M: Final = 0.005
 _SPACING_RAD: Final = 0.03
 """Largest distances between two samples of a path: inverse kinematics stays on one branch."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointPath:
+    """Path of what a joint moves.
+
+    Attributes:
+        name: Name of the object that the joint moves.
+        positions: Positions of the joint, first to last, rad or m.
+        moves: Displacements in the world from the pose at the first position: the pose of a tool
+            that holds the part is each of them times the present one.
+    """
+
+    name: str
+    positions: tuple[float, ...]
+    moves: tuple[Pose, ...]
+
+    def refuse_contact(self, arm: Arm, rows: Matrix, free: Sequence[int] = ()) -> None:
+        """Check configurations of an arm that moves the part along the path.
+
+        Args:
+            arm: The arm.
+            rows: Its configurations, one for each position, of shape (n, dof), rad.
+            free: Geoms that may be touched.
+
+        Raises:
+            Failure: ``IN_COLLISION`` of the first configuration that touches something.
+        """
+        checker = arm.checker(loads_on(arm.world, self.name))
+        its = list(free)
+        checker.least[its, :] = checker.least[:, its] = -np.inf
+        for q, position in zip(rows, self.positions, strict=True):
+            checker.move_joint(self.name, position)
+            contact = checker.contact(q)
+            if contact is not None:
+                raise contact.failure()
 
 
 class MovedPart:
@@ -76,13 +113,11 @@ class MovedPart:
             )
         return self.spec.si(given)
 
-    def displacements(self, goal: float) -> list[Pose]:
-        """Displacements in the world of the part from its present pose to a goal, first to last.
-
-        The pose of a tool that holds it is each of them times the present one.
+    def path(self, goal: float) -> JointPath:
+        """Path of the part from where it is now.
 
         Args:
-            goal: Position of the joint, rad or m.
+            goal: Position of the joint at its end, rad or m.
 
         Raises:
             Failure: ``UNKNOWN_POSE``.
@@ -92,7 +127,8 @@ class MovedPart:
         before = (frame @ self.spec.displacement(here)).inverse
         count = max(math.ceil(abs(goal - here) / self._spacing), 8)
         places = np.linspace(here, goal, count + 1).tolist()
-        return [frame @ self.spec.displacement(place) @ before for place in places]
+        moves = tuple(frame @ self.spec.displacement(place) @ before for place in places)
+        return JointPath(self.name, tuple(places), moves)
 
     @property
     def _spacing(self) -> float:
@@ -160,19 +196,20 @@ class HandForce:
             self._arm.check()
             self.ease()
 
-    def rest(self, along: Vector | None = None) -> Iterator[None]:
+    def rest(self, hold: Callable[[], None] | None = None) -> Iterator[None]:
         """Let the set-point come to where the arm is; once per tick.
 
         The arm stays soft until its next motion: a stiff one would press with 60 N for each 0.1 mm
         of the servo's error.
 
         Args:
-            along: As of `ease`.
+            hold: Called once per tick instead of `ease`.
 
         Raises:
             Failure: ``BUSY`` when another leaf moves the arm.
         """
         arm = self._arm
+        hold = self.ease if hold is None else hold
         limits = arm.robot.limits
         for _ in range(_RESTS):
             here = np.clip(arm.q, limits.lower, limits.upper)
@@ -182,7 +219,7 @@ class HandForce:
             while not running.done or arm.time - began < _REST_S:
                 yield None
                 arm.check()
-                self.ease(along)
+                hold()
 
 
 _RESTS: Final = 2

@@ -36,7 +36,7 @@ from bt_dualarm.grasping.grasp import (
 from bt_dualarm.planning.problem import refuse_contact
 from bt_dualarm.sim.object_body import body_of, unit_ball
 from bt_dualarm.sim.world import World
-from bt_dualarm.skill.articulated import loads_on
+from bt_dualarm.skill.articulated import JointPath
 from bt_dualarm.skill.skill import unit_vector
 from bt_dualarm.spec.node_types import PortModel, port
 from bt_dualarm.spec.values import PartName, Speed, Vector3
@@ -140,8 +140,8 @@ class WantedGrasp:
         part: Name of the declared part at which it is grasped; None for any.
         point: Point in the object's frame at which it is grasped, of shape (3,), m; None for any.
         opening: Opening of the fingers during the approach, m; None for the widest.
-        onward: Displacements in the world, each from the object's present pose, through which the
-            arm has to be able to move the object once it holds it.
+        onward: Path along which the arm has to be able to move the object once it holds it; None
+            for any.
     """
 
     name: str | None
@@ -158,7 +158,7 @@ class WantedGrasp:
     part: str | None = None
     point: Vector | None = None
     opening: float | None = None
-    onward: tuple[Pose, ...] = ()
+    onward: JointPath | None = None
 
     def off_point(self, grasp: Grasp) -> float:
         """Distance of the point from the line along which a grasp closes or pulls, m.
@@ -551,7 +551,7 @@ def first_approach(
         left.remove(ranked)
         out = ranked.tool @ Pose.from_rpy((0.0, 0.0, -standoff))
         try:
-            rows = _rows_to(arm, out, ranked.tool, wanted.onward, touched)
+            rows = _rows_to(arm, out, ranked.tool, wanted)
             if wanted.name and wanted.edges is None:
                 arm.refuse_load(wanted.name, rows[-1], seen)
             arm.refuse_collision_along(rows, ignore=touched)
@@ -575,23 +575,25 @@ def first_approach(
     ) from ExceptionGroup("no way", reasons)
 
 
-def _rows_to(
-    arm: Arm, out: Pose, tool: Pose, onward: Sequence[Pose], touched: frozenset[str]
-) -> Matrix:
+def _rows_to(arm: Arm, out: Pose, tool: Pose, wanted: WantedGrasp) -> Matrix:
     """Configurations along the line to a grasp, in a branch in which the arm can move on from it.
 
     Raises:
         Failure: As `Arm.line`; ``IN_COLLISION`` on the way on.
     """
-    if not onward:
+    onward = wanted.onward
+    if onward is None:
         return arm.line(out, tool)
     poses = line(out, tool).poses
-    there = [*poses, *(one @ tool for one in onward)]
-    touched |= loads_on(arm.world, next(iter(touched), None))
+    later = [move @ tool for move in onward.moves]
+    free = _geoms_of_part(arm.world, wanted)
     blocked: Failure | None = None
-    for rows in islice(arm.kinematics.branches_along(there, arm.setpoint.q), _BRANCHES):
+    branches = arm.kinematics.branches_along([*poses, *later], arm.setpoint.q)
+    for rows in islice(branches, _BRANCHES):
         try:
-            arm.refuse_collision_along(rows, ignore=touched)
+            # As the arm will follow it from there: a redundant one may do so otherwise.
+            after = arm.kinematics.follow_on(later, rows[len(poses) - 1])
+            onward.refuse_contact(arm, after, free)
         except Failure as failure:
             blocked = blocked or failure.with_traceback(None)  # else it would keep this frame alive
         else:
@@ -599,6 +601,17 @@ def _rows_to(
     if blocked is None:
         raise Failure("PATH_BROKEN", "the arm cannot follow the joint")
     raise blocked
+
+
+def _geoms_of_part(world: World, wanted: WantedGrasp) -> list[int]:
+    """Geoms of the part at which something is grasped; of all parts if none is named."""
+    name = wanted.name or ""
+    parts = body_of(world.objects[name]).parts
+    return [
+        geom
+        for geom, part in zip(world.object_geoms(name), parts, strict=True)
+        if wanted.part in (None, part.name)
+    ]
 
 
 def _refuse_beside(arm: Arm, wanted: WantedGrasp, rows: Matrix, width: float) -> None:
@@ -620,11 +633,7 @@ def _refuse_beside(arm: Arm, wanted: WantedGrasp, rows: Matrix, width: float) ->
     if thing is None or thing.joint is None or wanted.name is None:
         return
     checker = arm.checker()
-    its = [
-        geom
-        for geom, part in zip(world.object_geoms(wanted.name), body_of(thing).parts, strict=True)
-        if wanted.part in (None, part.name)
-    ]
+    its = _geoms_of_part(world, wanted)
     checker.least[its, :] = checker.least[:, its] = -np.inf
     refuse_contact(checker, rows)
     page = arm.gripper.page

@@ -10,6 +10,7 @@ import pytest
 
 import bt_dualarm as bt
 from bt_dualarm.behaviors.load import load_tree_file
+from bt_dualarm.robots.mjcf_scene import read_mjcf
 from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.sim.world import World
 
@@ -171,3 +172,29 @@ def test_mesh_is_an_object_of_its_own(cell: Path) -> None:
     assert not [one for one in bt.check(cell) if one.severity == "error"]
     file = load_tree_file(cell)
     assert (file.objects["part"].shape, file.objects["part"].scale) == ("mesh", 0.01)
+
+
+def test_mutants_are_scenes_or_have_problems() -> None:
+    """Words of the file exchanged, doubled, cut and replaced: never another exception."""
+    rng = np.random.default_rng(5)
+    words = SCENE.split(" ")
+    hostile = ('"nan"', '"1e999"', '""', '"-1"', "<", '"a/b"', '"' + "9" * 400 + '"', "&x;", "\x00")
+    outcomes = set()
+    for _ in range(400):
+        mutant = list(words)
+        for _ in range(int(rng.integers(1, 4))):
+            index = int(rng.integers(len(mutant)))
+            other = mutant[int(rng.integers(len(mutant)))]
+            name, _, _ = mutant[index].partition("=")
+            mutant[index] = [
+                other,
+                f"{mutant[index]} {other}",
+                "",
+                f"{name}={hostile[int(rng.integers(len(hostile)))]}",
+            ][int(rng.integers(4))]
+        scene, problems = read_mjcf(" ".join(mutant), "mutant.xml")
+        errors = [one for one in problems if one.severity == "error"]
+        assert (scene is None or scene.content is None) == bool(errors)
+        assert all(one.message for one in problems)
+        outcomes.add(bool(errors))
+    assert outcomes == {True, False}

@@ -238,6 +238,7 @@ FILE: Tree = {
             "lasting": 0.1,
         },
         "gentle": {"tool": "arm1", "force": 10.0},
+        "shut": {"object": "door", "joint": "hinge", "between": [-90, 0.0]},
     },
     "faults": {
         "stuck": {
@@ -304,6 +305,10 @@ _POSE = {"xyz": [0.35, 0.1, 0.55]}
 LOOKED_FOR: tuple[Tree, ...] = (
     {"marker": {"id": 3, "size": 0.03}},
     {
+        "marker": {"id": 3, "size": 0.03},
+        "region": {"size": [1.0, 1.0, 1.0], "pose": {"xyz": [0.5, 0.1, 0.5], "rpy": [0, 0, 5]}},
+    },
+    {
         "shape": "box",
         "size": [0.05, 0.05, 0.05],
         "color": {"ranges": [{"hue": [42.0, 70.0], "saturation": [0.4, 1.0], "value": [0.2, 1.0]}]},
@@ -348,6 +353,7 @@ FORMS: Mapping[str, tuple[Tree, ...]] = {
     ),
     "grasp": (
         {"object": "cube", "point": [0, 0, 0.01], "open_to": 0.07},
+        {"object": "cube", "then_to": 0.1},
         {
             "object": "cube",
             "at": {"xyz": [0.40, -0.45, 0.425]},
