@@ -41,6 +41,8 @@ _LONG_S: Final = 0.13
 _VERY_LONG_S: Final = (
     0.5  # by then joints have broken away, however uneven the set-point's speed is
 )
+_UNEXPECTED_M_S: Final = 0.006  # highest speed of a guarded descent before contact is expected
+_BRISK: Final = 0.1  # fraction of the acceleration limits with which a guarded descent begins
 _STEADY: Final = 0.75  # fraction of the highest speed, which varies along the path
 _SLOW: Final = 0.3  # the same for the longest window
 _STOPPED: Final = 0.35  # fraction of the distance; a joint that sticks briefly leaves more
@@ -55,6 +57,8 @@ def guarded_descent(
     look: Callable[[], None],
     *,
     lightly: bool = False,
+    near: Pose | None = None,
+    ignore: frozenset[str] = frozenset(),
 ) -> Generator[float, None, tuple[bool, float]]:
     """Compliant straight motion that stops on contact (guarded move); yields the progress.
 
@@ -68,12 +72,23 @@ def guarded_descent(
         force: Contact force that ends the motion, N.
         look: Check that is called once per tick, and may raise.
         lightly: Whether a stop of 0.13 s counts as contact, however small the force is.
+        near: Pose on the way down to which no contact is expected: three times as fast.
+        ignore: Names of objects that may touch something on the way.
 
     Returns:
         Whether there was contact, and the largest force until the arm was at rest, N.
     """
     along = _direction(arm.commanded_tool_pose, end)
-    timed, top = _timed(arm, arm.line_on(end), speed)
+    if near is None:
+        timed, top = arm.slow_path(arm.line_on(end), speed, TOUCHDOWN_M_S, _BRISK)
+    else:
+        rows = arm.line_on(near)
+        first, _ = arm.slow_path(rows, _BRISK, _UNEXPECTED_M_S, _BRISK)
+        low = arm.line_after(rows[-1], end)
+        second, top = arm.slow_path(low, speed, TOUCHDOWN_M_S, _BRISK)
+        begin = OverlappedMotion.of(first)
+        # At rest in between, friction of the joints would count as contact.
+        timed = arm.overlapped(begin, second, _BRISK, 0.5 * first.duration, ignore).motion
     motion = arm.begin(timed, may_touch=True, compliant=True)
     return (
         yield from until_contact(
@@ -135,16 +150,6 @@ def _direction(start: Pose, end: Pose) -> Vector:
     offset = end.position - start.position
     along: Vector = offset / max(float(np.linalg.norm(offset)), 1e-9)
     return along
-
-
-def _timed(arm: Arm, rows: Matrix, speed: float) -> tuple[Trajectory, float]:
-    """Motion through rows of shape (n, dof), rad, and the highest speed of the tool, m/s."""
-    motion = arm.time_path(rows, speed)
-    steps = np.diff(arm.planned_tool_positions(motion), axis=0)
-    top = float(np.linalg.norm(steps, axis=1).max(initial=0.0)) / motion.dt
-    if top <= TOUCHDOWN_M_S:
-        return motion, top
-    return arm.time_path(rows, speed * TOUCHDOWN_M_S / top), TOUCHDOWN_M_S
 
 
 _LEAST_SCALE: Final = 0.25
