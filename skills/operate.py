@@ -109,18 +109,17 @@ class Operate(Skill):
             self.metrics["pull_force_n"] = self._most_n
         reached = part.position
         away = self._away(goal)
-        self.metrics |= {
-            "joint_before": began,
-            "joint_after": reached,
-            "joint_error_m": away,
-        }
+        self.metrics["joint_error_m"] = away
+        if part.spec.type == "hinge":
+            self.metrics |= {"joint_before_rad": began, "joint_rad": reached}
+        else:
+            self.metrics |= {"joint_before_m": began, "joint_m": reached}
         if away > ports.tolerance:
             spec = part.spec
             raise Failure(
                 "NOT_REACHED",
                 f"{part.name} is at {spec.in_words(reached)}, {1e3 * away:.1f} mm of its path from "
                 f"{spec.in_words(goal)}",
-                joint=reached,
                 away_m=away,
             )
 
@@ -142,7 +141,6 @@ class Operate(Skill):
         path.refuse_contact(arm, rows)
         timed, _ = arm.slow_path(rows, ports.speed, ports.tool_speed, ports.speed)
         motion = arm.begin(timed, may_touch=True, compliant=True)
-        arm.controller.compliance.soften()
         began = self._last = self.time
         exceeded: float | None = None
         past = [(self.time, part.position)]
@@ -182,7 +180,7 @@ class Operate(Skill):
             yield 1.0
         part = self._part
         where = part.spec.in_words(part.position)
-        numbers = {"force_n": felt, "joint": part.position}
+        numbers = {"force_n": felt, f"joint_{part.spec.si_unit}": part.position}
         if moved < _STILL_M:
             raise Failure("BLOCKED", f"{part.name} is blocked at {where}: {felt:.0f} N", **numbers)
         raise Failure("FORCE_LIMIT", f"{part.name} needs {felt:.0f} N at {where}", **numbers)
@@ -190,7 +188,9 @@ class Operate(Skill):
     def _hold(self, goal: float) -> None:
         """Give way sideways, and pull on what has left its goal; once per tick."""
         behind = goal - self._part.position
-        self._pull_on(behind if self._lever * abs(behind) > _NEAR * self.ports.tolerance else 0.0)
+        is_near = self._lever * abs(behind) <= _NEAR * self.ports.tolerance
+        is_firm = self._felt(self._along) > self.ports.force
+        self._pull_on(0.0 if is_near or is_firm else behind)
 
     def _pull_on(self, behind: float) -> None:
         """Give way sideways, and pull along the path; once per tick.

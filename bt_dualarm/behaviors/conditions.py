@@ -292,7 +292,7 @@ class JointAt(_Leaf):
         if low > high:
             raise Failure("INVALID_TARGET", f"between {low:g} and {high:g}: there is nothing")
         position = part.position
-        self.metrics["joint"] = position
+        self.metrics[f"joint_{part.spec.si_unit}"] = position
         self.reason = f"{part.name} is at {part.spec.in_words(position)}"
         return part.spec.si(low) <= position <= part.spec.si(high)
 

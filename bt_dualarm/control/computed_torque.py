@@ -486,12 +486,18 @@ class Compliance:
             self._holds = True
             self._numbers[_COMPENSATION_AT] = 0.0
 
-    def soften(self) -> None:
+    def soften(self, friction_speed: float | None = None) -> None:
         """Become compliant at once and freeze the compensation: for an arm that just made contact.
 
         While it brakes its set-point still advances, and a stiff arm presses with 60 N for each
         0.1 mm of that.
+
+        Args:
+            friction_speed: Velocity over which dry friction is smoothed, rad/s, for an arm that
+                starts to move in contact: the friction that is fed forward at once would be a blow.
         """
+        if friction_speed is not None:
+            self._numbers[_FRICTION_SPEED_AT] = friction_speed
         self._active = True
         self._holds = True
         self._numbers[_BANDWIDTH_AT] = _BANDWIDTH

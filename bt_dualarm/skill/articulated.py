@@ -185,7 +185,7 @@ class HandForce:
         """
         arm = self._arm
         arm.begin(Trajectory.rest(arm.setpoint.q, arm.period), may_touch=True, compliant=True)
-        arm.controller.compliance.soften()
+        arm.controller.compliance.soften(_FRICTION_RAD_S)
         yield from self.calm()
 
     def calm(self) -> Iterator[None]:
@@ -221,6 +221,10 @@ class HandForce:
                 arm.check()
                 hold()
 
+
+_FRICTION_RAD_S: Final = 0.1
+"""Velocity over which the arm's dry friction is fed forward: at a smaller one, a UR10 that breaks
+away presses on a handle with 50 N."""
 
 _RESTS: Final = 2
 _REST_S: Final = 0.15

@@ -89,6 +89,11 @@ class JointSpec(Value):
         """Unit of positions in a file: ``deg`` or ``m``."""
         return "deg" if self.type == "hinge" else "m"
 
+    @property
+    def si_unit(self) -> str:
+        """Unit of positions in skills and metrics: ``rad`` or ``m``."""
+        return "rad" if self.type == "hinge" else "m"
+
     def si(self, position: float) -> float:
         """Position as in a file, in degrees or m, in rad or m."""
         return math.radians(position) if self.type == "hinge" else position

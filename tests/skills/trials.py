@@ -639,7 +639,12 @@ TRIALS: dict[tuple[str, str], Trial] = {
         moves=True,
     ),
     ("operate", "NOT_REACHED"): Trial(
-        OPERATE, deeds=((9.1, slips("cabinet.slide", -0.008)),), moves=True
+        OPERATE,
+        deeds=(
+            (9.1, slips("cabinet.slide", -0.008)),
+            (9.12, drags("cabinet.slide", 1e3)),
+        ),
+        moves=True,
     ),
     ("operate", "SLIPPED"): Trial(
         OPERATE, deeds=((7.8, thins("cabinet.slide", "handle", 0.6)),), moves=True
