@@ -35,6 +35,7 @@ from bt_dualarm.spec.faults import FaultSpec, fault_problems, joint_problems, re
 from bt_dualarm.spec.node_types import (
     NodeSpec,
     NodeType,
+    all_of,
     is_dynamic,
     is_unknown,
     metadata_of,
@@ -507,7 +508,7 @@ def check(
         build: Whether to compile the world as well, as a run would.
     """
     loaded = load(tree, skills, params, folder)
-    kinds = {**LANGUAGE, **skills}
+    kinds = all_of(LANGUAGE, skills)
     file = loaded.file or loaded.sound
     source = loaded.source
     if file is None or source is None:

@@ -8,11 +8,11 @@ import importlib.util
 import inspect
 import re
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType, ModuleType
-from typing import Final
+from typing import Final, TypeVar
 
 from pydantic import ValidationError
 
@@ -83,9 +83,47 @@ class RegistryError(DualArmError):
         super().__init__("\n".join(self.complaints))
 
 
+Item = TypeVar("Item")
+
+
+class _OnDemand(Mapping[str, Item]):
+    """Mapping whose values may be made when they are read first.
+
+    Args:
+        later: Names of the values that are made on demand.
+        make: Makes the value of a name.
+        given: Further values, by name.
+    """
+
+    def __init__(
+        self, later: Iterable[str], make: Callable[[str], Item], given: Mapping[str, Item]
+    ) -> None:
+        self._names = dict.fromkeys((*later, *given))
+        self._make = make
+        self._made = dict(given)
+
+    def __getitem__(self, name: str) -> Item:
+        if name not in self._made:
+            if name not in self._names:
+                raise KeyError(name)
+            self._made[name] = self._make(name)
+        return self._made[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._names
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+
 @dataclass(frozen=True)
 class Registry:
     """All available skills.
+
+    A shipped skill is imported when it is read first: its file has its name.
 
     Attributes:
         skills: Classes of skills, by their name in YAML.
@@ -97,7 +135,7 @@ class Registry:
 
     @classmethod
     def load(cls, extra_dirs: Iterable[Path] = (), classes: Iterable[type[Skill]] = ()) -> Registry:
-        """Import and check all skills.
+        """Import and check all skills but the shipped ones, whose names are known.
 
         Args:
             extra_dirs: Folders of the user, searched in addition to the shipped one.
@@ -107,24 +145,22 @@ class Registry:
             RegistryError: A file cannot be imported, a skill is faulty, or two have the same name.
         """
         found = list(_installed())
-        shipped = list(_in_folder(share_dir("skills")))
-        found += shipped
         for folder in extra_dirs:
             found += _in_folder(folder)
         found += ((f"class {skill.__module__}.{skill.__qualname__}", skill) for skill in classes)
-        return cls.of(found, frozenset(skill for _, skill in shipped if isinstance(skill, type)))
+        return cls.of(found, {file.stem: file for file in _files_in(share_dir("skills"))})
 
     @classmethod
     def of(
         cls,
         found: Iterable[tuple[str, type[Skill] | Exception]],
-        tested: frozenset[type[Skill]] = frozenset(),
+        shipped: Mapping[str, Path] = MappingProxyType({}),
     ) -> Registry:
         """Registry of skills, each given with its origin or import error.
 
         Args:
             found: The skills.
-            tested: Those whose defaults are known to be valid, see `faults`.
+            shipped: Files of further skills, by the skill's name.
 
         Raises:
             RegistryError: As `load`.
@@ -137,19 +173,25 @@ class Registry:
                 complaints.append(f"{origin}: {skill}")
                 continue
             name = yaml_name(skill)
-            faulty = faults(skill, tests_defaults=skill not in tested)
-            complaints += [f"{origin}: {skill.__name__}: {fault}" for fault in faulty]
+            complaints += [f"{origin}: {skill.__name__}: {fault}" for fault in faults(skill)]
             if name in RESERVED_NAMES:
                 complaints.append(
                     f"{origin}: '{name}' is a node type of the language; rename the class"
                 )
             elif name in kinds and skills[name] is not skill:
                 complaints.append(f"{origin}: skill '{name}' is already in {kinds[name].origin}")
+            elif name in shipped and _shipped(shipped[name]) is not skill:
+                complaints.append(f"{origin}: skill '{name}' is already in {shipped[name]}")
             skills.setdefault(name, skill)
             kinds.setdefault(name, kind_of(skill, origin))
         if complaints:
             raise RegistryError(complaints)
-        return cls(MappingProxyType(skills), MappingProxyType(kinds))
+        return cls(
+            _OnDemand(shipped, lambda name: _shipped(shipped[name]), skills),
+            _OnDemand(
+                shipped, lambda name: kind_of(_shipped(shipped[name]), str(shipped[name])), kinds
+            ),
+        )
 
 
 def yaml_name(skill: type[Skill]) -> str:
@@ -175,15 +217,8 @@ def kind_of(skill: type[Skill], origin: str) -> NodeType:
     )
 
 
-def faults(skill: type[Skill], *, tests_defaults: bool = True) -> Iterator[str]:
-    """Faults of a skill class, one message each.
-
-    Args:
-        skill: The class.
-        tests_defaults: Whether its ports must accept their own defaults. For the shipped skills the
-            project's tests ensure that: to build the validators of all of their ports would take a
-            tenth of the start of a run, which uses few of them.
-    """
+def faults(skill: type[Skill]) -> Iterator[str]:
+    """Faults of a skill class, one message each."""
     if not _SKILL_NAME.fullmatch(yaml_name(skill)):
         yield f"its name in YAML would be '{yaml_name(skill)}'; rename the class"
     if sys.flags.optimize < 2 and not (vars(skill).get("__doc__") or "").strip():  # -OO strips it
@@ -199,7 +234,7 @@ def faults(skill: type[Skill], *, tests_defaults: bool = True) -> Iterator[str]:
         if not (isinstance(model, type) and issubclass(model, PortModel)):
             yield f"{part} is not a PortModel"
         else:
-            yield from (*_port_faults(part, model, tests_defaults), *_choice_faults(part, model))
+            yield from (*_port_faults(part, model), *_choice_faults(part, model))
             yield from _brought_faults(skill) if part == "Ports" else ()
     if skill.counterpart is not None:
         for name in (skill.counterpart.partner, *skill.counterpart.same):
@@ -208,9 +243,9 @@ def faults(skill: type[Skill], *, tests_defaults: bool = True) -> Iterator[str]:
     yield from _name_faults(skill)
 
 
-def _port_faults(part: str, model: type[PortModel], tests_defaults: bool) -> Iterator[str]:
+def _port_faults(part: str, model: type[PortModel]) -> Iterator[str]:
     fields = model.model_fields
-    refused = _refused_defaults(model) if tests_defaults else {}
+    refused = _refused_defaults(model)
     for name, field in fields.items():
         if not field.description:
             yield f"{part}.{name} has no description; declare it with port(default, description)"
@@ -287,9 +322,7 @@ def _in_folder(folder: Path) -> Iterator[tuple[str, type[Skill] | Exception]]:
     if not folder.is_dir():
         yield str(folder), FileNotFoundError("there is no such folder of skills")
         return
-    for file in sorted(folder.glob("*.py")):
-        if file.name.startswith("_"):
-            continue
+    for file in _files_in(folder):
         try:
             skills = list(_skills_in(imported(file)))
         except BaseException as error:  # noqa: BLE001 - a file may raise anything
@@ -298,6 +331,26 @@ def _in_folder(folder: Path) -> Iterator[tuple[str, type[Skill] | Exception]]:
         if not skills:
             yield str(file), TypeError("has no subclass of Skill")
         yield from ((str(file), skill) for skill in skills)
+
+
+def _files_in(folder: Path) -> list[Path]:
+    """Files of a folder that contain skills."""
+    return [file for file in sorted(folder.glob("*.py")) if not file.name.startswith("_")]
+
+
+def _shipped(file: Path) -> type[Skill]:
+    """The skill of a shipped file, the one that has its name; the project's tests check it.
+
+    Raises:
+        RegistryError: The file cannot be imported, or has no such skill.
+    """
+    try:
+        skills = {yaml_name(skill): skill for skill in _skills_in(imported(file))}
+    except Exception as error:  # a damaged installation
+        raise RegistryError([f"{file}: {import_error(error, str(file))}"]) from error
+    if file.stem not in skills:
+        raise RegistryError([f"{file}: has no skill '{file.stem}'"])
+    return skills[file.stem]
 
 
 def _skills_in(module: ModuleType) -> Iterator[type[Skill]]:

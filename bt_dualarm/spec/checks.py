@@ -40,6 +40,7 @@ from bt_dualarm.spec.node_types import (
     Outcomes,
     PortModel,
     WrittenKey,
+    all_of,
     dynamic_ports,
     in_words,
     is_dynamic,
@@ -899,7 +900,7 @@ class Examination:
     _node_types: Mapping[str, NodeType] = dataclass_field(init=False)
 
     def __post_init__(self) -> None:
-        self._node_types = {**self.language, **(self.skills or {})}
+        self._node_types = all_of(self.language, self.skills or {})
 
     def nodes(self, root: NodeSpec) -> None:
         """Check each node by itself."""

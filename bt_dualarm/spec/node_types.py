@@ -14,7 +14,8 @@ import json
 import math
 import re
 import unicodedata
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections import ChainMap
+from collections.abc import Callable, Iterable, Iterator, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from types import UnionType
@@ -28,6 +29,7 @@ from typing import (
     TypeAlias,
     TypeVar,
     Union,
+    cast,
     get_args,
     get_origin,
 )
@@ -619,6 +621,11 @@ class NodeType:
         """Fields of a node that are neither ports nor outputs: its name and children."""
         lists = ["children"] * self.many + ["cases"] * self.cases
         return frozenset({"name", *lists, *(slot.name for slot in self.slots)})
+
+
+def all_of(*kinds: Mapping[str, NodeType]) -> Mapping[str, NodeType]:
+    """Node types of several mappings, whose values are not read: skills are imported on demand."""
+    return ChainMap(*(cast("MutableMapping[str, NodeType]", some) for some in kinds))
 
 
 @dataclass(frozen=True, eq=False)

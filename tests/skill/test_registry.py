@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+import sys
 from pathlib import Path
 from textwrap import dedent
 
@@ -148,3 +149,35 @@ def test_installed_packages(folder: Path, monkeypatch: pytest.MonkeyPatch) -> No
     installed("pathlib:Path")
     with pytest.raises(RegistryError, match="is neither a skill nor a module of skills"):
         Registry.load()
+
+
+def test_a_shipped_skill_is_imported_when_it_is_read(folder: Path) -> None:
+    """Its file has its name; a damaged one is named by whoever reads it, not at each start."""
+    shipped = folder / "shipped"
+    (shipped / "wave_once.py").write_text(dedent(GOOD))
+    (shipped / "damaged.py").write_text("1 / 0")
+    (shipped / "elsewhere.py").write_text(dedent(GOOD))
+    before = set(sys.modules)
+    found = Registry.load()
+    assert list(found.kinds) == list(found.skills) == ["damaged", "elsewhere", "wave_once"]
+    assert "wave_once" in found.kinds
+    assert len(found.skills) == 3
+    assert set(sys.modules) == before
+    assert found.kinds["wave_once"].origin == str(shipped / "wave_once.py")
+    assert found.kinds["wave_once"] is found.kinds["wave_once"]
+    with pytest.raises(RegistryError, match=r"damaged\.py: cannot be imported: ZeroDivisionError"):
+        found.skills["damaged"]
+    with pytest.raises(RegistryError, match=r"elsewhere\.py: has no skill 'elsewhere'"):
+        found.kinds["elsewhere"]
+    with pytest.raises(KeyError):
+        found.skills["nothing"]
+    assert complaints(folder, GOOD) == [
+        "wave.py: skill 'wave_once' is already in shipped/wave_once.py"
+    ]
+
+
+def test_shipped_files_have_the_names_of_their_skills() -> None:
+    found = Registry.load()
+    assert {name: yaml_name(skill) for name, skill in found.skills.items()} == {
+        name: name for name in found.kinds
+    }
