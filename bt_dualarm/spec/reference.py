@@ -559,7 +559,9 @@ def _body(node_type: NodeType, definitions: Json) -> Json:
         mapping["oneOf"] = [{"required": [name]} for name in node_type.ports.exactly_one_of]
     if node_type.ports.at_most_one_of:
         pairs = itertools.combinations(node_type.ports.at_most_one_of, 2)
-        mapping["not"] = {"anyOf": [{"required": [*pair]} for pair in pairs]}
+        mapping["allOf"] = [
+            {"anyOf": [{"properties": {name: False}} for name in pair]} for pair in pairs
+        ]
     if node_type.ports.goes_with:
         mapping["dependentRequired"] = {a: [b] for a, b in node_type.ports.goes_with.items()}
     forms: list[Json] = [mapping]
