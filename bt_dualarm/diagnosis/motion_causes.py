@@ -326,6 +326,13 @@ def time_causes(e: Evidence) -> Iterator[Cause]:
     if held_up is not None:
         yield held_up
         return
+    beyond = float(e.numbers.get("beyond_s", 0.0))
+    if beyond > 0.0 and e.root_cause.at is None:
+        sentence = (
+            f"the target had been out of reach for {beyond:.1f} s, and {e.leaf.path!r} waited"
+        )
+        yield e.cause("LEFT_REACH", sentence, "a larger `reach`, or a target that comes nearer")
+        return
     if e.code == "TIMED_OUT":
         yield e.cause("TOO_LITTLE_TIME", e.reason)
         return

@@ -166,8 +166,13 @@ class Outline:
         if not self.localizer.knows_shape:
             return True
         change = np.array(detection.bounds_px) - self._box(sighting.point, frame) - self._rest
-        changed = max(abs(change[2] - change[0]), abs(change[3] - change[1]))
-        return bool(changed <= self._slack(detection))
+        wider = change[2] - change[0]
+        higher = change[3] - change[1]
+        slack = self._slack(detection)
+        # A face that turns about the line of sight keeps its area, and its box becomes as much
+        # wider as higher; what covers a part of it, or merges with it, changes the area.
+        turned = abs(wider - higher) <= slack
+        return bool(turned or max(abs(wider), abs(higher)) <= slack)
 
     def trusted(
         self, seen: VisiblePart, frame: Frame, expected: Vector, sigma: float

@@ -908,9 +908,12 @@ class PlaneTracking:
         view when the target was chosen: above zero the choice, the image center, was ambiguous.
         ``old_data_steps`` counts the control steps toward a target whose newest sighting was older
         than `STALE_S`, and whose position was uncertain by more than `FORESEEN_M`; ``foreseen_s``
-        is the time for which a target out of view was followed by its prediction.
+        is the time for which a target out of view was followed by its prediction. ``beyond_s``,
+        only if above zero, is the time for which the target has been out of reach at the end.
         """
+        beyond: dict[str, Number] = {"beyond_s": self.beyond_for} if self.beyond_for > 0.0 else {}
         return {
+            **beyond,
             "frames": self._tracker.frames,
             "lost_count": self._tracker.lost_count,
             "refused_sightings": self._tracker.distractors.count,

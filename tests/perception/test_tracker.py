@@ -315,6 +315,24 @@ def test_what_looks_different_from_elsewhere_is_still_the_target(make_studio: St
     assert tracker.predict(1.5).position == pytest.approx(CENTER, abs=1e-3)
 
 
+def test_a_cube_of_known_size_that_turns_about_the_line_of_sight_is_still_the_target(
+    make_studio: StudioMaker,
+) -> None:
+    """Its outline's box becomes a third wider and higher, its area stays: it shows all edges."""
+    studio = make_studio(fps=60.0)
+    tracker = TargetTracker(studio.camera, YELLOW, cube())
+
+    def turning(time: float) -> tuple[float, float]:
+        angle = 0.5 * math.sin(3.0 * max(time - 0.5, 0.0))
+        body = studio.model.body("cube").mocapid[0]
+        studio.data.mocap_quat[body] = (math.cos(0.5 * angle), 0.0, math.sin(0.5 * angle), 0.0)
+        return small_circle(time)
+
+    follow(studio, tracker, turning, 0.0, 2.5)
+    assert tracker.lost_count == 0
+    assert tracker.predict(2.5).position == pytest.approx(position(small_circle, 2.5), abs=1e-3)
+
+
 def test_a_passing_speck_is_no_loss(make_studio: StudioMaker) -> None:
     studio = make_studio(fps=60.0)
     tracker = TargetTracker(studio.camera, YELLOW, FACE)

@@ -34,6 +34,25 @@ QUICK = (
     "fail of a subtree after a wall",
     "an offset that adds up in a loop",
 )
+FAR_TARGET = """
+bt_dualarm: 1
+world: {scene: empty, time_limit: 2.0}
+objects:
+  cube:
+    shape: box
+    size: [0.05, 0.05, 0.05]
+    mass: 0.1
+    color: yellow
+    fixed: true
+    pose: {xyz: [0.68, 0.26, 0.7]}
+arms:
+  arm1:
+    robot: panda
+    base: {xyz: [1.60, 0.11, 0.28], rpy: [0, 0, 180]}
+    posture: look_out
+    camera: {mount: wrist, resolution: [320, 240], fov: 50, fps: 30}
+    tree: {track: {duration: 5.0, reach: 0.1, score: cube}}
+"""
 BACK = 'reach_to_pose: {offset: "{goal}"}'
 FAILING = SHORT.replace(BACK, "reach_to_pose: {offset: {xyz: [3, 0, 0]}}")
 
@@ -164,3 +183,12 @@ def test_only_of_a_motion_it_says_that_a_faster_one_would_do(
     [story] = stories(recorded(tmp_path, late))
     assert story.causes[0].kind == "TOO_LITTLE_TIME"
     assert ("a faster motion" in story.causes[0].remedy) == faster
+
+
+def test_a_target_that_never_came_within_reach_is_the_cause_and_not_the_time(
+    tmp_path: Path,
+) -> None:
+    """`track` still waited for it when the run was over."""
+    [story] = stories(recorded(tmp_path, FAR_TARGET))
+    assert story.causes[0].kind == "LEFT_REACH", story.causes
+    assert "out of reach for 1." in story.causes[0].sentence

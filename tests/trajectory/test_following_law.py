@@ -80,7 +80,7 @@ def followed(
     errors = []
     for _ in range(round(seconds / PERIOD)):
         away = place + noise * rng.normal(size=2) - p
-        goal = closing_velocity(away, gains, reach)
+        goal = closing_velocity(away, gains, reach, 6.5 * SLACK)
         wanted = fading_acceleration(goal - v, gains.b, reach.jerk)
         wanted *= min(1.0, reach.acceleration / max(float(np.hypot(*wanted)), 1e-12))
         step = gains.f * (wanted - a)
