@@ -83,7 +83,7 @@ from bt_dualarm.spec.parser import (
 )
 from bt_dualarm.spec.path_file import texts_of
 from bt_dualarm.spec.problems import Location, Problem, SpecError, errors, in_order
-from bt_dualarm.spec.scene import Scene, is_scene_path, read_scene
+from bt_dualarm.spec.scene import SceneFile, is_scene_path, read_scene
 from bt_dualarm.spec.values import PoseSpec, Value
 from bt_dualarm.spec.yaml_reader import Data, DataPath, Source, TreeInput, read_tree, with_tuples
 
@@ -294,7 +294,7 @@ class _Loading:
         source: Source,
         scope: Scope,
         trees: Mapping[str, NodeSpec],
-        scene: Scene | None,
+        scene: SceneFile | None,
     ) -> TreeFile | None:
         if "arms" not in source.data and "subtrees" in source.data:
             return None  # a file to include
@@ -339,7 +339,7 @@ class _Loading:
             given=dict(scope.values),
         )
 
-    def _scene(self, source: Source, scope: Scope) -> Scene | None:
+    def _scene(self, source: Source, scope: Scope) -> SceneFile | None:
         """Returns the scene file that the tree file names, if it does and it can be read."""
         world = fill_parameters(source, ("world",), source.data.get("world"), scope, [])
         name = world.get("scene") if isinstance(world, dict) else None
@@ -352,7 +352,7 @@ class _Loading:
         return scene
 
     def _what_is_sound(
-        self, filled: Mapping[str, Data], path: FilePath, scene: Scene | None
+        self, filled: Mapping[str, Data], path: FilePath, scene: SceneFile | None
     ) -> TreeFile:
         """Returns world, objects and arms of a file with errors, without the invalid fields."""
         parts: dict[str, dict[str, Value]] = {}
@@ -399,7 +399,7 @@ class _Loading:
                 holder.pop(name, None)
 
 
-def _fixtures(scene: Scene | None) -> dict[str, ObjectSpec]:
+def _fixtures(scene: SceneFile | None) -> dict[str, ObjectSpec]:
     """Returns the fixtures of a scene as objects by name."""
     return {} if scene is None or scene.content is None else {**scene.content.fixtures}
 

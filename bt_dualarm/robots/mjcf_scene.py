@@ -21,7 +21,7 @@ from bt_dualarm.robots.urdf_xml import AttributeReader, DescriptionError, Elemen
 from bt_dualarm.spec.document import MOST_PARTS, FixtureSpec
 from bt_dualarm.spec.joints import MOST_JOINTS
 from bt_dualarm.spec.problems import Problem, in_order, is_name, suggestion
-from bt_dualarm.spec.scene import MOST_CAMERAS, MOST_FIXTURES, Scene, SceneContent
+from bt_dualarm.spec.scene import MOST_CAMERAS, MOST_FIXTURES, SceneContent, SceneFile
 from bt_dualarm.spec.yaml_reader import Data, DataPath, Source, Span, with_tuples
 
 _LENGTH: Final = Range(-100.0, 100.0, "m")
@@ -83,7 +83,7 @@ _FLOOR_M: Final = 1e-6
 _FREE: Final = ("free", "ball", "slide", "hinge")
 
 
-def read_mjcf(text: str, shown: str) -> tuple[Scene | None, list[Problem]]:
+def read_mjcf(text: str, shown: str) -> tuple[SceneFile | None, list[Problem]]:
     """Returns the scene of an MJCF file with its problems; None if it is not one.
 
     Args:
@@ -99,7 +99,7 @@ def read_mjcf(text: str, shown: str) -> tuple[Scene | None, list[Problem]]:
     lines = top.document.lines
     source = Source(shown, lines, {"fixtures": reader.fixtures}, reader.spans, reader.spans)
     if reader.problems:
-        return Scene(source, None), list(in_order([*reader.problems, *reader.warnings]))
+        return SceneFile(source, None), list(in_order([*reader.problems, *reader.warnings]))
     content: dict[str, FixtureSpec] = {}
     problems: list[Problem] = list(reader.warnings)
     for name, data in reader.fixtures.items():
@@ -113,9 +113,9 @@ def read_mjcf(text: str, shown: str) -> tuple[Scene | None, list[Problem]]:
             ]
     cameras = with_tuples(reader.cameras)
     if any(problem.severity == "error" for problem in problems):
-        return Scene(source, None), problems
+        return SceneFile(source, None), problems
     made = SceneContent.model_validate({"description": "", "cameras": cameras})
-    return Scene(source, made.model_copy(update={"fixtures": content})), problems
+    return SceneFile(source, made.model_copy(update={"fixtures": content})), problems
 
 
 @dataclass

@@ -43,7 +43,7 @@ class SceneContent(Value):
 
 
 @dataclass(frozen=True)
-class Scene:
+class SceneFile:
     """A scene file that was read.
 
     Attributes:
@@ -60,13 +60,13 @@ def is_scene_path(name: object) -> bool:
     return isinstance(name, str) and name.endswith((".yaml", ".yml", ".xml"))
 
 
-SceneReader: TypeAlias = Callable[[str, str], tuple[Scene | None, list[Problem]]]
+SceneReader: TypeAlias = Callable[[str, str], tuple[SceneFile | None, list[Problem]]]
 """Reads the text of a scene; its arguments are the text and the path for messages."""
 
 
 def read_scene(
     tree: Source, name: str, root: Path, texts: Mapping[str, str], read_xml: SceneReader
-) -> tuple[Scene | None, list[Problem]]:
+) -> tuple[SceneFile | None, list[Problem]]:
     """Reads a scene file, and returns it with its problems; None if it cannot be read.
 
     Args:
@@ -118,7 +118,7 @@ def read_scene(
             source.problem(found.path, found.message, found.hint, key=found.at_key)
             for found in explain(error, SceneContent, filled, "field", frozenset({VERSION}))
         ]
-        return Scene(source, None), problems
+        return SceneFile(source, None), problems
     for fixture in content.fixtures.values():
         fixture.look_in(shown.parent)
-    return Scene(source, content), []
+    return SceneFile(source, content), []
