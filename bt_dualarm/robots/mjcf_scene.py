@@ -9,14 +9,15 @@ simulation are those of the tree file, and are ignored here with a warning.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 from pydantic import ValidationError
 
-from bt_dualarm.core.pose import Pose
+from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.robots.urdf_xml import AttributeReader, DescriptionError, Element, Range, parse_xml
 from bt_dualarm.spec.document import MOST_PARTS, FixtureSpec
 from bt_dualarm.spec.joints import MOST_JOINTS
@@ -418,7 +419,9 @@ class _Reader(AttributeReader):
         bodies.joints[name] = self._joint_data(joint, kind, frame)
         return name
 
-    def _joint_data(self, joint: Element, kind: str, frame: Pose) -> dict[str, Any]:
+    def _joint_data(
+        self, joint: Element, kind: str, frame: Pose
+    ) -> dict[str, Any]:  # Any: fields of a spec
         ends = self._numbers_of(joint, "range", (2,))
         if not ends:
             self.add(joint, "a joint of a scene needs a range", 'range="0 90"')
@@ -491,7 +494,7 @@ class _Reader(AttributeReader):
             return self._numbers_of(self._materials[material], "rgba", (3, 4), _SHARE)
         return self._numbers_of(geom, "rgba", (3, 4), _SHARE)
 
-    def _shape(self, geom: Element) -> tuple[dict[str, Any], Pose] | None:
+    def _shape(self, geom: Element) -> tuple[dict[str, Any], Pose] | None:  # Any: fields of a spec
         """Shape with its size, and its pose in the body; None after a problem."""
         kind = geom.attributes.get("type", "mesh" if "mesh" in geom.attributes else "sphere")
         if kind not in _SHAPES or kind == "plane":
@@ -531,7 +534,7 @@ class _Reader(AttributeReader):
         file = mesh.attributes.get("file", "")
         return mesh.attributes.get("name", file.rpartition("/")[2].rpartition(".")[0])
 
-    def _mesh(self, geom: Element) -> tuple[dict[str, Any], Pose] | None:
+    def _mesh(self, geom: Element) -> tuple[dict[str, Any], Pose] | None:  # Any: fields of a spec
         name = geom.attributes.get("mesh", "")
         mesh = self._meshes.get(name)
         if mesh is None:
@@ -608,22 +611,23 @@ class _Reader(AttributeReader):
         self.cameras[name] = _pose_data(frame @ self._pose(camera) @ flip)
 
 
-def _unit(values: Any) -> Any:
-    vector = np.array(values, float)
+def _unit(values: npt.ArrayLike) -> Vector:
+    vector: Vector = np.array(values, float)
     length = float(np.linalg.norm(vector))
     if length < 1e-9:
         raise ValueError("a direction or quaternion has the length 0")
-    return vector / length
+    unit: Vector = vector / length
+    return unit
 
 
-def _about(axis: Any, angle: float) -> Any:
+def _about(axis: npt.ArrayLike, angle: float) -> Matrix:
     """Rotation matrix about a unit vector by an angle in rad."""
     half = 0.5 * angle
     turn = np.array((math.cos(half), *(math.sin(half) * np.asarray(axis))))
     return Pose(np.zeros(3), turn).rotation_matrix
 
 
-def _onto(direction: Any) -> Any:
+def _onto(direction: Vector) -> Matrix:
     """Rotation matrix of the least rotation that brings z onto a unit vector."""
     axis = np.cross((0.0, 0.0, 1.0), direction)
     length = float(np.linalg.norm(axis))
@@ -632,7 +636,7 @@ def _onto(direction: Any) -> Any:
     return _about(axis / length, math.atan2(length, float(direction[2])))
 
 
-def _rounded(values: Any) -> list[float]:
+def _rounded(values: Iterable[float]) -> list[float]:
     return [round(float(one), 12) + 0.0 for one in values]
 
 
@@ -641,7 +645,7 @@ def _pose_data(pose: Pose) -> dict[str, Data]:
     return {"xyz": [x, y, z], "quat": [float(one) for one in pose.quaternion]}
 
 
-def _volume(data: Mapping[str, Any]) -> float:
+def _volume(data: Mapping[str, Any]) -> float:  # Any: fields of a spec
     """Volume of a part, m³; 0 for a mesh."""
     size: list[float] = data.get("size", [])
     shape = data["shape"]
