@@ -44,7 +44,7 @@ class FollowPath(PathSkill):
         )
         closed: bool = port(False, "whether a line leads from the last point to the first")
         tool_speed: float = port(
-            0.05, "speed of the tool, constant but for its start and end", unit="m/s", gt=0, le=2
+            0.05, "speed of the tool, constant but for its start and end", unit="m/s", ge=1e-4, le=2
         )
         blend: float = port(
             0.01, "distance from a corner within which the path may cut it", unit="m", gt=0, le=0.5

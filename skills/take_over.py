@@ -481,7 +481,8 @@ class TakeOver(Skill):
         arm = self.arm
         bear = arm.world.attachments.bear
         for step in range(1, _STEPS + 1):
-            bear(arm.name, name, step / _STEPS)
+            if giver in arm.world.attachments.holders(name):  # a removed one has left all of it
+                bear(arm.name, name, step / _STEPS)
             until = arm.time + _TRANSFER_S / _STEPS
             while arm.time < until:
                 self._watch()

@@ -442,6 +442,11 @@ def coordination_causes(e: Evidence) -> Iterator[Cause]:
     for other in others or [name for name in e.timeline.roots if f"{name} " in e.reason]:
         if other == e.arm or other not in e.timeline.roots:
             continue
+        named = e.ports.get("object")
+        is_in_path = bool(waits) and waits[-1]["target"] == "path"
+        if is_in_path and isinstance(named, str) and named in e.scene(e.ended).held(other):
+            remedy = f"let {other} place {named} before {e.leaf.path!r}"
+            yield e.cause("HELD", f"{other} holds {named} already: {what}", remedy)
         sentence, leaf, time = _meanwhile(e, other)
         yield e.cause("OTHER_ARM", f"{what}: {sentence}", leaf=leaf, time_s=time)
 

@@ -130,7 +130,8 @@ class PastView:
             notes = self._notes_until(record, time)
             roots = self._trees_at(record, time)
             # A run that broke within a step ended after the last state that is kept.
-            until = np.inf if record.end is not None and time >= record.until else time
+            is_end = round(time, 4) >= round(record.until, 4)  # the page rounds times
+            until = np.inf if record.end is not None and is_end else time
             arms = [self._arm(record, roots[name], index, until, notes) for name in record.arms]
             return {
                 "time": round(time, 4),

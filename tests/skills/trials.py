@@ -534,7 +534,7 @@ TRIALS: dict[tuple[str, str], Trial] = {
     **moving("draw", square(0.1, 0.1), 1.0),
     ("follow_path", "INVALID_TARGET"): Trial(lines([[0.1, 0.0], [0.1, 0.0]])),
     ("follow_path", "TOO_FAST"): Trial(lines(SQUARE, tool_speed=0.5)),
-    ("follow_path", "UNREACHABLE"): Trial(lines([[0.7, 0.7], [0.7, -0.7]])),
+    ("follow_path", "UNREACHABLE"): Trial(lines([[0.5, 0.5], [0.5, -0.5]])),
     ("follow_path", "SINGULAR"): Trial(lines(FLAT_EIGHT)),
     ("follow_path", "PATH_BROKEN"): Trial(lines(WIDE, plane="xz"), {"arm": PANDA}),
     ("follow_path", "IN_COLLISION"): Trial(lines(SQUARE), {"objects": BESIDE}),
@@ -547,7 +547,7 @@ TRIALS: dict[tuple[str, str], Trial] = {
         {"move_linear": {"offset": {"xyz": [0, 0.12, 0]}}}, {"objects": BESIDE}
     ),
     ("move_linear", "KEEP_VIOLATED"): Trial(
-        {"move_linear": {"offset": {"xyz": [0, 0, 0.1]}, "keep": {"height": [0, 0.9]}}}
+        {"move_linear": {"offset": {"rpy": [30, 0, 0]}, "keep": {"upright": 5}}}
     ),
     **moving("move_linear", {"move_linear": {"offset": {"xyz": [0, 0.1, 0]}}}, 0.4),
     ("move_until_contact", "INVALID_TARGET"): Trial(
