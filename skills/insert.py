@@ -27,9 +27,9 @@ from bt_dualarm import (
 )
 
 _CLEAR_M = 0.004  # height above the rim from which the peg is lowered
-_HOP_M = 0.001  # height of a hop between two positions of the search
+_HOP_M = 0.001  # height above the rim from which the peg is lowered at a position of the search
 _HIGH_M = 0.0005  # a contact sensed within so much of the beginning of a descent is a false one
-_UNSURE_M = 0.002  # the same before the height of the rim is known
+_UNSURE_M = 0.002  # height above the expected rim from which it is lowered the first time
 _NEAR_BOTTOM_M = 0.003  # height above the bottom from which contact is expected
 _FALSE = 3  # descents at one position of the search before a false contact counts
 _PASSES = 2  # of the search; positions of the second lie between those of the first
@@ -189,10 +189,10 @@ class Insert(Skill):
         ports = self.ports
         force = grip.firm_for(ports.force)
         rim = lowest = ports.depth  # height of the tool above its pose at the bottom
-        hop = _UNSURE_M
+        start = rim + _UNSURE_M
         count = 0
         for count, offset in enumerate(_spiral(ports.radius, ports.pitch), start=1):
-            height = yield from self._probe(bottom, offset, (lowest, rim, hop), force, grip)
+            height = yield from self._probe(bottom, offset, start, lowest, force, grip)
             if height < lowest - _IN_M:
                 beside = float(np.linalg.norm(offset))
                 self.metrics |= {"search_places": count, "found_beside_m": beside}
@@ -200,7 +200,7 @@ class Insert(Skill):
             # The peg may be held a little higher or lower than estimated, and slide in the fingers.
             rim = height if count == 1 else min(rim, height)
             lowest = min(lowest, rim)
-            hop = _HOP_M
+            start = rim + _HOP_M
         yield from arm.relax()
         raise Failure(
             "NOT_FOUND",
@@ -210,31 +210,25 @@ class Insert(Skill):
         )
 
     def _probe(
-        self,
-        bottom: Pose,
-        offset: Vector,
-        heights: tuple[float, float, float],
-        force: float,
-        grip: Grip,
+        self, bottom: Pose, offset: Vector, start: float, rim: float, force: float, grip: Grip
     ) -> Generator[float | None, None, float]:
         """Lower the peg at an offset; returns its height, m, at contact or in the hole.
 
         Args:
             bottom: Pose of the tool in the world with the peg at its goal.
             offset: Offset from there, of shape (2,), m.
-            heights: Lowest height of the rim, the expected one, and that of the beginning above
-                it, m.
+            start: Height from which it is lowered, m.
+            rim: Lowest height of the rim, m: well below it, the peg is in the hole.
             force: Contact force, N.
             grip: Monitor of the grip.
         """
-        lowest, rim, hop = heights
-        high = _moved(bottom, offset, rim + hop)
-        deep = _moved(bottom, offset, lowest - 2.0 * _IN_M)
+        high = _moved(bottom, offset, start)
+        deep = _moved(bottom, offset, rim - 2.0 * _IN_M)
         down_speed = self.ports.down_speed
         for _ in range(_FALSE):
             yield from self._hop(high, grip)
             yield from guarded_descent(self.arm, deep, down_speed, force, grip.look, lightly=True)
-            if self._height(bottom) < rim + hop - _HIGH_M:
+            if self._height(bottom) < start - _HIGH_M:
                 break  # else the friction of a joint was taken for a contact
         return self._height(bottom)
 

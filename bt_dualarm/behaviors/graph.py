@@ -87,9 +87,7 @@ def _shared_by(arm: str, node: NodeSpec, kinds: Mapping[str, NodeType]) -> list[
     """Returns what a node shares with other trees: what it uses of the cell, a joint action."""
     joint = None if node.kind not in kinds else kinds[node.kind].counterpart
     if joint is not None:
-        given = node.ports.get(joint.partner)
-        partners = given if isinstance(given, (list, tuple)) else (given,)
-        arms = sorted((arm, *map(str, partners)))
+        arms = sorted((arm, *joint.partners(node.ports)))
         return [f"joint {[node.ports.get(name) for name in joint.same]} of {arms}"]
     if node.kind in (SIGNAL, AWAIT):
         return [f"signal {node.ports.get('signal')}"]

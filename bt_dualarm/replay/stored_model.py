@@ -66,16 +66,19 @@ def stored_model(
     """
     if mujoco.get_mju_user_warning() is None:
         mujoco.set_mju_user_warning(_ignore)  # by default MuJoCo writes MUJOCO_LOG.TXT
-    if _digest(content) not in _accepted:
+    trials = {_digest(content): (content, states)}
+    if not _accepted.keys() & trials.keys():
         # A fork takes a hundredth of the time, but may deadlock if there are other threads.
         is_single = threading.active_count() == 1 and len([*Path("/proc/self/task").iterdir()]) == 1
-        trials = [(content, states)]
-        if not is_single:
-            trials += [one for one in others if _digest(one[0]) not in _accepted]
-        complaints = [_forked(content, states)] if is_single else _spawned(trials)
-        for (tried, _), complaint in zip(trials, complaints, strict=False):
+        if is_single:
+            complaints = [_forked(content, states)]
+        else:
+            trials |= {_digest(one[0]): one for one in others}
+            trials = {digest: one for digest, one in trials.items() if digest not in _accepted}
+            complaints = _spawned([*trials.values()])
+        for digest, complaint in zip(trials, complaints, strict=False):
             if not complaint:
-                _accepted[_digest(tried)] = None
+                _accepted[digest] = None
         if complaints[0]:
             raise ValueError(complaints[0])
         while len(_accepted) > _MOST_ACCEPTED:

@@ -22,12 +22,13 @@ from bt_dualarm.spec.node_types import (
     NodeType,
     is_dynamic,
     metadata_of,
+    names_in,
     port,
 )
 from bt_dualarm.spec.parser import ParamSpec
 from bt_dualarm.spec.problems import Name, Problem, suggestion, written_as
 from bt_dualarm.spec.values import PoseSpec, Refers, Value
-from bt_dualarm.spec.yaml_reader import Data, DataPath, Source
+from bt_dualarm.spec.yaml_reader import Data, DataPath, Source, flow_text
 
 SignalType: TypeAlias = Literal["boolean", "integer", "number", "text", "vector"]
 ZoneName: TypeAlias = Annotated[str, Refers(("zone",))]
@@ -349,7 +350,7 @@ class CellCheck:
         given = None if joint is None else node.ports.get(joint.partner)
         if joint is None or given is None or is_dynamic(given):
             return
-        partners = _names(given)
+        partners = joint.partners(node.ports)
         if arm in partners:
             message = f"{node.kind}: {joint.partner}: {arm} cannot be its own partner"
             others = [name for name in self.trees if name != arm]
@@ -373,21 +374,20 @@ class CellCheck:
         leaves = [one for one in self.trees[partner].walk() if one.kind == joint.kind]
         for leaf in leaves:
             named = leaf.ports.get(joint.its_partner)
-            if (is_dynamic(named) or frozenset(_names(named)) == theirs) and all(
+            if (is_dynamic(named) or frozenset(names_in(named)) == theirs) and all(
                 leaf.ports.get(name) == value or is_dynamic(leaf.ports.get(name))
                 for name, value in same.items()
             ):
                 return
-        shown = f"[{', '.join(sorted(theirs))}]" if is_list else ", ".join(theirs)
-        needed = ", ".join(
-            f"{name}: {value}" for name, value in ((joint.its_partner, shown), *same.items())
-        )
+        members: Data = sorted(theirs) if is_list else next(iter(theirs))
+        needed = flow_text({joint.its_partner: members, **same})
         message = f"{node.kind}: no '{joint.kind}' in the tree of {partner} fits this one"
-        hint = f"it needs {joint.kind}: {{{needed}}}"
+        hint = f"it needs {joint.kind}: {needed}"
         if leaves:
             has = "; ".join(
                 ", ".join(
-                    f"{name}: {_flow(leaf.ports.get(name))}" for name in (joint.its_partner, *same)
+                    f"{name}: {flow_text(leaf.ports.get(name))}"
+                    for name in (joint.its_partner, *same)
                 )
                 + f" ({leaf.location})"
                 for leaf in leaves[:3]
@@ -567,18 +567,6 @@ class CellCheck:
         name, participants = self._meeting(arm, node)
         missing = [other for other in participants if not self._is_at(other, name, waits)]
         return [other for other in missing if other in halted]
-
-
-def _names(value: Data) -> tuple[str, ...]:
-    """Names that a port has: one, or a list."""
-    if isinstance(value, (list, tuple)):
-        return tuple(str(one) for one in value)
-    return () if value is None else (str(value),)
-
-
-def _flow(value: Data) -> str:
-    """Names as in a file."""
-    return f"[{', '.join(_names(value))}]" if isinstance(value, (list, tuple)) else str(value)
 
 
 def _listed(names: Iterable[str]) -> str:

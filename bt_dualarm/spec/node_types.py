@@ -550,6 +550,17 @@ class Counterpart:
     its_partner: str
     same: tuple[str, ...] = ("object",)
 
+    def partners(self, ports: Mapping[str, Data]) -> tuple[str, ...]:
+        """Names of the other arms by the ports of a node; none if the port is missing."""
+        return names_in(ports.get(self.partner))
+
+
+def names_in(value: Data) -> tuple[str, ...]:
+    """Returns the names that a port has: one, or a list of them."""
+    if isinstance(value, (list, tuple)):
+        return tuple(str(one) for one in value)
+    return () if value is None else (str(value),)
+
 
 def _unknown_shift(_: PortModel) -> None:
     return None

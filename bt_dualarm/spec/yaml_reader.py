@@ -658,7 +658,7 @@ def flow_text(value: Data) -> str:
     """Returns a value in YAML on one line: ``[{hue: [42, 70]}]``."""
     if isinstance(value, dict):
         return "{" + ", ".join(f"{key}: {flow_text(item)}" for key, item in value.items()) + "}"
-    if isinstance(value, list):
+    if isinstance(value, (list, tuple)):
         return "[" + ", ".join(map(flow_text, value)) + "]"
     if isinstance(value, str) and _PLAIN.fullmatch(value) and _reads_as_itself(value):
         return value
