@@ -7,8 +7,9 @@ Each mutant that is not refused as it is read goes through every reader that tak
 second, and one in `--slow` through those that draw films and run the tree again; one that is
 refused is refused by all readers alike, so one of them, drawn anew for each, has to say so.
 
-Each reading is a process of its own, forked from one that has imported everything and read
-nothing; the memory printed is the largest of one such process, its imports included.
+Each reading is a process of its own, forked from one that has imported everything and read the
+record that the mutants are made from, so that meshes are loaded once; the memory printed is the
+largest of one such process, its imports included. Progress is printed once in a hundred records.
 """
 
 from __future__ import annotations
@@ -107,7 +108,15 @@ def _work(
     count = Counter[str]()
     faults = list[str]()
     peak = (0.0, "")
-    for number in range(mutants + len(malicious)):
+    total = mutants + len(malicious)
+    sandbox = place / "s"
+    sandbox.mkdir(parents=True)
+    files.write(sandbox / "record")
+    for reader in QUICK.values():
+        fault_of(reader, sandbox)
+    for number in range(total):
+        if number and number % 100 == 0:
+            print(f"  share {seed}: {number} of {total} records", flush=True)
         if number < mutants:
             what, changed = mutated(files, dice)
         else:
@@ -116,7 +125,7 @@ def _work(
             MALICIOUS[what](changed)
         count["records"] += 1
         everything = number >= mutants
-        for name, reading in _readings(changed, place / "s", dice, slow, everything=everything):
+        for name, reading in _readings(changed, sandbox, dice, slow, everything=everything):
             count["readings"] += 1
             count["refusals"] += reading.refused
             fault = reading.fault
