@@ -1,12 +1,14 @@
 """Following any motion: robots by planes by kinds of motion, each with its theoretical bound.
 
     python -m benchmarks.track_anything [--trials N] [--seed S] [--robot NAME ...]
-        [--motion KIND ...] [--reality lab rough] [--camera FPS/MS ...] [--share 0.8] [--lines]
+        [--motion KIND ...] [--reality lab rough] [--camera FPS/MS ...] [--share 0.8] [--free]
+        [--lines]
 
 Every trial draws its plane, curve, reality and camera from its seed. The curve is timed by the
 follower's own limits along the true path, and then stretched: ``--share 0.8`` needs 80 % of the
 fastest speed, which is 64 % of the accelerations; above 1 no arm can follow. `track` ends by
-``until_still``. Printed are median and 95th percentile of the true root mean square error in the
+``until_still``. With ``--free`` the curve leans out of the plane by up to 45°, and is followed in
+space. Printed are median and 95th percentile of the true root mean square error in the
 plane, less its mean, during the motion, by follower and by kind of motion, beside the bound: the
 error of the filter with an ideal arm, true positions and the measured noise. Then the outcomes,
 SUCCESS with a true error above ``max_error``, and runs that did not end.
@@ -26,6 +28,7 @@ from typing import Final
 
 import numpy as np
 from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
 
 from benchmarks.following_trial import DISTANCE_M, LOOKS
 from benchmarks.vantage import BASE, POSTURE, Vantage, vantage
@@ -84,6 +87,7 @@ class Case:
         share: Speed of the target as a fraction of the fastest that the follower could execute.
         sized: Whether the target's size is known.
         seed: Of the curve and of the run.
+        free: Whether the curve leans out of the plane and is followed in space.
     """
 
     robot: str
@@ -94,9 +98,10 @@ class Case:
     share: float
     sized: bool
     seed: int
+    free: bool = False
 
     def __str__(self) -> str:
-        sized = "sized" if self.sized else "-"
+        sized = "free" if self.free else "sized" if self.sized else "-"
         return (
             f"{self.robot:<6} {self.plane} {self.motion:<12} {self.reality:<5} "
             f"{self.camera:<6} {self.share:g} {sized:<5} {self.seed}"
@@ -166,25 +171,26 @@ class _Carrier(IdleObserver):
 
     world: World
     place: Vector
-    axes: Matrix
+    normal: Vector
+    curve: Matrix
     course: Course
-    rows: list[tuple[float, float, float, float, float]] = field(default_factory=list)
+    rows: list[tuple[float, ...]] = field(default_factory=list)
 
     def after_step(self, time: float) -> None:
         since = time - _REST_S
         at = self.course.at(since)
         body = self.world.object_body("cube")
-        normal = np.cross(*self.axes)
+        normal = self.normal
         behind = _HIDDEN_M if self.course.hidden[0] <= since < self.course.hidden[1] else 0.0
         model = self.world.model
         looking = self.world.data.site_xpos[self.world.arms["arm1"].tool_site] - self.place
         side = float(np.sign(normal @ looking))
-        model.body_pos[body] = self.place + at @ self.axes + behind * side * normal
+        model.body_pos[body] = self.place + at @ self.curve + behind * side * normal
         if self.course.turning and since > 0.0:
             angle = 0.5 * np.sin(self.course.turning * since)
             model.body_quat[body] = (np.cos(0.5 * angle), *(np.sin(0.5 * angle) * normal))
-        tool = self.axes @ self.world.arms["arm1"].tool_pose.position
-        self.rows.append((time, *tool.tolist(), *(self.axes @ self.place + at).tolist()))
+        tool = self.world.arms["arm1"].tool_pose.position
+        self.rows.append((time, *tool.tolist(), *(self.place + at @ self.curve).tolist()))
 
 
 def cases(asked: argparse.Namespace) -> Iterator[Case]:
@@ -204,6 +210,7 @@ def cases(asked: argparse.Namespace) -> Iterator[Case]:
             asked.share,
             bool(rng.integers(2)),
             int(rng.integers(1, 10**6)),
+            asked.free,
         )
 
 
@@ -270,20 +277,25 @@ def follow(case: Case, registry: Registry) -> Found:
     """
     seen = vantage(case.robot, LOOKS[case.plane])
     axes = np.array(Plane.model_validate(case.plane).axes)
-    path = course(case, seen, axes)
+    normal = np.cross(*axes)
+    curve = axes
+    if case.free:
+        axes = np.vstack((axes, normal))
+        curve = axes[:2] @ _leaning(axes, np.random.default_rng(case.seed))
+    path = course(case, seen, curve)
     place = seen.ahead(DISTANCE_M)
     end = _REST_S + path.duration
     with tempfile.TemporaryDirectory() as folder:
-        start = place + path.at(0.0) @ axes
+        start = place + path.at(0.0) @ curve
         tree = _tree(case, seen.write_page(Path(folder)), start, end + _AFTER_S)
         file = load_tree_file(tree, registry.kinds, folder=Path(folder))
         with Run(file, registry, RunOptions(seed=case.seed, renderer="ray")) as run:
-            carrier = _Carrier(run.world, place, axes, path)
+            carrier = _Carrier(run.world, place, normal, curve, path)
             run.watch(carrier)
             leaf = run.finish().arms["arm1"].runs[0]
     rows = np.array(carrier.rows)
     during = rows[(rows[:, 0] >= _REST_S) & (rows[:, 0] <= end)]
-    away = _errors(during)
+    away = _errors(during, axes)
     noise = float(leaf.metrics.get("sighting_sd_m", 1e-4))
     code = "SUCCESS" if str(leaf.status) == "SUCCESS" else str(leaf.code or "ENDLESS")
     if code in ("HALTED", "TIMEOUT"):
@@ -291,7 +303,7 @@ def follow(case: Case, registry: Registry) -> Found:
     allowed = float(leaf.metrics.get("max_error_m", 0.01))
     return Found(
         rms=_rms(away),
-        whole=_rms(_errors(rows[rows[:, 0] >= _SETTLED_S])),
+        whole=_rms(_errors(rows[rows[:, 0] >= _SETTLED_S], axes)),
         bound=bound(case, path, noise),
         code=code,
         cause=str(leaf.metrics.get("cause", "")),
@@ -301,9 +313,27 @@ def follow(case: Case, registry: Registry) -> Found:
     )
 
 
-def _errors(rows: Matrix) -> Vector:
-    """True distances of the tool from the target, less their mean, of shape (n,), m."""
-    error = rows[:, 1:3] - rows[:, 3:5]
+def _leaning(axes: Matrix, rng: np.random.Generator) -> Matrix:
+    """Rotation by up to 45° about a direction in the plane, to be multiplied from the right."""
+    about = rng.uniform(0.0, 2.0 * np.pi)
+    turn = (
+        rng.uniform(0.25, 1.0)
+        * 0.25
+        * np.pi
+        * (np.array((np.cos(about), np.sin(about))) @ axes[:2])
+    )
+    matrix: Matrix = Rotation.from_rotvec(turn).as_matrix().T
+    return matrix
+
+
+def _errors(rows: Matrix, axes: Matrix) -> Vector:
+    """True distances of the tool from the target, less their mean, of shape (n,), m.
+
+    Args:
+        rows: Time, tool and target, of shape (n, 7), s and m.
+        axes: Unit vectors along which the distance counts, of shape (k, 3).
+    """
+    error = (rows[:, 1:4] - rows[:, 4:7]) @ axes.T
     away: Vector = np.linalg.norm(error - error.mean(axis=0), axis=1)
     return away
 
@@ -368,12 +398,12 @@ def _tree(case: Case, page: str, start: Vector, limit: float) -> dict[str, Data]
         "latency": case.latency,
     }
     track: dict[str, Data] = {
-        "plane": case.plane,
+        "plane": "free" if case.free else case.plane,
         "distance": DISTANCE_M,
         "score": "cube",
         "until_still": _STILL_S,
     }
-    if case.sized:
+    if case.sized or case.free:
         track["target_size"] = _SIZE_M
     arm: dict[str, Data] = {
         "robot": page,
@@ -426,6 +456,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--reality", nargs="+", default=["lab", "rough"])
     parser.add_argument("--camera", nargs="+", default=list(CAMERAS))
     parser.add_argument("--share", type=float, default=0.8)
+    parser.add_argument("--free", action="store_true", help="curves in space, followed in space")
     parser.add_argument("--lines", action="store_true", help="print each trial")
     asked = parser.parse_args(arguments)
     registry = Registry.load()

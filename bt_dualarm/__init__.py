@@ -158,6 +158,7 @@ if TYPE_CHECKING:
     from bt_dualarm.spec.values import Offset as Offset
     from bt_dualarm.spec.values import PartName as PartName
     from bt_dualarm.spec.values import Plane as Plane
+    from bt_dualarm.spec.values import PlaneOrFree as PlaneOrFree
     from bt_dualarm.spec.values import PoseSpec as PoseSpec
     from bt_dualarm.spec.values import PostureName as PostureName
     from bt_dualarm.spec.values import Speed as Speed
@@ -238,6 +239,7 @@ _CONTENTS: Final = {
     "Offset": "spec.values:Offset",
     "PartName": "spec.values:PartName",
     "Plane": "spec.values:Plane",
+    "PlaneOrFree": "spec.values:PlaneOrFree",
     "PathFile": "spec.path_file:PathFile",
     "Planner": "planning.path_search:Planner",
     "PointPose": "spec.relative_pose:PointPose",

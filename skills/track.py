@@ -1,9 +1,11 @@
-"""Track a colored target in a plane with the wrist camera alone."""
+"""Track a colored target, in a plane or in space, with the wrist camera alone."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Literal
+from typing import Literal, Self
+
+from pydantic import model_validator
 
 from bt_dualarm import (
     Color,
@@ -11,7 +13,7 @@ from bt_dualarm import (
     Failure,
     FollowingError,
     ObjectName,
-    Plane,
+    PlaneOrFree,
     PlaneTracking,
     PortModel,
     Skill,
@@ -23,7 +25,7 @@ from bt_dualarm import (
 
 
 class Track(Skill):
-    """Keep a colored target at the image center by moving the camera in a plane.
+    """Keep a colored target at the image center by moving the camera in a plane or in space.
 
     Only images and joint sensors are used. Without a target the arm stops, then searches within
     ``search_radius`` of the predicted target position.
@@ -31,18 +33,25 @@ class Track(Skill):
 
     class Ports(PortModel):
         color: Color = port("yellow", "color of the target: a name or HSV ranges")
-        plane: Plane = port(
-            "yz", "plane in which the tool moves, at constant orientation and depth"
+        plane: PlaneOrFree = port(
+            "yz",
+            "plane in which the tool moves, at constant orientation; `free` for all directions of "
+            "space, at `distance` from the target: needs target_size",
         )
         controller: Literal["predictive", "proportional"] = port(
             "predictive", "predict the target over the latency, or control the image error"
         )
         distance: float = port(
-            0.35, "depth of the target in front of the camera", unit="m", gt=0.02, le=5
+            0.35,
+            "depth of the target in front of the camera, which a free plane keeps",
+            unit="m",
+            gt=0.02,
+            le=5,
         )
         target_size: float | None = port(
             None,
-            "edge of a cubic target that faces the plane, to measure its depth",
+            "edge of a cubic target with a face parallel to the plane, or to the image of a free "
+            "one, to measure its depth",
             unit="m",
             gt=0.001,
             le=1,
@@ -101,6 +110,14 @@ class Track(Skill):
             None, "object whose true path the metrics compare with; not used for control"
         )
 
+        @model_validator(mode="after")
+        def _free_needs_the_size(self) -> Self:
+            if self.plane.plane is None and self.controller == "proportional":
+                raise ValueError("a free plane needs controller: predictive")
+            if self.plane.plane is None and self.target_size is None:
+                raise ValueError("a free plane needs target_size, which tells the depth")
+            return self
+
     failures = {
         "NO_CAMERA": "the arm has no camera that moves with it, or it does not face the plane",
         "NOT_SEEN": "the target did not come into view in time",
@@ -122,7 +139,7 @@ class Track(Skill):
         tracking = PlaneTracking(
             self.arm,
             color=ports.color,
-            plane=ports.plane,
+            plane=ports.plane.plane,
             speed=ports.speed,
             distance=ports.distance,
             target_size=ports.target_size,
@@ -133,7 +150,7 @@ class Track(Skill):
             search_radius=ports.search_radius,
             error=FollowingError(ports.max_error, ports.lost_timeout),
         )
-        score = TrackingScore(self.arm, ports.plane, ports.score)
+        score = TrackingScore(self.arm, tracking.axes, ports.score)
         try:
             yield from self._wait_for_target(tracking)
             yield from self._follow(tracking, score)
@@ -146,8 +163,10 @@ class Track(Skill):
             self.metrics |= {**score.metrics(tracking), **tracking.metrics()}
             for name, positions in score.paths().items():
                 self.record(name, score.times, positions)
-            self.record("error_in_plane_m", score.times, score.errors())
-            self.record("plane_normal", self.time, self.ports.plane.normal)
+            plane = ports.plane.plane
+            self.record("error_in_plane_m" if plane else "error_m", score.times, score.errors())
+            if plane:
+                self.record("plane_normal", self.time, plane.normal)
 
     def _wait_for_target(self, tracking: PlaneTracking) -> Iterator[None]:
         began = self.time

@@ -170,29 +170,29 @@ POSTURE: Final = 8
 HOLD_A: Final = 9
 """Accelerations that correct plane distance and orientation, rad/s²."""
 PLANE_RATES: Final = 10
-"""Joint rates per unit of tool velocity along each axis of the plane, 2 rows."""
-JACOBIAN: Final = 12
+"""Joint rates per unit of tool velocity along each followed axis, 3 rows; zeros beyond them."""
+JACOBIAN: Final = 13
 """Jacobian of the tool in the world, linear first, 6 rows."""
-JACOBIAN_BEFORE: Final = 18
+JACOBIAN_BEFORE: Final = 19
 """Jacobian at the previous set-point, 6 rows."""
-INVERSE: Final = 24
+INVERSE: Final = 25
 """Damped right inverse of the Jacobian, transposed, 6 rows."""
-SERVO_STATE: Final = 30
+SERVO_STATE: Final = 31
 
-# Tool motion relative to the plane, of shape (OBSERVED,).
+# Tool motion along the followed axes, of shape (OBSERVED,): the two of a plane, or three in space.
 DISPLACEMENT: Final = 0
-"""Displacement in the plane since the start, 2 elements, m."""
-VELOCITY: Final = 2
-"""Velocity in the plane, 2 elements, m/s."""
-ACCELERATION: Final = 4
-"""Acceleration in the plane at the previous set-point, 2 elements, m/s²."""
-PLANE_ERROR: Final = 6
-"""Signed distance to the plane, m."""
-ANGLE_ERROR: Final = 7
+"""Displacement along the followed axes since the start, 3 elements, m; zero beyond them."""
+VELOCITY: Final = 3
+"""Velocity along the followed axes, 3 elements, m/s."""
+ACCELERATION: Final = 6
+"""Acceleration along the followed axes at the previous set-point, 3 elements, m/s²."""
+PLANE_ERROR: Final = 9
+"""Signed distance to the plane, m; zero in space."""
+ANGLE_ERROR: Final = 10
 """Orientation error as a rotation vector (small angles), 3 elements, rad."""
-PLANE_LIMITS: Final = 10
-"""Acceleration and jerk that the joints allow in the plane, m/s² and m/s³."""
-OBSERVED: Final = 12
+PLANE_LIMITS: Final = 13
+"""Acceleration and jerk that the joints allow along the followed axes, m/s² and m/s³."""
+OBSERVED: Final = 15
 
 # Outcome of a servo step.
 HELD: Final = 0

@@ -1,8 +1,9 @@
-"""Visual servoing in a plane at the control rate, within the arm's limits.
+"""Visual servoing in a plane, or in space, at the control rate, within the arm's limits.
 
-The servo law (`servo_kernels`) computes the tool's acceleration in the plane from the limits that
-the joints impose there. The distance to the plane and the orientation are held; they have priority
-where joint acceleration or jerk limits do not suffice for both. Joint accelerations follow from
+The servo law (`servo_kernels`) computes the tool's acceleration along the followed axes, the two of
+a plane or three, from the limits that the joints impose there. The distance to the plane, if it is
+one, and the orientation are held; they have priority where joint acceleration or jerk limits do not
+suffice for both. Joint accelerations follow from
 ``q'' = J⁺(x'' - J'q')`` and are integrated, so that positions, velocities and accelerations are
 always consistent (closed-loop inverse kinematics, Siciliano et al., Robotics, 3.7.1 and 8.6.1).
 """
@@ -43,7 +44,10 @@ SLACK_M = 1.5e-4
 
 
 class PlaneTarget(NamedTuple):
-    """Target of the tool in the plane, relative to its start: m, m/s, m/s², each of shape (2,)."""
+    """Target of the tool along the followed axes, relative to its start: m, m/s, m/s².
+
+    Each of shape (k,), with k the number of axes.
+    """
 
     position: Vector
     velocity: Vector
@@ -51,19 +55,20 @@ class PlaneTarget(NamedTuple):
 
 
 TargetOf: TypeAlias = Callable[[float, Vector], PlaneTarget | None]
-"""Target at a simulated time in s, given the tool's displacement in the plane, of shape (2,), m;
-None to come to rest."""
+"""Target at a simulated time in s, given the tool's displacement along the followed axes, of shape
+(k,), m; None to come to rest."""
 
 
 class PlanarServo:
-    """Stream of set-points that follows a target in a plane.
+    """Stream of set-points that follows a target in a plane or in space.
 
     Args:
         kinematics: Kinematics of the arm.
         limits: Joint limits, already scaled by the allowed speed.
         period: Seconds between set-points.
         start: The last set-point that was sent.
-        axes: Orthogonal unit vectors of the plane in the world, of shape (2, 3).
+        axes: Orthogonal unit vectors in the world along which the tool follows, of shape (k, 3):
+            two of a plane, or three.
         target: Returns the target, see `TargetOf`.
         bandwidth: Upper bound of the following bandwidth, rad/s; the joints' jerk may allow less.
         slack: Jump of the target that may use all of the jerk, m.
@@ -93,8 +98,9 @@ class PlanarServo:
         self._sent = start
         self._now = start
         self._brake = OnlineStep(limits, period)
-        plane = np.array((*axes, np.cross(axes[0], axes[1])))
+        plane = np.array((*axes[:2], np.cross(axes[0], axes[1])))
         self._arm = (*_chain(kinematics, start.q), plane)
+        self._followed = len(axes)
         self._work = np.zeros((SERVO_STATE, len(start.q)))
         self._seen = np.zeros(OBSERVED)
         self._work[:5] = limit_rows(limits)
@@ -102,8 +108,9 @@ class PlanarServo:
         self._work[JACOBIAN_BEFORE : JACOBIAN_BEFORE + 6] = kinematics.jacobian(start.q)
         # Views: indexing a row costs as much as filling it.
         self._set_point_rows = tuple(self._work[row] for row in (NOW_Q, NOW_V, NOW_A))
-        self._goal = np.zeros((3, 2))
-        self._displacement = self._seen[DISPLACEMENT : DISPLACEMENT + 2]
+        self._goals = np.zeros((3, 3))
+        self._goal = self._goals[:, : self._followed]
+        self._displacement = self._seen[DISPLACEMENT : DISPLACEMENT + self._followed]
         self.time_scale = 1.0
         self._is_held = self._observe_from(start)
 
@@ -116,10 +123,11 @@ class PlanarServo:
         if not self._is_held:
             distance, *rotation = self._seen[PLANE_ERROR : ANGLE_ERROR + 3].tolist()
             angle = math.hypot(*rotation)
+            plane = f"{abs(distance) * 1e3:.0f} mm out of its plane and "
             raise Failure(
                 "UNREACHABLE",
-                f"the tool cannot follow there: it is {abs(distance) * 1e3:.0f} mm out of its "
-                f"plane and {math.degrees(angle):.0f}° from its orientation",
+                f"the tool cannot follow there: it is {plane if self._followed == 2 else ''}"
+                f"{math.degrees(angle):.0f}° from its orientation",
                 plane_error_m=abs(distance),
                 angle_error_rad=angle,
             )
@@ -129,9 +137,9 @@ class PlanarServo:
         if target is not None:
             goal[0], goal[1], goal[2] = target
         found = np.empty((3, len(now.q)))
-        desired = self.time_scale, target is not None, goal
+        desired = self.time_scale, target is not None, self._goals
         outcome = self._servo_step(
-            *self._parameters, *desired, *self._arm, self._work, self._seen, found
+            *self._parameters, *desired, *self._arm, self._followed, self._work, self._seen, found
         )
         if outcome == TOO_LATE:  # after this acceleration a joint could not stop: brake fully
             q, v, a = self._brake.to_rest(np.array(self._sent))
@@ -150,24 +158,24 @@ class PlanarServo:
         """Observe the tool at a set-point; return whether plane and orientation are held there."""
         for row, values in zip(self._set_point_rows, now, strict=True):
             row[:] = values
-        return self._observe_tool(*self._arm, self._period, self._work, self._seen)
+        return self._observe_tool(*self._arm, self._followed, self._period, self._work, self._seen)
 
 
 def plane_limits(
     kinematics: Kinematics, limits: JointLimits, q: Vector, axes: Matrix
 ) -> PlaneLimits:
-    """Acceleration and jerk that the joints allow the tool in any direction of a plane.
+    """Acceleration and jerk that the joints allow the tool in any direction of a plane or space.
 
     Args:
         kinematics: Kinematics of the arm.
         limits: Joint limits.
         q: Configuration of shape (dof,), rad.
-        axes: Unit vectors of the plane in the world, of shape (2, 3).
+        axes: Orthogonal unit vectors in the world, of shape (k, 3): two of a plane, or three.
     """
     jacobian = kinematics.jacobian(q)
     inverse = np.linalg.solve(jacobian @ jacobian.T + DAMPING * np.eye(6), jacobian)
     rates = axes @ inverse[:3]
-    per_unit = np.maximum(np.hypot(rates[0], rates[1]), 1e-6)
+    per_unit = np.maximum(np.hypot.reduce(rates, axis=0), 1e-6)
     return PlaneLimits(
         float((limits.acceleration / per_unit).min()), float((limits.jerk / per_unit).min())
     )
@@ -198,7 +206,7 @@ def warm_up_servo() -> None:
     links = np.ones((1, LINK))
     frames = np.ones((3, 12))
     plane = np.ones((3, 3))
-    observe_tool(links, frames, plane, 1.0, work, seen)
-    goal = np.ones((3, 2))
-    servo_step(1.0, 1.0, 1.0, 1.0, True, goal, links, frames, plane, work, seen, state)
+    observe_tool(links, frames, plane, 2, 1.0, work, seen)
+    goal = np.ones((3, 3))
+    servo_step(1.0, 1.0, 1.0, 1.0, True, goal, links, frames, plane, 2, work, seen, state)
     jerk_bandwidth(1.0, 1.0)

@@ -1,4 +1,6 @@
-"""Kernels of planar visual servoing within the joint limits. `servo_step` is the entry point.
+"""Kernels of visual servoing in a plane or in space, within the joint limits.
+
+`servo_step` is the entry point.
 
 Three nested loops, each of which asks no more of the next than that one can still undo (cascade
 control, Siciliano et al., Robotics, 8.3; the profiles are those of rest-to-rest motion, Biagiotti
@@ -123,6 +125,7 @@ def servo_step(
     links: Matrix,
     frames: Matrix,
     plane: Matrix,
+    followed: int,
     work: Matrix,
     seen: Vector,
     result: Matrix,
@@ -135,10 +138,12 @@ def servo_step(
         slack: Jump of the target that may use all of the jerk, m.
         time_scale: Share of the desired velocity that the guard allows.
         has_target: Whether there is a target; if not, the tool comes to rest.
-        target: Position, velocity and acceleration in the plane, of shape (3, 2).
+        target: Position, velocity and acceleration along the axes, of shape (3, 3); zeros along an
+            axis that is not followed.
         links: As in `observe_tool`.
         frames: As in `observe_tool`.
         plane: As in `observe_tool`.
+        followed: As in `observe_tool`.
         work: Servo state after `observe_tool`.
         seen: Tool motion after `observe_tool`.
         result: Output: acceleration, next position, next velocity, of shape (3, dof).
@@ -146,22 +151,22 @@ def servo_step(
     Returns:
         `HELD`, `LOST`, or `TOO_LATE`; after the last the tool has not been observed.
     """
-    desired = np.empty(2)
+    desired = np.empty(3)
     share = _BRAKING_SHARE
     if has_target:
         share = _follow_target(period, bandwidth, slack, time_scale, target, work, seen, desired)
     else:
-        slowing = -seen[VELOCITY : VELOCITY + 2]
+        slowing = -seen[VELOCITY : VELOCITY + 3]
         desired[:] = fading_acceleration(slowing, 2.0 * BRAKING_BANDWIDTH, seen[PLANE_LIMITS + 1])
     limit_acceleration(
-        work, seen[ACCELERATION : ACCELERATION + 2], desired, share, period, result[0]
+        work, seen[ACCELERATION : ACCELERATION + 3], desired, share, period, result[0]
     )
     if not _integrate(work, period, result):
         return TOO_LATE
     work[NOW_A] = result[0]
     work[NOW_Q] = result[1]
     work[NOW_V] = result[2]
-    return HELD if observe_tool(links, frames, plane, period, work, seen) else LOST
+    return HELD if observe_tool(links, frames, plane, followed, period, work, seen) else LOST
 
 
 @kernel
@@ -175,14 +180,14 @@ def _follow_target(
     seen: Vector,
     desired: Vector,
 ) -> float:
-    """Write the acceleration, of shape (2,), that follows the target; return its share ``f``."""
+    """Write the acceleration, of shape (3,), that follows the target; return its share ``f``."""
     reach = PlaneLimits(seen[PLANE_LIMITS], seen[PLANE_LIMITS + 1])
     gains = following_gains(bandwidth, slack, reach.jerk, period)
-    away = target[0] - seen[DISPLACEMENT : DISPLACEMENT + 2]
+    away = target[0] - seen[DISPLACEMENT : DISPLACEMENT + 3]
     goal = target[1] + closing_velocity(away, gains, reach, _HURRY_JUMPS * slack)
     passed = min(time_scale, stoppable_share(work, goal))
     # The guard's time scale and the position limits slow down the desired velocity alike.
-    lack = passed * goal - seen[VELOCITY : VELOCITY + 2]
+    lack = passed * goal - seen[VELOCITY : VELOCITY + 3]
     desired[:] = fading_acceleration(lack, gains.b, reach.jerk)
     if passed == 1.0:  # slowed down, the tool does not follow the target's acceleration
         desired += _TRUSTED_ACCELERATION * target[2]
@@ -253,17 +258,17 @@ def jerk_bandwidth(jerk: float, error: float) -> float:
 
 @kernel
 def closing_velocity(away: Vector, gains: Gains, reach: PlaneLimits, hurry: float) -> Vector:
-    """Velocity toward a target, of shape (2,), m/s.
+    """Velocity toward a target, of shape (3,), m/s.
 
     Args:
-        away: Offset of the target, of shape (2,), m.
+        away: Offset of the target, of shape (3,), m.
         gains: Gains near the target.
-        reach: Limits in the plane.
+        reach: Limits along the followed axes.
         hurry: Distance within which the tool closes in at full gain, m.
     """
-    distance = math.hypot(away[0], away[1])
+    distance = length(away)
     if distance == 0.0:
-        return np.zeros(2)
+        return np.zeros(3)
     far = PlaneLimits(_BRAKE_ACCELERATION * reach.acceleration, _BRAKE_JERK * reach.jerk)
     small = min(distance, hurry)
     speed = min(gains.c * small, braking_speed(small, far))
@@ -294,25 +299,31 @@ def braking_speed(distance: float, reach: PlaneLimits) -> float:
 
 
 @kernel
+def length(vector: Vector) -> float:
+    """Length of a vector of shape (3,), accurate to the last bit in a plane, where z is 0."""
+    return math.hypot(math.hypot(vector[0], vector[1]), vector[2])
+
+
+@kernel
 def fading_acceleration(lack: Vector, gain: float, jerk: float) -> Vector:
-    """Acceleration in m/s² for a velocity error in m/s, both of shape (2,).
+    """Acceleration in m/s² for a velocity error in m/s, both of shape (3,).
 
     ``gain`` times the error, but no more than can fade to zero with a share of the jerk ``j`` by
     the time the error ``s`` is gone: ``s = a²/2j``.
     """
-    size = math.hypot(lack[0], lack[1])
+    size = length(lack)
     if size == 0.0:
-        return np.zeros(2)
+        return np.zeros(3)
     acceleration: Vector = lack * min(gain, math.sqrt(2.0 * _FADE_JERK * jerk / size))
     return acceleration
 
 
 @kernel
 def stoppable_share(work: Matrix, velocity: Vector) -> float:
-    """Largest share of a plane velocity from which each joint can stop before its limit."""
+    """Largest share of a tool velocity, of shape (3,), from which each joint can stop in time."""
     share = math.inf
     for i in range(work.shape[1]):
-        turning = work[PLANE_RATES, i] * velocity[0] + work[PLANE_RATES + 1, i] * velocity[1]
+        turning = _joint_rate(work, i, velocity)
         q = work[NOW_Q, i]
         room = work[UPPER, i] - q if turning > 0.0 else q - work[LOWER, i]
         # v² = 2 a d
@@ -323,18 +334,27 @@ def stoppable_share(work: Matrix, velocity: Vector) -> float:
 
 
 @kernel
+def _joint_rate(work: Matrix, joint: int, along: Vector) -> float:
+    """Rate of a joint for a rate of the tool along the axes, of shape (3,)."""
+    rate: float = work[PLANE_RATES, joint] * along[0]
+    rate += work[PLANE_RATES + 1, joint] * along[1]
+    rate += work[PLANE_RATES + 2, joint] * along[2]
+    return rate
+
+
+@kernel
 def limit_acceleration(
     work: Matrix, now: Vector, desired: Vector, share: float, period: float, a: Vector
 ) -> None:
     """Write joint accelerations that hold plane and orientation, then move within the limits.
 
-    Holding comes first: only the part of the plane motion that the remaining acceleration and jerk
-    of every joint allow is added to it.
+    Holding comes first: only the part of the followed motion that the remaining acceleration and
+    jerk of every joint allow is added to it.
 
     Args:
         work: Servo state.
-        now: Current acceleration in the plane, of shape (2,), m/s².
-        desired: Desired acceleration in the plane, likewise.
+        now: Current acceleration along the followed axes, of shape (3,), m/s².
+        desired: Desired acceleration along them, likewise.
         share: Share of the step from one to the other that this period takes.
         period: Seconds between set-points.
         a: Output: joint accelerations, of shape (dof,), rad/s².
@@ -348,14 +368,16 @@ def limit_acceleration(
     for i in range(dof):
         high[i] = work[MAX_ACCELERATION, i]
         low[i] = -high[i]
-        step_a[i] = work[PLANE_RATES, i] * desired[0] + work[PLANE_RATES + 1, i] * desired[1]
+        step_a[i] = _joint_rate(work, i, desired)
     step = share * (desired * _feasible_share(work[HOLD_A], step_a, low, high) - now)
     for i in range(dof):
         change = work[MAX_JERK, i] * period
         low[i] = work[NOW_A, i] - change
         high[i] = work[NOW_A, i] + change
-        step_a[i] = work[PLANE_RATES, i] * step[0] + work[PLANE_RATES + 1, i] * step[1]
-        a[i] = work[HOLD_A, i] + work[PLANE_RATES, i] * now[0] + work[PLANE_RATES + 1, i] * now[1]
+        step_a[i] = _joint_rate(work, i, step)
+        a[i] = work[HOLD_A, i]
+        for axis in range(3):
+            a[i] += work[PLANE_RATES + axis, i] * now[axis]
     a += _feasible_share(a, step_a, low, high) * step_a
     # Where holding alone breaks a limit, all joints are scaled alike: first to the acceleration
     # limits, then to the jerk limits.
@@ -382,7 +404,13 @@ def _feasible_share(start: Vector, step_a: Vector, low: Vector, high: Vector) ->
 
 @kernel
 def observe_tool(
-    links: Matrix, frames: Matrix, plane: Matrix, period: float, work: Matrix, seen: Vector
+    links: Matrix,
+    frames: Matrix,
+    plane: Matrix,
+    followed: int,
+    period: float,
+    work: Matrix,
+    seen: Vector,
 ) -> bool:
     """Write tool motion, Jacobian and holding accelerations for the next set-point.
 
@@ -391,9 +419,11 @@ def observe_tool(
         frames: Tool frames, rotation row by row, then position, of shape (3, 12): at the start,
             now, and relative to the last joint with all joints at zero.
         plane: Unit vectors of the plane and its normal in the world, of shape (3, 3).
+        followed: Number of these along which the tool follows: 2 in the plane, whose distance is
+            then held, or 3 in space.
         period: Seconds between set-points.
         work: Servo state, of shape (SERVO_STATE, dof).
-        seen: Tool motion relative to the plane, of shape (OBSERVED,).
+        seen: Tool motion along them, of shape (OBSERVED,).
 
     Returns:
         Whether the tool is within `LOST_M` and `LOST_RAD` of its plane and orientation.
@@ -410,7 +440,7 @@ def observe_tool(
             twist[row] += now * work[NOW_V, i]
             change[row] += (now - before) * work[NOW_V, i] / period  # J' q'
             work[JACOBIAN_BEFORE + row, i] = now
-    for axis in range(2):
+    for axis in range(followed):
         seen[DISPLACEMENT + axis] = seen[VELOCITY + axis] = seen[ACCELERATION + axis] = 0.0
         for along in range(3):
             part = plane[axis, along]
@@ -420,8 +450,8 @@ def observe_tool(
             for i in range(work.shape[1]):
                 total += work[JACOBIAN + along, i] * work[NOW_A, i]
             seen[ACCELERATION + axis] += part * total
-    _hold_plane(frames, plane, twist, change, work, seen)
-    _plane_limits(plane, work, seen)
+    _hold_plane(frames, plane, followed, twist, change, work, seen)
+    _plane_limits(plane, followed, work, seen)
     return _is_held(seen)
 
 
@@ -448,7 +478,13 @@ def _invert(work: Matrix) -> None:
 
 @kernel
 def _hold_plane(
-    frames: Matrix, plane: Matrix, twist: Vector, change: Vector, work: Matrix, seen: Vector
+    frames: Matrix,
+    plane: Matrix,
+    followed: int,
+    twist: Vector,
+    change: Vector,
+    work: Matrix,
+    seen: Vector,
 ) -> None:
     """Write accelerations that hold distance to the plane, orientation, and a posture.
 
@@ -459,9 +495,10 @@ def _hold_plane(
     dof = work.shape[1]
     error = 0.0
     speed = 0.0
-    for axis in range(3):
-        error += plane[2, axis] * (frames[0, 9 + axis] - frames[1, 9 + axis])
-        speed += plane[2, axis] * twist[axis]
+    if followed == 2:
+        for axis in range(3):
+            error += plane[2, axis] * (frames[0, 9 + axis] - frames[1, 9 + axis])
+            speed += plane[2, axis] * twist[axis]
     seen[PLANE_ERROR] = error
     rest = np.zeros(dof)
     if dof > 6:
@@ -490,14 +527,15 @@ def _hold_plane(
 
 
 @kernel
-def _plane_limits(plane: Matrix, work: Matrix, seen: Vector) -> None:
-    """Write joint rates per unit of plane velocity, and the plane limits that follow from them."""
+def _plane_limits(plane: Matrix, followed: int, work: Matrix, seen: Vector) -> None:
+    """Write joint rates per unit of followed velocity, and the limits that follow from them."""
     seen[PLANE_LIMITS] = seen[PLANE_LIMITS + 1] = math.inf
     for i in range(work.shape[1]):
-        for axis in range(2):
+        for axis in range(followed):
             work[PLANE_RATES + axis, i] = 0.0
             for along in range(3):
                 work[PLANE_RATES + axis, i] += work[INVERSE + along, i] * plane[axis, along]
-        per_unit = max(math.hypot(work[PLANE_RATES, i], work[PLANE_RATES + 1, i]), 1e-6)
+        in_plane = math.hypot(work[PLANE_RATES, i], work[PLANE_RATES + 1, i])
+        per_unit = max(math.hypot(in_plane, work[PLANE_RATES + 2, i]), 1e-6)
         seen[PLANE_LIMITS] = min(seen[PLANE_LIMITS], work[MAX_ACCELERATION, i] / per_unit)
         seen[PLANE_LIMITS + 1] = min(seen[PLANE_LIMITS + 1], work[MAX_JERK, i] / per_unit)

@@ -351,6 +351,51 @@ class SizeLocalizer(Localizer):
         return square_corners(frame, point, frame.pose.turn(np.array((0.0, 0.0, 1.0))), self.side)
 
 
+class FacingCubeLocalizer(Localizer):
+    """Localizes a cube of known size at any depth, with a face that stays parallel to a plane.
+
+    Each view is located by its size, corrected for the flanks, which are assumed to have the color.
+    A view of other proportions, of a part of the cube or of a cube that has turned, does not count
+    as one of the whole (`knows_shape`): the tracker then keeps the predicted depth.
+
+    Args:
+        normal: Unit vector, normal to the face, of shape (3,).
+        edge: Length of an edge, m.
+    """
+
+    def __init__(self, normal: Vector, edge: float) -> None:
+        self._normal = normal
+        self._by_size = SizeLocalizer(edge)
+
+    def locate(self, detection: Detection, frame: Frame) -> Sighting:
+        """Locate the center of the front face; see `Localizer.locate`."""
+        if detection.touches_border:
+            return self.meet(detection, frame)
+        edge = self._by_size.side
+        face = detection
+        for _ in range(_FLANK_ITERATIONS):
+            point = self.meet(face, frame).point
+            face = front_face(detection, frame, point, self._normal, edge, flanks=1.0)
+        return self.meet(face, frame)
+
+    def meet(self, face: Detection, frame: Frame) -> Sighting:
+        """Locate a detection of the front face by its size."""
+        return self._by_size.locate(face, frame)
+
+    @property
+    def knows_shape(self) -> bool:
+        """Always: a cube."""
+        return True
+
+    def corners(self, point: Vector, frame: Frame) -> Matrix:
+        """Corners of the cube."""
+        return cube_corners(frame, point, self._normal, self._by_size.side)
+
+    def doubt(self, point: Vector, frame: Frame) -> float:
+        """Possible effect of the flanks: it is unknown whether they have the color."""
+        return flank_share(frame, point, self._normal, self._by_size.side)
+
+
 def _side_px(detection: Detection) -> float:
     """Square root of the area; if the image cuts the target off, its longer edge."""
     root = math.sqrt(detection.area_px)

@@ -181,7 +181,7 @@ def blend_in_plane(
     origin: Vector,
     motion: Matrix,
 ) -> None:
-    """As `blend`, along two axes.
+    """As `blend`, along some axes.
 
     Args:
         fast: State of the fast filter, of shape (n, 4).
@@ -189,15 +189,15 @@ def blend_in_plane(
         slow: State of the slow filter, of shape (n, 4).
         slow_dt: Seconds of its prediction.
         share: Weight of the slow filter, from 0 to 1.
-        axes: Unit vectors, of shape (2, n).
+        axes: Unit vectors, of shape (k, n).
         origin: Origin of the positions, of shape (n,).
-        motion: Takes position, velocity and acceleration, of shape (3, 2).
+        motion: Takes position, velocity and acceleration, of shape (3, k).
     """
     whole = np.empty((3, len(fast)))
     blend(fast, dt, slow, slow_dt, share, whole)
     whole[0] -= origin
     for order in range(3):
-        for axis in range(2):
+        for axis in range(len(axes)):
             total = 0.0
             for k in range(len(fast)):
                 total += axes[axis, k] * whole[order, k]

@@ -269,10 +269,10 @@ class TargetEstimate:
         return Motion(state[:, 0], state[:, 1], state[:, 2])
 
     def predict_in(self, axes: Matrix, origin: Vector, time: float) -> Matrix:
-        """Position, velocity and acceleration along two axes at any time, of shape (3, 2).
+        """Position, velocity and acceleration along k axes at any time, of shape (3, k).
 
         Args:
-            axes: Unit vectors in the world, of shape (2, n).
+            axes: Unit vectors in the world, of shape (k, n).
             origin: Origin of the positions, of shape (n,), m.
             time: Time, s.
 
@@ -423,14 +423,14 @@ class DualFilterEstimate(TargetEstimate):
         return Motion(motion[0], motion[1], motion[2])
 
     def predict_in(self, axes: Matrix, origin: Vector, time: float) -> Matrix:
-        """Motion in a plane, as `TargetEstimate.predict_in`.
+        """Motion along some axes, as `TargetEstimate.predict_in`.
 
         Raises:
             ValueError: There has been no measurement.
         """
         fast = self._last
         slow = self._slow._last
-        motion = np.empty((3, 2))
+        motion = np.empty((3, len(axes)))
         states = fast.state, time - fast.stamp, slow.state, time - slow.stamp
         kernels().blend_in_plane(*states, self._share, axes, origin, motion)
         return motion
@@ -540,6 +540,11 @@ class RestDetector:
         if self._moved_at is None or self._count - self._leaving <= _FEWEST:
             return 0.0
         return self._stamp - self._moved_at
+
+    @property
+    def has_moved(self) -> bool:
+        """Whether the target has moved since it was first seen."""
+        return self._moved_at is not None
 
     def interrupt(self) -> None:
         """Reset after the target was out of view, since it may have moved."""

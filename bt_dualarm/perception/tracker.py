@@ -619,7 +619,7 @@ class TargetTracker:
         return self._estimate.predict(time)
 
     def predict_in(self, axes: Matrix, origin: Vector, time: float) -> Matrix:
-        """Predicted motion along two axes, of shape (3, 2); see `TargetEstimate.predict_in`.
+        """Predicted motion along k axes, of shape (3, k); see `TargetEstimate.predict_in`.
 
         Of a lost target, by what was known of it when it was lost.
         """

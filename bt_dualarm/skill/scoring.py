@@ -12,7 +12,6 @@ from bt_dualarm.arm.arm import Arm
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.skill.tracking import PlaneTracking
-from bt_dualarm.spec.values import Plane
 
 LAG_S: Final = 0.5
 """Largest lag that is searched, s."""
@@ -33,20 +32,20 @@ _MOST = 4608  # samples that are kept in full: a minute and a half
 
 
 class TrackingScore:
-    """Compares the tool's path with the true path of the target, in the plane of tracking.
+    """Compares the tool's path with the target's true path, in the plane of tracking or in space.
 
     A constant offset, the mean over all samples that count, is subtracted. Of a long motion only
     sums and a thinned path are kept, so memory stays bounded.
 
     Args:
         arm: Arm that tracks.
-        plane: Plane of tracking.
+        axes: Unit vectors in the world along which the tool follows, of shape (k, 3).
         target: Name of the object; None for the one nearest to the first estimate.
     """
 
-    def __init__(self, arm: Arm, plane: Plane, target: str | None) -> None:
+    def __init__(self, arm: Arm, axes: Matrix, target: str | None) -> None:
         self._arm = arm
-        self._axes = np.array(plane.axes)
+        self._axes = axes
         self._is_yz = not np.any(self._axes[:, 0])
         self._target = target
         self._from: float | None = None
@@ -55,7 +54,7 @@ class TrackingScore:
         self._times = array("d")
         self._tool = array("d")
         self._truth = array("d")
-        self._judged = Moments(2)
+        self._judged = Moments(len(axes))
         self._sums: PathSums | None = None
         self._summed = 0  # kept samples that are already in the sums
 
@@ -92,9 +91,9 @@ class TrackingScore:
         ``score_gone_s``, only if above zero, is the time during which the target was not in the
         world; the others refer to the rest. ``true_rms_m`` is the error in the plane, less its
         mean, while the camera's error counts: it turns a false SUCCESS into a failure.
-        ``plane_rms_m`` and ``plane_max_m`` are errors in the plane, also given as ``yz_rms_m`` and
-        ``yz_max_m`` in the world's yz plane; ``lag_s`` is the delay of the tool;
-        ``sighting_sd_m`` is the standard deviation of a single sighting along an axis of the plane.
+        ``plane_rms_m`` and ``plane_max_m`` are errors in the plane, or in space, also given as
+        ``yz_rms_m`` and ``yz_max_m`` in the world's yz plane; ``lag_s`` is the delay of the tool;
+        ``sighting_sd_m`` is the standard deviation of a single sighting along an axis.
         """
         gone: dict[str, Number] = {"score_gone_s": self._gone_s} if self._gone_s > 0.0 else {}
         if self._judged.count > 0:
@@ -316,7 +315,7 @@ class PathSums:
     """Error and lag sums of a motion that is added piece by piece, in constant memory.
 
     Args:
-        axes: Unit vectors of the plane of tracking, of shape (2, 3).
+        axes: Unit vectors in the world along which the tool follows, of shape (k, 3).
         period: Seconds between samples.
     """
 
@@ -327,13 +326,13 @@ class PathSums:
         self.path: Stretch | None = None
         self._stride = 1
         self._taken = 0
-        self._errors = Moments(2)
-        self._sightings = Moments(2)
-        self._lags = Moments(2 * self._most + 1, 2)
+        self._errors = Moments(len(axes))
+        self._sightings = Moments(len(axes))
+        self._lags = Moments(2 * self._most + 1, len(axes))
         self._offsets = Moments(3)
-        self._outermost = np.zeros((0, 2))
-        self._low = np.full(2, np.inf)
-        self._high = np.full(2, -np.inf)
+        self._outermost = np.zeros((0, len(axes)))
+        self._low = np.full(len(axes), np.inf)
+        self._high = np.full(len(axes), -np.inf)
 
     @property
     def offset(self) -> Vector:
@@ -410,11 +409,10 @@ def least_at(differences: Vector, period: float) -> float:
 
 
 def _outermost(points: Matrix) -> Matrix:
-    """Corners of the convex hull of points, of shape (n, 2): the farthest from any point is one."""
+    """Corners of the convex hull of points, of shape (n, k): the farthest from any point is one."""
     try:
         outer: Matrix = points[scipy.spatial.ConvexHull(points).vertices]
-    except scipy.spatial.QhullError:  # collinear, or fewer than three
-        ends = [points[:, 0].argmin(), points[:, 0].argmax()]
-        ends += [points[:, 1].argmin(), points[:, 1].argmax()]
+    except scipy.spatial.QhullError:  # on a line, or too few
+        ends = [*points.argmin(axis=0), *points.argmax(axis=0)]
         outer = points[np.unique(ends)]
     return outer

@@ -1,4 +1,4 @@
-"""Visual tracking: a wrist camera, a tracker and a servo follow a target in a plane."""
+"""Visual tracking: a wrist camera, a tracker and a servo follow a target in a plane or in space."""
 
 from __future__ import annotations
 
@@ -17,10 +17,12 @@ from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.perception.localization import (
     EstimatedPlaneLocalizer,
+    FacingCubeLocalizer,
+    Localizer,
     PlaneOfSizeLocalizer,
     Sighting,
 )
-from bt_dualarm.perception.target_filter import DualFilterEstimate, RestDetector, look
+from bt_dualarm.perception.target_filter import DualFilterEstimate, RestDetector, RestSample, look
 from bt_dualarm.perception.tracker import TargetTracker
 from bt_dualarm.sim.camera import GuardedCamera
 from bt_dualarm.skill.grip import StreamClear
@@ -144,13 +146,14 @@ class ErrorCause(StrEnum):
 
 
 class FollowingSample(NamedTuple):
-    """One sighting of a followed target, in the plane, relative to the start of the tool.
+    """One sighting of a followed target along the k axes, relative to the start of the tool.
 
     Attributes:
         stamp: Time of exposure, s.
-        error: Vector from the image center to the target, of shape (2,), m.
-        target: Position of the target, of shape (2,), m.
-        predicted: Position that had been predicted for that time, of shape (2,), m; None if there
+        error: Vector from the image center, at the distance to be kept, to the target, of shape
+            (k,), m.
+        target: Position of the target, of shape (k,), m.
+        predicted: Position that had been predicted for that time, of shape (k,), m; None if there
             was no prediction.
         within_reach: Whether the target was within reach.
     """
@@ -478,13 +481,13 @@ class TrackingGains:
 
 @dataclass(frozen=True, eq=False)
 class PlaneView:
-    """Plane of tracking relative to the camera at the start.
+    """Axes of tracking relative to the camera at the start.
 
     Attributes:
-        axes: Unit vectors of the plane in the world, of shape (2, 3).
-        ahead: Function that returns the point at the image center at the estimated depth, in the
-            world, of shape (3,), m.
-        image_axes: Image x and y directions in the plane, as columns, of shape (2, 2).
+        axes: Unit vectors in the world, of shape (k, 3): two of a plane, or three.
+        ahead: Function that returns the point at the image center at the estimated depth, or at the
+            distance to be kept in space, in the world, of shape (3,), m.
+        image_axes: Image x and y directions along the first two, as columns, of shape (2, 2).
     """
 
     axes: Matrix
@@ -531,9 +534,10 @@ class TrackingReference:
         self._reach = reach
         self._search_radius = search_radius
         self._stale_after = stale_after
-        self._last_position = np.zeros(2)
+        self._last_position = np.zeros(len(view.axes))
         self._predictions: deque[tuple[float, Vector]] = deque(maxlen=_PREDICTIONS)
         self._search: Spiral | None = None
+        self._search_depth = np.zeros(0)
         self._goal = np.zeros(2)
         self._goal_stamp = -np.inf
 
@@ -542,7 +546,8 @@ class TrackingReference:
 
         Args:
             time: Simulated time of actuation, s.
-            displacement: Position of the tool in the plane relative to its start, of shape (2,), m.
+            displacement: Position of the tool along the axes relative to its start, of shape
+                (k,), m.
         """
         passed = max(time - self._called_at, 0.0)
         self._called_at = time
@@ -569,7 +574,7 @@ class TrackingReference:
         return target
 
     def predicted_at(self, time: float) -> Vector | None:
-        """Position predicted for a time, of shape (2,), m; None if there was none.
+        """Position predicted for a time, of shape (k,), m; None if there was none.
 
         Args:
             time: Time of a sighting, s, later than in all previous calls.
@@ -583,7 +588,7 @@ class TrackingReference:
 
     @property
     def origin(self) -> Vector:
-        """Point in the world from which positions in the plane count, of shape (3,), m."""
+        """Point in the world from which positions along the axes count, of shape (3,), m."""
         return self._view.ahead()
 
     def stale_for(self, time: float) -> float:
@@ -612,7 +617,7 @@ class TrackingReference:
         if math.isinf(self._tracker.age(time)) or self._tracker.doubt(time) > FORESEEN_M:
             return None
         target = self._predicted(time)
-        if float(np.hypot(*target.position)) > self._reach:
+        if math.hypot(*target.position) > self._reach:
             return None
         self._last_position = target.position
         return target
@@ -625,15 +630,17 @@ class TrackingReference:
         if self._search_radius == 0.0 or searched_for < 0.0:
             return None
         if self._search is None:
-            self._search = Spiral(displacement.copy(), self._last_position, self._search_radius)
-        position = self._search.position(searched_for)
-        position *= min(1.0, self._reach / max(float(np.hypot(*position)), 1e-9))
-        return PlaneTarget(position, np.zeros(2), np.zeros(2))
+            start = displacement.copy()
+            self._search = Spiral(start[:2], self._last_position[:2], self._search_radius)
+            self._search_depth = start[2:]  # where the target was last seen, or nearer
+        position = np.concatenate((self._search.position(searched_for), self._search_depth))
+        position *= min(1.0, self._reach / max(math.hypot(*position), 1e-9))
+        still = np.zeros(len(position))
+        return PlaneTarget(position, still, still)
 
     def _is_within_reach(self, position: Vector, time: float) -> bool:
         """Whether a position is within reach; updates ``beyond_since``."""
-        x, y = position.tolist()
-        if math.hypot(x, y) <= self._reach:
+        if math.hypot(*position.tolist()) <= self._reach:
             self.beyond_since = None
         elif self.beyond_since is None:
             self.beyond_since = time
@@ -658,23 +665,28 @@ _MEASURED_DEPTH = 1.3  # the same of a measured depth
 
 
 class PlaneTracking:
-    """Visual tracking of one target by a wrist camera; ``close`` it when done.
+    """Visual tracking of one target by a wrist camera, in a plane or in space; ``close`` it at end.
+
+    In space, the camera keeps its orientation, and the target at the image center and at
+    ``distance``.
 
     Args:
         arm: Arm with a wrist camera that looks along the plane's normal.
         color: Color of the target.
-        plane: Plane in which the tool moves.
+        plane: Plane in which the tool moves; None for all directions of space.
         speed: Fraction of the arm's limits.
         distance: Depth of the target in front of the camera, m.
-        target_size: Edge of a cubic target with a face parallel to the plane, m: the depth is then
-            measured, and the visible flanks are corrected for.
-        gains: Gains of proportional control; None to predict the target.
+        target_size: Edge of a cubic target with a face parallel to the plane, or to the image in
+            space, m: the depth is then measured, and the visible flanks are corrected for.
+            Required in space.
+        gains: Gains of proportional control, in a plane only; None to predict the target.
         reach: Largest distance of the tool from its start, m.
         search_radius: Radius of the search around the predicted target, m.
         error: Monitor of the tracking error.
 
     Raises:
         Failure: ``NO_CAMERA``.
+        ValueError: In space, there is no ``target_size``, or there are ``gains``.
     """
 
     def __init__(
@@ -682,7 +694,7 @@ class PlaneTracking:
         arm: Arm,
         *,
         color: Color,
-        plane: Plane,
+        plane: Plane | None,
         speed: float,
         distance: float,
         target_size: float | None,
@@ -692,15 +704,19 @@ class PlaneTracking:
         error: FollowingError,
     ) -> None:
         self._arm = arm
-        self._axes = np.array(plane.axes)
         self._limits = arm.limits(speed)
         camera, view = _facing_camera(arm, plane)
-        ahead = view.position + distance * view.turn(np.array((0.0, 0.0, 1.0)))
-        normal = np.cross(*self._axes)
-        guessed = EstimatedPlaneLocalizer(view.position, ahead, normal)
-        localizer = (
-            guessed if target_size is None else PlaneOfSizeLocalizer(normal, target_size, cube=True)
-        )
+        self._axes = np.array(plane.axes) if plane else view.rotation_matrix.T.copy()
+        middle = view.apply(np.array((0.0, 0.0, distance)))
+        normal = np.cross(*self._axes[:2])
+        guessed = EstimatedPlaneLocalizer(view.position, middle, normal)
+        localizer: Localizer = guessed
+        if plane is None:
+            if target_size is None or gains is not None:
+                raise ValueError("tracking in space needs the target's size, and predicts it")
+            localizer = FacingCubeLocalizer(normal, target_size)
+        elif target_size is not None:
+            localizer = PlaneOfSizeLocalizer(normal, target_size, cube=True)
         allowed = plane_limits(arm.kinematics, self._limits, arm.setpoint.q, self._axes)
         self._servo_gains = servo_gains(camera, allowed.jerk)
         estimate = DualFilterEstimate(self._servo_gains.calmness, self._servo_gains.calm_jerk)
@@ -708,7 +724,9 @@ class PlaneTracking:
         self._tracker = TargetTracker(camera, color, localizer, estimate, depth=depth)
         self._reference = TrackingReference(
             self._tracker,
-            PlaneView(self._axes, lambda: guessed.ahead, self._axes @ view.rotation_matrix[:, :2]),
+            PlaneView(
+                self._axes, lambda: guessed.ahead, self._axes[:2] @ view.rotation_matrix[:, :2]
+            ),
             gains=gains,
             reach=reach,
             search_radius=search_radius,
@@ -717,7 +735,9 @@ class PlaneTracking:
         self._latency = camera.latency
         self._middle = np.array((0.0, 0.0, distance))
         self._error = error
-        self._stillness = RestDetector(_MEASURED_DEPTH if target_size else _GIVEN_DEPTH)
+        doubt = _MEASURED_DEPTH if target_size else _GIVEN_DEPTH
+        # In space, one for the directions across the line of sight and one for the depth.
+        self._stillness = [RestDetector(doubt)] if plane else [RestDetector(1.0), RestDetector(1.0)]
         self._target_size = target_size
         self._watched = 0
         self._last_seen: Sighting | None = None
@@ -764,7 +784,13 @@ class PlaneTracking:
     @property
     def still_for(self) -> float:
         """Seconds for which a target that has moved has been at rest; 0 before it moved."""
-        return self._stillness.still_for if self.in_view else 0.0
+        moved = [one.still_for for one in self._stillness if one.has_moved]
+        return min(moved, default=0.0) if self.in_view else 0.0
+
+    @property
+    def axes(self) -> Matrix:
+        """Unit vectors in the world along which the tool follows, of shape (k, 3)."""
+        return self._axes
 
     @property
     def target(self) -> Vector:
@@ -808,7 +834,8 @@ class PlaneTracking:
         self._watched = len(seen)
         # Lost frames do not mean that the target is absent, though `in_view` turns false meanwhile.
         if not self._tracker.locked:
-            self._stillness.interrupt()
+            for stillness in self._stillness:
+                stillness.interrupt()
         within_reach = self._reference.beyond_since is None
         if not (self._tracker.locked and within_reach):
             self._error.interrupt()
@@ -822,7 +849,8 @@ class PlaneTracking:
             self._error.know_width(width)
         self._learn_needs()
         for one in new:
-            self._stillness.take(look(one, self._axes))
+            for stillness, sample in zip(self._stillness, self._looks(one), strict=True):
+                stillness.take(sample)
             self._count_missed(one)
             self._error.take(self._sample(one, within_reach=within_reach))
             self._last_seen = one
@@ -846,8 +874,21 @@ class PlaneTracking:
             within_reach,
         )
 
+    def _looks(self, one: Sighting) -> list[RestSample]:
+        """A sighting for each detector of rest."""
+        if len(self._axes) == 2:
+            return [look(one, self._axes)]
+        # Each image tells the depth, so that positions count as they are.
+        x, y, z = (self._axes @ one.point).tolist()
+        sigma = np.sqrt(np.square(self._axes) @ np.square(one.sigma))
+        level = np.zeros(2)
+        return [
+            RestSample(one.stamp, np.array((x, y)), level, 1.0, float(sigma[:2].max())),
+            RestSample(one.stamp, np.array((z, 0.0)), level, 1.0, float(sigma[2])),
+        ]
+
     def _middle_now(self) -> Vector:
-        """Point at the image center now, by the encoders, in the plane, of shape (2,), m."""
+        """Point at the image center now, by the encoders, along the axes, of shape (k,), m."""
         arm = self._arm
         view = arm.world.nominal[arm.name].camera_pose_at(arm.q)
         middle: Vector = self._axes @ view.apply(self._middle)
@@ -924,14 +965,16 @@ class PlaneTracking:
         }
 
 
-def _facing_camera(arm: Arm, plane: Plane) -> tuple[GuardedCamera, Pose]:
-    """Wrist camera and its pose in the world.
+def _facing_camera(arm: Arm, plane: Plane | None) -> tuple[GuardedCamera, Pose]:
+    """Wrist camera and its pose in the world; any camera faces space.
 
     Raises:
         Failure: ``NO_CAMERA``: there is none, or it does not face the plane.
     """
     camera = own_camera(arm)
     view = arm.world.nominal[arm.name].camera_pose_at(arm.q)
+    if plane is None:
+        return camera, view
     facing = abs(float(np.cross(*plane.axes) @ view.turn(np.array((0.0, 0.0, 1.0)))))
     if facing < _FACING:
         raise Failure(

@@ -46,6 +46,7 @@ from bt_dualarm.spec.values import (
     HsvRange,
     Offset,
     Plane,
+    PlaneOrFree,
     PoseSpec,
     Uncertainty,
 )
@@ -259,6 +260,7 @@ _VALUE_MODELS: Final[tuple[type[BaseModel], ...]] = (
     Facing,
     Offset,
     Plane,
+    PlaneOrFree,
     Color,
     HsvRange,
     Uncertainty,

@@ -6,7 +6,7 @@ YAML has meters, seconds and degrees; these types convert to SI, with angles in 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Final, Literal, TypeAlias
 
@@ -320,6 +320,21 @@ _NAMED_NORMALS: Final[Mapping[str, Vector3]] = {
 }
 
 
+def _plane_notation(value: Data, names: Sequence[str]) -> Data:
+    """The mapping for a plane's name, or another value as it is; names are those allowed."""
+    if not isinstance(value, str):
+        return with_tuples(value)
+    if value not in names:
+        hint = suggestion(value, names, "plane")
+        raise ValueError(f"there is no plane '{value}' ({hint}); or give {{normal: [x, y, z]}}")
+    return {"normal": _NAMED_NORMALS[value]} if value in _NAMED_NORMALS else {}
+
+
+def _refuse_zero(normal: Vector3) -> None:
+    if math.hypot(*normal) < 1e-6:
+        raise ValueError("the normal has no direction: its length is 0")
+
+
 class Plane(Value):
     """``xy``, ``yz``, ``xz`` of the world, or ``{normal: [x, y, z]}``."""
 
@@ -332,17 +347,11 @@ class Plane(Value):
     @model_validator(mode="before")
     @classmethod
     def _from_notation(cls, value: Data) -> Data:
-        if not isinstance(value, str):
-            return with_tuples(value)
-        if value not in _NAMED_NORMALS:
-            hint = suggestion(value, _NAMED_NORMALS, "plane")
-            raise ValueError(f"there is no plane '{value}' ({hint}); or give {{normal: [x, y, z]}}")
-        return {"normal": _NAMED_NORMALS[value]}
+        return _plane_notation(value, list(_NAMED_NORMALS))
 
     @model_validator(mode="after")
     def _has_direction(self) -> Plane:
-        if math.hypot(*self.normal) < 1e-6:
-            raise ValueError("the normal has no direction: its length is 0")
+        _refuse_zero(self.normal)
         return self
 
     @property
@@ -359,6 +368,39 @@ class Plane(Value):
         v = up - (up @ normal) * normal
         v /= np.linalg.norm(v)
         return np.asarray(np.cross(v, normal), float), v
+
+
+_FREE: Final = "free"
+
+
+class PlaneOrFree(Value):
+    """A plane, written in the same way, or ``free``: all directions of space."""
+
+    model_config = ConfigDict(
+        json_schema_extra=_with_notations(lambda _: [{"enum": [*_NAMED_NORMALS, _FREE]}])
+    )
+
+    normal: Vector3 | None = port(
+        None, "Normal of the plane in the world frame, of any nonzero length"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_notation(cls, value: Data) -> Data:
+        if isinstance(value, dict) and value.get("normal") is None:
+            raise ValueError(f"its normal is missing: give {{normal: [x, y, z]}}, or {_FREE}")
+        return _plane_notation(value, [*_NAMED_NORMALS, _FREE])
+
+    @model_validator(mode="after")
+    def _has_direction(self) -> PlaneOrFree:
+        if self.normal is not None:
+            _refuse_zero(self.normal)
+        return self
+
+    @property
+    def plane(self) -> Plane | None:
+        """The plane; None in all directions of space."""
+        return None if self.normal is None else Plane(normal=self.normal)
 
 
 ShapeName: TypeAlias = Literal["box", "cylinder", "capsule", "sphere"]

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial import ConvexHull, Delaunay
 
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.perception.detection import Detection
 from bt_dualarm.perception.localization import (
     PIXEL_SIGMA,
+    FacingCubeLocalizer,
     LocalizationError,
     PlaneLocalizer,
     PlaneOfSizeLocalizer,
@@ -76,6 +78,32 @@ def test_a_known_size_tells_the_depth(pose: Pose, local: Vector) -> None:
     point = pose.apply(local)
     sighting = SizeLocalizer(SIDE_M).locate(seen(frame, point), frame)
     assert sighting.point == pytest.approx(point, abs=1e-9)
+
+
+@given(pose=poses, across=st.floats(-0.04, 0.04), depth=st.floats(0.2, 0.8))
+def test_a_cube_that_faces_the_camera_is_located_at_any_depth(
+    pose: Pose, across: float, depth: float
+) -> None:
+    """Its outline has a flank, too, where it is beside the axis of the camera."""
+    frame = frame_from(pose)
+    normal = pose.turn(np.array((0.0, 0.0, 1.0)))
+    point = pose.apply(np.array((across, 0.0, depth)))
+    localizer = FacingCubeLocalizer(normal, SIDE_M)
+    corners = frame.world_in_camera.apply(localizer.corners(point, frame))
+    pixels = frame.focal_px * corners[:, :2] / corners[:, 2:] + (160.0, 120.0)
+    hull = ConvexHull(pixels)
+    triangles = Delaunay(pixels[hull.vertices])
+    parts = pixels[hull.vertices][triangles.simplices]
+    sides = parts[:, 1:] - parts[:, :1]
+    areas = 0.5 * np.abs(np.linalg.det(sides))
+    middle = areas @ parts.mean(axis=1) / areas.sum()
+    relative = (middle[0] / 160 - 1, middle[1] / 120 - 1)
+    box = (*np.floor(pixels.min(axis=0)), *np.ceil(pixels.max(axis=0)))
+    area = float(areas.sum())
+    outline = Detection(2.0, relative, tuple(middle), area, math.sqrt(area) / 240, box, 1.0, False)
+    found = localizer.locate(outline, frame).point
+    assert found == pytest.approx(point, abs=2e-3)
+    assert localizer.doubt(point, frame) < 0.2
 
 
 @pytest.mark.parametrize("edge", ["bottom", "right"])

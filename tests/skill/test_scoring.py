@@ -38,7 +38,7 @@ def followed(count: int, *, still: bool = False) -> tuple[TrackingScore, Any]:
     world: Any = SimpleNamespace(objects={"cube"}, arms={"arm": SimpleNamespace(tool_site=0)})
     world.object_body = {"cube": 0}.__getitem__
     arm: Any = SimpleNamespace(world=world, name="arm", time=0.0)
-    score = TrackingScore(arm, Plane.model_validate("yz"), "cube")
+    score = TrackingScore(arm, np.array(Plane.model_validate("yz").axes), "cube")
     for step in range(count + round(scoring.SETTLE_S / PERIOD_S)):
         arm.time = step * PERIOD_S
         true = where(0.0 if still else arm.time)

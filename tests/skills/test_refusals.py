@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import pytest
 import yaml
@@ -206,3 +207,22 @@ def test_nor_does_a_detour_by_the_blackboard_help(stage: Stage) -> None:
     reach = {"reach_to_pose": {"to": "{goal}"}}
     with pytest.raises(SpecError, match="quat has length 2"):
         stage.play(Scenario().file({"set": {"key": "goal", "value": no_pose}}, reach))
+
+
+@pytest.mark.parametrize(
+    ("ports", "reason"),
+    [
+        ({"plane": "free"}, "a free plane needs target_size"),
+        (
+            {"plane": "free", "target_size": 0.05, "controller": "proportional"},
+            "a free plane needs controller: predictive",
+        ),
+        ({"plane": "fre"}, "there is no plane 'fre' .did you mean 'free'"),
+        ({"plane": {}}, "its normal is missing"),
+    ],
+)
+def test_tracking_in_space_needs_what_tells_the_depth(
+    ports: dict[str, Any], reason: str, stage: Stage
+) -> None:
+    with pytest.raises(SpecError, match=reason):
+        stage.play(Scenario().file({"track": ports}))

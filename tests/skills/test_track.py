@@ -93,6 +93,52 @@ def test_prediction_makes_up_for_rate_and_latency(
     assert errors.values.max() == leaf.metrics["yz_max_m"], "the plot shows what the metric says"
 
 
+FREE: Tree = {"track": TRACK["track"] | {"plane": "free", "target_size": 0.05}}
+
+
+def coming_and_going(time: float) -> Vector:
+    """6 cm to and fro along the line of sight, in 4 s, after a second at rest."""
+    grown = min(1.0, max(0.0, time - 1.0))
+    return np.array((0.06 * grown * np.sin(0.5 * np.pi * (time - 1.0)), 0.0, 0.0))
+
+
+def along_a_helix(time: float) -> Vector:
+    """On the circle, and along the line of sight."""
+    return circling(time) + coming_and_going(time)
+
+
+@pytest.mark.parametrize("motion", some([along_a_helix, coming_and_going, circling], 3))
+def test_a_free_plane_follows_in_all_directions(
+    motion: Callable[[float], Vector], stage: Stage
+) -> None:
+    """Less than 2 mm in space, where the target moves by 6 cm in depth and 0.2 m across."""
+    play = follow(stage, FREE, scenario({"fps": 60, "latency": 0.02}), motion)
+    leaf = play.leaf("track")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert leaf.metrics["lost_count"] == 0
+    assert float(leaf.metrics["plane_rms_m"]) < 0.002
+    assert float(leaf.metrics["error_rms_m"]) < 0.002
+    assert play.arm().clipped_setpoints == 0
+    (errors,) = (one for one in play.opened.assembly.series if one.name == "error_m")
+    assert errors.values.max() == leaf.metrics["plane_max_m"]
+
+
+def test_rest_counts_in_depth_too(stage: Stage) -> None:
+    """A target that only approaches, and stops."""
+
+    def approaching(time: float) -> Vector:
+        share = min(1.0, max(0.0, 0.5 * (time - 1.0)))
+        return np.array((0.05 * share**2 * (3.0 - 2.0 * share), 0.0, 0.0))
+
+    node: Tree = {
+        "track": {"plane": "free", "target_size": 0.05, "until_still": 0.5, "score": "cube"}
+    }
+    play = follow(stage, node, scenario({"fps": 60}), approaching)
+    leaf = play.leaf("track")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert 3.0 < (leaf.ended_s or 0.0) < 6.0
+
+
 @pytest.mark.parametrize("sideways", [-0.3, 0.2])
 def test_a_metric_that_names_a_plane_is_of_that_plane(sideways: float, stage: Stage) -> None:
     """In one that leans it was called yz, too."""
@@ -136,15 +182,23 @@ def lost_at(time: float) -> tuple[tuple[float, Deed], ...]:
     return ((time, lambda world: world.remove_object("cube")),)
 
 
-@pytest.mark.parametrize("controller", ["predictive", "proportional"])
-def test_a_lost_target_means_hold_then_search_then_failure(controller: str, stage: Stage) -> None:
+@pytest.mark.parametrize(
+    "how",
+    [
+        {"controller": "predictive"},
+        {"controller": "proportional"},
+        {"plane": "free", "target_size": 0.05},
+    ],
+    ids=["predictive", "proportional", "free"],
+)
+def test_a_lost_target_means_hold_then_search_then_failure(how: Tree, stage: Stage) -> None:
     """Nothing moves by what was seen too long ago; the search stays within its radius."""
     gone = 3.0
     timeout = 2.0
     radius = 0.05
-    ports = {"controller": controller, "lost_timeout": timeout, "search_radius": radius}
+    ports = how | {"lost_timeout": timeout, "search_radius": radius}
     play = stage.play(scenario().file({"track": TRACK["track"] | ports}), deeds=lost_at(gone))
-    place = circling if controller == "predictive" else swaying
+    place = swaying if how.get("controller") == "proportional" else circling
     play.watchers.append(carried(place))
     tools: list[tuple[float, Vector]] = []
     play.watchers.append(lambda w: tools.append((w.time, w.arms["arm1"].tool_pose.position)))

@@ -11,7 +11,16 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from bt_dualarm.spec.node_types import PortModel, port, validated
-from bt_dualarm.spec.values import Angle, Color, Duration, HsvRange, Plane, PoseSpec, Speed
+from bt_dualarm.spec.values import (
+    Angle,
+    Color,
+    Duration,
+    HsvRange,
+    Plane,
+    PlaneOrFree,
+    PoseSpec,
+    Speed,
+)
 from bt_dualarm.spec.yaml_reader import read_text
 
 
@@ -21,6 +30,7 @@ class Ports(PortModel):
     time: Duration = port("500 ms", "A time", le=120)
     speed: Speed = port(1.0, "A speed")
     plane: Plane = port("yz", "A plane")
+    space: PlaneOrFree = port("yz", "A plane or space")
     color: Color = port("red", "A color")
 
 
@@ -55,6 +65,8 @@ def test_durations(given_: object, seconds: float) -> None:
         {"time": -1}, {"time": "3 min"}, {"time": "1 day"}, {"time": [1]},
         {"speed": 0}, {"speed": 1.01}, {"speed": "1"},
         {"plane": "zy"}, {"plane": {"normal": [0, 0, 0]}}, {"plane": {"normal": [0, 1]}},
+        {"plane": "free"}, {"space": "fre"}, {"space": {}}, {"space": {"normal": None}},
+        {"space": {"normal": [0, 0, 0]}}, {"space": 3}, {"space": None},
         {"color": "pink"}, {"color": []}, {"color": [{"hue": [0, 361]}]}, {"color": 3},
         {"color": [{"hue": [0, 10], "value": [1, 0]}]},
         {"pose": {}}, {"pose": {"xyz": [0, 0]}}, {"pose": {"xyz": [0, 0, "0"]}},
@@ -107,6 +119,15 @@ def test_named_planes(notation: str, u: tuple[int, ...], v: tuple[int, ...]) -> 
     axes = Plane.model_validate(notation).axes
     assert axes[0] == pytest.approx(u)
     assert axes[1] == pytest.approx(v)
+
+
+@pytest.mark.parametrize("notation", ["xy", "yz", "xz", {"normal": [1, 2, 0]}])
+def test_a_plane_is_written_alike_where_space_is_allowed(notation: object) -> None:
+    assert read(space=notation).space.plane == read(plane=notation).plane
+
+
+def test_a_free_plane_is_none() -> None:
+    assert read(space="free").space.plane is None
 
 
 @given(points)

@@ -71,20 +71,20 @@ def test_a_jump_as_large_as_the_slack_takes_no_more_than_the_jerk(w: float, jerk
 def followed(
     place: Vector, reach: PlaneLimits, bandwidth: float, noise: float, seconds: float
 ) -> Matrix:
-    """Error along two axes, of shape (n, 2), of a point within limits; the target trembles."""
+    """Error along three axes, of shape (n, 3), of a point within limits; the target trembles."""
     rng = np.random.default_rng(0)
     gains = following_gains(bandwidth, SLACK, reach.jerk, PERIOD)
-    p = np.zeros(2)
-    v = np.zeros(2)
-    a = np.zeros(2)
+    p = np.zeros(3)
+    v = np.zeros(3)
+    a = np.zeros(3)
     errors = []
     for _ in range(round(seconds / PERIOD)):
-        away = place + noise * rng.normal(size=2) - p
+        away = place + noise * rng.normal(size=3) - p
         goal = closing_velocity(away, gains, reach, 6.5 * SLACK)
         wanted = fading_acceleration(goal - v, gains.b, reach.jerk)
-        wanted *= min(1.0, reach.acceleration / max(float(np.hypot(*wanted)), 1e-12))
+        wanted *= min(1.0, reach.acceleration / max(float(np.linalg.norm(wanted)), 1e-12))
         step = gains.f * (wanted - a)
-        a = a + step * min(1.0, reach.jerk * PERIOD / max(float(np.hypot(*step)), 1e-12))
+        a = a + step * min(1.0, reach.jerk * PERIOD / max(float(np.linalg.norm(step)), 1e-12))
         p = p + v * PERIOD + 0.5 * a * PERIOD**2
         v = v + a * PERIOD
         errors.append(place - p)
@@ -95,7 +95,7 @@ def followed(
 @pytest.mark.parametrize("distance", [3e-4, 0.01, 0.2])
 def test_it_arrives_without_passing_the_target(reach: PlaneLimits, distance: float) -> None:
     """Near or far, with little jerk or much: who brakes by acceleration alone swings here."""
-    along = np.array((0.8, -0.6))
+    along = np.array((0.64, -0.48, 0.6))
     longest = 4.0 * (np.cbrt(distance / reach.jerk) + np.sqrt(distance / reach.acceleration)) + 1.0
     error = followed(distance * along, reach, 200.0, 0.0, longest) @ along
     assert abs(error[-1]) < 0.01 * distance
@@ -105,6 +105,6 @@ def test_it_arrives_without_passing_the_target(reach: PlaneLimits, distance: flo
 @pytest.mark.parametrize("reach", LITTLE_TO_MUCH, ids=str)
 def test_noise_does_not_grow(reach: PlaneLimits) -> None:
     """White noise of 0.05 mm at a target at rest: less than that comes through."""
-    error = followed(np.zeros(2), reach, 200.0, 5e-5, 8.0)
+    error = followed(np.zeros(3), reach, 200.0, 5e-5, 8.0)
     late = error[len(error) // 2 :]
     assert np.sqrt(np.mean(late**2)) < 5e-5

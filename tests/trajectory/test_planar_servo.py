@@ -120,6 +120,29 @@ def test_it_follows_a_circle(robot: str) -> None:
 
 
 @ROBOTS
+def test_it_follows_a_helix_in_space(robot: str) -> None:
+    """Three axes, turned against the world's, with the orientation held."""
+    axes = Pose.from_rpy((0.0, 0.0, 0.0), (0.3, -0.4, 0.5)).rotation_matrix
+    w = 2 * np.pi / 4.0
+    sizes = np.array((0.05, 0.05, 0.03))
+    phases = np.array((0.0, 0.5 * np.pi, 0.2))
+
+    def target(time: float) -> PlaneTarget:
+        angle = w * time + phases
+        place = sizes * (np.sin(angle) - np.sin(phases))
+        return PlaneTarget(place, w * sizes * np.cos(angle), -w * w * sizes * np.sin(angle))
+
+    follower = Follower(robot, axes=axes)
+    motion = follower.follow(target, 6.0)
+    wanted = np.array([target(i * PERIOD).position for i in range(len(motion))])
+    error = np.linalg.norm(follower.displacement(motion) @ axes.T - wanted, axis=1)
+    assert error[round(2.0 / PERIOD) :].max() < 0.1 * MM
+    turns = follower.poses(motion)[:, :3, :3] @ follower.origin[:3, :3].T
+    assert np.trace(turns, axis1=1, axis2=2).min() > 3.0 - 1e-6
+    follower.assert_kept(motion)
+
+
+@ROBOTS
 @pytest.mark.parametrize("speed", [0.3, 1.0])
 def test_it_catches_up_without_overshoot(robot: str, speed: float) -> None:
     """A target that stands still 0.15 m away: approached fast, never passed by a millimeter."""
