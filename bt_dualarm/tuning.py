@@ -68,7 +68,7 @@ _LARGEST_IMAGE_PX: Final = 50_000_000
 
 
 class ImageFileError(DualArmError):
-    """A file is not a readable image; the message says why."""
+    """A file is not a readable image; the message states why."""
 
 
 def read_image(path: Path) -> Image:
@@ -227,7 +227,7 @@ def _write_label(
 
 
 class ShotError(DualArmError):
-    """There is no image; the message says why."""
+    """There is no image; the message states why."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -422,7 +422,7 @@ def choose(ports: Sequence[ColorPort], arm: str, line: int | None = None) -> Col
         raise NoColorPortError(f"no leaf of {arm} looks for a color")
     places = "\n".join(f"  {one.node.location}  {one.node.name}" for one in ports)
     if not fitting:
-        raise NoColorPortError(f"no leaf in line {line} looks for a color; these do:\n{places}")
+        raise NoColorPortError(f"no leaf on line {line} looks for a color; these do:\n{places}")
     raise NoColorPortError(f"{len(fitting)} leaves look for a color; give --line N:\n{places}")
 
 
@@ -508,7 +508,7 @@ def _span(shares: Vector, begin: tuple[float, float] | None) -> tuple[float, flo
 
 
 class ColorError(DualArmError):
-    """The input is not a color; the message says why."""
+    """The input is not a color; the message states why."""
 
 
 def color_of(data: Data) -> Color:
@@ -573,7 +573,7 @@ class Save(Protocol):
         """Write the color; returns a sentence on the result.
 
         Raises:
-            DualArmError: Nothing was written; the message says why.
+            DualArmError: Nothing was written; the message states why.
         """
 
 

@@ -17,7 +17,7 @@ _HEAD: Final = (
 
 
 def grippers_page() -> str:
-    """The whole page, its table anew."""
+    """The whole page, its table again."""
     rows = "".join(map(_row, map(load_gripper, gripper_names())))
     return _TABLE.sub(lambda _: _HEAD + rows, PAGE.read_text(encoding="utf-8"))
 

@@ -25,8 +25,8 @@ from bt_dualarm import (
 )
 
 _ALONG = 0.7  # cosine above which an axis of the object counts as parallel to the approach
-_SEARCH_M = 0.01  # beyond the estimated surface, which may lie deeper
-_TURNS = np.deg2rad([0, 90, -90, 180, 45, -45, 135, -135])  # of the tool about its axis, in order
+_SEARCH_M = 0.01  # search beyond the estimated surface, which may lie deeper
+_TURNS = np.deg2rad([0, 90, -90, 180, 45, -45, 135, -135])  # about the tool axis, in order
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +104,7 @@ class ApproachAndAttach(Skill):
                 self._refuse_if_gone()
             yield from self._attach()
         except Failure as failure:
-            if failure.code != "INTERRUPTED":  # else the arm has been told to stop
+            if failure.code != "INTERRUPTED":  # otherwise the arm was commanded to stop
                 yield from self._retreat(approach)
             raise
 
@@ -122,7 +122,7 @@ class ApproachAndAttach(Skill):
                 yield 0.1 * progress
         except Failure as failure:
             if failure.code != "NOT_OPEN":
-                raise  # else something is between them, and that will touch the object
+                raise  # otherwise something is between them, and that will touch the object
 
     def _refuse_if_gone(self) -> None:
         if self._name not in self.arm.world.objects:

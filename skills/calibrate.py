@@ -141,7 +141,7 @@ class Calibrate(Skill):
         if len(views) < _FEWEST:
             raise Failure(
                 "NOT_SEEN",
-                f"the mark was seen from {len(views)} viewpoints, of {_FEWEST} at least",
+                f"the mark was seen from {len(views)} viewpoints; at least {_FEWEST} are needed",
                 views=len(views),
             )
         found = hand_eye(views, mark)

@@ -42,9 +42,9 @@ class FollowPath(PathSkill):
             "from",
             "from: the tool is at the first point; around: points are relative to the tool",
         )
-        closed: bool = port(False, "whether a line leads from the last point to the first")
+        closed: bool = port(False, "whether a line connects the last point to the first")
         tool_speed: float = port(
-            0.05, "speed of the tool, constant but for its start and end", unit="m/s", ge=1e-4, le=2
+            0.05, "speed of the tool, constant except at both ends", unit="m/s", ge=1e-4, le=2
         )
         blend: float = port(
             0.01, "distance from a corner within which the path may cut it", unit="m", gt=0, le=0.5

@@ -19,13 +19,13 @@ from bt_dualarm import (
     port,
 )
 
-_ARRIVED_S = 0.2  # within max_error after which the tool has arrived
+_ARRIVED_S = 0.2  # the tool has arrived after this time within max_error
 _ARRIVAL_S = 10.0  # longest time to arrive after the planned motion, as the other arm may move
-_NEAR = (0.002, 0.01)  # m and rad from the transform up to which no planned motion is needed
+_NEAR = (0.002, 0.01)  # m and rad; no planned motion is needed this close to the transform
 _CATCHABLE = (0.05, 0.3)  # likewise, after a planned motion: the other arm may be moving
 _APPROACHES = 10  # planned motions at most
-_STILL = (5e-4, 2e-3)  # m and rad by which a tool at rest seems to move
-_MOVED_M = 0.01  # motion of the other tool after which its rest counts
+_STILL = (5e-4, 2e-3)  # m and rad; apparent motion of a tool at rest
+_MOVED_M = 0.01  # the other tool's rest counts only after this much motion
 
 
 class FollowTool(Skill):
@@ -39,18 +39,18 @@ class FollowTool(Skill):
         arm: ArmName = port(..., "arm whose tool is followed")
         offset: PoseSpec | None = port(
             None,
-            "pose of this tool in the frame of the other one; by default the present pose, and "
+            "pose of this tool in the frame of the other one; by default the current pose, and "
             "without an orientation the present orientation",
         )
-        duration: Duration | None = port(None, "time of following after which it succeeds", gt=0)
+        duration: Duration | None = port(None, "following time after which it succeeds", gt=0)
         until_still: Duration | None = port(
             None,
-            "time at rest of the other tool, after a motion of 1 cm, after which it succeeds",
+            "rest time of the other tool, after a motion of 1 cm, after which it succeeds",
             gt=0,
         )
         max_error: float = port(
             0.005,
-            "largest distance of the tool from the transform by the encoders, once it has arrived",
+            "largest measured distance of the tool from the transform, once it has arrived",
             unit="m",
             ge=1e-4,
             le=0.5,
@@ -187,7 +187,7 @@ class FollowTool(Skill):
 
 
 class _Rest:
-    """How long the other tool has been at rest after a motion, by its encoders."""
+    """How long the other tool has been at rest after a motion, from its encoders."""
 
     def __init__(self, tool: Pose, time: float) -> None:
         self._first = tool
@@ -208,7 +208,7 @@ class _Rest:
 
 
 class _Error:
-    """Distance of the tool from the transform by the encoders, from the arrival on."""
+    """Distance of the tool from the transform from the encoders, from the arrival on."""
 
     def __init__(self) -> None:
         self.counts = False

@@ -29,12 +29,12 @@ from bt_dualarm import (
     twin_at,
 )
 
-_UNKNOWN_FRICTION = 0.5  # of an object that is not declared
+_UNKNOWN_FRICTION = 0.5  # assumed for an object that is not declared
 
 # Rest of the object before the grasp is planned
 _STILL_M_S = 0.02
-_LASTS_S = 0.1  # for which one that has moved has to stay at rest: it may bounce
-_LONGEST_S = 2.0  # of the wait
+_LASTS_S = 0.1  # time for which an object that has moved must rest: it may bounce
+_LONGEST_S = 2.0  # longest wait
 
 
 class _ObjectPorts(PortModel):
@@ -165,7 +165,7 @@ class Grasp(Skill):
         return KnownShape.of(first) == KnownShape.of(second)
 
     def _unnamed(self) -> WantedGrasp:
-        """Wanted grasp of an undeclared object: a box of the given extent at the given pose."""
+        """Requested grasp of an undeclared object: a box of the given extent at the given pose."""
         ports = self.ports
         if ports.at is None or ports.width is None:
             raise Failure("INVALID_TARGET", "neither `object` nor `at` and `width` are given")

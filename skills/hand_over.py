@@ -31,18 +31,18 @@ from bt_dualarm import (
 )
 
 _MOTIONS = frozenset({"NO_PLAN", "IN_COLLISION", "TIMED_OUT", "DEADLOCK", "UNREACHABLE"})
-_PATIENCE_S = 15.0  # for the taker to leave the path, before another plan is tried
-_LIGHTER = 0.4  # share of the weight that the giver's pads must have lost
+_PATIENCE_S = 15.0  # time for the taker to clear the path before another plan is tried
+_LIGHTER = 0.4  # fraction of the weight that the giver's pads must have lost
 _WEIGHED_M = 0.05  # height by which an object of unknown mass is raised to weigh it
 _WEIGHING_SPEED = 0.15  # fraction of the arm's limits
 _LEVEL = 0.4  # horizontal share of a load that is still one by the weight
 _PUSHED_N = 4.0  # change of the load that shows that the taker has met the object
 _FELT_N = 0.6  # weight above which pads tell whether it has become lighter
-_LIGHTER_S = 1.0  # in which that has to be felt, once the taker carries
+_LIGHTER_S = 1.0  # time limit to measure that once the taker carries
 
 
 class HandOver(Skill):
-    """Present a held object to another arm, and let go once that arm carries it."""
+    """Present a held object to another arm, and release it once that arm carries it."""
 
     class Ports(PortModel):
         object: ObjectName = port(..., "object to hand over, which this arm holds")
@@ -64,11 +64,12 @@ class HandOver(Skill):
         retreat_speed: Speed = port(0.4, "fraction of the arm's limits on the retreat")
 
     failures = {
-        "NOT_HELD": "the arm does not hold the object, or no longer",
+        "NOT_HELD": "the arm does not hold the object, or no longer does",
         "NOT_THERE": "an arm or the object is not in the world",
         "INVALID_TARGET": "the arm hands over to itself, or the orientation is given twice",
         "PARTNER_GONE": "the other arm has given up, ended or was removed",
-        "NOT_TAKEN": "the other arm says that it carries the object, but it has become no lighter",
+        "NOT_TAKEN": "the other arm reports that it carries the object, "
+        "but the weight on this arm's pads has not decreased",
         "NOT_OPEN": "the fingers did not open",
     }
     example = "hand_over: {object: cube, to: arm2}"
@@ -77,7 +78,7 @@ class HandOver(Skill):
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Meet the taker; go where it proposes; let go when it carries; retreat."""
+        """Meet the taker; go where it proposes; release when it carries; retreat."""
         arm = self.arm
         name = self.ports.object
         taker = self.ports.to
@@ -199,7 +200,7 @@ class HandOver(Skill):
     def _pass_on(
         self, joint: JointPart, taker: str, number: int
     ) -> Generator[float | None, None, bool]:
-        """Hold still until the taker carries the object, then let go.
+        """Hold still until the taker carries the object, then release it.
 
         Returns:
             Whether the taker has it; otherwise it proposes another plan.
@@ -215,7 +216,7 @@ class HandOver(Skill):
         weight = self._weight(sense, before)
         joint.tell(ready=number, weight_n=weight)
         first = before
-        is_pushed = not sense.is_tactile  # joints feel it too late
+        is_pushed = not sense.is_tactile  # the joints detect it too late
         for _ in joint.until(
             lambda: told(taker).get("grasped") == number or _plan(joint, taker) > number
         ):
@@ -248,9 +249,9 @@ class HandOver(Skill):
         return True
 
     def _weight(self, sense: LoadSense, load: np.ndarray) -> float | None:
-        """Weight of the object, N: by its mass, if that is known, else by the pads.
+        """Weight of the object, N: from its mass if known, otherwise from the pads.
 
-        None if neither tells it: a load that is not vertical comes from something else as well,
+        None if neither shows it: a load that is not vertical comes from something else as well,
         such as the palm.
         """
         for one in self.arm.payload:
@@ -277,8 +278,8 @@ class HandOver(Skill):
             if self.time - began > _LIGHTER_S:
                 raise Failure(
                     "NOT_TAKEN",
-                    f"{self.ports.to} says that it carries {self.ports.object!r}, but that has "
-                    f"become lighter by {lighter:.1f} N of {weight:.1f} N only",
+                    f"{self.ports.to} reports that it carries {self.ports.object!r}, but "
+                    f"the weight here has decreased by only {lighter:.1f} of {weight:.1f} N",
                     weight_n=weight,
                     lighter_n=lighter,
                 )

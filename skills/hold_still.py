@@ -20,9 +20,9 @@ from bt_dualarm import (
     shared_grasp,
 )
 
-_LEARN_S = 1.0  # in which an arm finds out what its model misses, before it becomes soft
-_ZERO_S = 0.2  # likewise for the zero of the force of a stiff one
-_BACK_S = 4.0  # longest time in which it returns to its pose when it becomes stiff again
+_LEARN_S = 1.0  # time to learn model errors before the arm becomes soft
+_ZERO_S = 0.2  # likewise for zeroing the force of a stiff arm
+_BACK_S = 4.0  # time limit for returning to its pose when it becomes stiff again
 _BACK_RAD = 5e-4
 
 
@@ -36,7 +36,7 @@ class HoldStill(Skill):
         compliance: float = port(
             0.0,
             "displacement of the tool per force in its softest direction; 0 holds as stiffly as "
-            "the arm can. Dry friction of the joints comes on top",
+            "the arm can. The dry friction of the joints adds to this",
             unit="m/N",
             ge=0,
             le=0.02,

@@ -8,7 +8,7 @@ from bt_dualarm import Failure, ObjectName, PortModel, Skill, port
 
 
 class Holding(Skill):
-    """Check whether the gripper holds something, by its sensors: a condition for ``guard``."""
+    """Check whether the gripper holds something, from its sensors: a condition for ``guard``."""
 
     class Ports(PortModel):
         object: ObjectName | None = port(None, "object that must be held; by default any")
@@ -33,7 +33,7 @@ class Holding(Skill):
             )
         if wanted is not None and wanted not in gripper.held:
             known = ", ".join(gripper.held) or "an object that was not named when it was grasped"
-            raise Failure("NOT_HOLDING", f"it is not {wanted!r} that it holds: {known}")
+            raise Failure("NOT_HOLDING", f"it holds {known}, not {wanted!r}")
         return
         yield  # makes this a generator, as every skill is one
 
@@ -42,4 +42,4 @@ class Holding(Skill):
         if not gripper.page.fingers:
             return f"its cup has {gripper.vacuum:.0%} of its vacuum"
         force = abs(gripper.force)
-        return f"its fingers stand {1e3 * gripper.width:.1f} mm apart and press with {force:.0f} N"
+        return f"its fingers are {1e3 * gripper.width:.1f} mm apart and press with {force:.0f} N"

@@ -32,7 +32,7 @@ _HIGH_M = 0.0005  # a contact sensed within so much of the beginning of a descen
 _UNSURE_M = 0.002  # height above the expected rim from which it is lowered the first time
 _NEAR_BOTTOM_M = 0.003  # height above the bottom from which contact is expected
 _FALSE = 3  # descents at one position of the search before a false contact counts
-_PASSES = 2  # of the search; positions of the second lie between those of the first
+_PASSES = 2  # passes of the search; the second searches between the positions of the first
 _IN_M = 0.0025  # depth below the rim at which the peg is in the hole
 _STARTS = 3  # free branches of the inverse kinematics among which the planner chooses
 _TRIES = 12  # blocked branches after which the search for free ones ends
@@ -229,7 +229,7 @@ class Insert(Skill):
             yield from self._hop(high, grip)
             yield from guarded_descent(self.arm, deep, down_speed, force, grip.look, lightly=True)
             if self._height(bottom) < start - _HIGH_M:
-                break  # else the friction of a joint was taken for a contact
+                break  # otherwise the friction of a joint was taken for a contact
         return self._height(bottom)
 
     def _hop(self, pose: Pose, grip: Grip) -> Iterator[float]:

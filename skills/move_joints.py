@@ -22,7 +22,7 @@ class MoveJoints(Skill):
         speed: Speed = port(0.5, "fraction of the arm's limits")
 
     failures = {
-        "INVALID_TARGET": "the number of angles is not that of the joints, or no such joint",
+        "INVALID_TARGET": "the number of angles is not the number of joints, or no such joint",
         "JOINT_LIMIT": "an angle is beyond the joint's limits",
         "IN_COLLISION": "the arm would touch something on the path",
         "TRACKING_ERROR": "the arm was blocked or could not follow",

@@ -57,7 +57,7 @@ class MoveUntilContact(Skill):
     failures = {
         "INVALID_TARGET": "the direction is a zero vector",
         "NO_CONTACT": "no opposing force was detected over the whole distance",
-        "IN_COLLISION": "a link that is no part of the tool would touch something first",
+        "IN_COLLISION": "a link that is not part of the tool would touch something first",
         "FORCE_LIMIT": "the contact force exceeded the arm's limit before it stopped",
         "TRACKING_ERROR": "the arm could not follow",
         "BUSY": "another leaf moves the arm",

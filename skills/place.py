@@ -29,7 +29,7 @@ _LOOK_M = 0.3  # distance of the camera from the goal
 _LEAN = np.radians(45.0)  # largest rotation of the line of sight from that at the release
 _LEANS = np.radians(3.0)  # angle from upright above which the current orientation is remarkable
 _PICTURES = 6  # images that are averaged
-_SIGMAS = 3.0  # standard deviations of the estimate that are allowed in addition
+_SIGMAS = 3.0  # allowed in addition, in standard deviations of the estimate
 
 
 class _ObjectPorts(PortModel):

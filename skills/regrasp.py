@@ -19,7 +19,7 @@ from bt_dualarm import (
     refuse_too_frail,
 )
 
-_TOLERANCE_M = 0.004  # of the height at which it is placed
+_TOLERANCE_M = 0.004  # tolerance of the placing height
 _WITHIN_M = 0.01  # error of its pose after placing, and of its pose in the gripper at the end
 
 

@@ -41,12 +41,12 @@ _ELSEWHERE = _MOTIONS | {
     "SINGULAR",
     "COLLISION",
 }
-_HELD_UP_S = 2.0  # for which the approach waits where the guard has stopped it
-_HOLD_S = 0.12  # for which the pads have to press
+_HELD_UP_S = 2.0  # wait where the guard has stopped the approach
+_HOLD_S = 0.12  # time for which the pads must press
 _CLOSING_S = 2.5
-_TRANSFER_S = 0.4  # in which the weight is taken over
+_TRANSFER_S = 0.4  # time over which the weight is taken over
 _STEPS = 8
-_CARRIES = 0.5  # share of the weight that the taker's pads must feel
+_CARRIES = 0.5  # fraction of the weight that the taker's pads must measure
 _FELT_N = 0.6
 _MET_N = 1.5  # load on the pads that shows a contact
 _WIDTH_M = 0.006
@@ -54,18 +54,18 @@ _PRESSED_M = 0.006
 _PRESSED_N = 12.0
 _PUSHES_N = 20.0  # contact force that the joints feel, at which the approach ends
 _EARLY_M = 0.015  # before the goal, where fingers still reach around the object
-_TOUCH_M = 0.004  # from the object, at which a bare tool can be attached to it
+_TOUCH_M = 0.004  # distance at which a bare tool can be attached to the object
 _NEAR_M = 0.001
-_STEP_M = 0.001  # by which the set-point follows a pull
+_STEP_M = 0.001  # step of the set-point along a pull
 _MOST_STEPS = 12
-_MOST_LEVEL = 4  # steps after which a horizontal pull is accepted
+_MOST_LEVEL = 4  # a horizontal pull is accepted after this many steps
 _LEVEL_N = 6.0  # horizontal pull that is not followed
-_STIFFNESS = 8000.0  # of a compliant arm, N/m
+_STIFFNESS = 8000.0  # stiffness of a compliant arm, N/m
 _HELD_M = 0.03
 _THERE_RAD = 1e-6
 _TOWARD = 0.2  # cosine beyond which a lift leads toward the giver
 _LIFT_WAIT_S = 0.5
-_TRIES = 3  # motions to the standoff
+_TRIES = 3  # maximum number of motions to the standoff
 
 
 class _Ports(PortModel):
@@ -90,7 +90,7 @@ class _Ports(PortModel):
         None, "assumed mass; by default the giver's estimate", unit="kg", gt=0, le=100
     )
     shake: float = port(
-        8.0, "acceleration of the tool that the grip has to bear", unit="m/s²", ge=0, le=50
+        8.0, "acceleration of the tool that the grip must withstand", unit="m/s²", ge=0, le=50
     )
     margin: float = port(1.5, "safety factor of the grip", unit="times the load", ge=1, le=10)
     speed: Speed = port(0.5, "fraction of the arm's limits up to the standoff")
@@ -121,7 +121,7 @@ class TakeOver(Skill):
     ports: Any
 
     def run(self) -> Iterator[float | None]:
-        """Meet the giver; choose place and grasp; close beside its fingers; take the weight."""
+        """Meet the giver; choose place and grasp; close next to its fingers; take the weight."""
         arm = self.arm
         name = self.ports.object
         giver = getattr(self.ports, "from")
@@ -299,7 +299,7 @@ class TakeOver(Skill):
         Args:
             joint: The handover.
             giver: Name of the giver.
-            promised: Whether the giver was told that this arm keeps it.
+            promised: Whether this arm has confirmed to the giver that it keeps it.
         """
         held = self.arm.world.attachments
         name = self.ports.object
@@ -307,9 +307,9 @@ class TakeOver(Skill):
             return False
         if held.find(giver, name) is None or giver not in self.arm.world.arms:
             return True
-        return promised and not joint.left(giver)  # one that has left did not open any more
+        return promised and not joint.left(giver)  # one that left did not open its gripper
 
-    # The steps of taking
+    # Steps of taking over
 
     def _open(self) -> None:
         gripper = self.arm.gripper
@@ -337,7 +337,7 @@ class TakeOver(Skill):
             arm.check()
             joint.check()
             arm.refuse_when_held_up(motion, _HELD_UP_S)
-            # The giver feels at once that it is pushed, by the pads; the joints feel it late.
+            # The giver's pads detect a push at once, its joints only later.
             if joint.told(giver).get("pushed") == number or sense.force() > _PUSHES_N:
                 yield from arm.halt(give_way=True)
                 for _ in arm.relax(stays_compliant=True):
@@ -380,7 +380,7 @@ class TakeOver(Skill):
         yield from arm.halt()
 
     def _close(self, joint: JointPart, plan: HandoverPlan) -> Iterator[float | None]:
-        """Close gently, give way to the object, then take it with the force that it needs."""
+        """Close gently, yield to the object, then grip it with the required force."""
         arm = self.arm
         name = self.ports.object
         if arm.name not in arm.world.grippers:
@@ -438,7 +438,7 @@ class TakeOver(Skill):
                 )
 
     def _relax(self, joint: JointPart) -> Generator[float | None, None, float]:
-        """Give way to the forces between the arms; returns the load on the pads then, N."""
+        """Yield to the forces between the arms; returns the load on the pads then, N."""
         sense = LoadSense(self.arm)
         felt = -float(sense.look()[2])
         for _ in self.arm.relax(stays_compliant=True):
@@ -481,7 +481,7 @@ class TakeOver(Skill):
         arm = self.arm
         bear = arm.world.attachments.bear
         for step in range(1, _STEPS + 1):
-            if giver in arm.world.attachments.holders(name):  # a removed one has left all of it
+            if giver in arm.world.attachments.holders(name):  # a removed arm left all of it
                 bear(arm.name, name, step / _STEPS)
             until = arm.time + _TRANSFER_S / _STEPS
             while arm.time < until:
@@ -492,7 +492,7 @@ class TakeOver(Skill):
         weight = joint.told(giver).get("weight_n")
         if not sense.is_tactile or weight is None or weight < _FELT_N:
             return
-        # The grip force appears as a load, too, by the gain errors of the pads.
+        # Because of the pads' gain errors, the grip force appears as a load, too.
         page = arm.gripper.page
         gain = 0.0 if page.tactile is None else page.tactile.gain
         closing = abs(float(arm.tool_pose.rotation_matrix[2, 1]))

@@ -82,7 +82,7 @@ class Track(Skill):
         )
         until_still: Duration | None = port(
             None,
-            "time at rest of the target, after a motion of 1 cm, after which it succeeds",
+            "rest time of the target, after a motion of 1 cm, after which it succeeds",
             gt=0,
         )
         wait: Duration = port(60.0, "longest wait for the target to come into view", gt=0)

@@ -80,7 +80,7 @@ WAIT_S = 60.0
 enough for several of them, one after the other, to pick and place there."""
 
 _RELAXATIONS = 4
-_YIELD_S = 0.1  # in which a contact can push the arm away
+_YIELD_S = 0.1  # time for a contact to push the arm away
 _WAITS_ON = ("IN_COLLISION", "TIMED_OUT", "NO_PLAN")  # failures of yielding: wait at this pose
 _NOTHING: frozenset[str] = frozenset()
 
@@ -411,14 +411,14 @@ class Arm(ArmState):
         self.stream(following)
         traffic.lead(self.name, leader, following.pace)
         motion = self._shared.controllers[leader].motion
-        if isinstance(motion, TrajectorySource):  # it has begun before
+        if isinstance(motion, TrajectorySource):  # already running
             row = round(motion.parameter.s / motion.trajectory.dt)
             left = motion.trajectory.piece(row, len(motion.trajectory))
             motion.cap(min(motion.most_scale, following.pace(left)))
         return following
 
     def tool_pose_of(self, other: str) -> Pose:
-        """Measured pose of another arm's tool, by its encoders."""
+        """Measured pose of another arm's tool, from its encoders."""
         return self.world.nominal[other].tool_pose_at(self.world.hardware[other].q)
 
     def commanded_tool_pose_of(self, other: str) -> Pose:
@@ -438,7 +438,7 @@ class Arm(ArmState):
             ignore: Names of the objects that may be touched.
             until_s: Time of the motion as planned after which contact is intended, s.
         """
-        # Arms that follow this one's tool make way by themselves; the guard keeps them apart.
+        # Arms that follow this one's tool yield on their own; the guard keeps them apart.
         followers = self._shared.traffic.followers(self.name)
         return PlanMonitor(self.world, self.name, motion, ignore | followers, until_s)
 
@@ -486,7 +486,7 @@ class Arm(ArmState):
         )
 
     def refuse_deadlock(self) -> bool:
-        """Refuse to wait for arms that wait for this one in turn.
+        """Refuse to wait for arms that are waiting for this one.
 
         Returns:
             Whether the arms in the way have ended, and are going to stay there.
@@ -528,7 +528,7 @@ class Arm(ArmState):
         final configuration does not matter.
 
         Args:
-            stays_compliant: Whether a compliant arm stays so: its contact goes on. It then yields
+            stays_compliant: Whether a compliant arm stays so: its contact continues. It then yields
                 twice only.
 
         Raises:
@@ -553,7 +553,7 @@ class Arm(ArmState):
                 return
 
     def yield_to(self, force: Vector) -> None:
-        """Give way to a part of the measured contact force; see `Compliance.yield_to`.
+        """Yield to a part of the measured contact force; see `Compliance.yield_to`.
 
         Args:
             force: Force on the tool in the world, of shape (3,), N, by which the contact force
@@ -783,7 +783,7 @@ class Arm(ArmState):
         return self.line_after(self.setpoint.q, end)
 
     def line_after(self, q: Vector, end: Pose) -> Matrix:
-        """Configurations as of `line_on`, from a configuration ``q`` instead of the set-point."""
+        """Configurations as for `line_on`, from a configuration ``q`` instead of the set-point."""
         start = self.kinematics.forward(q)
         return self.kinematics.follow_on(line(start, end).poses, q)
 
@@ -865,7 +865,8 @@ class Arm(ArmState):
         """
         refuse_beyond(self.robot.joints, goal, self.robot.limits)
         motion = point_to_point(self.setpoint.q, goal, self.limits(speed), self.period)
-        # What is held may go on lying on something, but sets down nowhere: joints are no pose.
+        # A held object may keep touching what it lies on, but is not set down: a joint motion has
+        # no goal pose for it.
         checker = self.checker().without_new_contacts([self.setpoint.q])
         refuse_contact(checker, motion)
         return self.within_efforts(motion)
@@ -929,7 +930,7 @@ class Arm(ArmState):
         refuse_contact(self.checker(ignore), way)
 
     def first_link_contact(self, rows: Matrix) -> tuple[int, CollisionFailure] | None:
-        """First configuration in which a link that is no part of the tool would touch something.
+        """First configuration in which a link that is not part of the tool would touch something.
 
         Args:
             rows: Configurations along a path, of shape (n, dof), rad.
@@ -952,7 +953,7 @@ class Arm(ArmState):
         Raises:
             Failure: ``OVERLOADED``, as `PayloadCheck.refuse`.
         """
-        if self.world.objects[name].joint is not None:  # its joint bears it
+        if self.world.objects[name].joint is not None:  # its joint supports it
             return
         tool_link = self.kinematics.forward(q) @ self.robot.tool.inverse
         self._shared.carrying.refuse(name, q, tool_link, seen)
@@ -1058,12 +1059,12 @@ class MoveTo:
 
         def planned() -> Generator[None, None, Trajectory]:
             rows = self.arm.line_on(end)
-            # After an interruption the line begins elsewhere, where nothing is known to be free.
+            # After an interruption the line begins elsewhere, where it has not been checked.
             has_not_moved = bool(np.array_equal(self.arm.setpoint.q, start))
             yield from self.checked(rows, known_free and has_not_moved)
             return self.arm.time_path(rows, self.speed)
 
-        # Elsewhere the line may be another one, or none at all: the others move aside.
+        # From another configuration the line may differ or not exist: the others move aside.
         return replace(self, give_way=False).along(planned)
 
     def to_line(
@@ -1094,7 +1095,7 @@ class MoveTo:
                     start: Vector = start, path: Matrix = path
                 ) -> Generator[None, None, bool]:
                     if not np.array_equal(self.arm.setpoint.q, start):
-                        return False  # it has moved aside
+                        return False  # already moved aside
                     yield from line.checked(path, known_free=True)
                     return True
 

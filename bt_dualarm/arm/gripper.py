@@ -29,17 +29,17 @@ _SLID_M: Final = 0.003  # change of the opening: another part of the object is b
 _SLID_STEPS: Final = 3.0
 _GIVES_M: Final = 0.0015  # decrease of the opening just before the object is lost
 _GIVES_STEPS: Final = 1.5
-_LEAKS: Final = 0.9  # fraction of the largest vacuum so far, below which the cup leaks
-_SEALS: Final = 0.5  # fraction of the commanded vacuum, below which the cup does not seal
+_LEAKS: Final = 0.9  # below this fraction of the largest vacuum so far, the cup leaks
+_SEALS: Final = 0.5  # below this fraction of the commanded vacuum, the cup does not seal
 
 # Rest, opening and contact
 _REST_MPS: Final = 0.003  # speed of fingers at rest; encoder noise is allowed for in addition:
-_REST_STEPS: Final = 2.5  # steps within the time over which the speed is measured
+_REST_STEPS: Final = 2.5  # encoder steps within the window of the speed measurement
 _OPEN_M: Final = 1e-3  # tolerance of the opening, in addition to an encoder step
 _NO_VACUUM: Final = 0.01
-_TIMEOUT_S: Final = 1.0  # in addition to twice the nominal time to open
-_DECIDED_S: Final = 1.0  # in which fingers open or build up force
-_FELT: Final = 0.1  # fraction of the least commandable force; the fingers' own friction is less
+_TIMEOUT_S: Final = 1.0  # timeout in addition to twice the nominal opening time
+_DECIDED_S: Final = 1.0  # time for fingers to open or build up force
+_FELT: Final = 0.1  # fraction of the minimum commandable force; the fingers' own friction is less
 _PRESSING: Final = 0.8  # fraction of the commanded force
 
 # Identification of the object
@@ -74,7 +74,7 @@ class ArmGripper:
 
     @property
     def width(self) -> float:
-        """Opening between the pads by the encoder, m; 0 for a cup."""
+        """Opening between the pads from the encoder, m; 0 for a cup."""
         return self._hardware.width
 
     @property
@@ -102,7 +102,7 @@ class ArmGripper:
 
     @property
     def touch(self) -> float:
-        """Largest force on one of the fingertips by their sensors, N.
+        """Largest force on one of the fingertips from their sensors, N.
 
         Without tactile sensors, that of the drive once the fingers are at rest on something; for a
         cup, the force of its vacuum.
@@ -136,7 +136,7 @@ class ArmGripper:
 
     @property
     def holding(self) -> bool:
-        """Whether it holds something, by its sensors.
+        """Whether it holds something, from its sensors.
 
         Fingers hold when they press with the commanded force, are at rest and are not closed. A cup
         holds when it is commanded to suck and has built up the commanded force.
@@ -148,7 +148,7 @@ class ArmGripper:
 
     @property
     def is_lost(self) -> bool:
-        """Whether the held object is lost: by the sensors, fingers have shut or the cup leaks."""
+        """Whether the held object is lost: from the sensors, fingers have shut or the cup leaks."""
         return is_lost(self.page, self.width, self.vacuum, self.commanded.force)
 
     def until_decided(self) -> Iterator[None]:
@@ -325,7 +325,7 @@ class ArmGripper:
             wanted: Name of an object that it may already hold.
 
         Raises:
-            Failure: ``GRIPPER_FULL``, by ``held`` or, if that is empty, by the sensors.
+            Failure: ``GRIPPER_FULL``, by ``held`` or, if that is empty, from the sensors.
         """
         self.forget_lost()
         held = self.held
@@ -337,7 +337,7 @@ class ArmGripper:
             raise self._full(f"{self.page.name} holds {what} without a name: `release` it first")
 
     def refuse_full(self, wanted: str | None = None) -> None:
-        """Check as `refuse_other`, and that nothing is attached to the tool.
+        """Like `refuse_other`; also checks that nothing is attached to the tool.
 
         Args:
             wanted: Name of an object that it may already hold.
@@ -354,7 +354,7 @@ class ArmGripper:
         return Failure("GRIPPER_FULL", sentence, width_m=self.width, force_n=self.force)
 
     def forget_lost(self) -> None:
-        """Detach a lost object: by the sensors, fingers have shut or the cup leaks."""
+        """Detach a lost object: from the sensors, fingers have shut or the cup leaks."""
         if self.is_lost:
             self.forget_released()
 
@@ -375,7 +375,8 @@ class ArmGripper:
         self._lease.refuse_other_threads()
         if name not in self.held:
             return False
-        # A cup that was told to release has no vacuum either, as one that has lost the object.
+        # A cup that was commanded to release has no vacuum either, like one that has lost its
+        # object.
         if self.commanded.width > 0.0 or not self.is_lost:
             self._known.left(name)
         return self._world.attachments.detach(self._arm, name, stands=stands)

@@ -74,12 +74,12 @@ class MotionPair:
         self._waiting.pop(arm, None)
 
     def leave(self, arm: str) -> None:
-        """Note that an arm begins no further motion in step."""
+        """Record that an arm begins no further motion in step."""
         self._waiting.pop(arm, None)
         self.be_alone(self._other[arm])
 
     def be_alone(self, arm: str) -> None:
-        """Note that an arm need not wait for motions of the other one any more."""
+        """Record that an arm need not wait for motions of the other one any more."""
         self._alone.add(arm)
 
     def start(self) -> None:

@@ -99,7 +99,7 @@ class KnownObjects:
         return hung.spec.position_of(self.pose(hung.owner).pose.inverse @ known.pose)
 
     def saw(self, name: str, pose: Pose) -> None:
-        """Take over a pose in the world that a camera has measured."""
+        """Store a pose in the world that a camera has measured."""
         self._set(name, KnownPose(pose, "seen", self._world.time))
 
     def put(self, name: str, pose: Pose) -> None:
@@ -107,16 +107,16 @@ class KnownObjects:
         self._set(name, KnownPose(pose, "declared", self._world.time))
 
     def took(self, name: str) -> None:
-        """Note that the arm holds an object from now on; unless it lets it go, it is lost later."""
+        """Record that the arm holds an object from now on; it is lost later unless released."""
         self._known.pop(name, None)
         self._unknown[name] = f"{self._arm} had taken it, and lost it"
 
     def left(self, name: str) -> None:
-        """Note that the arm lets an object go where it is; to be called while it is still held."""
+        """Record that the arm releases an object where it is; call while it is still held."""
         self._set(name, KnownPose(self.pose(name).pose, "felt", self._world.time))
 
     def forget(self, name: str, why: str) -> None:
-        """Note that an object is elsewhere from now on.
+        """Record that an object is elsewhere from now on.
 
         Args:
             name: Name of the object.

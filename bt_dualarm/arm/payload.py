@@ -35,7 +35,7 @@ UNKNOWN_KG: Final = 1.0
 """Mass in kg that is assumed until it is declared or estimated."""
 
 _GRAVITY: Final = np.array([0.0, 0.0, -9.81])
-_SAMPLE_S: Final = 0.012  # between samples from which the tool's acceleration is differenced
+_SAMPLE_S: Final = 0.012  # sampling period for differencing the tool's acceleration
 _LEVER_M: Final = 0.005  # effective radius of a pad's torsional friction about its normal
 _BISECTIONS: Final = 8
 _THICK_M: Final = 0.02  # assumed of a finger whose shape is a mesh
@@ -131,7 +131,7 @@ def grip_force_for(world: World, held: Attachment, load: NominalLoad, shake: flo
         world: World that the arm is in.
         held: Attachment of the load to the gripper.
         load: Load as the arm has estimated it; the upper bound of its mass counts.
-        shake: Acceleration that the grip has to bear in any direction, m/s².
+        shake: Acceleration that the grip must withstand in any direction, m/s².
 
     Returns:
         Force of each pad, or of a cup; 0 if the mass is unknown, infinite if no force holds.
@@ -147,7 +147,7 @@ def grip_force_for(world: World, held: Attachment, load: NominalLoad, shake: flo
 
 
 def min_grip_force(page: Gripper, friction: float, load: NominalLoad) -> float:
-    """Least force in N of each pad, or of a cup, that holds a load at rest, with `IN_HAND`.
+    """Minimum force in N of each pad, or of a cup, that holds a load at rest, with `IN_HAND`.
 
     Only the mass counts: the estimate of the center is too uncertain for a bound.
 
@@ -225,7 +225,7 @@ class _Grip:
         return self.force_for(mass, turns, accelerations) <= self._force
 
     def force_for(self, mass: float, turns: np.ndarray, accelerations: Matrix) -> float:
-        """Force in N that holds it, with `IN_HAND`; arguments as of `bears`."""
+        """Force in N that holds it, with `IN_HAND`; arguments as for `bears`."""
         in_link = np.einsum("nij,ni->nj", turns, mass * (_GRAVITY - accelerations))
         forces = in_link @ self._tool.rotation_matrix
         if self._cup is not None:

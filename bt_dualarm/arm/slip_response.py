@@ -21,19 +21,19 @@ from bt_dualarm.sim.world import World
 FIRMER: Final = 3.0
 """Factor by which the force grows at each slip, up to what gripper and object withstand."""
 
-_PAUSE_S: Final = 0.05  # between two responses
-_LIFT_S: Final = 0.3  # of motion after a grasp, in which the load is transferred to the pads
-_SURE: Final = 2.0  # standard deviations by which an estimated mass has to exceed a payload
+_PAUSE_S: Final = 0.05  # minimum time between two responses
+_LIFT_S: Final = 0.3  # motion time after a grasp while the load is transferred to the pads
+_SURE: Final = 2.0  # an estimated mass must exceed a payload by this many standard deviations
 _PRESSES: Final = 0.3  # fraction of the commanded force; less is friction of the drive
 _NO_VACUUM: Final = 0.01
-_SHAKE: Final = 8.0  # m/s² that the grip on an estimated load has to bear, as that of `grasp`
+_SHAKE: Final = 8.0  # m/s² that the grip on an estimated load must withstand, as in `grasp`
 
 NEAR_SLIDING: Final = 0.9
 """Fraction of a pad's friction cone beyond which a slip is imminent. Planned motions use at most
 1 / 1.2 of it, see `payload.IN_HAND`."""
 
-_DEVIATIONS: Final = 3.0  # standard deviations of a pad's noise that are allowed for
-_EASED: Final = 0.4  # fraction of the commanded force, below which something pulls a pad open
+_DEVIATIONS: Final = 3.0  # noise margin of a pad, standard deviations
+_EASED: Final = 0.4  # below this fraction of the commanded force, something pulls a pad open
 _READINGS: Final = 3  # last readings of a pad that count,
 _CONFIRMED: Final = 2  # and how many of them have to show a slip: a loosened object bounces
 _OF_A_COLLISION: Final = 0.65  # fraction of the collision thresholds; fast carrying reaches 0.54
@@ -42,8 +42,8 @@ _OF_A_COLLISION: Final = 0.65  # fraction of the collision thresholds; fast carr
 class SlipResponse:
     """Slip response of an arm's gripper, evaluated at every set-point.
 
-    Slip is detected by the pads if they have tactile sensors, else by joint torques that the model
-    does not explain; in both cases also by the opening of the fingers or a cup's vacuum.
+    Slip is detected by the pads if they have tactile sensors, otherwise by joint torques that the
+    model does not explain; in both cases also by the opening of the fingers or a cup's vacuum.
 
     Args:
         world: World that the arm is in.
@@ -249,7 +249,7 @@ class SlipResponse:
         self._ask(hardware, min(FIRMER * hardware.commanded.force, most))
 
     def _ask(self, hardware: GripperHardware, force: float) -> None:
-        """Command a force in N, if that is more than the present one."""
+        """Command a force in N, if that is more than the current one."""
         asked = hardware.commanded
         if force > asked.force:
             speed = hardware.gripper.speed.most

@@ -74,7 +74,7 @@ class ArmState:
 
     @property
     def tool_pose(self) -> Pose:
-        """Measured pose of the tool, by the encoders."""
+        """Measured pose of the tool, from the encoders."""
         return self.world.nominal[self.name].tool_pose_at(self.q)
 
     @property
@@ -151,7 +151,7 @@ class Lease:
         """
         other = self._holder
         if other is not None and other is not holder and not self._at_rest():
-            raise Failure("BUSY", f"{other.leaf} is moving {self._arm} already", owner=other.leaf)
+            raise Failure("BUSY", f"{other.leaf} is already moving {self._arm}", owner=other.leaf)
 
     def take(self, holder: Leaseholder) -> None:
         """Give the lease to this holder; repeated calls change nothing.
@@ -199,7 +199,8 @@ class Leaseholder:
         """Register the calling thread as the one that ticks or halts the leaf.
 
         Args:
-            anew: Whether a new run of the leaf begins, which an earlier intrusion does not concern.
+            anew: Whether a new run of the leaf begins, which an earlier intrusion does not
+                affect.
         """
         self._thread = threading.get_ident()
         if anew:

@@ -5,8 +5,8 @@ is blocked by another one waits and plans again. If the other one waits as well,
 to move aside: the one that has begun to wait later. Whoever waits longest therefore is never asked
 to move aside, until it is through; then another one waits longest, and no arm starves.
 
-These waits are part of the wait-for graph of the cell, beside those for signals, rendezvous and
-claims. If an arm waits for good, because the one in its way waits for it or has ended, the run
+These waits are part of the wait-for graph of the cell, in addition to those for signals, rendezvous
+and claims. If an arm waits forever because the one in its way waits for it or has ended, the run
 ends its wait.
 """
 
@@ -74,7 +74,7 @@ class Traffic:
     def block(
         self, arm: str, path: str, blockers: Collection[str], *, may_yield: bool = True
     ) -> None:
-        """Note that other arms are in the way of an arm; repeated calls keep its rank.
+        """Record that other arms are in the way of an arm; repeated calls keep its rank.
 
         Args:
             arm: Name of the arm.
@@ -95,13 +95,13 @@ class Traffic:
         )
 
     def advance(self, arm: str) -> None:
-        """Note that nothing is in the way of an arm at present; it keeps its rank."""
+        """Record that nothing is in the way of an arm at present; it keeps its rank."""
         if arm in self._blocked:
             self._changing()
             self._blocked[arm] = replace(self._blocked[arm], blockers=frozenset())
 
     def arrive(self, arm: str) -> None:
-        """Note that an arm has reached its goal, or has given up."""
+        """Record that an arm has reached its goal, or has given up."""
         self._refused.pop(arm, None)
         if arm in self._blocked:
             self._changing()
@@ -151,12 +151,12 @@ class Traffic:
         self._pairs[arm] = action, known or MotionPair(arm, other)
 
     def leave_step(self, arm: str) -> None:
-        """Note that the motions of an arm no longer go in step with others."""
+        """Record that the motions of an arm no longer go in step with others."""
         if arm in self._pairs:
             self._pairs.pop(arm)[1].leave(arm)
 
     def alone_in_step(self, arm: str) -> None:
-        """Note that the other arm begins no further motion in step."""
+        """Record that the other arm begins no further motion in step."""
         if arm in self._pairs:
             self._pairs[arm][1].be_alone(arm)
 
@@ -166,7 +166,7 @@ class Traffic:
             self._pairs[arm][1].begin(arm, path, self._clock(), motion)
 
     def abandon_motion(self, arm: str) -> None:
-        """Note that the motion of an arm was stopped."""
+        """Record that the motion of an arm was stopped."""
         if arm in self._pairs:
             self._pairs[arm][1].abandon(arm)
 
@@ -185,7 +185,7 @@ class Traffic:
             pair.start()
 
     def lead(self, arm: str, leader: str, pace: Callable[[Trajectory], float]) -> None:
-        """Note that an arm follows another one's tool, until `lead_no_more`.
+        """Record that an arm follows another one's tool, until `lead_no_more`.
 
         Args:
             arm: Name of the follower.
@@ -195,7 +195,7 @@ class Traffic:
         self._leaders[arm] = leader, pace
 
     def lead_no_more(self, arm: str) -> None:
-        """Note that an arm follows no other one any more."""
+        """Record that an arm follows no other one any more."""
         self._leaders.pop(arm, None)
 
     def leader(self, arm: str) -> str | None:

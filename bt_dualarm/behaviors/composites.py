@@ -439,7 +439,7 @@ class IfThenElse(If):
 
     node_type = LanguageNode(
         "if_then_else",
-        "Runs its second child if the first succeeds, else the third; without one, it fails",
+        "Runs its second child if the first succeeds, otherwise the third; without one, it fails",
         many=True,
         example="if_then_else: [{compare: {value: 1, to: 2}}, succeed, {log: they differ}]",
         outcomes=_if_then_else_outcomes,

@@ -61,7 +61,7 @@ def _distances(here: Pose, there: PoseSpec) -> tuple[float, float]:
 
 
 class ArmAt(_Leaf):
-    """Holds if the tool is at a pose, or the joints in a posture, by the encoders."""
+    """Holds if the tool is at a pose, or the joints in a posture, from the encoders."""
 
     class Ports(PortModel):
         """Ports of arm_at."""
@@ -79,7 +79,7 @@ class ArmAt(_Leaf):
 
     node_type = LanguageNode(
         "arm_at",
-        "Holds if the tool is at a pose, or the joints are in a posture, by the encoders",
+        "Holds if the tool is at a pose, or the joints are in a posture, from the encoders",
         Ports,
         example="arm_at: {posture: home}",
     )
@@ -99,7 +99,7 @@ class ArmAt(_Leaf):
 
 
 class ArmNear(_Leaf):
-    """Holds if the tools of two arms are near each other, by the encoders of both."""
+    """Holds if the tools of two arms are near each other, from the encoders of both."""
 
     class Ports(PortModel):
         """Ports of arm_near."""
@@ -109,7 +109,7 @@ class ArmNear(_Leaf):
 
     node_type = LanguageNode(
         "arm_near",
-        "Holds if the tool of another arm is near this one's, by the encoders of both",
+        "Holds if the tool of another arm is near this one's, from the encoders of both",
         Ports,
         example="arm_near: {arm: arm2, within: 0.3}",
     )
@@ -127,7 +127,7 @@ class ArmNear(_Leaf):
 
 
 class InZone(_Leaf):
-    """Holds if the tool is in a zone of the cell, by the encoders."""
+    """Holds if the tool is in a zone of the cell, from the encoders."""
 
     class Ports(PortModel):
         """Ports of in_zone."""
@@ -136,7 +136,7 @@ class InZone(_Leaf):
 
     node_type = LanguageNode(
         IN_ZONE,
-        "Holds if the tool is in a zone of the cell, by the encoders",
+        "Holds if the tool is in a zone of the cell, from the encoders",
         Ports,
         shorthand="zone",
         example="in_zone: bin",
@@ -160,7 +160,7 @@ class InZone(_Leaf):
 
 
 class Moving(_Leaf):
-    """Holds if a motion is commanded, or the arm is not yet at standstill, by the encoders."""
+    """Holds if a motion is commanded, or the arm is not yet at rest, from the encoders."""
 
     node_type = LanguageNode(
         "moving",
@@ -207,7 +207,7 @@ class ForceAbove(_Leaf):
 
 
 class Touching(_Leaf):
-    """Holds if the arm feels a contact, by its fingertips, its cup or its joint torques."""
+    """Holds if the arm feels a contact, through its fingertips, its cup or its joint torques."""
 
     class Ports(PortModel):
         """Ports of touching."""
@@ -221,15 +221,15 @@ class Touching(_Leaf):
             2.0, "Bound of the force on one of the fingertips", unit="N", gt=0.0, le=1e3
         )
         joints: float = port(
-            30.0, "Bound of the force on the tool, by the joint torques", unit="N", gt=0.0, le=1e4
+            30.0, "Bound of the force on the tool, from the joint torques", unit="N", gt=0.0, le=1e4
         )
 
     node_type = LanguageNode(
         "touching",
-        "Holds if the arm feels a contact, by its fingertips, its cup or its joint torques",
+        "Holds if the arm feels a contact, through its fingertips, its cup or its joint torques",
         Ports,
         example="touching: {by: joints, joints: 40}",
-        failures={"NO_GRIPPER": "the fingers shall feel it, and the arm has no gripper"},
+        failures={"NO_GRIPPER": "`by` is fingers, but the arm has no gripper"},
     )
     ports: Ports
 
@@ -250,7 +250,7 @@ class Touching(_Leaf):
 
 
 class JointAt(_Leaf):
-    """Holds if a joint of an object is in a range, by its sensor or by where the arm holds it."""
+    """Holds if a joint of an object is in a range, from its sensor or the arm's hold on it."""
 
     class Ports(PortModel):
         """Ports of joint_at."""
@@ -262,12 +262,12 @@ class JointAt(_Leaf):
         above: float | None = port(None, "Least position", unit="deg or m", ge=-720.0, le=720.0)
         below: float | None = port(None, "Largest position", unit="deg or m", ge=-720.0, le=720.0)
         between: tuple[_Position, _Position] | None = port(
-            None, "Least and largest position", unit="deg or m"
+            None, "Minimum and maximum position", unit="deg or m"
         )
 
     node_type = LanguageNode(
         "joint_at",
-        "Holds if a joint of an object is in a range, by its sensor or by where the arm holds it",
+        "Holds if a joint of an object is in a range, from its sensor or the arm's hold on it",
         Ports,
         example="joint_at: {object: cabinet, joint: slide, above: 0.1}",
         failures={
@@ -373,7 +373,7 @@ class ObjectAt(_Leaf):
 
     node_type = LanguageNode(
         "object_at",
-        "Holds if an object is at a position, by the wrist camera, or by belief while it is held",
+        "Holds if an object is at a position, seen by the wrist camera or believed while held",
         Ports,
         example="object_at: {object: cube, at: [0.4, -0.4, 0.425]}",
         failures={

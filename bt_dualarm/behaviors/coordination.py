@@ -140,7 +140,7 @@ class Await(LanguageLeaf):
         seen = -1
         try:
             while True:
-                if cell.shared.written(name) != seen:  # else nothing has changed since
+                if cell.shared.written(name) != seen:  # otherwise nothing has changed since
                     if self._is_fulfilled(cell, name):
                         return
                     seen = cell.shared.written(name)
@@ -373,7 +373,7 @@ class InStep(Node):
     def tick_children(self) -> Ticks:
         """Tick the child once both arms have come, and wait for the other arm at its end."""
         one = self._one
-        if one is None:  # never: `initialise` has set it
+        if one is None:  # never None here: `initialise` has set it
             return Status.RUNNING
         shared = self._cell.shared
         arm = self._cell.arm
@@ -404,7 +404,7 @@ class InStep(Node):
             one.action.tell(arm, {"done": True})
             shared.traffic.leave_step(arm)
         shared.await_members(one, (self._other,))
-        # What this arm has told becomes visible to both in the same tick.
+        # What this arm has published becomes visible to both in the same tick.
         both = is_other_done and one.action.told(arm).get("done")
         return Status.SUCCESS if both else Status.RUNNING
 

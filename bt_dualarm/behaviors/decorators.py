@@ -100,7 +100,7 @@ class Retry(Node):
         self._resume = None
         child = self.children[0]
         if child.status is Status.FAILURE:
-            child.stop(Status.INVALID)  # else a failure in its first tick is not a status change
+            child.stop(Status.INVALID)  # makes a failure in its first tick a status change
         yield from child.tick()
         if child.status is not Status.FAILURE:
             return child.status

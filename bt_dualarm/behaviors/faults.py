@@ -1,6 +1,6 @@
 """Injects the faults of a file into leaves, by wrapping the generators of their skills.
 
-A leaf without faults is not wrapped, so that its run does not change in the least.
+A leaf without faults is not wrapped, so that its run does not change at all.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ class FaultInjector:
                 value = next(steps) if pending is None else _thrown(steps, pending)
             except StopIteration:
                 if spec.phase == "during":
-                    return  # it has ended before the fault was due
+                    return  # it ended before the fault was due
                 break
             pending = None
             try:

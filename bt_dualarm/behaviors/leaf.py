@@ -280,7 +280,7 @@ class Leaf(AcyclicNode):
             self._fail("EXCEPTION", _one_line(error), {})
         else:
             if not continues:
-                self._let_go()  # no skill supervises a motion that was left running any more
+                self._let_go()  # no skill supervises a motion that was left running
                 self._end(Status.SUCCESS)
             elif self.status is not Status.RUNNING:
                 self._become(Status.RUNNING, {})
@@ -509,7 +509,7 @@ class Compare(LanguageLeaf):
 
         Raises:
             Failure: ``FALSE``: the comparison does not hold; ``NOT_COMPARABLE``: values that are
-                no numbers have no order and no distance.
+                not numbers have neither order nor distance.
         """
         value = self.ports.value
         relation = self.ports.relation
@@ -522,7 +522,7 @@ class Compare(LanguageLeaf):
 class Test(LanguageLeaf):
     """Succeeds if an expression is true."""
 
-    __test__ = False  # for pytest, which takes the name for that of a test
+    __test__ = False  # otherwise pytest takes the class for a test
 
     class Ports(PortModel):
         """Ports of test."""

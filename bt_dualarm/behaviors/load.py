@@ -211,7 +211,7 @@ class _Loading:
         values, complaints = chosen(specs, self.given, source.file)
         self.problems += complaints
         scope = Scope(values, types=value_types(specs))
-        # What is wrong with their expressions is reported with the rest of the file.
+        # Errors in their expressions are reported with the rest of the file.
         objects = fill_parameters(source, ("objects",), source.data.get("objects"), scope, [])
         scene = self._scene(source, scope)
         if scene is not None:
@@ -390,7 +390,7 @@ class _Loading:
             except ValidationError as error:
                 wrong = {_innermost(fields, details["loc"]) for details in error.errors()}
             self.left_out |= {(*path, *found) for found in wrong}
-            if () in wrong:  # what is missing cannot be left out
+            if () in wrong:  # a missing child cannot be omitted
                 return None
             for *parents, name in wrong:
                 holder = fields
@@ -532,7 +532,7 @@ class ArmTree:
 
 
 def _may_halt(node: TreeNode) -> bool:
-    """Returns whether a node halts running children by itself; of a parallel that is not counted.
+    """Returns whether a node halts running children on its own; parallels do not count.
 
     The other children of a parallel are active nodes of the same arm, which count by themselves.
     """

@@ -94,15 +94,15 @@ class NodeView:
     """State of a node and its descendants, for display.
 
     Attributes:
-        name: The node's ``name`` in the file, else its kind.
+        name: The node's ``name`` in the file, otherwise its kind.
         kind: ``sequence``, ``retry``, … or the skill's name.
         status: Status after the last tick or halt.
         since: Simulated time in seconds of the last status change.
         children: Children in the order of the file.
         progress: Progress from 0 to 1 of a running leaf that reports it, else None.
-        reason: ``CODE: sentence`` of a failed leaf, else empty.
+        reason: ``CODE: sentence`` of a failed leaf, otherwise empty.
         halted: Whether INVALID means that it was halted, rather than that it never ran.
-        waiting: Sentence on the other arms that a running node waits for, else empty.
+        waiting: Sentence on the other arms that a running node waits for, otherwise empty.
     """
 
     name: str
@@ -127,8 +127,8 @@ class StatusChange:
         kind: Kind of the node, as in `NodeView`.
         old: Previous status.
         new: New status.
-        code: Failure code of a leaf, ``HALTED`` of a halted leaf, else empty.
-        reason: Reason of a leaf's failure in one sentence, else empty.
+        code: Failure code of a leaf, ``HALTED`` of a halted leaf, otherwise empty.
+        reason: Reason of a leaf's failure in one sentence, otherwise empty.
         metrics: Metrics of the leaf with the numbers of its failure; empty while it runs.
     """
 

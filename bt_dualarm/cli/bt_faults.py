@@ -18,13 +18,13 @@ if TYPE_CHECKING:
 
 _EPILOG: Final = """\
 examples:
-  bt-faults pick_and_transport               which faults of which leaves nothing handles
+  bt-faults pick_and_transport               which faults of which leaves are not handled
   bt-faults my_tree.yaml --out out/faults    with the records of all failed runs
   bt-faults circle --pairs 20 --hardware 30  and sampled pairs, and faults of hardware and world
 
 Each leaf that runs is made to fail, raise an exception and hang: before its first step, in the
 middle, and when it would succeed. One sign each, in this order:
-  ✔ the task was done all the same   ✘ the run failed   ⚠ a rule was broken: a false success, a
+  ✔ the task succeeded anyway   ✘ the run failed   ⚠ a rule was broken: a false success, a
   violated invariant, a crash        · no such moment
 
 exit code: 0 no rule was broken, 1 one was, 2 the tree cannot be used or fails without faults,

@@ -89,7 +89,7 @@ def command_line() -> argparse.ArgumentParser:
         "--display",
         choices=("live", "log", "quiet"),
         help="live: the trees, redrawn; log: one line per change; quiet: errors only "
-        "(default: live in a terminal, else log)",
+        "(default: live in a terminal, otherwise log)",
     )
     add("--ascii", action="store_true", help="draw with ASCII characters only")
     add("--seed", metavar="N", type=seed, help="random seed (default: the file's)")
@@ -182,7 +182,7 @@ def opened_again(arguments: argparse.Namespace, kept: Path | None, stop: StopReq
         ReplayError: There is no such record or time, or the past differs.
         DualArmError: The run cannot be prepared.
     """
-    # Imported here, because a run without --resume does without the packages for replay.
+    # Imported here, because a run without --resume does not need the packages for replay.
     from bt_dualarm.replay.record import Record, ReplayError
     from bt_dualarm.replay.rerun import Changed, parse_place, resumed
     from bt_dualarm.runtime.options import find_tree

@@ -237,7 +237,7 @@ def show_robot(name: str, *, as_json: bool) -> None:
         f"[bold]{escape(summary.name)}[/bold]  {escape(summary.title)}",
         "\njoints, base to tip:",
         table(("joint", "from", "to", "velocity"), joints),
-        "\npostures, with the tool in the base link frame:",
+        "\npostures, with the tool pose in the base link frame:",
         table(("posture", "angles in degrees", "tool at, m", "points"), postures),
         *(
             ("\ncamera mounts:", table(("mount", "in the link", "at, m", "looks"), mounts))
@@ -246,7 +246,7 @@ def show_robot(name: str, *, as_json: bool) -> None:
         ),
         *(
             (
-                "\nlocked joints, as `locked` of an arm says:",
+                "\nlocked joints, for `locked` of an arm:",
                 table(("joint", "at", "from", "to", "unit", "goes with"), locked),
             )
             if summary.locked
@@ -316,7 +316,7 @@ def show_gripper(name: str, *, as_json: bool) -> None:
 
 def _fingers(gripper: Gripper) -> tuple[str, ...]:
     return (
-        "takes hold by: two fingers",
+        "grasps with: two fingers",
         f"stroke: {1e3 * gripper.stroke:g} mm",
         f"speed: {_span(gripper.speed, 1e3, 'mm/s')} of both fingers together",
         f"force: {_span(gripper.force, 1.0, 'N')} of each pad",
@@ -333,7 +333,7 @@ def _pads(gripper: Gripper) -> str:
 
 
 def _cup(gripper: Gripper) -> tuple[str, ...]:
-    return "takes hold by: vacuum", f"force: {_span(gripper.force, 1.0, 'N')} that pulls it off"
+    return "grasps with: vacuum", f"force: {_span(gripper.force, 1.0, 'N')} of vacuum"
 
 
 def _tool(gripper: Gripper) -> str:

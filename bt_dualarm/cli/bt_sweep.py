@@ -25,8 +25,8 @@ examples:
   bt-sweep circle --param speed=0.2:1.0:5 --out out/speed 10 seeds at each of five speeds
   bt-sweep circle --param speed=0.2:1.0 --param radius=0.05:0.15 --sample sobol --samples 64
                                                           64 points spread over two ranges
-  bt-sweep my_tree.yaml --param x=0.3:0.9 --search 4      where success turns to failure
-  bt-sweep my_sweep.yaml --until "ci<0.02"                a manifest file; ends when sure enough
+  bt-sweep my_tree.yaml --param x=0.3:0.9 --search 4      where success turns into failure
+  bt-sweep my_sweep.yaml --until "ci<0.02"                a manifest file; ends early if precise
   bt-sweep circle --seeds 0:1000 --shard 2/4 --out part2  the second quarter, on another machine
   bt-sweep --merge part1 part2 part3 part4 --out all      the report of all four
 
@@ -58,13 +58,13 @@ def main(argv: Sequence[str] | None) -> int:
 def _command_line() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="bt-sweep",
-        description="Run a tree over seeds, parameters and realities; report how often it works.",
+        description="Run a tree over seeds, parameters and realities; report success rates.",
         epilog=_EXAMPLES,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
     add("tree", metavar="FILE", nargs="?", help="a tree, or a manifest file (bt_sweep: 1)")
-    add("--seeds", metavar="FIRST:END", help="seeds, without the end (default: 0:10)")
+    add("--seeds", metavar="FIRST:END", help="seeds, end excluded (default: 0:10)")
     add(
         "--param",
         metavar="NAME=VALUES",
@@ -88,12 +88,12 @@ def _command_line() -> argparse.ArgumentParser:
     add("--jobs", metavar="N", type=_count, help="worker processes (default: one per core)")
     add("--dask", metavar="ADDRESS", help="run on a Dask cluster: tcp://HOST:PORT, or local:N")
     add("--shard", metavar="K/N", default="1/1", help="run only part K of N")
-    add("--until", metavar="COND", help="end early: 'ci<0.02' when all intervals are this narrow")
+    add("--until", metavar="COND", help="end early: 'ci<0.02' once all intervals are this narrow")
     add("--audit", metavar="SHARE", type=_share, default=0.0, help="repeat this share, as 1%%")
     add("--keep", choices=("failures", "all", "none"), default="failures", help="records to keep")
-    add("--timeout", metavar="S", type=positive, help="a trial hangs after S wall-clock seconds")
+    add("--timeout", metavar="S", type=positive, help="give up a trial after S wall-clock seconds")
     add("--watchdog", metavar="S", type=positive, help="wall-clock budget of a tick of skill code")
-    add("--merge", metavar="DIR", nargs="+", type=Path, help="report on the trials of folders")
+    add("--merge", metavar="DIR", nargs="+", type=Path, help="report on the trials in folders")
     add("--out", metavar="DIR", type=Path, default=Path("out/sweep"), help="folder (out/sweep)")
     add("--quiet", action="store_true", help="print only the result")
     add_skills(parser)
@@ -156,7 +156,7 @@ def _run(arguments: argparse.Namespace, stop: StopRequest) -> int:
     if stop.asked:
         left = result.progress.total - result.progress.done
         print(
-            f"bt-sweep: interrupted, {left} trials are left; the same command goes on",
+            f"bt-sweep: interrupted, {left} trials left; run the same command to continue",
             file=sys.stderr,
         )
     return SUCCEEDED if (result.complete or result.enough) and not _lost(result) else FAILED
@@ -186,14 +186,14 @@ def _print_result(result: SweepResult, out: Path) -> None:
     if result.progress.audited:
         print(f"audit: {result.progress.audited} trials gave the same state on another worker")
     if result.progress.retried:
-        print(f"{result.progress.retried} trials were repeated, as their workers had died")
+        print(f"{result.progress.retried} trials were repeated because their workers had died")
     print(f"hash of all results: {result.sha256[:16]}")
     print(f"report: {out / PAGE}")
 
 
 @contextmanager
 def shown_progress(*, quiet: bool) -> Iterator[Callable[[Progress], None] | None]:
-    """Show the progress: a live panel in a terminal, else a line now and then."""
+    """Show the progress: a live panel in a terminal, otherwise a line now and then."""
     from rich.console import Console
 
     console = Console(stderr=True, highlight=False)

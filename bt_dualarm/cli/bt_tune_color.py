@@ -49,7 +49,7 @@ def command_line() -> argparse.ArgumentParser:
         "file", metavar="FILE", help="a tree file, the name of a shipped tree, or an image"
     )
     _add_picture(parser.add_argument_group("choice of the image from a tree file").add_argument)
-    color = parser.add_argument_group("color (default: the file's, else yellow)")
+    color = parser.add_argument_group("color (default: the file's, otherwise yellow)")
     _add_color(color.add_argument)
     _add_output(parser.add_argument_group("output"))
     add_skills(parser)

@@ -89,7 +89,7 @@ class EarlySignals:
         self.numbers.append(number)
         if len(self.numbers) > 1:
             _leave_early(self.exit_code(0))
-        sys.unraisablehook = lambda _: None  # interrupted cleanup code is not worth a message
+        sys.unraisablehook = lambda _: None  # no message for interrupted cleanup code
         if self._interrupts:
             raise KeyboardInterrupt
 
@@ -369,7 +369,7 @@ class ProcessEnd:
             if self._monitor is None and seconds and self._before is not None:
                 self._monitor = _started_monitor()
             if self._monitor is not None and self._monitor.stdin is not None:
-                with suppress(OSError):  # it has ended; the alarm still covers computing code
+                with suppress(OSError):  # it has ended; the alarm still covers code that computes
                     os.write(self._monitor.stdin.fileno(), f"{seconds}\n".encode())
 
     def _on_signal(self, _number: int) -> None:

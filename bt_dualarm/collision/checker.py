@@ -105,10 +105,10 @@ class ScratchModel:
         self._begin()
 
     def worst_contact(self, least: Matrix) -> int | None:
-        """Index of the contact that violates its least distance most; None if none does.
+        """Index of the contact that violates its minimum distance most; None if none does.
 
         Args:
-            least: Least distances of all pairs of geoms, of shape (ngeom, ngeom), m.
+            least: Minimum distances of all pairs of geoms, of shape (ngeom, ngeom), m.
         """
         if self.data.ncon == 0:
             return None
@@ -252,7 +252,7 @@ FINE = 0.008
 thickness of a link, too little to miss a wall of 10 mm."""
 
 TOUCH = 5e-4
-"""Penetration up to which bodies touch without colliding, m: objects at rest sink in by as much."""
+"""Penetration up to which bodies touch without colliding, m: resting objects penetrate as much."""
 
 STANDING = 3e-3
 """Penetration up to which an existing contact may continue, m: tool and held objects are pressed
@@ -292,7 +292,7 @@ class CollisionChecker:
         arm: Name of the arm.
         margin: Distance to keep from other arms, m: one for all, or by name; arms that are not
             named must not be touched.
-        ignore: Names of objects that may be touched, and of arms that make way.
+        ignore: Names of objects that may be touched, and of arms that yield.
         sharing: Objects that others may hold together with this arm; by default those for which
             both have consented.
         tool_may_touch: Whether the tool and held objects may touch everything but the arm itself.
@@ -302,7 +302,7 @@ class CollisionChecker:
         present: Joint positions at creation, of shape (dof,), rad.
         moving: Geoms that move with the arm, including those of held objects.
         joint_ids: Ids of the joints in the model, base to tip.
-        least: Least allowed distance of each pair of geoms, of shape (ngeom, ngeom), m; negative
+        least: Minimum allowed distance of each pair of geoms, of shape (ngeom, ngeom), m; negative
             where penetration is allowed.
     """
 
@@ -429,7 +429,7 @@ class CollisionChecker:
         self._scratch.settle()
 
     def _deepest(self, q: Vector) -> int | None:
-        """Index of the contact at ``q`` that violates its least distance most; None if free."""
+        """Index of the contact at ``q`` that violates its minimum distance most; None if free."""
         self.place(q)
         return self._scratch.worst_contact(self.least)
 
@@ -454,7 +454,7 @@ class _Rules:
         marks: Fields of the scratch model's collision bits and margins, by name.
         moving: Geoms that move with the arm, including those of held objects.
         gripping: Geoms of the tool and of held objects.
-        least: Least allowed distance of each pair of geoms, of shape (ngeom, ngeom), m.
+        least: Minimum allowed distance of each pair of geoms, of shape (ngeom, ngeom), m.
     """
 
     fingers: list[int]
@@ -564,7 +564,7 @@ def _new_rules(
 
 
 def _shared(world: World, arm: str, sharing: Sequence[SharedGrasp]) -> list[tuple[str, str, float]]:
-    """Partner, object and least distance of the hands, m, where two arms share an object."""
+    """Partner, object and minimum distance of the hands, m, where two arms share an object."""
     found = [(one.partner, one.object, one.hands_m) for one in sharing]
     for thing in world.attachments.attached_to(arm):
         others = set(world.attachments.holders(thing)) - {arm}

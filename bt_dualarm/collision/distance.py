@@ -31,8 +31,8 @@ NEAR_M = 0.02
 """Distance below which an arm that approaches an obstacle moves at half speed, m."""
 
 _NEARER_M = 0.001
-"""Least decrease of a distance since the motion began that counts as an approach, m: a link that
-turns beside its pedestal does not approach it."""
+"""Minimum decrease of a distance since the motion began that counts as an approach, m: a link that
+turns next to its pedestal does not approach it."""
 
 _FINER = 2.0
 """Spheres per ratio of a shape's longest edge to its second longest."""

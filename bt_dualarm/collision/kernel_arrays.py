@@ -74,7 +74,7 @@ class Pairs(NamedTuple):
     Attributes:
         first: Indices of shapes, of shape (p,).
         second: Indices of shapes, of shape (p,).
-        least: Least allowed distances, of shape (p,), m; negative where penetration is allowed.
+        least: Minimum allowed distances, of shape (p,), m; negative where penetration is allowed.
         directions: Initial separating directions from the second to the first, or directions of
             least penetration where that is allowed, of shape (p, 3).
     """
@@ -92,7 +92,8 @@ class SweptArm(NamedTuple):
         joints: Joints of the arm.
         shapes: Shapes of the arm and of everything that it may collide with.
         pairs: Pairs of shapes to check.
-        clearance: Distance to keep on top of the least distances except near the ends of a path, m.
+        clearance: Distance to keep on top of the minimum distances except near the ends of a path,
+            m.
     """
 
     joints: Joints

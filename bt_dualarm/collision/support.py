@@ -43,13 +43,13 @@ _BULGE_M: Final = 5e-5
 """Largest rise of the support within `_NEAR_M`, m: that of a ball of 0.25 m radius."""
 
 _UPRIGHT: Final = 0.5
-"""Least cosine of the tilt of a standing cylinder's axis."""
+"""Minimum cosine of the tilt of a standing cylinder's axis."""
 
 _FLAT: Final = math.radians(5.0)
 """Largest slope of a surface that supports a flat object, rad."""
 
 _STEEPEST: Final = 0.8
-"""Largest slope as a share of the friction coefficient."""
+"""Largest slope as a fraction of the friction coefficient."""
 
 
 @dataclass(frozen=True)
@@ -330,7 +330,7 @@ def _off_balance(size: tuple[float, ...], turn: Matrix) -> bool:
 
 
 def _lower_side_of_parts(body: ObjectBody, pose: Pose, shares: Vector) -> Matrix:
-    """As `_lower_side`, for a body of hulls or several parts."""
+    """Like `_lower_side`, for a body of hulls or several parts."""
     turn = pose.rotation_matrix
     low, high = body.extents(turn)
     middle = 0.5 * (low + high)

@@ -1,7 +1,7 @@
 """Continuous collision checks of straight motions in joint space, and the model that they read.
 
-`is_clear` tells whether a path is free without sampling it densely; planners check the edges of
-their trees with an implementation of `Edges`. `swept_arm` converts the geoms of a
+`is_clear` determines whether a path is free without sampling it densely; planners check the edges
+of their trees with an implementation of `Edges`. `swept_arm` converts the geoms of a
 `CollisionChecker` to the arrays of `swept_kernels`.
 """
 
@@ -20,8 +20,8 @@ from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.sim.object_body import BALL_LOSS, unit_ball
 
 CLEARANCE: Final = 2.5e-3
-"""Distance that shapes keep on top of their least distances, m: to pass anything closer would take
-many checks."""
+"""Distance that shapes keep on top of their smallest distances, m: to pass anything closer would
+take many checks."""
 
 _LONG_M: Final = 2.0
 """Length of a path, as motion of the arm, above which compiled checks pay off, m: to gather the
@@ -60,8 +60,8 @@ def is_clear(checker: CollisionChecker, rows: Matrix) -> bool | None:
     """
     if float((np.abs(np.diff(rows, axis=0)) @ checker.radii).sum()) < _LONG_M:
         return None
-    # MuJoCo confirms the compiled checks at a few configurations. It comes first because it can say
-    # no: the compiled checks are bounds, which can only say yes.
+    # MuJoCo confirms the compiled checks at a few configurations. It comes first because it can
+    # reject: the compiled checks are bounds, which can only accept.
     picked = np.linspace(0.0, len(rows) - 1.0, _SAMPLES)
     low = np.minimum(picked.astype(int), len(rows) - 2)
     between = rows[low] + (picked - low)[:, None] * (rows[low + 1] - rows[low])
@@ -76,7 +76,7 @@ def is_clear(checker: CollisionChecker, rows: Matrix) -> bool | None:
     hints = arm.pairs.directions.copy()
     checks = np.zeros(1, np.int64)
     rows = np.ascontiguousarray(rows)
-    # Too close for the bounds is not yet a collision: None, and the caller samples the path.
+    # Too close for the bounds is not yet a collision: return None, and the caller samples the path.
     return True if first_too_near(arm, rows, checker.radii, hints, checks) == len(rows) else None
 
 
@@ -84,7 +84,7 @@ def swept_arm(checker: CollisionChecker, ends: Iterable[Vector] = ()) -> SweptAr
     """Model of an arm in its world for the kernels, equivalent to a collision checker.
 
     Args:
-        checker: Collision checker of the arm; the reference configuration is its present one.
+        checker: Collision checker of the arm; the reference configuration is its current one.
         ends: Configurations at the ends of a path, each of shape (dof,), rad: pairs in contact
             there may penetrate as far as the checker allows, all others must not touch.
 

@@ -72,13 +72,13 @@ class Segment(NamedTuple):
 def free_share(
     swept: SweptArm, start: Vector, end: Vector, resolution: float, hints: Matrix, checks: Numbers
 ) -> float:
-    """Share of a segment, from its start, on which all pairs keep their least distances.
+    """Fraction of a segment, from its start, on which all pairs keep their smallest distances.
 
     Args:
         swept: The arm in its world.
         start: Configuration of shape (dof,), rad, known to be free.
         end: Configuration of shape (dof,), rad.
-        resolution: Accuracy of the result if the segment is not free, as a share of it.
+        resolution: Accuracy of the result if the segment is not free, as a fraction of it.
         hints: Separating direction of each pair when last computed, of shape (p, 3); updated.
         checks: Number of configurations checked, of shape (1,); incremented.
 
@@ -180,8 +180,8 @@ def first_too_near(
             write_frames(swept.joints, rows[i], rows[i], 0.0, segment.frames)
             write_centers(shapes, segment.frames, segment.centers)
             checks[0] += 1
-            # No clearance on top (distance 0 from the end): the segments between the rows are
-            # checked with it where the room does not cover them.
+            # Without the extra clearance (distance 0 from the end): the segments between the
+            # rows are checked with it where the room does not cover them.
             room = share_around(swept, segment, active, 0.0, _FARTHEST, hints)
             if room < 0.0:
                 return i
@@ -211,7 +211,7 @@ def segment_of(swept: SweptArm, start: Vector, end: Vector) -> Segment:
 
 @kernel
 def move_to(swept: SweptArm, segment: Segment, share: float) -> None:
-    """Write the state of the arm at a share of the segment."""
+    """Write the state of the arm at a fraction of the segment."""
     joints, shapes, _, _ = swept
     write_frames(joints, segment.start, segment.end, share, segment.frames)
     write_centers(shapes, segment.frames, segment.centers)
@@ -230,7 +230,7 @@ def write_frames(joints: Joints, start: Vector, end: Vector, share: float, frame
         joints: Joints of the arm.
         start: First configuration of a segment, of shape (dof,), rad.
         end: Last configuration of the segment, of shape (dof,), rad.
-        share: Share of the segment at which the arm is.
+        share: Fraction of the segment at which the arm is.
         frames: Output: transforms, of shape (dof + 1, 3, 4).
     """
     reference, anchors, axes = joints
@@ -407,18 +407,18 @@ def _gap(centers: Matrix, bounds: Vector, normals: Matrix, first: int, second: i
 def share_around(
     swept: SweptArm, segment: Segment, active: Numbers, away: float, most: float, hints: Matrix
 ) -> float:
-    """Share of the segment that is free on both sides of the current configuration.
+    """Fraction of the segment that is free on both sides of the current configuration.
 
     Args:
         swept: The arm in its world.
         segment: Segment with the state at the configuration.
         active: Pairs to check; the one that limits the result is moved to the front.
-        away: Share of the segment from here to its nearer end.
+        away: Fraction of the segment from here to its nearer end.
         most: Largest share of interest.
         hints: As in `free_share`.
 
     Returns:
-        Share, up to ``most``; -1 if a pair is closer than its least distance and clearance.
+        Share, up to ``most``; -1 if a pair is closer than its minimum distance and clearance.
     """
     # A pair with room d may move on a share s with s W <= d, where W bounds its relative motion on
     # the whole segment; or with s L <= (1 - s T) d, where L is that motion at the current levers
@@ -435,8 +435,8 @@ def share_around(
         first = firsts[p]
         second = seconds[p]
         least = leasts[p]
-        # The pair that limited the previous check has just lowered `best`: with it, the spheres
-        # rule out most others.
+        # The pair that limited the previous check lowers `best` first, so that the spheres rule
+        # out most others.
         if index == 1:
             write_needs(ranges, travel, local, best, needs)
         gap = _gap(centers, bounds, normals, first, second) - least
@@ -478,7 +478,7 @@ def share_around(
 
 @kernel
 def _need(share: float, bound: float, fast: float, turn: float) -> float:
-    """Room that a share of the segment requires, m; derived in `share_around`."""
+    """Room that a fraction of the segment requires, m; derived in `share_around`."""
     if share * turn < 1.0:
         return min(share * bound, share * fast / (1.0 - share * turn))
     return share * bound
@@ -488,7 +488,7 @@ def _need(share: float, bound: float, fast: float, turn: float) -> float:
 def write_needs(
     ranges: Numbers, travel: Matrix, local: Matrix, share: float, needs: Vector
 ) -> None:
-    """Write the room that each shape requires around it for a share of the segment, m.
+    """Write the room that each shape requires around it for a fraction of the segment, m.
 
     Relative to fixed shapes, and therefore enough relative to moving ones, too.
     """

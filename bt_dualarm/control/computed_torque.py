@@ -69,8 +69,8 @@ rad/s. With more, the friction that is fed forward would fade where the joints a
 arm stopped short, as if it had made contact."""
 
 SOFTEST: Final = 6.0
-"""Least bandwidth of an arm that holds still softly, rad/s; below, its model errors displace it by
-centimeters."""
+"""Minimum bandwidth of an arm that holds still softly, rad/s; below, its model errors displace it
+by centimeters."""
 
 _STIFFENING_S: Final = 1.0
 """Time in which such an arm becomes stiff again, s: at once, it would jump to its set-point."""
@@ -217,7 +217,7 @@ class ComputedTorque:
             outcome = self._call(flags | WITHIN_LIMITS)
         self.touch.is_new = False
         if outcome == NOT_FINITE:
-            reason = f"the torques of {self._name} are no numbers"
+            reason = f"the torques of {self._name} are not numbers"
             raise DivergenceError(f"the simulation diverged at {time:.3f} s: {reason}")
         self.saturated += outcome == SATURATED
         if self.collision_detector is not None:
@@ -276,7 +276,7 @@ class StateObserver:
     """Extended state observer of joint position, velocity and disturbance, from encoder readings.
 
     Each joint is modeled as a double integrator driven by the acceleration that its torque produces
-    in the model. Whatever else accelerates it (friction and mass errors, external forces) is
+    in the model. Anything else that accelerates it (friction and mass errors, external forces) is
     estimated as an additional state, the disturbance (Han, From PID to active disturbance rejection
     control, IEEE Trans. Ind. Electron. 2009; a single bandwidth for all poles: Gao, ACC 2003). The
     velocity is not a difference of readings: it does not lag, and has less noise.
@@ -394,7 +394,7 @@ class MomentumObserver:
 
     @property
     def contact_torque(self) -> Vector:
-        """External torques less their baseline, of shape (dof,), N m."""
+        """External torques minus their baseline, of shape (dof,), N m."""
         contact_torque: Vector = self._torque - self._baseline
         return contact_torque
 
@@ -419,7 +419,7 @@ class Compliance:
     Args:
         numbers: Control law, of shape (18,), see `law_array`; modified in place.
         period: Control period, s.
-        compensation: Torques that compensate disturbances, of shape (dof,), N m; likewise.
+        compensation: Torques that compensate disturbances, of shape (dof,), N m; modified in place.
 
     Attributes:
         is_spring: Whether the arm is a spring, see `spring`.
@@ -467,7 +467,7 @@ class Compliance:
     def spring(self, bandwidth: float) -> None:
         """Be a spring about the set-point until the arm is stiff again.
 
-        The compensation of disturbances stays as it is: call it at rest without contact, once the
+        The compensation of disturbances is unchanged: call it at rest without contact, once the
         arm has been compliant for a second.
 
         Args:
@@ -494,7 +494,8 @@ class Compliance:
 
         Args:
             friction_speed: Velocity over which dry friction is smoothed, rad/s, for an arm that
-                starts to move in contact: the friction that is fed forward at once would be a blow.
+                starts to move in contact: feeding the friction forward at once would cause an
+                impact.
         """
         if friction_speed is not None:
             self._numbers[_FRICTION_SPEED_AT] = friction_speed
@@ -506,7 +507,7 @@ class Compliance:
     def yield_to(self, torque: Vector) -> None:
         """Change the frozen compensation of a soft arm by torques, of shape (dof,), N m.
 
-        With those of a measured contact force, the arm gives way to it. No effect unless the
+        With those of a measured contact force, the arm yields to it. No effect unless the
         compensation is frozen (`soften`, `hold_force`).
         """
         if self._active and self._holds and not self.is_spring:
@@ -541,7 +542,7 @@ class ForceLimit:
     """Monitors the contact force of an arm against its limit.
 
     Contact is reported by switches on links, tool and payload; the force follows from the external
-    torques less their baseline before the contact, which is friction or mass error. An excess is
+    torques minus their baseline before the contact, which is friction or mass error. An excess is
     reported once, and again only after the force was below the limit, so that the arm can retreat.
 
     Args:

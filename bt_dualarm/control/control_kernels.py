@@ -223,7 +223,8 @@ def observe_external_torque(
     Args:
         law: Control law; K is its `touch_bandwidth`.
         inertia: Current inertia matrix, of shape (dof, dof), kg m².
-        before: Inertia matrix of the previous period, likewise; overwritten by the current one.
+        before: Inertia matrix of the previous period, of the same shape; overwritten by the current
+            one.
         is_new: Whether there is no previous period: the residual starts at zero.
         state: Controller state; its bias is that of the previous period.
     """
@@ -396,7 +397,7 @@ def detect_collision(
         flags: Bits: `FIRST`, `COMPARE`, `JUDGE`, `LEARN`.
         joints: Detector state, of shape (DETECTOR_ROWS, dof).
         torques: History of disturbance torques, newest first, of shape (n, dof), N m.
-        changes: History of absolute changes of the inertial torque, likewise.
+        changes: History of absolute changes of the inertial torque, of the same shape.
 
     Returns:
         Bits: `MOVING`, `COLLISION`.

@@ -36,7 +36,7 @@ from bt_dualarm.trajectory.set_points import (
 from bt_dualarm.trajectory.trajectory import Trajectory
 
 _AFFECTED: Final = 0.5
-"""Share of its threshold at which a joint counts as affected by a detected collision."""
+"""Fraction of its threshold at which a joint counts as affected by a detected collision."""
 
 CONTACTS = (TouchFailure, ForceLimitFailure, HitFailure)
 """Failures after which an arm retreats, instead of only stopping."""
@@ -45,14 +45,14 @@ BACK_OFF_S = 0.1
 """Planned time by which an arm retreats along its motion after a contact, s."""
 
 RECOIL_RAD = 0.02
-"""Least retreat of the joint that moves farthest after too much force, rad. With less, only the
+"""Minimum retreat of the joint that moves farthest after too much force, rad. With less, only the
 set-point returns: the observer compensates the contact force, and the arm keeps pressing."""
 
 MAX_POSITION_ERROR = 0.1
 """Joint position error at which a motion fails, rad: the arm is blocked, or lacks torque."""
 
 OVERSPEED = 1.05
-"""Measured joint speed, as a share of its limit, at which a motion fails. Set-points keep the
+"""Measured joint speed, as a fraction of its limit, at which a motion fails. Set-points keep the
 limit: an arm that is that fast was pushed, or could not brake."""
 
 _STANDSTILL = 0.005
@@ -103,7 +103,7 @@ class JointController:
 
     @property
     def setpoint(self) -> SetPoint:
-        """The last set-point that was sent: where the next motion has to begin."""
+        """The last set-point that was sent: where the next motion must begin."""
         return self._limiter.sent
 
     def commanded_at(self, time: float) -> SetPoint:
@@ -150,7 +150,7 @@ class JointController:
 
     @property
     def at_rest(self) -> bool:
-        """Whether no motion is commanded and the arm is at standstill."""
+        """Whether no motion is commanded and the arm is at rest."""
         return self._motion is None and bool(
             (np.abs(self._torque.mean_velocity) < _STANDSTILL).all()
         )
@@ -284,7 +284,7 @@ class JointController:
             return
         self.fault = refusal
         motion = self._motion
-        alone = not isinstance(motion, CoupledSource)  # else a retreat would tear at the object
+        alone = not isinstance(motion, CoupledSource)  # a retreat would tear at the object
         if motion is None or not (alone and isinstance(refusal, CONTACTS)):
             self.stop()
         else:
@@ -404,19 +404,19 @@ def tracking_failure(robot: Robot, error: Vector) -> Failure:
     return Failure(
         "TRACKING_ERROR",
         f"joint {robot.joints[joint]} is {np.degrees(worst):.1f}° behind its set-point: "
-        "the arm is blocked or its torque does not suffice",
+        "the arm is blocked or its torque is insufficient",
         joint_error_rad=worst,
     )
 
 
 def overspeed_failure(robot: Robot, shares: Vector) -> Failure:
-    """Failure for a joint that is too fast; speeds as shares of their limits, of shape (dof,)."""
+    """Failure for a joint that is too fast; speeds per their limits, of shape (dof,)."""
     joint = int(np.argmax(shares))
     share = float(shares[joint])
     return Failure(
         "TRACKING_ERROR",
         f"joint {robot.joints[joint]} was {share:.2f} times as fast as the robot allows: "
-        "the arm was pushed or its torque does not suffice",
+        "the arm was pushed or its torque is insufficient",
         joint_speed_share=share,
     )
 

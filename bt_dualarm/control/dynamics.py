@@ -47,25 +47,25 @@ DRIVE_DELAY_S: Final = 0.001
 """Delay until a torque acts, s: one cycle of a drive with a 1 kHz torque interface."""
 
 _COMPENSATION_LIMIT: Final = 0.3
-"""Share of a joint's effort limit that may compensate a disturbance. Sufficient for twice the
+"""Fraction of a joint's effort limit that may compensate a disturbance. Sufficient for twice the
 modeled dry friction or 20 % of mass error; with more, an arm in contact would push ever harder."""
 
 _DEADBAND_RAD: Final = 1e-4
-"""Position error at which a joint with dry friction, commanded to rest, is left alone, rad: the
+"""Position error at which a joint with dry friction, commanded to rest, is not corrected, rad: the
 tool is within 0.1 mm. For less, dry friction and observer would cause a limit cycle (hunting)."""
 
 _VELOCITY_FILTER_S: Final = 0.05
 """Time constant of the velocity error filter, s."""
 
 _FRICTION_SPEED: Final = 0.02
-"""Velocity over which dry friction is smoothed where a joint reverses, rad/s: near standstill, the
+"""Velocity over which dry friction is smoothed where a joint reverses, rad/s: near rest, the
 sign of the actual velocity is not known any better."""
 
 EFFORT_SHARE = 0.95
-"""Share of a joint's effort limit that a motion may use; the rest is left to feedback."""
+"""Fraction of a joint's effort limit that a motion may use; the rest is reserved for feedback."""
 
 SLOWEST = 0.1
-"""Least time scale to which a payload may slow a motion: slower, the arm can barely hold it."""
+"""Minimum time scale to which a payload may slow a motion: slower, the arm can barely hold it."""
 
 _SAMPLE_S = 0.024
 """Time between two samples of a motion, s: half of that in which a joint reaches its full

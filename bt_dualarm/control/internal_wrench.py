@@ -2,7 +2,7 @@
 
 Arms that hold one rigid object can press against each other through it without moving it. The
 contact wrenches of the arms therefore have two parts: those that accelerate the object and bear its
-weight, and the internal ones, which add up to nothing. The first part is distributed as if each arm
+weight, and the internal ones, which sum to zero. The first part is distributed as if each arm
 carried a virtual rigid body of mass ``share`` at its grasp, and these bodies moved together (Erhart
 and Hirche, Internal force analysis and load distribution for cooperative multi-robot manipulation,
 IEEE T-RO 31(5), 2015; for equal shares the non-squeezing pseudoinverse of Walker, Freeman and
@@ -37,7 +37,7 @@ _MOMENT_GAIN: Final = 1e-3
 
 _DEADBAND_N: Final = 2.0
 _DEADBAND_NM: Final = 0.5
-"""Internal wrench that is left alone: joint friction and sensor noise cause as much."""
+"""Internal wrench that is ignored: joint friction and sensor noise cause as much."""
 
 _AT_REST_N: Final = 6.0
 """Internal force that may be left at the end of a motion, N: some is an error of the estimate."""
@@ -108,9 +108,9 @@ class CarryingArm:
         self._touch = touch
 
     def look(self) -> tuple[Vector, Vector]:
-        """Position of the tool, of shape (3,), m; and the wrench on the object less its load, (6,).
+        """Position of the tool, of shape (3,), m; wrench on the object minus its load, (6,).
 
-        The load that the arm's model bears is not part of it.
+        The load that the arm's model supports is not part of it.
         """
         q = self._hardware.q
         wrench = -tool_wrench(self._nominal, q, self._touch.torque)
@@ -130,7 +130,7 @@ class InternalWrenchRegulator:
     Two stiff arms press against each other with 50 N for 0.1 mm of disagreement, and compliant ones
     still with 25 N, since their disturbance observers compensate friction and, with it, the
     internal wrench. Each arm therefore moves its grasp slowly in the direction in which the object
-    is pressed less. As internal wrenches add up to nothing, the object stays where it is.
+    is pressed less. As internal wrenches sum to zero, the object stays where it is.
 
     Call it once per control period, as the correction of a `CoupledMotion`.
 
@@ -143,7 +143,7 @@ class InternalWrenchRegulator:
     Attributes:
         force_n: Largest internal force of an arm, filtered, N.
         moment_nm: Largest internal moment of an arm about its grasp, filtered, N m.
-        total: Sum of all wrenches on the object less its load: force in N, then moment about the
+        total: Sum of all wrenches on the object minus its load: force in N, then moment about the
             center of the grasps in N m, filtered, of shape (6,). Contact of the object changes it.
     """
 

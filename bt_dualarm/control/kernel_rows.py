@@ -19,7 +19,7 @@ DEADBAND: Final = 1
 COULOMB: Final = 2
 """Coulomb friction, N m."""
 STATIC_EXCESS: Final = 3
-"""Static less Coulomb friction, N m."""
+"""Static minus Coulomb friction, N m."""
 STRIBECK: Final = 4
 """-1/v_s² for the Stribeck velocity v_s, s²/rad²."""
 VISCOUS: Final = 5
@@ -53,7 +53,7 @@ MODEL_A_BEFORE: Final = 10
 MEAN_V_ERROR: Final = 11
 """Velocity error, low-pass filtered."""
 NET_TORQUE: Final = 12
-"""Motor torques less friction."""
+"""Motor torques minus friction."""
 EXTERNAL_TORQUE: Final = 13
 MODEL_MOMENTUM: Final = 14
 """State of the momentum observer: external torque, and momentum that the model explains."""
@@ -75,11 +75,11 @@ STATE: Final = 23
 
 # Telemetry, of shape (TELEMETRY,).
 SPEED_SHARE: Final = 0
-"""Largest joint speed, as a share of the joint's limit."""
+"""Largest joint speed, as a fraction of the joint's limit."""
 POSITION_ERROR: Final = 1
 """Largest joint position error, rad."""
 CONTACT_SQUARE: Final = 2
-"""Squared norm of external torques less their baseline, (N m)²."""
+"""Squared norm of external torques minus their baseline, (N m)²."""
 TELEMETRY: Final = 3
 
 # Outcome of a control period.
@@ -109,14 +109,14 @@ class ControlLaw(NamedTuple):
         gain_q: Observer gain of the position, dimensionless.
         gain_v: Observer gain of the velocity, 1/s.
         gain_d: Observer gain of the disturbance, 1/s².
-        delay_share: Drive delay as a share of the period.
+        delay_share: Drive delay as a fraction of the period.
         delay: Drive delay, s.
         lead: Periods from now to the middle of the interval in which a torque acts.
         half_step: Half of the simulation time step, s.
         velocity_error_share: Weight of a new velocity error in its low-pass filter.
         bandwidth: Natural frequency of the position error dynamics, rad/s.
         touch_bandwidth: Bandwidth of the momentum observer, 1/s.
-        compensation_limit: Largest disturbance compensation, as a share of the effort limit.
+        compensation_limit: Largest disturbance compensation, as a fraction of the effort limit.
         friction_speed: Velocity over which discontinuous dry friction is smoothed, rad/s.
         compensation_share: Weight of a new disturbance in its compensation; see `Compliance`.
     """

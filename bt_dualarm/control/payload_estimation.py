@@ -51,10 +51,10 @@ _MASS_DOUBT_KG: Final = 5.0
 # Standard deviations of the measured torques of a window.
 
 _NOISE: Final = 0.01
-"""Torque noise as a share of the effort limit; part of it is correlated over many windows."""
+"""Torque noise as a fraction of the effort limit; part of it is correlated over many windows."""
 
 _DYNAMIC_NOISE: Final = 0.5
-"""Share of the inertial torque of acceleration changes within a window that counts as noise."""
+"""Fraction of the inertial torque of acceleration changes within a window that counts as noise."""
 
 _TRACKING_NOISE: Final = 2.0
 """Factor of the inertial torque of a deviation from the commanded acceleration."""
@@ -114,10 +114,10 @@ class PayloadEstimator:
         dof = len(self._effort)
         self._own = dof * (INERTIAL + 4)
         self._parameters = ParameterEstimate(self._own)
-        self._loads: list[NominalLoad] = []  # of unknown mass
+        self._loads: list[NominalLoad] = []  # loads of unknown mass
         self._reported: dict[str, NominalLoad] = {}
-        self._dynamics = ArmDynamics(nominal)  # with loads of declared mass
-        self._estimated = self._dynamics  # with estimated loads as well
+        self._dynamics = ArmDynamics(nominal)  # includes loads of declared mass
+        self._estimated = self._dynamics  # includes estimated loads as well
         self._held: tuple[NominalLoad, ...] = ()
         self._commanded_a: list[Vector] = []
         self._torque_sum = np.zeros(dof)
@@ -394,8 +394,8 @@ def _wrenches(linear: Matrix, turning: Matrix, spinning: Matrix) -> npt.NDArray[
 
     Args:
         linear: Accelerations of the link origins less gravity, of shape (n, 3), m/s².
-        turning: Angular accelerations w', likewise, rad/s².
-        spinning: Angular velocities w, likewise, rad/s.
+        turning: Angular accelerations w', of the same shape, rad/s².
+        spinning: Angular velocities w, of the same shape, rad/s.
 
     Returns:
         Forces and moments about the link origins, in link axes, of shape (n, 6, 10).

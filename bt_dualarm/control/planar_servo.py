@@ -74,7 +74,7 @@ class PlanarServo:
         slack: Jump of the target that may use all of the jerk, m.
 
     Attributes:
-        time_scale: Share of the velocity in [0, 1]; set by the guard.
+        time_scale: Fraction of the velocity in [0, 1]; set by the guard.
     """
 
     def __init__(
@@ -126,7 +126,7 @@ class PlanarServo:
             plane = f"{abs(distance) * 1e3:.0f} mm out of its plane and "
             raise Failure(
                 "UNREACHABLE",
-                f"the tool cannot follow there: it is {plane if self._followed == 2 else ''}"
+                f"the tool cannot follow here: it is {plane if self._followed == 2 else ''}"
                 f"{math.degrees(angle):.0f}° from its orientation",
                 plane_error_m=abs(distance),
                 angle_error_rad=angle,

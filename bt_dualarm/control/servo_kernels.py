@@ -63,19 +63,19 @@ from bt_dualarm.kinematics.chain_kernel_arrays import (
 from bt_dualarm.kinematics.chain_kernels import solve_rows, tool_pose_and_jacobian
 from bt_dualarm.trajectory.trajectory_kernels import can_stop
 
-# Shares of the limits that are used for planning; the rest is left to feedback.
+# Shares of the limits that are used for planning; the rest is reserved for feedback.
 
 _STOP_ACCELERATION = 0.5
-"""Share of the acceleration limit for stopping before a position limit."""
+"""Fraction of the acceleration limit for stopping before a position limit."""
 
 _TOP_SHARE = 0.95
-"""Share of the velocity limit."""
+"""Fraction of the velocity limit."""
 
 _BRAKE_ACCELERATION = 0.5
-"""Share of the plane acceleration for braking before the target, from afar."""
+"""Fraction of the plane acceleration for braking before the target, from afar."""
 
 _BRAKE_JERK = 0.35
-"""Share of the plane jerk for braking before the target, from afar."""
+"""Fraction of the plane jerk for braking before the target, from afar."""
 
 _HURRY_JUMPS = 6.5
 """Distance within which the tool hurries all the same, in jumps ``slack`` of the estimate: 1.3 mm
@@ -86,10 +86,10 @@ _NEAR_M = 0.02
 """Distance down to which the tool closes in as from afar, m; between both with the shares below."""
 
 _NEAR_ACCELERATION = 0.06
-"""Share of the plane acceleration for closing the last distance."""
+"""Fraction of the plane acceleration for closing the last distance."""
 
 _NEAR_JERK = 0.02
-"""Share of the plane jerk for closing the last distance.
+"""Fraction of the plane jerk for closing the last distance.
 
 A target that is followed leaves the arm only what it does not need itself, and a prediction errs in
 velocity and acceleration before it errs in position. An arm that hurries to close a distance has to
@@ -101,14 +101,14 @@ hand: less would be better there, but worse on the shipped circle at 30 Hz.
 """
 
 _TRUSTED_ACCELERATION = 0.8
-"""Share of the target's predicted acceleration that is fed forward.
+"""Fraction of the target's predicted acceleration that is fed forward.
 
 The best linear prediction of an acceleration from noisy positions is smaller than its estimate, and
 the loops below make up for the rest.
 """
 
 _FADE_JERK = 0.5
-"""Share of the plane jerk for letting an acceleration fade."""
+"""Fraction of the plane jerk for letting an acceleration fade."""
 
 _BRAKING_SHARE = 0.3
 """Share per period by which the acceleration approaches the braking one, without a target."""
@@ -136,7 +136,7 @@ def servo_step(
         period: Seconds between set-points.
         bandwidth: Upper bound of the following bandwidth, rad/s.
         slack: Jump of the target that may use all of the jerk, m.
-        time_scale: Share of the desired velocity that the guard allows.
+        time_scale: Fraction of the desired velocity that the guard allows.
         has_target: Whether there is a target; if not, the tool comes to rest.
         target: Position, velocity and acceleration along the axes, of shape (3, 3); zeros along an
             axis that is not followed.
@@ -272,7 +272,7 @@ def closing_velocity(away: Vector, gains: Gains, reach: PlaneLimits, hurry: floa
     far = PlaneLimits(_BRAKE_ACCELERATION * reach.acceleration, _BRAKE_JERK * reach.jerk)
     small = min(distance, hurry)
     speed = min(gains.c * small, braking_speed(small, far))
-    # Squares add: by v² = 2 a d the tool then brakes no harder than each part asks for.
+    # Squares add: by v² = 2 a d the tool then brakes no harder than each part requires.
     if distance > hurry:
         near = PlaneLimits(_NEAR_ACCELERATION * reach.acceleration, _NEAR_JERK * reach.jerk)
         speed = math.hypot(speed, braking_speed(distance - hurry, near))
@@ -355,7 +355,7 @@ def limit_acceleration(
         work: Servo state.
         now: Current acceleration along the followed axes, of shape (3,), m/s².
         desired: Desired acceleration along them, likewise.
-        share: Share of the step from one to the other that this period takes.
+        share: Fraction of the step from one to the other that this period takes.
         period: Seconds between set-points.
         a: Output: joint accelerations, of shape (dof,), rad/s².
     """

@@ -41,7 +41,7 @@ _ROWS: Final = 400
 """Number of set-points of a motion that are examined to compute its pace, at most."""
 
 _SHARE: Final = 0.95
-"""Share of the follower's velocity and acceleration limits that a paced motion may use: the rest
+"""Fraction of the follower's velocity and acceleration limits that a paced motion may use: the rest
 lets the follower catch up."""
 
 _LAG_M: Final = 1e-4
@@ -52,7 +52,7 @@ _SLOWER: Final = 0.85
 """Factor by which the pace is reduced until the follower keeps up."""
 
 _SLOWEST: Final = 0.02
-"""Least pace: a motion that needs a lower one passes a singularity of the follower."""
+"""Minimum pace: a motion that needs a lower one passes a singularity of the follower."""
 
 _MISSED_M: Final = 1e-3
 """Residual in m above which a pose counts as out of reach."""
@@ -190,7 +190,7 @@ class ToolFollowing:
             if self.residual_m > _MISSED_M:
                 self.refusal = Failure(
                     "UNREACHABLE",
-                    f"the transform gets out of reach after {len(path) / len(states):.0%} of the "
+                    f"the transform is out of reach after {len(path) / len(states):.0%} of the "
                     "motion that the other arm has begun",
                     residual_m=self.residual_m,
                 )
@@ -223,8 +223,8 @@ class ToolFollowing:
             return scale
         self.refusal = Failure(
             "SINGULAR",
-            "the motion that the other arm has begun leads this one through a singularity: it "
-            f"would need {needed:.0f} times the speed that its joints have",
+            "the other arm's current motion leads this one through a singularity: it "
+            f"would need {needed:.0f} times the speed of its joints",
         )
         return 1.0
 

@@ -310,7 +310,7 @@ _UNUSED_S: Final = 7 * 86_400.0
 
 
 def _remove_old_code() -> None:
-    """Remove code that was compiled some time ago for sources other than the present ones.
+    """Remove code that was compiled some time ago for sources other than the current ones.
 
     Several versions may be in use side by side, each with its own code.
     """
@@ -327,7 +327,7 @@ def _remove_old_code() -> None:
 
 
 def _note_use(marks: Iterable[Path]) -> None:
-    """Date the code of the present sources anew, unless that was done in the last day."""
+    """Update the date of the cached code of the current sources, at most once per day."""
     now = time.time()
     with suppress(OSError):
         late = [mark for mark in marks if now - mark.stat().st_mtime > _UNUSED_S / 7]

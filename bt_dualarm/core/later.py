@@ -16,7 +16,7 @@ class Later:
     def __init__(self, name: str) -> None:
         self._name = name
 
-    def __getattr__(self, member: str) -> Any:  # whatever the package has by that name
+    def __getattr__(self, member: str) -> Any:  # a package attribute of any type
         found = getattr(importlib.import_module(self._name), member)
-        vars(self)[member] = found  # from now on it is found without this call
+        vars(self)[member] = found  # later lookups find it without this call
         return found

@@ -19,7 +19,7 @@ _NOWHERE = Path(os.devnull)  # not a folder, and none can be created in it
 def share_dir(kind: str) -> Path:
     """Folder of the shipped ``"trees"``, ``"skills"`` or ``"assets"``.
 
-    A wheel contains them below the package; in a checkout they are beside it.
+    A wheel contains them below the package; in a checkout they are next to it.
 
     Raises:
         FileNotFoundError: The installation is broken: the folder is in neither location.
@@ -31,7 +31,7 @@ def share_dir(kind: str) -> Path:
 
 
 def cache_dir() -> Path:
-    """Cache folder: ``$XDG_CACHE_HOME/bt_dualarm``, else ``~/.cache/bt_dualarm``.
+    """Cache folder: ``$XDG_CACHE_HOME/bt_dualarm``, otherwise ``~/.cache/bt_dualarm``.
 
     For a user without a home directory the path is not writable.
     """

@@ -180,7 +180,7 @@ class Cause:
     Attributes:
         kind: Upper-case identifier of the type of cause.
         sentence: Description with numbers.
-        remedy: Suggested change, if known, else empty.
+        remedy: Suggested change, if known, otherwise empty.
         arm: Affected arm.
         leaf: Path of the leaf that caused it; empty if none did.
         time_s: Time of the cause in s; None if it existed from the start.

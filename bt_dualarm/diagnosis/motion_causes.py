@@ -98,7 +98,7 @@ def _blocked(e: Evidence) -> Iterator[Cause]:
 
 
 def _obstacles(e: Evidence) -> list[ContactPoint]:
-    """Contacts that are new in the last second, else all of that second, most frequent first."""
+    """Contacts new in the last second, otherwise all in it, most frequent first."""
     held = carried(e)  # includes objects held by fingers, without a weld
     before = {(touch.own, touch.other) for touch in e.scene(e.ended - LOOK_BACK_S).touches(e.arm)}
     found: Counter[tuple[str, str]] = Counter()
@@ -267,7 +267,7 @@ def _too_far(e: Evidence) -> Iterator[Cause]:
 
 
 def _unit_slip(e: Evidence, point: Vector) -> str:
-    """Clause on a distant point that would be within reach in another unit; else empty."""
+    """Clause on a distant point that would be within reach in another unit; otherwise empty."""
     if np.linalg.norm(point) < _ABSURD_M:
         return ""
     for unit, meters in (("centimeters", 0.01), ("millimeters", 0.001)):

@@ -357,7 +357,7 @@ def grip_causes(e: Evidence) -> Iterator[Cause]:
 def _crowded(e: Evidence, name: str, beside: list[tuple[str, float]]) -> Cause:
     """Cause for objects in the space of the fingers."""
     near = ", ".join(f"{other} ({1e3 * gap:.0f} mm away)" for other, gap in beside)
-    sentence = f"there is no room for the fingers around {name}; beside it is {near}"
+    sentence = f"there is no room for the fingers around {name}; next to it is {near}"
     return e.cause("NO_ROOM", sentence, f"move {beside[0][0]} away, or remove it first")
 
 
@@ -459,7 +459,7 @@ def sight_causes(e: Evidence) -> Iterator[Cause]:
 _NOT_FOLLOWED: Final = {
     "latency": ("LATE_PICTURES", "a smaller latency, a higher fps, or a slower target"),
     "reach": ("LEFT_REACH", "a larger `reach`, or a target that stays nearer"),
-    "occlusion": ("OCCLUDED", "keep the view of the target free"),
+    "occlusion": ("OCCLUDED", "keep the line of sight to the target clear"),
     "jitter": ("UNSTEADY", "a smaller latency or noise of the camera, or a lower `speed`"),
 }
 """Kind of cause and remedy for each ``cause`` that `track` states, besides its speed."""
@@ -521,7 +521,7 @@ def _saw_nothing(e: Evidence) -> bool:
 
 
 def _candidates(e: Evidence) -> list[str]:
-    """Objects that may be the target: the one it is scored by, else those of the color."""
+    """Objects that may be the target: the one it is scored by, otherwise those of the color."""
     color = e.ports.get("color")
     objects = e.record.start["objects"]
     for named in (e.ports.get("score"), e.ports.get("object")):

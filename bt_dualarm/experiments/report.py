@@ -39,7 +39,7 @@ from bt_dualarm.spec.yaml_reader import Data
 
 
 _ASKED_A_FRAME = 4
-_REST_S = 0.5  # at rest before the curve begins
+_REST_S = 0.5  # time at rest before the curve begins
 
 
 def bound(cell: Cell, trial: Trial) -> float:
@@ -201,7 +201,7 @@ def _conditions(result: Result) -> str:
 
 
 def _shown(results: Sequence[Result]) -> list[Trial]:
-    """One trial per result: that of the first seed that all have, else the first one."""
+    """One trial per result: that of the first seed that all have, otherwise the first one."""
     of_seeds = [{trial.seed: trial for trial in result.trials} for result in results]
     common = set.intersection(*(set(trials) for trials in of_seeds))
     return [trials[min(common or trials)] for trials in of_seeds]
@@ -212,7 +212,7 @@ def over_time(results: Sequence[Result]) -> Figure:
 
     Cube position and duration differ between seeds, so mean coordinates would not belong to any
     run. The error is drawn as mean over the seeds, with a band from the
-    least to the largest; dashed, the bound of its root mean square.
+    smallest to the largest; dashed, the bound of its root mean square.
     """
     figure = Figure(figsize=(10.0, 6.4), dpi=100, layout="constrained")
     panels = figure.subplots(3, 1, sharex=True)
@@ -245,7 +245,7 @@ def _finish(axes: Axes, label: str) -> None:
 
 
 def _band(result: Result) -> tuple[Vector, Vector, Vector, Vector]:
-    """Times in s up to the end of the shortest trial; least, mean and largest error in mm."""
+    """Times in s up to the end of the shortest trial; smallest, mean and largest error in mm."""
     times = np.linspace(0.0, min(trial.times[-1] for trial in result.trials), _SAMPLES)
     errors = [np.interp(times, trial.times, 1e3 * trial.error) for trial in result.trials]
     return times, np.min(errors, axis=0), np.mean(errors, axis=0), np.max(errors, axis=0)
@@ -262,7 +262,7 @@ HEADER = (
 
 EXPLANATION = (
     "Error: distance of the following tool from the true cube in the plane at equal times, "
-    "less their mean offset, from the first to the last moment of the leading arm's curve; the "
+    "minus their mean offset, from the first to the last moment of the leading arm's curve; the "
     "follower knows its camera and its joints only. RMS and maximum over all seeds, the others "
     "are means. Bound: for proportional control the lag at the highest stable gain, "
     "2/π · v · (latency + half a frame); for predictive control the error of the same filter "
@@ -444,7 +444,7 @@ class Forecast:
 
 @contextmanager
 def shown_progress(runs: Sequence[Cell], console: Console) -> Iterator[RunIsOver]:
-    """Show the progress: a bar in a terminal, else one line per finished cell.
+    """Show the progress: a bar in a terminal, otherwise one line per finished cell.
 
     Args:
         runs: Cell of each run, in the order in which they end.

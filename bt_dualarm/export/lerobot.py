@@ -45,7 +45,7 @@ EFFORT: Final = "observation.effort"
 
 ACTION: Final = "action"
 """Joint set-points in rad; commanded opening (m), speed (m/s) and force (N) of fingers; commanded
-force of a cup in N, 0 to let go."""
+force of a cup in N, 0 to release."""
 
 OBJECTS: Final = "observation.environment_state"
 """Poses of all movable objects: position in m, quaternion (w, x, y, z)."""
@@ -162,7 +162,7 @@ def episode_of(record: Record) -> Episode:
         ReplayError: The record has no states, or none of its grippers: it is of an earlier version.
     """
     if not len(record.times):
-        raise ReplayError(f"{record.folder} holds no state")
+        raise ReplayError(f"{record.folder} contains no state")
     count = int((record.until - record.times[0]) * FPS) + 1
     times = record.times[0] + np.arange(count) / FPS
     rows = [record.index_at(time) for time in times.tolist()]
@@ -250,8 +250,8 @@ def _gripper_numbers(
     state = record.gripper(arm, row)
     if state is None:
         raise ReplayError(
-            f"{record.folder} does not say what the gripper of {arm} did: it was recorded by an "
-            "earlier version; run its tree again with --record"
+            f"{record.folder} does not contain the state of the gripper of {arm}: it was "
+            "recorded by an earlier version; run its tree again with --record"
         )
     if kind == "fingers":
         asked = [state.commanded_width, state.commanded_speed, state.commanded_force]
@@ -286,13 +286,13 @@ def differences(features: Facts, others: Facts) -> list[str]:
         ours = features.get(name)
         theirs = others.get(name)
         if ours is None or theirs is None:
-            found.append(f"{'it has no' if ours is None else 'it alone has'} {name}")
+            found.append(f"{'it has no' if ours is None else 'only it has'} {name}")
         elif ours.get("names") != theirs.get("names"):
             lacks = [one for one in theirs["names"] or () if one not in (ours["names"] or ())]
             more = [one for one in ours["names"] or () if one not in (theirs["names"] or ())]
             said = [f"lacks {_listed(lacks)}"] if lacks else []
             said += [f"has {_listed(more)} besides"] if more else []
-            found.append(f"its {name} {' and '.join(said) or 'is in another order'}")
+            found.append(f"its {name} {' and '.join(said) or 'has a different order'}")
         elif (ours["dtype"], ours["shape"]) != (theirs["dtype"], theirs["shape"]):
             found.append(
                 f"its {name} is {ours['dtype']} of shape {ours['shape']}, "
@@ -339,7 +339,7 @@ class _Place:
     """
 
     number: int
-    writer: Any = None  # of pyarrow, which has no types, or an encoder
+    writer: Any = None  # a pyarrow writer, which has no types, or an encoder
     frames: int = 0
     path: Path = field(default_factory=Path)
 
@@ -383,7 +383,7 @@ class DatasetWriter:
         self._parquet: Any = parquet
         self._folder = folder
         self._info: Facts | None = None
-        self._first = "what is in the data set"
+        self._first = "what the data set contains"
         self._tasks: list[str] = []
         self._episodes = self._frames = 0
         self._rows: list[Facts] = []
@@ -737,7 +737,7 @@ def write_dataset(
     """
     is_there = target.exists() and (not target.is_dir() or any(target.iterdir()))
     if is_there and not append:
-        raise ReplayError(f"cannot write {target}: there is something already (--append adds runs)")
+        raise ReplayError(f"cannot write {target}: it already exists (--append adds runs)")
     if append and not (target / "meta" / "info.json").is_file():
         raise ReplayError(f"cannot append to {target}: there is no data set in it")
     target = Path(os.path.abspath(target))  # noqa: PTH100 - a name of its own, links not followed

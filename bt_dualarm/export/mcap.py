@@ -485,7 +485,7 @@ _FLOOR_M: Final = 10.0
 """Width of the visible part of an infinite plane, m."""
 
 _THIN_M: Final = 1e-3
-_ALL: Final = 1  # of foxglove.SceneEntityDeletion: everything of the topic
+_ALL: Final = 1  # foxglove.SceneEntityDeletion: everything on the topic
 _PRIMITIVES: Final = (
     "arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models",
 )  # fmt: skip

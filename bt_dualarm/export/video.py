@@ -1,4 +1,4 @@
-"""Export of a record as a video: the scene, wrist cameras, and the behavior trees beside it."""
+"""Export of a record as a video: the scene, wrist cameras, and the behavior trees next to it."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ _FADING: Final = 12
 """Segments of a trail, older ones fainter."""
 
 INSET: Final = 0.27
-"""Width of a wrist camera's image as a share of the scene's."""
+"""Width of a wrist camera's image as a fraction of the scene's."""
 
 _FRESH_S: Final = 0.2
 
@@ -223,7 +223,7 @@ def followed(record: Record, times: Sequence[float], aspect: float) -> list[View
     stills = [_still(record, time) for time in np.linspace(times[0], times[-1], _STILLS).tolist()]
     whole = best_viewpoint(stills, aspect)
     if whole is None:
-        raise ReplayError(f"{record.folder} holds nothing to be seen: no arm, no object")
+        raise ReplayError(f"{record.folder} contains nothing to render: no arm, no object")
     knots = np.arange(times[0], times[-1] + _EVERY_S, _EVERY_S)
     way = np.array([_wanted(_still(record, time), whole, aspect) for time in knots.tolist()])
     weights = np.exp(-0.5 * ((knots[:, None] - knots[None]) / _CALM_S) ** 2)
@@ -237,7 +237,7 @@ def followed(record: Record, times: Sequence[float], aspect: float) -> list[View
 def clear_corner(
     record: Record, times: Sequence[float], viewpoints: Sequence[Viewpoint], aspect: float
 ) -> tuple[bool, bool]:
-    """The corner of the image that covers the least; whether it is at the left, and at the top.
+    """The corner of the image that covers least; whether it is at the left, and at the top.
 
     Args:
         record: The record.
@@ -437,7 +437,7 @@ def _wrapped(reason: str, width: int = 40) -> list[str]:
 Picture = npt.NDArray[np.uint8]
 
 _PANEL: Final = 0.3125
-"""Width of the trees' panel as a share of the image's."""
+"""Width of the trees' panel as a fraction of the image's."""
 
 _MOST_BYTES: Final = 3 * 2**20
 """Largest size of an animation, bytes: what most web pages accept."""
@@ -564,7 +564,7 @@ def pictures(record: Record, form: Format) -> Iterator[Picture]:
         ReplayError: The record shows no arm or object.
     """
     if not len(record.times):
-        raise ReplayError(f"{record.folder} holds nothing to be seen: no state was kept")
+        raise ReplayError(f"{record.folder} contains nothing to render: no states were kept")
     times = np.arange(float(record.times[0]), record.until, 1.0 / form.fps)
     panel = round(_PANEL * form.width / 2) * 2
     size = form.width - panel, form.height

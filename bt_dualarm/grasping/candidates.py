@@ -57,10 +57,10 @@ _PITCHES = np.deg2rad([0.0, 30.0, -30.0, 60.0, -60.0])
 """Inclinations of the pairs of a sphere, rad; level ones first."""
 
 _LARGE = 0.02
-"""Half length above which pads have room beside the middle of an edge, m."""
+"""Half length above which pads have room next to the middle of an edge, m."""
 
 SHARES = (0.0, 0.5, -0.5)
-"""Where along a long solid grasps are tried, as shares of half its length."""
+"""Where along a long solid grasps are tried, as fractions of half its length."""
 
 _BEHIND = 10
 """Number of balls of a cup's radius, one behind the other, that stand for the cup and its tube."""
@@ -78,7 +78,7 @@ def jaw_grasps(
     shares: Sequence[float] = SHARES,
     point: Vector | None = None,
 ) -> tuple[Grasp, ...]:
-    """Grasps of a parallel gripper, least force first.
+    """Grasps of a parallel gripper, smallest force first.
 
     Args:
         solid: Solid to grasp, in its own frame.
@@ -86,7 +86,7 @@ def jaw_grasps(
         load: Load on the grip.
         friction: Coefficient of friction between the pads and the solid.
         seed: Seed for sampling meshes.
-        shares: Where along a long solid the pads close, as shares of half its length.
+        shares: Where along a long solid the pads close, as fractions of half its length.
         point: Point in the solid's frame at which the pads close instead, of shape (3,), m.
     """
     if isinstance(solid, CompoundSolid):
@@ -113,7 +113,7 @@ def jaw_grasps(
 
 
 def _sorted(grasps: Iterable[Grasp]) -> tuple[Grasp, ...]:
-    """Grasps, the one with the least force first."""
+    """Grasps, the one with the minimum force first."""
     return tuple(sorted(grasps, key=lambda grasp: grasp.force))
 
 
@@ -195,7 +195,7 @@ def _both_sides(row: Vector, jaw: JawMeasures) -> Iterator[Grasp]:
 
 
 def least_width(solid: Solid, seed: int = 0) -> float:
-    """Smallest distance between antipodal points of a solid, m: the least opening around it."""
+    """Smallest distance between antipodal points of a solid, m: the minimum opening around it."""
     if isinstance(solid, CompoundSolid):
         return min(least_width(part, seed) for part, _, _ in _pieces(solid))
     down = np.array([0.0, 0.0, -1.0])
@@ -209,7 +209,7 @@ def least_width(solid: Solid, seed: int = 0) -> float:
 def cup_grasps(
     solid: Solid, cup: CupMeasures, load: Load, seed: int = 0, point: Vector | None = None
 ) -> tuple[Grasp, ...]:
-    """Grasps of a suction cup, least force first.
+    """Grasps of a suction cup, smallest force first.
 
     Args:
         solid: Solid to grasp, in its own frame.
@@ -317,7 +317,7 @@ def antipodal_pairs(
         solid: Solid to grasp.
         down: Unit vector of gravity, of shape (3,): on round solids, level lines come first.
         rng: Generator for sampling meshes.
-        shares: Where along a long solid the lines are, as shares of half its length.
+        shares: Where along a long solid the lines are, as fractions of half its length.
 
     Raises:
         TypeError: The kind of solid is not supported.

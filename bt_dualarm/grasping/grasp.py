@@ -1,4 +1,4 @@
-"""Solids, grasps on them, and the least force with which a grip holds a load.
+"""Solids, grasps on them, and the minimum force with which a grip holds a load.
 
 - A `Solid` has extents, signed distances and rays in its own frame. `Box`, `Cylinder` and `Capsule`
   are centered at its origin; `MeshSolid` is a closed surface of triangles; `CompoundSolid` consists
@@ -251,7 +251,7 @@ class CompoundSolid(Solid):
     @property
     def form(self) -> Form:
         """Not available: kernels take one solid at a time."""
-        raise TypeError("a compound has no single form; its parts have")
+        raise TypeError("a compound has no single form; only its parts do")
 
     def reach(self, direction: Vector) -> float:
         """See `Solid.reach`."""
@@ -303,7 +303,7 @@ class Grasp:
     Attributes:
         tool: Pose of the tool frame in the object's frame.
         width: Distance of the pads on contact, m; 0 for suction.
-        force: Least force that holds the load, of each pad or of the suction, N.
+        force: Minimum force that holds the load, of each pad or of the suction, N.
         margin: Largest force of the gripper divided by that force.
     """
 
@@ -325,7 +325,7 @@ class JawMeasures:
         palm: Distance from the tool frame back to the palm, m.
         tip: Distance from the tool frame forward to the fingertips, m.
         thickness: Thickness of a finger along the tool's y axis, m.
-        least_force: Least force of each pad on a grasped object, N.
+        least_force: Minimum force of each pad on a grasped object, N.
         most_force: Largest force of each pad on a grasped object, N.
         friction: Coefficient of sliding friction of the pads.
         pad_center: Distance from the tool frame to the center of the pads, along z, m.
@@ -383,7 +383,7 @@ class Load:
 def pinching_force(
     load: Load, center: Vector, axis: Vector, width: float, levers: float, friction: float
 ) -> float:
-    """Least force of each of two pads that holds a load under any acceleration of the tool, N.
+    """Minimum force of each of two pads that holds a load under any acceleration of the tool, N.
 
     A pad is a soft finger (R. M. Murray, Z. Li, S. S. Sastry, A Mathematical Introduction to
     Robotic Manipulation, 1994, chapter 5): a normal force, friction in its plane, and a frictional
@@ -411,7 +411,7 @@ def pinching_force(
 def pinching_forces(
     forces: Matrix, offset: Vector, axis: Vector, width: float, lever: float, friction: float
 ) -> Vector:
-    """Least force of each of two pads under each of several loads, of shape (n,), N.
+    """Minimum force of each of two pads under each of several loads, of shape (n,), N.
 
     Args:
         forces: Forces on the object at its center of mass, of shape (n, 3), N.
@@ -434,7 +434,7 @@ def pinching_forces(
 
 
 def suction_force(load: Load, place: Vector, normal: Vector, cup: CupMeasures) -> float:
-    """Least suction force of a cup that holds a load under any acceleration of the tool, N.
+    """Minimum suction force of a cup that holds a load under any acceleration of the tool, N.
 
     The rim is a ring that can be pulled off, slide, turn and tip: J. Mahler, M. Matl, X. Liu, A.
     Li, D. Gealy, K. Goldberg, Dex-Net 3.0, ICRA 2018.
@@ -449,7 +449,7 @@ def suction_force(load: Load, place: Vector, normal: Vector, cup: CupMeasures) -
 
 
 def suction_forces(forces: Matrix, offset: Vector, normal: Vector, cup: CupMeasures) -> Vector:
-    """Least suction force of a cup under each of several loads, of shape (n,), N.
+    """Minimum suction force of a cup under each of several loads, of shape (n,), N.
 
     Args:
         forces: Forces on the object at its center of mass, of shape (n, 3), N.
@@ -460,7 +460,7 @@ def suction_forces(forces: Matrix, offset: Vector, normal: Vector, cup: CupMeasu
     if cup.friction <= 0.0:
         return np.full(len(forces), math.inf)
     moments = np.asarray(np.cross(offset, forces), dtype=float)
-    # Suction less the pull on the object presses the rim on. That must be enough for friction to
+    # Suction minus the pull on the object presses the rim on. That must be enough for friction to
     # hold against sliding and turning about the normal, and to keep the rim from tipping off.
     pulling = np.maximum(-(forces @ normal), 0.0)
     sliding = np.hypot(_across(forces, normal), np.abs(moments @ normal) / cup.radius)
@@ -487,7 +487,7 @@ class PadContact:
 
     Attributes:
         middle: Center of the patch, of shape (3,), m.
-        share: Share of the pad in contact, in [0, 1].
+        share: Fraction of the pad in contact, in [0, 1].
         lever: Mean distance of the patch from its center, m: times the friction force, the largest
             frictional moment about the normal under even pressure.
         slope: Smallest angle between the normals of pad and surface in the patch, rad.

@@ -25,8 +25,8 @@ PRESSED: Final = 3e-4
 """Depth by which a pad yields, m; about that of rubber, and of MuJoCo's contacts."""
 
 _SPOT: Final = 1.5e-3
-"""Least lever of a contact patch, m: a soft pad makes a patch of a point. For a ball of 10 mm that
-is pressed in by 0.3 mm, it is 1.6 mm."""
+"""Minimum lever of a contact patch, m: a soft pad turns a contact point into a patch. For a ball of
+10 mm that is pressed in by 0.3 mm, it is 1.6 mm."""
 
 _ROWS: Final = 7
 """Number of rows and columns of sample points on a pad."""
@@ -295,7 +295,7 @@ def hold(
 def pinch(
     forces: Matrix, offset: Vector, axis: Vector, width: float, lever: float, friction: float
 ) -> Vector:
-    """Least force of each of two pads under each of several loads, N: see `pinching_forces`."""
+    """Minimum force of each of two pads under each of several loads, N: see `pinching_forces`."""
     needed = np.full(len(forces), np.inf)
     if friction <= 0.0 or width <= 0.0:
         return needed
@@ -328,12 +328,12 @@ def close_along(
         kind: Kind of the solid, `Form.kind`.
         numbers: Numbers of the solid, `Form.numbers`.
         pairs: Center, axis, and first direction of approach of each pair, of shape (n, 9).
-        jaw: Length and width of a pad, distance from the pads' center to the palm, least width,
+        jaw: Length and width of a pad, distance from the pads' center to the palm, minimum width,
             distance of an open pad from the center (m), largest force (N), of shape (6,).
         forces: Loads at the center of mass, of shape (m, 3), N.
         center: Center of mass, of shape (3,), m.
         friction: Coefficient of friction between pads and solid.
-        found: Output, of shape (n * 32, 11): center of the pads, axis, approach, width and least
+        found: Output, of shape (n * 32, 11): center of the pads, axis, approach, width and minimum
             force of each grasp; of one approach, deeper grasps come first.
     """
     count = 0

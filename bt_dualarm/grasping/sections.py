@@ -18,7 +18,7 @@ _ACROSS: Final = 0.1
 """Cosine up to which a direction counts as perpendicular."""
 
 _FLAT: Final = 0.5
-"""Share of its diameter up to which a cylinder counts as a disk."""
+"""Fraction of its diameter up to which a cylinder counts as a disk."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +59,7 @@ def sections(solid: Solid, count: int, spread: float) -> list[Section]:
     Args:
         solid: The solid.
         count: Number of sections, at least 2.
-        spread: Distance of the outer ones, as a share of the largest possible one.
+        spread: Distance of the outer ones, as a fraction of the largest possible one.
 
     Returns:
         The sections; none if the solid is too short for them, or has no two ends.
@@ -79,9 +79,9 @@ def sections(solid: Solid, count: int, spread: float) -> list[Section]:
 
 
 def shares_at(places: Sequence[Vector]) -> list[float]:
-    """Share of a load that each of several grasps bears, by the law of the lever.
+    """Fraction of a load that each of several grasps bears, by the law of the lever.
 
-    The shares are the least ones, in the sum of their squares, with which the center of the shares
+    The shares have the smallest sum of squares for which the center of the shares
     is nearest to the center of mass; none is negative.
 
     Args:

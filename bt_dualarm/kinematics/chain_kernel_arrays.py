@@ -82,7 +82,7 @@ def _joint_of(model: mujoco.MjModel, body: int) -> int:
 def _combined_body(
     model: mujoco.MjModel, data: mujoco.MjData, bodies: list[int]
 ) -> tuple[float, Vector, Matrix]:
-    """Mass, center of mass, and inertia about it, of bodies joined rigidly, in world axes."""
+    """Mass, center of mass, and inertia about it of rigidly connected bodies, in world axes."""
     masses = model.body_mass[bodies]
     centers = data.xipos[bodies]
     mass = float(masses.sum())

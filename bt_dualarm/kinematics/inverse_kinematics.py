@@ -58,7 +58,7 @@ _STALLED = 1e-4
 """Step below which an ascent ends, rad."""
 
 _CLIMBED = 1e-9
-"""Least gain of a step of an ascent, m."""
+"""Minimum gain of a step of an ascent, m."""
 
 
 class Workspace(Chain):
@@ -81,7 +81,7 @@ class Workspace(Chain):
         self._starts = [*robot.postures.values(), *(middle + (scatter - 0.5) * spread)]
 
     def gap(self, point: Vector) -> float:
-        """Least distance in m from the tool to a point of shape (3,); 0 if it can be reached."""
+        """Minimum distance in m from the tool to a point of shape (3,); 0 if it can be reached."""
         nearest = float("inf")
         for start in self._starts:
             nearest = min(nearest, self._descend(point, start))
@@ -298,7 +298,7 @@ class Kinematics(Chain):
 
         Yields:
             Configurations, of shape (n, dof), rad: first the branches away from singularities and
-            limits, nearest to ``near`` first, each computed when it is asked for; then the others,
+            limits, nearest to ``near`` first, each computed on demand; then the others,
             best conditioned first.
 
         Raises:

@@ -233,7 +233,7 @@ class MultiArmKinematics(Mechanism):
         for target in targets:
             for arm in (target.arm, target.seen_from):
                 _require(arm is None or arm in self._slices, f"there is no arm {arm!r}")
-            _require(target.arm != target.seen_from, f"{target.arm} is to be seen from itself")
+            _require(target.arm != target.seen_from, f"{target.arm} is given relative to itself")
         key = _tasks(targets)
         _require(len({target.arm for target in targets}) == len(key), "a tool has two targets")
         if key not in self._searches:

@@ -265,11 +265,11 @@ def broken(arm: Chain, q: Vector, pose: Pose, fraction: float, branches: int) ->
         arm: Arm that should follow it.
         q: Configuration at the last sample that could be followed, of shape (dof,), rad.
         pose: First pose that could not.
-        fraction: Share of the path up to there.
+        fraction: Fraction of the path up to there.
         branches: Number of start configurations that were tried.
 
     Returns:
-        ``SINGULAR`` if the arm is singular at ``q``, else ``PATH_BROKEN``.
+        ``SINGULAR`` if the arm is singular at ``q``, otherwise ``PATH_BROKEN``.
     """
     position = ", ".join(f"{x:.3f}" for x in pose.position)
     how_far = f"the arm can follow only {100.0 * fraction:.0f} % of the path, to ({position}) m"

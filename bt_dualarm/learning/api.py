@@ -39,12 +39,12 @@ def gym(
     gates that set-points pass. An action has a number from -1 to 1 for each joint (or for each axis
     of the tool: along x, y, z of the world, then about them), and one for the gripper of an arm
     that has one: -1 closes, 1 opens; a cup sucks below 0. It moves the goal by that fraction of the
-    way that ``speed`` allows in one step.
+    distance that ``speed`` allows in one step.
 
     Observations are what the arm senses: ``joint_position``, ``joint_velocity``,
     ``external_torque`` (estimated), ``tool_position`` and ``tool_rotation`` (the first two columns
-    of the rotation matrix) by the encoders, ``gripper`` (opening or vacuum, and force, as fractions
-    of their largest values) and ``image``. With several arms, names begin with ``ARM.``.
+    of the rotation matrix) from the encoders, ``gripper`` (opening or vacuum, and force, as
+    fractions of their largest values) and ``image``. With several arms, names begin with ``ARM.``.
 
     The reward of a step is the change of the share of the file's ``goal`` entries that are met,
     less 1 if an invariant (``always``, ``never``) is violated. An episode terminates when all goals
@@ -73,7 +73,7 @@ def gym(
         skills: Additional skills.
 
     Raises:
-        DualArmError: Gymnasium is not installed; the message says how to install it.
+        DualArmError: Gymnasium is not installed; the message states how to install it.
         RunError: An argument is invalid, or the file has no ``goal`` and no ``reward`` is given.
         SpecError, NoSuchTree: As `run`.
     """
@@ -97,7 +97,7 @@ def gym(
     horizon = limit if horizon is None else min(checked_seconds(horizon, "horizon"), limit)
     names = chosen_arms(file, arm)
     if not file.goal and reward is None:
-        raise RunError("the file has no goal, from which the reward follows: add one, or reward=")
+        raise RunError("rewards come from the file's goals, and it has none: add one, or reward=")
     if camera and not any(file.arms[name].camera for name in names):
         raise RunError(f"camera: {', '.join(names)}: no such arm has a camera in the file")
     realistic = None if reality is None else checked_reality(reality)

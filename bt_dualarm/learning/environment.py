@@ -100,7 +100,7 @@ class BehaviorEnv(gymnasium.Env[Any, Any]):
         """Begin a new run.
 
         Args:
-            seed: Seed of the run, as of `bt_dualarm.run`; by default drawn from `np_random`.
+            seed: Seed of the run, as for `bt_dualarm.run`; by default drawn from `np_random`.
             options: Not used.
 
         Raises:
@@ -275,7 +275,7 @@ class BehaviorEnv(gymnasium.Env[Any, Any]):
         }
 
     def _goals_share(self) -> float:
-        """Share of the goals that are met now."""
+        """Fraction of the goals that are met now."""
         if self.run is None or not self._file.goal:
             return 0.0
         goals = self.run.goals
@@ -326,7 +326,7 @@ def chosen_arms(file: TreeFile, given: str | Sequence[str] | None) -> tuple[str,
         return tuple(file.arms)
     names = (given,) if isinstance(given, str) else tuple(given)
     if not names or len(set(names)) < len(names):
-        raise RunError(f"arm: {given!r} names no arm, or one twice")
+        raise RunError(f"arm: {given!r} must name arms of the file, each once")
     for name in names:
         if name not in file.arms:
             raise RunError(f"arm: there is no arm {name!r}; the file has {', '.join(file.arms)}")

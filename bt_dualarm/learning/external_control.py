@@ -56,7 +56,7 @@ class Stick:
             execute; or empty.
         frame: Latest frame of the arm's camera.
         torque: Returns the estimated external joint torques, of shape (dof,), N m.
-        time_scale: Share of its speed that the guard allows, from 0 to 1.
+        time_scale: Fraction of its speed that the guard allows, from 0 to 1.
     """
 
     def __init__(self, kind: ActionKind, speed: float, step_s: float) -> None:
@@ -129,7 +129,7 @@ class Stick:
         self._left_s = self._step_s
 
     def _joint_change(self, action: Vector) -> Vector:
-        """Joint motion, of shape (dof,), rad, that moves the tool as an action asks for."""
+        """Joint motion, of shape (dof,), rad, that moves the tool as an action requests."""
         arm = self._arm
         if arm is None:
             raise RuntimeError("not connected")

@@ -1,8 +1,8 @@
 """Detection of colored targets in a frame.
 
 Pixels within a color range are cleaned by opening and closing, and grouped by contours (OpenCV).
-Centroid and area are weighted by the share of each pixel that the target covers, which makes them
-much finer than a pixel.
+Centroid and area are weighted by the fraction of each pixel that the target covers, which makes
+them much finer than a pixel.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _HUE_MARGIN: Final = 14.0
 """Tolerance of the hue to either side in degrees, for light and camera noise."""
 
 _MIN_SATURATION: Final = 0.55
-_MIN_VALUE: Final = 0.35  # below these a color is too gray or too dark to have a reliable hue
+_MIN_VALUE: Final = 0.35  # below these values a color is too gray or too dark for a reliable hue
 
 
 class ColorlessError(DualArmError):
@@ -107,7 +107,7 @@ class Detection:
         area_px: Area in square pixels, with partly covered pixels counted by their share.
         size: Square root of the area over the image height.
         bounds_px: Bounding box: left, top, right, bottom (right and bottom outside).
-        confidence: Share of the filled outline that has the color, 0 to 1.
+        confidence: Fraction of the filled outline that has the color, 0 to 1.
         touches_border: Whether it reaches the border of the exposed region, which shifts its
             centroid.
     """
@@ -170,7 +170,7 @@ def detect(
     Args:
         frame: Frame; only its exposed region is processed.
         color: Color of the target.
-        min_area: Least area of a target, in square pixels.
+        min_area: Minimum area of a target, in square pixels.
         max_area: Largest area of a target, in square pixels.
         expected_px: Predicted pixel of the target: the nearest candidate is chosen. Without it, the
             largest is.
@@ -201,7 +201,7 @@ def detect_all(
 def detect_blobs(
     frame: Frame, color: ColorFilter, min_area: float = 12.0, max_area: float = math.inf
 ) -> list[tuple[Detection, Blob]]:
-    """As `detect_all`, with the pixels of each target."""
+    """Like `detect_all`, with the pixels of each target."""
     step = frame.stride
     part = frame.blocks
     if part.size == 0:
@@ -282,7 +282,7 @@ def _measure(frame: Frame, blob: Blob) -> Detection:
 
 
 def coverage(blob: Blob) -> npt.NDArray[np.float32]:
-    """Share of each pixel that the target covers, 0 to 1, of the shape of the blob's arrays.
+    """Fraction of each pixel that the target covers, 0 to 1, of the shape of the blob's arrays.
 
     It is 1 inside the contour. A pixel at the edge is a linear mixture of target and background: on
     the line between their mean colors, its position between the extremes of its neighborhood is the

@@ -36,7 +36,7 @@ else:
 # for a 50 mm cube at a depth of 0.35 m by 0.4, 1.6 and 4.8 mm at offsets of 30, 50 and 100 mm. The
 # approximate position of the cube determines which part of the outline is flank, and so the center
 # and area of the front face. A dark flank does not have the color and causes no bias; the area
-# tells which share of the flanks has.
+# shows which fraction of the flanks does.
 
 
 _MIN_DEPTH_M = 1e-3
@@ -63,7 +63,7 @@ def front_face(
         normal: Normal of the front face, of either sign, of shape (3,); the cube's edges are
             assumed to be as parallel to the image axes as possible.
         edge: Length of an edge, m.
-        flanks: Share of the flanks that has the color; by default estimated from the area, which
+        flanks: Fraction of the flanks that has the color; by default estimated from the area, which
             requires the depth to 1 %.
     """
     pixels = _corner_pixels(frame, point, normal, edge)
@@ -92,7 +92,7 @@ def front_face(
 def flank_share(frame: Frame, point: Vector, normal: Vector, edge: float) -> float:
     """Largest relative increase of a cube's side (root of the area) by its visible flanks.
 
-    Arguments as of `front_face`.
+    Arguments as for `front_face`.
     """
     pixels = _corner_pixels(frame, point, normal, edge)
     if pixels is None:
@@ -194,7 +194,7 @@ PIXEL_SIGMA = 0.07
 """Standard deviation of a centroid in pixels; with both renderers 0.03 to 0.07 were measured."""
 
 _MIN_SIGMA_M = 1e-5
-_MIN_SLOPE = 0.05  # least cosine between a line of sight and the plane's normal
+_MIN_SLOPE = 0.05  # minimum cosine between a line of sight and the plane's normal
 _CUT_OFF = 0.3  # relative uncertainty of the depth by size, if the image border cuts off a part
 
 
@@ -236,7 +236,7 @@ class Localizer(ABC):
         """
 
     def meet(self, face: Detection, frame: Frame) -> Sighting:
-        """As `locate`, for a detection that is already corrected to the front face."""
+        """Like `locate`, for a detection that is already corrected to the front face."""
         return self.locate(face, frame)
 
     def learn(self, detection: Detection, frame: Frame) -> bool:  # noqa: ARG002 - an option
@@ -424,9 +424,9 @@ class PlaneOfSizeLocalizer(Localizer):
 
     The position is a running mean over the last ``_PLANE_MEMORY_FRAMES`` detections, which is much
     steadier than that of one image. Frontal views of a cube count far more than views that may show
-    flanks: its size does not tell whether these are dark or occluded. All sightings are
+    flanks: its size does not show whether these are dark or occluded. All sightings are
     on one plane until the mean has moved noticeably; then previous sightings move, too, as a better
-    known depth is no motion of the target.
+    known depth is not a motion of the target.
 
     Args:
         normal: Unit vector of the plane, of shape (3,).
@@ -530,9 +530,9 @@ class PlaneOfSizeLocalizer(Localizer):
 _MEMORY_S = 2.0  # three legs of the slowest oscillation of an arm
 _LEGS = 3  # to, fro and to: a single overshoot makes only two
 _LEG_M = 0.006  # shorter legs are not significant
-_SLOPE = 0.1  # least magnitude of a significant negative slope
-_EXPLAINED = 0.6  # least share of the apparent motion that the slope must explain
-_NEAREST = 1.0 / 3.0  # lower limit of the depth, as a share of the guess
+_SLOPE = 0.1  # minimum magnitude of a significant negative slope
+_EXPLAINED = 0.6  # minimum share of the apparent motion that the slope must explain
+_NEAREST = 1.0 / 3.0  # lower limit of the depth, as a fraction of the guess
 _CAPACITY = 256  # initial capacity in sightings
 
 

@@ -47,7 +47,7 @@ def correct(
 Stack: TypeAlias = npt.NDArray[np.float64]
 
 MIN_FREQUENCY = 1e-3
-"""Least frequency in rad/s: avoids a division by zero, indistinguishable from 0."""
+"""Minimum frequency in rad/s: avoids a division by zero, indistinguishable from 0."""
 
 
 @kernel
@@ -57,7 +57,7 @@ def swing(state: Matrix, dt: float, moved: Matrix) -> None:
     Args:
         state: States of shape (n, 4).
         dt: Seconds.
-        moved: Takes the states then, likewise.
+        moved: Output: the states at that time, of the same shape.
     """
     for axis in range(len(state)):
         p = state[axis, 0]
@@ -181,7 +181,7 @@ def blend_in_plane(
     origin: Vector,
     motion: Matrix,
 ) -> None:
-    """As `blend`, along some axes.
+    """Like `blend`, along some axes.
 
     Args:
         fast: State of the fast filter, of shape (n, 4).
@@ -221,7 +221,7 @@ def last_swing(places: Matrix, leg: float, legs: int) -> int:
 
     Args:
         places: Positions, of shape (n, 3), m; at least one.
-        leg: Least length of a leg, m.
+        leg: Minimum length of a leg, m.
         legs: Number of legs.
     """
     middle = np.empty(3)
@@ -317,7 +317,7 @@ def swing_begin(places: Matrix, middle: Vector, axis: Vector, leg: float, legs: 
         places: Positions, of shape (n, 3), m.
         middle: Origin of the coordinate along the axis, of shape (3,), m.
         axis: Unit vector of the legs' direction, of shape (3,).
-        leg: Least length of a leg, m.
+        leg: Minimum length of a leg, m.
         legs: Number of legs.
     """
     turns = np.zeros(len(places) + 1, np.int64)
@@ -398,8 +398,8 @@ FIRST: Final = 24
 FEWEST: Final = 3
 """Number of newest sightings all of which must have moved."""
 
-_SIGMAS: Final = 6.0  # of a mean: exceeded at rest once in 10⁷ frames
-_DOUBLINGS: Final = 5  # of the number of newest sightings that are averaged
+_SIGMAS: Final = 6.0  # standard deviations of a mean: at rest exceeded once in 10⁷ frames
+_DOUBLINGS: Final = 5  # doublings of the number of newest sightings that are averaged
 
 
 @kernel
@@ -481,7 +481,7 @@ def _is_apart(newest: Matrix, then: Vector, depth: float, doubt: float, far: flo
 
 @kernel
 def _excess(now: Vector, then: Vector, allowed: float, depth: float, doubt: float) -> float:
-    """Least displacement in m beyond what the scatter explains, over all possible depths.
+    """Minimum displacement in m beyond what the scatter explains, over all possible depths.
 
     With the depth z as a factor of the estimated one, the displacement is |e + z s|, and the
     scatter explains z a. Their difference is convex in z; its minimum has a closed form.
@@ -518,7 +518,7 @@ _REACH: Final = 2
 
 @kernel
 def cover(rgb: _Mask, filled: _Mask, share: _Share) -> None:
-    """Compute the share of each pixel that the target covers; see `detection.coverage`.
+    """Compute the fraction of each pixel that the target covers; see `detection.coverage`.
 
     Args:
         rgb: Colors, of shape (h, w, 3).
@@ -668,7 +668,7 @@ def measure_coverage(rgb: _Mask, raw: _Mask, filled: _Mask) -> tuple[float, floa
     Args:
         rgb: Colors, of shape (h, w, 3).
         raw: Mask of the pixels with the target's color, of shape (h, w).
-        filled: Mask of the pixels within the outline, likewise.
+        filled: Mask of the pixels within the outline, of the same shape.
 
     Returns:
         Moments of the coverage (see `weigh`), number of pixels within the outline, and number of
@@ -702,9 +702,9 @@ def see(
     about: Matrix, offset: Vector, inward: Matrix, mount: Matrix, focals: tuple[float, float],
     pixels: Matrix, change: npt.NDArray[np.float64],
 ) -> float:  # fmt: skip
-    """Project points into an image, with derivatives; returns their least depth, m.
+    """Project points into an image, with derivatives; returns their smallest depth, m.
 
-    If the least depth is not positive, nothing is entered.
+    If the smallest depth is not positive, nothing is entered.
 
     Args:
         about: Points relative to the object's center, in the world's axes, of shape (n, 3), m.
@@ -752,7 +752,7 @@ def see(
 
 @kernel
 def _from_camera(about: Matrix, offset: Vector, inward: Matrix) -> Matrix:
-    """Transform points to the camera, of shape (n, 3), m; arguments as of `see`."""
+    """Transform points to the camera, of shape (n, 3), m; arguments as for `see`."""
     places = np.zeros((len(about), 3))
     for number in range(len(about)):
         for own in range(3):

@@ -223,7 +223,7 @@ class HandEye:
 def hand_eye(views: Sequence[MarkView], mark: Vector) -> HandEye:
     """Calibrate a camera's mount by views of a mark at rest.
 
-    Least squares of the distances in the images with a prior for the mount: bundle adjustment of
+    Minimum squares of the distances in the images with a prior for the mount: bundle adjustment of
     one point. See Tsai and Lenz, IEEE Trans. Robot. Autom. 1989, for how the views have to vary.
 
     Args:
@@ -269,10 +269,10 @@ UNLIKE_PX: Final = 0.8
 """Root-mean-square residual above which an outline is of another shape, or partly occluded."""
 
 LEAST_AREA_PX: Final = 60.0
-"""Least area of an outline whose shape can be determined, square pixels."""
+"""Minimum area of an outline whose shape can be determined, square pixels."""
 
 _BACKGROUND: Final = 0.15
-"""Share of an image above which regions at its edge may be the background of objects."""
+"""Fraction of an image above which regions at its edge may be the background of objects."""
 
 _ASTRAY_PX: Final = 12.0
 """Gate of the association, in addition to half the object's width, px."""
@@ -321,7 +321,7 @@ class SightedThings:
     Attributes:
         unlike: Number of candidates of another shape in the last image.
         others_whole: Number of these that are certainly other objects: balls instead of boxes.
-        beyond: Share of the last image covered by regions that go beyond its edge.
+        beyond: Fraction of the last image covered by regions that go beyond its edge.
     """
 
     def __init__(
@@ -460,7 +460,7 @@ class SightedThings:
         return "; ".join(reasons) or self._none_found
 
     def pose(self, thing: SightedThing) -> Pose:
-        """Pose of an object in the world; of equivalent ones the one with the least rotation."""
+        """Pose of an object in the world; of equivalent ones the one with the smallest rotation."""
         return canonical(thing.best, self._fitter.shape).pose
 
     def size_of(self, thing: SightedThing) -> SizeFit:

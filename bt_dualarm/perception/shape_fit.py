@@ -65,7 +65,8 @@ class KnownShape:
             any rotation.
         flips: Whether half a turn about the x axis brings a hull into itself.
         one_way: Whether such a turn changes the object nevertheless: the opening of a cup does not
-            show in its outline. Of the poses that look alike the least turned one is assumed.
+            show in its outline. Among poses that look alike, the one with the smallest rotation is
+            assumed.
         concave: Whether the outline may be concave, of which only the convex hull is known.
         half_turns: Axes about which half a turn brings the hull of a concave shape into itself.
     """
@@ -204,7 +205,7 @@ class KnownShape:
         return float(half_extents(self.kind, self.size, rotation)[2])
 
     def canonical(self, pose: Pose) -> Pose:
-        """The equivalent pose with the least rotation from the axes of the world."""
+        """The equivalent pose with the smallest rotation from the axes of the world."""
         axes = pose.rotation_matrix
         if self.kind == "sphere":
             return Pose(pose.position, np.array((1.0, 0.0, 0.0, 0.0)))
@@ -226,14 +227,14 @@ class KnownShape:
             reversible = self.kind != "hull" or (self.flips and not self.one_way)
             cosine = abs(cosine) if reversible else cosine
             return math.acos(min(max(cosine, -1.0), 1.0))
-        # What makes the outline alike makes the object alike unless it has one way only.
+        # A symmetry of the outline is a symmetry of the object, unless the object is oriented.
         turns = self._symmetries[: self.fold] if self.one_way else self._symmetries
         traces = [float(np.trace(first.T @ second @ turn)) for turn in turns]
         return math.acos(min(max((max(traces) - 1.0) / 2.0, -1.0), 1.0))
 
     @cached_property
     def _symmetries(self) -> tuple[Matrix, ...]:
-        """Rotations of a box, or of a hull that is no body of revolution, into itself."""
+        """Rotations of a box, or of a hull that is not a body of revolution, into itself."""
         if self.concave:
             return (np.eye(3), *(2.0 * np.diag(np.eye(3)[i]) - np.eye(3) for i in self.half_turns))
         if self.kind == "hull":
@@ -304,7 +305,7 @@ def _pose(position: Vector, axes: Matrix) -> Pose:
 
 
 def _least_turn_to(z: Vector) -> Matrix:
-    """The least rotation that maps the world's z axis to ``z``."""
+    """The smallest rotation that maps the world's z axis to ``z``."""
     x, y, up = z.tolist()
     if up < -1.0 + 1e-9:  # every axis across it is as near
         return _about_x(math.pi)
@@ -409,7 +410,7 @@ def outlines(frame: Frame, color: ColorFilter, min_area: float) -> list[OutlineV
     Args:
         frame: Fully exposed frame, in full resolution.
         color: Filter of the color.
-        min_area: Least area in square pixels.
+        min_area: Minimum area in square pixels.
     """
 
     def look() -> JsonList:
@@ -738,7 +739,7 @@ class ShapeFit:
 
     @property
     def sigma_m(self) -> float:
-        """Standard deviation of the position along its least certain axis, m."""
+        """Standard deviation of the position along its most uncertain axis, m."""
         return math.sqrt(float(np.linalg.eigvalsh(self.covariance[PLACE, PLACE])[-1]))
 
     def sigma_rad(self, shape: KnownShape) -> float:
@@ -942,6 +943,6 @@ class ShapeFitter:
 
 
 def canonical(fit: ShapeFit, shape: KnownShape) -> ShapeFit:
-    """The equivalent fit with the least rotation from the axes of the world."""
+    """The equivalent fit with the smallest rotation from the axes of the world."""
     rotation = shape.canonical(fit.pose).rotation_matrix
     return replace(fit, scene=replace(fit.scene, rotation=rotation))

@@ -1,8 +1,9 @@
 """Kalman filters of a target: its position and motion now, their prediction, and its rest.
 
 `TargetEstimate` is an extended Kalman filter over a `MotionModel`, by default an `Oscillator`, with
-independent axes. `DualFilterEstimate` runs a second filter of low gain beside it, which takes over
-while the target rests. Rest is detected by a statistical test for a change of the mean position.
+independent axes. `DualFilterEstimate` runs a second filter of low gain in parallel, which takes
+over while the target rests. Rest is detected by a statistical test for a change of the mean
+position.
 """
 
 from __future__ import annotations
@@ -98,7 +99,7 @@ class Oscillator:
         return noise
 
     def propagate(self, state: Matrix, covariance: Stack, dt: float) -> tuple[Matrix, Stack]:
-        """As `propagated`, by a compiled kernel."""
+        """Like `propagated`, by a compiled kernel."""
         moved = np.empty_like(state)
         spread = np.empty_like(covariance)
         densities = self.jerk_density, self.frequency_density
@@ -168,7 +169,7 @@ def warm_up_prediction() -> None:
 
 # Filters
 
-_HISTORY = 8  # measurements that are kept, for late ones to be inserted
+_HISTORY = 8  # number of past measurements kept, so that late ones can be inserted
 
 
 class Motion(NamedTuple):
@@ -245,7 +246,7 @@ class TargetEstimate:
         self.enter(Measurement.of(stamp, position, sigma))
 
     def enter(self, measurement: Measurement) -> None:
-        """As `update`, with a measurement that several filters share."""
+        """Like `update`, with a measurement that several filters share."""
         stamp = measurement.stamp
         known = self._measurements
         later = [one for one in known if one.stamp > stamp] if known else []
@@ -303,7 +304,7 @@ class TargetEstimate:
         return float(np.sum(np.square(self.innovation(stamp, position, sigma))))
 
     def innovation(self, stamp: float, position: Vector, sigma: float | Vector) -> Vector:
-        """A measurement less its prediction, over the standard deviation of each axis, (n,).
+        """A measurement minus its prediction, over the standard deviation of each axis, (n,).
 
         Raises:
             ValueError: There has been no measurement.
@@ -363,7 +364,7 @@ class TargetEstimate:
 CALM_JERK = 0.01
 """Jerk density of the slow filter, for targets at rest or in uniform motion, m²/s⁵."""
 
-_TRUST_BOUNDS = (1.0, 3.0)  # statistic below which only the slow filter counts, above which not
+_TRUST_BOUNDS = (1.0, 3.0)  # below: only the slow filter counts; above: it does not
 _MAX_STATISTIC = 10.0  # a larger one is clipped, so that trust returns in time
 _MEAN_S = 0.3  # time constant of the moving average of innovations
 _FADE_S = 0.5  # time constant with which a large statistic decays
@@ -513,12 +514,12 @@ class RestDetector:
     It uses sightings, not the filter's estimate, which is extrapolated over the latency: the
     estimated velocity would amplify the camera's shake several times.
 
-    A difference that another depth explains is no motion either. At the depth z the target would be
-    at c + z s, seen along the slope s from the camera position c; of all depths that it may have,
-    the one with the least motion counts. A camera that centers a resting target in its image
-    changes c by about -z s, and a wrong depth explains much of that. Therefore first sightings are
-    kept for each slope: a target that moves is sooner or later seen along an old slope from another
-    camera position.
+    A difference that another depth explains is not a motion either. At the depth z the target would
+    be at c + z s, seen along the slope s from the camera position c; of all depths that it may
+    have, the one with the smallest motion counts. A camera that centers a resting target in its
+    image changes c by about -z s, and a wrong depth explains much of that. Therefore first
+    sightings are kept for each slope: a target that moves is sooner or later seen along an old
+    slope from another camera position.
 
     Args:
         depth_doubt: Factor by which the depth may be larger or smaller than estimated.

@@ -6,7 +6,7 @@ occluded target, and after a loss accepts only objects that can be the target (`
 
 `Outline` has the expected size and edges of the target. Occlusion hides an edge, merging with a
 neighbor shifts one, and the image border cuts one off. The centroid is then useless, but the
-opposite edge is still in its place. The prediction tells which of the two edges to trust.
+opposite edge is still in its place. The prediction determines which of the two edges to trust.
 """
 
 from __future__ import annotations
@@ -48,13 +48,13 @@ _STRANGENESS = 2.5  # factor of the doubt for views of another size, if the shap
 _KNOWN_AFTER_FRAMES = 5
 # Largest ratio of sides at which a detection may be the target, for an unknown shape, which looks
 # different from other directions, and for a known one:
-_SAME_SIZE = (1.1, 1.013)  # in the next image, seen whole
-_SAME_SIZE_FAR = (1.15, 1.12)  # in a coarse image, or after some time unseen
-_SAME_SIZE_LATE = (1.3, 1.12)  # after a longer time, possibly from another direction
+_SAME_SIZE = (1.1, 1.013)  # next image, whole target visible
+_SAME_SIZE_FAR = (1.15, 1.12)  # coarse image, or some time after the last detection
+_SAME_SIZE_LATE = (1.3, 1.12)  # much later, possibly from another direction
 _LATE_S = 1.0
-_SLACK_PX = 1.46  # by which width or height may change, in addition to their doubt
+_SLACK_PX = 1.46  # allowed change of width or height, in addition to their uncertainty
 _PERSISTENCE = 4.0  # the shift of an occluded target persists for many frames, unlike noise
-_FULL = 0.97  # share of the target's fill ratio from which on an outline is as simple as its own
+_FULL = 0.97  # at this fraction of the target's fill ratio, an outline is as simple as its own
 _EDGE_GATE_PX = 1.5  # distance from the prediction, in addition to its uncertainty
 _GATE_SIGMAS = 3.0
 
@@ -83,7 +83,7 @@ class Outline:
     def __post_init__(self) -> None:
         self._count = 0
         self._better_in_row = 0
-        # Bounding box less that of the known shape (4), fill ratio of the box, side.
+        # Bounding box minus that of the known shape (4), fill ratio of the box, side.
         self._look = RunningMean(6)
 
     @property
@@ -133,7 +133,7 @@ class Outline:
         self._look.take(look, _STRANGENESS * doubt if strange else doubt, _MEMORY_FRAMES)
 
     def _beside(self, seen: VisiblePart, frame: Frame) -> _Box:
-        """Bounding box of a view less that of the known shape; zeros without one."""
+        """Bounding box of a view minus that of the known shape; zeros without one."""
         if not self.localizer.knows_shape:
             return _NO_BOX
         rest: _Box = np.array(seen.detection.bounds_px) - self._box(seen.sighting.point, frame)
@@ -177,7 +177,7 @@ class Outline:
     def trusted(
         self, seen: VisiblePart, frame: Frame, expected: Vector, sigma: float
     ) -> VisiblePart | None:
-        """Locate the target in a detection that may be of a part of it; arguments as of `fit`.
+        """Locate the target in a detection that may be of a part of it; arguments as for `fit`.
 
         Raises:
             LocalizationError: The line of sight does not lead to a point.
@@ -272,7 +272,7 @@ def _misproportion(rest: _Box) -> float:
 
 
 def _fill(detection: Detection) -> float:
-    """Share of its bounding box that a detection fills."""
+    """Fraction of its bounding box that a detection fills."""
     left, top, right, bottom = detection.bounds_px
     return detection.area_px / max((right - left) * (bottom - top), 1)
 
@@ -371,8 +371,8 @@ class TrackerSettings:
         lost_after: Time without a sighting after which the target is lost, s.
         confirm: Consecutive sightings that make a lock.
         gate: Largest squared Mahalanobis distance from the prediction.
-        gate_sigma: Least standard deviation of the gate, m: a real target may jerk.
-        min_area: Least area in square pixels.
+        gate_sigma: Minimum standard deviation of the gate, m: a real target may jerk.
+        min_area: Minimum area in square pixels.
         max_area: Largest area in square pixels.
         window_sigmas: Half-width of the search window in standard deviations of the prediction.
         window_speed: Largest deviation from the predicted velocity, which also limits the
@@ -430,7 +430,7 @@ _COMPARABLE_AREA: Final = 0.25
 smaller ones are specks."""
 
 _SIMILAR_SIDE: Final = 1.3
-"""Ratio of sides up to which two objects cannot be told apart at first."""
+"""Ratio of sides up to which two objects cannot be distinguished at first."""
 
 
 @dataclass
@@ -545,8 +545,8 @@ class TargetTracker:
         localizer: Localizer of detections.
         estimate: Filter; by default one with an oscillator model.
         settings: Parameters of gating and search window.
-        depth: Expected depth of the target in front of the camera, m: of several objects whose size
-            is known, those that are as far away are preferred at first.
+        depth: Expected depth of the target in front of the camera, m: among several objects of
+            known size, those at this depth are preferred initially.
 
     Attributes:
         detection: Detection in the last frame, if any.
@@ -843,7 +843,7 @@ class TargetTracker:
         if self._hunting:
             return
         if self._in_row < self._settings.confirm:
-            # A detection that was not confirmed is no target, so this is not a loss.
+            # A detection that was not confirmed is not a target, so this is not a loss.
             self._estimate = self._before_loss or self._estimate.fresh()
             self._hunting = True
         elif stamp - self.last_stamp > self._settings.lost_after:

@@ -1,8 +1,9 @@
 """Collision-free paths of an object that several arms hold.
 
-The path is one of the object: straight from pose to pose where that is free, else around obstacles
-by an RRT over its poses (LaValle, Kuffner, IJRR 2001). Every edge is followed by inverse kinematics
-of all arms at once from the configurations at its beginning, so that no arm changes its branch.
+The path is one of the object: straight from pose to pose where that is free, otherwise around
+obstacles by an RRT over its poses (LaValle, Kuffner, IJRR 2001). Every edge is followed by inverse
+kinematics of all arms at once from the configurations at its beginning, so that no arm changes its
+branch.
 """
 
 from __future__ import annotations
@@ -228,7 +229,7 @@ def path_through(poses: Sequence[Pose]) -> CartesianPath:
 
 
 def _step(start: Pose, end: Pose, share: float) -> Pose:
-    """Pose at about a share of the way between two others."""
+    """Pose at about a fraction of the way between two others."""
     if share == 1.0:
         return end
     poses = line(start, end, 1e-3, 1e-2).poses

@@ -43,10 +43,10 @@ POSES = 20_000
 """Maximum number of poses of which a search solves the inverse kinematics: a few seconds."""
 
 _BLEND_M = 0.05  # distance from a corner at which it may be rounded
-_SPUN = 0.6  # share of the samples that are turned about the vertical
+_SPUN = 0.6  # fraction of the samples that are rotated about the vertical
 _COARSE = (0.008, 0.02)  # distance in m and rotation in rad between two samples of an edge
 _FREE = 40_000  # configurations that are checked in a search without the constraint
-_RESTARTS = 4  # trees that are begun anew: the branch depends on the route to a pose
+_RESTARTS = 4  # trees that are begun again: the branch depends on the route to a pose
 _TINY = 1e-6  # distance, angle or length that counts as none
 _SHORTCUTS = 30
 _PROJECTIONS = 4  # rounds in which two cones are satisfied together
@@ -128,7 +128,7 @@ class PathConstraint:
         base: Pose of its base link in the world.
         in_tool: Pose of the frame in the tool.
         cones: Cones in which axes of the frame stay.
-        lowest: Least height of its origin in the world, m.
+        lowest: Minimum height of its origin in the world, m.
         highest: Largest height of its origin in the world, m.
     """
 
@@ -318,7 +318,7 @@ class _ConstrainedSearch:
         return self._strict.projected(Pose(self._rng.uniform(low, high), quaternion))
 
     def _step(self, start: Pose, end: Pose, share: float) -> Pose:
-        """Pose at a share of the way between two others, projected onto the constraint."""
+        """Pose at a fraction of the way between two others, projected onto the constraint."""
         if share < 1.0:
             end = _between(start, end, share)
         return end if end is self._goal else self._strict.projected(end)

@@ -189,7 +189,7 @@ class _ScaledSpace:
     def __init__(self, arm: ArmChecks, lower: Vector, upper: Vector) -> None:
         base = _ompl().base
         self._radii = arm.checker.radii
-        self._joints = slice(0, len(self._radii))  # states of OMPL do not know their length
+        self._joints = slice(0, len(self._radii))  # OMPL states do not store their length
         self._space = base.RealVectorStateSpace(len(self._radii))
         bounds = base.RealVectorBounds(len(self._radii))
         scaled = zip((lower * self._radii).tolist(), (upper * self._radii).tolist(), strict=True)
@@ -294,7 +294,7 @@ class Budget:
         self.states += count
         if self._is_searching and self.states > self.limit + _LONGEST_ROUND:
             raise EndlessRoundError
-        if self._idle <= _IDLE:  # else the search is over, and may still make a check or two
+        if self._idle <= _IDLE:  # otherwise the search is over, and may still make a check or two
             self._idle = 0
 
     def begin(self, per_round: int = 1) -> None:
@@ -353,7 +353,7 @@ _ATTEMPTS: Final = (
     (1.0, 240_000, 5e-4),
 )
 """Longest edge of the trees, as motion of the arm in m; number of checks after which the next
-attempt begins; and clearance on top of the least distances in m, since passing closer takes many
+attempt begins; and clearance on top of the minimum distances in m, since passing closer takes many
 checks. The first attempt is for the preferred goal, the others for any."""
 
 

@@ -16,7 +16,7 @@ REACH_M: Final = 0.5
 """Distance around start and goal from which a search draws positions, m."""
 
 TO_GOAL: Final = 0.25
-"""Share of the edges that lead toward the goal."""
+"""Fraction of the edges that lead toward the goal."""
 
 SAME: Final = 1e-6
 """Distance by `apart` below which two poses are the same."""
@@ -27,7 +27,7 @@ _STEP_M: Final = 0.25
 _TURN_M: Final = 0.3
 
 Step = Callable[[Pose, Pose, float], Pose]
-"""Pose at the end of an edge, from its beginning, its target, and the share of the way, up to 1."""
+"""Pose on an edge, from its beginning, its target, and the fraction of it, up to 1."""
 
 Edge = Callable[[Pose, Pose, Vector], Vector | None]
 """Joint positions at the end of a straight edge, from those at its beginning; None if it is not

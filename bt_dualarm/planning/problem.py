@@ -88,7 +88,7 @@ _SPACING = 0.02
 """Largest motion of a point of the arm between two samples, m."""
 
 _ELSEWHERE_M = 0.3
-"""Least motion of some part of an arm that moves aside, m."""
+"""Minimum motion of some part of an arm that moves aside, m."""
 
 _YIELD_SAMPLES = 60
 """Number of random candidates for a configuration out of the way."""
@@ -327,7 +327,7 @@ def _long_search(problem: PlanningProblem, arm: ArmChecks) -> Matrix | None:
 
 
 def _shorter_straight(problem: PlanningProblem, edges: Edges, path: Matrix) -> Matrix:
-    """Shortest free straight path to a goal if shorter than the given path; else that path."""
+    """Shortest free straight path to a goal if shorter than the given path; otherwise that path."""
     radii = problem.checker.radii
     straight = [np.array((problem.start, goal)) for goal in problem.goals]
     lengths = [path_length(corners, radii) for corners in straight]

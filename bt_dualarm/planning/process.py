@@ -228,7 +228,7 @@ class _Line:
 
         Raises:
             EOFError: The process has ended.
-            TimeoutError: It has been stopped, or gave no answer in time; the message says which.
+            TimeoutError: It has been stopped, or gave no answer in time; the message states which.
         """
         latest = time.monotonic() + LONGEST_S
         while number not in self._found:
@@ -243,7 +243,7 @@ class _Line:
             EOFError: The pipe is closed.
             TimeoutError: No answer is to be expected.
         """
-        # Stopped before and after the wait: a process that is stopped only for a moment goes on.
+        # Stopped before and after the wait: a process that is stopped only for a moment continues.
         was_stopped = stopping_signal(self.process.pid)
         try:
             if self._answers.poll(_POLL_S):

@@ -1,8 +1,9 @@
 """RRT-Connect that cuts blocked edges short.
 
 J. J. Kuffner, S. M. LaValle, RRT-Connect: An efficient approach to single-query path planning, ICRA
-2000. Edges are checked by `free_share`, which tells how far an edge is free: a blocked extension is
-cut short instead of rejected. Distances are weighted by the motion of the arm per radian.
+2000. Edges are checked by `free_share`, which determines how far an edge is free: a blocked
+extension is cut short instead of rejected. Distances are weighted by the motion of the arm per
+radian.
 """
 
 from __future__ import annotations
@@ -24,11 +25,11 @@ _FINE: Final = 0.1
 """Resolution of the free share of a blocked edge."""
 
 _BACK: Final = 0.9
-"""Share of the free part of a blocked edge that is used: it ends at a distance from obstacles."""
+"""Used fraction of the free part of a blocked edge: it ends at a distance from obstacles."""
 
 _BESIDE: Final = 0.7
-"""Share of samples that are drawn near existing nodes, not uniformly: with them, a tree gets out of
-narrow passages."""
+"""Fraction of samples that are drawn near existing nodes, not uniformly: with them, a tree gets out
+of narrow passages."""
 
 
 @kernel

@@ -38,9 +38,9 @@ class GripperTrack:
 
     Attributes:
         kind: ``fingers`` or ``suction``.
-        width: Opening by the encoder, of shape (n,), m; 0 for a cup.
+        width: Opening from the encoder, of shape (n,), m; 0 for a cup.
         speed: Speed of the opening, positive when opening, of shape (n,), m/s.
-        force: Force of a pad by the motor's current, or of a cup, of shape (n,), N.
+        force: Force of a pad from the motor's current, or of a cup, of shape (n,), N.
         vacuum: Fraction of the full vacuum that a cup measures, of shape (n,).
         commanded_width: Commanded opening, of shape (n,), m.
         commanded_speed: Commanded speed of the opening, of shape (n,), m/s.
@@ -240,7 +240,7 @@ class RunData:
         """Yields the recorded camera frames in order; none unless recorded with ``frames``.
 
         Args:
-            arm: Arm whose camera's frames are wanted; None for all.
+            arm: Arm whose camera's frames are requested; None for all.
 
         Raises:
             ReplayError: There is no such arm.
@@ -287,7 +287,7 @@ class RunData:
         """All `signals` as a `pyarrow.Table`, whose ``to_pandas()`` is a data frame.
 
         Raises:
-            DualArmError: pyarrow is not installed; the message says how to install it.
+            DualArmError: pyarrow is not installed; the message states how to install it.
         """
         try:
             import pyarrow as pa
@@ -406,6 +406,6 @@ def load(folder: str | os.PathLike[str], *, most_memory: int = MOST_MEMORY) -> R
 
     Raises:
         ReplayError: There is no such folder, or no record in it.
-        HistoryError: A file is damaged or takes too much memory; the message says which and why.
+        HistoryError: A file is damaged or takes too much memory; the message states which and why.
     """
     return RunData(Record.read(Path(folder), most_memory))

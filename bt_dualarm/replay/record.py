@@ -257,7 +257,7 @@ class _Guard(_Note):
 
 
 class _Fault(_Note):
-    arm: Name | Literal[""]  # a fault of an object is of no arm
+    arm: Name | Literal[""]  # a fault of an object belongs to no arm
     name: Name
     fault: Label
     sentence: _Text
@@ -326,8 +326,8 @@ def check_start(facts: Facts) -> None:
     """Check the start of a run.
 
     Raises:
-        ValueError: A fact is missing, of a wrong type or out of range; the message says where, and
-            what is expected.
+        ValueError: A fact is missing, of a wrong type or out of range; the message states where,
+            and what is expected.
     """
     # Nodes are counted before anything else, because validating a million of them takes long.
     arms = facts.get("arms")
@@ -347,7 +347,7 @@ def check_start(facts: Facts) -> None:
 
 
 def check_tree(facts: object, where: str) -> None:
-    """Check that the tree below ``tree`` is no larger than a tree file can make it.
+    """Check that the tree below ``tree`` is no larger than one from a tree file can be.
 
     The facts have not been validated yet.
 
@@ -458,7 +458,7 @@ def _check(
 def _check_spec(model: Any, facts: object, where: str) -> None:  # Any: a model or an adapter
     """Check facts with a type of the tree file."""
     if not isinstance(facts, dict):
-        raise ValueError(f"{where}: expected an object of JSON")
+        raise ValueError(f"{where}: expected a JSON object")
     try:
         model.model_validate(with_tuples(facts))
     except ValidationError as error:
@@ -490,7 +490,7 @@ _SLACK_S: Final = 1e-9
 
 
 class ReplayError(DualArmError):
-    """A record cannot be used as requested; the message says what it has instead."""
+    """A record cannot be used as requested; the message states what it has instead."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -515,10 +515,10 @@ class GripperState:
     """State and command of a gripper at one of the recorded times.
 
     Attributes:
-        width: Opening by the encoder, m; 0 for a cup.
+        width: Opening from the encoder, m; 0 for a cup.
         speed: Speed of the opening, positive when opening, m/s; 0 for a cup.
-        force: Force of a pad by the motor's current, positive when closing, or of a cup, N.
-        vacuum: Share of the full vacuum that a cup measures, from 0 to 1; 0 for fingers.
+        force: Force of a pad from the motor's current, positive when closing, or of a cup, N.
+        vacuum: Fraction of the full vacuum that a cup measures, from 0 to 1; 0 for fingers.
         commanded_width: Commanded opening, m; for a cup 0 turns suction on, any other value off.
         commanded_speed: Commanded speed of the opening, m/s.
         commanded_force: Commanded largest force of a pad, or of a cup, N.
@@ -578,11 +578,11 @@ class Record:
         if not folder.is_dir():
             raise ReplayError(f"there is no folder {folder}")
         if not os.path.lexists(folder / HISTORY):
-            raise ReplayError(f"{folder} holds no record: there is no {HISTORY} in it")
+            raise ReplayError(f"{folder} contains no record: there is no {HISTORY} in it")
         budget = ReadBudget(most_memory)
         file = read_history(folder / HISTORY, budget)
         if not file.blocks or file.blocks[0].kind != "start":
-            raise HistoryError(f"{folder / HISTORY} has no whole block: the run had hardly begun")
+            raise HistoryError(f"{folder / HISTORY} has no whole block: the run had barely begun")
         start: Facts = dict(file.blocks[0].data)
         with _errors_name(folder / HISTORY):
             check_start(start)

@@ -262,24 +262,24 @@ def differences(record: Record, registry: Registry) -> Iterator[str]:
     if now["arithmetic"] != then["arithmetic"]:
         yield (
             f"this is another kind of processor ({now['machine']}, {now['blas']}; the record's: "
-            f"{then['machine']}, {then['blas']}): its numbers are rounded otherwise"
+            f"{then['machine']}, {then['blas']}): its numbers are rounded differently"
         )
     was = record.start["versions"]
     for name, version in versions().items():
         if was.get(name) != version:
-            yield f"{name} is {version}, and was {was.get(name, 'not there')}"
+            yield f"{name} is {version}, was {was.get(name, 'not installed')} then"
     for name, facts in record.start["skills"].items():
         if name not in registry.skills:
             yield f"there is no skill {name!r} now (load your own skills with --skills DIR)"
         elif facts["file"] and _digest(Path(facts["file"])) != facts["sha256"]:
-            yield f"the code of {name} ({facts['file']}) is not what it was"
+            yield f"the code of {name} ({facts['file']}) has changed"
     for path, text in _included(record).items():
         if _lines_of(Path(path)) != text.splitlines():
-            yield f"{path}, which the tree includes, is not what it was"
+            yield f"{path}, which the tree includes, has changed"
     root = Path(record.start["path"]).parent
     for page, digest in record.start["pages"].items():
         if _digest(root / page) != digest:
-            yield f"the robot's page {page} is not what it was"
+            yield f"the robot's description {page} has changed"
 
 
 def _own_text(record: Record, *, from_disk: bool) -> Source:
@@ -377,7 +377,7 @@ def check_record(record: Record, registry: Registry, stop: StopRequest | None = 
     whole = whole and not any(note["kind"] == "edited" for note in record.notes)
     steps = record.steps if whole else _undisturbed(record)
     if not steps:
-        raise ReplayError(f"{record.folder} holds no step to compare")
+        raise ReplayError(f"{record.folder} contains no step to compare")
     timestep = float(record.start["timestep"])
     with rerun(record, registry, Changed(), stop).run as run:
         past = PastComparison(record, run.world, steps)
@@ -424,7 +424,7 @@ _log = logging.getLogger(__name__)
 
 
 class PastChangedError(ReplayError):
-    """The repeated past of a run differs from the record; the message says where."""
+    """The repeated past of a run differs from the record; the message states where."""
 
 
 def resumed(
@@ -450,7 +450,7 @@ def resumed(
         The run at that time; its state hash equals that of an uninterrupted run.
 
     Raises:
-        PastChangedError: A step or status differs; the message says which, and why.
+        PastChangedError: A step or status differs; the message states which, and why.
         ReplayError: The time is outside the record.
         DualArmError: The run cannot be prepared.
     """
@@ -530,7 +530,7 @@ def edited(record: Record, trees: Mapping[str, NodeSpec], time: float) -> Iterat
     timeline = Timeline(record)
     for arm, root in timeline.roots.items():
         if arm not in trees:
-            yield f"the tree has no arm {arm!r} any more"
+            yield f"the tree no longer has an arm {arm!r}"
             continue
         facts = tree_facts(trees[arm])
         now = {node.path: node for node in node_of(arm, facts, str(facts["name"])).walk()}
@@ -543,7 +543,7 @@ def edited(record: Record, trees: Mapping[str, NodeSpec], time: float) -> Iterat
 
 def _edit(was: TimelineNode, now: TimelineNode | None) -> str:
     if now is None:
-        return "is not in the tree any more"
+        return "is no longer in the tree"
     if now.kind != was.kind:
         return f"is a {now.kind} now, not a {was.kind}"
     if dict(now.ports) != dict(was.ports):

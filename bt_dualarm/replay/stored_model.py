@@ -157,8 +157,8 @@ def _verdict(said: bytes, ended: int) -> str:
     if said:
         return said.decode("utf-8", "replace").removeprefix(_VALID)[:1000]
     if ended in (-signal.SIGKILL, -signal.SIGXCPU):
-        return "MuJoCo comes to no end with it"
-    return f"MuJoCo does not survive it (a process that tried ended with {ended})"
+        return "MuJoCo does not finish loading it"
+    return f"MuJoCo crashes on it (a process that tried ended with {ended})"
 
 
 def _tried(content: bytes, states: Sequence[Vector]) -> str:
@@ -250,7 +250,7 @@ _OPTIONS: Final = {
     "noslip_tolerance": (0.0, 1.0), "ccd_tolerance": (0.0, 1.0), "density": (0.0, 0.0),
     "viscosity": (0.0, 0.0), "enableflags": (0, 2**31), "disableflags": (0, 2**31),
 }  # fmt: skip
-"""Least and largest value of each option that matters to time and memory."""
+"""Minimum and maximum value of each option that matters to time and memory."""
 
 
 def _options(model: mujoco.MjModel) -> str:

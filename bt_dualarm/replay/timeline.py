@@ -148,7 +148,7 @@ def recorded_frames(record: Record) -> Iterator[RecordedFrame]:
     """Yields the stored frames in order, up to the end of the complete part of the file.
 
     Raises:
-        HistoryError: The file exists and is of another kind, or a frame contradicts its facts.
+        HistoryError: The file exists but is not a frame file, or a frame contradicts its facts.
     """
     path = record.folder / FRAMES
     if os.path.lexists(path):

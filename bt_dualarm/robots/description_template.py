@@ -1,8 +1,8 @@
 """Templates of description files: a first description of an arm, derived from its URDF.
 
-Limits that a URDF lacks are guessed, and a comment beside each guess tells the author to replace it
-by the value of the data sheet. The home posture, and the pairs of links whose contacts are ignored,
-come from a survey of random postures.
+Limits that a URDF lacks are guessed, and a comment next to each guess asks the author to replace it
+with the value from the data sheet. The home posture, and the pairs of links whose contacts are
+ignored, come from a survey of random postures.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ from bt_dualarm.spec.yaml_reader import ScalarError, plain_value
 # Survey of random postures
 
 _POSTURES: Final = 400
-_ALWAYS: Final = 0.95  # share of postures from which on a contact is an artifact of the model
+_ALWAYS: Final = 0.95  # above this fraction of postures, a contact is an artifact of the model
 _STAND: Final = "stand/"
 _STAND_SIZE: Final = (0.11, 0.11, 1.0)  # m, half lengths; as wide as a pedestal
-_LIMIT_MARGIN: Final = 0.1  # rad that home keeps from the limits, if the range allows it
+_LIMIT_MARGIN: Final = 0.1  # rad, distance of home from the limits, if the range allows it
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class PostureSurvey:
         always: Pairs of links in contact in nearly all postures.
         home: Home posture, in whole degrees but given in rad, of shape (dof,).
         gravity: Gravity torques at home, N m, of shape (dof,).
-        most_gravity: Largest gravity torques of all postures, likewise.
+        most_gravity: Largest gravity torques of all postures, of the same shape.
         inertia: Diagonal of the mass matrix at home, kg m², of shape (dof,).
     """
 
@@ -180,7 +180,7 @@ class DescriptionTemplate:
         locked: Positions of locked joints that cannot be at zero: meters, or degrees.
         acceleration: Limits in rad/s², of shape (dof,); likewise ``jerk``, rad/s³.
         velocity: Limits in rad/s; None if those of the URDF are usable.
-        effort: Limits in N m; likewise.
+        effort: Limits in N m, of the same shape.
         home: Joint angles in degrees, of shape (dof,).
         exclude: Pairs of links that are in contact in nearly every posture.
         weak: Joints whose effort limits hardly hold the arm at home.

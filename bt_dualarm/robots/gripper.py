@@ -111,7 +111,7 @@ class Cup:
     Attributes:
         radius: Radius of its rim in m.
         depth: Depth of its lip in m.
-        seal: Share of the rim that must be on an object for a seal.
+        seal: Fraction of the rim that must be on an object for a seal.
     """
 
     radius: float
@@ -161,7 +161,7 @@ class Gripper:
         speed: Speed of the opening, of both fingers together, m/s; zeros for a cup.
         payload: Largest mass of an object, kg.
         resolution: Resolution of the opening's encoder, m; 0 for none.
-        friction: Least friction coefficient of pads or cup, whatever the object's.
+        friction: Minimum friction coefficient of pads or cup, whatever the object's.
         palm: Static part.
         fingers: Two fingers, or none.
         cup: Suction cup, if it has one.
@@ -295,7 +295,7 @@ class SourcedSpan(Value):
     @model_validator(mode="after")
     def _ascends(self) -> SourcedSpan:
         if self.value[0] > self.value[1]:
-            raise ValueError("the least comes first")
+            raise ValueError("the smaller value comes first")
         return self
 
 
@@ -327,8 +327,8 @@ class GripperEntry(Value):
 
     Attributes:
         title: Display name.
-        urdf: File beside the description, or in the example-robot-data package, with the links that
-            the description refers to.
+        urdf: File next to the description, or in the example-robot-data package, with the links
+            that the description refers to.
         mount: Pose of the palm in the robot's flange, whose z axis points away from the arm.
         tool: Tool frame in the palm.
         palm: Static part: shapes, or a link of the URDF.
@@ -340,7 +340,7 @@ class GripperEntry(Value):
         payload: Largest mass of an object, kg.
         resolution: Resolution of the opening's encoder, m.
         tactile: Force sensors under the pads, if any.
-        friction: Least friction coefficient of pads or cup.
+        friction: Minimum friction coefficient of pads or cup.
         drive_mass: Reflected inertia of the drive per finger, kg.
         color: RGBA of its shapes.
     """
@@ -460,7 +460,7 @@ def _inertia(solid: GripperShape, mass: float) -> Matrix:
 
 _NONE: Final = Interval(0.0, 0.0)
 _OPPOSITE: Final = Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, np.pi))
-_MIN_COSINE: Final = 1.0 - 1e-6  # of the angle between a finger's axis and y
+_MIN_COSINE: Final = 1.0 - 1e-6  # cosine of the angle between a finger's axis and y
 
 
 @dataclass(frozen=True, eq=False)
@@ -576,7 +576,7 @@ def _from_urdf(file: GripperFile, name: str) -> _Described:
         None,
     )
     if path is None:
-        hint = f"neither beside this nor in {robot_data_dir()}"
+        hint = f"neither next to this file nor in {robot_data_dir()}"
         raise DescriptionError([file.problem(("urdf",), f"there is no file {name!r}", hint)])
     tree = read_urdf(path)
     problems = list(_unknown_links(file, tree))

@@ -257,7 +257,7 @@ def _measured(mesh: Path, scale: tuple[float, ...]) -> Extents:
         raise MeshError(mesh, "is empty: it has no triangles")
     if len(triangles) > MAX_TRIANGLES:
         hint = "thin it out, or choose a base_link that leaves this link out"
-        raise MeshError(mesh, f"has {len(triangles)} triangles; {MAX_TRIANGLES} are the most", hint)
+        raise MeshError(mesh, f"has {len(triangles)} triangles, more than {MAX_TRIANGLES}", hint)
     with np.errstate(all="ignore"):  # infinite corners are refused below
         scaled = triangles * np.asarray(scale)
     points = scaled.reshape(-1, 3)
@@ -281,7 +281,7 @@ def _area(triangles: Matrix) -> float:
 
 
 def _thickness(points: Matrix) -> float:
-    """Extent of points, of shape (n, 3), along the least principal axis of a sample of them."""
+    """Extent of points, of shape (n, 3), along the smallest principal axis of a sample of them."""
     sample = points[:: 1 + len(points) // _SAMPLE]
     sample = sample - sample.mean(axis=0)
     _, axes = np.linalg.eigh(sample.T @ sample)
@@ -291,7 +291,7 @@ def _thickness(points: Matrix) -> float:
 # Validation
 
 MIN_THICKNESS: Final = 1e-4
-"""Least thickness of a collision mesh, m; MuJoCo refuses bodies of less than 1e-15 m³."""
+"""Minimum thickness of a collision mesh, m; MuJoCo refuses bodies of less than 1e-15 m³."""
 
 
 def mesh_problems(arm: Urdf) -> Iterator[Problem]:
@@ -315,7 +315,7 @@ def _problem(shape: Shape, mesh: Path, *, solid: bool) -> Iterator[Problem]:
 
 def _refuse_size(mesh: Path, extent: float, thickness: float, *, solid: bool) -> None:
     if not extent <= MAX_EXTENT:
-        message = f"is {extent:.3g} m long; {MAX_EXTENT:g} m are the most"
+        message = f"is {extent:.3g} m long; the maximum is {MAX_EXTENT:g} m"
         raise MeshError(mesh, message, MILLIMETERS)
     if not extent >= MIN_THICKNESS:
         raise MeshError(mesh, f"is only {extent:.3g} m long", "check its scale")
@@ -387,16 +387,16 @@ def _outward(points: Matrix, hull: scipy.spatial.ConvexHull) -> Matrix:
 #
 # A link that is bent, or thick at its joints and thin between them, is much smaller than its convex
 # hull. It is cut by planes normal to the axes of its mesh, along which links are modeled, at the
-# positions where the hulls of the parts have the least total volume. The mesh need not be closed,
-# because the hull of a part needs no cap.
+# positions where the hulls of the parts have the smallest total volume. The mesh need not be
+# closed, because the hull of a part needs no cap.
 
 
 _STEPS = 12
 """Number of equal slices along each axis; a part may be cut between two of them."""
 
 _MIN_SAVING = 0.03
-"""Share of the whole hull's volume that a cut must save: with less, the cavities of shells would be
-cut out."""
+"""Fraction of the whole hull's volume that a cut must save: with less, the cavities of shells would
+be cut out."""
 
 _MAX_PARTS = 8
 
@@ -652,7 +652,7 @@ MAX_OBJECT_EXTENT: Final = 10.0
 """Largest extent of an object, m, as that of one that is given by a size."""
 
 _OBJECT_LOSS: Final = 0.005
-"""Share of an object's extent by which a point may lie outside of its simplified hulls."""
+"""Fraction of an object's extent by which a point may lie outside of its simplified hulls."""
 
 
 def refuse_object_mesh(path: Path, folder: Path, scale: float) -> None:
@@ -673,7 +673,7 @@ def refuse_object_mesh(path: Path, folder: Path, scale: float) -> None:
     size = path.stat().st_size
     if size > MAX_OBJECT_BYTES:
         most = MAX_OBJECT_BYTES // 1_000_000
-        raise MeshError(path, f"has {size / 1e6:.0f} MB; {most} MB are the most", "simplify it")
+        raise MeshError(path, f"has {size / 1e6:.0f} MB; the maximum is {most} MB", "simplify it")
     try:
         largest, thickness = extents(path, (scale,) * 3)
     except OSError as error:
@@ -681,11 +681,11 @@ def refuse_object_mesh(path: Path, folder: Path, scale: float) -> None:
     if largest > MAX_OBJECT_EXTENT:
         hint = "a mesh in millimeters needs scale: 0.001"
         raise MeshError(
-            path, f"extends over {largest:.3g} m; {MAX_OBJECT_EXTENT:g} m are the most", hint
+            path, f"extends over {largest:.3g} m; at most {MAX_OBJECT_EXTENT:g} m is allowed", hint
         )
     if thickness < MIN_THICKNESS:
         hint = "it is not a solid, or needs a larger scale"
-        raise MeshError(path, f"is {1e3 * thickness:.2g} mm thick; 0.1 mm are the least", hint)
+        raise MeshError(path, f"is {1e3 * thickness:.2g} mm thick; the minimum is 0.1 mm", hint)
 
 
 def object_hulls(path: Path, scale: float) -> tuple[Matrix, ...]:

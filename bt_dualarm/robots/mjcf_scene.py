@@ -33,7 +33,7 @@ _POSITIVE: Final = Range(0.0, 1e6)
 
 _IGNORED: Final = frozenset(
     {"option", "size", "visual", "statistic", "keyframe", "custom"}
-)  # sections of a file that say nothing about its bodies
+)  # sections of a file that are unrelated to its bodies
 _SILENT: Final = frozenset({"light", "site", "texture"})  # not seen by arms, cameras or contacts
 _REFUSED: Final[Mapping[str, str]] = {
     "include": "put everything into one file: no other file is read",
@@ -194,7 +194,7 @@ class _Reader(AttributeReader):
         for number, camera in enumerate(world.all("camera"), 1):
             self._camera(camera, Pose.identity(), number)
         if len(self.fixtures) > MOST_FIXTURES:
-            self.add(world, f"{len(self.fixtures)} bodies; {MOST_FIXTURES} are the most")
+            self.add(world, f"{len(self.fixtures)} bodies; at most {MOST_FIXTURES} are allowed")
 
     # Elements and attributes
 
@@ -252,7 +252,7 @@ class _Reader(AttributeReader):
             self.add(element, f"there is no class '{name}'", hint, "class")
         given = self._classes.get(name, {}).get(element.tag, {})
         own = {**given, **element.attributes}
-        # A pose is given in one way: an own one replaces that of the class.
+        # A pose is given in one notation: that of the element overrides that of its class.
         turned = (_POSED - {"pos"}) & element.attributes.keys()
         if turned:
             own = {key: one for key, one in own.items() if key not in _POSED - {"pos"} - turned}
@@ -389,7 +389,7 @@ class _Reader(AttributeReader):
     ) -> str:
         """Add the joint of a body; returns its name, empty for a free one."""
         if len(joints) > 1:
-            self.add(joints[1], "a body has one joint", "use a body for each")
+            self.add(joints[1], "a body can have only one joint", "use a body for each")
         joint = joints[0]
         if joint.tag == "joint":
             self._check_attributes(joint)
@@ -405,7 +405,7 @@ class _Reader(AttributeReader):
             self.add(joint, f"a {kind} joint is not possible here", "use hinge or slide", "type")
             return moved_by
         if is_top:
-            message = "what is on a joint needs a body around it, which stays where it is"
+            message = "a body with a joint must be inside another body, which stays fixed"
             self.add(joint, message, "put this body into another one with a geom, such as a frame")
             return moved_by
         if moved_by:
@@ -467,7 +467,7 @@ class _Reader(AttributeReader):
         data, pose = found
         name = given.get("name", f"part{number}")
         if not is_name(name) or name in bodies.parts or name in bodies.joints:
-            message = f"'{name}' cannot be the name of a part here: it is taken, or no name"
+            message = f"'{name}' cannot be the name of a part here: it is invalid or already used"
             self.add(geom, message, "use letters, digits, _ and -", "name")
         placed = frame @ pose
         data["pose"] = _pose_data(placed)
@@ -567,7 +567,7 @@ class _Reader(AttributeReader):
         first = next(iter(bodies.parts.values()), None)
         meshes = [one for one in bodies.parts.values() if one["shape"] == "mesh"]
         if meshes and len(bodies.parts) > 1:
-            self.add(element, f"'{name}' has a mesh beside other geoms", "use a body for each")
+            self.add(element, f"'{name}' has a mesh and other geoms", "use a body for each")
             return
         total = sum(mass for part, mass in bodies.masses.items() if part not in moved)
         inertial = element.find("inertial")
@@ -628,7 +628,7 @@ def _about(axis: npt.ArrayLike, angle: float) -> Matrix:
 
 
 def _onto(direction: Vector) -> Matrix:
-    """Rotation matrix of the least rotation that brings z onto a unit vector."""
+    """Rotation matrix of the smallest rotation that brings z onto a unit vector."""
     axis = np.cross((0.0, 0.0, 1.0), direction)
     length = float(np.linalg.norm(axis))
     if length < 1e-9:

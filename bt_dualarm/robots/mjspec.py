@@ -264,7 +264,7 @@ def _add_exclusions(spec: mujoco.MjSpec, robot: Robot) -> None:
 
 
 def _rigid_groups(spec: mujoco.MjSpec, robot: Robot) -> dict[str, str]:
-    """Map each link to its nearest ancestor with a joint of its own, else to the base."""
+    """Map each link to its nearest ancestor with a joint of its own, otherwise to the base."""
     groups = {}
     for link in robot.model.links:
         body = spec.body(link)

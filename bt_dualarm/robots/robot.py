@@ -180,7 +180,7 @@ def find_urdf(given: str, folder: Path) -> UrdfSource:
 
 
 def _srdf(urdf: Path, root: Path) -> str | None:
-    """The SRDF of the same name, beside the URDF or in the folder ``srdf`` of its package."""
+    """The SRDF of the same name, next to the URDF or in the folder ``srdf`` of its package."""
     for folder in (urdf.parent, urdf.parent.parent / "srdf"):
         path = folder / f"{urdf.stem}.srdf"
         if path.is_file() and path.is_relative_to(root):
@@ -209,7 +209,7 @@ MAX_JOINTS: Final = 24
 
 def _printable(text: str | None) -> str | None:
     if text is not None and not text.isprintable():
-        raise ValueError("holds a character that cannot be printed")
+        raise ValueError("contains a character that cannot be printed")
     return text
 
 
@@ -336,7 +336,7 @@ class RobotEntry(Value):
 
     Attributes:
         title: Display name.
-        urdf: File beside the description, or in the example-robot-data package; likewise ``srdf``.
+        urdf: File next to the description, or in the example-robot-data package; likewise ``srdf``.
         base_link: Base of the arm; links that are not its descendants are left out.
         flange: Flange for grippers; by default where the tool's shape begins.
         joints: Joints of the arm, base to tip; all others are locked.
@@ -560,11 +560,11 @@ def _number(element: Element, name: str, default: float) -> float:
 
 
 TYPICAL_COULOMB: Final = 0.04
-"""Default Coulomb friction as a share of the effort limit: strain-wave gears of this size have 3 to
-7 %."""
+"""Default Coulomb friction as a fraction of the effort limit: strain-wave gears of this size have 3
+to 7 %."""
 
 TYPICAL_VISCOUS: Final = 0.01
-"""Default viscous friction as a share of the effort limit per rad/s."""
+"""Default viscous friction as a fraction of the effort limit per rad/s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -622,7 +622,7 @@ class JointFriction:
         if self._stribeck is None:
             return self.coulomb
         drop, factor = self._stribeck
-        level: Vector = v * v  # in place from here on: this is called in every control step
+        level: Vector = v * v  # in place from here on, because this runs in every control step
         np.multiply(level, factor, level)
         np.exp(level, level)
         np.multiply(level, drop, level)
@@ -653,7 +653,7 @@ class JointFriction:
 
         Args:
             dry: Factors of the Coulomb and static friction, of shape (dof,).
-            viscous: Factors of the viscous friction, likewise.
+            viscous: Factors of the viscous friction, of the same shape.
             most: Upper limit of the Coulomb and static friction, of shape (dof,), N m.
         """
         peak = np.maximum(self.static, self.coulomb) * dry
@@ -684,7 +684,7 @@ class JointLimits:
         """Scale velocity, acceleration and jerk by ``speed``, a share in (0, 1].
 
         Unlike the shares of a tree file it may be below 0.001: guarded motions far from the base
-        ask for that.
+        need that.
         """
         return replace(
             self,
@@ -767,7 +767,7 @@ class Robot:
         return len(self.joints)
 
     def derated(self, shares: LimitShares) -> Robot:
-        """The same robot with a share of its velocity, acceleration and jerk limits."""
+        """The same robot with a fraction of its velocity, acceleration and jerk limits."""
         return replace(self, limits=self.limits.derated(shares))
 
     @cached_property

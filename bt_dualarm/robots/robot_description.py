@@ -187,7 +187,7 @@ def limits_of(file: RobotFile, stops: Mapping[str, Stops], problems: list[Proble
         stops: Limits of its joints in the URDF.
         problems: List to which problems are appended.
     """
-    unknown = Stops(0.0, 0.0, 1.0, 1.0)  # for a joint that was reported already
+    unknown = Stops(0.0, 0.0, 1.0, 1.0)  # for a joint that has already been reported
     own = [stops.get(joint, unknown) for joint in file.entry.joints]
     given = file.entry.limits
     velocity = np.array([stop.velocity for stop in own])
@@ -242,7 +242,7 @@ _OPTIONAL = ("viscous", "static", "rise", "offset")
 
 
 def friction_of(file: RobotFile, effort: Vector, problems: list[Problem]) -> JointFriction:
-    """Joint friction of the description, else typical values by the effort limits.
+    """Joint friction of the description, otherwise typical values by the effort limits.
 
     Args:
         file: Description of the robot.
@@ -333,7 +333,7 @@ def _disabled(srdf: Path | None, problems: list[Problem]) -> set[frozenset[str]]
 
 
 def _files(file: RobotFile) -> tuple[Path, Path | None]:
-    """Find the URDF, and the SRDF if there is one, beside the description or installed."""
+    """Find the URDF, and the SRDF if there is one, next to the description or installed."""
     paths: dict[str, Path] = {}
     problems = []
     for key, name in (("urdf", file.entry.urdf), ("srdf", file.entry.srdf)):
@@ -341,7 +341,7 @@ def _files(file: RobotFile) -> tuple[Path, Path | None]:
         if path is not None:
             paths[key] = path
         elif name is not None:
-            hint = f"neither beside this nor in {robot_data_dir()}"
+            hint = f"neither next to this file nor in {robot_data_dir()}"
             problems.append(file.problem((key,), f"there is no file {name!r}", hint))
     if problems:
         raise DescriptionError(problems)
@@ -458,7 +458,7 @@ def _read(path: Path, locked: Mapping[str, float]) -> Robot:
 
 
 def flange_of(entry: RobotEntry) -> Flange:
-    """Flange for grippers: as described, else where the tool's shape begins."""
+    """Flange for grippers: as described, otherwise where the tool's shape begins."""
     if entry.flange is not None:
         return Flange(entry.flange.link, entry.flange.pose, entry.flange.stock)
     shape = entry.tool.shape
@@ -504,7 +504,8 @@ def with_gripper(robot: Robot, gripper: Gripper) -> Robot:
     """Replace the stock tool of a robot by a gripper.
 
     In the kinematic and the nominal model the gripper is one rigid link, half open. The remaining
-    payload is the robot's less the gripper's mass, or the gripper's own if that is smaller.
+    payload is the robot's payload minus the gripper's mass, or the gripper's own if that is
+    smaller.
     """
     flange = robot.flange
     removed = _subtrees(robot.model, flange.stock)

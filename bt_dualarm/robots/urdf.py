@@ -29,7 +29,7 @@ MASS: Final = Range(0.0, 10_000.0, "kg")
 _MOMENT: Final = Range(-1e6, 1e6, "kg m²")
 _SIZE: Final = Range(0.0, 1000.0, "m", above=True)
 _SCALE: Final = Range(-1e4, 1e4)
-_ROUNDING: Final = 1e-6  # share of the largest principal moment by which one may be negative
+_ROUNDING: Final = 1e-6  # allowed negative moment, as a fraction of the largest principal moment
 _MOMENTS: Final = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 
 MeshFinder = Callable[[str], Path]
@@ -130,7 +130,7 @@ def _shape(element: Element, mesh_file: MeshFinder, reader: AttributeReader) -> 
         return _mesh(shape, pose, mesh_file, reader)
     if shape.tag not in _SIZES:
         hint = f"one of {', '.join(_SIZES)} or mesh"
-        reader.add(shape, f"shape <{shape.tag}> is not understood", hint)
+        reader.add(shape, f"shape <{shape.tag}> is not supported", hint)
         return None
     return Shape(shape.tag, _SIZES[shape.tag](shape, reader), pose, None, shape)
 
@@ -155,7 +155,7 @@ def _mesh(
 ) -> Shape | None:
     scale = reader.vector(shape, "scale", _SCALE, (1.0, 1.0, 1.0))
     if 0.0 in scale and "scale" in shape.attributes:
-        reader.add(shape, "<mesh> scale: a mesh that is scaled by 0 is flat", "", "scale")
+        reader.add(shape, "<mesh> scale: a scale of 0 makes the mesh flat", "", "scale")
     if "filename" not in shape.attributes:
         reader.add(shape, "<mesh> lacks the attribute 'filename'")
         return None
@@ -171,12 +171,12 @@ def _mesh(
 # Inertia of rigid bodies
 
 MIN_MASS: Final = 1e-6
-"""Least mass in kg of a body on a joint: with less its acceleration is meaningless."""
+"""Minimum mass in kg of a body on a joint: below it, its acceleration is meaningless."""
 
 MIN_MOMENT: Final = 1e-12
-"""Least principal moment in kg m² of such a body: that of a ball of 1 mg and 3 mm diameter."""
+"""Minimum principal moment in kg m² of such a body: that of a ball of 1 mg and 3 mm diameter."""
 
-_RELATIVE: Final = 1e-9  # of the largest moment; less is rounding
+_RELATIVE: Final = 1e-9  # fraction of the largest moment; less is rounding
 
 
 def is_solid(inertial: Inertial) -> bool:
@@ -224,7 +224,7 @@ ONE_TURN: Final = 2 * math.pi
 """Limit in rad, either way, of a joint without stops."""
 
 MIN_SPAN: Final = 0.05
-"""Least range of a joint of an arm, rad: planners keep a margin from both ends."""
+"""Minimum range of a joint of an arm, rad: planners keep a margin from both ends."""
 
 _STOP: Final = Range(-math.inf, math.inf, "rad")
 _NO_STOP: Final = 1000.0  # rad; URDFs write such limits for joints that turn without end
@@ -380,7 +380,7 @@ def tree_of(
         if joint.child in above:
             first = above[joint.child]
             message = f"link '{joint.child}' is the child of both '{joint.name}' and '{first.name}'"
-            hint = f"a link has one parent joint; the other one is in line {first.element.line}"
+            hint = f"a link has one parent joint; the other one is on line {first.element.line}"
             reader.add(joint.element, message, hint)
             continue
         above[joint.child] = joint
@@ -570,7 +570,7 @@ def read_urdf(path: Path) -> KinematicTree:
     if not links and not reader.problems:
         reader.add(robot, "a robot without links")
     if len(links) > MAX_LINKS:
-        reader.add(robot, f"has {len(links)} links; {MAX_LINKS} are the most")
+        reader.add(robot, f"has {len(links)} links; at most {MAX_LINKS} are allowed")
         raise DescriptionError(reader.problems)
     tree = tree_of(links, joints, reader)
     if reader.problems:
@@ -602,7 +602,7 @@ def _named(robot: Element, tag: str, reader: AttributeReader) -> Iterator[tuple[
         name = reader.name(element)
         if name in seen:
             message = f"there are two {tag}s '{name}'"
-            hint = f"the first is in line {seen[name].line}; rename one"
+            hint = f"the first is on line {seen[name].line}; rename one"
             reader.add(element, message, hint, "name")
         elif name:
             seen[name] = element

@@ -51,7 +51,7 @@ def mesh_finder(urdf: Path, folder: Path, packages: Path) -> MeshFinder:
     Args:
         urdf: File of the URDF.
         folder: Folder of the robot's description, below which meshes may be.
-        packages: Folder of installed packages, likewise.
+        packages: Folder of installed packages.
     """
 
     def find(name: str) -> Path:
@@ -76,7 +76,7 @@ def _base(name: str, urdf: Path, packages: Path) -> tuple[Path, str]:
 
 
 def _package(package: str, urdf: Path, packages: Path) -> Path:
-    """The folder of a package: an ancestor of the URDF, else an installed package."""
+    """The folder of a package: an ancestor of the URDF, otherwise an installed package."""
     for folder in (*urdf.parents, packages, *(packages / "robots").iterdir()):
         if folder.name == package:
             return folder
@@ -121,7 +121,7 @@ def _regular(name: str, path: Path) -> Path:
 # Chains that may be arms
 
 MIN_JOINTS: Final = 2
-"""Least number of joints of an arm; shorter chains are wheels, lids and fingers."""
+"""Minimum number of joints of an arm; shorter chains are wheels, lids and fingers."""
 
 _ARM: Final = re.compile(r"arm|hand|wrist|elbow|gripper|tool|shoulder|ee_|tcp", re.IGNORECASE)
 _LEG: Final = re.compile(
@@ -165,7 +165,7 @@ def arm_chains(tree: KinematicTree) -> tuple[ArmChain, ...]:
 
 
 def turning_joints(tree: KinematicTree, base: str, tool: str) -> tuple[str, ...]:
-    """Names of the movable joints between two links, base to tip; empty if they are no chain."""
+    """Names of the movable joints between two links, base to tip; empty without a chain."""
     return tuple(joint.name for joint in tree.chain(base, tool) or () if joint.turns)
 
 

@@ -215,7 +215,7 @@ class _Reader:
         if not self._open:
             return ""
         last = self._open[-1]
-        return f"<{last.tag}> began in line {last.line}"
+        return f"<{last.tag}> began on line {last.line}"
 
 
 # Attributes
@@ -315,7 +315,7 @@ class AttributeReader:
         within: Range,
         default: tuple[float, float, float] | None = None,
     ) -> tuple[float, float, float]:
-        """Three numbers, likewise."""
+        """Three numbers of an attribute."""
         text = element.attributes.get(attribute)
         if text is None:
             if default is None:
@@ -334,10 +334,10 @@ class AttributeReader:
             "is empty" if not name.strip() else
             f"is longer than {_LONGEST_NAME} characters" if len(name) > _LONGEST_NAME else
             "holds a slash" if "/" in name else
-            "holds a character that cannot be printed" if not name.isprintable() else ""
+            "contains a character that cannot be printed" if not name.isprintable() else ""
         )  # fmt: skip
         if wrong:
-            hint = "a slash parts the names of an arm and its links" if "slash" in wrong else ""
+            hint = "a slash separates the names of an arm and its links" if "slash" in wrong else ""
             self.add(element, f"<{element.tag}> {attribute} {wrong}", hint, attribute)
         return "" if wrong else name
 
@@ -381,7 +381,7 @@ class AttributeReader:
 
 def _advice(word: str | None) -> str:
     if word and re.fullmatch(r"[+-]?\d+,\d+", word):
-        return f"write {word.replace(',', '.')}: the decimal mark is a point"
+        return f"write {word.replace(',', '.')}: use a decimal point"
     if word and "${" in word:
         return "this is a template: run xacro on it first"
     return ""

@@ -92,7 +92,7 @@ class Observer(Protocol):
 
 @runtime_checkable
 class FaultObserver(Protocol):
-    """Observer that is also told of injected faults."""
+    """Observer that is also notified of injected faults."""
 
     def on_fault(self, event: FaultEvent) -> None:
         """React to the start or the end of an injected fault."""

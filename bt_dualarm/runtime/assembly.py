@@ -73,7 +73,7 @@ class Assembly:
         world: The world.
         arms: The arms of the file.
         renderer: Renderer of all cameras, None if no arm of the file has one.
-        message: Sentence on which renderer is used and why; empty without cameras.
+        message: Which renderer is used and why, in one sentence; empty without cameras.
         series: Quantities that skills measure over time.
         planning: Planning process of all arms.
         contacts: Actual contacts of the arms, evaluated after each step.
@@ -323,7 +323,7 @@ def assemble(
 
 
 def name_of_robot(given: str, robot: Robot) -> str:
-    """Display name of a robot: catalog name, else the title of its description, on one line."""
+    """Display name of a robot: catalog name, or title of its description on one line."""
     return " ".join(robot.title.split()) if is_description_path(given) else given
 
 

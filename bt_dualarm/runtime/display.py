@@ -79,7 +79,7 @@ def _eventful(node: NodeView) -> bool:
 
 
 def _draw(rows: list[_Row], time: float, width: int, symbols: Symbols) -> tuple[list[Text], int]:
-    """The lines, and the index of the line of the running node, else of the failed one."""
+    """The lines, and the index of the line of the running node, otherwise of the failed one."""
     lines: list[Text] = []
     starts: dict[str, int] = {}
     for row in rows:
@@ -89,7 +89,7 @@ def _draw(rows: list[_Row], time: float, width: int, symbols: Symbols) -> tuple[
 
 
 def _lines(row: _Row, time: float, width: int, symbols: Symbols) -> list[Text]:
-    """Line of a node, and lines of its reason if that does not fit beside the name."""
+    """Line of a node, and lines of its reason if that does not fit next to the name."""
     node = row.node
     left = Text(no_wrap=True)
     left.append(row.guide, style="dim")
@@ -344,7 +344,7 @@ def suited_mode(console: Console, wish: Mode | None) -> Mode:
 
 
 def suited_symbols(console: Console, *, ascii_only: bool) -> Symbols:
-    """Unicode symbols if the terminal's encoding has them, unless only ASCII is wanted."""
+    """Unicode symbols if the terminal's encoding has them, unless only ASCII is requested."""
     return UNICODE if not ascii_only and console.encoding.startswith("utf") else ASCII
 
 

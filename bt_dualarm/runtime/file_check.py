@@ -413,7 +413,7 @@ class _ReachCheck:
         if relative is not None:
             base = self.bases.get(relative.in_frame or "")
             if base is None:
-                return None  # where it is depends on the run
+                return None  # its position depends on the run
             pose = _in_world(relative, base.pose)
         else:
             try:
@@ -567,7 +567,7 @@ def _problems_of_the_world(file: TreeFile, source: Source, name: str) -> list[Pr
         return [replace(problem, hint=hint)]
     except (CatalogError, WorldError) as error:
         return [Problem(Location(name), str(error))]
-    # A tool that is a little inside an object is about to hold it: only objects are pushed away.
+    # A tool slightly inside an object is about to grasp it: only objects are pushed away.
     return [
         _overlap(file, source, error)
         for error in world.overlaps(SHALLOW_DEPTH)

@@ -53,7 +53,7 @@ class Referee(IdleObserver):
             for one in conditions.values()
             if one.force is not None and one.tool is not None
         }
-        # Its observation of every step costs time, so only a file that needs forces has it.
+        # Observing every step costs time, so it is added only if the file needs forces.
         self._contacts = Contacts(world) if self._forced else None
         self.violation = ""
 

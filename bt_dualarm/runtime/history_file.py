@@ -118,10 +118,10 @@ def open_regular(path: Path, most: int = MOST_FILE, *, links: bool = False) -> t
 
 
 def read_regular(path: Path, most: int = MOST_FILE, *, links: bool = False) -> bytes:
-    """Read a file, up to its size when it is opened; arguments as of `open_regular`.
+    """Read a file, up to its size when it is opened; arguments as for `open_regular`.
 
     Raises:
-        HistoryError: As of `open_regular`, or it cannot be read.
+        HistoryError: As for `open_regular`, or it cannot be read.
     """
     file, size = open_regular(path, most, links=links)
     with file:
@@ -349,7 +349,7 @@ class Block:
             budget: Memory budget.
 
         Raises:
-            ValueError: The bytes are not a block, or exceed the budget; the message says what is
+            ValueError: The bytes are not a block, or exceed the budget; the message states what is
                 wrong and what is expected.
         """
         if len(content) < _LENGTH.size:
@@ -359,7 +359,7 @@ class Block:
         text = unzipped(content[_LENGTH.size : at], _MOST_TEXT)
         head = parsed(text, budget)
         if not isinstance(head, dict):
-            raise ValueError(f"says {type(head).__name__}; expected an object of JSON")
+            raise ValueError(f"says {type(head).__name__}; expected a JSON object")
         kind, data, packed = (head.get(name) for name in ("kind", "data", "arrays"))
         if not (isinstance(kind, str) and isinstance(data, dict) and isinstance(packed, dict)):
             raise ValueError("expected a text `kind` and objects `data` and `arrays`")
@@ -477,7 +477,7 @@ def blocks_of(path: Path, most: int = MOST_FILE) -> Iterator[Block]:
         most: Largest size of the file, bytes.
 
     Raises:
-        HistoryError: As of `read_history`.
+        HistoryError: As for `read_history`.
     """
     file, size = open_regular(path, most)
     with file, suppress(_TornError):
@@ -598,7 +598,7 @@ class ModelReader(Mapping[int, bytes]):
         rest = block.arrays["rest"].tobytes()
         generation: Any = block.data["generation"]
         if generation in self._models:
-            raise ValueError(f"model: generation {generation} is there already")
+            raise ValueError(f"model: generation {generation} is already there")
         self._models[generation] = rest, self._checked(block.data["cuts"], len(rest))
 
     def _checked(self, cuts: object, rest: int) -> list[tuple[int, int, str]]:

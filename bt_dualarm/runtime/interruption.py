@@ -172,7 +172,7 @@ _WAITING: Final = (
 
 @dataclass(frozen=True)
 class StackLocation:
-    """Current location of a thread: code line, and the leaf and arm that it runs for.
+    """Current location of a thread: code line, and the leaf and arm for which it runs.
 
     Attributes:
         arm: Name of the arm whose code runs; empty if it belongs to none.

@@ -102,7 +102,7 @@ class RunOptions:
         faults: Faults in addition to the file's, by name, checked against the file.
 
     Raises:
-        RunError: A value is invalid; the message says what is allowed.
+        RunError: A value is invalid; the message states what is allowed.
     """
 
     seed: int | None = None

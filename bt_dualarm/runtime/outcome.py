@@ -489,12 +489,12 @@ class LeafResult:
 
     @property
     def code(self) -> str:
-        """Code of its failure, ``HALTED`` if it was halted, else empty."""
+        """Code of its failure, ``HALTED`` if it was halted, otherwise empty."""
         return self.runs[-1].code
 
     @property
     def reason(self) -> str:
-        """Sentence on its failure, else empty."""
+        """Sentence on its failure, otherwise empty."""
         return self.runs[-1].reason
 
     @property
@@ -525,7 +525,7 @@ class ArmLife:
     Attributes:
         outcome: Outcome of its tree in this stay.
         ended_s: Simulated time in seconds at which its tree ended; None if it did not.
-        fault: Sentence on an error of the tree itself rather than of a leaf, else empty.
+        fault: Sentence on an error of the tree itself rather than of a leaf, otherwise empty.
     """
 
     outcome: Outcome
@@ -559,10 +559,10 @@ class ArmResult:
             last one if the file sets ``last_life_counts``.
         ended_s: Simulated time in seconds at which its tree ended last; None if it did not.
         clipped_setpoints: Number of set-points that its controller had to clip to its limits.
-        runs: Every run of every leaf, in the order of their start; of a leaf that runs many times
+        runs: Every run of every leaf, in the order of their start; for a leaf that runs many times,
             the first 200 and the last 200.
         runs_left_out: Number of dropped runs.
-        fault: Sentence on an error of the tree itself rather than of a leaf, else empty.
+        fault: Sentence on an error of the tree itself rather than of a leaf, otherwise empty.
         lives: Each of its stays in the world, or the first 50 and the last 51; empty if the arm
             was never spawned.
         lives_left_out: Number of dropped stays.
@@ -611,7 +611,7 @@ class GoalResult:
 
     Attributes:
         met: Whether it was met.
-        reason: Sentence on what was not met, else empty.
+        reason: Sentence on what was not met, otherwise empty.
     """
 
     met: bool
@@ -628,7 +628,7 @@ class RunResult:
         wall_time_s: Wall-clock seconds of the same.
         arms: Result of each arm, by its name, in the order of the file.
         at_rest: Whether every arm was at rest at the end.
-        error: Sentence on the error that ended the run, else empty.
+        error: Sentence on the error that ended the run, otherwise empty.
         name: Name of the tree file.
         seed: Seed of all random numbers.
         renderer: ``gl``, ``ray``, or None if no arm has a camera.

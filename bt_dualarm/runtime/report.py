@@ -141,7 +141,7 @@ _PENDING = " (its figures are being drawn)"
 _INDENT = " " * 6
 
 _READABLE = 36
-"""Fewest columns for sentences beside the names of the leaves."""
+"""Fewest columns for sentences next to the names of the leaves."""
 
 
 @dataclass(frozen=True)
@@ -249,7 +249,7 @@ class _Entry:
 
 
 def _halted(leaf: LeafResult) -> str:
-    """Note that a leaf was halted, and how long it had run."""
+    """Record that a leaf was halted, and how long it had run."""
     if leaf.ended_s is None:
         return "halted"
     return f"halted after {leaf.ended_s - leaf.started_s:.1f} s"

@@ -330,7 +330,7 @@ class Run:
 
     @property
     def renderer_message(self) -> str:
-        """Sentence on which renderer is used and why; empty without cameras."""
+        """Which renderer is used and why, in one sentence; empty without cameras."""
         return self.assembly.message
 
     def step(self, seconds: float | Fraction) -> None:

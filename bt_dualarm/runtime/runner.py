@@ -123,7 +123,7 @@ class Runner:
             self._result = self._made_result()
 
     def abandon(self) -> None:
-        """Halt the trees of a run whose result is not wanted; arms get no time to come to rest."""
+        """Halt the trees of a run whose result is not needed; arms get no time to come to rest."""
         if self._ending is None:
             self._begin_to_end(Ending.CLOSED)
 

@@ -225,7 +225,7 @@ class ReservationCheck:
     """Result of a check.
 
     Attributes:
-        gap: Distance to the arm with the least spare distance.
+        gap: Distance to the arm with the smallest spare distance.
         spare: Distance beyond the required one, m; negative if too near.
     """
 

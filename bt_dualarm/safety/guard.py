@@ -62,7 +62,7 @@ SLOW = ((0.05, 1.0), (0.025, 0.6), (0.0, 0.3))
 NEAR = "another arm is near"
 """Reason for slowing down because of another arm."""
 
-PACED = "another arm is to keep up"
+PACED = "another arm must keep up"
 """Reason for slowing down because another arm follows, or moves in step."""
 
 LOOK_S = 0.02
@@ -364,13 +364,14 @@ class TrajectoryGuard:
         return True
 
     def _take_next_piece(self, wait: float, scale: float, reason: str, time: float) -> str | None:
-        """Reserve the next piece of the motion and a stop after it; else return the reason."""
+        """Reserve the next piece of the motion and a stop after it; otherwise return the reason."""
         motion = self._motion
         held = motion.held_since is not None
         count = round((RESUME_S if held else wait) / self._period)
         ahead = motion.to_rest_after(count, scale, self._limits)
         leaves_path = ahead is None
-        # To rest on the path, so that the motion can be resumed; else each joint as fast as it can.
+        # To rest on the path, so that the motion can be resumed; otherwise each joint as fast as it
+        # can.
         if ahead is None:
             ahead = motion.to_brake_after(count, self._limits)
         if ahead is None:  # the time scale is changing, and cannot change back
@@ -457,7 +458,7 @@ class SeparationRule:
         return free
 
     def admits(self, rows: Matrix, time: float, more: float = 0.0) -> Gap | None:
-        """Reserve a trajectory if it is clear; else return the gap that is too small.
+        """Reserve a trajectory if it is clear; otherwise return the gap that is too small.
 
         Args:
             rows: Positions from ``time`` on, to rest, of shape (n, dof), rad.
@@ -498,11 +499,11 @@ class GuardReport:
 
     Attributes:
         nearest_arm_m: Smallest distance to another arm, infinite if never within range, m.
-        nearest_body_m: Smallest distance of a link to anything else, including what the arm is
+        nearest_body_m: Smallest distance from a link to anything else, including what the arm is
             mounted on; infinite if never within range, m.
         nearest_limit_rad: Smallest distance of a joint from its position limit, rad.
         worst_condition: Largest condition number of the Jacobian.
-        fastest_share: Largest measured joint speed, as a share of the robot's limit.
+        fastest_share: Largest measured joint speed, as a fraction of the robot's limit.
         saturated: Number of periods in which torques were scaled down to the effort limits.
         slowed: Number of times that the guard slowed the arm.
         stopped: Number of times that the guard stopped the arm.

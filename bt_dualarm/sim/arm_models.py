@@ -32,15 +32,16 @@ class NominalLoad:
     Attributes:
         object: Name of the object.
         mass: Mass in kg, None if unknown.
-        inertia: Moments of inertia about the axes of ``pose``, of shape (3,), kg m²; None likewise.
+        inertia: Moments of inertia about the axes of ``pose``, of shape (3,), kg m²; None if the
+            mass is unknown.
         pose: Pose of its center of mass in the tool link when it was attached.
         gyration: Moments of inertia of its shape for 1 kg, of shape (3,), m².
         mass_declared: Whether the mass is the declared one; otherwise the arm estimates it.
         mass_doubt: Standard deviation of an estimated mass, kg.
         center_doubt: Standard deviation of an estimated center of mass along an axis, m.
-        share: Share of the mass that this arm bears, from 0 to 1.
-        alone: Whether no other arm holds the object; otherwise the torques of this arm do not tell
-            its mass.
+        share: Fraction of the mass that this arm bears, from 0 to 1.
+        alone: Whether no other arm holds the object; otherwise the torques of this arm do not
+            determine its mass.
     """
 
     object: str
@@ -180,7 +181,7 @@ class NominalArm:
         return position
 
     def tool_link_pose_at(self, q: Vector) -> Pose:
-        """Pose in the world of the link that carries the tool, likewise."""
+        """Pose in the world of the link that carries the tool."""
         data = self._with_kinematics(q)
         return Pose(data.xpos[self.tool_body].copy(), data.xquat[self.tool_body].copy())
 

@@ -4,7 +4,7 @@ A `Camera` exposes at a fixed rate while it has subscribers, and delivers each f
 latency. An *aim* callback may restrict the next exposure to the region where a target is expected.
 `GuardedCamera` is the view of a camera that skills get.
 
-`Optics` renders an exposure the way the true camera sees it: shake, shutter, lens distortion and
+`Optics` renders an exposure as the true camera sees it: shake, shutter, lens distortion and
 noise. `Calibration` is the camera as its arm knows it, and holds the errors of its images that
 nobody can calibrate: noise and light.
 """
@@ -152,7 +152,7 @@ class _Remap(NamedTuple):
     Attributes:
         columns: Coordinates along x, of shape (rows, columns), px from the corner of the source
             region, or of the whole image for coarse blocks.
-        rows: Coordinates along y, likewise.
+        rows: Coordinates along y, of the same shape.
         is_visible: Where the lens shows something, None if everywhere.
         source: Region of the undistorted image that contains all sources.
     """
@@ -527,7 +527,7 @@ class CameraTiming(Protocol):
 
     @property
     def drop(self) -> float:
-        """Share of the frames that are never delivered."""
+        """Fraction of the frames that are never delivered."""
 
     @property
     def noise(self) -> float:
@@ -540,7 +540,7 @@ class CameraDisturbance:
 
     Attributes:
         is_frozen: Whether it repeats the scene that it saw last.
-        brightness: Share of the brightness of its images.
+        brightness: Fraction of the brightness of its images.
         delay: Seconds by which images are delivered late.
         shake: Standard deviation of its rotation about x and y, rad.
         rng: Random stream of the shake.
@@ -556,7 +556,7 @@ class CameraDisturbance:
     def scene(
         self, model: mujoco.MjModel, data: mujoco.MjData, camera_id: int
     ) -> tuple[mujoco.MjModel, mujoco.MjData, int]:
-        """The scene that the camera sees: the present one, or a copy from when it froze."""
+        """The scene that the camera sees: the current one, or a copy from when it froze."""
         if not self.is_frozen:
             self._scene = None
             return model, data, camera_id

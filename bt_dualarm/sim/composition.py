@@ -240,7 +240,7 @@ def _box(
 
 _CONDIM_ROLLING: Final = 6  # sliding, torsional and rolling friction
 _TORSION: Final = 0.005  # m, MuJoCo's default
-_ROLLING: Final = 0.1  # of the radius; a ball at 0.05 m/s rolls 15 mm, one at 0.3 m/s 140 mm
+_ROLLING: Final = 0.1  # of the radius: a ball at 0.05 m/s rolls 15 mm, one at 0.3 m/s 140 mm
 _NO_ROLLING: Final = 0.0001  # m, MuJoCo's default; has no effect on boxes
 _UPRIGHT: Final = math.cos(math.radians(45))
 
@@ -315,7 +315,7 @@ under a load of a tenth of it."""
 def _hang(spec: mujoco.MjSpec, body: mujoco.MjsBody, hung: Articulation) -> None:
     """Add the joint by which a body, placed as at the start, hangs on another object.
 
-    The two may touch: what is beside a hinge or on the rails of a slide would jam otherwise.
+    The two may touch: what is next to a hinge or on the rails of a slide would jam otherwise.
     """
     own = hung.spec
     is_hinge = own.type == "hinge"
@@ -452,7 +452,7 @@ def scene_names() -> tuple[str, ...]:
 def scene_spec(world: WorldSpec) -> mujoco.MjSpec:
     """The scene as an MjSpec with the options of the world.
 
-    Fixtures of a scene file are no part of it: they are objects.
+    Fixtures of a scene file are not part of it: they are objects.
 
     Args:
         world: Names the scene and the time step.

@@ -84,7 +84,7 @@ def read_joints(
         newest: Row of it for this reading.
         step: Seconds between two readings.
         before: Previous positions and velocities, of shape (2, n), rad and rad/s.
-        readings: Takes the new ones, likewise.
+        readings: Output: the new ones, of the same shape.
     """
     for k in range(len(where)):
         joint = where[k, 0]

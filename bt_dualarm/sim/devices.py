@@ -70,11 +70,11 @@ class PlantArm(Protocol):
 
     @property
     def dof_ids(self) -> npt.NDArray[np.int64]:
-        """Addresses of the joints' velocities, likewise."""
+        """Addresses of the joints' velocities, in the same order."""
 
     @property
     def actuator_ids(self) -> npt.NDArray[np.int64]:
-        """Addresses of the motors' torques, likewise."""
+        """Addresses of the motors' torques, in the same order."""
 
 
 def parts_of(dofs: Mapping[str, int]) -> dict[str, slice]:
@@ -291,7 +291,7 @@ def kernels() -> ModuleType:
 # Drives
 
 _FINEST_QUANTUM = 1e-12
-"""Share of the effort limit below which quantization is lost in floating-point rounding."""
+"""Fraction of the effort limit below which quantization is lost in floating-point rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -317,7 +317,7 @@ class ArmDrives:
 
     @property
     def quantum(self) -> float:
-        """Quantum of a torque as a share of the effort limit; 0 for none."""
+        """Quantum of a torque as a fraction of the effort limit; 0 for none."""
         return self.errors.quantum if self.errors.quantum > _FINEST_QUANTUM else 0.0
 
 
@@ -513,7 +513,7 @@ class ArmHardware:
 
     @property
     def q(self) -> Vector:
-        """Positions of the joints by their encoders, base to tip, of shape (dof,), rad."""
+        """Positions of the joints from their encoders, base to tip, of shape (dof,), rad."""
         q: Vector = self._encoders.readings[0, self._part]
         return q
 
@@ -529,7 +529,7 @@ class ArmHardware:
         return self._encoders.stamp
 
     def q_at(self, time: float) -> Vector:
-        """Positions by the encoders at a time in s, interpolated linearly, of shape (dof,), rad.
+        """Positions from the encoders at a time in s, interpolated linearly, of shape (dof,), rad.
 
         Outside the stored readings the first or the last one is returned.
         """
@@ -623,7 +623,7 @@ class DeviceBank:
     def alter_encoder(
         self, name: str, joint: int, reading: Callable[[float], float] | None
     ) -> None:
-        """Let an encoder read something else from now on; see `Encoders.alter`."""
+        """Alter the readings of an encoder from now on; see `Encoders.alter`."""
         self._encoders.alter(name, joint, reading)
 
     def connect(

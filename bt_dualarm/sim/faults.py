@@ -1,8 +1,8 @@
 """Faults of hardware and world, injected into the simulation at exact physics steps.
 
-Nothing here is told to skills and controllers: a frozen joint is dry friction that no drive can
-overcome, a weak one is a smaller gain of its motor, a stuck encoder repeats a reading. They notice
-by their sensors, or not at all.
+Skills and controllers are not informed of anything here: a frozen joint is dry friction that no
+drive can overcome, a weak one is a smaller gain of its motor, a stuck encoder repeats a reading.
+They notice from their sensors, or not at all.
 """
 
 from __future__ import annotations
@@ -168,7 +168,7 @@ class WorldFaults:
             time, name, fault.kind, fault.on_arm, fault.sentence, is_active, objects=objects
         )
 
-    # Parameters of the model: written anew whenever the set of active faults or the model changes,
+    # Parameters of the model: written again whenever the set of active faults or the model changes,
     # so that overlapping faults cannot restore each other's values.
 
     def _restore(self) -> None:

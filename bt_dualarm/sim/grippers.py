@@ -44,10 +44,10 @@ _RIM_POINTS: Final = 12
 """Points of the rim at which the seal is tested."""
 
 _RIM_SHARE: Final = 0.97
-"""Share of the radius at which they lie: an object as wide as the cup is wide enough."""
+"""Fraction of the radius at which they lie: an object as wide as the cup is wide enough."""
 
 _COMPLIANCE: Final = 0.25
-"""Share of a lip's depth by which it compresses or stretches to follow a slanted or curved
+"""Fraction of a lip's depth by which it compresses or stretches to follow a slanted or curved
 surface."""
 
 
@@ -89,7 +89,7 @@ class Seal:
         return {int(geom) for pair in geoms[mine].tolist() for geom in pair if geom != self._lip}
 
     def _share_on(self, geom: int) -> float:
-        """Share of the rim's points at which a geom's surface is within the lip's compliance."""
+        """Fraction of the rim's points at which a geom's surface is within the lip's compliance."""
         data = self._data
         cup = self._cup
         rotation = data.geom_xmat[self._lip].reshape(3, 3)
@@ -242,7 +242,7 @@ SPEED_S: Final = 0.1
 """Seconds over which the opening is differenced to the measured speed."""
 
 LET_GO: Final = 1.0
-"""Commanded width in m that makes a cup let go."""
+"""Commanded width in m that makes a cup release."""
 
 _SEAL_PERIOD: Final = 5
 """Physics steps between two tests of a cup's seal: a vacuum does not vanish at once."""
@@ -258,7 +258,8 @@ class GripperCommand:
     """Command to a gripper; it holds until the next one.
 
     Attributes:
-        width: Target opening in m; 0 closes. For a cup 0 applies the vacuum; otherwise it lets go.
+        width: Target opening in m; 0 closes. For a cup, 0 applies the vacuum; any other value
+            releases.
         speed: Speed of the opening, m/s.
         force: Largest force of a pad, N; for a cup, its holding force.
     """
@@ -281,9 +282,9 @@ class GripperHardware:
         timestep: Seconds of one physics step.
 
     Attributes:
-        width: Opening by the encoder, m.
+        width: Opening from the encoder, m.
         speed: Speed of the opening, positive when it opens, m/s.
-        force: Force of a pad by the motor's current, N, positive when it closes; for a cup, its
+        force: Force of a pad from the motor's current, N, positive when it closes; for a cup, its
             holding force.
         vacuum: Measured share of a cup's full vacuum, 0 to 1; 0 if it does not seal.
         tactile: Sensors of the force on each pad, if the gripper has any.
@@ -383,7 +384,7 @@ class GripperHardware:
             self.tactile.sense(time)
 
     def set_finger_positions(self, positions: Vector) -> None:
-        """Enter the finger positions by the encoder into positions of the plant, of shape (nq,)."""
+        """Write finger positions from the encoder into plant positions, of shape (nq,)."""
         if self.gripper.fingers and self._is_connected:
             positions[self._address : self._address + 2] = 0.5 * self.width
 
@@ -521,7 +522,7 @@ class Attachment:
         lay: Estimated pose in the world at which the gripper picked the object.
         mass_declared: Whether the arm may use the declared mass; it may not for an object that it
             picked without its name.
-        share: Share of the object's weight that the arm's model bears, from 0 to 1; less than 1
+        share: Fraction of the object's weight that the arm's model bears, from 0 to 1; less than 1
             only while another arm holds the object, too.
         borne_at: Where the arm's model bears its share, in the object's frame; None for the center
             of mass.
@@ -567,7 +568,7 @@ class Attachments:
     """The attachments of a world, each with its weld in the world's MjSpec.
 
     Two arms may hold one object. Each then has an attachment of its own, with its share of the
-    weight; the object stays held when one of them lets go.
+    weight; the object stays held when one of them releases it.
 
     Args:
         spec: MjSpec of the world.

@@ -64,7 +64,7 @@ class Marks(NamedTuple):
     """First intersections in the compact form that the kernels fill, from which `Hits` follow.
 
     Attributes:
-        faces: Index of a face among all faces of the shapes; for a curved shape -2 less its index;
+        faces: Index of a face among all faces of the shapes; for a curved shape -2 minus its index;
             -1 for none. Of shape (rows, columns).
         distances: Distance from the eye in m, inf for none, of shape (rows, columns).
         normals: Outward unit normals in the world of the faces that were tested, (f + n, 3).
@@ -208,7 +208,7 @@ FORCE: Final = 8
 DRIVE: Final = 9
 
 WOUND_UP: Final = 1.2
-"""Share of the commanded force up to which the speed loop winds up. Beyond 1, small motions of a
+"""Fraction of the commanded force up to which the speed loop winds up. Beyond 1, small motions of a
 pressed finger do not change the force."""
 
 SHUT: Final = -1.0

@@ -1,7 +1,7 @@
 """Places, sizes and colors of the objects of a group, drawn with the seed of the run.
 
 Scattered objects and piles are placed one after the other, where MuJoCo finds no contact with
-the scene and everything placed before, with the gap that the file asks for.
+the scene and everything placed before, with the gap that the file specifies.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ _TRIES: Final = 200
 """Random places that are tried for each scattered object."""
 
 _STARTS: Final = 20
-"""Number of times that a group is placed anew: the first objects may leave no room for the last."""
+"""Number of times that a group is placed again: the first objects may leave no room for the
+last."""
 
 _LAYERS: Final = 200
 """Heights that are tried for each object of a pile."""
@@ -142,7 +143,7 @@ class _Room:
         self._data = mujoco.MjData(self._model)
 
     def clear(self, name: str) -> None:
-        """Take an object out of the way again."""
+        """Move an object out of the way again."""
         body = int(self._model.body(name).id)
         start = int(self._model.jnt_qposadr[self._model.body_jntadr[body]])
         self._data.qpos[start : start + 7] = self._model.qpos0[start : start + 7]
@@ -168,7 +169,7 @@ class _Room:
 
 
 _BENEATH: Final = 0.9
-"""Least cosine between the vertical and the normal of a contact with a support."""
+"""Minimum cosine between the vertical and the normal of a contact with a support."""
 
 _TOUCH_M: Final = 5e-4
 """Penetration that counts as lying on something, m."""

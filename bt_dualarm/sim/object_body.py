@@ -41,16 +41,16 @@ SIMPLE: Final = ("box", "cylinder", "capsule", "sphere")
 """Shapes that are one of MuJoCo's primitives."""
 
 _SEGMENTS: Final = (8, 10, 12, 16, 20, 24, 32)
-"""Numbers of segments of a round wall from which the least is chosen that its thickness allows."""
+"""Numbers of segments of a round wall of which the smallest that its thickness allows is chosen."""
 
 _CORNER: Final = 0.3
-"""Share of a wall's thickness by which its segments may be thinner where they meet."""
+"""Fraction of a wall's thickness by which its segments may be thinner where they meet."""
 
 _CHORDS: Final = 3
 """Number of flat faces on the outside of each segment."""
 
 _FOOT: Final = 0.4
-"""Radius of the flat foot of a bowl as a share of that of its rim."""
+"""Radius of the flat foot of a bowl as a fraction of that of its rim."""
 
 _RINGS: Final = 3
 _BOWL_SEGMENTS: Final = 12
@@ -97,7 +97,7 @@ class BodyPart:
         """The part as a solid in its own frame."""
         if self.kind == "hull":
             return MeshSolid.hull_of(self.corners)
-        if self.kind == "ellipsoid":  # for grasps alone; pads yield by more than this is off
+        if self.kind == "ellipsoid":  # for grasps only: the error is less than pads yield
             return MeshSolid.hull_of(0.5 * np.array(self.size) * unit_ball(_COARSE))
         return simple_solid(self.kind, self.size)
 

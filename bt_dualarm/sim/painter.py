@@ -125,7 +125,7 @@ class ScenePainter:
     def _visibility(
         self, data: mujoco.MjData, fan: Fan, hits: Hits, lamp: int, finer: int
     ) -> npt.NDArray[np.float32]:
-        """Share of a lamp's light at the hit of every ``finer``-th ray of each row and column."""
+        """Fraction of a lamp's light at the hit of every ``finer``-th ray per row and column."""
         subset = (slice(None, None, finer), slice(None, None, finer))
         geoms = hits.geoms[subset]
         distances = hits.distances[subset].astype(np.float32).ravel()
@@ -173,7 +173,7 @@ class ScenePainter:
             middle[0] += 1e-3  # a viewpoint cannot look straight down
         inside = (points - eye) @ Viewpoint(eye, middle, 90.0).axes
         fov_deg = _WIDEST_DEG
-        if (inside[:, 2] < -1e-2).all():  # else some casters are beside the lamp or above it
+        if (inside[:, 2] < -1e-2).all():  # otherwise some casters are beside the lamp or above it
             slope = float(np.abs(inside[:, :2] / inside[:, 2:]).max()) * 1.02
             fov_deg = min(2.0 * math.degrees(math.atan(slope)), _WIDEST_DEG)
         return Viewpoint(eye, middle, fov_deg)
@@ -201,7 +201,7 @@ def _filtered(
     down: npt.NDArray[np.float32],
     away: npt.NDArray[np.float32],
 ) -> npt.NDArray[np.float32]:
-    """Share of the four nearest texels that do not occlude a point, with bilinear weights."""
+    """Fraction of the four nearest texels that do not occlude a point, with bilinear weights."""
     edge = _MAP_PX - 1
     share = np.ones(len(away), np.float32)
     inside = np.flatnonzero((across >= 0) & (down >= 0) & (across < edge) & (down < edge))

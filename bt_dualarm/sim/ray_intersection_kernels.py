@@ -31,7 +31,7 @@ is positive if cells to the left are inside, negative if those to the right are,
 decide."""
 
 _STEEP = 1e-9
-"""Share of the other terms that A must exceed: planes along the rows do not bound columns."""
+"""Fraction of the other terms that A must exceed: planes along the rows do not bound columns."""
 
 _EDGE_SPARE = 0.01
 """Margin in cells for rounding errors."""
@@ -221,7 +221,7 @@ def _beside(points: Matrix, axis: int, center: float, count: int, spacing: float
 # Occlusion
 
 SURELY = 0.999
-"""Factor of a shape's least depth that, despite rounding, is a lower bound of its distance."""
+"""Factor of a shape's smallest depth that, despite rounding, is a lower bound of its distance."""
 
 
 @kernel
@@ -235,7 +235,7 @@ def is_ahead(corners: Matrix) -> bool:
 
 @kernel
 def nearest(corners: Matrix) -> float:
-    """Lower bound of the distance of a convex hull of corners: their least depth, m."""
+    """Lower bound of the distance of a convex hull of corners: their smallest depth, m."""
     least = math.inf
     for corner in range(len(corners)):
         least = min(least, -corners[corner, 2])
@@ -270,7 +270,7 @@ _Three: TypeAlias = tuple[float, float, float]
 
 @kernel
 def meet_hull(shapes: Shapes, index: int, axes: Matrix, fan: Fan, marks: Marks) -> None:
-    """Mark a convex polyhedron where it is nearer than the present marks.
+    """Mark a convex polyhedron where it is nearer than the current marks.
 
     From inside no triangle faces the camera: the body is invisible then, as in OpenGL.
 

@@ -76,7 +76,7 @@ def _no_marks(shapes: Shapes, fan: Fan) -> Marks:
 
 @kernel
 def describe(shapes: Shapes, axes: Matrix, fan: Fan, marks: Marks) -> Hits:
-    """Convert marks to hits; arguments as of `trace`."""
+    """Convert marks to hits; arguments as for `trace`."""
     rows, columns = marks.faces.shape
     hits = Hits(np.empty((rows, columns), np.int32), marks.distances, np.empty((3, rows, columns)))
     faces, owners, normals = facets(shapes, axes, fan, marks)
@@ -93,7 +93,7 @@ def describe(shapes: Shapes, axes: Matrix, fan: Fan, marks: Marks) -> Hits:
 def facets(
     shapes: Shapes, axes: Matrix, fan: Fan, marks: Marks
 ) -> tuple[npt.NDArray[np.int32], Numbers, Matrix]:
-    """Faces that rays hit, with one face per ray for curved shapes; arguments as of `describe`.
+    """Faces that rays hit, with one face per ray for curved shapes; arguments as for `describe`.
 
     Returns:
         Index of the face that each ray hits, -1 for none, of shape (rows, columns); ids of the
@@ -202,7 +202,7 @@ def draw(
     shapes: Shapes, positions: Matrix, axes: Matrix, fan: Fan, lights: Lights,
     lit_from: Matrix, lit_along: Matrix, pixels: npt.NDArray[np.uint8],
 ) -> None:  # fmt: skip
-    """Trace rays and enter the colors of what they hit; arguments as of `trace` and `shade`."""
+    """Trace rays and enter the colors of what they hit; arguments as for `trace` and `shade`."""
     marks = trace(shapes, positions, axes, fan)
     faces, owners, normals = facets(shapes, axes, fan, marks)
     sun = _sun(lights, lit_from, lit_along)
@@ -243,7 +243,7 @@ def _shade(
     lights: Lights, sun: Matrix, fan: Fan, faces: npt.NDArray[np.int32], owners: Numbers,
     normals: Matrix, distances: Matrix, pixels: npt.NDArray[np.uint8],
 ) -> None:  # fmt: skip
-    """As `shade`, for faces as of `facets`, and lights at, or toward, ``sun`` of shape (n, 3)."""
+    """Like `shade`, for faces as in `facets`, and lights at, or toward, ``sun`` of shape (n, 3)."""
     light = np.empty(3)
     sky = _sky(lights)
     rays = fan.rays

@@ -44,7 +44,7 @@ from bt_dualarm.sim.kernel_arrays import (
 
 # Shapes
 
-_CONVEX_TOLERANCE = 1e-4  # share of a mesh's size by which a corner may lie outside a face
+_CONVEX_TOLERANCE = 1e-4  # tolerance for corners outside a face, as a fraction of the mesh's size
 _Type = mujoco.mjtGeom
 
 _ROUND: Final = {
@@ -196,7 +196,7 @@ class Shading:
 
 
 def geom_colors(model: mujoco.MjModel) -> Matrix:
-    """Color of each geom, of shape (ngeom, 3): its own, else its material's."""
+    """Color of each geom, of shape (ngeom, 3): its own, otherwise its material's."""
     colors: Matrix = model.geom_rgba[:, :3].astype(float)
     materials = model.geom_matid
     has_default = (model.geom_rgba == np.array(_DEFAULT_RGBA, dtype=np.float32)).all(axis=1)
@@ -469,7 +469,7 @@ def open_context(width: int = 640, height: int = 480) -> GlContext:
         height: Largest image height in pixels (OSMesa only).
 
     Raises:
-        RendererError: Neither works; the message says why, for each.
+        RendererError: Neither works; the message states why, for each.
     """
     reasons = []
     for platform, module, probe in (

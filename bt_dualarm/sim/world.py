@@ -182,7 +182,7 @@ class Devices:
                 continue
             known = one.mass_declared and self.errors[one.arm].payload.known
             thing = objects[one.object]
-            if thing.joint is not None:  # its joint bears it
+            if thing.joint is not None:  # its joint supports it
                 continue
             if one.borne_at is None:
                 load = NominalLoad.of(one.object, thing, one.relative, known=known)
@@ -232,7 +232,7 @@ class Devices:
     def alter_encoder(
         self, name: str, joint: int, reading: Callable[[float], float] | None
     ) -> None:
-        """Let an encoder read something else from now on; see `Encoders.alter`."""
+        """Alter the readings of an encoder from now on; see `Encoders.alter`."""
         self._bank.alter_encoder(name, joint, reading)
 
     def update_friction(self) -> None:
@@ -252,13 +252,13 @@ _MAX_DISTANCE_M = 1e3
 
 
 class WorldView:
-    """Measurements of a world's true state, for set-up, scoring and tests.
+    """Measurements of a world's true state, for setup, scoring and tests.
 
     Perception does not read them: it has only camera images.
 
     Attributes:
         model: Compiled model; a new object after every recompilation.
-        data: State of the model; likewise.
+        data: State of the model; also replaced.
         devices: Hardware and nominal model of the arms.
         arms: Arms that are present, by name.
         objects: Objects that are present, by name.
@@ -300,7 +300,7 @@ class WorldView:
         return int(self.model.body(name).id)
 
     def object_geom(self, name: str) -> int:
-        """Id of an object's geom; of an object of several parts that of the first one."""
+        """Id of an object's geom; of the first one if it has several parts."""
         must_be_among(name, self.objects, "object", "in the world")
         return int(self.model.geom(name).id)
 
@@ -469,7 +469,7 @@ class HoldingView(WorldView):
     ) -> Attachment:
         """Weld an object to an arm's tool link; its nominal pose is the one ``seen``, if given.
 
-        Another arm may hold it as well; the model then bears this ``share`` of the weight.
+        Another arm may hold it as well; the model then supports this ``share`` of the weight.
 
         Raises:
             WorldError: Arm or object is not present, or the object is fixed.
@@ -482,7 +482,7 @@ class HoldingView(WorldView):
         return self.attachments.attach(held, link, relative, self._tips_on(arm, thing))
 
     def _tips_on(self, arm: str, thing: str) -> tuple[str, ...]:
-        """Fingers of an arm that are closed on an object and hold it with their tips.
+        """Fingers of an arm that are closed and touch an object with their tips.
 
         Contacts of these fingers with the welded object are ignored: pressed against it, they could
         not slide along it to open.
@@ -512,7 +512,7 @@ class HoldingView(WorldView):
             pose: Estimated pose of the object in the world.
             most_force: Largest grip force that it withstands, N.
             mass_declared: Whether the arm may use the declared mass.
-            share: Share of the weight that the model bears, if another arm holds it as well.
+            share: Share of the weight that the model supports, if another arm holds it as well.
 
         Raises:
             WorldError: Arm or object is not present, or the object is fixed.
@@ -533,7 +533,7 @@ class HoldingView(WorldView):
         self.attachments.hold(held)
 
     def _estimated_in_tool(self, arm: str, thing: str, pose: Pose | None) -> Pose:
-        """Pose in the tool link, by the encoders, of an object at ``pose`` (default: true pose)."""
+        """Pose in the tool link, from the encoders, of an object at ``pose``, or its true one."""
         must_be_among(arm, self.arms, "arm", "in the world")
         must_be_among(thing, self.objects, "object", "in the world")
         if self.objects[thing].fixed:
@@ -607,10 +607,10 @@ def _divergence(model: mujoco.MjModel, data: mujoco.MjData, what: str) -> str:
 
 
 def _culprit(model: mujoco.MjModel, data: mujoco.MjData) -> str:
-    """Name the actuator or joint with a non-finite value, else the fastest joint."""
+    """Name the actuator or joint with a non-finite value, otherwise the fastest joint."""
     if not np.isfinite(data.ctrl).all():
         actuator = int(np.argmin(np.isfinite(data.ctrl)))
-        is_joint = model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT  # else a gripper
+        is_joint = model.actuator_trntype[actuator] == mujoco.mjtTrn.mjTRN_JOINT  # or a gripper
         return f"{'joint' if is_joint else 'drive'} {model.actuator(actuator).name!r}"
     if not np.isfinite(data.qpos).all():
         address = int(np.argmin(np.isfinite(data.qpos)))
@@ -627,7 +627,7 @@ MAX_DEPTH = 0.005
 
 SHALLOW_DEPTH = 0.001
 """Penetration in m beyond which the push may throw a light object away: 4 mm threw one of 0.09 kg
-off its table. What rests on the ground sinks in by less."""
+off its table. Objects that rest on the ground penetrate it by less."""
 
 
 def deepest_overlap(
@@ -676,7 +676,7 @@ class World(HoldingView):
         before_removal: Functions called with the name of an arm just before it is removed.
         on_forces: Functions called in each step while contacts and their forces are consistent.
         declared_arms: Every arm of the file, present or not.
-        declared_objects: Every object of the file, likewise.
+        declared_objects: Every object of the file, present or not.
         robots: Robot of each declared arm, with its gripper mounted.
         generation: Number of recompilations so far.
         devices: Hardware, grippers and nominal model of each arm that is present.
@@ -756,11 +756,11 @@ class World(HoldingView):
         """Add a declared arm in its initial posture.
 
         Raises:
-            WorldError: Not declared, present already, or its place is taken.
+            WorldError: Not declared, already present, or its place is occupied.
         """
         must_be_among(name, self._file.arms, "arm", "declared")
         if name in self.arms:
-            raise WorldError(f"arm {name!r} is present already")
+            raise WorldError(f"arm {name!r} is already present")
         self._add_arm(name)
         self._recompile()
         self._set_initial_posture(name)
@@ -791,11 +791,11 @@ class World(HoldingView):
         """Add a declared object at rest, at its declared pose or at ``pose``.
 
         Raises:
-            WorldError: Not declared, present already, or its place is taken.
+            WorldError: Not declared, already present, or its place is occupied.
         """
         must_be_among(name, self._file.objects, "object", "declared")
         if name in self.objects:
-            raise WorldError(f"object {name!r} is present already")
+            raise WorldError(f"object {name!r} is already present")
         for each in self._with_moved(name):
             self._put_object(each, pose or self._poses[each])
         self._recompile()
@@ -868,7 +868,7 @@ class World(HoldingView):
         mujoco.mj_step1(self.model, self.data)
 
     def _recompile(self) -> None:
-        """Compile the changed spec, keeping the state of everything that stays."""
+        """Compile the changed spec, keeping the state of everything that remains."""
         try:
             self.model, self.data = self._spec.recompile(self.model, self.data)
         except ValueError as error:
@@ -882,7 +882,7 @@ class World(HoldingView):
         self._refresh()
 
     def _reload(self, arm: str) -> None:
-        """Update the loads of an arm's model; everything else stays as it is."""
+        """Update the loads of an arm's model; everything else is unchanged."""
         self.devices.reload([arm], self.attachments, self.objects)
 
     def _refresh(self) -> None:

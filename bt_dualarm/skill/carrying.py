@@ -40,26 +40,26 @@ from bt_dualarm.trajectory.paths import line
 from bt_dualarm.trajectory.set_points import at_scale
 from bt_dualarm.trajectory.trajectory import Trajectory
 
-_GRASPS: Final = 4  # of each arm at a section that are tried
-_COMBINATIONS: Final = 24  # of grasps of all arms that are tried
-_AROUND: Final = 3  # of these with which paths around obstacles are searched, and of their branches
-_BRANCHES: Final = 6  # of the inverse kinematics of each combination
+_GRASPS: Final = 4  # grasps to try per arm and section
+_COMBINATIONS: Final = 24  # combinations of the arms' grasps to try
+_AROUND: Final = 3  # combinations and branches for which paths around obstacles are searched
+_BRANCHES: Final = 6  # branches of the inverse kinematics per combination
 _GOOD: Final = (
     25.0  # condition number of every arm along the path with which no better one is sought
 )
 _BEARABLE: Final = 50.0  # largest condition number: beyond, joint torques tell little of a wrench
-_EVERY: Final = 8  # samples of a path of which one is examined
+_EVERY: Final = 8  # one of this many samples of a path is examined
 _FREE_M: Final = 0.004  # height above the goal from which the object is lowered by touch
-_HOLD_S: Final = 0.15  # for which the pads have to press
-_CLOSING_S: Final = 1.5  # in which the fingers have to press
+_HOLD_S: Final = 0.15  # time for which the pads must press
+_CLOSING_S: Final = 1.5  # time limit for the fingers to press
 _EARLY_M: Final = 0.012  # distance from the grasp at which a contact is one with something else
-_EDGE_S: Final = 0.3  # at the start of the approach, while joints break away
-_STEADY: Final = 0.6  # of the speed of a descent, above which a hand that stopped is detected
+_EDGE_S: Final = 0.3  # start of the approach to ignore, while joints break away
+_STEADY: Final = 0.6  # fraction of a descent's speed above which a stopped hand is detected
 _FIRM: Final = 3.0  # times the contact force at which one hand ends the descent for all
-_CONFIRMED_S: Final = 0.05  # for which an internal wrench has to exceed its bound
-_ROOM: Final = 0.97  # share of the limits that motions use, so that corrections keep the limits
-_STILL_SHARE: Final = 5e-3  # of half a beam, by which its ends may move: it rocks on its stands
-_REST_S: Final = 5.0  # in which all arms have to come to rest
+_CONFIRMED_S: Final = 0.05  # time for which an internal wrench must exceed its bound
+_ROOM: Final = 0.97  # fraction of the limits that motions use; the rest is for corrections
+_STILL_SHARE: Final = 5e-3  # allowed motion of a beam's ends, which rock, per half of its length
+_REST_S: Final = 5.0  # time limit for all arms to come to rest
 
 
 class CarryPorts(PortModel):
@@ -68,7 +68,7 @@ class CarryPorts(PortModel):
     set_down: bool = port(True, "whether the object is set down and released at the end")
     spread: float = port(
         1.0,
-        "distance of the outer grasps along the longest axis, as a share of the largest possible",
+        "distance of the outer grasps along the longest axis, as a fraction of its maximum",
         unit="share",
         ge=0.2,
         le=1.0,
@@ -81,7 +81,7 @@ class CarryPorts(PortModel):
     retreat: float = port(0.08, "length of the retreat", unit="m", ge=0.01, le=0.3)
     speed: Speed = port(0.5, "fraction of the limits of all arms while carrying")
     approach_speed: Speed = port(0.15, "fraction of the arm's limits on the straight parts")
-    shake: float = port(8.0, "acceleration that the grips have to bear", unit="m/s²", ge=0, le=50)
+    shake: float = port(8.0, "acceleration that the grips must withstand", unit="m/s²", ge=0, le=50)
     mass: float | None = port(
         None,
         "assumed mass; by default the one that the arms know, or else the largest grip force",
@@ -127,10 +127,10 @@ class CarryPorts(PortModel):
 
 @dataclass(frozen=True, eq=False)
 class Proposal:
-    """What an arm tells the others about itself and its grasps.
+    """What an arm reports to the others about itself and its grasps.
 
     Attributes:
-        goals: Poses of the object that its leaf asks for; empty if it follows.
+        goals: Poses of the object that its leaf requests; empty if it follows.
         carrying: Sensors and model for the internal wrench.
         q: Joint positions of the last set-point, of shape (dof,), rad.
         grasps: Grasps at each section that its hand can hold, the best first.
@@ -152,7 +152,7 @@ class CarryPlan:
         leader: Name of the arm that plans.
         chosen: Grasp of each arm, by name; empty if they hold the object already.
         grasps: Poses of the tools in the object's frame, by arm.
-        shares: Share of the weight that each arm bears.
+        shares: Share of the weight that each arm supports.
         approach: Joint positions of each arm's straight approach, of shape (n, dof), rad.
     """
 
@@ -165,7 +165,7 @@ class CarryPlan:
 
 @dataclass(frozen=True, eq=False)
 class _Leg:
-    """One coupled motion, as the leader tells it.
+    """One coupled motion, as announced by the leader.
 
     Attributes:
         number: Number of the leg, from 1.
@@ -202,7 +202,7 @@ class Carrying:
         "different goals were given one, or an arm is named that cannot take part",
         "GRIPPER_FULL": "the gripper holds something else",
         "TOO_WIDE": "the fingers do not open that far",
-        "TOO_HEAVY": "no grasp of this gripper bears its share of the weight",
+        "TOO_HEAVY": "no grasp of this gripper can support its share of the weight",
         "NO_FACE": "the ends have no sides for the fingers, or no face for the cup",
         "OUT_OF_REACH": "the arms have no grasps with which they can follow the whole path",
         "NOT_GRASPED": "a gripper closed on nothing, or on something else",
@@ -240,7 +240,7 @@ class Carrying:
         self._phase = 0
 
     def through(self) -> Iterator[float | None]:
-        """Grasp, carry, and set down if that is asked for; yields the progress once per tick.
+        """Grasp, carry, and set down if requested; yields the progress once per tick.
 
         Raises:
             Failure: As declared; as motions.
@@ -269,7 +269,7 @@ class Carrying:
     # Meeting and planning
 
     def _propose(self) -> Iterator[None]:
-        """Tell the others what this arm can do, and wait for them."""
+        """Announce this arm's capabilities to the others, and wait for them."""
         arm = self._arm
         world = arm.world
         thing = self._thing
@@ -301,7 +301,7 @@ class Carrying:
 
     @property
     def _mass(self) -> float | None:
-        """Mass of the object, kg; None if unknown: the hands then grip as hard as they can."""
+        """Mass of the object, kg; None if unknown: the hands then use their maximum force."""
         world = self._arm.world
         if self._ports.mass is not None:
             return self._ports.mass
@@ -378,7 +378,7 @@ class Carrying:
             )
 
     def _plan(self) -> Generator[None, None, tuple[CarryPlan, list[Pose]]]:
-        """Plan for all arms if this one leads; else wait for the plan."""
+        """Plan for all arms if this one leads; otherwise wait for the plan."""
         asked = {name: one.goals for name, one in self._proposals.items() if one.goals}
         if not asked:
             raise Failure("INVALID_TARGET", "none of the arms was given `to` or `path`")
@@ -433,7 +433,7 @@ class Carrying:
         yield from self._sync()
 
     def _close(self, plan: CarryPlan) -> Iterator[float | None]:
-        """Close all grippers, and take the object into all models at once."""
+        """Close all grippers, and add the object to all models at once."""
         arm = self._arm
         gripper = arm.gripper
         page = gripper.page
@@ -464,7 +464,7 @@ class Carrying:
         gripper.hold(self._thing, lies)
 
     def _bear(self, plan: CarryPlan) -> None:
-        """Take this arm's share of the weight into its model, at its grasp."""
+        """Add this arm's share of the weight to its model, at its grasp."""
         center = sum(
             (plan.shares[name] * plan.grasps[name].position for name in self._members), np.zeros(3)
         )
@@ -474,7 +474,7 @@ class Carrying:
         self._arm.world.attachments.bear(self._arm.name, self._thing, share, Pose(at, identity))
 
     def _release(self, grip: Grip, goal: Pose) -> Iterator[float | None]:
-        """Open all grippers, retreat, and check where the object is."""
+        """Open all grippers, retreat, and check the pose of the object."""
         arm = self._arm
         gripper = arm.gripper
         page = gripper.page
@@ -499,7 +499,7 @@ class Carrying:
         left.refuse_unless_at(goal, self._ports.tolerance, self._ports.angle_tolerance)
 
     def _score(self, goal: Pose) -> None:
-        """Check that the carried object truly is at its goal."""
+        """Check that the carried object is truly at its goal."""
         left = LeftStanding(self._arm, self._thing)
         if not left.is_there:
             raise Failure("DROPPED", f"{self._thing!r} was removed from the world")
@@ -525,10 +525,10 @@ class Carrying:
         self,
         has_come: Callable[[Mapping[str, Any]], bool],  # Any: facts by name
     ) -> Iterator[None]:
-        """Wait for what every other arm tells; for one after the other, so that each is missing.
+        """Wait for the message of every other arm in turn, so that a missing one is named.
 
         Args:
-            has_come: Whether an arm has told enough.
+            has_come: Whether an arm has sent enough.
         """
         for other in self._joint.others:
             yield from self._joint.until(partial(self._has_told, other, has_come), (other,))
@@ -720,7 +720,7 @@ class _Planning:
             found[name] = rows[name][::-1].copy()
             checker = CollisionChecker(self._world, name, ignore=frozenset({self._thing}))
             contact = checker.first_contact(found[name])
-            # The others are going to be elsewhere.
+            # The others will have moved by then.
             if contact is not None and contact[1].second.partition("/")[0] not in self._proposals:
                 raise contact[1].failure()
         return found
@@ -769,7 +769,7 @@ class _Coupled:
         up = Pose.from_rpy((0.0, 0.0, ports.lift))
         lies = self._object_pose()
         lifted = Pose(lies.position + up.position, lies.quaternion)
-        borne = self._plan.chosen  # else it is in the air already
+        borne = self._plan.chosen  # otherwise it is in the air already
         if borne:
             yield from self._leg([lies, lifted], 0.3 * ports.speed, 0.25)
         above = [goals[-1]]
@@ -782,7 +782,7 @@ class _Coupled:
         self._metrics["believed_error_m"] = self._object_pose().distance(goals[-1])
 
     def _object_pose(self, q: Mapping[str, Vector] | None = None) -> Pose:
-        """Estimated pose of the object: the mean of what the tools of all arms say."""
+        """Estimated pose of the object: the mean over the tools of all arms."""
         world = self._arm.world
         poses = []
         for name, grasp in self._grasps.items():
@@ -793,7 +793,7 @@ class _Coupled:
     def _leg(
         self, poses: Sequence[Pose | None], speed: float, done: float
     ) -> Generator[float | None, None, None]:
-        """One motion through poses of the object; None stands for the present one."""
+        """One motion through poses of the object; None stands for the current one."""
         leg = yield from self._next_leg(poses, speed)
         yield from self._execute(leg, done)
 
@@ -805,11 +805,11 @@ class _Coupled:
         compliant: bool = False,
         slow: float = 0.0,
     ) -> Generator[float | None, None, _Leg]:
-        """Plan the next motion of all arms if this one leads; else wait for it."""
+        """Plan the next motion of all arms if this one leads; otherwise wait for it."""
         self._number += 1
         number = self._number
         leader = self._plan.leader
-        # All rest, and have told where.
+        # All are at rest and have reported their configuration.
         yield from self._carrying._sync()
         if not self._leads:
             yield from self._joint.until(
@@ -832,7 +832,7 @@ class _Coupled:
         q = {name: self._joint.told(name)["q"] for name in self._joint.others}
         q[arm.name] = arm.setpoint.q.copy()
         here = self._object_pose(q)
-        # As commanded now: what the arms have yielded to internal wrenches stays.
+        # As commanded now: the displacement by internal wrenches is kept.
         self._grasps = {
             name: here.inverse @ world.nominal[name].tool_pose_at(q[name]) for name in parts
         }
@@ -982,15 +982,15 @@ class _Coupled:
 
 
 class _Touchdown:
-    """Detection that a hand of an arm that lowers an object no longer goes down.
+    """Detects that a hand that lowers an object has stopped.
 
     Args:
-        arm: The arm, which comes down.
+        arm: The arm that lowers its hand.
         force: Contact force that counts, N.
 
     Attributes:
         has_touched: Whether its end of the object touches the support.
-        is_firm: Whether it presses on it that much that all arms have to stop.
+        is_firm: Whether it presses so hard that all arms must stop.
         most: Largest force, N.
     """
 

@@ -30,7 +30,7 @@ class ActiveNode:
     Attributes:
         path: Path in its arm's tree.
         may_be_halted: Whether a node above it may halt it, whatever it does itself: a timeout, a
-            condition that is asked again, a parallel with other children.
+            condition that is evaluated again, a parallel with other children.
     """
 
     path: str
@@ -87,16 +87,16 @@ class Request(CellWait):
 
 
 class JointAction:
-    """Leaves of several arms that act together, and what they tell one another.
+    """Leaves of several arms that act together, and their messages to one another.
 
-    What a leaf tells becomes visible to the others in their next tick, so that the order in which
+    A leaf's message becomes visible to the others in their next tick, so that the order in which
     trees are ticked does not matter.
 
     Args:
         members: Names of the arms.
 
     Attributes:
-        changes: Number of steps in which something was told, or an arm has left.
+        changes: Number of steps in which a message was sent or an arm left.
     """
 
     def __init__(self, members: Sequence[str]) -> None:
@@ -107,11 +107,11 @@ class JointAction:
         self.changes = 0
 
     def tell(self, arm: str, facts: Mapping[str, Any]) -> None:  # Any: facts of the skills
-        """Tell the others facts by name; visible from their next tick on."""
+        """Send facts to the others, by name; visible from their next tick on."""
         self._new.append((arm, dict(facts)))
 
     def told(self, arm: str) -> Mapping[str, Any]:  # Any: as in `tell`
-        """Returns what an arm has told so far, by name, as far as that is visible."""
+        """Returns the visible messages of an arm so far, by name."""
         return self._told[arm]
 
     @property
@@ -120,7 +120,7 @@ class JointAction:
         return self._left
 
     def commit(self, left: Mapping[str, str]) -> None:
-        """Make visible what was told in this step, and which arms have left in it."""
+        """Make the messages of this step visible, and which arms have left in it."""
         self.changes += bool(self._new or left)
         for arm, facts in self._new:
             self._told[arm].update(facts)
@@ -135,9 +135,9 @@ class Appointment(CellWait):
 
     Attributes:
         members: Names of all arms of the action.
-        action: The action, None until all members have come.
+        action: The action, None until all members have joined.
         awaited: Members that it waits for during the action; none while it acts itself.
-        makes_way: Whether it moves aside, while it waits, for members whose path it blocks.
+        makes_way: Whether it moves aside for members whose path it blocks while it waits.
     """
 
     members: tuple[str, ...] = ()
@@ -151,7 +151,7 @@ class Obstruction(CellWait):
     """A motion that waits for other arms to leave its path.
 
     Which arms are in its way is known from its last try; ``confirmed_by`` is the number of the try
-    that decides whether they still are when nothing else can go on.
+    that decides whether they still are when nothing else can continue.
     """
 
     blockers: frozenset[str] = frozenset()
@@ -284,12 +284,12 @@ class CellState:
         self._is_changed = True
 
     def join(self, arm: str, path: str, label: str, members: Sequence[str]) -> Appointment:
-        """Come to a joint action, which begins when all members have come to it.
+        """Join a joint action, which begins when all members have joined.
 
         Args:
             arm: Name of the arm.
             path: Path of the node in its tree.
-            label: Name of the action for people, the same for all members: ``the handover of 'cube'
+            label: Displayed name of the action, the same for all members: ``the handover of 'cube'
                 from arm1 to arm2``.
             members: Names of all arms of the action, in the same order for all of them.
         """
@@ -300,7 +300,7 @@ class CellState:
         return one
 
     def await_members(self, one: Appointment, awaited: Sequence[str]) -> None:
-        """Note for which members an arm waits during a joint action; for none while it acts."""
+        """Record the members for which an arm waits during a joint action; none while it acts."""
         if one.action is not None:
             self.looked(one, one.action.changes)
         if one.awaited == tuple(awaited):
@@ -334,24 +334,24 @@ class CellState:
         return arm in self._ended
 
     def looked(self, wait: CellWait, count: int) -> None:
-        """Note that a wait has looked at the first ``count`` values of its signal."""
+        """Record that a wait has looked at the first ``count`` values of its signal."""
         if wait.seen != count:
             wait.seen = count
             self._is_changed = True
 
     def note_change(self) -> None:
-        """Note that a node's status has changed: a search for deadlocks may find other results."""
+        """Record that a node's status has changed: a deadlock search may have other results."""
         self._is_changed = True
 
     # What the run does
 
     def arm_gone(self, arm: str, why: str) -> None:
-        """Note that an arm's tree has ended, or that the arm was removed: ``its tree ended …``."""
+        """Record that an arm's tree has ended, or the arm was removed: ``its tree ended …``."""
         self._gone[arm] = why
         self._is_changed = True
 
     def arm_back(self, arm: str) -> None:
-        """Note that an arm was spawned, with its tree at the beginning."""
+        """Record that an arm was spawned, with its tree at the beginning."""
         self._gone.pop(arm, None)
         self._is_changed = True
 
@@ -428,7 +428,7 @@ class CellState:
             self._is_changed = True
 
     def _note_obstructions(self, blocked: Iterable[BlockedArm]) -> None:
-        """Take over which arms are in the way of which."""
+        """Store which arms are in the way of which."""
         now = {one.arm: one for one in blocked}
         for arm, wait in [*self._obstructed.items()]:
             if arm not in now or now[arm].path != wait.path:
@@ -452,7 +452,7 @@ class CellState:
                 self._is_changed = True
 
     def _note_waiting_motions(self) -> None:
-        """Take over which motions wait for the next motion of another arm."""
+        """Store which motions wait for the next motion of another arm."""
         now = {(one.arm, one.path): one for one in self.traffic.waiting_motions}
         for arm, wait in [*self._in_step.items()]:
             one = now.get((arm, wait.path))
@@ -466,7 +466,7 @@ class CellState:
                 self._begin(wait)
 
     def step_failure(self, arm: str) -> Failure | None:
-        """Why the motion of an arm waits in vain for that of another one; None if it does not."""
+        """Why the motion of an arm waits forever for that of another one; None if it does not."""
         return self._in_step[arm].failure if arm in self._in_step else None
 
     def _commit_values(self) -> None:
@@ -549,8 +549,8 @@ class CellState:
                 self.end(one)
 
     def _commit_claims(self) -> None:
-        # First come, first served; nobody overtakes one in front that wants any of the same, so
-        # nobody starves. Arms that ask in one step are served by their names.
+        # First come, first served: no arm overtakes an earlier one that requests any of the same,
+        # so none starves. Arms that ask in one step are served by their names.
         self._asked.sort(key=lambda one: (one.arm, one.path))
         self._requests += self._asked
         self._asked.clear()
@@ -571,7 +571,7 @@ class CellState:
             kind, _, name = wait.target.partition(" ")
             if kind != "signal" or wait.failure is not None:
                 continue
-            is_new = self._signals[name].count != wait.seen  # it looks at that in its next tick
+            is_new = self._signals[name].count != wait.seen  # it will see that in its next tick
             if not is_new and all(arm in self._gone for arm in self.waited_for(wait)):
                 wait.failure = self._partner_gone(wait)
 
@@ -600,10 +600,10 @@ class CellState:
     def _find_deadlock(self, trees: Mapping[str, CellTree]) -> None:
         """Fail one of the arms that wait for each other, if there are such.
 
-        An arm can go on if any of its active nodes can: one that waits for no other arm, one that
-        is going to be halted or to end by itself, or one that waits for arms that can go on. The
-        others wait for good. Of these, the one that began to wait last fails, which lets the rest
-        go on; its tree may try again.
+        An arm can continue if any of its active nodes can: one that waits for no other arm, one
+        that is going to be halted or to end by itself, or one that waits for arms that can
+        continue. The others wait forever. Of these, the one that began to wait last fails, which
+        lets the rest continue; its tree may try again.
         """
         active = {arm: tuple(tree.active()) for arm, tree in trees.items()}
         live: set[str] = set()
@@ -637,7 +637,7 @@ class CellState:
     def _refuse(self, stuck: Sequence[CellWait], active: Collection[str]) -> None:
         """Fail some of the waits that cannot end otherwise."""
         hopeless = [wait for wait in stuck if not set(self.waited_for(wait)) & set(active)]
-        if hopeless:  # they wait for arms that have ended, and for nobody else
+        if hopeless:  # they wait only for arms that have ended
             for wait in hopeless:
                 wait.failure = self._partner_gone(wait)
             return
@@ -645,7 +645,7 @@ class CellState:
         members = "; ".join(f"{one.arm} {self._sentence(one)}" for one in stuck)
         last.failure = Failure(
             "DEADLOCK",
-            f"these arms wait for each other for good: {members}; {last.arm} gives way, as it "
+            f"these arms wait for each other indefinitely: {members}; {last.arm} yields, as it "
             "began to wait last",
         )
 
@@ -663,20 +663,20 @@ class CellState:
             return True  # of motions that are in each other's way, one moves aside
         kind, _, name = wait.target.partition(" ")
         if kind == "signal" and self._signals[name].count != wait.seen:
-            return True  # it looks at a new value in its next tick
+            return True  # it will see the new value in its next tick
         if isinstance(wait, Appointment) and wait.action is not None:
-            is_new = wait.action.changes != wait.seen  # likewise, it looks at what it was told
+            is_new = wait.action.changes != wait.seen  # likewise, it will see the new message
             if wait.makes_way or is_new:
                 return True
         others = self.waited_for(wait)
         if not others:
             return True
-        # An arm that was never in the world may be spawned by any other one that can go on.
+        # An arm that was never in the world may be spawned by any other one that can continue.
         may_come = [
             other in live or (other not in active and other not in self._gone and bool(live))
             for other in others
         ]
-        # Which of several arms is in the way is not always known: any of them may leave.
+        # It is not always known which of several arms is in the way: any of them may leave.
         return any(may_come) if kind in ("signal", "path") else all(may_come)
 
 

@@ -13,7 +13,7 @@ class Condition(Skill):
     should read sensors only, and take microseconds.
 
     Attributes:
-        reason: Sentence that says why it does not hold; `check` may set it.
+        reason: Sentence that states why it does not hold; `check` may set it.
     """
 
     reason = ""

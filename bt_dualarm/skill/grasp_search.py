@@ -73,7 +73,7 @@ class TakingPorts(PortModel):
         None, "assumed mass; by default the one that the arm knows", unit="kg", gt=0, le=100
     )
     shake: float = port(
-        8.0, "acceleration of the tool that the grip has to bear", unit="m/s²", ge=0, le=50
+        8.0, "acceleration of the tool that the grip must withstand", unit="m/s²", ge=0, le=50
     )
     margin: float = port(1.5, "safety factor of the grip", unit="times the load", ge=1, le=10)
     touch: float = port(40.0, "contact force at which the approach stops", unit="N", ge=1, le=200)
@@ -101,20 +101,20 @@ class TakingPorts(PortModel):
 
 
 _PULLED_KG = 1.0
-"""Mass, kg, that stands for the pull at something that moves on a joint, of which the joint bears
-the weight. `operate` closes firmer, by its port ``force``."""
+"""Mass, kg, that stands for the pull at something that moves on a joint, whose weight the joint
+supports. `operate` closes firmer, by its port ``force``."""
 
 GRAVITY = 9.81
 """Acceleration of gravity in m/s²."""
 
 _WIDE = 50.0  # m: half the edge of the box that stands for a plane
 _ALONG = 0.99  # cosine above which fingers close along the given width
-_AS_ASKED = math.cos(math.radians(30.0))  # of an approach along the given direction
+_AS_ASKED = math.cos(math.radians(30.0))  # largest angle to the given approach
 _OTHER = math.radians(45.0)  # rotation of a grasp that counts as another one
 _HALF_TURN = Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, math.pi))
-_OFF_POINT_M = 0.02  # largest distance of a grasp from the wanted point
+_OFF_POINT_M = 0.02  # largest distance of a grasp from the requested point
 _SAME_POINT_M = 0.005  # difference of these distances that does not count
-_NEAR = 0.5  # m from the object, beyond which nothing obstructs the fingers
+_NEAR = 0.5  # m; objects farther away than this do not obstruct the fingers
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,7 +199,7 @@ class WantedGrasp:
             raise Failure("INVALID_TARGET", f"object {name!r} has no part {ports.part!r}")
         hung = world.objects[name].joint
         told = None if world.nominal[arm.name].estimates_payload else world.objects[name].mass
-        if hung is not None:  # its joint bears the weight: the grip has to pull it
+        if hung is not None:  # its joint supports the weight: the grip must pull it
             told = _PULLED_KG
         return cls(
             name,
@@ -330,7 +330,7 @@ def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
 
 
 def _at_point(found: tuple[Grasp, ...], wanted: WantedGrasp) -> tuple[Grasp, ...]:
-    """Grasps nearest to the wanted point of the object.
+    """Grasps nearest to the requested point of the object.
 
     Raises:
         Failure: ``NO_FACE`` if none is near it.
@@ -451,7 +451,7 @@ def _refuse_width(solid: Solid, jaw: JawMeasures, wanted: WantedGrasp) -> None:
 
 
 def _no_grasp(solid: Solid, jaw: JawMeasures | None, arm: Arm, wanted: WantedGrasp) -> Failure:
-    """Failure that says why there is no grasp: the mass or the shape."""
+    """Failure that states why there is no grasp: the mass or the shape."""
     light = Load(1e-6, np.array([0.0, 0.0, -GRAVITY]), 0.0, np.zeros(3))
     page = arm.gripper.page
     friction = wanted.friction(arm.world)
@@ -474,8 +474,8 @@ def _no_grasp(solid: Solid, jaw: JawMeasures | None, arm: Arm, wanted: WantedGra
     return Failure("NO_FACE", f"{wanted.label} has no two sides between which the fingers fit")
 
 
-_OPENINGS = 8  # of the fingers that are checked as they close beside other parts
-_BRANCHES = 4  # of the inverse kinematics that are tried for a grasp from which the arm moves on
+_OPENINGS = 8  # openings to check while the fingers close next to other parts
+_BRANCHES = 4  # branches to try for a grasp from which the arm moves on
 
 TRIES = 16
 """Grasps for which an approach is searched until the object counts as out of reach."""
@@ -579,7 +579,7 @@ def _rows_to(arm: Arm, out: Pose, tool: Pose, wanted: WantedGrasp) -> Matrix:
     """Configurations along the line to a grasp, in a branch in which the arm can move on from it.
 
     Raises:
-        Failure: As `Arm.line`; ``IN_COLLISION`` on the way on.
+        Failure: As `Arm.line`; ``IN_COLLISION`` on the onward path.
     """
     onward = wanted.onward
     if onward is None:
@@ -595,7 +595,7 @@ def _rows_to(arm: Arm, out: Pose, tool: Pose, wanted: WantedGrasp) -> Matrix:
             after = arm.kinematics.follow_on(later, rows[len(poses) - 1])
             onward.refuse_contact(arm, after, free)
         except Failure as failure:
-            blocked = blocked or failure.with_traceback(None)  # else it would keep this frame alive
+            blocked = blocked or failure.with_traceback(None)  # would keep this frame alive
         else:
             return rows[: len(poses)]
     if blocked is None:
@@ -617,7 +617,7 @@ def _geoms_of_part(world: World, wanted: WantedGrasp) -> list[int]:
 def _refuse_beside(arm: Arm, wanted: WantedGrasp, rows: Matrix, width: float) -> None:
     """Check that the hand touches nothing but one part of something that moves on a joint.
 
-    What cannot be lifted does not yield either, where another part is beside a finger.
+    What cannot be lifted does not yield either, where another part is next to a finger.
 
     Args:
         arm: Arm with its gripper open.

@@ -19,7 +19,7 @@ from bt_dualarm.trajectory.path_timing import stop_positions
 _FIRM: Final = (
     4.0  # safety factor of the grip over a contact force, which overshoots while the arm stops
 )
-_JUDGED_S: Final = 1.0  # in which empty fingers shut
+_JUDGED_S: Final = 1.0  # time for empty fingers to close
 
 
 class Grip:
@@ -63,7 +63,7 @@ class Grip:
             force_n: Contact force along the pads, N.
 
         Returns:
-            That force, or the smaller one that friction bears at the largest grip force.
+            That force, or the smaller one that friction withstands at the largest grip force.
         """
         gripper = self._arm.gripper
         declared = self._arm.world.objects[self._name]
@@ -86,7 +86,7 @@ class Grip:
             slip: Failure that `look` has raised.
 
         Raises:
-            Failure: ``DROPPED`` if nothing is left between the fingers, else ``slip``.
+            Failure: ``DROPPED`` if nothing is left between the fingers, otherwise ``slip``.
         """
         yield from self._arm.halt()
         gripper = self._arm.gripper
@@ -145,7 +145,7 @@ class TouchSense:
         self.most = 0.0
 
     def force(self, *, stands: bool = False) -> float:
-        """Present contact force, N; to be called once per tick.
+        """Current contact force, N; to be called once per tick.
 
         Args:
             stands: Whether the tool has stopped: the zero is kept while it stands, since a contact
@@ -180,7 +180,7 @@ class TouchSense:
         return -float(shares @ arm.external_torque) / max(float(shares @ lever), 1e-12)
 
 
-_HELD_S: Final = 1.0  # in which fingers come to rest
+_HELD_S: Final = 1.0  # time for fingers to come to rest
 
 
 def held_through(
@@ -243,7 +243,7 @@ def _true_pose_in_tool(arm: Arm, name: str) -> Pose:
     return arm.tool_pose.inverse @ arm.world.object_pose(name)
 
 
-_EVERY_S: Final = 0.06  # between two checks
+_EVERY_S: Final = 0.06  # time between two checks
 _ROWS: Final = 8  # configurations of the braking motion that are checked
 
 
@@ -283,9 +283,9 @@ class StreamClear:
             raise found[1].failure()
 
 
-_STEP_M: Final = 0.03  # between two retreats that are checked
+_STEP_M: Final = 0.03  # step between two retreats that are checked
 _FARTHEST_M: Final = 0.24  # longest retreat
-_CHORD_M: Final = 0.004  # between two openings that are checked
+_CHORD_M: Final = 0.004  # step between two openings that are checked
 _OPEN_M: Final = 2e-3  # fingers that are this near to fully open need not open
 
 
@@ -299,7 +299,7 @@ def make_room(arm: Arm, speed: float) -> Iterator[float | None]:
         speed: Fraction of its limits, above 0 to 1.
 
     Raises:
-        Failure: ``IN_COLLISION`` with what is beside the fingers, if no retreat helps; as motions.
+        Failure: ``IN_COLLISION`` with what is next to the fingers, if no retreat helps; as motions.
     """
     page = arm.gripper.page
     if not page.fingers or arm.gripper.width > page.stroke - _OPEN_M:
@@ -315,7 +315,7 @@ def make_room(arm: Arm, speed: float) -> Iterator[float | None]:
 
 
 def _retreats(arm: Arm) -> Iterator[Pose]:
-    """Poses of the tool with a free straight path to them, the nearest first."""
+    """Poses of the tool that a free straight path reaches, the nearest first."""
     here = arm.commanded_tool_pose
     directions: list[Vector] = [-here.rotation_matrix[:, 2], np.array((0.0, 0.0, 1.0))]
     for back in np.arange(_STEP_M, _FARTHEST_M + 1e-9, _STEP_M):

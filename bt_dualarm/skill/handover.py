@@ -1,16 +1,16 @@
 """Handover of an object from one arm to another: where, with which grasp, and in which steps.
 
-Both arms tell each other every step, see `bt_dualarm.skill.joint`:
+The arms announce every step to each other, see `bt_dualarm.skill.joint`:
 
 1. The taker chooses the pose of the object and its own grasp by the reach of both arms.
 2. Both move there, the taker to the standoff of its grasp.
-3. The taker closes beside the giver's fingers, compliant, and takes over the weight.
-4. When the taker feels the weight, and the giver that it has become lighter, the giver announces
-   that it lets go. The taker answers that it keeps the object; only then the giver opens.
+3. The taker closes next to the giver's fingers, compliant, and takes over the weight.
+4. When the taker feels the weight, and the giver the decrease, the giver announces
+   its release. The taker confirms that it keeps the object; only then does the giver open.
 5. The giver retreats, the taker lifts the object and checks its grip.
 
-Until the answer of step 4 the giver keeps the object, whatever happens, and from then on the taker
-does. At no time does neither of them hold it.
+Until the confirmation of step 4 the giver keeps the object, whatever happens; afterwards the taker
+does. At least one of them holds it at all times.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from bt_dualarm.skill.joint import HANDS_M
 from bt_dualarm.trajectory.paths import line
 
 _SHARES: Final = (0.0, 0.25, -0.25, 0.5, -0.5, 0.75, -0.75)
-"""Where along a long object the taker may close, as shares of half its length: beside the giver."""
+"""Grasp positions of the taker along a long object, as fractions of half its length."""
 
 _PLANNED_M: Final = HANDS_M + 0.004
 """Distance of the hands that plans keep, m: more than the guard keeps."""
@@ -57,13 +57,13 @@ _PALM_M: Final = 0.004
 # Candidate poses of the object.
 
 _GRID_M: Final = 0.1  # distance of candidate positions
-_BEST_SHARE: Final = 0.62  # distance from the first joint, as a share of the reach
-_MOST_SHARE: Final = 0.88  # beyond which a position is not considered
+_BEST_SHARE: Final = 0.62  # distance from the first joint, as a fraction of the reach
+_MOST_SHARE: Final = 0.88  # positions beyond it are not considered
 _LEAST_SHARE: Final = 0.30
 _POSITIONS: Final = 14
 _MORE_POSITIONS: Final = 60  # where only one orientation is tried at each
-_APART_M: Final = 0.12  # between two chosen positions
-_TURNS: Final = np.deg2rad([0.0, 90.0, 180.0, 270.0])  # of the giver's tool about its axis
+_APART_M: Final = 0.12  # minimum distance between two chosen positions
+_TURNS: Final = np.deg2rad([0.0, 90.0, 180.0, 270.0])  # about the giver's tool axis
 
 _BACK: Final = Pose.from_rpy((0.0, 0.0, -0.1))
 """Retreat for which the giver needs room."""
@@ -71,8 +71,8 @@ _BACK: Final = Pose.from_rpy((0.0, 0.0, -0.1))
 # Costs; all terms are between 0 and about 2.
 
 _POSITION_COST: Final = 3.0
-_DOWN_COST: Final = 0.35  # of a giver that points down instead of toward the taker
-_TURN_COST: Final = 0.4  # of turning the giver's tool by 180°
+_DOWN_COST: Final = 0.35  # cost if the giver points down instead of toward the taker
+_TURN_COST: Final = 0.4  # cost of rotating the giver's tool by 180°
 _EACH: Final = 3  # grasps that are tried at a pose
 _TRIES: Final = 260  # poses with a grasp for which both arms are searched
 _PLANS: Final = 5  # plans that are proposed
@@ -82,7 +82,7 @@ _NEAR_M: Final = 0.015
 
 @dataclass(frozen=True, eq=False)
 class HandoverWish:
-    """What the giver wants of the handover.
+    """Requirements of the giver for the handover.
 
     Attributes:
         position: Position of the object in the world, of shape (3,), m; None for any.
@@ -115,12 +115,12 @@ class HandoverPlan:
 
 
 def handover_label(thing: str, giver: str, taker: str) -> str:
-    """Returns the name of a handover for people, the same for both arms."""
+    """Returns the displayed name of a handover, the same for both arms."""
     return f"the handover of {thing!r} from {giver} to {taker}"
 
 
 def tool_pose_of(world: World, arm: str) -> Pose:
-    """Measured pose of an arm's tool in the world, by its encoders."""
+    """Measured pose of an arm's tool in the world, from its encoders."""
     return world.nominal[arm].tool_pose_at(world.hardware[arm].q)
 
 
@@ -147,10 +147,10 @@ class HandoverSearch:
         arm: Taker.
         giver: Name of the giver, which holds the object.
         thing: Name of the object.
-        wish: Wish of the giver.
+        wish: Requirements of the giver.
         standoff: Length of the taker's straight approach, m.
         margin: Safety factor of the taker's grip.
-        shake: Acceleration of the tool that the grip has to bear, m/s².
+        shake: Acceleration of the tool that the grip must withstand, m/s².
         most_force: Largest force of each pad, or of a cup, that the object withstands, N.
         mass: Mass by the taker's tree, kg; None to use the giver's or the declared one.
     """
@@ -292,7 +292,7 @@ class HandoverSearch:
         self.reasons[reason] = self.reasons.get(reason, 0) + 1
 
     def refusal(self) -> Failure:
-        """Failure that says why there is no plan."""
+        """Failure that states why there is no plan."""
         arm = self._arm.name
         if not self.grasps:
             return Failure(
@@ -311,11 +311,11 @@ class HandoverSearch:
     # Grasps of the taker
 
     def _grasps(self, margin: float, shake: float, most_force: float) -> tuple[Grasp, ...]:
-        """Grasps beside the giver's hand, for any direction of gravity."""
+        """Grasps next to the giver's hand, for any direction of gravity."""
         arm = self._arm
         world = self._world
         friction = world.objects[self._thing].friction
-        # No direction of gravity is preferred: it counts like a shake in the worst direction.
+        # Gravity may have any direction, so it counts as an acceleration in the worst one.
         load = Load(margin * self.mass, np.zeros(3), shake + GRAVITY, self._center)
         if arm.name not in world.grippers:
             spot = CupMeasures(_TOUCH_RADIUS_M, 1e-3, math.inf, 1.0)
@@ -339,7 +339,7 @@ class HandoverSearch:
         return tuple(one.grasp for one in order if one.clearance >= _ROOM_M)
 
     def _hand(self) -> list[Obstacle]:
-        """The giver's hand as boxes around its geoms, by its sensors."""
+        """The giver's hand as boxes around its geoms, from its sensors."""
         world = self._world
         sensed = world.sensed
         found = []
@@ -483,10 +483,10 @@ _SETTLED_S: Final = 0.1
 
 
 class LoadSense:
-    """Force with which a held object pulls at an arm's hand, by its own sensors.
+    """Force with which a held object pulls at an arm's hand, from its own sensors.
 
-    Fingers with tactile sensors measure it at the pads; otherwise the joint torques tell how it
-    changes, as far as their friction lets them.
+    Fingers with tactile sensors measure it at the pads; otherwise the joint torques show how it
+    changes, as far as friction permits.
 
     Args:
         arm: Arm that holds the object.
@@ -524,7 +524,7 @@ def let_go_of(arm: Arm, thing: str) -> Iterator[float | None]:
     Yields once per tick until the hand no longer holds it. A weld is removed at once.
 
     Args:
-        arm: Arm that lets go.
+        arm: Arm that releases the object.
         thing: Name of the object.
 
     Raises:
@@ -543,7 +543,7 @@ def let_go_of(arm: Arm, thing: str) -> Iterator[float | None]:
     yield from gripper.until_open(0.05)
 
 
-_LEAST_OPENING_M: Final = 0.006  # beyond the present one, so that the pads leave the object
+_LEAST_OPENING_M: Final = 0.006  # minimum increase of the opening for the pads to leave the object
 _MOST_OPENING_M: Final = 0.03
 _OPENING_STEP_M: Final = 0.004
 
@@ -564,12 +564,12 @@ def _opening(arm: Arm, thing: str) -> float:
     return widest
 
 
-_RETREAT_WAIT_S: Final = 5.0  # for the taker to leave the way
-_RETREATS_M: Final = (1.0, 0.8, 0.6, 0.45)  # of the wanted length, tried in turn
+_RETREAT_WAIT_S: Final = 5.0  # time for the taker to clear the path
+_RETREATS_M: Final = (1.0, 0.8, 0.6, 0.45)  # fractions of the requested length, tried in order
 
 
 def retreat_from(arm: Arm, thing: str, length: float, speed: float) -> Iterator[float | None]:
-    """Retreat straight from an object that the arm has let go; yields once per tick.
+    """Retreat straight from an object that the arm has released; yields once per tick.
 
     Args:
         arm: Arm whose gripper is open.

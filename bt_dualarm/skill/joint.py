@@ -1,7 +1,7 @@
 """Joint actions: leaves of several arms that act together on one object.
 
-Each arm has a leaf of its own, in its own tree. They meet, tell one another what they have done,
-and learn when another one has left, and why. `bt_dualarm.skill.cell` has the rules; its waits are
+Each arm has a leaf of its own, in its own tree. They meet, report their progress to one another,
+and learn when and why another one has left. `bt_dualarm.skill.cell` has the rules; its waits are
 part of the wait-for graph of all arms.
 """
 
@@ -20,7 +20,7 @@ HANDS_M: Final = 0.006
 """Distance that two hands keep from each other while both are at one object, m: other arms keep
 0.03 m. Control errors are less than 2 mm."""
 
-_DONE: Final = "done"  # told by a member that has completed its part
+_DONE: Final = "done"  # message of a member that has completed its part
 
 
 class JointPart:
@@ -30,7 +30,7 @@ class JointPart:
 
     Args:
         context: Context of the leaf's skill.
-        label: Name of the action for people, the same in all leaves of it.
+        label: Displayed name of the action, the same in all leaves of it.
         members: Names of all arms of the action, in the same order in all leaves.
     """
 
@@ -43,7 +43,7 @@ class JointPart:
         self._one: Appointment | None = None
 
     def __enter__(self) -> JointPart:
-        """Come to the action; its other members need not be there yet."""
+        """Join the action; its other members may join later."""
         self._one = self._cell.join(self._arm, self._leaf, self._label, self._members)
         return self
 
@@ -61,10 +61,10 @@ class JointPart:
         return tuple(name for name in self._members if name != self._arm)
 
     def meet(self) -> Iterator[None]:
-        """Wait until all members have come; yields once per tick.
+        """Wait until all members have joined; yields once per tick.
 
         Raises:
-            Failure: ``PARTNER_GONE`` if a member can no longer come; ``DEADLOCK``.
+            Failure: ``PARTNER_GONE`` if a member can no longer join; ``DEADLOCK``.
         """
         one = self._appointment
         while one.action is None:
@@ -75,21 +75,21 @@ class JointPart:
             raise one.failure
 
     def tell(self, **facts: Any) -> None:  # Any: facts of the skills
-        """Tell the other members facts by name; visible from their next tick on.
+        """Send facts to the other members, by name; visible from their next tick on.
 
-        Before all members have come, nobody is told.
+        Without effect until all members have joined.
         """
         action = self._appointment.action
         if action is not None:
             action.tell(self._arm, facts)
 
     def told(self, member: str) -> Mapping[str, Any]:  # Any: as in `tell`
-        """Returns what a member has told so far, by name."""
+        """Returns the messages of a member so far, by name."""
         action = self._appointment.action
         return {} if action is None else action.told(member)
 
     def left(self, member: str) -> str:
-        """Returns why a member has left before its part was done, as a clause; else empty."""
+        """Returns why a member has left before its part was done, as a clause; otherwise empty."""
         action = self._appointment.action
         if action is None or action.told(member).get(_DONE):
             return ""
@@ -119,10 +119,10 @@ class JointPart:
             fulfilled: Whether the wait is over.
             awaited: Names of the members that it depends on; all others by default.
             makes_way: Whether the caller calls `MoveTo.make_way` in each tick, so that members
-                whose path this arm blocks do not wait in vain.
+                whose path this arm blocks do not wait forever.
 
         Raises:
-            Failure: ``PARTNER_GONE``; ``DEADLOCK`` if they wait for this arm in turn.
+            Failure: ``PARTNER_GONE``; ``DEADLOCK`` if they are waiting for this arm.
         """
         one = self._appointment
         try:
@@ -130,7 +130,7 @@ class JointPart:
                 self.check()
                 if one.failure is not None:
                     failure = one.failure
-                    one.failure = None  # the action goes on, if the leaf does
+                    one.failure = None  # the action continues if the leaf does
                     raise failure
                 one.makes_way = makes_way
                 self._cell.await_members(one, awaited or self.others)

@@ -18,7 +18,7 @@ _UP: Final = np.array((0.0, 0.0, 1.0))
 
 
 class KeptPath:
-    """Path constraint of one motion, as wanted, planned and measured.
+    """Path constraint of one motion, as requested, planned and measured.
 
     Args:
         arm: Arm that moves.
@@ -76,7 +76,7 @@ class KeptPath:
         return found
 
     def refuse_ends(self, tool_goal: Pose) -> None:
-        """Check the present pose and the goal, before anything moves.
+        """Check the current pose and the goal, before anything moves.
 
         Args:
             tool_goal: Goal pose of the tool in the world.
@@ -91,7 +91,7 @@ class KeptPath:
         """Check poses of the tool in the world along a path, before anything moves.
 
         Raises:
-            Failure: ``KEEP_VIOLATED``; the reason says where on the path it begins.
+            Failure: ``KEEP_VIOLATED``; the reason states where on the path it begins.
         """
         self.refuse_ends(tool[-1])
         for i, pose in enumerate(tool):
@@ -100,7 +100,7 @@ class KeptPath:
     def through(
         self, going: Iterator[float | None], metrics: dict[str, Number]
     ) -> Iterator[float | None]:
-        """Execute a motion, and measure by the encoders what it keeps; yields once per tick.
+        """Execute a motion, and measure from the encoders what it keeps; yields once per tick.
 
         Args:
             going: The motion.

@@ -94,7 +94,7 @@ class SightPorts(PortModel):
         return seen.within(frame, region)
 
     def placed_region(self, arm: Arm, zones: Mapping[str, CellZone]) -> tuple[Pose, Region]:
-        """Pose of the region in the world, and the region; arguments as of `sighted`.
+        """Pose of the region in the world, and the region; arguments as for `sighted`.
 
         Raises:
             Failure: ``INVALID_TARGET``, ``UNKNOWN_POSE``, as `sighted`.
@@ -275,7 +275,7 @@ def go_to_camera(
 def _refusal(
     arm: Arm, camera: Pose, speed: float, ignore: frozenset[str]
 ) -> Generator[float | None, None, Failure | None]:
-    """Move as `go_to_camera`; returns why the pose was not reached, None if it was."""
+    """Move like `go_to_camera`; returns why the pose was not reached, None if it was."""
     camera_in_tool = arm.tool_pose.inverse @ camera_now(arm)
     try:
         goals = arm.kinematics.solutions(camera @ camera_in_tool.inverse, arm.setpoint.q)
@@ -303,7 +303,7 @@ def gazes(
         distance: Distance from it, m.
         direction: Preferred line of sight in the world, of shape (3,), of any nonzero length.
         lean: Largest angle between line of sight and ``direction``, rad.
-        near: Present pose of the camera: rolls about the line of sight that are nearer come first.
+        near: Current pose of the camera: rolls about the line of sight that are nearer come first.
     """
     along = direction / np.linalg.norm(direction)
     side = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
@@ -364,7 +364,7 @@ def look_at(
 
 
 def camera_now(arm: Arm) -> Pose:
-    """Pose of the wrist camera in the world, by the encoders and the nominal model."""
+    """Pose of the wrist camera in the world, from the encoders and the nominal model."""
     return arm.world.nominal[arm.name].camera_pose_at(arm.q)
 
 

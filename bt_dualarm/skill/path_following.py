@@ -144,11 +144,11 @@ class PathDeviation:
 TOLERANCE_M = 0.005
 """Default tolerance of the tool's distance from its planned position, m."""
 
-_SAME_BRANCH = 1.0  # rad within which the start is tried to be reached by a straight tool motion
-_SAME_POSTURE = 0.05  # rad by which a redundant arm may move at the end of that motion
+_SAME_BRANCH = 1.0  # rad; a start this close is first tried by a straight tool motion
+_SAME_POSTURE = 0.05  # rad; tolerance of a redundant arm's posture at the end of that motion
 _ENTRY_SHARE = 0.1  # fraction of the displayed progress for the motion to the start
 _EXIT_SHARE = 0.1  # the same for the motion from the path to another end
-_AT_GOAL = 1e-6  # m or rad within which no motion is needed
+_AT_GOAL = 1e-6  # m or rad; within it no motion is needed
 
 
 def follow_curve(
@@ -176,7 +176,7 @@ def follow_curve(
 
     Returns:
         ``path_rms_m`` and ``path_max_m`` of executed against planned tool positions at equal
-        times, ``duration_s``, and ``shortest_s``: the least duration under velocity and
+        times, ``duration_s``, and ``shortest_s``: the smallest duration under velocity and
         acceleration limits alone (TOPP-RA). ``grip_pace`` if the grip limits the speed. With
         ``tool_speed`` also ``ramp_s``, the duration of the start and of the end.
 
@@ -215,7 +215,7 @@ class _Plan:
 
     Attributes:
         motion: Motion along the path.
-        shortest_s: Its least duration under velocity and acceleration limits alone.
+        shortest_s: Its shortest duration under velocity and acceleration limits alone.
         grip_scale: Speed scale to which the grip limits it, up to 1.
         exit: Motion from the path's end to another end pose; None to stay there.
         ramp_s: Duration of its start and of its end, if its speed is constant in between.

@@ -29,21 +29,21 @@ from bt_dualarm.trajectory.overlap import OverlappedMotion
 from bt_dualarm.trajectory.trajectory import Trajectory
 
 _NOT_IT: Final = "the gripper closed on something else or nothing"
-_HOLD_S: Final = 0.15  # for which the pads have to press
-_CLOSING_S: Final = 1.5  # in which the fingers have to press
+_HOLD_S: Final = 0.15  # time for which the pads must press
+_CLOSING_S: Final = 1.5  # time limit for the fingers to press
 _REACHED_M: Final = 0.1  # largest distance of the tool from the center of an undeclared object
-_PRESSED_M: Final = 0.006  # by which a cup is pressed beyond the estimated face
+_PRESSED_M: Final = 0.006  # distance by which a cup is pressed beyond the estimated face
 _PRESSED_N: Final = 12.0  # contact force of a cup that seals
-_PRESSING: Final = 0.01  # fraction of the limits for pressing a cup on
-_FREE_SHARE: Final = 0.1  # of the lift, at either end, in which no weight is felt
+_PRESSING: Final = 0.01  # fraction of the limits while pressing a cup on
+_FREE_SHARE: Final = 0.1  # fraction of the lift at either end in which no weight is measured
 _EARLY_M: Final = 0.012  # distance from the grasp at which a contact is one with something else
-_EDGE_S: Final = 0.12  # at the start of the straight part, in which the force has no zero yet
+_EDGE_S: Final = 0.12  # start of the straight part, before the force has a zero
 _CLEAR_M: Final = 0.01  # uncertainty of the distance at which the gripper may touch the object
 _NEAR_M_S: Final = 0.15  # highest speed of the tool there
 _ROOM_M: Final = (
     0.012  # opening on each side of an object whose pose is known, before the fingers close
 )
-_BRISK: Final = 0.6  # fraction of the speed on straight parts on which nothing is touched
+_BRISK: Final = 0.6  # fraction of the speed on straight parts without contact
 
 
 class Taking:
@@ -62,12 +62,12 @@ class Taking:
 
     failures: Final[Mapping[str, str]] = {
         "GRIPPER_FULL": "the gripper holds something else, or something is attached to the tool",
-        "INVALID_TARGET": "the object is fixed or withstands less than the gripper's least force, "
+        "INVALID_TARGET": "the object is fixed or cannot withstand the gripper's minimum force, "
         "or the approach is a zero vector",
         "NOT_THERE": "the object is not in the world",
         "TOO_WIDE": "the fingers do not open that far",
-        "TOO_HEAVY": "no grasp of this gripper bears its weight",
-        "NO_FACE": "the object has no sides for the fingers, or no face for the cup, or not there",
+        "TOO_HEAVY": "no grasp of this gripper can support its weight",
+        "NO_FACE": "there are no sides for the fingers, or no face for the cup, or none at `point`",
         "OUT_OF_REACH": "no approach of any grasp is both reachable and collision-free",
         "NOT_GRASPED": "the gripper closed on nothing, or on something else",
         "SLIPPED": "the object slid between the fingers",
@@ -110,7 +110,7 @@ class Taking:
             if self._wanted.point is not None:
                 self._metrics["point_off_m"] = self._wanted.off_point(approach.ranked.grasp)
             hangs = self._hangs_on_a_joint
-            if hangs:  # what cannot follow the fingers pulls the arm: it yields
+            if hangs:  # an object that cannot follow the fingers pulls the arm: yield
                 arm.controller.compliance.soften()
             name = yield from self._close(approach)
             if hangs:
@@ -119,7 +119,7 @@ class Taking:
                 yield from hand.rest()
                 return approach.ranked
             if not arm.gripper.page.fingers:
-                yield from arm.relax()  # else the contact force of the cup would act on the lift
+                yield from arm.relax()  # so that the cup's contact force does not act on the lift
         except Failure:
             if self._entered is not None:
                 yield from self._retreat(self._entered)
@@ -344,7 +344,7 @@ class Taking:
         yield from arm.halt()
 
     def _close(self, approach: GraspApproach) -> Generator[float | None, None, str]:
-        """Close with the force that the load needs, and verify that it holds the wanted object."""
+        """Close with the force that the load needs, and verify that it holds the right object."""
         gripper = self._arm.gripper
         grasp = approach.ranked.grasp
         arm = self._arm
@@ -416,16 +416,16 @@ class Taking:
         self._metrics["lifted_m"] = rose  # true height, for the score only
 
     def _weight_error(self, name: str) -> float | None:
-        """Felt weight of the held object less the one that the arm assumes, N.
+        """Measured minus assumed weight of the held object, N.
 
         None if the arm assumes none: it is about to estimate the mass.
         """
         arm = self._arm
         pads = arm.gripper.load
-        if pads is not None:  # tactile sensors feel the object alone
+        if pads is not None:  # tactile sensors measure the object only
             return -float(pads[2]) - GRAVITY * self._wanted.mass
         if any(load.object == name and load.borne is not None for load in arm.payload):
-            # Joints feel what their model, which has the load, does not explain.
+            # Joint torques show what the model, which includes the load, does not explain.
             return -float(arm.external_wrench[2])
         return None
 
@@ -456,7 +456,7 @@ def twin_at(world: World, name: str, place: Vector) -> str:
         place: Estimated position of such an object in the world, of shape (3,), m.
 
     Returns:
-        The name of the nearest one, if it is near enough; else the given name.
+        The name of the nearest one, if it is near enough; otherwise the given name.
     """
     wanted = world.declared_objects[name]
     away = {
@@ -471,7 +471,7 @@ def twin_at(world: World, name: str, place: Vector) -> str:
 
 
 def refuse_too_frail(arm: Arm, what: str, bears: float | None) -> None:
-    """Check that an object withstands the least force of the gripper.
+    """Check that an object withstands the minimum force of the gripper.
 
     Args:
         arm: Arm with the gripper.
@@ -483,5 +483,5 @@ def refuse_too_frail(arm: Arm, what: str, bears: float | None) -> None:
     """
     least = arm.gripper.page.force.least
     if (bears or math.inf) < least:
-        reason = f"{what} bears {bears:g} N; the gripper's least force is {least:g} N"
+        reason = f"{what} bears {bears:g} N; the gripper's minimum force is {least:g} N"
         raise Failure("INVALID_TARGET", reason, most_force_n=bears or 0.0, least_n=least)

@@ -42,7 +42,7 @@ _VERY_LONG_S: Final = (
     0.5  # by then joints have broken away, however uneven the set-point's speed is
 )
 _UNEXPECTED_M_S: Final = 0.006  # highest speed of a guarded descent before contact is expected
-_BRISK: Final = 0.1  # fraction of the acceleration limits with which a guarded descent begins
+_BRISK: Final = 0.1  # a guarded descent begins with this fraction of the acceleration limits
 _STEADY: Final = 0.75  # fraction of the highest speed, which varies along the path
 _SLOW: Final = 0.3  # the same for the longest window
 _STOPPED: Final = 0.35  # fraction of the distance; a joint that sticks briefly leaves more
@@ -72,8 +72,8 @@ def guarded_descent(
         force: Contact force that ends the motion, N.
         look: Check that is called once per tick, and may raise.
         lightly: Whether a stop of 0.13 s counts as contact, however small the force is.
-        near: Pose on the way down to which no contact is expected: three times as fast.
-        ignore: Names of objects that may touch something on the way.
+        near: Pose during the descent down to which no contact is expected: three times as fast.
+        ignore: Names of objects that may touch something during the descent.
 
     Returns:
         Whether there was contact, and the largest force until the arm was at rest, N.
@@ -185,7 +185,7 @@ class Lag:
         """
         arm = self._arm
         past = self._past
-        # Of a motion that the guard holds, nothing tells whether the tool would go on.
+        # While the guard holds a motion, it is unknown whether the tool would continue.
         steady_m_s = max(scale, _LEAST_SCALE) * self._steady_m_s
         meant = float(arm.commanded_tool_pose.position @ self._along)
         past.append((arm.time, meant, float(arm.tool_pose.position @ self._along)))
@@ -216,7 +216,7 @@ REST_S: Final = 0.25
 _BODY: Final = int(mujoco.mjtObj.mjOBJ_BODY)
 _STILL_M = 1e-4
 _STILL_SHARE = 1e-3
-"""Largest displacement of any point of an object at rest within `REST_S`, in m and as a share of
+"""Largest displacement of any point of an object at rest within `REST_S`, in m and as a fraction of
 the distance of its farthest corner: the ends of a beam move more. Poses are compared, not
 velocities, since a vibrating tool or an edge makes an object oscillate without displacing it: every
 12 ms, MuJoCo 4.0.0 finds one contact instead of four of a box that reaches over an edge, and turns
@@ -226,14 +226,14 @@ a bar of 30 mm by 1 mrad about its long axis, forever. Its edges move by less th
 class LeftStanding:
     """Referee for an object that an arm has released.
 
-    No sensor of the arm measures what becomes of the object. The referee uses the true state: it
+    No sensor of the arm measures what happens to the object. The referee uses the true state: it
     scores the outcome, and turns a false SUCCESS into a failure. No motion of the arm depends on
     it.
 
     Args:
         arm: Arm that releases the object.
         name: Name of the object, which is in the world.
-        still_share: Largest displacement of a point of it at rest, as a share of the distance of
+        still_share: Largest displacement of a point of it at rest, as a fraction of the distance of
             its farthest corner.
 
     Attributes:
@@ -367,8 +367,8 @@ def stands_without(arm: Arm, name: str) -> bool:
 _NARROWER_M: Final = 0.005  # opening below the object's width to which the fingers close
 _MET_M: Final = 0.0025  # opening above that at which they have met the object
 _BESIDE_M: Final = 0.005  # clearance of fingertips or lip from the placed object
-_LASTS_S: Final = 0.05  # for which the hold has to last: a drive pushes before its fingers move
-_FEELS_S: Final = 0.25  # in addition to the closing time; a vacuum is at 86 % after 0.1 s
+_LASTS_S: Final = 0.05  # required duration of the hold: a drive pushes before its fingers move
+_FEELS_S: Final = 0.25  # time in addition to the closing time; a vacuum reaches 86 % after 0.1 s
 
 
 def came_along(
@@ -376,10 +376,10 @@ def came_along(
 ) -> Generator[float, None, bool]:
     """Test with the gripper, after the retreat, whether the released object sticks to it.
 
-    An object that sticks to a pad is still between the pads: these close with their least force to
-    a little less than its width, and meet it or not. A cup sucks again: an object on its lip seals.
-    Weight is a weaker sign, since joint friction and model errors amount to 2 N in `lab`. An object
-    that hangs elsewhere on the hand is not detected.
+    An object that sticks to a pad is still between the pads: these close with their minimum force
+    to a little less than its width, and either touch it or not. A cup applies its vacuum again: an
+    object on its lip seals. Weight is a weaker sign, since joint friction and model errors amount
+    to 2 N in `lab`. An object that hangs elsewhere on the hand is not detected.
 
     The gripper is left in its final state. If the placed object still reaches between the pads,
     nothing is tested. Yields once per tick.
@@ -431,17 +431,17 @@ def _is_beyond(arm: Arm, name: str, lies: Pose) -> bool:
     return nearest > tip + _BESIDE_M
 
 
-_ROOM_M: Final = 0.01  # least opening on each side of the object at the release
+_ROOM_M: Final = 0.01  # minimum opening on each side of the object at the release
 _APART_M: Final = 0.003  # opening on each side of it at which the retreat begins
 _FREE_M: Final = 0.006  # height above the goal down to which the path must be free
-_LEARNED_S: Final = 0.15  # in which a compliant arm learns its friction before contact is possible
+_LEARNED_S: Final = 0.15  # time for a compliant arm to learn its friction before contact
 _BEHIND_M: Final = 0.001  # distance behind its set-point at which the tool has made contact
 _EXPECTED_M: Final = 0.0007  # height above the goal from which contact is expected
 _EXPECTED_M_S: Final = 0.0015  # highest speed from there on
-_LOWEST_M: Final = 0.008  # least height above the goal at which the descent begins
+_LOWEST_M: Final = 0.008  # minimum height above the goal at which the descent begins
 _CLEAR_M: Final = 0.003  # clearance to the height at which the descent is still free
-_LOWER: Final = (0.7, 0.5, 0.35, 0.25)  # fractions of the height that are tried if it is not free
-_TURN: Final = np.radians(15.0)  # step of the rotations that are tried for a round object
+_LOWER: Final = (0.7, 0.5, 0.35, 0.25)  # fractions of the height to try if it is not free
+_TURN: Final = np.radians(15.0)  # increment of the rotations to try for a round object
 _SAME_EDGE_M: Final = 1e-6  # difference of the edges of a square
 _UPRIGHT: Final = np.cos(np.radians(5.0))  # cosine of an axis about which rotations keep pads level
 _NEAR_M: Final = 0.0015  # height above the goal beyond which a contact may be joint friction
@@ -856,7 +856,7 @@ class SettingDown:
         return found
 
     def _height(self, tool: Pose) -> float:
-        """Height of the tool above a pose, by the encoders, m."""
+        """Height of the tool above a pose, from the encoders, m."""
         return float(self._arm.tool_pose.position[2] - tool.position[2])
 
     def _release(self, width: float, lies: Pose) -> Iterator[float | None]:
@@ -923,7 +923,7 @@ class SettingDown:
         self._test = came_along(arm, self._held, width, lies)
 
     def _continue_test(self, width: float) -> None:
-        """Go on with the test whether the object came along; open again at its end."""
+        """Continue the test whether the object stuck to the gripper; open again at its end."""
         if self._test is None or self._sticks is not None:
             return
         try:

@@ -53,7 +53,7 @@ def imported(file: Path) -> ModuleType:
 
 
 def import_error(error: BaseException, origin: str) -> ImportError:
-    """Error that says why ``origin`` cannot be imported.
+    """Error that states why ``origin`` cannot be imported.
 
     Raises:
         BaseException: The error itself, with a note, if it ends the import from outside.

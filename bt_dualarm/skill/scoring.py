@@ -26,15 +26,15 @@ SETTLE_S = 1.0
 """Seconds after the lock from which errors count: before, the tool is still approaching."""
 
 _NEAR_M = 0.3  # largest distance of the target from its estimate
-_STILL_M = 2e-4  # motion below which there is no lag
+_STILL_M = 2e-4  # with less motion, no lag is defined
 _MIN_SAMPLES = 8
-_MOST = 4608  # samples that are kept in full: a minute and a half
+_MOST = 4608  # samples kept at full rate: a minute and a half
 
 
 class TrackingScore:
     """Compares the tool's path with the target's true path, in the plane of tracking or in space.
 
-    A constant offset, the mean over all samples that count, is subtracted. Of a long motion only
+    A constant offset, the mean over all samples that count, is subtracted. For a long motion, only
     sums and a thinned path are kept, so memory stays bounded.
 
     Args:
@@ -225,7 +225,7 @@ def _points(numbers: array[float]) -> Matrix:
 
 
 def lag(leader: Matrix, follower: Matrix, period: float) -> float:
-    """Delay of the follower, s, by the shift of least difference; 0 if nothing moves.
+    """Delay of the follower, s, by the shift with the smallest difference; 0 if nothing moves.
 
     The mean difference over the overlap is used, since plain cross-correlation would favor small
     shifts, which overlap more.
@@ -393,7 +393,7 @@ class PathSums:
 
 
 def least_at(differences: Vector, period: float) -> float:
-    """Lag, s, of the least difference, by a parabola through it and its neighbors.
+    """Lag, s, with the smallest difference, by a parabola through it and its neighbors.
 
     Args:
         differences: Difference at each shift, from the most negative one on.

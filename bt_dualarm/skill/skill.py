@@ -53,7 +53,7 @@ STANDARD_FAILURES: Final[Mapping[str, str]] = {
     "STALE": "a set-point stream delivered nothing for 0.1 s",
     "INTERRUPTED": "the motion was stopped externally",
     "BUSY": "another leaf is moving the arm",
-    "DEADLOCK": "the arms in its way wait for this one",
+    "DEADLOCK": "the arms that block it are waiting for this one",
     "NO_GRIPPER": "the arm has no gripper",
     "UNKNOWN_POSE": "a pose is relative to an object whose pose the arm does not know",
     "NO_VALUE": "a blackboard key or an expression has no value of the right type",
@@ -67,7 +67,7 @@ _LONGEST: Final = 60  # characters of a value that a message shows
 _LARGEST: Final = int(sys.float_info.max)
 _NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_ .-]{0,59}")
 _BACKWARDS_S: Final = 1e-9  # rounding of summed time steps
-_LEAST_LENGTH: Final = 1e-6  # of a direction
+_LEAST_LENGTH: Final = 1e-6  # minimum length of a direction vector
 
 
 Record: TypeAlias = Callable[[str, npt.ArrayLike, npt.ArrayLike], None]

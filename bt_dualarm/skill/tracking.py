@@ -33,7 +33,7 @@ _BANDWIDTH = (40.0, 230.0)  # rad/s, least and largest
 _BANDWIDTH_PER_FPS = 5.0  # a higher one follows the noise of the estimate, a lower one lags
 _OLD_S = 0.06  # latency that halves the bandwidth
 _SHAKY_PX = 0.7  # camera shake that halves it
-_SLACK_M = 1.5e-4  # with an ideal camera
+_SLACK_M = 1.5e-4  # jump of the estimate with an ideal camera
 _CALM = 0.2  # with an ideal camera and sufficient jerk
 _CALM_JERK = (1e-2, 2e-3)  # m²/s⁵, with an ideal camera, and the least
 
@@ -82,7 +82,7 @@ def servo_gains(camera: GuardedCamera, jerk: float) -> ServoGains:
 SEARCH_SPEED = 0.1
 """Highest speed of the search, m/s."""
 
-_LEAST_M = 1e-4  # radius below which the search stays at its center
+_LEAST_M = 1e-4  # below this radius the search stays at its center
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,22 +115,22 @@ class Spiral:
         return around
 
 
-_WINDOW_S = 1.0  # of the mean error: two periods of an arm's slowest oscillation
-_WINDOW_FACTOR = 2.0  # by which one second may exceed the bound, as a corner of the path does
-_ARRIVED_S = 0.5  # within the bound after which the tool has arrived and does not just pass
-_FEWEST = 3  # sightings of a mean
-_PATIENT_LOSSES = 3  # without an arrival, each of which lets the approach begin anew
-_NEARER = 0.9  # fraction of the least error so far, below which the error has decreased
-_NEEDS_EVERY_S = 0.1  # at which they are sampled
+_WINDOW_S = 1.0  # window of the mean error: two periods of an arm's slowest oscillation
+_WINDOW_FACTOR = 2.0  # allowed excess of one second over the bound, as at a corner of the path
+_ARRIVED_S = 0.5  # time within the bound that distinguishes arriving from passing by
+_FEWEST = 3  # minimum number of sightings in a mean
+_PATIENT_LOSSES = 3  # losses before an arrival after which the approach may begin again
+_NEARER = 0.9  # below this fraction of the smallest error so far, the error has decreased
+_NEEDS_EVERY_S = 0.1  # sampling period
 _NEED_S = 1.0  # time constant of the mean squares of the target's velocity and acceleration
 _RESTING = 0.25  # spread of a target at rest, as a fraction of the error
-_AT_LIMIT = 0.9  # fraction of the arm's acceleration from which the arm limits the tracking
+_AT_LIMIT = 0.9  # above this fraction of its acceleration, the arm limits the tracking
 
 ERROR_SHARE: Final = 0.2
 """Default of the largest error, as a fraction of the target's width."""
 
 LEAST_ERROR_M: Final = 2e-3
-"""Least default of the largest error, m."""
+"""Minimum default of the largest error, m."""
 
 _UNKNOWN_SIZE_M = 0.05  # default before the size of the target is known
 
@@ -180,8 +180,8 @@ class FollowingError:
     While the tool approaches a target the error only has to decrease. Once it has stayed within the
     bound for half a second the tool has arrived. From then on, but at the latest ``patience`` after
     the start, the error counts until the end: its root mean square over all that time has to be
-    within the bound, that over any second within twice the bound. Time without the target counts,
-    too, by its path between the last sighting and the next one.
+    within the bound, that over any second within twice the bound. Time without the target counts
+    as well, with a path interpolated between two sightings.
 
     Args:
         bound: Largest root mean square, m; None for `ERROR_SHARE` of the target's width, at least
@@ -218,7 +218,7 @@ class FollowingError:
         self._last: float | None = None
         self._time = 0.0
         self._integrals = dict.fromkeys(ErrorCause, 0.0)
-        self._returns = False  # to a target that was out of view
+        self._returns = False  # whether the target was out of view
 
     @property
     def rms(self) -> float:
@@ -245,7 +245,7 @@ class FollowingError:
         self.arrived = False
 
     def postpone(self) -> None:
-        """Begin anew, unless errors count: the target is still where the arm need not follow."""
+        """Begin again, unless errors count: the target is still where the arm need not follow."""
         self._least = math.inf
         if self.counts_from is None:
             self._began = None
@@ -460,7 +460,7 @@ HOLD_S = 0.5
 
 _PATIENCE_FRAMES = 2
 _PREDICTIONS = 1024  # set-points that are kept to compare with late images: two seconds
-_SAME_TIME_S = 0.02  # between a prediction and a sighting that are compared
+_SAME_TIME_S = 0.02  # maximum time between a prediction and a sighting to compare
 _MISSED = 4096  # ticks without the target that are kept
 
 
@@ -659,7 +659,7 @@ def stale_after(latency: float, period: float) -> float:
     return latency + _PATIENCE_FRAMES * period
 
 
-_FACING = 0.5  # least cosine between the camera's axis and the plane's normal
+_FACING = 0.5  # minimum cosine between the camera's axis and the plane's normal
 _GIVEN_DEPTH = 3.0  # factor by which a given depth of the target may be wrong
 _MEASURED_DEPTH = 1.3  # the same of a measured depth
 
@@ -888,7 +888,7 @@ class PlaneTracking:
         ]
 
     def _middle_now(self) -> Vector:
-        """Point at the image center now, by the encoders, along the axes, of shape (k,), m."""
+        """Point at the image center now, from the encoders, along the axes, of shape (k,), m."""
         arm = self._arm
         view = arm.world.nominal[arm.name].camera_pose_at(arm.q)
         middle: Vector = self._axes @ view.apply(self._middle)

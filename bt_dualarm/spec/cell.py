@@ -1,8 +1,8 @@
 """What the trees of a file share: signals, zones and rendezvous, and the checks of their use.
 
 Each arm has its own blackboard. What arms share is declared in the section ``cell`` of the
-file, so that a check can tell from the file alone who may write what, who meets whom, and whether
-claims can block each other for good.
+file, so that a check of the file alone can determine which arms may write what, which meet, and
+whether claims can deadlock.
 """
 
 from __future__ import annotations
@@ -357,7 +357,7 @@ class CellCheck:
             hint = f"name another arm: {_listed(others)}" if others else ""
             yield node.port_problem((joint.partner,), message, hint)
             return
-        # Where one skill is done by several arms, each names all others.
+        # If several arms share one joint skill, each leaf names all others.
         members = frozenset({arm, *partners})
         for partner in partners:
             if partner in self.trees:  # otherwise another check reports it
@@ -485,14 +485,14 @@ class CellCheck:
     def _waits_for_good(self) -> Iterator[Problem]:
         """Returns meetings and awaited signals that never come, as each arm waits for another.
 
-        Only what every run does counts, as `LanguageNode.runs_all` says. An arm whose tree does
+        Only what every run does counts, as `LanguageNode.runs_all` defines. An arm whose tree does
         anything else at some point may do anything from there on.
         """
         ahead = {arm: _straight(root, self.node_types) for arm, root in self.trees.items()}
         waits = self._stalled({arm: nodes for arm, (nodes, _) in ahead.items()})
         finished = {arm for arm, (_, is_all) in ahead.items() if is_all and arm not in waits}
         stuck = {arm: node for arm, node in waits.items() if "timeout" not in node.ports}
-        while True:  # whoever waits for arms that may still come is not stuck
+        while True:  # an arm that waits for arms that may still come is not stuck
             blocked_by = {arm: self._blocked_by(arm, waits, finished | {*stuck}) for arm in stuck}
             if all(blocked_by.values()):
                 break
@@ -520,7 +520,7 @@ class CellCheck:
         return f"the signal '{node.ports['signal']}'"
 
     def _stalled(self, ahead: Mapping[str, Sequence[NodeSpec]]) -> dict[str, NodeSpec]:
-        """Returns the node at which each arm waits once no further one can go on."""
+        """Returns the node at which each arm waits once none can continue."""
         at = dict.fromkeys(ahead, 0)
         written = {name for name, one in self.cell.signals.items() if one.initial is not None}
         while True:
@@ -599,7 +599,7 @@ def _cycle(nested: Sequence[_Nested]) -> list[_Nested]:
     """Returns claims of different arms, of which each waits for what the next one holds.
 
     An arm does one thing after the other, so its own claims alone block nobody, and two of them
-    are not under way at the same time. Empty if there are none.
+    are never active at the same time. Empty if there are none.
     """
     first_of = {(one.arm, one.holds, one.wants): one for one in reversed(nested)}
     edges = [*reversed(first_of.values())]
@@ -661,7 +661,7 @@ def _straight(root: NodeSpec, node_types: Mapping[str, NodeType]) -> tuple[list[
         if node.kind in (MEET, AWAIT, SIGNAL):
             name = node.ports.get("at" if node.kind == MEET else "signal")
             if not isinstance(name, str) or is_dynamic(name):
-                return False  # another check reports what is no name
+                return False  # names that do not exist are reported by another check
             found.append(node)
             return "timeout" not in node.ports
         node_type = node_types.get(node.kind)

@@ -125,7 +125,7 @@ def _single(objects: Data) -> Data:
             continue
         try:
             count = ManySpec.model_validate(with_tuples(many)).count
-        except ValidationError:  # reported elsewhere; names are not to be reported as well
+        except ValidationError:  # reported elsewhere; do not report the names as well
             count = MOST_OF_A_KIND
         found |= dict.fromkeys(members(name, count), thing)
     return found
@@ -167,7 +167,8 @@ def check_tree(
         if node_type is not None and node.whole:
             yield from check_node(node, node_type, declared)
         elif node_type is not None and not isinstance(node_type, LanguageNode):
-            # The parser did not know the skill's shorthand; of the language it has reported this.
+            # The parser does not know a skill's shorthand; for language nodes it has already
+            # reported this.
             body = node.source.get((*node.path, node.kind))
             yield node.port_problem((), *not_a_body(node_type, body))
         elif node_type is None and complete:
@@ -184,7 +185,7 @@ def check_node(node: NodeSpec, node_type: NodeType, declared: Declared) -> Itera
     try:
         validate_literals(node_type.ports, ports)
     except ValidationError as error:
-        # What is most likely meant for one of these is explained so; they are listed nowhere else.
+        # Likely misspellings of these get a hint here; they are listed nowhere else.
         meant = {nearest(name, CONDITION_FIELDS) for name in ports} - {None}
         also = node_type.fields_besides_ports | {str(name) for name in meant}
         for found in explain(error, node_type.ports, ports, "port", also):
@@ -480,7 +481,7 @@ class Flow:
                 for key in keys_in(value)
             }
             if not all(writes.values()):
-                continue  # it is reported that they are never written
+                continue  # reported as never written
             above, written = _written(node, node_type, port)
             originals = dict(_dynamic_texts(written))
             types = {key: _common_type(each) for key, each in writes.items()}
@@ -561,7 +562,7 @@ class Flow:
                 whole = not path and reference_of(text) is not None
                 model = node_type.ports if whole else None
                 for key in keys_in(text):
-                    if KEY.fullmatch(key_name(key)):  # else the parser has refused it
+                    if KEY.fullmatch(key_name(key)):  # otherwise the parser has refused it
                         yield KeyRead(node, port, key, model, (*above, *path))
         for port in templates_of(node_type.ports):
             for match in REFERENCE.finditer(str(node.ports.get(port, ""))):
@@ -764,11 +765,11 @@ def drift_warnings(root: NodeSpec, node_types: Mapping[str, NodeType]) -> Iterat
 def _shifts_below(
     node: NodeSpec, node_types: Mapping[str, NodeType]
 ) -> Iterator[tuple[NodeSpec, float, str] | None]:
-    """Yields how far each leaf below a node moves the tool; None where the file does not tell."""
+    """Yields how far each leaf below a node moves the tool; None if unknown before the run."""
     for below in itertools.islice(node.walk(), 1, None):
         node_type = node_types.get(below.kind)
         if isinstance(node_type, LanguageNode):
-            is_repeated = node_type.repeats(below)  # which is warned of, if it drifts
+            is_repeated = node_type.repeats(below)  # which has its own warning, if it drifts
             if is_repeated or (len(below.children) > 1 and not node_type.runs_all(below)):
                 yield None
         elif node_type is not None:
@@ -805,7 +806,7 @@ def absent(file: TreeFile, source: Source, node_types: Mapping[str, NodeType]) -
         for port in node_types[node.kind].brings_in
     ]
     if any(map(is_dynamic, named)):
-        return  # what is spawned is known only in the run
+        return  # which object is spawned is known only at run time
     spawned = {value for value in named if isinstance(value, str)}
     objects = {name for name, item in file.objects.items() if not item.spawned} - spawned
     arms = {name for name, item in file.arms.items() if not item.spawned} - spawned

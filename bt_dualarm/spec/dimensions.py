@@ -1,6 +1,6 @@
 """Dimensions of values in expressions: what is known of a value before it is.
 
-A bare number in a port has the port's unit; a dimension says which units fit together.
+A bare number in a port has the port's unit; a dimension defines which units are compatible.
 """
 
 from __future__ import annotations

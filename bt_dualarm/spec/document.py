@@ -604,11 +604,11 @@ def expanded(
         groups.append(group)
         for name in group.names:
             if name in objects or name in found:
-                message = f"'{name}' is the name of an object already: rename one of the entries"
+                message = f"'{name}' is already the name of an object: rename one of the entries"
                 wrong.append((entry, message))
             found[name] = thing.model_copy(update={"many": None})
     if groups and len(found) > MOST_OBJECTS:
-        message = f"the file has {len(found)} objects with it; {MOST_OBJECTS} are the most"
+        message = f"with it, the file has {len(found)} objects; at most {MOST_OBJECTS} are allowed"
         wrong.append((groups[-1].entry, message))
     return found, tuple(groups), wrong
 

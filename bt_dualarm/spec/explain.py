@@ -294,7 +294,7 @@ def explain(
         model: Model of the whole data.
         data: Data that was validated.
         noun: Name for the fields of the top model: ``"port"`` or ``"field"``.
-        also: Names that are allowed beside the top model's fields.
+        also: Names that are allowed in addition to the top model's fields.
     """
     explainer = _Explainer(model, data, noun, also)
     # The members of a union each complain about the same value.
@@ -415,7 +415,7 @@ class _Explainer:
         return f"{details['msg'][:1].lower()}{details['msg'][1:]}", ""
 
     def _expectation(self, details: ErrorDetails) -> str:
-        """Returns what the value should be, to follow "expected"."""
+        """Returns what the value should be, as text after "expected"."""
         kind = details["type"]
         if kind == "literal_error":
             choices = _choices(details)

@@ -719,8 +719,8 @@ FUNCTIONS: Final[Mapping[str, Function]] = {
     "min": Function(min, 2, _MANY, "smallest of several numbers"),
     "max": Function(max, 2, _MANY, "largest of several numbers"),
     "round": Function(_rounded, 1, 2, "nearest whole number; `round(x, 2)`: to two digits"),
-    "floor": Function(math.floor, 1, 1, "largest whole number that is not greater"),
-    "ceil": Function(math.ceil, 1, 1, "smallest whole number that is not less"),
+    "floor": Function(math.floor, 1, 1, "largest integer that is not greater"),
+    "ceil": Function(math.ceil, 1, 1, "smallest integer that is not less"),
     "sqrt": Function(_root, 1, 1, "square root"),
     "sin": Function(lambda x: math.sin(math.radians(x)), 1, 1, "sine of an angle in degrees"),
     "cos": Function(lambda x: math.cos(math.radians(x)), 1, 1, "cosine of an angle in degrees"),
@@ -732,7 +732,9 @@ FUNCTIONS: Final[Mapping[str, Function]] = {
         "angle of the point (x, y) in degrees: `atan2(y, x)`",
     ),
     "norm": Function(_norm, 1, 1, "length of a vector", of_numbers=False),
-    "len": Function(_length, 1, 1, "number of items of a list, or of letters", of_numbers=False),
+    "len": Function(
+        _length, 1, 1, "number of items of a list, or of characters of a text", of_numbers=False
+    ),
     "text": Function(as_text, 1, 1, "a value as text: `'cube' + text({i})`", of_numbers=False),
 }
 """Functions by name."""

@@ -1,8 +1,8 @@
 """Faults that a file injects, to test what its trees do about them.
 
-One type for each kind of fault, told apart by ``kind``: leaves, joints with their drives and
+One type for each kind of fault, distinguished by ``kind``: leaves, joints with their drives and
 encoders, cameras, objects, the planner, and arms whose tree does not tick. Faults of hardware and
-of the world change the simulation; skills and controllers notice them by their sensors only.
+of the world change the simulation; skills and controllers notice them from their sensors only.
 """
 
 from __future__ import annotations
@@ -118,12 +118,12 @@ class FrozenJoint(FaultSpec):
 
 
 class WeakJoint(FaultSpec):
-    """A drive delivers only a share of the torque that it is commanded to."""
+    """A drive delivers only a fraction of the torque that it is commanded to."""
 
     kind: Literal["weak_joint"] = port(..., "Kind of the fault")
     arm: Name = port(..., "Arm that has the joint")
     joint: str = port(..., "Name of the joint in the robot's description")
-    strength: float = port(0.3, "Share of the commanded torque that is delivered", ge=0.0, lt=1.0)
+    strength: float = port(0.3, "Delivered fraction of the commanded torque", ge=0.0, lt=1.0)
 
     @property
     def sentence(self) -> str:
@@ -146,12 +146,12 @@ class LooseJoint(FaultSpec):
 
 
 class SaturatedDrive(FaultSpec):
-    """A drive reaches only a share of its effort limit."""
+    """A drive reaches only a fraction of its effort limit."""
 
     kind: Literal["saturated_drive"] = port(..., "Kind of the fault")
     arm: Name = port(..., "Arm that has the joint")
     joint: str = port(..., "Name of the joint in the robot's description")
-    limit: float = port(0.2, "Share of its effort limit that it reaches", ge=0.0, lt=1.0)
+    limit: float = port(0.2, "Fraction of its effort limit that it reaches", ge=0.0, lt=1.0)
 
     @property
     def sentence(self) -> str:
@@ -189,7 +189,7 @@ class DarkCamera(FaultSpec):
 
     kind: Literal["dark_camera"] = port(..., "Kind of the fault")
     arm: Name = port(..., "Arm that has the camera")
-    brightness: float = port(0.0, "Share of the brightness of its images", ge=0.0, lt=1.0)
+    brightness: float = port(0.0, "Fraction of the brightness of its images", ge=0.0, lt=1.0)
 
     @property
     def sentence(self) -> str:
@@ -256,18 +256,18 @@ class SwappedObject(FaultSpec):
 
     kind: Literal["swapped_object"] = port(..., "Kind of the fault")
     object: Name = port(..., "One object")
-    other: Name = port(..., "The object that it changes places with")
+    other: Name = port(..., "Object with which it swaps places")
 
     @model_validator(mode="after")
     def _are_two(self) -> Self:
         if self.object == self.other:
-            raise ValueError(f"{self.object} cannot change places with itself")
+            raise ValueError(f"{self.object} cannot swap places with itself")
         return self
 
     @property
     def sentence(self) -> str:
         """What happens to the objects."""
-        return f"{self.object} and {self.other} have changed places"
+        return f"{self.object} and {self.other} have swapped places"
 
 
 class RemovedObject(FaultSpec):
@@ -276,7 +276,7 @@ class RemovedObject(FaultSpec):
     refers: ClassVar[Mapping[str, str]] = {"object": "object"}
 
     kind: Literal["removed_object"] = port(..., "Kind of the fault")
-    object: Name = port(..., "Object that is taken away")
+    object: Name = port(..., "Object that is removed")
 
     @property
     def sentence(self) -> str:

@@ -56,7 +56,7 @@ class ConditionSpec(Value):
     apart: float = port(0.1, "Smallest distance from `distance_to`", unit="m", gt=0.0, le=100.0)
     joint: str | None = port(None, "Joint of the object whose position is `between` two others")
     between: _Positions | None = port(
-        None, "Least and largest position of `joint`, in degrees or in meters"
+        None, "Minimum and maximum position of `joint`, in degrees or in meters"
     )
     lasting: Duration = port(0.0, "Time for which it must hold until the end of the run", le=3600.0)
 

@@ -46,7 +46,7 @@ class JointSpec(Value):
     )
     range: tuple[_Limit, _Limit] = port(
         ...,
-        "Least and largest position; at 0 the parts are at their `pose`. In degrees, or in meters",
+        "Minimum and maximum position, in degrees or meters; at 0 the parts are at their `pose`",
     )
     at: float | None = port(
         None,
@@ -106,7 +106,7 @@ class JointSpec(Value):
 
     @property
     def limits(self) -> tuple[float, float]:
-        """Least and largest position, rad or m."""
+        """Minimum and maximum position, rad or m."""
         low, high = self.range
         return self.si(low), self.si(high)
 
@@ -181,7 +181,7 @@ def refuse_joints(joints: Mapping[str, JointSpec], parts: Collection[str]) -> No
         for part in joint.parts:
             if part not in parts:
                 hint = suggestion(part, parts, "part")
-                raise ValueError(f"joint '{name}' moves '{part}', which is no part ({hint})")
+                raise ValueError(f"joint '{name}' moves '{part}', which is not a part ({hint})")
             if part in movers:
                 raise ValueError(f"'{part}' is moved by two joints: {movers[part]} and {name}")
             movers[part] = name

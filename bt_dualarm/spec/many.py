@@ -52,7 +52,7 @@ class ManySpec(PortModel):
         unit="m",
     )
     gap: float = port(
-        0.01, "Least distance between the objects, except in a stack", unit="m", ge=0.0, le=1.0
+        0.01, "Minimum distance between the objects, except in a stack", unit="m", ge=0.0, le=1.0
     )
     yaw: float = port(
         180.0,
@@ -62,7 +62,7 @@ class ManySpec(PortModel):
         le=180.0,
     )
     sizes: tuple[_Size, _Size] | None = port(
-        None, "Least and largest size: each number is random between them", unit="m"
+        None, "Minimum and maximum size: each number is random between them", unit="m"
     )
     colors: Annotated[tuple[ObjectColor, ...], Field(min_length=1, max_length=20)] | None = port(
         None, "Colors of which each object has a random one"
@@ -75,7 +75,7 @@ class ManySpec(PortModel):
             if len(low) != len(high) or any(a > b for a, b in zip(low, high, strict=False)):
                 raise ValueError(f"sizes: {list(low)} is not the smaller one of {list(high)}")
         if self.count > MOST_OF_A_KIND:
-            raise ValueError(f"grid: {self.count} objects; {MOST_OF_A_KIND} are the most")
+            raise ValueError(f"grid: {self.count} objects; at most {MOST_OF_A_KIND} are allowed")
         if self.spacing is not None and self.grid and len(self.spacing) not in (1, len(self.grid)):
             raise ValueError("spacing: give one number, or one for each number of the grid")
         return self
@@ -96,7 +96,7 @@ class Group:
     Attributes:
         entry: Name of the entry.
         names: Names of the objects.
-        many: What the entry says about them.
+        many: What the entry declares about them.
     """
 
     entry: str

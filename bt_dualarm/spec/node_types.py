@@ -265,7 +265,7 @@ def port(
         ge: Smallest number.
         lt: Bound that the number must be less than.
         le: Largest number.
-        min_length: Least length of text or of a list.
+        min_length: Minimum length of text or of a list.
         max_length: Greatest length of text or of a list.
         pattern: Regular expression that text must match.
     """
@@ -492,7 +492,7 @@ _BETWEEN: Final = re.compile(r"\s*[x,; ]\s*")
 
 
 def list_of(text: str) -> str:
-    """Returns a hint with the list that text such as ``320x240`` stands for, else nothing."""
+    """Returns a hint with the list that text such as ``320x240`` stands for, otherwise nothing."""
     match = _NUMBERS.fullmatch(text)
     return f"as a list: [{', '.join(_BETWEEN.split(match[1]))}]" if match else ""
 
@@ -645,7 +645,7 @@ class NodeSpec:
 
     Attributes:
         kind: Name of its node type: ``sequence``, or a skill's name.
-        name: Name given by the author, else the kind.
+        name: Name given by the author, otherwise the kind.
         ports: Everything else that the node was given, as YAML data; parameters are filled in.
         children: Children in the order of the file.
         slots: Role of each child: ``children``, ``child``, ``condition``, a case, …

@@ -1,4 +1,4 @@
-"""Points of a plane path in a file beside the tree: CSV, or the first path of an SVG drawing.
+"""Points of a plane path in a file next to the tree: CSV, or the first path of an SVG drawing.
 
 Files may come from strangers: size and number of points are bounded, XML declares no entities, and
 nothing outside the tree file's folder is read.
@@ -107,7 +107,7 @@ def points_in(text: str, name: str) -> list[Point]:
 
     Args:
         text: Content of the file.
-        name: Its name, which tells its format.
+        name: Its name, which determines its format.
 
     Raises:
         ValueError: The content is invalid; the message has the line.

@@ -127,7 +127,7 @@ def _nearest(given: str, valid: tuple[str, ...]) -> str | None:
 
 
 def suggestion(given: str, valid: Iterable[str], noun: str) -> str:
-    """Returns a hint for an unknown name: the nearest valid name, else all of them."""
+    """Returns a hint for an unknown name: the nearest valid name, otherwise all of them."""
     names: Sequence[str] = sorted(valid)
     close = nearest(given, names)
     if close:

@@ -85,7 +85,7 @@ class Description:
         summary: One line.
         ports: Inputs in the order of their declaration.
         outputs: Values that it writes to the blackboard if the file names a key.
-        children: Fields for children, each with a text that says what it takes.
+        children: Fields for children, each with a text that states what it takes.
         shorthand: Port that a bare value stands for, empty if there is none.
         bare_child: Whether the child may be written in its place.
         exactly_one_of: Ports of which exactly one must be given, if there are such.
@@ -309,8 +309,8 @@ bounds and failure codes. Generated from the code; `make docs` updates it.
 
 In a file a node is its type with its ports: `circle: {radius: 0.1}`. Any port, or a
 part of it, may be `"{key}"`, a parameter or a blackboard key, or an [expression](expressions.md) of
-them, `"2 * {key}"`. `name:` beside the ports sets the displayed name; `skip_if`, `only_if` and
-`until` beside them take a [condition](ticking.md#preconditions-and-postconditions).
+them, `"2 * {key}"`. `name:` next to the ports sets the displayed name; `skip_if`, `only_if` and
+`until` next to them take a [condition](ticking.md#preconditions-and-postconditions).
 See also [how trees are ticked and halted](ticking.md), and the [robots and scenes](robots.md):
 joints, postures, camera mounts, reach, position of the table.
 """

@@ -62,8 +62,8 @@ SIZE_IN_WORDS: Final = (
 """Description of these numbers, which are in meters."""
 
 THINNEST_WALL: Final = 0.007
-"""Least wall of a round hollow shape as a share of its radius: its wall consists of at most 32 flat
-segments, which would be thinner at their edges than in their middle."""
+"""Minimum wall of a round hollow shape as a fraction of its radius: its wall consists of at most 32
+flat segments, which would be thinner at their edges than in their middle."""
 
 WALL_IN_WORDS: Final = (
     "Thickness of the walls of a hollow shape, by default 3 mm; of a table's top, 30 mm; or of the "

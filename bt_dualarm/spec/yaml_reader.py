@@ -312,7 +312,7 @@ def _syntax_problem(source: Source, text: str, error: yaml.YAMLError) -> Problem
         hint = _syntax_hint(what)
         began = getattr(error, "context_mark", None)
         if hint and began is not None and began.line != mark.line:
-            hint = f"{hint}; it began in line {began.line + 1}"
+            hint = f"{hint}; it began on line {began.line + 1}"
         return Problem(source.at(span), f"not YAML: {what}", hint)
     position = getattr(error, "position", 0) or 0
     before = text[:position].split("\n")
@@ -409,7 +409,7 @@ class _Reader:
             item_path = (*path, key)
             if key in items:
                 first = self.source.keys[item_path].line + 1
-                hint = f"it was first given in line {first}; keep one of the two"
+                hint = f"it was first given on line {first}; keep one of the two"
                 self._refuse(event, f"key '{key}' is given twice", hint, exact=True)
                 item_path = (*path, f"{key} (again)")
             elif isinstance(event, yaml.ScalarEvent):
@@ -439,7 +439,7 @@ class _Reader:
         elif not event.style and not _reads_as_text(text):
             hint = f'quote it if it is meant: "{text}"'
             if text.isdigit() and isinstance(after, int) and not isinstance(after, bool):
-                hint = f"numbers have a point, not a comma: {after}.{text}"
+                hint = f"use a decimal point, not a comma: {after}.{text}"
             self._refuse(event, f"key '{text}' is not text", hint, exact=True)
         return text
 
@@ -747,7 +747,7 @@ def _differences(
 
 
 def _whole(text: str, lines: Sequence[str], source: Source, path: DataPath, value: Data) -> _Piece:
-    """Replaces the whole value, from the end of its key on if it is in lines of its own."""
+    """Replaces the whole value, from the end of its key on if it is on lines of its own."""
     span = source.values[path]
     if _is_compact(text, lines, source, path):
         return _Piece(_begin(lines, span), _end(lines, span), flow_text(value))

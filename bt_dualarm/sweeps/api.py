@@ -83,7 +83,7 @@ def sweep(
         jobs: Number of worker processes; None for one per core.
         keep: Which records to keep: ``failures``, ``all`` or ``none``.
         until: Condition for ending early, ``ci<0.02``.
-        audit: Share of trials to confirm by a second run on another worker, 0 to 1.
+        audit: Fraction of trials to confirm by a second run on another worker, 0 to 1.
         shard: Part of the trials to run here, ``1/4`` to ``4/4``.
         sample: Sampler for parameters that are ranges, ``FROM:TO``.
         samples: Number of samples.
@@ -202,7 +202,7 @@ def engine_of(jobs: int | None, timeout: float | None, dask: str | None) -> Call
         raise SweepError(f"timeout: {timeout!r} is not a number of seconds above 0")
     if dask is not None:
         if jobs is not None:
-            raise SweepError("jobs and dask exclude each other: Dask decides how many run")
+            raise SweepError("jobs and dask are mutually exclusive: Dask decides how many run")
         return lambda: DaskEngine(dask, timeout)
     if jobs is not None and not 1 <= jobs <= 1024:
         raise SweepError(f"jobs: {jobs!r} is not a number of workers from 1 to 1024")
@@ -213,7 +213,7 @@ def _manifest_of(tree: Tree, given: dict[str, Any]) -> Manifest:  # Any: fields 
     """Manifest of a tree, or the one in a manifest file.
 
     Raises:
-        SweepError: The fields contradict each other, or are given beside a manifest file.
+        SweepError: The fields contradict each other, or are given in addition to a manifest file.
         SpecError: The manifest file has errors.
     """
     is_path = isinstance(tree, os.PathLike) or (isinstance(tree, str) and not is_yaml(tree))

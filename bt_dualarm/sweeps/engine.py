@@ -84,7 +84,7 @@ class Engine(Protocol):
         """Tasks that have finished since the last call; waits for the first for some seconds.
 
         Raises:
-            DualArmError: The engine cannot go on; the message says why.
+            DualArmError: The engine cannot continue; the message states why.
         """
 
     def close(self) -> None:
@@ -92,7 +92,7 @@ class Engine(Protocol):
 
 
 class WorkerDied(DualArmError):  # noqa: N818 - it reads as a sentence
-    """The process of a worker ended before its trial did; the message says how."""
+    """The process of a worker ended before its trial did; the message states how."""
 
 
 class Worker:
@@ -328,7 +328,7 @@ class DaskEngine:
             distributed: Any = import_module("distributed")
         except ImportError as error:
             raise SweepError("--dask needs Dask: pip install 'bt_dualarm[cluster]'") from error
-        # A preempted machine is no fault of the trials that were assigned to it.
+        # A preempted machine is not a fault of the trials that were assigned to it.
         dask.config.set({"distributed.scheduler.allowed-failures": 1000})
         self._timeout = timeout
         self._cluster = None

@@ -79,7 +79,7 @@ class FaultTrial:
 
     @property
     def is_handled(self) -> bool:
-        """Whether the task was done all the same."""
+        """Whether the task succeeded anyway."""
         return self.outcome == "SUCCESS"
 
     @property
@@ -129,7 +129,7 @@ class FaultCampaign:
 
     @property
     def coverage(self) -> float:
-        """Share of the leaves of all trees that ran in any of the trials."""
+        """Fraction of the leaves of all trees that ran in any of the trials."""
         leaves = sum(len(leaf_paths(root)) for root in self.trees.values())
         return sum(len(paths) for paths in self.reached.values()) / leaves
 
@@ -159,7 +159,7 @@ def inject_faults(
 
     Args:
         tree: Path or name of a tree, YAML text, or a mapping.
-        out: Output folder, as of a sweep; trials that have run before are kept.
+        out: Output folder, as for a sweep; trials that have run before are kept.
         engine: Returns the engine; the caller closes it.
         seed: Seed of all trials, and of the samples.
         pairs: Number of pairs of these faults to sample; a trial has one pair.
@@ -410,7 +410,7 @@ def _faults_of(
                 for phase in PHASES:
                     after = round(0.5 * (end - start), 3) if phase == "during" else 0.0
                     if phase == "during" and after <= 0.0:
-                        continue  # it takes no time: there is no middle
+                        continue  # it takes no time, so it has no middle
                     values = (arm, leaf, effect, phase, after)
                     found.append({f"{_PREFIX}{n}": v for n, v in zip(_FIELDS, values, strict=True)})
     return found
@@ -553,7 +553,7 @@ def _page(campaign: FaultCampaign) -> str:
         f"<title>Faults of {html.escape(campaign.title)}</title><style>{_STYLE}</style><main>"
         f"<h1>Faults of {html.escape(campaign.title)}</h1>"
         f"<p>{html.escape(summary_of(campaign))}.</p>"
-        "<p>✔ the task was done all the same; ✘ the run failed; ⚠ a rule was broken.</p>"
+        "<p>✔ the task succeeded anyway; ✘ the run failed; ⚠ a rule was broken.</p>"
         f"<table>{head}{''.join(rows)}</table>{_sample_tables(campaign)}</main></html>\n"
     )
 

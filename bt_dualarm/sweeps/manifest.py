@@ -460,7 +460,7 @@ def values_of(text: str) -> Values:
         else:
             parts[-1] += letter
     if depth or not all(part.strip() for part in parts):
-        raise SweepError(f"{text!r} is no list of values: FROM:TO:COUNT, or values with commas")
+        raise SweepError(f"{text!r} is not a list of values: FROM:TO:COUNT, or values with commas")
     return tuple(part.strip() for part in parts)
 
 

@@ -76,7 +76,7 @@ class FailureCause:
         cause: Kind of its cause, as ``bt-why`` names it.
         sentence: The cause of the first of these trials.
         count: Number of trials.
-        share: Share of all trials.
+        share: Fraction of all trials.
         identity: Identity of the first of these trials.
         trial: Its number.
         where: Values of parameters to which they are confined; empty if they occur everywhere.
@@ -107,7 +107,7 @@ class MetricSummary:
     values: Vector
 
     def quantile(self, share: float) -> float:
-        """Value that this share of trials does not exceed."""
+        """Value that this fraction of trials does not exceed."""
         return float(np.quantile(self.values, share))
 
 
@@ -263,7 +263,7 @@ class _Report:
             )
         crashed = sum(one.count for one in self.causes if one.code == "WORKER_DIED")
         if crashed:
-            self.notes.append(f"{crashed} trials have no result, as their workers died each time.")
+            self.notes.append(f"{crashed} trials have no result: their workers died each time.")
 
     def command(self, cause: FailureCause) -> str:
         """Command that repeats the first trial of a cause."""

@@ -32,7 +32,7 @@ class SuccessRate:
 
     @property
     def value(self) -> float:
-        """Share of successes; NaN without trials."""
+        """Fraction of successes; NaN without trials."""
         return self.successes / self.trials if self.trials else math.nan
 
     @property
@@ -118,12 +118,12 @@ class PairedRates:
 
     @property
     def difference(self) -> float:
-        """Success rate of the second version less that of the first."""
+        """Success rate of the second version minus that of the first."""
         total = self.both + self.only_a + self.only_b + self.neither
         return (self.only_b - self.only_a) / total if total else math.nan
 
     def runs_needed(self, power: float = 0.8) -> int | None:
-        """Pairs with which the present difference would be decided; None if there is none.
+        """Pairs with which the current difference would be decided; None if there is none.
 
         Connor, R. J. (1987), Biometrics 43, 207: the sample size of McNemar's test.
         """
@@ -149,7 +149,7 @@ class PairedMetric:
         mean_b: Mean of the second version.
         interval: Interval of the mean difference, second less first, at the confidence asked.
         differs: Whether the interval excludes zero.
-        needed: Pairs with which the present difference would be decided; None if there is none.
+        needed: Pairs with which the current difference would be decided; None if there is none.
     """
 
     name: str
@@ -162,7 +162,7 @@ class PairedMetric:
 
     @property
     def difference(self) -> float:
-        """Mean of the second version less that of the first."""
+        """Mean of the second version minus that of the first."""
         return self.mean_b - self.mean_a
 
 

@@ -78,7 +78,7 @@ class Progress:
 
     @property
     def left_s(self) -> float:
-        """Remaining wall-clock seconds at the present pace; infinity before the first trial."""
+        """Remaining wall-clock seconds at the current pace; infinity before the first trial."""
         new = self.done - self.known
         return (self.total - self.done) * self.running_s / new if new else math.inf
 
@@ -119,7 +119,7 @@ class StopCondition:
         """
         match = re.fullmatch(r"\s*ci\s*<\s*(0?\.\d+|1(?:\.0*)?)\s*", text)
         if match is None or float(match[1]) <= 0:
-            raise SweepError(f"{text!r} is no condition: ci<0.02 ends at an interval of 2 percent")
+            raise SweepError(f"{text!r} is not a condition: ci<0.02 ends at a 2 percent interval")
         return cls(float(match[1]))
 
 
@@ -133,7 +133,7 @@ class SweepResult:
             ``to_pylist()`` convert it.
         sha256: Hash of all results without the costs, the same for every engine and order.
         complete: Whether every trial of the manifest (of the shard) has a row.
-        enough: Whether the interval asked for was reached before all trials had run.
+        enough: Whether the requested interval was reached before all trials had run.
         progress: Counts.
         boundary: Boundary of success, if it was searched.
     """
@@ -183,7 +183,7 @@ def run_sweep(
         keep: Which records to keep, in `RECORDS` below the folder, named by the trial's identity.
         until: Condition for ending early. It is evaluated on the trials without a gap from the
             first on, so the result does not depend on the order in which they end.
-        audit: Share of the new trials to run again on another worker, 0 to 1.
+        audit: Fraction of the new trials to run again on another worker, 0 to 1.
         shard: Number of the shard to run, from 1, and the number of shards.
         stop: Request to end early; finished trials are kept.
         progress: Called after each change.
@@ -192,7 +192,7 @@ def run_sweep(
         SweepError: The folder cannot be written to, or an audit found another result.
     """
     if not 0.0 <= audit <= 1.0:
-        raise SweepError(f"{audit:g} is not a share of trials to audit, 0 to 1")
+        raise SweepError(f"{audit:g} is not a fraction of trials to audit, 0 to 1")
     stop = stop or StopRequest()
     store = RowStore(out)
     wanted = list(manifest.trials(shard))

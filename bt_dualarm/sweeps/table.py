@@ -38,7 +38,7 @@ def arrow() -> Any:  # Any: a module without types
     """The package pyarrow.
 
     Raises:
-        DualArmError: It is not installed; the message says how to install it.
+        DualArmError: It is not installed; the message states how to install it.
     """
     try:
         import pyarrow as pa
@@ -199,7 +199,7 @@ def read_rows(folders: Iterable[Path]) -> pa.Table | None:
             try:
                 tables.append(read_file(path))
             except SweepError:
-                if path.exists():  # else another process has merged it
+                if path.exists():  # otherwise another process has merged it
                     raise
     if not tables:
         return None

@@ -2,7 +2,7 @@
 
 A trial runs without a record, which would take time. If it does not succeed, it runs again with
 one, which gives its cause; as runs are bit-for-bit repeatable, the second run is the same, and if
-it is not, the row says so.
+it is not, the row is marked.
 """
 
 from __future__ import annotations
@@ -182,7 +182,7 @@ def _run(job: Job, record: Path | None) -> RunResult:
         faults={} if job.faults is None else checked_faults(file, job.faults),
     )
     if record is not None:
-        shutil.rmtree(record, ignore_errors=True)  # of a worker that died
+        shutil.rmtree(record, ignore_errors=True)  # left by a worker that died
     with Run(file, _registry(job.skills), options) as run:
         result = run.finish()
         if record is not None:
@@ -267,7 +267,7 @@ def _short(text: str) -> str:
 
 
 def _forget_peak() -> None:
-    """Let the peak of this process's memory begin anew, where Linux allows it."""
+    """Let the peak of this process's memory begin again, where Linux allows it."""
     with suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
 

@@ -30,7 +30,7 @@ def serve() -> None:
 
 
 def _read(requests: Connection, jobs: queue.SimpleQueue[Job | None]) -> None:
-    """Read jobs; end the process once the parent is gone, as nobody wants the result then."""
+    """Read jobs; end the process once the parent is gone, because nobody needs the result then."""
     try:
         while True:
             jobs.put(requests.recv())

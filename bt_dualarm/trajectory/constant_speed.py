@@ -23,11 +23,11 @@ _LONGER: Final = 1.3
 """Duration of the shortest ramp that is tried, s, and the ratio of one ramp to the next."""
 
 _SPACING_M: Final = 3e-4
-"""Least distance of samples, m: the third derivative of a spline amplifies the rounding of inverse
-kinematics with its inverse cube."""
+"""Minimum distance of samples, m: the third derivative of a spline amplifies the rounding of
+inverse kinematics with its inverse cube."""
 
 _SHARE: Final = 0.98
-"""Share of the joint limits that may be used: between set-points, derivatives vary a little."""
+"""Fraction of the joint limits that may be used: between set-points, derivatives vary a little."""
 
 
 def at_constant_speed(

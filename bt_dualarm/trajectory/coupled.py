@@ -18,17 +18,17 @@ from bt_dualarm.trajectory.set_points import PathParameter, ScaledPiece, SetPoin
 from bt_dualarm.trajectory.trajectory import Rows, SetPoints, Trajectory, joined
 
 _NEXT: float = 0.75
-"""Share of a period after which the motion advances: controllers may be half a period apart."""
+"""Fraction of a period after which the motion advances: controllers may be half a period apart."""
 
 _FADE_1_S: float = 60.0
 """Rate at which the velocity of a correction fades once the motion ends or brakes, 1/s: fast
 corrections cannot stop within one period without breaking the jerk limits."""
 
 _FADED: float = 1e-2
-"""Share of the limits below which what is left of it ends at once."""
+"""Fraction of the limits below which what is left of it ends at once."""
 
 _LONGEST_S: float = 1.0
-"""Longest time for which a correction goes on at the end of the trajectory, s."""
+"""Longest time for which a correction continues at the end of the trajectory, s."""
 
 Correction = Callable[[float], SetPoint]
 """Returns what is added to the set-points of all arms at a simulated time in s."""
@@ -54,7 +54,7 @@ class CoupledMotion:
         limits: Limits of all joints, side by side, which changes of the time scale keep.
         correction: Correction of the set-points, called once per period while the arms follow the
             motion; None for none. It begins at zero.
-        is_needed: Whether the correction has to go on at the end of the trajectory, before the
+        is_needed: Whether the correction must continue at the end of the trajectory, before the
             motion has ended; for `_LONGEST_S` at most.
     """
 
@@ -98,7 +98,7 @@ class CoupledMotion:
 
     @property
     def reached(self) -> float:
-        """Share of the motion that was sent, in [0, 1]; 0 before it begins."""
+        """Fraction of the motion that was sent, in [0, 1]; 0 before it begins."""
         return self.common.progress if self.has_begun else 0.0
 
     def source(self, arm: str) -> CoupledSource:
@@ -118,7 +118,7 @@ class CoupledMotion:
         """
         if not self.has_begun:
             self._following.add(arm)
-            # All begin in the next period: arms that were asked before would miss a set-point.
+            # All begin in the next period: arms that were updated before would miss a set-point.
             self._sent_at = time
         is_due = time - self._sent_at > _NEXT * self.trajectory.dt
         if is_due and self.has_begun and not self._is_cancelled:
@@ -260,7 +260,7 @@ class CoupledSource(TrajectorySource):
 
     @property
     def progress(self) -> float:
-        """Share of the motion that was sent, in [0, 1]."""
+        """Fraction of the motion that was sent, in [0, 1]."""
         return self._coupled.common.progress
 
     @property

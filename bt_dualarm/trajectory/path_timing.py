@@ -58,8 +58,8 @@ _NODES = 4000
 set-points change their times when time is stretched."""
 
 _NARROWEST = 2.0 / _NODES
-"""Least width of the average over a long motion, as a share of its duration: samples must not step
-over what happens within a width."""
+"""Minimum width of the average over a long motion, as a fraction of its duration: samples must not
+step over what happens within a width."""
 
 _ROUNDS = 10
 """Maximum number of redistributions of the acceleration along a path."""
@@ -285,7 +285,7 @@ class _Search:
         return best, stretch
 
     def _narrowest(self, profile: Profile) -> float:
-        """Least width of the average, s: one period, or more for a long motion."""
+        """Minimum width of the average, s: one period, or more for a long motion."""
         dt = self._dt
         duration = profile.duration
         return dt if duration <= LONG * dt else max(dt, _NARROWEST * duration)
@@ -300,7 +300,7 @@ class _Search:
             places, needed = self._stretch_needed(motion)
             stretch = float(needed.max())
             since += 1
-            # Less than 0.2 % is no improvement.
+            # Less than 0.2 % is not an improvement.
             if motion.unstretched * stretch < 0.998 * best.unstretched * least:
                 best = motion
                 least = stretch

@@ -318,7 +318,8 @@ def corner_curve(start: Vector, corner: Vector, end: Vector) -> Matrix:
         33 points from start to end, of shape (33, k).
     """
     # Control points at equal distances on both lines, three of them in a row on each: the second
-    # derivative vanishes at both ends, so that curvature is continuous where the lines go on.
+    # derivative vanishes at both ends, so that the curvature is continuous where the lines
+    # continue.
     t = _SHARE
     u = 1.0 - _SHARE
     toward = (start + corner) / 2.0

@@ -7,7 +7,7 @@ motion as planned) advances by r seconds per second. Set-points are then ``q(s)`
 
 - `SetPointLimiter` is the last stage before the control law: no set-point breaks a limit after it.
 - `OnlineStep` computes one step of a time-optimal motion toward a moving reference.
-- `feasible`, `stopping_distance` and `displacement_bound` tell what joints can still do.
+- `feasible`, `stopping_distance` and `displacement_bound` determine what joints can still do.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from bt_dualarm.trajectory.path_timing import solve_ruckig, stop
 from bt_dualarm.trajectory.trajectory import LongTrajectory, Rows, SetPoints, Trajectory, joined
 
 _HEADROOM = 0.9
-"""Share of the limits that a reference may use, so that the joint can catch up with it."""
+"""Fraction of the limits that a reference may use, so that the joint can catch up with it."""
 
 Flags: TypeAlias = npt.NDArray[np.bool_]
 """Booleans, one per joint, of shape (dof,)."""
@@ -131,7 +131,7 @@ class SetPointLimiter:
         known = np.isfinite(target).all(axis=0)
         goal = np.where(known, target, now)
         good = known & self._within(desired).all(axis=0) & feasible(self._rows, *goal)
-        # Toward the target where that is safe, else to rest. Joints that break no limit pass.
+        # Toward the target where that is safe, otherwise to rest. Joints that break no limit pass.
         step = self._step.toward(self._reachable(goal), now)
         safe = known & feasible(self._rows, *step)
         if not (safe | good).all():
@@ -196,7 +196,7 @@ class OnlineStep:
         before[1] -= goal[2] * dt
         request = self._request(now - before)
         request.target_position = request.target_velocity
-        # Limits of the relative motion: absolute ones less what the reference itself uses.
+        # Limits of the relative motion: absolute limits minus what the reference itself uses.
         request.max_velocity = (limits.velocity - goal[1]).tolist()
         request.min_velocity = (-limits.velocity - goal[1]).tolist()
         request.max_acceleration = (limits.acceleration - goal[2]).tolist()
@@ -303,7 +303,7 @@ _RUN_OUT_S = 0.8
 """Remaining time below which a motion that cannot be stopped may run to its end, s."""
 
 _JERK_SHARE = 0.9
-"""Share of the jerk limit for a change; rounding to the grid of set-points takes the rest."""
+"""Fraction of the jerk limit for a change; rounding to the grid of set-points takes the rest."""
 
 _SPARSE = 8.0
 """Spacing in set-points above which a long motion is evaluated one set-point at a time."""
@@ -321,7 +321,7 @@ _CATCH_UP = 4.0
 """Reduction of the time scale per second of lead, 1/s."""
 
 _LEAST_SHARE = 0.1
-"""Least share of its time scale to which a partner slows a motion down."""
+"""Minimum share of its time scale to which a partner slows a motion down."""
 
 _MAX_MEASURED = 8192
 """Largest number of measured tool positions that are stored until they are taken."""
@@ -393,7 +393,7 @@ class TrajectorySource:
 
     @property
     def progress(self) -> float:
-        """Share of the motion that was sent, in [0, 1]."""
+        """Fraction of the motion that was sent, in [0, 1]."""
         if self._ahead is not None:
             return min(self.parameter.s / max(self.trajectory.duration, 1e-9), 1.0)
         return self._next / len(self.trajectory)
@@ -420,7 +420,7 @@ class TrajectorySource:
         return Trajectory(rows.dt, rows.q[i:], rows.v[i:], rows.a[i:])
 
     def cap(self, most_scale: float) -> None:
-        """Reduce the largest time scale; before the first set-point also the present one."""
+        """Reduce the largest time scale; before the first set-point also the current one."""
         self.most_scale = most_scale
         if self._next == 0 and self._row == 0:
             # At rest, another time scale changes neither velocity nor acceleration.
@@ -563,8 +563,8 @@ class _Advance:
 
     Attributes:
         time: Simulated time, s.
-        share: Share of its largest time scale that its surroundings allow.
-        progress: Share of the motion that was sent.
+        share: Fraction of its largest time scale that its surroundings allow.
+        progress: Fraction of the motion that was sent.
     """
 
     time: float = -1.0
@@ -577,7 +577,7 @@ class ScalableStream(Protocol):
     """Stream that can be slowed down."""
 
     time_scale: float
-    """Share of its normal speed, in [0, 1]."""
+    """Fraction of its normal speed, in [0, 1]."""
 
 
 class StreamSource:
@@ -849,7 +849,7 @@ def _profile(begin: PathParameter, scale: float, bounds: tuple[float, float], dt
     grid = np.arange(int(np.ceil(motion.duration / dt - 1e-9)) + 1) * dt
     states = map(motion.at_time, np.minimum(grid, motion.duration).tolist())
     rows = np.array([(s[0], rate[0], change[0]) for s, rate, change in states])
-    # Ruckig holds the state at its end; the motion goes on from there.
+    # Ruckig holds the state at its end; the motion continues from there.
     rows[-1] = (rows[-1, 0] + max(grid[-1] - motion.duration, 0.0) * scale, scale, 0.0)
     return rows
 

@@ -29,7 +29,7 @@ _BLOCK = 1024
 """Number of set-points that are computed at a time."""
 
 _ROUNDING = 1e-9
-"""Share of a period below which a time is that of a set-point."""
+"""Fraction of a period below which a time is that of a set-point."""
 
 _SHARE_ROUNDING = 1e-9
 """Relative tolerance of a limit for floating-point rounding."""

@@ -31,12 +31,12 @@ from bt_dualarm.kinematics.chain_kernel_arrays import (
 from bt_dualarm.trajectory.kernel_arrays import Parabolas, PathOnGrid, Pieces, Spline
 
 SLOWING: Final = 0.1
-"""Least ratio of squared speeds from one grid point to the next, except for the last one. Without
+"""Minimum ratio of squared speeds from one grid point to the next, except for the last one. Without
 it, on a sharp bend, the largest speed of a grid point could be one from which the next one is
 reached at rest, and the arm would stop there."""
 
 _BELOW: Final = 1.0 - 1e-6
-"""Share of the largest squared speed of a grid point that is used: at that speed itself a single
+"""Fraction of the largest squared speed of a grid point that is used: at that speed itself a single
 acceleration is feasible, and where a joint almost reverses it may be a low one."""
 
 
@@ -47,7 +47,7 @@ def squares_of_rates(path: PathOnGrid, acceleration: Vector, share: Vector) -> V
     Args:
         path: Path on its grid of n points.
         acceleration: Joint acceleration limits, of shape (dof,), rad/s².
-        share: Share of them that may be used at each grid point, of shape (n,).
+        share: Fraction of them that may be used at each grid point, of shape (n,).
     """
     count, dof = path.slope.shape
     a = np.empty((count - 1, 2 * dof))
@@ -240,7 +240,7 @@ def write_joints(path: Spline, course: Matrix, v: Matrix, a: Matrix) -> None:
 def write_shares(
     v: Matrix, a: Matrix, step: float, limits: Matrix, most: float, shares: Matrix
 ) -> int:
-    """Write the share of its limits that a motion uses at each step, until one is too large.
+    """Write the fraction of its limits that a motion uses at each step, until one is too large.
 
     Velocities and accelerations count, and their changes until the next step.
 
@@ -311,8 +311,8 @@ def scale(
 
     Args:
         q: Positions of the motion, or of the part that is needed, of shape (m, dof), rad.
-        v: Velocities, likewise, rad/s.
-        a: Accelerations, likewise, rad/s².
+        v: Velocities, of the same shape, rad/s.
+        a: Accelerations, of the same shape, rad/s².
         first: Index of the first of these rows in the motion.
         count: Number of set-points of the motion.
         dt: Seconds between set-points.

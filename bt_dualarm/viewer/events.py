@@ -35,7 +35,7 @@ def rows_at(root: TimelineNode, time: float, notes: Iterable[Json] = ()) -> list
     Args:
         root: Root of the tree.
         time: Simulated time in s.
-        notes: Trace events of the record, which say what nodes wait for.
+        notes: Trace events of the record, which show what nodes wait for.
     """
     waits = {
         str(note["leaf"]): note

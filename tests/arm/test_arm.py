@@ -90,7 +90,7 @@ def test_only_one_leaf_moves_the_arm() -> None:
         lambda: bench.second.stream(lambda _: bench.controller.setpoint),
         lambda: next(bench.second.think()),
     ):
-        with pytest.raises(Failure, match="first is moving arm1 already") as caught:
+        with pytest.raises(Failure, match="first is already moving arm1") as caught:
             action()
         assert caught.value.code == "BUSY"
     bench.run(work)

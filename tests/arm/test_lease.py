@@ -24,7 +24,7 @@ def test_another_leaf_is_busy_and_says_who_is() -> None:
     stage = Stage()
     stage.first.take()
     for refused in (stage.second.take, stage.second.refuse_if_busy):
-        with pytest.raises(Failure, match="root/a is moving arm1 already") as caught:
+        with pytest.raises(Failure, match="root/a is already moving arm1") as caught:
             refused()
         assert caught.value.code == "BUSY"
         assert caught.value.numbers == {"owner": "root/a"}

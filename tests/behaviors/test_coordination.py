@@ -538,8 +538,8 @@ def test_meetings_in_branches_that_cross_are_a_deadlock(
         ("arm1", "PARTNER_GONE"),
     ]
     assert failures[0][2] == (
-        "these arms wait for each other for good: arm1 waits at 'one' for arm2 since 0.00 s; arm2 "
-        "waits at 'two' for arm1 since 0.00 s; arm2 gives way, as it began to wait last"
+        "these arms wait for each other indefinitely: arm1 waits at 'one' for arm2 since 0.00 s; "
+        "arm2 waits at 'two' for arm1 since 0.00 s; arm2 yields, as it began to wait last"
     )
 
 

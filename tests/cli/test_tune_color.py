@@ -74,7 +74,7 @@ def test_a_tree_is_looked_at_changed_and_checked(
         (["nothing.png"], "nothing.png: cannot be read"),
         (["visual_tracking", "--write"], "is shipped; copy it"),
         (["visual_tracking", "--arm", "arm9"], "there is no arm 'arm9'"),
-        (["visual_tracking", "--line", "1"], "no leaf in line 1"),
+        (["visual_tracking", "--line", "1"], "no leaf on line 1"),
         (["visual_tracking", "--posture", "look_ot"], "did you mean 'look_out'"),
         (["circle"], "no arm has one"),
     ],

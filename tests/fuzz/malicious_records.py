@@ -327,7 +327,7 @@ MALICIOUS: Final[dict[str, Edit]] = {
     "states of another world": _array("states", lambda array: array[:, :5]),
     "states of one number": _array("states", lambda array: array[:, 0]),
     "fewer states than rows": _array("states", lambda array: array[:3]),
-    "set-points that are no numbers": _array("arm:arm1", _set(0, 0, np.inf)),
+    "set-points that are not numbers": _array("arm:arm1", _set(0, 0, np.inf)),
     "set-points of half a joint": _array("arm:arm1", lambda array: array[:, :7]),
     "set-points of too many joints": _array("arm:arm1", lambda array: np.tile(array, (1, 4))),
     "set-points without joints": _array("arm:arm1", lambda array: array[:, :0]),

@@ -390,7 +390,7 @@ def test_many_episodes_log_nothing(reach: Any, caplog: pytest.LogCaptureFixture)
     [
         ({"tree": CELL}, "arm: the file has several; name one or more of arm1, arm2"),
         ({"tree": CELL, "arm": "arm3"}, "there is no arm 'arm3'; the file has arm1, arm2"),
-        ({"tree": CELL, "arm": ["arm1", "arm1"]}, "names no arm, or one twice"),
+        ({"tree": CELL, "arm": ["arm1", "arm1"]}, "must name arms of the file, each once"),
         ({"tree": REACH, "action": "torque"}, "action: 'torque' is neither 'joints' nor 'tool'"),
         ({"tree": REACH, "step": 0}, "step: 0 is not a number of seconds above 0"),
         ({"tree": REACH, "step": 11}, "step: 11 s is not from 0.002 to 10 s"),

@@ -86,7 +86,7 @@ def test_an_include_that_has_changed_since_is_taken_from_the_record(tmp_path: Pa
     found = check_record(record, REGISTRY)
     assert found.agrees
     (changed,) = found.changed
-    assert changed.endswith("parts.yaml, which the tree includes, is not what it was")
+    assert changed.endswith("parts.yaml, which the tree includes, has changed")
 
 
 def test_the_command_says_so(short: Record, capsys: pytest.CaptureFixture[str]) -> None:
@@ -109,14 +109,14 @@ def test_a_difference_is_code_1(
     assert cli.replay([str(other.folder), "--check"]) == 1
     out = capsys.readouterr().out
     assert "differs at step 0, 0.000 s" in out
-    assert "→ FAILURE at 0.000 s in the record; now arm1:sequence/set → SUCCESS at 0.000 s" in out
+    assert "→ FAILURE at 0.000 s in the record, now arm1:sequence/set → SUCCESS at 0.000 s" in out
 
 
 def test_without_a_record_it_is_code_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.replay([str(tmp_path), "--check"]) == 2
-    assert "holds no record" in capsys.readouterr().err
+    assert "contains no record" in capsys.readouterr().err
     assert cli.replay([str(tmp_path)]) == 2
-    assert "holds no record" in capsys.readouterr().err
+    assert "contains no record" in capsys.readouterr().err
     with pytest.raises(SystemExit) as ended:
         cli.replay([str(tmp_path), "--json"])
     assert ended.value.code == 2

@@ -173,7 +173,7 @@ def test_unknown_names_get_the_nearest(data: bt.RunData, name: str, message: str
 def test_what_is_no_record_is_refused(tmp_path: Path) -> None:
     with pytest.raises(DualArmError, match="there is no folder"):
         bt.load(tmp_path / "nowhere")
-    with pytest.raises(DualArmError, match=r"holds no record: there is no run\.history"):
+    with pytest.raises(DualArmError, match=r"contains no record: there is no run\.history"):
         bt.load(tmp_path)
 
 

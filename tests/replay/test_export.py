@@ -121,7 +121,7 @@ def test_what_cannot_be_written_is_code_2(
     )
     assert "No such file or directory" in capsys.readouterr().err
     assert cli.record(["export", str(tmp_path), "--html", str(tmp_path / "a.html")]) == 2
-    assert "holds no record" in capsys.readouterr().err
+    assert "contains no record" in capsys.readouterr().err
     with pytest.raises(SystemExit) as ended:
         cli.record(["export", str(failed.folder)])
     assert ended.value.code == 2

@@ -164,7 +164,7 @@ def test_nothing_is_overwritten_and_nothing_left_half(
 ) -> None:
     (tmp_path / "mine").write_text("")
     assert cli.record(["export", str(watching.folder), "--lerobot", str(tmp_path)]) == 2
-    assert "there is something already" in capsys.readouterr().err
+    assert "it already exists" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
 
 

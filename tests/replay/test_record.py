@@ -133,10 +133,10 @@ def test_cameras_and_what_they_found_are_noted(tmp_path: Path) -> None:
 def test_what_is_no_record_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ReplayError, match="there is no folder"):
         Record.read(tmp_path / "none")
-    with pytest.raises(ReplayError, match=r"holds no record: there is no run\.history in it"):
+    with pytest.raises(ReplayError, match=r"contains no record: there is no run\.history in it"):
         Record.read(tmp_path)
     (tmp_path / "run.history").write_bytes(b"bt_dualarm history 1\n")
-    with pytest.raises(HistoryError, match="the run had hardly begun"):
+    with pytest.raises(HistoryError, match="the run had barely begun"):
         Record.read(tmp_path)
 
 

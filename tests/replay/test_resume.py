@@ -71,7 +71,7 @@ def test_an_included_file_that_changed_counts_from_where_its_past_did(
         resumed(record, 0.5, REGISTRY, Changed())
     assert "arm1:sequence/aside/reach_to_pose began at" in str(refused.value)
     assert "has another offset now" in str(refused.value)
-    assert f"{parts}, which the tree includes, is not what it was" in str(refused.value)
+    assert f"{parts}, which the tree includes, has changed" in str(refused.value)
     parts.unlink()
     with resumed(record, 0.5, REGISTRY, Changed()) as run:
         assert run.finish().state_sha256 == record.end["state_sha256"]
@@ -111,4 +111,4 @@ def test_the_command_goes_on(
     assert cli.run(["--resume", place, "--record", str(short.folder)]) == 2
     assert "--record needs another folder" in capsys.readouterr().err
     assert cli.run(["--resume", f"{tmp_path}@1"]) == 2
-    assert "holds no record" in capsys.readouterr().err
+    assert "contains no record" in capsys.readouterr().err

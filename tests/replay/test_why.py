@@ -160,7 +160,7 @@ def test_what_is_no_record_is_code_2(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert cli.why([str(tmp_path / "none")]) == 2
     assert "there is no folder" in capsys.readouterr().err
     assert cli.why([str(tmp_path)]) == 2
-    assert "holds no record" in capsys.readouterr().err
+    assert "contains no record" in capsys.readouterr().err
 
 
 def test_a_record_that_was_cut_short_is_told_as_far_as_it_goes(

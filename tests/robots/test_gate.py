@@ -45,7 +45,7 @@ WRONG = {
     "a mass of nothing": (MASS, '<mass value="0"/>', "<mass", "has no mass"),
     "a negative mass": (MASS, '<mass value="-1"/>', "-1", "from 0 to 10000 kg, not -1"),
     "a mass as text": (MASS, '<mass value="heavy"/>', "heavy", "expected a number, not 'heavy'"),
-    "a comma": (MASS, '<mass value="0,5"/>', "0,5", "write 0.5: the decimal mark is a point"),
+    "a comma": (MASS, '<mass value="0,5"/>', "0,5", "write 0.5: use a decimal point"),
     "an axis of two": (AXIS, '<axis xyz="0 1"/>', "0 1", "<axis> xyz: expected 3 numbers, not 2"),
     "no axis": (AXIS, '<axis xyz="0 0 0"/>', "0 0 0", "has no direction"),
     "limits as text": (STOPS, '<limit lower="low" upper="2"/>', "low", "not 'low'"),

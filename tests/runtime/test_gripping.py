@@ -93,4 +93,4 @@ def test_a_page_that_is_wrong_is_said_with_its_own_lines(tmp_path: Path) -> None
     lines = [str(problem) for problem in problems]
     assert any("gripper 'claw.yaml' cannot be used" in line for line in lines)
     assert any("claw.yaml:3:" in line and "a box has 3 sizes" in line for line in lines)
-    assert any("claw.yaml:4:" in line and "the least comes first" in line for line in lines)
+    assert any("claw.yaml:4:" in line and "the smaller value comes first" in line for line in lines)

@@ -246,10 +246,10 @@ def test_the_pictures_world_has_the_same_state(file: TreeFile) -> None:
 
 
 REFUSED: dict[str, tuple[Callable[[World], object], str]] = {
-    "spawn what is there": (lambda w: w.spawn_arm("arm1"), "arm 'arm1' is present already"),
+    "spawn what is there": (lambda w: w.spawn_arm("arm1"), "arm 'arm1' is already present"),
     "spawn an object that is there": (
         lambda w: w.spawn_object("cube"),
-        "'cube' is present already",
+        "'cube' is already present",
     ),
     "spawn the unknown": (lambda w: w.spawn_arm("amr1"), "did you mean 'arm1'"),
     "spawn an unknown object": (lambda w: w.spawn_object("bal"), "did you mean 'ball'"),

@@ -85,7 +85,7 @@ def test_a_scheduler_that_is_not_there_is_said(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     with pytest.raises(SweepError, match="local:N needs a number"):
         bt.sweep("circle", out=tmp_path / "a", dask="local:none")
-    with pytest.raises(SweepError, match="exclude each other"):
+    with pytest.raises(SweepError, match="mutually exclusive"):
         bt.sweep("circle", out=tmp_path / "a", dask="local:2", jobs=2)
 
 

@@ -108,7 +108,7 @@ def test_of_several_leaves_one_is_named_by_its_line(tmp_path: Path, registry: Re
     path = write(tmp_path, "      sequence:\n        - track: {color: red}\n        - track")
     with pytest.raises(NoColorPortError, match=r"(?s)give --line N:\n.*:18:.*:19:"):
         IntoTree(path, "arm1", None, registry)(SAVED)
-    with pytest.raises(NoColorPortError, match="no leaf in line 1 looks for"):
+    with pytest.raises(NoColorPortError, match="no leaf on line 1 looks for"):
         IntoTree(path, "arm1", 1, registry)(SAVED)
     IntoTree(path, "arm1", 19, registry)(SAVED)
     lines = path.read_text(encoding="utf-8").splitlines()
