@@ -18,11 +18,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from benchmarks.measured_robots import MEASURED
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.core.errors import DualArmError, Failure
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
-from bt_dualarm.robots.robot_description import load_robot, robot_names
+from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.runtime.arm_runtime import IdleObserver
 from bt_dualarm.runtime.options import RunOptions
 from bt_dualarm.runtime.outcome import RunResult
@@ -156,7 +157,7 @@ def tree(seed: int) -> str:
     things = obstacles(rng, gap)
     arms = ""
     for name, x, yaw in (("arm1", 0.0, 0.0), ("arm2", gap, 180.0)):
-        robot = str(rng.choice(robot_names()))
+        robot = str(rng.choice(MEASURED))
         base = Pose.from_rpy((x, 0.0, 0.0), (0.0, 0.0, np.radians(yaw)))
         kinematics = Kinematics(load_robot(robot), base)
         leaves = ""

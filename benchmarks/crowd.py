@@ -14,12 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.crowd_members import Member, file_text, looking, tasks_of
+from benchmarks.measured_robots import MEASURED
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.behaviors.report import StatusChange
 from bt_dualarm.collision.distance import ArmDistance, BoundingSpheres, apart
 from bt_dualarm.core.errors import DualArmError
 from bt_dualarm.core.pose import Matrix
-from bt_dualarm.robots.robot_description import robot_names
 from bt_dualarm.runtime.arm_runtime import IdleObserver
 from bt_dualarm.runtime.outcome import ArmResult, Outcome
 from bt_dualarm.runtime.run import Run
@@ -111,7 +111,7 @@ def _drawn(
     name: str, side: float, waits: bool, rng: np.random.Generator, others: Sequence[Solo]
 ) -> Member | None:
     """An arm somewhere in a square, with tasks; None where another one stands."""
-    robot = str(rng.choice(robot_names()))
+    robot = str(rng.choice(MEASURED))
     x, y = rng.uniform(-side / 2, side / 2, 2).round(3).tolist()
     if any(np.hypot(x - one.member.xyz[0], y - one.member.xyz[1]) < _BASES_M for one in others):
         return None

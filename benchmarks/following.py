@@ -22,6 +22,7 @@ from collections import defaultdict
 from collections.abc import Iterator
 
 from benchmarks.following_trial import LOOKS, Outcome, Spot, follow
+from benchmarks.measured_robots import MEASURED
 from bt_dualarm.robots.robot_description import robot_names
 from bt_dualarm.skill.registry import Registry
 
@@ -54,7 +55,7 @@ def complaints(spot: Spot, found: Outcome) -> list[str]:
 def main(arguments: list[str]) -> int:
     """Print a line for each; the exit code."""
     parser = argparse.ArgumentParser(description="every arm before a cube")
-    parser.add_argument("--robot", nargs="+", default=list(robot_names()), choices=robot_names())
+    parser.add_argument("--robot", nargs="+", default=list(MEASURED), choices=robot_names())
     parser.add_argument("--fps", nargs="+", type=float, default=list(FPS))
     parser.add_argument("--motion", choices=("rest", "circle"), default="rest")
     parser.add_argument("--reality", choices=("ideal", "lab", "rough"), default="ideal")

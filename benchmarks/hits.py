@@ -19,6 +19,7 @@ from typing import Final
 
 import numpy as np
 
+from benchmarks.measured_robots import MEASURED
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.collision.checker import CollisionChecker
 from bt_dualarm.control.controller import JointController
@@ -210,7 +211,7 @@ def free(name: str, reality: str, seed: int, seconds: float, kinds: Mapping[str,
 def main() -> None:
     """Print two lines a robot and reality."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--robots", nargs="+", default=robot_names(), choices=robot_names())
+    parser.add_argument("--robots", nargs="+", default=MEASURED, choices=robot_names())
     parser.add_argument("--sets", nargs="+", default=["lab", "rough"])
     parser.add_argument("--hits", type=int, default=20)
     parser.add_argument("--free", type=float, default=60.0)

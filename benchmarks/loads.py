@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from benchmarks.measured_robots import MEASURED
 from bt_dualarm.arm.arm import SETTLED_RAD
 from bt_dualarm.arm.payload import PayloadCheck
 from bt_dualarm.behaviors.load import load_tree_file
@@ -27,7 +28,7 @@ from bt_dualarm.control.controller import OVERSPEED, JointController
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
-from bt_dualarm.robots.robot_description import load_robot, robot_names
+from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.safety.failsafe import Reservations
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
@@ -66,7 +67,7 @@ class Case:
 def cases(count: int, seed: int) -> Iterator[Case]:
     """Loads over robots and kinds in turn, as the seed draws them."""
     rng = np.random.default_rng(seed)
-    robots = robot_names()
+    robots = MEASURED
     for number in range(count):
         robot = robots[number % len(robots)]
         kind = KINDS[number // len(robots) % len(KINDS)]

@@ -20,12 +20,13 @@ import toppra
 import toppra.algorithm
 import toppra.constraint
 
+from benchmarks.measured_robots import MEASURED
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.core.pose import Matrix, Pose
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.planning.problem import joint_path
 from bt_dualarm.robots.robot import JointLimits, Robot
-from bt_dualarm.robots.robot_description import load_robot, robot_names
+from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.runtime.outcome import ArmResult
 from bt_dualarm.runtime.run import Run
 from bt_dualarm.skill.registry import Registry
@@ -134,7 +135,7 @@ def said(arm: ArmResult, shortest: float) -> str:
 def main() -> None:
     """Print a line for each robot and curve."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    names = ["ur5", *(name for name in robot_names() if name != "ur5")]
+    names = ["ur5", *(name for name in MEASURED if name != "ur5")]
     parser.add_argument("--robots", nargs="+", default=names, choices=names)
     parser.add_argument("--speed", type=float, default=1.0)
     arguments = parser.parse_args()

@@ -31,11 +31,12 @@ import mujoco
 import numpy as np
 
 from benchmarks.ik import CONVERGED, ITERATIONS, RESTARTS, Judge
+from benchmarks.measured_robots import MEASURED
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.kinematics.multi_arm import MultiArmKinematics, holding
 from bt_dualarm.kinematics.solver import EXACT, STEP
-from bt_dualarm.robots.robot_description import load_robot, robot_names
+from bt_dualarm.robots.robot_description import load_robot
 
 Configurations = Mapping[str, Vector]
 
@@ -199,7 +200,7 @@ def main() -> None:
     parser.add_argument("--targets", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
-    pairs = list(itertools.combinations_with_replacement(robot_names(), 2))
+    pairs = list(itertools.combinations_with_replacement(MEASURED, 2))
     judges: dict[tuple[str, str], PairJudge] = {}
     solvers = ["ours"] if importlib.util.find_spec("mink") is None else ["ours", "mink"]
     took: dict[str, list[float]] = {who: [] for who in solvers}

@@ -14,12 +14,13 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.measured_robots import MEASURED
 from bt_dualarm.collision.checker import CollisionChecker
 from bt_dualarm.core.errors import Failure, WorldError
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.planning.problem import PlanningProblem
-from bt_dualarm.robots.robot_description import load_robot, robot_names
+from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ArmSpec, ObjectSpec, TreeFile, WorldSpec
 from bt_dualarm.spec.node_types import NodeSpec
@@ -213,7 +214,7 @@ def ends(
 def scene_problems(seed: int) -> Iterator[tuple[str, World, PlanningProblem]]:
     """Kind and robot, world and problem of ``arm1``, for ever; kinds and arms take turns."""
     draw = np.random.default_rng(seed)
-    robots = {name: load_robot(name) for name in robot_names()}
+    robots = {name: load_robot(name) for name in MEASURED}
     while True:
         for name, robot in robots.items():
             scale = Kinematics(robot, Pose.identity()).bounding_ball[1] / REACH_M

@@ -23,6 +23,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from benchmarks.following_trial import LOOKS
+from benchmarks.measured_robots import MEASURED
 from benchmarks.track_anything import CAMERAS, MOTIONS, Case, Course, cases, course
 from benchmarks.vantage import BASE, Vantage, vantage
 from bt_dualarm.control.planar_servo import PlanarServo, PlaneTarget, plane_limits
@@ -125,7 +126,7 @@ def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser(description="the servo law alone")
     parser.add_argument("--trials", type=int, default=40)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--robot", nargs="+", default=list(robot_names()), choices=robot_names())
+    parser.add_argument("--robot", nargs="+", default=list(MEASURED), choices=robot_names())
     parser.add_argument("--motion", nargs="+", default=list(MOTIONS[:6]), choices=MOTIONS)
     parser.add_argument("--plane", nargs="+", default=list(LOOKS), choices=list(LOOKS))
     parser.add_argument("--camera", nargs="+", default=list(CAMERAS))

@@ -18,11 +18,11 @@ import coal
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from benchmarks.measured_robots import MEASURED
 from bt_dualarm.collision.checker import TOUCH, CollisionChecker
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.robots.meshes import as_stl, mesh_shapes, stl_triangles
 from bt_dualarm.robots.robot import Robot
-from bt_dualarm.robots.robot_description import robot_names
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ArmSpec, TreeFile, WorldSpec
 from bt_dualarm.spec.node_types import NodeSpec
@@ -133,7 +133,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=COUNT, help="configurations for each robot")
     count = parser.parse_args().count
-    for name in robot_names():
+    for name in MEASURED:
         world = world_of(name)
         robot = world.robots["arm1"]
         rng = np.random.default_rng(0)

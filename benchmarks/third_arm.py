@@ -12,9 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from benchmarks.measured_robots import MEASURED
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.core.share import share_dir
-from bt_dualarm.robots.robot_description import load_robot, robot_names
+from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.runtime.options import RunOptions
 from bt_dualarm.runtime.outcome import RunResult
 from bt_dualarm.runtime.run import Run
@@ -83,7 +84,7 @@ def places(count: int, seed: int) -> list[Place]:
         x, y = base + away * np.array((np.cos(angle), np.sin(angle)))
         if min(np.hypot(x - at[0], y - at[1]) for at in _BASES) < NEAREST_M:
             continue
-        robot = robot_names()[len(found) % len(robot_names())]
+        robot = MEASURED[len(found) % len(MEASURED)]
         yaw = round(float(rng.uniform(-180, 180)), 1)
         found.append(Place(robot, round(float(x), 3), round(float(y), 3), yaw))
     return found

@@ -31,6 +31,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from benchmarks.following_trial import DISTANCE_M, LOOKS
+from benchmarks.measured_robots import MEASURED
 from benchmarks.vantage import BASE, POSTURE, Vantage, vantage
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.core.errors import Failure
@@ -423,7 +424,7 @@ def summary(results: list[tuple[Case, Found]]) -> Iterator[str]:
     for case, found in results:
         for name in (case.robot, case.motion, f"{case.camera} {case.reality}", "all"):
             groups[name].append(found)
-    order = [*robot_names(), *MOTIONS, *sorted(name for name in groups if "/" in name), "all"]
+    order = [*MEASURED, *MOTIONS, *sorted(name for name in groups if "/" in name), "all"]
     for name in filter(groups.__contains__, order):
         all_found = groups[name]
         rms = 1e3 * np.array([one.rms for one in all_found])
@@ -450,7 +451,7 @@ def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser(description="following any motion")
     parser.add_argument("--trials", type=int, default=40)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--robot", nargs="+", default=list(robot_names()), choices=robot_names())
+    parser.add_argument("--robot", nargs="+", default=list(MEASURED), choices=robot_names())
     parser.add_argument("--motion", nargs="+", default=list(MOTIONS), choices=MOTIONS)
     parser.add_argument("--plane", nargs="+", default=list(LOOKS), choices=list(LOOKS))
     parser.add_argument("--reality", nargs="+", default=["lab", "rough"])

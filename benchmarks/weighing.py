@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from benchmarks.measured_robots import MEASURED
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.control.controller import JointController
 from bt_dualarm.core.errors import Failure
@@ -165,7 +166,7 @@ def swing(world: World, controller: JointController, posture: Vector) -> None:
 def main() -> None:
     """Print a line a robot."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--robots", nargs="+", default=robot_names(), choices=robot_names())
+    parser.add_argument("--robots", nargs="+", default=MEASURED, choices=robot_names())
     parser.add_argument("--set", default="lab")
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--loads", type=int, default=5)

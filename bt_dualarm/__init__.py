@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from bt_dualarm.core.errors import DualArmError as DualArmError
     from bt_dualarm.core.errors import Failure as Failure
     from bt_dualarm.core.errors import WorldError as WorldError
+    from bt_dualarm.core.free_axes import nearest_allowed as nearest_allowed
     from bt_dualarm.core.pose import Matrix as Matrix
     from bt_dualarm.core.pose import Pose as Pose
     from bt_dualarm.core.pose import Vector as Vector
@@ -149,6 +150,7 @@ if TYPE_CHECKING:
     from bt_dualarm.spec.values import ArmName as ArmName
     from bt_dualarm.spec.values import Color as Color
     from bt_dualarm.spec.values import Duration as Duration
+    from bt_dualarm.spec.values import FreeAxes as FreeAxes
     from bt_dualarm.spec.values import GripForce as GripForce
     from bt_dualarm.spec.values import GripSpeed as GripSpeed
     from bt_dualarm.spec.values import GripWidth as GripWidth
@@ -228,6 +230,7 @@ _CONTENTS: Final = {
     "CarriedPose": "spec.relative_pose:CarriedPose",
     "Color": "spec.values:Color",
     "Duration": "spec.values:Duration",
+    "FreeAxes": "spec.values:FreeAxes",
     "GripForce": "spec.values:GripForce",
     "GripSpeed": "spec.values:GripSpeed",
     "GripWidth": "spec.values:GripWidth",
@@ -259,6 +262,7 @@ _CONTENTS: Final = {
     "Trajectory": "trajectory.trajectory:Trajectory",
     "circle_path": "trajectory.paths:circle",
     "line_path": "trajectory.paths:line",
+    "nearest_allowed": "core.free_axes:nearest_allowed",
     "lissajous_path": "trajectory.paths:lissajous",
     "blended_path": "trajectory.paths:blended",
     "drawn_path": "trajectory.paths:drawn",

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import Literal
 
-from bt_dualarm import Angle, PathSkill, Plane, PortModel, Speed, circle_path, port
+from bt_dualarm import Angle, FreeAxes, PathSkill, Plane, PortModel, Speed, circle_path, port
 
 
 class Circle(PathSkill):
@@ -37,6 +37,7 @@ class Circle(PathSkill):
         )
         speed: Speed = PathSkill.SPEED
         tolerance: float = PathSkill.TOLERANCE
+        free: FreeAxes | None = PathSkill.FREE
 
     failures = PathSkill.failures | {
         "UNREACHABLE": "no configuration of the arm reaches the circle",
@@ -69,4 +70,4 @@ class Circle(PathSkill):
             direction=1 if ports.direction == "counterclockwise" else -1,
             tilt=ports.tilt,
         )
-        yield from self.along(path, to_center=ports.end == "center")
+        yield from self.along(path, to_center=ports.end == "center", free=ports.free or ())

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from bt_dualarm import PathSkill, Plane, PortModel, Speed, drawn_path, port
+from bt_dualarm import FreeAxes, PathSkill, Plane, PortModel, Speed, drawn_path, port
 
 Coordinate = Annotated[float, Field(ge=-2.0, le=2.0)]
 
@@ -33,6 +33,7 @@ class Draw(PathSkill):
         )
         speed: Speed = PathSkill.SPEED
         tolerance: float = PathSkill.TOLERANCE
+        free: FreeAxes | None = PathSkill.FREE
 
     failures = PathSkill.failures | {
         "INVALID_TARGET": "two successive points are equal, or an open curve is to be repeated",
@@ -66,4 +67,4 @@ class Draw(PathSkill):
             closed=ports.closed,
             repeats=ports.repeats,
         )
-        yield from self.along(path, to_center=ports.end == "center")
+        yield from self.along(path, to_center=ports.end == "center", free=ports.free or ())

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from bt_dualarm import (
     Failure,
+    FreeAxes,
     PathFile,
     PathSkill,
     Plane,
@@ -51,6 +52,7 @@ class FollowPath(PathSkill):
         )
         speed: Speed = port(0.5, "fraction of the arm's limits for the motion to the first point")
         tolerance: float = PathSkill.TOLERANCE
+        free: FreeAxes | None = PathSkill.FREE
 
     failures = PathSkill.failures | {
         "INVALID_TARGET": "there are fewer than two different points",
@@ -80,7 +82,7 @@ class FollowPath(PathSkill):
         path = blended_path([Pose(at, tool.quaternion) for at in positions], ports.blend)
         self.metrics["path_length_m"] = path.length
         self.metrics["tool_speed_m_s"] = ports.tool_speed
-        yield from self.along(path, tool_speed=ports.tool_speed)
+        yield from self.along(path, tool_speed=ports.tool_speed, free=ports.free or ())
 
     @classmethod
     def shift(cls, ports: Ports) -> tuple[float, str] | None:

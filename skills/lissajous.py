@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from bt_dualarm import Angle, PathSkill, Plane, PortModel, Speed, lissajous_path, port
+from bt_dualarm import Angle, FreeAxes, PathSkill, Plane, PortModel, Speed, lissajous_path, port
 
 Amplitude = Annotated[float, Field(ge=0, le=2.0)]
 Frequency = Annotated[int, Field(ge=1, le=20)]
@@ -42,6 +42,7 @@ class Lissajous(PathSkill):
         )
         speed: Speed = PathSkill.SPEED
         tolerance: float = PathSkill.TOLERANCE
+        free: FreeAxes | None = PathSkill.FREE
 
     failures = PathSkill.failures | {
         "INVALID_TARGET": "both amplitudes are 0",
@@ -78,4 +79,4 @@ class Lissajous(PathSkill):
             repeats=ports.repeats,
             tilt=ports.tilt,
         )
-        yield from self.along(path, to_center=ports.end == "center")
+        yield from self.along(path, to_center=ports.end == "center", free=ports.free or ())

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from bt_dualarm import (
+    FreeAxes,
     Keep,
     KeptPath,
     Offset,
@@ -14,6 +15,7 @@ from bt_dualarm import (
     Speed,
     ToolPose,
     line_path,
+    nearest_allowed,
     port,
 )
 
@@ -23,6 +25,7 @@ class MoveLinear(PathSkill):
 
     class Ports(PortModel):
         exactly_one_of = ("to", "offset")
+        at_most_one_of = ("free", "keep")
 
         to: ToolPose | None = port(
             None, "tool pose in the world; by default with its current orientation"
@@ -30,6 +33,7 @@ class MoveLinear(PathSkill):
         offset: Offset | None = port(None, "step from the current tool pose")
         speed: Speed = PathSkill.SPEED
         tolerance: float = PathSkill.TOLERANCE
+        free: FreeAxes | None = PathSkill.FREE
         keep: Keep | None = port(None, "limits that have to hold along the whole line")
 
     failures = {**PathSkill.failures, **KeptPath.failures}
@@ -39,9 +43,10 @@ class MoveLinear(PathSkill):
     def run(self) -> Iterator[float | None]:
         """Build the line from the current tool pose, follow it, measure the error."""
         tool = self.arm.commanded_tool_pose
-        path = line_path(tool, self._goal(tool))
+        free = self.ports.free or ()
+        path = line_path(tool, nearest_allowed(tool, self._goal(tool), free))
         if self.ports.keep is None:
-            yield from self.along(path)
+            yield from self.along(path, free=free)
             return
         kept = KeptPath(self.arm, self.ports.keep)
         kept.refuse_path(path.poses)

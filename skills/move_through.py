@@ -4,7 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bt_dualarm import PathSkill, PortModel, Speed, ToolPose, blended_path, port
+from bt_dualarm import (
+    FreeAxes,
+    PathSkill,
+    PortModel,
+    Speed,
+    ToolPose,
+    blended_path,
+    nearest_allowed,
+    port,
+)
 
 
 class MoveThrough(PathSkill):
@@ -26,6 +35,7 @@ class MoveThrough(PathSkill):
         )
         speed: Speed = PathSkill.SPEED
         tolerance: float = PathSkill.TOLERANCE
+        free: FreeAxes | None = PathSkill.FREE
 
     failures = PathSkill.failures | {
         "INVALID_TARGET": "two successive poses are equal",
@@ -36,8 +46,10 @@ class MoveThrough(PathSkill):
     def run(self) -> Iterator[float | None]:
         """Build the path from the current tool pose, follow it, measure the error."""
         ports = self.ports
+        free = ports.free or ()
         poses = [self.arm.commanded_tool_pose]
         for pose in ports.poses:
-            poses.append(pose.pose_from(poses[-1]))
+            before = poses[-1]
+            poses.append(nearest_allowed(before, pose.pose_from(before), free))
         path = blended_path(poses, ports.blend)
-        yield from self.along(path)
+        yield from self.along(path, free=free)

@@ -8,6 +8,7 @@ from typing import Literal
 from bt_dualarm import (
     Angle,
     Duration,
+    FreeAxes,
     Keep,
     KeptPath,
     Offset,
@@ -29,6 +30,7 @@ class ReachToPose(Skill):
 
     class Ports(PortModel):
         exactly_one_of = ("to", "offset", "posture")
+        at_most_one_of = ("free", "keep")
 
         to: ToolPose | None = port(
             None, "tool pose in the world; by default with its current orientation"
@@ -45,6 +47,9 @@ class ReachToPose(Skill):
         )
         speed: Speed = port(0.5, "fraction of the arm's limits")
         planner: Planner = port("RRTConnect", "planner to use if the straight path is blocked")
+        free: FreeAxes | None = port(
+            None, "rotations about the tool's own axes that `to` or `offset` leaves free"
+        )
         keep: Keep | None = port(None, "limits that the planner keeps along the whole path")
         tolerance: float = port(
             0.001, "largest position error at the end", unit="m", ge=1e-4, le=0.1
@@ -89,6 +94,7 @@ class ReachToPose(Skill):
             target,
             self.ports.tolerance,
             self.ports.angle_tolerance,
+            self.ports.free or (),
         )
 
     def _goals(self) -> tuple[list[Vector], Pose]:
@@ -100,4 +106,7 @@ class ReachToPose(Skill):
             return [q], arm.kinematics.forward(q)
         tool = arm.commanded_tool_pose
         target = ports.to.pose_from(tool) if ports.to else ports.offset.applied_to(tool)  # type: ignore[union-attr]  # one of the three is given
-        return arm.kinematics.solutions(target, arm.setpoint.q, prefer=ports.prefer), target
+        goals = arm.kinematics.solutions(
+            target, arm.setpoint.q, prefer=ports.prefer, free=ports.free or ()
+        )
+        return goals, target

@@ -33,6 +33,7 @@ from bt_dualarm.core.errors import (
     Number,
     SkillError,
 )
+from bt_dualarm.core.free_axes import FreeAxes, nearest_allowed
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics, refuse_beyond
 from bt_dualarm.kinematics.solver import Chain
@@ -782,10 +783,17 @@ class Arm(ArmState):
         """
         return self.line_after(self.setpoint.q, end)
 
-    def line_after(self, q: Vector, end: Pose) -> Matrix:
-        """Configurations as for `line_on`, from a configuration ``q`` instead of the set-point."""
+    def line_after(self, q: Vector, end: Pose, free: FreeAxes = ()) -> Matrix:
+        """Configurations as for `line_on`, from a configuration ``q`` instead of the set-point.
+
+        Args:
+            q: Configuration of shape (dof,), rad.
+            end: Pose of the tool in the world.
+            free: Rotations about the tool's axes that do not count on the line.
+        """
         start = self.kinematics.forward(q)
-        return self.kinematics.follow_on(line(start, end).poses, q)
+        poses = line(start, nearest_allowed(start, end, free)).poses
+        return self.kinematics.follow_on(poses, q, free=free)
 
     def time_path(self, q: Matrix, speed: float) -> Trajectory:
         """Time-parameterized motion through configurations of shape (n, dof), rad.

@@ -15,10 +15,12 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.free_axes import FreeAxes
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.kinematics.solver import (
     EXACT,
     NEAR,
+    NEARLY,
     SINGULAR_CONDITION,
     STEP,
     TOOL,
@@ -143,7 +145,24 @@ class Workspace(Chain):
 Preference: TypeAlias = Literal["nearest", "conditioned"]
 """Order of solutions: nearest to a given configuration first, or best conditioned first."""
 
-_TASKS = (FrameTask(TOOL),)
+
+class _Search:
+    """Search and continuations for targets that leave the same axes free.
+
+    Attributes:
+        multistart: Search for solutions of a target.
+        continuations: Continuations along a path, the preferred one first.
+    """
+
+    def __init__(self, chain: Chain, seed: int, free: FreeAxes) -> None:
+        tasks = (FrameTask(TOOL, free=free),)
+        self.multistart = Multistart(chain.bare, tasks, seed)
+        self.continuations = [self.multistart.continuation]
+        if self.multistart.redundant:
+            # Tried first: a redundant arm can often keep away from its limits all along a path.
+            roomy = Chain(chain.robot, chain.base, _PATH_ROOM)
+            self.continuations.insert(0, Continuation(roomy, STEP, tasks, redundant=True))
+
 
 _ROOM = 0.1
 """Distance to a position limit below which a well conditioned solution still comes last, rad."""
@@ -164,6 +183,9 @@ class Kinematics(Chain):
     All poses are of the tool frame in the world. Equal arguments give equal results (to 1e-8 rad),
     independent of earlier calls. Solutions keep the position limits. Not thread-safe.
 
+    ``free`` of a method names the rotations about the tool's axes that its targets leave free, see
+    `bt_dualarm.core.free_axes`; they become redundant, as the seventh joint of an arm.
+
     Args:
         robot: Robot description.
         base: Pose of its base link in the world.
@@ -172,16 +194,22 @@ class Kinematics(Chain):
 
     def __init__(self, robot: Robot, base: Pose, seed: int = 0) -> None:
         super().__init__(robot, base)
-        self._search = Multistart(self.bare, _TASKS, seed)
-        self._continuations = [self._search.continuation]
-        if self._search.redundant:
-            # Tried first: a redundant arm can often keep away from its limits all along a path.
-            roomy = Chain(robot, base, _PATH_ROOM)
-            self._continuations.insert(0, Continuation(roomy, STEP, _TASKS, redundant=True))
+        self._seed = seed
+        self._searches: dict[FreeAxes, _Search] = {(): _Search(self, seed, ())}
 
-    def residual(self, q: Vector, target: Pose) -> tuple[float, float]:
+    def _search(self, free: FreeAxes) -> _Search:
+        """Search for targets that leave these axes free; made when it is first needed."""
+        if free not in self._searches:
+            self._searches[free] = _Search(self, self._seed, free)
+        return self._searches[free]
+
+    def _possible(self, tolerance: Tolerance) -> Tolerance:
+        """A tolerance that the arm can keep: `NEARLY` of `EXACT` for fewer than six joints."""
+        return NEARLY if self.dof < 6 and tolerance == EXACT else tolerance
+
+    def residual(self, q: Vector, target: Pose, free: FreeAxes = ()) -> tuple[float, float]:
         """Distance in m and angle in rad between the tool at ``q`` and a target."""
-        return self._search.residuals(q, (target_matrix(target),))[0]
+        return self._search(free).multistart.residuals(q, (target_matrix(target),))[0]
 
     def solve(
         self,
@@ -189,6 +217,8 @@ class Kinematics(Chain):
         near: Vector,
         tolerance: Tolerance = EXACT,
         prefer: Preference = "nearest",
+        *,
+        free: FreeAxes = (),
     ) -> Vector:
         """Configuration, of shape (dof,), rad, with the tool on a target.
 
@@ -200,10 +230,10 @@ class Kinematics(Chain):
                 ``UNREACHABLE`` with the smallest residual found.
         """
         if prefer != "nearest":
-            return self.solutions(target, near, tolerance, prefer)[0]
+            return self.solutions(target, near, tolerance, prefer, free=free)[0]
         goals = (target_matrix(target),)
         self._refuse_outside(goals)
-        return self._found(goals, near, tolerance, near_enough=NEAR)[0]
+        return self._found(goals, near, tolerance, free, near_enough=NEAR)[0]
 
     def solutions(
         self,
@@ -213,6 +243,7 @@ class Kinematics(Chain):
         prefer: Preference = "nearest",
         *,
         every_branch: bool = False,
+        free: FreeAxes = (),
     ) -> list[Vector]:
         """Different configurations with the tool on a target, the preferred one first.
 
@@ -223,6 +254,7 @@ class Kinematics(Chain):
             prefer: Order of the solutions. With ``"conditioned"``, all starts are tried, and
                 solutions whose redundant joints were not moved toward ``near`` are included.
             every_branch: Try all starts, instead of stopping when three solutions are found.
+            free: Rotations that the target leaves free.
 
         Raises:
             Failure: As ``solve``.
@@ -230,11 +262,12 @@ class Kinematics(Chain):
         goals = (target_matrix(target),)
         every = every_branch or prefer == "conditioned"
         self._refuse_outside(goals)
-        found = self._found(goals, near, tolerance, every=every)
+        found = self._found(goals, near, tolerance, free, every=every)
         if prefer == "nearest":
             return found
-        if self._search.redundant:  # not only those that have been pulled toward ``near``
-            found += self._search.solutions(goals, near, tolerance, every=True, pull=False)[0]
+        search = self._search(free).multistart
+        if search.redundant:  # not only those that have been pulled toward ``near``
+            found += search.solutions(goals, near, tolerance, every=True, pull=False)[0]
         return sorted(found, key=lambda q: (self.room(q) < _ROOM, self.condition(q)))
 
     def _found(
@@ -242,16 +275,18 @@ class Kinematics(Chain):
         goals: Sequence[Matrix],
         near: Vector,
         tolerance: Tolerance,
+        free: FreeAxes,
         *,
         every: bool = False,
         near_enough: float = 0.0,
     ) -> list[Vector]:
         """Solutions, nearest first; arguments as in `Multistart.solutions`."""
-        found, closest = self._search.solutions(
-            goals, near, tolerance, every=every, near_enough=near_enough
+        search = self._search(free).multistart
+        found, closest = search.solutions(
+            goals, near, self._possible(tolerance), every=every, near_enough=near_enough
         )
         if not found:
-            raise unreachable(*self._search.residuals(closest, goals)[0])
+            raise unreachable(*search.residuals(closest, goals)[0], joints=self.dof, free=free)
         return sorted(found, key=lambda q: float(np.linalg.norm(q - near)))
 
     def follow(
@@ -261,6 +296,7 @@ class Kinematics(Chain):
         tolerance: Tolerance = EXACT,
         *,
         max_step: float = 0.2,
+        free: FreeAxes = (),
     ) -> Matrix:
         """Configurations, of shape (n, dof), along a path of the tool, without a jump.
 
@@ -275,13 +311,14 @@ class Kinematics(Chain):
             near: Configuration before the path, of shape (dof,), rad.
             tolerance: Tolerance of each pose's residual.
             max_step: Movement of a joint between two poses, in rad, that counts as a jump.
+            free: Rotations that every pose leaves free.
 
         Raises:
             Failure: ``INVALID_TARGET`` for an invalid pose, or one outside the workspace;
                 ``UNREACHABLE`` for the first pose; ``PATH_BROKEN`` with the largest ``fraction``
                 of the path that could be followed, or ``SINGULAR`` if a singularity ends it there.
         """
-        return next(self.branches_along(poses, near, tolerance, max_step=max_step))
+        return next(self.branches_along(poses, near, tolerance, max_step=max_step, free=free))
 
     def branches_along(
         self,
@@ -290,6 +327,7 @@ class Kinematics(Chain):
         tolerance: Tolerance = EXACT,
         *,
         max_step: float = 0.2,
+        free: FreeAxes = (),
     ) -> Iterator[Matrix]:
         """Configurations along a path in each branch in which the whole path can be followed.
 
@@ -310,7 +348,7 @@ class Kinematics(Chain):
         ends: list[Vector] = []
         others: list[_Followed] = []
         failed: list[tuple[Vector, list[Vector]]] = []
-        for start, rows in self._attempts(poses[0], goals, near, tolerance, max_step):
+        for start, rows in self._attempts(poses[0], goals, near, tolerance, max_step, free):
             if len(rows) < len(goals):
                 failed.append((start, rows))
                 continue
@@ -327,8 +365,8 @@ class Kinematics(Chain):
         if not ends:
             start, rows = max(failed, key=lambda attempt: len(attempt[1]))
             share = len(rows) / len(goals)
-            branches = len(failed) // len(self._continuations)
-            raise broken(self, (rows or [start])[-1], poses[len(rows)], share, branches)
+            branches = len(failed) // len(self._search(free).continuations)
+            raise broken(self, (rows or [start])[-1], poses[len(rows)], share, branches, free)
 
     def follow_on(
         self,
@@ -337,6 +375,7 @@ class Kinematics(Chain):
         tolerance: Tolerance = EXACT,
         *,
         max_step: float = 0.2,
+        free: FreeAxes = (),
     ) -> Matrix:
         """Configurations, of shape (n, dof), along a path, from a given configuration.
 
@@ -348,6 +387,7 @@ class Kinematics(Chain):
             start: Configuration of shape (dof,), rad.
             tolerance: Tolerance of each pose's residual.
             max_step: Movement of a joint between two poses, in rad, that counts as a jump.
+            free: Rotations that every pose leaves free.
 
         Raises:
             Failure: ``INVALID_TARGET`` for an invalid pose, or one outside the workspace;
@@ -359,14 +399,16 @@ class Kinematics(Chain):
         self._refuse_outside([goal for (goal,) in goals])
         longest: list[Vector] = []
         cramped: Matrix | None = None
-        for continuation in self._continuations:
+        search = self._search(free)
+        tolerance = self._possible(tolerance)
+        for continuation in search.continuations:
             within = continuation.mechanism
             if (
-                continuation is not self._search.continuation
+                continuation is not search.multistart.continuation
                 and not ((start >= within.lower) & (start <= within.upper)).all()
             ):
                 continue  # a start beyond the narrower limits would jump to them
-            rows = self._search.along(continuation, goals, start, tolerance, max_step)
+            rows = search.multistart.along(continuation, goals, start, tolerance, max_step)
             if len(rows) < len(goals):
                 longest = max(longest, rows, key=len)
                 continue
@@ -377,7 +419,7 @@ class Kinematics(Chain):
         if cramped is not None:
             return cramped
         share = (1 + len(longest)) / (1 + len(goals))
-        raise broken(self, (longest or [start])[-1], poses[1 + len(longest)], share, 1)
+        raise broken(self, (longest or [start])[-1], poses[1 + len(longest)], share, 1, free)
 
     def _attempts(
         self,
@@ -386,11 +428,15 @@ class Kinematics(Chain):
         near: Vector,
         tolerance: Tolerance,
         max_step: float,
+        free: FreeAxes,
     ) -> Iterator[tuple[Vector, list[Vector]]]:
         """Start and followed rows of each branch at the first pose with each continuation."""
-        for start in self._branches(first, near, tolerance):
-            for continuation in self._continuations:
-                yield start, self._search.along(continuation, goals, start, tolerance, max_step)
+        search = self._search(free)
+        tolerance = self._possible(tolerance)
+        for start in self._branches(first, near, tolerance, free):
+            for continuation in search.continuations:
+                rows = search.multistart.along(continuation, goals, start, tolerance, max_step)
+                yield start, rows
 
     def _rated(self, rows: Matrix) -> _Followed:
         """Quality of configurations along a path, of shape (n, dof), rad."""
@@ -418,9 +464,13 @@ class Kinematics(Chain):
                 reach_m=reach,
             )
 
-    def _branches(self, first: Pose, near: Vector, tolerance: Tolerance) -> Iterator[Vector]:
+    def _branches(
+        self, first: Pose, near: Vector, tolerance: Tolerance, free: FreeAxes
+    ) -> Iterator[Vector]:
         """Different solutions for the first pose: the nearest ones, then all others."""
-        return branches(lambda every: self.solutions(first, near, tolerance, every_branch=every))
+        return branches(
+            lambda every: self.solutions(first, near, tolerance, every_branch=every, free=free)
+        )
 
 
 @dataclass(frozen=True, eq=False)

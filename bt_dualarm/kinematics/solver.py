@@ -29,6 +29,7 @@ import mujoco
 import numpy as np
 
 from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.free_axes import FreeAxes, angle_to, pointing
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.robots.robot import Robot
 from bt_dualarm.sim.world import World
@@ -258,7 +259,9 @@ class Posture:
         return 1.0, ""
 
 
-def broken(arm: Chain, q: Vector, pose: Pose, fraction: float, branches: int) -> Failure:
+def broken(
+    arm: Chain, q: Vector, pose: Pose, fraction: float, branches: int, free: FreeAxes = ()
+) -> Failure:
     """Failure for a path that cannot be followed to its end.
 
     Args:
@@ -267,6 +270,7 @@ def broken(arm: Chain, q: Vector, pose: Pose, fraction: float, branches: int) ->
         pose: First pose that could not.
         fraction: Fraction of the path up to there.
         branches: Number of start configurations that were tried.
+        free: Rotations that the path leaves free.
 
     Returns:
         ``SINGULAR`` if the arm is singular at ``q``, otherwise ``PATH_BROKEN``.
@@ -282,6 +286,7 @@ def broken(arm: Chain, q: Vector, pose: Pose, fraction: float, branches: int) ->
     room = np.minimum(q - arm.lower, arm.upper - q)
     joint = int(np.argmin(room))
     why = f": {arm.robot.joints[joint]} is at its limit" if room[joint] < _AT_LIMIT else ""
+    why = why or _remedy(arm.dof, free)
     return Failure("PATH_BROKEN", how_far + why, **numbers)
 
 
@@ -406,6 +411,10 @@ class Tolerance:
 EXACT = Tolerance(1e-5, 1e-4)
 """Tolerance of solutions that motions are planned with."""
 
+NEARLY = Tolerance(1e-4, 5e-3)
+"""The same for an arm of fewer than six joints: its poses have no volume among all poses, so that
+it takes none exactly that was measured, as that of an object in its hand."""
+
 
 @dataclass(frozen=True)
 class FrameTask:
@@ -414,10 +423,21 @@ class FrameTask:
     Attributes:
         frame: Name of the frame.
         seen_from: Frame in which the target is given; None for the world.
+        free: Rotations of the frame that the target leaves free; only of a target in the world.
     """
 
     frame: str
     seen_from: str | None = None
+    free: FreeAxes = ()
+
+    def __post_init__(self) -> None:
+        if self.free and self.seen_from is not None:
+            raise ValueError("only a target in the world may leave axes free")
+
+    @property
+    def constraints(self) -> int:
+        """Number of coordinates that the target fixes."""
+        return 6 - len(self.free)
 
 
 class Multistart:
@@ -436,7 +456,7 @@ class Multistart:
     """
 
     def __init__(self, mechanism: Mechanism, tasks: Sequence[FrameTask], seed: int) -> None:
-        self.redundant = mechanism.dof > 6 * len(tasks)
+        self.redundant = mechanism.dof > sum(task.constraints for task in tasks)
         self.continuation = Continuation(mechanism, STEP, tasks, redundant=self.redundant)
         self._mechanism = mechanism
         self._tasks = tuple(tasks)
@@ -454,7 +474,7 @@ class Multistart:
             reached = mechanism.frame(task.frame)
             if task.seen_from is not None:
                 reached = np.linalg.inv(mechanism.frame(task.seen_from)) @ reached
-            found.append(residual_between(reached, goal))
+            found.append(residual_between(reached, goal, task.free))
         return found
 
     def holds(self, q: Vector, goals: Sequence[Matrix], tolerance: Tolerance) -> bool:
@@ -648,15 +668,30 @@ class Descent:
         self._solver = capped_solver(mechanism, step, _DAMPING)
         self._world = []
         self._relative = []
+        self._points = []
+        self._directions = []
         parts = []
         for number, aim in enumerate(tasks):
+            name = f"frame {number}"
+            if aim.free:
+                point = self._solver.add_position_task(aim.frame, np.zeros(3))
+                point.configure(name, "soft", 1.0)
+                self._points.append((number, point))
+                parts.append(point)
+                axis = pointing(aim.free)
+                if axis is not None:
+                    direction = self._solver.add_axisalign_task(aim.frame, axis, axis)
+                    direction.configure(f"{name} direction", "soft", 1.0)
+                    self._directions.append((number, axis, direction))
+                    parts.append(direction)
+                continue
             if aim.seen_from is None:
                 task = self._solver.add_frame_task(aim.frame, np.eye(4))
                 self._world.append((number, task))
             else:
                 task = self._solver.add_relative_frame_task(aim.seen_from, aim.frame, np.eye(4))
                 self._relative.append((number, task))
-            task.configure(f"frame {number}", "soft", 1.0, 1.0)
+            task.configure(name, "soft", 1.0, 1.0)
             parts += [task.position(), task.orientation()]
         self._norms = [part.error_norm for part in parts]
 
@@ -693,6 +728,10 @@ class Descent:
             task.T_world_frame = targets[number]
         for number, task in self._relative:
             task.T_a_b = targets[number]
+        for number, task in self._points:
+            task.target_world = targets[number][:3, 3]
+        for number, axis, task in self._directions:
+            task.targetAxis_world = targets[number][:3, :3] @ axis
         self._mechanism.set_state(start)
 
     def _state(self) -> Vector:
@@ -772,20 +811,44 @@ def target_matrix(target: Pose) -> Matrix:
     return target.matrix
 
 
-def residual_between(reached: Matrix, goal: Matrix) -> tuple[float, float]:
-    """Distance in m and angle in rad between two transforms, of shape (4, 4)."""
+def residual_between(reached: Matrix, goal: Matrix, free: FreeAxes = ()) -> tuple[float, float]:
+    """Distance in m and angle in rad between two transforms, of shape (4, 4).
+
+    Rotations in ``free`` do not count.
+    """
+    if free:
+        distance = float(np.linalg.norm(reached[:3, 3] - goal[:3, 3]))
+        return distance, angle_to(Pose.from_matrix(reached), Pose.from_matrix(goal), free)
     (a, b, c, x), (d, e, f, y), (g, h, i, z) = (reached - goal)[:3].tolist()
     # The Frobenius norm of the difference of two rotations is sqrt(8) sin(angle / 2).
     chord = math.hypot(a, b, c, d, e, f, g, h, i)
     return math.hypot(x, y, z), 2.0 * math.asin(min(1.0, chord / math.sqrt(8.0)))
 
 
-def unreachable(distance: float, angle: float) -> Failure:
-    """Failure for a target that the tool misses by a distance in m and an angle in rad."""
+def _remedy(joints: int, free: FreeAxes) -> str:
+    """What helps an arm with too few joints for a pose, for messages; empty for other arms."""
+    if joints >= 6 - len(free):
+        return ""
+    return (
+        f"; an arm of {joints} joints cannot take every orientation: "
+        "leave an axis of the tool free, as by free: [rz]"
+    )
+
+
+def unreachable(distance: float, angle: float, joints: int = 6, free: FreeAxes = ()) -> Failure:
+    """Failure for a target that the tool misses by a distance in m and an angle in rad.
+
+    Args:
+        distance: Distance in m.
+        angle: Angle in rad.
+        joints: Number of joints of the arm.
+        free: Rotations that the target leaves free.
+    """
+    digits = 1 if distance > 1e-4 or angle > 1e-3 else 4  # not "no closer than 0.0 mm and 0.0°"
     return Failure(
         "UNREACHABLE",
-        f"the tool gets no closer to the target than {1e3 * distance:.1f} mm "
-        f"and {np.rad2deg(angle):.1f}°",
+        f"the tool gets no closer to the target than {1e3 * distance:.{digits}f} mm "
+        f"and {np.rad2deg(angle):.{digits}f}°{_remedy(joints, free)}",
         residual_m=distance,
         residual_rad=angle,
     )

@@ -477,7 +477,7 @@ def joint_path(
     Raises:
         Failure: As ``Kinematics.follow``.
     """
-    once = arm.follow(path.poses, near, tolerance)
+    once = arm.follow(path.poses, near, tolerance, free=path.free)
     if path.closed:
         once[-1] = once[0]  # equal poses; removes the solver's rounding, below 1e-9 rad
     return np.vstack((once, *(once[1:] for _ in range(path.repeats - 1))))

@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from bt_dualarm.behaviors.language import LANGUAGE
 from bt_dualarm.behaviors.load import load
 from bt_dualarm.core.errors import CatalogError, Failure, OverlapError, RoomError, WorldError
+from bt_dualarm.core.free_axes import AXES, FreeAxes
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics, Workspace
 from bt_dualarm.robots.gripper import Gripper, Interval, gripper_names, load_gripper
@@ -375,12 +376,22 @@ def out_of_reach(
             fields = kinds[node.kind].ports.model_fields if node.kind in kinds else {}
             for port, declared in fields.items():
                 goal = metadata_of(declared, Goal)
-                complaint = reach.complaint(node.ports.get(port), goal) if goal else None
+                value = node.ports.get(port)
+                complaint = reach.complaint(value, goal, _free_axes(node)) if goal else None
                 if complaint and found < MOST_WARNINGS:
                     found += 1
                     message = f"{node.kind}: {port}: {complaint[0]}"
                     problem = node.port_problem((port,), message, complaint[1])
                     yield replace(problem, severity="warning")
+
+
+def _free_axes(node: NodeSpec) -> FreeAxes | None:
+    """Rotations that the poses of a node leave free; None if they are known only at run time."""
+    given = node.ports.get("free") or []
+    if not isinstance(given, list | tuple):
+        return None
+    free = tuple(axis for axis in AXES if axis in given)
+    return free if len(free) == len(given) else None
 
 
 def _diagonal(thing: ObjectSpec) -> float:
@@ -399,15 +410,17 @@ class _ReachCheck:
     base: PoseSpec
     longest: float
     bases: Mapping[str, PoseSpec]
-    _known: dict[tuple[PoseSpec, Goal], tuple[str, str] | None] = field(default_factory=dict)
+    _known: dict[tuple[PoseSpec, Goal, FreeAxes], tuple[str, str] | None] = field(
+        default_factory=dict
+    )
 
     def __post_init__(self) -> None:
         self._workspace: Workspace | None = None
         self._kinematics: Kinematics | None = None
 
-    def complaint(self, value: Data, goal: Goal) -> tuple[str, str] | None:
+    def complaint(self, value: Data, goal: Goal, free: FreeAxes | None) -> tuple[str, str] | None:
         """Message and hint for a pose in YAML notation; None if it can be reached."""
-        if value is None or is_dynamic(value):
+        if value is None or is_dynamic(value) or free is None:
             return None
         relative = relative_pose(value)
         if relative is not None:
@@ -420,14 +433,14 @@ class _ReachCheck:
                 pose = PoseSpec.model_validate(with_tuples(value))
             except ValidationError:
                 return None  # a part of it is a blackboard key
-        key = (pose, goal)
+        key = (pose, goal, free)
         if key not in self._known:
             if len(self._known) >= MOST_POSES:
                 return None
-            self._known[key] = self._checked(pose, goal)
+            self._known[key] = self._checked(pose, goal, free)
         return self._known[key]
 
-    def _checked(self, pose: PoseSpec, goal: Goal) -> tuple[str, str] | None:
+    def _checked(self, pose: PoseSpec, goal: Goal, free: FreeAxes) -> tuple[str, str] | None:
         point = np.array(pose.xyz)
         distance = float(np.linalg.norm(point - self.base.pose.position))
         hint = f"it is {distance:.2f} m from the arm's base"
@@ -437,8 +450,13 @@ class _ReachCheck:
             message = f"out of reach of {self.arm}: its tool cannot get closer than {nearest}"
             return message, hint
         turned = pose.rpy or pose.quat or pose.look_at
-        if goal.carried or turned is None or self._has_configuration(pose):
+        if goal.carried or turned is None or self._has_configuration(pose, free):
             return None
+        if self.robot.dof < 6 - len(free):
+            hint = (
+                f"the {self.robot.dof} joints of {self.robot.name} cannot take every orientation: "
+                "leave an axis of the tool free, as by free: [rz]"
+            )
         return f"{self.arm} reaches this point, but not in this orientation", hint
 
     def _position_gap(self, point: Vector) -> float:
@@ -446,11 +464,11 @@ class _ReachCheck:
             self._workspace = Workspace(self.robot, self.base.pose)
         return self._workspace.gap(point)
 
-    def _has_configuration(self, pose: PoseSpec) -> bool:
+    def _has_configuration(self, pose: PoseSpec, free: FreeAxes) -> bool:
         if self._kinematics is None:
             self._kinematics = Kinematics(self.robot, self.base.pose)
         try:
-            self._kinematics.solve(pose.pose, self.robot.postures["home"])
+            self._kinematics.solve(pose.pose, self.robot.postures["home"], free=free)
         except Failure:
             return False
         return True

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Generator, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import degrees
 from typing import Any, ClassVar, TypeAlias
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.core.errors import Failure, Number
+from bt_dualarm.core.free_axes import FreeAxes, angle_to
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.planning.problem import joint_path, trace
 from bt_dualarm.skill.grip import held_through
@@ -25,7 +26,12 @@ from bt_dualarm.trajectory.trajectory import Trajectory
 
 
 def check_arrival(
-    what: str, pose: Pose, goal: Pose, tolerance: float, angle_tolerance: float
+    what: str,
+    pose: Pose,
+    goal: Pose,
+    tolerance: float,
+    angle_tolerance: float,
+    free: FreeAxes = (),
 ) -> dict[str, Number]:
     """Position and angle error of a reached pose, as metrics.
 
@@ -35,12 +41,13 @@ def check_arrival(
         goal: Goal pose in the world.
         tolerance: Largest position error, m.
         angle_tolerance: Largest angle error, rad.
+        free: Rotations about the axes of what has moved that the goal leaves free.
 
     Raises:
         Failure: ``NOT_REACHED`` if an error exceeds its tolerance.
     """
     away = pose.distance(goal)
-    turn = pose.angle(goal)
+    turn = angle_to(pose, goal, free)
     metrics: dict[str, Number] = {"position_error_m": away, "angle_error_rad": turn}
     if away > tolerance or turn > angle_tolerance:
         raise Failure(
@@ -261,7 +268,7 @@ class _Plan:
         grip_scale = arm.grip_pace
         leave = None
         if end is not None and not _is_at(path.end, end):
-            leave = _straight(arm, motion.end, end, speed)
+            leave = _straight(arm, motion.end, end, speed, path.free)
         return cls(motion, shortest, grip_scale, leave, ramp)
 
     @property
@@ -318,7 +325,7 @@ def _enter(
         entry = None
         if away < _SAME_BRANCH:
             try:
-                entry = _straight(arm, arm.setpoint.q, path.start, speed, start)
+                entry = _straight(arm, arm.setpoint.q, path.start, speed, path.free, start)
             except Failure as failure:
                 if failure.code not in ("PATH_BROKEN", "SINGULAR"):
                     raise
@@ -331,7 +338,12 @@ def _enter(
 
 
 def _straight(
-    arm: Arm, q: Vector, end: Pose, speed: float, last: Vector | None = None
+    arm: Arm,
+    q: Vector,
+    end: Pose,
+    speed: float,
+    free: FreeAxes,
+    last: Vector | None = None,
 ) -> Trajectory | None:
     """Motion of the tool on a straight line from a configuration to a pose, in the same branch.
 
@@ -340,12 +352,13 @@ def _straight(
         q: Start configuration, of shape (dof,), rad.
         end: Last pose of the tool, in the world.
         speed: Fraction of its limits.
+        free: Rotations about the tool's axes that do not count on the line.
         last: Exact end configuration, of shape (dof,), rad; None for any.
 
     Returns:
         The motion; None if the line ends in a posture other than that of ``last``.
     """
-    rows = arm.line_after(q, end)
+    rows = arm.line_after(q, end, free)
     if last is not None:
         if float(np.abs(rows[-1] - last).max()) > _SAME_POSTURE:
             return None
@@ -357,12 +370,13 @@ def _straight(
 class PathSkill(Skill):
     """Base of skills that build a path and move the tool along all of it or nothing.
 
-    A subclass declares the ports ``speed`` and ``tolerance`` with the declarations given here,
-    builds its path in `run`, and follows it with `along`.
+    A subclass declares the ports ``speed``, ``tolerance`` and ``free`` with the declarations given
+    here, builds its path in `run`, and follows it with `along`.
 
     Attributes:
         SPEED: Declaration of the port ``speed``.
         TOLERANCE: Declaration of the port ``tolerance``.
+        FREE: Declaration of the port ``free``.
     """
 
     # Any: a declaration stands for a value of the type that the port's own annotation names.
@@ -376,6 +390,9 @@ class PathSkill(Skill):
         ge=1e-4,
         le=0.1,
     )
+    FREE: ClassVar[Any] = port(
+        None, "rotations about the tool's own axes that do not count, by default none"
+    )
     failures: ClassVar[dict[str, str]] = {
         "SINGULAR": "the path leads through a singularity of the arm; nothing was executed",
         "PATH_BROKEN": "the arm can follow only a part of the path; nothing was executed",
@@ -388,7 +405,12 @@ class PathSkill(Skill):
     needs = ("scipy.interpolate",)
 
     def along(
-        self, path: CartesianPath, *, to_center: bool = False, tool_speed: float | None = None
+        self,
+        path: CartesianPath,
+        *,
+        to_center: bool = False,
+        tool_speed: float | None = None,
+        free: FreeAxes = (),
     ) -> Iterator[float | None]:
         """Move to the start of a path and along it; adds the measured errors to the metrics.
 
@@ -396,12 +418,13 @@ class PathSkill(Skill):
             path: Path of the tool, in the world.
             to_center: Whether the tool moves on to the curve's center, on a straight line.
             tool_speed: Constant speed of the tool, m/s; None for as fast as ``speed`` allows.
+            free: Rotations about the tool's axes that do not count anywhere on the path.
 
         Raises:
             Failure: As `follow_curve` and, with a held object, as `held_through`.
         """
         end = path.center if to_center else None
-        following = self._follow(path, end, tool_speed)
+        following = self._follow(replace(path, free=free), end, tool_speed)
         self.metrics |= yield from held_through(self.arm, following)
 
     def _follow(

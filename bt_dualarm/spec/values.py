@@ -22,6 +22,8 @@ from pydantic import (
     model_validator,
 )
 
+from bt_dualarm.core.free_axes import AXES
+from bt_dualarm.core.free_axes import FreeAxes as _FreeAxes
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.spec.node_types import DEGREES, QUANTITY, SECONDS, STRICT, PortModel, Unit, port
 from bt_dualarm.spec.problems import suggestion
@@ -112,6 +114,23 @@ Tilt: TypeAlias = Annotated[
     Unit("deg", DEGREES),
 ]
 """Half-width of a cone, radians; in YAML degrees. Below half a degree no arm can keep it."""
+
+
+def _none_one_or_all(free: _FreeAxes) -> _FreeAxes:
+    if len(set(free)) < len(free):
+        raise ValueError(f"names {', '.join(free)}: each once")
+    if len(free) == 2:
+        raise ValueError(
+            f"leave one of {' and '.join(free)} free, or all of {', '.join(AXES)}: what two turns "
+            "allow depends on their order"
+        )
+    return free
+
+
+FreeAxes: TypeAlias = Annotated[
+    _FreeAxes, Field(max_length=len(AXES)), AfterValidator(_none_one_or_all)
+]
+"""Rotations about the tool's own axes that a target leaves free: ``[rz]``, or all three."""
 
 Speed: TypeAlias = Annotated[float, Field(ge=0.001, le=1.0)]
 """Fraction of the arm's limits of velocity, acceleration and jerk; 1.0 is the arm's maximum."""

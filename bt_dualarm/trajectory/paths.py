@@ -16,6 +16,7 @@ import numpy as np
 import scipy
 
 from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.free_axes import FreeAxes
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 
 Axes: TypeAlias = tuple[Vector, Vector]
@@ -54,6 +55,7 @@ class CartesianPath:
         closed: Whether it ends where it starts, smoothly.
         repeats: Number of passes; more than one only for a closed path.
         center: Center of a plane curve, in which its points are given; None for other paths.
+        free: Rotations about the tool's axes that do not count anywhere on the path.
     """
 
     positions: Matrix
@@ -62,6 +64,7 @@ class CartesianPath:
     closed: bool = False
     repeats: int = 1
     center: Pose | None = None
+    free: FreeAxes = ()
 
     @property
     def poses(self) -> list[Pose]:

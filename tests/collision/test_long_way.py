@@ -10,8 +10,9 @@ import pytest
 from bt_dualarm.collision.checker import CollisionChecker, interpolated
 from bt_dualarm.collision.swept import is_clear
 from bt_dualarm.core.pose import Matrix
-from bt_dualarm.robots.robot_description import load_robot, robot_names
+from bt_dualarm.robots.robot_description import load_robot
 from tests.collision.cluttered import anywhere, checker_in
+from tests.sim.worlds import WIDE
 
 SPAN_M = 1e-3
 """Most that the arm moves between two looks of the judge."""
@@ -22,7 +23,7 @@ def free_everywhere(checker: CollisionChecker, corners: Matrix) -> bool:
     return all(checker.free(q) for rows in pieces for q in rows)
 
 
-@pytest.mark.parametrize("robot", robot_names())
+@pytest.mark.parametrize("robot", WIDE)
 def test_what_is_clear_is_free_at_every_millimeter(robot: str) -> None:
     """Among shapes of every kind; and most of what is free is found to be clear."""
     rng = np.random.default_rng(4)

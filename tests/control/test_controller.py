@@ -325,7 +325,8 @@ def test_a_joint_that_is_faster_than_the_robot_allows_fails_what_is_done(
     controller = controlled(world)
     body = world.arms["arm1"]
     limits = world.robots["arm1"].limits
-    controller.follow(point_to_point(body.q, body.q + 0.4, limits, world.timestep))
+    goal = body.q + np.where(limits.upper - body.q > 0.5, 0.4, -0.4)
+    controller.follow(point_to_point(body.q, goal, limits, world.timestep))
     run(world, 0.3, controller)
     assert controller.fault is None
     assert 0.0 < float(controller.guard["fastest_share"]) < share * 1.02

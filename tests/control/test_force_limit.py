@@ -12,13 +12,12 @@ from bt_dualarm.control.controller import JointController
 from bt_dualarm.core.errors import ForceLimitFailure, OverlapError
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
-from bt_dualarm.robots.robot_description import robot_names
 from bt_dualarm.safety.failsafe import Reservations
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.trajectory.path_timing import time_path
 from bt_dualarm.trajectory.paths import line
-from tests.sim.worlds import arm, file_of
+from tests.sim.worlds import WIDE, arm, file_of
 
 PERIOD = 0.004
 DEEP = 0.04  # m that the tool is sent into the block
@@ -99,7 +98,7 @@ class Press:
 
 
 @pytest.mark.parametrize("limit_n", LIMITS_N)
-@pytest.mark.parametrize("robot", robot_names())
+@pytest.mark.parametrize("robot", WIDE)
 def test_who_presses_too_hard_fails_and_goes_back(robot: str, limit_n: float) -> None:
     """With names and numbers: no sooner than the limit, no more is felt than there is."""
     press = Press.of(robot, limit_n, block(1.0, fixed=True))
@@ -112,7 +111,7 @@ def test_who_presses_too_hard_fails_and_goes_back(robot: str, limit_n: float) ->
     assert press.forces_n[-1] < 0.5 * limit_n
 
 
-@pytest.mark.parametrize("robot", robot_names())
+@pytest.mark.parametrize("robot", WIDE)
 def test_friction_masses_and_light_things_are_no_force(robot: str) -> None:
     """A neglected arm with joints that rub pushes a cup before it."""
     press = Press.of(robot, 140.0, block(0.3, fixed=False), reality="rough")

@@ -8,13 +8,13 @@ import pytest
 from benchmarks.path_reality import curves, world_of
 from bt_dualarm.control.dynamics import ArmDynamics
 from bt_dualarm.control.payload_estimation import TorqueRegressor, inertial_parameters
-from bt_dualarm.robots.robot_description import robot_names
 from bt_dualarm.skill.registry import Registry
+from tests.sim.worlds import WIDE
 
 KINDS = Registry.load().kinds
 
 
-@pytest.mark.parametrize("robot", robot_names())
+@pytest.mark.parametrize("robot", WIDE)
 def test_columns_times_numbers_are_inverse_dynamics(robot: str) -> None:
     """Rotors aside, which are no links; a load is so many numbers more on the last of them."""
     world = world_of(robot, next(curves(robot))[0], "lab", "known", 0, KINDS)
@@ -33,7 +33,7 @@ def test_columns_times_numbers_are_inverse_dynamics(robot: str) -> None:
         assert both == pytest.approx(ArmDynamics(nominal, (load,)).moving(q, v, a), abs=1e-9)
 
 
-@pytest.mark.parametrize("robot", robot_names())
+@pytest.mark.parametrize("robot", WIDE)
 def test_inverse_dynamics_undo_forward_dynamics(robot: str) -> None:
     """The rotors' inertia is in both."""
     world = world_of(robot, next(curves(robot))[0], "lab", "known", 0, KINDS)

@@ -10,8 +10,9 @@ from benchmarks.following_trial import LOOKS, Spot, follow
 from benchmarks.vantage import BASE, vantage
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
-from bt_dualarm.robots.robot_description import load_robot, robot_names
+from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.skill.registry import Registry
+from tests.sim.worlds import WIDE
 
 
 def some(seed: int) -> list[Spot]:
@@ -26,7 +27,7 @@ def some(seed: int) -> list[Spot]:
             float(rng.choice(LATENCIES)),
             reality=str(rng.choice(("ideal", "lab", "rough"))),
         )
-        for robot in robot_names()
+        for robot in WIDE
     ]
 
 
@@ -37,7 +38,7 @@ def test_an_arm_rests_before_a_target_that_rests(spot: Spot, registry: Registry)
     assert complaints(spot, found) == [], found
 
 
-@pytest.mark.parametrize("robot", robot_names())
+@pytest.mark.parametrize("robot", WIDE)
 def test_from_its_vantage_the_camera_looks_along_the_normal(robot: str) -> None:
     """The page is written with this posture: the tool is where its kinematics say."""
     seen = vantage(robot, LOOKS["xy"])

@@ -17,12 +17,12 @@ import yaml
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.core.share import share_dir
 from bt_dualarm.robots.gripper import gripper_names
-from bt_dualarm.robots.robot_description import robot_names
 from bt_dualarm.runtime.outcome import Ending
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ArmSpec, TreeFile
 from bt_dualarm.spec.node_types import NodeSpec
 from bt_dualarm.spec.values import PoseSpec
+from tests.sim.worlds import WIDE
 
 Tree: TypeAlias = dict[str, Any]
 """Content of a tree file."""
@@ -329,7 +329,7 @@ def breaking(name: str, leaf: Tree) -> Tree:
 
 def _generated() -> Iterator[Column]:
     grippers = (None, *gripper_names())
-    for seed, (robot, gripper) in enumerate(itertools.product(robot_names(), grippers)):
+    for seed, (robot, gripper) in enumerate(itertools.product(WIDE, grippers)):
         yield Column(name_of(robot, gripper), lambda r=robot, g=gripper, s=seed: taking(r, g, s))  # type: ignore[misc]  # bound now
 
 

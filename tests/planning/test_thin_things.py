@@ -13,12 +13,11 @@ from bt_dualarm.collision.checker import CollisionChecker, interpolated
 from bt_dualarm.core.errors import Failure, OverlapError
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.planning.problem import refuse_contact
-from bt_dualarm.robots.robot_description import robot_names
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.trajectory.path_timing import point_to_point
 from bt_dualarm.trajectory.trajectory import Trajectory
-from tests.sim.worlds import arm, file_of
+from tests.sim.worlds import WIDE, arm, file_of
 
 THIN = 0.001
 SIZES = {"plate": (THIN, 0.1, 0.1), "wire": (THIN, THIN, 0.2), "speck": (THIN, THIN, THIN)}
@@ -74,13 +73,13 @@ def deepest(checker: CollisionChecker, motion: Trajectory) -> float:
     return worst
 
 
-@pytest.mark.parametrize("robot", robot_names())
+@pytest.mark.parametrize("robot", WIDE)
 @pytest.mark.parametrize("shape", SIZES)
 def test_what_is_thin_is_not_gone_through(robot: str, shape: str) -> None:
     """Wherever on a link's way it is, and however it lies."""
     thing = ObjectSpec(shape="box", size=SIZES[shape], mass=1.0, fixed=True, spawned=False)
     world = World(file_of({"arm1": arm(robot, (0.0, 0.0, 0.6))}, {"thing": thing}))
-    rng = np.random.default_rng(robot_names().index(robot))
+    rng = np.random.default_rng(WIDE.index(robot))
     refused = 0
     motions = free_motions(world, rng)
     for _ in range(TIMES):

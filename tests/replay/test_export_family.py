@@ -27,9 +27,9 @@ from bt_dualarm.export.mcap import schema_of
 from bt_dualarm.replay.record import Record
 from bt_dualarm.replay.timeline import finger_joints, gripper_kind, held_over_time
 from bt_dualarm.robots.gripper import gripper_names
-from bt_dualarm.robots.robot_description import robot_names
 from bt_dualarm.sim.painter import ScenePainter, StillRenderer, best_viewpoint
 from bt_dualarm.sim.renderers import fan_of
+from tests.sim.worlds import WIDE
 
 FAMILY = """\
 bt_dualarm: 1
@@ -69,7 +69,7 @@ arms:
 GRIPPERS = {"first": "fingers", "second": "fingers", "third": "suction", "late": None}
 
 
-@pytest.fixture(scope="module", params=robot_names())
+@pytest.fixture(scope="module", params=WIDE)
 def family(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Record:
     """The third arm's cup seals on nothing: the run fails."""
     folder = tmp_path_factory.mktemp(request.param)

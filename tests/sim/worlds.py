@@ -20,6 +20,10 @@ PAGES = tuple(f"robots/{path.name}" for path in sorted((WORLD / "robots").glob("
 ROBOTS = (*robot_names(), *PAGES)
 """Every arm: those of the catalog and those beside this file."""
 
+WIDE = ("panda", "ur10", "ur3", "ur5", "xarm7")
+"""Arms on their own that go everywhere before them with the tool pointing down: a test whose
+motions need that takes these, and so does one that would take too long over all of them."""
+
 Place = tuple[float, float, float]
 
 

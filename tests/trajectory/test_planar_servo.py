@@ -13,9 +13,10 @@ from bt_dualarm.control.planar_servo import PlanarServo, PlaneTarget
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
-from bt_dualarm.robots.robot_description import load_robot, robot_names
+from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.trajectory.set_points import SetPoint, SetPointLimiter
 from bt_dualarm.trajectory.trajectory import Trajectory, use_of_limits
+from tests.sim.worlds import WIDE
 
 PERIOD = 0.002  # s
 MM = 1e-3
@@ -213,7 +214,7 @@ def test_a_noisy_target_does_not_break_the_limits(robot: str) -> None:
     follower.assert_held(motion, 3 * MM, 0.02)
 
 
-@pytest.mark.parametrize("robot", robot_names())
+@pytest.mark.parametrize("robot", WIDE)
 @pytest.mark.parametrize("speed", [0.1, 0.3, 1.0])
 @pytest.mark.parametrize("axes", [YZ, np.eye(3)[:2], np.eye(3)[[0, 2]]], ids=["yz", "xy", "xz"])
 def test_no_arm_swings_before_a_target_that_rests(robot: str, speed: float, axes: Matrix) -> None:

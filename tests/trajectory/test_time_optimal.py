@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.robots.robot import JointLimits
-from bt_dualarm.robots.robot_description import load_robot, robot_names
+from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.trajectory.kernel_arrays import PathOnGrid
 from bt_dualarm.trajectory.path_timing import (
     Profile,
@@ -24,11 +24,12 @@ from bt_dualarm.trajectory.path_timing import (
     spline_through,
 )
 from bt_dualarm.trajectory.trajectory_kernels import squares_of_rates
+from tests.sim.worlds import WIDE
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-LIMITS = {name: load_robot(name).limits for name in robot_names()}
+LIMITS = {name: load_robot(name).limits for name in WIDE}
 
 
 def corners(limits: JointLimits, rng: np.random.Generator) -> Matrix:

@@ -13,15 +13,14 @@ from bt_dualarm.core.errors import DivergenceError
 from bt_dualarm.replay.record import Record
 from bt_dualarm.robots.gripper import FINGERS, PALM
 from bt_dualarm.robots.mjspec import CUP, joint_motors
-from bt_dualarm.robots.robot_description import robot_names
 from bt_dualarm.viewer.live_view import Snapshot
 from bt_dualarm.viewer.past import RecordView
 from tests.families import some
 from tests.grippers.test_mounting import GRIPPERS
-from tests.sim.worlds import ROBOTS, WORLD, world_with
+from tests.sim.worlds import ROBOTS, WIDE, WORLD, world_with
 
 MOUNTED = [(robot, gripper) for robot in ROBOTS for gripper in (None, *GRIPPERS)]
-SHOWN = [pair for pair in MOUNTED if pair[0] in robot_names() or pair[1] == "panda_hand"]
+SHOWN = [pair for pair in MOUNTED if pair[0] in WIDE or pair[1] == "panda_hand"]
 
 TREE = """\
 bt_dualarm: 1
