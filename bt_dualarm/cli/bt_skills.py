@@ -205,7 +205,7 @@ def list_robots(*, as_json: bool) -> None:
         )
         for summary in summaries
     )
-    titles = ("robot", "", "joints", "reach", "postures", "camera mounts")
+    titles = ("robot", "", "joints", "reach", "postures", "cameras")
     print_parts("robots:", table(titles, rows), "\nbt-skills NAME shows one robot in full.")
 
 
