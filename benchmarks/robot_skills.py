@@ -41,10 +41,10 @@ _SMALL: Final = 0.5
 """Reach below which a robot gets small motions, m."""
 
 TOGETHER: Final = ("carry_together", "follow_tool", "hand_over", "take_over")
-"""Skills that need another arm: `benchmarks.handover`, `.carry` and `.following_tools` have them."""
+"""Skills that need another arm."""
 
-LEFT_OUT: Final = ("operate",)
-"""Skills whose worlds depend on more than the reach: `benchmarks.articulated` has them."""
+LEFT_OUT: Final = ("calibrate", "insert", "operate")
+"""Skills whose worlds depend on more than the reach."""
 
 BARE: Final = "bare"
 """Name in the table for an arm without a gripper: the robot's own tool."""
@@ -159,7 +159,7 @@ def motions(place: Place) -> Mapping[str, list[Tree | str]]:
         "circle": [{"circle": {"plane": "xy", "radius": step}}],
         "detach": [attach, {"detach": {"object": "cube"}}],
         "draw": [{"draw": {"plane": "xy", "points": points}}],
-        "follow_path": [{"follow_path": {"points": drawn, "plane": "xy"}}],
+        "follow_path": [{"follow_path": {"points": drawn, "plane": "xy", "tool_speed": 0.02}}],
         "go_home": [{"move_joints": {"by": last}}, "go_home"],
         "hold_still": [{"hold_still": {"duration": 1.0}}],
         "lissajous": [{"lissajous": {"plane": "xy", "amplitudes": [step, step / 2]}}],
@@ -267,16 +267,17 @@ _HEAD: Final = """\
 
 Measured by `python -m benchmarks.robot_skills --reality lab --write`: every skill ran in a small
 world around the home posture of each [robot](robots.md), with a stand below the tool and an object
-on it. ✔: it succeeded. Otherwise the failure code; the last section has the reasons. A code says what
-happened in that world; in another one the skill may succeed.
+on it. ✔: it succeeded. Otherwise the failure code; the last section has the reasons. A code says
+what happened in that world; in another one the skill may succeed.
 """
 
 _OWN_TOOL: Final = """\
 ## With the robot's own tool
 
-Poses and lines of the arms with five joints leave all [axes free](poses.md#free-axes); their curves,
-with the tool pointing down, do not. `approach_and_attach`, `detach` and `transport` attach an object to
-the tool where it touches it.
+Poses and lines of the arms with five joints leave all [axes free](poses.md#free-axes); their
+curves, with the tool pointing down, do not. `approach_and_attach`, `detach` and `transport` attach
+an object to the tool where it touches it; the fingers of a `jaco2` are fixed apart, and the camera
+of a `panda` looks ahead at home, not down.
 """
 
 _GRIPPERS: Final = """\
@@ -309,7 +310,7 @@ def page(found: Sequence[Cell]) -> str:
             for (code, reason), where in sorted(rows.items())
         )
     )
-    others = ", ".join(f"`{name}`" for name in (*TOGETHER, *LEFT_OUT, "calibrate", "insert"))
+    others = ", ".join(f"`{name}`" for name in (*TOGETHER, *LEFT_OUT))
     parts.append(f"Not in these tables: {others}. [Benchmarks](benchmarks.md) measures them.\n")
     return "\n".join(parts)
 

@@ -30,7 +30,8 @@ Positions and directions are relative to the base link, which `base` of the file
 the largest distance of the tool from the first joint within the joint limits, found by local search
 from several configurations. Nothing beyond it is reachable, and not every pose within it is;
 `bt-check` warns of poses that are not. [Motion](motion.md#sources-of-the-limits) lists the limits
-of acceleration and jerk with their sources.
+of acceleration and jerk with their sources. [What each robot can do](robot_skills.md) has
+every skill.
 """
 
 _LOCKED: Final = """\

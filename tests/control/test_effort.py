@@ -43,7 +43,7 @@ def carried(motion: Trajectory, robot: Robot, dynamics: ArmDynamics) -> Trajecto
         return None if refusal.code == "OVERLOADED" else motion
 
 
-@pytest.mark.parametrize("name", robot_names())
+@pytest.mark.parametrize("name", [name for name in robot_names() if load_robot(name).payload])
 def test_a_motion_is_as_fast_as_its_load_allows(name: str) -> None:
     """Some loads slow it, some are refused; what is left keeps to the efforts and to its path."""
     robot = load_robot(name)

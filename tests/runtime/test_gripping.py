@@ -71,6 +71,7 @@ arms:
   arm1:
     robot: {robot}
     gripper: {gripper}
+    base: {{xyz: [0, 0, 0.2]}}   # a gripper may be longer than the tool that it replaces
     tree: {{sequence: [open_gripper, {{close_gripper: {{empty: true}}}}, go_home]}}
 """
     assert check(text, KINDS).problems == ()

@@ -1,0 +1,68 @@
+"""docs/robot_skills.md has every robot and skill, and its cells are what the runs give."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from benchmarks.robot_skills import (
+    BARE,
+    LEFT_OUT,
+    PAGE,
+    Place,
+    gripping,
+    motions,
+    seeing,
+    tried,
+)
+from bt_dualarm.robots.gripper import gripper_names
+from bt_dualarm.robots.robot_description import robot_names
+from bt_dualarm.skill.registry import Registry
+from tests.families import some
+
+TEXT = PAGE.read_text(encoding="utf-8")
+FAILS = {
+    (robot, skill, gripper or BARE)
+    for row in TEXT.partition("## Failures")[2].splitlines()
+    for robot, skill, gripper in re.findall(r"`(\w+)` (\w+)(?: with `(\w+)`)?", row)
+}
+"""Robot, skill and gripper of every cell that is not a success."""
+
+CASES = [
+    *some(
+        (
+            (robot, skill, BARE)
+            for robot in robot_names()
+            for skill in motions(Place.of(robot, None))
+        ),
+        29,
+    ),
+    *some(((robot, skill, BARE) for robot in robot_names() for skill in ("locate", "track")), 11),
+    *some(((robot, "place", gripper) for robot in robot_names() for gripper in gripper_names()), 8),
+]
+
+
+def test_every_robot_and_skill_is_on_the_page() -> None:
+    head = next(line for line in TEXT.splitlines() if line.startswith("| skill |"))
+    assert re.findall(r"`(\w+)`", head) == list(robot_names())
+    for skill in Registry.load().skills:
+        assert f"`{skill}`" in TEXT
+    assert all(f"`{skill}`" in TEXT.splitlines()[-1] for skill in LEFT_OUT)
+
+
+@pytest.mark.parametrize(("robot", "skill", "gripper"), CASES, ids="-".join)
+def test_a_robot_does_what_the_page_says(robot: str, skill: str, gripper: str) -> None:
+    """Every robot is in turn; `make matrix` runs them all."""
+    leaves: dict[str, list[dict[str, object] | str]]
+    if gripper != BARE:
+        place = Place.of(robot, gripper)
+        leaves = dict(gripping(place))
+    elif skill in ("locate", "track"):
+        place = Place.of(robot, None, looks=True)
+        leaves = dict(seeing(place))
+    else:
+        place = Place.of(robot, None)
+        leaves = dict(motions(place))
+    cell = tried(place, skill, leaves[skill], "lab")
+    assert bool(cell.failure) == ((robot, skill, gripper) in FAILS), cell.reason
