@@ -84,6 +84,7 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.carrying import CarryPorts as CarryPorts
     from bt_dualarm.skill.cell import CellWait as CellWait
     from bt_dualarm.skill.condition import Condition as Condition
+    from bt_dualarm.skill.following_error import FollowingError as FollowingError
     from bt_dualarm.skill.grasp_search import GRAVITY as GRAVITY
     from bt_dualarm.skill.grasp_search import TakingPorts as TakingPorts
     from bt_dualarm.skill.grasp_search import WantedGrasp as WantedGrasp
@@ -131,7 +132,6 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.skill import SkillContext as SkillContext
     from bt_dualarm.skill.skill import Ticks as Ticks
     from bt_dualarm.skill.skill import unit_vector as unit_vector
-    from bt_dualarm.skill.tracking import FollowingError as FollowingError
     from bt_dualarm.skill.tracking import PlaneTracking as PlaneTracking
     from bt_dualarm.skill.tracking import TrackingGains as TrackingGains
     from bt_dualarm.spec.node_types import Counterpart as Counterpart
@@ -270,7 +270,7 @@ _CONTENTS: Final = {
     "follow_curve": "skill.path_following:follow_curve",
     "points_in": "spec.path_file:points_in",
     "check_arrival": "skill.path_following:check_arrival",
-    "FollowingError": "skill.tracking:FollowingError",
+    "FollowingError": "skill.following_error:FollowingError",
     "PlaneTracking": "skill.tracking:PlaneTracking",
     "TrackingGains": "skill.tracking:TrackingGains",
     "TrackingScore": "skill.scoring:TrackingScore",

@@ -9,7 +9,7 @@ import pytest
 
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Vector
-from bt_dualarm.skill.tracking import ErrorCause, FollowingError, FollowingSample
+from bt_dualarm.skill.following_error import ErrorCause, FollowingError, FollowingSample
 
 BOUND_M = 0.01
 PATIENCE_S = 2.0
