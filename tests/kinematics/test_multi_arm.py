@@ -143,7 +143,7 @@ def test_a_path_that_one_arm_cannot_go_is_refused_as_a_whole(body: Arms) -> None
     [
         ([], "no target"),
         ([ToolTarget("arm3", Pose.identity())], "no arm 'arm3'"),
-        ([ToolTarget("arm1", Pose.identity(), "arm1")], "seen from itself"),
+        ([ToolTarget("arm1", Pose.identity(), "arm1")], "given relative to itself"),
         ([ToolTarget("arm1", Pose.identity()), ToolTarget("arm1", Pose.identity())], "two targets"),
         ([ToolTarget("arm1", Pose(np.zeros(3), np.full(4, np.nan)))], "is not a pose"),
     ],
