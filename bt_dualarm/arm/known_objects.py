@@ -2,16 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias
+from typing import Final, Literal, TypeAlias
+
+import numpy as np
 
 from bt_dualarm.core.errors import Failure
-from bt_dualarm.core.pose import Pose
+from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.sim.world import World
 
 KnownBy: TypeAlias = Literal["declared", "seen", "felt", "held", "sensor"]
 """How an arm knows a pose: from the file, from its camera, from where its gripper let the object
 go, from where its gripper holds the object now, or from the sensor of the joint that moves it."""
+
+_FALLS_M: Final = 0.03
+_SINKS_M: Final = 0.01
+"""Largest gap between an object and what it stands on, which it falls, and largest penetration, by
+which poses known to some millimeters may overlap, m."""
+
+_DOWN: Final[Vector] = np.array((0.0, 0.0, -1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,18 +33,24 @@ class KnownPose:
         pose: Pose in the world.
         by: How the arm knows it.
         since: Simulated time of the estimate, s.
+        on: Object that moves on a joint, such as a drawer, on or in which the object stood then; it
+            moves along. Empty if there is none.
+        relative: Pose in the frame of that object.
     """
 
     pose: Pose
     by: KnownBy
     since: float
+    on: str = ""
+    relative: Pose | None = None
 
 
 class KnownObjects:
     """Poses of objects as one arm knows them; all of its leaves share them.
 
     An object that nobody has touched is where the file declares it. The true pose, which `noise` or
-    another arm may have changed, is never read.
+    another arm may have changed, is never read. What stands in a drawer moves with it, by what the
+    arm knows of both.
 
     Args:
         world: World that the arm is in, for the declarations and for what the arm holds.
@@ -45,6 +62,9 @@ class KnownObjects:
         self._arm = arm
         self._known: dict[str, KnownPose] = {}
         self._unknown: dict[str, str] = {}
+        self._declared: dict[str, KnownPose] = {}
+        things = world.declared_objects
+        self._parts = tuple(name for name, thing in things.items() if thing.joint is not None)
 
     def pose(self, name: str) -> KnownPose:
         """Estimated pose of a declared object.
@@ -72,14 +92,38 @@ class KnownObjects:
         if name in self._unknown:
             raise self._unknown_pose(name, self._unknown[name])
         if name in self._known:
-            return self._known[name]
+            return self._moved(self._known[name])
         if hung is not None:
             owner = self.pose(hung.owner)
             return replace(owner, pose=owner.pose @ hung.spec.displacement(hung.spec.start))
-        declared = world.declared_objects[name]
-        if not declared.spawned:
+        if not world.declared_objects[name].spawned:
             raise self._unknown_pose(name, "it was spawned during the run, and was never seen")
-        return KnownPose(declared.pose.pose, "declared", 0.0)
+        return self._moved(self._as_declared(name))
+
+    def where(self, name: str) -> KnownPose | None:
+        """Estimated pose of a declared object; None if it is unknown."""
+        try:
+            return self.pose(name)
+        except Failure:
+            return None
+
+    def standing_on(self, part: str) -> frozenset[str]:
+        """Names of the free objects that, as the arm knows, stand on or in what a joint moves.
+
+        Also on each other. What this arm holds stands nowhere, and neither does what it has lost.
+
+        Args:
+            part: Name of the object that moves on a joint.
+        """
+        world = self._world
+        found = set[str]()
+        for name in world.objects:
+            if not world.objects[name].is_free or world.attachments.find(self._arm, name):
+                continue
+            known = self.where(name)
+            if known is not None and known.on == part:
+                found.add(name)
+        return frozenset(found)
 
     def joint_position(self, name: str) -> float:
         """Estimated position in rad or m of the joint on which an object moves.
@@ -126,8 +170,80 @@ class KnownObjects:
         self._unknown[name] = why
 
     def _set(self, name: str, known: KnownPose) -> None:
-        self._known[name] = known
+        poses = {
+            other: there.pose
+            for other in self._world.objects
+            if self._parts and (there := self.where(other)) is not None
+        }
+        self._known[name] = self._stood(name, known, poses, self.pose)
         self._unknown.pop(name, None)
+
+    def _moved(self, known: KnownPose) -> KnownPose:
+        """A pose as it is now, if the object stands on something that moves."""
+        if known.relative is None:
+            return known
+        return replace(known, pose=self.pose(known.on).pose @ known.relative)
+
+    def _as_declared(self, name: str) -> KnownPose:
+        """Pose of an object as the file declares it, with the joints where they start."""
+        if name not in self._declared:
+            # Entered first: two objects that are within each other end the recursion.
+            known = self._declared[name] = KnownPose(self._declared_pose(name), "declared", 0.0)
+            start = {
+                other: self._declared_pose(other)
+                for other in self._world.objects
+                if self._parts and self._world.declared_objects[other].spawned
+            }
+            self._declared[name] = self._stood(name, known, start, self._as_declared)
+        return self._declared[name]
+
+    def _declared_pose(self, name: str) -> Pose:
+        things = self._world.declared_objects
+        hung = things[name].joint
+        if hung is None:
+            return things[name].pose.pose
+        return things[hung.owner].pose.pose @ hung.spec.displacement(hung.spec.start)
+
+    def _stood(
+        self,
+        name: str,
+        known: KnownPose,
+        poses: Mapping[str, Pose],
+        of: Callable[[str], KnownPose],
+    ) -> KnownPose:
+        """A pose with what the object stands on, if that moves on a joint.
+
+        It stands on the highest surface below its center of mass. What stands on an object that
+        stands in a drawer, stands in the drawer.
+
+        Args:
+            name: Name of the object.
+            known: Its pose.
+            poses: Poses of all known objects at that time.
+            of: How the arm knows one of them.
+        """
+        world = self._world
+        things = world.declared_objects
+        if not self._parts or not things[name].is_free:
+            return known
+        body = body_of(things[name])
+        center = known.pose.apply(body.center)
+        local = known.pose.inverse.turn(_DOWN)
+        height = body.solid.reach(local) - float(local @ body.center)
+        nearest = _FALLS_M
+        below = ""
+        for other, pose in poses.items():
+            if other == name or world.attachments.find(self._arm, other):
+                continue
+            to_local = pose.inverse
+            gap = body_of(things[other]).ray(to_local.apply(center), to_local.turn(_DOWN)) - height
+            if -_SINKS_M <= gap < nearest:
+                nearest = gap
+                below = other
+        part = below if not below or below in self._parts else of(below).on
+        if part not in poses:
+            return known
+        return replace(known, on=part, relative=poses[part].inverse @ known.pose)
 
     def _unknown_pose(self, name: str, why: str) -> Failure:
         return Failure("UNKNOWN_POSE", f"{self._arm} does not know where {name!r} is: {why}")

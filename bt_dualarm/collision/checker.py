@@ -419,6 +419,12 @@ class CollisionChecker:
         joint = model.body_jntadr[model.body(name).id]
         self._scratch.data.qpos[model.jnt_qposadr[joint]] = position
 
+    def move_object(self, name: str, pose: Pose) -> None:
+        """Put a free object elsewhere in the world, for all further configurations."""
+        model = self._scratch.model
+        address = model.jnt_qposadr[model.body_jntadr[model.body(name).id]]
+        self._scratch.data.qpos[address : address + 7] = (*pose.position, *pose.quaternion)
+
     def move_other(self, arm: ArmBody, q: Vector) -> None:
         """Put another arm into a configuration, of shape (dof,), rad, for all further checks."""
         self._scratch.data.qpos[arm.qpos_ids] = q

@@ -12,7 +12,6 @@ import numpy as np
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Pose, Vector
-from bt_dualarm.sim.world import World
 from bt_dualarm.spec.joints import JointSpec, moved_name
 from bt_dualarm.trajectory.path_timing import point_to_point
 from bt_dualarm.trajectory.trajectory import Trajectory
@@ -40,6 +39,9 @@ class JointPath:
     def refuse_contact(self, arm: Arm, rows: Matrix, free: Sequence[int] = ()) -> None:
         """Check configurations of an arm that moves the part along the path.
 
+        Objects are where the arm knows them to be. What stands on or in the part moves along and is
+        no obstacle, nor is what the arm does not know.
+
         Args:
             arm: The arm.
             rows: Its configurations, one for each position, of shape (n, dof), rad.
@@ -48,7 +50,12 @@ class JointPath:
         Raises:
             Failure: ``IN_COLLISION`` of the first configuration that touches something.
         """
-        checker = arm.checker(loads_on(arm.world, self.name))
+        known = {name: arm.known.where(name) for name in arm.world.objects}
+        unknown = frozenset(name for name, one in known.items() if one is None)
+        checker = arm.checker(arm.known.standing_on(self.name) | unknown)
+        for name, one in known.items():
+            if one is not None and arm.world.objects[name].is_free and name not in arm.held:
+                checker.move_object(name, one.pose)
         its = list(free)
         checker.least[its, :] = checker.least[:, its] = -np.inf
         for q, position in zip(rows, self.positions, strict=True):
@@ -232,19 +239,3 @@ _REST_S: Final = 0.15
 
 _CALM_S: Final = 0.4
 """Time in which an arm gives way at rest, s."""
-
-
-def loads_on(world: World, name: str | None) -> frozenset[str]:
-    """Names of the objects that lie on or in something that moves on a joint, and move with it."""
-    if name is None or name not in world.objects or world.objects[name].joint is None:
-        return frozenset()
-    model = world.model
-    body = world.object_body(name)
-    found = set()
-    for one, other in world.data.contact.geom.tolist():
-        bodies = {int(model.geom_bodyid[one]), int(model.geom_bodyid[other])}
-        if body in bodies:
-            found |= {model.body(each).name for each in bodies - {body}}
-    return frozenset(
-        thing for thing in found & world.objects.keys() if world.objects[thing].is_free
-    )

@@ -1,0 +1,103 @@
+"""What an arm believes to stand in a drawer, and that it moves along; never the true contacts."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bt_dualarm.arm.known_objects import KnownObjects
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.sim.world import World
+from bt_dualarm.spec.document import ObjectSpec, expanded
+from bt_dualarm.spec.yaml_reader import with_tuples
+from tests.plays import Stage
+from tests.sim.worlds import arm, box, file_of
+from tests.skills.scenarios import CABINET, CUBE, GRIPPING, PULLS, Tree
+
+FLOOR_Z = 0.5 - 0.06 + 0.006
+"""Height of the inner floor of the cabinet's drawer, m."""
+
+IN_DRAWER = (0.45, -0.65, FLOOR_Z + 0.02)
+ELSEWHERE = (0.45, -0.30, 0.42)
+
+
+def world_of(
+    objects: dict[str, ObjectSpec], *, sensor: bool = True, at: float = 0.0
+) -> tuple[World, KnownObjects]:
+    cabinet: dict[str, Any] = dict(CABINET["cabinet"])
+    cabinet["joints"] = {"slide": cabinet["joints"]["slide"] | {"sensor": sensor, "at": at}}
+    with_joint, _, _ = expanded({"cabinet": ObjectSpec.model_validate(with_tuples(cabinet))})
+    world = World(file_of({"arm1": arm("ur5", (0.0, 0.0, 0.4))}, with_joint | objects))
+    return world, KnownObjects(world, "arm1")
+
+
+@pytest.mark.parametrize("at", [0.0, 0.1])
+def test_declared_objects_stand_in_the_drawer_and_on_each_other(at: float) -> None:
+    """Neither what lies on the fixed top, nor beside it, nor far above it."""
+    x, y, z = IN_DRAWER
+    _, known = world_of(
+        {
+            "inside": box((x, y + at, z), 0.04),
+            "stacked": box((x, y + at, z + 0.04), 0.04),
+            "falls": box((x - 0.08, y + at, z + 0.02), 0.04),
+            "high": box((x + 0.08, y + at, z + 0.05), 0.04),
+            "top": box((x, y, 0.5 + 0.09 + 0.02), 0.04),
+            "beside": box(ELSEWHERE, 0.04),
+        },
+        at=at,
+    )
+    assert known.standing_on("cabinet.slide") == {"inside", "stacked", "falls"}
+
+
+def test_what_the_arm_does_not_know_is_not_used() -> None:
+    """It touches the drawer in the simulator; only once it is seen does it stand there."""
+    world, known = world_of({"cube": box(ELSEWHERE, 0.04, spawned=False)})
+    world.spawn_object("cube", Pose.from_rpy(IN_DRAWER))
+    for _ in range(50):
+        world.step()
+    cube, drawer = world.object_body("cube"), world.object_body("cabinet.slide")
+    touching = {frozenset(world.model.geom_bodyid[pair]) for pair in world.data.contact.geom}
+    assert frozenset({cube, drawer}) in touching
+    assert known.where("cube") is None
+    assert known.standing_on("cabinet.slide") == set()
+    known.saw("cube", Pose.from_rpy(IN_DRAWER))
+    assert known.standing_on("cabinet.slide") == {"cube"}
+    known.forget("cube", "it was handed over")
+    assert known.standing_on("cabinet.slide") == set()
+
+
+@pytest.mark.parametrize("sensor", [True, False])
+def test_known_objects_move_with_the_drawer(sensor: bool) -> None:
+    """By the sensor of the joint; without one, by where the arm has left the drawer."""
+    world, known = world_of({"cube": box(IN_DRAWER, 0.04)}, sensor=sensor)
+    assert known.pose("cube").pose.position == pytest.approx(IN_DRAWER)
+    joint = world.model.body_jntadr[world.object_body("cabinet.slide")]
+    world.data.qpos[world.model.jnt_qposadr[joint]] = 0.1
+    world.sense()
+    if not sensor:
+        assert known.pose("cube").pose.position == pytest.approx(IN_DRAWER)
+        known.saw("cabinet.slide", Pose.from_rpy((0.45, -0.55, 0.5)))
+    moved = known.pose("cube")
+    assert moved.by == "declared"
+    assert moved.pose.position == pytest.approx(np.add(IN_DRAWER, (0.0, 0.1, 0.0)))
+
+
+def test_unknown_object_in_the_drawer_does_not_keep_the_arm_from_opening_it(stage: Stage) -> None:
+    """It was put there after the check, by nobody: no skill may look it up."""
+    cube = CUBE | {
+        "size": [0.04, 0.04, 0.04],
+        "spawned": False,
+        "pose": {"xyz": [0.45, -0.2, 0.42]},
+    }
+    pull: Tree = {"operate": {"object": "cabinet", "joint": "slide", "to": 0.12}}
+    play = stage.play(
+        {
+            "world": {"scene": "table", "reality": "lab", "time_limit": 30},
+            "objects": CABINET | {"cube": cube},
+            "arms": {"arm1": GRIPPING | {"tree": {"sequence": [PULLS, pull]}}},
+        },
+        deeds=[(0.05, lambda world: world.spawn_object("cube", Pose.from_rpy(IN_DRAWER)))],
+    )
+    assert play.run().outcome == "SUCCESS", play.leaves("operate")
