@@ -156,6 +156,7 @@ if TYPE_CHECKING:
     from bt_dualarm.spec.values import GripWidth as GripWidth
     from bt_dualarm.spec.values import JointAngles as JointAngles
     from bt_dualarm.spec.values import JointName as JointName
+    from bt_dualarm.spec.values import JointPosition as JointPosition
     from bt_dualarm.spec.values import ObjectName as ObjectName
     from bt_dualarm.spec.values import Offset as Offset
     from bt_dualarm.spec.values import PartName as PartName
@@ -236,6 +237,7 @@ _CONTENTS: Final = {
     "GripWidth": "spec.values:GripWidth",
     "JointAngles": "spec.values:JointAngles",
     "JointName": "spec.values:JointName",
+    "JointPosition": "spec.values:JointPosition",
     "Keep": "spec.path_keep:Keep",
     "ObjectName": "spec.values:ObjectName",
     "ObjectPose": "spec.relative_pose:ObjectPose",

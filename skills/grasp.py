@@ -12,6 +12,7 @@ from bt_dualarm import (
     Failure,
     GripWidth,
     JointPath,
+    JointPosition,
     KnownShape,
     MovedPart,
     ObjectName,
@@ -55,13 +56,10 @@ class _ObjectPorts(PortModel):
         gt=0,
         le=1,
     )
-    then_to: float | None = port(
+    then_to: JointPosition | None = port(
         None,
         "position to which `operate` will move the joint of the part: grasps with which the arm "
         "can follow it are chosen",
-        unit="deg or m",
-        ge=-720,
-        le=720,
     )
     width: float | None = port(
         None,

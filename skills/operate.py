@@ -11,6 +11,7 @@ from bt_dualarm import (
     Grip,
     HandForce,
     JointName,
+    JointPosition,
     MovedPart,
     ObjectName,
     PortModel,
@@ -36,13 +37,7 @@ class Operate(Skill):
     class Ports(PortModel):
         object: ObjectName = port(..., "object with the joint")
         joint: JointName = port(..., "joint to move; the arm holds one of the parts that it moves")
-        to: float = port(
-            ...,
-            "position of the joint at the end",
-            unit="deg or m",
-            ge=-720,
-            le=720,
-        )
+        to: JointPosition = port(..., "position of the joint at the end")
         force: float = port(
             40.0,
             "force on the hand, along or across its path, at which it stops",

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Annotated, ClassVar, Literal, TypeAlias
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from py_trees.behaviour import Behaviour
 from py_trees.common import Status
-from pydantic import Field
 
 from bt_dualarm.behaviors.composites import Node, Ticks
 from bt_dualarm.behaviors.decorators import Inverter
@@ -41,13 +40,12 @@ from bt_dualarm.spec.values import (
     Duration,
     Goal,
     JointName,
+    JointPosition,
     ObjectName,
     PoseSpec,
     PostureName,
     Vector3,
 )
-
-_Position: TypeAlias = Annotated[float, Field(ge=-720.0, le=720.0)]
 
 
 class _Leaf(LanguageLeaf, Condition):
@@ -259,10 +257,10 @@ class JointAt(_Leaf):
 
         object: ObjectName = port(..., "Object with the joint")
         joint: JointName = port(..., "The joint")
-        above: float | None = port(None, "Least position", unit="deg or m", ge=-720.0, le=720.0)
-        below: float | None = port(None, "Largest position", unit="deg or m", ge=-720.0, le=720.0)
-        between: tuple[_Position, _Position] | None = port(
-            None, "Minimum and maximum position", unit="deg or m"
+        above: JointPosition | None = port(None, "Least position")
+        below: JointPosition | None = port(None, "Largest position")
+        between: tuple[JointPosition, JointPosition] | None = port(
+            None, "Minimum and maximum position"
         )
 
     node_type = LanguageNode(

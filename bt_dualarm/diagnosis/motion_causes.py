@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,12 +13,14 @@ import numpy as np
 from bt_dualarm.core.errors import DualArmError
 from bt_dualarm.core.pose import Vector
 from bt_dualarm.diagnosis.evidence import LOOK_BACK_S, Cause, Evidence, descend
+from bt_dualarm.diagnosis.joint_causes import MovedJoint
 from bt_dualarm.diagnosis.object_causes import carried
 from bt_dualarm.kinematics.inverse_kinematics import Workspace
 from bt_dualarm.replay.timeline import ContactPoint, TimelineNode
 from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.runtime.outcome import Ending
 from bt_dualarm.skill.cell import waiting_sentence
+from bt_dualarm.spec.joints import moved_name
 from bt_dualarm.spec.values import PoseSpec
 from bt_dualarm.spec.yaml_reader import with_tuples
 
@@ -28,12 +31,13 @@ _RESTING_M: Final = 1e-6
 
 
 def contact_causes(e: Evidence) -> Iterator[Cause]:
-    """Yields causes in the contacts of the arm."""
-    if e.code == "FORCE_LIMIT":
+    """Yields causes in the contacts of the arm; of parts that it moves, see `joint_causes`."""
+    is_joint = e.leaf.kind == "operate"
+    if e.code == "FORCE_LIMIT" and ("second" in e.numbers or not is_joint):
         yield from _pressed(e)
     if e.code == "COLLISION":
         yield from _collided(e)
-    if e.code in ("TRACKING_ERROR", "NOT_REACHED", "PROXIMITY_NOT_REACHED"):
+    if e.code in ("TRACKING_ERROR", "NOT_REACHED", "PROXIMITY_NOT_REACHED") and not is_joint:
         yield from _blocked(e)
     if e.code == "NO_CONTACT":
         yield _nothing_there(e)
@@ -281,6 +285,9 @@ def target_of(e: Evidence) -> tuple[str, Vector] | None:
     """Target of the leaf: its name and its position in the world, of shape (3,), m."""
     to = e.ports.get("to")
     name = e.ports.get("object")
+    moved = _moved_part(e)
+    if moved is not None:
+        return moved
     if isinstance(to, dict) and "xyz" in to:
         point = np.array(to["xyz"], dtype=float)
         return f"({', '.join(f'{x:g}' for x in point)})", point
@@ -292,6 +299,17 @@ def target_of(e: Evidence) -> tuple[str, Vector] | None:
         point = tool + np.array(offset["xyz"], dtype=float)
         return f"({', '.join(f'{x:.3g}' for x in point)})", point
     return None
+
+
+def _moved_part(e: Evidence) -> tuple[str, Vector] | None:
+    """Where the hand would be at the end of the motion of a joint; None for other leaves."""
+    tool = e.scene(e.began).tool(e.arm)
+    if e.leaf.kind != "operate" or tool is None:
+        return None
+    joint = MovedJoint(e.scene(e.began), moved_name(str(e.ports["object"]), str(e.ports["joint"])))
+    to = float(e.ports["to"])
+    goal = math.radians(to) if joint.is_hinge else to
+    return f"the part of {joint.name} at {joint.told(goal)}", joint.point_at(tool, goal)
 
 
 def _gap(e: Evidence, point: Vector) -> float | None:

@@ -123,7 +123,9 @@ def world_causes(e: Evidence) -> Iterator[Cause]:
             yield not_attached(e, name)
     if e.code == "OVERLOADED":
         yield _too_heavy(e)
-    if e.code == "INVALID_TARGET" and e.record.start["objects"].get(name, {}).get("fixed"):
+    is_carried = "joint" not in e.ports and e.ports.get("then_to") is None
+    is_fixed = is_carried and e.record.start["objects"].get(name, {}).get("fixed")
+    if e.code == "INVALID_TARGET" and is_fixed:
         yield e.cause("FIXED", f"{name} is fixed: no arm can carry it", "fixed: false")
     if e.code == "NOT_AT_REST":
         yield from _carried_meanwhile(e, str(name))
@@ -273,7 +275,8 @@ def not_attached(e: Evidence, name: str) -> Cause:
             return e.cause("NEVER_ATTACHED", sentence, remedy, leaf=node.path, time_s=change.time)
         sentence = f"{e.arm} never grasped {name}: no leaf had grasped it before"
         taker = "grasp" if e.code == "NOT_HELD" else "approach_and_attach"
-        return e.cause("NEVER_ATTACHED", sentence, f"{taker}: {{object: {name}}} before")
+        of = f", then_to: {e.ports['to']}" if e.leaf.kind == "operate" else ""
+        return e.cause("NEVER_ATTACHED", sentence, f"{taker}: {{object: {name}{of}}} before")
     holders = [arm for arm in e.record.arms if name in e.scene(e.ended).held(arm)]
     who = f"; {holders[0]} holds it" if holders else ""
     return e.cause("LOST_HOLD", f"{e.arm} no longer held {name}{who}")

@@ -18,6 +18,7 @@ from bt_dualarm.diagnosis.evidence import (
     waiting,
 )
 from bt_dualarm.diagnosis.injected_faults import injected_causes
+from bt_dualarm.diagnosis.joint_causes import joint_causes
 from bt_dualarm.diagnosis.motion_causes import (
     contact_causes,
     coordination_causes,
@@ -41,6 +42,7 @@ _RULES: Final[tuple[Callable[[Evidence], Iterator[Cause]], ...]] = (
     coordination_causes,
     blackboard_causes,
     world_causes,
+    joint_causes,
     grip_causes,
     contact_causes,
     camera_causes,

@@ -470,10 +470,12 @@ class Obstacle:
     Attributes:
         solid: Shape in its own frame.
         pose: Pose in the world.
+        name: Name of the body that it is part of.
     """
 
     solid: Solid
     pose: Pose
+    name: str = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ import numpy as np
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Pose, Vector
-from bt_dualarm.spec.joints import JointSpec, moved_name
+from bt_dualarm.spec.joints import PartJoint, moved_name
 from bt_dualarm.trajectory.path_timing import point_to_point
 from bt_dualarm.trajectory.trajectory import Trajectory
 
@@ -91,7 +91,7 @@ class MovedPart:
         hung = world.objects[self.name].joint if self.name in world.objects else None
         if hung is None:
             raise Failure("INVALID_TARGET", f"object {owner!r} has no joint {joint!r}")
-        self.spec: JointSpec = hung.spec
+        self.spec: PartJoint = hung.spec
 
     @property
     def position(self) -> float:

@@ -34,6 +34,7 @@ from bt_dualarm.grasping.grasp import (
     Solid,
 )
 from bt_dualarm.planning.problem import refuse_contact
+from bt_dualarm.sim.composition import name_of_geom
 from bt_dualarm.sim.object_body import body_of, unit_ball
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.articulated import JointPath
@@ -311,21 +312,25 @@ def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
     if wanted.point is not None:
         found = _at_point(found, wanted)
     here = arm.tool_pose
-    order = ranked(
-        found,
-        wanted.lies,
-        jaw,
-        obstacles_around(arm, wanted),
-        lambda tool: _rotation_cost(tool, here),
-    )
+
+    def free(of: Sequence[Obstacle]) -> tuple[RankedGrasp, ...]:
+        return ranked(found, wanted.lies, jaw, of, lambda tool: _rotation_cost(tool, here))
+
+    obstacles = obstacles_around(arm, wanted)
+    order = free(obstacles)
     if not order:
-        raise Failure(
-            "OUT_OF_REACH",
-            f"something occupies the space of the fingers around {wanted.label}"
-            if found
-            else f"no grasp of {wanted.label} is of the requested kind",
-            grasps=len(found),
-        )
+        reason = f"no grasp of {wanted.label} is of the requested kind"
+        if found and obstacles:
+            names = dict.fromkeys(obstacle.name for obstacle in obstacles)
+            left = {name: len(free([o for o in obstacles if o.name == name])) for name in names}
+            worst = sorted(left, key=lambda name: left[name])
+            # What leaves no grasp by itself is the reason, else the two that leave fewest.
+            worst = worst[: 1 if left[worst[0]] == 0 else 2]
+            reason = (
+                f"the gripper has no room around {wanted.label}: {' and '.join(worst)} "
+                f"{'is' if len(worst) == 1 else 'are'} too near"
+            )
+        raise Failure("OUT_OF_REACH", reason, grasps=len(found))
     return order
 
 
@@ -394,7 +399,7 @@ def obstacles_around(arm: Arm, wanted: WantedGrasp) -> list[Obstacle]:
         if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
             pose = pose @ Pose.from_rpy((0.0, 0.0, -_WIDE))
         if solid.distance(pose.inverse.apply(wanted.lies.position[None]))[0] < _NEAR:
-            found.append(Obstacle(solid, pose))
+            found.append(Obstacle(solid, pose, name_of_geom(model, geom)))
     return found
 
 

@@ -448,7 +448,8 @@ class Flow:
             if written.what != "value"
         ]
         earlier = {write for key in keys for write in self._before.get(str(key), ())}
-        return earlier - self._hidden
+        # A loop around this one has recorded its own writes already.
+        return earlier - self._hidden - set(self._writes[node])
 
     def _record(self, writes: Iterable[KeyWrite]) -> list[KeyWrite]:
         """Count writes as done from here on; returns those that did not count before."""

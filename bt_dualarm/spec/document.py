@@ -32,7 +32,7 @@ from pydantic import (
 from bt_dualarm.spec.cell import CellSpec
 from bt_dualarm.spec.faults import Faults, FaultSpec
 from bt_dualarm.spec.goals import Conditions
-from bt_dualarm.spec.joints import MOST_JOINTS, Articulation, JointSpec, moved_name, refuse_joints
+from bt_dualarm.spec.joints import MOST_JOINTS, Articulation, PartJoint, moved_name, refuse_joints
 from bt_dualarm.spec.many import MOST_OBJECTS, Group, ManySpec, members
 from bt_dualarm.spec.node_types import NodeSpec, one_line, port
 from bt_dualarm.spec.problems import Name, Problem, ThingName, written_as
@@ -474,7 +474,7 @@ class ObjectSpec(Value):
     parts: Annotated[dict[Name, PartSpec], Field(max_length=MOST_PARTS)] = port(
         {}, "Parts of a compound by name, in its frame"
     )
-    joints: Annotated[dict[Name, JointSpec], Field(max_length=MOST_JOINTS)] = port(
+    joints: Annotated[dict[Name, PartJoint], Field(max_length=MOST_JOINTS)] = port(
         {}, "Joints between the parts of a compound that is fixed, by name"
     )
     file: MeshFile | None = port(
@@ -550,7 +550,10 @@ class ObjectSpec(Value):
         if self.shape != "compound":
             raise ValueError(f"only a compound has joints; the shape is '{self.shape}'")
         if not self.fixed:
-            raise ValueError("joints need 'fixed: true': what they move hangs on the world")
+            raise ValueError(
+                "joints need 'fixed: true': an object that can be carried, such as a box with a "
+                "lid, cannot have joints"
+            )
         if self.many is not None:
             raise ValueError("an object with joints cannot be 'many': write an entry for each")
         refuse_joints(self.joints, self.parts)

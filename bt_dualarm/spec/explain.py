@@ -44,7 +44,7 @@ _TYPE_NAMES: Final[Mapping[object, str]] = {
     Any: "any value",
     NodeSpec: "node",
 }
-_QUANTITIES: Final = {"s": "duration", "deg": "angle"}
+_QUANTITIES: Final = {"s": "duration", "deg": "angle", "deg or m": "joint position"}
 _BOUNDS: Final = {
     "gt": ("lower", ">"),
     "ge": ("lower", "≥"),

@@ -31,7 +31,7 @@ _UNITS: Final[Mapping[JointKind, str]] = {"hinge": "°", "slide": " m"}
 _Limit: TypeAlias = Annotated[float, Field(ge=-720.0, le=720.0)]
 
 
-class JointSpec(Value):
+class PartJoint(Value):
     """A joint between parts of a compound, which moves some of them against the others."""
 
     type: JointKind = port(..., "`hinge` turns about its axis, `slide` moves along it")
@@ -66,7 +66,7 @@ class JointSpec(Value):
     )
 
     @model_validator(mode="after")
-    def _is_possible(self) -> JointSpec:
+    def _is_possible(self) -> PartJoint:
         if math.hypot(*self.axis) < 1e-6:
             raise ValueError("axis has no direction: its length is 0")
         low, high = self.range
@@ -156,7 +156,7 @@ class Articulation:
 
     owner: str
     name: str
-    spec: JointSpec
+    spec: PartJoint
 
 
 def moved_name(owner: str, joint: str) -> str:
@@ -164,7 +164,7 @@ def moved_name(owner: str, joint: str) -> str:
     return f"{owner}.{joint}"
 
 
-def refuse_joints(joints: Mapping[str, JointSpec], parts: Collection[str]) -> None:
+def refuse_joints(joints: Mapping[str, PartJoint], parts: Collection[str]) -> None:
     """Check that joints fit the parts of their compound.
 
     Args:
@@ -183,7 +183,10 @@ def refuse_joints(joints: Mapping[str, JointSpec], parts: Collection[str]) -> No
                 hint = suggestion(part, parts, "part")
                 raise ValueError(f"joint '{name}' moves '{part}', which is not a part ({hint})")
             if part in movers:
-                raise ValueError(f"'{part}' is moved by two joints: {movers[part]} and {name}")
+                raise ValueError(
+                    f"'{part}' is moved by two joints, {movers[part]} and {name}: a part moves on "
+                    "one joint, against the parts that stay, and joints form no chains"
+                )
             movers[part] = name
     if joints and len(movers) == len(parts):
         raise ValueError("joints move all parts: at least one has to stay, such as a frame")

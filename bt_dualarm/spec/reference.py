@@ -32,6 +32,7 @@ from bt_dualarm.spec.document import (
 from bt_dualarm.spec.explain import model_name, names_of, notation_of, range_of
 from bt_dualarm.spec.faults import KINDS
 from bt_dualarm.spec.goals import SECTIONS, ConditionSpec
+from bt_dualarm.spec.joints import PartJoint
 from bt_dualarm.spec.many import ManySpec
 from bt_dualarm.spec.node_types import CONDITION_FIELDS, KEY, LanguageNode, NodeType, Unit, unit_of
 from bt_dualarm.spec.parser import FORMAT, ParamSpec
@@ -44,6 +45,7 @@ from bt_dualarm.spec.values import (
     Color,
     Duration,
     HsvRange,
+    JointPosition,
     Offset,
     Plane,
     PlaneOrFree,
@@ -196,6 +198,7 @@ _NESTED: Final[tuple[type[BaseModel], ...]] = (
     NoiseSpec,
     ManySpec,
     PartSpec,
+    PartJoint,
     LimitShares,
     CameraSpec,
     RealitySpec,
@@ -268,6 +271,7 @@ _VALUE_MODELS: Final[tuple[type[BaseModel], ...]] = (
 _QUANTITIES: Final = {
     "duration": ("Simulated time", Duration, "500 ms"),
     "angle": ("A turn", Angle, "90 deg"),
+    "joint position": ("Position of a joint of an object", JointPosition, "90 deg"),
 }
 VALUE_NAMES: Final = (*_QUANTITIES, *map(model_name, _VALUE_MODELS))
 """Names of these types in the reference."""

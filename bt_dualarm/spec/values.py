@@ -105,6 +105,12 @@ Angle: TypeAlias = Annotated[
 ]
 """Radians; in YAML degrees, at most ten turns: ``90``, or text with a unit: ``"1.57 rad"``."""
 
+JointPosition: TypeAlias = Annotated[
+    float, BeforeValidator(_degrees), Field(ge=-720.0, le=720.0), Unit("deg or m", DEGREES)
+]
+"""Position of a joint of an object, as in YAML: degrees of a hinge, or meters of a slide; or text
+with a unit of an angle: ``"1.57 rad"``."""
+
 Tilt: TypeAlias = Annotated[
     float,
     BeforeValidator(_degrees),

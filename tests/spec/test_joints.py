@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ObjectSpec, expanded
-from bt_dualarm.spec.joints import JointSpec
+from bt_dualarm.spec.joints import PartJoint
 from bt_dualarm.spec.yaml_reader import with_tuples
 from tests.sim.worlds import arm, file_of
 
@@ -63,7 +63,7 @@ def test_joint_splits_a_compound_into_two_objects() -> None:
 @pytest.mark.parametrize("kind", ["hinge", "slide"])
 def test_position_is_the_inverse_of_the_displacement(kind: str) -> None:
     data = {"type": kind, "parts": ["a"], "axis": [1, 2, -1], "anchor": [0.1, 0.2, 0.3]}
-    joint = JointSpec.model_validate(with_tuples(data | {"range": [-2, 2]}))
+    joint = PartJoint.model_validate(with_tuples(data | {"range": [-2, 2]}))
     for position in np.linspace(*joint.limits, 7).tolist():
         assert joint.position_of(joint.displacement(position)) == pytest.approx(position)
 
