@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from benchmarks.articulated import MAKERS, REACH_M
 from bt_dualarm.core.pose import Pose
 
 Ports = dict[str, Any]
@@ -41,8 +42,8 @@ GRIPPER_SKILLS: Final = (
 JOINT_SKILLS: Final = ("carry_together", "hand_over", "take_over")
 """Skills that need a second arm: `benchmarks.carry` and `benchmarks.handover` play them."""
 
-PLAYED_APART: Final = ("operate",)
-"""Skills that need objects of their own: `benchmarks.articulated` plays it."""
+FINGER_SKILLS: Final = ("operate",)
+"""Skills that need fingers around a handle."""
 
 FREE_SKILLS: Final = (
     "reach_to_pose",
@@ -148,6 +149,8 @@ class _Author:
         # What is looked for is not what is in the hand.
         self.looks = any(skill in CAMERA_SKILLS for skill in skills)
         self._things(skills)
+        if any(skill in FINGER_SKILLS for skill in skills):
+            self._hang()
         self.held: str | None = None
         self.steps: list[Step] = []
         if self._begins_held(skills[0]):
@@ -161,6 +164,8 @@ class _Author:
             if looks and before not in ("look_at", "scan"):
                 self._turn_to_see()
             self._add(skill, following)
+            if skill == "operate" and self._rng.uniform() < 0.8:
+                self._add("release")
         return SkillSequence(self._seed, self._file(skills), tuple(self.steps), self._label())
 
     def _label(self) -> str:
@@ -171,11 +176,15 @@ class _Author:
         known = list(FREE_SKILLS + CAMERA_SKILLS)
         if self.gripper is not None:
             known += [*GRIPPER_SKILLS, "place", "grasp"]
+        if self.gripper not in (None, "suction_cup"):
+            known += [*FINGER_SKILLS]
         return [str(skill) for skill in self._rng.choice(known, count)]
 
     def _begins_held(self, first: str) -> bool:
         if first in ("approach_and_attach", "grasp"):
             return bool(self._rng.uniform() < 0.15)
+        if first in FINGER_SKILLS:
+            return bool(self._rng.uniform() < 0.1)
         if first in NEEDS_HELD:
             return bool(self._rng.uniform() < 0.93)
         return bool(self._rng.uniform() < 0.5)
@@ -262,6 +271,27 @@ class _Author:
                 }
             self.spots["spare"] = self.middle + np.array((-0.10, 0.0))
             self.objects["spare"]["pose"] = self._lies("spare", 0.02, 0.0)
+
+    def _hang(self) -> None:
+        """A door, drawer, lid or lever beside the workspace, above the ground."""
+        rng = self._rng
+        far = REACH_M[self.robot]
+        made = MAKERS[str(rng.choice(list(MAKERS)))](rng, min(far / 0.75, 1.2))
+        bearing = float(rng.choice([-1, 1]) * rng.uniform(1.2, 1.9))
+        handle = far * np.array((0.75 * np.cos(bearing), 0.75 * np.sin(bearing), 0.0))
+        handle[2] = far * float(rng.uniform(0.35, 0.45))
+        turn = Pose.from_rpy((0, 0, 0), (0, 0, bearing - np.pi / 2))
+        yaw_deg = float(np.degrees(bearing)) - 90.0
+        self.opened = round(made.to, 4)
+        self.objects["thing"] = {
+            "shape": "compound",
+            "mass": 5.0,
+            "fixed": True,
+            "color": "grey",
+            "parts": made.parts,
+            "joints": {"joint": made.joint},
+            "pose": self._pose(handle - turn.apply(made.handle), (0, 0, yaw_deg)),
+        }
 
     def _lies(self, name: str, half_height: float, yaw_deg: float) -> Ports:
         spot = self.spots[name]
@@ -513,6 +543,16 @@ class _Author:
         """A pose in which the thing stands on the surface."""
         turn = None if self._rng.uniform() < 0.5 else (0, 0, float(self._rng.uniform(-60, 60)))
         return self._pose((*self._free_spot(), self.surface + self._thing_half), turn)
+
+    def _operate(self, _: str | None) -> Ports:
+        """Take the handle before, unless the hand is full; open and shut it in turn."""
+        to = self.opened
+        if self.steps and self.steps[-1].skill == "operate":
+            to = 0.0
+        elif self.held is None:
+            taken = {"object": "thing", "part": "handle", "then_to": to, "speed": 1.0}
+            self.steps.append(Step(f"{len(self.steps) + 1} grasp", "grasp", taken))
+        return {"object": "thing", "joint": "joint", "to": to}
 
     def _place(self, _: str | None) -> Ports:
         goal = self._standing()

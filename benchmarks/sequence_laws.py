@@ -45,6 +45,7 @@ _MAY_TOUCH: Final[Mapping[str, str]] = {
     "detach": "hand and thing",
     "place": "hand and thing",
     "insert": "hand and thing",
+    "operate": "hand and thing",
     "move_until_contact": "hand and all",
 }
 """Skills whose job it is to touch something, and what the hand and what it holds may touch."""
@@ -307,7 +308,7 @@ class Referee(IdleObserver):
                 return True
             wanted = {step.ports.get("object"), *(self._begun.held if self._begun else ())}
             return bool(may) and (
-                other in wanted
+                other.partition(".")[0] in wanted  # a part that moves is of its object
                 or (step.skill == "close_gripper" and other in self.run.world.objects)
             )
         if mine in held:
@@ -322,14 +323,18 @@ class Referee(IdleObserver):
         gripper = world.devices.mounted.get(ARM)
         if gripper is None or not gripper.fingers:
             return [world.tool_gap(ARM, thing)]
-        geom = world.object_geom(thing)
+        geoms = world.object_geoms(thing)
         model = world.model
         gaps = []
         for finger in FINGERS:
             body = model.body(f"{ARM}/{finger}").id
             shapes = [g for g in world.arms[ARM].geom_ids if model.geom_bodyid[g] == body]
             gaps.append(
-                min(mujoco.mj_geomDistance(model, world.data, g, geom, 1.0, None) for g in shapes)
+                min(
+                    mujoco.mj_geomDistance(model, world.data, g, geom, 1.0, None)
+                    for g in shapes
+                    for geom in geoms
+                )
             )
         return gaps
 
@@ -362,7 +367,12 @@ class Referee(IdleObserver):
         if not gripped and ARM in world.devices.mounted and not unnamed:
             for thing, spec in world.objects.items():
                 welded = world.attachments.find(ARM, thing) is not None
-                if spec.fixed or welded or self._is_held(thing) or not self._is_in_hand(thing):
+                if (
+                    not spec.is_free
+                    or welded
+                    or self._is_held(thing)
+                    or not self._is_in_hand(thing)
+                ):
                     continue
                 if not self._rests_on(thing) and self._speed_of(thing) < 0.1:
                     yield f"after {said} {thing} hangs in the hand and is not believed held"
@@ -470,6 +480,8 @@ class Referee(IdleObserver):
 
     def _judge_grasp(self, leaf: Ended) -> Iterator[str]:
         thing = leaf.step.ports["object"]
+        if "then_to" in leaf.step.ports:
+            thing = f"{thing}.joint"
         if not self._is_in_hand(thing):
             yield f"{thing} is {1e3 * max(self._gaps(thing)):.1f} mm from a finger"
         if not self._is_held(thing):
@@ -554,6 +566,16 @@ class Referee(IdleObserver):
 
     def _judge_insert(self, leaf: Ended) -> Iterator[str]:
         yield from self._lies_at(leaf, "cube", leaf.step.ports["at"], 0.006, 8.0)
+
+    def _judge_operate(self, leaf: Ended) -> Iterator[str]:
+        world = self.run.world
+        hung = world.joint_of("thing.joint")
+        if hung is None:
+            yield "there is no joint"
+            return
+        wrong = world.joint_position("thing.joint") - hung.spec.si(leaf.step.ports["to"])
+        if abs(wrong) > (math.radians(3.0) if hung.spec.type == "hinge" else 0.007):
+            yield f"its joint is {hung.spec.in_words(wrong)} from its goal"
 
     def _judge_transport(self, leaf: Ended) -> Iterator[str]:
         thing = leaf.step.ports["object"]
