@@ -547,6 +547,8 @@ class _Author:
     def _operate(self, _: str | None) -> Ports:
         """Take the handle before, unless the hand is full; open and shut it in turn."""
         to = self.opened
+        if self.held is not None and self._rng.uniform() < 0.7:
+            self._add("release")
         if self.steps and self.steps[-1].skill == "operate":
             to = 0.0
         elif self.held is None:

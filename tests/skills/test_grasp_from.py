@@ -41,6 +41,22 @@ def test_what_cannot_be_is_refused_before_moving() -> None:
     assert flat == ("OUT_OF_REACH", "no grasp of 'cube' is of the requested kind")
 
 
+def test_what_leaves_no_room_for_the_gripper_is_named() -> None:
+    """A tube around it, and a post that is far enough away."""
+    file = task({"grasp": {"object": "cube", "approach": [0, -1, 0]}}, **TALL)
+    fixed = {"mass": 1, "fixed": True}
+    file["objects"] |= {
+        "post": fixed
+        | {"shape": "box", "size": [0.02, 0.02, 0.3], "pose": {"xyz": [0.55, -0.45, 0.55]}},
+        "tube": fixed
+        | {"shape": "tube", "size": [0.08, 0.2], "wall": 0.01, "pose": {"xyz": [0.40, -0.45, 0.5]}},
+    }
+    with bt.open(file) as run:
+        (leaf,) = [one for one in run.finish().arms["arm1"].runs if one.skill == "grasp"]
+    assert leaf.code == "OUT_OF_REACH"
+    assert leaf.reason == "the gripper has no room around 'cube': tube is too near"
+
+
 @pytest.mark.parametrize("seed", [0, 3])
 def test_friction_near_a_singular_posture_is_no_touch(seed: int, stage: Stage) -> None:
     """Of a cube straight before a UR5 104 and 111 N were felt where nothing was touched."""

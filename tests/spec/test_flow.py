@@ -59,6 +59,17 @@ RIGHT = {
           - set: {key: d, value: "{c}"}
           - log: "{d}"
         """,
+    "the item of a loop below a guard": """
+        guard:
+          condition: {compare: {value: 1, to: 1}}
+          child: {for_each: {items: [1, 2], item: a, index: n, child: {log: "{n} is {a}"}}}
+        """,
+    "the item of a loop in a loop": """
+        for_each:
+          items: [1, 2]
+          item: a
+          child: {for_each: {items: [3, 4], item: b, child: {log: "{a} and {b}"}}}
+        """,
     "a text with units": """
         sequence: [{set: {key: x, value: 500 ms}}, {wait: "{x}"}]
         """,

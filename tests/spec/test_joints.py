@@ -122,7 +122,7 @@ def test_spawned_and_removed_together() -> None:
 
 MISTAKES = [
     ({"shape": "box", "size": [1, 1, 1], "parts": {}}, "only a compound has joints"),
-    ({"fixed": False}, "joints need 'fixed: true'"),
+    ({"fixed": False}, "an object that can be carried, such as a box with a lid"),
     ({"many": {"grid": [2]}}, "cannot be 'many'"),
 ]
 
@@ -130,7 +130,7 @@ WRONG_JOINTS = [
     ({"hinge": {"parts": ["panle"]}}, "did you mean 'panel'"),
     ({"panel": {}}, "is the name of a part as well"),
     ({"hinge": {"parts": ["panel", "knob", "post"]}}, "at least one has to stay"),
-    ({"hinge": {}, "other": {}}, "is moved by two joints"),
+    ({"hinge": {}, "other": {}}, "joints form no chains"),
     ({"hinge": {"range": [10, -10]}}, "give the smaller one first"),
     ({"hinge": {"range": [-721, 10]}}, "-720"),
     ({"hinge": {"type": "slide", "range": [0, 11]}}, "at most 10 m"),
@@ -168,3 +168,31 @@ def test_fixtures_of_a_scene_may_have_joints(tmp_path: Path) -> None:
         "    tree: {joint_at: {object: box, joint: up, below: 0.1}}\n"
     )
     assert list(load_tree_file(path).objects) == ["box", "box.up"]
+
+
+def test_position_of_a_joint_may_have_the_unit_of_an_angle() -> None:
+    """As a parameter of the type `angle` has it."""
+    from bt_dualarm.skill.registry import Registry
+
+    ports = Registry.load().skills["operate"].Ports
+    given = {"object": "door", "joint": "hinge"}
+    assert ports.model_validate(given | {"to": "85 deg"}).to == 85.0
+    assert ports.model_validate(given | {"to": "0.5 rad"}).to == pytest.approx(28.648, abs=1e-3)
+    with pytest.raises(ValidationError, match="text with a unit"):
+        ports.model_validate(given | {"to": "5 N"})
+
+
+def test_fault_may_name_what_moves_on_a_joint() -> None:
+    """It can be slippery; it cannot be pushed away, which the message says."""
+    import bt_dualarm as bt
+
+    def problems(kind: str, **fields: Any) -> list[str]:
+        fault = {"kind": kind, "object": "door.hinge"} | fields
+        tree = {"wait": 1}
+        file = {"bt_dualarm": 1, "name": "x", "objects": {"door": DOOR}, "faults": {"f": fault}}
+        arms = {"arm1": {"robot": "ur5", "base": {"xyz": [0, -2, 0]}, "tree": tree}}
+        return [str(one) for one in bt.check(file | {"arms": arms})]
+
+    assert problems("reduced_friction") == []
+    (wrong,) = problems("pushed_object", force=[1, 0, 0], until=1)
+    assert "moves on a joint only" in wrong
