@@ -92,6 +92,7 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.grip import Grip as Grip
     from bt_dualarm.skill.grip import TouchSense as TouchSense
     from bt_dualarm.skill.grip import held_through as held_through
+    from bt_dualarm.skill.grip import make_room as make_room
     from bt_dualarm.skill.handover import HandoverPlan as HandoverPlan
     from bt_dualarm.skill.handover import HandoverSearch as HandoverSearch
     from bt_dualarm.skill.handover import HandoverWish as HandoverWish
@@ -285,6 +286,7 @@ _CONTENTS: Final = {
     "RankedGrasp": "grasping.candidates:RankedGrasp",
     "Grip": "skill.grip:Grip",
     "held_through": "skill.grip:held_through",
+    "make_room": "skill.grip:make_room",
     "KeptPath": "skill.keeping:KeptPath",
     "LeftStanding": "skill.placing:LeftStanding",
     "is_tied_to": "skill.placing:is_tied_to",

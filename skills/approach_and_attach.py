@@ -20,6 +20,7 @@ from bt_dualarm import (
     Trajectory,
     Vector,
     Vector3,
+    make_room,
     port,
     unit_vector,
 )
@@ -108,7 +109,7 @@ class ApproachAndAttach(Skill):
                 yield from self._retreat(approach)
             raise
 
-    def _close_empty_fingers(self) -> Iterator[float]:
+    def _close_empty_fingers(self) -> Iterator[float | None]:
         """Close empty fingers to a tip: open ones would pass the object on both sides."""
         arm = self.arm
         if arm.name not in arm.world.grippers:
@@ -116,6 +117,8 @@ class ApproachAndAttach(Skill):
         gripper = arm.gripper
         if not gripper.page.fingers or gripper.held or gripper.holding:
             return
+        # What was let go of may still be between them: not what is to be attached.
+        yield from make_room(arm, self.ports.approach_speed, 0.0, frozenset({self._name}))
         gripper.command(0.0, force=gripper.page.force.least)
         try:
             for progress in gripper.until_open():

@@ -161,7 +161,10 @@ class Operate(Skill):
             if self.time - began >= _EDGE_S:
                 self._most_n = max(self._most_n, felt)
             if exceeded is not None and self.time - exceeded > _FELT_S:
-                if motion.done and self._away(goal) <= ports.tolerance:
+                if self._away(goal) <= ports.tolerance:
+                    # It is there; a goal near the end of the range presses against the stop.
+                    for _ in arm.halt(give_way=True):
+                        yield 1.0
                     return
                 moved = self._lever * abs(past[-1][1] - past[0][1])
                 yield from self._stop(felt, moved)

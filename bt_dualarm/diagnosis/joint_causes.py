@@ -183,11 +183,14 @@ def joint_causes(e: Evidence) -> Iterator[Cause]:
     end = high if way > 0.0 else low
     is_at_end = abs(ended.position - end) < _AT_END[ended.is_hinge]
     if is_at_end and abs(goal - ended.position) < _AT_END[ended.is_hinge] and not in_way:
-        sentence = (
-            f"{name} is at the end of its range, {ended.told(end)}, and {e.arm} believes it to be "
-            f"elsewhere: {e.reason}"
-        )
-        remedy = f"`sensor: true`, or let `locate` find {owner} before"
+        believed = e.numbers.get("joint_rad" if ended.is_hinge else "joint_m")
+        is_known = believed is not None and abs(float(believed) - end) < _AT_END[ended.is_hinge]
+        sentence = f"{name} is at the end of its range, {ended.told(end)}"
+        remedy = "a `to` before the end of the range, or a larger `tolerance`"
+        if not is_known:
+            sentence += f", and {e.arm} believes it to be elsewhere"
+            remedy = f"`sensor: true`, or let `locate` find {owner} before"
+        sentence += f": {e.reason}"
         yield e.cause("AT_ITS_END", sentence, remedy)
     if e.code in ("SLIPPED", "DROPPED"):
         sentence = f"the part of {name} slid out of the hand: {where}; {e.reason}"

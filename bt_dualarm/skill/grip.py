@@ -286,29 +286,34 @@ class StreamClear:
 _STEP_M: Final = 0.03  # step between two retreats that are checked
 _FARTHEST_M: Final = 0.24  # longest retreat
 _CHORD_M: Final = 0.004  # step between two openings that are checked
-_OPEN_M: Final = 2e-3  # fingers that are this near to fully open need not open
+_OPEN_M: Final = 2e-3  # fingers that are this near to their opening need not move
 
 
-def make_room(arm: Arm, speed: float) -> Iterator[float | None]:
-    """Retreat until the fingers can open completely without collision.
+def make_room(
+    arm: Arm, speed: float, opening: float | None = None, ignore: frozenset[str] = frozenset()
+) -> Iterator[float | None]:
+    """Retreat until the empty fingers can open, or close, without collision.
 
     The arm retreats along the tool axis or upward, as little as possible; mostly not at all.
 
     Args:
-        arm: Arm whose gripper has to open.
+        arm: Arm whose gripper moves its fingers afterwards.
         speed: Fraction of its limits, above 0 to 1.
+        opening: Opening that they will have, m; by default the widest.
+        ignore: Names of objects that the fingers may touch.
 
     Raises:
         Failure: ``IN_COLLISION`` with what is next to the fingers, if no retreat helps; as motions.
     """
     page = arm.gripper.page
-    if not page.fingers or arm.gripper.width > page.stroke - _OPEN_M:
+    to = page.stroke if opening is None else opening
+    if not page.fingers or abs(arm.gripper.width - to) < _OPEN_M:
         return
-    beside = _beside(arm, arm.setpoint.q)
+    beside = _beside(arm, arm.setpoint.q, to, ignore)
     if beside is None:
         return
     for goal in _retreats(arm):
-        if _beside(arm, arm.line_on(goal)[-1]) is None:
+        if _beside(arm, arm.line_on(goal)[-1], to, ignore) is None:
             yield from arm.past_others(speed).straight(goal)
             return
     raise beside.failure()
@@ -329,13 +334,12 @@ def _retreats(arm: Arm) -> Iterator[Pose]:
                 yield goal
 
 
-def _beside(arm: Arm, q: Vector) -> Contact | None:
-    """Collision of the opening fingers in a configuration of shape (dof,), rad, if there is one."""
-    checker = arm.checker()
-    gripper = arm.gripper
-    travel = gripper.page.stroke - gripper.width
-    for width in gripper.page.stroke - np.linspace(travel, 0.0, 2 + int(travel / _CHORD_M)):
-        checker.open_fingers(float(width))
+def _beside(arm: Arm, q: Vector, to: float, ignore: frozenset[str]) -> Contact | None:
+    """Collision of the moving fingers in a configuration of shape (dof,), rad, if there is one."""
+    checker = arm.checker(ignore)
+    width = arm.gripper.width
+    for opening in np.linspace(width, to, 2 + int(abs(to - width) / _CHORD_M)):
+        checker.open_fingers(float(opening))
         contact = checker.contact(q)
         if contact is not None:
             return contact

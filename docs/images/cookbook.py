@@ -63,7 +63,7 @@ def main() -> int:
             if str(result.outcome) != "SUCCESS":
                 sys.stderr.write(f"{name}: {result.outcome}\n")
                 return 1
-            draw(Record.read(folder), TARGETS / f"{name}.webp")
+            draw(Record.read(Path(folder)), TARGETS / f"{name}.webp")
     return 0
 
 
