@@ -398,7 +398,7 @@ def test_many_episodes_log_nothing(reach: Any, caplog: pytest.LogCaptureFixture)
         ({"tree": REACH, "horizon": -1}, "horizon: -1 is not a number of seconds"),
         ({"tree": REACH, "camera": True}, "camera: arm1: no such arm has a camera"),
         ({"tree": REACH, "render_mode": "human"}, "render_mode: 'human' is neither"),
-        ({"tree": REACH.split("goal:")[0]}, "the file has no goal"),
+        ({"tree": REACH.split("goal:")[0]}, "it has none: add one"),
         ({"tree": REACH.replace("ur5", "ur55")}, "there is no robot 'ur55'"),
     ],
 )

@@ -105,7 +105,7 @@ def test_it_ends_once_the_interval_is_narrow(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("text", ["ci<0", "ci<2", "ci>0.1", "0.1", "ci<x", ""])
 def test_other_conditions_are_refused(text: str) -> None:
-    with pytest.raises(SweepError, match="no condition"):
+    with pytest.raises(SweepError, match="not a condition"):
         StopCondition.of(text)
 
 

@@ -123,7 +123,7 @@ def test_the_command_reports_and_goes_on(
         (["circle", "--param", "sped=1"], "did you mean 'speed'"),
         (["circle", "--reality", "labb"], "did you mean 'lab'"),
         (["circle", "--shard", "3/2"], "not a shard"),
-        (["circle", "--until", "soon"], "no condition"),
+        (["circle", "--until", "soon"], "not a condition"),
         (["circle", "--jobs", "0"], "number of workers"),
         (["circle", "--search", "3"], "one or two parameters as a range"),
         (["circel"], "no such file"),
