@@ -102,9 +102,9 @@ def _type_name(annotation: object) -> str:
 
 def _plural(name: str) -> str:
     """Returns the plural of a type's name: ``lists of 2 numbers``."""
-    if name.endswith("value") or " or " in name:  # any of several may be several, too
-        return name
     head, of, rest = name.partition(" of ")
+    if name.endswith("value") or " or " in head:  # any of several may be several, too
+        return name
     return f"{head}s{of}{rest}"
 
 

@@ -14,7 +14,11 @@ from bt_dualarm.trajectory.trajectory import use_of_limits
 YZ: Axes = (np.array((0.0, 1.0, 0.0)), np.array((0.0, 0.0, 1.0)))
 
 
-@pytest.mark.parametrize("name", robot_names())
+FULL_POSES = [name for name in robot_names() if len(load_robot(name).limits.velocity) >= 6]
+"""Robots that take every pose nearby: with five joints the tool's axis cannot be held."""
+
+
+@pytest.mark.parametrize("name", FULL_POSES)
 def test_the_tool_draws_the_circle_that_was_asked_for(name: str) -> None:
     """Every set-point puts the tool on the circle to a twentieth of a millimeter, within limits."""
     robot = load_robot(name)

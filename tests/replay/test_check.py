@@ -109,7 +109,7 @@ def test_a_difference_is_code_1(
     assert cli.replay([str(other.folder), "--check"]) == 1
     out = capsys.readouterr().out
     assert "differs at step 0, 0.000 s" in out
-    assert "→ FAILURE at 0.000 s in the record, now arm1:sequence/set → SUCCESS at 0.000 s" in out
+    assert "→ FAILURE at 0.000 s in the record; now arm1:sequence/set → SUCCESS at 0.000 s" in out
 
 
 def test_without_a_record_it_is_code_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -48,7 +48,7 @@ def why(folder: Path, size: list[float], steps: str, others: str = "") -> Cause:
 def test_what_stands_beside_a_thing_is_named_the_nearest_first(tmp_path: Path) -> None:
     cause = why(tmp_path, CUBE, f"[{TAKE}]", AROUND)
     assert cause.kind == "NO_ROOM"
-    assert "beside it is east (3 mm away), " in cause.sentence
+    assert "next to it is east (3 mm away), " in cause.sentence
     assert cause.remedy == "move east away, or remove it first"
 
 

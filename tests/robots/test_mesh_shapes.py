@@ -90,7 +90,8 @@ def test_outline_and_parts_hold_the_mesh(path: Path, scale: tuple[float, ...]) -
     assert standing_out(points, shapes.outline).max() <= LOSS_M
     whole = Hull(triangles.reshape(-1, 3), np.zeros((0, 3), int))
     for hull in (shapes.outline, *shapes.parts):
-        assert len(hull.vertices) <= 96
+        # Round and large: TIAGo's base, half a meter wide, needs 101 corners, any arm's link 96.
+        assert len(hull.vertices) <= 101
         assert hull.triangles.max() < len(hull.vertices)
         assert standing_out(hull.vertices, whole).max() < 1e-9
 

@@ -422,6 +422,7 @@ FORMS: Mapping[str, tuple[Tree, ...]] = {
             },
             "target_size": 0.05,
             "max_error": 0.01,
+            "plane": {"normal": [1.0, 0.0, 0.0]},
             "duration": 2.0,
             "until_still": 1.0,
         },

@@ -10,7 +10,7 @@ from bt_dualarm.safety.failsafe import FailSafeCheck, Reservations
 from bt_dualarm.safety.guard import GuardReport, SeparationRule, TrajectoryGuard
 from bt_dualarm.trajectory.set_points import SetPoint, TrajectorySource
 from tests.families import some
-from tests.sim.worlds import ROBOTS, world_with
+from tests.sim.worlds import PAGES, WIDE, world_with
 from tests.trajectory.test_time_scaling import drawn
 
 SLOW_S = 0.7
@@ -20,7 +20,7 @@ AGAIN_S = 0.5
 """Seconds in which the planned speed is back: a change takes 0.1 to 0.4 s."""
 
 
-@pytest.mark.parametrize(("begin", "robot"), some(product((0.2, 0.4), ROBOTS), 6))
+@pytest.mark.parametrize(("begin", "robot"), some(product((0.2, 0.4), (*WIDE, *PAGES)), 6))
 def test_a_motion_is_as_fast_as_planned_soon_after_nothing_slows_it(
     robot: str, begin: float
 ) -> None:
