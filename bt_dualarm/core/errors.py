@@ -35,6 +35,20 @@ class RoomError(WorldError):
         self.message = message
 
 
+class SpringError(WorldError):
+    """The spring of a joint is too stiff for the time step.
+
+    Args:
+        thing: Name of the object that the joint moves.
+        message: The problem.
+    """
+
+    def __init__(self, thing: str, message: str) -> None:
+        super().__init__(f"{thing}: {message}")
+        self.thing = thing
+        self.message = message
+
+
 class OverlapError(WorldError):
     """An arm or object would overlap with another body.
 

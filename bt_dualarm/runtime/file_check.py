@@ -13,7 +13,14 @@ from pydantic import ValidationError
 
 from bt_dualarm.behaviors.language import LANGUAGE
 from bt_dualarm.behaviors.load import load
-from bt_dualarm.core.errors import CatalogError, Failure, OverlapError, RoomError, WorldError
+from bt_dualarm.core.errors import (
+    CatalogError,
+    Failure,
+    OverlapError,
+    RoomError,
+    SpringError,
+    WorldError,
+)
 from bt_dualarm.core.free_axes import AXES, FreeAxes
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics, Workspace
@@ -583,6 +590,9 @@ def _problems_of_the_world(file: TreeFile, source: Source, name: str) -> list[Pr
         hint = "a larger area, a smaller gap, or fewer objects"
         problem = file.thing_problem(source, f"{error.entry}1", "many", error.message)
         return [replace(problem, hint=hint)]
+    except SpringError as error:
+        problem = file.thing_problem(source, error.thing, "joints", str(error))
+        return [replace(problem, hint="a softer spring, or a larger mass")]
     except (CatalogError, WorldError) as error:
         return [Problem(Location(name), str(error))]
     # A tool slightly inside an object is about to grasp it: only objects are pushed away.

@@ -18,7 +18,7 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from bt_dualarm.core.errors import CatalogError, WorldError
+from bt_dualarm.core.errors import CatalogError, SpringError, WorldError
 from bt_dualarm.core.later import Later
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.core.share import share_dir
@@ -335,6 +335,33 @@ def _hang(spec: mujoco.MjSpec, body: mujoco.MjsBody, hung: Articulation) -> None
     joint.solref_friction = _STIFF_SOLREF
     joint.solimp_friction[:2] = _FRICTION_SOLIMP
     spec.add_exclude(name=body.name, bodyname1=hung.owner, bodyname2=body.name)
+
+
+def refuse_stiff_springs(model: mujoco.MjModel, joints: Mapping[str, Articulation]) -> None:
+    """Check that the springs of joints are no stiffer than the time step ``dt`` allows.
+
+    The integrator takes a spring's force at the beginning of a step and diverges above a stiffness
+    of ``4 I / dt²``, with the inertia ``I`` that the joint moves; a quarter of that is allowed, an
+    oscillation of six steps.
+
+    Args:
+        model: Compiled world.
+        joints: Joints by the names of the objects that they move, which are in the model.
+
+    Raises:
+        SpringError: A spring is stiffer.
+    """
+    step = model.opt.timestep
+    for name, hung in joints.items():
+        inertia = 1.0 / float(model.dof_invweight0[model.joint(name).dofadr[0]])
+        stiffest = inertia / step**2
+        if hung.spec.spring > stiffest:
+            unit = "N m/rad" if hung.spec.type == "hinge" else "N/m"
+            raise SpringError(
+                name,
+                f"a spring of {hung.spec.spring:g} {unit} is too stiff for what it moves, in time "
+                f"steps of {1e3 * step:g} ms: at most {stiffest:.5g} {unit}",
+            )
 
 
 def part_geom(name: str, index: int) -> str:

@@ -683,7 +683,7 @@ class World(HoldingView):
 
     Raises:
         CatalogError: A robot or scene is unknown or broken.
-        WorldError: The parts do not compile to one world.
+        WorldError: The parts do not compile to one world, or a spring is too stiff for its steps.
     """
 
     def __init__(self, file: TreeFile, seed: int = 0, *, visuals: bool = False) -> None:
@@ -836,6 +836,8 @@ class World(HoldingView):
             if arm.spawned:
                 self._add_arm(name)
         self._compile()
+        hung = {name: thing.joint for name, thing in self.objects.items() if thing.joint}
+        composition.refuse_stiff_springs(self.model, hung)
         self._bind()
         for name in self.arms:
             self._set_initial_posture(name)

@@ -574,7 +574,9 @@ class _MappingReader:
     def _mapping(self, mapping: Mapping[object, object], path: DataPath) -> Data:
         data: dict[str, Data] = {}
         for key, item in mapping.items():
-            if isinstance(key, str):
+            if key is True:  # what YAML 1.1, and so PyYAML, makes of the unquoted key `on`
+                data["on"] = self.value(item, (*path, "on"))
+            elif isinstance(key, str):
                 name = self._text(key, path)
                 data[name] = self.value(item, (*path, name))
             else:

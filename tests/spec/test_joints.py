@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from bt_dualarm.core.errors import SpringError
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ObjectSpec, expanded
@@ -197,3 +198,22 @@ def test_fault_may_name_what_moves_on_a_joint() -> None:
     assert problems("reduced_friction") == []
     (wrong,) = problems("pushed_object", force=[1, 0, 0], until=1)
     assert "moves on a joint only" in wrong
+
+
+@pytest.mark.parametrize("mass", [0.01, 1.0, 10.0])
+def test_spring_is_as_stiff_as_the_time_step_allows(mass: float) -> None:
+    """The stiffest that is allowed does not diverge; a stiffer one is refused with the limit."""
+
+    def door(spring: float) -> dict[str, Any]:
+        hinge = DOOR["joints"]["hinge"]
+        loaded = hinge | {"mass": mass, "spring": spring, "damping": 0.0, "rest": 5.0}
+        return DOOR | {"joints": {"hinge": loaded}}
+
+    with pytest.raises(SpringError, match="too stiff for what it moves") as refused:
+        world_with(door(1e5))
+    stiffest = float(refused.value.message.split()[-3])
+    assert stiffest == pytest.approx(mass * 0.0304 / 0.002**2, rel=0.3)
+    world = world_with(door(0.999 * stiffest))
+    for _ in range(500):
+        world.step()
+    assert abs(world.joint_position("door.hinge")) < math.pi

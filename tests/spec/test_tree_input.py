@@ -143,6 +143,12 @@ def test_what_python_has_beside_yaml_is_taken_for_what_it_holds() -> None:
     assert yaml.safe_load(yaml.safe_dump(read_mapping(given).data)) == expected
 
 
+def test_the_key_on_is_taken_as_pyyaml_reads_it() -> None:
+    """YAML 1.1 makes true of the word, also where it is a key: `place: {at: {on: tray}}`."""
+    given = yaml.safe_load("place: {at: {on: tray}}")
+    assert read_mapping(given).data == {"place": {"at": {"on": "tray"}}}
+
+
 def nested(levels: int) -> Data:
     return [nested(levels - 1)] if levels else 0
 
