@@ -135,8 +135,8 @@ def main(arguments: list[str]) -> int:
     asked.reality = ["ideal"]
     found = []
     for case in cases(asked):
-        seen = vantage(case.robot, LOOKS[case.plane])
         try:
+            seen = vantage(case.robot, LOOKS[case.plane])
             path = course(case, seen, np.array(Plane.model_validate(case.plane).axes))
             known, _ = errors(case, seen, path, "now")
             late, _ = errors(case, seen, path, "exposure")

@@ -72,14 +72,15 @@ def vantage(robot: str, normal: tuple[float, float, float], seed: int = 0) -> Va
     """The best conditioned of some random places from which an arm looks along a unit vector.
 
     Raises:
-        ValueError: None of them is free and within reach.
+        Failure: ``OUT_OF_REACH``: none of them is free and within reach.
     """
     rng = np.random.default_rng(seed)
     stand = _Stand(robot)
     found = (stand.try_one(np.array(normal), rng) for _ in range(_TRIES))
     fit = [one for one in found if one is not None]
     if not fit:
-        raise ValueError(f"{robot} looks along {normal} from nowhere")
+        reason = f"{robot} looks along {normal} from none of {_TRIES} random places"
+        raise Failure("OUT_OF_REACH", reason)
     return min(fit, key=lambda one: one.condition)
 
 

@@ -29,7 +29,7 @@ import mujoco
 import numpy as np
 
 from bt_dualarm.core.errors import Failure
-from bt_dualarm.core.free_axes import FreeAxes, angle_to, pointing
+from bt_dualarm.core.free_axes import REMEDY, FreeAxes, angle_to, pointing
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.robots.robot import Robot
 from bt_dualarm.sim.world import World
@@ -829,10 +829,7 @@ def _remedy(joints: int, free: FreeAxes) -> str:
     """What helps an arm with too few joints for a pose, for messages; empty for other arms."""
     if joints >= 6 - len(free):
         return ""
-    return (
-        f"; an arm of {joints} joints cannot take every orientation: "
-        "leave an axis of the tool free, as by free: [rz]"
-    )
+    return f"; an arm of {joints} joints cannot take every orientation: {REMEDY}"
 
 
 def unreachable(distance: float, angle: float, joints: int = 6, free: FreeAxes = ()) -> Failure:

@@ -21,7 +21,7 @@ from bt_dualarm.core.errors import (
     SpringError,
     WorldError,
 )
-from bt_dualarm.core.free_axes import AXES, FreeAxes
+from bt_dualarm.core.free_axes import AXES, REMEDY, FreeAxes
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics, Workspace
 from bt_dualarm.robots.gripper import Gripper, Interval, gripper_names, load_gripper
@@ -462,7 +462,7 @@ class _ReachCheck:
         if self.robot.dof < 6 - len(free):
             hint = (
                 f"the {self.robot.dof} joints of {self.robot.name} cannot take every orientation: "
-                "leave an axis of the tool free, as by free: [rz]"
+                f"{REMEDY}"
             )
         return f"{self.arm} reaches this point, but not in this orientation", hint
 

@@ -378,9 +378,9 @@ class PlaneTracking:
         self._limits = arm.limits(speed)
         camera, view = _facing_camera(arm, plane)
         self._axes = np.array(plane.axes) if plane else view.rotation_matrix.T.copy()
-        middle = view.apply(np.array((0.0, 0.0, distance)))
+        self._middle = np.array((0.0, 0.0, distance))
         normal = np.cross(*self._axes[:2])
-        guessed = EstimatedPlaneLocalizer(view.position, middle, normal)
+        guessed = EstimatedPlaneLocalizer(view.position, view.apply(self._middle), normal)
         localizer: Localizer = guessed
         if plane is None:
             if target_size is None or gains is not None:
@@ -404,7 +404,6 @@ class PlaneTracking:
             stale_after=stale_after(camera.latency, camera.period),
         )
         self._latency = camera.latency
-        self._middle = np.array((0.0, 0.0, distance))
         self._error = error
         doubt = _MEASURED_DEPTH if target_size else _GIVEN_DEPTH
         # In space, one for the directions across the line of sight and one for the depth.
