@@ -100,7 +100,7 @@ class HandOver(Skill):
                         continue  # the taker could not grasp it there
                     self.metrics["handover_s"] = self.time - arrived
                     for progress in retreat_from(
-                        arm, name, self.ports.retreat, self.ports.retreat_speed
+                        arm, taker, name, self.ports.retreat, self.ports.retreat_speed
                     ):
                         yield 0.8 + 0.2 * (progress or 0.0)
                 joint.tell(clear=True)

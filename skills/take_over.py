@@ -56,11 +56,11 @@ _PUSHES_N = 20.0  # contact force that the joints feel, at which the approach en
 _EARLY_M = 0.015  # before the goal, where fingers still reach around the object
 _TOUCH_M = 0.004  # distance at which a bare tool can be attached to the object
 _NEAR_M = 0.001
-_STEP_M = 0.001  # step of the set-point along a pull
-_MOST_STEPS = 12
+_STEP_M = 0.0005  # longest step of the set-point along a pull
+_MOST_STEPS = 24
 _MOST_LEVEL = 4  # a horizontal pull is accepted after this many steps
-_LEVEL_N = 6.0  # horizontal pull that is not followed
-_STIFFNESS = 8000.0  # stiffness of a compliant arm, N/m
+_LEVEL_N = 10.0  # horizontal pull that is not followed: the arms' friction would reverse it
+_STIFFNESS = (8000.0, 15000.0, 50000.0)  # of two arms at one object: least, first guess, most, N/m
 _HELD_M = 0.03
 _THERE_RAD = 1e-6
 _TOWARD = 0.2  # cosine beyond which a lift leads toward the giver
@@ -408,7 +408,7 @@ class TakeOver(Skill):
                     expected_m=grasp.width,
                 )
         gripper.command(force=force)
-        yield from self._until_holding(joint)
+        yield from self._until_holding(joint, yields=bool(page.fingers))
         self.metrics |= {"width_m": gripper.width, "grip_force_n": force}
         self.metrics["grasp_margin"] = force / max(grasp.force, 1e-9)
 
@@ -495,9 +495,13 @@ class TakeOver(Skill):
         # Because of the pads' gain errors, the grip force appears as a load, too.
         page = arm.gripper.page
         gain = 0.0 if page.tactile is None else page.tactile.gain
-        closing = abs(float(arm.tool_pose.rotation_matrix[2, 1]))
-        doubt = 2.0 * gain * arm.gripper.commanded.force * closing
+        axis = arm.tool_pose.rotation_matrix[:, 1]
+        along = 2.0 * gain * arm.gripper.commanded.force
+        doubt = along * abs(float(axis[2]))
         steps = 0
+        stiffness = _STIFFNESS[1]
+        step = np.zeros(3)
+        before_step = np.zeros(3)
         while True:
             load = sense.look()
             while not sense.is_settled:
@@ -507,6 +511,12 @@ class TakeOver(Skill):
                 load = sense.look()
             felt = -float(load[2])
             carries = max(felt - doubt, felt - before) >= _CARRIES * weight
+            if steps:
+                # The arms are stiffer than they seem where the step has ended their friction.
+                stiffness = _measured_stiffness(before_step - load, step, stiffness)
+            before_step = load.copy()
+            closing = float(load @ axis)
+            load = load - float(np.clip(closing, -along, along)) * axis
             level = float(np.linalg.norm(load[:2]))
             if carries and (level < _LEVEL_N or steps >= _MOST_LEVEL):
                 break
@@ -520,18 +530,20 @@ class TakeOver(Skill):
             steps += 1
             # The hand follows a pull, upward until it bears the weight.
             pull = load + np.array((0.0, 0.0, max(felt, weight)))
+            if level < _LEVEL_N:
+                pull[:2] = 0.0
             if not carries:
                 pull[2] += weight + doubt
-            yield from self._follow_pull(joint, pull)
+            step = pull / stiffness
+            step *= min(1.0, _STEP_M / max(float(np.linalg.norm(step)), 1e-9))
+            yield from self._shift(joint, step)
             sense = LoadSense(arm)
         self.metrics |= {"weight_n": weight, "felt_n": felt, "steps": steps}
 
-    def _follow_pull(self, joint: JointPart, pull: Vector) -> Iterator[float | None]:
-        """Move the set-point of the compliant arm a little along a force, of shape (3,), N."""
+    def _shift(self, joint: JointPart, step: Vector) -> Iterator[float | None]:
+        """Move the set-point of the compliant arm a little, by a vector of shape (3,), m."""
         arm = self.arm
         here = arm.commanded_tool_pose
-        step = pull / _STIFFNESS
-        step *= min(1.0, _STEP_M / max(float(np.linalg.norm(step)), 1e-9))
         rows = arm.line_on(Pose(here.position + step, here.quaternion))
         motion = arm.begin(arm.time_path(rows, 0.05), may_touch=True, compliant=True)
         while not motion.done:
@@ -619,3 +631,14 @@ class TakeOver(Skill):
         if error > _HELD_M:
             arm.gripper.let_go(name)
             raise Failure("DROPPED", f"{name!r} is no longer held")
+
+
+def _measured_stiffness(decrease: Vector, step: Vector, before: float) -> float:
+    """Stiffness along a step by the decrease of the load in N, both (3,), in N/m.
+
+    A step that has not decreased the load was lost in friction: the value before counts.
+    """
+    measured = float(decrease @ step) / max(float(step @ step), 1e-12)
+    if measured <= 0.0:
+        return before
+    return float(np.clip(measured, _STIFFNESS[0], _STIFFNESS[2]))

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -38,6 +38,7 @@ from bt_dualarm.sim.world import World
 from bt_dualarm.skill.grasp_search import GRAVITY
 from bt_dualarm.skill.joint import HANDS_M
 from bt_dualarm.trajectory.paths import line
+from bt_dualarm.trajectory.trajectory import Trajectory
 
 _SHARES: Final = (0.0, 0.25, -0.25, 0.5, -0.5, 0.75, -0.75)
 """Grasp positions of the taker along a long object, as fractions of half its length."""
@@ -564,15 +565,23 @@ def _opening(arm: Arm, thing: str) -> float:
     return widest
 
 
-_RETREAT_WAIT_S: Final = 5.0  # time for the taker to clear the path
+_RETREAT_WAIT_S: Final = 5.0  # time for others to clear the path
+_HELD_S: Final = 0.2  # time after which a retreat that the guard has stopped is tried elsewhere
 _RETREATS_M: Final = (1.0, 0.8, 0.6, 0.45)  # fractions of the requested length, tried in order
 
 
-def retreat_from(arm: Arm, thing: str, length: float, speed: float) -> Iterator[float | None]:
+def retreat_from(
+    arm: Arm, partner: str, thing: str, length: float, speed: float
+) -> Iterator[float | None]:
     """Retreat straight from an object that the arm has released; yields once per tick.
+
+    The hands are so near to each other that the guard may stop a retreat that the planner accepts:
+    it judges by set-points, with an allowance for what happens between its samples. The arm then
+    tries another direction from there, before it waits.
 
     Args:
         arm: Arm whose gripper is open.
+        partner: Name of the arm that holds the object now, and stands still.
         thing: Name of the object, which the hand may touch.
         length: Length of the retreat, m.
         speed: Fraction of the arm's limits, above 0 to 1.
@@ -580,20 +589,55 @@ def retreat_from(arm: Arm, thing: str, length: float, speed: float) -> Iterator[
     Raises:
         Failure: As motions, if no retreat is possible.
     """
-    here = arm.commanded_tool_pose
     ignore = frozenset({thing})
+    directions = _retreat_directions(arm, partner)
+    first: Failure | None = None
+    for waits in (False, True):
+        for share in _RETREATS_M:
+            for direction in directions:
+                here = arm.commanded_tool_pose
+                away = share * length * direction
+                try:
+                    rows = arm.line_on(Pose(here.position + away, here.quaternion))
+                    arm.refuse_collision_along(rows, ignore)
+                except Failure as failure:
+                    first = first or failure
+                    continue
+                motion = arm.time_path(rows, speed)
+                if waits:
+                    yield from arm.follow(motion, ignore, _RETREAT_WAIT_S)
+                    return
+                if (yield from _is_free(arm, motion, ignore)):
+                    return
+    raise first or Failure("NO_PLAN", "no retreat is possible")
+
+
+def _retreat_directions(arm: Arm, partner: str) -> list[Vector]:
+    """Unit vectors in the world along which an arm may retreat, the preferred one first."""
+    here = arm.commanded_tool_pose
     back = -here.rotation_matrix[:, 2]
     up = np.array((0.0, 0.0, 1.0))
-    first: Failure | None = None
-    for share in _RETREATS_M:
-        for direction in (back, back + 0.5 * up, back - 0.5 * up):
-            away = share * length * direction / float(np.linalg.norm(direction))
-            try:
-                rows = arm.line_on(Pose(here.position + away, here.quaternion))
-                arm.refuse_collision_along(rows, ignore)
-            except Failure as failure:
-                first = first or failure
-                continue
-            yield from arm.follow(arm.time_path(rows, speed), ignore, _RETREAT_WAIT_S)
-            return
-    raise first or Failure("NO_PLAN", "no retreat is possible")
+    aside = np.zeros(3)
+    if partner in arm.world.arms:
+        apart = here.position - arm.tool_pose_of(partner).position
+        apart -= (apart @ back) * back
+        aside = apart / max(float(np.linalg.norm(apart)), 1e-9)
+    found = (back, back + 0.5 * up, back - 0.5 * up, back + 0.5 * aside, back + aside)
+    return [direction / float(np.linalg.norm(direction)) for direction in found]
+
+
+def _is_free(
+    arm: Arm, trajectory: Trajectory, ignore: frozenset[str]
+) -> Generator[float | None, None, bool]:
+    """Execute a motion unless the guard stops it; returns whether it was executed."""
+    motion = arm.begin(trajectory)
+    watch = arm.watch(motion, ignore)
+    while not motion.done:
+        yield motion.progress
+        arm.check()
+        watch.look(arm.time)
+        if motion.held_since is not None and arm.time - motion.held_since > _HELD_S:
+            yield from arm.halt()
+            return False
+    yield from arm.settle()
+    return True
