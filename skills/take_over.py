@@ -500,8 +500,7 @@ class TakeOver(Skill):
         doubt = along * abs(float(axis[2]))
         steps = 0
         stiffness = _STIFFNESS[1]
-        step = np.zeros(3)
-        before_step = np.zeros(3)
+        shift = load_before = np.zeros(3)
         while True:
             load = sense.look()
             while not sense.is_settled:
@@ -513,8 +512,8 @@ class TakeOver(Skill):
             carries = max(felt - doubt, felt - before) >= _CARRIES * weight
             if steps:
                 # The arms are stiffer than they seem where the step has ended their friction.
-                stiffness = _measured_stiffness(before_step - load, step, stiffness)
-            before_step = load.copy()
+                stiffness = _measured_stiffness(load_before - load, shift, stiffness)
+            load_before = load.copy()
             closing = float(load @ axis)
             load = load - float(np.clip(closing, -along, along)) * axis
             level = float(np.linalg.norm(load[:2]))
@@ -534,17 +533,17 @@ class TakeOver(Skill):
                 pull[:2] = 0.0
             if not carries:
                 pull[2] += weight + doubt
-            step = pull / stiffness
-            step *= min(1.0, _STEP_M / max(float(np.linalg.norm(step)), 1e-9))
-            yield from self._shift(joint, step)
+            shift = pull / stiffness
+            shift *= min(1.0, _STEP_M / max(float(np.linalg.norm(shift)), 1e-9))
+            yield from self._shift(joint, shift)
             sense = LoadSense(arm)
         self.metrics |= {"weight_n": weight, "felt_n": felt, "steps": steps}
 
-    def _shift(self, joint: JointPart, step: Vector) -> Iterator[float | None]:
+    def _shift(self, joint: JointPart, shift: Vector) -> Iterator[float | None]:
         """Move the set-point of the compliant arm a little, by a vector of shape (3,), m."""
         arm = self.arm
         here = arm.commanded_tool_pose
-        rows = arm.line_on(Pose(here.position + step, here.quaternion))
+        rows = arm.line_on(Pose(here.position + shift, here.quaternion))
         motion = arm.begin(arm.time_path(rows, 0.05), may_touch=True, compliant=True)
         while not motion.done:
             yield 0.65
@@ -633,12 +632,12 @@ class TakeOver(Skill):
             raise Failure("DROPPED", f"{name!r} is no longer held")
 
 
-def _measured_stiffness(decrease: Vector, step: Vector, before: float) -> float:
-    """Stiffness along a step by the decrease of the load in N, both (3,), in N/m.
+def _measured_stiffness(decrease: Vector, shift: Vector, before: float) -> float:
+    """Stiffness along a shift by the decrease of the load in N, both of shape (3,), in N/m.
 
-    A step that has not decreased the load was lost in friction: the value before counts.
+    A shift that has not decreased the load was lost in friction: the value before counts.
     """
-    measured = float(decrease @ step) / max(float(step @ step), 1e-12)
+    measured = float(decrease @ shift) / max(float(shift @ shift), 1e-12)
     if measured <= 0.0:
         return before
     return float(np.clip(measured, _STIFFNESS[0], _STIFFNESS[2]))

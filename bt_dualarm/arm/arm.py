@@ -40,6 +40,7 @@ from bt_dualarm.kinematics.solver import Chain
 from bt_dualarm.planning.path_constraints import ConstrainedProblem, PathConstraint
 from bt_dualarm.planning.path_search import DEFAULT_PLANNER, Planner
 from bt_dualarm.planning.problem import (
+    CHECKS,
     PlanningProblem,
     admitted,
     refuse_contact,
@@ -79,6 +80,13 @@ REPLANS = 1
 WAIT_S = 60.0
 """Simulated seconds that an arm waits by default for others to leave its goal or its path: long
 enough for several of them, one after the other, to pick and place there."""
+
+_QUICK_CHECKS = (30_000, 10_000)
+"""Checks of a first and of a repeated plan while another arm may be the reason that there is none:
+about a second of computing, and a third of one."""
+
+_THOROUGH = (4, 16, 64)
+"""Numbers of the attempts that check as many configurations as a plan without other arms."""
 
 _RELAXATIONS = 4
 _YIELD_S = 0.1  # time for a contact to push the arm away
@@ -152,6 +160,7 @@ class Arm(ArmState):
 
     Attributes:
         camera: Camera of this arm, if it has one; an error in a callback fails this leaf.
+        checks: Maximum number of configurations that a plan with the default planner checks.
     """
 
     def __init__(self, shared: SharedArm, leaf: str) -> None:
@@ -162,6 +171,7 @@ class Arm(ArmState):
         self._gripper = ArmGripper(shared.world, shared.name, self._lease, shared.known)
         self._contacts = ArmContacts(shared.touches, shared.name)
         self._begun: SetPointSource | None = None
+        self.checks = CHECKS
 
     # Gripper, objects and camera
 
@@ -447,8 +457,9 @@ class Arm(ArmState):
         """Raise the error of the running motion, if there is one.
 
         Raises:
-            Failure: Among others ``INTERRUPTED``, when something else has stopped it, and
-                ``DROPPED``, when the gripper has lost the object.
+            Failure: Among others ``INTERRUPTED``, when something else has stopped it, ``TIMED_OUT``
+                when another arm does not leave its path, and ``DROPPED``, when the gripper has lost
+                the object.
         """
         if self.controller.fault is not None:
             raise self.controller.fault
@@ -461,6 +472,8 @@ class Arm(ArmState):
                 f"the motion of {self.name} was stopped externally",
                 **({"progress": begun.progress} if isinstance(begun, TrajectorySource) else {}),
             )
+        if isinstance(begun, TrajectorySource) and begun.held_since is not None:
+            self.refuse_when_held_up(begun)
 
     def refuse_when_held_up(self, motion: TrajectorySource, wait_s: float = WAIT_S) -> None:
         """Refuse to wait longer than a time in s for a motion that the guard has stopped.
@@ -704,6 +717,7 @@ class Arm(ArmState):
                 self.period,
                 self._shared.seed,
                 planner,
+                self.checks if planner == DEFAULT_PLANNER else CHECKS,
             )
         )
         fault = self._shared.no_plan()
@@ -1187,19 +1201,32 @@ class MoveTo:
     def _when_clear(
         self, attempt: Callable[[], Generator[None, None, _Found]], until: float
     ) -> Generator[float | None, None, _Found]:
-        """Repeat an attempt while another arm makes it fail, until a simulated time."""
+        """Repeat an attempt while another arm makes it fail, until a simulated time.
+
+        A search without success takes seconds of computing. While other arms may be the reason,
+        most attempts therefore search less: those arms will stand elsewhere at the next one. The
+        last attempt before the failure is a thorough one.
+        """
         arm = self.arm
         staying: frozenset[str] = frozenset()
-        while True:
+        is_last = False
+        for number in itertools.count(1):
+            is_thorough = is_last or number in _THOROUGH or not arm.controller.neighbors
+            arm.checks = CHECKS if is_thorough else _QUICK_CHECKS[number > 1]
             try:
                 found = yield from attempt()
             except Failure as refusal:
                 blockers = self.blockers(refusal)
                 if blockers <= staying or arm.time > until:
-                    raise
+                    if is_thorough or not _is_without_plan(refusal):
+                        raise
+                    is_last = True
+                    continue
             else:
                 self.traffic.advance(arm.name)
                 return found
+            finally:
+                arm.checks = CHECKS
             self.traffic.block(arm.name, arm.leaf, blockers, may_yield=self.give_way)
             yield from self._wait_for_others(until)
             if arm.refuse_deadlock():
@@ -1236,6 +1263,7 @@ class MoveTo:
         )
         if not goals:
             return
+        arm.checks = _QUICK_CHECKS[0]
         try:
             motion = yield from arm.plan(goals, self.speed, self.ignore, DEFAULT_PLANNER)
             yield from arm.follow(motion, self.ignore, self.backoff.renew())
@@ -1243,6 +1271,8 @@ class MoveTo:
             if failure.code not in _WAITS_ON:
                 raise
             yield from arm.halt()
+        finally:
+            arm.checks = CHECKS
 
     def checked(self, rows: Matrix, known_free: bool) -> Generator[None, None, None]:
         """Refuse a blocked path; if it is known to be free, only one that an arm blocks.
@@ -1262,3 +1292,12 @@ class MoveTo:
         except CollisionFailure as refusal:
             if not known_free or self.may_clear(refusal):
                 raise
+
+
+def _is_without_plan(refusal: Failure) -> bool:
+    """Whether a search without success is the reason of a failure, or one of several reasons."""
+    attempts = refusal.__cause__
+    if isinstance(attempts, ExceptionGroup):
+        found = (one for one in attempts.exceptions if isinstance(one, Failure))
+        return any(_is_without_plan(one) for one in found)
+    return refusal.code == "NO_PLAN"

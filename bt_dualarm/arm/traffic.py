@@ -74,7 +74,7 @@ class Traffic:
     def block(
         self, arm: str, path: str, blockers: Collection[str], *, may_yield: bool = True
     ) -> None:
-        """Record that other arms are in the way of an arm; repeated calls keep its rank.
+        """Record that other arms are in the way of an arm; repeated calls of a leaf keep its rank.
 
         Args:
             arm: Name of the arm.
@@ -83,6 +83,8 @@ class Traffic:
             may_yield: Whether it can move aside.
         """
         known = self._blocked.get(arm)
+        if known is not None and known.path != path:
+            known = None
         since = self._clock() if known is None else known.since
         self._changing()
         self._blocked[arm] = BlockedArm(

@@ -91,7 +91,10 @@ _ELSEWHERE_M = 0.3
 """Minimum motion of some part of an arm that moves aside, m."""
 
 _YIELD_SAMPLES = 60
-"""Number of random candidates for a configuration out of the way."""
+"""Number of random candidates for a configuration out of the way in one draw."""
+
+_YIELD_DRAWS = 10
+"""Maximum number of draws: few candidates are free in the middle of other arms."""
 
 _CHOICES = 3
 """Largest number of configurations out of the way that are proposed."""
@@ -528,19 +531,24 @@ def yielding_configurations(
     """
     lower = np.maximum(limits.lower, -np.pi)
     upper = np.minimum(limits.upper, np.pi)
-    drawn = rng.uniform(lower, upper, (_YIELD_SAMPLES, len(lower)))
-    # The wrist hardly affects the distance, but its motion takes time.
-    drawn[:, 4:] = checker.present[4:]
-    worth: list[tuple[float, Vector]] = []
     checker.place(checker.present)
     here = checker.data.geom_xpos[checker.moving]
-    for q in (*postures, *drawn):
-        if checker.free(q):
-            moved = np.linalg.norm(checker.data.geom_xpos[checker.moving] - here, axis=1)
-            if moved.max() < _ELSEWHERE_M:
-                continue
-            turn = float(np.abs(q - checker.present).max())
-            worth.append((_distance(checker, others) - _TURN_COST * turn, q))
+    worth: list[tuple[float, Vector]] = []
+    candidates = postures
+    for _ in range(_YIELD_DRAWS):
+        drawn = rng.uniform(lower, upper, (_YIELD_SAMPLES, len(lower)))
+        # The wrist hardly affects the distance, but its motion takes time.
+        drawn[:, 4:] = checker.present[4:]
+        for q in (*candidates, *drawn):
+            if checker.free(q):
+                moved = np.linalg.norm(checker.data.geom_xpos[checker.moving] - here, axis=1)
+                if moved.max() < _ELSEWHERE_M:
+                    continue
+                turn = float(np.abs(q - checker.present).max())
+                worth.append((_distance(checker, others) - _TURN_COST * turn, q))
+        if worth:
+            break
+        candidates = ()
     worth.sort(key=lambda pair: -pair[0])
     return [q for _, q in worth[:_CHOICES]]
 

@@ -8,10 +8,10 @@ from typing import Final
 
 import numpy as np
 
-from bt_dualarm.arm.arm import WAIT_S, Arm
+from bt_dualarm.arm.arm import Arm
 from bt_dualarm.arm.gripper import OTHER_WIDTH_M
 from bt_dualarm.arm.payload import jaw_measures
-from bt_dualarm.core.errors import Failure, Number
+from bt_dualarm.core.errors import BlockedFailure, Failure, Number
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.grasping.candidates import RankedGrasp
 from bt_dualarm.sim.object_body import body_of
@@ -223,11 +223,23 @@ class Taking:
         if not arm.controller.neighbors and not self._is_uncertain:
             yield from move.along(whole, lambda *given: self._enter(approaches[-1], unseen, *given))
         else:
-            for progress in move.to_line(to_standoff, lambda: approaches[-1].rows, touched):
-                yield None if progress is None else 0.5 * progress
-            begin = OverlappedMotion.of(Trajectory.rest(arm.setpoint.q, arm.period))
-            self._motion = self._straight_on(begin, approaches[-1])
-            yield from self._enter(approaches[-1], unseen, self._motion.motion, WAIT_S)
+            until = arm.time + move.wait_s
+            while True:
+                for progress in move.to_line(to_standoff, lambda: approaches[-1].rows, touched):
+                    yield None if progress is None else 0.5 * progress
+                begin = OverlappedMotion.of(Trajectory.rest(arm.setpoint.q, arm.period))
+                self._motion = self._straight_on(begin, approaches[-1])
+                wait_s = move.backoff.renew()
+                try:
+                    yield from self._enter(approaches[-1], unseen, self._motion.motion, wait_s)
+                    break
+                except BlockedFailure:
+                    if arm.time > until:
+                        raise
+                    # Out of the way of the arms that may be waiting for this one.
+                    yield from arm.halt()
+                    yield from approaches[-1].back_out(arm, ports.approach_speed)
+                    self._entered = None
         return approaches[-1]
 
     @property
@@ -310,6 +322,7 @@ class Taking:
         while not running.done:
             yield 0.5 + 0.2 * running.progress
             arm.check()
+            arm.refuse_when_held_up(running, wait_s)
             if sense.force() > self._ports.touch and arm.time - began > _EDGE_S:
                 stopped = True
                 yield from arm.halt(give_way=True)

@@ -720,6 +720,11 @@ class SettingDown:
             grip.look()
         arm.expect_contact()
         down = np.array((0.0, 0.0, -1.0))
+
+        def look() -> None:
+            grip.look()
+            arm.refuse_when_held_up(running, wait_s)
+
         for end_s in (near_s, low_s):
             felt, most = yield from until_contact(
                 arm,
@@ -728,7 +733,7 @@ class SettingDown:
                 down,
                 self._top,
                 force,
-                grip.look,
+                look,
                 lightly=True,
                 behind_m=_BEHIND_M,
             )
