@@ -1210,7 +1210,9 @@ class MoveTo:
         arm = self.arm
         staying: frozenset[str] = frozenset()
         is_last = False
-        for number in itertools.count(1):
+        number = 0
+        while True:
+            number += 1
             is_thorough = is_last or number in _THOROUGH or not arm.controller.neighbors
             arm.checks = CHECKS if is_thorough else _QUICK_CHECKS[number > 1]
             try:
