@@ -60,7 +60,7 @@ _STEP_M = 0.0005  # longest step of the set-point along a pull
 _MOST_STEPS = 24
 _MOST_LEVEL = 4  # a horizontal pull is accepted after this many steps
 _LEVEL_N = 10.0  # horizontal pull that is not followed: the arms' friction would reverse it
-_STIFFNESS = (8000.0, 15000.0, 50000.0)  # of two arms at one object: least, first guess, most, N/m
+_STIFFNESS = (8e3, 8e4, 2e5)  # of two arms at one object: least, first guess, most, N/m
 _HELD_M = 0.03
 _THERE_RAD = 1e-6
 _TOWARD = 0.2  # cosine beyond which a lift leads toward the giver
@@ -635,9 +635,7 @@ class TakeOver(Skill):
 def _measured_stiffness(decrease: Vector, shift: Vector, before: float) -> float:
     """Stiffness along a shift by the decrease of the load in N, both of shape (3,), in N/m.
 
-    A shift that has not decreased the load was lost in friction: the value before counts.
+    One that has not decreased the load was lost in friction: the next one is twice as long.
     """
     measured = float(decrease @ shift) / max(float(shift @ shift), 1e-12)
-    if measured <= 0.0:
-        return before
-    return float(np.clip(measured, _STIFFNESS[0], _STIFFNESS[2]))
+    return float(np.clip(measured if measured > 0.0 else 0.5 * before, *_STIFFNESS[::2]))
