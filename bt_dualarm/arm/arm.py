@@ -171,6 +171,8 @@ class Arm(ArmState):
         self._gripper = ArmGripper(shared.world, shared.name, self._lease, shared.known)
         self._contacts = ArmContacts(shared.touches, shared.name)
         self._begun: SetPointSource | None = None
+        self._checks_itself = False
+        self._raised: BaseException | None = None
         self.checks = CHECKS
 
     # Gripper, objects and camera
@@ -238,11 +240,18 @@ class Arm(ArmState):
     def enter(self, *, anew: bool) -> None:
         """Register the thread that ticks or halts the leaf, and whether a new run of it begins."""
         self._lease.enter(anew=anew)
+        if anew:
+            self._checks_itself = False
         if anew and self.camera is not None:
             self.camera.fault = None
 
     def trouble(self) -> BaseException | None:
-        """Return and clear the error of this leaf's motion, stream or camera callback, if any."""
+        """Return and clear the error of this leaf's motion, stream or camera callback, if any.
+
+        An error of the motion is left to a skill that has called `check` in its last tick: it will
+        do so in this one, where code that knows how to go on can handle it. Raised from outside, it
+        would appear in the outermost generator, past the one that handles it.
+        """
         if self.camera is not None and self.camera.fault is not None:
             fault = self.camera.fault
             self.camera.fault = None
@@ -253,8 +262,11 @@ class Arm(ArmState):
             return error
         if not self._lease.has_it:
             return None
+        if self._checks_itself:
+            self._checks_itself = False
+            return None
         try:
-            self.check()
+            self._check()
         except RAISED_BY_SKILLS as trouble:
             self.controller.fault = None
             return trouble
@@ -461,8 +473,14 @@ class Arm(ArmState):
                 when another arm does not leave its path, and ``DROPPED``, when the gripper has lost
                 the object.
         """
-        if self.controller.fault is not None:
-            raise self.controller.fault
+        self._checks_itself = True
+        self._check()
+
+    def _check(self) -> None:
+        fault = self.controller.fault
+        if fault is not None and fault is not self._raised:
+            self._raised = fault  # once: a skill that handles it may go on
+            raise fault
         self._shared.slip.refuse_lost()
         begun = self._begun
         if begun is not None and not begun.done and self.controller.motion is not begun:

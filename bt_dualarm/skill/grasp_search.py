@@ -506,6 +506,11 @@ class GraspApproach:
     rows: Matrix
     standoff: float
 
+    @property
+    def out(self) -> Pose:
+        """Pose of the tool in the world at the standoff."""
+        return self.ranked.tool @ Pose.from_rpy((0.0, 0.0, -self.standoff))
+
     def back_out(self, arm: Arm, speed: float) -> Iterator[float]:
         """Retreat along the straight part, so that another attempt begins at the standoff.
 
@@ -513,8 +518,7 @@ class GraspApproach:
             arm: Arm that stands somewhere on it.
             speed: Fraction of its limits, above 0 to 1.
         """
-        out = self.ranked.tool @ Pose.from_rpy((0.0, 0.0, -self.standoff))
-        rows = arm.line_on(out)
+        rows = arm.line_on(self.out)
         motion = arm.begin(arm.time_path(rows, speed), may_touch=True)
         while not motion.done:
             yield motion.progress

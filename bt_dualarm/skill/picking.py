@@ -238,7 +238,8 @@ class Taking:
                         raise
                     # Out of the way of the arms that may be waiting for this one.
                     yield from arm.halt()
-                    yield from approaches[-1].back_out(arm, ports.approach_speed)
+                    back = arm.past_others(ports.approach_speed, touched)
+                    yield from back.straight(approaches[-1].out, known_free=True)
                     self._entered = None
         return approaches[-1]
 
