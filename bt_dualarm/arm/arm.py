@@ -74,6 +74,9 @@ PLANNING_S = 0.1
 PLANNING_MARGIN_M = 0.045
 """Distance in meters that plans keep from other arms: more than the guard keeps."""
 
+RESTING_MARGIN_M = 0.034
+"""Distance in meters that plans keep from arms whose trees have ended: they do not move."""
+
 REPLANS = 1
 """How often an arm replans when something has moved into its path."""
 
@@ -161,6 +164,7 @@ class Arm(ArmState):
     Attributes:
         camera: Camera of this arm, if it has one; an error in a callback fails this leaf.
         checks: Maximum number of configurations that a plan with the default planner checks.
+        resting: Names of the other arms that are known to stay where they are.
     """
 
     def __init__(self, shared: SharedArm, leaf: str) -> None:
@@ -174,6 +178,7 @@ class Arm(ArmState):
         self._checks_itself = False
         self._raised: BaseException | None = None
         self.checks = CHECKS
+        self.resting: frozenset[str] = frozenset()
 
     # Gripper, objects and camera
 
@@ -931,12 +936,14 @@ class Arm(ArmState):
     def checker(self, ignore: frozenset[str] = _NOTHING) -> CollisionChecker:
         """Collision checker of configurations in the current world.
 
-        It keeps `PLANNING_MARGIN_M` from other arms, or the current distance from an arm that is
-        already nearer. Arms that follow this one's tool are left out.
+        It keeps `PLANNING_MARGIN_M` from other arms (`RESTING_MARGIN_M` from those that stay where
+        they are), or the current distance from an arm that is already nearer. Arms that follow this
+        one's tool are left out.
         """
         followers = self._shared.traffic.followers(self.name)
         ignore |= followers
         margins = {name: PLANNING_MARGIN_M for name in self.world.arms if name not in followers}
+        margins |= {name: RESTING_MARGIN_M for name in self.resting & margins.keys()}
         while True:
             checker = CollisionChecker(self.world, self.name, margins, ignore)
             contact = checker.contact(self.setpoint.q)
@@ -1233,6 +1240,7 @@ class MoveTo:
             number += 1
             is_thorough = is_last or number in _THOROUGH or not arm.controller.neighbors
             arm.checks = CHECKS if is_thorough else _QUICK_CHECKS[number > 1]
+            arm.resting = staying
             try:
                 found = yield from attempt()
             except Failure as refusal:
@@ -1247,6 +1255,7 @@ class MoveTo:
                 return found
             finally:
                 arm.checks = CHECKS
+                arm.resting = frozenset()
             self.traffic.block(arm.name, arm.leaf, blockers, may_yield=self.give_way)
             yield from self._wait_for_others(until)
             if arm.refuse_deadlock():
