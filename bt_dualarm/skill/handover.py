@@ -43,6 +43,10 @@ from bt_dualarm.trajectory.trajectory import Trajectory
 _SHARES: Final = (0.0, 0.25, -0.25, 0.5, -0.5, 0.75, -0.75)
 """Grasp positions of the taker along a long object, as fractions of half its length."""
 
+_FINE_SHARES: Final = tuple(np.linspace(-0.9, 0.9, 31).tolist())
+"""Those that are tried if none of the above is near enough to its center for the load, and far
+enough from the giver's hand."""
+
 _PLANNED_M: Final = HANDS_M + 0.004
 """Distance of the hands that plans keep, m: more than the guard keeps."""
 
@@ -329,15 +333,16 @@ class HandoverSearch:
             return cup_grasps(self._solid, cup, load)
         jaw = jaw_measures(page, friction)
         jaw = replace(jaw, palm=jaw.palm - _PALM_M)
-        found = jaw_grasps(self._solid, jaw, load, jaw.friction, shares=_SHARES)
-        order = ranked(
-            [grasp for grasp in found if grasp.force <= most_force],
-            world.nominal[self._giver].tool_pose_at(self._giver_q) @ self._in_giver,
-            jaw,
-            self._hand(),
-            lambda _: 0.0,
-        )
-        return tuple(one.grasp for one in order if one.clearance >= _ROOM_M)
+        lies = world.nominal[self._giver].tool_pose_at(self._giver_q) @ self._in_giver
+        grasps: tuple[Grasp, ...] = ()
+        for shares in (_SHARES, _FINE_SHARES):
+            found = jaw_grasps(self._solid, jaw, load, jaw.friction, shares=shares)
+            weak = [grasp for grasp in found if grasp.force <= most_force]
+            order = ranked(weak, lies, jaw, self._hand(), lambda _: 0.0)
+            grasps = tuple(one.grasp for one in order if one.clearance >= _ROOM_M)
+            if grasps:
+                break
+        return grasps
 
     def _hand(self) -> list[Obstacle]:
         """The giver's hand as boxes around its geoms, from its sensors."""
