@@ -91,6 +91,9 @@ about a second of computing, and a third of one."""
 _THOROUGH = (4, 16, 64)
 """Numbers of the attempts that check as many configurations as a plan without other arms."""
 
+_STEPS_BACK_M = (0.15, 0.08, 0.04)
+"""Lengths of a straight motion out of a narrow place, tried in this order, m."""
+
 _RELAXATIONS = 4
 _YIELD_S = 0.1  # time for a contact to push the arm away
 _WAITS_ON = ("IN_COLLISION", "TIMED_OUT", "NO_PLAN")  # failures of yielding: wait at this pose
@@ -1234,7 +1237,7 @@ class MoveTo:
         """
         arm = self.arm
         staying: frozenset[str] = frozenset()
-        is_last = False
+        is_last = has_stepped_back = False
         number = 0
         while True:
             number += 1
@@ -1246,8 +1249,15 @@ class MoveTo:
             except Failure as refusal:
                 blockers = self.blockers(refusal)
                 if blockers <= staying or arm.time > until:
-                    if is_thorough or not _is_without_plan(refusal):
+                    if not _is_without_plan(refusal):
                         raise
+                    if is_thorough:
+                        has_tried = has_stepped_back or not self.give_way
+                        if has_tried or not arm.controller.neighbors:
+                            raise
+                        has_stepped_back = True
+                        if not (yield from self._step_back()):
+                            raise
                     is_last = True
                     continue
             else:
@@ -1300,8 +1310,42 @@ class MoveTo:
             if failure.code not in _WAITS_ON:
                 raise
             yield from arm.halt()
+            if failure.code == "NO_PLAN":
+                yield from self._step_back()
         finally:
             arm.checks = CHECKS
+
+    def _step_back(self) -> Generator[float | None, None, bool]:
+        """Move the tool straight out of a narrow place among other arms, if that is possible.
+
+        Where the arm may hardly come nearer to others on any side, only few of the edges that a
+        search draws are free. Returns whether the arm has moved.
+        """
+        arm = self.arm
+        here = arm.commanded_tool_pose
+        back = -here.rotation_matrix[:, 2]
+        up = np.array((0.0, 0.0, 1.0))
+        others = [arm.tool_pose_of(name).position for name in arm.controller.neighbors]
+        nearest = min(others, key=lambda one: float(np.linalg.norm(here.position - one)))
+        away = here.position - nearest
+        away /= max(float(np.linalg.norm(away)), 1e-9)
+        for length in _STEPS_BACK_M:
+            for direction in (back, back + up, up, away, away + up):
+                shift = length * direction / max(float(np.linalg.norm(direction)), 1e-9)
+                try:
+                    rows = arm.line_on(Pose(here.position + shift, here.quaternion))
+                    arm.refuse_collision_along(rows, self.ignore)
+                except Failure:
+                    continue
+                try:
+                    motion = arm.time_path(rows, self.speed)
+                    yield from arm.follow(motion, self.ignore, self.backoff.renew())
+                except Failure as failure:
+                    if failure.code not in _WAITS_ON:
+                        raise
+                    yield from arm.halt()
+                return True
+        return False
 
     def checked(self, rows: Matrix, known_free: bool) -> Generator[None, None, None]:
         """Refuse a blocked path; if it is known to be free, only one that an arm blocks.
