@@ -488,6 +488,7 @@ class Arm(ArmState):
         fault = self.controller.fault
         if fault is not None and fault is not self._raised:
             self._raised = fault  # once: a skill that handles it may go on
+            self._begun = None
             raise fault
         self._shared.slip.refuse_lost()
         begun = self._begun
@@ -946,7 +947,7 @@ class Arm(ArmState):
         followers = self._shared.traffic.followers(self.name)
         ignore |= followers
         margins = {name: PLANNING_MARGIN_M for name in self.world.arms if name not in followers}
-        margins |= {name: RESTING_MARGIN_M for name in self.resting & margins.keys()}
+        margins |= dict.fromkeys(self.resting & margins.keys(), RESTING_MARGIN_M)
         while True:
             checker = CollisionChecker(self.world, self.name, margins, ignore)
             contact = checker.contact(self.setpoint.q)

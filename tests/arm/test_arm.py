@@ -142,6 +142,27 @@ def test_what_a_stream_raises_reaches_the_leaf() -> None:
         bench.first.check()
 
 
+def test_an_error_is_left_to_a_skill_that_polls_and_raised_in_one_that_does_not() -> None:
+    bench = Bench()
+
+    def broken(time: float) -> SetPoint:
+        raise ZeroDivisionError("in a skill")
+
+    bench.first.check()
+    bench.first.stream(broken)
+    bench.tick()
+    assert bench.first.trouble() is None  # it has polled in its last tick, and will do so now
+    with pytest.raises(ZeroDivisionError):
+        bench.first.check()
+    bench.first.check()  # once: whoever handles it may go on
+    bench.first.release()
+    bench.first.stream(broken)
+    bench.tick()
+    assert bench.first.trouble() is None
+    assert isinstance(bench.first.trouble(), ZeroDivisionError)
+    assert bench.first.trouble() is None
+
+
 def test_a_blocked_arm_fails_and_gives_in_though_it_is_released() -> None:
     bench = Bench(wall=box((0.25, 0.45, 0.9), 0.4, fixed=True))
     start = bench.controller.setpoint.q

@@ -47,7 +47,9 @@ def test_a_near_arm_takes_nothing_from_what_is_kept_from_another(robot: str) -> 
     q = world.arms["arm1"].q
     shared = SimpleNamespace(traffic=Traffic(lambda: 0.0))
     here = SimpleNamespace(q=q)
-    state = SimpleNamespace(world=world, name="arm1", setpoint=here, _shared=shared)
+    state = SimpleNamespace(
+        world=world, name="arm1", setpoint=here, _shared=shared, resting=frozenset()
+    )
     checker = Arm.checker(cast("Arm", state))
     assert checker.free(q)
     of_third = CollisionChecker(world, "arm1", {"arm3": PLANNING_MARGIN_M})

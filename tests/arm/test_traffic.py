@@ -7,6 +7,8 @@ from typing import Any
 import pytest
 
 import bt_dualarm as bt
+from benchmarks.handover import generate as handover
+from benchmarks.traffic import generate as traffic_cell
 from bt_dualarm.arm.traffic import Traffic
 
 
@@ -178,4 +180,15 @@ def test_an_arm_does_not_wait_for_one_whose_tree_has_ended() -> None:
 
 def test_an_arm_waits_for_one_that_is_going_to_leave() -> None:
     result = _covered([{"wait": 6}, {"go_home": {"speed": 0.8}}, {"meet": "both"}])
+    assert result.outcome == "SUCCESS"
+
+
+def test_arms_that_grasp_from_one_tray_back_out_of_each_others_way() -> None:
+    # Two of the three hold each other up on the straight parts of their approaches.
+    result = bt.run(traffic_cell(7017, "lab").file)
+    assert result.outcome == "SUCCESS"
+
+
+def test_a_giver_retreats_elsewhere_if_the_hand_of_the_taker_is_in_the_way() -> None:
+    result = bt.run(handover(9407, "lab").file)
     assert result.outcome == "SUCCESS"
