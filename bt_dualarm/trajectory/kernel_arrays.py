@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -42,6 +43,25 @@ class Spline(NamedTuple):
     knots: Vector
     pieces: Pieces
     period: float
+
+    def __call__(self, at: Vector, order: int = 0) -> Matrix:
+        """Values or derivatives, of shape (n, dof); beyond its ends the outer pieces continue.
+
+        Args:
+            at: Path parameters, of shape (n,).
+            order: Order of the derivative, 0 to 3.
+        """
+        if self.period:
+            at = self.knots[0] + (at - self.knots[0]) % self.period
+        piece = np.clip(np.searchsorted(self.knots, at, side="right") - 1, 0, len(self.pieces) - 1)
+        coefficients = self.pieces[piece]
+        step = (at - self.knots[piece])[:, None]
+        values = np.zeros_like(coefficients[:, 0])
+        power = np.ones_like(step)
+        for degree in range(order, 4):
+            values += coefficients[:, 3 - degree] * power * float(math.perm(degree, order))
+            power = power * step
+        return values
 
 
 class Parabolas(NamedTuple):
