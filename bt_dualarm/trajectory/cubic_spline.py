@@ -1,6 +1,7 @@
 """Cubic splines through points, twice continuously differentiable (de Boor 1978).
 
-They equal SciPy's `CubicSpline` to the last bit. Importing ``scipy.interpolate`` takes a quarter of
+They equal SciPy's `CubicSpline` to the last bit, except for three knots at distances of exactly 1,
+for which SciPy's solver takes another path. Importing ``scipy.interpolate`` takes a quarter of
 the time until a run begins, and 38 MB, because it imports most of SciPy.
 """
 

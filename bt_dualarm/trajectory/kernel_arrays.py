@@ -53,13 +53,13 @@ class Spline(NamedTuple):
         """
         if self.period:
             at = self.knots[0] + (at - self.knots[0]) % self.period
-        piece = np.clip(np.searchsorted(self.knots, at, side="right") - 1, 0, len(self.pieces) - 1)
+        piece = np.searchsorted(self.knots[1:-1], at, side="right")
         coefficients = self.pieces[piece]
-        step = (at - self.knots[piece])[:, None]
-        values = np.zeros_like(coefficients[:, 0])
-        power = np.ones_like(step)
-        for degree in range(order, 4):
-            values += coefficients[:, 3 - degree] * power * float(math.perm(degree, order))
+        step = power = (at - self.knots[piece])[:, None]
+        # Lowest degree first, as in SciPy; the zero makes a sum of no negative zeros.
+        values: Matrix = 0.0 + coefficients[:, 3 - order] * math.factorial(order)
+        for degree in range(order + 1, 4):
+            values += coefficients[:, 3 - degree] * power * math.perm(degree, order)
             power = power * step
         return values
 
