@@ -29,7 +29,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from scipy import stats
+import scipy
 
 import bt_dualarm as bt
 from bt_dualarm.behaviors.report import StatusChange
@@ -276,7 +276,7 @@ def drift_of(segments: Sequence[Segment]) -> list[str]:
             (sum(one.succeeded[task] for one in half), sum(one.done[task] for one in half))
             for half in halves
         ]
-        fisher = stats.fisher_exact([[good, done - good] for good, done in table])
+        fisher = scipy.stats.fisher_exact([[good, done - good] for good, done in table])
         if float(fisher.pvalue) < 1 - CONFIDENCE:
             texts = " and ".join(f"{good} of {done}" for good, done in table)
             found.append(f"success of '{task}' drifts: {texts} (p = {float(fisher.pvalue):.3f})")

@@ -84,7 +84,6 @@ class ApproachAndAttach(Skill):
         "BUSY": "another leaf moves the arm",
     }
     example = "approach_and_attach: {object: cube, standoff: 0.10}"
-    needs = ("scipy.interpolate",)
     ports: Ports
 
     def run(self) -> Iterator[float | None]:

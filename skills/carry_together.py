@@ -49,7 +49,7 @@ class CarryTogether(Skill):
     counterpart = Counterpart("carry_together", partner="with", its_partner="with")
     failures = Carrying.failures
     example = "carry_together: {object: beam, with: [arm2], to: {xyz: [0.05, -0.5, 0.525]}}"
-    needs = ("scipy.interpolate", "bt_dualarm.skill.preload_grasping")
+    needs = ("bt_dualarm.skill.preload_grasping",)
     needs_gripper = True
     ports: Ports
 

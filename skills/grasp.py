@@ -99,7 +99,7 @@ class Grasp(Skill):
 
     failures = Taking.failures
     example = "grasp: {object: cube}"
-    needs = ("scipy.interpolate", "bt_dualarm.skill.preload_grasping")
+    needs = ("bt_dualarm.skill.preload_grasping",)
     needs_gripper = True
     ports: Ports
 

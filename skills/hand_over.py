@@ -74,7 +74,7 @@ class HandOver(Skill):
     }
     example = "hand_over: {object: cube, to: arm2}"
     counterpart = Counterpart("take_over", partner="to", its_partner="from")
-    needs = ("scipy.interpolate", "bt_dualarm.skill.preload_grasping")
+    needs = ("bt_dualarm.skill.preload_grasping",)
     ports: Ports
 
     def run(self) -> Iterator[float | None]:

@@ -90,7 +90,6 @@ class Insert(Skill):
     example = (
         "insert: {object: cube, at: {xyz: [0.25, -0.45, 0.425], rpy: [0, 0, 0]}, depth: 0.012}"
     )
-    needs = ("scipy.interpolate",)
     needs_gripper = True
     ports: Ports
 

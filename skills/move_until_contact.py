@@ -63,7 +63,6 @@ class MoveUntilContact(Skill):
         "BUSY": "another leaf moves the arm",
     }
     example = "move_until_contact: {direction: [1, 0, 0], distance: 0.08}"
-    needs = ("scipy.interpolate",)
     ports: Ports
 
     def run(self) -> Iterator[float | None]:

@@ -62,7 +62,6 @@ class Operate(Skill):
         "DROPPED": "the arm has lost the part",
     }
     example = "operate: {object: cabinet, joint: slide, to: 0.15}"
-    needs = ("scipy.interpolate",)
     ports: Ports
 
     def run(self) -> Iterator[float | None]:

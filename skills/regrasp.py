@@ -39,7 +39,7 @@ class Regrasp(Skill):
         "OUT_OF_REACH": "no other grasp is collision-free, as requested, and reachable",
     }
     example = "regrasp: {object: cube}"
-    needs = ("scipy.interpolate", "scipy.spatial", "bt_dualarm.skill.preload_grasping")
+    needs = ("scipy.spatial", "bt_dualarm.skill.preload_grasping")
     needs_gripper = True
     ports: Ports
 

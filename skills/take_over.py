@@ -117,7 +117,7 @@ class TakeOver(Skill):
     }
     example = "take_over: {object: cube, from: arm2}"
     counterpart = Counterpart("hand_over", partner="from", its_partner="to")
-    needs = ("scipy.interpolate", "bt_dualarm.skill.preload_grasping")
+    needs = ("bt_dualarm.skill.preload_grasping",)
     ports: Any
 
     def run(self) -> Iterator[float | None]:

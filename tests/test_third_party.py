@@ -43,7 +43,7 @@ PACKAGE = {
 
             failures = {"NOT_BACK": "the tool did not end where it began"}
             example = "nod: {depth: 0.05}"
-            needs = ("scipy.interpolate",)
+            needs = ("scipy.spatial",)
 
             def run(self):
                 start = self.arm.commanded_tool_pose

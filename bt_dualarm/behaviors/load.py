@@ -638,7 +638,7 @@ class _Builder:
     ) -> None:
         self._cell = cell
         self._faults = faults
-        self._skills = {**skills, **LEAF_CLASSES}
+        self._skills = skills
         self._make_context = make_context
         self._reporter = reporter
         self._on_trace = on_trace
@@ -668,7 +668,7 @@ class _Builder:
         return BoundPorts(PARENT_CLASSES[spec.kind].node_type.ports, spec.ports, self._blackboard)
 
     def _leaf(self, spec: NodeSpec, path: str) -> Leaf:
-        skill = self._skills[spec.kind]
+        skill = LEAF_CLASSES[spec.kind] if spec.kind in LEAF_CLASSES else self._skills[spec.kind]
         outputs = skill.Outputs.model_fields.keys() - skill.Ports.model_fields.keys()
         named = {name: reference_of(spec.ports.get(name)) for name in outputs}
         keys = {name: key for name, key in named.items() if key is not None}

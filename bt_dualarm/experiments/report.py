@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import BinaryIO, Final, TypeAlias
 
 import numpy as np
+import scipy
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -24,7 +25,6 @@ from rich.console import Console, JustifyMethod
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 from rich.text import Text
-from scipy.interpolate import CubicSpline
 
 from bt_dualarm.core.pose import Vector
 from bt_dualarm.core.share import write_atomically, write_text
@@ -68,7 +68,7 @@ def estimator_bound(trial: Trial, cell: Cell, model: MotionModel | None = None) 
     compared with the truth.
     """
     rng = np.random.default_rng(trial.seed)
-    spline = CubicSpline(trial.times, trial.cube)
+    spline = scipy.interpolate.CubicSpline(trial.times, trial.cube)
     begin = trial.times[0]
     end = trial.times[-1]
     estimate = TargetEstimate(model)

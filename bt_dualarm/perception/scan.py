@@ -29,7 +29,7 @@ from bt_dualarm.perception.shape_fit import (
     outlines,
     project,
 )
-from bt_dualarm.sim.composition import DICTIONARIES
+from bt_dualarm.sim.composition import marker_dictionary
 from bt_dualarm.sim.frame import Frame, JsonList
 from bt_dualarm.spec.cell import Region
 from bt_dualarm.spec.values import Color, MarkerSpec
@@ -110,7 +110,7 @@ def _look(frame: Frame, marker: MarkerSpec) -> JsonList:
     large = cv2.resize(gray, None, fx=_ENLARGEMENT, fy=_ENLARGEMENT, interpolation=cv2.INTER_LINEAR)
     settings = cv2.aruco.DetectorParameters()
     settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
-    known = cv2.aruco.getPredefinedDictionary(DICTIONARIES[marker.dictionary])
+    known = marker_dictionary(marker.dictionary)
     all_corners, ids, _ = cv2.aruco.ArucoDetector(known, settings).detectMarkers(large)
     found: JsonList = []
     for four, number in zip(all_corners, () if ids is None else ids.ravel(), strict=False):

@@ -23,8 +23,8 @@ from bt_dualarm.runtime.interruption import StopRequest
 from bt_dualarm.runtime.observations import KnownFrame
 from bt_dualarm.runtime.options import RunOptions, checked_reality
 from bt_dualarm.runtime.outcome import Ending
-from bt_dualarm.runtime.report import processor, versions
 from bt_dualarm.runtime.run import Run
+from bt_dualarm.runtime.summary import processor, versions
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.node_types import NodeSpec

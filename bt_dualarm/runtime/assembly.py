@@ -6,6 +6,7 @@ runner, observers and the open record.
 
 from __future__ import annotations
 
+import importlib
 import logging
 import time
 import zlib
@@ -51,6 +52,7 @@ from bt_dualarm.sim.camera import Camera, calibration_of
 from bt_dualarm.sim.contact_monitor import Contacts
 from bt_dualarm.sim.faults import WorldFaults
 from bt_dualarm.sim.frame import Renderer, RendererKind
+from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.sim.renderers import choose_renderer
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.cell import CellAccess, CellState
@@ -471,6 +473,9 @@ def prepare(file: TreeFile, registry: Registry, options: RunOptions, stop: StopR
             on_fault=on_fault,
         )
         resources.enter_context(closing(assembly))
+        if not all(body_of(thing).is_simple for thing in assembly.world.objects.values()):
+            # Skills need hulls of composed objects, and no tick should wait for this import.
+            importlib.import_module("scipy.spatial")
         states = StateLog(assembly.world)
         feed.observers += states, fault_log
         open_record = None

@@ -24,7 +24,7 @@ from bt_dualarm.runtime.clock import Periodic, exact
 from bt_dualarm.runtime.history_file import Block, HistoryWriter, ModelWriter
 from bt_dualarm.runtime.observations import HASH_PERIOD, TraceEvents
 from bt_dualarm.runtime.options import RunOptions
-from bt_dualarm.runtime.report import json_ready, processor, versions
+from bt_dualarm.runtime.summary import json_ready, processor, versions
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.skill import Skill
 from bt_dualarm.spec.document import TreeFile

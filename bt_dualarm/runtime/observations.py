@@ -29,7 +29,7 @@ from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.runtime.arm_runtime import FaultObserver, IdleObserver, Observer, RunView
 from bt_dualarm.runtime.clock import Periodic, exact
 from bt_dualarm.runtime.history_file import Block, HistoryWriter
-from bt_dualarm.runtime.report import json_ready
+from bt_dualarm.runtime.summary import json_ready
 from bt_dualarm.sim.frame import Frame, FrameFinding, JsonList, Region
 from bt_dualarm.sim.grippers import Attachment
 from bt_dualarm.sim.world import World

@@ -38,7 +38,7 @@ from bt_dualarm.runtime.outcome import (
     Sample,
     Tracks,
 )
-from bt_dualarm.runtime.report import json_ready, summary_of
+from bt_dualarm.runtime.summary import json_ready, summary_of
 from bt_dualarm.sim.painter import StillRenderer
 from bt_dualarm.sim.world import World
 

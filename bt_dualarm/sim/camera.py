@@ -23,8 +23,8 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Protocol, TypeAlias
 import mujoco
 import numpy as np
 import numpy.typing as npt
-import scipy
 
+from bt_dualarm.core import rotations
 from bt_dualarm.core.errors import RAISED_BY_SKILLS, WorldError
 from bt_dualarm.core.later import Later
 from bt_dualarm.core.pose import Pose, Vector, camera_pose
@@ -497,7 +497,8 @@ class Optics:
 def _turned(data: mujoco.MjData, camera_id: int, angles: Vector) -> Iterator[None]:
     """Turn the camera about its x and y axes by ``angles`` of shape (2,), rad, temporarily."""
     straight = data.cam_xmat[camera_id].copy()
-    turn = scipy.spatial.transform.Rotation.from_rotvec([*angles, 0.0]).as_matrix()
+    vector = np.array([[*angles, 0.0]])
+    turn = rotations.matrices(rotations.from_rotation_vectors(vector))[0]
     data.cam_xmat[camera_id] = (straight.reshape(3, 3) @ turn).ravel()
     try:
         yield

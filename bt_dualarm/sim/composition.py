@@ -166,14 +166,17 @@ def remove_weld(spec: mujoco.MjSpec, name: str) -> None:
 BOARD_M: Final = 1e-4
 """Half the thickness of the white board; the black cells on top of it are as thick."""
 
-DICTIONARIES: Final = {
-    "aruco_4x4_50": cv2.aruco.DICT_4X4_50,
-    "aruco_5x5_50": cv2.aruco.DICT_5X5_50,
-    "aruco_6x6_50": cv2.aruco.DICT_6X6_50,
-    "apriltag_16h5": cv2.aruco.DICT_APRILTAG_16h5,
-    "apriltag_36h11": cv2.aruco.DICT_APRILTAG_36h11,
-}
-"""OpenCV's constants by the names of marker dictionaries in tree files."""
+
+def marker_dictionary(name: str) -> cv2.aruco.Dictionary:
+    """OpenCV's dictionary of markers for a name in tree files, such as ``aruco_4x4_50``."""
+    dictionaries = {
+        "aruco_4x4_50": cv2.aruco.DICT_4X4_50,
+        "aruco_5x5_50": cv2.aruco.DICT_5X5_50,
+        "aruco_6x6_50": cv2.aruco.DICT_6X6_50,
+        "apriltag_16h5": cv2.aruco.DICT_APRILTAG_16h5,
+        "apriltag_36h11": cv2.aruco.DICT_APRILTAG_36h11,
+    }
+    return cv2.aruco.getPredefinedDictionary(dictionaries[name])
 
 
 def marker_height(thing: ObjectSpec) -> float:
@@ -203,7 +206,7 @@ def black_parts(marker: MarkerSpec) -> Iterator[tuple[float, float, float, float
     """
     count = marker.cells
     cell = marker.size / marker.cells
-    dictionary = cv2.aruco.getPredefinedDictionary(DICTIONARIES[marker.dictionary])
+    dictionary = marker_dictionary(marker.dictionary)
     image = np.asarray(dictionary.generateImageMarker(marker.id, count))
     for row in range(count):
         column = 0

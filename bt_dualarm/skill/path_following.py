@@ -402,7 +402,6 @@ class PathSkill(Skill):
         "DROPPED": "the gripper no longer holds the object",
         "BUSY": "another leaf moves the arm",
     }
-    needs = ("scipy.interpolate",)
 
     def along(
         self,

@@ -12,6 +12,7 @@ from bt_dualarm.arm.arm import Arm
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.skill.tracking import PlaneTracking
+from bt_dualarm.trajectory.cubic_spline import cubic_spline
 
 LAG_S: Final = 0.5
 """Largest lag that is searched, s."""
@@ -205,7 +206,7 @@ class TrackingScore:
         if not during.any():
             return 0.0
         # Linear interpolation over 20 ms would have a larger error than a sighting.
-        true = scipy.interpolate.CubicSpline(times, truth)(stamps[during])
+        true = cubic_spline(times, truth)(stamps[during])
         error = points[during] @ self._axes.T - true
         return float(np.sqrt(np.mean(error.var(axis=0))))
 
@@ -365,7 +366,7 @@ class PathSums:
         """Add sightings, of shapes (n,) and (n, 3), within the time of a stretch."""
         if len(stamps):
             # Linear interpolation over 20 ms would have a larger error than a sighting.
-            truth = scipy.interpolate.CubicSpline(stretch.times, stretch.truth @ self._axes.T)
+            truth = cubic_spline(stretch.times, stretch.truth @ self._axes.T)
             self._sightings.take(points @ self._axes.T - truth(stamps))
 
     def errors(self) -> tuple[float, float]:

@@ -26,7 +26,7 @@ from bt_dualarm.core.share import share_dir
 from bt_dualarm.runtime.file_check import check as check_tree
 from bt_dualarm.runtime.file_check import checked_faults
 from bt_dualarm.runtime.options import MOST_SEED, checked_reality, find_tree
-from bt_dualarm.runtime.report import processor, versions
+from bt_dualarm.runtime.summary import processor, versions
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.document import REALITY_NAMES
 from bt_dualarm.spec.explain import explain

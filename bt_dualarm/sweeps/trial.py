@@ -27,8 +27,8 @@ from bt_dualarm.runtime.file_check import check as check_tree
 from bt_dualarm.runtime.file_check import checked_faults
 from bt_dualarm.runtime.options import RunOptions, checked_reality
 from bt_dualarm.runtime.outcome import Outcome, RunResult
-from bt_dualarm.runtime.report import processor
 from bt_dualarm.runtime.run import Run
+from bt_dualarm.runtime.summary import processor
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.document import TreeFile
 from bt_dualarm.spec.node_types import escaped

@@ -11,11 +11,12 @@ import math
 from typing import Final
 
 import numpy as np
-import scipy
 
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.robots.robot import JointLimits
+from bt_dualarm.trajectory.cubic_spline import cubic_spline
+from bt_dualarm.trajectory.kernel_arrays import Spline
 from bt_dualarm.trajectory.trajectory import Trajectory
 
 _FIRST_RAMP_S: Final = 0.04
@@ -52,7 +53,7 @@ def at_constant_speed(
             follow, or the path is too short to reach the speed.
     """
     kept = _apart(lengths)
-    path = scipy.interpolate.CubicSpline(lengths[kept], samples[kept])
+    path = cubic_spline(lengths[kept], samples[kept])
     length = float(lengths[-1])
     fastest = _fastest(path, length, limits)
     if speed > fastest:
@@ -85,7 +86,7 @@ def _too_fast(speed: float, fastest: float, reason: str) -> Failure:
     )
 
 
-def _fastest(path: scipy.interpolate.CubicSpline, length: float, limits: JointLimits) -> float:
+def _fastest(path: Spline, length: float, limits: JointLimits) -> float:
     """Largest constant speed within the joint limits, m/s."""
     s = np.linspace(0.0, length, max(64, math.ceil(length / 5e-4)))
     rates = [np.abs(path(s, order)).max(axis=0) for order in (1, 2, 3)]
@@ -98,7 +99,7 @@ def _fastest(path: scipy.interpolate.CubicSpline, length: float, limits: JointLi
 
 
 def _timed(
-    path: scipy.interpolate.CubicSpline, length: float, speed: float, ramp: float, dt: float
+    path: Spline, length: float, speed: float, ramp: float, dt: float
 ) -> tuple[Trajectory, float]:
     """Motion with ramps of at least a duration in s, and their exact duration."""
     # Each ramp covers half of what the speed would in its time, so both together cost one ramp.

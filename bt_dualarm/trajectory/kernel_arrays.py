@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -42,6 +43,25 @@ class Spline(NamedTuple):
     knots: Vector
     pieces: Pieces
     period: float
+
+    def __call__(self, at: Vector, order: int = 0) -> Matrix:
+        """Values or derivatives, of shape (n, dof); beyond its ends the outer pieces continue.
+
+        Args:
+            at: Path parameters, of shape (n,).
+            order: Order of the derivative, 0 to 3.
+        """
+        if self.period:
+            at = self.knots[0] + (at - self.knots[0]) % self.period
+        piece = np.searchsorted(self.knots[1:-1], at, side="right")
+        coefficients = self.pieces[piece]
+        step = power = (at - self.knots[piece])[:, None]
+        # Lowest degree first, as in SciPy; the zero makes a sum of no negative zeros.
+        values: Matrix = 0.0 + coefficients[:, 3 - order] * math.factorial(order)
+        for degree in range(order + 1, 4):
+            values += coefficients[:, 3 - degree] * power * math.perm(degree, order)
+            power = power * step
+        return values
 
 
 class Parabolas(NamedTuple):

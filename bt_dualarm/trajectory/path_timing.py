@@ -25,11 +25,11 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 import ruckig
-import scipy
 
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.robots.robot import JointLimits
+from bt_dualarm.trajectory.cubic_spline import cubic_spline
 from bt_dualarm.trajectory.kernel_arrays import Parabolas, PathOnGrid, Spline
 from bt_dualarm.trajectory.trajectory import (
     LONG,
@@ -134,9 +134,7 @@ def time_path(
     return timed_path(q_samples, limits, dt, closed).motion
 
 
-def _pieces(
-    samples: Matrix, limits: JointLimits, closed: bool
-) -> list[scipy.interpolate.CubicSpline]:
+def _pieces(samples: Matrix, limits: JointLimits, closed: bool) -> list[Spline]:
     """Splines from stop to stop; none if the path has no length."""
     # A periodic spline needs the whole path in one piece.
     ends = [0, *_reversals(samples, limits), len(samples) - 1]
@@ -202,9 +200,7 @@ def _one_by_one(samples: Matrix) -> Matrix:
     return samples[kept]
 
 
-def spline_through(
-    samples: Matrix, limits: JointLimits, closed: bool
-) -> scipy.interpolate.CubicSpline:
+def spline_through(samples: Matrix, limits: JointLimits, closed: bool) -> Spline:
     """Cubic spline over the path length, each joint scaled by its velocity limit.
 
     The Euclidean norm makes this length smooth along the path. With the maximum over joints it
@@ -215,8 +211,8 @@ def spline_through(
     if closed and len(samples) > 3:
         samples = samples.copy()
         samples[-1] = samples[0]
-        return scipy.interpolate.CubicSpline(s, samples, bc_type="periodic")
-    return scipy.interpolate.CubicSpline(s, samples)
+        return cubic_spline(s, samples, closed=True)
+    return cubic_spline(s, samples)
 
 
 def shortest_motion(
@@ -242,9 +238,7 @@ class _Search:
     def __init__(self, optimal: TimeOptimal, limits: JointLimits, dt: float) -> None:
         self._optimal = optimal
         self._dt = dt
-        self._path = path = optimal.path
-        period = float(path.x[-1]) if path.extrapolate == "periodic" else 0.0
-        self._spline = Spline(path.x, np.ascontiguousarray(path.c.swapaxes(0, 1)), period)
+        self._path = optimal.path
         self._limits = np.array((limits.velocity, limits.acceleration, limits.jerk))
         self._ramp = float((limits.acceleration / limits.jerk).max())
 
@@ -334,7 +328,7 @@ class _Search:
         profile = motion.profile
         parabolas = Parabolas(profile.time, profile.place, profile.rate, *profile.pieces)
         write_average(parabolas, motion.width, step, course)
-        write_joints(self._spline, course, v, a)
+        write_joints(self._path, course, v, a)
         count = write_shares(v, a, step, self._limits, most, shares)
         velocity, acceleration, jerk = shares[:, :count]
         return course[0, :count], _needed((velocity, acceleration, jerk))
@@ -380,13 +374,13 @@ class TimeOptimal:
         grid: Path parameters of the grid points, of shape (n,).
     """
 
-    def __init__(self, path: scipy.interpolate.CubicSpline, limits: JointLimits) -> None:
+    def __init__(self, path: Spline, limits: JointLimits) -> None:
         self.path = path
         # Eight grid intervals per sample resolve a path that bends at each sample; paths with many
         # samples are smooth, so that two are sufficient.
-        samples = len(path.x)
+        samples = len(path.knots)
         intervals = min(max(200, 2 * samples, min(8 * samples, 500)), 1500)
-        self.grid = np.linspace(0.0, path.x[-1], intervals + 1)
+        self.grid = np.linspace(0.0, path.knots[-1], intervals + 1)
         slope = path(self.grid, 1)
         fastest = (limits.velocity / np.maximum(np.abs(slope), _STILL)).min(axis=1)
         self._on_grid = PathOnGrid(self.grid, slope, path(self.grid, 2), fastest**2)
@@ -477,7 +471,7 @@ class Profile:
 class AveragedMotion:
     """Path, profile along it, and width of the moving average over the profile in s."""
 
-    path: scipy.interpolate.CubicSpline
+    path: Spline
     profile: Profile
     width: float
 

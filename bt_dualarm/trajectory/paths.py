@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
-import scipy
 
+from bt_dualarm.core import rotations
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.free_axes import FreeAxes
 from bt_dualarm.core.pose import Matrix, Pose, Vector
+from bt_dualarm.trajectory.cubic_spline import cubic_spline
 
 Axes: TypeAlias = tuple[Vector, Vector]
 """Two orthogonal unit vectors of a plane in the world, each of shape (3,)."""
@@ -107,7 +108,7 @@ def line(
     pieces = max(start.distance(end) / spacing, start.angle(end) / spacing_rad)
     share = np.linspace(0.0, 1.0, max(math.ceil(pieces), 8) + 1)
     positions = start.position + share[:, None] * (end.position - start.position)
-    turn = _slerp((0.0, 1.0), (start, end), share)
+    turn = rotations.slerp(np.array((0.0, 1.0)), _quaternions((start, end)), share)
     waypoints = np.array((start.position, end.position))
     return CartesianPath(positions, turn, waypoints)
 
@@ -130,8 +131,8 @@ def through(poses: Sequence[Pose], *, closed: bool = False) -> CartesianPath:
     # Centripetal parameterization (Lee 1989): no loops between unevenly spaced waypoints.
     knots = np.concatenate(((0.0,), np.cumsum(np.sqrt(steps))))
     samples = refined(knots)
-    turn = _slerp(knots, stops, samples)
-    positions = spline(knots, points, closed)(samples)
+    turn = rotations.slerp(knots, _quaternions(stops), samples)
+    positions = cubic_spline(knots, points, closed=closed)(samples)
     return CartesianPath(positions, turn, points, closed)
 
 
@@ -300,11 +301,12 @@ def turned_about(tool: Pose, point: Vector, axis: Vector, angle: float) -> Carte
     if not (length > 1e-9 and abs(angle) > 1e-9):
         raise Failure("INVALID_TARGET", "a turn needs an axis and an angle other than 0")
     count = max(math.ceil(abs(angle) / _TURN_SPACING), 8)
-    turns = scipy.spatial.transform.Rotation.from_rotvec(
+    turns = rotations.from_rotation_vectors(
         np.linspace(0.0, angle, count + 1)[:, None] * np.asarray(axis) / length
     )
-    positions = point + turns.apply(tool.position - point)
-    quaternions = (turns * tool.rotation).as_quat(scalar_first=True)
+    offset = np.einsum("ijk,k->ij", rotations.matrices(turns), tool.position - point)
+    positions = point + offset
+    quaternions = rotations.product(turns, _quaternions((tool,)))
     every = max(round(count * _WAYPOINT / abs(angle)), 1)
     return CartesianPath(positions, quaternions, positions[::every])
 
@@ -373,7 +375,7 @@ def _curve(
         offsets[-1] = offsets[0]  # sin and cos leave a rounding error
     points = middle + offsets @ frame
     knots = np.arange(len(points), dtype=float)
-    positions = spline(knots, points, bool(repeats))(refined(knots))
+    positions = cubic_spline(knots, points, closed=bool(repeats))(refined(knots))
     scale = float(np.linalg.norm(offsets, axis=1).max())
     quaternions = _leaning(tool, (positions - middle) * (tilt / scale))
     center = Pose(middle, tool.quaternion)
@@ -388,15 +390,21 @@ def _leaning(tool: Pose, lean: Matrix) -> Matrix:
     if not lean.any():
         return np.tile(tool.quaternion, (len(lean), 1))
     # A small rotation w tilts the axis z by w x z; with w = lean x z that is against the lean.
-    turns = scipy.spatial.transform.Rotation.from_rotvec(np.cross(lean, tool.rotation_matrix[:, 2]))
-    quaternions: Matrix = (turns * tool.rotation).as_quat(scalar_first=True)
-    return quaternions
+    tilts = np.asarray(np.cross(lean, tool.rotation_matrix[:, 2]), dtype=float)
+    turns = rotations.from_rotation_vectors(tilts)
+    return rotations.product(turns, _quaternions((tool,)))
+
+
+def _quaternions(poses: Sequence[Pose]) -> Matrix:
+    """Orientations, of shape (n, 4), as unit quaternions."""
+    return rotations.normalized(np.array([pose.quaternion for pose in poses]))
 
 
 def _step(origin: Pose, other: Pose) -> Vector:
     """Offset of another pose, of shape (6,): translation in world axes, rotation in origin's."""
     # Relative rotation vectors can be scaled and blended like positions.
-    turn = (origin.rotation.inv() * other.rotation).as_rotvec()
+    begin, end = _quaternions((origin, other))[:, None]
+    turn = rotations.rotation_vectors(rotations.product(rotations.inverse(begin), end))[0]
     return np.concatenate((other.position - origin.position, turn))
 
 
@@ -417,27 +425,11 @@ def _joined(pieces: Sequence[tuple[Pose, Matrix]], poses: Sequence[Pose]) -> Car
     turns: list[Matrix] = []
     for i, (origin, steps) in enumerate(pieces):
         rows = steps if i == 0 else steps[1:]
-        turned = origin.rotation * scipy.spatial.transform.Rotation.from_rotvec(rows[:, 3:])
+        turned = rotations.from_rotation_vectors(rows[:, 3:])
         positions.append(origin.position + rows[:, :3])
-        turns.append(turned.as_quat(scalar_first=True))
+        turns.append(rotations.product(_quaternions((origin,)), turned))
     waypoints = np.array([pose.position for pose in poses])
     return CartesianPath(np.vstack(positions), np.vstack(turns), waypoints)
-
-
-def _slerp(knots: Sequence[float] | Vector, poses: Sequence[Pose], samples: Vector) -> Matrix:
-    """Quaternions wxyz, of shape (n, 4), interpolated between poses at the knots (slerp)."""
-    turns = scipy.spatial.transform.Rotation.concatenate([pose.rotation for pose in poses])
-    quaternions: Matrix = scipy.spatial.transform.Slerp(knots, turns)(samples).as_quat(
-        scalar_first=True
-    )
-    return quaternions
-
-
-def spline(knots: Vector, points: Matrix, closed: bool) -> scipy.interpolate.CubicSpline:
-    """Cubic spline through points of shape (n, k) at knots of shape (n,); periodic if closed."""
-    return scipy.interpolate.CubicSpline(
-        knots, points, bc_type="periodic" if closed else "not-a-knot"
-    )
 
 
 def refined(knots: Vector) -> Vector:

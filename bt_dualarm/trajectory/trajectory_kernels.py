@@ -294,6 +294,52 @@ def _piece(knots: Vector, at: float, near: int) -> int:
 
 
 @kernel
+def solve_tridiagonal(lower: Vector, diagonal: Vector, upper: Vector, right: Matrix) -> None:
+    """Solve a tridiagonal system by Gaussian elimination with partial pivoting.
+
+    The operations are those of LAPACK's ``dgtsv``, in the same order.
+
+    Args:
+        lower: Coefficients below the diagonal, of shape (n - 1,); overwritten.
+        diagonal: Coefficients on the diagonal, of shape (n,); overwritten.
+        upper: Coefficients above the diagonal, of shape (n - 1,); overwritten.
+        right: Right-hand sides, of shape (n, k); overwritten with the solutions.
+    """
+    count, sides = right.shape
+    for i in range(count - 1):
+        if abs(diagonal[i]) >= abs(lower[i]):
+            factor = lower[i] / diagonal[i]
+            diagonal[i + 1] -= factor * upper[i]
+            for k in range(sides):
+                right[i + 1, k] -= factor * right[i, k]
+            lower[i] = 0.0
+            continue
+        # Rows i and i + 1 change places. From now on, `lower` holds the second diagonal above the
+        # main one, which only arises by such changes.
+        factor = diagonal[i] / lower[i]
+        diagonal[i] = lower[i]
+        below = diagonal[i + 1]
+        diagonal[i + 1] = upper[i] - factor * below
+        lower[i] = 0.0
+        if i < count - 2:
+            lower[i] = upper[i + 1]
+            upper[i + 1] *= -factor
+        upper[i] = below
+        for k in range(sides):
+            here = right[i, k]
+            right[i, k] = right[i + 1, k]
+            right[i + 1, k] = here - factor * right[i + 1, k]
+    for i in range(count - 1, -1, -1):
+        for k in range(sides):
+            value = right[i, k]
+            if i < count - 1:
+                value -= upper[i] * right[i + 1, k]
+            if i < count - 2:
+                value -= lower[i] * right[i + 2, k]
+            right[i, k] = value / diagonal[i]
+
+
+@kernel
 def scale(
     q: Matrix,
     v: Matrix,

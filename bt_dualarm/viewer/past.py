@@ -23,7 +23,7 @@ from bt_dualarm.replay.record import Record, ReplayError
 from bt_dualarm.replay.timeline import RecordedFrame, Timeline, TimelineNode, recorded_frames
 from bt_dualarm.runtime.history_file import HistoryError
 from bt_dualarm.runtime.recorder import EVENTS, FRAMES, HISTORY
-from bt_dualarm.runtime.report import json_ready
+from bt_dualarm.runtime.summary import json_ready
 from bt_dualarm.sim.composition import CAMERA
 from bt_dualarm.sim.frame import Exposure, Frame, Image, RenderableWorld, Scenery
 from bt_dualarm.sim.renderers import RayRenderer

@@ -27,7 +27,7 @@ from bt_dualarm.behaviors.report import StatusChange
 from bt_dualarm.core.errors import DualArmError
 from bt_dualarm.core.share import share_dir
 from bt_dualarm.runtime.arm_runtime import IdleObserver, RunView
-from bt_dualarm.runtime.report import json_ready
+from bt_dualarm.runtime.summary import json_ready
 from bt_dualarm.spec.yaml_reader import Data, Json
 
 _POLL_S: Final = 0.1

@@ -43,7 +43,7 @@ OTHER_THINGS = {
     ("cli/bt_run.py", "log"),  # a display of one line an event
     ("runtime/display.py", "log"),
     ("spec/document.py", "set"),  # the name of a set of numbers
-    ("runtime/report.py", "guard"),  # the gate on set-points, in summary.json
+    ("runtime/summary.py", "guard"),  # the gate on set-points, in summary.json
     ("runtime/observations.py", "guard"),  # likewise, in run.history
     ("skill/cell.py", "signal"),  # what a wait is for
     ("behaviors/graph.py", "signal"),  # a port

@@ -236,13 +236,15 @@ def test_help_is_there_at_once(command: str) -> None:
 def imported() -> str:
     """What a fresh process says that it has imported, after a plain run and one along a path."""
     code = (
-        "import sys, bt_dualarm.cli\n"
+        "import sys, bt_dualarm.cli, bt_dualarm.runtime.api\n"
+        "print('TO PRINT', 'rich' in sys.modules)\n"
         "bt_dualarm.cli.run(['reach_to_pose', '--duration', '0.002', '--display', 'quiet'])\n"
-        "slow = {'scipy.spatial', 'scipy.interpolate', 'scipy.optimize', 'matplotlib'}\n"
+        "slow = {'cv2', 'scipy.spatial', 'scipy.interpolate', 'scipy.optimize', 'matplotlib'}\n"
         "print('SLOW', sorted(slow & set(sys.modules)))\n"
+        "skills = [name for name in sys.modules if name.startswith('bt_dualarm_skills_')]\n"
+        "print('SKILLS', [name.split('_', 4)[4] for name in skills])\n"
         "bt_dualarm.cli.run(['circle', '--duration', '0.1', '--display', 'quiet'])\n"
-        "print('TIMED', 'scipy.interpolate' in sys.modules)\n"
-        "print('PLOTS', 'matplotlib' in sys.modules)"
+        "print('ON A PATH', sorted(slow & set(sys.modules)))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     return done.stdout
@@ -253,9 +255,18 @@ def test_a_run_begins_without_what_it_does_not_use(imported: str) -> None:
     assert "SLOW []" in imported
 
 
-def test_a_run_along_a_path_that_draws_no_plots_loads_none(imported: str) -> None:
-    """Matplotlib takes as long to import as all else of such a run: 0.2 s."""
-    assert "TIMED True\nPLOTS False" in imported
+def test_a_run_from_python_prints_nothing(imported: str) -> None:
+    """Workers of sweeps need no rich."""
+    assert "TO PRINT False" in imported
+
+
+def test_a_run_imports_the_skills_of_its_tree_alone(imported: str) -> None:
+    assert "SKILLS ['reach_to_pose']" in imported
+
+
+def test_a_run_along_a_path_needs_no_more(imported: str) -> None:
+    """Splines and rotations are the package's own, and nothing is plotted without a record."""
+    assert "ON A PATH []" in imported
 
 
 def test_the_version_is_the_package_s(capsys: pytest.CaptureFixture[str]) -> None:

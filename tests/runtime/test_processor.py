@@ -10,7 +10,7 @@ import sys
 
 import pytest
 
-from bt_dualarm.runtime.report import Processor, processor
+from bt_dualarm.runtime.summary import Processor, processor
 
 HERE = processor()
 
@@ -25,7 +25,7 @@ OTHERS = {
 def elsewhere(**environment: str) -> Processor:
     """The kind that a process of its own finds."""
     code = (
-        "import json; from bt_dualarm.runtime.report import processor;"
+        "import json; from bt_dualarm.runtime.summary import processor;"
         "print(json.dumps(processor()))"
     )
     done = subprocess.run(

@@ -33,7 +33,7 @@ from bt_dualarm.runtime.outcome import (
     Tracks,
 )
 from bt_dualarm.runtime.recorder import Recorder, RecordError, RecordFolder
-from bt_dualarm.runtime.report import json_ready
+from bt_dualarm.runtime.summary import json_ready
 from bt_dualarm.sim.painter import StillRenderer, best_viewpoint
 
 MODEL = """

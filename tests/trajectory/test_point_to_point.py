@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.robots.robot import JointLimits
 from bt_dualarm.robots.robot_description import load_robot
+from bt_dualarm.trajectory.cubic_spline import cubic_spline
 from bt_dualarm.trajectory.path_timing import (
     Profile,
     TimeOptimal,
@@ -71,7 +71,7 @@ def test_timing_never_leaves_the_path(arm: str, seed: int, speed: float) -> None
     motion = time_path(path, LIMITS[arm].scaled(speed), DT, closed=True)
     share = np.linspace(0.0, 1.0, len(path))
     path[-1] = path[0]
-    dense = CubicSpline(share, path, bc_type="periodic")(np.linspace(0.0, 1.0, 20_001))
+    dense = cubic_spline(share, path, closed=True)(np.linspace(0.0, 1.0, 20_001))
     distance, _ = cKDTree(dense).query(motion.q[::10])
     assert distance.max() < 1e-3  # the spacing of the dense curve, and what the knots' place does
 
@@ -80,7 +80,7 @@ def test_a_path_takes_little_longer_than_the_bound_without_jerk_limits() -> None
     limits = LIMITS["ur5"]
     path = smooth_path(limits, 4, 0.2, harmonics=1)
     share = np.linspace(0.0, 1.0, len(path))
-    shortest = TimeOptimal(CubicSpline(share, path), limits).fastest.duration
+    shortest = TimeOptimal(cubic_spline(share, path), limits).fastest.duration
     motion = time_path(path, limits, DT, closed=True)
     assert shortest < motion.duration < 1.25 * shortest
 

@@ -11,12 +11,11 @@ import scipy.ndimage
 import toppra
 import toppra.algorithm
 import toppra.constraint
-from scipy.interpolate import CubicSpline
 
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.robots.robot import JointLimits
 from bt_dualarm.robots.robot_description import load_robot
-from bt_dualarm.trajectory.kernel_arrays import PathOnGrid
+from bt_dualarm.trajectory.kernel_arrays import PathOnGrid, Spline
 from bt_dualarm.trajectory.path_timing import (
     Profile,
     TimeOptimal,
@@ -53,10 +52,10 @@ def waves(limits: JointLimits, rng: np.random.Generator) -> Matrix:
     return path
 
 
-def squared_rates_of_toppra(path: CubicSpline, limits: JointLimits, grid: Vector) -> Vector:
+def squared_rates_of_toppra(path: Spline, limits: JointLimits, grid: Vector) -> Vector:
     """(ds/dt)² over the grid, by the authors' package, of shape (n,)."""
     logging.getLogger("toppra").setLevel(logging.CRITICAL)
-    geometry = toppra.SplineInterpolator(path.x, path(path.x), bc_type="not-a-knot")
+    geometry = toppra.SplineInterpolator(path.knots, path(path.knots), bc_type="not-a-knot")
     constraints = [
         toppra.constraint.JointVelocityConstraint(np.stack((-limits.velocity, limits.velocity), 1)),
         toppra.constraint.JointAccelerationConstraint(
@@ -97,9 +96,9 @@ def test_on_a_coarse_grid_theirs_all_but_stops_and_a_finer_one_says_that_ours_is
     assert (theirs_finer, theirs_finest) == pytest.approx((finer, finest), rel=1e-5)
 
 
-def durations(path: CubicSpline, limits: JointLimits, steps: int) -> tuple[float, float]:
+def durations(path: Spline, limits: JointLimits, steps: int) -> tuple[float, float]:
     """Seconds that the fastest motion takes on a grid of so many steps: ours, theirs."""
-    grid = np.linspace(0.0, path.x[-1], steps + 1)
+    grid = np.linspace(0.0, path.knots[-1], steps + 1)
     slope = path(grid, 1)
     most = (limits.velocity / np.abs(slope)).min(axis=1) ** 2
     on_grid = PathOnGrid(grid, slope, path(grid, 2), most)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from bt_dualarm.core.pose import Matrix
-from bt_dualarm.trajectory.kernel_arrays import Parabolas, Spline
+from bt_dualarm.trajectory.kernel_arrays import Parabolas
 from bt_dualarm.trajectory.path_timing import (
     AveragedMotion,
     StretchedMotion,
@@ -48,15 +48,13 @@ def judged(motion: AveragedMotion, most: float) -> tuple[Matrix, Matrix, int]:
     """The course of a motion, shares of its limits, and how many steps were looked at."""
     path = motion.path
     profile = motion.profile
-    period = path.x[-1] if path.extrapolate == "periodic" else 0.0
-    spline = Spline(path.x, np.ascontiguousarray(path.c.swapaxes(0, 1)), period)
     parabolas = Parabolas(profile.time, profile.place, profile.rate, *profile.pieces)
     course = np.empty((3, len(StretchedMotion(motion, STEP, 1.0))))
     shares = np.empty_like(course)
     limits = np.array((LIMITS.velocity, LIMITS.acceleration, LIMITS.jerk))
     v, a = np.empty((2, course.shape[1], 3))
     write_average(parabolas, motion.width, STEP, course)
-    write_joints(spline, course, v, a)
+    write_joints(path, course, v, a)
     return course, shares, write_shares(v, a, STEP, limits, most, shares)
 
 

@@ -15,7 +15,7 @@ import pytest
 
 from bt_dualarm.core.share import share_dir
 from bt_dualarm.replay.record import Record
-from bt_dualarm.runtime.report import json_ready
+from bt_dualarm.runtime.summary import json_ready
 from bt_dualarm.spec.yaml_reader import Json
 from bt_dualarm.viewer.past import RecordView, html_of, page_data
 from bt_dualarm.viewer.server import whole_page
