@@ -235,6 +235,9 @@ class KnownObjects:
         for other, pose in poses.items():
             if other == name or world.attachments.find(self._arm, other):
                 continue
+            its = things[other].joint
+            if its is not None and its.owner == name:  # its own lid
+                continue
             to_local = pose.inverse
             gap = body_of(things[other]).ray(to_local.apply(center), to_local.turn(_DOWN)) - height
             if -_SINKS_M <= gap < nearest:
