@@ -99,12 +99,14 @@ class Operate(Skill):
         except Failure as failure:
             if failure.code == "SLIPPED" and grip is not None:
                 yield from grip.judge(failure)
+            self._note_moved_object()
             raise
         finally:
             self.metrics["pull_force_n"] = self._most_n
         reached = part.position
         away = self._away(goal)
         self.metrics["joint_error_m"] = away
+        self._note_moved_object()
         if part.spec.type == "hinge":
             self.metrics |= {"joint_before_rad": began, "joint_rad": reached}
         else:
@@ -117,6 +119,12 @@ class Operate(Skill):
                 f"{spec.in_words(goal)}",
                 away_m=away,
             )
+
+    def _note_moved_object(self) -> None:
+        """Measure whether the object itself has moved, if it is not fixed."""
+        moved = self._part.forget_if_moved(self.ports.tolerance)
+        if moved is not None:
+            self.metrics["object_moved_m"] = moved
 
     def _move(self, goal: float, limit: float, grip: Grip | None) -> Iterator[float]:
         """Follow the path of the joint softly from where it is to its goal.

@@ -137,6 +137,31 @@ class MovedPart:
         moves = tuple(frame @ self.spec.displacement(place) @ before for place in places)
         return JointPath(self.name, tuple(places), moves)
 
+    def forget_if_moved(self, least: float) -> float | None:
+        """Measure how far the object has moved, not its joint, by the hand that holds the part.
+
+        The pose of the hand and the sensor of the joint tell both apart.
+
+        Args:
+            least: Distance in m above which the arm no longer knows where the object is.
+
+        Returns:
+            Distance at the tool, m; None for an object that is fixed, and without a hand on it.
+        """
+        arm = self._arm
+        held = arm.world.attachments.find(arm.name, self.name)
+        if arm.world.objects[self._owner].fixed or held is None:
+            return None
+        tool = arm.tool_pose
+        felt = tool @ arm.robot.tool.inverse @ held.relative
+        there = arm.known.pose(self.name).pose
+        moved = (felt @ there.inverse @ tool).distance(tool)
+        if moved > least:
+            # Where it is now is uncertain: the part may have slid in the hand as well.
+            why = f"it moved by {1e3 * moved:.0f} mm while {arm.name} moved {self.name!r}"
+            arm.known.forget(self._owner, why)
+        return moved
+
     @property
     def _spacing(self) -> float:
         return _SPACING_RAD if self.spec.type == "hinge" else _SPACING_M
