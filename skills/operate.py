@@ -27,6 +27,7 @@ _EDGE_S = 0.15  # at the start of a motion, in which the joints of the arm break
 _STILL_M = 0.0005  # motion of the held point in `_STILL_S` below which the joint is blocked
 _STILL_S = 0.06
 _SETTLES_S = 2.0  # at most, in which friction may keep the part from its goal
+_SLIDES_M = 0.03  # motion of an object that is not fixed, at the tool, which ends the attempt
 _NEAR = 0.6  # fraction of the tolerance within which it is there: pulled on, it may jump beyond
 _PULL_N_M_S = 1e4  # rate at which the pull grows with the distance from the set-point
 
@@ -58,6 +59,7 @@ class Operate(Skill):
         "BLOCKED": "the joint does not move any further with the allowed force",
         "FORCE_LIMIT": "the part moves, but needs more than the allowed force",
         "NOT_REACHED": "the joint is not at its goal, although the arm has moved there",
+        "OBJECT_MOVED": "the object itself, which is not fixed, slides or tips instead of its joint",
         "SLIPPED": "the part slid between the fingers",
         "DROPPED": "the arm has lost the part",
     }
@@ -156,6 +158,14 @@ class Operate(Skill):
             arm.check()
             if grip is not None:
                 grip.look()
+            moved = part.owner_moved_m
+            if moved is not None and moved > _SLIDES_M:
+                raise Failure(
+                    "OBJECT_MOVED",
+                    f"{ports.object} moved by {1e3 * moved:.0f} mm instead of its joint: it is too "
+                    "light, or the joint is too stiff; another arm may hold it",
+                    object_moved_m=moved,
+                )
             past.append((self.time, part.position))
             while self.time - past[0][0] > _STILL_S:
                 past.pop(0)

@@ -137,16 +137,12 @@ class MovedPart:
         moves = tuple(frame @ self.spec.displacement(place) @ before for place in places)
         return JointPath(self.name, tuple(places), moves)
 
-    def forget_if_moved(self, least: float) -> float | None:
-        """Measure how far the object has moved, not its joint, by the hand that holds the part.
+    @property
+    def owner_moved_m(self) -> float | None:
+        """Distance in m, at the tool, by which the object has moved, not its joint.
 
-        The pose of the hand and the sensor of the joint tell both apart.
-
-        Args:
-            least: Distance in m above which the arm no longer knows where the object is.
-
-        Returns:
-            Distance at the tool, m; None for an object that is fixed, and without a hand on it.
+        The pose of the hand that holds the part and the sensor of the joint tell both apart. None
+        for an object that is fixed, and without a hand on it.
         """
         arm = self._arm
         held = arm.world.attachments.find(arm.name, self.name)
@@ -155,8 +151,20 @@ class MovedPart:
         tool = arm.tool_pose
         felt = tool @ arm.robot.tool.inverse @ held.relative
         there = arm.known.pose(self.name).pose
-        moved = (felt @ there.inverse @ tool).distance(tool)
-        if moved > least:
+        return (felt @ there.inverse @ tool).distance(tool)
+
+    def forget_if_moved(self, least: float) -> float | None:
+        """Let the arm forget where the object is if it has moved.
+
+        Args:
+            least: Distance in m up to which it counts as not moved.
+
+        Returns:
+            As `owner_moved_m`.
+        """
+        arm = self._arm
+        moved = self.owner_moved_m
+        if moved is not None and moved > least:
             # Where it is now is uncertain: the part may have slid in the hand as well.
             why = f"it moved by {1e3 * moved:.0f} mm while {arm.name} moved {self.name!r}"
             arm.known.forget(self._owner, why)
