@@ -59,7 +59,7 @@ class Operate(Skill):
         "BLOCKED": "the joint does not move any further with the allowed force",
         "FORCE_LIMIT": "the part moves, but needs more than the allowed force",
         "NOT_REACHED": "the joint is not at its goal, although the arm has moved there",
-        "OBJECT_MOVED": "the object itself, which is not fixed, slides or tips instead of its joint",
+        "OBJECT_MOVED": "the object, which is not fixed, slides or tips instead",
         "SLIPPED": "the part slid between the fingers",
         "DROPPED": "the arm has lost the part",
     }
