@@ -277,7 +277,7 @@ _OWN_TOOL: Final = """\
 Poses and lines of the arms with five joints leave all [axes free](poses.md#free-axes); their
 curves, with the tool pointing down, do not. `approach_and_attach`, `detach` and `transport` attach
 an object to the tool where it touches it; the fingers of a `jaco2` are fixed apart, and the camera
-of a `panda` looks ahead at home, not down.
+of a `panda` and of an `fr3` looks ahead at home, not down.
 """
 
 _GRIPPERS: Final = """\

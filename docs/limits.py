@@ -12,6 +12,7 @@ from bt_dualarm.core.share import share_dir
 
 PAGE: Final = Path(__file__).with_name("motion.md")
 UNITS: Final = {
+    "position": "rad",
     "velocity": "rad/s",
     "acceleration": "rad/s²",
     "jerk": "rad/s³",
@@ -26,8 +27,12 @@ def limits_table() -> str:
     for page in sorted(share_dir("assets").glob("robots/*.yaml")):
         limits = yaml.safe_load(page.read_text(encoding="utf-8"))["limits"]
         for name, entry in limits.items():
-            value = entry["value"]
-            numbers = ", ".join(map(str, value)) if isinstance(value, list) else str(value)
+            if name == "position":
+                ends = zip(entry["lower"], entry["upper"], strict=True)
+                numbers = ", ".join(f"{lower} to {upper}" for lower, upper in ends)
+            else:
+                value = entry["value"]
+                numbers = ", ".join(map(str, value)) if isinstance(value, list) else str(value)
             rows.append(f"| `{page.stem}` | {name} | {numbers} {UNITS[name]} | {entry['source']} |")
     return "\n".join(rows) + "\n"
 

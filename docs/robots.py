@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import mujoco
 import numpy as np
+import yaml
 
 from bt_dualarm.cli.bt_skills import RobotSummary, direction, numbers, robot_summary
 from bt_dualarm.core.share import share_dir
@@ -83,7 +84,7 @@ def _robot(summary: RobotSummary) -> Iterator[str]:
         f"{summary.title}. Its tool reaches {summary.reach_m:.2f} m from the first joint, which is "
         f"at ({numbers(summary.center_m)}) m from the base link, `{summary.base_link}`. The tool "
         f"frame is at ({numbers(summary.tool_m)}) m in the link `{summary.tool_link}`."
-        f"{payload}\n"
+        f"{payload}{_corrections(summary.name)}\n"
     )
     yield _table(
         ("joint", "from", "to", "velocity"),
@@ -120,6 +121,19 @@ def _robot(summary: RobotSummary) -> Iterator[str]:
                 for j in summary.locked
             ),
         )
+
+
+def _corrections(robot: str) -> str:
+    """Which figures of the URDF its description replaces, and their source."""
+    path = share_dir("assets") / "robots" / f"{robot}.yaml"
+    entry = yaml.safe_load(path.read_text(encoding="utf-8"))
+    if "corrections" not in entry:
+        return ""
+    source = entry["corrections"]["source"]
+    return (
+        f" Values of its URDF, `{entry['urdf']}`, are "
+        f"[corrected](own_robot.md#corrections-of-the-urdf). Source: {source}."
+    )
 
 
 def _parts(scene: str) -> Iterator[tuple[str, ...]]:

@@ -27,6 +27,7 @@ _EDGE_S = 0.15  # at the start of a motion, in which the joints of the arm break
 _STILL_M = 0.0005  # motion of the held point in `_STILL_S` below which the joint is blocked
 _STILL_S = 0.06
 _SETTLES_S = 2.0  # at most, in which friction may keep the part from its goal
+_SLIDES_M = 0.03  # motion of an object that is not fixed, at the tool, which ends the attempt
 _NEAR = 0.6  # fraction of the tolerance within which it is there: pulled on, it may jump beyond
 _PULL_N_M_S = 1e4  # rate at which the pull grows with the distance from the set-point
 
@@ -58,6 +59,7 @@ class Operate(Skill):
         "BLOCKED": "the joint does not move any further with the allowed force",
         "FORCE_LIMIT": "the part moves, but needs more than the allowed force",
         "NOT_REACHED": "the joint is not at its goal, although the arm has moved there",
+        "OBJECT_MOVED": "the object, which is not fixed, slides or tips instead",
         "SLIPPED": "the part slid between the fingers",
         "DROPPED": "the arm has lost the part",
     }
@@ -98,12 +100,14 @@ class Operate(Skill):
         except Failure as failure:
             if failure.code == "SLIPPED" and grip is not None:
                 yield from grip.judge(failure)
+            self._note_moved_object()
             raise
         finally:
             self.metrics["pull_force_n"] = self._most_n
         reached = part.position
         away = self._away(goal)
         self.metrics["joint_error_m"] = away
+        self._note_moved_object()
         if part.spec.type == "hinge":
             self.metrics |= {"joint_before_rad": began, "joint_rad": reached}
         else:
@@ -116,6 +120,12 @@ class Operate(Skill):
                 f"{spec.in_words(goal)}",
                 away_m=away,
             )
+
+    def _note_moved_object(self) -> None:
+        """Measure whether the object itself has moved, if it is not fixed."""
+        moved = self._part.forget_if_moved(self.ports.tolerance)
+        if moved is not None:
+            self.metrics["object_moved_m"] = moved
 
     def _move(self, goal: float, limit: float, grip: Grip | None) -> Iterator[float]:
         """Follow the path of the joint softly from where it is to its goal.
@@ -147,6 +157,14 @@ class Operate(Skill):
             arm.check()
             if grip is not None:
                 grip.look()
+            moved = part.owner_moved_m
+            if moved is not None and moved > _SLIDES_M:
+                raise Failure(
+                    "OBJECT_MOVED",
+                    f"{ports.object} moved by {1e3 * moved:.0f} mm instead of its joint: it is too "
+                    "light, or the joint is too stiff; another arm may hold it",
+                    object_moved_m=moved,
+                )
             past.append((self.time, part.position))
             while self.time - past[0][0] > _STILL_S:
                 past.pop(0)

@@ -133,13 +133,14 @@ class KnownObjects:
         Raises:
             Failure: ``UNKNOWN_POSE``; ``INVALID_TARGET`` if it moves on no joint.
         """
+        hung = self._world.objects[name].joint if name in self._world.objects else None
+        if hung is not None:
+            reading = self._world.joint_reading(name)
+            if reading is not None:
+                return reading
         known = self.pose(name)
-        hung = self._world.objects[name].joint
         if hung is None:
             raise Failure("INVALID_TARGET", f"{name!r} moves on no joint")
-        reading = self._world.joint_reading(name)
-        if reading is not None:
-            return reading
         return hung.spec.position_of(self.pose(hung.owner).pose.inverse @ known.pose)
 
     def saw(self, name: str, pose: Pose) -> None:
@@ -157,7 +158,11 @@ class KnownObjects:
 
     def left(self, name: str) -> None:
         """Record that the arm releases an object where it is; call while it is still held."""
-        self._set(name, KnownPose(self.pose(name).pose, "felt", self._world.time))
+        known = self.where(name)
+        if known is None:  # what it moves against may be lost
+            self._known.pop(name, None)
+        else:
+            self._set(name, KnownPose(known.pose, "felt", self._world.time))
 
     def forget(self, name: str, why: str) -> None:
         """Record that an object is elsewhere from now on.
@@ -234,6 +239,9 @@ class KnownObjects:
         below = ""
         for other, pose in poses.items():
             if other == name or world.attachments.find(self._arm, other):
+                continue
+            its = things[other].joint
+            if its is not None and its.owner == name:  # its own lid
                 continue
             to_local = pose.inverse
             gap = body_of(things[other]).ray(to_local.apply(center), to_local.turn(_DOWN)) - height

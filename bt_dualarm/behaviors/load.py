@@ -47,7 +47,7 @@ from bt_dualarm.skill.cell import ActiveNode, CellAccess
 from bt_dualarm.skill.relative_poses import resolve_poses
 from bt_dualarm.skill.skill import Skill, SkillContext
 from bt_dualarm.spec.cell import CellSpec
-from bt_dualarm.spec.checks import Examination, declared_names, unused
+from bt_dualarm.spec.checks import Examination, declared_names, unused, with_bare_numbers
 from bt_dualarm.spec.document import (
     LONGEST_NAME,
     ArmSpec,
@@ -57,7 +57,7 @@ from bt_dualarm.spec.document import (
     WorldSpec,
     expanded,
 )
-from bt_dualarm.spec.explain import explain
+from bt_dualarm.spec.explain import explain, in_base_units
 from bt_dualarm.spec.faults import fault_class, fault_problems, unique_names
 from bt_dualarm.spec.goals import SECTIONS, ConditionSpec
 from bt_dualarm.spec.node_types import (
@@ -222,7 +222,11 @@ class _Loading:
         self.problems += libraries.problems
         read = [] if scene is None else [scene.source]
         self._texts = {each.file: each.text for each in (source, *libraries.included, *read)}
-        trees = self._trees(ParseContext(source, ("arms",), scope, library))
+        types = {**LANGUAGE, **(self.skills or {})}
+        trees = {
+            arm: with_bare_numbers(root, types)
+            for arm, root in self._trees(ParseContext(source, ("arms",), scope, library)).items()
+        }
         for root in trees.values():
             self._read_texts(root)
         examination = Examination(LANGUAGE, self.skills, declared_names(source, objects))
@@ -287,7 +291,7 @@ class _Loading:
             context = ParseContext(source, subtree.path, scope, subtree.library, (subtree,))
             root = self._parser.tree(context)
             if root is not None:
-                examination.nodes(root)
+                examination.nodes(with_bare_numbers(root, {**LANGUAGE, **(self.skills or {})}))
 
     def _model(
         self,
@@ -305,6 +309,7 @@ class _Loading:
         filled = with_tuples(data)
         for arm, root in trees.items():
             filled["arms"][arm]["tree"] = root
+        filled = in_base_units(filled, TreeContent.model_validate, TreeContent)
         try:
             content = TreeContent.model_validate(filled)
         except ValidationError as error:

@@ -521,11 +521,11 @@ def _new_rules(
     gripper = world.grippers.get(arm)
     fingers = FINGERS if gripper is not None and gripper.gripper.fingers else ()
     scratch = ScratchModel(world, (arm,))
-    held = geoms_of(world, world.attachments.attached_to(arm))
+    held = geoms_of(world, world.carried_by(arm))
     moving = scratch.marks(body.geom_ids | held)
     ignored = geoms_of(world, ignore & world.objects.keys())
     for name in ignore & world.arms.keys():
-        payloads = world.attachments.attached_to(name)
+        payloads = world.carried_by(name)
         ignored |= world.arms[name].geom_ids | geoms_of(world, payloads)
     checked = scratch.solid & ~scratch.marks(ignored)
     # Pairs with at least one geom that moves: two fixed bodies never need a check. Pairs within
@@ -554,7 +554,7 @@ def _new_rules(
         pairs = (hands[:, None] & tool) | (tool[:, None] & hands)
         least[pairs] = np.minimum(least[pairs], hands_m)
         if world.object_geom(thing) in held:
-            its = scratch.marks(world.object_geoms(thing))
+            its = scratch.marks(world.payload_geoms(thing))
             least[(hands[:, None] & its) | (its[:, None] & hands)] = -np.inf
     if tool_may_touch:
         outside = ~moving
@@ -631,7 +631,7 @@ class OutsideContacts:
         self._arm = arm
         self._own = np.zeros(world.model.ngeom, dtype=bool)
         self._own[list(world.arms[arm].geom_ids)] = True
-        for name in world.attachments.attached_to(arm):
+        for name in world.carried_by(arm):
             self._own[list(world.object_geoms(name))] = True
 
     def deepest(self) -> tuple[str, str] | None:

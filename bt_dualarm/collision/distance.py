@@ -85,7 +85,7 @@ class ArmDistance:
             affinities[geoms] = _LINKS
             self._owner[geoms] = index
         for held in world.attachments:
-            geoms = list(world.object_geoms(held.object))
+            geoms = list(world.payload_geoms(held.object))
             if held.arm == arm:
                 types[geoms] = _LINKS | _HELD
             else:
@@ -181,9 +181,9 @@ def added_distances(world: World, arm: str) -> Matrix | None:
         if partner not in world.arms or thing not in world.objects:
             continue
         its = list(world.arms[partner].tool_geom_ids)
-        geoms = world.object_geoms(thing)
+        geoms = list(world.payload_geoms(thing))
         payloads = {*world.attachments.attached_to(arm), *world.attachments.attached_to(partner)}
-        others = [geom for one in payloads - {thing} for geom in world.object_geoms(one)]
+        others = [geom for one in payloads - {thing} for geom in world.payload_geoms(one)]
         for first, second, more in (
             (own, its, HANDS_APART_M - hands_m),
             (geoms, its, np.inf),
@@ -217,7 +217,7 @@ class Clearance:
         self._begun: dict[tuple[int, int], float] = {}
         body = world.arms[arm]
         arms = set[int]().union(
-            *(world.object_geoms(attached.object) for attached in world.attachments),
+            *(world.payload_geoms(attached.object) for attached in world.attachments),
             *(other.geom_ids for other in world.arms.values()),
         )
         others = scratch.solid & ~scratch.marks(arms)
@@ -272,9 +272,7 @@ class BoundingSpheres:
     def __init__(self, world: World, arm: str) -> None:
         model = world.model
         body = world.arms[arm]
-        held = [
-            geom for name in world.attachments.attached_to(arm) for geom in world.object_geoms(name)
-        ]
+        held = [geom for name in world.carried_by(arm) for geom in world.object_geoms(name)]
         self._world = world
         self._shapes = np.array(sorted((*body.geom_ids, *held)))
         self._bounds = model.geom_rbound[self._shapes]

@@ -49,7 +49,7 @@ class GroupChecker:
         carried = Carried(world.pose_address(thing), body.tool_body, relative)
         self._scratch = scratch = ScratchModel(world, list(parts), [carried])
         self._columns = [(world.arms[arm].qpos_ids, part) for arm, part in parts.items()]
-        geoms = world.object_geoms(thing)
+        geoms = world.payload_geoms(thing)
         own = {arm: scratch.marks(world.arms[arm].geom_ids) for arm in parts}
         payload = scratch.marks(geoms)
         self.moving = np.logical_or.reduce([*own.values(), payload])

@@ -207,7 +207,7 @@ class _Rays:
         aside = np.linalg.norm(sensed.geom_xpos[:, :2] - middle, axis=1)
         plane = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
         near = plane | (aside <= wide + model.geom_rbound)
-        left_out = _arm_geoms(world).union(world.object_geoms(name))
+        left_out = _arm_geoms(world).union(world.payload_geoms(name))
         solid = near & ((model.geom_contype != 0) | (model.geom_conaffinity != 0))
         self._geoms = [geom for geom in np.flatnonzero(solid).tolist() if geom not in left_out]
 
@@ -231,7 +231,7 @@ def _arm_geoms(world: World) -> set[int]:
     found = set[int]()
     for name, body in world.arms.items():
         found |= set(body.geom_ids)
-        for held in world.attachments.attached_to(name):
+        for held in world.carried_by(name):
             found.update(world.object_geoms(held))
     return found
 

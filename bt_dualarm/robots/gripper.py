@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Final, Literal, TypeAlias
+from typing import Annotated, Final, TypeAlias
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -19,6 +19,8 @@ from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.robots.meshes import mesh_problems
 from bt_dualarm.robots.robot import (
     DescriptionFile,
+    PlaceEntry,
+    ShapeEntry,
     description_path,
     file_below,
     is_description_path,
@@ -212,40 +214,11 @@ class Gripper:
 
 _Metres: TypeAlias = Annotated[float, Field(ge=-2.0, le=2.0)]
 _Length: TypeAlias = Annotated[float, Field(gt=0.0, le=2.0)]
-_Turn: TypeAlias = Annotated[float, Field(ge=-720.0, le=720.0)]
 _Share: TypeAlias = Annotated[float, Field(ge=0.0, le=1.0)]
 _Mass: TypeAlias = Annotated[float, Field(gt=0.0, le=100.0)]
 _Text: TypeAlias = Annotated[str, Field(min_length=8, max_length=300)]
 _Force: TypeAlias = Annotated[float, Field(gt=0.0, le=5000.0)]
 _Speed: TypeAlias = Annotated[float, Field(gt=0.0, le=2.0)]
-
-_LENGTHS = {"box": 3, "cylinder": 2, "sphere": 1}
-
-
-class PlaceEntry(Value):
-    """Pose of a frame; meters, degrees."""
-
-    xyz: tuple[_Metres, _Metres, _Metres] = (0.0, 0.0, 0.0)
-    rpy: tuple[_Turn, _Turn, _Turn] = (0.0, 0.0, 0.0)
-
-    @property
-    def pose(self) -> Pose:
-        """The frame's pose in its parent."""
-        roll, pitch, yaw = np.deg2rad(self.rpy)
-        return Pose.from_rpy(self.xyz, (roll, pitch, yaw))
-
-
-class ShapeEntry(PlaceEntry):
-    """A box by its lengths, a cylinder by radius and length, a sphere by its radius."""
-
-    shape: Literal["box", "cylinder", "sphere"]
-    size: Annotated[tuple[_Length, ...], Field(min_length=1, max_length=3)]
-
-    @model_validator(mode="after")
-    def _has_its_sizes(self) -> ShapeEntry:
-        if len(self.size) != _LENGTHS[self.shape]:
-            raise ValueError(f"a {self.shape} has {_LENGTHS[self.shape]} sizes")
-        return self
 
 
 class PartEntry(Value):

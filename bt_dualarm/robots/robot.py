@@ -9,7 +9,7 @@ friction, tool, postures, camera mounts. `robot_description` builds it.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -22,9 +22,15 @@ from pydantic import AfterValidator, Field, ValidationError, model_validator
 from bt_dualarm.core.errors import CatalogError
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.core.share import share_dir
-from bt_dualarm.robots.urdf import ONE_TURN, TURNING, Joint, KinematicTree
+from bt_dualarm.robots.urdf import MASS, ONE_TURN, TURNING, Joint, KinematicTree
 from bt_dualarm.robots.urdf_arm import Urdf, robot_data_dir
-from bt_dualarm.robots.urdf_xml import AttributeReader, DescriptionError, Element, Range
+from bt_dualarm.robots.urdf_xml import (
+    AttributeReader,
+    DescriptionError,
+    Document,
+    Element,
+    Range,
+)
 from bt_dualarm.spec.document import LONGEST_NAME, LimitShares
 from bt_dualarm.spec.explain import explain
 from bt_dualarm.spec.problems import Name, Problem, SpecError, suggestion
@@ -133,6 +139,18 @@ class DescriptionFile(Generic[Entry]):
         """Create a problem at the value of an entry of the file, or at its key."""
         return self._source.problem(place, message, hint, key=key)
 
+    def element(
+        self,
+        place: Place,
+        tag: str,
+        attributes: Mapping[str, str],
+        children: Iterable[Element] = (),
+    ) -> Element:
+        """Create an XML element whose problems are reported at an entry of the file."""
+        at = self._source.location(place)
+        document = Document(self._source.file, self._source.lines)
+        return Element(tag, attributes, document, at.line, at.column, [*children])
+
 
 # URDF of a new description
 
@@ -195,6 +213,9 @@ _Positive: TypeAlias = Annotated[float, Field(gt=0.0)]
 _NotNegative: TypeAlias = Annotated[float, Field(ge=0.0, le=1e4)]
 _Metres: TypeAlias = Annotated[float, Field(ge=-10.0, le=10.0)]
 _Near: TypeAlias = tuple[_Metres, _Metres, _Metres]
+_Hand: TypeAlias = Annotated[float, Field(ge=-2.0, le=2.0)]
+_Close: TypeAlias = tuple[_Hand, _Hand, _Hand]
+_Length: TypeAlias = Annotated[float, Field(gt=0.0, le=2.0)]
 _Turn: TypeAlias = Annotated[float, Field(ge=-720.0, le=720.0)]
 _Held: TypeAlias = Annotated[float, Field(ge=-720.0, le=720.0)]
 _Share: TypeAlias = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -215,8 +236,36 @@ def _printable(text: str | None) -> str | None:
 
 _Printable: Final = AfterValidator(_printable)
 
+_LENGTHS: Final = {"box": 3, "cylinder": 2, "sphere": 1}
+
 Color: TypeAlias = tuple[_Share, _Share, _Share, _Share]
 """Red, green, blue, opacity."""
+
+
+class PlaceEntry(Value):
+    """Pose of a frame; meters, degrees."""
+
+    xyz: _Close = (0.0, 0.0, 0.0)
+    rpy: tuple[_Turn, _Turn, _Turn] = (0.0, 0.0, 0.0)
+
+    @property
+    def pose(self) -> Pose:
+        """The frame's pose in its parent."""
+        roll, pitch, yaw = np.deg2rad(self.rpy)
+        return Pose.from_rpy(self.xyz, (roll, pitch, yaw))
+
+
+class ShapeEntry(PlaceEntry):
+    """A box by its lengths, a cylinder by radius and length, a sphere by its radius."""
+
+    shape: Literal["box", "cylinder", "sphere"]
+    size: Annotated[tuple[_Length, ...], Field(min_length=1, max_length=3)]
+
+    @model_validator(mode="after")
+    def _has_its_sizes(self) -> ShapeEntry:
+        if len(self.size) != _LENGTHS[self.shape]:
+            raise ValueError(f"a {self.shape} has {_LENGTHS[self.shape]} sizes")
+        return self
 
 
 @dataclass(frozen=True)
@@ -303,13 +352,91 @@ class LimitEntry(Value):
     source: Annotated[str, Field(min_length=8)]
 
 
+class UrdfLimitEntry(LimitEntry):
+    """A limit that the URDF gives as well.
+
+    Attributes:
+        widens: Whether values above those of the URDF are meant; without it they are an error.
+    """
+
+    widens: bool = False
+
+
+class PositionEntry(Value):
+    """Position limits of all joints in rad, base to tip, with their source.
+
+    Attributes:
+        widens: Whether positions outside of the URDF's limits are meant; without it they are an
+            error.
+    """
+
+    lower: tuple[float, ...]
+    upper: tuple[float, ...]
+    source: Annotated[str, Field(min_length=8)]
+    widens: bool = False
+
+
 class LimitsEntry(Value):
-    """Limits in rad/s, rad/s², rad/s³ and N m; velocity and effort only to correct the URDF."""
+    """Limits in rad, rad/s, rad/s², rad/s³ and N m.
+
+    The URDF has those of position, velocity and effort, too; here they are corrected.
+    """
 
     acceleration: LimitEntry
     jerk: LimitEntry
-    velocity: LimitEntry | None = None
-    effort: LimitEntry | None = None
+    velocity: UrdfLimitEntry | None = None
+    effort: UrdfLimitEntry | None = None
+    position: PositionEntry | None = None
+
+
+class OriginEntry(Value):
+    """Origin of a joint as in the URDF, in m and degrees; None for what the URDF gives."""
+
+    xyz: _Near | None = None
+    rpy: tuple[_Turn, _Turn, _Turn] | None = None
+
+
+class BodyEntry(Value):
+    """Inertia of a link in its frame, and shapes that the URDF lacks.
+
+    Attributes:
+        mass: Mass in kg; by default the URDF's.
+        center: Center of mass in m; by default the URDF's.
+        inertia: ixx, iyy, izz, ixy, ixz, iyz about the center of mass, along the axes of the link,
+            kg m²; by default the URDF's, scaled with the mass.
+        shapes: Shapes in addition to those of the URDF, for contacts and cameras.
+    """
+
+    mass: Annotated[float | None, Field(gt=0.0, le=MASS.most)] = None
+    center: _Near | None = None
+    inertia: tuple[float, float, float, float, float, float] | None = None
+    shapes: Annotated[tuple[ShapeEntry, ...], Field(max_length=_MOST)] = ()
+
+    @model_validator(mode="after")
+    def _is_a_body(self) -> BodyEntry:
+        if self.inertia is not None:
+            xx, yy, zz, xy, xz, yz = self.inertia
+            a, b, c = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            # The figures of data sheets are rounded: a thin rod has a + b = c exactly.
+            if not 0.0 < a <= b <= c <= 1.01 * (a + b):
+                raise ValueError(
+                    f"no body has the principal moments {a:.3g}, {b:.3g}, {c:.3g} kg m²: they are "
+                    "positive, and none is larger than the sum of the others"
+                )
+        return self
+
+
+class CorrectionsEntry(Value):
+    """Values that replace those of the URDF, with their source.
+
+    Attributes:
+        joints: Origins of joints by name: a calibration, or an arm of other lengths.
+        links: Inertias of links by name, and further shapes.
+    """
+
+    joints: Annotated[dict[str, OriginEntry], Field(default_factory=dict, max_length=_MOST)]
+    links: Annotated[dict[str, BodyEntry], Field(default_factory=dict, max_length=_MOST)]
+    source: Annotated[str, Field(min_length=8)]
 
 
 class PayloadEntry(Value):
@@ -342,6 +469,7 @@ class RobotEntry(Value):
         joints: Joints of the arm, base to tip; all others are locked.
         locked: Positions of locked joints if not zero: meters of prismatic joints, degrees of
             revolute ones.
+        corrections: What replaces values of the URDF.
         payload: Largest mass that the arm may hold; by default limited by its joints only.
         friction: Published friction of the joints; by default typical values.
         rotor_inertia: Inertia of a motor's rotor reflected through its gear, kg m².
@@ -357,6 +485,7 @@ class RobotEntry(Value):
     flange: FlangeEntry | None = None
     joints: Annotated[tuple[str, ...], Field(min_length=1, max_length=MAX_JOINTS)]
     locked: dict[str, _Held] = Field(default_factory=dict)
+    corrections: CorrectionsEntry | None = None
     limits: LimitsEntry
     payload: PayloadEntry | None = None
     friction: FrictionEntry | None = None

@@ -18,6 +18,7 @@ import numpy as np
 
 from bt_dualarm.core.errors import CatalogError
 from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.robots.corrections import corrected
 from bt_dualarm.robots.gripper import PALM, Gripper, load_gripper, placed, together
 from bt_dualarm.robots.meshes import mesh_problems
 from bt_dualarm.robots.robot import (
@@ -30,6 +31,7 @@ from bt_dualarm.robots.robot import (
     Robot,
     RobotEntry,
     RobotFile,
+    UrdfLimitEntry,
     description_path,
     file_below,
     is_description_path,
@@ -179,8 +181,8 @@ RANGES: Final[Mapping[str, Range]] = {
 def limits_of(file: RobotFile, stops: Mapping[str, Stops], problems: list[Problem]) -> JointLimits:
     """Combine the limits of URDF and description.
 
-    The description may tighten the URDF's velocity and effort limits, never widen them. Where the
-    URDF gives none, or zero, the description's apply.
+    The description's velocity and effort limits replace those of the URDF; larger ones are a
+    problem unless the description says that it widens the limit.
 
     Args:
         file: Description of the robot.
@@ -195,20 +197,29 @@ def limits_of(file: RobotFile, stops: Mapping[str, Stops], problems: list[Proble
     return JointLimits(
         lower=np.array([stop.lower for stop in own]),
         upper=np.array([stop.upper for stop in own]),
-        velocity=_tightened(file, "velocity", given.velocity, velocity, problems),
+        velocity=_replaced(file, "velocity", given.velocity, velocity, problems),
         acceleration=_per_joint(file, "acceleration", given.acceleration, problems),
         jerk=_per_joint(file, "jerk", given.jerk, problems),
-        effort=_tightened(file, "effort", given.effort, effort, problems),
+        effort=_replaced(file, "effort", given.effort, effort, problems),
     )
 
 
-def _tightened(
-    file: RobotFile, what: str, entry: LimitEntry | None, urdf: Vector, problems: list[Problem]
+def _replaced(
+    file: RobotFile, what: str, entry: UrdfLimitEntry | None, urdf: Vector, problems: list[Problem]
 ) -> Vector:
-    """The smaller of the limits of URDF and description where both exist, of shape (dof,)."""
+    """The limits of the description, otherwise of the URDF, of shape (dof,)."""
     if entry is not None:
         given = _per_joint(file, what, entry, problems)
-        return np.where(urdf > 0, np.minimum(urdf, given), given)
+        rows = zip(file.entry.joints, given, urdf, strict=True)
+        for number, (joint, new, old) in enumerate(rows):
+            if new > old and RANGES[what].holds(old) and not entry.widens:
+                message = f"{what} of joint '{joint}' is {old:g} {RANGES[what].unit} in the URDF"
+                hint = "add widens: true to the limit if its source allows more"
+                value = ("limits", what, "value")
+                place = (*value, number) if isinstance(entry.value, tuple) else value
+                problems.append(file.problem(place, message, hint))
+                break  # one value may stand for all joints
+        return given
     for joint, limit in zip(file.entry.joints, urdf, strict=True):
         if not limit > 0:
             message = f"{file.entry.urdf} gives no {what} for joint '{joint}'"
@@ -299,13 +310,12 @@ def description_of(file: RobotFile) -> ArmDescription:
     """
     urdf, srdf = _files(file)
     tree = read_urdf(urdf)
-    problems = [
-        *link_problems(file, tree),
-        *joint_problems(file, tree),
-        *locked_problems(file, tree),
-    ]
+    problems = [*link_problems(file, tree), *joint_problems(file, tree)]
     if file.entry.base_link not in tree.links:  # nothing else can be checked
+        problems += locked_problems(file, tree)
         raise DescriptionError(problems)
+    tree = corrected(file, tree, problems)
+    problems += locked_problems(file, tree)
     pairs = _disabled(srdf, problems)
     selection = _selection(file, tree, pairs)
     finder = mesh_finder(urdf, file.path.parent, robot_data_dir().parent)

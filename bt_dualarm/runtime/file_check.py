@@ -293,7 +293,7 @@ def overloads(
         for node in arm.tree.walk():
             for port, name_of_object in _carried(node, kinds):
                 spec = file.objects.get(name_of_object)
-                mass = 0.0 if spec is None else spec.mass
+                mass = 0.0 if spec is None else spec.total_mass
                 if payload is not None and mass > payload:
                     message = f"{node.kind}: {port}: {name_of_object} weighs {mass:g} kg"
                     hint = f"the payload of {name}, a {robots[name].name}, is {payload:g} kg"

@@ -649,7 +649,7 @@ class PlanMonitor:
         if arm is None:
             geoms = [*world.object_geoms(name)]
         else:
-            held = world.attachments.attached_to(name)
+            held = world.carried_by(name)
             payloads = (geom for one in held for geom in world.object_geoms(one))
             geoms = [*arm.geom_ids, *payloads]
         spheres: Matrix = np.empty((len(geoms), 4))
@@ -685,7 +685,7 @@ class PlanMonitor:
         A fixed object never moves: its pose stands for its presence.
         """
         world = self._world
-        held = world.attachments.attached_to(self._arm)
+        held = world.carried_by(self._arm)
         states = {name: arm.q for name, arm in world.hardware.items() if name != self._arm}
         for name in world.objects.keys() - held:
             thing = world.objects[name]

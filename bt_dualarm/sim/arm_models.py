@@ -67,11 +67,15 @@ class NominalLoad:
         ``pose`` is that of the object in the tool link.
         """
         gyration = inertia_per_mass(thing)
-        if not body_of(thing).is_simple:
+        if thing.moved:
+            principal, gyration = principal_with_moved(thing)
+            pose = pose @ principal
+        elif not body_of(thing).is_simple:
             pose = pose @ body_of(thing).principal[0]
         if not known:
             return cls(name, None, None, pose, gyration, mass_declared=False)
-        return cls(name, thing.mass, thing.mass * gyration, pose, gyration)
+        mass = thing.total_mass
+        return cls(name, mass, mass * gyration, pose, gyration)
 
     @classmethod
     def borne_with_others(
@@ -85,7 +89,8 @@ class NominalLoad:
         gyration = np.full(3, BORNE_GYRATION_M**2)
         if not known:
             return cls(name, None, None, pose, gyration, mass_declared=False)
-        return cls(name, thing.mass, thing.mass * gyration, pose, gyration)
+        mass = thing.total_mass
+        return cls(name, mass, mass * gyration, pose, gyration)
 
 
 def inertia_per_mass(thing: ObjectSpec) -> Vector:
@@ -94,6 +99,38 @@ def inertia_per_mass(thing: ObjectSpec) -> Vector:
     if body.is_simple:
         return primitive_inertia(thing.shape, thing.size)
     return body.principal[1]
+
+
+def principal_with_moved(thing: ObjectSpec) -> tuple[Pose, Vector]:
+    """Principal axes of an object with what its joints move, as one body with the joints at start.
+
+    Returns:
+        Pose of the axes about the common center of mass in the frame of the object, and the moments
+        about them for 1 kg, of shape (3,), m².
+    """
+    places = [Pose.identity()]
+    for one in thing.moved:
+        hung = one.joint
+        places.append(Pose.identity() if hung is None else hung.spec.displacement(hung.spec.start))
+    things = (thing, *thing.moved)
+    shares = np.array([one.mass for one in things]) / thing.total_mass
+    centers = np.array(
+        [place.apply(body_of(one).center) for place, one in zip(places, things, strict=True)]
+    )
+    center = shares @ centers
+    inertia = np.zeros((3, 3))
+    for share, place, one, at in zip(shares, places, things, centers, strict=True):
+        turn = place.rotation_matrix
+        away = at - center
+        shifted = away @ away * np.eye(3) - np.outer(away, away)  # parallel-axis theorem
+        inertia += share * (turn @ body_of(one).inertia @ turn.T + shifted)
+    moments, axes = np.linalg.eigh(inertia)
+    if np.linalg.det(axes) < 0.0:
+        axes = axes * (1.0, 1.0, -1.0)
+    matrix = np.eye(4)
+    matrix[:3, :3] = axes
+    matrix[:3, 3] = center
+    return Pose.from_matrix(matrix), np.asarray(moments, dtype=float)
 
 
 Rotations: TypeAlias = npt.NDArray[np.float64]

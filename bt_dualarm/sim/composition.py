@@ -262,14 +262,22 @@ def add_object(
 ) -> None:
     """Add an object with its sampled mass; body, joint and first geom have its name.
 
-    The pose of an object that moves on a joint is that of the object on which it hangs.
+    The pose of an object that moves on a joint is that of the object on which it hangs. What hangs
+    on an object that is not fixed is a part of its tree, and moves with it.
     """
     if thing.shape == "cylinder" and abs(abs(pose.rotation_matrix[2, 2]) - 1.0) < _EXACTLY_UPRIGHT:
         pose = pose @ _LEAN
     hung = thing.joint
+    parent = spec.worldbody
+    place = pose
     if hung is not None:
-        pose = pose @ hung.spec.displacement(hung.spec.start)
-    body = spec.worldbody.add_body(name=name, pos=pose.position, quat=pose.quaternion)
+        start = hung.spec.displacement(hung.spec.start)
+        pose = pose @ start
+        place = pose
+        if spec.body(hung.owner).joints:
+            parent = spec.body(hung.owner)
+            place = start
+    body = parent.add_body(name=name, pos=place.position, quat=place.quaternion)
     if hung is not None:
         _hang(spec, body, hung)
     elif not thing.fixed:

@@ -119,7 +119,7 @@ class Contacts:
             self._owner[list(body.geom_ids)] = index
         self._others_hold: list[tuple[int, int]] = []
         for held in world.attachments:
-            for geom in world.object_geoms(held.object):
+            for geom in world.payload_geoms(held.object):
                 if self._holder[geom] >= 0:
                     self._others_hold.append((self._arms.index(held.arm), geom))
                 else:

@@ -811,12 +811,30 @@ class World(HoldingView):
             WorldError: The object is not present.
         """
         must_be_among(name, self.objects, "object", "in the world")
-        for each in self._with_moved(name):
+        for each in reversed(self._with_moved(name)):  # what hangs on it is a part of its tree
             if each in self.objects:
                 self.attachments.forget(each)
                 composition.remove_object(self._spec, each)
                 del self.objects[each]
         self._recompile()
+
+    def payload_geoms(self, name: str) -> set[int]:
+        """Ids of the geoms of an object, and of what moves on its joints and is carried with it."""
+        return {
+            geom
+            for each in self._with_moved(name)
+            if each in self.objects
+            for geom in self.object_geoms(each)
+        }
+
+    def carried_by(self, arm: str) -> tuple[str, ...]:
+        """Names of the objects that an arm holds, and of what moves on their joints."""
+        return tuple(
+            each
+            for name in self.attachments.attached_to(arm)
+            for each in self._with_moved(name)
+            if each in self.objects
+        )
 
     def restore(self, state: Vector) -> None:
         """Restore a state of the same generation, bit for bit; drives keep their own state."""

@@ -138,6 +138,39 @@ class MovedPart:
         return JointPath(self.name, tuple(places), moves)
 
     @property
+    def owner_moved_m(self) -> float | None:
+        """Distance in m, at the tool, by which the object has moved, not its joint.
+
+        The pose of the hand that holds the part and the sensor of the joint tell both apart. None
+        for an object that is fixed, and without a hand on it.
+        """
+        arm = self._arm
+        held = arm.world.attachments.find(arm.name, self.name)
+        if arm.world.objects[self._owner].fixed or held is None:
+            return None
+        tool = arm.tool_pose
+        felt = tool @ arm.robot.tool.inverse @ held.relative
+        there = arm.known.pose(self.name).pose
+        return (felt @ there.inverse @ tool).distance(tool)
+
+    def forget_if_moved(self, least: float) -> float | None:
+        """Let the arm forget where the object is if it has moved.
+
+        Args:
+            least: Distance in m up to which it counts as not moved.
+
+        Returns:
+            As `owner_moved_m`.
+        """
+        arm = self._arm
+        moved = self.owner_moved_m
+        if moved is not None and moved > least:
+            # Where it is now is uncertain: the part may have slid in the hand as well.
+            why = f"it moved by {1e3 * moved:.0f} mm while {arm.name} moved {self.name!r}"
+            arm.known.forget(self._owner, why)
+        return moved
+
+    @property
     def _spacing(self) -> float:
         return _SPACING_RAD if self.spec.type == "hinge" else _SPACING_M
 

@@ -306,7 +306,7 @@ class Carrying:
         if self._ports.mass is not None:
             return self._ports.mass
         estimates = world.nominal[self._arm.name].estimates_payload
-        return None if estimates else world.objects[self._thing].mass
+        return None if estimates else world.objects[self._thing].total_mass
 
     def _sections(self) -> list[Section]:
         world = self._arm.world

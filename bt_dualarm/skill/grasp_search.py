@@ -34,6 +34,7 @@ from bt_dualarm.grasping.grasp import (
     Solid,
 )
 from bt_dualarm.planning.problem import refuse_contact
+from bt_dualarm.sim.arm_models import principal_with_moved
 from bt_dualarm.sim.composition import name_of_geom
 from bt_dualarm.sim.object_body import body_of, unit_ball
 from bt_dualarm.sim.world import World
@@ -199,7 +200,7 @@ class WantedGrasp:
         if ports.part is not None and body_of(world.objects[name]).part(ports.part) is None:
             raise Failure("INVALID_TARGET", f"object {name!r} has no part {ports.part!r}")
         hung = world.objects[name].joint
-        told = None if world.nominal[arm.name].estimates_payload else world.objects[name].mass
+        told = None if world.nominal[arm.name].estimates_payload else world.objects[name].total_mass
         if hung is not None:  # its joint supports the weight: the grip must pull it
             told = _PULLED_KG
         return cls(
@@ -242,7 +243,10 @@ class WantedGrasp:
             return np.zeros(3)
         if self.name in world.objects and world.objects[self.name].joint is not None:
             return self._pulled_at(world)
-        return body_of(world.objects[self.name]).center
+        thing = world.objects[self.name]
+        if thing.moved:
+            return principal_with_moved(thing)[0].position
+        return body_of(thing).center
 
     def _pulled_at(self, world: World) -> Vector:
         """Center of the part at which something on a joint is pulled, of shape (3,), m."""

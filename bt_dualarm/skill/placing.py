@@ -351,7 +351,7 @@ def stands_without(arm: Arm, name: str) -> bool:
         return True
     model = world.model
     data = world.data
-    geoms = world.object_geoms(name)
+    geoms = world.payload_geoms(name)
     own = world.arms[arm.name].geom_ids
     force = np.empty(6)
     borne = 0.0
@@ -360,7 +360,7 @@ def stands_without(arm: Arm, name: str) -> bool:
             mujoco.mj_contactForce(model, data, number, force)
             upward = float(force[:3] @ data.contact.frame[number].reshape(3, 3)[:, 2])
             borne += upward if pair[1] in geoms else -upward  # forces act on the second geom
-    weight = float(model.body_mass[world.object_body(name)] * -model.opt.gravity[2])
+    weight = float(model.body_subtreemass[world.object_body(name)] * -model.opt.gravity[2])
     return borne >= 0.5 * weight
 
 

@@ -16,7 +16,7 @@ from pydantic.fields import FieldInfo
 from bt_dualarm.spec.cell import CATEGORIES, CellCheck, CellSpec
 from bt_dualarm.spec.dimensions import ANYTHING, Dimension, ValueType, dimension_of, misfit
 from bt_dualarm.spec.document import TreeFile
-from bt_dualarm.spec.explain import explain, field_at
+from bt_dualarm.spec.explain import explain, field_at, in_base_units
 from bt_dualarm.spec.expressions import (
     ExpressionError,
     as_number,
@@ -174,6 +174,22 @@ def check_tree(
         elif node_type is None and complete:
             message = f"there is no node or skill '{node.kind}'"
             yield node.problem(message, kind_hint(node.kind, node_types))
+
+
+def with_bare_numbers(node: NodeSpec, node_types: Mapping[str, NodeType]) -> NodeSpec:
+    """Returns a tree in which numbers stand for texts with a unit, as in `in_base_units`."""
+    children = tuple(with_bare_numbers(child, node_types) for child in node.children)
+    node_type = node_types.get(node.kind)
+    ports = node.ports
+    if node_type is not None:
+        model = node_type.ports
+        known = {name: value for name, value in ports.items() if name in model.model_fields}
+        numbers = in_base_units(known, lambda data: validate_literals(model, data), model)
+        ports = {**ports, **numbers}
+    same = all(new is old for new, old in zip(children, node.children, strict=True))
+    if same and ports == node.ports:
+        return node
+    return replace(node, ports=ports, children=children)
 
 
 def check_node(node: NodeSpec, node_type: NodeType, declared: Declared) -> Iterator[Problem]:

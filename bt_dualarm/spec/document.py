@@ -475,7 +475,7 @@ class ObjectSpec(Value):
         {}, "Parts of a compound by name, in its frame"
     )
     joints: Annotated[dict[Name, PartJoint], Field(max_length=MOST_JOINTS)] = port(
-        {}, "Joints between the parts of a compound that is fixed, by name"
+        {}, "Joints between the parts of a compound, by name"
     )
     file: MeshFile | None = port(
         None, "STL or OBJ file of a mesh, below the folder of the tree file"
@@ -500,6 +500,7 @@ class ObjectSpec(Value):
 
     _folder: Path = PrivateAttr(default=Path())
     _joint: Articulation | None = PrivateAttr(default=None)
+    _moved: tuple[ObjectSpec, ...] = PrivateAttr(default=())
 
     def hang(self, joint: Articulation) -> None:
         """Sets the joint by which it hangs on the other parts of its compound."""
@@ -509,6 +510,20 @@ class ObjectSpec(Value):
     def joint(self) -> Articulation | None:
         """Joint by which it hangs on the other parts of its compound; None for other objects."""
         return self._joint
+
+    def carry(self, moved: tuple[ObjectSpec, ...]) -> None:
+        """Sets what its joints move, each an object of its own."""
+        self._moved = moved
+
+    @property
+    def moved(self) -> tuple[ObjectSpec, ...]:
+        """What its joints move, each an object of its own; an arm that holds it carries them."""
+        return self._moved
+
+    @property
+    def total_mass(self) -> float:
+        """Mass of the object and of what its joints move, kg."""
+        return self.mass + sum(thing.mass for thing in self._moved)
 
     @property
     def is_free(self) -> bool:
@@ -550,10 +565,12 @@ class ObjectSpec(Value):
         if self.shape != "compound":
             raise ValueError(f"only a compound has joints; the shape is '{self.shape}'")
         if not self.fixed:
-            raise ValueError(
-                "joints need 'fixed: true': an object that can be carried, such as a box with a "
-                "lid, cannot have joints"
-            )
+            blind = [name for name, joint in self.joints.items() if not joint.sensor]
+            if blind:
+                raise ValueError(
+                    f"joint '{blind[0]}' needs its sensor, or 'fixed: true': of an object that is "
+                    "not fixed, an arm cannot tell a lid that opens from a box that slides"
+                )
         if self.many is not None:
             raise ValueError("an object with joints cannot be 'many': write an entry for each")
         refuse_joints(self.joints, self.parts)
@@ -629,6 +646,7 @@ def _split(name: str, thing: ObjectSpec) -> dict[str, ObjectSpec]:
         piece = thing.model_copy(update=update)
         piece.hang(Articulation(name, key, joint))
         found[moved_name(name, key)] = piece
+    found[name].carry(tuple(piece for piece in found.values() if piece.joint is not None))
     return found
 
 

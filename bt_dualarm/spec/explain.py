@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import UnionType
 from typing import Annotated, Any, Final, Literal, TypeAlias, Union, get_args, get_origin
@@ -13,6 +13,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from bt_dualarm.spec.node_types import (
+    QUANTITY,
     NodeSpec,
     Template,
     Unit,
@@ -27,6 +28,7 @@ from bt_dualarm.spec.node_types import (
     list_of,
     mapping_of,
     models_in,
+    number_in,
     reference_of,
     unit_of,
 )
@@ -232,6 +234,55 @@ def _tagged(annotation: object, tag: int | str) -> object | None:
         found = (_tagged(member, tag) for member in get_args(annotation))
         return next((member for member in found if member is not None), None)
     return None
+
+
+# Numbers with a unit.
+
+
+def in_base_units(data: Data, validate: Callable[[Data], object], model: type[BaseModel]) -> Data:
+    """Returns data in which numbers stand for texts with a unit: 0.06 for ``6 cm``.
+
+    Only where a number with a unit of the same quantity is expected: text remains text.
+
+    Args:
+        data: Data with the types of YAML.
+        validate: Validates the data against the model; raises ValidationError.
+        model: Model of the data.
+    """
+    if not _has_quantity(data):
+        return data
+    try:
+        validate(data)
+    except ValidationError as error:
+        for details in error.errors(include_url=False):
+            given = details["input"]
+            field = field_at(model, details["loc"])
+            unit = unit_of(field) if field else ""
+            if details["type"] == "float_type" and isinstance(given, str) and unit:
+                number = number_in(given, unit)
+                if number is not None:
+                    data = _with(data, path_in(data, details["loc"]), number)
+    return data
+
+
+def _has_quantity(data: Data) -> bool:
+    if isinstance(data, str):
+        return QUANTITY.fullmatch(data.lower()) is not None
+    if isinstance(data, (dict, list, tuple)):
+        return any(map(_has_quantity, data.values() if isinstance(data, dict) else data))
+    return False
+
+
+def _with(data: Data, path: DataPath, value: Data) -> Data:
+    """Returns data with another value at a path; the given data stay unchanged."""
+    if not path:
+        return value
+    first, *rest = path
+    if isinstance(data, dict):
+        return {**data, first: _with(data[first], tuple(rest), value)}
+    items = list(data)
+    items[int(first)] = _with(items[int(first)], tuple(rest), value)
+    return type(data)(items)
 
 
 # Messages for pydantic's errors.

@@ -14,7 +14,7 @@ from typing import Annotated, Any, ClassVar, Final, Literal, Self, TypeAlias, ge
 
 from pydantic import ConfigDict, Discriminator, Field, Tag, ValidationError, model_validator
 
-from bt_dualarm.spec.explain import explain
+from bt_dualarm.spec.explain import explain, in_base_units
 from bt_dualarm.spec.node_types import NodeSpec, port
 from bt_dualarm.spec.problems import Name, Problem, SpecError, ThingName, suggestion
 from bt_dualarm.spec.values import Duration, Value
@@ -424,7 +424,8 @@ def read_faults(given: TreeInput) -> tuple[dict[str, FaultSpec], Source]:
     """
     source = read_tree(given)
     try:
-        content = FaultFile.model_validate(with_tuples(source.data))
+        data = in_base_units(with_tuples(source.data), FaultFile.model_validate, FaultFile)
+        content = FaultFile.model_validate(data)
     except ValidationError as error:
         raise SpecError(
             source.problem(found.path, found.message, found.hint, key=found.at_key)

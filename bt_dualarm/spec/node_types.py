@@ -74,22 +74,38 @@ _KNOWN: Final = {
 }
 
 
-def bare(text: str, unit: str) -> str:
-    """Converts text with a unit, ``6 cm``, to a hint with the bare number: ``in meters: 0.06``.
+QUANTITY_PATTERN: Final = rf"^\s*{_DIGITS}\s*(mm|cm|m|ms|s|min|h|deg|°|rad|g|kg|Hz|kHz|N|kN|px)\s*$"
+"""Regular expression of a number with one of the known units, for editors."""
+
+
+def number_in(text: str, unit: str) -> float | None:
+    """Converts text with a unit, ``6 cm``, to the number in another one.
 
     Args:
         text: Text as the author wrote it.
-        unit: Unit of the bare number, such as ``"m"``; empty for a share or a count.
+        unit: Unit of the number, such as ``"m"``; empty for a share or a count.
 
     Returns:
-        The hint, empty if the text has no unit of this quantity.
+        The number, None if the text has no unit of this quantity.
     """
-    name, others = _KNOWN.get(unit, ("", {}))
+    _, others = _KNOWN.get(unit, ("", {}))
     match = QUANTITY.fullmatch(text.lower())
     if match is None or match[2] not in others:
+        return None
+    return float(match[1]) * others[match[2]]
+
+
+def bare(text: str, unit: str) -> str:
+    """Returns a hint with the bare number of a text with a unit: ``in meters: 0.06``.
+
+    It is empty if the text has no unit of this quantity. Arguments as `number_in`.
+    """
+    number = number_in(text, unit)
+    if number is None:
         return ""
+    name, _ = _KNOWN[unit]
     words = f"in {name}" if unit else name
-    return f"{words}: {float(match[1]) * others[match[2]]:.6g}"
+    return f"{words}: {number:.6g}"
 
 
 @dataclass(frozen=True, eq=False)

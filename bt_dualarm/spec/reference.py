@@ -34,7 +34,15 @@ from bt_dualarm.spec.faults import KINDS
 from bt_dualarm.spec.goals import SECTIONS, ConditionSpec
 from bt_dualarm.spec.joints import PartJoint
 from bt_dualarm.spec.many import ManySpec
-from bt_dualarm.spec.node_types import CONDITION_FIELDS, KEY, LanguageNode, NodeType, Unit, unit_of
+from bt_dualarm.spec.node_types import (
+    CONDITION_FIELDS,
+    KEY,
+    QUANTITY_PATTERN,
+    LanguageNode,
+    NodeType,
+    Unit,
+    unit_of,
+)
 from bt_dualarm.spec.parser import FORMAT, ParamSpec
 from bt_dualarm.spec.path_keep import Facing, Keep
 from bt_dualarm.spec.problems import NAME_PATTERN
@@ -459,10 +467,10 @@ def json_schema(node_types: Mapping[str, NodeType]) -> Json:
             "pattern": r"^\{" + KEY.pattern + r"\}$",
         },
         "dynamic": {
-            "description": 'A parameter or a blackboard key, "{key}", or an expression of them: '
-            '"2 * {key}".',
+            "description": 'A parameter or a blackboard key, "{key}", an expression of them: '
+            '"2 * {key}", or a number with a unit: "6 cm".',
             "type": "string",
-            "pattern": r"\{" + KEY.pattern + r"\}",
+            "pattern": r"\{" + KEY.pattern + rf"\}}|{QUANTITY_PATTERN}",
         },
     }
     bodies = {name: _body(node_type, definitions) for name, node_type in sorted(node_types.items())}

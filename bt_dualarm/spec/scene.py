@@ -14,7 +14,7 @@ from typing import Annotated, Final, TypeAlias
 from pydantic import Field, ValidationError
 
 from bt_dualarm.spec.document import FixtureSpec
-from bt_dualarm.spec.explain import explain
+from bt_dualarm.spec.explain import explain, in_base_units
 from bt_dualarm.spec.node_types import in_words, port
 from bt_dualarm.spec.problems import Name, Problem, SpecError
 from bt_dualarm.spec.values import PoseSpec, Value
@@ -111,6 +111,7 @@ def read_scene(
         problem = source.problem((), f"is not a scene: {what}", hint)
         return refused(f"scene '{name}' cannot be used", (problem,))
     filled = with_tuples({key: item for key, item in data.items() if key != VERSION})
+    filled = in_base_units(filled, SceneContent.model_validate, SceneContent)
     try:
         content = SceneContent.model_validate(filled)
     except ValidationError as error:

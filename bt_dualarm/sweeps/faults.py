@@ -359,7 +359,7 @@ def sampled_hardware(
             fault["other"] = one_of([other for other in movable if other != fault["object"]])
         if kind is PushedObject:
             angle = float(rng.uniform(0.0, 2.0 * math.pi))
-            force = _PUSH_WEIGHTS * 9.81 * file.objects[fault["object"]].mass
+            force = _PUSH_WEIGHTS * 9.81 * file.objects[fault["object"]].total_mass
             direction = (math.cos(angle), math.sin(angle), 0.0)
             fault["force"] = [round(min(force, 1000.0) * part, 3) for part in direction]
             lasting = _PUSH_S

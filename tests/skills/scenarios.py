@@ -67,6 +67,39 @@ CABINET: Tree = {
     }
 }
 """A drawer with a handle."""
+CHEST: Tree = {
+    "chest": {
+        "shape": "compound",
+        "mass": 0.5,
+        "friction": 0.8,
+        "pose": {"xyz": [0.40, -0.40, 0.44]},
+        "parts": {
+            "body": {"shape": "bin", "size": [0.12, 0.07, 0.08], "wall": 0.005},
+            "lid": {"shape": "box", "size": [0.12, 0.07, 0.006], "pose": {"xyz": [0, 0, 0.0435]}},
+            "knob": {
+                "shape": "box",
+                "size": [0.02, 0.014, 0.03],
+                "pose": {"xyz": [0.045, 0, 0.0615]},
+            },
+        },
+        "joints": {
+            "hinge": {
+                "type": "hinge",
+                "parts": ["lid", "knob"],
+                "axis": [0, -1, 0],
+                "anchor": [-0.06, 0, 0.0405],
+                "range": [0, 100],
+                "mass": 0.1,
+                "friction": 0.05,
+                "damping": 0.05,
+            }
+        },
+    }
+}
+"""A box with a lid that an arm can carry."""
+
+KNOB: Tree = {"grasp": {"object": "chest", "part": "knob", "then_to": 60}}
+
 PULLS: Tree = {"grasp": {"object": "cabinet", "part": "handle", "then_to": 0.15}}
 
 BEAM: Tree = {

@@ -15,10 +15,12 @@ from tests.skills.scenarios import (
     ABOVE,
     BESIDE_ANOTHER,
     CABINET,
+    CHEST,
     CUBE,
     GIVER,
     GRASP,
     GRIPPING,
+    KNOB,
     LOOKING,
     ON_SHELF,
     ON_TABLE,
@@ -335,6 +337,13 @@ def cabinet_that(**fields: Any) -> Tree:
     return {"cabinet": cabinet | {"joints": {"slide": joint}}}
 
 
+STIFF_CHEST: Tree = {
+    "chest": CHEST["chest"]
+    | {"joints": {"hinge": CHEST["chest"]["joints"]["hinge"] | {"friction": 0.6}}}
+}
+"""A chest that slides before its lid opens."""
+
+
 def slips(name: str, meters: float) -> Deed:
     """Move what moves on a joint, as if the fingers had slid along it."""
 
@@ -644,6 +653,11 @@ TRIALS: dict[tuple[str, str], Trial] = {
             (9.1, slips("cabinet.slide", -0.008)),
             (9.12, drags("cabinet.slide", 1e3)),
         ),
+        moves=True,
+    ),
+    ("operate", "OBJECT_MOVED"): Trial(
+        {"operate": {"object": "chest", "joint": "hinge", "to": 60}},
+        {"objects": STIFF_CHEST, "before": (KNOB,)},
         moves=True,
     ),
     ("operate", "SLIPPED"): Trial(

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from bt_dualarm.core.errors import SpringError
 from bt_dualarm.core.pose import Pose
+from bt_dualarm.sim.arm_models import NominalLoad
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ObjectSpec, expanded
 from bt_dualarm.spec.joints import PartJoint
@@ -121,9 +122,48 @@ def test_spawned_and_removed_together() -> None:
     assert np.array_equal(world.state(), before)
 
 
+def test_what_hangs_on_an_object_that_is_not_fixed_moves_with_it() -> None:
+    """Wherever it falls; the model of an arm that carries it has the mass and center of both."""
+    world = world_with(DOOR | {"fixed": False})
+    body = world.object_body("door")
+    assert world.model.body_parentid[world.object_body("door.hinge")] == body
+    assert world.model.body_subtreemass[body] == pytest.approx(7.0)
+    whole = NominalLoad.of("door", world.objects["door"], Pose.identity())
+    assert whole.mass == 7.0
+    placed = world.object_pose("door").apply(whole.pose.position)
+    assert placed == pytest.approx(world.data.subtree_com[body], abs=1e-9)
+    spec = world.objects["door.hinge"].joint
+    assert spec is not None
+    for _ in range(300):  # it falls over
+        world.step()
+    owner = world.object_pose("door")
+    assert owner.angle(Pose.from_rpy((0, 0, 0), (0, 0, math.radians(30)))) > 0.1
+    moved = owner @ spec.spec.displacement(world.joint_position("door.hinge"))
+    assert moved.distance(world.object_pose("door.hinge")) < 1e-9
+    assert moved.angle(world.object_pose("door.hinge")) < 1e-7
+
+
+def test_object_that_is_not_fixed_is_spawned_and_removed_with_its_parts() -> None:
+    world = world_with(DOOR | {"fixed": False, "spawned": False})
+    before = world.state()
+    place = Pose.from_rpy((2.0, 0.0, 0.4))
+    for _ in range(2):
+        world.spawn_object("door", place)
+        hung = world.objects["door.hinge"].joint
+        assert hung is not None
+        expected = place @ hung.spec.displacement(hung.spec.start)
+        assert world.object_pose("door.hinge").distance(expected) < 1e-9
+        world.remove_object("door")
+        assert not world.objects
+        assert np.array_equal(world.state(), before)
+
+
 MISTAKES = [
     ({"shape": "box", "size": [1, 1, 1], "parts": {}}, "only a compound has joints"),
-    ({"fixed": False}, "an object that can be carried, such as a box with a lid"),
+    (
+        {"fixed": False, "joints": {"hinge": DOOR["joints"]["hinge"] | {"sensor": False}}},
+        "'hinge' needs its sensor, or 'fixed: true'",
+    ),
     ({"many": {"grid": [2]}}, "cannot be 'many'"),
 ]
 

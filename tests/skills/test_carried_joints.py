@@ -1,0 +1,98 @@
+"""A box with a lid that an arm carries: the lid is part of its load, and opens where it stands."""
+
+from __future__ import annotations
+
+import copy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bt_dualarm as bt
+from bt_dualarm.collision.checker import CollisionChecker
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.replay.record import Record
+from bt_dualarm.replay.rerun import check_record
+from bt_dualarm.skill.registry import Registry
+from tests.plays import Stage
+from tests.skills.scenarios import CHEST, GRIPPING, KNOB, Tree
+
+TAKE: Tree = {"grasp": {"object": "chest", "part": "body"}}
+THERE = {"xyz": [0.35, -0.55, 0.441]}
+SHUT: Tree = {"joint_at": {"object": "chest", "joint": "hinge", "between": [-1, 2]}}
+OPEN: Tree = {"operate": {"object": "chest", "joint": "hinge", "to": 60}}
+
+
+def file_of(*leaves: Tree | str, **chest: object) -> Tree:
+    objects = copy.deepcopy(CHEST)
+    objects["chest"] |= chest
+    return {
+        "world": {"scene": "table", "reality": "ideal", "time_limit": 60},
+        "objects": objects,
+        "arms": {"arm1": GRIPPING | {"tree": {"sequence": list(leaves)}}},
+    }
+
+
+def test_a_chest_is_carried_shut_and_opened_where_it_stands(tmp_path: Path) -> None:
+    """Recorded and replayed; the arm knows by the sensor and its hand where the lid is."""
+    file = file_of(TAKE, {"place": {"at": THERE}}, SHUT, KNOB, OPEN, "release")
+    file |= {
+        "bt_dualarm": 1,
+        "name": "chest",
+        "goal": {
+            "there": {"object": "chest", "at": THERE, "within": 0.01},
+            "open": {"object": "chest", "joint": "hinge", "between": [55, 65]},
+        },
+    }
+    result = bt.run(file, record=tmp_path / "out")
+    assert result.outcome == "SUCCESS", result
+    leaves = result.arms["arm1"].leaves
+    taken = leaves["sequence/grasp"].metrics
+    assert abs(float(taken["weight_error_n"])) < 0.5  # of 5.9 N, a sixth of which is the lid's
+    assert float(leaves["sequence/operate"].metrics["object_moved_m"]) < 0.002
+    assert check_record(Record.read(tmp_path / "out"), Registry.load()).agrees
+    data = bt.load(tmp_path / "out")
+    shift = [
+        data.objects[name].position[-1] - data.objects[name].position[0]
+        for name in ("chest", "chest.hinge")
+    ]
+    assert shift[0][:2] == pytest.approx([-0.05, -0.15], abs=0.01)
+    assert np.linalg.norm(shift[1] - shift[0]) > 0.05  # its frame turned about the hinge
+
+
+def test_a_lid_is_part_of_what_the_arm_carries(stage: Stage) -> None:
+    """For the model of its load and for its collisions: a board in the lid would be hit by it."""
+    file = file_of(TAKE)
+    file["objects"]["board"] = {
+        "shape": "box",
+        "size": [0.05, 0.05, 0.004],
+        "mass": 0.1,
+        "pose": {"xyz": [0.1, -0.7, 0.402]},
+    }
+    world = stage.run(file).world
+    assert world.carried_by("arm1") == ("chest", "chest.hinge")
+    (load,) = world.nominal["arm1"].loads
+    assert load.mass == pytest.approx(0.6)
+    q = world.hardware["arm1"].q
+    checker = CollisionChecker(world, "arm1")
+    assert checker.contact(q) is None
+    checker.move_object("board", world.object_pose("chest.hinge") @ Pose.from_rpy((0, 0, 0.0435)))
+    contact = checker.contact(q)
+    assert contact is not None
+    assert {contact.first, contact.second} == {"chest.hinge", "board"}
+
+
+def test_a_chest_that_slides_is_no_longer_known(stage: Stage) -> None:
+    """Its lid is too stiff for a light chest; hand and sensor together tell that it slid."""
+    chest = copy.deepcopy(CHEST["chest"])
+    chest["joints"]["hinge"] |= {"friction": 0.6}
+    tried: Tree = {"force_success": {"child": OPEN}}
+    beside: Tree = {"in_frame": "chest", "xyz": [-0.05, 0, 0.3], "rpy": [180, 0, 0]}
+    play = stage.run(file_of(KNOB, tried, {"reach_to_pose": {"to": beside}}, **chest))
+    slid = play.world.object_pose("chest").distance(Pose.from_rpy((0.40, -0.40, 0.44)))
+    assert slid > 0.01
+    assert float(play.leaf("operate").metrics["object_moved_m"]) > 0.01
+    assert play.leaf("operate").code == "OBJECT_MOVED"
+    lost = play.leaf("reach_to_pose")
+    assert lost.code == "UNKNOWN_POSE"
+    assert "it moved by" in lost.reason

@@ -1,0 +1,109 @@
+"""Numbers with a unit as text: wherever a number with a unit is expected, and nowhere else."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+
+from bt_dualarm.behaviors.language import LANGUAGE
+from bt_dualarm.behaviors.load import load
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.spec.node_types import NodeType
+from bt_dualarm.spec.reference import json_schema
+from bt_dualarm.spec.yaml_reader import read_text
+
+TREE = """\
+bt_dualarm: 1
+params: {d: {type: number, default: 0.05, unit: m}}
+world: {scene: empty}
+objects:
+  box: {shape: box, size: [4 cm, "40mm", 0.04], mass: 100 g, pose: {xyz: [-30 cm, "-40 cm", 0.02]}}
+arms:
+  arm1:
+    robot: ur5
+    base: {xyz: [0, 0, 40 cm], rpy: [0, 0, "-0.5 rad"]}
+    tree:
+      sequence:
+        - reach_to_pose: {offset: {xyz: ["-3 cm", 0, "+2 cm"], rpy: ["-10 deg", 0, 0]}}
+        - reach_to_pose: {offset: {xyz: [-3 cm, "{d}", "{d} - 1 cm"]}}
+        - circle: {plane: yz, radius: 5 cm}
+        - log: 3 cm
+        - set: {key: k, value: 3 cm}
+        - log: "{k}"
+"""
+
+
+@pytest.fixture(scope="module")
+def skills() -> Mapping[str, NodeType]:
+    return Registry.load().kinds
+
+
+def test_a_number_with_a_unit_is_the_number_in_the_unit_of_its_place(
+    skills: Mapping[str, NodeType],
+) -> None:
+    """In objects, arms and ports; beside keys; minus signs with and without quotes."""
+    loaded = load(TREE, skills)
+    file = loaded.file
+    assert file is not None, loaded.problems
+    box = file.objects["box"]
+    assert box.size == pytest.approx((0.04, 0.04, 0.04))
+    assert box.mass == pytest.approx(0.1)
+    assert box.pose is not None
+    assert box.pose.xyz == pytest.approx((-0.3, -0.4, 0.02))
+    arm = file.arms["arm1"]
+    assert arm.base.xyz == pytest.approx((0, 0, 0.4))
+    assert arm.base.rpy == pytest.approx((0, 0, -28.6478898))
+    move, beside_keys, circle, log, written, _ = arm.tree.children
+    assert move.ports["offset"]["xyz"] == pytest.approx([-0.03, 0, 0.02])
+    assert move.ports["offset"]["rpy"] == [-10, 0, 0]
+    assert beside_keys.ports["offset"]["xyz"] == pytest.approx([-0.03, 0.05, 0.04])
+    assert circle.ports["radius"] == pytest.approx(0.05)
+    # Text remains text.
+    assert log.ports["message"] == "3 cm"
+    assert written.ports["value"] == "3 cm"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ("radius: 5 s", "radius: expected a number, not text '5 s'"),
+        ("radius: 5 kg", "radius: expected a number, not text '5 kg'"),
+        ("radius: -5 cm", "radius: must be"),
+        ("radius: 5 - cm", "radius: expected a number"),
+    ],
+)
+def test_another_quantity_or_a_number_out_of_range_is_an_error(
+    wrong: str, says: str, skills: Mapping[str, NodeType]
+) -> None:
+    loaded = load(TREE.replace("radius: 5 cm", wrong), skills)
+    assert loaded.file is None
+    assert any(says in str(problem) for problem in loaded.problems)
+
+
+def test_a_subtree_that_no_tree_uses_is_checked_alike(skills: Mapping[str, NodeType]) -> None:
+    subtree = "subtrees: {s: {tree: {circle: {plane: yz, radius: 5 cm}}}}\n"
+    assert load(TREE + subtree, skills).file is not None
+
+
+def test_a_scene_has_numbers_with_a_unit(tmp_path: Path, skills: Mapping[str, NodeType]) -> None:
+    (tmp_path / "cell.yaml").write_text(
+        "bt_dualarm_scene: 1\nfixtures:\n"
+        "  wall: {shape: box, size: [2 cm, 1, 1], pose: {xyz: [-80 cm, 0, 0.5]}}\n",
+        encoding="utf-8",
+    )
+    text = TREE.replace("scene: empty", "scene: cell.yaml")
+    loaded = load(text, skills, folder=tmp_path)
+    assert loaded.file is not None, loaded.problems
+    wall = loaded.file.objects["wall"]
+    assert wall.size == pytest.approx((0.02, 1, 1))
+    assert wall.pose is not None
+    assert wall.pose.xyz[0] == pytest.approx(-0.8)
+
+
+def test_editors_accept_what_the_check_accepts(skills: Mapping[str, NodeType]) -> None:
+    schema: Any = json_schema({**LANGUAGE, **skills})
+    jsonschema.validate(read_text(TREE, "tree.yaml").data, schema)
