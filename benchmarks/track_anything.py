@@ -310,7 +310,7 @@ def follow(case: Case, registry: Registry) -> Found:
         cause=str(leaf.metrics.get("cause", "")),
         judged=float(leaf.metrics.get("error_rms_m", np.nan)),
         allowed=allowed,
-        regained=_regained(path, during[:, 0] - _REST_S, away, allowed),
+        regained=_regained(path, rows, axes, allowed),
     )
 
 
@@ -343,12 +343,20 @@ def _rms(away: Vector) -> float:
     return float(np.sqrt(np.mean(away**2))) if len(away) else np.nan
 
 
-def _regained(path: Course, times: Vector, away: Vector, allowed: float) -> float:
-    """Time from the end of the occlusion until the error stays within a bound for 0.1 s."""
-    back = path.hidden[1]
-    late = times >= back
-    if not late.any():
+def _regained(path: Course, rows: Matrix, axes: Matrix, allowed: float) -> float:
+    """Time from the end of the occlusion until the error stays within a bound for 0.1 s, s.
+
+    The error is less its mean from the start of the motion until the occlusion: the mean over the
+    whole motion would contain the occlusion. NaN if the target was not hidden, or moved no more
+    when it reappeared.
+    """
+    times = rows[:, 0] - _REST_S
+    begin, back = path.hidden
+    if back >= path.duration:
         return np.nan
+    error = (rows[:, 1:4] - rows[:, 4:7]) @ axes.T
+    away = np.linalg.norm(error - error[(times > 0.0) & (times < begin)].mean(axis=0), axis=1)
+    late = times >= back
     good = away[late] <= allowed
     since = times[late] - back
     for index in range(len(good)):

@@ -24,6 +24,7 @@ import numpy.typing as npt
 
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.perception.detection import ColorFilter, Detection, detect_all
+from bt_dualarm.perception.harmonic_motion import HarmonicMotion, fit_harmonic
 from bt_dualarm.perception.localization import (
     PIXEL_SIGMA,
     LocalizationError,
@@ -582,6 +583,8 @@ class TargetTracker:
         self._outline = Outline(localizer)
         self._estimate = estimate or TargetEstimate()
         self._before_loss: TargetEstimate | None = None
+        # With the time of the newest sighting that it was fitted to.
+        self._harmonic: tuple[float, HarmonicMotion | None] = -math.inf, None
         self.distractors = Distractors()
         self._settings = settings or TrackerSettings()
         self._hunting = True
@@ -628,6 +631,16 @@ class TargetTracker:
     def doubt(self, time: float) -> float:
         """Largest standard deviation along an axis of the position that `predict_in` returns, m."""
         return math.sqrt(float(self._confirmed.variance(time).max()))
+
+    def harmonic_motion(self) -> HarmonicMotion | None:
+        """Harmonic motion of the locked target until it was last seen, if it moved like that."""
+        if self._harmonic[0] != self.last_stamp:
+            seen = [one for one in self.sightings.newest() if one.stamp <= self.last_stamp]
+            relocated = [self._localizer.relocate(one) for one in seen]
+            stamps = np.array([one.stamp for one in relocated])
+            points = np.array([one.point for one in relocated])
+            self._harmonic = self.last_stamp, fit_harmonic(stamps, points)
+        return self._harmonic[1]
 
     @property
     def _confirmed(self) -> TargetEstimate:

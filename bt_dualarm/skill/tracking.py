@@ -124,6 +124,10 @@ the arm would never move.
 FORESEEN_M = 0.02
 """Standard deviation of the predicted position, m, up to which a target out of view is followed."""
 
+HARMONIC_M = 0.04
+"""The same of a target that repeats its motion, m. It errs mostly along its curve, so that the arm
+that goes on is nearer to it, and moves as it does, when it reappears."""
+
 HOLD_S = 0.5
 """Time for which the tool holds still before the search begins, s."""
 
@@ -285,9 +289,19 @@ class TrackingReference:
         """Motion of a target out of view while its prediction is good; None from then on."""
         if self._gains is not None or self._braked_at is not None:
             return None
-        if math.isinf(self._tracker.age(time)) or self._tracker.doubt(time) > FORESEEN_M:
+        if math.isinf(self._tracker.age(time)):
             return None
-        target = self._predicted(time)
+        harmonic = self._tracker.harmonic_motion()
+        if harmonic is not None:
+            if harmonic.doubt(time) > HARMONIC_M:
+                return None
+            position, *rates = harmonic.predict(time)
+            axes = self._view.axes
+            target = PlaneTarget(*(np.array((position - self._view.ahead(), *rates)) @ axes.T))
+        elif self._tracker.doubt(time) <= FORESEEN_M:
+            target = self._predicted(time)
+        else:
+            return None
         if math.hypot(*target.position) > self._reach:
             return None
         self._last_position = target.position
