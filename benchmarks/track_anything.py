@@ -347,12 +347,12 @@ def _regained(path: Course, rows: Matrix, axes: Matrix, allowed: float) -> float
     """Time from the end of the occlusion until the error stays within a bound for 0.1 s, s.
 
     The error is less its mean from the start of the motion until the occlusion: the mean over the
-    whole motion would contain the occlusion. NaN if the target was not hidden, or moved no more
-    when it reappeared.
+    whole motion would contain the occlusion. NaN if the target was not hidden, if it came to rest
+    before it could have been regained, or if `track` ended before it reappeared.
     """
     times = rows[:, 0] - _REST_S
     begin, back = path.hidden
-    if back >= path.duration:
+    if back + _REGAINED_S >= path.duration or back >= times[-1]:
         return np.nan
     error = (rows[:, 1:4] - rows[:, 4:7]) @ axes.T
     away = np.linalg.norm(error - error[(times > 0.0) & (times < begin)].mean(axis=0), axis=1)

@@ -46,6 +46,9 @@ _GROWTH: Final = 2.0
 """Growth of the standard deviation, in misfits per radian. Measured on 237 occlusions of drawn
 circles: after 0.2 to 1 s, the root mean square error along an axis was 1.0 to 1.1 times it."""
 
+_FREQUENCY_DOUBT: Final = 0.5
+"""Standard deviation of the frequency of a target that reappears, rad/s."""
+
 _FEWEST: Final = 12  # sightings
 _FREQUENCIES: Final = 24  # candidates in each of the passes
 _PASSES: Final = 3  # each is about ten times as fine
@@ -86,6 +89,14 @@ class HarmonicMotion:
         return self.misfit * (1.0 + _GROWTH * self.frequency * abs(time - self.stamp))
 
 
+    def expect(self, time: float) -> tuple[Matrix, Vector]:
+        """State of an `Oscillator` at a time in s, of shape (3, 4), and its deviations, (4,)."""
+        w = self.frequency
+        state = np.column_stack((*self.predict(time), np.full(3, w)))
+        doubt = self.doubt(time)
+        return state, np.array((doubt, w * doubt, w**2 * doubt, _FREQUENCY_DOUBT))
+
+
 def fit_harmonic(stamps: Vector, points: Matrix) -> HarmonicMotion | None:
     """Harmonic motion of a target since it last rested.
 
@@ -98,14 +109,14 @@ def fit_harmonic(stamps: Vector, points: Matrix) -> HarmonicMotion | None:
     """
     since = _motion_begins(stamps, points)
     t = stamps[since:] - stamps[-1]
-    if len(t) < _FEWEST or -_TURNED / t[0] > _HIGHEST:
+    if len(t) < _FEWEST or -t[0] * _HIGHEST < _TURNED:
         return None
     x = points[since:] - points[-1]
     weight = np.exp(t / _MEMORY_S)
     weight /= weight.sum()
-    # Least squares for each candidate frequency, by normal equations: candidates span at least
-    # `_TURNED`, so that the three columns are far from dependent.
-    lowest, highest = -_TURNED / t[0], _HIGHEST
+    # Least squares for each candidate frequency, by normal equations. Lower ones than are accepted
+    # are candidates too, as otherwise the lowest would be found instead.
+    lowest, highest = 0.5 * _TURNED / -t[0], _HIGHEST
     for _ in range(_PASSES):
         frequencies = np.geomspace(lowest, highest, _FREQUENCIES)
         phases = frequencies[:, None] * t
@@ -118,11 +129,13 @@ def fit_harmonic(stamps: Vector, points: Matrix) -> HarmonicMotion | None:
         lowest = frequencies[max(best - 1, 0)]
         highest = frequencies[min(best + 1, _FREQUENCIES - 1)]
     center, cosine, sine = parameters[best]
+    frequency = float(frequencies[best])
     misfit = float(misfits[best])
-    if misfit >= _MISFIT * math.sqrt(float(cosine @ cosine + sine @ sine)):
+    amplitude = math.sqrt(float(cosine @ cosine + sine @ sine))
+    if -t[0] * frequency < _TURNED or misfit >= _MISFIT * amplitude:
         return None
     return HarmonicMotion(
-        float(stamps[-1]), float(frequencies[best]), points[-1] + center, cosine, sine, misfit
+        float(stamps[-1]), frequency, points[-1] + center, cosine, sine, misfit
     )
 
 

@@ -533,6 +533,7 @@ def _from_segment(point: Vector, begin: Vector, end: Vector) -> float:
 
 _REFILTERED = 60  # largest number of sightings from which the filter is restarted
 _REFILTERED_S = 1.0  # and their largest age
+_RESUMED_M = 0.04  # largest doubt of a prediction by which the filter resumes after a loss
 _RESIZED = 0.01  # relative change of the size beyond which the outline is discarded
 _SIZE_MEMORY_S = 1.0  # time after a loss for which an unreliable size counts
 
@@ -817,7 +818,7 @@ class TargetTracker:
 
     def _take(self, seen: VisiblePart, frame: Frame) -> None:
         if self._hunting:
-            self._estimate = self._estimate.fresh()
+            self._estimate = self._resumed(seen.sighting)
             self._hunting = False
             self._in_row = 0
         detection = seen.detection
@@ -840,6 +841,19 @@ class TargetTracker:
         # A target that the window cuts off is larger than it appears.
         growth = 2.0 if detection.touches_border else 1.0
         self._extent_px = growth * max(right - left, bottom - top)
+
+    def _resumed(self, sighting: Sighting) -> TargetEstimate:
+        """Filter of a target that reappears: it moves as predicted if it is where predicted."""
+        lost = self._before_loss
+        if lost is None:
+            return self._estimate.fresh()
+        harmonic = self.harmonic_motion()
+        stamp = sighting.stamp
+        state, spread = lost.expect(stamp) if harmonic is None else harmonic.expect(stamp)
+        off = (sighting.point - state[:, 0]) / math.hypot(spread[0], self._settings.gate_sigma)
+        if spread[0] > _RESUMED_M or float(off @ off) > self._settings.gate:
+            return self._estimate.fresh()
+        return lost.resumed(stamp, state, spread)
 
     def _relocate(self, stamp: float) -> None:
         """Restart the filter from recent sightings, relocated by what is known now."""

@@ -128,6 +128,10 @@ HARMONIC_M = 0.04
 """The same of a target that repeats its motion, m. It errs mostly along its curve, so that the arm
 that goes on is nearer to it, and moves as it does, when it reappears."""
 
+HARMONIC_S = 1.5
+"""Longest time for which such a target is followed out of view, s: by default half of the time after
+which it is lost, so that the other half is left for the search."""
+
 HOLD_S = 0.5
 """Time for which the tool holds still before the search begins, s."""
 
@@ -293,7 +297,7 @@ class TrackingReference:
             return None
         harmonic = self._tracker.harmonic_motion()
         if harmonic is not None:
-            if harmonic.doubt(time) > HARMONIC_M:
+            if harmonic.doubt(time) > HARMONIC_M or self._tracker.age(time) > HARMONIC_S:
                 return None
             position, *rates = harmonic.predict(time)
             axes = self._view.axes
