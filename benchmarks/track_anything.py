@@ -11,7 +11,8 @@ fastest speed, which is 64 % of the accelerations; above 1 no arm can follow. `t
 space. Printed are median and 95th percentile of the true root mean square error in the
 plane, less its mean, during the motion, by follower and by kind of motion, beside the bound: the
 error of the filter with an ideal arm, true positions and the measured noise. Then the outcomes,
-SUCCESS with a true error above ``max_error``, and runs that did not end.
+SUCCESS with a true error above ``max_error``, the reasons of failures of motions beyond the follower,
+and runs that did not end.
 """
 
 from __future__ import annotations
@@ -447,6 +448,10 @@ def summary(results: list[tuple[Case, Found]]) -> Iterator[str]:
     yield f"SUCCESS with a true RMS above max_error: {sum(map(_is_false, every))}"
     worse = sum(one.code == "SUCCESS" and one.rms > one.allowed for one in every)
     yield f"the same during the motion alone, without the rests: {worse}"
+    refused = [(case, one) for case, one in results if case.share > 1.0 and one.code != "SUCCESS"]
+    if refused:
+        right = sum(_says_why(case, one) for case, one in refused)
+        yield f"beyond the follower, with the right reason: {right} of {len(refused)}"
     yield f"did not end: {sum(one.code == 'ENDLESS' for one in every)}"
     back = [one.regained for one in every if not np.isnan(one.regained)]
     if back:
@@ -487,6 +492,19 @@ def main(arguments: list[str]) -> int:
     for said in summary(results):
         print(said)
     return int(any(one.code == "ENDLESS" or _is_false(one) for _, one in results))
+
+
+def _says_why(case: Case, found: Found) -> bool:
+    """Whether the reason of a failure is right for a target that is too fast for the follower.
+
+    It is the speed; or the latency, if an ideal arm with that camera would not follow, either; or
+    the occlusion, if there was one.
+    """
+    if found.code != "NOT_FOLLOWING":
+        return False
+    if found.cause == "latency":
+        return found.bound > found.allowed
+    return found.cause == "speed" or (found.cause == "occlusion" and "hidden" in case.motion)
 
 
 def _is_false(found: Found) -> bool:

@@ -139,7 +139,9 @@ _PATIENCE_FRAMES = 2
 _PREDICTIONS = 1024  # set-points that are kept to compare with late images: two seconds
 _SAME_TIME_S = 0.02  # maximum time between a prediction and a sighting to compare
 _NEEDS_EVERY_S = 0.1  # sampling period
-_NEED_S = 1.0  # time constant of the mean squares of the target's velocity and acceleration
+# Time constant of the mean squares of the target's velocity and acceleration, s: a tool that cannot
+# follow is out of bounds within half a second of the start of the motion.
+_NEED_S = 0.3
 _MISSED = 4096  # ticks without the target that are kept
 
 
