@@ -13,6 +13,7 @@ from bt_dualarm.arm.arm import Arm
 from bt_dualarm.control.planar_servo import PlanarServo, PlaneTarget, plane_limits
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Matrix, Pose, Vector
+from bt_dualarm.perception.harmonic_motion import HarmonicMotion
 from bt_dualarm.perception.localization import (
     EstimatedPlaneLocalizer,
     FacingCubeLocalizer,
@@ -192,6 +193,8 @@ class TrackingReference:
         old_data_steps: Number of control steps toward a target whose newest sighting was older
             than `STALE_S`, and whose position was uncertain by more than `FORESEEN_M`.
         foreseen_s: Time for which a target out of view was followed by its prediction, s.
+        foreseen_by: Harmonic motion by which it was last followed out of view; None if the filter
+            predicted it.
     """
 
     def __init__(
@@ -207,6 +210,7 @@ class TrackingReference:
         self.beyond_since: float | None = None
         self.old_data_steps = 0
         self.foreseen_s = 0.0
+        self.foreseen_by: HarmonicMotion | None = None
         self._called_at = -math.inf
         self._braked_at: float | None = None
         self._tracker = tracker
@@ -297,7 +301,7 @@ class TrackingReference:
             return None
         if math.isinf(self._tracker.age(time)):
             return None
-        harmonic = self._tracker.harmonic_motion()
+        harmonic = self.foreseen_by = self._tracker.harmonic_motion()
         if harmonic is not None:
             if harmonic.doubt(time) > HARMONIC_M or self._tracker.age(time) > HARMONIC_S:
                 return None
@@ -585,7 +589,11 @@ class PlaneTracking:
         return middle
 
     def _count_missed(self, regained: Sighting) -> None:
-        """Count the time without the target as error, by its path interpolated linearly."""
+        """Count the time without the target as error, by its interpolated path.
+
+        A target that repeats its motion has presumably done so meanwhile; what it deviates by when
+        it reappears, has grown linearly. The path of any other is straight.
+        """
         before = self._last_seen
         if not self._missed or before is None:
             return
@@ -594,9 +602,16 @@ class PlaneTracking:
         self._missed.clear()
         during = (times > before.stamp) & (times < regained.stamp)
         share = (times[during] - before.stamp) / (regained.stamp - before.stamp)
-        begin = self._axes @ before.point
-        path = begin + share[:, None] * (self._axes @ regained.point - begin)
-        self._error.miss(times[during], np.linalg.norm(path - tool[during], axis=1))
+        ends = np.array((before.point, regained.point))
+        path = np.zeros((len(share), 3))
+        harmonic = self._reference.foreseen_by
+        if harmonic is not None and harmonic.stamp == before.stamp:
+            path = np.array([harmonic.predict(time).position for time in times[during]])
+            expected = [harmonic.predict(one.stamp).position for one in (before, regained)]
+            ends -= expected
+        path += ends[0] + share[:, None] * (ends[1] - ends[0])
+        away = np.linalg.norm(path @ self._axes.T - tool[during], axis=1)
+        self._error.miss(times[during], away)
 
     def _learn_needs(self) -> None:
         """Update what the target needs and what the arm has, for the reason of a failure."""
