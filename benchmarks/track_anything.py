@@ -11,8 +11,8 @@ fastest speed, which is 64 % of the accelerations; above 1 no arm can follow. `t
 space. Printed are median and 95th percentile of the true root mean square error in the
 plane, less its mean, during the motion, by follower and by kind of motion, beside the bound: the
 error of the filter with an ideal arm, true positions and the measured noise. Then the outcomes,
-SUCCESS with a true error above ``max_error``, the reasons of failures of motions beyond the follower,
-and runs that did not end.
+SUCCESS with a true error above ``max_error``, the reasons of failures of motions beyond the
+follower, and runs that did not end.
 """
 
 from __future__ import annotations
@@ -61,6 +61,9 @@ MOTIONS: Final = (
     "hidden 0.2 s",
     "hidden 1 s",
 )
+COMES_TO_REST: Final = "comes to rest"
+"""A short motion, which asks whether ``until_still`` ends; only if `--motion` names it."""
+
 CAMERAS: Final = ("60/20", "30/35", "90/0", "40/49")
 """Frames a second and latency in ms."""
 
@@ -68,6 +71,8 @@ _REST_S = 3.0  # before the target moves
 _AFTER_S = 15.0  # after its motion, in which `track` has to end
 _STILL_S = 1.0
 _REGAINED_S = 0.5
+_STEP_M = 0.03
+_CALM_S = 1.0  # after the motion the tool may come to rest
 _SETTLED_S = 1.0
 _PERIOD_S = 0.01  # of the samples of a motion
 _SIZE_M = 0.05
@@ -82,7 +87,7 @@ class Case:
 
     Attributes:
         robot: Name of the robot in the catalog.
-        motion: Kind of motion, one of `MOTIONS`.
+        motion: Kind of motion, one of `MOTIONS`, or `COMES_TO_REST`.
         plane: A named plane of the world.
         reality: Model mismatch of the follower.
         camera: Frames a second and latency in ms, as ``60/20``.
@@ -133,6 +138,9 @@ class Found:
         judged: The metric ``error_rms_m``, m.
         allowed: The metric ``max_error_m``, m.
         regained: Time from the target's return to within `allowed` of it, s; NaN if never hidden.
+        ended: Time from the end of the motion to that of `track`, s.
+        shake: Root mean square distance of the tool from its mean, from `_CALM_S` after the motion
+            on, m; NaN if `track` ended before.
     """
 
     rms: float
@@ -143,6 +151,8 @@ class Found:
     judged: float
     allowed: float
     regained: float
+    ended: float
+    shake: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,6 +238,13 @@ def course(case: Case, seen: Vantage, axes: Matrix) -> Course:
     arm = Kinematics(robot, Pose.from_rpy(xyz, np.radians(rpy).tolist()))
     tool = Pose.from_matrix(arm.matrix(seen.q))
 
+    if case.motion == COMES_TO_REST:
+        length = rng.uniform(0.4, 1.2)
+        angle = rng.uniform(0.0, 2.0 * np.pi)
+        done = np.minimum(np.arange(0.0, length + _PERIOD_S, _PERIOD_S) / length, 1.0)[:, None]
+        smooth = done**3 * (10.0 - 15.0 * done + 6.0 * done**2)
+        return Course(_STEP_M * smooth * np.array((np.cos(angle), np.sin(angle))))
+
     def pose(at: Vector) -> Pose:
         return Pose(tool.position + at @ axes, tool.quaternion)
 
@@ -303,6 +320,7 @@ def follow(case: Case, registry: Registry) -> Found:
     if code in ("HALTED", "TIMEOUT"):
         code = "ENDLESS"
     allowed = float(leaf.metrics.get("max_error_m", 0.01))
+    calm = rows[rows[:, 0] > end + _CALM_S, 1:4] @ axes.T
     return Found(
         rms=_rms(away),
         whole=_rms(_errors(rows[rows[:, 0] >= _SETTLED_S], axes)),
@@ -312,6 +330,8 @@ def follow(case: Case, registry: Registry) -> Found:
         judged=float(leaf.metrics.get("error_rms_m", np.nan)),
         allowed=allowed,
         regained=_regained(path, rows, axes, allowed),
+        ended=float(rows[-1, 0]) - end,
+        shake=float(np.sqrt(calm.var(axis=0).sum())) if len(calm) else np.nan,
     )
 
 
@@ -433,7 +453,13 @@ def summary(results: list[tuple[Case, Found]]) -> Iterator[str]:
     for case, found in results:
         for name in (case.robot, case.motion, f"{case.camera} {case.reality}", "all"):
             groups[name].append(found)
-    order = [*MEASURED, *MOTIONS, *sorted(name for name in groups if "/" in name), "all"]
+    order = [
+        *MEASURED,
+        *MOTIONS,
+        COMES_TO_REST,
+        *sorted(name for name in groups if "/" in name),
+        "all",
+    ]
     for name in filter(groups.__contains__, order):
         all_found = groups[name]
         rms = 1e3 * np.array([one.rms for one in all_found])
@@ -452,6 +478,12 @@ def summary(results: list[tuple[Case, Found]]) -> Iterator[str]:
     if refused:
         right = sum(_says_why(case, one) for case, one in refused)
         yield f"beyond the follower, with the right reason: {right} of {len(refused)}"
+    shakes = [1e3 * one.shake for one in every if not np.isnan(one.shake)]
+    yield (
+        f"ended at most {max(one.ended for one in every):.2f} s after the motion; "
+        f"{len(shakes)} after more than {_CALM_S:g} s, during which the tool shook by at most "
+        f"{max(shakes, default=0.0):.2f} mm RMS"
+    )
     yield f"did not end: {sum(one.code == 'ENDLESS' for one in every)}"
     back = [one.regained for one in every if not np.isnan(one.regained)]
     if back:
@@ -465,7 +497,9 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--trials", type=int, default=40)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--robot", nargs="+", default=list(MEASURED), choices=robot_names())
-    parser.add_argument("--motion", nargs="+", default=list(MOTIONS), choices=MOTIONS)
+    parser.add_argument(
+        "--motion", nargs="+", default=list(MOTIONS), choices=(*MOTIONS, COMES_TO_REST)
+    )
     parser.add_argument("--plane", nargs="+", default=list(LOOKS), choices=list(LOOKS))
     parser.add_argument("--reality", nargs="+", default=["lab", "rough"])
     parser.add_argument("--camera", nargs="+", default=list(CAMERAS))

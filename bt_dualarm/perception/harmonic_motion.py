@@ -80,14 +80,11 @@ class HarmonicMotion:
         c = math.cos(w * (time - self.stamp))
         s = math.sin(w * (time - self.stamp))
         swing = self.cosine * c + self.sine * s
-        return Motion(
-            self.center + swing, w * (self.sine * c - self.cosine * s), -(w**2) * swing
-        )
+        return Motion(self.center + swing, w * (self.sine * c - self.cosine * s), -(w**2) * swing)
 
     def doubt(self, time: float) -> float:
         """Standard deviation along an axis of the position at a time in s, m."""
         return self.misfit * (1.0 + _GROWTH * self.frequency * abs(time - self.stamp))
-
 
     def expect(self, time: float) -> tuple[Matrix, Vector]:
         """State of an `Oscillator` at a time in s, of shape (3, 4), and its deviations, (4,)."""
@@ -134,9 +131,7 @@ def fit_harmonic(stamps: Vector, points: Matrix) -> HarmonicMotion | None:
     amplitude = math.sqrt(float(cosine @ cosine + sine @ sine))
     if -t[0] * frequency < _TURNED or misfit >= _MISFIT * amplitude:
         return None
-    return HarmonicMotion(
-        float(stamps[-1]), frequency, points[-1] + center, cosine, sine, misfit
-    )
+    return HarmonicMotion(float(stamps[-1]), frequency, points[-1] + center, cosine, sine, misfit)
 
 
 def _motion_begins(stamps: Vector, points: Matrix) -> int:

@@ -130,8 +130,8 @@ HARMONIC_M = 0.04
 that goes on is nearer to it, and moves as it does, when it reappears."""
 
 HARMONIC_S = 1.5
-"""Longest time for which such a target is followed out of view, s: by default half of the time after
-which it is lost, so that the other half is left for the search."""
+"""Longest time for which such a target is followed out of view, s: by default half of the time
+after which it is lost, so that the other half is left for the search."""
 
 HOLD_S = 0.5
 """Time for which the tool holds still before the search begins, s."""

@@ -357,9 +357,9 @@ def test_a_repeated_motion_is_not_followed_forever(stage: Stage) -> None:
     leaf = play.leaf("track")
     assert leaf.code == "LOST", leaf.reason
     assert float(leaf.metrics["foreseen_s"]) == pytest.approx(1.4, abs=0.05)
-    begin = gone + 1.5
+    begin = gone - PERIOD_S + 1.5
     foreseen = [v for at, v in play.speeds["arm1"] if gone + 1.0 < at < begin - 0.1]
-    held = [v for at, v in play.speeds["arm1"] if begin + BRAKING_S < at < begin - PERIOD_S + HOLD_S]
+    held = [v for at, v in play.speeds["arm1"] if begin + BRAKING_S < at < begin + HOLD_S]
     assert min(foreseen) > STOPPED > max(held)
 
 
