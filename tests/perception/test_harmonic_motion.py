@@ -13,13 +13,12 @@ NOISE_M = 1e-4
 
 def seen(path: Matrix, seed: int = 0) -> Matrix:
     """Sightings of a path, with the noise of a camera."""
-    noise: Matrix = np.random.default_rng(seed).normal(0.0, NOISE_M, path.shape)
-    return path + noise
+    sighted: Matrix = path + np.random.default_rng(seed).normal(0.0, NOISE_M, path.shape)
+    return sighted
 
 
 def times(duration: float, fps: float = 60.0) -> Vector:
-    stamps: Vector = np.arange(0.0, duration, 1.0 / fps)
-    return stamps
+    return np.arange(round(duration * fps)) / fps
 
 
 def ellipse(t: Vector, w: float) -> Matrix:
