@@ -11,7 +11,8 @@ fastest speed, which is 64 % of the accelerations; above 1 no arm can follow. `t
 space. Printed are median and 95th percentile of the true root mean square error in the
 plane, less its mean, during the motion, by follower and by kind of motion, beside the bound: the
 error of the filter with an ideal arm, true positions and the measured noise. Then the outcomes,
-SUCCESS with a true error above ``max_error``, and runs that did not end.
+SUCCESS with a true error above ``max_error``, the reasons of failures of motions beyond the
+follower, and runs that did not end.
 """
 
 from __future__ import annotations
@@ -60,6 +61,9 @@ MOTIONS: Final = (
     "hidden 0.2 s",
     "hidden 1 s",
 )
+COMES_TO_REST: Final = "comes to rest"
+"""A short motion, which asks whether ``until_still`` ends; only if `--motion` names it."""
+
 CAMERAS: Final = ("60/20", "30/35", "90/0", "40/49")
 """Frames a second and latency in ms."""
 
@@ -67,6 +71,8 @@ _REST_S = 3.0  # before the target moves
 _AFTER_S = 15.0  # after its motion, in which `track` has to end
 _STILL_S = 1.0
 _REGAINED_S = 0.5
+_STEP_M = 0.03
+_CALM_S = 1.0  # after the motion the tool may come to rest
 _SETTLED_S = 1.0
 _PERIOD_S = 0.01  # of the samples of a motion
 _SIZE_M = 0.05
@@ -81,7 +87,7 @@ class Case:
 
     Attributes:
         robot: Name of the robot in the catalog.
-        motion: Kind of motion, one of `MOTIONS`.
+        motion: Kind of motion, one of `MOTIONS`, or `COMES_TO_REST`.
         plane: A named plane of the world.
         reality: Model mismatch of the follower.
         camera: Frames a second and latency in ms, as ``60/20``.
@@ -132,6 +138,9 @@ class Found:
         judged: The metric ``error_rms_m``, m.
         allowed: The metric ``max_error_m``, m.
         regained: Time from the target's return to within `allowed` of it, s; NaN if never hidden.
+        ended: Time from the end of the motion to that of `track`, s.
+        shake: Root mean square distance of the tool from its mean, from `_CALM_S` after the motion
+            on, m; NaN if `track` ended before.
     """
 
     rms: float
@@ -142,6 +151,8 @@ class Found:
     judged: float
     allowed: float
     regained: float
+    ended: float
+    shake: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,6 +238,13 @@ def course(case: Case, seen: Vantage, axes: Matrix) -> Course:
     arm = Kinematics(robot, Pose.from_rpy(xyz, np.radians(rpy).tolist()))
     tool = Pose.from_matrix(arm.matrix(seen.q))
 
+    if case.motion == COMES_TO_REST:
+        length = rng.uniform(0.4, 1.2)
+        angle = rng.uniform(0.0, 2.0 * np.pi)
+        done = np.minimum(np.arange(0.0, length + _PERIOD_S, _PERIOD_S) / length, 1.0)[:, None]
+        smooth = done**3 * (10.0 - 15.0 * done + 6.0 * done**2)
+        return Course(_STEP_M * smooth * np.array((np.cos(angle), np.sin(angle))))
+
     def pose(at: Vector) -> Pose:
         return Pose(tool.position + at @ axes, tool.quaternion)
 
@@ -302,6 +320,7 @@ def follow(case: Case, registry: Registry) -> Found:
     if code in ("HALTED", "TIMEOUT"):
         code = "ENDLESS"
     allowed = float(leaf.metrics.get("max_error_m", 0.01))
+    calm = rows[rows[:, 0] > end + _CALM_S, 1:4] @ axes.T
     return Found(
         rms=_rms(away),
         whole=_rms(_errors(rows[rows[:, 0] >= _SETTLED_S], axes)),
@@ -310,7 +329,9 @@ def follow(case: Case, registry: Registry) -> Found:
         cause=str(leaf.metrics.get("cause", "")),
         judged=float(leaf.metrics.get("error_rms_m", np.nan)),
         allowed=allowed,
-        regained=_regained(path, during[:, 0] - _REST_S, away, allowed),
+        regained=_regained(path, rows, axes, allowed),
+        ended=float(rows[-1, 0]) - end,
+        shake=float(np.sqrt(calm.var(axis=0).sum())) if len(calm) else np.nan,
     )
 
 
@@ -343,12 +364,20 @@ def _rms(away: Vector) -> float:
     return float(np.sqrt(np.mean(away**2))) if len(away) else np.nan
 
 
-def _regained(path: Course, times: Vector, away: Vector, allowed: float) -> float:
-    """Time from the end of the occlusion until the error stays within a bound for 0.1 s."""
-    back = path.hidden[1]
-    late = times >= back
-    if not late.any():
+def _regained(path: Course, rows: Matrix, axes: Matrix, allowed: float) -> float:
+    """Time from the end of the occlusion until the error stays within a bound for 0.1 s, s.
+
+    The error is less its mean from the start of the motion until the occlusion: the mean over the
+    whole motion would contain the occlusion. NaN if the target was not hidden, if it came to rest
+    before it could have been regained, or if `track` ended before it reappeared.
+    """
+    times = rows[:, 0] - _REST_S
+    begin, back = path.hidden
+    if back + _REGAINED_S >= path.duration or back >= times[-1]:
         return np.nan
+    error = (rows[:, 1:4] - rows[:, 4:7]) @ axes.T
+    away = np.linalg.norm(error - error[(times > 0.0) & (times < begin)].mean(axis=0), axis=1)
+    late = times >= back
     good = away[late] <= allowed
     since = times[late] - back
     for index in range(len(good)):
@@ -424,7 +453,13 @@ def summary(results: list[tuple[Case, Found]]) -> Iterator[str]:
     for case, found in results:
         for name in (case.robot, case.motion, f"{case.camera} {case.reality}", "all"):
             groups[name].append(found)
-    order = [*MEASURED, *MOTIONS, *sorted(name for name in groups if "/" in name), "all"]
+    order = [
+        *MEASURED,
+        *MOTIONS,
+        COMES_TO_REST,
+        *sorted(name for name in groups if "/" in name),
+        "all",
+    ]
     for name in filter(groups.__contains__, order):
         all_found = groups[name]
         rms = 1e3 * np.array([one.rms for one in all_found])
@@ -439,6 +474,16 @@ def summary(results: list[tuple[Case, Found]]) -> Iterator[str]:
     yield f"SUCCESS with a true RMS above max_error: {sum(map(_is_false, every))}"
     worse = sum(one.code == "SUCCESS" and one.rms > one.allowed for one in every)
     yield f"the same during the motion alone, without the rests: {worse}"
+    refused = [(case, one) for case, one in results if case.share > 1.0 and one.code != "SUCCESS"]
+    if refused:
+        right = sum(_says_why(case, one) for case, one in refused)
+        yield f"beyond the follower, with the right reason: {right} of {len(refused)}"
+    shakes = [1e3 * one.shake for one in every if not np.isnan(one.shake)]
+    yield (
+        f"ended at most {max(one.ended for one in every):.2f} s after the motion; "
+        f"{len(shakes)} after more than {_CALM_S:g} s, during which the tool shook by at most "
+        f"{max(shakes, default=0.0):.2f} mm RMS"
+    )
     yield f"did not end: {sum(one.code == 'ENDLESS' for one in every)}"
     back = [one.regained for one in every if not np.isnan(one.regained)]
     if back:
@@ -452,7 +497,9 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--trials", type=int, default=40)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--robot", nargs="+", default=list(MEASURED), choices=robot_names())
-    parser.add_argument("--motion", nargs="+", default=list(MOTIONS), choices=MOTIONS)
+    parser.add_argument(
+        "--motion", nargs="+", default=list(MOTIONS), choices=(*MOTIONS, COMES_TO_REST)
+    )
     parser.add_argument("--plane", nargs="+", default=list(LOOKS), choices=list(LOOKS))
     parser.add_argument("--reality", nargs="+", default=["lab", "rough"])
     parser.add_argument("--camera", nargs="+", default=list(CAMERAS))
@@ -479,6 +526,19 @@ def main(arguments: list[str]) -> int:
     for said in summary(results):
         print(said)
     return int(any(one.code == "ENDLESS" or _is_false(one) for _, one in results))
+
+
+def _says_why(case: Case, found: Found) -> bool:
+    """Whether the reason of a failure is right for a target that is too fast for the follower.
+
+    It is the speed; or the latency, if an ideal arm with that camera would not follow, either; or
+    the occlusion, if there was one.
+    """
+    if found.code != "NOT_FOLLOWING":
+        return False
+    if found.cause == "latency":
+        return found.bound > found.allowed
+    return found.cause == "speed" or (found.cause == "occlusion" and "hidden" in case.motion)
 
 
 def _is_false(found: Found) -> bool:

@@ -235,6 +235,30 @@ class TargetEstimate:
         """A new filter with the same model, for another target."""
         return TargetEstimate(self._model)
 
+    def resumed(self, stamp: float, state: Matrix, spread: Vector) -> TargetEstimate:
+        """A new filter with the same model, for this target after it was out of view.
+
+        Args:
+            stamp: Time of its next measurement, s.
+            state: Expected state then, of shape (n, 4).
+            spread: Standard deviations of the four states, of shape (4,).
+        """
+        resumed = self.fresh()
+        resumed._begin(stamp, state, spread)
+        return resumed
+
+    def expect(self, time: float) -> tuple[Matrix, Vector]:
+        """Expected state at a time, of shape (n, 4), and its standard deviations, of shape (4,).
+
+        The deviations are the largest of all axes.
+
+        Raises:
+            ValueError: There has been no measurement.
+        """
+        belief = self._moved(self._last, time)
+        variances = belief.covariance.diagonal(axis1=1, axis2=2)
+        return belief.state.copy(), np.sqrt(variances.max(axis=0))
+
     def update(self, stamp: float, position: Vector, sigma: float | Vector) -> None:
         """Process a measurement.
 
@@ -313,6 +337,11 @@ class TargetEstimate:
         variance = belief.covariance[:, 0, 0] + np.square(sigma)
         innovation: Vector = (position - belief.state[:, 0]) / np.sqrt(variance)
         return innovation
+
+    def _begin(self, stamp: float, state: Matrix, spread: Vector) -> None:
+        covariance = np.zeros((len(state), _STATES, _STATES))
+        covariance[:, range(_STATES), range(_STATES)] = np.square(spread)
+        self._beliefs = [_Belief(stamp, state, covariance)]
 
     @property
     def _last(self) -> _Belief:
@@ -400,6 +429,15 @@ class DualFilterEstimate(TargetEstimate):
     def fresh(self) -> DualFilterEstimate:
         """A new filter with the same models, for another target."""
         return DualFilterEstimate(self._calmness, self._jerk, self._fast)
+
+    def resumed(self, stamp: float, state: Matrix, spread: Vector) -> DualFilterEstimate:
+        """A new filter with the same models, and as much trust in the slow one, after a loss."""
+        resumed = self.fresh()
+        resumed._begin(stamp, state, spread)
+        resumed._slow._begin(stamp, state, spread)
+        resumed._statistic = self._statistic
+        resumed._share = self._share
+        return resumed
 
     def update(self, stamp: float, position: Vector, sigma: float | Vector) -> None:
         """Process a measurement, as `TargetEstimate` does."""

@@ -24,6 +24,7 @@ import numpy.typing as npt
 
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.perception.detection import ColorFilter, Detection, detect_all
+from bt_dualarm.perception.harmonic_motion import HarmonicMotion, fit_harmonic
 from bt_dualarm.perception.localization import (
     PIXEL_SIGMA,
     LocalizationError,
@@ -532,6 +533,7 @@ def _from_segment(point: Vector, begin: Vector, end: Vector) -> float:
 
 _REFILTERED = 60  # largest number of sightings from which the filter is restarted
 _REFILTERED_S = 1.0  # and their largest age
+_RESUMED_M = 0.04  # largest doubt of a prediction by which the filter resumes after a loss
 _RESIZED = 0.01  # relative change of the size beyond which the outline is discarded
 _SIZE_MEMORY_S = 1.0  # time after a loss for which an unreliable size counts
 
@@ -582,6 +584,8 @@ class TargetTracker:
         self._outline = Outline(localizer)
         self._estimate = estimate or TargetEstimate()
         self._before_loss: TargetEstimate | None = None
+        # With the time of the newest sighting that it was fitted to.
+        self._harmonic: tuple[float, HarmonicMotion | None] = -math.inf, None
         self.distractors = Distractors()
         self._settings = settings or TrackerSettings()
         self._hunting = True
@@ -628,6 +632,16 @@ class TargetTracker:
     def doubt(self, time: float) -> float:
         """Largest standard deviation along an axis of the position that `predict_in` returns, m."""
         return math.sqrt(float(self._confirmed.variance(time).max()))
+
+    def harmonic_motion(self) -> HarmonicMotion | None:
+        """Harmonic motion of the locked target until it was last seen, if it moved like that."""
+        if self._harmonic[0] != self.last_stamp:
+            seen = [one for one in self.sightings.newest() if one.stamp <= self.last_stamp]
+            relocated = [self._localizer.relocate(one) for one in seen]
+            stamps = np.array([one.stamp for one in relocated])
+            points = np.array([one.point for one in relocated])
+            self._harmonic = self.last_stamp, fit_harmonic(stamps, points)
+        return self._harmonic[1]
 
     @property
     def _confirmed(self) -> TargetEstimate:
@@ -804,7 +818,7 @@ class TargetTracker:
 
     def _take(self, seen: VisiblePart, frame: Frame) -> None:
         if self._hunting:
-            self._estimate = self._estimate.fresh()
+            self._estimate = self._resumed(seen.sighting)
             self._hunting = False
             self._in_row = 0
         detection = seen.detection
@@ -827,6 +841,19 @@ class TargetTracker:
         # A target that the window cuts off is larger than it appears.
         growth = 2.0 if detection.touches_border else 1.0
         self._extent_px = growth * max(right - left, bottom - top)
+
+    def _resumed(self, sighting: Sighting) -> TargetEstimate:
+        """Filter of a target that reappears: it moves as predicted if it is where predicted."""
+        lost = self._before_loss
+        if lost is None:
+            return self._estimate.fresh()
+        harmonic = self.harmonic_motion()
+        stamp = sighting.stamp
+        state, spread = lost.expect(stamp) if harmonic is None else harmonic.expect(stamp)
+        off = (sighting.point - state[:, 0]) / math.hypot(spread[0], self._settings.gate_sigma)
+        if spread[0] > _RESUMED_M or float(off @ off) > self._settings.gate:
+            return self._estimate.fresh()
+        return lost.resumed(stamp, state, spread)
 
     def _relocate(self, stamp: float) -> None:
         """Restart the filter from recent sightings, relocated by what is known now."""

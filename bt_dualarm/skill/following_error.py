@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from enum import StrEnum
 from typing import Final, NamedTuple
@@ -115,6 +115,7 @@ class FollowingError:
         self._time = 0.0
         self._integrals = dict.fromkeys(ErrorCause, 0.0)
         self._returns = False  # whether the target was out of view
+        self._latest: deque[dict[ErrorCause, float]] = deque(maxlen=_FEWEST)
 
     @property
     def rms(self) -> float:
@@ -147,15 +148,26 @@ class FollowingError:
             self._began = None
 
     def miss(self, stamps: Vector, errors: Vector) -> None:
-        """Count time without the target.
+        """Count time without the target: as occlusion, unless it was not followed before.
+
+        A target that the arm or the prediction is too slow for leaves the image, or the window in
+        which it is expected. What it was too fast for then also causes the time without it.
 
         Args:
             stamps: Times, increasing, of shape (n,), s.
             errors: Distances of the tool from the interpolated target then, of shape (n,), m.
         """
-        self._returns = True
+        before: Counter[ErrorCause] = Counter()
+        for squares in self._latest:
+            before.update(squares)
+        total = before.total()
+        followed = total <= len(self._latest) * self.bound**2
+        self._returns = followed
+        shares = {ErrorCause.OCCLUSION: 1.0}
+        if not followed:
+            shares = {cause: square / total for cause, square in before.items()}
         for stamp, error in zip(stamps.tolist(), errors.tolist(), strict=True):
-            self._integrate(stamp, {ErrorCause.OCCLUSION: error**2})
+            self._integrate(stamp, {cause: share * error**2 for cause, share in shares.items()})
 
     def take(self, sample: FollowingSample) -> None:
         """Process a sighting, later than all before.
@@ -169,6 +181,7 @@ class FollowingError:
         if self.counts_from is None and stamp - self._began > self._patience:
             self.counts_from = stamp
         attributed = _attributed(sample, square)
+        self._latest.append(attributed)
         # Until the tool has arrived again its error is due to the time without the target.
         self._integrate(stamp, {ErrorCause.OCCLUSION: square} if self._returns else attributed)
         if not sample.within_reach:

@@ -13,6 +13,7 @@ from bt_dualarm.arm.arm import Arm
 from bt_dualarm.control.planar_servo import PlanarServo, PlaneTarget, plane_limits
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Matrix, Pose, Vector
+from bt_dualarm.perception.harmonic_motion import HarmonicMotion
 from bt_dualarm.perception.localization import (
     EstimatedPlaneLocalizer,
     FacingCubeLocalizer,
@@ -124,6 +125,14 @@ the arm would never move.
 FORESEEN_M = 0.02
 """Standard deviation of the predicted position, m, up to which a target out of view is followed."""
 
+HARMONIC_M = 0.04
+"""The same of a target that repeats its motion, m. It errs mostly along its curve, so that the arm
+that goes on is nearer to it, and moves as it does, when it reappears."""
+
+HARMONIC_S = 1.5
+"""Longest time for which such a target is followed out of view, s: by default half of the time
+after which it is lost, so that the other half is left for the search."""
+
 HOLD_S = 0.5
 """Time for which the tool holds still before the search begins, s."""
 
@@ -131,7 +140,9 @@ _PATIENCE_FRAMES = 2
 _PREDICTIONS = 1024  # set-points that are kept to compare with late images: two seconds
 _SAME_TIME_S = 0.02  # maximum time between a prediction and a sighting to compare
 _NEEDS_EVERY_S = 0.1  # sampling period
-_NEED_S = 1.0  # time constant of the mean squares of the target's velocity and acceleration
+# Time constant of the mean squares of the target's velocity and acceleration, s: a tool that cannot
+# follow is out of bounds within half a second of the start of the motion.
+_NEED_S = 0.3
 _MISSED = 4096  # ticks without the target that are kept
 
 
@@ -182,6 +193,8 @@ class TrackingReference:
         old_data_steps: Number of control steps toward a target whose newest sighting was older
             than `STALE_S`, and whose position was uncertain by more than `FORESEEN_M`.
         foreseen_s: Time for which a target out of view was followed by its prediction, s.
+        foreseen_by: Harmonic motion by which it was last followed out of view; None if the filter
+            predicted it.
     """
 
     def __init__(
@@ -197,6 +210,7 @@ class TrackingReference:
         self.beyond_since: float | None = None
         self.old_data_steps = 0
         self.foreseen_s = 0.0
+        self.foreseen_by: HarmonicMotion | None = None
         self._called_at = -math.inf
         self._braked_at: float | None = None
         self._tracker = tracker
@@ -285,9 +299,19 @@ class TrackingReference:
         """Motion of a target out of view while its prediction is good; None from then on."""
         if self._gains is not None or self._braked_at is not None:
             return None
-        if math.isinf(self._tracker.age(time)) or self._tracker.doubt(time) > FORESEEN_M:
+        if math.isinf(self._tracker.age(time)):
             return None
-        target = self._predicted(time)
+        harmonic = self.foreseen_by = self._tracker.harmonic_motion()
+        if harmonic is not None:
+            if harmonic.doubt(time) > HARMONIC_M or self._tracker.age(time) > HARMONIC_S:
+                return None
+            position, *rates = harmonic.predict(time)
+            axes = self._view.axes
+            target = PlaneTarget(*(np.array((position - self._view.ahead(), *rates)) @ axes.T))
+        elif self._tracker.doubt(time) <= FORESEEN_M:
+            target = self._predicted(time)
+        else:
+            return None
         if math.hypot(*target.position) > self._reach:
             return None
         self._last_position = target.position
@@ -565,7 +589,11 @@ class PlaneTracking:
         return middle
 
     def _count_missed(self, regained: Sighting) -> None:
-        """Count the time without the target as error, by its path interpolated linearly."""
+        """Count the time without the target as error, by its interpolated path.
+
+        A target that repeats its motion has presumably done so meanwhile; what it deviates by when
+        it reappears, has grown linearly. The path of any other is straight.
+        """
         before = self._last_seen
         if not self._missed or before is None:
             return
@@ -574,9 +602,16 @@ class PlaneTracking:
         self._missed.clear()
         during = (times > before.stamp) & (times < regained.stamp)
         share = (times[during] - before.stamp) / (regained.stamp - before.stamp)
-        begin = self._axes @ before.point
-        path = begin + share[:, None] * (self._axes @ regained.point - begin)
-        self._error.miss(times[during], np.linalg.norm(path - tool[during], axis=1))
+        ends = np.array((before.point, regained.point))
+        path = np.zeros((len(share), 3))
+        harmonic = self._reference.foreseen_by
+        if harmonic is not None and harmonic.stamp == before.stamp:
+            path = np.array([harmonic.predict(time).position for time in times[during]])
+            expected = [harmonic.predict(one.stamp).position for one in (before, regained)]
+            ends -= expected
+        path += ends[0] + share[:, None] * (ends[1] - ends[0])
+        away = np.linalg.norm(path @ self._axes.T - tool[during], axis=1)
+        self._error.miss(times[during], away)
 
     def _learn_needs(self) -> None:
         """Update what the target needs and what the arm has, for the reason of a failure."""

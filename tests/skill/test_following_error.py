@@ -158,6 +158,25 @@ def test_time_without_the_target_counts() -> None:
 
 
 @pytest.mark.parametrize(
+    ("by_images", "cause"), [(False, ErrorCause.SPEED), (True, ErrorCause.LATENCY)]
+)
+def test_a_target_that_was_lost_because_it_was_not_followed_was_not_hidden(
+    by_images: bool, cause: ErrorCause
+) -> None:
+    """Already out of bounds in the last three images that showed it, it left the view."""
+    judge, failure, _ = judged(lambda _: 0.001, 5.0, 60)
+    assert failure is None
+    for frame, error in enumerate((0.012, 0.02, 0.03)):
+        judge.take(sample(15.0 + frame / 60, error, by_images=by_images))
+    judge.interrupt()
+    judge.miss(np.linspace(15.1, 16.0, 50), np.full(50, 0.05))
+    assert judge.cause is cause
+    with pytest.raises(Failure) as caught:
+        judge.refuse_above_bound()
+    assert caught.value.numbers["cause"] == str(cause)
+
+
+@pytest.mark.parametrize(
     ("need", "by_images", "cause"),
     [
         (2.0, True, ErrorCause.SPEED),
