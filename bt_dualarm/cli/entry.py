@@ -179,11 +179,9 @@ def entered(program: str, argv: Sequence[str] | None) -> int:
             code = FAILED
     if argv is None:
         _leave_threads(program, code)
-        if not _has_foreign_skills():
-            # Python would look for cycles among all objects twice before it exits, which takes a
-            # fifth of the CPU time of a short command. Foreign code may depend on it: files that
-            # it has left open in a cycle of objects are closed then.
-            gc.freeze()
+        # Python would look for cycles among all objects twice before it exits, which takes a fifth
+        # of the CPU time of a short command, and free memory that the process returns anyway.
+        gc.freeze()
     return code
 
 
@@ -211,23 +209,6 @@ def _ended(program: str, argv: Sequence[str] | None) -> int:
             file=sys.stderr,
         )
         return UNUSABLE
-
-
-def _has_foreign_skills() -> bool:
-    """Whether skills other than the shipped ones were imported."""
-    module = sys.modules.get("bt_dualarm.skill.skill")
-    if module is None:
-        return False
-    from bt_dualarm.core.share import share_dir
-
-    own = tuple(f"{folder}{os.sep}" for folder in (share_dir("skills"), Path(__file__).parents[1]))
-    found = [module.Skill]
-    for skill in found:
-        file = getattr(sys.modules.get(skill.__module__), "__file__", None) or ""
-        if not file.startswith(own):
-            return True
-        found += skill.__subclasses__()
-    return False
 
 
 def _leave_threads(program: str, code: int) -> None:

@@ -199,25 +199,6 @@ def test_only_a_process_of_its_own_ends_without_looking_for_cycles(call: str, fr
     assert done.stdout.endswith(f"{frozen}\n")
 
 
-def test_files_that_a_skill_leaves_open_are_written(tmp_path: Path) -> None:
-    """Python closes a file in a cycle of objects when it looks for cycles at the end."""
-    (tmp_path / "keeping.py").write_text(
-        "from pathlib import Path\n"
-        "from types import SimpleNamespace\n"
-        "from bt_dualarm import Skill\n"
-        "log = SimpleNamespace(file=open(Path(__file__).with_name('log.txt'), 'w'))\n"
-        "log.cycle = log\n"
-        "log.file.write('imported')\n"
-        "class Keeping(Skill):\n"
-        '    """Keeps a log."""\n'
-        "    example = 'keeping'\n"
-        "    def run(self):\n"
-        "        yield\n"
-    )
-    subprocess.run([*command("bt-check"), "--skills", str(tmp_path)], check=True)
-    assert (tmp_path / "log.txt").read_text() == "imported"
-
-
 def test_where_hanging_up_is_ignored_it_stays_ignored(tmp_path: Path) -> None:
     """As ``nohup`` has it."""
     program = "import sys; import bt_dualarm.cli as cli; sys.exit(cli.run())"
