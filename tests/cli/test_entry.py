@@ -188,17 +188,6 @@ def test_a_terminal_that_is_closed_takes_no_record_along(tmp_path: Path, display
     assert (summary["ending"], summary["at_rest"]) == ("a stop was requested", True)
 
 
-@pytest.mark.parametrize(
-    ("call", "frozen"), [("cli.check()", True), ("cli.check(sys.argv[1:])", False)]
-)
-def test_only_a_process_of_its_own_ends_without_looking_for_cycles(call: str, frozen: bool) -> None:
-    """A command that Python code calls leaves the garbage collector as it was."""
-    code = f"{PROGRAM}import gc; {call}; print(gc.get_freeze_count() > 0)"
-    command = [sys.executable, "-c", code, "missing.yaml"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert done.stdout.endswith(f"{frozen}\n")
-
-
 def test_where_hanging_up_is_ignored_it_stays_ignored(tmp_path: Path) -> None:
     """As ``nohup`` has it."""
     program = "import sys; import bt_dualarm.cli as cli; sys.exit(cli.run())"
