@@ -64,6 +64,7 @@ from bt_dualarm.spec.node_types import (
     NodeSpec,
     NodeType,
     PortModel,
+    all_of,
     in_words,
     reference_of,
     unknown,
@@ -222,7 +223,7 @@ class _Loading:
         self.problems += libraries.problems
         read = [] if scene is None else [scene.source]
         self._texts = {each.file: each.text for each in (source, *libraries.included, *read)}
-        types = {**LANGUAGE, **(self.skills or {})}
+        types = all_of(self.skills or {}, LANGUAGE)
         trees = {
             arm: with_bare_numbers(root, types)
             for arm, root in self._trees(ParseContext(source, ("arms",), scope, library)).items()

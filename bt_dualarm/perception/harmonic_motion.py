@@ -61,9 +61,9 @@ class HarmonicMotion:
     Attributes:
         stamp: Time of the newest sighting, s.
         frequency: Angular frequency ``w``, rad/s.
-        center: Of shape (3,), m.
-        cosine: Of shape (3,), m.
-        sine: Of shape (3,), m.
+        center: Center of the motion, of shape (3,), m.
+        cosine: Amplitude of the cosine, of shape (3,), m.
+        sine: Amplitude of the sine, of shape (3,), m.
         misfit: Root mean square distance of the sightings from the motion, m.
     """
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Final
 
 import pytest
 
 from bt_dualarm.arm import arm
-from bt_dualarm.planning.problem import PlanningProblem
 
 SOON_GIVEN_UP: Final = 20_000
 """Configurations that a search may look at: a tenth, and of the seconds that it takes, too. One of
@@ -17,5 +15,4 @@ SOON_GIVEN_UP: Final = 20_000
 
 def give_up_soon(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let every search of the test look at so many."""
-    soon = partial(PlanningProblem, checks=SOON_GIVEN_UP)
-    monkeypatch.setattr(arm, "PlanningProblem", soon)
+    monkeypatch.setattr(arm, "CHECKS", SOON_GIVEN_UP)

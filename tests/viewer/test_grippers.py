@@ -30,12 +30,13 @@ arms:
   first:
     robot: ROBOT
     gripper: GRIPPER
+    base: {xyz: [0, 0, 0.2]}
     tree:
       sequence: [{wait: {seconds: 0.06}}, {spawn: {arm: late}}, {wait: {seconds: 0.1}}]
   late:
     robot: ROBOT
     gripper: GRIPPER
-    base: {xyz: [0, 3, 0]}
+    base: {xyz: [0, 3, 0.2]}
     spawned: false
     tree: {sequence: [{wait: {seconds: 0.04}}, {remove: {arm: late}}]}
 """
