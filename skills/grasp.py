@@ -61,6 +61,11 @@ class _ObjectPorts(PortModel):
         "position to which `operate` will move the joint of the part: grasps with which the arm "
         "can follow it are chosen",
     )
+    then_at: ObjectPose | None = port(
+        None,
+        "pose at which `place` will set the object down: grasps with which the arm can do that are "
+        "chosen; without an orientation it keeps its current one",
+    )
     width: float | None = port(
         None,
         "extent of an undeclared object `at` that pose along its y axis, in which fingers close",
@@ -95,6 +100,7 @@ class Grasp(Skill):
             "friction": "width",
             "part": "object",
             "then_to": "object",
+            "then_at": "object",
         }
 
     failures = Taking.failures
@@ -130,6 +136,7 @@ class Grasp(Skill):
             point=None if self.ports.point is None else np.array(self.ports.point),
             opening=self.ports.open_to,
             onward=None if name is None else self._onward(name),
+            goal=None if self.ports.then_at is None else self.ports.then_at.pose_from(wanted.lies),
         )
         refuse_too_frail(self.arm, wanted.label, self.ports.most_force)
         taking = Taking(self.arm, self.ports, wanted, self.ports.at is not None, self.metrics)

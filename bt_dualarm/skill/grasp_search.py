@@ -33,6 +33,7 @@ from bt_dualarm.grasping.grasp import (
     MeshSolid,
     Solid,
 )
+from bt_dualarm.perception.shape_fit import KnownShape
 from bt_dualarm.planning.problem import refuse_contact
 from bt_dualarm.sim.arm_models import principal_with_moved
 from bt_dualarm.sim.composition import name_of_geom
@@ -40,6 +41,7 @@ from bt_dualarm.sim.object_body import body_of, unit_ball
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.articulated import JointPath
 from bt_dualarm.skill.skill import unit_vector
+from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.node_types import PortModel, port
 from bt_dualarm.spec.values import PartName, Speed, Vector3
 from bt_dualarm.trajectory.paths import line
@@ -144,6 +146,8 @@ class WantedGrasp:
         opening: Opening of the fingers during the approach, m; None for the widest.
         onward: Path along which the arm has to be able to move the object once it holds it; None
             for any.
+        goal: Pose in the world at which the arm has to be able to set the object down; None for
+            any.
     """
 
     name: str | None
@@ -161,6 +165,7 @@ class WantedGrasp:
     point: Vector | None = None
     opening: float | None = None
     onward: JointPath | None = None
+    goal: Pose | None = None
 
     def off_point(self, grasp: Grasp) -> float:
         """Distance of the point from the line along which a grasp closes or pulls, m.
@@ -485,6 +490,10 @@ def _no_grasp(solid: Solid, jaw: JawMeasures | None, arm: Arm, wanted: WantedGra
 
 _OPENINGS = 8  # openings to check while the fingers close next to other parts
 _BRANCHES = 4  # branches to try for a grasp from which the arm moves on
+_DESCENT_M = 0.05  # length of the descent to a goal, and of the retreat from it
+_TURN = math.radians(15.0)  # increment of the rotations to try for a round object
+_SAME_EDGE_M = 1e-6  # difference of the edges of a square
+_UPRIGHT = math.cos(math.radians(5.0))  # cosine of an axis about which rotations keep pads level
 
 TRIES = 16
 """Grasps for which an approach is searched until the object counts as out of reach."""
@@ -558,12 +567,17 @@ def first_approach(
     left = list(order)
     beyond = list[Pose]()
     while left and len(reasons) < TRIES:
-        # Grasps next to an unreachable one are unreachable as well: those come last.
+        # What is next to an unreachable grasp, or to one that does not suit the goal, is no better:
+        # it comes last.
         other = (one for one in left if not any(_is_near(one.tool, pose) for pose in beyond))
         ranked = next(other, left[0])
         left.remove(ranked)
         out = ranked.tool @ Pose.from_rpy((0.0, 0.0, -standoff))
+        suits = False
         try:
+            if wanted.goal is not None:
+                _refuse_goal(arm, wanted, wanted.goal, ranked)
+            suits = True
             rows = _rows_to(arm, out, ranked.tool, wanted)
             if wanted.name and wanted.edges is None:
                 arm.refuse_load(wanted.name, rows[-1], seen)
@@ -576,7 +590,7 @@ def first_approach(
             if failure.code in ("BUSY", "OVERLOADED"):
                 raise
             reasons.append(failure.with_traceback(None))  # a traceback would keep this frame alive
-            if failure.code == "UNREACHABLE":
+            if failure.code == "UNREACHABLE" or not suits:
                 beyond.append(ranked.tool)
         yield
     first = reasons[0]
@@ -614,6 +628,81 @@ def _rows_to(arm: Arm, out: Pose, tool: Pose, wanted: WantedGrasp) -> Matrix:
     if blocked is None:
         raise Failure("PATH_BROKEN", "the arm cannot follow the joint")
     raise blocked
+
+
+def _refuse_goal(arm: Arm, wanted: WantedGrasp, goal: Pose, ranked: RankedGrasp) -> None:
+    """Check that a grasp lets the arm set the object down at a goal, and retreat.
+
+    Args:
+        arm: Arm with its gripper open, as it will be again after the object is released.
+        wanted: Specification of the grasp.
+        goal: Pose of the object in the world.
+        ranked: The grasp.
+
+    Raises:
+        Failure: That of the goal as given: ``IN_COLLISION``, ``UNREACHABLE``, ``PATH_BROKEN`` or
+            ``SINGULAR``, if none of the goals that the object's symmetry allows is possible.
+    """
+    name = wanted.name or ""
+    held = frozenset({name})
+    in_object = wanted.lies.inverse @ ranked.tool
+    closed = arm.checker(held)
+    if arm.gripper.page.fingers:
+        closed.open_fingers(ranked.grasp.width)
+    first: Failure | None = None
+    for angle in turns_about_vertical(arm.world.declared_objects[name], goal):
+        tool = spun(goal, angle) @ in_object
+        above = Pose(tool.position + np.array((0.0, 0.0, _DESCENT_M)), tool.quaternion)
+        out = tool @ Pose.from_rpy((0.0, 0.0, -_DESCENT_M))
+        try:
+            for down, back in islice(arm.lines(above, tool, out), _BRANCHES):
+                hit = closed.first_contact(down)
+                try:
+                    if hit is not None:
+                        raise hit[1].failure()
+                    arm.refuse_collision_along(back, held)
+                except Failure as failure:
+                    first = first or failure.with_traceback(None)  # would keep this frame alive
+                else:
+                    return
+        except Failure as failure:
+            first = first or failure.with_traceback(None)
+    if first is not None:
+        raise first
+
+
+def turns_about_vertical(spec: ObjectSpec, goal: Pose) -> list[float]:
+    """Rotations about the vertical that take an object into itself, rad, the smallest first.
+
+    Args:
+        spec: The object.
+        goal: Its pose in the world.
+    """
+    spins = KnownShape.of(spec).spins
+    is_upright = spins is not None and abs(goal.rotation_matrix[2] @ spins) >= _UPRIGHT
+    if spec.shape == "box" and spec.marker is None:
+        return _turns_of_box(goal, spec.size)
+    if not (is_upright or spec.shape == "sphere"):
+        return [0.0]
+    steps = np.arange(1, round(np.pi / _TURN) + 1) * _TURN
+    return [0.0, *np.column_stack((steps, -steps)).ravel()[:-1].tolist()]
+
+
+def _turns_of_box(goal: Pose, size: Sequence[float]) -> list[float]:
+    """Rotations about the vertical, rad, that take a box with a vertical axis into itself."""
+    upright = np.abs(goal.rotation_matrix[2])
+    axis = int(upright.argmax())
+    if upright[axis] < _UPRIGHT:
+        return [0.0]
+    one, other = (edge for i, edge in enumerate(size) if i != axis)
+    quarter = abs(one - other) < _SAME_EDGE_M
+    return [0.0, *((np.pi / 2, -np.pi / 2) if quarter else ()), np.pi]
+
+
+def spun(pose: Pose, angle: float) -> Pose:
+    """Pose rotated about the vertical of the world by an angle, rad."""
+    turn = Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, angle))
+    return Pose(pose.position, (turn @ Pose(np.zeros(3), pose.quaternion)).quaternion)
 
 
 def _geoms_of_part(world: World, wanted: WantedGrasp) -> list[int]:

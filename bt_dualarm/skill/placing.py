@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
@@ -20,6 +20,7 @@ from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.perception.shape_fit import KnownShape
 from bt_dualarm.planning.path_search import Planner
 from bt_dualarm.sim.grippers import Attachment
+from bt_dualarm.skill.grasp_search import spun, turns_about_vertical
 from bt_dualarm.skill.grip import Grip, TouchSense
 from bt_dualarm.spec.node_types import PortModel, port
 from bt_dualarm.spec.values import Angle, Duration, Speed
@@ -441,9 +442,6 @@ _EXPECTED_M_S: Final = 0.0015  # highest speed from there on
 _LOWEST_M: Final = 0.008  # minimum height above the goal at which the descent begins
 _CLEAR_M: Final = 0.003  # clearance to the height at which the descent is still free
 _LOWER: Final = (0.7, 0.5, 0.35, 0.25)  # fractions of the height to try if it is not free
-_TURN: Final = np.radians(15.0)  # increment of the rotations to try for a round object
-_SAME_EDGE_M: Final = 1e-6  # difference of the edges of a square
-_UPRIGHT: Final = np.cos(np.radians(5.0))  # cosine of an axis about which rotations keep pads level
 _NEAR_M: Final = 0.0015  # height above the goal beyond which a contact may be joint friction
 _FALSE: Final = 3  # descents until a contact beyond that height counts
 _OFF_M: Final = 0.003  # length of the compliant start of the retreat
@@ -786,8 +784,8 @@ class SettingDown:
                 raise
             # A traceback would keep this frame alive.
             refusal = failure.with_traceback(None)
-        for turned in self._turns(goal):
-            tool = _spun(goal, turned) @ self._in_tool.inverse
+        for turned in turns_about_vertical(self._arm.world.objects[self._name], goal):
+            tool = spun(goal, turned) @ self._in_tool.inverse
             yield
             try:
                 lowest = _Descent(
@@ -807,18 +805,6 @@ class SettingDown:
                 return _Descent(tool, begin, branches, turned)
             return lowest
         raise refusal
-
-    def _turns(self, goal: Pose) -> list[float]:
-        """Symmetry rotations of the object about the vertical, rad, the smallest first."""
-        spec = self._arm.world.objects[self._name]
-        spins = KnownShape.of(spec).spins
-        is_upright = spins is not None and abs(goal.rotation_matrix[2] @ spins) >= _UPRIGHT
-        if spec.shape == "box" and spec.marker is None:
-            return _turns_of_box(goal, spec.size)
-        if not (is_upright or spec.shape == "sphere"):
-            return [0.0]
-        steps = np.arange(1, round(np.pi / _TURN) + 1) * _TURN
-        return [0.0, *np.column_stack((steps, -steps)).ravel()[:-1].tolist()]
 
     def _branches_down(self, tool: Pose, height: float) -> Generator[None, None, list[Matrix]]:
         """Straight descent to a pose of the tool, in branches that allow search and retreat.
@@ -960,22 +946,5 @@ class SettingDown:
         )
 
 
-def _turns_of_box(goal: Pose, size: Sequence[float]) -> list[float]:
-    """Rotations about the vertical, rad, that take a box with a vertical axis into itself."""
-    upright = np.abs(goal.rotation_matrix[2])
-    axis = int(upright.argmax())
-    if upright[axis] < _UPRIGHT:
-        return [0.0]
-    one, other = (edge for i, edge in enumerate(size) if i != axis)
-    quarter = abs(one - other) < _SAME_EDGE_M
-    return [0.0, *((np.pi / 2, -np.pi / 2) if quarter else ()), np.pi]
-
-
 def _raised(pose: Pose, height: float) -> Pose:
     return Pose(pose.position + np.array((0.0, 0.0, height)), pose.quaternion)
-
-
-def _spun(pose: Pose, angle: float) -> Pose:
-    """Pose rotated about the vertical of the world by an angle, rad."""
-    turn = Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, angle))
-    return Pose(pose.position, (turn @ Pose(np.zeros(3), pose.quaternion)).quaternion)

@@ -1,0 +1,66 @@
+"""A grasp that suits the place where the object will be set down."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+import bt_dualarm as bt
+
+SIZE = (0.03, 0.05, 0.06)
+GOAL = (0.45, 0.2, 0.03)
+WALLS = 0.012  # room beside the object, m: fingers do not fit
+
+
+def _task(axis: int, robot: str, gripper: str, then_at: dict[str, Any] | None) -> dict[str, Any]:
+    """Pick a block and place it between two walls, which leave no room along one of its axes."""
+    objects: dict[str, Any] = {
+        "block": {
+            "shape": "box",
+            "size": [*SIZE],
+            "mass": 0.1,
+            "color": "red",
+            "pose": {"xyz": [0.45, -0.2, SIZE[2] / 2]},
+        }
+    }
+    away = SIZE[axis] / 2 + WALLS + 0.01
+    for name, side in (("one", 1.0), ("other", -1.0)):
+        xyz = [*GOAL]
+        xyz[axis] += side * away
+        size = [0.05, 0.05, 0.06]
+        size[axis] = 0.02
+        objects[name] = {
+            "shape": "box",
+            "size": size,
+            "mass": 1.0,
+            "color": "grey",
+            "fixed": True,
+            "pose": {"xyz": xyz},
+        }
+    grasp = {"object": "block"} | ({} if then_at is None else {"then_at": then_at})
+    place = {"object": "block", "at": {"xyz": [*GOAL]}}
+    tree = {"sequence": [{"grasp": grasp}, {"place": place}]}
+    arms = {"arm1": {"robot": robot, "gripper": gripper, "tree": tree}}
+    world = {"scene": "empty", "time_limit": 60}
+    return {"bt_dualarm": 1, "name": "between", "world": world, "objects": objects, "arms": arms}
+
+
+@pytest.mark.parametrize(("robot", "gripper"), [("panda", "panda_hand"), ("ur5", "robotiq_2f85")])
+def test_the_grasp_leaves_the_fingers_room_at_the_goal(robot: str, gripper: str) -> None:
+    at = {"xyz": [*GOAL]}
+    beside = {"beside": "one", "side": "-y", "by": WALLS}
+    wanted = [bt.run(_task(axis, robot, gripper, at)) for axis in (0, 1)]
+    assert [run.outcome for run in wanted] == ["SUCCESS", "SUCCESS"]
+    anyhow = [bt.run(_task(axis, robot, gripper, None)) for axis in (0, 1)]
+    assert "FAILURE" in [run.outcome for run in anyhow], "any grasp suits these goals"
+    relative = bt.run(_task(1, robot, gripper, beside))
+    assert relative.outcome == "SUCCESS"
+
+
+def test_a_goal_that_no_grasp_allows_is_refused_before_anything_moves() -> None:
+    result = bt.run(_task(1, "panda", "panda_hand", {"xyz": [1.5, 0.0, GOAL[2]]}))
+    (leaf,) = result.arms["arm1"].runs
+    assert (leaf.skill, leaf.code) == ("grasp", "OUT_OF_REACH")
+    assert leaf.ended_s is not None
+    assert leaf.ended_s < 1.5  # it only opens its gripper
