@@ -250,6 +250,7 @@ class Arm(ArmState):
         self._lease.enter(anew=anew)
         if anew:
             self._checks_itself = False
+            self._raised = self.controller.fault  # that of a motion before this run, if any
         if anew and self.camera is not None:
             self.camera.fault = None
 
@@ -1327,6 +1328,8 @@ class MoveTo:
         back = -here.rotation_matrix[:, 2]
         up = np.array((0.0, 0.0, 1.0))
         others = [arm.tool_pose_of(name).position for name in arm.controller.neighbors]
+        if not others:  # removed meanwhile
+            return False
         nearest = min(others, key=lambda one: float(np.linalg.norm(here.position - one)))
         away = here.position - nearest
         away /= max(float(np.linalg.norm(away)), 1e-9)

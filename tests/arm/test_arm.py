@@ -163,6 +163,23 @@ def test_an_error_is_left_to_a_skill_that_polls_and_raised_in_one_that_does_not(
     assert bench.first.trouble() is None
 
 
+def test_a_leaf_does_not_raise_the_error_of_the_one_before() -> None:
+    bench = Bench()
+
+    def broken(time: float) -> SetPoint:
+        raise ZeroDivisionError("in a skill")
+
+    bench.first.stream(broken)
+    bench.tick()
+    with pytest.raises(ZeroDivisionError):
+        bench.first.check()
+    bench.first.release()
+    bench.second.enter(anew=True)
+    bench.second.check()
+    bench.first.enter(anew=True)
+    bench.first.check()
+
+
 def test_a_blocked_arm_fails_and_gives_in_though_it_is_released() -> None:
     bench = Bench(wall=box((0.25, 0.45, 0.9), 0.4, fixed=True))
     start = bench.controller.setpoint.q
