@@ -223,9 +223,8 @@ class _Loading:
         self.problems += libraries.problems
         read = [] if scene is None else [scene.source]
         self._texts = {each.file: each.text for each in (source, *libraries.included, *read)}
-        types = all_of(self.skills or {}, LANGUAGE)
         trees = {
-            arm: with_bare_numbers(root, types)
+            arm: with_bare_numbers(root, self._types)
             for arm, root in self._trees(ParseContext(source, ("arms",), scope, library)).items()
         }
         for root in trees.values():
@@ -277,6 +276,11 @@ class _Loading:
                 trees[arm] = self._parser.tree(arms.into(arm, "tree")) or _STAND_IN
         return trees
 
+    @property
+    def _types(self) -> Mapping[str, NodeType]:
+        """All node types; the skills of the file are imported on demand."""
+        return all_of(self.skills or {}, LANGUAGE)
+
     def _examine_subtrees(
         self, source: Source, library: Mapping[str, SubtreeSpec], examination: Examination
     ) -> None:
@@ -292,7 +296,7 @@ class _Loading:
             context = ParseContext(source, subtree.path, scope, subtree.library, (subtree,))
             root = self._parser.tree(context)
             if root is not None:
-                examination.nodes(with_bare_numbers(root, {**LANGUAGE, **(self.skills or {})}))
+                examination.nodes(with_bare_numbers(root, self._types))
 
     def _model(
         self,

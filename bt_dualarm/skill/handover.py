@@ -612,7 +612,7 @@ def retreat_from(
                 if waits:
                     yield from arm.follow(motion, ignore, _RETREAT_WAIT_S)
                     return
-                if (yield from _is_free(arm, motion, ignore)):
+                if (yield from _is_executed(arm, motion, ignore)):
                     return
     raise first or Failure("NO_PLAN", "no retreat is possible")
 
@@ -631,7 +631,7 @@ def _retreat_directions(arm: Arm, partner: str) -> list[Vector]:
     return [direction / float(np.linalg.norm(direction)) for direction in found]
 
 
-def _is_free(
+def _is_executed(
     arm: Arm, trajectory: Trajectory, ignore: frozenset[str]
 ) -> Generator[float | None, None, bool]:
     """Execute a motion unless the guard stops it; returns whether it was executed."""

@@ -130,11 +130,13 @@ def test_a_leaf_that_begins_while_the_last_one_is_braked_plans_from_rest() -> No
     assert bench.controller.clipped == 0
 
 
+def broken(time: float) -> SetPoint:
+    """A stream with a mistake."""
+    raise ZeroDivisionError("in a skill")
+
+
 def test_what_a_stream_raises_reaches_the_leaf() -> None:
     bench = Bench()
-
-    def broken(time: float) -> SetPoint:
-        raise ZeroDivisionError("in a skill")
 
     bench.first.stream(broken)
     bench.tick()
@@ -144,9 +146,6 @@ def test_what_a_stream_raises_reaches_the_leaf() -> None:
 
 def test_an_error_is_left_to_a_skill_that_polls_and_raised_in_one_that_does_not() -> None:
     bench = Bench()
-
-    def broken(time: float) -> SetPoint:
-        raise ZeroDivisionError("in a skill")
 
     bench.first.check()
     bench.first.stream(broken)
@@ -165,9 +164,6 @@ def test_an_error_is_left_to_a_skill_that_polls_and_raised_in_one_that_does_not(
 
 def test_a_leaf_does_not_raise_the_error_of_the_one_before() -> None:
     bench = Bench()
-
-    def broken(time: float) -> SetPoint:
-        raise ZeroDivisionError("in a skill")
 
     bench.first.stream(broken)
     bench.tick()
