@@ -49,6 +49,22 @@ class SpringError(WorldError):
         self.message = message
 
 
+class LockedJointError(CatalogError):
+    """A joint is locked for one arm, and moved or locked elsewhere by another of the same robot.
+
+    Args:
+        arm: Name of the arm for which it is locked.
+        joint: Name of the joint.
+        message: The problem.
+    """
+
+    def __init__(self, arm: str, joint: str, message: str) -> None:
+        super().__init__(f"{arm}: {message}")
+        self.arm = arm
+        self.joint = joint
+        self.message = message
+
+
 class OverlapError(WorldError):
     """An arm or object would overlap with another body.
 

@@ -243,11 +243,14 @@ def _add_tool_shape(spec: mujoco.MjSpec, robot: Robot) -> None:
 def _add_exclusions(spec: mujoco.MjSpec, robot: Robot) -> None:
     """Ignore the contacts that the SRDF disables, and those between neighboring links.
 
-    Links without a movable joint between them count as one. MuJoCo excludes contacts of a link
-    with its parent by itself, but not if the parent is static, as the base is.
+    Links without a movable joint between them count as one, except below the base: of a robot with
+    several arms, that is its torso and all other arms. MuJoCo excludes contacts of a link with its
+    parent by itself, but not if the parent is static, as the base is.
     """
     rigid = _rigid_groups(spec, robot)
+    base = rigid[robot.base_link]
     excluded = {frozenset(rigid[link] for link in pair) for pair in robot.exclusions}
+    excluded = {pair for pair in excluded if base not in pair}
     for name in robot.joints:
         link = spec.joint(name).parent
         excluded.add(frozenset((rigid[link.name], rigid[link.parent.name])))
@@ -259,7 +262,8 @@ def _add_exclusions(spec: mujoco.MjSpec, robot: Robot) -> None:
     links = [link for link in links if "/" not in link]  # add_gripper excludes the gripper's own
     for a, b in itertools.combinations(links, 2):
         groups = frozenset((rigid[a], rigid[b]))
-        if len(groups) == 1 or groups in excluded:
+        is_listed = frozenset((a, b)) in robot.exclusions
+        if len(groups) == 1 or groups in excluded or is_listed:
             spec.add_exclude(bodyname1=a, bodyname2=b)
 
 

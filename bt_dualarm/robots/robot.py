@@ -475,6 +475,9 @@ class RobotEntry(Value):
         rotor_inertia: Inertia of a motor's rotor reflected through its gear, kg m².
         postures: Joint angles in degrees; ``home`` is required.
         exclude: Pairs of links whose contacts are ignored, in addition to those of the SRDF.
+        other_arms: Descriptions of the other arms of the same robot: names in the catalog, or paths
+            next to this file. Arms of a tree file that are such a pair and have the same base are
+            one robot.
     """
 
     title: Annotated[str, Field(min_length=1, max_length=LONGEST_NAME), _Printable]
@@ -493,6 +496,7 @@ class RobotEntry(Value):
     postures: Annotated[dict[Name, tuple[float, ...]], Field(max_length=_MOST)]
     cameras: Annotated[dict[Name, CameraEntry], Field(default_factory=dict, max_length=_MOST)]
     exclude: Annotated[tuple[tuple[str, str], ...], Field(max_length=10_000)] = ()
+    other_arms: Annotated[tuple[str, ...], Field(max_length=_MOST)] = ()
     colors: dict[str, Color] = Field(default_factory=dict)
 
 
@@ -869,6 +873,7 @@ class Robot:
         exclusions: Pairs of links whose contacts are ignored.
         colors: RGBA of links by name; ``default`` is for all others.
         locked: Joints that could move but are locked, by name.
+        other_arms: Links of the other arms of the same robot, by the names of their descriptions.
     """
 
     name: str
@@ -889,6 +894,7 @@ class Robot:
     exclusions: frozenset[frozenset[str]]
     colors: Mapping[str, tuple[float, float, float, float]]
     locked: Mapping[str, LockedJoint] = field(default_factory=dict)
+    other_arms: Mapping[str, frozenset[str]] = field(default_factory=dict)
 
     @property
     def dof(self) -> int:

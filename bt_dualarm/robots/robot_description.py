@@ -293,6 +293,7 @@ class ArmDescription:
     Attributes:
         exclusions: Pairs of links whose contacts are ignored.
         locked: Joints that could move but are locked, by name.
+        other_arms: Links of the other arms of the same robot, by the names of their descriptions.
     """
 
     urdf: Urdf
@@ -300,6 +301,7 @@ class ArmDescription:
     friction: JointFriction
     exclusions: frozenset[frozenset[str]]
     locked: Mapping[str, LockedJoint]
+    other_arms: Mapping[str, frozenset[str]]
 
 
 def description_of(file: RobotFile) -> ArmDescription:
@@ -326,11 +328,41 @@ def description_of(file: RobotFile) -> ArmDescription:
     problems += posture_problems(file, arm.stops)
     limits = limits_of(file, arm.stops, problems)
     friction = friction_of(file, limits.effort, problems)
+    others = _other_arms(file, tree, arm, problems)
     if problems:
         raise DescriptionError(problems)
     entry = file.entry
     locked = locked_joints(tree, entry.base_link, entry.joints, entry.locked)
-    return ArmDescription(arm, limits, friction, _of_arm(pairs | _excluded(file), arm), locked)
+    exclusions = _of_arm(pairs | _excluded(file), arm)
+    return ArmDescription(arm, limits, friction, exclusions, locked, others)
+
+
+def _other_arms(
+    file: RobotFile, tree: KinematicTree, arm: Urdf, problems: list[Problem]
+) -> dict[str, frozenset[str]]:
+    """Links of the other arms of the same robot, by the names of their descriptions."""
+    entry = file.entry
+    found = {}
+    for number, name in enumerate(entry.other_arms):
+        place = ("other_arms", number)
+        try:
+            path = description_path("robot", name, file.path.parent)
+            other = RobotFile(path).entry
+        except CatalogError as error:
+            problems.append(file.problem(place, f"'{name}' cannot be used", str(error)))
+            continue
+        first = tree.joints.get(other.joints[0])
+        common = [joint for joint in entry.joints if joint in other.joints]
+        if (other.urdf, other.base_link) != (entry.urdf, entry.base_link) or first is None:
+            message = f"'{name}' is no arm of this robot"
+            hint = f"its URDF and base_link are {other.urdf} and '{other.base_link}'"
+            problems.append(file.problem(place, message, hint))
+        elif common:
+            message = f"'{name}' moves joint '{common[0]}', too"
+            problems.append(file.problem(place, message, "arms of a robot have no common joints"))
+        else:
+            found[path.stem] = frozenset(tree.subtree(first.child)) & frozenset(arm.links)
+    return found
 
 
 def _disabled(srdf: Path | None, problems: list[Problem]) -> set[frozenset[str]]:
@@ -464,6 +496,7 @@ def _read(path: Path, locked: Mapping[str, float]) -> Robot:
         exclusions=found.exclusions,
         colors=entry.colors,
         locked=found.locked,
+        other_arms=found.other_arms,
     )
 
 

@@ -16,6 +16,7 @@ from bt_dualarm.behaviors.load import load
 from bt_dualarm.core.errors import (
     CatalogError,
     Failure,
+    LockedJointError,
     OverlapError,
     RoomError,
     SpringError,
@@ -593,6 +594,8 @@ def _problems_of_the_world(file: TreeFile, source: Source, name: str) -> list[Pr
     except SpringError as error:
         problem = file.thing_problem(source, error.thing, "joints", str(error))
         return [replace(problem, hint="a softer spring, or a larger mass")]
+    except LockedJointError as error:
+        return [source.problem(("arms", error.arm, "locked", error.joint), error.message)]
     except (CatalogError, WorldError) as error:
         return [Problem(Location(name), str(error))]
     # A tool slightly inside an object is about to grasp it: only objects are pushed away.

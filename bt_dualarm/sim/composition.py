@@ -36,6 +36,7 @@ from bt_dualarm.robots.mjspec import (
 from bt_dualarm.robots.robot import Robot
 from bt_dualarm.sim.arm_models import LinkFactors, SampledArm, inertia_per_mass
 from bt_dualarm.sim.object_body import BodyPart, ObjectBody, body_of
+from bt_dualarm.sim.shared_body import SharedBody
 from bt_dualarm.spec.document import ArmSpec, CameraSpec, ObjectSpec, TreeFile, WorldSpec
 from bt_dualarm.spec.joints import Articulation
 from bt_dualarm.spec.scene import is_scene_path
@@ -553,6 +554,7 @@ def add_arm(
     gripper: Gripper | None = None,
     *,
     surface: MountingSurface | None,
+    shared: SharedBody | None = None,
     visuals: bool,
 ) -> None:
     """Attach an arm; all its names begin with ``name/``.
@@ -565,6 +567,8 @@ def add_arm(
         sampled: Deviations of this arm from its description.
         gripper: Gripper that is mounted on the arm, if any.
         surface: Surface under the base, if any.
+        shared: Body that the arm shares with other arms of the same robot, if any, which has been
+            added before.
         visuals: Also load the full visual meshes.
     """
     child = robot_spec(robot, visuals=visuals)
@@ -578,9 +582,31 @@ def add_arm(
             body.fullinertia = body.fullinertia * factors.inertia
             body.ipos = body.ipos + factors.shift
     _set_rotors(child, robot, sampled.rotor)
+    neighbors = [] if shared is None else [*shared.remove_from(child, name)]
     _attach(spec, name, arm, robot, child, sampled)
-    if surface is not None:
+    if shared is not None:
+        for link, own in neighbors:
+            spec.add_exclude(bodyname1=f"{shared.name}/{link}", bodyname2=f"{name}/{own}")
+    elif surface is not None:
         _mount_on_surface(spec, name, robot, arm.base.pose, surface)
+
+
+def add_shared_body(
+    spec: mujoco.MjSpec, body: SharedBody, surface: MountingSurface | None, *, visuals: bool
+) -> None:
+    """Add the body that several arms share, on a pedestal if needed.
+
+    Args:
+        spec: MjSpec of the world.
+        body: The body.
+        surface: Surface under the base, if any.
+        visuals: Also load the full visual meshes.
+    """
+    base = body.base
+    frame = spec.worldbody.add_frame(pos=base.position, quat=base.quaternion)
+    spec.attach(body.spec(visuals=visuals), prefix=f"{body.name}/", frame=frame)
+    if surface is not None and surface.pedestal:
+        _add_pedestal(spec, f"{body.name}/pedestal", base, surface.gap)
 
 
 def nominal_model(

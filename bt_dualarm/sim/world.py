@@ -53,6 +53,7 @@ from bt_dualarm.sim.grippers import (
 )
 from bt_dualarm.sim.many import drawn
 from bt_dualarm.sim.object_body import body_of, body_of_part
+from bt_dualarm.sim.shared_body import shared_bodies
 from bt_dualarm.spec.document import (
     REALITY_SETS,
     ArmSpec,
@@ -701,6 +702,9 @@ class World(HoldingView):
         self.robots: dict[str, Robot] = {
             name: robot.derated(file.arms[name].limits) for name, (robot, _) in loaded.items()
         }
+        self._bodies = {
+            arm: body for body in shared_bodies(file.arms, self.robots) for arm in body.robots
+        }
         mounted = {name: gripper for name, (_, gripper) in loaded.items() if gripper is not None}
         self.arms: dict[str, ArmBody] = {}
         self.objects: dict[str, ObjectSpec] = {}
@@ -850,6 +854,9 @@ class World(HoldingView):
             for name, arm in self._file.arms.items()
         }
         self._add_objects(fixed=False)
+        for body in dict.fromkeys(self._bodies.values()):
+            surface = self._surfaces[next(iter(body.robots))]
+            composition.add_shared_body(self._spec, body, surface, visuals=self._visuals)
         for name, arm in self._file.arms.items():
             if arm.spawned:
                 self._add_arm(name)
@@ -928,8 +935,9 @@ class World(HoldingView):
         visuals = self._visuals
         gripper = self.devices.mounted.get(name)
         composition.add_arm(
-            self._spec, name, arm, robot, sampled, gripper, surface=surface, visuals=visuals
-        )
+            self._spec, name, arm, robot, sampled, gripper, surface=surface,
+            shared=self._bodies.get(name), visuals=visuals,
+        )  # fmt: skip
         self.devices.add(name, self._spec.option)
         self.arms[name] = None  # type: ignore[assignment]  # bound when the model is compiled
 

@@ -65,7 +65,9 @@ _REST_S: Final = 5.0  # time limit for all arms to come to rest
 class CarryPorts(PortModel):
     """Ports of skills that carry an object with several arms."""
 
-    set_down: bool = port(True, "whether the object is set down and released at the end")
+    set_down: bool = port(
+        True, "whether the object is set down and released; that of the arm with the goal counts"
+    )
     spread: float = port(
         1.0,
         "distance of the outer grasps along the longest axis, as a fraction of its maximum",
@@ -154,6 +156,7 @@ class CarryPlan:
         grasps: Poses of the tools in the object's frame, by arm.
         shares: Share of the weight that each arm supports.
         approach: Joint positions of each arm's straight approach, of shape (n, dof), rad.
+        set_down: Whether the arms set the object down and release it at the end.
     """
 
     leader: str
@@ -161,6 +164,7 @@ class CarryPlan:
     grasps: Mapping[str, Pose]
     shares: Mapping[str, float]
     approach: Mapping[str, Matrix]
+    set_down: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,7 +264,7 @@ class Carrying:
             yield from self._sync()
         carry = _Coupled(self, plan, grip)
         yield from carry.run(goals)
-        if self._ports.set_down:
+        if plan.set_down:
             yield from self._release(grip, goals[-1])
         else:
             self._score(goals[-1])
@@ -582,7 +586,7 @@ class _Planning:
             shares = dict(
                 zip(grasps, shares_at([pose.position for pose in grasps.values()]), strict=True)
             )
-            return CarryPlan(leader, {}, grasps, shares, {})
+            return CarryPlan(leader, {}, grasps, shares, {}, self._ports.set_down)
         if any(held.values()):
             holder = next(name for name, one in held.items() if one is not None)
             raise Failure(
@@ -676,7 +680,12 @@ class _Planning:
                 continue
             shares = shares_at([pose.position for pose in grasps.values()])
             plan = CarryPlan(
-                leader, chosen, grasps, dict(zip(grasps, shares, strict=True)), approach
+                leader,
+                chosen,
+                grasps,
+                dict(zip(grasps, shares, strict=True)),
+                approach,
+                self._ports.set_down,
             )
             if best is None or condition < best[0]:
                 best = condition, plan
@@ -773,10 +782,10 @@ class _Coupled:
         if borne:
             yield from self._leg([lies, lifted], 0.3 * ports.speed, 0.25)
         above = [goals[-1]]
-        if ports.set_down:
+        if self._plan.set_down:
             above = [_raised(goals[-1], ports.height), _raised(goals[-1], _FREE_M)]
         yield from self._leg([None, *goals[:-1], *above], ports.speed, 0.3)
-        if ports.set_down:
+        if self._plan.set_down:
             yield from self._lower(goals[-1])
         self._metrics |= {"internal_force_n": self._force_n, "internal_moment_nm": self._moment_nm}
         self._metrics["believed_error_m"] = self._object_pose().distance(goals[-1])

@@ -26,6 +26,7 @@ import numpy as np
 from bt_dualarm.arm.arm import PLANNING_MARGIN_M, Arm
 from bt_dualarm.arm.payload import UNKNOWN_KG, cup_measures, jaw_measures
 from bt_dualarm.collision.checker import CollisionChecker
+from bt_dualarm.control.dynamics import ArmDynamics, refuse_overload
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.grasping.candidates import Obstacle, cup_grasps, jaw_grasps, ranked
@@ -191,6 +192,9 @@ class HandoverSearch:
             name: Kinematics(world.robots[name], world.arms[name].base, 0)
             for name in (giver, arm.name)
         }
+        holding = world.nominal[giver]
+        self._giver_dynamics = ArmDynamics(holding, holding.loads)
+        self._released_dynamics = ArmDynamics(holding)
         self._both = MultiArmKinematics(
             {name: (world.robots[name], world.arms[name].base) for name in (giver, arm.name)}
         )
@@ -269,6 +273,18 @@ class HandoverSearch:
             self._note(f"{failure.code} of the approach")
             return None, False
         body = self._world.arms[self._giver]
+        try:
+            holding = self._giver_dynamics.at_rest(giver_q)
+            refuse_overload(holding[None], self._world.robots[self._giver])
+        except Failure as failure:
+            self._note(f"{failure.code} of {self._giver}")
+            return None, True
+        try:
+            for tool, row in ((out, rows[0]), (goal, rows[-1])):
+                arm.refuse_load(self._thing, row, tool @ grasp.tool.inverse)
+        except Failure as failure:
+            self._note(f"{failure.code} of {arm.name}")
+            return None, False
         there.move_other(body, giver_q)
         hit = there.first_contact(rows)
         if hit is not None:
@@ -289,6 +305,8 @@ class HandoverSearch:
         here = kinematics.forward(q)
         try:
             rows = kinematics.follow_on(line(here, here @ _BACK).poses, q)
+            holding = np.array([self._released_dynamics.at_rest(row) for row in rows[::4]])
+            refuse_overload(holding, self._world.robots[self._giver])
         except Failure:
             return False
         return checker.first_contact(rows[::4]) is None and checker.contact(rows[-1]) is None

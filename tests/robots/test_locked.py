@@ -167,3 +167,49 @@ def test_things_fit_between_open_fingers() -> None:
     assert all(np.array_equal(one.goals[0], other.goals[0]) for one, other in pairs)
     assert not any(admits(one) for one, _ in pairs)
     assert sum(admits(other) for _, other in pairs) >= 10
+
+
+OTHER = PAGE.replace("joints: [shoulder, elbow]", "joints: [wrist]").replace(
+    "home: [0, 30]", "home: [0]"
+).replace("tool: {link: flange}", "tool: {link: hand}")  # fmt: skip
+"""Description of a second arm of the small robot: one joint beside the first arm."""
+
+TWO_ARMS = URDF.replace("</robot>", """
+  <link name="hand">
+    <inertial><mass value="0.5"/>
+      <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial>
+    <collision><geometry><sphere radius="0.03"/></geometry></collision>
+  </link>
+  <joint name="wrist" type="revolute">
+    <parent link="base"/>
+    <child link="hand"/>
+    <origin xyz="0.5 0 0.1"/>
+    <axis xyz="0 0 1"/>
+    <limit lower="-2" upper="2" velocity="2" effort="40"/>
+  </joint>
+</robot>""")  # fmt: skip
+
+
+def test_arms_of_one_robot_name_each_other(tmp_path: Path) -> None:
+    written(tmp_path, TWO_ARMS, PAGE + "other_arms: [other.yaml]\n")
+    (tmp_path / "other.yaml").write_text(OTHER, encoding="utf-8")
+    assert load_robot("small.yaml", tmp_path).other_arms == {"other": frozenset({"hand"})}
+    assert load_robot("other.yaml", tmp_path).other_arms == {}
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("nobody.yaml", "'nobody.yaml' cannot be used"),
+        ("ur5", "'ur5' is no arm of this robot: its URDF"),
+        ("small.yaml", "'small.yaml' moves joint 'shoulder', too"),
+    ],
+)
+def test_another_arm_that_is_none(name: str, says: str, tmp_path: Path) -> None:
+    page = PAGE + f"other_arms: [{name}]\n"
+    written(tmp_path, TWO_ARMS, page)
+    with pytest.raises(DescriptionError) as caught:
+        load_robot("small.yaml", tmp_path)
+    (problem,) = caught.value.problems
+    assert says.partition(":")[0] in problem.message
+    assert problem.place.line == line_of(page, "other_arms")
