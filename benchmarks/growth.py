@@ -133,7 +133,7 @@ def picture(costs: Sequence[Cost], target: Path) -> None:
             by_count.plot([one.count for one in first], [one.cpu_ms for one in first], "o-")
             per_one = first[0].cpu_ms / first[0].count
             line = [per_one * one.count for one in first]
-            by_count.plot([one.count for one in first], line, ":", color="grey")
+            by_count.plot([one.count for one in first], line, ":", color="gray")
         for count in sorted({one.count for one in costs if one.what == what}):
             row = [one for one in costs if (one.what, one.count) == (what, count)]
             times = [one.minutes for one in row]

@@ -116,7 +116,7 @@ def generate(seed: int, reality: str) -> Case:
             "shape": "box",
             "size": [0.12, 0.12, round(base, 3)],
             "mass": 1.0,
-            "color": "grey",
+            "color": "gray",
             "fixed": True,
             "pose": {"xyz": [*spot.round(4).tolist(), round(base / 2, 4)]},
         },

@@ -21,7 +21,7 @@ from bt_dualarm.spec.values import PoseSpec
 
 AWAY = PoseSpec(xyz=(3.0, 3.0, 0.5))
 SCREEN = ObjectSpec(
-    shape="box", size=(0.002, 0.6, 0.6), mass=1, color="grey", pose=AWAY, fixed=True
+    shape="box", size=(0.002, 0.6, 0.6), mass=1, color="gray", pose=AWAY, fixed=True
 )
 BEHIND_SCREEN_M = 0.85  # x of the screen, between the cube and the camera
 TWIN_X_M = (0.60, 0.76)  # behind the cube and before it

@@ -287,7 +287,7 @@ class _Author:
             "shape": "compound",
             "mass": 5.0,
             "fixed": True,
-            "color": "grey",
+            "color": "gray",
             "parts": made.parts,
             "joints": {"joint": made.joint},
             "pose": self._pose(handle - turn.apply(made.handle), (0, 0, yaw_deg)),

@@ -4,7 +4,7 @@
 
 Locating: boxes, cylinders and balls of 20 to 70 mm in several colors, somewhere on the table,
 looked at from 0.35 m above by each robot of the catalog in turn; the error is against the
-simulator, which no skill reads. Markers of 30 to 45 mm likewise, on a grey block. Picking: the
+simulator, which no skill reads. Markers of 30 to 45 mm likewise, on a gray block. Picking: the
 shipped tree ``pick_by_sight`` with a Panda or a UR5 and a box or cylinder anywhere within reach.
 The thing is picked if it was lifted and stands where it was carried, in truth; it is placed if the
 tree says SUCCESS, too: it then came to rest as it was let go. A SUCCESS after which it is not there
@@ -71,14 +71,14 @@ def thing(rng: np.random.Generator, shapes: tuple[str, ...]) -> dict[str, Any]:
 
 
 def marked(rng: np.random.Generator) -> dict[str, Any]:
-    """A grey block with a marker, likewise."""
+    """A gray block with a marker, likewise."""
     names = list(BITS)
     marker = {
         "dictionary": names[int(rng.integers(len(names)))],
         "id": int(rng.integers(30)),
         "size": float(rng.uniform(0.03, 0.045)),
     }
-    block = {"shape": "box", "size": [0.07, 0.07, 0.04], "mass": 0.1, "color": "grey"}
+    block = {"shape": "box", "size": [0.07, 0.07, 0.04], "mass": 0.1, "color": "gray"}
     return block | {"marker": marker}
 
 

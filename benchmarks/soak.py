@@ -73,7 +73,7 @@ subtrees:
         children:
           - track: {color: yellow, plane: yz, duration: 20}
 objects:
-  shelf: {shape: box, size: [0.20, 0.025, 0.2], mass: 1, color: grey, fixed: true,
+  shelf: {shape: box, size: [0.20, 0.025, 0.2], mass: 1, color: gray, fixed: true,
           pose: {xyz: [0.35, -0.40, 0.1]}}
   bar: {shape: box, size: [0.16, 0.035, 0.035], mass: 0.3, color: orange,
         pose: {xyz: [0.35, -0.40, 0.2175]}, noise: {xyz: [0.01, 0.002, 0]}}

@@ -147,7 +147,7 @@ def _arm(name: str, kind: str, bearing: float, objects: Tree, rng: np.random.Gen
     side = 1.0 if rng.random() < 0.5 else -1.0
     shelf = away * outward + 0.75 * min(away, 0.55) * side * across
     objects[f"shelf_{name}"] = _box(
-        (0.16, 0.16, SHELF_TOP_M), (*shelf, SHELF_TOP_M / 2), "grey", fixed=True
+        (0.16, 0.16, SHELF_TOP_M), (*shelf, SHELF_TOP_M / 2), "gray", fixed=True
     )
     leaves: list[Any] = []
     for turn in range(int(rng.integers(1, 3))):

@@ -46,7 +46,7 @@ def steps(tree: Tree, arm: str = "arm1") -> list[Tree]:
     return found
 
 
-def box(size: tuple[float, ...], at: tuple[float, ...], color: str = "grey", **more: Any) -> Tree:
+def box(size: tuple[float, ...], at: tuple[float, ...], color: str = "gray", **more: Any) -> Tree:
     """A fixed box."""
     said = {"shape": "box", "size": [*size], "mass": 5, "color": color, "fixed": True}
     return {**said, "pose": {"xyz": [*at]}, **more}

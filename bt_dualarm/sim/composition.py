@@ -225,7 +225,7 @@ def _box(
     body: mujoco.MjsBody,
     place: tuple[float, float, float],
     size: tuple[float, float, float],
-    grey: float,
+    gray: float,
 ) -> None:
     body.add_geom(
         type=mujoco.mjtGeom.mjGEOM_BOX,
@@ -234,7 +234,7 @@ def _box(
         mass=0.0,
         contype=0,
         conaffinity=0,
-        rgba=(grey, grey, grey, 1.0),
+        rgba=(gray, gray, gray, 1.0),
         group=OBJECT_GROUP,
     )
 

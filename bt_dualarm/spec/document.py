@@ -11,12 +11,13 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Annotated, Final, Literal, Self, TypeAlias
+from typing import Annotated, Any, Final, Literal, Self, TypeAlias
 
 from pydantic import (
     AfterValidator,
     BaseModel,
     BeforeValidator,
+    ConfigDict,
     Discriminator,
     Field,
     InstanceOf,
@@ -463,6 +464,19 @@ MOST_PARTS: Final = 32
 """Largest number of parts of a compound object."""
 
 
+_FIXED_KG: Final = 1.0
+"""Mass of a fixed object that has none in the file; it has no effect."""
+
+
+def _with_mass_if_it_moves(schema: dict[str, Any]) -> None:
+    """The rule on `mass`, for editors."""
+    if "mass" not in schema["required"]:  # of a fixture, which has a default
+        return
+    schema["required"].remove("mass")
+    schema["if"] = {"properties": {"fixed": {"const": True}}, "required": ["fixed"]}
+    schema["else"] = {"required": ["mass"]}
+
+
 class ObjectSpec(Value):
     """An object in the world."""
 
@@ -481,10 +495,16 @@ class ObjectSpec(Value):
         None, "STL or OBJ file of a mesh, below the folder of the tree file"
     )
     scale: float = port(1.0, "Length in meters of a unit of the mesh", unit="m", ge=1e-6, le=1e3)
-    mass: float = port(..., "Mass, evenly distributed", unit="kg", ge=1e-4, le=1000.0)
+    mass: float = port(
+        ...,
+        "Mass, evenly distributed; may be left out if it is fixed",
+        unit="kg",
+        ge=1e-4,
+        le=1000.0,
+    )
     friction: float = port(0.8, "Coefficient of sliding friction", ge=0.0, le=10.0)
     color: ObjectColor = port(
-        "grey", "Color by name, or as red, green, blue (, opacity) from 0 to 1"
+        "gray", "Color by name, or as red, green, blue (, opacity) from 0 to 1"
     )
     pose: PoseSpec = port(
         PoseSpec(xyz=(0.0, 0.0, 0.0)),
@@ -498,8 +518,19 @@ class ObjectSpec(Value):
     spawned: bool = port(True, "Whether it is in the world from the start")
     fixed: bool = port(False, "Whether it is fixed in the world")
 
+    model_config = ConfigDict(json_schema_extra=_with_mass_if_it_moves)
+
     _folder: Path = PrivateAttr(default=Path())
     _joint: Articulation | None = PrivateAttr(default=None)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fixed_without_mass(cls, given: object) -> object:
+        """What is fixed needs no mass: nothing moves it."""
+        if isinstance(given, Mapping) and given.get("fixed") is True and "mass" not in given:
+            return {**given, "mass": _FIXED_KG}
+        return given
+
     _moved: tuple[ObjectSpec, ...] = PrivateAttr(default=())
 
     def hang(self, joint: Articulation) -> None:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, Final, Literal, Protocol, TypeAlias
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from bt_dualarm.spec.node_types import port
 from bt_dualarm.spec.problems import written_as
@@ -88,14 +88,20 @@ NAMED_COLORS: Final[Mapping[str, tuple[float, float, float]]] = {
     "green": (0.05, 0.65, 0.10),
     "blue": (0.05, 0.15, 0.80),
     "white": (0.95, 0.95, 0.95),
-    "grey": (0.50, 0.50, 0.50),
+    "gray": (0.50, 0.50, 0.50),
     "black": (0.05, 0.05, 0.05),
 }
 """Red, green, blue from 0 to 1 of each color that an object can have by name."""
 
-ColorName: TypeAlias = Literal["red", "orange", "yellow", "green", "blue", "white", "grey", "black"]
+
+def _american(name: object) -> object:
+    """The spelling in `NAMED_COLORS`; British spelling is accepted, too."""
+    return "gray" if name == "grey" else name
+
+
+ColorName: TypeAlias = Literal["red", "orange", "yellow", "green", "blue", "white", "gray", "black"]
 ObjectColor: TypeAlias = Annotated[
-    Annotated[ColorName, Tag("name")]
+    Annotated[ColorName, BeforeValidator(_american), Tag("name")]
     | Annotated[tuple[_Shade, ...], Field(min_length=3, max_length=4), Tag("value")],
     Discriminator(written_as),
 ]

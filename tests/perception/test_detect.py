@@ -20,7 +20,7 @@ YELLOW = ColorFilter(Color.named("yellow"))
 
 
 def painted(region: tuple[int, int, int, int] | None = None, stride: int = 1) -> Frame:
-    """A grey picture of 200 by 100 with one yellow rectangle of 20 by 10 px, center (150, 30)."""
+    """A gray picture of 200 by 100 with one yellow rectangle of 20 by 10 px, center (150, 30)."""
     image = np.full((100, 200, 3), 90, np.uint8)
     image[25:35, 140:160] = (240, 215, 15)
     return Frame(1.5, image, Pose.identity(), 0.9, region or (0, 0, 200, 100), stride)

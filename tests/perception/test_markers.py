@@ -23,8 +23,8 @@ ABOVE = Pose.from_rpy((0.36, -0.48, 0.72), (np.pi, 0, 0))
 
 
 def file(dictionary: str, **marker: Any) -> dict[str, Any]:
-    """A grey block with a marker on the table, below a camera that is fixed in the world."""
-    block = {"shape": "box", "size": [0.08, 0.08, 0.04], "mass": 0.1, "color": "grey"}
+    """A gray block with a marker on the table, below a camera that is fixed in the world."""
+    block = {"shape": "box", "size": [0.08, 0.08, 0.04], "mass": 0.1, "color": "gray"}
     block["marker"] = {"dictionary": dictionary, "id": 7, "size": 0.05, **marker}
     block["pose"] = {"xyz": [0.35, -0.5, 0.42], "rpy": [0, 0, 25]}
     mount = {"xyz": ABOVE.position.tolist(), "rpy": [180, 0, 0]}

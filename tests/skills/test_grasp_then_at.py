@@ -34,7 +34,7 @@ def _task(axis: int, robot: str, gripper: str, then_at: dict[str, Any] | None) -
             "shape": "box",
             "size": size,
             "mass": 1.0,
-            "color": "grey",
+            "color": "gray",
             "fixed": True,
             "pose": {"xyz": xyz},
         }

@@ -24,7 +24,7 @@ SHAPES: dict[str, dict[str, Any]] = {
 }
 
 
-MARKED = {"shape": "box", "size": [0.06, 0.06, 0.04], "mass": 0.1, "color": "grey"} | {
+MARKED = {"shape": "box", "size": [0.06, 0.06, 0.04], "mass": 0.1, "color": "gray"} | {
     "marker": {"dictionary": "apriltag_36h11", "id": 5, "size": 0.045}
 }
 AT_TABLE: dict[str, Any] = {"base": {"xyz": [0.35, 0, 0.4], "rpy": [0, 0, -90]}}
@@ -111,7 +111,7 @@ def test_another_height_is_not_the_declared_one(stage: Stage) -> None:
 
 @pytest.mark.parametrize(("robot", "reality"), some(ROBOTS[::-1], 3))
 def test_every_robot_knows_where_a_marker_is(robot: str, reality: str, stage: Stage) -> None:
-    """Within 1 mm and half a degree, on a grey block that no color tells."""
+    """Within 1 mm and half a degree, on a gray block that no color tells."""
     x, y = (0.35, -0.36) if robot == "ur3" else (0.37, -0.45)
     file: dict[str, Any] = {
         "world": {"scene": "table", "time_limit": 60, "reality": reality},

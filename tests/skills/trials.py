@@ -300,7 +300,7 @@ LARGER = {
     "larger": TARGET["cube"] | {"size": [0.06] * 3, "pose": {"xyz": [5, 5, 5]}, "spawned": False}
 }
 TOUCHING = {"beside": TARGET["cube"] | {"pose": {"xyz": [0.68, 0.16, 0.70]}}}
-GREY = TARGET["cube"] | {"color": "grey"}
+GREY = TARGET["cube"] | {"color": "gray"}
 
 
 def moving(skill: str, node: Tree, at: float, body: str = HAND) -> dict[tuple[str, str], Trial]:
@@ -690,7 +690,7 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("place", "NO_CAMERA"): Trial(placed_seen(), moves=True),
     ("place", "INVALID_TARGET"): Trial(
         placed_seen(),
-        {"arm": GRIPPING | {"camera": SEEING}, "objects": cube_that(color="grey")},
+        {"arm": GRIPPING | {"camera": SEEING}, "objects": cube_that(color="gray")},
         moves=True,
     ),
     ("place", "NOT_SEEN"): Trial(

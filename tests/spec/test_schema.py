@@ -12,6 +12,7 @@ from bt_dualarm.behaviors.language import LANGUAGE
 from bt_dualarm.behaviors.load import check_file
 from bt_dualarm.core.share import share_dir
 from bt_dualarm.skill.registry import Registry
+from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.problems import errors
 from bt_dualarm.spec.reference import json_schema
 from bt_dualarm.spec.yaml_reader import read_file
@@ -82,6 +83,30 @@ def test_both_accept(name: str, tmp_path: Path) -> None:
     path = task(tmp_path, GOOD[name], before)
     assert not errors(check_file(path, SKILLS)), check_file(path, SKILLS)
     assert is_valid(read_file(path).data)
+
+
+@pytest.mark.parametrize(
+    ("thing", "is_sound"),
+    [
+        ("mass: 1", True),
+        ("mass: 1, fixed: true", True),
+        ("fixed: true", True),
+        ("fixed: true, color: gray", True),
+        ("fixed: false", False),
+        ("color: red", False),
+    ],
+)
+def test_what_is_fixed_needs_no_mass(thing: str, is_sound: bool, tmp_path: Path) -> None:
+    before = f"objects: {{cube: {{shape: box, size: [0.1, 0.1, 0.1], {thing}}}}}\n"
+    path = task(tmp_path, "look", before)
+    assert (not errors(check_file(path, SKILLS))) == is_sound
+    assert is_valid(read_file(path).data) == is_sound
+
+
+def test_british_spelling_of_a_color_is_the_same_color() -> None:
+    fields = {"shape": "box", "size": (0.1, 0.1, 0.1), "mass": 1.0}
+    gray, grey = (ObjectSpec.model_validate(fields | {"color": c}) for c in ("gray", "grey"))
+    assert gray == grey
 
 
 @pytest.mark.parametrize("name", BAD)

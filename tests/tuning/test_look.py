@@ -11,7 +11,7 @@ from bt_dualarm.tuning import ColorView, png, still
 
 
 def two_squares() -> Image:
-    """Yellow on grey, 80x60: 20x20 around (30, 30), 10x10 around (65, 15)."""
+    """Yellow on gray, 80x60: 20x20 around (30, 30), 10x10 around (65, 15)."""
     image = np.full((60, 80, 3), 128, np.uint8)
     image[20:40, 20:40] = image[10:20, 60:70] = (242, 217, 13)
     return image

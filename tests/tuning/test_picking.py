@@ -42,7 +42,7 @@ def test_picking_around_red_wraps() -> None:
     assert found.hue[1] <= 15
 
 
-def test_grey_has_no_hue() -> None:
+def test_gray_has_no_hue() -> None:
     found = range_of(stripes((0, 0.0, 0.5)), [middle(0)])
     assert found.hue == (0, 360)
     assert found.saturation[1] < 0.2
