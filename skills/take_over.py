@@ -27,7 +27,7 @@ from bt_dualarm import (
     Vector,
     handover_label,
     let_go_of,
-    object_in_tool,
+    object_in_hand,
     port,
     shared_grasp,
     tool_pose_of,
@@ -257,10 +257,10 @@ class TakeOver(Skill):
         out = arm.commanded_tool_pose
         try:
             try:
-                lies = tool_pose_of(arm.world, giver) @ object_in_tool(arm.world, giver, name)
+                lies = tool_pose_of(arm.world, giver) @ object_in_hand(arm, giver, name)
                 yield from self._approach(joint, giver, plan.number, lies @ plan.grasp.tool)
                 yield from self._close(joint, plan)
-                lies = tool_pose_of(arm.world, giver) @ object_in_tool(arm.world, giver, name)
+                lies = tool_pose_of(arm.world, giver) @ object_in_hand(arm, giver, name)
                 self._hold(name, lies)
                 felt = yield from self._relax(joint)
                 joint.tell(grasped=plan.number)

@@ -141,6 +141,19 @@ def object_in_tool(world: World, arm: str, thing: str) -> Pose:
     return world.robots[arm].tool.inverse @ held.relative
 
 
+def object_in_hand(arm: Arm, giver: str, thing: str) -> Pose:
+    """Pose of an object in the giver's tool frame, as the taker knows it.
+
+    As its camera has seen the object in the giver's hand; otherwise by the giver's estimate.
+
+    Raises:
+        Failure: ``PARTNER_GONE``: the giver no longer holds it.
+    """
+    estimate = object_in_tool(arm.world, giver, thing)
+    seen = arm.known.seen_in_hand(thing, giver)
+    return estimate if seen is None else arm.world.robots[giver].tool.inverse @ seen
+
+
 class HandoverSearch:
     """Searches for a pose of the object and a grasp with which two arms can hand it over.
 
@@ -179,7 +192,7 @@ class HandoverSearch:
         self._wish = wish
         self._standoff = standoff
         world = self._world = arm.world
-        self._in_giver = object_in_tool(world, giver, thing)
+        self._in_giver = object_in_hand(arm, giver, thing)
         self._giver_q = world.hardware[giver].q.copy()
         declared = world.objects[thing]
         self._solid = world.object_solid(thing)
