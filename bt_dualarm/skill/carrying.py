@@ -297,9 +297,7 @@ class Carrying:
                 grasps = self._grasps_at_sections()
             except Failure as failure:
                 why_not = failure.with_traceback(None)
-        carrying = CarryingArm(
-            world.nominal[arm.name], world.hardware[arm.name], arm.controller.touch
-        )
+        carrying = CarryingArm(world.nominal[arm.name], world.hardware[arm.name], arm.controller)
         mine = Proposal(self._goals, carrying, arm.setpoint.q.copy(), grasps, why_not)
         self._joint.tell(proposal=mine)
         self._proposals[arm.name] = mine
