@@ -588,8 +588,13 @@ class TakeOver(Skill):
     def _lift(self, name: str, giver: str) -> Iterator[float | None]:
         """Lift the object a little, or move it away from the giver, and check that it is held."""
         arm = self.arm
-        for _ in arm.relax(stays_compliant=True):
-            yield 0.9
+        try:
+            for _ in arm.relax(stays_compliant=True):
+                yield 0.9
+        except Failure as failure:
+            if failure.code not in _ELSEWHERE:
+                raise
+            yield from arm.halt()  # the giver has retreated less than arms keep from each other
         here = arm.commanded_tool_pose
         up = np.array((0.0, 0.0, 1.0))
         away = np.zeros(3)

@@ -53,6 +53,9 @@ _PLANNED_M: Final = HANDS_M + 0.004
 _ROOM_M: Final = HANDS_M + 0.003
 """Clearance of a grasp from the giver's hand, m: the hands keep `HANDS_M`."""
 
+_CLEAR_M: Final = 0.01
+"""Distance of arms that wait from everything that is no arm, m."""
+
 _TOUCH_RADIUS_M: Final = 0.004
 """Radius of the flat spot that a tool without a gripper touches, m."""
 
@@ -222,6 +225,8 @@ class HandoverSearch:
         there = CollisionChecker(self._world, self._arm.name, margins, thing, sharing=sharing)
         giver = CollisionChecker(self._world, self._giver, margins)
         taker = CollisionChecker(self._world, self._arm.name, margins, thing)
+        for checker in (here, taker):  # of the configurations in which the arms wait
+            checker.keep_clear(_CLEAR_M)
         found = list[HandoverPlan]()
         for lies in self._poses():
             tool = lies @ self._in_giver.inverse

@@ -159,6 +159,31 @@ def test_the_order_of_the_arms_does_not_matter(stage: Stage) -> None:
     assert ends[0] == ends[1]
 
 
+def test_a_giver_that_stays_near_does_not_undo_the_handover(stage: Stage) -> None:
+    """Its wide-open fingers end within the 30 mm that arms keep from each other."""
+    give: Tree = {"object": "box", "to": "taker", "at": {"xyz": [0.45, -0.05, 0.45]}}
+    giver: Tree = {"robot": "ur3e", "gripper": "panda_hand"}
+    giver["tree"] = {"sequence": [{"grasp": {"object": "box"}}, {"hand_over": give}, "go_home"]}
+    taker: Tree = {"robot": "ur10e", "gripper": "suction_cup"}
+    taker |= {"base": {"xyz": [1.1, 0, 0], "rpy": [0, 0, 180]}}
+    taker["tree"] = {"take_over": {"object": "box", "from": "giver"}}
+    box: Tree = {"shape": "box", "size": [0.16, 0.06, 0.05], "mass": 0.4, "color": "orange"}
+    box["pose"] = {"xyz": [0.35, -0.4, 0.2255]}
+    play = stage.run(
+        {
+            "name": "near",
+            "world": {"scene": "empty", "reality": "lab", "time_limit": 40.0},
+            "objects": {"shelf": ON_SHELF["shelf"], "box": box},
+            "arms": {"giver": giver, "taker": taker},
+        },
+        seed=11,
+    )
+    taken = play.leaf("take_over", "taker")
+    assert taken.status == "SUCCESS", taken.reason
+    assert "lifted_m" not in taken.metrics, "it has room to yield and to lift: another case"
+    assert play.world.attachments.holders("box") == ("taker",)
+
+
 MARKED: Tree = {
     "shelf": ON_SHELF["shelf"] | {"size": [0.1, 0.06, 0.2]},
     "cube": ON_SHELF["cube"]
