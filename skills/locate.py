@@ -137,7 +137,8 @@ class Locate(Skill):
         poses = [self._seen.pose(thing) for thing in found]
         best = found[0].best
         if self.ports.object is not None:
-            self.arm.known.saw(self.ports.object, poses[0])
+            alike = None if self.ports.is_by_marker else self._seen.shape.canonical
+            self.arm.known.located(self.ports.object, poses[0], alike)
         self.output("pose", _pose_spec(poses[0]))
         self.output("covariance", tuple(map(tuple, best.covariance.tolist())))
         self.output("poses", tuple(map(_pose_spec, poses)))

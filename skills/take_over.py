@@ -27,7 +27,7 @@ from bt_dualarm import (
     Vector,
     handover_label,
     let_go_of,
-    object_in_tool,
+    object_in_hand,
     port,
     shared_grasp,
     tool_pose_of,
@@ -257,10 +257,10 @@ class TakeOver(Skill):
         out = arm.commanded_tool_pose
         try:
             try:
-                lies = tool_pose_of(arm.world, giver) @ object_in_tool(arm.world, giver, name)
+                lies = tool_pose_of(arm.world, giver) @ object_in_hand(arm, giver, name)
                 yield from self._approach(joint, giver, plan.number, lies @ plan.grasp.tool)
                 yield from self._close(joint, plan)
-                lies = tool_pose_of(arm.world, giver) @ object_in_tool(arm.world, giver, name)
+                lies = tool_pose_of(arm.world, giver) @ object_in_hand(arm, giver, name)
                 self._hold(name, lies)
                 felt = yield from self._relax(joint)
                 joint.tell(grasped=plan.number)
@@ -588,8 +588,13 @@ class TakeOver(Skill):
     def _lift(self, name: str, giver: str) -> Iterator[float | None]:
         """Lift the object a little, or move it away from the giver, and check that it is held."""
         arm = self.arm
-        for _ in arm.relax(stays_compliant=True):
-            yield 0.9
+        try:
+            for _ in arm.relax(stays_compliant=True):
+                yield 0.9
+        except Failure as failure:
+            if failure.code not in _ELSEWHERE:
+                raise
+            yield from arm.halt()  # the giver has retreated less than arms keep from each other
         here = arm.commanded_tool_pose
         up = np.array((0.0, 0.0, 1.0))
         away = np.zeros(3)

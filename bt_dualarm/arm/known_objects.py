@@ -35,7 +35,10 @@ class KnownPose:
         since: Simulated time of the estimate, s.
         on: Object that moves on a joint, such as a drawer, on or in which the object stood then; it
             moves along. Empty if there is none.
-        relative: Pose in the frame of that object.
+        relative: Pose in the frame of that object, or in the tool link of the holder.
+        holder: Other arm that held the object when it was seen, and with which it moves along.
+            Empty if there is none.
+        held_since: Simulated time in s at which the holder took it.
     """
 
     pose: Pose
@@ -43,6 +46,8 @@ class KnownPose:
     since: float
     on: str = ""
     relative: Pose | None = None
+    holder: str = ""
+    held_since: float = 0.0
 
 
 class KnownObjects:
@@ -87,18 +92,17 @@ class KnownObjects:
                 return KnownPose(pose, "sensor", world.time)
         held = world.attachments.find(self._arm, name)
         if held is not None:
-            link = world.nominal[self._arm].tool_link_pose_at(world.hardware[self._arm].q)
-            return KnownPose(link @ held.relative, "held", world.time)
+            return KnownPose(self._link_of(self._arm) @ held.relative, "held", world.time)
         if name in self._unknown:
             raise self._unknown_pose(name, self._unknown[name])
         if name in self._known:
-            return self._moved(self._known[name])
+            return self._moved(name, self._known[name])
         if hung is not None:
             owner = self.pose(hung.owner)
             return replace(owner, pose=owner.pose @ hung.spec.displacement(hung.spec.start))
         if not world.declared_objects[name].spawned:
             raise self._unknown_pose(name, "it was spawned during the run, and was never seen")
-        return self._moved(self._as_declared(name))
+        return self._moved(name, self._as_declared(name))
 
     def where(self, name: str) -> KnownPose | None:
         """Estimated pose of a declared object; None if it is unknown."""
@@ -147,6 +151,59 @@ class KnownObjects:
         """Store a pose in the world that a camera has measured."""
         self._set(name, KnownPose(pose, "seen", self._world.time))
 
+    def located(
+        self, name: str, pose: Pose, canonical: Callable[[Pose], Pose] | None = None
+    ) -> None:
+        """Store a pose in the world that a camera has measured accurately enough for a grasp.
+
+        An object in the hand of another arm moves with that hand from then on.
+
+        Args:
+            name: Name of the object.
+            pose: The pose.
+            canonical: Returns the pose with the smallest rotation among those that look like a
+                given one; None if no other pose looks like it. Of poses that look alike in the hand
+                of another arm, the one nearest to that arm's estimate is stored.
+        """
+        world = self._world
+        holders = [arm for arm in world.attachments.holders(name) if arm != self._arm]
+        held = world.attachments.find(holders[0], name) if holders else None
+        if held is None:
+            self.saw(name, pose)
+            return
+        link = self._link_of(held.arm)
+        relative = link.inverse @ pose
+        if canonical is not None:
+            relative = held.relative @ canonical(held.relative.inverse @ relative)
+        self._known[name] = KnownPose(
+            link @ relative,
+            "seen",
+            world.time,
+            relative=relative,
+            holder=held.arm,
+            held_since=held.since,
+        )
+        self._unknown.pop(name, None)
+
+    def seen_in_hand(self, name: str, holder: str) -> Pose | None:
+        """Pose of an object in the tool link of another arm, as seen since that arm took it.
+
+        None if it was not seen in that hand.
+        """
+        known = self._known.get(name)
+        if known is None or known.holder != holder or not self._is_held_still(name, known):
+            return None
+        return known.relative
+
+    def _is_held_still(self, name: str, known: KnownPose) -> bool:
+        """Whether the arm in whose hand an object was seen has not released it since."""
+        held = self._world.attachments.find(known.holder, name)
+        return held is not None and held.since == known.held_since
+
+    def _link_of(self, arm: str) -> Pose:
+        """Measured pose in the world of the link that carries an arm's tool."""
+        return self._world.nominal[arm].tool_link_pose_at(self._world.hardware[arm].q)
+
     def put(self, name: str, pose: Pose) -> None:
         """Take over a pose in the world at which the arm's own leaf has spawned the object."""
         self._set(name, KnownPose(pose, "declared", self._world.time))
@@ -183,10 +240,19 @@ class KnownObjects:
         self._known[name] = self._stood(name, known, poses, self.pose)
         self._unknown.pop(name, None)
 
-    def _moved(self, known: KnownPose) -> KnownPose:
-        """A pose as it is now, if the object stands on something that moves."""
+    def _moved(self, name: str, known: KnownPose) -> KnownPose:
+        """A pose as it is now, if the object stands on something or is in a hand that moves.
+
+        Raises:
+            Failure: ``UNKNOWN_POSE``: that hand has released it.
+        """
         if known.relative is None:
             return known
+        if known.holder:
+            if not self._is_held_still(name, known):
+                why = f"it was seen in the hand of {known.holder}, which has released it since"
+                raise self._unknown_pose(name, why)
+            return replace(known, pose=self._link_of(known.holder) @ known.relative)
         return replace(known, pose=self.pose(known.on).pose @ known.relative)
 
     def _as_declared(self, name: str) -> KnownPose:

@@ -82,7 +82,7 @@ _FRICTION_SPEED_AT: Final = 2 + ControlLaw._fields.index("friction_speed")
 
 _COMPENSATION_AT: Final = 2 + ControlLaw._fields.index("compensation_share")
 
-_SINGULAR = 0.02
+SINGULAR: Final = 0.02
 """Singular values below this share of the largest are treated as zero: in such directions joint
 torques hardly depend on the wrench. The largest is at least 1, as every joint rotates the tool."""
 
@@ -558,9 +558,9 @@ class ForceLimit:
         self._hardware = world.hardware[arm]
         self._nominal = world.nominal[arm]
         self._limit_n = world.declared_arms[arm].force_limit
-        # A force F causes torques of at least _SINGULAR * F (see there); half of that as a margin.
+        # A force F causes torques of at least SINGULAR * F (see there); half of that as a margin.
         # Below, neither contacts nor wrench need to be computed.
-        self._negligible = (0.5 * _SINGULAR * self._limit_n) ** 2
+        self._negligible = (0.5 * SINGULAR * self._limit_n) ** 2
         self._reported = False
         self._generation = -1
 
@@ -604,7 +604,7 @@ def tool_wrench(nominal: NominalArm, q: Vector, torque: Vector) -> Vector:
         Force in N, then moment in N m about the tool, in the world, of shape (6,).
     """
     jacobian = nominal.tool_jacobian_at(q)
-    inverse = np.asarray(np.linalg.pinv(jacobian.T, rcond=_SINGULAR), dtype=np.float64)
+    inverse = np.asarray(np.linalg.pinv(jacobian.T, rcond=SINGULAR), dtype=np.float64)
     wrench: Vector = inverse @ torque
     return wrench
 

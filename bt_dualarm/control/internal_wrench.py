@@ -22,7 +22,8 @@ from typing import Final
 
 import numpy as np
 
-from bt_dualarm.control.computed_torque import MomentumObserver, tool_wrench
+from bt_dualarm.control.computed_torque import SINGULAR
+from bt_dualarm.control.controller import JointController
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.sim.arm_models import BORNE_GYRATION_M, NominalArm
 from bt_dualarm.sim.devices import ArmHardware
@@ -35,12 +36,21 @@ at the tool loses it with a time constant of 50 ms. Twice as much overshoots wit
 _MOMENT_GAIN: Final = 1e-3
 """Likewise to an internal moment, rad/s per N m."""
 
+_FOLLOW_1_S: Final = 20.0
+"""Rate at which a grasp follows the displacement that the arms have forced on each other, 1/s: the
+difference between their measured and commanded positions that no motion of the object explains.
+Without it, yielding and the disturbance observers are two integrators in a row, which overshoot;
+and what friction has led astray at a reversal stays, until the observers press against it."""
+
 _DEADBAND_N: Final = 2.0
 _DEADBAND_NM: Final = 0.5
 """Internal wrench that is ignored: joint friction and sensor noise cause as much."""
 
 _AT_REST_N: Final = 6.0
 """Internal force that may be left at the end of a motion, N: some is an error of the estimate."""
+
+_AT_REST_M: Final = 5e-5
+"""Internal displacement that may be left then, m: the observers press against a larger one."""
 
 _FASTEST: Final = (0.01, 0.05)
 """Largest speed of yielding, m/s and rad/s."""
@@ -57,9 +67,6 @@ _EASE_S: Final = 0.1
 
 _FILTER_S: Final = 0.05
 """Time constant of the reported internal wrench, s."""
-
-_SINGULAR: Final = 0.02
-"""As that of `tool_wrench`."""
 
 
 def internal_wrenches(shares: Sequence[float], points: Matrix, wrenches: Matrix) -> Matrix:
@@ -99,28 +106,41 @@ class CarryingArm:
     Args:
         nominal: Nominal model of the arm.
         hardware: Its sensors.
-        touch: Its momentum observer.
+        controller: Its joint controller.
+
+    Attributes:
+        position: Position of the tool at the last `look`, of shape (3,), m.
+        wrench: Wrench on the object then, minus its load, of shape (6,), N and N m. The load that
+            the arm's model supports is not part of it.
+        lag: Twist, of shape (6,), m and rad, from where the tool was commanded to where it was.
     """
 
-    def __init__(self, nominal: NominalArm, hardware: ArmHardware, touch: MomentumObserver) -> None:
+    def __init__(
+        self, nominal: NominalArm, hardware: ArmHardware, controller: JointController
+    ) -> None:
+        self.position = np.zeros(3)
+        self.wrench = np.zeros(6)
+        self.lag = np.zeros(6)
         self._nominal = nominal
         self._hardware = hardware
-        self._touch = touch
+        self._controller = controller
+        self._inverse: Matrix = np.zeros((0, 6))
 
-    def look(self) -> tuple[Vector, Vector]:
-        """Position of the tool, of shape (3,), m; wrench on the object minus its load, (6,).
-
-        The load that the arm's model supports is not part of it.
-        """
+    def look(self) -> None:
+        """Update the attributes."""
         q = self._hardware.q
-        wrench = -tool_wrench(self._nominal, q, self._touch.torque)
-        return self._nominal.tool_position_at(q), wrench
+        jacobian = self._nominal.tool_jacobian_at(q)
+        self._inverse = np.asarray(np.linalg.pinv(jacobian, rcond=SINGULAR), dtype=np.float64)
+        self.position = self._nominal.tool_position_at(q)
+        self.wrench = -self._inverse.T @ self._controller.touch.torque
+        self.lag = jacobian @ (q - self._controller.setpoint.q)
 
     def joint_velocity(self, twist: Vector) -> Vector:
-        """Joint velocities, of shape (dof,), rad/s, for a twist of the tool in the world, (6,)."""
-        jacobian = self._nominal.tool_jacobian_at(self._hardware.q)
-        inverse = np.linalg.pinv(jacobian, rcond=_SINGULAR)
-        velocity: Vector = inverse @ twist
+        """Joint velocities, of shape (dof,), rad/s, for a twist of the tool in the world, (6,).
+
+        At the configuration of the last `look`.
+        """
+        velocity: Vector = self._inverse @ twist
         return velocity
 
 
@@ -130,7 +150,8 @@ class InternalWrenchRegulator:
     Two stiff arms press against each other with 50 N for 0.1 mm of disagreement, and compliant ones
     still with 25 N, since their disturbance observers compensate friction and, with it, the
     internal wrench. Each arm therefore moves its grasp slowly in the direction in which the object
-    is pressed less. As internal wrenches sum to zero, the object stays where it is.
+    is pressed less, and follows the displacement that the arms have forced on each other. As both
+    are internal, the object stays where it is.
 
     Call it once per control period, as the correction of a `CoupledMotion`.
 
@@ -143,6 +164,7 @@ class InternalWrenchRegulator:
     Attributes:
         force_n: Largest internal force of an arm, filtered, N.
         moment_nm: Largest internal moment of an arm about its grasp, filtered, N m.
+        strain_m: Largest internal displacement of an arm, filtered, m.
         total: Sum of all wrenches on the object minus its load: force in N, then moment about the
             center of the grasps in N m, filtered, of shape (6,). Contact of the object changes it.
     """
@@ -156,12 +178,17 @@ class InternalWrenchRegulator:
     ) -> None:
         self.force_n = 0.0
         self.moment_nm = 0.0
+        self.strain_m = 0.0
         self.total = np.zeros(6)
         self._arms = dict(arms)
         self._shares = [shares[arm] for arm in arms]
         self._parts = [parts[arm] for arm in arms]
         self._period = period
+        # Displacements have the algebra of the wrenches that would cause them on virtual bodies.
+        square = BORNE_GYRATION_M**2
+        self._masses = np.outer(self._shares, (1.0, 1.0, 1.0, square, square, square))
         self._internal = np.zeros((len(arms), 6))
+        self._strain = np.zeros((len(arms), 6))
         self._share = 0.0
         self._aimed = np.zeros((len(arms), 6))
         self._speed = np.zeros((len(arms), 6))
@@ -184,14 +211,22 @@ class InternalWrenchRegulator:
         Their disturbance observers act as integrators: against each other, both push harder until
         the set-points agree.
         """
-        return self.force_n > _AT_REST_N
+        return self.force_n > _AT_REST_N or self.strain_m > _AT_REST_M
 
-    def look(self) -> Matrix:
-        """Update the estimates; returns the unfiltered internal wrenches, of shape (n, 6)."""
-        points, wrenches = map(
-            np.array, zip(*(arm.look() for arm in self._arms.values()), strict=True)
-        )
+    def look(self) -> tuple[Matrix, Matrix]:
+        """Update the estimates.
+
+        Returns:
+            Unfiltered internal wrenches and displacements, each of shape (n, 6).
+        """
+        arms = self._arms.values()
+        for arm in arms:
+            arm.look()
+        points = np.array([arm.position for arm in arms])
+        wrenches = np.array([arm.wrench for arm in arms])
+        lags = np.array([arm.lag for arm in arms])
         found = internal_wrenches(self._shares, points, wrenches)
+        strain = internal_wrenches(self._shares, points, self._masses * lags) / self._masses
         center = np.asarray(self._shares) @ points
         moments = wrenches[:, 3:] + crossed(points - center, wrenches[:, :3])
         total = np.concatenate((wrenches[:, :3].sum(axis=0), moments.sum(axis=0)))
@@ -200,19 +235,21 @@ class InternalWrenchRegulator:
         new = -np.expm1(-self._period / _FILTER_S) if self._has_looked else 1.0
         self._has_looked = True
         self._internal += new * (found - self._internal)
+        self._strain += new * (strain - self._strain)
         self.total = self.total + new * (total - self.total)
         self.force_n = float(np.linalg.norm(self._internal[:, :3], axis=1).max())
         self.moment_nm = float(np.linalg.norm(self._internal[:, 3:], axis=1).max())
-        return found
+        self.strain_m = float(np.linalg.norm(self._strain[:, :3], axis=1).max())
+        return found, strain
 
     def __call__(self, time: float) -> SetPoint:  # noqa: ARG002 - the sensors are of this time
         """Correction of the set-points of all joints, side by side."""
-        found = self.look()
+        found, strain = self.look()
         self._share = min(self._share + self._period / _EASE_S, 1.0)
         velocity = np.empty_like(self._added.q)
         new = -np.expm1(-self._period / _SMOOTH_S)
         for i, arm in enumerate(self._arms.values()):
-            wanted = self._share * self._wanted(found[i], self._yielded[i])
+            wanted = self._share * self._wanted(found[i], strain[i], self._yielded[i])
             self._aimed[i] += new * (wanted - self._aimed[i])
             self._speed[i] += new * (self._aimed[i] - self._speed[i])
             self._yielded[i] += self._period * self._speed[i]
@@ -225,7 +262,7 @@ class InternalWrenchRegulator:
         return self._added
 
     @staticmethod
-    def _wanted(internal: Vector, yielded: Vector) -> Vector:
+    def _wanted(internal: Vector, strain: Vector, yielded: Vector) -> Vector:
         """Twist with which a grasp should yield, of shape (6,)."""
         twist = np.empty(6)
         gains = (_FORCE_GAIN, _DEADBAND_N), (_MOMENT_GAIN, _DEADBAND_NM)
@@ -233,9 +270,10 @@ class InternalWrenchRegulator:
             (slice(0, 3), slice(3, 6)), gains, _FASTEST, _FARTHEST, strict=True
         ):
             size = float(np.linalg.norm(internal[part]))
-            speed = min(gain * max(size - deadband, 0.0), fastest)
-            direction = -internal[part] / max(size, 1e-9)
+            relief = -gain * max(size - deadband, 0.0) / max(size, 1e-9) * internal[part]
+            wanted = relief + _FOLLOW_1_S * strain[part]
+            speed = float(np.linalg.norm(wanted))
             # A grasp at its farthest may still go back: only further yielding is stopped.
-            beyond = float(direction @ yielded[part])
-            twist[part] = direction * (speed if beyond < farthest else 0.0)
+            is_far = float(wanted @ yielded[part]) > farthest * speed
+            twist[part] = 0.0 if is_far else wanted * min(1.0, fastest / max(speed, 1e-12))
         return twist

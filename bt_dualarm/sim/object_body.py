@@ -101,6 +101,14 @@ class BodyPart:
             return MeshSolid.hull_of(0.5 * np.array(self.size) * unit_ball(_COARSE))
         return simple_solid(self.kind, self.size)
 
+    @property
+    def middle(self) -> Vector:
+        """Center of its corners, or of the primitive, in the body's frame, of shape (3,), m."""
+        if self.kind == "hull":
+            middle: Vector = self.pose.apply(self.corners.mean(axis=0))
+            return middle
+        return self.pose.position
+
     @cached_property
     def weight(self) -> float:
         """Volume times relative density, m³."""
@@ -202,7 +210,11 @@ class ObjectBody:
         its = tuple(index for index, part in enumerate(self.parts) if part.name == name)
         if not its:
             return None
-        return self._union((), tuple(index for index in its if index in self.graspable) or its)
+        return self.held_at(tuple(index for index in its if index in self.graspable) or its)
+
+    def held_at(self, indices: tuple[int, ...]) -> CompoundSolid:
+        """Solid of the whole body of which only some of its convex parts can be grasped."""
+        return self._union((), indices)
 
     @cached_property
     def corners(self) -> Matrix:

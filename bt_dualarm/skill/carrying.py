@@ -23,10 +23,18 @@ from bt_dualarm.control.internal_wrench import CarryingArm, InternalWrenchRegula
 from bt_dualarm.core.errors import CollisionFailure, Failure, Number
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.grasping.candidates import CLEAR, RankedGrasp
-from bt_dualarm.grasping.sections import Section, sections, shares_at
+from bt_dualarm.grasping.grasp import CompoundSolid
+from bt_dualarm.grasping.sections import (
+    Section,
+    farthest_apart,
+    section_at,
+    sections,
+    shares_at,
+)
 from bt_dualarm.kinematics.multi_arm import MultiArmKinematics, ToolTarget, holding
 from bt_dualarm.kinematics.solver import Chain
 from bt_dualarm.planning.carrying import CarriedPath, CarryPlanner, path_through
+from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.skill.grasp_search import WantedGrasp, grasps_on
 from bt_dualarm.skill.grip import Grip, TouchSense, make_room
 from bt_dualarm.skill.joint import JointPart
@@ -41,6 +49,9 @@ from bt_dualarm.trajectory.set_points import at_scale
 from bt_dualarm.trajectory.trajectory import Trajectory
 
 _GRASPS: Final = 4  # grasps to try per arm and section
+_MOST_TRIES: Final = 8  # grasps out of reach after which an arm counts as unable to hold a section
+_NEAR_M: Final = 0.03  # distance from a grasp out of reach within which others are as well
+_NEAR_RAD: Final = 0.3  # likewise, rotation
 _COMBINATIONS: Final = 24  # combinations of the arms' grasps to try
 _AROUND: Final = 3  # combinations and branches for which paths around obstacles are searched
 _BRANCHES: Final = 6  # branches of the inverse kinematics per combination
@@ -290,9 +301,7 @@ class Carrying:
                 grasps = self._grasps_at_sections()
             except Failure as failure:
                 why_not = failure.with_traceback(None)
-        carrying = CarryingArm(
-            world.nominal[arm.name], world.hardware[arm.name], arm.controller.touch
-        )
+        carrying = CarryingArm(world.nominal[arm.name], world.hardware[arm.name], arm.controller)
         mine = Proposal(self._goals, carrying, arm.setpoint.q.copy(), grasps, why_not)
         self._joint.tell(proposal=mine)
         self._proposals[arm.name] = mine
@@ -313,15 +322,41 @@ class Carrying:
         return None if estimates else world.objects[self._thing].total_mass
 
     def _sections(self) -> list[Section]:
+        """Sections at which the arms hold the object; of a compound, parts that are far apart."""
         world = self._arm.world
         solid = world.object_solid(self._thing)
-        found = sections(solid, len(self._members), self._ports.spread)
+        count = len(self._members)
+        if isinstance(solid, CompoundSolid):
+            found = self._parts_apart(count)
+        else:
+            lies = world.object_pose(self._thing).inverse
+            bases = [lies.apply(world.arms[name].base.position) for name in self._members]
+            found = sections(solid, count, self._ports.spread, bases)
         if not found:
             raise Failure(
                 "INVALID_TARGET",
-                f"{self._thing!r} has no two ends at which {len(self._members)} arms can hold it",
+                f"{self._thing!r} has no {count} ends or parts, far enough apart, at which "
+                f"{' and '.join(self._members)} can hold it",
             )
         return found
+
+    def _parts_apart(self, count: int) -> list[Section]:
+        """Sections that are parts of a compound, such as handles, or of the rim of a hollow one."""
+        body = body_of(self._arm.world.objects[self._thing])
+        groups: dict[str, tuple[int, ...]] = {}
+        for index, part in enumerate(body.parts):
+            if not body.graspable or index in body.graspable:
+                name = part.name or f"{index}"
+                groups[name] = (*groups.get(name, ()), index)
+        centers = dict[str, Vector]()
+        for name, its in groups.items():
+            weights = np.array([body.parts[index].weight for index in its])
+            places = np.array([body.parts[index].middle for index in its])
+            centers[name] = weights @ places / weights.sum()
+        return [
+            section_at(body.held_at(groups[name]), centers[name])
+            for name in farthest_apart(centers, count)
+        ]
 
     def _grasps_at_sections(self) -> tuple[tuple[RankedGrasp, ...], ...]:
         """Grasps of this arm's hand at each section.
@@ -334,7 +369,8 @@ class Carrying:
         lies = world.object_pose(self._thing)
         parts = self._sections()
         told = self._mass
-        shares = shares_at([part.pose.position for part in parts])
+        center = body_of(world.objects[self._thing]).center
+        shares = shares_at([part.pose.position - center for part in parts])
         self._refuse_width(parts[0])
         found = []
         refusals: list[Failure] = []
@@ -366,7 +402,7 @@ class Carrying:
     def _refuse_width(self, part: Section) -> None:
         """Check that the fingers open around the ends of the object."""
         page = self._arm.gripper.page
-        if not page.fingers:
+        if not page.fingers or isinstance(part.solid, CompoundSolid):
             return
         across = [axis for axis in np.eye(3) if abs(float(axis @ part.axis)) < 0.5]
         if part.closing is not None:
@@ -567,6 +603,8 @@ class _Planning:
         arms = {name: (world.robots[name], world.arms[name].base) for name in proposals}
         self._kinematics = MultiArmKinematics(arms)
         self._chains = {name: Chain(*one) for name, one in arms.items()}
+        self._reachable = dict[tuple[str, int], list[RankedGrasp]]()
+        self._beyond: Failure | None = None
 
     def plan(
         self, leader: str, lies: Pose, goals: Sequence[Pose], parts: Sequence[Section]
@@ -583,10 +621,7 @@ class _Planning:
                 for name, one in held.items()
                 if one is not None
             }
-            shares = dict(
-                zip(grasps, shares_at([pose.position for pose in grasps.values()]), strict=True)
-            )
-            return CarryPlan(leader, {}, grasps, shares, {}, self._ports.set_down)
+            return CarryPlan(leader, {}, grasps, self._shares(grasps), {}, self._ports.set_down)
         if any(held.values()):
             holder = next(name for name, one in held.items() if one is not None)
             raise Failure(
@@ -599,19 +634,30 @@ class _Planning:
         for around, count in tried:
             if around and (best or not any(isinstance(one, CollisionFailure) for one in refusals)):
                 break  # searching around obstacles takes much longer
-            for combination in itertools.islice(self._combinations(lies, parts), count):
+            left = count
+            for combination in self._combinations(lies, parts):
                 yield
+                if combination is None:
+                    continue
+                left -= 1
                 try:
                     found = yield from self._with(leader, combination, poses, around)
                 except Failure as failure:
                     refusals.append(failure.with_traceback(None))
-                    continue
-                if best is None or found[0] < best[0]:
-                    best = found
-                if best[0] < _GOOD or around:
+                else:
+                    if best is None or found[0] < best[0]:
+                        best = found
+                if left <= 0 or (best is not None and (best[0] < _GOOD or around)):
                     break
         if best is not None:
             return best[1]
+        if not refusals and self._beyond is not None:
+            raise Failure(
+                "OUT_OF_REACH",
+                f"no grasp at its end of the object is within the reach of an arm: "
+                f"{self._beyond.reason}",
+                **self._beyond.numbers,
+            ) from self._beyond
         if not refusals:
             raise Failure("OUT_OF_REACH", "no arm has a grasp at its end of the object")
         raise Failure(
@@ -624,8 +670,11 @@ class _Planning:
 
     def _combinations(
         self, lies: Pose, parts: Sequence[Section]
-    ) -> Iterator[dict[str, RankedGrasp]]:
-        """Grasps of all arms: near ends for near arms first, then the best grasps first."""
+    ) -> Iterator[dict[str, RankedGrasp] | None]:
+        """Grasps of all arms: near ends for near arms first, then the best grasps first.
+
+        None where a tick passes without a combination.
+        """
         names = list(self._proposals)
         bases = [self._world.arms[name].base.position for name in names]
         places = [(lies @ part.pose).position for part in parts]
@@ -634,14 +683,44 @@ class _Planning:
             return sum(float(np.linalg.norm(bases[i] - places[k])) for i, k in enumerate(order))
 
         for order in sorted(itertools.permutations(range(len(parts))), key=distance):
-            each = [
-                self._proposals[name].grasps[k][:_GRASPS]
-                for name, k in zip(names, order, strict=True)
-            ]
+            each = list[list[RankedGrasp]]()
+            for name, k in zip(names, order, strict=True):
+                each.append((yield from self._within_reach(name, k)))
             for chosen in sorted(
                 itertools.product(*each), key=lambda some: sum(one.cost for one in some)
             ):
                 yield dict(zip(names, chosen, strict=True))
+
+    def _within_reach(self, name: str, section: int) -> Generator[None, None, list[RankedGrasp]]:
+        """Best grasps of an arm at a section that it can reach by itself.
+
+        In a problem with all arms, the error of one that cannot is spread over all of them. Yields
+        once per grasp that is out of reach.
+        """
+        key = name, section
+        if key in self._reachable:
+            return self._reachable[key]
+        found = self._reachable[key] = []
+        beyond = list[Pose]()
+        alone = MultiArmKinematics({name: (self._world.robots[name], self._world.arms[name].base)})
+        near = {name: self._proposals[name].q}
+        for one in self._proposals[name].grasps[section]:
+            if len(found) >= _GRASPS or len(beyond) >= _MOST_TRIES:
+                break
+            if any(
+                one.tool.distance(other) < _NEAR_M and one.tool.angle(other) < _NEAR_RAD
+                for other in beyond
+            ):
+                continue
+            try:
+                alone.solve((ToolTarget(name, one.tool),), near)
+            except Failure as failure:
+                self._beyond = self._beyond or failure.with_traceback(None)
+                beyond.append(one.tool)
+                yield
+            else:
+                found.append(one)
+        return found
 
     def _with(
         self, leader: str, chosen: Mapping[str, RankedGrasp], poses: Sequence[Pose], around: bool
@@ -678,14 +757,8 @@ class _Planning:
             except Failure as failure:
                 refusal = refusal or failure.with_traceback(None)
                 continue
-            shares = shares_at([pose.position for pose in grasps.values()])
             plan = CarryPlan(
-                leader,
-                chosen,
-                grasps,
-                dict(zip(grasps, shares, strict=True)),
-                approach,
-                self._ports.set_down,
+                leader, chosen, grasps, self._shares(grasps), approach, self._ports.set_down
             )
             if best is None or condition < best[0]:
                 best = condition, plan
@@ -694,6 +767,12 @@ class _Planning:
         if best is not None:
             return best
         raise refusal or Failure("UNREACHABLE", "the grasps are out of reach")
+
+    def _shares(self, grasps: Mapping[str, Pose]) -> dict[str, float]:
+        """Share of the weight that each arm bears with these grasps."""
+        center = body_of(self._world.objects[self._thing]).center
+        shares = shares_at([pose.position - center for pose in grasps.values()])
+        return dict(zip(grasps, shares, strict=True))
 
     def _condition(self, path: CarriedPath) -> float:
         """Largest condition number of an arm along a path.
@@ -730,7 +809,8 @@ class _Planning:
             checker = CollisionChecker(self._world, name, ignore=frozenset({self._thing}))
             contact = checker.first_contact(found[name])
             # The others will have moved by then.
-            if contact is not None and contact[1].second.partition("/")[0] not in self._proposals:
+            others = self._proposals.keys() - {name}
+            if contact is not None and contact[1].second.partition("/")[0] not in others:
                 raise contact[1].failure()
         return found
 

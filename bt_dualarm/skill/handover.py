@@ -54,6 +54,9 @@ _PLANNED_M: Final = HANDS_M + 0.004
 _ROOM_M: Final = HANDS_M + 0.003
 """Clearance of a grasp from the giver's hand, m: the hands keep `HANDS_M`."""
 
+_CLEAR_M: Final = 0.01
+"""Distance of arms that wait from everything that is no arm, m."""
+
 _TOUCH_RADIUS_M: Final = 0.004
 """Radius of the flat spot that a tool without a gripper touches, m."""
 
@@ -142,6 +145,19 @@ def object_in_tool(world: World, arm: str, thing: str) -> Pose:
     return world.robots[arm].tool.inverse @ held.relative
 
 
+def object_in_hand(arm: Arm, giver: str, thing: str) -> Pose:
+    """Pose of an object in the giver's tool frame, as the taker knows it.
+
+    As its camera has seen the object in the giver's hand; otherwise by the giver's estimate.
+
+    Raises:
+        Failure: ``PARTNER_GONE``: the giver no longer holds it.
+    """
+    estimate = object_in_tool(arm.world, giver, thing)
+    seen = arm.known.seen_in_hand(thing, giver)
+    return estimate if seen is None else arm.world.robots[giver].tool.inverse @ seen
+
+
 class HandoverSearch:
     """Searches for a pose of the object and a grasp with which two arms can hand it over.
 
@@ -180,7 +196,7 @@ class HandoverSearch:
         self._wish = wish
         self._standoff = standoff
         world = self._world = arm.world
-        self._in_giver = object_in_tool(world, giver, thing)
+        self._in_giver = object_in_hand(arm, giver, thing)
         self._giver_q = world.hardware[giver].q.copy()
         declared = world.objects[thing]
         self._solid = world.object_solid(thing)
@@ -213,6 +229,8 @@ class HandoverSearch:
         there = CollisionChecker(self._world, self._arm.name, margins, thing, sharing=sharing)
         giver = CollisionChecker(self._world, self._giver, margins)
         taker = CollisionChecker(self._world, self._arm.name, margins, thing)
+        for checker in (here, taker):  # of the configurations in which the arms wait
+            checker.keep_clear(_CLEAR_M)
         found = list[HandoverPlan]()
         for lies in self._poses():
             tool = lies @ self._in_giver.inverse

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bt_dualarm.arm.known_objects import KnownObjects
+from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ObjectSpec, expanded
@@ -101,3 +102,38 @@ def test_unknown_object_in_the_drawer_does_not_keep_the_arm_from_opening_it(stag
         deeds=[(0.05, lambda world: world.spawn_object("cube", Pose.from_rpy(IN_DRAWER)))],
     )
     assert play.run().outcome == "SUCCESS", play.leaves("operate")
+
+
+def test_object_seen_in_the_hand_of_another_arm_moves_with_it_until_that_arm_releases_it() -> None:
+    """Of poses that look alike, the nearest to that arm's estimate counts."""
+    arms = {"arm1": arm("ur5", (0.0, 0.0, 0.4)), "arm2": arm("ur5", (1.0, 0.0, 0.4))}
+    world = World(file_of(arms, {"bar": box((0.4, 0.4, 0.5), 0.04)}))
+    known = KnownObjects(world, "arm1")
+    tool = world.nominal["arm2"].tool_link_pose_at(world.hardware["arm2"].q)
+    world.attach("arm2", "bar")
+    estimate = world.attachments.find("arm2", "bar")
+    assert estimate is not None
+    half_turn = Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, np.pi))
+    slid = estimate.relative @ Pose.from_rpy((0.01, 0.0, 0.0), (0.0, 0.0, 0.1))
+
+    def canonical(pose: Pose) -> Pose:
+        """The bar looks the same after half a turn about its z axis."""
+        return min((pose, pose @ half_turn), key=Pose.identity().angle)
+
+    known.located("bar", tool @ slid @ half_turn, canonical)
+    seen = known.seen_in_hand("bar", "arm2")
+    assert seen is not None
+    assert seen.distance(slid) < 1e-9
+    assert seen.angle(slid) < 1e-6
+    assert known.seen_in_hand("bar", "arm1") is None
+
+    q = world.hardware["arm2"].q + 0.2
+    world.hardware["arm2"].q[:] = q
+    there = world.nominal["arm2"].tool_link_pose_at(q) @ slid
+    assert known.pose("bar").pose.distance(there) < 1e-9
+    assert known.pose("bar").by == "seen"
+
+    world.attachments.detach("arm2", "bar")
+    assert known.seen_in_hand("bar", "arm2") is None
+    with pytest.raises(Failure, match="in the hand of arm2, which has released it"):
+        known.pose("bar")

@@ -62,6 +62,22 @@ def test_just_above_an_object_is_free_and_what_may_be_touched_is_left_out() -> N
     assert CollisionChecker(world, "arm1", ignore=frozenset({"cube"})).free(above(world, -0.01))
 
 
+def test_an_arm_that_stays_keeps_clear_of_what_it_is_not_near_now() -> None:
+    world = pick_world()
+    q = world.hardware["arm1"].q
+    checker = CollisionChecker(world, "arm1")
+    checker.keep_clear(0.02)
+    assert checker.free(q.copy()), "its base stands on its pedestal"
+    contact = checker.contact(above(world, 0.01))
+    assert contact is not None
+    assert contact.second == "cube"
+    assert checker.free(above(world, 0.03))
+    q[:] = above(world, 0.01)
+    near = CollisionChecker(world, "arm1")
+    near.keep_clear(0.02)
+    assert near.free(above(world, 0.01)), "it is as near now"
+
+
 def test_looking_changes_nothing_in_the_world() -> None:
     world = pick_world()
     before = world.state()

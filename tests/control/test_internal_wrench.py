@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
-from bt_dualarm.control.internal_wrench import crossed, internal_wrenches
+from bt_dualarm.control.internal_wrench import (
+    InternalWrenchRegulator,
+    crossed,
+    internal_wrenches,
+)
 
 POINTS = np.array([[-0.5, 0.1, 0.0], [0.5, 0.0, 0.05]])
 SHARES = (0.5, 0.5)
@@ -57,3 +63,82 @@ def test_a_twist_of_both_ends_against_each_other_is_an_internal_moment() -> None
 def test_cross_products_of_rows() -> None:
     first, second = np.random.default_rng(1).normal(size=(2, 5, 3))
     np.testing.assert_allclose(crossed(first, second), np.cross(first, second))
+
+
+PERIOD_S = 0.004
+STIFFNESS = np.array((8e5, 8e5, 8e5, 2e3, 2e3, 2e3))
+"""Force by which an arm's observer presses harder in each second for a displacement, N/m/s, as
+measured with a UR10; N m/rad/s for a rotation."""
+
+
+class PressingArm:
+    """An arm of six joints that move its tool along and about the axes of the world.
+
+    It holds the end of a rigid bar that stands still. Its disturbance observer is an integrator: it
+    presses harder as long as the tool is not where it is commanded.
+    """
+
+    def __init__(self, position: np.ndarray) -> None:
+        self.position = position
+        self.lag = np.zeros(6)
+        self.wrench = np.zeros(6)
+
+    def look(self) -> None:
+        """The test sets all that is measured."""
+
+    def joint_velocity(self, twist: np.ndarray) -> np.ndarray:
+        return twist
+
+    def command(self, correction: np.ndarray, displaced: np.ndarray) -> None:
+        """One period with the tool commanded elsewhere."""
+        self.lag = -(displaced + correction)
+        self.wrench = self.wrench - STIFFNESS * PERIOD_S * self.lag
+
+
+def pressed(
+    displaced: np.ndarray,
+) -> tuple[InternalWrenchRegulator, list[PressingArm], list[float]]:
+    """Let two arms hold a bar for a second; the first one is commanded elsewhere by a twist."""
+    arms = [PressingArm(point) for point in POINTS]
+    named: dict[str, Any] = {"arm1": arms[0], "arm2": arms[1]}
+    parts = {"arm1": slice(0, 6), "arm2": slice(6, 12)}
+    shares = dict(zip(parts, SHARES, strict=True))
+    regulator = InternalWrenchRegulator(named, shares, parts, PERIOD_S)
+    regulator.begin()
+    forces = []
+    for _ in range(250):
+        correction = regulator(0.0).q
+        arms[0].command(correction[:6], displaced)
+        arms[1].command(correction[6:], -displaced)
+        forces.append(float(np.linalg.norm(arms[0].wrench[:3])))
+    return regulator, arms, forces
+
+
+def test_what_displaces_the_arms_against_each_other_ends_and_so_does_the_force() -> None:
+    """Two integrators in a row would swing: the force falls once, and does not come back."""
+    along = np.zeros(6)
+    along[:3] = 2e-4 * (POINTS[1] - POINTS[0]) / np.linalg.norm(POINTS[1] - POINTS[0])
+    regulator, arms, forces = pressed(along)
+    assert np.abs(arms[0].lag).max() < 2e-5
+    assert regulator.strain_m < 2e-5
+    assert not regulator.is_pressed()
+    highest = int(np.argmax(forces))
+    assert forces[-1] < 0.3 * forces[highest]
+    assert (np.diff(forces[highest:]) < 1e-3).all()
+
+
+def test_where_the_object_lags_behind_as_a_whole_nothing_yields() -> None:
+    """Both tools lag by the same motion of the bar: nothing of it is internal."""
+    arms = [PressingArm(point) for point in POINTS]
+    turn = np.array((0.1, -0.2, 0.3))
+    center = POINTS.mean(axis=0)
+    for arm in arms:
+        moved = np.array((1e-3, 2e-3, -1e-3)) + 1e-3 * np.cross(turn, arm.position - center)
+        arm.lag = np.concatenate((moved, 1e-3 * turn))
+    named: dict[str, Any] = {"arm1": arms[0], "arm2": arms[1]}
+    parts = {"arm1": slice(0, 6), "arm2": slice(6, 12)}
+    regulator = InternalWrenchRegulator(named, {"arm1": 0.5, "arm2": 0.5}, parts, PERIOD_S)
+    regulator.begin()
+    for _ in range(100):
+        assert np.abs(regulator(0.0).q).max() < 1e-12
+    assert regulator.strain_m < 1e-12

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from bt_dualarm.core.pose import Pose
-from bt_dualarm.grasping.grasp import Box, Capsule, Cylinder, Grasp
-from bt_dualarm.grasping.sections import HALF_M, sections, shares_at
+from bt_dualarm.grasping.grasp import Box, Capsule, CompoundSolid, Cylinder, Grasp
+from bt_dualarm.grasping.sections import HALF_M, farthest_apart, section_at, sections, shares_at
 
 
 def grasp(closing: tuple[float, float, float], approach: tuple[float, float, float]) -> Grasp:
@@ -34,10 +34,58 @@ def test_three_arms_hold_the_middle_as_well() -> None:
     assert not found[1].outward.any()
 
 
-def test_a_disk_is_held_at_its_rims() -> None:
-    left, _ = sections(Cylinder(0.2, 0.01), 2, 1.0)
-    assert left.allows(grasp((0, 0, 1), (1, 0, 0)))
-    assert not left.allows(grasp((0, 1, 0), (0, 0, -1)))
+def test_a_disk_is_held_at_its_rims_from_outside() -> None:
+    left, right = sections(Cylinder(0.2, 0.01), 2, 1.0)
+    assert left.pose.position == pytest.approx((-(0.2 - HALF_M), 0, 0))
+    assert right.pose.position == pytest.approx((0.2 - HALF_M, 0, 0))
+    for section in (left, right):  # their x axes point outward
+        assert section.allows(grasp((0, 0, 1), (-1, 0, 0)))
+        assert not section.allows(grasp((0, 0, 1), (1, 0, 0)))
+        assert not section.allows(grasp((0, 0, 1), (0, 1, 0)))  # along the rim: the palm meets it
+        assert not section.allows(grasp((0, 1, 0), (0, 0, -1)))
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_the_sections_of_a_disk_face_the_arms(count: int) -> None:
+    """Whatever their order; here the arms stand at equal angles around it, turned by 40°."""
+    angles = np.radians(40.0) + 2.0 * np.pi * np.arange(count) / count
+    bases = [np.array((np.cos(angle), np.sin(angle), -0.3)) for angle in angles[::-1]]
+    found = sections(Cylinder(0.2, 0.01), count, 1.0, bases)
+    places = sorted(tuple(one.pose.position.round(9)) for one in found)
+    expected = sorted(tuple((0.2 - HALF_M) * base[:2]) for base in bases)
+    assert np.array(places)[:, :2] == pytest.approx(np.array(expected))
+
+
+def test_parts_far_apart_are_found() -> None:
+    centers = {
+        "plate": np.zeros(3),
+        "left": np.array((-0.3, 0.0, 0.0)),
+        "right": np.array((0.3, 0.0, 0.0)),
+        "back": np.array((0.0, 0.25, 0.0)),
+    }
+    assert farthest_apart(centers, 2) == ("left", "right")
+    assert set(farthest_apart(centers, 3)) == {"left", "right", "back"}
+    assert farthest_apart(centers, 5) == ()
+    assert farthest_apart({name: 0.1 * at for name, at in centers.items()}, 2) == ()
+
+
+def test_a_section_that_is_a_part_is_centered_there_with_the_others_in_the_way() -> None:
+    bar, handle = Box(np.array((0.3, 0.1, 0.01))), Box(np.array((0.01, 0.05, 0.03)))
+    center = np.array((0.27, 0.0, 0.04))
+    there = Pose.from_rpy((0.27, 0.0, 0.04))
+    surfaces = (np.zeros((1, 3)), center[None])
+    whole = CompoundSolid(((bar, Pose.identity()), (handle, there)), (), (1,), surfaces)
+    section = section_at(whole, center)
+    assert isinstance(section.solid, CompoundSolid)
+    (_, bar_at), (_, handle_at) = section.solid.parts
+    assert section.pose.position == pytest.approx(center)
+    assert handle_at.position == pytest.approx((0, 0, 0))
+    assert bar_at.position == pytest.approx(-center)
+    assert [points[0].tolist() for points in section.solid.surfaces] == [
+        (-center).tolist(),
+        [0] * 3,
+    ]
+    assert section.allows(grasp((1, 0, 0), (0, 0, -1)))
 
 
 def test_things_without_two_ends_have_none() -> None:

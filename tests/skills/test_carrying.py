@@ -134,3 +134,33 @@ def test_the_check_finds_a_leaf_that_never_gets_a_partner(
     with pytest.raises(bt.SpecError) as raised:
         bt.run(file_of(TOGETHER | ports, partner, cube=cube))
     assert message in str(raised.value)
+
+
+def test_a_tray_is_carried_by_its_handles() -> None:
+    """They are the parts farthest from each other; the plate between them is in the way."""
+    beam = {"shape": "compound", "mass": 2.5, "pose": {"xyz": [0, -0.45, 0.535]}}
+    beam["parts"] = {
+        "plate": {"shape": "box", "size": [0.7, 0.3, 0.02], "pose": {"xyz": [0, 0, -0.025]}},
+        "left": {"shape": "box", "size": [0.02, 0.1, 0.06], "pose": {"xyz": [-0.32, 0, 0.015]}},
+        "right": {"shape": "box", "size": [0.02, 0.1, 0.06], "pose": {"xyz": [0.32, 0, 0.015]}},
+    }
+    to = {"xyz": [0.04, -0.45, 0.7], "rpy": [0, 0, 8]}
+    with bt.open(file_of(TOGETHER | {"to": to}, follows(), beam=beam)) as run:
+        result = run.finish()
+        lies = run.world.object_pose("beam")
+        held = [lies.inverse.apply(run.arms[arm].tool_pose.position) for arm in ("arm1", "arm2")]
+    assert result.outcome == "SUCCESS", leaf(result).reason
+    assert leaf(result).metrics["placed_error_m"] < 2e-3
+    for tool, side in zip(held, (-0.32, 0.32), strict=True):
+        assert tool[0] == pytest.approx(side, abs=5e-3)
+
+
+def test_an_arm_out_of_reach_is_named() -> None:
+    """A problem with all arms spreads its error: the first arm would be blamed."""
+    partner = copy.deepcopy(PARTNER) | {"tree": follows()}
+    partner["base"] = {"xyz": [1.6, 0, 0.4]}
+    file = file_of(TOGETHER)
+    file["arms"]["arm2"] = partner
+    found = leaf(bt.run(file))
+    assert found.code == "OUT_OF_REACH"
+    assert "the tool of arm2" in found.reason
