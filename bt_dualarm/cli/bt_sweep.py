@@ -169,8 +169,12 @@ def _lost(result: SweepResult) -> bool:
 def _merge(arguments: argparse.Namespace) -> int:
     from bt_dualarm.sweeps.api import merge
 
-    _print_result(merge(arguments.merge, arguments.out), arguments.out)
-    return SUCCEEDED
+    result = merge(arguments.merge, arguments.out)
+    _print_result(result, arguments.out)
+    if not result.complete:
+        missing = result.progress.total - len(result.table)
+        print(f"bt-sweep: {missing} of {result.progress.total} trials are missing", file=sys.stderr)
+    return SUCCEEDED if result.complete and not _lost(result) else FAILED
 
 
 def _print_result(result: SweepResult, out: Path) -> None:

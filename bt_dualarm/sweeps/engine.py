@@ -8,15 +8,17 @@ and is never repeated.
 
 from __future__ import annotations
 
+import math
 import os
 import queue
 import subprocess
 import sys
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from fcntl import F_SETFL, fcntl
 from importlib import import_module
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
@@ -31,6 +33,9 @@ ATTEMPTS: Final = 3
 
 MOST_MEMORY_MB: Final = 1500.0
 """Peak memory of a trial after which its worker is replaced, so that memory stays bounded."""
+
+_LAST_BYTES: Final = 4096
+"""Bytes of a dead worker's messages that are read."""
 
 _PROGRAM: Final = "from bt_dualarm.sweeps.worker import serve; serve()"
 _ROOT: Final = str(Path(__file__).parents[2])
@@ -75,7 +80,7 @@ class Engine(Protocol):
 
     @property
     def slots(self) -> int:
-        """Number of tasks that can run at the same time now."""
+        """Number of tasks that can run at the same time now; 0 while there is no worker."""
 
     def submit(self, task: Task) -> None:
         """Queue a task; returns at once."""
@@ -107,10 +112,11 @@ class Worker:
     def __init__(self, name: str, timeout: float | None = None) -> None:
         self.name = name
         self.task: Task | None = None
-        self._timeout = timeout
+        self.timeout = timeout
         self._attempts = 0
         self._deadline = float("inf")
         self._process: subprocess.Popen[bytes] | None = None
+        self._errors: int | None = None
         self._requests: Connection | None = None
         self._answers: Connection | None = None
 
@@ -148,7 +154,7 @@ class Worker:
                     self.end()
                 return {**row, "attempts": self._attempts}
             if time.monotonic() > self._deadline:
-                reason = f"gave no result within {self._timeout:g} s"
+                reason = f"gave no result within {self.timeout:g} s"
         except (EOFError, OSError):
             reason = self._how_it_ended()
         if not reason:
@@ -169,7 +175,9 @@ class Worker:
         for pipe in (self._requests, self._answers):
             if pipe is not None:
                 pipe.close()
-        self._process = self._requests = self._answers = None
+        if self._errors is not None:
+            os.close(self._errors)
+        self._process = self._requests = self._answers = self._errors = None
 
     def _try(self) -> None:
         self._attempts += 1
@@ -177,19 +185,23 @@ class Worker:
             if self._process is None or self._process.poll() is not None:
                 self.end()
                 self._start()
-            if self._requests is None or self.task is None:
+            if self._requests is None or self._errors is None or self.task is None:
                 raise AssertionError("a started process has a pipe, and there is a task")
+            os.ftruncate(self._errors, 0)
             self._requests.send(self.task.job)
         except OSError as error:
             if self._process is None:
                 raise SweepError(f"no worker process can be started: {error}") from error
             # The process has just died: `take` sees the end of its pipe.
-        self._deadline = time.monotonic() + (self._timeout or float("inf"))
+        self._deadline = time.monotonic() + (self.timeout or float("inf"))
 
     def _start(self) -> None:
         child_in, writing = os.pipe()
         reading, child_out = os.pipe()
         paths = [_ROOT, os.environ.get("PYTHONPATH", "")]
+        # In memory, appended to by the process: the last lines say why it died.
+        self._errors = os.memfd_create("errors")
+        fcntl(self._errors, F_SETFL, os.O_APPEND)
         environment = os.environ | ONE_THREAD | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
         try:
             # A process group of its own: Ctrl-C in a terminal is for the sweep alone.
@@ -197,7 +209,7 @@ class Worker:
                 [sys.executable, "-P", "-c", _PROGRAM],
                 stdin=child_in,
                 stdout=child_out,
-                stderr=subprocess.DEVNULL,
+                stderr=self._errors,
                 env=environment,
                 process_group=0,
             )
@@ -218,7 +230,19 @@ class Worker:
             code = self._process.wait(5.0)
         except subprocess.TimeoutExpired:
             return "closed its pipe"
-        return f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
+        how = f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
+        return f"{how}{self._last_words()}"
+
+    def _last_words(self) -> str:
+        """The error that the process printed last, for people; empty if it printed none."""
+        if self._errors is None:
+            return ""
+        size = os.fstat(self._errors).st_size
+        text = os.pread(self._errors, _LAST_BYTES, max(0, size - _LAST_BYTES))
+        lines = [line.strip() for line in text.decode(errors="replace").splitlines()]
+        fatal = [line for line in lines if line.startswith("Fatal Python error")]
+        words = next(reversed(fatal or list(filter(None, lines))), "")
+        return f": {words}" if words else ""
 
 
 class ProcessEngine:
@@ -284,10 +308,18 @@ class ProcessEngine:
 
 
 @dataclass
+class _Slot:
+    """A worker of a Dask worker process, and the inputs of the job that it ran last."""
+
+    worker: Worker
+    inputs: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass
 class _Slots:
     """Workers of one Dask worker process, by thread."""
 
-    by_thread: dict[int, Worker] = field(default_factory=dict)
+    by_thread: dict[int, _Slot] = field(default_factory=dict)
 
 
 _slots = _Slots()
@@ -303,12 +335,22 @@ def run_in_child(job: Job, timeout: float | None) -> tuple[Row, str]:
 
     distributed: Any = import_module("distributed")  # Any: Dask has few types
     key = threading.get_ident()
-    worker = _slots.by_thread.setdefault(key, Worker(f"thread {key}", timeout))
+    slot = _slots.by_thread.setdefault(key, _Slot(Worker(f"thread {key}", timeout)))
+    if slot.inputs != job.inputs:
+        # A cluster outlives sweeps, and a process keeps the code and tree that it has loaded.
+        slot.worker.end()
+    slot.inputs = job.inputs
+    worker = slot.worker
+    worker.timeout = timeout
     worker.begin(Task(job))
     while (row := worker.take()) is None:
         if worker.answers is not None:
             worker.answers.poll(0.5)
     return row, str(distributed.get_worker().address)
+
+
+_COUNT_S: Final = 1.0
+"""Wall-clock seconds between two counts of the workers of a cluster."""
 
 
 class DaskEngine:
@@ -332,6 +374,8 @@ class DaskEngine:
         dask.config.set({"distributed.scheduler.allowed-failures": 1000})
         self._timeout = timeout
         self._cluster = None
+        self._slots = 0
+        self._counted_at = -math.inf
         name, _, count = address.partition(":")
         try:
             if name == "local":
@@ -354,9 +398,13 @@ class DaskEngine:
 
     @property
     def slots(self) -> int:
-        """Number of threads of all workers of the cluster now."""
-        info = self._client.scheduler_info(n_workers=-1)
-        return max(1, sum(int(one["nthreads"]) for one in info["workers"].values()))
+        """Number of threads of all workers of the cluster, counted once a second."""
+        if time.monotonic() - self._counted_at >= _COUNT_S:
+            # Each call asks the scheduler for the state of every worker.
+            info = self._client.scheduler_info(n_workers=-1)
+            self._slots = sum(int(one["nthreads"]) for one in info["workers"].values())
+            self._counted_at = time.monotonic()
+        return self._slots
 
     def submit(self, task: Task) -> None:
         """Send a task to the scheduler."""

@@ -15,7 +15,7 @@ import tempfile
 import time
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Final, Literal, TypeAlias
@@ -33,6 +33,7 @@ from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.document import TreeFile
 from bt_dualarm.spec.node_types import escaped
 from bt_dualarm.spec.yaml_reader import Data, TreeInput
+from bt_dualarm.sweeps.inputs import inputs_of
 from bt_dualarm.sweeps.manifest import TrialSpec
 
 Cell: TypeAlias = str | float | int | bool | None
@@ -49,6 +50,12 @@ RECORDS: Final = "records"
 
 FALSE_SUCCESS: Final = "FALSE_SUCCESS"
 """Outcome of a trial whose trees report SUCCESS although a goal of the file is not met."""
+
+CRASHED: Final = "CRASHED"
+"""Outcome of a trial without a result, because its worker died each time."""
+
+REFUSED: Final = "REFUSED"
+"""Outcome of a trial that its worker did not run because it has other code or files."""
 
 LONGEST_TEXT: Final = 500
 """Letters of a sentence in a row."""
@@ -73,6 +80,7 @@ class Job:
         keep: Which records to keep.
         records: Folder for the records.
         faults: Faults in addition to the tree's, or None.
+        inputs: Digests of code, tree and files that the worker must find the same; empty for any.
     """
 
     tree: TreeInput
@@ -84,6 +92,7 @@ class Job:
     keep: Keep
     records: Path
     faults: TreeInput | None = None
+    inputs: Mapping[str, str] = field(default_factory=dict)
 
 
 def run_trial(job: Job) -> Row:
@@ -100,6 +109,9 @@ def run_trial(job: Job) -> Row:
         "reality": trial.reality or "",
     }
     try:
+        foreign = _foreign_inputs(job)
+        if foreign:
+            return row | {"outcome": REFUSED, "reason": foreign, "machine": socket.gethostname()}
         record = job.records / trial.identity if job.keep == "all" else None
         result = _run(job, record)
         row |= _of_result(result)
@@ -132,7 +144,7 @@ def lost_row(trial: TrialSpec, reason: str, attempts: int) -> Row:
         **{f"param.{name}": _flat(value) for name, value in trial.params.items()},
         "seed": trial.seed,
         "reality": trial.reality or "",
-        "outcome": "CRASHED",
+        "outcome": CRASHED,
         "code": "WORKER_DIED",
         "reason": _short(reason),
         "attempts": attempts,
@@ -166,8 +178,31 @@ def _file(job: Job) -> TreeFile:
         if len(_files) >= _MOST_FILES:
             _files.pop(next(iter(_files)))
         kinds = _registry(job.skills).kinds
-        _files[key] = check_tree(job.tree, kinds, job.trial.params, build=False).runnable()
+        _files[key] = check_tree(
+            job.tree, kinds, job.trial.params, folder=job.folder, build=False
+        ).runnable()
     return _files[key]
+
+
+_confirmed: set[str] = set()
+"""Digests of inputs that this process has found the same."""
+
+
+def _foreign_inputs(job: Job) -> str:
+    """What of a job's inputs this process finds different, as a list; empty if nothing is."""
+    key = repr(sorted(job.inputs.items()))
+    if not job.inputs or key in _confirmed:
+        return ""
+    if isinstance(job.tree, Path) and not job.tree.is_file():
+        return f"it has no file {job.tree}"
+    file = _file(job)
+    found = inputs_of(file.texts.values(), file, job.skills)
+    names = sorted({*found, *job.inputs})
+    differing = [name for name in names if found.get(name) != job.inputs.get(name)]
+    if differing:
+        return f"it differs from the sweep in {', '.join(differing)}"
+    _confirmed.add(key)
+    return ""
 
 
 def _run(job: Job, record: Path | None) -> RunResult:

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import itertools
+import shutil
 from pathlib import Path
 
 import pytest
 
+from bt_dualarm.behaviors.load import load
 from bt_dualarm.core.errors import DualArmError
+from bt_dualarm.robots.urdf_arm import robot_data_dir
+from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.problems import SpecError
 from bt_dualarm.sweeps.manifest import (
     Grid,
@@ -130,6 +134,38 @@ def test_another_tree_is_another_trial(old: str, new: str) -> None:
 def test_another_duration_or_reality_is_another_trial() -> None:
     made = [manifest(), manifest(duration=1.0), manifest(realities=("rough",))]
     assert len({one.trial(0).identity for one in made}) == 3
+
+
+OWN_ROBOT = """
+bt_dualarm: 1
+name: own
+world: {scene: empty}
+objects: {part: {shape: mesh, file: part.stl, mass: 0.1, pose: {xyz: [0.4, -0.4, 0.43]}}}
+arms: {arm1: {robot: arm/own.yaml, tree: {follow_path: {file: points.csv}}}}
+"""
+
+
+@pytest.mark.parametrize("changed", ["arm/own.yaml", "arm/own.urdf", "points.csv", "part.stl"])
+def test_another_file_that_the_tree_names_is_another_trial(changed: str, tmp_path: Path) -> None:
+    (tmp_path / "arm").mkdir()
+    shutil.copy(robot_data_dir() / "z1_description/urdf/z1.urdf", tmp_path / "arm/own.urdf")
+    (tmp_path / "arm/own.yaml").write_text(
+        "title: Own\nurdf: own.urdf\nbase_link: link00\n"
+        "tool: {link: gripperStator, xyz: [0.15, 0, 0], rpy: [0, 90, 0]}\n"
+        "joints: [joint1, joint2, joint3, joint4, joint5, joint6]\n"
+        "limits:\n  acceleration: {value: 5.0, source: chosen for this}\n"
+        "  jerk: {value: 100.0, source: chosen for this}\npostures: {home: [0, 60, -60, 0, 0, 0]}\n"
+    )
+    (tmp_path / "points.csv").write_text("0, 0\n80, 0\n80, 50\n")
+    (tmp_path / "part.stl").write_text("solid part\nendsolid part\n")
+    (tmp_path / "tree.yaml").write_text(OWN_ROBOT)
+    made = [Manifest(tmp_path / "tree.yaml"), Manifest(tmp_path / "tree.yaml", (0, 1))]
+    assert made[0].trial(0).identity == made[1].trial(0).identity
+    loaded = load(tmp_path / "tree.yaml", Registry.load().kinds)
+    assert loaded.file is not None, loaded.problems
+    path = tmp_path / changed
+    path.write_text(path.read_text() + "\n")
+    assert Manifest(tmp_path / "tree.yaml").trial(0).identity != made[0].trial(0).identity
 
 
 def test_shards_are_a_partition() -> None:
