@@ -11,10 +11,11 @@ from __future__ import annotations
 import math
 import os
 import queue
+import signal
 import subprocess
 import sys
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -325,6 +326,11 @@ class _Slots:
 _slots = _Slots()
 
 
+def dask_setup(worker: object) -> None:  # noqa: ARG001 - the name and argument are Dask's
+    """Leave Ctrl-C in a terminal to the sweep; Dask calls this in each worker of ``local:N``."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
 def run_in_child(job: Job, timeout: float | None) -> tuple[Row, str]:
     """Run a trial in a child process of a Dask worker; returns its row and the worker's address.
 
@@ -348,6 +354,9 @@ def run_in_child(job: Job, timeout: float | None) -> tuple[Row, str]:
             worker.answers.poll(0.5)
     return row, str(distributed.get_worker().address)
 
+
+_MOST_LOSSES: Final = 10
+"""Times that Dask may give up a trial because workers died, by default four deaths each."""
 
 _COUNT_S: Final = 1.0
 """Wall-clock seconds between two counts of the workers of a cluster."""
@@ -387,6 +396,7 @@ class DaskEngine:
                     processes=True,
                     dashboard_address=None,
                     silence_logs=50,
+                    preload=[__name__],
                 )
                 self._client = distributed.Client(self._cluster, set_as_default=False)
             else:
@@ -395,14 +405,14 @@ class DaskEngine:
             raise SweepError(f"no Dask scheduler answers at {address}: {error}") from error
         self._running: dict[Any, Task] = {}  # Any: futures, which have no types
         self._finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._killed: type[Exception] = distributed.KilledWorker
+        self._losses: Counter[str] = Counter()
 
     @property
     def slots(self) -> int:
         """Number of threads of all workers of the cluster, counted once a second."""
         if time.monotonic() - self._counted_at >= _COUNT_S:
-            # Each call asks the scheduler for the state of every worker.
-            info = self._client.scheduler_info(n_workers=-1)
-            self._slots = sum(int(one["nthreads"]) for one in info["workers"].values())
+            self._slots = int(self._client.scheduler_info(n_workers=1)["total_threads"])
             self._counted_at = time.monotonic()
         return self._slots
 
@@ -447,6 +457,14 @@ class DaskEngine:
                 self.submit(task)
                 continue
             error = future.exception()
+            identity = task.job.trial.identity
+            if isinstance(error, self._killed) and self._losses[identity] < _MOST_LOSSES:
+                # The trial ran in a child, so it did not kill the worker: machines are preempted,
+                # or run out of memory. A scheduler that runs elsewhere has its own limit of deaths.
+                self._losses[identity] += 1
+                self.submit(task)
+                continue
+            self._losses.pop(identity, None)
             if error is not None:
                 row = lost_row(task.job.trial, f"the Dask worker failed: {error}", ATTEMPTS)
                 done.append(Done(task, row, "dask"))

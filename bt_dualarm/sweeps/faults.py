@@ -44,6 +44,7 @@ from bt_dualarm.spec.yaml_reader import Data, TreeInput, is_yaml, read_tree, wit
 from bt_dualarm.sweeps.engine import Engine
 from bt_dualarm.sweeps.manifest import Manifest, SweepError, checked
 from bt_dualarm.sweeps.sweep import Progress, run_sweep
+from bt_dualarm.sweeps.trial import CRASHED, Rules
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -69,6 +70,7 @@ class FaultTrial:
         code: Code of the decisive failure, empty for SUCCESS.
         reason: Its sentence.
         ending: Why the run ended.
+        broken_rule: Sentence on a rule of every run that was broken, otherwise empty.
     """
 
     sentence: str
@@ -76,16 +78,23 @@ class FaultTrial:
     code: str
     reason: str
     ending: str
+    broken_rule: str
 
     @property
     def is_handled(self) -> bool:
-        """Whether the task succeeded anyway."""
-        return self.outcome == "SUCCESS"
+        """Whether the task succeeded anyway, and no rule was broken."""
+        return self.outcome == "SUCCESS" and not self.is_breach
 
     @property
     def is_breach(self) -> bool:
         """Whether the run broke a rule: a false success, an invariant, a crash, a hanging tick."""
-        return self.outcome in ("FALSE_SUCCESS", "CRASHED", "ERROR") or self.ending in _BREACHES
+        is_bad = self.outcome in ("FALSE_SUCCESS", CRASHED, "ERROR") or self.ending in _BREACHES
+        return is_bad or bool(self.broken_rule) or self.code == "NOT_REPEATABLE"
+
+    @property
+    def end(self) -> str:
+        """How the run ended, in a word or a sentence."""
+        return self.broken_rule or self.code or self.ending
 
 
 @dataclass(frozen=True)
@@ -184,7 +193,9 @@ def inject_faults(
     data = read_tree(tree, folder).data
     rng = np.random.default_rng([seed, zlib.crc32(b"faults")])
 
-    def tables(content: dict[str, Data], points: list[Mapping[str, Data]], at: Path) -> pa.Table:
+    def tables(
+        content: dict[str, Data], points: list[Mapping[str, Data]], at: Path, rules: Rules = "all"
+    ) -> pa.Table:
         manifest = Manifest(
             content,
             (seed,),
@@ -195,7 +206,7 @@ def inject_faults(
             explicit=tuple(points),
         )
         trials = checked(manifest)
-        return run_sweep(trials, at, engine, stop=stop, progress=progress, keep="failures").table
+        return run_sweep(trials, at, engine, rules=rules, stop=stop, progress=progress).table
 
     single = _faults_of(durations)
     campaign = _campaign(file, durations, tables(_with_faults(data, ("",)), single, out))
@@ -207,7 +218,7 @@ def inject_faults(
         sampled = sampled_hardware(file, _joints_of(file), longest, hardware, rng)
         content = _with_hardware(data, sampled)
         points = [{f"{_PREFIX}{name}": 1.0} for name in sampled]
-        table = tables(content, points, out / "hardware")
+        table = tables(content, points, out / "hardware", "contact")
         campaign = replace(campaign, hardware=_hardware_trials(sampled, table))
     write_text(out / PAGE, _page(campaign))
     return campaign
@@ -397,7 +408,8 @@ def _hardware_trials(
 
 
 def _ending_of(row: Mapping[str, Data]) -> dict[str, str]:
-    return {name: str(row.get(name) or "") for name in ("outcome", "code", "reason", "ending")}
+    names = "outcome", "code", "reason", "ending", "broken_rule"
+    return {name: str(row.get(name) or "") for name in names}
 
 
 def _faults_of(
@@ -498,7 +510,7 @@ def sample_lines(campaign: FaultCampaign, *, ascii_only: bool = False) -> list[s
         lines.append(f"{title}: {done} of {len(trials)} are handled")
         for one in trials:
             sign = breach if one.is_breach else handled if one.is_handled else missed
-            why = "" if one.is_handled else f"  {one.code or one.ending}"
+            why = "" if one.is_handled else f"  {one.end}"
             lines.append(f"  {sign} {one.sentence}{why}")
     return lines
 
@@ -564,7 +576,7 @@ def _sample_tables(campaign: FaultCampaign) -> str:
     for title, trials in _samples(campaign):
         rows = "".join(
             f"<tr><td>{html.escape(one.sentence)}</td>{_cell(one, is_leaf=True)}"
-            f"<td>{html.escape(one.code or one.ending)}</td></tr>"
+            f"<td>{html.escape(one.end)}</td></tr>"
             for one in trials
         )
         head = "<tr><th>fault</th><th></th><th>end</th></tr>"
@@ -576,5 +588,6 @@ def _cell(one: FaultTrial | None, is_leaf: bool) -> str:
     if one is None:
         return '<td class="n">·</td>' if is_leaf else "<td></td>"
     sign, kind = ("✔", "h") if one.is_handled else ("⚠", "b") if one.is_breach else ("✘", "m")
-    tip = html.escape(f"{one.outcome} {one.code}: {one.reason or one.ending}", quote=True)
+    why = one.broken_rule or one.reason or one.ending
+    tip = html.escape(f"{one.outcome} {one.code}: {why}", quote=True)
     return f'<td class="{kind}" title="{tip}">{sign}</td>'

@@ -59,6 +59,10 @@ class SweepError(DualArmError):
     """A sweep cannot be done as requested; the message names the argument and what is allowed."""
 
 
+class NoTrials(SweepError):  # noqa: N818 - it reads as a sentence
+    """No trial of a sweep has a row, so there is nothing to report."""
+
+
 @dataclass(frozen=True)
 class Grid:
     """Equidistant values of a parameter, both ends included.

@@ -16,7 +16,7 @@ from bt_dualarm.core.share import write_text
 from bt_dualarm.runtime.interruption import StopRequest
 from bt_dualarm.spec.yaml_reader import read_tree
 from bt_dualarm.sweeps.engine import Done, Engine, Task
-from bt_dualarm.sweeps.manifest import Manifest, SweepError, TrialSpec
+from bt_dualarm.sweeps.manifest import Manifest, NoTrials, SweepError, TrialSpec
 from bt_dualarm.sweeps.statistics import Boundary, SuccessRate
 from bt_dualarm.sweeps.table import (
     FAULTS,
@@ -28,7 +28,7 @@ from bt_dualarm.sweeps.table import (
     read_rows,
     write_table,
 )
-from bt_dualarm.sweeps.trial import CRASHED, RECORDS, REFUSED, Job, Keep, Row
+from bt_dualarm.sweeps.trial import CRASHED, RECORDS, REFUSED, Job, Keep, Row, Rules
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -172,6 +172,7 @@ def run_sweep(
     until: StopCondition | None = None,
     audit: float = 0.0,
     shard: tuple[int, int] = (1, 1),
+    rules: Rules = "none",
     stop: StopRequest | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> SweepResult:
@@ -186,6 +187,7 @@ def run_sweep(
             first on, so the result does not depend on the order in which they end.
         audit: Fraction of the new trials to run again on another worker, 0 to 1.
         shard: Number of the shard to run, from 1, and the number of shards.
+        rules: Which rules of every run to check; the column ``broken_rule`` has what was found.
         stop: Request to end early; finished trials are kept.
         progress: Called after each change.
 
@@ -211,7 +213,7 @@ def run_sweep(
     tell(state)
     left = deque(trial for trial in wanted if trial.identity not in finished)
     if left and not watch.enough:
-        jobs = (_job(manifest, trial, keep, out) for trial in left)
+        jobs = (_job(manifest, trial, keep, rules, out) for trial in left)
         try:
             _run_all(jobs, engine(), store, watch, state, audit, stop, tell)
         finally:
@@ -222,7 +224,7 @@ def run_sweep(
     return SweepResult(out, table, digest(table), complete, watch.enough, state)
 
 
-def _job(manifest: Manifest, trial: TrialSpec, keep: Keep, out: Path) -> Job:
+def _job(manifest: Manifest, trial: TrialSpec, keep: Keep, rules: Rules, out: Path) -> Job:
     """The trial for a worker, whose current folder may be another one."""
     tree = manifest.tree
     return Job(
@@ -235,6 +237,7 @@ def _job(manifest: Manifest, trial: TrialSpec, keep: Keep, out: Path) -> Job:
         keep,
         (out / RECORDS).resolve(),
         manifest.faults,
+        rules,
         manifest.inputs_at(trial.params),
     )
 
@@ -258,10 +261,10 @@ def _table_of(out: Path, wanted: Sequence[TrialSpec], watch: _Watch) -> pa.Table
     index = {trial.identity: trial.index for trial in wanted if last is None or trial.index <= last}
     table = read_rows([out])
     if table is None:
-        raise SweepError("no trial has finished: there is nothing to report")
+        raise NoTrials("no trial has finished: there is nothing to report")
     table = ordered(table, index)
     if not len(table):
-        raise SweepError("no trial has finished: there is nothing to report")
+        raise NoTrials("no trial has finished: there is nothing to report")
     # An older manifest may have given the same trial another number.
     import pyarrow as pa
 

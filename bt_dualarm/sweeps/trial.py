@@ -27,6 +27,7 @@ from bt_dualarm.runtime.file_check import check as check_tree
 from bt_dualarm.runtime.file_check import checked_faults
 from bt_dualarm.runtime.options import RunOptions, checked_reality
 from bt_dualarm.runtime.outcome import Outcome, RunResult
+from bt_dualarm.runtime.rules import RuleCheck
 from bt_dualarm.runtime.run import Run
 from bt_dualarm.runtime.summary import processor
 from bt_dualarm.skill.registry import Registry
@@ -44,6 +45,9 @@ Row: TypeAlias = Mapping[str, Cell]
 
 Keep: TypeAlias = Literal["failures", "all", "none"]
 """Which records a sweep keeps."""
+
+Rules: TypeAlias = Literal["none", "contact", "all"]
+"""Which rules of every run are checked: none, no contact between arms, or all of `RuleCheck`."""
 
 RECORDS: Final = "records"
 """Folder of the records below the output folder, each named by its trial's identity."""
@@ -80,6 +84,7 @@ class Job:
         keep: Which records to keep.
         records: Folder for the records.
         faults: Faults in addition to the tree's, or None.
+        rules: Which rules of every run to check, as fault injection does.
         inputs: Digests of code, tree and files that the worker must find the same; empty for any.
     """
 
@@ -92,6 +97,7 @@ class Job:
     keep: Keep
     records: Path
     faults: TreeInput | None = None
+    rules: Rules = "none"
     inputs: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -113,8 +119,10 @@ def run_trial(job: Job) -> Row:
         if foreign:
             return row | {"outcome": REFUSED, "reason": foreign, "machine": socket.gethostname()}
         record = job.records / trial.identity if job.keep == "all" else None
-        result = _run(job, record)
+        result, broken = _run(job, record)
         row |= _of_result(result)
+        if job.rules != "none":
+            row |= {"broken_rule": broken}
         if record is None and (result.outcome is not Outcome.SUCCESS or not result.goals_met):
             row |= _cause(job, result)
         elif record is not None:
@@ -205,7 +213,8 @@ def _foreign_inputs(job: Job) -> str:
     return ""
 
 
-def _run(job: Job, record: Path | None) -> RunResult:
+def _run(job: Job, record: Path | None) -> tuple[RunResult, str]:
+    """Result of the run, and a sentence on a broken rule, empty if none was."""
     file = _file(job)
     reality = None if job.trial.reality is None else checked_reality(job.trial.reality)
     options = RunOptions(
@@ -219,12 +228,15 @@ def _run(job: Job, record: Path | None) -> RunResult:
     if record is not None:
         shutil.rmtree(record, ignore_errors=True)  # left by a worker that died
     with Run(file, _registry(job.skills), options) as run:
+        check = RuleCheck(run.world, of_motion=job.rules == "all")
+        if job.rules != "none":
+            run.watch(check)
         result = run.finish()
         if record is not None:
             # A second request skips the plots, which would take longer than a short run.
             run.stop()
             run.stop()
-    return result
+    return result, check.broken
 
 
 def _of_result(result: RunResult) -> dict[str, Cell]:
@@ -272,7 +284,7 @@ def _cause(job: Job, first: RunResult) -> dict[str, Cell]:
     with tempfile.TemporaryDirectory(prefix="bt_sweep_") as scratch:
         kept = job.keep == "failures"
         record = job.records / job.trial.identity if kept else Path(scratch) / "record"
-        again = _run(job, record)
+        again, _ = _run(job, record)
         if again.state_sha256 != first.state_sha256:
             hashes = f"{first.state_sha256[:12]} and {again.state_sha256[:12]}"
             return {"code": "NOT_REPEATABLE", "reason": f"two runs had the hashes {hashes}"}
