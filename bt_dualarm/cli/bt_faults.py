@@ -98,7 +98,7 @@ def _run(arguments: argparse.Namespace, stop: StopRequest) -> int:
     print(summary_of(campaign))
     for one in campaign.trials:
         if one.is_breach:
-            print(f"  {one.sentence}: {one.outcome} {one.broken_rule or one.reason or one.ending}")
+            print(f"  {one.sentence}: {one.outcome} {one.why}")
     print(f"page: {arguments.out / PAGE}")
     return FAILED if any(one.is_breach for one in campaign.trials) else SUCCEEDED
 

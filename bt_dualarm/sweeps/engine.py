@@ -131,6 +131,11 @@ class Worker:
         """Process id, None while there is no process."""
         return None if self._process is None else self._process.pid
 
+    @property
+    def is_late(self) -> bool:
+        """Whether the current trial has run for longer than the timeout."""
+        return self.task is not None and time.monotonic() > self._deadline
+
     def begin(self, task: Task) -> None:
         """Start a task."""
         self.task = task
@@ -154,7 +159,7 @@ class Worker:
                 if isinstance(memory, float) and memory > MOST_MEMORY_MB:
                     self.end()
                 return {**row, "attempts": self._attempts}
-            if time.monotonic() > self._deadline:
+            if self.is_late:
                 reason = f"gave no result within {self.timeout:g} s"
         except (EOFError, OSError):
             reason = self._how_it_ended()
@@ -276,12 +281,12 @@ class ProcessEngine:
     def completed(self, timeout: float) -> Sequence[Done]:
         """Finished tasks, as `Engine.completed`."""
         pipes = [w.answers for w in self._workers if w.task is not None and w.answers is not None]
-        if pipes:
-            wait(pipes, timeout)
+        ready = set(wait(pipes, timeout)) if pipes else set()
         done = []
         for worker in self._workers:
             task = worker.task
-            row = worker.take()
+            # Asking each of many workers would take longer than everything else.
+            row = worker.take() if worker.answers in ready or worker.is_late else None
             if row is not None and task is not None:
                 done.append(Done(task, row, worker.name))
         self._deal()

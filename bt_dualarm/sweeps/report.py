@@ -385,7 +385,9 @@ class _Report:
             body.append(html_cells(self.cells))
         if self.metrics:
             body += ["<h2>Metrics</h2>", self._metrics_html()]
-            body.append(_image(_histograms(self.metrics[:_MOST_HISTOGRAMS])))
+            varying = [one for one in self.metrics if np.ptp(one.values) > 0.0]
+            if varying:
+                body.append(_image(_histograms(varying[:_MOST_HISTOGRAMS])))
         body.append(
             f"<footer>{html.escape(self.costs())} Hash of all results: <code>{self.sha256}</code>"
             "</footer>"
