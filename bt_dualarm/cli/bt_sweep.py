@@ -48,6 +48,10 @@ def main(argv: Sequence[str] | None) -> int:
         return _merge(arguments)
     if arguments.tree is None:
         parser.error("a tree or a manifest file is missing")
+    names = [name for name, _ in arguments.param]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        parser.error(f"--param {twice} is given twice; list its values: {twice}=VALUE,VALUE")
     from bt_dualarm.sweeps.manifest import NoTrials
 
     with stop_on_signals(StopRequest()) as stop:

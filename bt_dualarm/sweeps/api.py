@@ -115,7 +115,7 @@ def sweep(
     """
     fields: dict[str, Any] = {  # Any: fields of `Manifest`
         "seeds": None if seeds is None else _seeds(seeds),
-        "params": {name: _values(given) for name, given in (params or {}).items()},
+        "params": {name: _values(name, given) for name, given in (params or {}).items()},
         "realities": (reality,) if isinstance(reality, str) else tuple(reality or ()),
         "sampler": sample,
         "samples": samples,
@@ -276,9 +276,12 @@ def _seeds(seeds: int | str | Iterable[int]) -> tuple[int, ...]:
     return tuple(int(seed) for seed in seeds)
 
 
-def _values(given: object) -> Values:
+def _values(name: str, given: object) -> Values:
     if isinstance(given, str):
-        return values_of(given)
+        try:
+            return values_of(given)
+        except SweepError as error:
+            raise SweepError(f"{name}: {error}") from error
     if isinstance(given, Grid):
         return given
     if isinstance(given, np.ndarray):

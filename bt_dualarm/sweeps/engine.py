@@ -11,7 +11,9 @@ from __future__ import annotations
 import math
 import os
 import queue
+import re
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -360,11 +362,39 @@ def run_in_child(job: Job, timeout: float | None) -> tuple[Row, str]:
     return row, str(distributed.get_worker().address)
 
 
+_ADDRESS: Final = re.compile(
+    r"local:(?P<count>[1-9]\d{0,2}|10[01]\d|102[0-4])"
+    r"|(?:tcp|tls)://(?P<host>\[[0-9a-fA-F:]+\]|[^\s:/]+):(?P<port>\d{1,5})"
+)
+
+_CONNECT_S: Final = 15.0
+"""Wall-clock seconds that a scheduler has to accept a connection: it may still be starting."""
+
 _MOST_LOSSES: Final = 10
 """Times that Dask may give up a trial because workers died, by default four deaths each."""
 
 _COUNT_S: Final = 1.0
 """Wall-clock seconds between two counts of the workers of a cluster."""
+
+
+def _await_scheduler(host: str, port: int) -> None:
+    """Wait until something accepts connections at an address.
+
+    Raises:
+        OSError: Nothing does.
+    """
+    until = time.monotonic() + _CONNECT_S
+    while True:
+        try:
+            socket.create_connection((host, port), timeout=_CONNECT_S).close()
+        except socket.gaierror:
+            raise
+        except OSError:
+            if time.monotonic() > until:
+                raise
+            time.sleep(0.5)
+        else:
+            return
 
 
 class DaskEngine:
@@ -379,6 +409,12 @@ class DaskEngine:
     """
 
     def __init__(self, address: str, timeout: float | None = None) -> None:
+        match = _ADDRESS.fullmatch(address)
+        if match is None:
+            raise SweepError(
+                f"{address!r} is no Dask cluster: tcp://HOST:PORT of a scheduler, or local:N for N "
+                "workers of this machine, at most 1024"
+            )
         try:
             dask: Any = import_module("dask")  # Any: Dask has few types
             distributed: Any = import_module("distributed")
@@ -390,13 +426,10 @@ class DaskEngine:
         self._cluster = None
         self._slots = 0
         self._counted_at = -math.inf
-        name, _, count = address.partition(":")
         try:
-            if name == "local":
-                if not count.isdecimal() or not 1 <= int(count) <= 1024:
-                    raise SweepError(f"{address!r}: local:N needs a number of workers, N")
+            if match["count"]:
                 self._cluster = distributed.LocalCluster(
-                    n_workers=int(count),
+                    n_workers=int(match["count"]),
                     threads_per_worker=1,
                     processes=True,
                     dashboard_address=None,
@@ -405,6 +438,8 @@ class DaskEngine:
                 )
                 self._client = distributed.Client(self._cluster, set_as_default=False)
             else:
+                # Dask's client, without an answer, waits half a minute more before it gives up.
+                _await_scheduler(match["host"].strip("[]"), int(match["port"]))
                 self._client = distributed.Client(address, timeout="15s", set_as_default=False)
         except (OSError, TimeoutError, ValueError) as error:
             raise SweepError(f"no Dask scheduler answers at {address}: {error}") from error

@@ -12,6 +12,7 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
@@ -513,19 +514,37 @@ def read_manifest(path: Path) -> Manifest:
         raise SpecError(
             [source.problem(one.path, one.message, one.hint, key=one.at_key) for one in found]
         ) from error
+    problems: list[Problem] = []
+
+    @contextmanager
+    def at(*place: str) -> Iterator[None]:
+        try:
+            yield
+        except DualArmError as error:
+            message, _, hint = str(error).partition("\n")
+            problems.append(source.problem(place, message, hint.strip().removeprefix("= ")))
+
     tree = path.parent / content.tree
-    seeds = content.seeds
+    with at("tree"):
+        tree = tree if tree.is_file() else find_tree(content.tree)
+    seeds: tuple[int, ...] = ()
+    with at("seeds"):
+        given = content.seeds
+        seeds = seeds_of(given) if isinstance(given, str) else tuple(given)
+    params: dict[str, Values] = {}
+    for name, values in content.params.items():
+        with at("params", name):
+            listed = tuple(values) if isinstance(values, list | tuple) else (values,)
+            params[name] = values_of(values) if isinstance(values, str) else listed
+    for name in content.reality:
+        with at("reality"):
+            checked_reality(name)
+    if problems:
+        raise SpecError(problems)
     return Manifest(
-        tree if tree.is_file() else find_tree(content.tree),
-        seeds_of(seeds) if isinstance(seeds, str) else tuple(seeds),
-        {
-            name: values_of(given)
-            if isinstance(given, str)
-            else tuple(given)
-            if isinstance(given, list | tuple)
-            else (given,)
-            for name, given in content.params.items()
-        },
+        tree,
+        seeds,
+        params,
         tuple(content.reality) or (None,),
         content.sample,
         content.samples,

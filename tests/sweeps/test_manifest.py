@@ -221,3 +221,23 @@ def test_errors_of_a_manifest_file_have_their_line(tmp_path: Path) -> None:
     assert "sweep.yaml:3:1" in text
     assert "did you mean 'seeds'" in text
     assert "sweep.yaml:4:10" in text
+
+
+def test_values_of_a_manifest_file_have_their_line(tmp_path: Path) -> None:
+    file = tmp_path / "sweep.yaml"
+    file.write_text(
+        "bt_sweep: 1\ntree: circel\nseeds: '3:1'\nreality: [labb]\n"
+        "params:\n  speed: '1.0:0.5:3'\n  radius: '[0.1'\n"
+    )
+    with pytest.raises(SpecError) as caught:
+        read_manifest(file)
+    found = str(caught.value)
+    for line, message in [
+        (2, "no such file, nor a shipped tree"),
+        (3, "the end of seeds must be above their beginning"),
+        (4, "did you mean 'lab'"),
+        (6, "does not rise"),
+        (7, "is not a list of values"),
+    ]:
+        assert f"sweep.yaml:{line}:" in found
+        assert message in found

@@ -85,8 +85,9 @@ def test_dask_gives_the_same_rows(tmp_path: Path) -> None:
 
 def test_a_scheduler_that_is_not_there_is_said(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
-    with pytest.raises(SweepError, match="local:N needs a number"):
-        bt.sweep("circle", out=tmp_path / "a", dask="local:none")
+    for address in ("local:none", "local:0", "local:1025", "here", "tcp://host", "tcp://host:x"):
+        with pytest.raises(SweepError, match=r"no Dask cluster: tcp:.*local:N"):
+            bt.sweep("circle", out=tmp_path / "a", dask=address)
     with pytest.raises(SweepError, match="mutually exclusive"):
         bt.sweep("circle", out=tmp_path / "a", dask="local:2", jobs=2)
 
@@ -127,6 +128,7 @@ def test_the_command_reports_and_goes_on(
         (["circle", "--shard", "3/2"], "not a shard"),
         (["circle", "--until", "soon"], "not a condition"),
         (["circle", "--jobs", "0"], "number of workers"),
+        (["circle", "--param", "speed=1:0.5:3"], "speed: the range 1:0.5 does not rise"),
         (["circle", "--search", "3"], "one or two parameters as a range"),
         (["circel"], "no such file"),
     ],
@@ -136,6 +138,13 @@ def test_mistakes_are_errors_before_anything_runs(
 ) -> None:
     assert sweep([*arguments, "--out", str(tmp_path / "out")]) == 2
     assert message in capsys.readouterr().err
+
+
+def test_a_parameter_that_is_given_twice_is_an_error(capsys: pytest.CaptureFixture[str]) -> None:
+    """The last one would count without a word."""
+    with pytest.raises(SystemExit):
+        sweep(["circle", "--param", "speed=0.5", "--param", "speed=1.0"])
+    assert "--param speed is given twice" in capsys.readouterr().err
 
 
 def test_a_goal_that_is_missed_makes_a_false_success(tmp_path: Path) -> None:
