@@ -10,11 +10,14 @@ from __future__ import annotations
 import argparse
 import os
 import signal
+import socket
 import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +38,7 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=40)
     parser.add_argument("--kill-every", type=float, default=2.0, help="mean wall-clock s (2)")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--dask", action="store_true", help="also on two Dask workers")
+    parser.add_argument("--dask", action="store_true", help="also on a cluster of two")
     parser.add_argument("--cost", action="store_true", help="measure efficiency and overhead")
     parser.add_argument("--rows", type=int, default=0, help="only write a report of made-up rows")
     arguments = parser.parse_args()
@@ -58,42 +61,137 @@ def _kills(arguments: argparse.Namespace, scratch: Path) -> None:
     """Run the same sweep undisturbed and disturbed, and compare the hashes of the tables."""
     rng = np.random.default_rng(arguments.seed)
     tree, trials = arguments.tree, arguments.trials
-    print(f"{trials} trials of {tree}")
-    hashes = {"undisturbed": _finished(_command(tree, trials, scratch / "plain"))}
-    out = scratch / "killed"
-    workers = clients = 0
+    print(f"{trials} trials of {tree}", flush=True)
+    hashes: list[tuple[str, str]] = []
+
+    def said(what: str, value: str, began: float) -> None:
+        hashes.append((value, what))
+        print(f"  {value}  {what} ({time.monotonic() - began:.0f} s)", flush=True)
+
+    began = time.monotonic()
+    said("undisturbed", _finished(_command(tree, trials, scratch / "plain")), began)
+    began = time.monotonic()
+    said(*_disturbed(tree, trials, scratch / "killed", arguments.kill_every, rng), began)
+    parts = [scratch / "part1", scratch / "part2"]
+    began = time.monotonic()
+    for number, part in enumerate(parts, 1):
+        _finished(_command(tree, trials, part, "--shard", f"{number}/2"))
+    said("two shards, merged", merge(parts, scratch / "merged").sha256[:16], began)
+    if arguments.dask:
+        began = time.monotonic()
+        with _Cluster(2) as cluster:
+            said(
+                *_disturbed(tree, trials, scratch / "dask", arguments.kill_every, rng, cluster),
+                began,
+            )
+    print("all equal" if len({value for value, _ in hashes}) == 1 else "DIFFERENT")
+
+
+class _Cluster:
+    """A Dask scheduler and workers, each a nanny with a worker, that are replaced when killed.
+
+    Args:
+        count: Number of workers.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._count = count
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            self.address = f"tcp://127.0.0.1:{probe.getsockname()[1]}"
+        self._processes: list[subprocess.Popen[bytes]] = []
+
+    def __enter__(self) -> _Cluster:
+        port = self.address.rpartition(":")[2]
+        self._processes = [
+            _started("scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard")
+        ]
+        self.replace()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for process in self._processes:
+            process.kill()
+            for child in _descendants(process.pid):
+                with suppress(ProcessLookupError):
+                    os.kill(child, signal.SIGKILL)
+        for process in self._processes:
+            process.wait()
+
+    def replace(self) -> None:
+        """Start as many workers as are missing, as a supervisor does."""
+        scheduler, *nannies = self._processes
+        living = [one for one in nannies if one.poll() is None]
+        missing = self._count - len(living)
+        more = [
+            _started("worker", self.address, "--nthreads", "1", "--no-dashboard")
+            for _ in range(missing)
+        ]
+        self._processes = [scheduler, *living, *more]
+
+    def victims(self) -> dict[str, list[int]]:
+        """Process ids by what they are."""
+        nannies = [one.pid for one in self._processes[1:] if one.poll() is None]
+        below = [pid for nanny in nannies for pid in _descendants(nanny)]
+        trials = [pid for pid in below if "sweeps.worker" in _line_of(pid)]
+        workers = [pid for pid in below if "spawn_main" in _line_of(pid)]
+        return {"trials": trials, "workers": workers, "nannies": nannies}
+
+
+def _started(*words: str) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "distributed.cli.dask_" + words[0], *words[1:]]
+    quiet = subprocess.DEVNULL
+    return subprocess.Popen(command, stdout=quiet, stderr=quiet, start_new_session=True)
+
+
+def _disturbed(
+    tree: str,
+    trials: int,
+    out: Path,
+    kill_every: float,
+    rng: np.random.Generator,
+    cluster: _Cluster | None = None,
+) -> tuple[str, str]:
+    """Run a sweep while random processes are killed; returns what was killed, and the hash."""
+    more = () if cluster is None else ("--dask", cluster.address)
+    killed: Counter[str] = Counter()
     while True:
         client = subprocess.Popen(
-            _command(tree, trials, out), stdout=subprocess.PIPE, text=True, start_new_session=True
+            _command(tree, trials, out, *more),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
         )
         while client.poll() is None:
-            time.sleep(float(rng.exponential(arguments.kill_every)))
-            victims = _workers_of(client.pid)
+            time.sleep(float(rng.exponential(kill_every)))
+            if cluster is not None:
+                cluster.replace()
             if rng.random() < 0.1:
                 client.kill()
-                clients += 1
-            elif victims:
-                os.kill(int(rng.choice(victims)), signal.SIGKILL)
-                workers += 1
-        said = client.communicate()[0]
-        if client.returncode >= 0:
+                killed["clients"] += 1
+                continue
+            victims = (
+                {"workers": _descendants(client.pid)} if cluster is None else cluster.victims()
+            )
+            kind = str(rng.choice(sorted(victims)))
+            if victims[kind]:
+                with suppress(ProcessLookupError):
+                    os.kill(int(rng.choice(victims[kind])), signal.SIGKILL)
+                    killed[kind] += 1
+        said, complaints = client.communicate()
+        # A client that was killed is started again; one that gives up is too, as a user would.
+        if client.returncode == 0:
             break
+        if client.returncode > 0:
+            killed["clients that gave up"] += 1
+            print(f"  exit code {client.returncode}: {complaints.strip()[-300:]}", flush=True)
     table = read_rows([out])
     crashed = 0 if table is None else table["outcome"].to_pylist().count("CRASHED")
     # A trial whose worker was killed three times has no result, and the table is another one.
-    name = f"{workers} workers and {clients} clients killed, {crashed} trials three times"
-    hashes[name] = _hash(said)
-    parts = [scratch / "part1", scratch / "part2"]
-    for number, part in enumerate(parts, 1):
-        _finished(_command(tree, trials, part, "--shard", f"{number}/2"))
-    hashes["two shards, merged"] = merge(parts, scratch / "merged").sha256[:16]
-    if arguments.dask:
-        hashes["Dask, two workers"] = _finished(
-            _command(tree, trials, scratch / "dask", "--dask", "local:2")
-        )
-    for name, value in hashes.items():
-        print(f"  {value}  {name}")
-    print("all equal" if len(set(hashes.values())) == 1 else "DIFFERENT")
+    parts = [f"{count} {name}" for name, count in sorted(killed.items())]
+    where = "killed" if cluster is None else "killed on a Dask cluster"
+    return f"{', '.join(parts)} {where}, {crashed} trials without a result", _hash(said)
 
 
 def _finished(command: Sequence[str]) -> str:
@@ -109,12 +207,24 @@ def _hash(said: str) -> str:
     )
 
 
-def _workers_of(pid: int) -> list[int]:
+def _descendants(pid: int) -> list[int]:
+    """Process ids of the children of all threads of a process, and of theirs."""
+    found: list[int] = []
+    waiting = [pid]
+    while waiting:
+        for path in Path(f"/proc/{waiting.pop()}/task").glob("*/children"):
+            with suppress(OSError):
+                below = [int(word) for word in path.read_text().split()]
+                found += below
+                waiting += below
+    return found
+
+
+def _line_of(pid: int) -> str:
     try:
-        text = Path(f"/proc/{pid}/task/{pid}/children").read_text()
+        return Path(f"/proc/{pid}/cmdline").read_text().replace("\0", " ")
     except OSError:
-        return []
-    return [int(word) for word in text.split()]
+        return ""
 
 
 def _cost(tree: str, trials: int, scratch: Path) -> None:

@@ -25,7 +25,8 @@ examples:
 Each leaf that runs is made to fail, raise an exception and hang: before its first step, in the
 middle, and when it would succeed. One sign each, in this order:
   ✔ the task succeeded anyway   ✘ the run failed   ⚠ a rule was broken: a false success, a
-  violated invariant, a crash        · no such moment
+  violated invariant, arms that touch, a joint beyond its limits or moving after the end of
+  its tree, a crash                  · no such moment
 
 exit code: 0 no rule was broken, 1 one was, 2 the tree cannot be used or fails without faults,
 130 or 143 interrupted: finished trials are kept
@@ -97,7 +98,7 @@ def _run(arguments: argparse.Namespace, stop: StopRequest) -> int:
     print(summary_of(campaign))
     for one in campaign.trials:
         if one.is_breach:
-            print(f"  {one.sentence}: {one.outcome} {one.reason or one.ending}")
+            print(f"  {one.sentence}: {one.outcome} {one.why}")
     print(f"page: {arguments.out / PAGE}")
     return FAILED if any(one.is_breach for one in campaign.trials) else SUCCEEDED
 

@@ -48,10 +48,22 @@ def main(argv: Sequence[str] | None) -> int:
         return _merge(arguments)
     if arguments.tree is None:
         parser.error("a tree or a manifest file is missing")
+    names = [name for name, _ in arguments.param]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        parser.error(f"--param {twice} is given twice; list its values: {twice}=VALUE,VALUE")
+    from bt_dualarm.sweeps.manifest import NoTrials
+
     with stop_on_signals(StopRequest()) as stop:
         for number in early.numbers:  # signals received during the imports
             stop.receive(number)
-        code = _run(arguments, stop)
+        try:
+            code = _run(arguments, stop)
+        except NoTrials as error:
+            if not stop.asked:
+                raise
+            print(f"bt-sweep: interrupted: {error}", file=sys.stderr)
+            code = FAILED
         return stop.exit_code or code
 
 
@@ -169,8 +181,12 @@ def _lost(result: SweepResult) -> bool:
 def _merge(arguments: argparse.Namespace) -> int:
     from bt_dualarm.sweeps.api import merge
 
-    _print_result(merge(arguments.merge, arguments.out), arguments.out)
-    return SUCCEEDED
+    result = merge(arguments.merge, arguments.out)
+    _print_result(result, arguments.out)
+    if not result.complete:
+        missing = result.progress.total - len(result.table)
+        print(f"bt-sweep: {missing} of {result.progress.total} trials are missing", file=sys.stderr)
+    return SUCCEEDED if result.complete and not _lost(result) else FAILED
 
 
 def _print_result(result: SweepResult, out: Path) -> None:
@@ -228,6 +244,8 @@ def _left(state: Progress) -> str:
     seconds = state.left_s
     if state.done >= state.total:
         return ""
+    if not state.workers:
+        return "waiting for a worker of the cluster"
     if not math.isfinite(seconds):
         return "(time left: after the first trial)"
     if seconds < 90:
@@ -249,9 +267,13 @@ class _Lines:
     def __call__(self, state: Progress) -> None:
         now = time.monotonic()
         part = 20 * state.done // max(state.total, 1)
-        if state.done == 0 or (part == self._printed and now - self._at < self._EVERY_S):
+        is_waiting = not state.workers
+        if state.done == 0 and not is_waiting:
+            return
+        if part == self._printed and now - self._at < self._EVERY_S:
             return
         self._printed, self._at = part, now
         failures = ", ".join(f"{what} {n}" for what, n in state.failures.most_common(3))
-        parts = f"{state.done}/{state.total}", f"success {state.rate}", _left(state), failures
+        rate = f"success {state.rate}" if state.done else ""
+        parts = f"{state.done}/{state.total}", rate, _left(state), failures
         self._console.print(", ".join(filter(None, parts)), markup=False, soft_wrap=True)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
@@ -35,8 +36,16 @@ from bt_dualarm.sweeps.manifest import (
 )
 from bt_dualarm.sweeps.report import title_of, write_report
 from bt_dualarm.sweeps.search import search_boundary
-from bt_dualarm.sweeps.sweep import MANIFEST, TABLE, Progress, StopCondition, SweepResult, run_sweep
-from bt_dualarm.sweeps.table import RowStore, digest, ordered, read_rows, write_table
+from bt_dualarm.sweeps.sweep import Progress, StopCondition, SweepResult, run_sweep
+from bt_dualarm.sweeps.table import (
+    MANIFEST,
+    TABLE,
+    RowStore,
+    digest,
+    ordered,
+    read_rows,
+    write_table,
+)
 from bt_dualarm.sweeps.trial import RECORDS, Keep
 
 PathLike: TypeAlias = str | os.PathLike[str]
@@ -106,7 +115,7 @@ def sweep(
     """
     fields: dict[str, Any] = {  # Any: fields of `Manifest`
         "seeds": None if seeds is None else _seeds(seeds),
-        "params": {name: _values(given) for name, given in (params or {}).items()},
+        "params": {name: _values(name, given) for name, given in (params or {}).items()},
         "realities": (reality,) if isinstance(reality, str) else tuple(reality or ()),
         "sampler": sample,
         "samples": samples,
@@ -153,12 +162,17 @@ def merge(folders: Sequence[Path], out: Path) -> SweepResult:
     """Merge the trials of folders into one, with their records, and write table and report.
 
     Args:
-        folders: Output folders of sweeps.
+        folders: Output folders of sweeps of the same tree with the same code.
         out: Folder to write to; it may be one of them, or one that has rows already.
 
+    Returns:
+        The result of all of them; it is complete if no trial of their manifests is missing.
+
     Raises:
-        SweepError: A folder is not one of a sweep, or ``out`` cannot be written to.
+        SweepError: A folder is not one of a sweep, they cannot be merged, or ``out`` cannot be
+            written to.
     """
+    wanted = _trials_of(folders)
     others = [folder for folder in folders if folder.resolve() != out.resolve()]
     table = read_rows(folders)
     if table is None:
@@ -180,7 +194,32 @@ def merge(folders: Sequence[Path], out: Path) -> SweepResult:
     progress = Progress(len(table))
     for row in table.to_pylist():
         progress.count(row)
-    return SweepResult(out, table, digest(table), True, False, progress)
+    progress.total = max(wanted, len(table))
+    return SweepResult(out, table, digest(table), len(table) >= wanted, False, progress)
+
+
+def _trials_of(folders: Sequence[Path]) -> int:
+    """Number of trials of the largest manifest of the folders.
+
+    Raises:
+        SweepError: Their trials depend on different code or trees.
+    """
+    most = 0
+    first: tuple[Path, Mapping[str, object]] | None = None
+    for folder in folders:
+        with suppress(OSError, ValueError):
+            content = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+            most = max(most, int(content["trials"]))
+            # Shards on different kinds of processors are allowed; the report says so.
+            fixed = {name: v for name, v in content["depends_on"].items() if name != "processor"}
+            first = first or (folder, fixed)
+            differing = sorted(n for n in {*fixed, *first[1]} if fixed.get(n) != first[1].get(n))
+            if differing:
+                raise SweepError(
+                    f"{first[0]} and {folder} are no parts of one sweep, because they differ in "
+                    f"{', '.join(differing)}; bt-compare compares two sweeps"
+                )
+    return most
 
 
 def compare(a: PathLike, b: PathLike) -> Comparison:
@@ -237,9 +276,12 @@ def _seeds(seeds: int | str | Iterable[int]) -> tuple[int, ...]:
     return tuple(int(seed) for seed in seeds)
 
 
-def _values(given: object) -> Values:
+def _values(name: str, given: object) -> Values:
     if isinstance(given, str):
-        return values_of(given)
+        try:
+            return values_of(given)
+        except SweepError as error:
+            raise SweepError(f"{name}: {error}") from error
     if isinstance(given, Grid):
         return given
     if isinstance(given, np.ndarray):

@@ -19,7 +19,7 @@ from bt_dualarm.sweeps.statistics import (
     paired_metric,
     verdict_of,
 )
-from bt_dualarm.sweeps.table import columns_of, read_rows
+from bt_dualarm.sweeps.table import TABLE, columns_of, ordered, read_file, read_rows
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -120,14 +120,19 @@ def compare(a: Path, b: Path) -> Comparison:
 
 
 def _table(folder: Path) -> pa.Table:
-    table = read_rows([folder])
-    if table is None:
+    """Trials of the last sweep in a folder; all its rows if that sweep was killed.
+
+    Raises:
+        SweepError: The folder is not one of a sweep, or has no trials.
+    """
+    rows = read_rows([folder])
+    if rows is None:
         raise SweepError(f"{folder} has no trials")
-    return table
+    return read_file(folder / TABLE) if (folder / TABLE).is_file() else ordered(rows)
 
 
 def _keyed(table: pa.Table) -> dict[str, int]:
-    """Row number of each trial by what pairs it; later rows of other code are ignored."""
+    """Row number of each trial by what pairs it; of several, the first one."""
     names = ["seed", "reality", *sorted(columns_of(table, "param.").values())]
     columns = [table[name].to_pylist() for name in names]
     found: dict[str, int] = {}

@@ -8,15 +8,20 @@ and is never repeated.
 
 from __future__ import annotations
 
+import math
 import os
 import queue
+import re
+import signal
+import socket
 import subprocess
 import sys
 import time
-from collections import deque
-from collections.abc import Sequence
+from collections import Counter, deque
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from fcntl import F_SETFL, fcntl
 from importlib import import_module
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
@@ -31,6 +36,9 @@ ATTEMPTS: Final = 3
 
 MOST_MEMORY_MB: Final = 1500.0
 """Peak memory of a trial after which its worker is replaced, so that memory stays bounded."""
+
+_LAST_BYTES: Final = 4096
+"""Bytes of a dead worker's messages that are read."""
 
 _PROGRAM: Final = "from bt_dualarm.sweeps.worker import serve; serve()"
 _ROOT: Final = str(Path(__file__).parents[2])
@@ -75,7 +83,7 @@ class Engine(Protocol):
 
     @property
     def slots(self) -> int:
-        """Number of tasks that can run at the same time now."""
+        """Number of tasks that can run at the same time now; 0 while there is no worker."""
 
     def submit(self, task: Task) -> None:
         """Queue a task; returns at once."""
@@ -107,10 +115,11 @@ class Worker:
     def __init__(self, name: str, timeout: float | None = None) -> None:
         self.name = name
         self.task: Task | None = None
-        self._timeout = timeout
+        self.timeout = timeout
         self._attempts = 0
         self._deadline = float("inf")
         self._process: subprocess.Popen[bytes] | None = None
+        self._errors: int | None = None
         self._requests: Connection | None = None
         self._answers: Connection | None = None
 
@@ -123,6 +132,11 @@ class Worker:
     def pid(self) -> int | None:
         """Process id, None while there is no process."""
         return None if self._process is None else self._process.pid
+
+    @property
+    def is_late(self) -> bool:
+        """Whether the current trial has run for longer than the timeout."""
+        return self.task is not None and time.monotonic() > self._deadline
 
     def begin(self, task: Task) -> None:
         """Start a task."""
@@ -147,8 +161,8 @@ class Worker:
                 if isinstance(memory, float) and memory > MOST_MEMORY_MB:
                     self.end()
                 return {**row, "attempts": self._attempts}
-            if time.monotonic() > self._deadline:
-                reason = f"gave no result within {self._timeout:g} s"
+            if self.is_late:
+                reason = f"gave no result within {self.timeout:g} s"
         except (EOFError, OSError):
             reason = self._how_it_ended()
         if not reason:
@@ -169,7 +183,9 @@ class Worker:
         for pipe in (self._requests, self._answers):
             if pipe is not None:
                 pipe.close()
-        self._process = self._requests = self._answers = None
+        if self._errors is not None:
+            os.close(self._errors)
+        self._process = self._requests = self._answers = self._errors = None
 
     def _try(self) -> None:
         self._attempts += 1
@@ -177,19 +193,23 @@ class Worker:
             if self._process is None or self._process.poll() is not None:
                 self.end()
                 self._start()
-            if self._requests is None or self.task is None:
+            if self._requests is None or self._errors is None or self.task is None:
                 raise AssertionError("a started process has a pipe, and there is a task")
+            os.ftruncate(self._errors, 0)
             self._requests.send(self.task.job)
         except OSError as error:
             if self._process is None:
                 raise SweepError(f"no worker process can be started: {error}") from error
             # The process has just died: `take` sees the end of its pipe.
-        self._deadline = time.monotonic() + (self._timeout or float("inf"))
+        self._deadline = time.monotonic() + (self.timeout or float("inf"))
 
     def _start(self) -> None:
         child_in, writing = os.pipe()
         reading, child_out = os.pipe()
         paths = [_ROOT, os.environ.get("PYTHONPATH", "")]
+        # In memory, appended to by the process: the last lines say why it died.
+        self._errors = os.memfd_create("errors")
+        fcntl(self._errors, F_SETFL, os.O_APPEND)
         environment = os.environ | ONE_THREAD | {"PYTHONPATH": os.pathsep.join(filter(None, paths))}
         try:
             # A process group of its own: Ctrl-C in a terminal is for the sweep alone.
@@ -197,7 +217,7 @@ class Worker:
                 [sys.executable, "-P", "-c", _PROGRAM],
                 stdin=child_in,
                 stdout=child_out,
-                stderr=subprocess.DEVNULL,
+                stderr=self._errors,
                 env=environment,
                 process_group=0,
             )
@@ -218,7 +238,19 @@ class Worker:
             code = self._process.wait(5.0)
         except subprocess.TimeoutExpired:
             return "closed its pipe"
-        return f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
+        how = f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
+        return f"{how}{self._last_words()}"
+
+    def _last_words(self) -> str:
+        """The error that the process printed last, for people; empty if it printed none."""
+        if self._errors is None:
+            return ""
+        size = os.fstat(self._errors).st_size
+        text = os.pread(self._errors, _LAST_BYTES, max(0, size - _LAST_BYTES))
+        lines = [line.strip() for line in text.decode(errors="replace").splitlines()]
+        fatal = [line for line in lines if line.startswith("Fatal Python error")]
+        words = next(reversed(fatal or list(filter(None, lines))), "")
+        return f": {words}" if words else ""
 
 
 class ProcessEngine:
@@ -251,12 +283,12 @@ class ProcessEngine:
     def completed(self, timeout: float) -> Sequence[Done]:
         """Finished tasks, as `Engine.completed`."""
         pipes = [w.answers for w in self._workers if w.task is not None and w.answers is not None]
-        if pipes:
-            wait(pipes, timeout)
+        ready = set(wait(pipes, timeout)) if pipes else set()
         done = []
         for worker in self._workers:
             task = worker.task
-            row = worker.take()
+            # Asking each of many workers would take longer than everything else.
+            row = worker.take() if worker.answers in ready or worker.is_late else None
             if row is not None and task is not None:
                 done.append(Done(task, row, worker.name))
         self._deal()
@@ -284,13 +316,26 @@ class ProcessEngine:
 
 
 @dataclass
+class _Slot:
+    """A worker of a Dask worker process, and the inputs of the job that it ran last."""
+
+    worker: Worker
+    inputs: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass
 class _Slots:
     """Workers of one Dask worker process, by thread."""
 
-    by_thread: dict[int, Worker] = field(default_factory=dict)
+    by_thread: dict[int, _Slot] = field(default_factory=dict)
 
 
 _slots = _Slots()
+
+
+def dask_setup(worker: object) -> None:  # noqa: ARG001 - the name and argument are Dask's
+    """Leave Ctrl-C in a terminal to the sweep; Dask calls this in each worker of ``local:N``."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def run_in_child(job: Job, timeout: float | None) -> tuple[Row, str]:
@@ -303,12 +348,53 @@ def run_in_child(job: Job, timeout: float | None) -> tuple[Row, str]:
 
     distributed: Any = import_module("distributed")  # Any: Dask has few types
     key = threading.get_ident()
-    worker = _slots.by_thread.setdefault(key, Worker(f"thread {key}", timeout))
+    slot = _slots.by_thread.setdefault(key, _Slot(Worker(f"thread {key}", timeout)))
+    if slot.inputs != job.inputs:
+        # A cluster outlives sweeps, and a process keeps the code and tree that it has loaded.
+        slot.worker.end()
+    slot.inputs = job.inputs
+    worker = slot.worker
+    worker.timeout = timeout
     worker.begin(Task(job))
     while (row := worker.take()) is None:
         if worker.answers is not None:
             worker.answers.poll(0.5)
     return row, str(distributed.get_worker().address)
+
+
+_ADDRESS: Final = re.compile(
+    r"local:(?P<count>[1-9]\d{0,2}|10[01]\d|102[0-4])"
+    r"|(?:tcp|tls)://(?P<host>\[[0-9a-fA-F:]+\]|[^\s:/]+):(?P<port>\d{1,5})"
+)
+
+_CONNECT_S: Final = 15.0
+"""Wall-clock seconds that a scheduler has to accept a connection: it may still be starting."""
+
+_MOST_LOSSES: Final = 10
+"""Times that Dask may give up a trial because workers died, by default four deaths each."""
+
+_COUNT_S: Final = 1.0
+"""Wall-clock seconds between two counts of the workers of a cluster."""
+
+
+def _await_scheduler(host: str, port: int) -> None:
+    """Wait until something accepts connections at an address.
+
+    Raises:
+        OSError: Nothing does.
+    """
+    until = time.monotonic() + _CONNECT_S
+    while True:
+        try:
+            socket.create_connection((host, port), timeout=_CONNECT_S).close()
+        except socket.gaierror:
+            raise
+        except OSError:
+            if time.monotonic() > until:
+                raise
+            time.sleep(0.5)
+        else:
+            return
 
 
 class DaskEngine:
@@ -323,6 +409,12 @@ class DaskEngine:
     """
 
     def __init__(self, address: str, timeout: float | None = None) -> None:
+        match = _ADDRESS.fullmatch(address)
+        if match is None:
+            raise SweepError(
+                f"{address!r} is no Dask cluster: tcp://HOST:PORT of a scheduler, or local:N for N "
+                "workers of this machine, at most 1024"
+            )
         try:
             dask: Any = import_module("dask")  # Any: Dask has few types
             distributed: Any = import_module("distributed")
@@ -332,31 +424,37 @@ class DaskEngine:
         dask.config.set({"distributed.scheduler.allowed-failures": 1000})
         self._timeout = timeout
         self._cluster = None
-        name, _, count = address.partition(":")
+        self._slots = 0
+        self._counted_at = -math.inf
         try:
-            if name == "local":
-                if not count.isdecimal() or not 1 <= int(count) <= 1024:
-                    raise SweepError(f"{address!r}: local:N needs a number of workers, N")
+            if match["count"]:
                 self._cluster = distributed.LocalCluster(
-                    n_workers=int(count),
+                    n_workers=int(match["count"]),
                     threads_per_worker=1,
                     processes=True,
                     dashboard_address=None,
                     silence_logs=50,
+                    preload=[__name__],
                 )
                 self._client = distributed.Client(self._cluster, set_as_default=False)
             else:
+                # Dask's client, without an answer, waits half a minute more before it gives up.
+                _await_scheduler(match["host"].strip("[]"), int(match["port"]))
                 self._client = distributed.Client(address, timeout="15s", set_as_default=False)
         except (OSError, TimeoutError, ValueError) as error:
             raise SweepError(f"no Dask scheduler answers at {address}: {error}") from error
         self._running: dict[Any, Task] = {}  # Any: futures, which have no types
         self._finished: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._killed: type[Exception] = distributed.KilledWorker
+        self._losses: Counter[str] = Counter()
 
     @property
     def slots(self) -> int:
-        """Number of threads of all workers of the cluster now."""
-        info = self._client.scheduler_info(n_workers=-1)
-        return max(1, sum(int(one["nthreads"]) for one in info["workers"].values()))
+        """Number of threads of all workers of the cluster, counted once a second."""
+        if time.monotonic() - self._counted_at >= _COUNT_S:
+            self._slots = int(self._client.scheduler_info(n_workers=1)["total_threads"])
+            self._counted_at = time.monotonic()
+        return self._slots
 
     def submit(self, task: Task) -> None:
         """Send a task to the scheduler."""
@@ -399,6 +497,14 @@ class DaskEngine:
                 self.submit(task)
                 continue
             error = future.exception()
+            identity = task.job.trial.identity
+            if isinstance(error, self._killed) and self._losses[identity] < _MOST_LOSSES:
+                # The trial ran in a child, so it did not kill the worker: machines are preempted,
+                # or run out of memory. A scheduler that runs elsewhere has its own limit of deaths.
+                self._losses[identity] += 1
+                self.submit(task)
+                continue
+            self._losses.pop(identity, None)
             if error is not None:
                 row = lost_row(task.job.trial, f"the Dask worker failed: {error}", ATTEMPTS)
                 done.append(Done(task, row, "dask"))

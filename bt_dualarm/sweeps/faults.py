@@ -44,11 +44,17 @@ from bt_dualarm.spec.yaml_reader import Data, TreeInput, is_yaml, read_tree, wit
 from bt_dualarm.sweeps.engine import Engine
 from bt_dualarm.sweeps.manifest import Manifest, SweepError, checked
 from bt_dualarm.sweeps.sweep import Progress, run_sweep
+from bt_dualarm.sweeps.trial import CRASHED, RECORDS, Rules
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 PAGE: Final = "faults.html"
+
+PAIRS: Final = "pairs"
+"""Folder of the sweep over pairs of faults, below the output folder; likewise `HARDWARE`."""
+
+HARDWARE: Final = "hardware"
 
 _PREFIX: Final = "injected_"
 _FIELDS: Final = ("arm", "leaf", "effect", "phase", "after")
@@ -69,6 +75,8 @@ class FaultTrial:
         code: Code of the decisive failure, empty for SUCCESS.
         reason: Its sentence.
         ending: Why the run ended.
+        broken_rule: Sentence on a rule of every run that was broken, otherwise empty.
+        record: Path of its record from the output folder; there is one unless it succeeded.
     """
 
     sentence: str
@@ -76,16 +84,29 @@ class FaultTrial:
     code: str
     reason: str
     ending: str
+    broken_rule: str
+    record: str
 
     @property
     def is_handled(self) -> bool:
-        """Whether the task succeeded anyway."""
-        return self.outcome == "SUCCESS"
+        """Whether the task succeeded anyway, and no rule was broken."""
+        return self.outcome == "SUCCESS" and not self.is_breach
 
     @property
     def is_breach(self) -> bool:
         """Whether the run broke a rule: a false success, an invariant, a crash, a hanging tick."""
-        return self.outcome in ("FALSE_SUCCESS", "CRASHED", "ERROR") or self.ending in _BREACHES
+        is_bad = self.outcome in ("FALSE_SUCCESS", CRASHED, "ERROR") or self.ending in _BREACHES
+        return is_bad or bool(self.broken_rule) or self.code == "NOT_REPEATABLE"
+
+    @property
+    def why(self) -> str:
+        """Why it ended in this way, in a sentence."""
+        return self.broken_rule or self.reason or self.ending
+
+    @property
+    def end(self) -> str:
+        """How the run ended, in a word or a sentence."""
+        return self.broken_rule or self.code or self.ending
 
 
 @dataclass(frozen=True)
@@ -184,7 +205,9 @@ def inject_faults(
     data = read_tree(tree, folder).data
     rng = np.random.default_rng([seed, zlib.crc32(b"faults")])
 
-    def tables(content: dict[str, Data], points: list[Mapping[str, Data]], at: Path) -> pa.Table:
+    def tables(
+        content: dict[str, Data], points: list[Mapping[str, Data]], at: Path, rules: Rules = "all"
+    ) -> pa.Table:
         manifest = Manifest(
             content,
             (seed,),
@@ -195,21 +218,21 @@ def inject_faults(
             explicit=tuple(points),
         )
         trials = checked(manifest)
-        return run_sweep(trials, at, engine, stop=stop, progress=progress, keep="failures").table
+        return run_sweep(trials, at, engine, rules=rules, stop=stop, progress=progress).table
 
     single = _faults_of(durations)
     campaign = _campaign(file, durations, tables(_with_faults(data, ("",)), single, out))
     if pairs and not (stop is not None and stop.asked):
         points = _sampled_pairs(single, pairs, rng)
-        table = tables(_with_faults(data, _TWO), points, out / "pairs")
+        table = tables(_with_faults(data, _TWO), points, out / PAIRS)
         campaign = replace(campaign, pairs=_pair_trials(table))
     if hardware and not (stop is not None and stop.asked):
         sampled = sampled_hardware(file, _joints_of(file), longest, hardware, rng)
         content = _with_hardware(data, sampled)
         points = [{f"{_PREFIX}{name}": 1.0} for name in sampled]
-        table = tables(content, points, out / "hardware")
+        table = tables(content, points, out / HARDWARE, "contact")
         campaign = replace(campaign, hardware=_hardware_trials(sampled, table))
-    write_text(out / PAGE, _page(campaign))
+    write_text(out / PAGE, _page(campaign, out))
     return campaign
 
 
@@ -285,7 +308,7 @@ def _pair_trials(table: pa.Table) -> tuple[FaultTrial, ...]:
         for prefix in _TWO:
             given = {name: row[f"param.{_PREFIX}{prefix}{name}"] for name in _FIELDS}
             parts.append(f"{given['arm']} {given['leaf']} {given['effect']} {given['phase']}")
-        trials.append(FaultTrial(" + ".join(parts), **_ending_of(row)))
+        trials.append(FaultTrial(" + ".join(parts), **_ending_of(row, f"{PAIRS}/")))
     return tuple(trials)
 
 
@@ -392,12 +415,14 @@ def _hardware_trials(
         lasted = f"{fault.begin:g} s on"
         if "until" in sampled[name]:
             lasted = f"{fault.begin:g} to {fault.until:g} s"
-        trials.append(FaultTrial(f"{fault.sentence}, {lasted}", **_ending_of(row)))
+        trials.append(FaultTrial(f"{fault.sentence}, {lasted}", **_ending_of(row, f"{HARDWARE}/")))
     return tuple(trials)
 
 
-def _ending_of(row: Mapping[str, Data]) -> dict[str, str]:
-    return {name: str(row.get(name) or "") for name in ("outcome", "code", "reason", "ending")}
+def _ending_of(row: Mapping[str, Data], folder: str = "") -> dict[str, str]:
+    names = "outcome", "code", "reason", "ending", "broken_rule"
+    found = {name: str(row.get(name) or "") for name in names}
+    return found | {"record": f"{folder}{RECORDS}/{row['identity']}"}
 
 
 def _faults_of(
@@ -498,7 +523,7 @@ def sample_lines(campaign: FaultCampaign, *, ascii_only: bool = False) -> list[s
         lines.append(f"{title}: {done} of {len(trials)} are handled")
         for one in trials:
             sign = breach if one.is_breach else handled if one.is_handled else missed
-            why = "" if one.is_handled else f"  {one.code or one.ending}"
+            why = "" if one.is_handled else f"  {one.end}"
             lines.append(f"  {sign} {one.sentence}{why}")
     return lines
 
@@ -528,12 +553,12 @@ _STYLE: Final = (
     "td{border-bottom:1px solid #e8ecf0;padding:3px 8px;text-align:center}"
     "td:first-child,th:first-child{text-align:left;font-family:ui-monospace,monospace;"
     "white-space:pre}.h{background:#d9f0e4}.m{background:#f7dcda}.b{background:#c2453d;color:#fff}"
-    ".n{color:#9aa5b1}"
+    ".n{color:#9aa5b1}td a{color:inherit;text-decoration:none}td a:hover{text-decoration:underline}"
 )
 
 
-def _page(campaign: FaultCampaign) -> str:
-    """The annotated trees as one page; a cell's tooltip has code and reason."""
+def _page(campaign: FaultCampaign, out: Path) -> str:
+    """The annotated trees as one page; a cell's tooltip has its reason, its sign a record."""
     columns = [(effect, phase) for effect in EFFECTS for phase in PHASES]
     head = "<tr><th>leaf</th>" + "".join(f"<th>{e}<br>{p}</th>" for e, p in columns) + "</tr>"
     rows = []
@@ -544,7 +569,7 @@ def _page(campaign: FaultCampaign) -> str:
             node, path, depth = waiting.pop()
             by = {(one.effect, one.phase): one for one in campaign.of(arm, path)}
             name = "  " * depth + path.rpartition("/")[2]
-            cells = "".join(_cell(by.get(column), not node.children) for column in columns)
+            cells = "".join(_cell(by.get(column), out, not node.children) for column in columns)
             rows.append(f"<tr><td>{html.escape(name)}</td>{cells}</tr>")
             below = [(child, f"{path}/{n}", depth + 1) for child, n in _named(node)]
             waiting += reversed(below)
@@ -553,18 +578,31 @@ def _page(campaign: FaultCampaign) -> str:
         f"<title>Faults of {html.escape(campaign.title)}</title><style>{_STYLE}</style><main>"
         f"<h1>Faults of {html.escape(campaign.title)}</h1>"
         f"<p>{html.escape(summary_of(campaign))}.</p>"
-        "<p>✔ the task succeeded anyway; ✘ the run failed; ⚠ a rule was broken.</p>"
-        f"<table>{head}{''.join(rows)}</table>{_sample_tables(campaign)}</main></html>\n"
+        "<p>✔ the task succeeded anyway; ✘ the run failed; ⚠ a rule was broken; · no such moment. "
+        "A sign's tooltip has the reason; it links to the record of the run, for bt-why.</p>"
+        f"<table>{head}{''.join(rows)}</table>{_breaches(campaign)}"
+        f"{_sample_tables(campaign, out)}</main></html>\n"
     )
 
 
-def _sample_tables(campaign: FaultCampaign) -> str:
+def _breaches(campaign: FaultCampaign) -> str:
+    """List of the broken rules; empty if there are none."""
+    lines = [
+        f"<li>{html.escape(one.sentence)}: <b>{html.escape(one.outcome)}</b> "
+        f"{html.escape(one.why)}</li>"
+        for one in campaign.trials
+        if one.is_breach
+    ]
+    return f"<h2>Broken rules</h2><ul>{''.join(lines)}</ul>" if lines else ""
+
+
+def _sample_tables(campaign: FaultCampaign, out: Path) -> str:
     """Tables of the sampled faults."""
     parts = []
     for title, trials in _samples(campaign):
         rows = "".join(
-            f"<tr><td>{html.escape(one.sentence)}</td>{_cell(one, is_leaf=True)}"
-            f"<td>{html.escape(one.code or one.ending)}</td></tr>"
+            f"<tr><td>{html.escape(one.sentence)}</td>{_cell(one, out, is_leaf=True)}"
+            f"<td>{'' if one.is_handled else html.escape(one.end)}</td></tr>"
             for one in trials
         )
         head = "<tr><th>fault</th><th></th><th>end</th></tr>"
@@ -572,9 +610,11 @@ def _sample_tables(campaign: FaultCampaign) -> str:
     return "".join(parts)
 
 
-def _cell(one: FaultTrial | None, is_leaf: bool) -> str:
+def _cell(one: FaultTrial | None, out: Path, is_leaf: bool) -> str:
     if one is None:
         return '<td class="n">·</td>' if is_leaf else "<td></td>"
     sign, kind = ("✔", "h") if one.is_handled else ("⚠", "b") if one.is_breach else ("✘", "m")
-    tip = html.escape(f"{one.outcome} {one.code}: {one.reason or one.ending}", quote=True)
+    tip = html.escape(f"{one.outcome} {one.code}: {one.why}", quote=True)
+    if (out / one.record).is_dir():
+        sign = f'<a href="{html.escape(one.record, quote=True)}">{sign}</a>'
     return f'<td class="{kind}" title="{tip}">{sign}</td>'

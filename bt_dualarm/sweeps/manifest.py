@@ -12,8 +12,9 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property
+from functools import cached_property
 from itertools import product
 from pathlib import Path
 from typing import Any, Final, Literal, TypeAlias
@@ -22,11 +23,10 @@ from pydantic import ValidationError
 
 from bt_dualarm.behaviors.load import load
 from bt_dualarm.core.errors import DualArmError
-from bt_dualarm.core.share import share_dir
 from bt_dualarm.runtime.file_check import check as check_tree
 from bt_dualarm.runtime.file_check import checked_faults
 from bt_dualarm.runtime.options import MOST_SEED, checked_reality, find_tree
-from bt_dualarm.runtime.summary import processor, versions
+from bt_dualarm.runtime.summary import processor
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.document import REALITY_NAMES
 from bt_dualarm.spec.explain import explain
@@ -42,9 +42,13 @@ from bt_dualarm.spec.yaml_reader import (
     read_tree,
     with_tuples,
 )
+from bt_dualarm.sweeps.inputs import digest_of, inputs_of
 
 MOST_TRIALS: Final = 10_000_000
 """Trials in one sweep; a larger number is more likely a mistake."""
+
+TEXT: Final = "<text>"
+"""Title of a sweep whose tree is YAML text or a mapping."""
 
 SamplerName: TypeAlias = Literal["lhs", "sobol"]
 """How points are drawn: Latin hypercube sampling, or a scrambled Sobol sequence."""
@@ -54,6 +58,10 @@ _NUMERIC: Final = ("number", "integer", "duration", "angle")
 
 class SweepError(DualArmError):
     """A sweep cannot be done as requested; the message names the argument and what is allowed."""
+
+
+class NoTrials(SweepError):  # noqa: N818 - it reads as a sentence
+    """No trial of a sweep has a row, so there is nothing to report."""
 
 
 @dataclass(frozen=True)
@@ -211,7 +219,7 @@ class Manifest:
         params = self.points[point]
         seed = self.seeds[number]
         name = self.realities[reality]
-        content = json.dumps([self._fixed, params, seed, name], sort_keys=True)
+        content = json.dumps([self.fixed_at(params), params, seed, name], sort_keys=True)
         identity = hashlib.sha256(content.encode()).hexdigest()[:24]
         return TrialSpec(index, identity, params, seed, name)
 
@@ -243,37 +251,50 @@ class Manifest:
             "sampling_seed": self.sampling_seed,
             "search": self.search,
             "duration": self.duration,
+            "skills": [str(folder) for folder in self.skills],
             "trials": len(self),
-            "depends_on": self._fixed,
+            "depends_on": self.fixed_at(self.points[0] if self.points else {}),
         }
 
     @property
     def title(self) -> str:
         """Path of the tree, or a short name for a text or mapping."""
-        return str(self.tree) if isinstance(self.tree, Path) else "<text>"
+        return str(self.tree) if isinstance(self.tree, Path) else TEXT
 
-    @cached_property
-    def _fixed(self) -> Mapping[str, object]:
-        """What all trials depend on besides their parameters, seed and reality."""
-        source = read_tree(self.tree, self.folder)
-        loaded = load(self.tree, None, self._example(), self.folder)
-        texts = loaded.file.texts.values() if loaded.file is not None else (source.text,)
+    def inputs_at(self, point: Mapping[str, Data]) -> Mapping[str, str]:
+        """Digests of code, tree and files of a trial, which its worker must find the same."""
+        # Only a text can name a file or choose a gripper, so few points need a look at the tree.
+        texts = {name: value for name, value in point.items() if isinstance(value, str)}
+        key = json.dumps(texts, sort_keys=True)
+        if key not in self._inputs:
+            loaded = load(self.tree, self._registry.kinds, point, self.folder)
+            source = read_tree(self.tree, self.folder) if loaded.file is None else None
+            content = loaded.file.texts.values() if source is None else (source.text,)  # type: ignore[union-attr]
+            self._inputs[key] = inputs_of(content, loaded.file, self.skills)
+        return self._inputs[key]
+
+    def fixed_at(self, point: Mapping[str, Data]) -> Mapping[str, object]:
+        """What a trial depends on besides its parameters, seed and reality."""
         return {
-            "tree": _digest("\n".join(texts).encode()),
+            **self.inputs_at(point),
             "duration": self.duration,
-            "code": code_digest(),
-            "skills": [_digest_of_folder(folder) for folder in self.skills],
-            "versions": dict(versions()),
             "processor": processor()["arithmetic"],
-            **({} if self.faults is None else {"faults": _digest(self._fault_text())}),
+            **({} if self.faults is None else {"faults": self._faults_digest}),
         }
 
-    def _fault_text(self) -> bytes:
-        source = read_tree(self.faults or {}, self.folder)
-        return json.dumps(source.data, sort_keys=True, default=str).encode()
+    @cached_property
+    def _inputs(self) -> dict[str, Mapping[str, str]]:
+        """Digests by the texts among the parameters."""
+        return {}
 
-    def _example(self) -> Mapping[str, Data]:
-        return self.points[0] if self.points else {}
+    @cached_property
+    def _registry(self) -> Registry:
+        return Registry.load(self.skills)
+
+    @cached_property
+    def _faults_digest(self) -> str:
+        source = read_tree(self.faults or {}, self.folder)
+        return digest_of(json.dumps(source.data, sort_keys=True, default=str).encode())
 
     def _listed(self, values: Values) -> tuple[Data, ...]:
         return values.values() if isinstance(values, Grid) else values
@@ -305,29 +326,6 @@ def _is_range(values: Values) -> bool:
     return isinstance(values, Grid) and values.count is None
 
 
-def _digest(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()[:16]
-
-
-def _digest_of_folder(folder: Path) -> str:
-    files = sorted(path for path in folder.rglob("*") if path.suffix in (".py", ".yaml", ".yml"))
-    return _digest(b"\0".join(path.name.encode() + b"\0" + path.read_bytes() for path in files))
-
-
-@cache
-def code_digest() -> str:
-    """Digest of the package's code, the shipped skills and the shipped descriptions.
-
-    Within one version number the code of a checkout changes; a trial of other code is another one.
-    """
-    package = Path(__file__).parents[1]
-    return _digest("".join(map(_digest_of_folder, (package, *_shared()))).encode())
-
-
-def _shared() -> tuple[Path, ...]:
-    return tuple(share_dir(kind) for kind in ("skills", "assets"))
-
-
 def checked(manifest: Manifest) -> Manifest:
     """A manifest whose tree, parameters and realities exist and are valid, before anything runs.
 
@@ -354,7 +352,9 @@ def checked(manifest: Manifest) -> Manifest:
         if name is not None:
             checked_reality(name)
     registry = Registry.load(manifest.skills)
-    examined = check_tree(tree, registry.kinds, manifest.points[0], build=False)
+    examined = check_tree(
+        tree, registry.kinds, manifest.points[0], folder=manifest.folder, build=False
+    )
     file = examined.runnable()
     if manifest.faults is not None:
         checked_faults(file, manifest.faults)
@@ -514,19 +514,37 @@ def read_manifest(path: Path) -> Manifest:
         raise SpecError(
             [source.problem(one.path, one.message, one.hint, key=one.at_key) for one in found]
         ) from error
+    problems: list[Problem] = []
+
+    @contextmanager
+    def at(*place: str) -> Iterator[None]:
+        try:
+            yield
+        except DualArmError as error:
+            message, _, hint = str(error).partition("\n")
+            problems.append(source.problem(place, message, hint.strip().removeprefix("= ")))
+
     tree = path.parent / content.tree
-    seeds = content.seeds
+    with at("tree"):
+        tree = tree if tree.is_file() else find_tree(content.tree)
+    seeds: tuple[int, ...] = ()
+    with at("seeds"):
+        given = content.seeds
+        seeds = seeds_of(given) if isinstance(given, str) else tuple(given)
+    params: dict[str, Values] = {}
+    for name, values in content.params.items():
+        with at("params", name):
+            listed = tuple(values) if isinstance(values, list | tuple) else (values,)
+            params[name] = values_of(values) if isinstance(values, str) else listed
+    for name in content.reality:
+        with at("reality"):
+            checked_reality(name)
+    if problems:
+        raise SpecError(problems)
     return Manifest(
-        tree if tree.is_file() else find_tree(content.tree),
-        seeds_of(seeds) if isinstance(seeds, str) else tuple(seeds),
-        {
-            name: values_of(given)
-            if isinstance(given, str)
-            else tuple(given)
-            if isinstance(given, list | tuple)
-            else (given,)
-            for name, given in content.params.items()
-        },
+        tree,
+        seeds,
+        params,
         tuple(content.reality) or (None,),
         content.sample,
         content.samples,

@@ -7,6 +7,7 @@ import html
 import io
 import json
 import math
+import shlex
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,9 +20,9 @@ import numpy.typing as npt
 from bt_dualarm.core.pose import Vector
 from bt_dualarm.core.share import write_text
 from bt_dualarm.spec.node_types import counted
-from bt_dualarm.sweeps.manifest import SweepError
+from bt_dualarm.sweeps.manifest import TEXT, SweepError
 from bt_dualarm.sweeps.statistics import Boundary, SuccessRate
-from bt_dualarm.sweeps.table import columns_of, digest
+from bt_dualarm.sweeps.table import FAULTS, MANIFEST, columns_of, digest
 from bt_dualarm.sweeps.trial import RECORDS, Cell
 
 if TYPE_CHECKING:
@@ -255,6 +256,7 @@ class _Report:
         self.sha256 = digest(table)
         processors = set(_Columns.of(table).texts("processor")) - {""}
         self.boundary = boundary
+        self.options = _options(folder)
         self.notes = [] if boundary is None else [f"Boundary of success: {boundary}."]
         if len(processors) > 1:
             self.notes.append(
@@ -266,7 +268,9 @@ class _Report:
             self.notes.append(f"{crashed} trials have no result: their workers died each time.")
 
     def command(self, cause: FailureCause) -> str:
-        """Command that repeats the first trial of a cause."""
+        """Command that repeats the first trial of a cause; empty if its tree is not a file."""
+        if self.title == TEXT:
+            return ""
         row = self.table.filter(
             [one == cause.identity for one in self.table["identity"].to_pylist()]
         )
@@ -277,7 +281,7 @@ class _Report:
                 parts += ["--param", f"{name}={_shown(values[column], exact=True)}"]
         parts += ["--seed", str(values["seed"])]
         parts += ["--reality", values["reality"]] if values["reality"] else []
-        return " ".join(part if _is_plain(part) else f"'{part}'" for part in parts)
+        return shlex.join([*parts, *self.options])
 
     def record(self, cause: FailureCause) -> str:
         """Path of a record of the cause, from the folder; empty if none was kept."""
@@ -319,12 +323,13 @@ class _Report:
                 place = f"{one.arm} {one.leaf}".strip()
                 share = f"{100 * one.share:.1f} %"
                 rows.append((str(one.count), share, one.code, place, one.sentence, one.where, link))
+            lines.append(_markdown_table(head, rows))
             commands = [self.command(one) for one in self.causes[:_MOST_CAUSES]]
-            lines += [
-                _markdown_table(head, rows),
-                "To repeat the first trial of each:",
-                "\n".join(["```bash", *commands, "```"]),
-            ]
+            if any(commands):
+                lines += [
+                    "To repeat the first trial of each:",
+                    "\n".join(["```bash", *commands, "```"]),
+                ]
         if len(self.cells) <= MOST_CELLS:
             names = list(self.cells[0].values)
             lines += [
@@ -380,7 +385,9 @@ class _Report:
             body.append(html_cells(self.cells))
         if self.metrics:
             body += ["<h2>Metrics</h2>", self._metrics_html()]
-            body.append(_image(_histograms(self.metrics[:_MOST_HISTOGRAMS])))
+            varying = [one for one in self.metrics if np.ptp(one.values) > 0.0]
+            if varying:
+                body.append(_image(_histograms(varying[:_MOST_HISTOGRAMS])))
         body.append(
             f"<footer>{html.escape(self.costs())} Hash of all results: <code>{self.sha256}</code>"
             "</footer>"
@@ -398,7 +405,9 @@ class _Report:
         rows = []
         for one in self.causes[:_MOST_CAUSES]:
             record = html.escape(self.record(one))
-            why = f'<br>bt-why <a href="{record}">{record}</a>' if record else ""
+            command = html.escape(self.command(one))
+            how = [f"<code>{command}</code>"] if command else []
+            how += [f'bt-why <a href="{record}">{record}</a>'] if record else []
             rows.append(
                 (
                     str(one.count),
@@ -407,7 +416,7 @@ class _Report:
                     + html.escape(f"{one.arm} {one.leaf}".strip()),
                     html.escape(one.sentence),
                     html.escape(one.where) or "everywhere",
-                    f'<div class="how"><code>{html.escape(self.command(one))}</code>{why}</div>',
+                    f'<div class="how">{"<br>".join(how)}</div>',
                 )
             )
         head = "trials", "share", "failure", "cause", "where", "to repeat"
@@ -490,10 +499,6 @@ def _shown(value: Cell, *, exact: bool = False) -> str:
     if isinstance(value, float):
         return repr(value) if exact else f"{value:.4g}"
     return str(value)
-
-
-def _is_plain(text: str) -> bool:
-    return bool(text) and all(letter.isalnum() or letter in "-_./=:+," for letter in text)
 
 
 def _is_number(value: Cell) -> bool:
@@ -658,10 +663,24 @@ _STYLE: Final = (
 )
 
 
+def _options(folder: Path) -> list[str]:
+    """Options of ``bt-run`` that all trials in a folder have in common."""
+    try:
+        content = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return []
+    found = [] if content.get("duration") is None else ["--duration", f"{content['duration']:g}"]
+    for skills in content.get("skills", ()):
+        found += ["--skills", skills]
+    if (folder / FAULTS).is_file():
+        found += ["--faults", str(folder / FAULTS)]
+    return found
+
+
 def title_of(folder: Path) -> str:
     """Title of the sweep in an output folder, from its manifest."""
     try:
-        content = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+        content = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
         return str(content["tree"])[:200]
     except (OSError, ValueError, KeyError, TypeError):
         return folder.name

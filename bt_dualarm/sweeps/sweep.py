@@ -14,26 +14,24 @@ from typing import TYPE_CHECKING, Final
 
 from bt_dualarm.core.share import write_text
 from bt_dualarm.runtime.interruption import StopRequest
+from bt_dualarm.spec.yaml_reader import read_tree
 from bt_dualarm.sweeps.engine import Done, Engine, Task
-from bt_dualarm.sweeps.manifest import Manifest, SweepError, TrialSpec
+from bt_dualarm.sweeps.manifest import Manifest, NoTrials, SweepError, TrialSpec
 from bt_dualarm.sweeps.statistics import Boundary, SuccessRate
 from bt_dualarm.sweeps.table import (
+    FAULTS,
+    MANIFEST,
+    TABLE,
     RowStore,
     digest,
-    identities_in,
     ordered,
     read_rows,
     write_table,
 )
-from bt_dualarm.sweeps.trial import RECORDS, Job, Keep, Row
+from bt_dualarm.sweeps.trial import CRASHED, RECORDS, REFUSED, Job, Keep, Row, Rules
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-TABLE: Final = "trials.parquet"
-"""File with the rows of all trials of the manifest, in their order."""
-
-MANIFEST: Final = "manifest.json"
 
 _WRITE_S: Final = 1.0
 """Wall-clock seconds between two writes of rows: what a killed sweep loses at most."""
@@ -58,6 +56,8 @@ class Progress:
         audited: Trials that were confirmed by a second run on another worker.
         processors: Trials by the kind of processor that ran them.
         running_s: Wall-clock seconds of this sweep.
+        workers: Number of trials that can run at the same time now; 0 while a cluster has no
+            worker.
     """
 
     total: int
@@ -70,6 +70,7 @@ class Progress:
     audited: int = 0
     processors: Counter[str] = field(default_factory=Counter)
     running_s: float = 0.0
+    workers: int = 1
 
     @property
     def rate(self) -> SuccessRate:
@@ -171,6 +172,7 @@ def run_sweep(
     until: StopCondition | None = None,
     audit: float = 0.0,
     shard: tuple[int, int] = (1, 1),
+    rules: Rules = "none",
     stop: StopRequest | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> SweepResult:
@@ -185,6 +187,7 @@ def run_sweep(
             first on, so the result does not depend on the order in which they end.
         audit: Fraction of the new trials to run again on another worker, 0 to 1.
         shard: Number of the shard to run, from 1, and the number of shards.
+        rules: Which rules of every run to check; the column ``broken_rule`` has what was found.
         stop: Request to end early; finished trials are kept.
         progress: Called after each change.
 
@@ -196,7 +199,8 @@ def run_sweep(
     stop = stop or StopRequest()
     store = RowStore(out)
     wanted = list(manifest.trials(shard))
-    finished = _rows_of(out)
+    # Trials without a result are tried again: their machine may have been at fault.
+    finished = {one: row for one, row in _rows_of(out).items() if row["outcome"] != CRASHED}
     _write_manifest(manifest, out)
     state = Progress(len(wanted))
     watch = _Watch(manifest, wanted, until)
@@ -209,20 +213,7 @@ def run_sweep(
     tell(state)
     left = deque(trial for trial in wanted if trial.identity not in finished)
     if left and not watch.enough:
-        jobs = (
-            Job(
-                manifest.tree,
-                manifest.folder,
-                manifest.skills,
-                trial,
-                manifest.duration,
-                manifest.watchdog,
-                keep,
-                (out / RECORDS).resolve(),
-                manifest.faults,
-            )
-            for trial in left
-        )
+        jobs = (_job(manifest, trial, keep, rules, out) for trial in left)
         try:
             _run_all(jobs, engine(), store, watch, state, audit, stop, tell)
         finally:
@@ -233,10 +224,26 @@ def run_sweep(
     return SweepResult(out, table, digest(table), complete, watch.enough, state)
 
 
+def _job(manifest: Manifest, trial: TrialSpec, keep: Keep, rules: Rules, out: Path) -> Job:
+    """The trial for a worker, whose current folder may be another one."""
+    tree = manifest.tree
+    return Job(
+        tree.absolute() if isinstance(tree, Path) else tree,
+        (manifest.folder or Path()).absolute(),
+        tuple(folder.absolute() for folder in manifest.skills),
+        trial,
+        manifest.duration,
+        manifest.watchdog,
+        keep,
+        (out / RECORDS).resolve(),
+        manifest.faults,
+        rules,
+        manifest.inputs_at(trial.params),
+    )
+
+
 def _rows_of(out: Path) -> Mapping[str, Row]:
     """Rows in a folder by identity: only what counting needs."""
-    if not identities_in(out):
-        return {}
     table = read_rows([out])
     if table is None:
         return {}
@@ -254,10 +261,10 @@ def _table_of(out: Path, wanted: Sequence[TrialSpec], watch: _Watch) -> pa.Table
     index = {trial.identity: trial.index for trial in wanted if last is None or trial.index <= last}
     table = read_rows([out])
     if table is None:
-        raise SweepError("no trial has finished: there is nothing to report")
+        raise NoTrials("no trial has finished: there is nothing to report")
     table = ordered(table, index)
     if not len(table):
-        raise SweepError("no trial has finished: there is nothing to report")
+        raise NoTrials("no trial has finished: there is nothing to report")
     # An older manifest may have given the same trial another number.
     import pyarrow as pa
 
@@ -268,6 +275,11 @@ def _table_of(out: Path, wanted: Sequence[TrialSpec], watch: _Watch) -> pa.Table
 def _write_manifest(manifest: Manifest, out: Path) -> None:
     try:
         write_text(out / MANIFEST, json.dumps(manifest.as_dict(), indent=2) + "\n")
+        if manifest.faults is None:
+            (out / FAULTS).unlink(missing_ok=True)
+        else:
+            faults = read_tree(manifest.faults, manifest.folder).data
+            write_text(out / FAULTS, json.dumps(faults, indent=2) + "\n")
     except OSError as error:
         raise SweepError(f"cannot write to {out}: {error.strerror or error}") from error
 
@@ -282,6 +294,8 @@ class _Watch:
         self._order = deque(trial.index for trial in wanted)
         self._outcomes: dict[int, bool] = {}
         self._cells = len(manifest.points) * len(manifest.realities)
+        # A shard may have trials of some combinations only.
+        self._own_cells = {trial.index % self._cells for trial in wanted}
         self._rates: dict[int, SuccessRate] = {}
         self.ends_at: int | None = None
 
@@ -302,7 +316,7 @@ class _Watch:
             self._rates[cell] = SuccessRate(
                 before.successes + self._outcomes.pop(first), before.trials + 1
             )
-            if len(self._rates) == self._cells and self._is_narrow(self._until):
+            if len(self._rates) == len(self._own_cells) and self._is_narrow(self._until):
                 self.ends_at = first
                 return
 
@@ -328,7 +342,7 @@ def _run_all(
     more = True
     try:
         while (more or outstanding or audits) and not stop.asked and not watch.enough:
-            while outstanding < _AHEAD * engine.slots and (audits or more):
+            while outstanding < _AHEAD * max(engine.slots, 1) and (audits or more):
                 task = audits.popleft() if audits else _next(jobs)
                 if task is None:
                     more = False
@@ -342,6 +356,7 @@ def _run_all(
                     audits.append(again)
             now = time.monotonic()
             state.running_s = now - began
+            state.workers = engine.slots
             if unwritten and now - written_at >= _WRITE_S:
                 store.add(unwritten)
                 unwritten = []
@@ -365,6 +380,12 @@ def _taken(
         SweepError: It was to confirm another run, and its result differs.
     """
     trial = done.task.job.trial
+    if done.row.get("outcome") == REFUSED:
+        raise SweepError(
+            f"{done.row.get('machine')} ({done.worker}) cannot run trial {trial.index}: "
+            f"{done.row.get('reason')}. All workers need the same environment and files, which "
+            "must not change while a sweep runs; finished trials are kept"
+        )
     first = done.task.audit_of
     if first is not None:
         _refuse_difference(first, done)
@@ -375,7 +396,7 @@ def _taken(
     watch.add(trial.index, done.row)
     # The choice depends on the trial only, so that every machine chooses the same trials.
     chosen = int(trial.identity[:8], 16) / 0x1_0000_0000 < audit
-    if chosen and done.row.get("outcome") != "CRASHED":
+    if chosen and done.row.get("outcome") != CRASHED:
         return Task(done.task.job, done.row, done.worker)
     unwritten.append(done.row)
     return None

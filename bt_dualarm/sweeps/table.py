@@ -18,13 +18,22 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Final
 from bt_dualarm.core.errors import DualArmError
 from bt_dualarm.core.share import write_atomically
 from bt_dualarm.sweeps.manifest import SweepError
-from bt_dualarm.sweeps.trial import COST_COLUMNS, Row
+from bt_dualarm.sweeps.trial import COST_COLUMNS, CRASHED, Row
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
 ROWS: Final = "rows"
 """Folder with the files of rows."""
+
+TABLE: Final = "trials.parquet"
+"""File with the rows of all trials of the manifest, in their order."""
+
+MANIFEST: Final = "manifest.json"
+"""File with the arguments of the sweep, for people and for the report."""
+
+FAULTS: Final = "faults.yaml"
+"""File with the faults that every trial has in addition to the tree's, for ``--faults``."""
 
 FIRST_COLUMNS: Final = (
     "trial", "identity", "seed", "reality", "outcome", "code", "arm", "leaf", "cause", "reason",
@@ -188,33 +197,44 @@ def read_file(path: Path) -> pa.Table:
 def read_rows(folders: Iterable[Path]) -> pa.Table | None:
     """All rows in output folders, each identity once; None if there are none.
 
+    Of several rows of one trial, one with a result counts more than one that says that its workers
+    died.
+
     Raises:
         SweepError: A folder is not one of a sweep, or a file cannot be read.
     """
-    tables = []
-    for folder in folders:
-        if not (folder / ROWS).is_dir():
-            raise SweepError(f"{folder} is not the output of a sweep: it has no folder '{ROWS}'")
+    tables = [table for folder in folders for table in _tables_in(folder)]
+    if not tables:
+        return None
+    table = concat(tables)
+    chosen: dict[str, int] = {}
+    outcomes = table["outcome"].to_pylist()
+    for number, identity in enumerate(table["identity"].to_pylist()):
+        before = chosen.setdefault(identity, number)
+        if outcomes[before] == CRASHED != outcomes[number]:
+            chosen[identity] = number
+    return table if len(chosen) == len(table) else table.take(sorted(chosen.values()))
+
+
+def _tables_in(folder: Path) -> list[pa.Table]:
+    """Tables of one output folder, whose files another process may merge meanwhile.
+
+    Raises:
+        SweepError: It is not one of a sweep, or a file cannot be read.
+    """
+    if not (folder / ROWS).is_dir():
+        raise SweepError(f"{folder} is not the output of a sweep: it has no folder '{ROWS}'")
+    while True:
+        tables = []
         for path in sorted((folder / ROWS).glob("*.parquet")):
             try:
                 tables.append(read_file(path))
             except SweepError:
-                if path.exists():  # otherwise another process has merged it
+                if path.exists():
                     raise
-    if not tables:
-        return None
-    table = concat(tables)
-    identities = table["identity"].to_pylist()
-    first = {identity: number for number, identity in reversed([*enumerate(identities)])}
-    return table if len(first) == len(table) else table.take(sorted(first.values()))
-
-
-def identities_in(folder: Path) -> frozenset[str]:
-    """Identities of the trials that have a row in an output folder, which may not exist."""
-    if not (folder / ROWS).is_dir():
-        return frozenset()
-    table = read_rows([folder])
-    return frozenset() if table is None else frozenset(table["identity"].to_pylist())
+                break  # merged to a file that the list may lack
+        else:
+            return tables
 
 
 def ordered(table: pa.Table, identities: Collection[str] | None = None) -> pa.Table:

@@ -15,7 +15,7 @@ import tempfile
 import time
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Final, Literal, TypeAlias
@@ -27,12 +27,14 @@ from bt_dualarm.runtime.file_check import check as check_tree
 from bt_dualarm.runtime.file_check import checked_faults
 from bt_dualarm.runtime.options import RunOptions, checked_reality
 from bt_dualarm.runtime.outcome import Outcome, RunResult
+from bt_dualarm.runtime.rules import RuleCheck
 from bt_dualarm.runtime.run import Run
 from bt_dualarm.runtime.summary import processor
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.document import TreeFile
 from bt_dualarm.spec.node_types import escaped
 from bt_dualarm.spec.yaml_reader import Data, TreeInput
+from bt_dualarm.sweeps.inputs import inputs_of
 from bt_dualarm.sweeps.manifest import TrialSpec
 
 Cell: TypeAlias = str | float | int | bool | None
@@ -44,11 +46,20 @@ Row: TypeAlias = Mapping[str, Cell]
 Keep: TypeAlias = Literal["failures", "all", "none"]
 """Which records a sweep keeps."""
 
+Rules: TypeAlias = Literal["none", "contact", "all"]
+"""Which rules of every run are checked: none, no contact between arms, or all of `RuleCheck`."""
+
 RECORDS: Final = "records"
 """Folder of the records below the output folder, each named by its trial's identity."""
 
 FALSE_SUCCESS: Final = "FALSE_SUCCESS"
 """Outcome of a trial whose trees report SUCCESS although a goal of the file is not met."""
+
+CRASHED: Final = "CRASHED"
+"""Outcome of a trial without a result, because its worker died each time."""
+
+REFUSED: Final = "REFUSED"
+"""Outcome of a trial that its worker did not run because it has other code or files."""
 
 LONGEST_TEXT: Final = 500
 """Letters of a sentence in a row."""
@@ -73,6 +84,8 @@ class Job:
         keep: Which records to keep.
         records: Folder for the records.
         faults: Faults in addition to the tree's, or None.
+        rules: Which rules of every run to check, as fault injection does.
+        inputs: Digests of code, tree and files that the worker must find the same; empty for any.
     """
 
     tree: TreeInput
@@ -84,6 +97,8 @@ class Job:
     keep: Keep
     records: Path
     faults: TreeInput | None = None
+    rules: Rules = "none"
+    inputs: Mapping[str, str] = field(default_factory=dict)
 
 
 def run_trial(job: Job) -> Row:
@@ -100,9 +115,14 @@ def run_trial(job: Job) -> Row:
         "reality": trial.reality or "",
     }
     try:
+        foreign = _foreign_inputs(job)
+        if foreign:
+            return row | {"outcome": REFUSED, "reason": foreign, "machine": socket.gethostname()}
         record = job.records / trial.identity if job.keep == "all" else None
-        result = _run(job, record)
+        result, broken = _run(job, record)
         row |= _of_result(result)
+        if job.rules != "none":
+            row |= {"broken_rule": broken}
         if record is None and (result.outcome is not Outcome.SUCCESS or not result.goals_met):
             row |= _cause(job, result)
         elif record is not None:
@@ -132,7 +152,7 @@ def lost_row(trial: TrialSpec, reason: str, attempts: int) -> Row:
         **{f"param.{name}": _flat(value) for name, value in trial.params.items()},
         "seed": trial.seed,
         "reality": trial.reality or "",
-        "outcome": "CRASHED",
+        "outcome": CRASHED,
         "code": "WORKER_DIED",
         "reason": _short(reason),
         "attempts": attempts,
@@ -166,11 +186,35 @@ def _file(job: Job) -> TreeFile:
         if len(_files) >= _MOST_FILES:
             _files.pop(next(iter(_files)))
         kinds = _registry(job.skills).kinds
-        _files[key] = check_tree(job.tree, kinds, job.trial.params, build=False).runnable()
+        _files[key] = check_tree(
+            job.tree, kinds, job.trial.params, folder=job.folder, build=False
+        ).runnable()
     return _files[key]
 
 
-def _run(job: Job, record: Path | None) -> RunResult:
+_confirmed: set[str] = set()
+"""Digests of inputs that this process has found the same."""
+
+
+def _foreign_inputs(job: Job) -> str:
+    """What of a job's inputs this process finds different, as a list; empty if nothing is."""
+    key = repr(sorted(job.inputs.items()))
+    if not job.inputs or key in _confirmed:
+        return ""
+    if isinstance(job.tree, Path) and not job.tree.is_file():
+        return f"it has no file {job.tree}"
+    file = _file(job)
+    found = inputs_of(file.texts.values(), file, job.skills)
+    names = sorted({*found, *job.inputs})
+    differing = [name for name in names if found.get(name) != job.inputs.get(name)]
+    if differing:
+        return f"it differs from the sweep in {', '.join(differing)}"
+    _confirmed.add(key)
+    return ""
+
+
+def _run(job: Job, record: Path | None) -> tuple[RunResult, str]:
+    """Result of the run, and a sentence on a broken rule, empty if none was."""
     file = _file(job)
     reality = None if job.trial.reality is None else checked_reality(job.trial.reality)
     options = RunOptions(
@@ -184,12 +228,15 @@ def _run(job: Job, record: Path | None) -> RunResult:
     if record is not None:
         shutil.rmtree(record, ignore_errors=True)  # left by a worker that died
     with Run(file, _registry(job.skills), options) as run:
+        check = RuleCheck(run.world, of_motion=job.rules == "all")
+        if job.rules != "none":
+            run.watch(check)
         result = run.finish()
         if record is not None:
             # A second request skips the plots, which would take longer than a short run.
             run.stop()
             run.stop()
-    return result
+    return result, check.broken
 
 
 def _of_result(result: RunResult) -> dict[str, Cell]:
@@ -237,7 +284,7 @@ def _cause(job: Job, first: RunResult) -> dict[str, Cell]:
     with tempfile.TemporaryDirectory(prefix="bt_sweep_") as scratch:
         kept = job.keep == "failures"
         record = job.records / job.trial.identity if kept else Path(scratch) / "record"
-        again = _run(job, record)
+        again, _ = _run(job, record)
         if again.state_sha256 != first.state_sha256:
             hashes = f"{first.state_sha256[:12]} and {again.state_sha256[:12]}"
             return {"code": "NOT_REPEATABLE", "reason": f"two runs had the hashes {hashes}"}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -33,7 +34,10 @@ def row_of(trial: TrialSpec, *, works: bool = True, error_m: float = 0.001) -> R
     return {
         "trial": trial.index,
         "identity": trial.identity,
-        **{f"param.{name}": value for name, value in trial.params.items()},
+        **{
+            f"param.{name}": json.dumps(value) if isinstance(value, list) else value
+            for name, value in trial.params.items()
+        },
         "seed": trial.seed,
         "reality": trial.reality or "",
         "outcome": "SUCCESS" if works else "FAILURE",

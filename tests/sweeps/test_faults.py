@@ -22,7 +22,7 @@ from bt_dualarm.sweeps.faults import (
 from bt_dualarm.sweeps.manifest import SweepError, TrialSpec
 from bt_dualarm.sweeps.trial import Job, Row, run_trial
 from tests.behaviors.test_faults import TREE
-from tests.sweeps.made_up import InstantEngine
+from tests.sweeps.made_up import InstantEngine, row_of
 
 
 class HereEngine(InstantEngine):
@@ -79,6 +79,46 @@ def test_a_tree_with_faults_of_its_own_is_refused(tmp_path: Path) -> None:
 def test_a_missing_file_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert faults(["circel", "--out", str(tmp_path)]) == 2
     assert "no such file" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_broken_rules_are_shown_with_the_record(tmp_path: Path) -> None:
+    """Also in runs that succeed."""
+
+    def touch(trial: TrialSpec) -> Row:
+        row = {
+            **row_of(trial),
+            "broken_rule": "arm1 and arm2 touch at 1.000 s"
+            if trial.params["injected_effect"] == "raise"
+            else "",
+        }
+        (tmp_path / "records" / trial.identity).mkdir(parents=True, exist_ok=True)
+        return row
+
+    tree = TREE | {"arms": {"arm2": TREE["arms"]["arm2"]}}
+    campaign = inject_faults(tree, tmp_path, lambda: InstantEngine(touch))
+    assert "wait                                       fail ✔✔✔  raise ⚠⚠⚠  hang ✔✔✔" in (
+        "\n".join(lines_of(campaign))
+    )
+    assert summary_of(campaign).startswith("6 of 9 faults are handled (67 %), 3 break a rule")
+    page = (tmp_path / "faults.html").read_text()
+    assert page.count("arm1 and arm2 touch at 1.000 s</li>") == 3
+    assert page.count('<a href="records/') == 9
+
+
+@pytest.mark.slow
+def test_a_tree_in_another_folder_may_name_files_next_to_it(tmp_path: Path) -> None:
+    (tmp_path / "library.yaml").write_text(
+        "bt_dualarm: 1\nsubtrees: {pause: {tree: {wait: 0.1}}}\n"
+    )
+    file = tmp_path / "tree.yaml"
+    file.write_text(
+        "bt_dualarm: 1\nname: t\ninclude: [library.yaml]\nworld: {scene: empty}\n"
+        "arms: {arm1: {robot: ur5, tree: {subtree: {use: pause}}}}\n"
+    )
+    campaign = inject_faults(file, tmp_path / "out", engine)
+    assert len(campaign.faults) == 9
+    assert not any(one.is_breach for one in campaign.faults)
 
 
 HARDWARE_TREE = {

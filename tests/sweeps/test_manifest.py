@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import itertools
+import shutil
 from pathlib import Path
 
 import pytest
 
+from bt_dualarm.behaviors.load import load
 from bt_dualarm.core.errors import DualArmError
+from bt_dualarm.robots.urdf_arm import robot_data_dir
+from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.problems import SpecError
 from bt_dualarm.sweeps.manifest import (
     Grid,
@@ -132,6 +136,38 @@ def test_another_duration_or_reality_is_another_trial() -> None:
     assert len({one.trial(0).identity for one in made}) == 3
 
 
+OWN_ROBOT = """
+bt_dualarm: 1
+name: own
+world: {scene: empty}
+objects: {part: {shape: mesh, file: part.stl, mass: 0.1, pose: {xyz: [0.4, -0.4, 0.43]}}}
+arms: {arm1: {robot: arm/own.yaml, tree: {follow_path: {file: points.csv}}}}
+"""
+
+
+@pytest.mark.parametrize("changed", ["arm/own.yaml", "arm/own.urdf", "points.csv", "part.stl"])
+def test_another_file_that_the_tree_names_is_another_trial(changed: str, tmp_path: Path) -> None:
+    (tmp_path / "arm").mkdir()
+    shutil.copy(robot_data_dir() / "z1_description/urdf/z1.urdf", tmp_path / "arm/own.urdf")
+    (tmp_path / "arm/own.yaml").write_text(
+        "title: Own\nurdf: own.urdf\nbase_link: link00\n"
+        "tool: {link: gripperStator, xyz: [0.15, 0, 0], rpy: [0, 90, 0]}\n"
+        "joints: [joint1, joint2, joint3, joint4, joint5, joint6]\n"
+        "limits:\n  acceleration: {value: 5.0, source: chosen for this}\n"
+        "  jerk: {value: 100.0, source: chosen for this}\npostures: {home: [0, 60, -60, 0, 0, 0]}\n"
+    )
+    (tmp_path / "points.csv").write_text("0, 0\n80, 0\n80, 50\n")
+    (tmp_path / "part.stl").write_text("solid part\nendsolid part\n")
+    (tmp_path / "tree.yaml").write_text(OWN_ROBOT)
+    made = [Manifest(tmp_path / "tree.yaml"), Manifest(tmp_path / "tree.yaml", (0, 1))]
+    assert made[0].trial(0).identity == made[1].trial(0).identity
+    loaded = load(tmp_path / "tree.yaml", Registry.load().kinds)
+    assert loaded.file is not None, loaded.problems
+    path = tmp_path / changed
+    path.write_text(path.read_text() + "\n")
+    assert Manifest(tmp_path / "tree.yaml").trial(0).identity != made[0].trial(0).identity
+
+
 def test_shards_are_a_partition() -> None:
     made = manifest(seeds=tuple(range(11)))
     dealt = [[t.index for t in made.trials((number, 3))] for number in (1, 2, 3)]
@@ -185,3 +221,23 @@ def test_errors_of_a_manifest_file_have_their_line(tmp_path: Path) -> None:
     assert "sweep.yaml:3:1" in text
     assert "did you mean 'seeds'" in text
     assert "sweep.yaml:4:10" in text
+
+
+def test_values_of_a_manifest_file_have_their_line(tmp_path: Path) -> None:
+    file = tmp_path / "sweep.yaml"
+    file.write_text(
+        "bt_sweep: 1\ntree: circel\nseeds: '3:1'\nreality: [labb]\n"
+        "params:\n  speed: '1.0:0.5:3'\n  radius: '[0.1'\n"
+    )
+    with pytest.raises(SpecError) as caught:
+        read_manifest(file)
+    found = str(caught.value)
+    for line, message in [
+        (2, "no such file, nor a shipped tree"),
+        (3, "the end of seeds must be above their beginning"),
+        (4, "did you mean 'lab'"),
+        (6, "does not rise"),
+        (7, "is not a list of values"),
+    ]:
+        assert f"sweep.yaml:{line}:" in found
+        assert message in found

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from bt_dualarm.behaviors.load import load
+from bt_dualarm.runtime.file_check import checked_faults
 from bt_dualarm.runtime.interruption import StopRequest
 from bt_dualarm.sweeps.api import merge
 from bt_dualarm.sweeps.comparison import compare
@@ -14,7 +17,7 @@ from bt_dualarm.sweeps.manifest import Grid, Manifest, SweepError, TrialSpec, ch
 from bt_dualarm.sweeps.report import causes_of, cells_of, write_report
 from bt_dualarm.sweeps.search import search_boundary
 from bt_dualarm.sweeps.sweep import Progress, StopCondition, run_sweep
-from bt_dualarm.sweeps.trial import Row
+from bt_dualarm.sweeps.trial import Job, Row, lost_row, run_trial
 from tests.sweeps.made_up import TREE, InstantEngine, row_of
 
 
@@ -109,6 +112,49 @@ def test_other_conditions_are_refused(text: str) -> None:
         StopCondition.of(text)
 
 
+def test_a_shard_ends_once_the_intervals_of_its_own_combinations_are_narrow(tmp_path: Path) -> None:
+    """Of two combinations that alternate, each of two shards has one only."""
+    two = checked(Manifest(TREE, tuple(range(1000)), {"tool": ("hand", "cup")}))
+    condition = StopCondition.of("ci<0.1")
+    result = run_sweep(two, tmp_path, lambda: InstantEngine(row_of), until=condition, shard=(1, 2))
+    assert result.enough
+    assert len(result.table) < 100
+
+
+def test_trials_without_a_result_are_tried_again(manifest: Manifest, tmp_path: Path) -> None:
+    def crash(trial: TrialSpec) -> Row:
+        return lost_row(trial, "died", 3) if trial.index in (3, 7) else works(trial)
+
+    first = run_sweep(manifest, tmp_path, lambda: InstantEngine(crash))
+    assert first.table["outcome"].to_pylist().count("CRASHED") == 2
+    engine = InstantEngine(works)
+    again = run_sweep(manifest, tmp_path, lambda: engine)
+    assert sorted(engine.ran) == [3, 7]
+    whole = run_sweep(manifest, tmp_path / "other", lambda: InstantEngine(works))
+    assert again.sha256 == whole.sha256  # the results count, not the deaths
+
+
+def test_a_worker_with_other_code_or_files_ends_the_sweep(
+    manifest: Manifest, tmp_path: Path
+) -> None:
+    job = Job(TREE, None, (), manifest.trial(0), None, None, "none", tmp_path)
+    assert run_trial(replace(job, inputs=manifest.inputs_at({})))["outcome"] != "REFUSED"
+    other = {**manifest.inputs_at({}), "code": "0123456789abcdef"}
+    row = run_trial(replace(job, inputs=other))
+    assert (row["outcome"], row["reason"]) == (
+        "REFUSED",
+        "it differs from the sweep in code",
+    )
+    missing = run_trial(replace(job, tree=tmp_path / "gone.yaml", inputs=other))
+    assert f"no file {tmp_path / 'gone.yaml'}" in str(missing["reason"])
+    with pytest.raises(SweepError, match=r"cannot run trial 5.*same environment and files"):
+        run_sweep(manifest, tmp_path, lambda: InstantEngine(lambda _: row))
+    # It leaves no row, so a repaired worker runs all trials.
+    engine = InstantEngine(works)
+    run_sweep(manifest, tmp_path, lambda: engine)
+    assert len(engine.ran) == 24
+
+
 def test_an_audit_confirms_trials_on_another_worker(manifest: Manifest, tmp_path: Path) -> None:
     engine = InstantEngine(works)
     result = run_sweep(manifest, tmp_path, lambda: engine, audit=1.0)
@@ -135,6 +181,22 @@ def test_shards_merge_to_the_whole(manifest: Manifest, tmp_path: Path) -> None:
     merged = merge(parts, tmp_path / "merged")
     assert merged.sha256 == whole.sha256
     assert (tmp_path / "merged" / "report.html").is_file()
+    assert merged.complete
+
+
+def test_a_missing_shard_is_said(manifest: Manifest, tmp_path: Path) -> None:
+    run_sweep(manifest, tmp_path / "part1", lambda: InstantEngine(works), shard=(1, 2))
+    merged = merge([tmp_path / "part1"], tmp_path / "merged")
+    assert not merged.complete
+    assert (merged.progress.done, merged.progress.total) == (12, 24)
+
+
+def test_sweeps_of_different_trees_are_not_merged(manifest: Manifest, tmp_path: Path) -> None:
+    run_sweep(manifest, tmp_path / "a", lambda: InstantEngine(works))
+    other = checked(replace(manifest, tree=TREE.replace("wait: 0.1", "wait: 0.2")))
+    run_sweep(other, tmp_path / "b", lambda: InstantEngine(works))
+    with pytest.raises(SweepError, match=r"no parts of one sweep.*differ in tree"):
+        merge([tmp_path / "a", tmp_path / "b"], tmp_path / "merged")
 
 
 def test_the_report_says_what_breaks_and_where(manifest: Manifest, tmp_path: Path) -> None:
@@ -215,3 +277,49 @@ def test_two_sweeps_are_compared_by_pairs(manifest: Manifest, tmp_path: Path) ->
     run_sweep(replace(manifest, seeds=(99,)), tmp_path / "c", lambda: InstantEngine(works))
     with pytest.raises(SweepError, match="no trials with the same seed"):
         compare(tmp_path / "a", tmp_path / "c")
+
+
+def test_the_trials_of_the_last_sweep_in_a_folder_are_compared(
+    manifest: Manifest, tmp_path: Path
+) -> None:
+    """Rows of an older tree stay in the folder."""
+    run_sweep(manifest, tmp_path / "a", lambda: InstantEngine(works))
+    changed = checked(replace(manifest, tree=TREE.replace("wait: 0.1", "wait: 0.2")))
+    for number in range(5):  # names of files, and so their order, are random
+        folder = tmp_path / f"b{number}"
+        run_sweep(manifest, folder, lambda: InstantEngine(works))
+        run_sweep(changed, folder, lambda: InstantEngine(lambda t: row_of(t, works=False)))
+        assert compare(tmp_path / "a", folder).rates.only_a == 16
+
+
+def test_the_command_that_repeats_a_trial_has_all_its_options(tmp_path: Path) -> None:
+    file = tmp_path / "it's a tree.yaml"
+    file.write_text(TREE)
+    faults = {"slow": {"kind": "weak_joint", "arm": "arm1", "joint": "elbow_joint"}}
+    made = checked(
+        Manifest(
+            file,
+            params={"axis": ([0, 0, 1],)},
+            duration=3.0,
+            skills=(tmp_path,),
+            faults={"faults": faults},
+        )
+    )
+    result = run_sweep(
+        made, tmp_path / "out", lambda: InstantEngine(lambda t: row_of(t, works=False))
+    )
+    write_report(tmp_path / "out", result.table, made.title)
+    (line,) = [
+        one
+        for one in (tmp_path / "out" / "report.md").read_text().splitlines()
+        if one.startswith("bt-run")
+    ]
+    words = shlex.split(line)
+    assert words[:4] == ["bt-run", str(file), "--param", "axis=[0, 0, 1]"]
+    assert words[4:] == [
+        "--seed", "0", "--duration", "3", "--skills", str(tmp_path),
+        "--faults", str(tmp_path / "out" / "faults.yaml"),
+    ]  # fmt: skip
+    assert checked_faults(load(file).file, Path(words[-1])).keys() == {"slow"}  # type: ignore[arg-type]
+    write_report(tmp_path / "out", result.table, "<text>")
+    assert "bt-run" not in (tmp_path / "out" / "report.md").read_text()

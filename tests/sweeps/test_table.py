@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bt_dualarm.sweeps import table as table_module
 from bt_dualarm.sweeps.manifest import Manifest, SweepError, checked
 from bt_dualarm.sweeps.table import (
     RowStore,
     concat,
     digest,
-    identities_in,
     ordered,
     read_rows,
     table_of,
@@ -79,7 +79,7 @@ def test_many_files_become_one(rows: list[Row], tmp_path: Path) -> None:
         store.add([row])
     store.merge()
     assert len([*(tmp_path / "rows").iterdir()]) == 1
-    assert len(identities_in(tmp_path)) == len(rows)
+    assert len(read_rows([tmp_path])) == len(rows)  # type: ignore[arg-type]
 
 
 def test_a_folder_that_is_no_sweep_is_said(tmp_path: Path) -> None:
@@ -95,3 +95,23 @@ def test_a_folder_that_cannot_be_written_is_said(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(SweepError, match="cannot write to"):
         RowStore(tmp_path / "file")
+
+
+def test_rows_that_another_process_merges_meanwhile_are_not_lost(
+    rows: list[Row], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = RowStore(tmp_path)
+    for row in rows:
+        store.add([row])
+    read = table_module.read_file
+    merging = iter([store.merge])
+
+    def merge_first(path: Path):  # type: ignore[no-untyped-def]
+        for merge in merging:
+            merge()
+        return read(path)
+
+    monkeypatch.setattr(table_module, "read_file", merge_first)
+    found = read_rows([tmp_path])
+    assert found is not None
+    assert len(found) == len(rows)

@@ -1,0 +1,101 @@
+"""Rules that a run must keep: which states break one, and what is said about it."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bt_dualarm.behaviors.report import StatusChange, StatusName
+from bt_dualarm.runtime.rules import STOPPING_S, RuleCheck
+
+LIMITS = SimpleNamespace(
+    lower=np.array([-1.0, -1.0]), upper=np.array([1.0, 1.0]), velocity=np.array([2.0, 3.0])
+)
+
+
+def body(*geoms: int) -> Any:
+    robot = SimpleNamespace(limits=LIMITS, joints=("shoulder", "elbow"))
+    return SimpleNamespace(geom_ids=frozenset(geoms), q=np.zeros(2), v=np.zeros(2), robot=robot)
+
+
+@pytest.fixture
+def world() -> Any:
+    """Two arms with two geoms each; geom 4 is an object."""
+    contact = SimpleNamespace(geom=np.empty((0, 2), np.int32), dist=np.empty(0))
+    return SimpleNamespace(
+        arms={"left": body(0, 1), "right": body(2, 3)},
+        data=SimpleNamespace(contact=contact),
+        model=SimpleNamespace(ngeom=5),
+        generation=0,
+    )
+
+
+def touch(world: Any, first: int, second: int, distance: float = -1e-4) -> None:
+    world.data.contact.geom = np.array([[first, second]], np.int32)
+    world.data.contact.dist = np.array([distance])
+
+
+def ended(new: StatusName, time: float) -> StatusChange:
+    return StatusChange(time, "right", "sequence", "sequence", "RUNNING", new)
+
+
+def checked(world: Any, *, of_motion: bool = True) -> str:
+    check = RuleCheck(world, of_motion=of_motion)
+    check.after_step(2.0)
+    return check.broken
+
+
+@pytest.mark.parametrize(
+    ("geoms", "said"),
+    [
+        ((1, 2), "left and right touch at 2.000 s"),
+        ((3, 0), "left and right touch at 2.000 s"),
+        ((0, 1), ""),  # of one arm
+        ((1, 4), ""),  # with an object
+    ],
+)
+def test_arms_must_not_touch(world: Any, geoms: tuple[int, int], said: str) -> None:
+    touch(world, *geoms)
+    assert checked(world) == said
+    assert checked(world, of_motion=False) == said
+    touch(world, *geoms, distance=1e-4)  # a contact across a gap
+    assert checked(world) == ""
+
+
+def test_joints_stay_within_their_limits(world: Any) -> None:
+    world.arms["right"].q[1] = -1.1
+    assert checked(world) == "elbow of right is 5.7° beyond its limit at 2.000 s"
+    assert checked(world, of_motion=False) == ""
+    world.arms["right"].q[1] = -1.01
+    assert checked(world) == ""
+    world.arms["left"].v[0] = -2.4
+    assert checked(world) == "shoulder of left moves at 120 % of its speed limit at 2.000 s"
+    world.arms["left"].v[0] = -2.1
+    assert checked(world) == ""
+
+
+def test_an_arm_whose_tree_has_ended_comes_to_rest(world: Any) -> None:
+    world.arms["right"].v[1] = 0.1
+    check = RuleCheck(world)
+    check.on_event(ended("FAILURE", 1.0))
+    check.after_step(1.0 + STOPPING_S - 0.1)
+    assert check.broken == ""
+    check.after_step(1.0 + STOPPING_S + 0.1)
+    assert check.broken.startswith("elbow of right, whose tree has ended, moves at 0.100 rad/s")
+    first = check.broken
+    touch(world, 1, 2)
+    check.after_step(9.0)
+    assert check.broken == first  # the first one is kept
+
+
+def test_an_arm_that_is_spawned_again_may_move(world: Any) -> None:
+    world.arms["right"].v[1] = 0.1
+    check = RuleCheck(world)
+    check.on_event(ended("SUCCESS", 1.0))
+    check.on_event(ended("RUNNING", 1.5))
+    check.on_event(StatusChange(1.6, "right", "sequence/wait", "wait", "RUNNING", "SUCCESS"))
+    check.after_step(9.0)
+    assert check.broken == ""
