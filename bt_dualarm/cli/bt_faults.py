@@ -33,6 +33,10 @@ exit code: 0 no rule was broken, 1 one was, 2 the tree cannot be used or fails w
 """
 
 
+_LONGEST_S: Final = 1800.0
+"""Wall-clock seconds after which a run counts as hung: no fault may keep code from returning."""
+
+
 def main(argv: Sequence[str] | None) -> int:
     """Inject faults into every leaf; returns the exit code."""
     parser = argparse.ArgumentParser(
@@ -59,10 +63,18 @@ def main(argv: Sequence[str] | None) -> int:
     add("--ascii", action="store_true", help="draw with ASCII characters only")
     add_skills(parser)
     arguments = parser.parse_args(argv)
+    from bt_dualarm.sweeps.manifest import NoTrials
+
     with stop_on_signals(StopRequest()) as stop:
         for number in early.numbers:  # signals received during the imports
             stop.receive(number)
-        code = _run(arguments, stop)
+        try:
+            code = _run(arguments, stop)
+        except NoTrials as error:
+            if not stop.asked:
+                raise
+            print(f"bt-faults: interrupted: {error}", file=sys.stderr)
+            code = FAILED
         return stop.exit_code or code
 
 
@@ -71,7 +83,7 @@ def _run(arguments: argparse.Namespace, stop: StopRequest) -> int:
     from bt_dualarm.sweeps.api import engine_of
     from bt_dualarm.sweeps.faults import PAGE, inject_faults, lines_of, sample_lines, summary_of
 
-    start = engine_of(arguments.jobs, None, None)
+    start = engine_of(arguments.jobs, _LONGEST_S, None)
     with ExitStack() as stack:
 
         @cache
@@ -100,6 +112,8 @@ def _run(arguments: argparse.Namespace, stop: StopRequest) -> int:
         if one.is_breach:
             print(f"  {one.sentence}: {one.outcome} {one.why}")
     print(f"page: {arguments.out / PAGE}")
+    if stop.asked:
+        print("bt-faults: interrupted; run the same command to continue", file=sys.stderr)
     return FAILED if any(one.is_breach for one in campaign.trials) else SUCCEEDED
 
 

@@ -11,6 +11,7 @@ import html
 import math
 import zlib
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -42,7 +43,7 @@ from bt_dualarm.spec.faults import (
 from bt_dualarm.spec.node_types import NodeSpec
 from bt_dualarm.spec.yaml_reader import Data, TreeInput, is_yaml, read_tree, with_tuples
 from bt_dualarm.sweeps.engine import Engine
-from bt_dualarm.sweeps.manifest import Manifest, SweepError, checked
+from bt_dualarm.sweeps.manifest import Manifest, NoTrials, SweepError, checked
 from bt_dualarm.sweeps.sweep import Progress, run_sweep
 from bt_dualarm.sweeps.trial import CRASHED, RECORDS, Rules
 
@@ -222,16 +223,20 @@ def inject_faults(
 
     single = _faults_of(durations)
     campaign = _campaign(file, durations, tables(_with_faults(data, ("",)), single, out))
-    if pairs and not (stop is not None and stop.asked):
-        points = _sampled_pairs(single, pairs, rng)
-        table = tables(_with_faults(data, _TWO), points, out / PAIRS)
-        campaign = replace(campaign, pairs=_pair_trials(table))
-    if hardware and not (stop is not None and stop.asked):
+    stop = stop or StopRequest()
+    # A request to end early may come before the first trial of a sample: the others are shown.
+    points = _sampled_pairs(single, pairs, rng) if pairs else []
+    if points and not stop.asked:  # a single leaf has no pairs
+        with suppress(NoTrials):
+            table = tables(_with_faults(data, _TWO), points, out / PAIRS)
+            campaign = replace(campaign, pairs=_pair_trials(table))
+    if hardware and not stop.asked:
         sampled = sampled_hardware(file, _joints_of(file), longest, hardware, rng)
         content = _with_hardware(data, sampled)
         points = [{f"{_PREFIX}{name}": 1.0} for name in sampled]
-        table = tables(content, points, out / HARDWARE, "contact")
-        campaign = replace(campaign, hardware=_hardware_trials(sampled, table))
+        with suppress(NoTrials):
+            table = tables(content, points, out / HARDWARE, "contact")
+            campaign = replace(campaign, hardware=_hardware_trials(sampled, table))
     write_text(out / PAGE, _page(campaign, out))
     return campaign
 

@@ -219,7 +219,7 @@ class Manifest:
         params = self.points[point]
         seed = self.seeds[number]
         name = self.realities[reality]
-        content = json.dumps([self.fixed_at(params), params, seed, name], sort_keys=True)
+        content = f"[{self._fixed_text(params)}, {_compact([params, seed, name])}"
         identity = hashlib.sha256(content.encode()).hexdigest()[:24]
         return TrialSpec(index, identity, params, seed, name)
 
@@ -264,8 +264,7 @@ class Manifest:
     def inputs_at(self, point: Mapping[str, Data]) -> Mapping[str, str]:
         """Digests of code, tree and files of a trial, which its worker must find the same."""
         # Only a text can name a file or choose a gripper, so few points need a look at the tree.
-        texts = {name: value for name, value in point.items() if isinstance(value, str)}
-        key = json.dumps(texts, sort_keys=True)
+        key = tuple(one for one in point.items() if isinstance(one[1], str))
         if key not in self._inputs:
             loaded = load(self.tree, self._registry.kinds, point, self.folder)
             source = read_tree(self.tree, self.folder) if loaded.file is None else None
@@ -282,9 +281,21 @@ class Manifest:
             **({} if self.faults is None else {"faults": self._faults_digest}),
         }
 
+    def _fixed_text(self, point: Mapping[str, Data]) -> str:
+        """`fixed_at` as text, made once for all points with the same inputs."""
+        inputs = self.inputs_at(point)
+        if id(inputs) not in self._texts:
+            self._texts[id(inputs)] = _compact(self.fixed_at(point))
+        return self._texts[id(inputs)]
+
     @cached_property
-    def _inputs(self) -> dict[str, Mapping[str, str]]:
+    def _inputs(self) -> dict[tuple[tuple[str, Data], ...], Mapping[str, str]]:
         """Digests by the texts among the parameters."""
+        return {}
+
+    @cached_property
+    def _texts(self) -> dict[int, str]:
+        """Texts by the identity of the digests in `_inputs`."""
         return {}
 
     @cached_property
@@ -320,6 +331,10 @@ class Manifest:
             }
             for row in unit
         ]
+
+
+def _compact(data: object) -> str:
+    return json.dumps(data, sort_keys=True)
 
 
 def _is_range(values: Values) -> bool:

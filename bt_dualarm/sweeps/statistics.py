@@ -168,13 +168,51 @@ class PairedMetric:
 
 _RESAMPLES: Final = 4000
 
+_FEW_PAIRS: Final = 1000
+"""Pairs below which intervals of a bootstrap are too narrow to decide alone."""
+
+_MOST_EXACT: Final = 12
+"""Pairs up to which all changes of signs are tried."""
+
+
+def randomization_p(difference: Vector, smallest: float, seed: int = 0) -> float:
+    """Two-sided p-value of a mean difference, by random changes of the signs of the pairs.
+
+    Without a difference between two versions, a pair could as well have been drawn the other way
+    round. Fisher, R. A. (1935), The Design of Experiments, section 21. The test is exact, however
+    few pairs there are.
+
+    Args:
+        difference: Differences of the pairs, of shape (n,).
+        smallest: Value that has to be resolved: it determines the number of random changes.
+        seed: Seed of the random changes.
+    """
+    n = len(difference)
+    if n <= _MOST_EXACT:
+        signs = 1.0 - 2.0 * ((np.arange(2**n)[:, None] >> np.arange(n)) & 1)
+        means = signs @ difference / n
+        known = 0
+    else:
+        rng = np.random.default_rng(seed)
+        count = max(_RESAMPLES, math.ceil(20.0 / smallest))
+        means = np.concatenate(
+            [rng.choice((-1.0, 1.0), (len(part), n)) @ difference / n
+             for part in np.array_split(np.arange(count), math.ceil(count * n / 1e6))]
+        )  # fmt: skip
+        known = 1  # the pairs as they are
+    # Equal means must count as equal although they are summed in another order.
+    limit = abs(float(difference.mean())) * (1.0 - 1e-9)
+    extreme = int((np.abs(means) >= limit).sum())
+    return (extreme + known) / (len(means) + known)
+
 
 def paired_metric(
     name: str, a: Vector, b: Vector, confidence: float = CONFIDENCE, seed: int = 0
 ) -> PairedMetric:
     """Compare a metric by a bootstrap of the mean paired difference.
 
-    Efron, B. (1987), J. Am. Stat. Assoc. 82, 171: the bias-corrected and accelerated interval.
+    Efron, B. (1987), J. Am. Stat. Assoc. 82, 171: the bias-corrected and accelerated interval. Of
+    few pairs it is too narrow; then a difference must also pass the exact `randomization_p`.
 
     Args:
         name: Name of the metric.
@@ -202,8 +240,12 @@ def paired_metric(
         ).confidence_interval
     low, high = float(found.low), float(found.high)
     z = float(stats.norm.ppf(0.5 + confidence / 2)) + float(stats.norm.ppf(0.8))
-    needed = None if mean == 0.0 else math.ceil((z * spread / mean) ** 2)
+    # The randomization test of fewer pairs cannot decide, whatever their values are.
+    fewest = math.ceil(1.0 - math.log2(1.0 - confidence))
+    needed = None if mean == 0.0 else max(fewest, math.ceil((z * spread / mean) ** 2))
     differs = bool(low > 0.0 or high < 0.0)
+    if differs and len(difference) < _FEW_PAIRS:
+        differs = randomization_p(difference, 1.0 - confidence, seed) <= 1.0 - confidence
     return PairedMetric(
         name, len(a), float(a.mean()), float(b.mean()), (low, high), differs, needed
     )

@@ -11,6 +11,7 @@ import pytest
 import bt_dualarm as bt
 from bt_dualarm.behaviors.load import load
 from bt_dualarm.cli import faults
+from bt_dualarm.runtime.interruption import StopRequest
 from bt_dualarm.sweeps.engine import Engine
 from bt_dualarm.sweeps.faults import (
     inject_faults,
@@ -104,6 +105,44 @@ def test_broken_rules_are_shown_with_the_record(tmp_path: Path) -> None:
     page = (tmp_path / "faults.html").read_text()
     assert page.count("arm1 and arm2 touch at 1.000 s</li>") == 3
     assert page.count('<a href="records/') == 9
+
+
+@pytest.mark.slow
+def test_a_request_to_end_keeps_what_was_found(tmp_path: Path) -> None:
+    """Also if it comes before the first of the sampled faults."""
+    stop = StopRequest()
+
+    def end_early(trial: TrialSpec) -> Row:
+        if trial.params["injected_phase"] == "end":
+            stop.ask()
+        return row_of(trial)
+
+    tree = TREE | {"arms": {"arm2": TREE["arms"]["arm2"]}}
+    made = inject_faults(tree, tmp_path, lambda: InstantEngine(end_early), pairs=2, stop=stop)
+    assert 0 < len(made.faults) < 9
+    assert not made.pairs
+    assert (tmp_path / "faults.html").exists()
+    later = StopRequest()
+
+    class Ending(InstantEngine):
+        def completed(self, timeout: float):  # type: ignore[no-untyped-def]
+            if "injected_first_arm" in self.queue[-1].job.trial.params:
+                later.ask()
+                return []
+            return super().completed(timeout)
+
+    two = tree | {"arms": {"arm2": TREE["arms"]["arm2"] | {"tree": {"sequence": [
+        {"wait": 0.1}, {"log": "done"}]}}}}  # fmt: skip
+    made = inject_faults(two, tmp_path, lambda: Ending(row_of), pairs=2, stop=later)
+    assert len(made.faults) == 15
+    assert not made.pairs
+
+
+@pytest.mark.slow
+def test_a_single_leaf_has_no_pairs(tmp_path: Path) -> None:
+    tree = TREE | {"arms": {"arm2": TREE["arms"]["arm2"]}}
+    made = inject_faults(tree, tmp_path, lambda: InstantEngine(row_of), pairs=2)
+    assert len(made.trials) == 9
 
 
 @pytest.mark.slow

@@ -7,7 +7,13 @@ import pytest
 from scipy import stats
 
 from bt_dualarm.core.pose import Vector
-from bt_dualarm.sweeps.statistics import PairedRates, SuccessRate, paired_metric, verdict_of
+from bt_dualarm.sweeps.statistics import (
+    PairedRates,
+    SuccessRate,
+    paired_metric,
+    randomization_p,
+    verdict_of,
+)
 
 
 @pytest.mark.parametrize(("k", "n"), [(0, 1), (1, 1), (0, 10), (10, 10), (97, 100), (3, 7)])
@@ -62,6 +68,33 @@ def test_equal_versions_are_rarely_told_apart() -> None:
         a = rng.normal(1.0, 0.3, 40)
         wrong += paired_metric("m", a, a + rng.normal(0.0, 0.1, 40)).differs
     assert wrong <= 6
+
+
+def test_few_pairs_are_rarely_told_apart_either() -> None:
+    """A bootstrap alone finds a difference in one of eight draws of eight pairs."""
+    rng = np.random.default_rng(3)
+    wrong = alone = 0
+    for _ in range(120):
+        found = paired_metric("m", rng.lognormal(0.0, 0.5, 8), rng.lognormal(0.0, 0.5, 8))
+        wrong += found.differs
+        alone += found.interval[0] > 0.0 or found.interval[1] < 0.0
+    assert wrong <= 12 < alone  # 6 are expected; 12 are exceeded once in 200 times
+
+
+def test_too_few_pairs_decide_nothing() -> None:
+    a: Vector = np.arange(5, dtype=np.float64)
+    found = paired_metric("m", a, a + np.array([1.0, 1.01, 1.0, 1.02, 1.0]))
+    assert not found.differs  # one of 16 changes of signs gives this
+    assert found.needed == 6
+
+
+@pytest.mark.parametrize("n", [6, 12, 13, 40])
+def test_the_randomization_test_agrees_with_scipy(n: int) -> None:
+    difference = np.random.default_rng(n).normal(0.3, 1.0, n)
+    expected = stats.permutation_test(
+        (difference,), np.mean, permutation_type="samples", n_resamples=20_000, rng=0
+    ).pvalue
+    assert randomization_p(difference, 1e-3) == pytest.approx(expected, abs=0.01)
 
 
 def test_constant_differences_need_no_resampling() -> None:

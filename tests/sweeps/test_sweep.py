@@ -79,6 +79,20 @@ def test_a_request_to_end_keeps_what_has_finished(manifest: Manifest, tmp_path: 
     assert rest.sha256 == whole.sha256
 
 
+def test_two_sweeps_may_run_in_one_folder_at_once(manifest: Manifest, tmp_path: Path) -> None:
+    def meanwhile(trial: TrialSpec) -> Row:
+        if len(engine.ran) == 5:
+            other = run_sweep(manifest, tmp_path, lambda: InstantEngine(works))
+            assert other.complete
+        return works(trial)
+
+    engine = InstantEngine(meanwhile)
+    result = run_sweep(manifest, tmp_path, lambda: engine)
+    whole = run_sweep(manifest, tmp_path / "other", lambda: InstantEngine(works))
+    assert len(result.table) == 24
+    assert result.sha256 == whole.sha256
+
+
 def test_an_error_of_the_engine_keeps_what_has_finished(manifest: Manifest, tmp_path: Path) -> None:
     def break_down(trial: TrialSpec) -> Row:
         if len(engine.ran) == 5:
