@@ -13,6 +13,10 @@ Marcus, IJRR 10(4), 1991). What a contact wrench exceeds it by is internal::
     F = sum_i f_i,  M = sum_i m_i + r_i x f_i,  alpha = J^-1 M
     internal force  of arm i:  f_i - share_i (F + alpha x r_i)
     internal moment of arm i:  m_i - share_i l² alpha    about its grasp
+
+While the arms carry an object of known mass freely, the sum of all wrenches beyond its load is
+zero: what is measured of it is an error. It is then not distributed by these shares, but by how
+little the joint torques of each arm tell (`without_load`).
 """
 
 from __future__ import annotations
@@ -58,6 +62,12 @@ _FASTEST: Final = (0.01, 0.05)
 _FARTHEST: Final = (0.006, 0.04)
 """Largest displacement by yielding, m and rad: beyond, something else is wrong."""
 
+_TORQUE_DOUBT: Final = 0.01
+"""Error of joint torques besides friction, as a fraction of the effort limits."""
+
+_SLOW_RAD_S: Final = 0.05
+"""Joint speed below which dry friction may not have its full size, or the other sign, rad/s."""
+
 _SMOOTH_S: Final = 0.005
 """Time constant of each of the two filters of the yielding speed, s. With a single one, sensor
 noise caused accelerations that broke the jerk limits of the joints."""
@@ -93,6 +103,29 @@ def internal_wrenches(shares: Sequence[float], points: Matrix, wrenches: Matrix)
     return np.hstack((forces - required, moments - share * BORNE_GYRATION_M**2 * alpha))
 
 
+def without_load(points: Matrix, wrenches: Matrix, doubts: Matrix) -> Matrix:
+    """Most likely internal wrenches if the measured ones should add up to nothing.
+
+    Args:
+        points: Positions of the grasps in the world, of shape (n, 3), m.
+        wrenches: Measured wrenches on the object about the grasps, beyond its load, (n, 6).
+        doubts: Covariance of each of them, of shape (n, 6, 6).
+
+    Returns:
+        Wrenches, of shape (n, 6), that add up to zero.
+    """
+    to_middle = np.zeros((len(points), 6, 6))
+    to_middle[:, range(6), range(6)] = 1.0
+    x, y, z = (points - points.mean(axis=0)).T
+    to_middle[:, (3, 4, 5), (1, 2, 0)] = np.column_stack((-z, -x, -y))
+    to_middle[:, (4, 5, 3), (0, 1, 2)] = np.column_stack((z, x, y))
+    spread = doubts @ to_middle.transpose(0, 2, 1)
+    total = (to_middle @ wrenches[:, :, None]).sum(axis=0)
+    solved = np.linalg.solve((to_middle @ spread).sum(axis=0), total)
+    left: Matrix = wrenches - (spread @ solved)[:, :, 0]
+    return left
+
+
 def crossed(first: Matrix, second: Matrix) -> Matrix:
     """Cross products of rows, of shape (n, 3); a tenth of the time of `numpy.cross`."""
     a, b, c = first.T
@@ -113,6 +146,7 @@ class CarryingArm:
         wrench: Wrench on the object then, minus its load, of shape (6,), N and N m. The load that
             the arm's model supports is not part of it.
         lag: Twist, of shape (6,), m and rad, from where the tool was commanded to where it was.
+        doubt: Covariance of the wrench, of shape (6, 6): most of it is due to joint friction.
     """
 
     def __init__(
@@ -121,6 +155,8 @@ class CarryingArm:
         self.position = np.zeros(3)
         self.wrench = np.zeros(6)
         self.lag = np.zeros(6)
+        self.doubt = np.eye(6)
+        self._floor = _TORQUE_DOUBT * nominal.robot.limits.effort
         self._nominal = nominal
         self._hardware = hardware
         self._controller = controller
@@ -133,7 +169,13 @@ class CarryingArm:
         self._inverse = np.asarray(np.linalg.pinv(jacobian, rcond=SINGULAR), dtype=np.float64)
         self.position = self._nominal.tool_position_at(q)
         self.wrench = -self._inverse.T @ self._controller.touch.torque
-        self.lag = jacobian @ (q - self._controller.setpoint.q)
+        sent = self._controller.setpoint
+        self.lag = jacobian @ (q - sent.q)
+        # Where a joint reverses, neither sign nor size of its dry friction is known.
+        friction = self._nominal.friction
+        unknown = np.maximum(np.exp(-np.square(sent.v / _SLOW_RAD_S)), friction.uncertainty)
+        torque = np.square(self._floor) + np.square(unknown * friction.static)
+        self.doubt = self._inverse.T @ (torque[:, None] * self._inverse)
 
     def joint_velocity(self, twist: Vector) -> Vector:
         """Joint velocities, of shape (dof,), rad/s, for a twist of the tool in the world, (6,).
@@ -196,9 +238,16 @@ class InternalWrenchRegulator:
         dof = max(part.stop for part in parts.values())
         self._added = SetPoint(np.zeros(dof), np.zeros(dof), np.zeros(dof))
         self._has_looked = False
+        self._freely = False
 
-    def begin(self) -> None:
-        """Begin a new motion: the set-points of the arms include what they have yielded so far."""
+    def begin(self, *, freely: bool = False) -> None:
+        """Begin a new motion: the set-points of the arms include what they have yielded so far.
+
+        Args:
+            freely: Whether the arms carry all of the object, and know its mass: the wrenches beyond
+                its load then add up to nothing.
+        """
+        self._freely = freely
         zero = np.zeros_like(self._added.q)
         self._added = SetPoint(zero, zero, zero)
         self._share = 0.0
@@ -225,7 +274,10 @@ class InternalWrenchRegulator:
         points = np.array([arm.position for arm in arms])
         wrenches = np.array([arm.wrench for arm in arms])
         lags = np.array([arm.lag for arm in arms])
-        found = internal_wrenches(self._shares, points, wrenches)
+        if self._freely:
+            found = without_load(points, wrenches, np.array([arm.doubt for arm in arms]))
+        else:
+            found = internal_wrenches(self._shares, points, wrenches)
         strain = internal_wrenches(self._shares, points, self._masses * lags) / self._masses
         center = np.asarray(self._shares) @ points
         moments = wrenches[:, 3:] + crossed(points - center, wrenches[:, :3])

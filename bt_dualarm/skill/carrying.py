@@ -837,6 +837,7 @@ class _Coupled:
         self._number = 0
         self._leads = plan.leader == self._arm.name
         self._over_since: float | None = None
+        self._lifts = 1 if plan.chosen else 0  # number of the leg that lifts the object
         world = self._arm.world
         names = list(self._proposals)
         self._kinematics = MultiArmKinematics(
@@ -956,7 +957,8 @@ class _Coupled:
             scale = min(scale, slow / max(top, 1e-9))
         if scale < 0.999:
             motion = at_scale(motion, scale)
-        self._regulator.begin()
+        knows_mass = not any(world.nominal[name].estimates_payload for name in parts)
+        self._regulator.begin(freely=knows_mass and self._number > self._lifts and not slow)
         return CoupledMotion(motion, parts, limits, self._regulator, self._regulator.is_pressed)
 
     def _execute(

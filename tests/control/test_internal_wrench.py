@@ -11,7 +11,9 @@ from bt_dualarm.control.internal_wrench import (
     InternalWrenchRegulator,
     crossed,
     internal_wrenches,
+    without_load,
 )
+from bt_dualarm.sim.arm_models import BORNE_GYRATION_M
 
 POINTS = np.array([[-0.5, 0.1, 0.0], [0.5, 0.0, 0.05]])
 SHARES = (0.5, 0.5)
@@ -65,6 +67,35 @@ def test_cross_products_of_rows() -> None:
     np.testing.assert_allclose(crossed(first, second), np.cross(first, second))
 
 
+@pytest.mark.parametrize("count", [2, 3])
+def test_doubts_like_the_shares_explain_what_does_not_add_up_as_the_shares_do(count: int) -> None:
+    rng = np.random.default_rng(count)
+    shares = rng.dirichlet(np.ones(count))
+    points = rng.normal(size=(count, 3))
+    wrenches = rng.normal(size=(count, 6))
+    square = BORNE_GYRATION_M**2
+    doubts = np.array([share * np.diag((1, 1, 1, square, square, square)) for share in shares])
+    np.testing.assert_allclose(
+        without_load(points, wrenches, doubts),
+        internal_wrenches(list(shares), points, wrenches),
+        atol=1e-9,
+    )
+
+
+def test_the_arm_that_feels_more_is_believed() -> None:
+    """The arms press with 10 N; friction adds 30 N to what the second one measures."""
+    along = (POINTS[1] - POINTS[0]) / np.linalg.norm(POINTS[1] - POINTS[0])
+    true = np.zeros((2, 6))
+    true[0, :3] = 10.0 * along
+    true[1, :3] = -10.0 * along
+    measured = true.copy()
+    measured[1, :3] += 30.0 * along
+    doubts = np.array([np.eye(6), 1e4 * np.eye(6)])
+    found = without_load(POINTS, measured, doubts)
+    np.testing.assert_allclose(total(POINTS, found), 0.0, atol=1e-9)
+    np.testing.assert_allclose(found, true, atol=0.02)
+
+
 PERIOD_S = 0.004
 STIFFNESS = np.array((8e5, 8e5, 8e5, 2e3, 2e3, 2e3))
 """Force by which an arm's observer presses harder in each second for a displacement, N/m/s, as
@@ -82,6 +113,7 @@ class PressingArm:
         self.position = position
         self.lag = np.zeros(6)
         self.wrench = np.zeros(6)
+        self.doubt = np.eye(6)
 
     def look(self) -> None:
         """The test sets all that is measured."""
