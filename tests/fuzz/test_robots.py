@@ -27,8 +27,8 @@ from tests.robots.test_mesh_check import BOX, ascii_stl, obj, stl
 TIMES = float(os.environ.get("BT_DUALARM_FUZZ_TIMES", "1"))
 """How many times as many: once takes 5 s of one core; `make fuzz` takes longer."""
 
-CHUNKS = 4
-"""So that workers share the work; each has its own seed."""
+CHUNKS = 8 if TIMES > 1 else 2
+"""So that workers share the work; each has its own seed, and some mutants that are accepted."""
 
 LONGEST_S = 10.0
 """Seconds of the processor for one mutant: none needs two of them where nothing else runs, and what

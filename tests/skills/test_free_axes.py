@@ -36,6 +36,7 @@ OUT: dict[str, Any] = {
 }
 
 
+@pytest.mark.usefixtures("without_pictures")
 @pytest.mark.parametrize("robot", some(OUT, 2))
 def test_five_joints_do_all_that_leaves_them_enough_freedom(robot: str, tmp_path: Path) -> None:
     """Lines, curves and poses out of the vertical plane of the arm; and the same again."""
