@@ -50,10 +50,10 @@ matrix: kernels ## Test whole families of similar cases, such as every operation
 	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --maxprocesses 8 --dist worksteal --quiet \
 		$$(grep --recursive --files-with-matches --include='test_*.py' tests.families tests)
 
-fuzz: export BT_DUALARM_FUZZ_FILES ?= 200000
-fuzz: export BT_DUALARM_FUZZ_TIMES ?= 80
+fuzz: export BT_DUALARM_FUZZ_FILES ?= 160000
+fuzz: export BT_DUALARM_FUZZ_TIMES ?= 160
 fuzz: export BT_DUALARM_FUZZ_SEED ?= $(shell date +%s)
-fuzz: kernels ## Test 80 times as many mutated trees, robots and meshes as make test, with other seeds
+fuzz: kernels ## Test 160 times as many mutated trees, robots and meshes as make test, with other seeds
 	@echo "BT_DUALARM_FUZZ_SEED=$$BT_DUALARM_FUZZ_SEED repeats this run"
 	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --maxprocesses 8 --dist worksteal --quiet \
 		tests/fuzz tests/spec/test_fuzz.py

@@ -67,9 +67,14 @@ OBJECTS = 100_000
 @pytest.hookimpl(trylast=True)
 def pytest_collection_finish() -> None:
     """Look no more for circles among what is imported and collected: all of it stays."""
+    keep_what_is_there()
+    gc.set_threshold(OBJECTS)
+
+
+def keep_what_is_there() -> None:
+    """Break up circles that nobody needs, and look for none among the rest any more."""
     gc.collect()
     gc.freeze()
-    gc.set_threshold(OBJECTS)
 
 
 GROWTH = 128 * 2**20
@@ -80,7 +85,8 @@ class Memory:
     """What a process of tests holds, and gives back: the C library keeps most of it for later.
 
     Of 689 MB after eleven runs that were recorded it kept 276; of 1,700 MB after eighty cells of
-    the matrix, which are one module, 640.
+    the matrix, which are one module, 640. What is left by then are caches and what modules share:
+    looking through it once more, each time, would take half a second.
     """
 
     def __init__(self) -> None:
@@ -90,7 +96,7 @@ class Memory:
     def pytest_runtest_logfinish(self) -> None:
         """Give back, where a test has made the process larger."""
         if self._trim is not None and self._resident() > self._after_trim + GROWTH:
-            gc.collect()
+            keep_what_is_there()
             self._trim(0)
             self._after_trim = self._resident()
 

@@ -120,7 +120,7 @@ def robot_summary(robot: Robot) -> RobotSummary:
     """Summary of a robot from the catalog or from a description file."""
     # Imported here, because help and node types do not need the robot model.
     from bt_dualarm.core.pose import Pose
-    from bt_dualarm.kinematics.inverse_kinematics import Workspace
+    from bt_dualarm.kinematics.inverse_kinematics import Workspace, reach
 
     arm = Workspace(robot, Pose.identity())
     limits = robot.limits
@@ -133,7 +133,7 @@ def robot_summary(robot: Robot) -> RobotSummary:
         tool_link=robot.tool_link,
         tool_m=_triple(robot.tool.position),
         center_m=_triple(arm.bounding_ball[0]),
-        reach_m=round(arm.farthest(), 2),
+        reach_m=round(reach(robot), 2),
         payload_kg=robot.payload,
         joints=tuple(
             JointSheet(name, *row) for name, row in zip(robot.joints, joints, strict=True)

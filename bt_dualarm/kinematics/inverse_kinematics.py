@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import lru_cache
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -140,6 +140,12 @@ class Workspace(Chain):
             if gap < _REACHED or abs(last - gap) < _GAIN:
                 break
         return gap
+
+
+@lru_cache(maxsize=64)
+def reach(robot: Robot) -> float:
+    """Largest distance of the tool from the first joint, m; takes 30 ms, once per robot."""
+    return Workspace(robot, Pose.identity()).farthest()
 
 
 Preference: TypeAlias = Literal["nearest", "conditioned"]
@@ -443,11 +449,6 @@ class Kinematics(Chain):
         condition = max(self.condition(q) for q in rows[::_EVERY])
         return _Followed(rows, self.room(rows) < _TOO_NEAR, condition)
 
-    @cached_property
-    def _reach(self) -> float:
-        """Reach of the tool from the first joint for error messages, m; takes 30 ms."""
-        return Workspace(self.robot, Pose.identity()).farthest()
-
     def _refuse_outside(self, goals: Sequence[Matrix]) -> None:
         """Check that targets, each of shape (4, 4), are within the outer bound of the workspace."""
         center, radius = self.bounding_ball
@@ -455,13 +456,13 @@ class Kinematics(Chain):
         worst = int(np.argmax(away))
         if away[worst] > radius:
             place = ", ".join(f"{x:.3f}" for x in goals[worst][:3, 3])
-            reach = self._reach
+            limit = reach(self.robot)
             raise Failure(
                 "INVALID_TARGET",
                 f"({place}) m is outside the workspace: {away[worst]:.2f} m from the first joint "
-                f"of this {self.robot.name}, whose tool reaches {reach:.2f} m",
+                f"of this {self.robot.name}, whose tool reaches {limit:.2f} m",
                 distance_m=float(away[worst]),
-                reach_m=reach,
+                reach_m=limit,
             )
 
     def _branches(

@@ -165,7 +165,7 @@ def test_with_closed_streams_a_record_is_whole(tmp_path: Path) -> None:
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.parametrize("display", some(["live", "log", "quiet"], 2))
+@pytest.mark.parametrize("display", some(["live", "log", "quiet"], 3))
 def test_a_terminal_that_is_closed_takes_no_record_along(tmp_path: Path, display: str) -> None:
     """The shell sends SIGHUP, and whatever is printed from then on fails."""
     ours, theirs = os.openpty()

@@ -24,6 +24,7 @@ from bt_dualarm.experiments.report import Campaign, Result
 from bt_dualarm.experiments.trials import Cell
 from bt_dualarm.sim import renderers
 from tests.experiments.test_results import made_up
+from tests.families import some
 
 ONE = ("--case", "circle", "--speed", "1", "--controller", "predictive")
 
@@ -152,7 +153,7 @@ def descendants(process: int) -> Iterator[int]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+@pytest.mark.parametrize("number", some([signal.SIGINT, signal.SIGTERM, signal.SIGKILL], 2))
 def test_no_process_is_left_behind(number: signal.Signals, tmp_path: Path) -> None:
     """Two that run experiments, and those that these need, end with the one that is ended."""
     code = "import sys; import bt_dualarm.cli as cli; sys.exit(cli.experiments())"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import product
 
 import mujoco
 import numpy as np
@@ -17,6 +18,7 @@ from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.trajectory.path_timing import time_path
 from bt_dualarm.trajectory.paths import line
+from tests.families import some
 from tests.sim.worlds import WIDE, arm, file_of
 
 PERIOD = 0.004
@@ -97,8 +99,7 @@ class Press:
         return float(np.linalg.norm(total))
 
 
-@pytest.mark.parametrize("limit_n", LIMITS_N)
-@pytest.mark.parametrize("robot", WIDE)
+@pytest.mark.parametrize(("robot", "limit_n"), some(product(WIDE, LIMITS_N), 3))
 def test_who_presses_too_hard_fails_and_goes_back(robot: str, limit_n: float) -> None:
     """With names and numbers: no sooner than the limit, no more is felt than there is."""
     press = Press.of(robot, limit_n, block(1.0, fixed=True))
@@ -111,7 +112,7 @@ def test_who_presses_too_hard_fails_and_goes_back(robot: str, limit_n: float) ->
     assert press.forces_n[-1] < 0.5 * limit_n
 
 
-@pytest.mark.parametrize("robot", WIDE)
+@pytest.mark.parametrize("robot", some(WIDE, 2))
 def test_friction_masses_and_light_things_are_no_force(robot: str) -> None:
     """A neglected arm with joints that rub pushes a cup before it."""
     press = Press.of(robot, 140.0, block(0.3, fixed=False), reality="rough")

@@ -9,6 +9,7 @@ from benchmarks.path_reality import PERIOD, curves, measured, world_of
 from bt_dualarm.control.controller import JointController
 from bt_dualarm.safety.failsafe import Reservations
 from bt_dualarm.skill.registry import Registry
+from tests.families import some
 
 KINDS = Registry.load().kinds
 LIMITS = {"ideal": (0.02, 0.06), "lab": (0.10, 0.30), "rough": (0.30, 1.00)}
@@ -50,8 +51,18 @@ def test_an_arm_that_trembles_is_at_rest() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("robot", ["ur5", "panda"])
-@pytest.mark.parametrize(("reality", "load"), [("lab", "known"), ("rough", "unknown")])
+@pytest.mark.parametrize(
+    ("robot", "reality", "load"),
+    some(
+        [
+            ("ur5", "lab", "known"),
+            ("panda", "lab", "known"),
+            ("ur5", "rough", "unknown"),
+            ("panda", "rough", "unknown"),
+        ],
+        3,
+    ),
+)
 def test_curves_with_a_kilogram(robot: str, reality: str, load: str) -> None:
     for seed in (1, 2):
         keeps_to_its_plan(robot, reality, load, seed)

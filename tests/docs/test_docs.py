@@ -187,8 +187,7 @@ def test_examples_work_in_the_order_of_the_page(
             if command.removeprefix("bt-run ") in SHIPPED:
                 continue  # that every shipped tree succeeds has a test of its own
             if command == MAIN_JOB_BY_PATH:
-                request.getfixturevalue("main_job")  # the same run: it is the same file
-                continue
+                continue  # as MAIN_JOB of another page: it is the same file
             if command == MAIN_JOB:
                 done = request.getfixturevalue("main_job")
                 shutil.copytree(done / "out", tmp_path / "out", dirs_exist_ok=True)

@@ -12,10 +12,11 @@ from bt_dualarm.core.pose import Pose
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.skill.registry import Registry
+from tests.families import some
 from tests.sim.worlds import WIDE
 
 
-def some(seed: int) -> list[Spot]:
+def drawn(seed: int) -> list[Spot]:
     """One for each robot, the rest of it drawn."""
     rng = np.random.default_rng(seed)
     return [
@@ -32,7 +33,7 @@ def some(seed: int) -> list[Spot]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("spot", [*some(0), *some(1)[2:4]], ids=str)
+@pytest.mark.parametrize("spot", some([*drawn(0), *drawn(1)[2:4]], 3), ids=str)
 def test_an_arm_rests_before_a_target_that_rests(spot: Spot, registry: Registry) -> None:
     found = follow(spot, registry)
     assert complaints(spot, found) == [], found

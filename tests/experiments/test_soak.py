@@ -73,6 +73,6 @@ def test_a_short_soak_leaves_nothing_behind(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_starts_and_ends_leave_nothing_behind(tmp_path: Path) -> None:
-    usages = [usage for _, usage in starts(10, tmp_path)]
+    usages = [usage for _, usage in starts(5, tmp_path)]
     assert len({(one.threads, one.files, one.children) for one in usages}) == 1
     assert not list(tmp_path.iterdir())

@@ -29,6 +29,7 @@ arms:
 pytestmark = pytest.mark.slow
 
 
+@pytest.mark.usefixtures("without_pictures")
 @pytest.mark.parametrize("into", ["qpos", "qvel", "xfrc_applied"])
 def test_divergence_is_told_and_kept(into: str, bt_run_here: BtRun, tmp_path: Path) -> None:
     """Exit code 1, a sentence with the time and the joint, the last half second of sane states."""

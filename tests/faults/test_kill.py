@@ -105,7 +105,7 @@ def test_killed_while_it_runs(tmp_path: Path, number: signal.Signals, lines: int
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", STOPPING)
+@pytest.mark.parametrize("number", some(STOPPING, 3))
 def test_killed_while_it_writes(tmp_path: Path, number: signal.Signals) -> None:
     """The second signal leaves out the plots; the first one decides the code."""
     with begun(tmp_path) as process:

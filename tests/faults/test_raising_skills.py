@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import textwrap
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ import pytest
 from bt_dualarm import cli
 from bt_dualarm.skill.registry import Registry
 from tests.commands import BtRun, Ran
+from tests.families import some
 from tests.plays import STOPPED, Play, Stage
 
 HERE = Path(__file__).parent
@@ -46,8 +48,7 @@ def check_other_arm(play: Play) -> None:
     assert (play.arm("other").ended_s or 0.0) > (play.arm("faulty").ended_s or 0.0)
 
 
-@pytest.mark.parametrize("error", ["ValueError", *ENDINGS])
-@pytest.mark.parametrize("phase", PHASES)
+@pytest.mark.parametrize(("phase", "error"), some(product(PHASES, ("ValueError", *ENDINGS)), 3))
 def test_leaf_fails_and_the_other_arm_goes_on(
     phase: str, error: str, stage: Stage, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -66,7 +67,7 @@ def test_leaf_fails_and_the_other_arm_goes_on(
 
 
 @pytest.mark.usefixtures("without_pictures")
-@pytest.mark.parametrize("phase", PHASES)
+@pytest.mark.parametrize("phase", some(PHASES, 2))
 def test_record_log_and_report_tell_of_it(
     phase: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ from bt_dualarm.sim.grippers import GripperCommand
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.values import PoseSpec
+from tests.families import some
 from tests.grippers.fingers import FINGERED
 from tests.grippers.test_drive import REALITIES, let_run, pressed
 from tests.sim.worlds import ROBOTS, arm, file_of, world_with
@@ -44,9 +47,9 @@ def half(page: Gripper) -> float:
     return 0.5 * (page.force.least + page.force.most)
 
 
-@pytest.mark.parametrize("reality", REALITIES)
-@pytest.mark.parametrize("gripper", gripper_names())
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize(
+    ("robot", "gripper", "reality"), some(product(ROBOTS, gripper_names(), REALITIES), 5)
+)
 def test_force(robot: str, gripper: str, reality: str) -> None:
     """What is sensed is what was asked for; what is pressed, but for the drive's gain."""
     world = world_before(robot, gripper, reality)
@@ -64,9 +67,9 @@ def test_force(robot: str, gripper: str, reality: str) -> None:
     assert true == pytest.approx(asked, rel=GAIN[reality] + SOLVER)
 
 
-@pytest.mark.parametrize("reality", REALITIES)
-@pytest.mark.parametrize("gripper", FINGERED)
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize(
+    ("robot", "gripper", "reality"), some(product(ROBOTS, FINGERED, REALITIES), 5)
+)
 def test_speed(robot: str, gripper: str, reality: str) -> None:
     """On the way; and then the fingers are where they were told to be."""
     world = World(file_of({"arm1": arm(robot, gripper=gripper)}, reality=reality))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from bt_dualarm.sim.frame import Exposure, Image
 from bt_dualarm.sim.renderers import RayRenderer
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import CameraSpec
+from tests.families import some
 from tests.sim.worlds import WORLD as FOLDER
 from tests.sim.worlds import arm, file_of
 
@@ -24,8 +27,7 @@ def _seen(robot: str, mount: str, gripper: str | None) -> Image:
     return RayRenderer().render(world.model, world.data, exposure)
 
 
-@pytest.mark.parametrize("gripper", gripper_names())
-@pytest.mark.parametrize("robot", robot_names())
+@pytest.mark.parametrize(("robot", "gripper"), some(product(robot_names(), gripper_names()), 2))
 def test_the_middle_of_the_picture_is_free(robot: str, gripper: str) -> None:
     """What the gripper hides is at the picture's edge, outside its middle half and the like.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import pairwise
+from itertools import pairwise, product
 
 import mujoco
 import numpy as np
@@ -17,6 +17,7 @@ from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.trajectory.path_timing import point_to_point
 from bt_dualarm.trajectory.trajectory import Trajectory
+from tests.families import some
 from tests.sim.worlds import WIDE, arm, file_of
 
 THIN = 0.001
@@ -73,8 +74,7 @@ def deepest(checker: CollisionChecker, motion: Trajectory) -> float:
     return worst
 
 
-@pytest.mark.parametrize("robot", WIDE)
-@pytest.mark.parametrize("shape", SIZES)
+@pytest.mark.parametrize(("shape", "robot"), some(product(SIZES, WIDE), 2))
 def test_what_is_thin_is_not_gone_through(robot: str, shape: str) -> None:
     """Wherever on a link's way it is, and however it lies."""
     thing = ObjectSpec(shape="box", size=SIZES[shape], mass=1.0, fixed=True, spawned=False)

@@ -515,30 +515,64 @@ class Number:
     @cached_property
     def ends(self) -> tuple[float, float]:
         """Smallest and largest number that the model takes, to the last bit."""
-        return self._end(-1), self._end(1)
+        return self.end(-1), self.end(1)
 
     @cached_property
     def is_whole(self) -> bool:
         """Whether only whole numbers may stand there."""
         return not self.is_taken(self.value + 1e-6) and not self.is_taken(self.value - 1e-6)
 
-    def _end(self, sign: int) -> float:
-        """The last number that is taken on the way to the largest, or the smallest, there is."""
+    def end(self, sign: int) -> float:
+        """The last number that is taken on the way to the largest, or the smallest, there is.
+
+        Args:
+            sign: 1 for the largest, -1 for the smallest.
+        """
         if self.is_whole:
             return float(_last(self.is_taken, int(self.value), sign * LARGEST_INTEGER))
         taken = order(self.value)
         refused = order(sign * sys.float_info.max)
-        return number(_last(lambda place: self.is_taken(number(place)), taken, refused))
+        return number(_last(lambda place: self.is_taken(number(place)), taken, refused, rounded))
 
 
-def _last(is_taken: Callable[[int], bool], taken: int, refused: int) -> int:
-    """The last whole number that is taken on the way to one that may be refused."""
+def _last(
+    is_taken: Callable[[int], bool],
+    taken: int,
+    refused: int,
+    guess: Callable[[int], int] | None = None,
+) -> int:
+    """The last whole number that is taken on the way to one that may be refused.
+
+    Args:
+        is_taken: Whether a number is taken.
+        taken: One that is.
+        refused: The last one that may be.
+        guess: Where the end is likely to be, by a number near it; it may be at zero, too.
+    """
     if is_taken(refused):
         return refused
+    step = 1 if refused > taken else -1
+    looked_at = [] if guess is None else [-step, 0, step]
     while abs(refused - taken) > 1:
         middle = (taken + refused) // 2
-        taken, refused = (middle, refused) if is_taken(middle) else (taken, middle)
+        if guess is not None and abs(refused - taken) < NEAR:
+            end = guess(middle)
+            looked_at = [end - step, end, end + step]
+            guess = None
+        for place in (*looked_at, middle):
+            if (place - taken) * step > 0 and (refused - place) * step > 0:
+                taken, refused = (place, refused) if is_taken(place) else (taken, place)
+        looked_at = []
     return taken
+
+
+NEAR = 2**38
+"""Places between two numbers whose first four digits are the same, give or take one."""
+
+
+def rounded(place: int) -> int:
+    """The place of the number with three digits that is nearest to the one at a place."""
+    return order(float(f"{number(place):.2e}"))
 
 
 def with_value(data: Data, path: Path, value: Data) -> Data:

@@ -107,6 +107,7 @@ def test_goals_change_no_bit_of_the_run(result: bt.RunResult) -> None:
     assert (result.outcome, result.is_false_success) == ("SUCCESS", True)
 
 
+@pytest.mark.usefixtures("without_pictures")
 @pytest.mark.parametrize(
     ("section", "condition", "said"),
     [
@@ -134,6 +135,7 @@ def test_a_violated_invariant_ends_the_run(
     assert replay([str(tmp_path), "--check"]) == 0
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_bt_why_names_the_goals_that_were_missed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

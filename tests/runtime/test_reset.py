@@ -85,6 +85,7 @@ def test_observers_stay_and_nothing_is_logged(caplog: pytest.LogCaptureFixture) 
         assert caplog.records == []
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_what_cannot_be_reset_says_why(tmp_path: Path) -> None:
     with (
         bt.open(TREE, record=tmp_path / "out") as run,

@@ -13,6 +13,7 @@ from bt_dualarm.safety.guard import CLEAR_M, FLOOR_M
 from bt_dualarm.sim.world import World
 from bt_dualarm.trajectory.path_timing import point_to_point
 from bt_dualarm.trajectory.set_points import SetPoint
+from tests.families import some
 from tests.sim.worlds import arm, box, file_of
 
 PERIOD = 0.004
@@ -173,7 +174,7 @@ def test_spheres_hold_the_arm_and_what_it_holds(seed: int) -> None:
     assert apart(hulls[0].spheres(), hulls[1].spheres()) <= true + 1e-6
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", some(range(3), 2))
 def test_arms_that_are_sent_anywhere_never_meet(
     world: World, reservations: Reservations, seed: int
 ) -> None:

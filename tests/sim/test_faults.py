@@ -260,6 +260,7 @@ def test_unknown_names_beside_the_file_are_located(tmp_path: Path) -> None:
         bt.open(TREE, faults=file)
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_a_record_of_faults_replays_resumes_and_explains(tmp_path: Path) -> None:
     faults = of_joint("frozen_joint", begin=0.5, until=3.0)
     result = bt.run(TREE, faults=faults, record=tmp_path / "r")
@@ -279,6 +280,7 @@ def test_a_record_of_faults_replays_resumes_and_explains(tmp_path: Path) -> None
     assert record.summary["faults"][0]["kind"] == "frozen_joint"
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_a_fault_of_an_object_elsewhere_explains_nothing(tmp_path: Path) -> None:
     """Honest: a fault that was active but unrelated is no cause."""
     tree = TREE | {"arms": {"arm1": TREE["arms"]["arm1"] | {"tree": {"fail": "on purpose"}}}}

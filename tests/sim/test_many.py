@@ -136,6 +136,7 @@ def test_the_count_may_be_a_parameter_and_leaves_name_members() -> None:
     assert [one.message for one in found] == ["spawn: there is no object 'cube2'"]
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_a_run_records_what_was_drawn_and_repeats(tmp_path: Any) -> None:
     text = file_of("{wait: 0.2}", cube=SCATTERED)
     runs = [bt.run(text, seed=5, record=tmp_path / f"{i}") for i in range(2)]

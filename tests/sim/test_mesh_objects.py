@@ -88,6 +88,7 @@ def test_the_decomposition_is_computed_once(folder: Path, monkeypatch: pytest.Mo
     assert all((one == other).all() for one, other in zip(first, again, strict=True))
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_it_is_picked_carried_set_down_and_replayed(folder: Path) -> None:
     goal = {"xyz": [0.25, -0.50, 0.4305]}
     tree = [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Any
 
 import mujoco
@@ -13,6 +14,7 @@ from bt_dualarm.core.pose import Vector, camera_pose
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import REALITY_SETS
 from bt_dualarm.spec.values import PoseSpec
+from tests.families import some
 from tests.sim.worlds import ROBOTS, arm, box, file_of
 
 
@@ -34,8 +36,7 @@ def true_rotors(world: World) -> Vector:
     return rotors
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
-@pytest.mark.parametrize("reality", ["lab", "rough"])
+@pytest.mark.parametrize(("robot", "reality"), some(product(ROBOTS, ["lab", "rough"]), 3))
 def test_links_are_as_far_from_their_page_as_is_said(robot: str, reality: str) -> None:
     world = real(robot, 1, reality)
     true = masses(world.model)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+import shutil
 import sys
 from pathlib import Path
 from textwrap import dedent
@@ -38,7 +39,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     shipped = tmp_path / "shipped"
     shipped.mkdir()
     monkeypatch.setattr(registry, "share_dir", lambda _: shipped)
-    monkeypatch.setattr(importlib.metadata, "entry_points", lambda **_: [])
+    monkeypatch.setattr(registry, "_entry_points", lambda: ())
     return tmp_path
 
 
@@ -128,6 +129,25 @@ def test_folders_of_the_user(folder: Path) -> None:
         Registry.load([folder / "none"])
 
 
+def test_what_is_installed_meanwhile_is_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And is gone when it is removed: the metadata of packages are read again then."""
+    monkeypatch.syspath_prepend(tmp_path)
+    before = Registry.load().skills.keys()
+    assert "wave_once" not in before
+    (tmp_path / "later_skills.py").write_text(dedent(GOOD))
+    metadata = tmp_path / "later-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: later\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text(
+        f"[{registry.ENTRY_POINTS}]\nlater = later_skills:WaveOnce\n"
+    )
+    assert Registry.load().skills.keys() - before == {"wave_once"}
+    shutil.rmtree(metadata)
+    assert Registry.load().skills.keys() == before
+
+
 def test_installed_packages(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """An entry point names a class or a module; a broken one is named."""
     (folder / "their_skills.py").write_text(dedent(GOOD))
@@ -137,7 +157,7 @@ def test_installed_packages(folder: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
     def installed(value: str) -> None:
         entry = importlib.metadata.EntryPoint("theirs", value, registry.ENTRY_POINTS)
-        monkeypatch.setattr(importlib.metadata, "entry_points", lambda **_: [entry])
+        monkeypatch.setattr(registry, "_entry_points", lambda: (entry,))
 
     installed("their_skills:WaveOnce")
     assert "wave_once" in Registry.load().skills

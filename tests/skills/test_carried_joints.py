@@ -33,6 +33,7 @@ def file_of(*leaves: Tree | str, **chest: object) -> Tree:
     }
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_a_chest_is_carried_shut_and_opened_where_it_stands(tmp_path: Path) -> None:
     """Recorded and replayed; the arm knows by the sensor and its hand where the lid is."""
     file = file_of(TAKE, {"place": {"at": THERE}}, SHUT, KNOB, OPEN, "release")

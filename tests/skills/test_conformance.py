@@ -14,15 +14,17 @@ from tests.skills.candidates import REGISTRY, candidate
 SKILLS = dict(REGISTRY.skills)
 HALTS = [law for law in LAWS if " when halted at " in law]
 AGAIN = [law for law in LAWS if law.startswith("starts again ")]
+NEVER = [law for law in LAWS if law.startswith("has no effect ")]
 CASES = sorted(
     {
-        *product(SKILLS, set(LAWS) - {*HALTS, *AGAIN}),
-        *some(product(sorted(SKILLS), HALTS), 18),
+        *product(SKILLS, set(LAWS) - {*HALTS, *AGAIN, *NEVER}),
+        *some(product(sorted(SKILLS), HALTS), 24),
         *some(product(sorted(SKILLS), AGAIN), 9),
+        *some(product(sorted(SKILLS), NEVER), 4),
     }
 )
 """Skill and law, skill by skill; each of the moments at which some skill is halted, and each way in
-which it starts again, in turns."""
+which it starts again, in turns; one in four skills that is never ticked."""
 
 
 @pytest.mark.parametrize(("name", "law"), CASES)

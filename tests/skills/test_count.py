@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Any, TypeAlias
 
 import pytest
 
 from bt_dualarm.behaviors.report import LeafReport
+from tests.families import some
 from tests.plays import Stage
 
 Things: TypeAlias = dict[str, dict[str, Any]]
@@ -79,8 +81,7 @@ class TestEachKind:
         leaf = count(stage, kind, things | {"c": {"at": (-0.08, -0.03, 0)}}, reality)
         assert (leaf.code, leaf.metrics["found"], leaf.metrics["unlike"]) == ("AMBIGUOUS", 1, 1)
 
-    @pytest.mark.parametrize("reality", ["lab", "rough"])
-    @pytest.mark.parametrize("aside", [0.0, 0.08])
+    @pytest.mark.parametrize(("aside", "reality"), some(product([0.0, 0.08], ["lab", "rough"]), 3))
     def test_one_on_another_is_not_counted_as_one(
         self, kind: dict[str, Any], aside: float, reality: str, stage: Stage
     ) -> None:
@@ -91,8 +92,7 @@ class TestEachKind:
         leaf = count(stage, kind, things, reality)
         assert (leaf.code, leaf.metrics["found"]) == ("AMBIGUOUS", 0), leaf.reason
 
-    @pytest.mark.parametrize("reality", ["lab", "rough"])
-    @pytest.mark.parametrize("ratio", [0.75, 1.3])
+    @pytest.mark.parametrize(("ratio", "reality"), some(product([0.75, 1.3], ["lab", "rough"]), 3))
     def test_another_size_is_not_counted(
         self, kind: dict[str, Any], ratio: float, reality: str, stage: Stage
     ) -> None:
@@ -117,8 +117,7 @@ LOW = [
 """Cans and plates of which two on one another are no higher than a cube."""
 
 
-@pytest.mark.parametrize("reality", ["lab", "rough"])
-@pytest.mark.parametrize("kind", LOW, ids=["can", "wide can", "low can", "plate"])
+@pytest.mark.parametrize(("kind", "reality"), some(product(LOW, ["lab", "rough"]), 3))
 def test_low_ones_on_one_another_are_not_counted_as_one(
     kind: dict[str, Any], reality: str, stage: Stage
 ) -> None:

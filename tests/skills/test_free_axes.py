@@ -10,6 +10,7 @@ import pytest
 
 import bt_dualarm
 from bt_dualarm import Run
+from tests.families import some
 
 ALL = ["rx", "ry", "rz"]
 
@@ -35,7 +36,8 @@ OUT: dict[str, Any] = {
 }
 
 
-@pytest.mark.parametrize("robot", OUT)
+@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.parametrize("robot", some(OUT, 2))
 def test_five_joints_do_all_that_leaves_them_enough_freedom(robot: str, tmp_path: Path) -> None:
     """Lines, curves and poses out of the vertical plane of the arm; and the same again."""
     out = OUT[robot]

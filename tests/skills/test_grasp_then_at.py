@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 import bt_dualarm as bt
+from tests.families import some
 
 SIZE = (0.03, 0.05, 0.06)
 GOAL = (0.45, 0.2, 0.03)
@@ -46,7 +47,9 @@ def _task(axis: int, robot: str, gripper: str, then_at: dict[str, Any] | None) -
     return {"bt_dualarm": 1, "name": "between", "world": world, "objects": objects, "arms": arms}
 
 
-@pytest.mark.parametrize(("robot", "gripper"), [("panda", "panda_hand"), ("ur5", "robotiq_2f85")])
+@pytest.mark.parametrize(
+    ("robot", "gripper"), some([("panda", "panda_hand"), ("ur5", "robotiq_2f85")], 2)
+)
 def test_the_grasp_leaves_the_fingers_room_at_the_goal(robot: str, gripper: str) -> None:
     at = {"xyz": [*GOAL]}
     beside = {"beside": "one", "side": "-y", "by": WALLS}

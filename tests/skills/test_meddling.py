@@ -144,7 +144,7 @@ CASES = {
     ),
 }
 
-LAST = (1, TICK - 1, *(TICK * ticks + 1 for ticks in some(range(1, 12), 5)))
+LAST = (1, TICK - 1, *(TICK * ticks + 1 for ticks in some(range(1, 12), 11)))
 """Physics steps before the tick in which the skill would succeed."""
 
 

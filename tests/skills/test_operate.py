@@ -28,6 +28,7 @@ def file_of(*leaves: Any, objects: Tree | None = None, **arm: Any) -> dict[str, 
     }
 
 
+@pytest.mark.usefixtures("without_pictures")
 def test_opened_drawer_is_recorded_replayed_and_resumed(tmp_path: Path) -> None:
     """A cube inside moves along; the record has the drawer as an object that moves."""
     cube = CUBE | {"size": [0.04, 0.04, 0.04], "pose": {"xyz": [0.45, -0.65, 0.467]}}

@@ -62,7 +62,7 @@ def _file(robot: str, gripper: str, other: str, seed: int) -> dict[str, Any]:
             ("ur5", "robotiq_2f85", "ur5", 3),
             ("ur5", "panda_hand", "panda", 4),
         ],
-        2,
+        3,
     ),
 )
 def test_both_arms_do_what_they_are_to_do(robot: str, gripper: str, other: str, seed: int) -> None:

@@ -38,7 +38,7 @@ def rested_at(play: Play) -> np.ndarray[Any, Any]:
 
 
 @pytest.mark.parametrize(
-    ("x", "y"), some([(0.03, 0.0), (-0.03, 0.0), (0.0, -0.03), (0.0, 0.03)], 2)
+    ("x", "y"), some([(0.03, 0.0), (-0.03, 0.0), (0.0, -0.03), (0.0, 0.03)], 4)
 )
 def test_a_cube_that_was_moved_is_picked(x: float, y: float, stage: Stage) -> None:
     """By 30 mm and 20°, unseen by the tree, before it looks; it ends where it is to be put."""

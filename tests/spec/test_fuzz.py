@@ -24,8 +24,8 @@ from tests.fuzz.seeds import dice_of
 from tests.spec.mutation import mutated
 from tests.spec.test_mistakes import FOLDER
 
-FILES = int(os.environ.get("BT_DUALARM_FUZZ_FILES", "2000"))
-"""How many: 15 s of one core; a longer run sets the variable to more, say 200000."""
+FILES = int(os.environ.get("BT_DUALARM_FUZZ_FILES", "1000"))
+"""How many: 8 s of one core; a longer run sets the variable to more, say 160000."""
 
 CHUNKS = 4
 """So that workers share the work; each has its own seed."""

@@ -141,11 +141,17 @@ def test_both_refuse_files(text: str, tmp_path: Path) -> None:
 SHIPPED = sorted(share_dir("trees").rglob("*.yaml"))
 
 
+@pytest.fixture(scope="module")
+def validator_of_the_shipped_skills(registry: Registry) -> Draft202012Validator:
+    return Draft202012Validator(json_schema({**LANGUAGE, **registry.kinds}))
+
+
 @pytest.mark.parametrize("path", SHIPPED, ids=[path.name for path in SHIPPED])
-def test_shipped_trees_pass_both(path: Path) -> None:
-    kinds = Registry.load().kinds
-    assert check_file(path, kinds) == ()
-    assert Draft202012Validator(json_schema({**LANGUAGE, **kinds})).is_valid(read_file(path).data)
+def test_shipped_trees_pass_both(
+    path: Path, registry: Registry, validator_of_the_shipped_skills: Draft202012Validator
+) -> None:
+    assert check_file(path, registry.kinds) == ()
+    assert validator_of_the_shipped_skills.is_valid(read_file(path).data)
 
 
 def test_the_schema_is_one() -> None:
