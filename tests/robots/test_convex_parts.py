@@ -62,6 +62,6 @@ def test_no_cut_saves_more_than_the_one_that_is_made(seed: int) -> None:
         for offset in np.linspace(low[axis], high[axis], meshes._STEPS + 1)[1:-1]
     ]
     worth = meshes._MIN_SAVING * whole
-    cut = meshes._best_cut(triangles, worth)
+    cut = meshes._best_cut(triangles, None, worth)
     assert cut.volume == pytest.approx(whole)
     assert cut.saved == pytest.approx(max(saved) if max(saved) >= worth else 0.0)
