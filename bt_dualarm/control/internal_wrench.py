@@ -162,14 +162,15 @@ class CarryingArm:
         self._controller = controller
         self._inverse: Matrix = np.zeros((0, 6))
 
-    def look(self) -> None:
-        """Update the attributes."""
+    def look(self, time: float) -> None:
+        """Update the attributes at a simulated time in s."""
         q = self._hardware.q
         jacobian = self._nominal.tool_jacobian_at(q)
         self._inverse = np.asarray(np.linalg.pinv(jacobian, rcond=SINGULAR), dtype=np.float64)
         self.position = self._nominal.tool_position_at(q)
         self.wrench = -self._inverse.T @ self._controller.touch.torque
-        sent = self._controller.setpoint
+        # Controllers may be half a period apart: both set-points must be those of one moment.
+        sent = self._controller.commanded_at(time)
         self.lag = jacobian @ (q - sent.q)
         # Where a joint reverses, neither sign nor size of its dry friction is known.
         friction = self._nominal.friction
@@ -262,15 +263,18 @@ class InternalWrenchRegulator:
         """
         return self.force_n > _AT_REST_N or self.strain_m > _AT_REST_M
 
-    def look(self) -> tuple[Matrix, Matrix]:
+    def look(self, time: float) -> tuple[Matrix, Matrix]:
         """Update the estimates.
+
+        Args:
+            time: Simulated time, s.
 
         Returns:
             Unfiltered internal wrenches and displacements, each of shape (n, 6).
         """
         arms = self._arms.values()
         for arm in arms:
-            arm.look()
+            arm.look(time)
         points = np.array([arm.position for arm in arms])
         wrenches = np.array([arm.wrench for arm in arms])
         lags = np.array([arm.lag for arm in arms])
@@ -294,9 +298,9 @@ class InternalWrenchRegulator:
         self.strain_m = float(np.linalg.norm(self._strain[:, :3], axis=1).max())
         return found, strain
 
-    def __call__(self, time: float) -> SetPoint:  # noqa: ARG002 - the sensors are of this time
-        """Correction of the set-points of all joints, side by side."""
-        found, strain = self.look()
+    def __call__(self, time: float) -> SetPoint:
+        """Correction of the set-points of all joints, side by side, at a simulated time in s."""
+        found, strain = self.look(time)
         self._share = min(self._share + self._period / _EASE_S, 1.0)
         velocity = np.empty_like(self._added.q)
         new = -np.expm1(-self._period / _SMOOTH_S)

@@ -115,7 +115,7 @@ class PressingArm:
         self.wrench = np.zeros(6)
         self.doubt = np.eye(6)
 
-    def look(self) -> None:
+    def look(self, time: float) -> None:
         """The test sets all that is measured."""
 
     def joint_velocity(self, twist: np.ndarray) -> np.ndarray:

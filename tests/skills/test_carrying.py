@@ -17,6 +17,9 @@ from tests.skills.scenarios import PARTNER, SCENARIOS, Tree
 AIR = {"xyz": [0.0, -0.45, 0.75], "rpy": [0, 0, 0]}
 TOGETHER: Tree = {"object": "beam", "with": ["arm2"], "to": AIR, "set_down": False}
 
+CLOSES_S = 3.9
+"""Just before both hands touch the beam, s."""
+
 AT_S = 8.5
 """When a fault comes, s: both arms carry the beam then."""
 
@@ -94,18 +97,28 @@ def test_an_obstacle_is_gone_around() -> None:
 
 
 def test_the_order_of_the_arms_does_not_matter() -> None:
+    """Bit for bit until both hands touch the beam.
+
+    From then on MuJoCo solves the contacts in another order, to 1e-8, and the pads slip elsewhere:
+    the tools differ by some 10 µm, and the end of a motion by some control periods.
+    """
     results = []
+    tools = []
     for names in (("arm1", "arm2"), ("arm2", "arm1")):
         # Whether the beam is set down is up to the arm with the goal.
         file = file_of(TOGETHER, follows(set_down=True))
         file["arms"] = {name: file["arms"][name] for name in names}
-        result = bt.run(file)
-        assert result.outcome == "SUCCESS"
-        results.append(leaf(result))
+        with bt.open(file) as run:
+            run.step(CLOSES_S)
+            assert not run.world.attachments.holders("beam")
+            tools.append([run.arms[arm].tool_pose.position.tolist() for arm in ("arm1", "arm2")])
+            result = run.finish()
+            assert result.outcome == "SUCCESS"
+            results.append(leaf(result))
+    assert tools[0] == tools[1]
     assert results[0].ended_s == pytest.approx(results[1].ended_s, abs=0.05)
-    assert results[0].metrics["placed_error_m"] == pytest.approx(
-        results[1].metrics["placed_error_m"], abs=1e-5
-    )
+    errors = [one.metrics["placed_error_m"] for one in results]
+    assert errors[0] == pytest.approx(errors[1], abs=5e-5)
 
 
 @pytest.mark.parametrize("leader", ["arm1", "arm2"])
