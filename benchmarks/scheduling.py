@@ -95,7 +95,12 @@ def dask_engine(workers: int, trial_s: float) -> Engine:
 
     engine_module.run_in_child = stub
     cluster = distributed.LocalCluster(
-        n_workers=workers, threads_per_worker=1, processes=False, dashboard_address=None
+        n_workers=workers,
+        threads_per_worker=1,
+        processes=False,
+        protocol="tcp",
+        host="127.0.0.1",
+        dashboard_address=None,
     )
     found: Any = DaskEngine(cluster.scheduler_address)  # Any: it gets a cluster to close
     found._cluster = cluster

@@ -12,6 +12,7 @@ import math
 import os
 import queue
 import re
+import select
 import signal
 import socket
 import subprocess
@@ -23,7 +24,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from fcntl import F_SETFL, fcntl
 from importlib import import_module
-from multiprocessing.connection import Connection, wait
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Final, Protocol
 
@@ -282,13 +283,18 @@ class ProcessEngine:
 
     def completed(self, timeout: float) -> Sequence[Done]:
         """Finished tasks, as `Engine.completed`."""
-        pipes = [w.answers for w in self._workers if w.task is not None and w.answers is not None]
-        ready = set(wait(pipes, timeout)) if pipes else set()
+        # Asking each of many workers, or `multiprocessing.connection.wait`, would take longer than
+        # everything else.
+        poll = select.poll()
+        busy = [worker for worker in self._workers if worker.task is not None]
+        pipes = {w.answers.fileno(): w for w in busy if w.answers is not None}
+        for pipe in pipes:
+            poll.register(pipe, select.POLLIN)
+        ready = {pipes[pipe] for pipe, _ in poll.poll(1000 * timeout)} if pipes else set()
         done = []
-        for worker in self._workers:
+        for worker in busy:
             task = worker.task
-            # Asking each of many workers would take longer than everything else.
-            row = worker.take() if worker.answers in ready or worker.is_late else None
+            row = worker.take() if worker in ready or worker.is_late else None
             if row is not None and task is not None:
                 done.append(Done(task, row, worker.name))
         self._deal()

@@ -507,7 +507,9 @@ def lines_of(campaign: FaultCampaign, *, ascii_only: bool = False) -> list[str]:
             text = f"{'  ' * depth}{name}{kind}"
             if not node.children:
                 found = campaign.of(arm, path)
-                marks = marks_of(found, ascii_only=ascii_only) if found else "did not run"
+                # A campaign that was interrupted has not tried every leaf.
+                without = "did not run" if path in campaign.never_ran[arm] else "not tried yet"
+                marks = marks_of(found, ascii_only=ascii_only) if found else without
                 text = f"{text:<44} {marks}"
             lines.append(text)
             paths = [(child, f"{path}/{n}") for child, n in _named(node)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -120,6 +121,8 @@ def test_a_request_to_end_keeps_what_was_found(tmp_path: Path) -> None:
     tree = TREE | {"arms": {"arm2": TREE["arms"]["arm2"]}}
     made = inject_faults(tree, tmp_path, lambda: InstantEngine(end_early), pairs=2, stop=stop)
     assert 0 < len(made.faults) < 9
+    none = replace(made, faults=())
+    assert "not tried yet" in "\n".join(lines_of(none))
     assert not made.pairs
     assert (tmp_path / "faults.html").exists()
     later = StopRequest()
