@@ -6,6 +6,8 @@ its run, between two steps.
 
 from __future__ import annotations
 
+import ctypes
+import itertools
 import logging
 import math
 import operator
@@ -152,6 +154,21 @@ class TreeHandle:
         return f"<tree of {self.arm}: {self.status}>"
 
 
+_RUNS: Final = itertools.count()
+"""Runs that this process has begun."""
+
+
+def _return_freed_memory() -> None:
+    """Let the C library return what earlier runs have freed to the system.
+
+    It keeps freed memory in its heap, whose pieces fit the next run less and less: a process that
+    runs a tree of four arms over and over grew by 10 MB with each run.
+    """
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    if trim is not None:  # glibc has it, other C libraries do not
+        trim(0)
+
+
 _PICTURE: Final = (640, 480)
 """Width and height in pixels of an image without a camera."""
 
@@ -254,6 +271,8 @@ class Run:
 
     def _begin(self) -> None:
         """Prepare the first step."""
+        if next(_RUNS):
+            _return_freed_memory()
         self._stop = self._given_stop or StopRequest()
         self._parts = prepare(self._file, self._registry, self._options, self._stop)
         self._parts.feed.observers += self._watching
