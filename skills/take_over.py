@@ -436,6 +436,10 @@ class TakeOver(Skill):
                     width_m=arm.gripper.width,
                     force_n=arm.gripper.force,
                 )
+        while arm.controller.motion is not None:  # the next motion begins at rest
+            yield 0.5
+            arm.check()
+            joint.check()
 
     def _relax(self, joint: JointPart) -> Generator[float | None, None, float]:
         """Yield to the forces between the arms; returns the load on the pads then, N."""

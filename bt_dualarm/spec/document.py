@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Annotated, Any, Final, Literal, Self, TypeAlias
+from typing import Annotated, Final, Literal, Self, TypeAlias
 
 from pydantic import (
     AfterValidator,
@@ -21,6 +21,7 @@ from pydantic import (
     Discriminator,
     Field,
     InstanceOf,
+    JsonValue,
     PrivateAttr,
     StringConstraints,
     Tag,
@@ -468,13 +469,14 @@ _FIXED_KG: Final = 1.0
 """Mass of a fixed object that has none in the file; it has no effect."""
 
 
-def _with_mass_if_it_moves(schema: dict[str, Any]) -> None:
+def _with_mass_if_it_moves(schema: dict[str, JsonValue]) -> None:
     """The rule on `mass`, for editors."""
-    if "mass" not in schema["required"]:  # of a fixture, which has a default
-        return
-    schema["required"].remove("mass")
-    schema["if"] = {"properties": {"fixed": {"const": True}}, "required": ["fixed"]}
-    schema["else"] = {"required": ["mass"]}
+    required = schema["required"]
+    assert isinstance(required, list)  # noqa: S101 - of a model with required fields
+    if "mass" in required:  # not of a fixture, which has a default
+        required.remove("mass")
+        is_fixed: JsonValue = {"properties": {"fixed": {"const": True}}, "required": ["fixed"]}
+        schema["anyOf"] = [{"required": ["mass"]}, is_fixed]
 
 
 class ObjectSpec(Value):
