@@ -436,7 +436,11 @@ class TakeOver(Skill):
                     width_m=arm.gripper.width,
                     force_n=arm.gripper.force,
                 )
-        while arm.controller.motion is not None:  # the next motion begins at rest
+        # It yields to the end: the next motion begins at rest.
+        for _ in relaxing if arm.controller.motion is not None else ():
+            yield 0.5
+            joint.check()
+        while arm.controller.motion is not None:
             yield 0.5
             arm.check()
             joint.check()
