@@ -22,6 +22,7 @@ from bt_dualarm.runtime.arm_runtime import IdleObserver
 from bt_dualarm.runtime.options import RunOptions
 from bt_dualarm.runtime.outcome import RunResult
 from bt_dualarm.runtime.run import Run
+from bt_dualarm.sim.contact_monitor import arms_of_geoms
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
 
@@ -65,9 +66,7 @@ class Contacts(IdleObserver):
         self.steps = 0
         self.first_s = float("inf")
         self._world = world
-        self._of = np.full(world.model.ngeom, -1)
-        for number, body in enumerate(world.arms.values()):
-            self._of[list(body.geom_ids)] = number
+        self._of = arms_of_geoms(world)
 
     def after_step(self, time: float) -> None:
         """Look at all contacts."""

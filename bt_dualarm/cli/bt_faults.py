@@ -10,8 +10,8 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from bt_dualarm.cli.entry import FAILED, SUCCEEDED, add_skills, early, seed
-from bt_dualarm.runtime.interruption import StopRequest, stop_on_signals
+from bt_dualarm.cli.entry import FAILED, SUCCEEDED, add_skills, seed, with_trials
+from bt_dualarm.runtime.interruption import StopRequest
 
 if TYPE_CHECKING:
     from bt_dualarm.sweeps.engine import Engine
@@ -63,19 +63,7 @@ def main(argv: Sequence[str] | None) -> int:
     add("--ascii", action="store_true", help="draw with ASCII characters only")
     add_skills(parser)
     arguments = parser.parse_args(argv)
-    from bt_dualarm.sweeps.manifest import NoTrials
-
-    with stop_on_signals(StopRequest()) as stop:
-        for number in early.numbers:  # signals received during the imports
-            stop.receive(number)
-        try:
-            code = _run(arguments, stop)
-        except NoTrials as error:
-            if not stop.asked:
-                raise
-            print(f"bt-faults: interrupted: {error}", file=sys.stderr)
-            code = FAILED
-        return stop.exit_code or code
+    return with_trials("bt-faults", lambda stop: _run(arguments, stop))
 
 
 def _run(arguments: argparse.Namespace, stop: StopRequest) -> int:

@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from bt_dualarm.cli.entry import FAILED, SUCCEEDED, add_skills, early, positive
-from bt_dualarm.runtime.interruption import StopRequest, stop_on_signals
+from bt_dualarm.cli.entry import FAILED, SUCCEEDED, add_skills, positive, with_trials
+from bt_dualarm.runtime.interruption import StopRequest
 
 if TYPE_CHECKING:
     from rich.console import Console, Group
@@ -52,19 +52,7 @@ def main(argv: Sequence[str] | None) -> int:
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         parser.error(f"--param {twice} is given twice; list its values: {twice}=VALUE,VALUE")
-    from bt_dualarm.sweeps.manifest import NoTrials
-
-    with stop_on_signals(StopRequest()) as stop:
-        for number in early.numbers:  # signals received during the imports
-            stop.receive(number)
-        try:
-            code = _run(arguments, stop)
-        except NoTrials as error:
-            if not stop.asked:
-                raise
-            print(f"bt-sweep: interrupted: {error}", file=sys.stderr)
-            code = FAILED
-        return stop.exit_code or code
+    return with_trials("bt-sweep", lambda stop: _run(arguments, stop))
 
 
 def _command_line() -> argparse.ArgumentParser:

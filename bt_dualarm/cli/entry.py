@@ -26,7 +26,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any, Final, NoReturn, Self, TypeAlias
 
 from bt_dualarm.cli.safe_streams import safe_streams
-from bt_dualarm.runtime.interruption import StopRequest
+from bt_dualarm.runtime.interruption import StopRequest, stop_on_signals
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -433,6 +433,31 @@ def exit_refused() -> Iterator[None]:
         yield
     finally:
         os._exit = leave
+
+
+def with_trials(program: str, run: Callable[[StopRequest], int]) -> int:
+    """Run the trials of a command until a signal ends them; returns the exit code.
+
+    Args:
+        program: Name of the command.
+        run: Runs them until a stop is requested, and returns the exit code without a signal.
+
+    Raises:
+        NoTrials: There are no results, although no signal was received.
+    """
+    from bt_dualarm.sweeps.manifest import NoTrials
+
+    with stop_on_signals(StopRequest()) as stop:
+        for number in early.numbers:  # signals received during the imports
+            stop.receive(number)
+        try:
+            code = run(stop)
+        except NoTrials as error:
+            if not stop.asked:
+                raise
+            print(f"{program}: interrupted: {error}", file=sys.stderr)
+            code = FAILED
+        return stop.exit_code or code
 
 
 def add_skills(parser: argparse.ArgumentParser) -> None:

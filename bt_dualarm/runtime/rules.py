@@ -12,6 +12,7 @@ import numpy as np
 from bt_dualarm.behaviors.report import StatusChange
 from bt_dualarm.runtime.arm_runtime import IdleObserver
 from bt_dualarm.runtime.goals import CHECK_S
+from bt_dualarm.sim.contact_monitor import arms_of_geoms
 from bt_dualarm.sim.world import World
 
 STOPPING_S: Final = 1.0
@@ -25,8 +26,6 @@ POSITION_MARGIN: Final = 0.02
 
 SPEED_MARGIN: Final = 1.1
 """Multiple of its speed limit that a joint may reach, for the same reason."""
-
-_NO_ARM: Final = -1
 
 
 class RuleCheck(IdleObserver):
@@ -75,11 +74,9 @@ class RuleCheck(IdleObserver):
             return ""
         if self._generation != self._world.generation:
             self._generation = self._world.generation
-            self._owners = np.full(self._world.model.ngeom, _NO_ARM)
-            for number, body in enumerate(self._world.arms.values()):
-                self._owners[list(body.geom_ids)] = number
+            self._owners = arms_of_geoms(self._world)
         pairs = self._owners[contacts.geom]
-        both = (pairs[:, 0] != pairs[:, 1]) & (pairs.min(axis=1) != _NO_ARM)
+        both = (pairs[:, 0] != pairs[:, 1]) & (pairs.min(axis=1) >= 0)
         both &= contacts.dist <= 0.0
         if not both.any():
             return ""

@@ -8,12 +8,21 @@ from __future__ import annotations
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
 from bt_dualarm.core.share import weakly
 from bt_dualarm.sim.composition import name_of_geom
 from bt_dualarm.sim.world import World
 
 _NO_ARM = -1
+
+
+def arms_of_geoms(world: World) -> npt.NDArray[np.int64]:
+    """Number of the arm that owns each geom, in the order of ``world.arms``; -1 for none."""
+    owners = np.full(world.model.ngeom, _NO_ARM)
+    for number, body in enumerate(world.arms.values()):
+        owners[list(body.geom_ids)] = number
+    return owners
 
 
 class ContactMonitor:
@@ -113,10 +122,8 @@ class Contacts:
         self._any_foreign = any_foreign_contact
         self._generation = world.generation
         self._arms = tuple(world.arms)
-        self._owner = np.full(world.model.ngeom, _NO_ARM)
+        self._owner = arms_of_geoms(world)
         self._holder = np.full(world.model.ngeom, _NO_ARM - 1)
-        for index, body in enumerate(world.arms.values()):
-            self._owner[list(body.geom_ids)] = index
         self._others_hold: list[tuple[int, int]] = []
         for held in world.attachments:
             for geom in world.payload_geoms(held.object):

@@ -61,7 +61,8 @@ class SharedBody:
         robot = self.robots[arm]
         for first in self._first_locked(robot):
             _delete_below(child, _link_of(robot, first))
-        own = {body.name for body in _subtree(child.body(_link_of(robot, robot.joints[0])))}
+        first_link = child.body(_link_of(robot, robot.joints[0]))
+        own = {body.name for body in (first_link, *first_link.find_all("body"))}
         shared = {body.name for body in child.bodies if body.name not in own}
         for body in [body for body in child.bodies if body.name in shared]:
             for geom in list(body.geoms):
@@ -146,12 +147,6 @@ def _link_of(robot: Robot, joint: str) -> str:
         for link, part in robot.model.parts.items()
         if part.joint is not None and part.joint.name == joint
     )
-
-
-def _subtree(body: mujoco.MjsBody) -> Iterator[mujoco.MjsBody]:
-    yield body
-    for child in body.bodies:
-        yield from _subtree(child)
 
 
 def _delete_below(spec: mujoco.MjSpec, link: str) -> None:

@@ -8,7 +8,7 @@ arm executes its own part.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
@@ -40,6 +40,7 @@ from bt_dualarm.skill.grip import Grip, TouchSense, make_room
 from bt_dualarm.skill.joint import JointPart
 from bt_dualarm.skill.picking import Taking
 from bt_dualarm.skill.placing import TOUCHDOWN_M_S, Lag, LeftStanding
+from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.node_types import PortModel, port
 from bt_dualarm.spec.values import Angle, Duration, PoseSpec, Speed
 from bt_dualarm.trajectory.coupled import CoupledMotion, stacked_limits
@@ -329,8 +330,8 @@ class Carrying:
         if isinstance(solid, CompoundSolid):
             found = self._parts_apart(count)
         else:
-            lies = world.object_pose(self._thing).inverse
-            bases = [lies.apply(world.arms[name].base.position) for name in self._members]
+            from_world = world.object_pose(self._thing).inverse
+            bases = [from_world.apply(world.arms[name].base.position) for name in self._members]
             found = sections(solid, count, self._ports.spread, bases)
         if not found:
             raise Failure(
@@ -369,8 +370,7 @@ class Carrying:
         lies = world.object_pose(self._thing)
         parts = self._sections()
         told = self._mass
-        center = body_of(world.objects[self._thing]).center
-        shares = shares_at([part.pose.position - center for part in parts])
+        shares = _shares_of(world.objects[self._thing], [part.pose for part in parts])
         self._refuse_width(parts[0])
         found = []
         refusals: list[Failure] = []
@@ -770,8 +770,7 @@ class _Planning:
 
     def _shares(self, grasps: Mapping[str, Pose]) -> dict[str, float]:
         """Share of the weight that each arm bears with these grasps."""
-        center = body_of(self._world.objects[self._thing]).center
-        shares = shares_at([pose.position - center for pose in grasps.values()])
+        shares = _shares_of(self._world.objects[self._thing], grasps.values())
         return dict(zip(grasps, shares, strict=True))
 
     def _condition(self, path: CarriedPath) -> float:
@@ -1107,6 +1106,12 @@ class _Touchdown:
         self.most = max(self.most, felt)
         self.has_touched = (felt > self._force and lag.has_stopped) or lag.stands
         self.is_firm = self.has_touched and felt > _FIRM * self._force
+
+
+def _shares_of(thing: ObjectSpec, grasps: Iterable[Pose]) -> list[float]:
+    """Share of an object's weight that each of several grasps, in the object's frame, bears."""
+    center = body_of(thing).center
+    return shares_at([grasp.position - center for grasp in grasps])
 
 
 def _poses_of(lies: Pose, goals: Sequence[Pose], ports: CarryPorts) -> list[Pose]:

@@ -524,6 +524,7 @@ class ObjectSpec(Value):
 
     _folder: Path = PrivateAttr(default=Path())
     _joint: Articulation | None = PrivateAttr(default=None)
+    _moved: tuple[ObjectSpec, ...] = PrivateAttr(default=())
 
     @model_validator(mode="before")
     @classmethod
@@ -532,8 +533,6 @@ class ObjectSpec(Value):
         if isinstance(given, Mapping) and given.get("fixed") is True and "mass" not in given:
             return {**given, "mass": _FIXED_KG}
         return given
-
-    _moved: tuple[ObjectSpec, ...] = PrivateAttr(default=())
 
     def hang(self, joint: Articulation) -> None:
         """Sets the joint by which it hangs on the other parts of its compound."""

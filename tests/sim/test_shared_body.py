@@ -11,6 +11,7 @@ import pytest
 
 import bt_dualarm as bt
 from bt_dualarm.core.errors import LockedJointError
+from bt_dualarm.runtime.arm_runtime import IdleObserver
 from bt_dualarm.runtime.file_check import check
 from bt_dualarm.skill.registry import Registry
 
@@ -99,17 +100,11 @@ def test_each_arm_is_an_obstacle_for_the_other() -> None:
         crossed[name] = {"tree": {"sequence": [{"reach_to_pose": {"to": pose}}, HOME]}}
     touching: list[str] = []
 
-    class Touch:
+    class Touch(IdleObserver):
         """Contacts between the arms."""
 
         def __init__(self, run: bt.Run) -> None:
             self.run = run
-
-        def on_event(self, change: object) -> None:
-            """Ignore it."""
-
-        def after_ticks(self, view: object) -> None:
-            """Ignore it."""
 
         def after_step(self, time: float) -> None:
             """Note the contacts."""
