@@ -1,8 +1,9 @@
 """Which faults of which leaves a tree handles: every leaf is made to fail, raise and hang in turn.
 
 The tree first runs without faults. Then each leaf that ran gets each effect in each phase, one per
-trial, on the engine of sweeps. A fault is handled if the run succeeds all the same, its goals
-included.
+trial, on the engine of sweeps. Leaves that only run when something has failed, as those of a
+fallback do, get theirs together with the fault that made them run. A fault is handled if the run
+succeeds all the same, its goals included.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import html
 import math
 import zlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from bt_dualarm.behaviors.language import LANGUAGE
 from bt_dualarm.core.share import write_text
 from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.runtime.api import registry_of
@@ -26,6 +28,8 @@ from bt_dualarm.runtime.interruption import StopRequest
 from bt_dualarm.runtime.options import RunOptions, find_tree
 from bt_dualarm.runtime.outcome import Ending
 from bt_dualarm.runtime.run import Run
+from bt_dualarm.skill.registry import Registry
+from bt_dualarm.spec.checks import outcomes_in
 from bt_dualarm.spec.document import TreeFile
 from bt_dualarm.spec.faults import (
     CAMERA_FAULTS,
@@ -40,12 +44,12 @@ from bt_dualarm.spec.faults import (
     leaf_paths,
     unique_names,
 )
-from bt_dualarm.spec.node_types import NodeSpec
+from bt_dualarm.spec.node_types import NodeSpec, all_of
 from bt_dualarm.spec.yaml_reader import Data, TreeInput, is_yaml, read_tree, with_tuples
 from bt_dualarm.sweeps.engine import Engine
 from bt_dualarm.sweeps.manifest import Manifest, NoTrials, SweepError, checked
 from bt_dualarm.sweeps.sweep import Progress, run_sweep
-from bt_dualarm.sweeps.trial import CRASHED, RECORDS, Rules
+from bt_dualarm.sweeps.trial import CRASHED, RECORDS, Branch, BranchObserver, Rules
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -57,8 +61,19 @@ PAIRS: Final = "pairs"
 
 HARDWARE: Final = "hardware"
 
+AFTER_FAULTS: Final = "after_faults"
+"""Likewise for faults of leaves that did not run without faults."""
+
+ALWAYS: Final = "always"
+"""Moment of a fault that happens in each run of its leaf, before its first step."""
+
+MOMENTS: Final = {effect: (*PHASES, ALWAYS) if effect == "fail" else PHASES for effect in EFFECTS}
+"""Moments at which each effect is injected. A `retry` must end a leaf that always fails, too."""
+
 _PREFIX: Final = "injected_"
-_FIELDS: Final = ("arm", "leaf", "effect", "phase", "after")
+_FIELDS: Final = ("arm", "leaf", "effect", "phase", "after", "times")
+_TYPES: Final = {"after": "duration", "times": "integer"}
+_EACH_RUN: Final = 1_000_000
 
 _BREACHES: Final = frozenset(
     str(one) for one in (Ending.INVARIANT, Ending.DIVERGED, Ending.ERROR, Ending.OVERRUN)
@@ -118,13 +133,13 @@ class LeafTrial(FaultTrial):
         arm: Name of the arm.
         leaf: Path of the leaf.
         effect: ``fail``, ``raise`` or ``hang``.
-        phase: ``start``, ``during`` or ``end``.
+        moment: ``start``, ``during``, ``end`` or ``always``.
     """
 
     arm: str
     leaf: str
     effect: str
-    phase: str
+    moment: str
 
 
 @dataclass(frozen=True)
@@ -136,7 +151,8 @@ class FaultCampaign:
         trees: Root of each arm's tree, by the arm's name.
         faults: All faults, in the order of the trees.
         never_ran: Paths of leaves, by arm, that did not run without faults.
-        reached: Paths of leaves, by arm, that ran in any of the trials.
+        branches: Branches of each tree, by arm: every node and each status that it may return.
+        taken: Those of them that the run without faults or any trial took.
         pairs: Sampled pairs of faults of leaves.
         hardware: Sampled faults of hardware and world.
     """
@@ -145,15 +161,15 @@ class FaultCampaign:
     trees: Mapping[str, NodeSpec]
     faults: tuple[LeafTrial, ...]
     never_ran: Mapping[str, tuple[str, ...]]
-    reached: Mapping[str, frozenset[str]]
+    branches: Mapping[str, frozenset[Branch]]
+    taken: Mapping[str, frozenset[Branch]]
     pairs: tuple[FaultTrial, ...] = ()
     hardware: tuple[FaultTrial, ...] = ()
 
     @property
     def coverage(self) -> float:
-        """Fraction of the leaves of all trees that ran in any of the trials."""
-        leaves = sum(len(leaf_paths(root)) for root in self.trees.values())
-        return sum(len(paths) for paths in self.reached.values()) / leaves
+        """Fraction of the branches of all trees that were taken in any of the trials."""
+        return sum(map(len, self.taken.values())) / sum(map(len, self.branches.values()))
 
     @property
     def trials(self) -> tuple[FaultTrial, ...]:
@@ -201,7 +217,7 @@ def inject_faults(
     file = check_tree(tree, registry.kinds, build=False).runnable()
     if file.faults:
         raise SweepError(f"{file.name} has faults of its own: leave out its section 'faults'")
-    durations = _without_faults(file, seed, skills)
+    durations, taken = _without_faults(file, seed, registry)
     longest = max((end for ran in durations.values() for _, end in ran.values()), default=0.0)
     data = read_tree(tree, folder).data
     rng = np.random.default_rng([seed, zlib.crc32(b"faults")])
@@ -221,9 +237,15 @@ def inject_faults(
         trials = checked(manifest)
         return run_sweep(trials, at, engine, rules=rules, stop=stop, progress=progress).table
 
-    single = _faults_of(durations)
-    campaign = _campaign(file, durations, tables(_with_faults(data, ("",)), single, out))
     stop = stop or StopRequest()
+    single = _faults_of(durations)
+    table = tables(_with_faults(data, ("",)), single, out)
+    campaign = _campaign(file, registry, durations, taken, table)
+    later = _later_faults(campaign, table)
+    if later and not stop.asked:
+        with suppress(NoTrials):
+            table = tables(_with_faults(data, _TWO), later, out / AFTER_FAULTS)
+            campaign = _with_later(campaign, table)
     # A request to end early may come before the first trial of a sample: the others are shown.
     points = _sampled_pairs(single, pairs, rng) if pairs else []
     if points and not stop.asked:  # a single leaf has no pairs
@@ -242,27 +264,30 @@ def inject_faults(
 
 
 def _without_faults(
-    file: TreeFile, seed: int, skills: tuple[Path, ...]
-) -> dict[str, dict[str, tuple[float, float]]]:
-    """Start and end in s of each leaf that runs, by arm and path.
+    file: TreeFile, seed: int, registry: Registry
+) -> tuple[dict[str, dict[str, tuple[float, float]]], Mapping[str, Collection[Branch]]]:
+    """Start and end in s of each leaf that runs, by arm and path, and the branches taken.
 
     Raises:
         SweepError: The tree does not succeed.
     """
-    with Run(file, registry_of(skills), RunOptions(seed=seed)) as run:
+    branches = BranchObserver()
+    with Run(file, registry, RunOptions(seed=seed)) as run:
+        run.watch(branches)
         result = run.finish()
     if result.outcome != "SUCCESS" or not result.goals_met:
         raise SweepError(
             f"{file.name} does not succeed without faults ({result.outcome}): run it with bt-run "
             "first"
         )
-    return {
+    durations = {
         arm.name: {
             path: (leaf.runs[0].started_s, leaf.runs[0].ended_s or result.sim_time_s)
             for path, leaf in arm.leaves.items()
         }
         for arm in result.arms.values()
     }
+    return durations, branches.taken
 
 
 _TWO: Final = ("first_", "second_")
@@ -272,7 +297,7 @@ _TWO: Final = ("first_", "second_")
 def _with_faults(data: Data, prefixes: Sequence[str]) -> dict[str, Data]:
     """The tree with a fault for each prefix, whose fields are parameters."""
     params = {
-        f"{_PREFIX}{prefix}{name}": {"type": "duration" if name == "after" else "text"}
+        f"{_PREFIX}{prefix}{name}": {"type": _TYPES.get(name, "text")}
         for prefix in prefixes
         for name in _FIELDS
     }
@@ -309,11 +334,8 @@ def _sampled_pairs(
 def _pair_trials(table: pa.Table) -> tuple[FaultTrial, ...]:
     trials = []
     for row in table.to_pylist():
-        parts = []
-        for prefix in _TWO:
-            given = {name: row[f"param.{_PREFIX}{prefix}{name}"] for name in _FIELDS}
-            parts.append(f"{given['arm']} {given['leaf']} {given['effect']} {given['phase']}")
-        trials.append(FaultTrial(" + ".join(parts), **_ending_of(row, f"{PAIRS}/")))
+        sentence = " + ".join(" ".join(_given(row, prefix)) for prefix in _TWO)
+        trials.append(FaultTrial(sentence, **_ending_of(row, f"{PAIRS}/")))
     return tuple(trials)
 
 
@@ -430,95 +452,184 @@ def _ending_of(row: Mapping[str, Data], folder: str = "") -> dict[str, str]:
     return found | {"record": f"{folder}{RECORDS}/{row['identity']}"}
 
 
+def _given(row: Mapping[str, Data], prefix: str = "") -> tuple[str, str, str, str]:
+    """Arm, leaf, effect and moment of an injected fault of a leaf."""
+    values = {name: row[f"param.{_PREFIX}{prefix}{name}"] for name in _FIELDS}
+    moment = ALWAYS if values["times"] > 1 else values["phase"]
+    return values["arm"], values["leaf"], values["effect"], moment
+
+
+def _fault(arm: str, leaf: str, effect: str, moment: str, duration: float) -> dict[str, Data]:
+    """Fields of a fault of a leaf that takes a duration in s."""
+    phase, times = ("start", _EACH_RUN) if moment == ALWAYS else (moment, 1)
+    after = round(0.5 * duration, 3) if phase == "during" else 0.0
+    return dict(zip(_FIELDS, (arm, leaf, effect, phase, after, times), strict=True))
+
+
+def _faults_of_leaf(arm: str, leaf: str, duration: float) -> Iterator[dict[str, Data]]:
+    for effect, moments in MOMENTS.items():
+        for moment in moments:
+            fault = _fault(arm, leaf, effect, moment, duration)
+            if moment != "during" or fault["after"] > 0.0:  # what takes no time has no middle
+                yield fault
+
+
 def _faults_of(
     durations: Mapping[str, Mapping[str, tuple[float, float]]],
 ) -> list[Mapping[str, Data]]:
+    return [
+        {f"{_PREFIX}{name}": value for name, value in fault.items()}
+        for arm, leaves in durations.items()
+        for leaf, (start, end) in leaves.items()
+        for fault in _faults_of_leaf(arm, leaf, end - start)
+    ]
+
+
+def _branches_in(row: Mapping[str, Data], arm: str) -> Iterator[tuple[str, str, float]]:
+    """Path, status and duration in s of each branch that a trial took."""
+    for line in (row.get(f"branches.{arm}") or "").splitlines():
+        path, status, seconds = line.rsplit("\t", 2)
+        yield path, status, float(seconds)
+
+
+def _later_faults(campaign: FaultCampaign, table: pa.Table) -> list[Mapping[str, Data]]:
+    """Faults of leaves that ran only because of another fault, each with the first such fault."""
+    waiting = {(arm, path) for arm, paths in campaign.never_ran.items() for path in paths}
     found: list[Mapping[str, Data]] = []
-    for arm, leaves in durations.items():
-        for leaf, (start, end) in leaves.items():
-            for effect in EFFECTS:
-                for phase in PHASES:
-                    after = round(0.5 * (end - start), 3) if phase == "during" else 0.0
-                    if phase == "during" and after <= 0.0:
-                        continue  # it takes no time, so it has no middle
-                    values = (arm, leaf, effect, phase, after)
-                    found.append({f"{_PREFIX}{n}": v for n, v in zip(_FIELDS, values, strict=True)})
+    for row in table.to_pylist():
+        if row.get("outcome") == CRASHED:
+            continue
+        first = {f"{_PREFIX}{_TWO[0]}{n}": row[f"param.{_PREFIX}{n}"] for n in _FIELDS}
+        for arm in campaign.trees:
+            for path, _, seconds in _branches_in(row, arm):
+                if (arm, path) in waiting:
+                    waiting.remove((arm, path))
+                    found += [
+                        first | {f"{_PREFIX}{_TWO[1]}{n}": value for n, value in fault.items()}
+                        for fault in _faults_of_leaf(arm, path, seconds)
+                    ]
     return found
 
 
+def _with_later(campaign: FaultCampaign, table: pa.Table) -> FaultCampaign:
+    """Add the faults of leaves that did not run without faults to a campaign."""
+    more = []
+    for row in table.to_pylist():
+        first, second = (_given(row, prefix) for prefix in _TWO)
+        sentence = f"{' '.join(second)} after {' '.join(first)}"
+        more.append(LeafTrial(sentence, **_ending_of(row, f"{AFTER_FAULTS}/"), **_place(second)))
+    return replace(
+        campaign,
+        faults=(*campaign.faults, *more),
+        taken=_more_taken(campaign.branches, campaign.taken, table),
+    )
+
+
+def _place(given: tuple[str, str, str, str]) -> dict[str, str]:
+    return dict(zip(("arm", "leaf", "effect", "moment"), given, strict=True))
+
+
+def _more_taken(
+    branches: Mapping[str, frozenset[Branch]],
+    taken: Mapping[str, Collection[Branch]],
+    table: pa.Table,
+) -> dict[str, frozenset[Branch]]:
+    """The branches taken so far or in a trial of the table, of those that there are."""
+    found = {arm: set(taken.get(arm, ())) for arm in branches}
+    for row in table.to_pylist():
+        for arm, seen in found.items():
+            seen |= {(path, status) for path, status, _ in _branches_in(row, arm)}
+    return {arm: branches[arm] & seen for arm, seen in found.items()}
+
+
 def _campaign(
-    file: TreeFile, durations: Mapping[str, Mapping[str, tuple[float, float]]], table: pa.Table
+    file: TreeFile,
+    registry: Registry,
+    durations: Mapping[str, Mapping[str, tuple[float, float]]],
+    taken: Mapping[str, Collection[Branch]],
+    table: pa.Table,
 ) -> FaultCampaign:
     faults = []
-    reached = {arm: set(leaves) for arm, leaves in durations.items()}
     for row in table.to_pylist():
-        given = {name: row[f"param.{_PREFIX}{name}"] for name in _FIELDS[:-1]}
-        sentence = " ".join(given.values())
-        faults.append(LeafTrial(sentence, **_ending_of(row), **given))
-        for arm in reached:
-            reached[arm] |= set((row.get(f"leaves.{arm}") or "").split("\n")) - {""}
+        given = _given(row)
+        faults.append(LeafTrial(" ".join(given), **_ending_of(row), **_place(given)))
     trees = {name: arm.tree for name, arm in file.arms.items()}
     never = {
         arm: tuple(path for path in leaf_paths(root) if path not in durations.get(arm, {}))
         for arm, root in trees.items()
     }
-    known = {
-        arm: frozenset(paths & leaf_paths(trees[arm]).keys()) for arm, paths in reached.items()
-    }
-    title = file.name
-    return FaultCampaign(title, trees, tuple(faults), never, known)
+    branches = {arm: _branches_of(root, registry) for arm, root in trees.items()}
+    found = _more_taken(branches, taken, table)
+    return FaultCampaign(file.name, trees, tuple(faults), never, branches, found)
+
+
+def _branches_of(root: NodeSpec, registry: Registry) -> frozenset[Branch]:
+    """Every node of a tree with each status that it may return as far as the file tells."""
+    outcomes = outcomes_in(root, all_of(LANGUAGE, registry.kinds))
+    found: set[Branch] = set()
+    for node, path, _ in _walked(root):
+        found |= {(path, "SUCCESS")} if outcomes[node].succeeds else set()
+        found |= {(path, "FAILURE")} if outcomes[node].fails else set()
+    return frozenset(found)
+
+
+def _walked(root: NodeSpec) -> Iterator[tuple[NodeSpec, str, int]]:
+    """Each node of a tree from the top down, with its path and depth; the root's is 1."""
+    waiting = [(root, root.name, 1)]
+    while waiting:
+        node, path, depth = waiting.pop()
+        yield node, path, depth
+        names = unique_names(node.children)
+        below = [(c, f"{path}/{n}", depth + 1) for c, n in zip(node.children, names, strict=True)]
+        waiting += reversed(below)
 
 
 # The annotated tree, in the terminal and as a page.
 
 
 def marks_of(faults: Sequence[LeafTrial], *, ascii_only: bool = False) -> str:
-    """One sign per effect and phase: handled, not handled, breach; a dot where there is none."""
+    """One sign per effect and moment: handled, not handled, breach; a dot where there is none."""
     handled, missed, breach, none = ("+", "x", "!", ".") if ascii_only else ("✔", "✘", "⚠", "·")
-    by = {(one.effect, one.phase): one for one in faults}
-    groups = []
-    for effect in EFFECTS:
-        signs = ""
-        for phase in PHASES:
-            one = by.get((effect, phase))
-            signs += (
-                none
-                if one is None
-                else breach
-                if one.is_breach
-                else handled
-                if one.is_handled
-                else missed
-            )
-        groups.append(f"{effect} {signs}")
+    signs = {
+        (one.effect, one.moment): breach if one.is_breach else handled if one.is_handled else missed
+        for one in faults
+    }
+    groups = [
+        f"{effect} {''.join(signs.get((effect, moment), none) for moment in moments)}"
+        for effect, moments in MOMENTS.items()
+    ]
     return "  ".join(groups)
 
 
 def lines_of(campaign: FaultCampaign, *, ascii_only: bool = False) -> list[str]:
-    """The trees with the marks of every leaf."""
+    """The trees with the marks of every leaf, and the branches of its parents not taken."""
     lines = []
     for arm, root in campaign.trees.items():
         lines.append(arm)
-        waiting = [(root, root.name, 1)]
-        while waiting:
-            node, path, depth = waiting.pop()
+        for node, path, depth in _walked(root):
             name = path.rpartition("/")[2]
             kind = "" if node.kind == name.partition("#")[0] else f" [{node.kind}]"
             text = f"{'  ' * depth}{name}{kind}"
             if not node.children:
                 found = campaign.of(arm, path)
-                # A campaign that was interrupted has not tried every leaf.
+                # Nothing made it run; or the campaign was interrupted.
                 without = "did not run" if path in campaign.never_ran[arm] else "not tried yet"
                 marks = marks_of(found, ascii_only=ascii_only) if found else without
                 text = f"{text:<44} {marks}"
+            elif note := _not_taken(campaign, arm, path):
+                text = f"{text:<44} {note}"
             lines.append(text)
-            paths = [(child, f"{path}/{n}") for child, n in _named(node)]
-            waiting += [(child, below, depth + 1) for child, below in reversed(paths)]
     return lines
 
 
-def _named(node: NodeSpec) -> list[tuple[NodeSpec, str]]:
-    return list(zip(node.children, unique_names(node.children), strict=True))
+def _not_taken(campaign: FaultCampaign, arm: str, path: str) -> str:
+    """What a node never returned in any trial although it may; empty if nothing is missing."""
+    statuses = [
+        status
+        for status in ("SUCCESS", "FAILURE")
+        if (path, status) in campaign.branches[arm] - campaign.taken[arm]
+    ]
+    return f"never {' or '.join(statuses)}" if statuses else ""
 
 
 def sample_lines(campaign: FaultCampaign, *, ascii_only: bool = False) -> list[str]:
@@ -548,7 +659,7 @@ def summary_of(campaign: FaultCampaign) -> str:
     share = 100 * handled / total if total else math.nan
     return (
         f"{handled} of {total} faults are handled ({share:.0f} %), {breaches} break a rule; "
-        f"{100 * campaign.coverage:.0f} % of the leaves ran in some trial"
+        f"{100 * campaign.coverage:.0f} % of the branches were taken"
     )
 
 
@@ -566,20 +677,19 @@ _STYLE: Final = (
 
 def _page(campaign: FaultCampaign, out: Path) -> str:
     """The annotated trees as one page; a cell's tooltip has its reason, its sign a record."""
-    columns = [(effect, phase) for effect in EFFECTS for phase in PHASES]
+    columns = [(effect, moment) for effect, moments in MOMENTS.items() for moment in moments]
     head = "<tr><th>leaf</th>" + "".join(f"<th>{e}<br>{p}</th>" for e, p in columns) + "</tr>"
     rows = []
     for arm, root in campaign.trees.items():
         rows.append(f"<tr><td><b>{html.escape(arm)}</b></td>{'<td></td>' * len(columns)}</tr>")
-        waiting = [(root, root.name, 1)]
-        while waiting:
-            node, path, depth = waiting.pop()
-            by = {(one.effect, one.phase): one for one in campaign.of(arm, path)}
+        for node, path, depth in _walked(root):
+            by = {(one.effect, one.moment): one for one in campaign.of(arm, path)}
             name = "  " * depth + path.rpartition("/")[2]
             cells = "".join(_cell(by.get(column), out, not node.children) for column in columns)
+            note = _not_taken(campaign, arm, path) if node.children else ""
+            if note:
+                cells = f'<td class="n" colspan="{len(columns)}">{note}</td>'
             rows.append(f"<tr><td>{html.escape(name)}</td>{cells}</tr>")
-            below = [(child, f"{path}/{n}", depth + 1) for child, n in _named(node)]
-            waiting += reversed(below)
     return (
         '<!doctype html><html lang="en"><meta charset="utf-8">'
         f"<title>Faults of {html.escape(campaign.title)}</title><style>{_STYLE}</style><main>"

@@ -20,9 +20,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Final, Literal, TypeAlias
 
+from bt_dualarm.behaviors.report import StatusChange
 from bt_dualarm.core.errors import DualArmError, Overrun
 from bt_dualarm.diagnosis.story import stories
 from bt_dualarm.replay.record import Record
+from bt_dualarm.runtime.arm_runtime import IdleObserver
 from bt_dualarm.runtime.file_check import check as check_tree
 from bt_dualarm.runtime.file_check import checked_faults
 from bt_dualarm.runtime.options import RunOptions, checked_reality
@@ -48,6 +50,9 @@ Keep: TypeAlias = Literal["failures", "all", "none"]
 
 Rules: TypeAlias = Literal["none", "contact", "all"]
 """Which rules of every run are checked: none, no contact between arms, or all of `RuleCheck`."""
+
+Branch: TypeAlias = tuple[str, str]
+"""Path of a node, and SUCCESS or FAILURE: what its parent does next depends on which it returns."""
 
 RECORDS: Final = "records"
 """Folder of the records below the output folder, each named by its trial's identity."""
@@ -119,10 +124,13 @@ def run_trial(job: Job) -> Row:
         if foreign:
             return row | {"outcome": REFUSED, "reason": foreign, "machine": socket.gethostname()}
         record = job.records / trial.identity if job.keep == "all" else None
-        result, broken = _run(job, record)
+        result, broken, branches = _run(job, record)
         row |= _of_result(result)
         if job.rules != "none":
             row |= {"broken_rule": broken}
+            for arm, taken in branches.items():
+                lines = (f"{path}\t{status}\t{s:.3f}" for (path, status), s in taken.items())
+                row[f"branches.{arm}"] = "\n".join(lines)
         if record is None and (result.outcome is not Outcome.SUCCESS or not result.goals_met):
             row |= _cause(job, result)
         elif record is not None:
@@ -213,8 +221,34 @@ def _foreign_inputs(job: Job) -> str:
     return ""
 
 
-def _run(job: Job, record: Path | None) -> tuple[RunResult, str]:
-    """Result of the run, and a sentence on a broken rule, empty if none was."""
+class BranchObserver(IdleObserver):
+    """Collects the branches of trees that a run takes.
+
+    Attributes:
+        taken: Branches by the name of the arm, in the order in which they were first taken, with
+            the simulated seconds for which the node had run.
+    """
+
+    def __init__(self) -> None:
+        self._began: dict[tuple[str, str], float] = {}
+        self.taken: dict[str, dict[Branch, float]] = {}
+
+    def on_event(self, change: StatusChange) -> None:
+        """Note that a node has begun or ended."""
+        place = change.arm, change.path
+        if change.new == "RUNNING":
+            self._began[place] = change.time
+        else:
+            seconds = change.time - self._began.pop(place, change.time)
+            if change.new != "INVALID":
+                taken = self.taken.setdefault(change.arm, {})
+                taken.setdefault((change.path, change.new), seconds)
+
+
+def _run(
+    job: Job, record: Path | None
+) -> tuple[RunResult, str, Mapping[str, Mapping[Branch, float]]]:
+    """Result of the run, a sentence on a broken rule, empty if none was, and the branches taken."""
     file = _file(job)
     reality = None if job.trial.reality is None else checked_reality(job.trial.reality)
     options = RunOptions(
@@ -229,14 +263,16 @@ def _run(job: Job, record: Path | None) -> tuple[RunResult, str]:
         shutil.rmtree(record, ignore_errors=True)  # left by a worker that died
     with Run(file, _registry(job.skills), options) as run:
         check = RuleCheck(run.world, of_motion=job.rules == "all")
+        branches = BranchObserver()
         if job.rules != "none":
             run.watch(check)
+            run.watch(branches)
         result = run.finish()
         if record is not None:
             # A second request skips the plots, which would take longer than a short run.
             run.stop()
             run.stop()
-    return result, check.broken
+    return result, check.broken, branches.taken
 
 
 def _of_result(result: RunResult) -> dict[str, Cell]:
@@ -258,7 +294,6 @@ def _of_result(result: RunResult) -> dict[str, Cell]:
             row |= {"code": "GOAL_NOT_MET", "leaf": name, "reason": _short(goal.reason)}
     for arm in result.arms.values():
         row[f"outcome.{arm.name}"] = str(arm.outcome)
-        row[f"leaves.{arm.name}"] = "\n".join(arm.leaves)
         for path, leaf in arm.leaves.items():
             for name, value in leaf.metrics.items():
                 cell = float(value) if type(value) in (int, float) else value
@@ -284,7 +319,7 @@ def _cause(job: Job, first: RunResult) -> dict[str, Cell]:
     with tempfile.TemporaryDirectory(prefix="bt_sweep_") as scratch:
         kept = job.keep == "failures"
         record = job.records / job.trial.identity if kept else Path(scratch) / "record"
-        again, _ = _run(job, record)
+        again, *_ = _run(job, record)
         if again.state_sha256 != first.state_sha256:
             hashes = f"{first.state_sha256[:12]} and {again.state_sha256[:12]}"
             return {"code": "NOT_REPEATABLE", "reason": f"two runs had the hashes {hashes}"}

@@ -53,15 +53,17 @@ def test_every_leaf_gets_every_fault(tmp_path: Path) -> None:
     marks = {line.split()[0]: line.split("  ", 1)[1] for line in lines_of(campaign) if "✔" in line}
     text = "\n".join(lines_of(campaign))
     assert "wait" in marks
-    # A retry and a fallback handle failures and exceptions, but not a leaf that hangs.
-    assert text.count("fail ✔✔✔  raise ✔✔✔  hang ✘✘✘") == 2
-    assert text.count("fail ✔✔✔  raise ✔✔✔  hang ✔✔✔") == 1
-    assert "log" in text
-    assert "did not run" in text
-    assert campaign.coverage == 1.0  # the fallback ran in some trial
+    # A retry handles single failures and exceptions, a fallback also one that fails each time;
+    # neither handles a leaf that hangs.
+    assert text.count("fail ✔✔✔✘  raise ✔✔✔  hang ✘✘✘") == 1
+    assert text.count("fail ✔✔✔✔  raise ✔✔✔  hang ✘✘✘") == 1
+    assert text.count("fail ✔✔✔✔  raise ✔✔✔  hang ✔✔✔") == 1
+    # The fallback ran because of another fault, and got its own faults with it.
+    assert "log                                    fail ✘·✘✘  raise ✘·✘  hang ✘·✘" in text
+    assert campaign.coverage == 1.0
     assert "0 break a rule" in summary_of(campaign)
     page = (tmp_path / "faults.html").read_text()
-    assert page.count("<td class") >= 27
+    assert page.count("<td class") >= 37
     again = inject_faults(tree, tmp_path, lambda: pytest.fail("nothing is left to run"))
     assert again.faults == campaign.faults
 
@@ -99,13 +101,13 @@ def test_broken_rules_are_shown_with_the_record(tmp_path: Path) -> None:
 
     tree = TREE | {"arms": {"arm2": TREE["arms"]["arm2"]}}
     campaign = inject_faults(tree, tmp_path, lambda: InstantEngine(touch))
-    assert "wait                                       fail ✔✔✔  raise ⚠⚠⚠  hang ✔✔✔" in (
+    assert "wait                                       fail ✔✔✔✔  raise ⚠⚠⚠  hang ✔✔✔" in (
         "\n".join(lines_of(campaign))
     )
-    assert summary_of(campaign).startswith("6 of 9 faults are handled (67 %), 3 break a rule")
+    assert summary_of(campaign).startswith("7 of 10 faults are handled (70 %), 3 break a rule")
     page = (tmp_path / "faults.html").read_text()
     assert page.count("arm1 and arm2 touch at 1.000 s</li>") == 3
-    assert page.count('<a href="records/') == 9
+    assert page.count('<a href="records/') == 10
 
 
 @pytest.mark.slow
@@ -120,7 +122,7 @@ def test_a_request_to_end_keeps_what_was_found(tmp_path: Path) -> None:
 
     tree = TREE | {"arms": {"arm2": TREE["arms"]["arm2"]}}
     made = inject_faults(tree, tmp_path, lambda: InstantEngine(end_early), pairs=2, stop=stop)
-    assert 0 < len(made.faults) < 9
+    assert 0 < len(made.faults) < 10
     none = replace(made, faults=())
     assert "not tried yet" in "\n".join(lines_of(none))
     assert not made.pairs
@@ -137,7 +139,7 @@ def test_a_request_to_end_keeps_what_was_found(tmp_path: Path) -> None:
     two = tree | {"arms": {"arm2": TREE["arms"]["arm2"] | {"tree": {"sequence": [
         {"wait": 0.1}, {"log": "done"}]}}}}  # fmt: skip
     made = inject_faults(two, tmp_path, lambda: Ending(row_of), pairs=2, stop=later)
-    assert len(made.faults) == 15
+    assert len(made.faults) == 17
     assert not made.pairs
 
 
@@ -145,7 +147,7 @@ def test_a_request_to_end_keeps_what_was_found(tmp_path: Path) -> None:
 def test_a_single_leaf_has_no_pairs(tmp_path: Path) -> None:
     tree = TREE | {"arms": {"arm2": TREE["arms"]["arm2"]}}
     made = inject_faults(tree, tmp_path, lambda: InstantEngine(row_of), pairs=2)
-    assert len(made.trials) == 9
+    assert len(made.trials) == 10
 
 
 @pytest.mark.slow
@@ -159,7 +161,7 @@ def test_a_tree_in_another_folder_may_name_files_next_to_it(tmp_path: Path) -> N
         "arms: {arm1: {robot: ur5, tree: {subtree: {use: pause}}}}\n"
     )
     campaign = inject_faults(file, tmp_path / "out", engine)
-    assert len(campaign.faults) == 9
+    assert len(campaign.faults) == 10
     assert not any(one.is_breach for one in campaign.faults)
 
 
