@@ -23,6 +23,7 @@ from bt_dualarm import (
     Pose,
     Skill,
     Speed,
+    Vector,
     handover_label,
     let_go_of,
     port,
@@ -214,7 +215,8 @@ class HandOver(Skill):
             yield 0.5
             before = sense.look()
         weight = self._weight(sense, before)
-        joint.tell(ready=number, weight_n=weight)
+        feels = sense.is_tactile and weight is not None and weight > _FELT_N
+        joint.tell(ready=number, weight_n=weight, feels=feels)
         first = before
         is_pushed = not sense.is_tactile  # the joints detect it too late
         for _ in joint.until(
@@ -228,12 +230,7 @@ class HandOver(Skill):
             yield 0.5
         if told(taker).get("grasped") != number:
             return False
-        for _ in joint.until(
-            lambda: told(taker).get("carries") == number or _plan(joint, taker) > number
-        ):
-            arm.check()
-            sense.look()
-            yield 0.6
+        sense = yield from self._until_carried(joint, taker, number, before, weight)
         if told(taker).get("carries") != number:
             return False
         yield from self._has_become_lighter(joint, sense, before, weight)
@@ -247,6 +244,37 @@ class HandOver(Skill):
         yield from let_go_of(arm, name)
         joint.tell(released=True)
         return True
+
+    def _until_carried(
+        self, joint: JointPart, taker: str, number: int, before: Vector, weight: float | None
+    ) -> Generator[float, None, LoadSense]:
+        """Wait until the taker carries the object, or proposes another plan.
+
+        A taker without pads raises the object in steps; after each of them it asks whether the
+        object has become lighter here.
+
+        Returns:
+            The load since the last of these steps.
+        """
+        told = joint.told
+        sense = LoadSense(self.arm)
+        answered: tuple[int, int] | None = None
+        while True:
+            for _ in joint.until(partial(_has_news, joint, taker, number, answered)):
+                self.arm.check()
+                sense.look()
+                yield 0.6
+            if told(taker).get("raised") == answered:
+                return sense
+            answered = told(taker)["raised"]
+            sense = LoadSense(self.arm)
+            load = sense.look()
+            while not sense.is_settled:
+                yield 0.6
+                joint.check()
+                self.arm.check()
+                load = sense.look()
+            joint.tell(lighter=(answered, _is_lighter(before, load, weight)))
 
     def _weight(self, sense: LoadSense, load: np.ndarray) -> float | None:
         """Weight of the object, N: from its mass if known, otherwise from the pads.
@@ -267,11 +295,10 @@ class HandOver(Skill):
         """Wait until the pads feel that the object has become lighter, if they can."""
         began = self.time
         while sense.is_tactile and weight is not None and weight > _FELT_N:
-            left = -float(sense.look()[2])
-            lighter = -float(before[2]) - left
+            load = sense.look()
+            lighter = float(load[2] - before[2])
             self.metrics |= {"weight_n": weight, "lighter_n": lighter}
-            # It may have become lighter before, while the taker closed.
-            if lighter > _LIGHTER * weight or left < (1.0 - _LIGHTER) * weight:
+            if _is_lighter(before, load, weight):
                 return
             joint.check()
             self.arm.check()
@@ -286,6 +313,15 @@ class HandOver(Skill):
             yield 0.7
 
 
+def _is_lighter(before: Vector, load: Vector, weight: float | None) -> bool:
+    """Whether the pads have lost enough of the weight in N; loads are of shape (3,), in N."""
+    if weight is None:
+        return True
+    # It may have become lighter before, while the taker closed.
+    left = -float(load[2])
+    return float(load[2] - before[2]) > _LIGHTER * weight or left < (1.0 - _LIGHTER) * weight
+
+
 def _is_beyond(joint: JointPart, taker: str, number: int) -> bool:
     """Whether the taker has proposed another plan."""
     return _plan(joint, taker) > number
@@ -294,6 +330,13 @@ def _is_beyond(joint: JointPart, taker: str, number: int) -> bool:
 def _is_there(joint: JointPart, taker: str, number: int) -> bool:
     """Whether the taker is at its standoff, or has proposed another plan."""
     return joint.told(taker).get("at") == number or _plan(joint, taker) > number
+
+
+def _has_news(joint: JointPart, taker: str, number: int, answered: tuple[int, int] | None) -> bool:
+    """Whether the taker carries the object, has proposed another plan, or asks something new."""
+    told = joint.told(taker)
+    is_decided = told.get("carries") == number or _plan(joint, taker) > number
+    return is_decided or told.get("raised") != answered
 
 
 def _plan(joint: JointPart, taker: str) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Generator, Iterator
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -58,6 +59,8 @@ _TOUCH_M = 0.004  # distance at which a bare tool can be attached to the object
 _NEAR_M = 0.001
 _STEP_M = 0.0005  # longest step of the set-point along a pull
 _MOST_STEPS = 24
+_RAISE_M = 0.00025  # step of a hand without pads, and their number
+_MOST_RAISES = 12
 _MOST_LEVEL = 4  # a horizontal pull is accepted after this many steps
 _LEVEL_N = 10.0  # horizontal pull that is not followed: the arms' friction would reverse it
 _STIFFNESS = (8e3, 4e4, 2e5)  # of two arms at one object: least, first guess, most, N/m
@@ -264,7 +267,7 @@ class TakeOver(Skill):
                 self._hold(name, lies)
                 felt = yield from self._relax(joint)
                 joint.tell(grasped=plan.number)
-                yield from self._bear(joint, giver, name, felt)
+                yield from self._bear(joint, giver, name, felt, plan.number)
             except Failure as failure:
                 if failure.code not in _ELSEWHERE or self._keeps(joint, giver, promised=False):
                     raise
@@ -475,7 +478,7 @@ class TakeOver(Skill):
             self._grip.look()
 
     def _bear(
-        self, joint: JointPart, giver: str, name: str, before: float
+        self, joint: JointPart, giver: str, name: str, before: float, number: int
     ) -> Iterator[float | None]:
         """Take over the weight: in the model, then by lifting until the pads feel it.
 
@@ -485,6 +488,7 @@ class TakeOver(Skill):
             name: Name of the object.
             before: Load on the pads while the giver bears the weight, N. Gain errors of the pads
                 under the grip force are part of it.
+            number: Number of the plan.
         """
         arm = self.arm
         bear = arm.world.attachments.bear
@@ -498,7 +502,10 @@ class TakeOver(Skill):
                 yield 0.6
         sense = LoadSense(arm)
         weight = joint.told(giver).get("weight_n")
-        if not sense.is_tactile or weight is None or weight < _FELT_N:
+        if not sense.is_tactile:
+            yield from self._raise_until_lighter(joint, giver, number)
+            return
+        if weight is None or weight < _FELT_N:
             return
         # Because of the pads' gain errors, the grip force appears as a load, too.
         page = arm.gripper.page
@@ -546,6 +553,31 @@ class TakeOver(Skill):
             yield from self._shift(joint, shift)
             sense = LoadSense(arm)
         self.metrics |= {"weight_n": weight, "felt_n": felt, "steps": steps}
+
+    def _raise_until_lighter(
+        self, joint: JointPart, giver: str, number: int
+    ) -> Iterator[float | None]:
+        """Raise the object by the feeling of the giver's pads, as this hand has none.
+
+        Friction in the joints can hide that this arm does not bear what its model says.
+        """
+        if not joint.told(giver).get("feels"):
+            return
+        for step in range(_MOST_RAISES + 1):
+            if step:
+                yield from self._shift(joint, np.array((0.0, 0.0, _RAISE_M)))
+            question = (number, step)
+            joint.tell(raised=question)
+            for _ in joint.until(partial(_has_answered, joint, giver, question)):
+                self._watch()
+                yield 0.65
+            if joint.told(giver)["lighter"][1]:
+                self.metrics["raised_m"] = step * _RAISE_M
+                return
+        raise Failure(
+            "NOT_CARRIED",
+            f"{giver} feels no loss of weight after {1e3 * _MOST_RAISES * _RAISE_M:.0f} mm",
+        )
 
     def _shift(self, joint: JointPart, shift: Vector) -> Iterator[float | None]:
         """Move the set-point of the compliant arm a little, by a vector of shape (3,), m."""
@@ -643,6 +675,12 @@ class TakeOver(Skill):
         if error > _HELD_M:
             arm.gripper.let_go(name)
             raise Failure("DROPPED", f"{name!r} is no longer held")
+
+
+def _has_answered(joint: JointPart, giver: str, question: tuple[int, int]) -> bool:
+    """Whether the giver has said if the object is lighter after a step of a plan."""
+    answer = joint.told(giver).get("lighter")
+    return answer is not None and answer[0] == question
 
 
 def _measured_stiffness(decrease: Vector, shift: Vector, before: float) -> float:
