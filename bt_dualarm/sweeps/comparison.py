@@ -12,7 +12,6 @@ import numpy as np
 
 from bt_dualarm.sweeps.manifest import SweepError
 from bt_dualarm.sweeps.statistics import (
-    CONFIDENCE,
     PairedMetric,
     PairedRates,
     Verdict,
@@ -23,6 +22,10 @@ from bt_dualarm.sweeps.table import TABLE, columns_of, ordered, read_file, read_
 
 if TYPE_CHECKING:
     import pyarrow as pa
+
+METRICS_CONFIDENCE: Final = 0.99
+"""Confidence that no metric of equal versions is called different. It is higher than that of other
+intervals: who compares every change would otherwise be misled once in twenty times."""
 
 _LEAST_PAIRS: Final = 5
 """Pairs without which a metric is not compared."""
@@ -78,7 +81,7 @@ def compare(a: Path, b: Path) -> Comparison:
 
     Success is compared by McNemar's exact test. A metric is compared by a bootstrap of its mean
     paired difference over the trials that succeeded in both. As there are many metrics, each
-    interval has a confidence that keeps the chance of any false difference at 5 % (Bonferroni).
+    interval has a confidence that keeps the chance of any false difference at 1 % (Bonferroni).
 
     Raises:
         SweepError: A folder is not one of a sweep, or no trials can be paired.
@@ -158,7 +161,7 @@ def _metrics(
         known = both & np.isfinite(a) & np.isfinite(b)
         if known.sum() >= _LEAST_PAIRS and (a[known].std() > 0 or b[known].std() > 0):
             paired[name] = (a[known], b[known])
-    confidence = 1 - (1 - CONFIDENCE) / max(len(paired), 1)
+    confidence = 1 - (1 - METRICS_CONFIDENCE) / max(len(paired), 1)
     found = [paired_metric(name, a, b, confidence) for name, (a, b) in paired.items()]
     return tuple(sorted(found, key=lambda one: (not one.differs, one.name)))
 

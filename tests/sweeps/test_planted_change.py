@@ -13,8 +13,8 @@ from bt_dualarm.sweeps.comparison import compare
 
 @pytest.mark.slow
 def test_a_lower_gain_is_detected(tmp_path: Path) -> None:
-    before = swept(tmp_path / "before", 8)
-    planted = compare(before, swept(tmp_path / "after", 8, share=0.8))
+    before = swept(tmp_path / "before", 12)
+    planted = compare(before, swept(tmp_path / "after", 12, share=0.8))
     assert verdict(planted) == "decided"
     worse = {one.name for one in planted.metrics if one.differs and one.difference > 0}
     assert "arm1.circle.path_rms_m" in worse
