@@ -216,8 +216,9 @@ class _Loading:
         objects = fill_parameters(source, ("objects",), source.data.get("objects"), scope, [])
         scene = self._scene(source, scope)
         if scene is not None:
-            own = objects if isinstance(objects, dict) else {}
-            objects = {**(scene.source.get(("fixtures",)) or {}), **own}
+            fixtures = scene.source.get(("fixtures",))
+            both = [one for one in (fixtures, objects) if isinstance(one, dict)]
+            objects = {name: thing for one in both for name, thing in one.items()}
         libraries = Libraries(FilePath(source.file).parent, source.texts)
         library = libraries.of(source)
         self.problems += libraries.problems

@@ -651,8 +651,11 @@ def _straight(root: NodeSpec, node_types: Mapping[str, NodeType]) -> tuple[list[
 
     def visit(node: NodeSpec) -> bool:
         if node.kind == IN_STEP:
-            if "timeout" in node.ports or is_dynamic(node.ports.get("with")):
+            other = node.ports.get("with")
+            if "timeout" in node.ports or not isinstance(other, str) or is_dynamic(other):
                 return False
+            if not node.children:
+                return False  # an error of its own, as other arms are
             found.append(node)
             goes_on = visit(node.children[0])
             if goes_on:

@@ -99,7 +99,8 @@ def declared_names(source: Source, given: Data) -> Declared:
         for joint, body in joints.items() if isinstance(joints, dict) else ():
             moves = body.get("parts") if isinstance(body, dict) else None
             moved[moved_name(str(name), str(joint))] = body
-            its = dict.fromkeys(part for part in moves or () if isinstance(part, str))
+            names = moves if isinstance(moves, list) else ()
+            its = dict.fromkeys(part for part in names if isinstance(part, str))
             sections[_part_of(moved_name(str(name), str(joint)))] = its
         for part, body in parts.items() if isinstance(parts, dict) else ():
             placed[f"{name}.{part}"] = body

@@ -116,6 +116,8 @@ class Source:
         span = self.values.get(path)
         if span is None or span.line != span.end_line or not isinstance(text, str):
             return whole
+        if span.line >= len(self.lines):  # YAML counts separators such as U+2028 as line breaks
+            return whole
         written = self.lines[span.line][span.column : span.end_column]
         for quote in ("", "'", '"'):
             if written == f"{quote}{text}{quote}":

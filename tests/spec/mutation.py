@@ -22,11 +22,17 @@ NODES: tuple[Data, ...] = (
     {"subtree": {"use": "a"}}, {"sequence": ["succeed"]},
     {"parallel": {"policy": 1, "children": ["succeed"]}}, {"compare": {"value": "{x}", "to": 1}},
     {"spawn": {"object": "cube"}}, {"circle": {}}, {"track": {}},
+    {"object_at": {"object": "cube", "at": {"above": "cube", "by": "2 cm"}}}, {"elapsed": "3 s"},
+    {"joint_at": {"object": "cube", "joint": "x", "below": 3}}, {"sees": {"color": "red"}},
+    {"grasp": {"object": "cube", "then_at": {"on": "cube"}}}, {"operate": {"joint": "x", "to": 1}},
+    {"for_each": {"items": [1, "a"], "item": "x", "child": {"log": "{x}"}}},
+    {"transport": {"object": "cube", "to": {"beside": "cube"}, "keep": {"upright": "5 deg"}}},
 )  # fmt: skip
 WRAPPERS = (
     "sequence", "selector", "parallel", "retry", "repeat", "timeout", "delay", "rate", "inverter",
     "force_success", "force_failure", "run_once", "if", "while", "guard", "on_halt", "switch",
-    "subtree",
+    "subtree", "reactive_sequence", "reactive_fallback", "if_then_else", "only_if", "skip_if",
+    "until", "for_each", "all", "any", "not", "claim", "in_step",
 )  # fmt: skip
 PIECES = (
     "\n",
@@ -56,7 +62,8 @@ _DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 def mutated(data: Data, dice: random.Random) -> str:
     """Text of a file with a few mutations."""
     data = copy.deepcopy(data)
-    for _ in range(dice.randint(1, 4)):
+    # Often a single one: several are hardly ever accepted.
+    for _ in range(dice.choice((1, 1, 2, 3, 4))):
         _mutate(data, dice)
     text: str = yaml.dump(data, Dumper=_DUMPER, sort_keys=False, allow_unicode=True)
     return _torn(text, dice) if dice.random() < 0.2 else text
@@ -89,6 +96,9 @@ def _wrapped(node: Data, dice: random.Random) -> Data:
         "cleanup": "succeed",
         "cases": {"a": node},
         "use": "a",
+        "items": [1, "{x}"],
+        "item": "x",
+        "until": "{x} > 1",
     }
     kept = {k: v for k, v in (body | extra).items() if dice.random() < 0.5}
     return {dice.choice(WRAPPERS): kept}
