@@ -133,6 +133,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--share", type=float, default=0.8)
     asked = parser.parse_args(arguments)
     asked.reality = ["ideal"]
+    asked.free = False
     found = []
     for case in cases(asked):
         try:
