@@ -157,7 +157,7 @@ def test_other_leaves_are_not_wrapped() -> None:
 TREE: dict[str, Any] = {
     "bt_dualarm": 1,
     "name": "faulty",
-    "world": {"scene": "empty"},
+    "world": {"scene": "empty", "time_limit": 5.0},
     "arms": {
         "arm1": {
             "robot": "ur5",

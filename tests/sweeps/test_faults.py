@@ -157,7 +157,7 @@ def test_a_tree_in_another_folder_may_name_files_next_to_it(tmp_path: Path) -> N
     )
     file = tmp_path / "tree.yaml"
     file.write_text(
-        "bt_dualarm: 1\nname: t\ninclude: [library.yaml]\nworld: {scene: empty}\n"
+        "bt_dualarm: 1\nname: t\ninclude: [library.yaml]\nworld: {scene: empty, time_limit: 5}\n"
         "arms: {arm1: {robot: ur5, tree: {subtree: {use: pause}}}}\n"
     )
     campaign = inject_faults(file, tmp_path / "out", engine)
@@ -168,7 +168,7 @@ def test_a_tree_in_another_folder_may_name_files_next_to_it(tmp_path: Path) -> N
 HARDWARE_TREE = {
     "bt_dualarm": 1,
     "name": "short",
-    "world": {"scene": "empty"},
+    "world": {"scene": "empty", "time_limit": 5.0},
     "objects": {
         "cube": {
             "shape": "box",
