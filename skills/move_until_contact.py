@@ -120,7 +120,7 @@ class MoveUntilContact(Skill):
         """Sensed force against the direction, N, with the error of the model."""
         return -float(direction @ self.arm.external_wrench[:3])
 
-    def _back_off(self, direction: Vector, bound: float) -> Iterator[float]:
+    def _back_off(self, direction: Vector, bound: float) -> Iterator[float | None]:
         """Move back until the force is below a bound, N.
 
         A stiff arm on something hard holds the force with which it came to rest: a UR10 pressed
@@ -136,7 +136,7 @@ class MoveUntilContact(Skill):
             while not motion.done:
                 yield 1.0
                 self.arm.check()
-            yield from self.arm.settle()
+            yield from self.arm.halt()  # the contact keeps it from settling at its set-point
 
     def _grip(self) -> Grip | None:
         """Slip check of a held object, which is what makes the contact then; None without one."""

@@ -30,6 +30,9 @@ the object's width too far inside."""
 _RAYS: Final = 16
 """Rays along each axis of the footprint; even, so that none hits a sphere's lowest point."""
 
+_FEWEST_RAYS: Final = 32
+"""Rays that must hit the lower side; otherwise they are cast along the object's own axes."""
+
 _INSET: Final = 1e-4
 """Distance of the outermost rays from the outline, m: on it, a ray may miss the object."""
 
@@ -303,22 +306,38 @@ def _lower_side(world: World, name: str, pose: Pose) -> Matrix:
     if not body.is_simple:
         return _lower_side_of_parts(body, pose, shares)
     geom = world.object_geom(name)
-    half = half_extents(spec.shape, spec.size, turn) - (_INSET, _INSET, 0.0)
     # Rays from below hit the lower side first, whatever the shape.
-    upward = np.array((0.0, 0.0, 1.0))
-    deep = pose.position[2] - half[2] - 1.0
-    size = world.model.geom_size[geom]
     kind = int(world.model.geom_type[geom])
-    found = []
-    for x in (pose.position[0] + half[0] * shares).tolist():
-        for y in (pose.position[1] + half[1] * shares).tolist():
-            start = np.array((x, y, deep))
-            length = mujoco.mju_rayGeom(
-                pose.position, turn.ravel(), size, start, upward, kind, None
-            )
-            if length >= 0.0:
-                found.append(start + length * upward)
-    return np.array(found)
+    size = world.model.geom_size[geom]
+
+    def struck(yaw: Matrix) -> list[Vector]:
+        """Hits of a grid of rays along the horizontal axes of a frame."""
+        half = half_extents(spec.shape, spec.size, yaw.T @ turn) - (_INSET, _INSET, 0.0)
+        upward = np.array((0.0, 0.0, 1.0))
+        deep = pose.position[2] - half[2] - 1.0
+        found = []
+        for along in half[0] * shares:
+            for across in half[1] * shares:
+                x, y = pose.position[:2] + along * yaw[:2, 0] + across * yaw[:2, 1]
+                start = np.array((x, y, deep))
+                length = mujoco.mju_rayGeom(
+                    pose.position, turn.ravel(), size, start, upward, kind, None
+                )
+                if length >= 0.0:
+                    found.append(start + length * upward)
+        return found
+
+    found = struck(np.eye(3))
+    # Across the axes of the world, hardly any ray hits a long thin object.
+    return np.array(found if len(found) >= _FEWEST_RAYS else struck(_yaw_of_longest(turn)))
+
+
+def _yaw_of_longest(turn: Matrix) -> Matrix:
+    """Rotation about the vertical to the object's most level axis, both of shape (3, 3)."""
+    level = turn[:, int(np.argmin(np.abs(turn[2])))]
+    angle = math.atan2(level[1], level[0])
+    cosine, sine = math.cos(angle), math.sin(angle)
+    return np.array(((cosine, -sine, 0.0), (sine, cosine, 0.0), (0.0, 0.0, 1.0)))
 
 
 def _off_balance(size: tuple[float, ...], turn: Matrix) -> bool:
@@ -332,15 +351,22 @@ def _off_balance(size: tuple[float, ...], turn: Matrix) -> bool:
 def _lower_side_of_parts(body: ObjectBody, pose: Pose, shares: Vector) -> Matrix:
     """Like `_lower_side`, for a body of hulls or several parts."""
     turn = pose.rotation_matrix
-    low, high = body.extents(turn)
-    middle = 0.5 * (low + high)
-    half = 0.5 * (high - low) - (_INSET, _INSET, 0.0)
     upward = turn[2]
-    found = []
-    for x in (middle[0] + half[0] * shares).tolist():
-        for y in (middle[1] + half[1] * shares).tolist():
-            start = np.array((x, y, low[2] - 1.0))
-            length = body.ray(start @ turn, upward)
-            if math.isfinite(length):
-                found.append(pose.position + start + (0.0, 0.0, length))
-    return np.array(found)
+
+    def struck(yaw: Matrix) -> list[Vector]:
+        """Hits of a grid of rays along the horizontal axes of a frame."""
+        low, high = body.extents(yaw.T @ turn)
+        middle = 0.5 * (low + high)
+        half = 0.5 * (high - low) - (_INSET, _INSET, 0.0)
+        found = []
+        for along in middle[0] + half[0] * shares:
+            for across in middle[1] + half[1] * shares:
+                x, y = along * yaw[:2, 0] + across * yaw[:2, 1]
+                start = np.array((x, y, low[2] - 1.0))
+                length = body.ray(start @ turn, upward)
+                if math.isfinite(length):
+                    found.append(pose.position + start + (0.0, 0.0, length))
+        return found
+
+    found = struck(np.eye(3))
+    return np.array(found if len(found) >= _FEWEST_RAYS else struck(_yaw_of_longest(turn)))

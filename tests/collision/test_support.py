@@ -39,6 +39,9 @@ def world() -> Iterator[World]:
         "ball": loose("sphere", [0.025], 0.4),
         "can": loose("cylinder", [0.025, 0.10], 0.5),
         "pill": loose("capsule", [0.02, 0.06], 0.6),
+        "rod": loose("box", [0.2, 0.004, 0.004], 0.8),
+        "tube": {"shape": "tube", "size": [0.002, 0.2], "wall": 0.0005}
+        | {"mass": 0.1, "pose": {"xyz": [-0.5, 0.9, 0.3]}},
         "globe": fixed("sphere", [0.03], [0.20, -0.5, 0.43]),
         "ramp": fixed("box", [0.2, 0.2, 0.02], [0.5, -0.4, 0.45], 0, 20, 0),
         "wall": fixed("box", [0.01, 0.1, 0.1], [0.30, -0.6, 0.45]),
@@ -64,6 +67,18 @@ def test_a_cube_stands_on_a_table_whatever_height_was_meant(world: World, dz: fl
     assert found.tilt < math.radians(0.1)
     assert not found.slides
     assert not found.rolls
+
+
+@pytest.mark.parametrize("yaw", [0.0, 31.0, 45.0, 118.0])
+@pytest.mark.parametrize(("thing", "half", "pitch"), [("rod", 0.002, 0.0), ("tube", 0.002, 90.0)])
+def test_what_is_long_and_thin_lies_in_any_direction(
+    world: World, thing: str, half: float, pitch: float, yaw: float
+) -> None:
+    """Hardly any ray of a grid along the axes of the world hits it."""
+    found = at(world, thing, 0.25, -0.38, 0.4 + half + 0.002, 0, pitch, yaw)
+    assert found is not None
+    assert found.below == pytest.approx(0.002, abs=1e-4)
+    assert found.tilt < math.radians(0.1)
 
 
 def test_what_is_beyond_the_search_is_not_known(world: World) -> None:

@@ -42,6 +42,25 @@ def test_it_ends_at_the_surface(robot: str, reality: str, seed: int, stage: Stag
     assert leaf.metrics["touched"] == "plate"
 
 
+@pytest.mark.parametrize(
+    ("robot", "reality"),
+    some([("panda", "lab"), ("xarm7", "rough"), ("ur3e", "lab"), ("baxter_right", "lab")], 2),
+)
+def test_what_it_presses_on_may_keep_it_from_its_set_point(
+    robot: str, reality: str, stage: Stage
+) -> None:
+    """At ten times the speed the arm steps back, and does not come to rest where it is sent."""
+    file = above(robot, reality, plate=True)
+    quick = {"move_until_contact": DOWN["move_until_contact"] | {"speed": 0.1}}
+    up: Tree = {"move_linear": {"offset": {"xyz": [0, 0, 0.03]}}}
+    file["arms"]["arm1"]["tree"] = {"sequence": [quick, up]}
+    play = stage.run(file)
+    leaf = play.leaf("move_until_contact")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert leaf.metrics["touched"] == "plate"
+    assert play.leaf("move_linear").status == "SUCCESS"
+
+
 @pytest.mark.parametrize(("robot", "reality"), [("ur5", "lab"), ("panda", "rough")])
 def test_it_feels_nothing_where_nothing_is(robot: str, reality: str, stage: Stage) -> None:
     leaf = stage.run(above(robot, reality, plate=False), seed=1).leaf("move_until_contact")
