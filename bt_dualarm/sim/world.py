@@ -749,7 +749,21 @@ class World(HoldingView):
                 inside = deepest_overlap(self.model, self.data, name, tolerated)
                 if inside is not None and (inside[0].partition("/")[0], name) not in reported:
                     reported.add((name, inside[0].partition("/")[0]))
-                    yield overlap_error(kind, name, *inside)
+                    error = overlap_error(kind, name, *inside)
+                    yield self._with_noise(error, (name, inside[0].partition("/")[0]))
+
+    def _with_noise(self, error: OverlapError, names: tuple[str, str]) -> OverlapError:
+        """The error, with the objects whose `noise` puts them there with this seed only."""
+        moved = [
+            name
+            for name in names
+            if name in self.objects
+            and any((*self.objects[name].noise.xyz, self.objects[name].noise.yaw))
+        ]
+        if not moved:
+            return error
+        text = f"{error}; the noise of {' and '.join(moved)} depends on the seed"
+        return OverlapError(error.thing, text, error.depth)
 
     def refuse_overlaps(self) -> None:
         """Raise an `OverlapError` if any arm or object penetrates another."""
