@@ -65,6 +65,15 @@ SHARES = (0.0, 0.5, -0.5)
 _BEHIND = 10
 """Number of balls of a cup's radius, one behind the other, that stand for the cup and its tube."""
 
+_WALL_GAP_M = 2e-3
+"""Distance of a wall's flat segments from the round outside of an object, and the error of pads."""
+
+_SLENDER = 3
+"""Number of these balls in front of the arm's flange and wrist."""
+
+_WIDE = 2.5
+"""Radius of the balls that stand for flange and wrist, in those of the cup."""
+
 _SAMPLES = 48
 """Number of surface points that are sampled on a mesh."""
 
@@ -90,18 +99,16 @@ def jaw_grasps(
         point: Point in the solid's frame at which the pads close instead, of shape (3,), m.
     """
     if isinstance(solid, CompoundSolid):
-        return _sorted(
-            grasp
-            for part, pose, others in _pieces(solid)
-            for grasp in _beside(
-                jaw_grasps(
-                    part, jaw, _load_on(load, pose), friction, seed, shares, _in(pose, point)
-                ),
-                pose,
-                jaw,
-                [solid.surfaces[index] for index in others],
+        found: list[Grasp] = []
+        for part, pose, others in _pieces(solid):
+            grasps = jaw_grasps(
+                part, jaw, _load_on(load, pose), friction, seed, shares, _in(pose, point)
             )
-        )
+            if others:
+                found += _beside(grasps, pose, jaw, [solid.surfaces[index] for index in others])
+            else:
+                found += _on_walls(solid, grasps, pose, jaw)
+        return _sorted(found)
     length = float(np.linalg.norm(load.gravity))
     down = load.gravity / length if length > 0.0 else np.array([0.0, 0.0, -1.0])
     lines = np.array([
@@ -138,6 +145,24 @@ def _load_on(load: Load, pose: Pose) -> Load:
 def _in(pose: Pose, point: Vector | None) -> Vector | None:
     """A point of a compound in the frame of a part at this pose."""
     return None if point is None else pose.inverse.apply(point)
+
+
+def _on_walls(
+    solid: CompoundSolid, grasps: Sequence[Grasp], pose: Pose, jaw: JawMeasures
+) -> list[Grasp]:
+    """Grasps of an envelope, in the frame of the compound, whose pads meet a part of it.
+
+    An envelope has a surface even where a bin or cup is open.
+    """
+    moved = [replace(grasp, tool=pose @ grasp.tool) for grasp in grasps]
+    if not moved:
+        return []
+    pads = np.array([
+        one.tool.apply(np.array([[0.0, side * one.width, jaw.pad_center] for side in (-0.5, 0.5)]))
+        for one in moved
+    ])  # fmt: skip
+    gaps = solid.distance(pads.reshape(-1, 3)).reshape(-1, 2).max(axis=1)
+    return [one for one, gap in zip(moved, gaps, strict=True) if gap <= _WALL_GAP_M]
 
 
 def _beside(
@@ -219,12 +244,18 @@ def cup_grasps(
         point: Point in the solid's frame over which the cup is placed, of shape (3,), m.
     """
     if isinstance(solid, CompoundSolid):
+        # An envelope may be open where it seems to have a face; the floor of a bin, between whose
+        # walls no fingers fit, is one.
+        tried = range(len(solid.parts)) if solid.envelopes else solid.graspable
         return _sorted(
             replace(grasp, tool=pose @ grasp.tool)
-            for part, pose, others in _pieces(solid)
+            for index in tried
+            for part, pose in (solid.parts[index],)
             for grasp in cup_grasps(part, cup, _load_on(load, pose), seed, _in(pose, point))
-            if _is_open(pose @ grasp.tool, cup, [solid.parts[index] for index in others])
+            if _is_open(pose @ grasp.tool, cup, [*solid.parts[:index], *solid.parts[index + 1 :]])
         )
+    if _is_narrow(solid, cup):
+        return ()
     found = []
     for place, normal in _places(solid, load.gravity, seed, point):
         if not seals(solid, cup, place, normal):
@@ -237,14 +268,20 @@ def cup_grasps(
     return _sorted(found)
 
 
+def _is_narrow(solid: Solid, cup: CupMeasures) -> bool:
+    """Whether a box around a solid has no side as wide as a cup: such are the walls of a mug."""
+    widths = sorted(solid.reach(axis) + solid.reach(-axis) for axis in np.eye(3))
+    return bool(widths[1] < 2.0 * (cup.radius - cup.bends))
+
+
 def _is_open(tool: Pose, cup: CupMeasures, others: Sequence[tuple[Solid, Pose]]) -> bool:
-    """Whether the other parts of a compound leave room for a cup and the tube behind it."""
+    """Whether the other parts of a compound leave room for a cup and for what is behind it."""
     behind = np.zeros((_BEHIND, 3))
     behind[:, 2] = -cup.radius * (1.0 + np.arange(_BEHIND))
+    room = np.where(np.arange(_BEHIND) < _SLENDER, 1.0, _WIDE) * cup.radius
     points = tool.apply(behind)
     return all(
-        float(other.distance(pose.inverse.apply(points)).min()) >= cup.radius
-        for other, pose in others
+        bool((other.distance(pose.inverse.apply(points)) >= room).all()) for other, pose in others
     )
 
 

@@ -16,6 +16,8 @@ from bt_dualarm.grasping.candidates import (
     least_width,
 )
 from bt_dualarm.grasping.grasp import JawMeasures, Load, Solid, held, pinching_force, solid_of
+from bt_dualarm.sim.object_body import body_of
+from bt_dualarm.spec.document import ObjectSpec
 from tests.grasping.families import JAW, JAWS, hulls, loads, mesh_box, primitives
 
 FEW = settings(
@@ -149,3 +151,20 @@ def test_a_mesh_of_a_box_is_taken_as_that_box() -> None:
 def test_of_what_nothing_is_known_there_are_no_pinches() -> None:
     with pytest.raises(TypeError, match="no antipodal pairs are known for a str"):
         next(antipodal_pairs("banana", np.zeros(3), np.random.default_rng(0)))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("shape", "size"),
+    [("tray", (0.20, 0.15, 0.03)), ("bin", (0.09, 0.07, 0.06)), ("tube", (0.02, 0.05))],
+)
+def test_fingers_do_not_close_on_an_opening(shape: str, size: tuple[float, ...]) -> None:
+    """The box around a tray has six sides, the tray only five."""
+    thing = ObjectSpec(shape=shape, size=size, wall=0.003, mass=0.05)  # type: ignore[arg-type]
+    lies = Load(0.05, np.array([0.0, -9.81, 0.0]), 0.0, np.zeros(3))
+    found = jaw_grasps(body_of(thing).solid, JAW, lies, 0.8)
+    assert found
+    solid = body_of(thing).solid
+    for one in (one for one in found if one.width > 0.01):  # the others hold a single wall
+        for side in (-0.5, 0.5):
+            pad = one.tool.apply(np.array([[0.0, side * one.width, JAW.pad_center]]))
+            assert float(solid.distance(pad)[0]) < 0.5 * JAW.pad_length

@@ -8,6 +8,8 @@ from hypothesis import HealthCheck, Phase, given, settings
 
 from bt_dualarm.grasping.candidates import cup_grasps
 from bt_dualarm.grasping.grasp import CupMeasures, Load, Solid, solid_of, suction_force
+from bt_dualarm.sim.object_body import body_of
+from bt_dualarm.spec.document import ObjectSpec
 from tests.grasping.families import CUP, loads, primitives
 
 DOWN = np.array([0.0, 0.0, -9.81])
@@ -38,6 +40,36 @@ def test_a_face_seals_where_the_rim_has_room() -> None:
     assert len(flat) == 2 * 4
     assert cup_grasps(solid_of("box", (0.03, 0.03, 0.03)), CUP, load) == ()
     assert cup_grasps(solid_of("sphere", (0.015,)), CUP, load) == ()
+
+
+STIFF = CupMeasures(radius=0.02, bends=1e-3, most_force=60.0, friction=0.5)
+"""A cup that adapts to less than the thickness of a floor."""
+
+
+@pytest.mark.parametrize(
+    ("shape", "size", "has_floor"),
+    [
+        ("bin", (0.12, 0.10, 0.06), True),
+        ("tray", (0.20, 0.15, 0.03), True),
+        ("cup", (0.06, 0.05), True),
+        ("tube", (0.06, 0.05), False),
+    ],
+)
+def test_an_opening_is_no_face(shape: str, size: tuple[float, ...], has_floor: bool) -> None:
+    """From above, the cup is put on the floor inside, if there is one."""
+    thing = ObjectSpec(shape=shape, size=size, wall=0.003, mass=0.2)  # type: ignore[arg-type]
+    load = Load(0.2, DOWN, 8.0, np.zeros(3))
+    found = cup_grasps(body_of(thing).solid, STIFF, load)
+    above = [one for one in found if one.tool.rotation_matrix[2, 2] < -0.9]
+    heights = {round(float(one.tool.position[2]), 4) for one in above}
+    assert heights == ({round(0.003 - 0.5 * size[-1], 4)} if has_floor else set())
+
+
+def test_a_floor_below_a_narrow_opening_is_out_of_reach() -> None:
+    """The wrist behind the cup does not fit."""
+    thing = ObjectSpec(shape="cup", size=(0.03, 0.12), wall=0.003, mass=0.2)
+    found = cup_grasps(body_of(thing).solid, STIFF, Load(0.2, DOWN, 8.0, np.zeros(3)))
+    assert not [one for one in found if one.tool.rotation_matrix[2, 2] < -0.9]
 
 
 def test_curvature_is_borne_as_far_as_the_rim_bends() -> None:
