@@ -264,7 +264,7 @@ def place_ways() -> Iterator[Way]:
     for seconds in (0.4, 2.5, 60.0):
         name = f"sticks to a finger for {seconds:g} s"
         yield placing(name, CUBE, goal, deed=stuck(seconds))
-    for seconds in (1.1, 2.5, 60.0):
+    for seconds in (1.3, 2.5, 60.0):
         deed = stuck(seconds, 5e-4)
         name = f"sticks to the cup for {seconds:g} s"
         yield placing(name, CUBE, goal, deed=deed, gripper="suction_cup")

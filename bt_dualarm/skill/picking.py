@@ -344,18 +344,27 @@ class Taking:
             )
 
     def _press(self, approach: GraspApproach, along: Vector) -> Iterator[float | None]:
-        """Press a cup on slowly, beyond the estimated face, until contact."""
+        """Press a cup on slowly, beyond the estimated face, until it holds or presses firmly.
+
+        The vacuum is on from the start: what is light or tall would give way to the pressure, and
+        tilt, before the cup seals.
+        """
         arm = self._arm
         tool = approach.ranked.tool
+        arm.gripper.command(force=self._force(approach.ranked.grasp.force))
         sense = TouchSense(arm, along)
         deeper = Pose(tool.position + _PRESSED_M * along, tool.quaternion)
         rows = arm.line_on(deeper)
         # The integrator of a stiff arm would press ever harder, until the rim slides.
         motion = arm.begin(arm.time_path(rows, _PRESSING), may_touch=True, compliant=True)
-        while not motion.done and sense.force() < _PRESSED_N:
-            yield 0.7
-            arm.check()
-        yield from arm.halt()
+        try:
+            while not (motion.done or arm.gripper.holding or sense.force() >= _PRESSED_N):
+                yield 0.7
+                arm.check()
+            yield from arm.halt()
+        except GeneratorExit:  # halted: release what is not attached yet
+            arm.gripper.command(1.0)
+            raise
 
     def _close(self, approach: GraspApproach) -> Generator[float | None, None, str]:
         """Close with the force that the load needs, and verify that it holds the right object."""
