@@ -200,7 +200,9 @@ class ArmGripper:
     def until_open(self, settle: float = 0.0) -> Iterator[float]:
         """Wait until the fingers are at the commanded opening, or a cup's vacuum is gone.
 
-        Yields the progress once per tick.
+        Yields the progress once per tick. What a cup is commanded to release is detached at once:
+        with the last of the vacuum the object is free, and a wrist whose controller still believes
+        in the inertia of a tray would swing ever faster.
 
         Args:
             settle: Simulated seconds for which it has to stay open.
@@ -210,6 +212,9 @@ class ArmGripper:
         """
         began = self._world.time
         asked = self.commanded
+        if not self.page.fingers and asked.width > 0.0:
+            for name in self.held:
+                self.let_go(name)
         travel = abs(asked.width - self.width) if self.page.fingers else 0.0
         longest = _TIMEOUT_S + 2.0 * travel / max(asked.speed, 1e-3) + settle
         since: float | None = None

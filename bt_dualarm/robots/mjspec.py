@@ -120,6 +120,9 @@ def robot_spec(robot: Robot, *, visuals: bool) -> mujoco.MjSpec:
         )
         motor.ctrllimited = mujoco.mjtLimited.mjLIMITED_TRUE
         motor.set_to_motor()
+        # The limit of a URDF would apply to the sum of all actuators, which contains the torque by
+        # which a suction cup's adhesion balances its contact force.
+        spec.joint(name).actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
     _add_exclusions(spec, robot)
     return spec
 

@@ -521,6 +521,8 @@ class Carrying:
         yield from arm.relax()
         yield from self._sync()
         gripper.command(page.stroke if page.fingers else 1.0)
+        if not page.fingers:
+            gripper.let_go(self._thing, stands=True)
         for _ in gripper.until_open():
             yield 0.9
         gripper.let_go(self._thing, stands=True)

@@ -1,0 +1,90 @@
+"""Suction cups on what is flat, light, tall or hollow."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import bt_dualarm as bt
+from bt_dualarm.runtime.arm_runtime import IdleObserver
+from bt_dualarm.sim.world import World
+from tests.plays import Stage
+
+Tree = dict[str, Any]
+
+TOP = 0.30
+"""Height of the table, m, on which the bases stand, too."""
+
+
+def file_of(robot: str, thing: Tree, leaves: list[Tree | str], reality: str) -> Tree:
+    """An arm with a cup at a table with one object."""
+    table = {"shape": "box", "size": [2.4, 2.4, TOP], "fixed": True, "color": "gray"}
+    arm = {"robot": robot, "gripper": "suction_cup", "base": {"xyz": [0, 0, TOP]}}
+    return {
+        "name": "suction",
+        "world": {"scene": "empty", "reality": reality, "time_limit": 60},
+        "objects": {
+            "table": table | {"pose": {"xyz": [0, 0, 0.5 * TOP]}},
+            "thing": thing | {"color": "red"},
+        },
+        "arms": {"arm1": arm | {"tree": {"sequence": leaves}}},
+    }
+
+
+class Fastest(IdleObserver):
+    """Largest speed of any joint of the arm as a fraction of its limit."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self.share = 0.0
+
+    def after_step(self, time: float) -> None:
+        arm = self._world.arms["arm1"]
+        limits = self._world.nominal["arm1"].robot.limits.velocity
+        self.share = max(self.share, float((np.abs(arm.v) / limits).max()))
+
+
+def test_a_tray_is_held_by_its_floor_and_its_release_leaves_the_wrist_at_rest() -> None:
+    """Of a tray, the last wrist joint bears thirty times its own inertia."""
+    tray = {"shape": "tray", "size": [0.1753, 0.1227, 0.03], "wall": 0.0038, "mass": 0.789}
+    tray["pose"] = {"xyz": [0.274, 0.11, TOP + 0.016], "rpy": [0, 0, -84.4]}
+    leaves: list[Tree | str] = [{"grasp": {"object": "thing"}}, {"regrasp": {"object": "thing"}}]
+    with bt.open({"bt_dualarm": 1} | file_of("ur3e", tray, leaves, "ideal"), seed=1028) as run:
+        fastest = Fastest(run.world)
+        run.watch(fastest)
+        result = run.finish()
+    assert result.outcome == "SUCCESS", result.arms["arm1"].runs[-1].reason
+    assert fastest.share < 1.05
+
+
+def test_its_vacuum_takes_no_torque_from_the_joints(stage: Stage) -> None:
+    """Held from the side, 60 N of suction are 18 N m at the third joint, of whose 30 N m.
+
+    MuJoCo's limit on the actuator forces of a joint would have counted them.
+    """
+    box = {"shape": "box", "size": [0.0581, 0.0129, 0.1342], "mass": 0.107}
+    box["pose"] = {"xyz": [0.36, 0.312, TOP + 0.0681], "rpy": [0, 0, 15.0]}
+    up = {"transport": {"object": "thing", "to": {"xyz": [0.473, 0.068, TOP + 0.25]}}}
+    play = stage.run(file_of("xarm7", box, [{"grasp": {"object": "thing"}}, up], "lab"), seed=1036)
+    assert play.leaf("transport").status == "SUCCESS", play.leaf("transport").reason
+    assert not play.world.model.jnt_actfrclimited.any()
+
+
+@pytest.mark.parametrize(
+    ("robot", "size", "at"),
+    [
+        ("fr3", (0.0317, 0.0519, 0.1525), (0.489, 0.088, 68.4)),
+        ("xarm7", (0.0338, 0.068, 0.1274), (0.254, -0.362, 62.8)),
+    ],
+)
+def test_what_is_tall_does_not_tip_away(
+    robot: str, size: tuple[float, ...], at: tuple[float, float, float], stage: Stage
+) -> None:
+    """Only its sides are wide enough for the cup."""
+    x, y, yaw = at
+    box = {"shape": "box", "size": [*size], "mass": 0.23}
+    box["pose"] = {"xyz": [x, y, TOP + 0.5 * size[2] + 0.001], "rpy": [0, 0, yaw]}
+    play = stage.run(file_of(robot, box, [{"grasp": {"object": "thing"}}], "lab"))
+    assert play.leaf("grasp").status == "SUCCESS", play.leaf("grasp").reason
