@@ -19,6 +19,7 @@ from bt_dualarm.sim.kernel_arrays import (
     Marks,
     Numbers,
     Shapes,
+    Skins,
 )
 from bt_dualarm.sim.ray_intersection_kernels import meet_hull, meet_round, outward, sphere_is_seen
 
@@ -224,6 +225,14 @@ def shade(
         hits: Their hits.
         pixels: The pixels; changed.
     """
+    faces, owners, normals = _faces_of(hits)
+    sun = _sun(lights, lit_from, lit_along)
+    _shade(lights, sun, fan, faces, owners, normals, hits.distances, pixels)
+
+
+@kernel
+def _faces_of(hits: Hits) -> tuple[npt.NDArray[np.int32], Numbers, Matrix]:
+    """Hits as faces, as in `facets`: one face per ray."""
     rows, columns = hits.geoms.shape
     faces = np.empty((rows, columns), np.int32)
     owners = np.empty(rows * columns, np.int64)
@@ -234,8 +243,139 @@ def shade(
             owners[face] = hits.geoms[row, column]
             faces[row, column] = face if owners[face] >= 0 else NOTHING
             normals[face] = hits.normals[:, row, column]
+    return faces, owners, normals
+
+
+@kernel
+def draw_textured(
+    shapes: Shapes, positions: Matrix, axes: Matrix, fan: Fan, lights: Lights,
+    lit_from: Matrix, lit_along: Matrix, skins: Skins, pixels: npt.NDArray[np.uint8],
+) -> None:  # fmt: skip
+    """Like `draw`, with textures."""
+    marks = trace(shapes, positions, axes, fan)
+    faces, owners, normals = facets(shapes, axes, fan, marks)
     sun = _sun(lights, lit_from, lit_along)
-    _shade(lights, sun, fan, faces, owners, normals, hits.distances, pixels)
+    far = marks.distances
+    _shade_textured(
+        lights, sun, skins, positions, axes, fan, faces, owners, normals, far, pixels
+    )  # fmt: skip
+
+
+@kernel
+def shade_textured(
+    lights: Lights, lit_from: Matrix, lit_along: Matrix, skins: Skins, positions: Matrix,
+    axes: Matrix, fan: Fan, hits: Hits, pixels: npt.NDArray[np.uint8],
+) -> None:  # fmt: skip
+    """Like `shade`, with textures; positions and axes are of all geoms, as for `trace`."""
+    faces, owners, normals = _faces_of(hits)
+    sun = _sun(lights, lit_from, lit_along)
+    far = hits.distances
+    _shade_textured(
+        lights, sun, skins, positions, axes, fan, faces, owners, normals, far, pixels
+    )  # fmt: skip
+
+
+@kernel
+def _shade_textured(
+    lights: Lights, sun: Matrix, skins: Skins, positions: Matrix, axes: Matrix, fan: Fan,
+    faces: npt.NDArray[np.int32], owners: Numbers, normals: Matrix, distances: Matrix,
+    pixels: npt.NDArray[np.uint8],
+) -> None:  # fmt: skip
+    """Like `_shade`: each ray that hits a texture gets a face, and a color, of its own."""
+    rows, columns = faces.shape
+    count = 0
+    for row in range(rows):
+        for column in range(columns):
+            face = faces[row, column]
+            if face >= 0 and skins.numbers[owners[face]] >= 0:
+                count += 1
+    if count == 0:
+        _shade(lights, sun, fan, faces, owners, normals, distances, pixels)
+        return
+    known = len(owners)
+    geoms = len(lights.base) - 1
+    own_faces = faces.copy()
+    own_owners = np.empty(known + count, np.int64)
+    own_normals = np.empty((known + count, 3))
+    base = np.empty((geoms + count + 1, 3))
+    own_owners[:known] = owners
+    own_normals[:known] = normals
+    base[:geoms] = lights.base[:geoms]
+    base[geoms + count] = lights.base[geoms]  # the sky
+    point = np.empty(3)
+    normal = np.empty(3)
+    added = 0
+    for row in range(rows):
+        for column in range(columns):
+            face = faces[row, column]
+            if face < 0 or skins.numbers[owners[face]] < 0:
+                continue
+            geom = owners[face]
+            for axis in range(3):
+                point[axis] = fan.eye[axis] - positions[geom, axis]
+                for along in range(3):
+                    ray = fan.axes[axis, along] * fan.rays[along, row, column]
+                    point[axis] += ray * distances[row, column]
+                normal[axis] = normals[face, axis]
+            texel = texel_at(skins, skins.numbers[geom], axes[geom], point, normal)
+            own_faces[row, column] = known + added
+            own_owners[known + added] = geoms + added
+            for axis in range(3):
+                own_normals[known + added, axis] = normal[axis]
+                base[geoms + added, axis] = skins.texels[texel, axis]
+            added += 1
+    own_lights = Lights(
+        base, lights.ambient, lights.head, lights.active, lights.distant, lights.diffuse
+    )
+    _shade(own_lights, sun, fan, own_faces, own_owners, own_normals, distances, pixels)
+
+
+@kernel
+def texel_at(skins: Skins, skin: int, own: Vector, point: Vector, normal: Vector) -> int:
+    """Index of the texel that a point of a surface shows.
+
+    Args:
+        skins: The textures.
+        skin: Number of the texture.
+        own: Rotation matrix of the geom, row by row, of shape (9,).
+        point: Position relative to the geom's origin along the world's axes, of shape (3,), m.
+        normal: Outward normal in the world, of shape (3,).
+    """
+    place = np.empty(3)
+    facing = np.empty(3)
+    for axis in range(3):
+        place[axis] = skins.shifts[skin, axis]
+        facing[axis] = 0.0
+        for along in range(3):
+            turn = 0.0
+            for between in range(3):
+                turn += skins.turns[skin, axis, between] * own[3 * along + between]
+            place[axis] += turn * point[along]
+            facing[axis] += turn * normal[along]
+    # Of edges at 45° one side must win on every machine, in spite of rounding.
+    across = abs(facing[0])
+    deep = abs(facing[1])
+    up = abs(facing[2])
+    slack = 1e-9
+    if up >= across - slack and up >= deep - slack:
+        side = 2
+        u = place[0]
+        v = place[1] if facing[2] > 0.0 else -place[1]
+    elif across >= deep - slack:
+        side = 0
+        u = place[1] if facing[0] > 0.0 else -place[1]
+        v = place[2]
+    else:
+        side = 1
+        u = -place[0] if facing[1] > 0.0 else place[0]
+        v = place[2]
+    rows = skins.images[skin, 1]
+    columns = skins.images[skin, 2]
+    u = u / skins.tiles[skin, 2 * side] + 0.5
+    v = v / skins.tiles[skin, 2 * side + 1] + 0.5
+    column = min(max(int((u - math.floor(u)) * columns), 0), columns - 1)
+    row = min(max(int((1.0 - (v - math.floor(v))) * rows), 0), rows - 1)
+    return int(skins.images[skin, 0] + row * columns + column)
 
 
 @kernel
