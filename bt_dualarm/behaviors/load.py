@@ -85,7 +85,7 @@ from bt_dualarm.spec.parser import (
 from bt_dualarm.spec.path_file import texts_of
 from bt_dualarm.spec.problems import Location, Problem, SpecError, errors, in_order
 from bt_dualarm.spec.scene import SceneFile, is_scene_path, read_scene
-from bt_dualarm.spec.texture import ImageError, Picture, read_image, refuse_pixels
+from bt_dualarm.spec.texture import NO_PICTURE, ImageError, Picture, read_image, refuse_pixels
 from bt_dualarm.spec.values import PoseSpec, Value
 from bt_dualarm.spec.yaml_reader import Data, DataPath, Source, TreeInput, read_tree, with_tuples
 
@@ -370,6 +370,7 @@ class _Loading:
                     message = f"image {texture.image} {error}"
                     where = (*path, "image")
                     self.problems.append(file.thing_problem(self.source, name, where, message))
+                    texture.show(NO_PICTURE)  # the check goes on with the color alone
                     continue
                 self._texts[shown] = text
                 texture.show(picture)

@@ -100,6 +100,10 @@ class Picture:
         return mixed.astype(np.uint8)
 
 
+NO_PICTURE: Final = Picture(1, 1, bytes(4))
+"""A transparent image."""
+
+
 @dataclass(frozen=True, eq=False)
 class Tile:
     """An image that repeats over a surface.
@@ -254,8 +258,8 @@ def picture_in(content: bytes) -> Picture:
                 width, height = image.size
                 if width * height > MOST_PIXELS:
                     raise ImageError(
-                        f"has {width} x {height} pixels; at most 1024 x 1024, or as many in "
-                        "another format, are allowed"
+                        f"has {width} x {height} pixels; at most {MOST_PIXELS} (1024 x 1024) "
+                        "are allowed"
                     )
                 if image.mode not in _MODES:
                     raise ImageError("has more than 8 bits per channel")
