@@ -37,7 +37,7 @@ from bt_dualarm.robots.robot import Robot
 from bt_dualarm.sim.arm_models import LinkFactors, SampledArm, inertia_per_mass
 from bt_dualarm.sim.object_body import BodyPart, ObjectBody, body_of, body_of_part
 from bt_dualarm.sim.shared_body import SharedBody
-from bt_dualarm.sim.skins import TEXTURE_PREFIX, user_data
+from bt_dualarm.sim.skins import TEXTURE_PREFIX, add_image, user_data
 from bt_dualarm.spec.document import ArmSpec, CameraSpec, ObjectSpec, TreeFile, WorldSpec
 from bt_dualarm.spec.joints import Articulation
 from bt_dualarm.spec.scene import is_scene_path
@@ -257,17 +257,7 @@ def _add_texture(
     tile = texture.tile(rgba)
     name = f"{TEXTURE_PREFIX}{tile.name}"
     if spec.texture(name) is None:
-        height, width, channels = tile.pixels.shape
-        image = spec.add_texture(
-            name=name,
-            type=mujoco.mjtTexture.mjTEXTURE_2D,
-            width=width,
-            height=height,
-            nchannel=channels,
-        )
-        image.data = tile.pixels.tobytes()
-        material = spec.add_material(name=name)
-        material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
+        add_image(spec, name, tile.pixels)
     # The image has the colors already; MuJoCo multiplies it by that of the geom.
     geom.material = name
     geom.rgba = (1.0, 1.0, 1.0, rgba[3])

@@ -137,6 +137,7 @@ class Skins(NamedTuple):
 
     Attributes:
         numbers: Number of the skin of each geom, -1 for none, of shape (ngeom,).
+        geoms: Id of the geom of each skin, of shape (n,).
         tiles: Width and height of the image in the projections along x, y and z, (n, 6), m.
         turns: Rotations from the frames of the geoms to those of the textures, (n, 3, 3).
         shifts: Positions of the geoms' origins in the frames of the textures, of shape (n, 3), m.
@@ -145,6 +146,7 @@ class Skins(NamedTuple):
     """
 
     numbers: Numbers
+    geoms: Numbers
     tiles: Matrix
     turns: npt.NDArray[np.float64]
     shifts: Matrix

@@ -302,26 +302,38 @@ def _shade_textured(
     own_normals[:known] = normals
     base[:geoms] = lights.base[:geoms]
     base[geoms + count] = lights.base[geoms]  # the sky
-    point = np.empty(3)
-    normal = np.empty(3)
+    eyes, turns, looks = _into_textures(skins, positions, axes, fan)
+    rays = fan.rays
     added = 0
     for row in range(rows):
         for column in range(columns):
             face = faces[row, column]
             if face < 0 or skins.numbers[owners[face]] < 0:
                 continue
-            geom = owners[face]
-            for axis in range(3):
-                point[axis] = fan.eye[axis] - positions[geom, axis]
-                for along in range(3):
-                    ray = fan.axes[axis, along] * fan.rays[along, row, column]
-                    point[axis] += ray * distances[row, column]
-                normal[axis] = normals[face, axis]
-            texel = texel_at(skins, skins.numbers[geom], axes[geom], point, normal)
+            skin = skins.numbers[owners[face]]
+            look = looks[skin]
+            turn = turns[skin]
+            eye = eyes[skin]
+            away = distances[row, column]
+            x = away * rays[0, row, column]
+            y = away * rays[1, row, column]
+            z = away * rays[2, row, column]
+            u = normals[face, 0]
+            v = normals[face, 1]
+            w = normals[face, 2]
+            texel = texel_at(
+                skins, skin,
+                eye[0] + look[0, 0] * x + look[0, 1] * y + look[0, 2] * z,
+                eye[1] + look[1, 0] * x + look[1, 1] * y + look[1, 2] * z,
+                eye[2] + look[2, 0] * x + look[2, 1] * y + look[2, 2] * z,
+                turn[0, 0] * u + turn[0, 1] * v + turn[0, 2] * w,
+                turn[1, 0] * u + turn[1, 1] * v + turn[1, 2] * w,
+                turn[2, 0] * u + turn[2, 1] * v + turn[2, 2] * w,
+            )  # fmt: skip
             own_faces[row, column] = known + added
             own_owners[known + added] = geoms + added
             for axis in range(3):
-                own_normals[known + added, axis] = normal[axis]
+                own_normals[known + added, axis] = normals[face, axis]
                 base[geoms + added, axis] = skins.texels[texel, axis]
             added += 1
     own_lights = Lights(
@@ -331,50 +343,63 @@ def _shade_textured(
 
 
 @kernel
-def texel_at(skins: Skins, skin: int, own: Vector, point: Vector, normal: Vector) -> int:
-    """Index of the texel that a point of a surface shows.
+def _into_textures(
+    skins: Skins, positions: Matrix, axes: Matrix, fan: Fan
+) -> tuple[Matrix, npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """What brings rays into the frames of textures.
 
-    Args:
-        skins: The textures.
-        skin: Number of the texture.
-        own: Rotation matrix of the geom, row by row, of shape (9,).
-        point: Position relative to the geom's origin along the world's axes, of shape (3,), m.
-        normal: Outward normal in the world, of shape (3,).
+    Returns:
+        Positions of the eye in these frames, of shape (n, 3), m; rotations from the world, and from
+        the camera's axes, of shape (n, 3, 3) each.
     """
-    place = np.empty(3)
-    facing = np.empty(3)
-    for axis in range(3):
-        place[axis] = skins.shifts[skin, axis]
-        facing[axis] = 0.0
-        for along in range(3):
-            turn = 0.0
-            for between in range(3):
-                turn += skins.turns[skin, axis, between] * own[3 * along + between]
-            place[axis] += turn * point[along]
-            facing[axis] += turn * normal[along]
-    # Of edges at 45° one side must win on every machine, in spite of rounding.
-    across = abs(facing[0])
-    deep = abs(facing[1])
-    up = abs(facing[2])
-    slack = 1e-9
-    if up >= across - slack and up >= deep - slack:
+    count = len(skins.geoms)
+    eyes = np.empty((count, 3))
+    turns = np.zeros((count, 3, 3))
+    looks = np.zeros((count, 3, 3))
+    for skin in range(count):
+        geom = skins.geoms[skin]
+        for axis in range(3):
+            eyes[skin, axis] = skins.shifts[skin, axis]
+            for along in range(3):
+                for between in range(3):
+                    own = axes[geom, 3 * along + between]
+                    turns[skin, axis, along] += skins.turns[skin, axis, between] * own
+                offset = fan.eye[along] - positions[geom, along]
+                eyes[skin, axis] += turns[skin, axis, along] * offset
+            for along in range(3):
+                for between in range(3):
+                    one = turns[skin, axis, between] * fan.axes[between, along]
+                    looks[skin, axis, along] += one
+    return eyes, turns, looks
+
+
+@kernel
+def texel_at(
+    skins: Skins, skin: int, x: float, y: float, z: float, u: float, v: float, w: float
+) -> int:
+    """Index of the texel that a point x, y, z in a texture's frame shows, with normal u, v, w."""
+    across = abs(u)
+    deep = abs(v)
+    # Where two sides meet at 45°, one must win on every machine, in spite of rounding.
+    up = abs(w) + 1e-9
+    if up >= across and up >= deep:
         side = 2
-        u = place[0]
-        v = place[1] if facing[2] > 0.0 else -place[1]
-    elif across >= deep - slack:
+        right = x
+        above = y if w > 0.0 else -y
+    elif across + 1e-9 >= deep:
         side = 0
-        u = place[1] if facing[0] > 0.0 else -place[1]
-        v = place[2]
+        right = y if u > 0.0 else -y
+        above = z
     else:
         side = 1
-        u = -place[0] if facing[1] > 0.0 else place[0]
-        v = place[2]
+        right = -x if v > 0.0 else x
+        above = z
+    right = right / skins.tiles[skin, 2 * side] + 0.5
+    above = above / skins.tiles[skin, 2 * side + 1] + 0.5
     rows = skins.images[skin, 1]
     columns = skins.images[skin, 2]
-    u = u / skins.tiles[skin, 2 * side] + 0.5
-    v = v / skins.tiles[skin, 2 * side + 1] + 0.5
-    column = min(max(int((u - math.floor(u)) * columns), 0), columns - 1)
-    row = min(max(int((1.0 - (v - math.floor(v))) * rows), 0), rows - 1)
+    column = min(max(int((right - math.floor(right)) * columns), 0), columns - 1)
+    row = min(max(int((1.0 - (above - math.floor(above))) * rows), 0), rows - 1)
     return int(skins.images[skin, 0] + row * columns + column)
 
 

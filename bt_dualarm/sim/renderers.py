@@ -27,7 +27,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bt_dualarm.core.errors import RendererError
-from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.core.pose import Matrix, Pose, Vector
+from bt_dualarm.robots.mjspec import LOOP_GROUPS
 from bt_dualarm.sim.frame import Blocks, Exposure, Image, Renderer, RendererKind, Viewpoint
 from bt_dualarm.sim.kernel_arrays import (
     CAPSULE,
@@ -41,7 +42,7 @@ from bt_dualarm.sim.kernel_arrays import (
     Numbers,
     Shapes,
 )
-from bt_dualarm.sim.skins import image_coordinates, skins_of, surface_of
+from bt_dualarm.sim.skins import add_image, image_coordinates, skins_of, surface_of, user_data
 
 # Shapes
 
@@ -391,6 +392,22 @@ def warm_up_renderer() -> None:
     spec.worldbody.add_camera()
     model = spec.compile()
     RayRenderer().render(model, mujoco.MjData(model), Exposure(0, 2, 2))
+
+
+def warm_up_textures() -> None:
+    """Compile the kernels of the ray caster for textures."""
+    spec = mujoco.MjSpec()
+    add_image(spec, "white", np.full((1, 1, 3), 255, np.uint8))
+    geom = spec.worldbody.add_geom(size=(0.1, 0.1, 0.1), material="white")
+    geom.userdata = user_data(None, np.full(3, 0.2), Pose.identity())
+    spec.worldbody.add_camera(pos=(0.0, 0.0, 1.0))
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_camlight(model, data)
+    RayRenderer().render(model, data, Exposure(0, 2, 2))
+    fan = fan_of(Viewpoint(np.array((0.0, 0.1, 1.0)), np.zeros(3), 45.0), 2, 2)
+    Shading(model).colors(data, fan, RayScene(model, LOOP_GROUPS).trace(data, fan))
 
 
 def fan_of(viewpoint: Viewpoint, width: int, height: int) -> Fan:

@@ -32,6 +32,7 @@ the projections along x, y and z, m; position and quaternion of the texture's fr
 Zeros for a geom without a texture."""
 
 _LEAST_M: Final = 1e-4
+_MOST_M: Final = 1e4
 
 
 def user_data(size: tuple[float, float] | None, extents: Vector, frame: Pose) -> list[float]:
@@ -45,6 +46,16 @@ def user_data(size: tuple[float, float] | None, extents: Vector, frame: Pose) ->
     x, y, z = (max(float(extent), _LEAST_M) for extent in extents)
     tiles = (y, z, x, z, x, y) if size is None else 3 * size
     return [*tiles, *frame.position.tolist(), *frame.quaternion.tolist()]
+
+
+def add_image(spec: mujoco.MjSpec, name: str, pixels: npt.NDArray[np.uint8]) -> None:
+    """Add a material with an image, of shape (rows, columns, 3), to the elements of a model."""
+    rows, columns, channels = pixels.shape
+    kind = mujoco.mjtTexture.mjTEXTURE_2D
+    texture = spec.add_texture(name=name, type=kind, width=columns, height=rows, nchannel=channels)
+    texture.data = pixels.tobytes()
+    material = spec.add_material(name=name)
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
 
 
 def skins_of(model: mujoco.MjModel) -> Skins | None:
@@ -69,7 +80,7 @@ def skins_of(model: mujoco.MjModel) -> Skins | None:
         length = float(np.linalg.norm(own[9:]))
         if texture < 0 or model.tex_nchannel[texture] != 3 or own[:6].min() < 0.5 * _LEAST_M:
             continue
-        if not 0.9 < length < 1.1:
+        if not (0.9 < length < 1.1 and np.abs(own).max() < _MOST_M):
             continue
         rows, columns = int(model.tex_height[texture]), int(model.tex_width[texture])
         if texture not in firsts:
@@ -89,9 +100,14 @@ def skins_of(model: mujoco.MjModel) -> Skins | None:
     if not tiles:
         return None
     return Skins(
-        numbers, np.array(tiles), np.array(turns), np.array(shifts),
-        np.array(images, np.int64), np.concatenate(texels),
-    )  # fmt: skip
+        numbers=numbers,
+        geoms=np.flatnonzero(numbers >= 0),
+        tiles=np.array(tiles),
+        turns=np.array(turns),
+        shifts=np.array(shifts),
+        images=np.array(images, np.int64),
+        texels=np.concatenate(texels),
+    )
 
 
 def image_of(skins: Skins, skin: int) -> npt.NDArray[np.uint8]:

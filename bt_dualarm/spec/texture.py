@@ -266,8 +266,11 @@ def picture_in(content: bytes) -> Picture:
                 return Picture(width, height, image.convert("RGBA").tobytes())
     except ImageError:
         raise
+    except PIL.Image.DecompressionBombError as error:
+        message = f"has too many pixels; at most {MOST_PIXELS} (1024 x 1024) are allowed"
+        raise ImageError(message) from error
     # What the image library raises for broken files, those of a hostile author among them.
-    except (OSError, ValueError, SyntaxError, EOFError, PIL.Image.DecompressionBombError) as error:
+    except (OSError, ValueError, SyntaxError, EOFError) as error:
         raise ImageError("is not a PNG or JPEG image that can be read") from error
 
 
