@@ -5,7 +5,8 @@ The ray caster makes the same pixels on every machine, without a system library.
 compiled kernels intersect only these rays with planes, spheres, cylinders, capsules, boxes and
 convex meshes; the other shapes are left to ``mj_multiRay``. Colors follow the diffuse part of
 MuJoCo's lighting, so that one color range serves both renderers: base color, head light and lights,
-without shadows and highlights, and with textures reduced to their mean color.
+without shadows and highlights. Textures of objects are drawn (`sim/skins.py`); others, which scenes
+may have, are reduced to their mean color.
 
 Images by OpenGL are equivalent for a color filter; nothing else in the package depends on the
 choice.
