@@ -76,8 +76,7 @@ def picture() -> Image:
     """What is drawn, of shape (height, width, 3)."""
     width, height = SIZE
     large = StillRenderer.of(world()).draw(VIEW, FINER * width, FINER * height)
-    small: Image = cv2.resize(large, SIZE, interpolation=cv2.INTER_AREA)
-    return small
+    return np.asarray(cv2.resize(large, SIZE, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 if __name__ == "__main__":
