@@ -1,7 +1,7 @@
 // The page itself: what is asked of the server, what is shown, what hands do.
 const page = {
   kind: null, live: null, shown: null, past: null, until: 0, playing: false, scene: null, scenes: new Map(),
-  meshes: {}, draw: null, chosen: null, breakpoints: [], tracks: new Map(), lines: 0, failures: [], isLive: false,
+  meshes: {}, textures: {}, draw: null, chosen: null, breakpoints: [], tracks: new Map(), lines: 0, failures: [], isLive: false,
 };
 // By this name the server knows that the page is still open, however seldom it asks.
 const NAME = Math.random().toString(36).slice(2) + Math.random().toString(36).slice(2);
@@ -33,6 +33,7 @@ async function sceneOf(generation) {
     await Promise.all(scene.meshes.filter(name => !page.meshes[name]).map(async name => {
       page.meshes[name] = unpacked(await source.mesh(name));
     }));
+    Object.assign(page.textures, scene.textures);
     page.scenes.set(generation, scene);
     show();
   }
@@ -78,7 +79,7 @@ function drawScene() {
   if (!scene) { sceneOf(page.shown.generation).catch(lost); return; }
   if (page.draw === null) {
     const { middle, far } = whatToSee();
-    page.draw = sceneOn(get("canvas"), page.meshes, middle, show, far) || false;
+    page.draw = sceneOn(get("canvas"), page.meshes, page.textures, middle, show, far) || false;
     get("none").hidden = Boolean(page.draw);
   }
   if (page.draw) page.draw(scene.shapes, floats(page.shown.poses), waysShown(page.shown.time));

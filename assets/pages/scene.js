@@ -91,13 +91,23 @@ function compiled(gl, vertex, fragment) {
   return made;
 }
 // Light from above, a gleam, and a floor with a grid that fades away.
-const SURFACE = ["attribute vec3 p, n; uniform mat4 m, v; varying vec3 d, w; void main() {" +
-  "vec4 x = m * vec4(p, 1.0); w = x.xyz; d = mat3(m[0].xyz, m[1].xyz, m[2].xyz) * n; gl_Position = v * x; }",
-  "precision highp float; varying vec3 d, w; uniform vec4 c; uniform vec3 e, f; uniform float g; void main() {" +
+// A texture is projected along the axis of its frame that is nearest to the normal, as in texel_at
+// of sim/ray_trace_kernels.py: k and h bring points and normals there, b has the sizes of the image.
+const SURFACE = ["attribute vec3 p, n; uniform mat4 m, v, k; uniform mat3 h; varying vec3 d, w, q, r; void main() {" +
+  "vec4 x = m * vec4(p, 1.0); w = x.xyz; d = mat3(m[0].xyz, m[1].xyz, m[2].xyz) * n; gl_Position = v * x;" +
+  "q = (k * vec4(p, 1.0)).xyz; r = h * n; }",
+  "precision highp float; varying vec3 d, w, q, r; uniform vec4 c; uniform vec3 e, f; uniform float g;" +
+  "uniform sampler2D i; uniform vec2 b[3]; uniform float j;" +
+  "vec3 texel(vec2 z) { return texture2D(i, vec2(fract(z.x + 0.5), 1.0 - fract(z.y + 0.5))).rgb; }" +
+  "vec3 skin() { vec3 o = abs(r);" +
+  "if (o.z >= o.x && o.z >= o.y) return texel(vec2(q.x, r.z > 0.0 ? q.y : -q.y) / b[2]);" +
+  "if (o.x >= o.y) return texel(vec2(r.x > 0.0 ? q.y : -q.y, q.z) / b[0]);" +
+  "return texel(vec2(r.y > 0.0 ? -q.x : q.x, q.z) / b[1]); }" +
+  "void main() { vec3 base = j > 0.5 ? skin() : c.rgb;" +
   "vec3 u = normalize(d), t = normalize(e - w); if (dot(u, t) < 0.0) u = -u;" +
   "float far = distance(e, w), k = max(0.0, dot(u, normalize(vec3(0.4, -0.5, 0.77))));" +
   "vec3 h = normalize(t + vec3(0.4, -0.5, 0.77)); float s = 0.18 * pow(max(0.0, dot(u, h)), 40.0);" +
-  "vec3 l = c.rgb * (0.50 + 0.38 * k + 0.14 * u.z) + s; float a = c.a;" +
+  "vec3 l = base * (0.50 + 0.38 * k + 0.14 * u.z) + s; float a = c.a;" +
   "if (g > 0.5) { vec2 q = abs(fract(w.xy * 2.0 - 0.5) - 0.5) / 2.0; float r = 0.0011 * far;" +
   "l = c.rgb * (1.0 - 0.10 * (1.0 - smoothstep(0.4 * r, 1.6 * r, min(q.x, q.y))));" +
   "a *= 1.0 - smoothstep(1.6 * g, 3.6 * g, distance(w.xy, f.xy)); }" +
@@ -123,10 +133,10 @@ function strips(points, apart) {
   }
   return made;
 }
-function sceneOn(canvas, meshes, middle, redraw, far = 2.5) {
+function sceneOn(canvas, meshes, textures, middle, redraw, far = 2.5) {
   const gl = canvas.getContext("webgl", { alpha: false, antialias: true, stencil: true });
   if (!gl) return null;
-  const buffers = new Map();
+  const buffers = new Map(), images = new Map();
   const program = compiled(gl, ...SURFACE), shade = compiled(gl, ...SHADE), line = compiled(gl, ...LINE);
   const eye = { at: middle, far, turn: -0.9, tilt: 0.45 };
   // Triangles of a shape; none of a mesh that has not come yet.
@@ -141,6 +151,26 @@ function sceneOn(canvas, meshes, middle, redraw, far = 2.5) {
       buffers.set(name, { buffer, count: made.length / 6 });
     }
     return buffers.get(name);
+  }
+  // The image of a texture; null until the browser has read it.
+  function imageOf(name) {
+    if (!images.has(name)) {
+      images.set(name, null);
+      const picture = new Image();
+      picture.onload = () => {
+        const made = gl.createTexture();
+        gl.bindTexture(gl.TEXTURE_2D, made);
+        gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB, gl.RGB, gl.UNSIGNED_BYTE, picture);
+        for (const [what, value] of [[gl.TEXTURE_MIN_FILTER, gl.NEAREST], [gl.TEXTURE_MAG_FILTER, gl.NEAREST],
+          [gl.TEXTURE_WRAP_S, gl.CLAMP_TO_EDGE], [gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE]]) {
+          gl.texParameteri(gl.TEXTURE_2D, what, value);
+        }
+        images.set(name, made);
+        redraw();
+      };
+      picture.src = textures[name];
+    }
+    return images.get(name);
   }
   function view() {
     const c = Math.cos(eye.tilt);
@@ -171,6 +201,14 @@ function sceneOn(canvas, meshes, middle, redraw, far = 2.5) {
       if (from) {
         gl.vertexAttribPointer(n, 3, gl.FLOAT, false, 24, 12);
         gl.uniform4fv(at(program, "c"), shape.color);
+        const texture = shape.texture, image = texture ? imageOf(texture.image) : null;
+        gl.uniform1f(at(program, "j"), image ? 1 : 0);
+        if (image) {
+          gl.bindTexture(gl.TEXTURE_2D, image);
+          gl.uniformMatrix4fv(at(program, "k"), false, texture.place);
+          gl.uniformMatrix3fv(at(program, "h"), false, texture.facing);
+          gl.uniform2fv(at(program, "b"), texture.tiles);
+        }
         gl.uniform1f(at(program, "g"), shape.name === "plane" ? Math.max(1, far / 2.5) : 0);
       }
       gl.drawArrays(gl.TRIANGLES, 0, found.count);

@@ -85,6 +85,7 @@ from bt_dualarm.spec.parser import (
 from bt_dualarm.spec.path_file import texts_of
 from bt_dualarm.spec.problems import Location, Problem, SpecError, errors, in_order
 from bt_dualarm.spec.scene import SceneFile, is_scene_path, read_scene
+from bt_dualarm.spec.texture import NO_PICTURE, ImageError, Picture, read_image, refuse_pixels
 from bt_dualarm.spec.values import PoseSpec, Value
 from bt_dualarm.spec.yaml_reader import Data, DataPath, Source, TreeInput, read_tree, with_tuples
 
@@ -341,7 +342,7 @@ class _Loading:
         if scene is not None and scene.content is not None:
             fields["arms"] = _on_mounts(content.arms, scene.content.cameras)
             fields["scene_source"] = scene.source
-        return TreeFile.model_construct(
+        file = TreeFile.model_construct(
             **fields,
             path=path,
             groups=groups,
@@ -349,6 +350,30 @@ class _Loading:
             texts=self._texts,
             given=dict(scope.values),
         )
+        self._read_images(file)
+        return file
+
+    def _read_images(self, file: TreeFile) -> None:
+        """Read the images of textures; they are part of the file, and of its record."""
+        known: dict[str, Picture] = {}
+        seen: set[int] = set()
+        for name, thing in file.objects.items():
+            for path, texture in thing.textures:
+                if texture.image is None or id(texture) in seen:
+                    continue  # members of a group share their texture
+                seen.add(id(texture))
+                try:
+                    shown, text, picture = read_image(texture, file.root, self.source.texts)
+                    known[shown] = picture
+                    refuse_pixels(known.values())
+                except ImageError as error:
+                    message = f"image {texture.image} {error}"
+                    where = (*path, "image")
+                    self.problems.append(file.thing_problem(self.source, name, where, message))
+                    texture.show(NO_PICTURE)  # the check goes on with the color alone
+                    continue
+                self._texts[shown] = text
+                texture.show(picture)
 
     def _scene(self, source: Source, scope: Scope) -> SceneFile | None:
         """Returns the scene file that the tree file names, if it does and it can be read."""

@@ -38,7 +38,16 @@ from bt_dualarm.robots.gripper import gripper_names, load_gripper
 from bt_dualarm.robots.mjspec import LOOP_GROUPS, TOOL_GEOM, VISUAL_GROUP, add_gripper, robot_spec
 from bt_dualarm.robots.robot_description import load_robot, robot_names, with_gripper
 from bt_dualarm.sim.frame import focal_length_px
+from bt_dualarm.sim.kernel_arrays import Skins
 from bt_dualarm.sim.renderers import geom_colors
+from bt_dualarm.sim.skins import (
+    Surface,
+    as_png,
+    image_coordinates,
+    image_of,
+    skins_of,
+    surface_of,
+)
 
 if TYPE_CHECKING:
     from mcap.writer import Writer
@@ -69,6 +78,22 @@ class Mesh:
 
 
 @dataclass(frozen=True, eq=False)
+class TexturedMesh:
+    """Triangles with an image on them.
+
+    Attributes:
+        surface: The triangles.
+        coordinates: Coordinates of their corners in the image, of shape (n, 3, 2), see
+            `image_coordinates`.
+        image: The image, as the content of a PNG file.
+    """
+
+    surface: Surface
+    coordinates: npt.NDArray[np.float64]
+    image: bytes
+
+
+@dataclass(frozen=True, eq=False)
 class DrawnShape:
     """One shape of a body.
 
@@ -81,6 +106,7 @@ class DrawnShape:
         size: MuJoCo's sizes: half lengths of a box or plane (0: infinite), radius and half length.
         color: Red, green, blue, opacity, from 0 to 1.
         mesh: Triangles of a mesh.
+        textured: Its surface with a texture, None for a shape without.
     """
 
     body: str
@@ -91,6 +117,7 @@ class DrawnShape:
     size: Vector
     color: tuple[float, float, float, float]
     mesh: Mesh | None
+    textured: TexturedMesh | None = None
 
 
 def drawn_shapes(model: mujoco.MjModel, arms: dict[str, Facts]) -> list[DrawnShape]:
@@ -153,6 +180,7 @@ def _real_shapes(
 
 def _shapes(model: mujoco.MjModel, groups: Collection[int]) -> Iterator[DrawnShape]:
     colors = geom_colors(model)
+    skins = skins_of(model)
     for geom in range(model.ngeom):
         kind = _KINDS.get(mujoco.mjtGeom(int(model.geom_type[geom])))
         material = int(model.geom_matid[geom])
@@ -169,6 +197,7 @@ def _shapes(model: mujoco.MjModel, groups: Collection[int]) -> Iterator[DrawnSha
             model.geom_size[geom].copy(),
             (red, green, blue, opacity),
             _mesh(model, int(model.geom_dataid[geom])) if kind == "mesh" else None,
+            None if skins is None else _textured(model, skins, geom),
         )
 
 
@@ -181,6 +210,15 @@ def _mesh(model: mujoco.MjModel, mesh: int) -> Mesh:
         model.mesh_vert[first : first + count].astype(np.float32),
         model.mesh_face[start : start + faces].astype(np.uint32),
     )
+
+
+def _textured(model: mujoco.MjModel, skins: Skins, geom: int) -> TexturedMesh | None:
+    skin = int(skins.numbers[geom])
+    surface = None if skin < 0 else surface_of(model, geom)
+    if surface is None:
+        return None
+    image = as_png(image_of(skins, skin))
+    return TexturedMesh(surface, image_coordinates(skins, skin, surface), image)
 
 
 @dataclass(frozen=True)
@@ -542,17 +580,18 @@ def _primitives(shape: DrawnShape) -> Iterator[tuple[str, Facts]]:
     color = dict(zip("rgba", (round(part, 4) for part in shape.color), strict=True))
     x, y, z = shape.size.tolist()
     pose = _pose(shape.position, shape.quaternion)
-    if shape.kind == "mesh" and shape.mesh is not None:
+    model = shape.textured or shape.mesh
+    if model is not None:
         yield (
             "models",
             {
                 "pose": pose,
                 "scale": _vector(1.0, 1.0, 1.0),
                 "color": color,
-                "override_color": True,
+                "override_color": shape.textured is None,
                 "url": "",
                 "media_type": "model/gltf-binary",
-                "data": _glb_text(shape.mesh),
+                "data": _glb_text(model),
             },
         )
     elif shape.kind == "box":
@@ -587,48 +626,116 @@ def _primitives(shape: DrawnShape) -> Iterator[tuple[str, Facts]]:
 
 
 @lru_cache(maxsize=512)
-def _glb_text(mesh: Mesh) -> str:
-    return base64.b64encode(glb(mesh)).decode("ascii")
+def _glb_text(mesh: Mesh | TexturedMesh) -> str:
+    content = glb(mesh) if isinstance(mesh, Mesh) else textured_glb(mesh)
+    return base64.b64encode(content).decode("ascii")
+
+
+_FLOATS: Final = 5126
+_INTEGERS: Final = 5125
+_VERTICES: Final = 34962
+_INDICES: Final = 34963
+"""Numbers of glTF for types of components and for uses of buffers."""
 
 
 def glb(mesh: Mesh) -> bytes:
-    """A mesh in binary glTF 2.0, by its specification.
-
-    The y axis of glTF points up, here z does: viewers rotate meshes by 90° about x, which is
-    compensated in the vertices.
-    """
-    x, y, z = mesh.vertices.T
-    vertices = np.ascontiguousarray(np.stack((x, z, -y), axis=1), "<f4")
-    places = vertices.tobytes()
+    """A mesh in binary glTF 2.0, by its specification."""
+    vertices = _y_up(mesh.vertices)
     indices = np.ascontiguousarray(mesh.faces, "<u4").tobytes()
+    views = [(vertices.tobytes(), _VERTICES), (indices, _INDICES)]
+    accessors = [
+        _places(vertices),
+        {"bufferView": 1, "componentType": _INTEGERS, "count": mesh.faces.size, "type": "SCALAR"},
+    ]
+    return _glb({"attributes": {"POSITION": 0}, "indices": 1}, accessors, views, {})
+
+
+def textured_glb(mesh: TexturedMesh) -> bytes:
+    """Triangles with an image on them in binary glTF 2.0, by its specification."""
+    vertices = _y_up(mesh.surface.points.reshape(-1, 3))
+    normals = _y_up(mesh.surface.normals.reshape(-1, 3))
+    coordinates = np.ascontiguousarray(mesh.coordinates.reshape(-1, 2), "<f4")
+    views = [(one.tobytes(), _VERTICES) for one in (vertices, normals, coordinates)]
+    accessors = [
+        _places(vertices),
+        {"bufferView": 1, "componentType": _FLOATS, "count": len(normals), "type": "VEC3"},
+        {"bufferView": 2, "componentType": _FLOATS, "count": len(normals), "type": "VEC2"},
+    ]
+    nearest, repeats = 9728, 10497
+    color = {"baseColorTexture": {"index": 0}, "metallicFactor": 0.0, "roughnessFactor": 1.0}
+    material = {
+        "materials": [{"pbrMetallicRoughness": color}],
+        "textures": [{"sampler": 0, "source": 0}],
+        "samplers": [
+            {"magFilter": nearest, "minFilter": nearest, "wrapS": repeats, "wrapT": repeats}
+        ],
+        "images": [{"bufferView": 3, "mimeType": "image/png"}],
+    }
+    attributes = {"POSITION": 0, "NORMAL": 1, "TEXCOORD_0": 2}
+    primitive = {"attributes": attributes, "material": 0}
+    return _glb(primitive, accessors, [*views, (mesh.image, None)], material)
+
+
+def _y_up(vectors: npt.NDArray[np.floating]) -> npt.NDArray[np.float32]:
+    """Vectors, of shape (n, 3), for glTF.
+
+    Its y axis points up, here z does: viewers rotate meshes by 90° about x, which is compensated in
+    the vertices.
+    """
+    x, y, z = vectors.T
+    return np.ascontiguousarray(np.stack((x, z, -y), axis=1), "<f4")
+
+
+def _places(vertices: npt.NDArray[np.float32]) -> Facts:
+    """Accessor of vertices in the first buffer view."""
+    return {
+        "bufferView": 0,
+        "componentType": _FLOATS,
+        "count": len(vertices),
+        "type": "VEC3",
+        "min": vertices.min(axis=0).tolist(),
+        "max": vertices.max(axis=0).tolist(),
+    }
+
+
+def _glb(
+    primitive: Facts,
+    accessors: Sequence[Facts],
+    views: Sequence[tuple[bytes, int | None]],
+    material: Facts,
+) -> bytes:
+    """A file with one mesh.
+
+    Args:
+        primitive: The mesh's primitive.
+        accessors: Its accessors.
+        views: Content of each buffer view, and what it is used for, None for an image.
+        material: Fields of the document for the material.
+    """
+    binary = b""
+    described: list[Facts] = []
+    for content, target in views:
+        use = {} if target is None else {"target": target}
+        described.append(
+            {"buffer": 0, "byteOffset": len(binary), "byteLength": len(content), **use}
+        )
+        binary += content + bytes(-len(content) % 4)
     document = {
         "asset": {"version": "2.0", "generator": "bt_dualarm"},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
-        "accessors": [
-            {
-                "bufferView": 0,
-                "componentType": 5126,  # 32-bit floats
-                "count": len(vertices),
-                "type": "VEC3",
-                "min": vertices.min(axis=0).tolist(),
-                "max": vertices.max(axis=0).tolist(),
-            },
-            {"bufferView": 1, "componentType": 5125, "count": mesh.faces.size, "type": "SCALAR"},
-        ],
-        "bufferViews": [
-            {"buffer": 0, "byteOffset": 0, "byteLength": len(places), "target": 34962},
-            {"buffer": 0, "byteOffset": len(places), "byteLength": len(indices), "target": 34963},
-        ],
-        "buffers": [{"byteLength": len(places) + len(indices)}],
+        "meshes": [{"primitives": [primitive]}],
+        "accessors": [*accessors],
+        "bufferViews": described,
+        "buffers": [{"byteLength": len(binary)}],
+        **material,
     }
     text = json.dumps(document, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     chunks = b"".join(
         struct.pack("<I4s", len(part), kind) + part
-        for kind, part in ((b"JSON", text), (b"BIN\0", places + indices))
+        for kind, part in ((b"JSON", text), (b"BIN\0", binary))
     )
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 

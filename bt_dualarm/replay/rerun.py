@@ -28,6 +28,7 @@ from bt_dualarm.runtime.summary import processor, versions
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.node_types import NodeSpec
+from bt_dualarm.spec.texture import as_text, is_image_text
 from bt_dualarm.spec.yaml_reader import Source, read_text
 
 
@@ -274,7 +275,7 @@ def differences(record: Record, registry: Registry) -> Iterator[str]:
         elif facts["file"] and _digest(Path(facts["file"])) != facts["sha256"]:
             yield f"the code of {name} ({facts['file']}) has changed"
     for path, text in _included(record).items():
-        if _lines_of(Path(path)) != text.splitlines():
+        if not _is_content_of(text, Path(path)):
             yield f"{path}, which the tree includes, has changed"
     root = Path(record.start["path"]).parent
     for page, digest in record.start["pages"].items():
@@ -309,11 +310,15 @@ def _included(record: Record) -> dict[str, str]:
     return {str(root / path): text for path, text in included}
 
 
-def _lines_of(path: Path) -> list[str]:
+def _is_content_of(text: str, path: Path) -> bool:
+    """Whether a file, which may be an image, still has the content that a text stands for."""
     try:
-        return read_regular(path, _MOST_SOURCE, links=True).decode("utf-8-sig").splitlines()
+        content = read_regular(path, _MOST_SOURCE, links=True)
+        if is_image_text(text):
+            return as_text(content) == text
+        return content.decode("utf-8-sig").splitlines() == text.splitlines()
     except (HistoryError, ValueError):
-        return []
+        return False
 
 
 def _digest(path: Path) -> str:

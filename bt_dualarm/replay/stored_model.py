@@ -199,10 +199,14 @@ _UNUSED: Final = (
     "nskinvert", "nskintexvert", "nskinface", "nskinbone", "nskinbonevert", "nhfield",
     "nhfielddata", "npair", "nnumeric", "nnumericdata", "ntext", "ntextdata", "ntuple",
     "ntupledata", "nkey", "nmocap", "nplugin", "npluginattr", "npluginstate", "nuser_body",
-    "nuser_jnt", "nuser_geom", "nuser_site", "nuser_cam", "nuser_tendon", "nuser_actuator",
+    "nuser_jnt", "nuser_site", "nuser_cam", "nuser_tendon", "nuser_actuator",
     "nuser_sensor", "nplastic", "ngravcomp", "nuserdata", "nhistory",
 )  # fmt: skip
 """Counts of elements that models of this project do not have."""
+
+
+_TEXTURE_DATA: Final = 13
+"""Numbers of user data of geoms in a model with textures (`USER_DATA` in `sim/skins.py`)."""
 
 
 def _sizes(model: mujoco.MjModel) -> str:
@@ -214,6 +218,8 @@ def _sizes(model: mujoco.MjModel) -> str:
     for name in ("nconmax", "njmax"):
         if getattr(model, name) != -1:
             return f"{name} is {getattr(model, name)}; expected -1"
+    if model.nuser_geom not in (0, _TEXTURE_DATA):
+        return f"nuser_geom is {model.nuser_geom}; expected 0 or {_TEXTURE_DATA}"
     if np.count_nonzero(model.body_gravcomp):
         return "a body has gravity compensation; expected none"
     needed = {

@@ -37,6 +37,7 @@ GROUPS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
             "bt_dualarm.sim.camera:warm_up_lens",
             "bt_dualarm.sim.camera:warm_up_shutter",
         ),
+        "textures": ("bt_dualarm.sim.renderers:warm_up_textures",),
         "grippers": (
             "bt_dualarm.grasping.candidates:warm_up_grasping",
             "bt_dualarm.sim.grippers:warm_up_held_objects",
@@ -59,6 +60,8 @@ def needed(file: TreeFile) -> tuple[str, ...]:
     names = ["planning", "motion"]
     if any(arm.camera is not None for arm in arms):
         names += ["vision", "cameras"]
+        if any(thing.textures for thing in file.objects.values()):
+            names.append("textures")
     if any(arm.gripper is not None for arm in arms):
         names.append("grippers")
     return tuple(names)

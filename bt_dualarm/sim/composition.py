@@ -1,4 +1,4 @@
-"""Composition of the world's MjSpec: scenes, objects, markers, arms, cameras, welds.
+"""Composition of the world's MjSpec: scenes, objects, markers, textures, arms, cameras, welds.
 
 Functions add elements to, or remove them from, the `mujoco.MjSpec` that `World` compiles. `ArmBody`
 finds an arm again in the compiled model.
@@ -35,8 +35,9 @@ from bt_dualarm.robots.mjspec import (
 )
 from bt_dualarm.robots.robot import Robot
 from bt_dualarm.sim.arm_models import LinkFactors, SampledArm, inertia_per_mass
-from bt_dualarm.sim.object_body import BodyPart, ObjectBody, body_of
+from bt_dualarm.sim.object_body import BodyPart, ObjectBody, body_of, body_of_part
 from bt_dualarm.sim.shared_body import SharedBody
+from bt_dualarm.sim.skins import TEXTURE_PREFIX, add_image, user_data
 from bt_dualarm.spec.document import ArmSpec, CameraSpec, ObjectSpec, TreeFile, WorldSpec
 from bt_dualarm.spec.joints import Articulation
 from bt_dualarm.spec.scene import is_scene_path
@@ -239,6 +240,42 @@ def _box(
     )
 
 
+# Textures
+#
+# MuJoCo projects images along the z axis of a geom only. A texture is therefore described by user
+# data of the geom, which the ray caster, the page and the OpenGL renderer read; see `sim/skins.py`.
+
+
+def _add_texture(
+    spec: mujoco.MjSpec, geom: mujoco.MjsGeom, thing: ObjectSpec, part: BodyPart
+) -> None:
+    """Give the geom of an object's convex part its texture, if it has one."""
+    texture = thing.texture_of(part.name)
+    if texture is None:
+        return
+    rgba = part.rgba or thing.rgba
+    tile = texture.tile(rgba)
+    name = f"{TEXTURE_PREFIX}{tile.name}"
+    if spec.texture(name) is None:
+        add_image(spec, name, tile.pixels)
+    # The image has the colors already; MuJoCo multiplies it by that of the geom.
+    geom.material = name
+    geom.rgba = (1.0, 1.0, 1.0, rgba[3])
+    frame = thing.parts[part.name].pose.pose if part.name in thing.parts else Pose.identity()
+    body = body_of_part(thing.parts[part.name]) if part.name in thing.parts else body_of(thing)
+    low, high = body.extents(np.eye(3))
+    frame = frame @ Pose.from_rpy(tuple(0.5 * (low + high)))
+    geom.userdata = user_data(tile.size, high - low, frame)
+
+
+def _remove_unused_textures(spec: mujoco.MjSpec) -> None:
+    used = {geom.material for geom in spec.geoms}
+    for kind in (spec.materials, spec.textures):
+        for element in [one for one in kind if one.name.startswith(TEXTURE_PREFIX)]:
+            if element.name not in used:
+                spec.delete(element)
+
+
 # Objects
 
 
@@ -294,6 +331,7 @@ def add_object(
             condim=_CONDIM_ROLLING if _can_roll(part, solid) else 3,
             group=OBJECT_GROUP,
         )
+        _add_texture(spec, geom, thing, part)
         if not solid.is_simple:  # MuJoCo's compiler need not rotate what is at the origin
             geom.pos = part.pose.position
             geom.quat = part.pose.quaternion
@@ -388,6 +426,7 @@ def remove_object(spec: mujoco.MjSpec, name: str) -> None:
         spec.delete(exclude)
     for mesh in [one for one in spec.meshes if one.name.startswith(f"{name}{_PART_MARK}")]:
         spec.delete(mesh)
+    _remove_unused_textures(spec)
 
 
 def _object_mesh(spec: mujoco.MjSpec, name: str, part: BodyPart) -> str:

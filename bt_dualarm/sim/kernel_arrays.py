@@ -129,6 +129,31 @@ class Lights(NamedTuple):
     diffuse: Matrix
 
 
+class Skins(NamedTuple):
+    """Textures of geoms: images that repeat over their surfaces, projected from six sides.
+
+    A point of the surface takes the axis of the texture's frame that is nearest to its normal, and
+    the image along the two others, upright from the sides; from above as on a page with y up.
+
+    Attributes:
+        numbers: Number of the skin of each geom, -1 for none, of shape (ngeom,).
+        geoms: Id of the geom of each skin, of shape (n,).
+        tiles: Width and height of the image in the projections along x, y and z, (n, 6), m.
+        turns: Rotations from the frames of the geoms to those of the textures, (n, 3, 3).
+        shifts: Positions of the geoms' origins in the frames of the textures, of shape (n, 3), m.
+        images: Index of the first texel, rows and columns of each image, of shape (n, 3).
+        texels: Red, green and blue of the texels from the top left, of shape (t, 3), from 0 to 1.
+    """
+
+    numbers: Numbers
+    geoms: Numbers
+    tiles: Matrix
+    turns: npt.NDArray[np.float64]
+    shifts: Matrix
+    images: Numbers
+    texels: npt.NDArray[np.float32]
+
+
 # One row per joint, of all arms.
 
 

@@ -24,13 +24,13 @@ from bt_dualarm.grasping.grasp import Box, CompoundSolid, Cylinder, MeshSolid, S
 from bt_dualarm.grasping.grasp import solid_of as simple_solid
 from bt_dualarm.robots.meshes import object_hulls
 from bt_dualarm.robots.mjspec import GEOM_TYPES, half_sizes
+from bt_dualarm.spec.colors import rgba_of
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.shapes import (
     DEFAULT_BOARDS,
     DEFAULT_SIDES,
     PartShape,
     PartSpec,
-    rgba_of,
     wall_of,
 )
 

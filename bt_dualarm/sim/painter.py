@@ -115,12 +115,8 @@ class ScenePainter:
 
     def _colors(self, data: mujoco.MjData, fan: Fan, hits: Hits, diffuse: Matrix) -> Image:
         """Colors of n rays, of shape (n, 3), without shadows, by given diffuse colors of lamps."""
-        from bt_dualarm.sim.ray_trace_kernels import shade
-
-        pixels: Image = np.empty((*hits.geoms.shape, 3), dtype=np.uint8)
         lights = self._shading.lights._replace(diffuse=diffuse)
-        shade(lights, data.light_xpos, data.light_xdir, fan, hits, pixels)
-        return pixels
+        return self._shading.colors(data, fan, hits, lights)
 
     def _visibility(
         self, data: mujoco.MjData, fan: Fan, hits: Hits, lamp: int, finer: int

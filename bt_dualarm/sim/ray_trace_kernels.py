@@ -19,6 +19,7 @@ from bt_dualarm.sim.kernel_arrays import (
     Marks,
     Numbers,
     Shapes,
+    Skins,
 )
 from bt_dualarm.sim.ray_intersection_kernels import meet_hull, meet_round, outward, sphere_is_seen
 
@@ -224,6 +225,14 @@ def shade(
         hits: Their hits.
         pixels: The pixels; changed.
     """
+    faces, owners, normals = _faces_of(hits)
+    sun = _sun(lights, lit_from, lit_along)
+    _shade(lights, sun, fan, faces, owners, normals, hits.distances, pixels)
+
+
+@kernel
+def _faces_of(hits: Hits) -> tuple[npt.NDArray[np.int32], Numbers, Matrix]:
+    """Hits as faces, as in `facets`: one face per ray."""
     rows, columns = hits.geoms.shape
     faces = np.empty((rows, columns), np.int32)
     owners = np.empty(rows * columns, np.int64)
@@ -234,8 +243,164 @@ def shade(
             owners[face] = hits.geoms[row, column]
             faces[row, column] = face if owners[face] >= 0 else NOTHING
             normals[face] = hits.normals[:, row, column]
+    return faces, owners, normals
+
+
+@kernel
+def draw_textured(
+    shapes: Shapes, positions: Matrix, axes: Matrix, fan: Fan, lights: Lights,
+    lit_from: Matrix, lit_along: Matrix, skins: Skins, pixels: npt.NDArray[np.uint8],
+) -> None:  # fmt: skip
+    """Like `draw`, with textures."""
+    marks = trace(shapes, positions, axes, fan)
+    faces, owners, normals = facets(shapes, axes, fan, marks)
     sun = _sun(lights, lit_from, lit_along)
-    _shade(lights, sun, fan, faces, owners, normals, hits.distances, pixels)
+    far = marks.distances
+    _shade_textured(
+        lights, sun, skins, positions, axes, fan, faces, owners, normals, far, pixels
+    )  # fmt: skip
+
+
+@kernel
+def shade_textured(
+    lights: Lights, lit_from: Matrix, lit_along: Matrix, skins: Skins, positions: Matrix,
+    axes: Matrix, fan: Fan, hits: Hits, pixels: npt.NDArray[np.uint8],
+) -> None:  # fmt: skip
+    """Like `shade`, with textures; positions and axes are of all geoms, as for `trace`."""
+    faces, owners, normals = _faces_of(hits)
+    sun = _sun(lights, lit_from, lit_along)
+    far = hits.distances
+    _shade_textured(
+        lights, sun, skins, positions, axes, fan, faces, owners, normals, far, pixels
+    )  # fmt: skip
+
+
+@kernel
+def _shade_textured(
+    lights: Lights, sun: Matrix, skins: Skins, positions: Matrix, axes: Matrix, fan: Fan,
+    faces: npt.NDArray[np.int32], owners: Numbers, normals: Matrix, distances: Matrix,
+    pixels: npt.NDArray[np.uint8],
+) -> None:  # fmt: skip
+    """Like `_shade`: each ray that hits a texture gets a face, and a color, of its own."""
+    rows, columns = faces.shape
+    count = 0
+    for row in range(rows):
+        for column in range(columns):
+            face = faces[row, column]
+            if face >= 0 and skins.numbers[owners[face]] >= 0:
+                count += 1
+    if count == 0:
+        _shade(lights, sun, fan, faces, owners, normals, distances, pixels)
+        return
+    known = len(owners)
+    geoms = len(lights.base) - 1
+    own_faces = faces.copy()
+    own_owners = np.empty(known + count, np.int64)
+    own_normals = np.empty((known + count, 3))
+    base = np.empty((geoms + count + 1, 3))
+    own_owners[:known] = owners
+    own_normals[:known] = normals
+    base[:geoms] = lights.base[:geoms]
+    base[geoms + count] = lights.base[geoms]  # the sky
+    eyes, turns, looks = _into_textures(skins, positions, axes, fan)
+    rays = fan.rays
+    added = 0
+    for row in range(rows):
+        for column in range(columns):
+            face = faces[row, column]
+            if face < 0 or skins.numbers[owners[face]] < 0:
+                continue
+            skin = skins.numbers[owners[face]]
+            look = looks[skin]
+            turn = turns[skin]
+            eye = eyes[skin]
+            away = distances[row, column]
+            x = away * rays[0, row, column]
+            y = away * rays[1, row, column]
+            z = away * rays[2, row, column]
+            u = normals[face, 0]
+            v = normals[face, 1]
+            w = normals[face, 2]
+            texel = texel_at(
+                skins, skin,
+                eye[0] + look[0, 0] * x + look[0, 1] * y + look[0, 2] * z,
+                eye[1] + look[1, 0] * x + look[1, 1] * y + look[1, 2] * z,
+                eye[2] + look[2, 0] * x + look[2, 1] * y + look[2, 2] * z,
+                turn[0, 0] * u + turn[0, 1] * v + turn[0, 2] * w,
+                turn[1, 0] * u + turn[1, 1] * v + turn[1, 2] * w,
+                turn[2, 0] * u + turn[2, 1] * v + turn[2, 2] * w,
+            )  # fmt: skip
+            own_faces[row, column] = known + added
+            own_owners[known + added] = geoms + added
+            for axis in range(3):
+                own_normals[known + added, axis] = normals[face, axis]
+                base[geoms + added, axis] = skins.texels[texel, axis]
+            added += 1
+    own_lights = Lights(
+        base, lights.ambient, lights.head, lights.active, lights.distant, lights.diffuse
+    )
+    _shade(own_lights, sun, fan, own_faces, own_owners, own_normals, distances, pixels)
+
+
+@kernel
+def _into_textures(
+    skins: Skins, positions: Matrix, axes: Matrix, fan: Fan
+) -> tuple[Matrix, npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """What brings rays into the frames of textures.
+
+    Returns:
+        Positions of the eye in these frames, of shape (n, 3), m; rotations from the world, and from
+        the camera's axes, of shape (n, 3, 3) each.
+    """
+    count = len(skins.geoms)
+    eyes = np.empty((count, 3))
+    turns = np.zeros((count, 3, 3))
+    looks = np.zeros((count, 3, 3))
+    for skin in range(count):
+        geom = skins.geoms[skin]
+        for axis in range(3):
+            eyes[skin, axis] = skins.shifts[skin, axis]
+            for along in range(3):
+                for between in range(3):
+                    own = axes[geom, 3 * along + between]
+                    turns[skin, axis, along] += skins.turns[skin, axis, between] * own
+                offset = fan.eye[along] - positions[geom, along]
+                eyes[skin, axis] += turns[skin, axis, along] * offset
+            for along in range(3):
+                for between in range(3):
+                    one = turns[skin, axis, between] * fan.axes[between, along]
+                    looks[skin, axis, along] += one
+    return eyes, turns, looks
+
+
+@kernel
+def texel_at(
+    skins: Skins, skin: int, x: float, y: float, z: float, u: float, v: float, w: float
+) -> int:
+    """Index of the texel that a point x, y, z in a texture's frame shows, with normal u, v, w."""
+    across = abs(u)
+    deep = abs(v)
+    # Where two sides meet at 45°, one must win on every machine, in spite of rounding.
+    up = abs(w) + 1e-9
+    if up >= across and up >= deep:
+        side = 2
+        right = x
+        above = y if w > 0.0 else -y
+    elif across + 1e-9 >= deep:
+        side = 0
+        right = y if u > 0.0 else -y
+        above = z
+    else:
+        side = 1
+        right = -x if v > 0.0 else x
+        above = z
+    right = right / skins.tiles[skin, 2 * side] + 0.5
+    above = above / skins.tiles[skin, 2 * side + 1] + 0.5
+    rows = skins.images[skin, 1]
+    columns = skins.images[skin, 2]
+    column = min(max(int((right - math.floor(right)) * columns), 0), columns - 1)
+    row = min(max(int((1.0 - (above - math.floor(above))) * rows), 0), rows - 1)
+    return int(skins.images[skin, 0] + row * columns + column)
 
 
 @kernel

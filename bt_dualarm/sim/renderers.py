@@ -5,7 +5,8 @@ The ray caster makes the same pixels on every machine, without a system library.
 compiled kernels intersect only these rays with planes, spheres, cylinders, capsules, boxes and
 convex meshes; the other shapes are left to ``mj_multiRay``. Colors follow the diffuse part of
 MuJoCo's lighting, so that one color range serves both renderers: base color, head light and lights,
-without shadows and highlights, and with textures reduced to their mean color.
+without shadows and highlights. Textures of objects are drawn (`sim/skins.py`); others, which scenes
+may have, are reduced to their mean color.
 
 Images by OpenGL are equivalent for a color filter; nothing else in the package depends on the
 choice.
@@ -17,7 +18,7 @@ import copy
 import ctypes
 import importlib
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Final, NamedTuple, Protocol, get_args
@@ -27,7 +28,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bt_dualarm.core.errors import RendererError
-from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.core.pose import Matrix, Pose, Vector
+from bt_dualarm.robots.mjspec import LOOP_GROUPS
 from bt_dualarm.sim.frame import Blocks, Exposure, Image, Renderer, RendererKind, Viewpoint
 from bt_dualarm.sim.kernel_arrays import (
     CAPSULE,
@@ -41,6 +43,7 @@ from bt_dualarm.sim.kernel_arrays import (
     Numbers,
     Shapes,
 )
+from bt_dualarm.sim.skins import add_image, image_coordinates, skins_of, surface_of, user_data
 
 # Shapes
 
@@ -167,9 +170,11 @@ class Shading:
 
     Attributes:
         lights: Arrays for the kernels.
+        skins: Textures of objects, None if there are none.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
+        self.skins = skins_of(model)
         active = np.flatnonzero(model.light_active)
         head = model.vis.headlight
         ambient = np.array(head.ambient, dtype=float) * bool(head.active)
@@ -183,15 +188,28 @@ class Shading:
             diffuse=model.light_diffuse[active].astype(float),
         )
 
-    def colors(self, data: mujoco.MjData, fan: Fan, hits: Hits) -> Image:
+    def colors(
+        self, data: mujoco.MjData, fan: Fan, hits: Hits, lights: Lights | None = None
+    ) -> Image:
         """Colors of the hits of ``fan``, of shape (rows, columns, 3).
 
-        Light positions of ``data`` must be up to date.
+        Args:
+            data: State with up-to-date positions of geoms and lights.
+            fan: The rays.
+            hits: Their hits.
+            lights: Lights instead of those of the model.
         """
-        from bt_dualarm.sim.ray_trace_kernels import shade
+        from bt_dualarm.sim.ray_trace_kernels import shade, shade_textured
 
         pixels: Image = np.empty((*hits.geoms.shape, 3), dtype=np.uint8)
-        shade(self.lights, data.light_xpos, data.light_xdir, fan, hits, pixels)
+        lights = lights or self.lights
+        if self.skins is None:
+            shade(lights, data.light_xpos, data.light_xdir, fan, hits, pixels)
+        else:
+            shade_textured(
+                lights, data.light_xpos, data.light_xdir, self.skins,
+                data.geom_xpos, data.geom_xmat, fan, hits, pixels,
+            )  # fmt: skip
         return pixels
 
 
@@ -269,13 +287,15 @@ class RayScene:
         """
         if self._others is not None:
             return shading.colors(data, fan, self.trace(data, fan))
-        from bt_dualarm.sim.ray_trace_kernels import draw
+        from bt_dualarm.sim.ray_trace_kernels import draw, draw_textured
 
         pixels = np.empty((*fan.rays.shape[1:], 3), np.uint8)
-        draw(
-            self._shapes, data.geom_xpos, data.geom_xmat, fan, shading.lights,
-            data.light_xpos, data.light_xdir, pixels,
-        )  # fmt: skip
+        scene = self._shapes, data.geom_xpos, data.geom_xmat, fan, shading.lights
+        lit = data.light_xpos, data.light_xdir
+        if shading.skins is None:
+            draw(*scene, *lit, pixels)
+        else:
+            draw_textured(*scene, *lit, shading.skins, pixels)
         return pixels
 
 
@@ -373,6 +393,22 @@ def warm_up_renderer() -> None:
     spec.worldbody.add_camera()
     model = spec.compile()
     RayRenderer().render(model, mujoco.MjData(model), Exposure(0, 2, 2))
+
+
+def warm_up_textures() -> None:
+    """Compile the kernels of the ray caster for textures."""
+    spec = mujoco.MjSpec()
+    add_image(spec, "white", np.full((1, 1, 3), 255, np.uint8))
+    geom = spec.worldbody.add_geom(size=(0.1, 0.1, 0.1), material="white")
+    geom.userdata = user_data(None, np.full(3, 0.2), Pose.identity())
+    spec.worldbody.add_camera(pos=(0.0, 0.0, 1.0))
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_camlight(model, data)
+    RayRenderer().render(model, data, Exposure(0, 2, 2))
+    fan = fan_of(Viewpoint(np.array((0.0, 0.1, 1.0)), np.zeros(3), 45.0), 2, 2)
+    Shading(model).colors(data, fan, RayScene(model, LOOP_GROUPS).trace(data, fan))
 
 
 def fan_of(viewpoint: Viewpoint, width: int, height: int) -> Fan:
@@ -595,7 +631,7 @@ class GlRenderer:
         """Free the scene's buffers; the context itself lives as long as the process."""
         if self._upload is not None:
             self._context.make_current()
-            self._upload.buffers.free()
+            self._upload.free()
         self._upload = None
 
     def _uploaded(self, model: mujoco.MjModel, width: int, height: int) -> _Upload:
@@ -622,6 +658,8 @@ class GlRenderer:
         self._camera.fixedcamid = exposure.camera_id
         visible = mujoco.mjtCatBit.mjCAT_STATIC.value | mujoco.mjtCatBit.mjCAT_DYNAMIC.value
         mujoco.mjv_updateScene(model, data, self._option, None, self._camera, visible, scene)
+        if self._upload is not None and self._upload.dresses:
+            self._upload.dress(scene)
 
 
 @dataclass(frozen=True, eq=False)
@@ -632,11 +670,34 @@ class _Upload:
         model: Compiled model; its buffer size is that of ``buffers``.
         scene: Geoms, lights and cameras, for MuJoCo's renderer.
         buffers: Meshes, textures and the offscreen image.
+        dresses: How to draw geoms with textures, by geom.
     """
 
     model: mujoco.MjModel
     scene: mujoco.MjvScene
     buffers: mujoco.MjrContext
+    dresses: Mapping[int, _Dress]
+
+    def dress(self, scene: mujoco.MjvScene) -> None:
+        """Let the geoms of a scene have their textures."""
+        for geom in scene.geoms[: scene.ngeom]:
+            if geom.objtype == mujoco.mjtObj.mjOBJ_GEOM and geom.objid in self.dresses:
+                dress = self.dresses[geom.objid]
+                geom.type = mujoco.mjtGeom.mjGEOM_MESH.value
+                geom.size[:] = 1.0
+                geom.dataid = dress.mesh
+                geom.texid = dress.texture
+                geom.texcoord = 1
+                geom.texuniform = 0
+
+    def free(self) -> None:
+        """Free the buffers."""
+        if self.dresses:
+            from OpenGL import GL
+
+            for dress in self.dresses.values():
+                GL.glDeleteLists(dress.mesh + self.buffers.baseMesh, 1)
+        self.buffers.free()
 
     def serves(self, model: mujoco.MjModel, width: int, height: int) -> bool:
         """Whether an image of this size of a model can be rendered."""
@@ -652,7 +713,66 @@ def _upload(model: mujoco.MjModel, *, effects: bool) -> _Upload:
         scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
     buffers = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
     mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, buffers)
-    return _Upload(model, scene, buffers)
+    return _Upload(model, scene, buffers, _dresses(model, buffers))
+
+
+# Textures in OpenGL
+#
+# MuJoCo projects an image onto a geom along one axis only. What has a texture is therefore drawn as
+# a mesh whose vertices have coordinates in the image, from a list of commands like those that
+# MuJoCo's renderer makes of meshes.
+
+
+class _Dress(NamedTuple):
+    """How MuJoCo's renderer draws a geom with a texture.
+
+    Attributes:
+        mesh: Number of the mesh, counted from the renderer's first list of commands.
+        texture: Number of the texture.
+    """
+
+    mesh: int
+    texture: int
+
+
+def _dresses(model: mujoco.MjModel, buffers: mujoco.MjrContext) -> dict[int, _Dress]:
+    """Meshes and textures of the geoms with a texture, in OpenGL, by geom."""
+    skins = skins_of(model)
+    if skins is None:
+        return {}
+    from OpenGL import GL
+
+    found = {}
+    for geom in np.flatnonzero(skins.numbers >= 0).tolist():
+        surface = surface_of(model, geom)
+        if surface is None:
+            continue
+        texture = int(model.mat_texid[model.geom_matid[geom], mujoco.mjtTextureRole.mjTEXROLE_RGB])
+        GL.glBindTexture(GL.GL_TEXTURE_2D, int(buffers.texture[texture]))
+        for parameter, value in (
+            (GL.GL_TEXTURE_MIN_FILTER, GL.GL_NEAREST_MIPMAP_LINEAR),
+            (GL.GL_TEXTURE_MAG_FILTER, GL.GL_NEAREST),
+            (GL.GL_TEXTURE_WRAP_S, GL.GL_REPEAT),
+            (GL.GL_TEXTURE_WRAP_T, GL.GL_REPEAT),
+        ):
+            GL.glTexParameteri(GL.GL_TEXTURE_2D, parameter, value)
+        places = image_coordinates(skins, int(skins.numbers[geom]), surface)
+        commands = GL.glGenLists(1)
+        GL.glNewList(commands, GL.GL_COMPILE)
+        GL.glBegin(GL.GL_TRIANGLES)
+        for (u, v), normal, point in zip(
+            places.reshape(-1, 2).tolist(),
+            surface.normals.reshape(-1, 3).tolist(),
+            surface.points.reshape(-1, 3).tolist(),
+            strict=True,
+        ):
+            GL.glTexCoord2f(u, v)
+            GL.glNormal3f(*normal)
+            GL.glVertex3f(*point)
+        GL.glEnd()
+        GL.glEndList()
+        found[geom] = _Dress(int(commands) - int(buffers.baseMesh), texture)
+    return found
 
 
 def _narrow(scene: mujoco.MjvScene, exposure: Exposure, blocks: Blocks, fovy_deg: float) -> None:

@@ -32,6 +32,7 @@ from pydantic import (
 )
 
 from bt_dualarm.spec.cell import CellSpec
+from bt_dualarm.spec.colors import ObjectColor, rgba_of
 from bt_dualarm.spec.faults import Faults, FaultSpec
 from bt_dualarm.spec.goals import Conditions
 from bt_dualarm.spec.joints import MOST_JOINTS, Articulation, PartJoint, moved_name, refuse_joints
@@ -42,14 +43,13 @@ from bt_dualarm.spec.shapes import (
     SIZE_IN_WORDS,
     WALL_IN_WORDS,
     Length,
-    ObjectColor,
     ObjectShape,
     PartSpec,
     has_round_top,
     refuse_size,
-    rgba_of,
     room_on_top,
 )
+from bt_dualarm.spec.texture import TextureSpec
 from bt_dualarm.spec.values import (
     Bend,
     Degrees,
@@ -508,6 +508,9 @@ class ObjectSpec(Value):
     color: ObjectColor = port(
         "gray", "Color by name, or as red, green, blue (, opacity) from 0 to 1"
     )
+    texture: TextureSpec | None = port(
+        None, "Pattern or image on its surface; of a compound, on all parts that have none"
+    )
     pose: PoseSpec = port(
         PoseSpec(xyz=(0.0, 0.0, 0.0)),
         "Pose of its center in the world; of a compound, pose of its frame",
@@ -563,8 +566,30 @@ class ObjectSpec(Value):
         return not self.fixed and self._joint is None
 
     def look_in(self, folder: Path) -> None:
-        """Sets the folder from which the path of a mesh starts."""
+        """Sets the folder from which the paths of a mesh and of images start."""
         self._folder = folder
+        for _, texture in self.textures:
+            texture.look_in(folder)
+
+    @property
+    def textures(self) -> tuple[tuple[DataPath, TextureSpec], ...]:
+        """Its textures and those of its parts, with their paths in the object's entry."""
+        own = [] if self.texture is None else [(("texture",), self.texture)]
+        of_parts = [
+            (("parts", name, "texture"), part.texture)
+            for name, part in self.parts.items()
+            if part.texture is not None
+        ]
+        return (*own, *of_parts)
+
+    def texture_of(self, part: str) -> TextureSpec | None:
+        """Returns the texture of a part of a compound, or of an object; None if it has none.
+
+        Args:
+            part: Name of the part; empty for an object without parts.
+        """
+        own = self.parts[part].texture if part in self.parts else None
+        return own or self.texture
 
     @property
     def mesh_path(self) -> Path:
@@ -823,15 +848,18 @@ class TreeFile(TreeContent):
         world = self.world.model_copy(update={"reality": reality})
         return self.model_copy(update={"world": world, "arms": arms})
 
-    def thing_problem(self, source: Source, thing: str, field: str, message: str) -> Problem:
+    def thing_problem(
+        self, source: Source, thing: str, field: str | DataPath, message: str
+    ) -> Problem:
         """Returns the problem of an object, or of one of its fields if the file has it.
 
         Args:
             source: Source of the tree file.
             thing: Name of the object.
-            field: Name of the field.
+            field: Name of the field, or its path in the entry.
             message: The problem.
         """
+        field = (field,) if isinstance(field, str) else field
         joint = self.objects[thing].joint if thing in self.objects else None
         entries = (group.entry for group in self.groups if thing in group.names)
         entry = next(entries, thing if joint is None else joint.owner)
@@ -839,8 +867,8 @@ class TreeFile(TreeContent):
         if entry in self.fixtures and self.scene_source is not None:
             source = self.scene_source
             where = ("fixtures", entry)
-        has_field = source.get((*where, field)) is not None
-        return source.problem((*where, field) if has_field else where, message, key=not has_field)
+        has_field = source.get((*where, *field)) is not None
+        return source.problem((*where, *field) if has_field else where, message, key=not has_field)
 
     def with_faults(self, faults: Mapping[str, FaultSpec]) -> TreeFile:
         """Returns the file with these faults in addition to its own."""

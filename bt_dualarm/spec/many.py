@@ -14,8 +14,9 @@ from typing import Annotated, ClassVar, Final, TypeAlias
 
 from pydantic import Field, model_validator
 
+from bt_dualarm.spec.colors import ObjectColor
 from bt_dualarm.spec.node_types import PortModel, port
-from bt_dualarm.spec.shapes import Length, ObjectColor
+from bt_dualarm.spec.shapes import Length
 
 MOST_OF_A_KIND: Final = 100
 """Largest number of objects of one entry."""

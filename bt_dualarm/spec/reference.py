@@ -48,6 +48,7 @@ from bt_dualarm.spec.path_keep import Facing, Keep
 from bt_dualarm.spec.problems import NAME_PATTERN
 from bt_dualarm.spec.relative_pose import RelativePose
 from bt_dualarm.spec.shapes import PartSpec
+from bt_dualarm.spec.texture import TextureSpec
 from bt_dualarm.spec.values import (
     Angle,
     Color,
@@ -206,6 +207,7 @@ _NESTED: Final[tuple[type[BaseModel], ...]] = (
     NoiseSpec,
     ManySpec,
     PartSpec,
+    TextureSpec,
     PartJoint,
     LimitShares,
     CameraSpec,

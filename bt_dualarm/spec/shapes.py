@@ -6,10 +6,11 @@ import math
 from collections.abc import Mapping
 from typing import Annotated, Final, Literal, Protocol, TypeAlias
 
-from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
+from pydantic import Field, model_validator
 
+from bt_dualarm.spec.colors import ObjectColor
 from bt_dualarm.spec.node_types import port
-from bt_dualarm.spec.problems import written_as
+from bt_dualarm.spec.texture import TextureSpec
 from bt_dualarm.spec.values import SIZES as SOLID_SIZES
 from bt_dualarm.spec.values import PoseSpec, Value
 
@@ -79,39 +80,6 @@ DEFAULT_BOARDS: Final = 3
 """Number of boards of a shelf that does not give it."""
 
 Length: TypeAlias = Annotated[float, Field(ge=1e-4, le=10.0)]
-_Shade: TypeAlias = Annotated[float, Field(ge=0.0, le=1.0)]
-
-NAMED_COLORS: Final[Mapping[str, tuple[float, float, float]]] = {
-    "red": (0.80, 0.05, 0.05),
-    "orange": (0.95, 0.45, 0.05),
-    "yellow": (0.95, 0.85, 0.05),
-    "green": (0.05, 0.65, 0.10),
-    "blue": (0.05, 0.15, 0.80),
-    "white": (0.95, 0.95, 0.95),
-    "gray": (0.50, 0.50, 0.50),
-    "black": (0.05, 0.05, 0.05),
-}
-"""Red, green, blue from 0 to 1 of each color that an object can have by name."""
-
-
-def _american(name: object) -> object:
-    """The spelling in `NAMED_COLORS`; British spelling is accepted, too."""
-    return "gray" if name == "grey" else name
-
-
-ColorName: TypeAlias = Literal["red", "orange", "yellow", "green", "blue", "white", "gray", "black"]
-ObjectColor: TypeAlias = Annotated[
-    Annotated[ColorName, BeforeValidator(_american), Tag("name")]
-    | Annotated[tuple[_Shade, ...], Field(min_length=3, max_length=4), Tag("value")],
-    Discriminator(written_as),
-]
-"""Color by name, or as red, green, blue and optionally opacity from 0 to 1."""
-
-
-def rgba_of(color: str | tuple[float, ...]) -> tuple[float, float, float, float]:
-    """Returns red, green, blue and opacity of an object's color, each from 0 to 1."""
-    red, green, blue, *opacity = NAMED_COLORS[color] if isinstance(color, str) else color
-    return red, green, blue, opacity[0] if opacity else 1.0
 
 
 class Shaped(Protocol):
@@ -216,6 +184,9 @@ class PartSpec(Value):
         PoseSpec(xyz=(0.0, 0.0, 0.0)), "Pose of its center in the frame of the object"
     )
     color: ObjectColor | None = port(None, "Its color; by default that of the object")
+    texture: TextureSpec | None = port(
+        None, "Pattern or image on its surface; by default that of the object"
+    )
     density: float = port(
         1.0, "Density relative to the other parts, which share the mass", ge=1e-3, le=1e3
     )

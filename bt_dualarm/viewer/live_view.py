@@ -302,9 +302,7 @@ class LiveView:
         generation = int(number_in(query, "generation", -1.0)) if "generation" in query else -1
         now = self._snapshot.now["generation"]
         if generation in (-1, now) or self._past is None:
-            looks = self._snapshot.looks
-            answer = {"generation": now, "shapes": [*looks.shapes], "meshes": [*looks.meshes]}
-            return PageAnswer.of(answer)
+            return PageAnswer.of(self._snapshot.looks.scene(now))
         return PageAnswer.of(self._past.scene(generation))
 
     def _mesh(self, query: Query) -> PageAnswer:

@@ -411,8 +411,7 @@ class PastAnswers:
 
     def scene(self, generation: int) -> Json:
         """Shapes of a model of the record, and the names of its meshes."""
-        looks = self.past.looks(generation)
-        return {"generation": generation, "shapes": [*looks.shapes], "meshes": [*looks.meshes]}
+        return self.past.looks(generation).scene(generation)
 
     def _series(self) -> Json:
         """Signals of the record; empty for a run that has hardly begun."""

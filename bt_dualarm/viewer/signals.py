@@ -7,12 +7,12 @@ import hashlib
 import struct
 from array import array
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import lru_cache
 from pathlib import Path
 from threading import Lock
-from typing import Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import mujoco
 import numpy as np
@@ -39,6 +39,8 @@ from bt_dualarm.robots.robot_description import load_robot, with_gripper
 from bt_dualarm.runtime.arm_runtime import Arms, IdleObserver
 from bt_dualarm.runtime.clock import Periodic, exact
 from bt_dualarm.sim.composition import CAMERA
+from bt_dualarm.sim.kernel_arrays import Skins
+from bt_dualarm.sim.skins import as_png, image_of, skins_of
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.yaml_reader import Json
 from bt_dualarm.trajectory.set_points import TrajectorySource
@@ -383,10 +385,21 @@ class VisualMeshes:
         shapes: Shapes with name, body, pose on the body, scale and color, JSON-ready.
         meshes: Content of each mesh among them by name, see `packed`. The name is a digest of the
             content, so that equal meshes are sent once.
+        textures: Images of the shapes' textures by name, as ``data:`` URLs.
     """
 
     shapes: tuple[Json, ...]
     meshes: Mapping[str, bytes]
+    textures: Mapping[str, str] = field(default_factory=dict)
+
+    def scene(self, generation: int) -> Json:
+        """The answer to a page that asks for the shapes of a generation."""
+        return {
+            "generation": generation,
+            "shapes": [*self.shapes],
+            "meshes": [*self.meshes],
+            "textures": dict(self.textures),
+        }
 
 
 def packed(model: mujoco.MjModel, mesh: int) -> bytes:
@@ -447,7 +460,8 @@ def visual_meshes(model: mujoco.MjModel, arms: Mapping[str, Mounted]) -> VisualM
     kept = (*shapes, *visuals)
     used = {str(shape["name"]) for shape in kept}
     meshes |= hulls
-    return VisualMeshes(kept, {name: mesh for name, mesh in meshes.items() if name in used})
+    used_meshes = {name: mesh for name, mesh in meshes.items() if name in used}
+    return VisualMeshes(kept, used_meshes, _textures_of(model))
 
 
 def arm_of(facts: Json, root: Path) -> Mounted | None:
@@ -497,6 +511,7 @@ def _shapes_of(
     """Geoms as shapes that a page can draw, and the meshes among them by name."""
     meshes: dict[str, bytes] = {}
     names: dict[int, str] = {}
+    skins = skins_of(model)
     shapes = []
     for geom in geoms:
         if model.geom_type[geom] == _Geom.mjGEOM_MESH:
@@ -511,17 +526,60 @@ def _shapes_of(
         for name, scale, lift in parts:
             turned = np.zeros(3)
             mujoco.mju_rotVecQuat(turned, np.array((0.0, 0.0, lift)), model.geom_quat[geom])
-            shapes.append(
-                {
-                    "name": name,
-                    "body": int(model.geom_bodyid[geom]),
-                    "position": (model.geom_pos[geom] + turned).round(6).tolist(),
-                    "quaternion": model.geom_quat[geom].round(6).tolist(),
-                    "scale": scale,
-                    "color": _color(model, geom),
-                }
-            )
+            shape: dict[str, Any] = {
+                "name": name,
+                "body": int(model.geom_bodyid[geom]),
+                "position": (model.geom_pos[geom] + turned).round(6).tolist(),
+                "quaternion": model.geom_quat[geom].round(6).tolist(),
+                "scale": scale,
+                "color": _color(model, geom),
+            }
+            if skins is not None and skins.numbers[geom] >= 0:
+                mean = image_of(skins, int(skins.numbers[geom])).mean(axis=(0, 1)) / 255.0
+                shape["color"] = [*mean.round(3).tolist(), shape["color"][3]]
+                shape["texture"] = _texture(model, skins, geom, scale, lift)
+            shapes.append(shape)
     return tuple(shapes), meshes
+
+
+def _texture(
+    model: mujoco.MjModel, skins: Skins, geom: int, scale: list[float], lift: float
+) -> Json:
+    """How a page draws the texture of a part of a geom.
+
+    Matrices are columns first: ``place`` from the part before it is scaled, whose center is
+    ``lift`` above that of the geom, to the texture's frame; ``facing`` likewise for normals.
+    """
+    skin = int(skins.numbers[geom])
+    turn = skins.turns[skin]
+    place = np.eye(4)
+    place[:3, :3] = turn * scale
+    place[:3, 3] = turn @ (0.0, 0.0, lift) + skins.shifts[skin]
+    return {
+        "image": _texture_name(model, geom),
+        "tiles": skins.tiles[skin].round(6).tolist(),
+        "place": place.T.round(7).ravel().tolist(),
+        "facing": (turn / scale).T.round(6).ravel().tolist(),
+    }
+
+
+def _texture_name(model: mujoco.MjModel, geom: int) -> str:
+    texture = model.mat_texid[model.geom_matid[geom], mujoco.mjtTextureRole.mjTEXROLE_RGB]
+    return str(model.texture(int(texture)).name)
+
+
+def _textures_of(model: mujoco.MjModel) -> Mapping[str, str]:
+    """Images of the textures of a model by name, as ``data:`` URLs."""
+    skins = skins_of(model)
+    if skins is None:
+        return {}
+    found = {}
+    for geom in np.flatnonzero(skins.numbers >= 0).tolist():
+        name = _texture_name(model, geom)
+        if name not in found:
+            content = as_png(image_of(skins, int(skins.numbers[geom])))
+            found[name] = "data:image/png;base64," + base64.b64encode(content).decode("ascii")
+    return found
 
 
 def _parts(kind: int, size: list[float]) -> Iterator[tuple[str, list[float], float]]:

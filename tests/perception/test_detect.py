@@ -9,7 +9,7 @@ import pytest
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.perception.detection import ColorFilter, detect, detect_all, detect_blobs
 from bt_dualarm.sim.frame import Frame, Window
-from bt_dualarm.spec.shapes import NAMED_COLORS
+from bt_dualarm.spec.colors import NAMED_COLORS
 from bt_dualarm.spec.values import Color
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ import pytest
 
 from bt_dualarm.perception.detection import ColorFilter
 from bt_dualarm.robots.robot_description import robot_names
-from bt_dualarm.spec.shapes import NAMED_COLORS
+from bt_dualarm.spec.colors import NAMED_COLORS
 from bt_dualarm.spec.values import Color
 from tests.sim.worlds import world_with
 
