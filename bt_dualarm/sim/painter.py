@@ -349,7 +349,7 @@ _BALL: Final = np.vstack(
 def _hull_points(model: mujoco.MjModel, geom: int) -> Matrix:
     """Points in a geom's frame whose convex hull is its shape, of shape (n, 3), m."""
     kinds = mujoco.mjtGeom
-    kind = model.geom_type[geom]
+    kind = int(model.geom_type[geom])  # NumPy's integers are in no tuple of MuJoCo's names
     size = model.geom_size[geom]
     if kind in (kinds.mjGEOM_SPHERE, kinds.mjGEOM_ELLIPSOID):
         round_size = size if kind == kinds.mjGEOM_ELLIPSOID else np.full(3, size[0])

@@ -79,8 +79,9 @@ def _files_of(file: TreeFile) -> Iterator[Path]:
             gripper = file_below(root, arm.gripper)
             yield from () if gripper is None else (gripper,)
     for thing in file.objects.values():
-        mesh = None if thing.file is None else file_below(root, str(thing.file))
-        yield from () if mesh is None else (mesh,)
+        # That of a fixture is next to its scene.
+        if thing.file is not None and thing.mesh_path.is_file():
+            yield thing.mesh_path.resolve()
 
 
 def _files_of_robot(path: Path) -> Iterator[Path]:
