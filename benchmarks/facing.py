@@ -41,7 +41,9 @@ the same, once out of view for 0.2 s; out of view for good."""
 
 _SIDE_M = 0.05
 _REST_S = 2.0
-_HIDDEN_S = 4.0  # time at which the ball disappears
+_HIDDEN_S = 4.0  # time at which the ball can no longer be recognized
+_YELLOW = (0.9, 0.8, 0.1, 1.0)
+_GRAY = (0.3, 0.3, 0.3, 1.0)
 _BEHIND_M = 0.4
 _WIDE = math.radians(50.0)
 _PERIOD_S = 6.0
@@ -58,9 +60,12 @@ class _Carrier(IdleObserver):
 
     def after_step(self, time: float) -> None:
         hidden = {"hidden 0.2 s": _HIDDEN_S + 0.2, "lost": math.inf}.get(self.motion, 0.0)
-        behind = -5.0 * self.axes[2] if _HIDDEN_S <= time < hidden else 0.0
+        model = self.world.model
         body = self.world.object_body("cube")
-        self.world.model.body_pos[body] = self.at(time) + behind
+        model.body_pos[body] = self.at(time)
+        # Another color, so that the true path goes on.
+        color = _GRAY if _HIDDEN_S <= time < hidden else _YELLOW
+        model.geom_rgba[model.geom_bodyid == body] = color
 
     def at(self, time: float) -> Vector:
         """Position of the ball, of shape (3,), m: it sets out smoothly, within half a period."""
@@ -76,10 +81,11 @@ class _Carrier(IdleObserver):
             arc: Vector = axis + turn.apply(self.place - axis)
             return arc
         if self.motion == "sideways":
-            return self.place + 0.25 * swing * self.axes[0]
-        if self.motion == "approach":
-            return self.place + 0.08 * swing * self.axes[2]
-        shares = np.array((0.12 * swing, 0.08 * grown * np.sin(2.0 * phase), 0.05 * swing))
+            shares = np.array((0.25 * swing, 0.0, 0.0))
+        elif self.motion == "approach":
+            shares = np.array((0.0, 0.0, 0.08 * swing))
+        else:
+            shares = np.array((0.12 * swing, 0.08 * grown * np.sin(2.0 * phase), 0.05 * swing))
         place: Vector = self.place + shares @ self.axes
         return place
 

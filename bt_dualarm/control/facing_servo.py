@@ -83,7 +83,7 @@ class Facing:
         length = math.sqrt(arm @ arm)
         right, down, ahead = _look(arm, self.up).T
         sine = math.sqrt(max(1.0 - float(ahead @ self.up) ** 2, _LEAST_SINE**4))
-        # ω = z × z' + z (y · (z' × u)) / |z × u|, with z' = (v - z zᵀv) / length.
+        # By the derivatives of `_look`: the axis turns across, and roll keeps `right` level.
         roll = np.cross(self.up, down) / sine
         across = np.outer(down, right) - np.outer(right, down)
         return (across + np.outer(ahead, roll - ahead * (ahead @ roll))) / length
