@@ -26,7 +26,7 @@ from benchmarks.following_trial import DISTANCE_M, LOOKS
 from benchmarks.measured_robots import MEASURED
 from benchmarks.vantage import BASE, POSTURE, vantage
 from bt_dualarm.behaviors.load import load_tree_file
-from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.core.pose import Matrix, Vector, camera_pose
 from bt_dualarm.robots.robot_description import robot_names
 from bt_dualarm.runtime.arm_runtime import IdleObserver
 from bt_dualarm.runtime.options import RunOptions
@@ -42,8 +42,8 @@ the same, once out of view for 0.2 s; out of view for good."""
 _SIDE_M = 0.05
 _REST_S = 2.0
 _HIDDEN_S = 4.0  # time at which the ball can no longer be recognized
-_YELLOW = (0.9, 0.8, 0.1, 1.0)
-_GRAY = (0.3, 0.3, 0.3, 1.0)
+_BEFORE = np.array((0.0, 0.0, 0.25))  # where another one hides the ball, in the camera frame, m
+_AWAY = (0.0, 0.0, 20.0)
 _BEHIND_M = 0.4
 _WIDE = math.radians(50.0)
 _PERIOD_S = 6.0
@@ -63,9 +63,11 @@ class _Carrier(IdleObserver):
         model = self.world.model
         body = self.world.object_body("cube")
         model.body_pos[body] = self.at(time)
-        # Another color, so that the true path goes on.
-        color = _GRAY if _HIDDEN_S <= time < hidden else _YELLOW
-        model.geom_rgba[model.geom_bodyid == body] = color
+        # A gray ball before the camera, so that the true path goes on.
+        cover = self.world.object_body("cover")
+        camera = camera_pose(self.world.data, model.camera("arm1/camera").id)
+        is_hidden = _HIDDEN_S <= time < hidden
+        model.body_pos[cover] = camera.apply(_BEFORE) if is_hidden else _AWAY
 
     def at(self, time: float) -> Vector:
         """Position of the ball, of shape (3,), m: it sets out smoothly, within half a period."""
@@ -118,6 +120,14 @@ def follow(
             "fixed": True,
             "pose": {"xyz": place.tolist()},
         }
+        cover: dict[str, Data] = {
+            "shape": "sphere",
+            "size": [0.04],
+            "mass": 0.1,
+            "color": "gray",
+            "fixed": True,
+            "pose": {"xyz": list(_AWAY)},
+        }
         arm: dict[str, Data] = {
             "robot": seen.write_page(Path(folder)),
             "base": {"xyz": list(xyz), "rpy": list(rpy)},
@@ -135,7 +145,7 @@ def follow(
         tree: dict[str, Data] = {
             "bt_dualarm": 1,
             "world": world,
-            "objects": {"cube": ball},
+            "objects": {"cube": ball, "cover": cover},
             "arms": {"arm1": arm},
         }
         file = load_tree_file(tree, registry.kinds, folder=Path(folder))
