@@ -38,6 +38,11 @@ class Track(Skill):
             "plane in which the tool moves, at constant orientation; `free` for all directions of "
             "space, at `distance` from the target: needs target_size",
         )
+        orientation: Literal["kept", "facing"] = port(
+            "kept",
+            "orientation of the camera: kept, or facing the target as the arm turns with it, which "
+            "needs `plane: free`",
+        )
         controller: Literal["predictive", "proportional"] = port(
             "predictive", "predict the target over the latency, or control the image error"
         )
@@ -112,6 +117,8 @@ class Track(Skill):
 
         @model_validator(mode="after")
         def _free_needs_the_size(self) -> Self:
+            if self.plane.plane is not None and self.orientation == "facing":
+                raise ValueError("orientation: facing needs plane: free")
             if self.plane.plane is None and self.controller == "proportional":
                 raise ValueError("a free plane needs controller: predictive")
             if self.plane.plane is None and self.target_size is None:
@@ -149,6 +156,7 @@ class Track(Skill):
             reach=ports.reach,
             search_radius=ports.search_radius,
             error=FollowingError(ports.max_error, ports.lost_timeout),
+            facing=ports.orientation == "facing",
         )
         score = TrackingScore(self.arm, tracking.axes, ports.score)
         try:

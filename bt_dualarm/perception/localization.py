@@ -359,13 +359,20 @@ class FacingCubeLocalizer(Localizer):
     as one of the whole (`knows_shape`): the tracker then keeps the predicted depth.
 
     Args:
-        normal: Unit vector, normal to the face, of shape (3,).
+        normal: Unit vector, normal to the face, of shape (3,); None for a target that shows any
+            camera that faces it the same outline, as a ball does.
         edge: Length of an edge, m.
     """
 
-    def __init__(self, normal: Vector, edge: float) -> None:
+    def __init__(self, normal: Vector | None, edge: float) -> None:
         self._normal = normal
         self._by_size = SizeLocalizer(edge)
+
+    def _normal_in(self, frame: Frame) -> Vector:
+        """Normal of the face, or the optical axis."""
+        if self._normal is not None:
+            return self._normal
+        return frame.pose.turn(np.array((0.0, 0.0, 1.0)))
 
     def locate(self, detection: Detection, frame: Frame) -> Sighting:
         """Locate the center of the front face; see `Localizer.locate`."""
@@ -375,7 +382,7 @@ class FacingCubeLocalizer(Localizer):
         face = detection
         for _ in range(_FLANK_ITERATIONS):
             point = self.meet(face, frame).point
-            face = front_face(detection, frame, point, self._normal, edge, flanks=1.0)
+            face = front_face(detection, frame, point, self._normal_in(frame), edge, flanks=1.0)
         return self.meet(face, frame)
 
     def meet(self, face: Detection, frame: Frame) -> Sighting:
@@ -389,11 +396,11 @@ class FacingCubeLocalizer(Localizer):
 
     def corners(self, point: Vector, frame: Frame) -> Matrix:
         """Corners of the cube."""
-        return cube_corners(frame, point, self._normal, self._by_size.side)
+        return cube_corners(frame, point, self._normal_in(frame), self._by_size.side)
 
     def doubt(self, point: Vector, frame: Frame) -> float:
         """Possible effect of the flanks: it is unknown whether they have the color."""
-        return flank_share(frame, point, self._normal, self._by_size.side)
+        return flank_share(frame, point, self._normal_in(frame), self._by_size.side)
 
 
 def _side_px(detection: Detection) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from array import array
 from typing import Final, NamedTuple
 
@@ -10,7 +11,7 @@ import scipy
 
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.core.errors import Failure, Number
-from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.core.pose import Matrix, Vector, camera_pose
 from bt_dualarm.skill.tracking import PlaneTracking
 from bt_dualarm.trajectory.cubic_spline import cubic_spline
 
@@ -56,6 +57,8 @@ class TrackingScore:
         self._tool = array("d")
         self._truth = array("d")
         self._judged = Moments(len(axes))
+        self._depths = Moments(1)  # of a turning camera, with `_aim_square`: Σ sin² of the angle
+        self._aim_square = 0.0
         self._sums: PathSums | None = None
         self._summed = 0  # kept samples that are already in the sums
 
@@ -76,6 +79,8 @@ class TrackingScore:
             return
         tool = world.data.site_xpos[world.arms[self._arm.name].tool_site]
         truth = world.data.xpos[world.object_body(self._target)]
+        if tracking.turns:
+            tool = self._tracked(tracking, truth)
         if tracking.error.counts_from is not None:
             self._judged.take((self._axes @ (tool - truth))[None])
         if now < self._from:
@@ -86,6 +91,21 @@ class TrackingScore:
         self._tool.extend(tool.tolist())
         self._truth.extend(truth.tolist())
 
+    def _tracked(self, tracking: PlaneTracking, truth: Vector) -> Vector:
+        """Point that has the error of a turning camera, in the axes at the start, of shape (3,), m.
+
+        Constant offsets, such as that between the center of the target and of its face, turn with
+        the camera, and so are constant in its axes only.
+        """
+        world = self._arm.world
+        camera = camera_pose(world.data, world.model.camera(f"{self._arm.name}/camera").id)
+        seen = camera.rotation_matrix.T @ (truth - camera.position)
+        if tracking.error.counts_from is not None:
+            self._aim_square += float(seen[:2] @ seen[:2]) / float(seen @ seen)
+            self._depths.take(seen[None, 2:])
+        tracked: Vector = truth + (tracking.middle - seen) @ self._axes
+        return tracked
+
     def metrics(self, tracking: PlaneTracking) -> dict[str, Number]:
         """Metrics of the samples; none after too short a motion.
 
@@ -94,11 +114,17 @@ class TrackingScore:
         mean, while the camera's error counts: it turns a false SUCCESS into a failure.
         ``plane_rms_m`` and ``plane_max_m`` are errors in the plane, or in space, also given as
         ``yz_rms_m`` and ``yz_max_m`` in the world's yz plane; ``lag_s`` is the delay of the tool;
-        ``sighting_sd_m`` is the standard deviation of a single sighting along an axis.
+        ``sighting_sd_m`` is the standard deviation of a single sighting along an axis. Of a camera
+        that faces its target, ``aim_rms_rad`` is the angle between its optical axis and the true
+        target's center, ``distance_rms_m`` the error of the distance, less its mean, and the others
+        are in its axes.
         """
         gone: dict[str, Number] = {"score_gone_s": self._gone_s} if self._gone_s > 0.0 else {}
         if self._judged.count > 0:
             gone["true_rms_m"] = self.true_rms
+        if self._depths.count > 0:
+            gone["aim_rms_rad"] = math.sqrt(self._aim_square / float(self._depths.count))
+            gone["distance_rms_m"] = math.sqrt(float(self._depths.variance.sum()))
         if len(self._times) < 2:
             return gone
         if self._sums is None:

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bt_dualarm.arm.arm import Arm
+from bt_dualarm.control.facing_servo import Facing, FacingServo, facing_limits
+from bt_dualarm.control.kernel_rows import PlaneLimits
 from bt_dualarm.control.planar_servo import PlanarServo, PlaneTarget, plane_limits
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Matrix, Pose, Vector
@@ -187,6 +189,8 @@ class TrackingReference:
         reach: Largest distance of the tool from its start, m.
         search_radius: Radius of the search around the predicted target, m.
         stale_after: Age beyond which a sighting is too old to follow, s.
+        facing: Orientation of a camera that turns toward its target, whose motion the reference
+            then is; None for a tool that keeps its orientation.
 
     Attributes:
         beyond_since: Simulated time since which the target has been out of reach, s, or None.
@@ -206,6 +210,7 @@ class TrackingReference:
         reach: float,
         search_radius: float,
         stale_after: float,
+        facing: Facing | None = None,
     ) -> None:
         self.beyond_since: float | None = None
         self.old_data_steps = 0
@@ -219,6 +224,7 @@ class TrackingReference:
         self._reach = reach
         self._search_radius = search_radius
         self._stale_after = stale_after
+        self._facing = facing
         self._last_position = np.zeros(len(view.axes))
         self._predictions: deque[tuple[float, Vector]] = deque(maxlen=_PREDICTIONS)
         self._search: Spiral | None = None
@@ -250,12 +256,15 @@ class TrackingReference:
             if self._gains is None
             else self._stepped(self._gains, displacement)
         )
+        seen_at = target.position
+        if self._facing is not None:
+            target = self._facing.camera_motion(target)
         if not self._is_within_reach(target.position, time):
             return None
         self.old_data_steps += age > STALE_S and self._tracker.doubt(time) > FORESEEN_M
         self._last_position = target.position
         if self._gains is None:  # a proportional controller predicts nothing
-            self._predictions.append((time, target.position))
+            self._predictions.append((time, seen_at))
         return target
 
     def predicted_at(self, time: float) -> Vector | None:
@@ -312,6 +321,10 @@ class TrackingReference:
             target = self._predicted(time)
         else:
             return None
+        if self._facing is not None:
+            target = self._facing.camera_motion(target)
+            if not self._facing.allows(target.position):
+                return None
         if math.hypot(*target.position) > self._reach:
             return None
         self._last_position = target.position
@@ -324,6 +337,8 @@ class TrackingReference:
         searched_for = time - self._braked_at - HOLD_S
         if self._search_radius == 0.0 or searched_for < 0.0:
             return None
+        if self._facing is not None:
+            return self._facing_search(self._facing, searched_for, displacement)
         if self._search is None:
             start = displacement.copy()
             self._search = Spiral(start[:2], self._last_position[:2], self._search_radius)
@@ -333,9 +348,25 @@ class TrackingReference:
         still = np.zeros(len(position))
         return PlaneTarget(position, still, still)
 
+    def _facing_search(
+        self, facing: Facing, searched_for: float, displacement: Vector
+    ) -> PlaneTarget | None:
+        """The search across the line of sight with which the target was last predicted."""
+        across = facing.rotation(self._last_position)
+        if self._search is None:
+            start = across.T @ (displacement - self._last_position)
+            self._search = Spiral(start[:2], np.zeros(2), self._search_radius)
+            self._search_depth = start[2:]
+        local = np.concatenate((self._search.position(searched_for), self._search_depth))
+        position = self._last_position + across @ local
+        position *= min(1.0, self._reach / max(math.hypot(*position), 1e-9))
+        still = np.zeros(3)
+        return PlaneTarget(position, still, still) if facing.allows(position) else None
+
     def _is_within_reach(self, position: Vector, time: float) -> bool:
         """Whether a position is within reach; updates ``beyond_since``."""
-        if math.hypot(*position.tolist()) <= self._reach:
+        may_be = self._facing is None or self._facing.allows(position)
+        if may_be and math.hypot(*position.tolist()) <= self._reach:
             self.beyond_since = None
         elif self.beyond_since is None:
             self.beyond_since = time
@@ -362,8 +393,8 @@ _MEASURED_DEPTH = 1.3  # the same of a measured depth
 class PlaneTracking:
     """Visual tracking of one target by a wrist camera, in a plane or in space; ``close`` it at end.
 
-    In space, the camera keeps its orientation, and the target at the image center and at
-    ``distance``.
+    In space, the camera keeps the target at the image center and at ``distance``; it keeps its
+    orientation, or turns to face the target.
 
     Args:
         arm: Arm with a wrist camera that looks along the plane's normal.
@@ -378,10 +409,13 @@ class PlaneTracking:
         reach: Largest distance of the tool from its start, m.
         search_radius: Radius of the search around the predicted target, m.
         error: Monitor of the tracking error.
+        facing: Whether the camera turns with its position to face the target, see `Facing`, in
+            space only. The target is then assumed to show the camera the same outline from there.
 
     Raises:
         Failure: ``NO_CAMERA``.
-        ValueError: In space, there is no ``target_size``, or there are ``gains``.
+        ValueError: In space, there is no ``target_size``, or there are ``gains``; in a plane, the
+            camera is to turn.
     """
 
     def __init__(
@@ -397,7 +431,10 @@ class PlaneTracking:
         reach: float,
         search_radius: float,
         error: FollowingError,
+        facing: bool = False,
     ) -> None:
+        if facing and plane is not None:
+            raise ValueError("a camera turns toward its target in space only, not in a plane")
         self._arm = arm
         self._limits = arm.limits(speed)
         camera, view = _facing_camera(arm, plane)
@@ -409,10 +446,14 @@ class PlaneTracking:
         if plane is None:
             if target_size is None or gains is not None:
                 raise ValueError("tracking in space needs the target's size, and predicts it")
-            localizer = FacingCubeLocalizer(normal, target_size)
+            localizer = FacingCubeLocalizer(None if facing else normal, target_size)
         elif target_size is not None:
             localizer = PlaneOfSizeLocalizer(normal, target_size, cube=True)
-        allowed = plane_limits(arm.kinematics, self._limits, arm.setpoint.q, self._axes)
+        self._facing = (
+            Facing.of_arm(arm.kinematics, arm.setpoint.q, view, distance) if facing else None
+        )
+        self._view = view
+        allowed = self._limits_of_motion()()
         self._servo_gains = servo_gains(camera, allowed.jerk)
         estimate = DualFilterEstimate(self._servo_gains.calmness, self._servo_gains.calm_jerk)
         depth = None if target_size is None else distance
@@ -426,6 +467,7 @@ class PlaneTracking:
             reach=reach,
             search_radius=search_radius,
             stale_after=stale_after(camera.latency, camera.period),
+            facing=self._facing,
         )
         self._latency = camera.latency
         self._error = error
@@ -487,6 +529,16 @@ class PlaneTracking:
         return self._axes
 
     @property
+    def turns(self) -> bool:
+        """Whether the camera turns to face its target."""
+        return self._facing is not None
+
+    @property
+    def middle(self) -> Vector:
+        """Where the target is to be, in the camera frame, of shape (3,), m."""
+        return self._middle
+
+    @property
     def target(self) -> Vector:
         """Estimated current position of the target in the world, of shape (3,), m."""
         return self._tracker.predict(self._arm.time).position
@@ -504,17 +556,32 @@ class PlaneTracking:
         """
         self._clear.look()
         self._watched = len(self._tracker.sightings)
-        servo = PlanarServo(
-            self._arm.kinematics,
-            self._limits,
-            self._arm.period,
-            self._arm.setpoint,
-            self._axes,
-            self._reference,
-            self._servo_gains.bandwidth,
-            self._servo_gains.slack,
-        )
-        self._arm.stream(servo)
+        arm, gains = self._arm, self._servo_gains
+        servo: PlanarServo
+        if self._facing is None:
+            servo = PlanarServo(
+                arm.kinematics,
+                self._limits,
+                arm.period,
+                arm.setpoint,
+                self._axes,
+                self._reference,
+                gains.bandwidth,
+                gains.slack,
+            )
+        else:
+            servo = FacingServo(
+                arm.kinematics,
+                self._limits,
+                arm.period,
+                arm.setpoint,
+                self._view,
+                self._facing,
+                self._reference,
+                gains.bandwidth,
+                gains.slack,
+            )
+        arm.stream(servo)
 
     def watch(self) -> None:
         """Evaluate new sightings: rest of the target and tracking error; called once per tick.
@@ -621,19 +688,32 @@ class PlaneTracking:
             return
         self._needs_at = now
         kept = math.exp(-passed / _NEED_S)
-        _, *rates = self._tracker.predict_in(self._axes, self._reference.origin, now)
+        motion = PlaneTarget(*self._tracker.predict_in(self._axes, self._reference.origin, now))
+        _, *rates = motion if self._facing is None else self._facing.camera_motion(motion)
         error = self._error
         squares = [
             kept * was**2 + (1.0 - kept) * float(rate @ rate)
             for was, rate in zip(error.need, rates, strict=True)
         ]
         error.need = math.sqrt(squares[0]), math.sqrt(squares[1])
-        kinematics = self._arm.kinematics
-        limits = self._limits
-        q = self._arm.setpoint.q
-        axes = self._axes
         # Not a method, which would make a cycle of references.
-        error.limit = lambda: plane_limits(kinematics, limits, q, axes).acceleration
+        limits = self._limits_of_motion()
+        error.limit = lambda: limits().acceleration
+
+    def _limits_of_motion(self) -> Callable[[], PlaneLimits]:
+        """Limits of the motion along the followed axes where the arm is now, when asked."""
+        arm = self._arm
+        kinematics = arm.kinematics
+        limits = self._limits
+        q = arm.setpoint.q
+        axes = self._axes
+        facing = self._facing
+        if facing is None:
+            return lambda: plane_limits(kinematics, limits, q, axes)
+        start = self._view.position
+        camera = arm.world.nominal[arm.name].camera_pose_at(q)
+        at = axes @ (camera.position - start)
+        return lambda: facing_limits(kinematics, limits, q, camera, facing, at)
 
     def close(self) -> None:
         """Unsubscribe from the camera."""
