@@ -27,7 +27,7 @@ import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, closing
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 from tempfile import mkdtemp
 from types import TracebackType
@@ -36,6 +36,7 @@ from typing import Any, Self
 from rich.console import Console
 
 from bt_dualarm.cli.bt_sweep import ProgressLines
+from bt_dualarm.skill.registry import Registry
 from bt_dualarm.sweeps.api import engine_of
 from bt_dualarm.sweeps.calls import NO_RESULT, SKIPPED, Call, calls_of, run_calls
 from bt_dualarm.sweeps.engine import Engine
@@ -60,6 +61,12 @@ def add_options(
         parser.add_argument(
             "--out", type=Path, help="folder that keeps the results (a temporary one)"
         )
+
+
+@cache
+def registry() -> Registry:
+    """The shipped skills, loaded once per process."""
+    return Registry.load()
 
 
 class Campaign:
