@@ -74,6 +74,9 @@ class Campaign:
 
     Args:
         options: Command line of a parser with `add_options`.
+
+    Attributes:
+        cpu_s: CPU seconds of all cases so far, also of those that had run before.
     """
 
     def __init__(self, options: argparse.Namespace) -> None:
@@ -82,6 +85,7 @@ class Campaign:
         self._start = engine_of(options.jobs, None, None)
         self._stack = ExitStack()
         self._lost = 0
+        self.cpu_s = 0.0
 
     def __enter__(self) -> Self:
         """Begin; worker processes start with the first case that has no result yet."""
@@ -145,6 +149,7 @@ class Campaign:
                 if row["outcome"] in NO_RESULT:
                     self._lose(call, row)
                 else:
+                    self.cpu_s += float(str(row["cpu_s"]))
                     yield call.arguments, json.loads(str(row["result"]))
                 counted += wanted is None or row["outcome"] != SKIPPED
                 if counted == total:
