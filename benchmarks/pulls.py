@@ -14,9 +14,10 @@ Exit code 1 if a pull was felt after 50 ms, or not at all, or there was a false 
 from __future__ import annotations
 
 import argparse
+import itertools
 import sys
 from collections.abc import Iterator
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, closing
 from dataclasses import dataclass, field
 from itertools import cycle, islice
 from pathlib import Path
@@ -27,6 +28,7 @@ from unittest.mock import patch
 import numpy as np
 import yaml
 
+from benchmarks.campaign import Campaign, add_options, registry
 from bt_dualarm.arm.payload import cup_measures
 from bt_dualarm.arm.slip_response import SlipResponse
 from bt_dualarm.behaviors.load import load_tree_file
@@ -177,6 +179,20 @@ def played(
     return puller, str(failed[0].code) if failed else "kept"
 
 
+def carried(seed: int, *, pulls: bool, carries: int, **words: Any) -> dict[str, Any]:
+    """When the box was pulled at and when the arm felt it, s, and how its run ended."""
+    puller, end = played(
+        argparse.Namespace(**words), seed, registry(), pulls=pulls, carries=carries
+    )
+    return {
+        "outcome": "SUCCESS" if end == "kept" else "FAILURE",
+        "code": end,
+        "pulled": puller.pulled,
+        "answered": puller.answered,
+        "held_s": puller.held_s,
+    }
+
+
 def main() -> int:
     """Pull, carry without pulls, print the figures."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
@@ -187,32 +203,42 @@ def main() -> int:
     parser.add_argument("--gripper", default="robotiq_2f85")
     parser.add_argument("--reality", default="lab")
     parser.add_argument("--times", type=float, default=1.2)
+    add_options(parser)
     options = parser.parse_args()
-    registry = Registry.load()
+    with Campaign(options) as campaign:
+        return run_both(options, campaign)
+
+
+def run_both(options: argparse.Namespace, campaign: Campaign) -> int:
+    """Pull, carry without pulls, and print the figures; returns the exit code."""
     delays = []
     ends = []
-    for seed in range(options.seed, options.seed + options.pulls):
-        puller, end = played(options, seed, registry, pulls=True, carries=8)
-        if puller.pulled is None:
+    words = {name: getattr(options, name) for name in ("robot", "gripper", "reality", "times")}
+    seeds = range(options.seed, options.seed + options.pulls)
+    cases = [{"seed": seed, "pulls": True, "carries": 8, **words} for seed in seeds]
+    for case, found in campaign.run(carried, cases):
+        end, pulled = found["code"], found["pulled"]
+        if pulled is None:
             ends.append(f"not pulled: {end}")
             continue
-        pulled = puller.pulled
-        delay = next((at - pulled for at in puller.answered if at >= pulled), np.inf)
+        delay = next((at - pulled for at in found["answered"] if at >= pulled), np.inf)
         delays.append(delay)
         ends.append(end)
-        print(f"seed {seed}: felt after {1e3 * delay:.0f} ms, {end}", flush=True)
+        print(f"seed {case['seed']}: felt after {1e3 * delay:.0f} ms, {end}", flush=True)
     quiet_s = 0.0
     alarms = 0
-    seed = options.seed + options.pulls
-    while quiet_s < options.quiet:
-        puller, end = played(options, seed, registry, pulls=False, carries=24)
-        quiet_s = quiet_s + puller.held_s
-        alarms = alarms + len(puller.answered)
-        seed = seed + 1
-        if puller.answered or end != "kept":
-            print(f"seed {seed - 1}, no pull: {len(puller.answered)} alarms, {end}", flush=True)
-        if not puller.held_s:
-            break
+    later = itertools.count(options.seed + options.pulls)
+    free = ({"seed": seed, "pulls": False, "carries": 24, **words} for seed in later)
+    with closing(campaign.run(carried, free, wanted=sys.maxsize)) as results:
+        while quiet_s < options.quiet:
+            case, found = next(results)
+            end, answered = found["code"], found["answered"]
+            quiet_s = quiet_s + found["held_s"]
+            alarms = alarms + len(answered)
+            if answered or end != "kept":
+                print(f"seed {case['seed']}, no pull: {len(answered)} alarms, {end}", flush=True)
+            if not found["held_s"]:
+                break
     soon = sum(delay <= SOON_S for delay in delays)
     counts = {end: ends.count(end) for end in sorted(set(ends))}
     print(f"{options.robot}, {options.gripper}, {options.reality}: {soon} of {len(delays)} pulls")
