@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -119,7 +120,7 @@ class Campaign:
         self,
         function: Callable[..., Any],
         cases: Iterable[Mapping[str, Any]],
-        wanted: int | None = None,
+        wanted: float | None = None,
     ) -> Iterator[tuple[Mapping[str, Any], Any]]:
         """Run a function once per case; yields arguments and results in the order of the cases.
 
@@ -131,19 +132,20 @@ class Campaign:
                 What it prints is lost.
             cases: Keyword arguments of each case; without an end if ``wanted`` is given.
             wanted: Number of results that count, after which no more are asked for: all but those
-                with the outcome SKIPPED, and None. Without it all cases count.
+                with the outcome SKIPPED, and None. Without it all cases count; with infinity the
+                caller stops asking.
         """
-        if wanted is None:
+        total = wanted
+        if total is None:
             cases = list(cases)
             total = len(cases)
-        else:
-            total = wanted
         if not total:
             return
+        known = int(total) if math.isfinite(total) else None
         counted = 0
         show = ProgressLines(Console(stderr=True, highlight=False))
         calls = calls_of(_name_of(function), cases)
-        results = run_calls(calls, self._folder, lambda: self._engine, total=total, progress=show)
+        results = run_calls(calls, self._folder, lambda: self._engine, total=known, progress=show)
         with closing(results):
             for call, row in results:
                 if row["outcome"] in NO_RESULT:

@@ -135,7 +135,7 @@ def problem_of(seed: int, number: int) -> tuple[World, str, PlanningProblem]:
 
 
 def carried(seed: int, number: int, upright: float, reality: str) -> dict[str, Any]:
-    """What came of a carry, its largest tilt in rad, and whether a path exists if none was found."""
+    """What came of a carry, its largest tilt in rad, and whether a path was missed."""
     world, arm, problem = problem_of(seed, number)
     body = world.arms[arm]
     kinematics = Kinematics(body.robot, body.base)

@@ -15,9 +15,10 @@ from __future__ import annotations
 
 import argparse
 import itertools
+import math
 import sys
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, closing
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from itertools import cycle, islice
 from pathlib import Path
@@ -158,20 +159,20 @@ def task(options: argparse.Namespace, rng: np.random.Generator, carries: int) ->
 
 
 def played(
-    options: argparse.Namespace, seed: int, registry: Registry, *, pulls: bool, carries: int
+    options: argparse.Namespace, seed: int, skills: Registry, *, pulls: bool, carries: int
 ) -> tuple[Puller, str]:
     """One run, and how it ended: what is still held, or the code with which it failed."""
     rng = np.random.default_rng(seed)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "pulls.yaml"
         path.write_text(yaml.safe_dump(task(options, rng, carries)), encoding="utf-8")
-        file = load_tree_file(path, registry.kinds)
+        file = load_tree_file(path, skills.kinds)
         way = rng.normal(size=3)
         way[2] = -abs(way[2])  # away from a cup
         after = float(rng.uniform(1.0, 5.0)) if pulls else np.inf
         puller = Puller(after, options.times, way / np.linalg.norm(way))
         with feeling(puller):
-            run = puller.run = Run(file, registry, RunOptions(seed=seed, renderer="ray"))
+            run = puller.run = Run(file, skills, RunOptions(seed=seed, renderer="ray"))
             run.watch(puller)
             with run:
                 result = run.finish()
@@ -229,16 +230,15 @@ def run_both(options: argparse.Namespace, campaign: Campaign) -> int:
     alarms = 0
     later = itertools.count(options.seed + options.pulls)
     free = ({"seed": seed, "pulls": False, "carries": 24, **words} for seed in later)
-    with closing(campaign.run(carried, free, wanted=sys.maxsize)) as results:
-        while quiet_s < options.quiet:
-            case, found = next(results)
-            end, answered = found["code"], found["answered"]
-            quiet_s = quiet_s + found["held_s"]
-            alarms = alarms + len(answered)
-            if answered or end != "kept":
-                print(f"seed {case['seed']}, no pull: {len(answered)} alarms, {end}", flush=True)
-            if not found["held_s"]:
-                break
+    enough = options.quiet <= 0.0
+    for case, found in () if enough else campaign.run(carried, free, wanted=math.inf):
+        end, answered = found["code"], found["answered"]
+        quiet_s = quiet_s + found["held_s"]
+        alarms = alarms + len(answered)
+        if answered or end != "kept":
+            print(f"seed {case['seed']}, no pull: {len(answered)} alarms, {end}", flush=True)
+        if quiet_s >= options.quiet or not found["held_s"]:
+            break
     soon = sum(delay <= SOON_S for delay in delays)
     counts = {end: ends.count(end) for end in sorted(set(ends))}
     print(f"{options.robot}, {options.gripper}, {options.reality}: {soon} of {len(delays)} pulls")
