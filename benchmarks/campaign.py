@@ -10,13 +10,16 @@ time and a Wilson interval of the success rate goes to standard error.
 Not run this way, on purpose:
 
 - What measures CPU time, latency or memory of one process, which others beside it or a fresh one
-  would change: `real_time`, `timing`, `start`, `ik`, `tick`, `shapes`, `rendering`, `recording`,
-  `growth`, `long_runs`, `soak`, `soak_view`, `control`, `setpoint`, `multi_arm_ik`, `alternating`,
-  `gl_renderers`, `waiting_leaves`, `constant_jerk`, `ompl_validators`, `between_fingers`,
-  `planning`, `scenes`.
-- What starts or kills processes itself: `interrupts`, `killed`, `meddling`, `repeatability`,
-  `same_behavior`, `same_pictures`, `scheduling`, `sweeps`, `viewing`.
-- What is one run, or cases that depend on each other: `resuming`, `planted_change`, `why`.
+  would change: `alternating`, `constant_jerk`, `control`, `gl_renderers`, `growth`, `ik`,
+  `long_runs`, `multi_arm_ik`, `ompl_validators`, `peers`, `planning`, `real_time`, `reality`,
+  `recording`, `record_formats`, `rendering`, `resuming`, `scenes`, `setpoint`, `soak`, `soak_view`,
+  `start`, `tick`, `timing`, `viewing`, `waiting_leaves`, and the CPU time in `gripping`.
+- What starts, kills or compares processes itself: `coordination`, `interrupts`, `killed`,
+  `planted_change`, `records`, `repeatability`, `same_behavior`, `same_pictures`, `scheduling`,
+  `sweeps`.
+- What runs the experiments of `bt-experiments` with that command's processes: `tracking` and
+  `proportional_gain`.
+- What simulates nothing: `shapes`, `code_figures`, `kernel_arguments`.
 """
 
 from __future__ import annotations
@@ -32,7 +35,7 @@ from functools import cache, cached_property
 from pathlib import Path
 from tempfile import mkdtemp
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Generic, Self, TypeVar
 
 from rich.console import Console
 
@@ -42,6 +45,8 @@ from bt_dualarm.sweeps.api import engine_of
 from bt_dualarm.sweeps.calls import NO_RESULT, SKIPPED, Call, calls_of, run_calls
 from bt_dualarm.sweeps.engine import Engine
 from bt_dualarm.sweeps.job import Row
+
+Item = TypeVar("Item")
 
 
 def add_options(
@@ -68,6 +73,31 @@ def add_options(
 def registry() -> Registry:
     """The shipped skills, loaded once per process."""
     return Registry.load()
+
+
+class Drawn(Generic[Item]):
+    """Items that are drawn one after the other, by their number.
+
+    They are no arguments of a case, so each worker draws them for itself. Going back to an earlier
+    one draws all of them again.
+
+    Args:
+        begin: Returns an iterator over all items.
+    """
+
+    def __init__(self, begin: Callable[[], Iterator[Item]]) -> None:
+        self._begin = begin
+        self._coming = enumerate(begin())
+        self._newest: tuple[int, Item] | None = None
+
+    def __getitem__(self, number: int) -> Item:
+        """The item with a number from 0."""
+        if self._newest is not None and self._newest[0] > number:
+            self._coming = enumerate(self._begin())
+            self._newest = None
+        while self._newest is None or self._newest[0] < number:
+            self._newest = next(self._coming)
+        return self._newest[1]
 
 
 class Campaign:
@@ -104,12 +134,12 @@ class Campaign:
             SystemExit: A case has no result, or Ctrl-C was pressed.
         """
         self._stack.close()
-        is_cut_off = kind is not None and issubclass(kind, KeyboardInterrupt)
-        if not self._lost and not is_cut_off:
+        if kind is None and not self._lost:
             if self._is_temporary:
                 shutil.rmtree(self._folder, ignore_errors=True)
             return
-        what = "interrupted" if is_cut_off else f"{self._lost} cases have no result"
+        is_cut_off = kind is not None and issubclass(kind, KeyboardInterrupt)
+        what = "interrupted" if kind is not None else f"cases without a result: {self._lost}"
         _say(f"{what}; the same command with --out {self._folder} runs what is missing")
         if is_cut_off:
             raise SystemExit(130)

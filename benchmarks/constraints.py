@@ -17,15 +17,15 @@ from __future__ import annotations
 import argparse
 import sys
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
 
 import bt_dualarm as bt
 from benchmarks.box_problems import ARMS, problems
-from benchmarks.campaign import Campaign, add_options
+from benchmarks.campaign import Campaign, Drawn, add_options
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
@@ -111,32 +111,14 @@ def is_solvable(world: World, arm: str, problem: PlanningProblem, upright: float
     return True
 
 
-@dataclass
-class _Drawn:
-    """Problems of a seed, which are drawn one after the other, and the newest one."""
-
-    coming: Iterator[tuple[World, str, PlanningProblem]]
-    number: int = -1
-    newest: tuple[World, str, PlanningProblem] | None = None
-
-
-_drawn: dict[int, _Drawn] = {}
-
-
-def problem_of(seed: int, number: int) -> tuple[World, str, PlanningProblem]:
-    """One of the problems of a seed; going back to an earlier one draws all of them again."""
-    drawn = _drawn.get(seed)
-    if drawn is None or drawn.number > number:
-        drawn = _drawn[seed] = _Drawn(problems(seed))
-    while drawn.newest is None or drawn.number < number:
-        drawn.newest = next(drawn.coming)
-        drawn.number += 1
-    return drawn.newest
+@cache
+def _problems(seed: int) -> Drawn[tuple[World, str, PlanningProblem]]:
+    return Drawn(partial(problems, seed))
 
 
 def carried(seed: int, number: int, upright: float, reality: str) -> dict[str, Any]:
     """What came of a carry, its largest tilt in rad, and whether a path was missed."""
-    world, arm, problem = problem_of(seed, number)
+    world, arm, problem = _problems(seed)[number]
     body = world.arms[arm]
     kinematics = Kinematics(body.robot, body.base)
     poses = kinematics.forward(problem.start), kinematics.forward(problem.goals[0])

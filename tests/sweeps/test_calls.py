@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import re
 import shutil
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -16,7 +17,8 @@ from typing import Any
 
 import pytest
 
-from benchmarks.campaign import Campaign, add_options
+from benchmarks import campaign as campaign_module
+from benchmarks.campaign import Campaign, Drawn, add_options
 from bt_dualarm.sweeps.calls import Call, calls_of, run_calls
 from bt_dualarm.sweeps.engine import Done, Engine, ProcessEngine, Task
 from bt_dualarm.sweeps.job import COST_COLUMNS
@@ -96,7 +98,7 @@ def test_a_death_costs_one_attempt_and_three_are_named(
     said = capsys.readouterr().err
     assert f"{MODULE}:die(number=3, times=3" in said
     assert "CRASHED WORKER_DIED: each of 3 worker processes died" in said
-    assert f"1 cases have no result; the same command with --out {tmp_path / 'out'}" in said
+    assert f"cases without a result: 1; the same command with --out {tmp_path / 'out'}" in said
     # By now it has died often enough: only that case runs again.
     with Campaign(options(tmp_path / "out")) as campaign:
         assert [result for _, result in campaign.run(made_up_calls.die, cases)] == [1, 2, 3, 4]
@@ -164,6 +166,20 @@ def test_cases_without_an_end_run_until_enough_of_them_count(tmp_path: Path) -> 
         again = campaign.run(made_up_calls.even, ({"number": n} for n in count(1)), wanted=3)
         assert [result for _, result in again] == found
         assert not list(campaign.run(made_up_calls.even, cases, wanted=0))
+
+
+def test_items_are_drawn_by_number_in_any_order() -> None:
+    begun: list[int] = []
+
+    def begin() -> Iterator[int]:
+        begun.append(0)
+        return (n * n for n in count())
+
+    drawn = Drawn(begin)
+    assert [drawn[n] for n in (0, 3, 3, 5)] == [0, 9, 9, 25]
+    assert len(begun) == 1
+    assert [drawn[n] for n in (2, 4)] == [4, 16]
+    assert len(begun) == 2
 
 
 def interrupted(campaign: Campaign) -> None:
@@ -235,3 +251,15 @@ def test_worker_processes_run_calls(tmp_path: Path) -> None:
         engine.close()
     here = [call.run() for call in calls]
     assert [row["result"] for row in rows] == [row["result"] for row in here]
+
+
+def test_every_benchmark_is_a_campaign_or_named_with_the_reason() -> None:
+    """The docstring of `benchmarks.campaign` has all others."""
+    named = re.findall(r"`(\w+)`", str(campaign_module.__doc__))
+    folder = Path(str(campaign_module.__file__)).parent
+    texts = {path.stem: path.read_text(encoding="utf-8") for path in folder.glob("*.py")}
+    run = {name for name, text in texts.items() if '__name__ == "__main__"' in text}
+    assert {name for name in run if "with Campaign(" not in texts[name]} <= set(named)
+    assert {name for name in named if name in run and "with Campaign(" in texts[name]} == {
+        "gripping"
+    }
