@@ -13,13 +13,14 @@ Not run this way, on purpose:
   would change: `alternating`, `constant_jerk`, `control`, `gl_renderers`, `growth`, `ik`,
   `long_runs`, `multi_arm_ik`, `ompl_validators`, `peers`, `planning`, `real_time`, `reality`,
   `recording`, `record_formats`, `rendering`, `resuming`, `scenes`, `setpoint`, `soak`, `soak_view`,
-  `start`, `tick`, `timing`, `viewing`, `waiting_leaves`, and the CPU time in `gripping`.
+  `start`, `tick`, `timing`, `viewing`, `waiting_leaves`, `kernel_arguments`, and the CPU time in
+  `gripping`.
 - What starts, kills or compares processes itself: `coordination`, `interrupts`, `killed`,
   `planted_change`, `records`, `repeatability`, `same_behavior`, `same_pictures`, `scheduling`,
   `sweeps`.
 - What runs the experiments of `bt-experiments` with that command's processes: `tracking` and
   `proportional_gain`.
-- What simulates nothing: `shapes`, `code_figures`, `kernel_arguments`.
+- What simulates nothing: `shapes`, `code_figures`.
 """
 
 from __future__ import annotations

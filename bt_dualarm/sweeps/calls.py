@@ -172,7 +172,6 @@ def run_calls(
             break
         _count(finished[call.identity], state, total)
         state.known = state.done
-        tell(state)
         yield call, finished[call.identity]
     else:
         return
