@@ -1,6 +1,6 @@
 """Curves of the tool: how far from the plan they are executed, how near to the shortest duration.
 
-    python benchmarks/motion.py [--robots ur5 ur3 ur10 panda xarm7] [--speed 1.0]
+    python -m benchmarks.motion [--robots ur5 ur3 ur10 panda xarm7] [--speed 1.0]
 
 A circle of 0.1 m, a 1:2 Lissajous curve, both in the YZ plane on 20 waypoints, and a line of 0.3 m,
 each run as `bt-run` does, with and without 1 kg at the tool. The bound is TOPP-RA's, computed here

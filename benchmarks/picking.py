@@ -1,6 +1,6 @@
 """Picking cubes from all over the table: how many succeed, how many are refused, and where.
 
-    python benchmarks/picking.py [--poses 50] [--seed 0] [--back 0] [--out DIR]
+    python -m benchmarks.picking [--poses 50] [--seed 0] [--back 0] [--out DIR]
 
 Each pose, anywhere on the table top and turned at random, is a run of its own: attach the cube,
 then lift it by 0.2 m. What the tree says is compared with the simulator's true state. Exit code 1

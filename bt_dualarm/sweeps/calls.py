@@ -118,7 +118,10 @@ class Call:
         }
 
 
-def calls_of(function: str, cases: Iterable[Mapping[str, Any]]) -> Iterator[Call]:
+def calls_of(
+    function: str,
+    cases: Iterable[Mapping[str, Any]],  # Any: what JSON can express
+) -> Iterator[Call]:
     """Calls of a function, one for each mapping of arguments, in their order.
 
     Raises:
