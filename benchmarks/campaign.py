@@ -31,7 +31,7 @@ import math
 import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import ExitStack, closing
+from contextlib import ExitStack
 from functools import cache, cached_property
 from pathlib import Path
 from tempfile import mkdtemp
@@ -112,9 +112,9 @@ class Campaign:
     """
 
     def __init__(self, options: argparse.Namespace) -> None:
+        self._start = engine_of(options.jobs, None, None)
         self._is_temporary = options.out is None
         self._folder = Path(mkdtemp(prefix="bt_campaign_")) if self._is_temporary else options.out
-        self._start = engine_of(options.jobs, None, None)
         self._stack = ExitStack()
         self._lost = 0
         self.cpu_s = 0.0
@@ -177,7 +177,7 @@ class Campaign:
         show = ProgressLines(Console(stderr=True, highlight=False))
         calls = calls_of(_name_of(function), cases)
         results = run_calls(calls, self._folder, lambda: self._engine, total=known, progress=show)
-        with closing(results):
+        try:
             for call, row in results:
                 if row["outcome"] in NO_RESULT:
                     self._lose(call, row)
@@ -187,6 +187,13 @@ class Campaign:
                 counted += wanted is None or row["outcome"] != SKIPPED
                 if counted == total:
                     return
+        finally:
+            results.close()
+            if wanted is not None:
+                # The engine still has calls that were started ahead, and would give their results
+                # to the next run.
+                self._stack.close()
+                self.__dict__.pop("_engine", None)
 
     @cached_property
     def _engine(self) -> Engine:

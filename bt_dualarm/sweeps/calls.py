@@ -157,7 +157,8 @@ def run_calls(
     Args:
         calls: The calls; there may be no end to them, if the caller stops asking.
         out: Output folder. Rows of other calls in it are kept.
-        engine: Returns the engine; called only if something is left to run. The caller closes it.
+        engine: Returns the engine; called only if something is left to run. The caller closes it,
+            and uses it no further if the iterator is closed early: calls are started ahead.
         total: Number of calls that count, for the progress; None if unknown.
         progress: Called after each change.
 

@@ -66,7 +66,7 @@ def results_here(
 ) -> list[Any]:
     """Results of a campaign that runs in this process."""
     with Campaign(options(folder)) as campaign:
-        campaign.__dict__["_engine"] = HereEngine(turn)
+        campaign._start = partial(HereEngine, turn)
         return [result for _, result in campaign.run(function, cases)]
 
 
@@ -159,10 +159,10 @@ def test_a_failure_inside_the_function_is_named_with_its_case(
 def test_cases_without_an_end_run_until_enough_of_them_count(tmp_path: Path) -> None:
     cases: Iterator[dict[str, Any]] = ({"number": n} for n in count(1))
     with Campaign(options(tmp_path)) as campaign:
-        campaign.__dict__["_engine"] = HereEngine(1)
+        campaign._start = partial(HereEngine, 1)
         found = [result for _, result in campaign.run(made_up_calls.even, cases, wanted=3)]
         assert found == [None, 2, None, 4, None, 6]
-        campaign.__dict__["_engine"] = None  # all of them are known
+        campaign._start = nothing_left
         again = campaign.run(made_up_calls.even, ({"number": n} for n in count(1)), wanted=3)
         assert [result for _, result in again] == found
         assert not list(campaign.run(made_up_calls.even, cases, wanted=0))
@@ -185,9 +185,19 @@ def test_items_are_drawn_by_number_in_any_order() -> None:
 def interrupted(campaign: Campaign) -> None:
     """Ctrl-C after the first of four cases."""
     with campaign:
-        campaign.__dict__["_engine"] = HereEngine()
+        campaign._start = HereEngine
         for _ in campaign.run(made_up_calls.even, [{"number": n} for n in range(4)]):
             raise KeyboardInterrupt
+
+
+def test_calls_that_were_started_ahead_give_no_result_to_the_next_run(tmp_path: Path) -> None:
+    with Campaign(options(tmp_path / "out")) as campaign:
+        campaign._start = HereEngine
+        endless = ({"number": n} for n in count())
+        assert len(list(campaign.run(made_up_calls.even, endless, wanted=1))) == 1
+        cases = [{"number": n, "folder": str(tmp_path)} for n in range(4)]
+        found = [result["square"] for _, result in campaign.run(made_up_calls.square, cases)]
+    assert found == [0, 1, 4, 9]
 
 
 def test_a_temporary_folder_is_gone_unless_something_is_missing(
@@ -195,7 +205,7 @@ def test_a_temporary_folder_is_gone_unless_something_is_missing(
 ) -> None:
     with Campaign(options(None)) as campaign:
         folder = campaign._folder
-        campaign.__dict__["_engine"] = HereEngine()
+        campaign._start = HereEngine
         assert len(list(campaign.run(made_up_calls.even, [{"number": 2}]))) == 1
     assert not folder.exists()
     campaign = Campaign(options(None))
