@@ -26,6 +26,7 @@ import mujoco
 import numpy as np
 import yaml
 
+from benchmarks.campaign import Campaign, add_options, registry
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.core.errors import OverlapError
 from bt_dualarm.core.pose import Pose
@@ -269,23 +270,23 @@ class Observer(IdleObserver):
             self.force_n = max(self.force_n, float(np.linalg.norm(np.mean(self._recent, axis=0))))
 
 
-def played(kind: str, robot: str, seed: int, reality: str, registry: Registry) -> tuple[str, float]:
+def played(kind: str, robot: str, seed: int, reality: str, skills: Registry) -> tuple[str, float]:
     """Result of one run, empty if all went well, and the largest force, N."""
     for attempt in range(_ATTEMPTS):
         try:
-            return _played(task(kind, robot, seed, reality, attempt), seed, registry)
+            return _played(task(kind, robot, seed, reality, attempt), seed, skills)
         except OverlapError:  # the arm would begin within the object
             continue
     raise RuntimeError(f"no place for {kind} {seed} before {robot}")
 
 
-def _played(data: dict[str, Any], seed: int, registry: Registry) -> tuple[str, float]:
+def _played(data: dict[str, Any], seed: int, skills: Registry) -> tuple[str, float]:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "task.yaml"
         path.write_text(yaml.safe_dump(data), encoding="utf-8")
-        file = load_tree_file(path, registry.kinds)
+        file = load_tree_file(path, skills.kinds)
         observer = Observer()
-        run = observer.run = Run(file, registry, RunOptions(seed=seed, renderer="ray"))
+        run = observer.run = Run(file, skills, RunOptions(seed=seed, renderer="ray"))
         observer.begin()
         run.watch(observer)
         with run:
@@ -306,6 +307,13 @@ def _played(data: dict[str, Any], seed: int, registry: Registry) -> tuple[str, f
     return "", observer.force_n
 
 
+def operated(kind: str, robot: str, seed: int, reality: str) -> dict[str, Any]:
+    """What is wrong with a run, empty if nothing is, and its force."""
+    wrong, force = played(kind, robot, seed, reality, registry())
+    outcome = "FAILURE" if wrong else "SUCCESS"
+    return {"outcome": outcome, "code": kind if wrong else "", "wrong": wrong, "force_n": force}
+
+
 def main() -> int:
     """Open and close, print the figures."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
@@ -315,26 +323,32 @@ def main() -> int:
     parser.add_argument("--reality", default="lab")
     parser.add_argument("--only", choices=KINDS)
     parser.add_argument("--verbose", action="store_true")
+    add_options(parser)
     options = parser.parse_args()
-    registry = Registry.load()
-    done = 0
     forces: list[float] = []
-    runs = 0
-    for number in range(options.objects):
-        kind = options.only or KINDS[number % len(KINDS)]
-        seed = options.seed + number
-        for robot in options.robots:
-            wrong, force = played(kind, robot, seed, options.reality, registry)
-            runs += 1
-            done += not wrong
+    cases = [
+        {
+            "kind": options.only or KINDS[number % len(KINDS)],
+            "robot": robot,
+            "seed": options.seed + number,
+            "reality": options.reality,
+        }
+        for number in range(options.objects)
+        for robot in options.robots
+    ]
+    with Campaign(options) as campaign:
+        for case, found in campaign.run(operated, cases):
+            wrong, force = found["wrong"], found["force_n"]
             if not wrong:
                 forces.append(force)
             if wrong or options.verbose:
-                print(f"{kind} {seed} {robot}: {wrong or 'ok'}, {force:.1f} N", flush=True)
-    top = max(forces, default=0.0)
-    print(f"{options.reality}: {done} of {runs} opened and closed; force of these: median")
-    print(f"{np.median(forces or [0.0]):.1f} N, largest {top:.1f} N")
-    return int(done < SHARE * runs or top > MOST_N)
+                what = f"{case['kind']} {case['seed']} {case['robot']}"
+                print(f"{what}: {wrong or 'ok'}, {force:.1f} N", flush=True)
+        done, runs = len(forces), len(cases)
+        top = max(forces, default=0.0)
+        print(f"{options.reality}: {done} of {runs} opened and closed; force of these: median")
+        print(f"{np.median(forces or [0.0]):.1f} N, largest {top:.1f} N")
+        return int(done < SHARE * runs or top > MOST_N)
 
 
 if __name__ == "__main__":

@@ -10,12 +10,15 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+from collections import Counter
 from collections.abc import Iterator, Mapping
+from functools import cache, partial
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
+from benchmarks.campaign import Campaign, Drawn, add_options
 from bt_dualarm.collision.checker import CollisionChecker
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose
@@ -112,18 +115,35 @@ def solves(problem: PlanningProblem) -> bool:
     return False
 
 
+@cache
+def _problems(seed: int, *, is_open: bool) -> Drawn[PlanningProblem]:
+    return Drawn(partial(finger_problems, seed, OPEN if is_open else SHUT))
+
+
+def tried(seed: int, number: int, *, is_open: bool) -> dict[str, Any]:
+    """Whether a problem is admitted, and whether it is solved."""
+    problem = _problems(seed, is_open=is_open)[number]
+    if not admits(problem):
+        return {"outcome": "SKIPPED"}
+    return {"outcome": "SUCCESS" if solves(problem) else "FAILURE"}
+
+
 def main() -> None:
     """Print the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--problems", type=int, default=100)
     parser.add_argument("--seed", type=int, default=1)
+    add_options(parser)
     arguments = parser.parse_args()
-    for name, locked in (("as the page locks them", SHUT), ("open", OPEN)):
-        drawn = finger_problems(arguments.seed, locked)
-        problems = [next(drawn) for _ in range(arguments.problems)]
-        can = [problem for problem in problems if admits(problem)]
-        solved = sum(solves(problem) for problem in can)
-        print(f"fingers {name}: {len(can)} of {len(problems)} admitted, {solved} solved")
+    count = arguments.problems
+    with Campaign(arguments) as campaign:
+        for name, is_open in (("as the page locks them", False), ("open", True)):
+            words = {"seed": arguments.seed, "is_open": is_open}
+            cases = [{"number": number, **words} for number in range(count)]
+            outcomes = Counter(found["outcome"] for _, found in campaign.run(tried, cases))
+            can = count - outcomes["SKIPPED"]
+            solved = outcomes["SUCCESS"]
+            print(f"fingers {name}: {can} of {count} admitted, {solved} solved", flush=True)
 
 
 if __name__ == "__main__":

@@ -27,6 +27,7 @@ import mujoco
 import numpy as np
 
 import bt_dualarm as bt
+from benchmarks.campaign import Campaign, add_options
 from bt_dualarm.control.internal_wrench import crossed, internal_wrenches
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.runtime.arm_runtime import IdleObserver
@@ -179,12 +180,16 @@ class Found:
     most: list[tuple[float, float]] = field(default_factory=list)
 
 
-def run(file: dict[str, Any], found: Found) -> list[tuple[float, float, float]]:
-    """Perform a run, and add what was found; returns the samples."""
-    with bt.open(file) as opened:
+def carried(pair: str, speed: float, reality: str, seed: int, count: int) -> dict[str, Any]:
+    """Perform a run: outcomes of its paths, errors of its arrivals and the true forces."""
+    first, _, second = pair.partition("+")
+    with bt.open(task((first, second), speed, reality, seed, count)) as opened:
         truth = TrueInternalWrench(opened.world, "beam", dict.fromkeys(ARMS, 0.5))
         opened.watch(truth)
         result = opened.finish()
+    outcomes = []
+    errors = []
+    said = []
     for leaf in result.arms["arm1"].runs:
         if leaf.skill != "carry_together":
             continue
@@ -192,18 +197,34 @@ def run(file: dict[str, Any], found: Found) -> list[tuple[float, float, float]]:
         turned = leaf.metrics.get("placed_turned_rad")
         if leaf.status == "SUCCESS" and away is not None and turned is not None:
             near = away <= WITHIN_M and turned <= WITHIN_RAD
-            found.outcomes["arrived" if near else "off"] += 1
-            found.errors.append((away, turned))
+            outcomes.append("arrived" if near else "off")
+            errors.append((away, turned))
         else:
             code = leaf.code or leaf.status
-            found.outcomes["refused" if code in REFUSED else code] += 1
-            print(f"    {leaf.path}: {code}: {leaf.reason}", flush=True)
-    if truth.samples:
-        _, forces, moments = np.array(truth.samples).T
-        found.forces += forces.tolist()
-        found.moments += moments.tolist()
-        found.most.append((float(forces.max()), float(moments.max())))
-    return truth.samples
+            outcomes.append("refused" if code in REFUSED else code)
+            said.append(f"    {leaf.path}: {code}: {leaf.reason}")
+    bad = [outcome for outcome in outcomes if outcome not in ("arrived", "refused")]
+    return {
+        "outcome": "FAILURE" if bad else "SUCCESS",
+        "code": ", ".join(bad),
+        "outcomes": outcomes,
+        "errors": errors,
+        "said": said,
+        "samples": truth.samples,
+    }
+
+
+def add(run: dict[str, Any], found: Found) -> tuple[float, float]:
+    """Add what was found by a run; returns its largest internal force in N and moment in N m."""
+    found.outcomes.update(run["outcomes"])
+    found.errors += [(away, turned) for away, turned in run["errors"]]
+    if not run["samples"]:
+        return 0.0, 0.0
+    _, forces, moments = np.array(run["samples"]).T
+    found.forces += forces.tolist()
+    found.moments += moments.tolist()
+    found.most.append((float(forces.max()), float(moments.max())))
+    return found.most[-1]
 
 
 def plot(curves: dict[str, list[tuple[float, float, float]]], path: str) -> None:
@@ -237,24 +258,35 @@ def main() -> int:
     parser.add_argument("--reality", default="lab")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--plot")
+    add_options(parser)
     arguments = parser.parse_args()
+    with Campaign(arguments) as campaign:
+        return run_speeds(arguments, campaign)
+
+
+def run_speeds(arguments: argparse.Namespace, campaign: Campaign) -> int:
+    """Run the paths at each speed and print what was found; returns the exit code."""
     missed = False
     curves: dict[str, list[tuple[float, float, float]]] = {}
     for speed in arguments.speeds:
         found = Found()
-        left = arguments.paths
-        number = 0
-        while left > 0:
-            first, _, second = arguments.pairs[number % len(arguments.pairs)].partition("+")
-            count = min(left, PER_RUN)
-            file = task((first, second), speed, arguments.reality, arguments.seed + number, count)
-            samples = run(file, found)
-            most = found.most[-1] if samples else (0.0, 0.0)
-            print(f"  {first}+{second}: {most[0]:.1f} N, {most[1]:.1f} N m at most", flush=True)
-            if samples:
-                curves.setdefault(f"speed {speed:g}", samples)
-            left -= count
-            number += 1
+        cases = [
+            {
+                "pair": arguments.pairs[number % len(arguments.pairs)],
+                "speed": speed,
+                "reality": arguments.reality,
+                "seed": arguments.seed + number,
+                "count": min(arguments.paths - PER_RUN * number, PER_RUN),
+            }
+            for number in range(-(-arguments.paths // PER_RUN))
+        ]
+        for case, run in campaign.run(carried, cases):
+            for line in run["said"]:
+                print(line, flush=True)
+            most = add(run, found)
+            print(f"  {case['pair']}: {most[0]:.1f} N, {most[1]:.1f} N m at most", flush=True)
+            if run["samples"]:
+                curves.setdefault(f"speed {speed:g}", run["samples"])
         missed |= report(speed, found) and speed == 0.5 and arguments.reality == "lab"
     if arguments.plot:
         plot(curves, arguments.plot)

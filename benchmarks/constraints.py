@@ -15,16 +15,17 @@ solvable carries solved; exit code 1 if that is missed.
 from __future__ import annotations
 
 import argparse
-import itertools
 import sys
 from collections import Counter
 from dataclasses import dataclass, field
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
 
 import bt_dualarm as bt
 from benchmarks.box_problems import ARMS, problems
+from benchmarks.campaign import Campaign, Drawn, add_options
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
@@ -110,6 +111,32 @@ def is_solvable(world: World, arm: str, problem: PlanningProblem, upright: float
     return True
 
 
+@cache
+def _problems(seed: int) -> Drawn[tuple[World, str, PlanningProblem]]:
+    return Drawn(partial(problems, seed))
+
+
+def carried(seed: int, number: int, upright: float, reality: str) -> dict[str, Any]:
+    """What came of a carry, its largest tilt in rad, and whether a path was missed."""
+    world, arm, problem = _problems(seed)[number]
+    body = world.arms[arm]
+    kinematics = Kinematics(body.robot, body.base)
+    poses = kinematics.forward(problem.start), kinematics.forward(problem.goals[0])
+    with bt.open(task(world, arm, poses, upright, reality), seed=seed) as run:
+        tilt = TrueTilt(run.world, arm, "sequence/reach_to_pose#2")
+        run.watch(tilt)
+        result = run.finish()
+    *_, last = result.arms[arm].runs
+    code = "start not reached" if last.path != tilt.leaf else last.code or str(last.status)
+    return {
+        "outcome": "SUCCESS" if code == "SUCCESS" else "FAILURE",
+        "code": code,
+        "arm": arm,
+        "tilt": tilt.most,
+        "unsolved": code == "NO_PLAN" and is_solvable(world, arm, problem, upright),
+    }
+
+
 def main() -> int:
     """Print the counts and the largest tilt; returns the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -117,30 +144,27 @@ def main() -> int:
     parser.add_argument("--upright", type=float, default=5.0, help="largest tilt, degrees")
     parser.add_argument("--reality", default="lab")
     parser.add_argument("--seed", type=int, default=0)
+    add_options(parser)
     options = parser.parse_args()
     outcomes: Counter[str] = Counter()
     worst = 0.0
     unsolved = 0
-    for world, arm, problem in itertools.islice(problems(options.seed), options.carries):
-        body = world.arms[arm]
-        kinematics = Kinematics(body.robot, body.base)
-        poses = kinematics.forward(problem.start), kinematics.forward(problem.goals[0])
-        file = task(world, arm, poses, options.upright, options.reality)
-        with bt.open(file, seed=options.seed) as run:
-            tilt = TrueTilt(run.world, arm, "sequence/reach_to_pose#2")
-            run.watch(tilt)
-            result = run.finish()
-        *_, last = result.arms[arm].runs
-        code = "start not reached" if last.path != tilt.leaf else last.code or last.status
-        outcomes[code] += 1
-        worst = max(worst, tilt.most)
-        unsolved += code == "NO_PLAN" and is_solvable(world, arm, problem, options.upright)
-        print(f"{arm}: {code}, tilt {np.degrees(tilt.most):.2f}°", flush=True)
-    solved = outcomes["SUCCESS"] / max(outcomes["SUCCESS"] + unsolved, 1)
-    print(", ".join(f"{count} {code}" for code, count in outcomes.most_common()))
-    print(f"{100 * solved:.1f} % of the solvable carries; largest tilt {np.degrees(worst):.2f}°")
-    kept = worst <= np.radians(options.upright) + BEYOND_RAD and not outcomes["KEEP_VIOLATED"]
-    return 0 if kept and solved >= SOLVED else 1
+    words = {name: getattr(options, name) for name in ("seed", "upright", "reality")}
+    cases = [{"number": number, **words} for number in range(options.carries)]
+    with Campaign(options) as campaign:
+        for _, found in campaign.run(carried, cases):
+            outcomes[found["code"]] += 1
+            worst = max(worst, found["tilt"])
+            unsolved += found["unsolved"]
+            tilt_deg = np.degrees(found["tilt"])
+            print(f"{found['arm']}: {found['code']}, tilt {tilt_deg:.2f}°", flush=True)
+        solved = outcomes["SUCCESS"] / max(outcomes["SUCCESS"] + unsolved, 1)
+        print(", ".join(f"{count} {code}" for code, count in outcomes.most_common()))
+        print(
+            f"{100 * solved:.1f} % of the solvable carries; largest tilt {np.degrees(worst):.2f}°"
+        )
+        kept = worst <= np.radians(options.upright) + BEYOND_RAD and not outcomes["KEEP_VIOLATED"]
+        return 0 if kept and solved >= SOLVED else 1
 
 
 if __name__ == "__main__":

@@ -11,13 +11,15 @@ The exit code is 1 if there was an exception or a touch.
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 from collections import Counter
-from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
+from benchmarks.campaign import Campaign, add_options, registry
 from benchmarks.measured_robots import MEASURED
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.core.errors import DualArmError, Failure
@@ -173,55 +175,63 @@ def tree(seed: int) -> str:
     return f"{_HEAD}{things}arms:\n{arms}"
 
 
-def run(seed: int, registry: Registry) -> tuple[RunResult, Touches]:
+def run(seed: int, skills: Registry) -> tuple[RunResult, Touches]:
     """The result of one file, and what touched."""
-    file = load_tree_file(tree(seed), registry.kinds)
-    with Run(file, registry, RunOptions(seed=seed)) as opened:
+    file = load_tree_file(tree(seed), skills.kinds)
+    with Run(file, skills, RunOptions(seed=seed)) as opened:
         touches = Touches(opened.world)
         opened.watch(touches)
         return opened.finish(), touches
 
 
-def report(seed: int, result: RunResult, touches: Touches) -> int:
-    """Print what went wrong in a run; returns how many things did."""
-    wrong = 0
-    for arm in result.arms.values():
-        for leaf in arm.runs:
-            if leaf.code == "EXCEPTION":
-                wrong += 1
-                print(f"run {seed} {arm.name} {leaf.skill} {leaf.started_s:.1f}: {leaf.reason}")
+def crossed(seed: int) -> dict[str, Any]:
+    """What came of a run: how its leaves ended, and sentences on what went wrong."""
+    try:
+        result, touches = run(seed, registry())
+    except DualArmError as error:  # a block stands where an arm or a stand does
+        said = [f"run {seed} refused: {str(error).splitlines()[0]}"]
+        return {"outcome": "SKIPPED", "wrong": 0, "codes": [], "said": said}
+    said = [
+        f"run {seed} {arm.name} {leaf.skill} {leaf.started_s:.1f}: {leaf.reason}"
+        for arm in result.arms.values()
+        for leaf in arm.runs
+        if leaf.code == "EXCEPTION"
+    ]
+    wrong = len(said)
     if any(when <= START_S for when in touches.first_s.values()):
-        print(f"run {seed} left out: the arms begin in one another")
-        return wrong
-    for (first, second), when in touches.first_s.items():
-        wrong += 1
-        print(f"run {seed} {when:.3f} s: {first} touches {second}")
-    return wrong
+        said.append(f"run {seed} left out: the arms begin in one another")
+    else:
+        wrong += len(touches.first_s)
+        for (first, second), when in touches.first_s.items():
+            said.append(f"run {seed} {when:.3f} s: {first} touches {second}")
+    codes = [leaf.code or leaf.status for arm in result.arms.values() for leaf in arm.runs]
+    outcome = "FAILURE" if wrong else "SUCCESS"
+    return {"outcome": outcome, "wrong": wrong, "codes": codes, "said": said}
 
 
-def main(arguments: Sequence[str]) -> int:
+def main() -> int:
     """Print what came of all runs."""
-    runs = int(arguments[0]) if arguments else RUNS
-    seed = int(arguments[1]) if len(arguments) > 1 else SEED
-    registry = Registry.load()
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("runs", type=int, nargs="?", default=RUNS)
+    parser.add_argument("seed", type=int, nargs="?", default=SEED)
+    add_options(parser)
+    options = parser.parse_args()
     codes: Counter[str] = Counter()
     wrong = refused = 0
     began = time.perf_counter()
-    for number in range(seed, seed + runs):
-        try:
-            result, touches = run(number, registry)
-        except DualArmError as error:  # a block stands where an arm or a stand does
-            refused += 1
-            print(f"run {number} refused: {str(error).splitlines()[0]}")
-            continue
-        wrong += report(number, result, touches)
-        codes.update(leaf.code or leaf.status for arm in result.arms.values() for leaf in arm.runs)
-        sys.stdout.flush()
-    print(f"{runs} runs, {refused} refused, {time.perf_counter() - began:.0f} s")
-    print(", ".join(f"{code} {count}" for code, count in codes.most_common()))
-    print(f"exceptions and touches: {wrong}")
-    return 1 if wrong else 0
+    seeds = range(options.seed, options.seed + options.runs)
+    with Campaign(options) as campaign:
+        for _, found in campaign.run(crossed, [{"seed": seed} for seed in seeds]):
+            refused += found["outcome"] == "SKIPPED"
+            wrong += found["wrong"]
+            codes.update(found["codes"])
+            for line in found["said"]:
+                print(line, flush=True)
+        print(f"{options.runs} runs, {refused} refused, {time.perf_counter() - began:.0f} s")
+        print(", ".join(f"{code} {count}" for code, count in codes.most_common()))
+        print(f"exceptions and touches: {wrong}")
+        return 1 if wrong else 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(main())

@@ -26,6 +26,7 @@ import yaml
 
 import bt_dualarm as bt
 from benchmarks import inserting
+from benchmarks.campaign import Campaign, add_options
 from bt_dualarm.behaviors.leaf import SkillRun
 from bt_dualarm.behaviors.report import LeafReport
 from bt_dualarm.skill.registry import Registry
@@ -185,6 +186,22 @@ def times_of(task: str, runs: tuple[LeafReport, ...], seconds: float) -> dict[st
     return took if task == "carry" else {"insert": took["insert"]}
 
 
+MAKERS = {"carry": carry, "insert": insert, "sight": sight}
+
+
+def timed(
+    task: str, robot: str, gripper: str, reality: str, seed: int, speed: float
+) -> dict[str, Any]:
+    """How long the skills of a run and their phases take, s, or which one failed."""
+    runs, seconds, seen = run(MAKERS[task](robot, gripper, reality, seed), speed)
+    bad = [leaf for leaf in runs if leaf.status != "SUCCESS"]
+    if bad:
+        said = f"{bad[0].skill} {bad[0].code}: {bad[0].reason}"
+        return {"outcome": "FAILURE", "code": bad[0].code, "bad": said}
+    phases = [[skill, phase, value] for (skill, phase), value in seen.seconds.items()]
+    return {"took": times_of(task, runs, seconds), "phases": phases}
+
+
 def main() -> int:
     """Run the family and print the medians; 1 if something failed or is slower than asked for."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
@@ -195,31 +212,39 @@ def main() -> int:
     parser.add_argument("--tasks", nargs="+", default=list(TASKS), choices=TASKS)
     parser.add_argument("--reality", default="lab")
     parser.add_argument("--speed", type=float, default=1.0)
+    add_options(parser)
     options = parser.parse_args()
-    makers = {"carry": carry, "insert": insert, "sight": sight}
+    with Campaign(options) as campaign:
+        return run_family(options, campaign)
+
+
+def run_family(options: argparse.Namespace, campaign: Campaign) -> int:
+    """Run the family and print the medians; returns the exit code."""
     times: dict[str, list[float]] = defaultdict(list)
     phases: dict[tuple[str, str], list[float]] = defaultdict(list)
     failed = 0
-    for task in options.tasks:
-        for robot in options.robots:
-            for seed in range(options.first, options.first + options.seeds):
-                gripper = options.grippers[seed % len(options.grippers)]
-                if task == "insert" and gripper == "suction_cup":
-                    continue  # the peg is too thin for it
-                file = makers[task](robot, gripper, options.reality, seed)
-                runs, seconds, seen = run(file, options.speed)
-                label = f"{task} {robot} {gripper} seed {seed}"
-                bad = [leaf for leaf in runs if leaf.status != "SUCCESS"]
-                if bad:
-                    failed += 1
-                    print(f"{label}: {bad[0].skill} {bad[0].code}: {bad[0].reason}", flush=True)
-                    continue
-                took = times_of(task, runs, seconds)
-                print(f"{label}:", ", ".join(f"{k} {v:.2f}" for k, v in took.items()), flush=True)
-                for name, value in took.items():
-                    times[name].append(value)
-                for key, value in seen.seconds.items():
-                    phases[(f"{task} {key[0]}", key[1])].append(value)
+    words = {"reality": options.reality, "speed": options.speed}
+    cases = [
+        {"task": task, "robot": robot, "gripper": gripper, "seed": seed, **words}
+        for task in options.tasks
+        for robot in options.robots
+        for seed in range(options.first, options.first + options.seeds)
+        for gripper in (options.grippers[seed % len(options.grippers)],)
+        if (task, gripper) != ("insert", "suction_cup")  # the peg is too thin for it
+    ]
+    for case, found in campaign.run(timed, cases):
+        task = case["task"]
+        label = f"{task} {case['robot']} {case['gripper']} seed {case['seed']}"
+        if "bad" in found:
+            failed += 1
+            print(f"{label}: {found['bad']}", flush=True)
+            continue
+        took = found["took"]
+        print(f"{label}:", ", ".join(f"{k} {v:.2f}" for k, v in took.items()), flush=True)
+        for name, value in took.items():
+            times[name].append(value)
+        for skill, phase, value in found["phases"]:
+            phases[(f"{task} {skill}", phase)].append(value)
     for (skill, phase), values in phases.items():
         print(f"{np.median(values):6.2f} s  {len(values):3}x  {skill}: {phase}")
     missed = 0

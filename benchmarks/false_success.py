@@ -13,13 +13,17 @@ seeds, rough 98 of 100, nothing false. Exit code 1 if that is missed.
 from __future__ import annotations
 
 import argparse
+import itertools
 import math
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from functools import cache
+from typing import Any
 
 import numpy as np
 
+from benchmarks.campaign import Campaign, add_options, registry
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.behaviors.report import StatusChange
 from bt_dualarm.core.pose import Pose, Vector, camera_pose
@@ -137,7 +141,7 @@ class Played:
     lies: tuple[str, ...]
 
 
-def play(file: TreeFile, registry: Registry, reality: RealityName, seed: int) -> Played:
+def play(file: TreeFile, skills: Registry, reality: RealityName, seed: int) -> Played:
     """Run a tree once and look on."""
     nodes = [node for arm in file.arms.values() for node in arm.tree.walk()]
     goals = {
@@ -145,7 +149,7 @@ def play(file: TreeFile, registry: Registry, reality: RealityName, seed: int) ->
         for node in nodes
         if node.kind == "transport"
     }
-    with Run(file, registry, RunOptions(seed=seed, renderer="ray", reality=reality)) as run:
+    with Run(file, skills, RunOptions(seed=seed, renderer="ray", reality=reality)) as run:
         judge = Judge(run.world, goals)
         run.watch(judge)
         result = run.finish()
@@ -162,6 +166,18 @@ def play(file: TreeFile, registry: Registry, reality: RealityName, seed: int) ->
     return Played(seed, said, reason, tuple(judge.lies))
 
 
+@cache
+def _file(tree: str) -> TreeFile:
+    return load_tree_file(find_tree(tree), registry().kinds)
+
+
+def judged(tree: str, reality: RealityName, seed: int) -> dict[str, Any]:
+    """Whether a run said SUCCESS, why not, and what of it was false."""
+    one = play(_file(tree), registry(), reality, seed)
+    outcome = "FALSE_SUCCESS" if one.lies else "SUCCESS" if one.succeeded else "FAILURE"
+    return {"outcome": outcome, **asdict(one)}
+
+
 def main() -> int:
     """Print what fails as it comes, and a line for each tree and reality."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
@@ -169,24 +185,24 @@ def main() -> int:
     parser.add_argument("--sets", nargs="+", default=["lab", "rough"], choices=REALITY_NAMES)
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--first", type=int, default=0, help="the first seed")
+    add_options(parser)
     arguments = parser.parse_args()
-    registry = Registry.load()
     missed = False
-    for tree in arguments.trees:
-        file = load_tree_file(find_tree(tree), registry.kinds)
-        for reality in arguments.sets:
+    seeds = range(arguments.first, arguments.first + arguments.seeds)
+    with Campaign(arguments) as campaign:
+        for tree, reality in itertools.product(arguments.trees, arguments.sets):
             succeeded = false = 0
-            for seed in range(arguments.first, arguments.first + arguments.seeds):
-                one = play(file, registry, reality, seed)
-                succeeded = succeeded + one.succeeded
-                false = false + bool(one.lies)
-                for line in (*one.lies, *((one.reason,) if one.reason else ())):
-                    print(f"    {tree} {reality} seed {seed}: {line}", flush=True)
+            cases = [{"tree": tree, "reality": reality, "seed": seed} for seed in seeds]
+            for case, one in campaign.run(judged, cases):
+                succeeded = succeeded + one["succeeded"]
+                false = false + bool(one["lies"])
+                for line in (*one["lies"], *((one["reason"],) if one["reason"] else ())):
+                    print(f"    {tree} {reality} seed {case['seed']}: {line}", flush=True)
             good = succeeded >= ASKED[reality] * arguments.seeds and not false
             missed |= not good
             told = f"{succeeded} of {arguments.seeds} succeeded, {false} with a false SUCCESS"
             print(f"{tree:18} {reality:6} {told}  {'ok' if good else 'MISSED'}", flush=True)
-    return missed
+        return missed
 
 
 if __name__ == "__main__":

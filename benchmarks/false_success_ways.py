@@ -20,6 +20,7 @@ from typing import Any, Final
 import numpy as np
 
 import bt_dualarm as bt
+from benchmarks.campaign import Campaign, add_options
 from bt_dualarm.behaviors.report import LeafReport, StatusChange
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.runtime.arm_runtime import IdleObserver
@@ -475,32 +476,47 @@ def play(way: Way) -> tuple[LeafReport, list[str]]:
     return runs[-1], hand.lies
 
 
+def judged(skill: str, name: str) -> dict[str, Any]:
+    """What was said of a way, and what of it was false."""
+    way = next(way for way in ways() if (way.skill, way.name) == (skill, name))
+    leaf, lies = play(way)
+    said = f"{leaf.status} {leaf.code or ''}".strip()
+    return {
+        "outcome": "FALSE_SUCCESS" if lies else "SUCCESS",
+        "code": leaf.code,
+        "skill": leaf.skill,
+        "stayed": leaf.skill == skill and leaf.status == "SUCCESS" and not lies,
+        "said": f"{leaf.skill}: {said} {leaf.reason}",
+        "lies": lies,
+    }
+
+
 def main() -> int:
     """Print a line for each way, and the sum; 1 if something was said falsely."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--only", nargs="+", default=[], help="skills, or words of the names")
+    add_options(parser)
     options = parser.parse_args()
     chosen = [
-        way
+        {"skill": way.skill, "name": way.name}
         for way in ways()
         if not options.only or any(word in (way.skill, way.name) for word in options.only)
     ]
     false = stayed = elsewhere = exceptions = 0
-    for way in chosen:
-        leaf, lies = play(way)
-        said = f"{leaf.status} {leaf.code or ''}".strip()
-        exceptions += leaf.code == "EXCEPTION"
-        elsewhere += leaf.skill != way.skill
-        stayed += leaf.skill == way.skill and leaf.status == "SUCCESS" and not lies
-        false += bool(lies)
-        print(f"{way.skill:10} {way.name:36} {leaf.skill}: {said} {leaf.reason}", flush=True)
-        for lie in lies:
-            print(f"    FALSE: {lie}", flush=True)
-    print(
-        f"{len(chosen)} ways: {false} false SUCCESS; {stayed} stayed all the same, "
-        f"{elsewhere} failed before, {exceptions} exceptions"
-    )
-    return 1 if false or exceptions else 0
+    with Campaign(options) as campaign:
+        for way, found in campaign.run(judged, chosen):
+            exceptions += found["code"] == "EXCEPTION"
+            elsewhere += found["skill"] != way["skill"]
+            stayed += found["stayed"]
+            false += bool(found["lies"])
+            print(f"{way['skill']:10} {way['name']:36} {found['said']}", flush=True)
+            for lie in found["lies"]:
+                print(f"    FALSE: {lie}", flush=True)
+        print(
+            f"{len(chosen)} ways: {false} false SUCCESS; {stayed} stayed all the same, "
+            f"{elsewhere} failed before, {exceptions} exceptions"
+        )
+        return 1 if false or exceptions else 0
 
 
 if __name__ == "__main__":

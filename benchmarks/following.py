@@ -20,11 +20,13 @@ import itertools
 import sys
 from collections import defaultdict
 from collections.abc import Iterator
+from dataclasses import asdict
+from typing import Any
 
+from benchmarks.campaign import Campaign, add_options, registry
 from benchmarks.following_trial import LOOKS, Outcome, Spot, follow
 from benchmarks.measured_robots import MEASURED
 from bt_dualarm.robots.robot_description import robot_names
-from bt_dualarm.skill.registry import Registry
 
 FPS = (10.0, 30.0, 60.0, 120.0)
 SHARES = (0.1, 0.3, 1.0)
@@ -52,6 +54,18 @@ def complaints(spot: Spot, found: Outcome) -> list[str]:
     return said + ["swings"] * (spot.motion == "rest" and found.swings(spot.goal))
 
 
+def tried(**fields: Any) -> dict[str, Any]:  # Any: fields of `Spot`
+    """What was measured at a spot, and what misses its goal."""
+    spot = Spot(**fields)
+    found = follow(spot, registry())
+    wrong = complaints(spot, found)
+    return {
+        "outcome": "FAILURE" if wrong else "SUCCESS",
+        "code": "; ".join(wrong),
+        "measured": asdict(found),
+    }
+
+
 def main(arguments: list[str]) -> int:
     """Print a line for each; the exit code."""
     parser = argparse.ArgumentParser(description="every arm before a cube")
@@ -62,26 +76,28 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--sized", action="store_true")
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--part", default="1/1")
+    add_options(parser)
     asked = parser.parse_args(arguments)
     first, every = (int(number) for number in asked.part.split("/"))
-    registry = Registry.load()
     failed = 0
     of_group: dict[tuple[str, float], list[Outcome]] = defaultdict(list)
-    for spot in list(spots(asked))[first - 1 :: every]:
-        found = follow(spot, registry)
-        of_group[spot.robot, spot.fps].append(found)
-        wrong = complaints(spot, found)
-        failed += bool(wrong)
-        print(f"{spot}: {found} {'; '.join(wrong)}".rstrip(), flush=True)
-    for (robot, fps), all_found in of_group.items():
-        rms = max(one.rms for one in all_found)
-        peak = max(one.peak for one in all_found)
-        print(
-            f"{robot}, {fps:g} Hz: {len(all_found)} runs, RMS at most {1e3 * rms:.3f} mm, "
-            f"highest peak {1e3 * peak:.3f} mm"
-        )
-    print(f"{failed} miss their goal")
-    return int(failed > 0)
+    cases = [asdict(spot) for spot in list(spots(asked))[first - 1 :: every]]
+    with Campaign(asked) as campaign:
+        for fields, result in campaign.run(tried, cases):
+            spot = Spot(**fields)
+            found = Outcome(**result["measured"])
+            of_group[spot.robot, spot.fps].append(found)
+            failed += bool(result["code"])
+            print(f"{spot}: {found} {result['code']}".rstrip(), flush=True)
+        for (robot, fps), all_found in of_group.items():
+            rms = max(one.rms for one in all_found)
+            peak = max(one.peak for one in all_found)
+            print(
+                f"{robot}, {fps:g} Hz: {len(all_found)} runs, RMS at most {1e3 * rms:.3f} mm, "
+                f"highest peak {1e3 * peak:.3f} mm"
+            )
+        print(f"{failed} miss their goal")
+        return int(failed > 0)
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ code 1 if an error is larger than 1 mm or the transform is lost.
 from __future__ import annotations
 
 import argparse
+import itertools
 import statistics
 import sys
 from collections import Counter
@@ -21,13 +22,13 @@ from typing import Any, Final
 
 import numpy as np
 
+from benchmarks.campaign import Campaign, add_options, registry
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.runtime.arm_runtime import IdleObserver
 from bt_dualarm.runtime.options import RunOptions
 from bt_dualarm.runtime.run import Run
 from bt_dualarm.sim.world import World
-from bt_dualarm.skill.registry import Registry
 
 ROBOTS: Final = ("ur5", "ur10", "panda", "xarm7", "ur3")
 ALLOWED_M: Final = 1e-3
@@ -109,6 +110,32 @@ class TrueTransform(IdleObserver):
         return np.asarray(np.linalg.norm(np.array(chosen) - chosen[0], axis=1))
 
 
+def followed(seed: int, reality: str, speed: float) -> dict[str, Any]:
+    """What came of a trial: the largest error, m, or why there is none, and a line on it."""
+    file = generate(seed, reality, speed)
+    skills = registry()
+    with Run(load_tree_file(file, skills.kinds), skills, RunOptions(renderer="ray")) as run:
+        transform = TrueTransform(run.world)
+        run.watch(transform)
+        result = run.finish()
+    pair = f"{file['arms']['arm1']['robot']} leads {file['arms']['arm2']['robot']}"
+    leaf = next(one for one in result.arms["arm2"].runs if one.skill == "follow_tool")
+    moved = sum(one.status == "SUCCESS" and one.skill != "wait" for one in result.arms["arm1"].runs)
+    head = f"{seed}: {pair}, {moved} motions"
+    if leaf.code in OUT_OF_REACH or not moved:
+        code = leaf.code or "no motion of the leader"
+        said = f"{head}: left out: {leaf.code} {leaf.reason}"
+        return {"outcome": "SKIPPED", "code": code, "said": said}
+    if leaf.status != "SUCCESS":
+        said = f"{head}: {leaf.code}: {leaf.reason}"
+        return {"outcome": "FAILURE", "code": leaf.code, "said": said}
+    errors = transform.errors_m(BEGIN_S - 0.1, leaf.ended_s or 0.0)
+    largest = float(errors.max(initial=0.0))
+    rms = float(np.sqrt(np.mean(errors**2)))
+    said = f"{head}: {1e3 * largest:.2f} mm, rms {1e3 * rms:.2f} mm"
+    return {"outcome": "SUCCESS", "largest_m": largest, "said": said}
+
+
 def main() -> int:
     """Run the trials; returns the exit code."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
@@ -117,49 +144,33 @@ def main() -> int:
     parser.add_argument("--reality", default="lab", choices=("ideal", "lab", "rough"))
     parser.add_argument("--speed", type=float, default=1.0, help="speed of the first arm")
     parser.add_argument("--only", type=int, help="the one seed to run")
+    add_options(parser)
     options = parser.parse_args()
-    registry = Registry.load()
-    wanted = options.trials if options.only is None else 1
-    seed = options.seed if options.only is None else options.only
+    only = options.only
+    seeds = itertools.count(options.seed) if only is None else iter([only])
+    words = {"reality": options.reality, "speed": options.speed}
+    cases = ({"seed": seed, **words} for seed in seeds)
     largest: list[float] = []
     left_out = Counter[str]()
     lost = 0
-    while len(largest) + lost < wanted:
-        file = generate(seed, options.reality, options.speed)
-        with Run(load_tree_file(file, registry.kinds), registry, RunOptions(renderer="ray")) as run:
-            transform = TrueTransform(run.world)
-            run.watch(transform)
-            result = run.finish()
-        pair = f"{file['arms']['arm1']['robot']} leads {file['arms']['arm2']['robot']}"
-        leaf = next(one for one in result.arms["arm2"].runs if one.skill == "follow_tool")
-        moved = sum(
-            one.status == "SUCCESS" and one.skill != "wait" for one in result.arms["arm1"].runs
-        )
-        head = f"{seed}: {pair}, {moved} motions"
-        seed += 1
-        if leaf.code in OUT_OF_REACH or not moved:
-            left_out[leaf.code or "no motion of the leader"] += 1
-            print(f"{head}: left out: {leaf.code} {leaf.reason}", flush=True)
-        elif leaf.status != "SUCCESS":
-            lost += 1
-            print(f"{head}: {leaf.code}: {leaf.reason}", flush=True)
-        else:
-            end = leaf.ended_s or 0.0
-            errors = transform.errors_m(BEGIN_S - 0.1, end)
-            largest.append(float(errors.max(initial=0.0)))
-            rms = float(np.sqrt(np.mean(errors**2)))
-            print(f"{head}: {1e3 * largest[-1]:.2f} mm, rms {1e3 * rms:.2f} mm", flush=True)
-        if options.only is not None:
-            break
-    print(f"{len(largest) + lost} trials, {lost} lost; left out: {dict(left_out)}")
-    if largest:
-        print(
-            f"  largest error per trial: median {1e3 * statistics.median(largest):.2f} mm, "
-            f"maximum {1e3 * max(largest):.2f} mm"
-        )
-    worse = sum(one > ALLOWED_M for one in largest)
-    print(f"  more than {1e3 * ALLOWED_M:g} mm: {worse}")
-    return 1 if lost or worse else 0
+    with Campaign(options) as campaign:
+        for _, found in campaign.run(followed, cases, options.trials if only is None else 1):
+            print(found["said"], flush=True)
+            if found["outcome"] == "SKIPPED":
+                left_out[found["code"]] += 1
+            elif found["outcome"] == "FAILURE":
+                lost += 1
+            else:
+                largest.append(found["largest_m"])
+        print(f"{len(largest) + lost} trials, {lost} lost; left out: {dict(left_out)}")
+        if largest:
+            print(
+                f"  largest error per trial: median {1e3 * statistics.median(largest):.2f} mm, "
+                f"maximum {1e3 * max(largest):.2f} mm"
+            )
+        worse = sum(one > ALLOWED_M for one in largest)
+        print(f"  more than {1e3 * ALLOWED_M:g} mm: {worse}")
+        return 1 if lost or worse else 0
 
 
 if __name__ == "__main__":

@@ -21,7 +21,8 @@ from typing import Any
 import numpy as np
 
 import bt_dualarm as bt
-from benchmarks.grip_arguments import grip_parser
+from benchmarks.campaign import Campaign
+from benchmarks.grip_arguments import grip_cases, grip_parser
 from bt_dualarm.behaviors.report import StatusChange
 from bt_dualarm.runtime.arm_runtime import IdleObserver
 from bt_dualarm.sim.world import World
@@ -142,15 +143,23 @@ def attempt(file: dict[str, Any]) -> tuple[bt.RunResult, list[float]]:
         return run.finish(), shaking.most.tolist()
 
 
-def judge(result: bt.RunResult, shaken: list[float], tally: Tally) -> str:
-    """The verdict on one run; its metrics go into the tally."""
+def judged(seed: int, **words: str) -> dict[str, Any]:
+    """The verdict on one run, its largest metrics, and how its tool was accelerated."""
+    result, shaken = attempt(task(argparse.Namespace(**words), seed))
+    worst: dict[str, float] = {}
+    verdict = _verdict(result, worst)
+    outcome = "SUCCESS" if verdict == "placed" else "FAILURE"
+    return {"outcome": outcome, "code": verdict, "worst": worst, "shaken": shaken}
+
+
+def _verdict(result: bt.RunResult, worst: dict[str, float]) -> str:
     leaves = list(result.arms["arm1"].leaves.items())
     for name, leaf in leaves:
         what = name.rpartition("/")[2].partition("#")[0]
         for metric, value in leaf.metrics.items():
             if isinstance(value, float) and what in ("grasp", "transport", "place"):
                 key = f"{what}.{metric}"
-                tally.worst[key] = max(tally.worst.get(key, 0.0), abs(value))
+                worst[key] = max(worst.get(key, 0.0), abs(value))
         if leaf.status == "SUCCESS" and (
             float(leaf.metrics.get("lifted_m", 1.0)) < LIFTED_SHARE * 0.04
             or float(leaf.metrics.get("placed_error_m", 0.0)) > FALSE_M
@@ -161,8 +170,6 @@ def judge(result: bt.RunResult, shaken: list[float], tally: Tally) -> str:
             before = name.endswith("grasp") and "lifted_m" not in leaf.metrics
             moved = "approach_force_n" in leaf.metrics
             return f"{'refused' if before and not moved else 'failed'} {leaf.code}"
-    if result.outcome == "SUCCESS":
-        tally.shaken.append(shaken)
     return "placed" if result.outcome == "SUCCESS" else f"failed {result.outcome}"
 
 
@@ -171,20 +178,25 @@ def main() -> int:
     parser = grip_parser(__doc__, 20)
     options = parser.parse_args()
     tally = Tally()
-    for seed in range(options.seed, options.seed + options.runs):
-        verdict = judge(*attempt(task(options, seed)), tally)
-        tally.verdicts[verdict] += 1
-        if verdict != "placed":
-            print(f"seed {seed}: {verdict}", flush=True)
-    print(f"{options.robot}, {options.gripper}, {options.reality}: {dict(tally.verdicts)}")
-    for metric in TOLD:
-        if metric in tally.worst:
-            print(f"  worst {metric}: {tally.worst[metric]:.3g}")
-    if tally.shaken:
-        middle = np.median(tally.shaken, axis=0)
-        least = np.min(tally.shaken, axis=0)
-        print(f"  shaken, m/s², x y z: median {middle.round(1)}, least {least.round(1)}")
-    return 1 if tally.verdicts["lied"] else 0
+    with Campaign(options) as campaign:
+        for case, found in campaign.run(judged, grip_cases(options)):
+            verdict = found["code"]
+            tally.verdicts[verdict] += 1
+            for key, value in found["worst"].items():
+                tally.worst[key] = max(tally.worst.get(key, 0.0), value)
+            if verdict == "placed":
+                tally.shaken.append(found["shaken"])
+            else:
+                print(f"seed {case['seed']}: {verdict}", flush=True)
+        print(f"{options.robot}, {options.gripper}, {options.reality}: {dict(tally.verdicts)}")
+        for metric in TOLD:
+            if metric in tally.worst:
+                print(f"  worst {metric}: {tally.worst[metric]:.3g}")
+        if tally.shaken:
+            middle = np.median(tally.shaken, axis=0)
+            least = np.min(tally.shaken, axis=0)
+            print(f"  shaken, m/s², x y z: median {middle.round(1)}, least {least.round(1)}")
+        return 1 if tally.verdicts["lied"] else 0
 
 
 if __name__ == "__main__":

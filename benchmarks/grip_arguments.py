@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import argparse
+from typing import Any
+
+from benchmarks.campaign import add_options
 
 
 def grip_parser(doc: str | None, runs: int) -> argparse.ArgumentParser:
@@ -18,4 +21,12 @@ def grip_parser(doc: str | None, runs: int) -> argparse.ArgumentParser:
     parser.add_argument("--robot", default="ur5")
     parser.add_argument("--gripper", default="robotiq_2f85")
     parser.add_argument("--reality", default="lab")
+    add_options(parser)
     return parser
+
+
+def grip_cases(options: argparse.Namespace, *others: str) -> list[dict[str, Any]]:
+    """Arguments of each run: its seed, robot, gripper, reality and other options."""
+    words = {name: getattr(options, name) for name in ("robot", "gripper", "reality", *others)}
+    seeds = range(options.seed, options.seed + options.runs)
+    return [{"seed": seed, **words} for seed in seeds]

@@ -24,6 +24,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from benchmarks.campaign import Campaign, add_options
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.robots.gripper import gripper_names, load_gripper
 from bt_dualarm.runtime.api import open as open_run
@@ -146,14 +147,15 @@ def drift(
     gripper: str,
     thing: str,
     way: str,
-    args: argparse.Namespace,
     seed: int,
     reality: str,
+    seconds: float,
+    share: float,
 ) -> str:
     """Millimeters by which a thing has crept, and degrees by which it has turned."""
-    then = to_and_fro(max(1, round(args.seconds / 1.6))) if way == "carried" else []
-    then = [{"wait": args.seconds}] if way == "rest" else then
-    file = tree(robot, gripper, thing, args.share, then)
+    then = to_and_fro(max(1, round(seconds / 1.6))) if way == "carried" else []
+    then = [{"wait": seconds}] if way == "rest" else then
+    file = tree(robot, gripper, thing, share, then)
     with open_run(file, seed=seed, reality=reality) as run:
         refused = lifted(run)
         if refused:
@@ -161,10 +163,10 @@ def drift(
         before = in_tool(run.world)
         began = run.time
         if way == "shaken":
-            shaken(run.world, args.seconds)
+            shaken(run.world, seconds)
         while not run.done and way != "shaken":
             run.step(0.5)
-        took = args.seconds if way == "shaken" else run.time - began
+        took = seconds if way == "shaken" else run.time - began
         return f"{crept(before, in_tool(run.world))}, {took:.0f} s"
 
 
@@ -199,20 +201,30 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--share", type=float, default=0.5)
     parser.add_argument("--pairs", type=int, default=3)
+    add_options(parser)
     return parser.parse_args()
 
 
 def main() -> None:
     """Print both figures."""
     args = arguments()
-    for robot in args.robots:
-        for gripper in args.grippers:
-            shapes = [s for s in args.shapes if s != "ball" or load_gripper(gripper).fingers]
-            for thing in shapes:
-                for way, reality in ((w, r) for w in args.ways for r in args.sets):
-                    for seed in range(1, args.seeds + 1):
-                        told = drift(robot, gripper, thing, way, args, seed, reality)
-                        print(robot, gripper, thing, way, reality, seed, told, flush=True)
+    each = (
+        (robot, gripper, thing, way, reality, seed)
+        for robot in args.robots
+        for gripper in args.grippers
+        for thing in args.shapes
+        if thing != "ball" or load_gripper(gripper).fingers
+        for way in args.ways
+        for reality in args.sets
+        for seed in range(1, args.seeds + 1)
+    )
+    names = ("robot", "gripper", "thing", "way", "reality", "seed")
+    words = {"seconds": args.seconds, "share": args.share}
+    cases = [{**dict(zip(names, one, strict=True)), **words} for one in each]
+    with Campaign(args) as campaign:
+        for case, told in campaign.run(drift, cases):
+            print(*(case[name] for name in names), told, flush=True)
+    # In this process, because it measures CPU time.
     ratios = []
     for _ in range(args.pairs):
         bare = cost(None, 20)

@@ -11,11 +11,14 @@ images leave unexplained.
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
+import itertools
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
 import bt_dualarm as bt
+from benchmarks.campaign import Campaign, add_options
 from bt_dualarm.core.pose import Pose, camera_pose
 from bt_dualarm.sim.world import World
 
@@ -67,27 +70,44 @@ def calibrated(robot: str, reality: str, seed: int) -> tuple[Error, Error, bt.Le
     return before, after, result.arms["arm1"].leaves["calibrate"]
 
 
+def found_out(robot: str, reality: str, seed: int) -> dict[str, Any]:
+    """The errors before and after, and what the leaf has said."""
+    before, after, leaf = calibrated(robot, reality, seed)
+    return {
+        "outcome": str(leaf.status),
+        "code": leaf.code,
+        "said": f"{leaf.status} {leaf.reason} views {leaf.metrics.get('views')}",
+        "before": asdict(before),
+        "after": asdict(after),
+        "residuals": [
+            leaf.metrics.get(name, np.nan) for name in ("residual_before_px", "residual_px")
+        ],
+    }
+
+
 def main() -> None:
     """Print a line a robot of the batch."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--robots", nargs="+", default=["panda"])
     parser.add_argument("--sets", nargs="+", default=["lab", "rough"])
     parser.add_argument("--seeds", type=int, default=5)
+    add_options(parser)
     arguments = parser.parse_args()
-    for robot in arguments.robots:
-        for reality in arguments.sets:
-            for seed in range(arguments.seeds):
-                before, after, leaf = calibrated(robot, reality, seed)
-                print(
-                    f"{robot:6} {reality:6} {seed} {leaf.status} {leaf.reason} "
-                    f"views {leaf.metrics.get('views')} "
-                    f"aim {before.aim_mm:.2f} -> {after.aim_mm:.2f} mm, "
-                    f"place {before.shift_mm:.2f} -> {after.shift_mm:.2f} mm, "
-                    f"turn {before.turn_deg:.3f} -> {after.turn_deg:.3f} deg, residual "
-                    f"{leaf.metrics.get('residual_before_px', np.nan):.2f} -> "
-                    f"{leaf.metrics.get('residual_px', np.nan):.2f} px",
-                    flush=True,
-                )
+    each = itertools.product(arguments.robots, arguments.sets, range(arguments.seeds))
+    cases = [{"robot": robot, "reality": reality, "seed": seed} for robot, reality, seed in each]
+    with Campaign(arguments) as campaign:
+        for case, found in campaign.run(found_out, cases):
+            before = Error(**found["before"])
+            after = Error(**found["after"])
+            first, last = found["residuals"]
+            print(
+                f"{case['robot']:6} {case['reality']:6} {case['seed']} {found['said']} "
+                f"aim {before.aim_mm:.2f} -> {after.aim_mm:.2f} mm, "
+                f"place {before.shift_mm:.2f} -> {after.shift_mm:.2f} mm, "
+                f"turn {before.turn_deg:.3f} -> {after.turn_deg:.3f} deg, "
+                f"residual {first:.2f} -> {last:.2f} px",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

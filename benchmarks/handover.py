@@ -20,10 +20,10 @@ from __future__ import annotations
 
 import argparse
 import copy
+import itertools
 import math
 import statistics
 import sys
-import time
 from collections import Counter, deque
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -33,6 +33,7 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 
+from benchmarks.campaign import Campaign, add_options, registry
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.behaviors.report import LeafReport
 from bt_dualarm.core.errors import DualArmError
@@ -320,26 +321,26 @@ class Fault:
         return f"{self.kind} of {self.arm} at {self.time_s:.2f} s"
 
 
-def play(case: Case, registry: Registry, fault: Fault | None = None) -> Judged:
+def play(case: Case, skills: Registry, fault: Fault | None = None) -> Judged:
     """Play a case.
 
     Args:
         case: Case to play.
-        registry: Skills.
+        skills: Skills.
         fault: Fault to make, if any.
     """
     tree = copy.deepcopy(case.file)
     if fault is not None and fault.kind == "halt":
         arm = tree["arms"][fault.arm]
         arm["tree"] = {"timeout": {"seconds": fault.time_s, "child": arm["tree"]}}
-    file = load_tree_file(tree, registry.kinds)
+    file = load_tree_file(tree, skills.kinds)
     with ExitStack() as stack:
-        run = stack.enter_context(Run(file, registry, RunOptions(renderer="ray")))
+        run = stack.enter_context(Run(file, skills, RunOptions(renderer="ray")))
         referee = Referee(run)
         run.watch(referee)
         run.world.on_forces.append(referee.on_forces)
         if fault is not None and fault.kind == "crash":
-            stack.enter_context(crashing(registry, fault))
+            stack.enter_context(crashing(skills, fault))
         began: float | None = None
         excused = False
         pending = fault
@@ -371,9 +372,9 @@ def play(case: Case, registry: Registry, fault: Fault | None = None) -> Judged:
 
 
 @contextmanager
-def crashing(registry: Registry, fault: Fault) -> Iterator[None]:
+def crashing(skills: Registry, fault: Fault) -> Iterator[None]:
     """Let the skill of an arm raise an error at a time."""
-    skill = registry.skills["hand_over" if fault.arm == "arm1" else "take_over"]
+    skill = skills.skills["hand_over" if fault.arm == "arm1" else "take_over"]
     runs = skill.run
 
     def crash(self: Skill) -> Iterator[object]:
@@ -393,50 +394,120 @@ def crashing(registry: Registry, fault: Fault) -> Iterator[None]:
         skill.run = runs  # type: ignore[method-assign]
 
 
-def play_faults(options: argparse.Namespace, registry: Registry) -> int:
+def undisturbed(seed: int, reality: str) -> dict[str, Any]:
+    """When the giver has the bar and when both have ended, s, without a fault."""
+    judged = play(generate(seed, reality), registry())
+    if judged.began_s is None or not judged.succeeded:
+        return {"outcome": "SKIPPED"}
+    ends = [judged.leaf(*one) for one in (("arm1", "hand_over"), ("arm2", "take_over"))]
+    return {
+        "began_s": judged.began_s,
+        "ended_s": max(leaf.ended_s or 0.0 for leaf in ends if leaf is not None),
+    }
+
+
+def disturbed(seed: int, reality: str, kind: str, arm: str, time_s: float) -> dict[str, Any]:
+    """What comes of a case with a fault."""
+    case = generate(seed, reality)
+    fault = Fault(kind, arm, time_s)
+    again = play(case, registry(), fault)
+    other = ("arm2", "take_over") if arm == "arm1" else ("arm1", "hand_over")
+    leaf = again.leaf(*other)
+    found: dict[str, Any] = {
+        "line": f"case {case.seed}: {case.label}: {fault}: {other[1]} ",
+        "force_n": again.referee.force_n,
+        "fell_m": again.referee.fell_m,
+        "excused": again.excused,
+    }
+    if leaf is None or leaf.status not in ("SUCCESS", "FAILURE"):
+        return {"outcome": "UNFINISHED", **found}
+    return {"code": leaf.code or "SUCCESS", "reason": leaf.reason, **found}
+
+
+def play_faults(options: argparse.Namespace, campaign: Campaign) -> int:
     """Play cases again with one fault each; returns the exit code."""
     rng = np.random.default_rng(options.seed)
-    seed = options.seed
-    counted = silent = dropped = excused = 0
+    silent = dropped = excused = 0
     forces = list[float]()
     codes = Counter[str]()
-    while counted < options.cases:
-        case = generate(seed, options.reality)
-        seed += options.stride
-        judged = play(case, registry)
-        if judged.began_s is None or not judged.succeeded:
+    wanted = -(-options.cases // len(FAULTS))
+    faults = list[dict[str, Any]]()
+    for case, whole in campaign.run(undisturbed, _cases(options), wanted):
+        if "began_s" not in whole:
             continue
-        ends = [judged.leaf(*one) for one in (("arm1", "hand_over"), ("arm2", "take_over"))]
-        last = max(leaf.ended_s or 0.0 for leaf in ends if leaf is not None)
         for kind in FAULTS:
             arm = str(rng.choice(("arm1", "arm2")))
-            fault = Fault(kind, arm, round(float(rng.uniform(judged.began_s, last)), 2))
-            again = play(case, registry, fault)
-            counted += 1
-            other = ("arm2", "take_over") if arm == "arm1" else ("arm1", "hand_over")
-            leaf = again.leaf(*other)
-            line = f"case {case.seed}: {case.label}: {fault}: {other[1]} "
-            forces.append(again.referee.force_n)
-            if leaf is None or leaf.status not in ("SUCCESS", "FAILURE"):
-                silent += 1
-                line += "HAS NOT ENDED"
-            else:
-                codes[f"{kind}: {leaf.code or 'SUCCESS'}"] += 1
-                line += f"{leaf.code or 'SUCCESS'}: {leaf.reason}"
-            if again.referee.fell_m > FELL_M:
-                excused += again.excused
-                dropped += not again.excused
-                line += f"\n    fell {again.referee.fell_m:.2f} m"
-                line += ", as its only hand was gone" if again.excused else " AVOIDABLY"
-            line += f" ({again.referee.force_n:.1f} N)"
-            print(line, flush=True)
-    print(f"{counted} faults in {options.reality}")
+            time_s = round(float(rng.uniform(whole["began_s"], whole["ended_s"])), 2)
+            faults.append({**case, "kind": kind, "arm": arm, "time_s": time_s})
+    for fault, found in campaign.run(disturbed, faults):
+        line = found["line"]
+        forces.append(found["force_n"])
+        if "code" not in found:
+            silent += 1
+            line += "HAS NOT ENDED"
+        else:
+            codes[f"{fault['kind']}: {found['code']}"] += 1
+            line += f"{found['code']}: {found['reason']}"
+        if found["fell_m"] > FELL_M:
+            excused += found["excused"]
+            dropped += not found["excused"]
+            line += f"\n    fell {found['fell_m']:.2f} m"
+            line += ", as its only hand was gone" if found["excused"] else " AVOIDABLY"
+        line += f" ({found['force_n']:.1f} N)"
+        print(line, flush=True)
+    print(f"{len(faults)} faults in {options.reality}")
     print(f"  the other arm did not end: {silent}")
     print(f"  fell more than {100 * FELL_M:.0f} cm: {dropped} (and {excused} without another hand)")
-    print(f"  largest force between the arms: {max(forces):.1f} N")
+    print(f"  largest force between the arms: {max(forces, default=0.0):.1f} N")
     for code, count in sorted(codes.items()):
         print(f"  {count:4d}  {code}")
     return 1 if silent or dropped else 0
+
+
+def _cases(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
+    """Arguments of the cases, without an end unless only one is to be played."""
+    if options.only is not None:
+        yield {"seed": options.only, "reality": options.reality}
+        return
+    for seed in itertools.count(options.seed, options.stride):
+        yield {"seed": seed, "reality": options.reality}
+
+
+def handed_over(seed: int, reality: str) -> dict[str, Any]:
+    """What comes of a case, and what to print of it."""
+    case = generate(seed, reality)
+    try:
+        judged = play(case, registry())
+    except DualArmError as error:
+        return {"outcome": "SKIPPED", "line": f"case {seed}: left out: {error}"}
+    if judged.began_s is None:
+        grasp = judged.leaf("arm1", "grasp")
+        code = "" if grasp is None else grasp.code
+        return {
+            "outcome": "SKIPPED",
+            "line": f"case {seed}: left out: {case.label}: grasp {code}",
+        }
+    referee = judged.referee
+    line = f"case {case.seed}: {case.label}: {'SUCCESS' if judged.succeeded else 'FAILURE'}"
+    line += f", {referee.force_n:.1f} N"
+    found: dict[str, Any] = {"outcome": "FAILURE", "codes": []}
+    leaf = judged.leaf("arm2", "take_over")
+    if judged.succeeded and leaf is not None:
+        found |= {"outcome": "SUCCESS", "seconds": float(leaf.metrics["handover_s"])}
+        line += f", {found['seconds']:.2f} s"
+    else:
+        for arm, skill in (("arm1", "hand_over"), ("arm2", "take_over")):
+            leaf = judged.leaf(arm, skill)
+            if leaf is not None and leaf.code != "PARTNER_GONE" and leaf.status != "SUCCESS":
+                found["codes"].append(f"{skill} {leaf.code}")
+                line += f"\n    {skill}: {leaf.code}: {leaf.reason}"
+    if judged.dropped:
+        line += f"\n    DROPPED: unheld for {referee.unheld_s:.2f} s"
+    if referee.touching:
+        line += "\n    arms touch"
+    code = ", ".join(found["codes"])
+    forces = {"force_n": referee.force_n, "dropped": judged.dropped}
+    return {**found, **forces, "code": code, "line": line}
 
 
 def main() -> int:
@@ -448,59 +519,31 @@ def main() -> int:
     parser.add_argument("--faults", action="store_true", help="one arm halts, crashes or is gone")
     parser.add_argument("--only", type=int, help="the one seed to play")
     parser.add_argument("--stride", type=int, default=1, help="difference of two seeds")
+    add_options(parser)
     options = parser.parse_args()
-    registry = Registry.load()
-    if options.faults:
-        return play_faults(options, registry)
-    wanted = 1 if options.only is not None else options.cases
-    seed = options.seed if options.only is None else options.only
-    counted = succeeded = dropped = left_out = 0
+    with Campaign(options) as campaign:
+        return (play_faults if options.faults else play_cases)(options, campaign)
+
+
+def play_cases(options: argparse.Namespace, campaign: Campaign) -> int:
+    """Play cases without faults; returns the exit code."""
+    succeeded = dropped = left_out = 0
     forces = list[float]()
     times = list[float]()
     codes = Counter[str]()
-    while counted < wanted:
-        case = generate(seed, options.reality)
-        seed += options.stride
-        began = time.perf_counter()
-        try:
-            judged = play(case, registry)
-        except DualArmError as error:
-            print(f"case {case.seed}: left out: {error}", flush=True)
+    wanted = 1 if options.only is not None else options.cases
+    for _, found in campaign.run(handed_over, _cases(options), wanted):
+        print(found["line"], flush=True)
+        if found["outcome"] == "SKIPPED":
             left_out += 1
-            if options.only is not None:
-                break
             continue
-        if judged.began_s is None:
-            left_out += 1
-            grasp = judged.leaf("arm1", "grasp")
-            code = "" if grasp is None else grasp.code
-            print(f"case {case.seed}: left out: {case.label}: grasp {code}", flush=True)
-            if options.only is not None:
-                break
-            continue
-        counted += 1
-        referee = judged.referee
-        line = f"case {case.seed}: {case.label}: {'SUCCESS' if judged.succeeded else 'FAILURE'}"
-        line += f", {referee.force_n:.1f} N"
-        forces.append(referee.force_n)
-        leaf = judged.leaf("arm2", "take_over")
-        if judged.succeeded and leaf is not None:
+        forces.append(found["force_n"])
+        dropped += found["dropped"]
+        codes.update(found["codes"])
+        if "seconds" in found:
             succeeded += 1
-            times.append(float(leaf.metrics["handover_s"]))
-            line += f", {times[-1]:.2f} s"
-        else:
-            for arm, skill in (("arm1", "hand_over"), ("arm2", "take_over")):
-                leaf = judged.leaf(arm, skill)
-                if leaf is not None and leaf.code != "PARTNER_GONE" and leaf.status != "SUCCESS":
-                    codes[f"{skill} {leaf.code}"] += 1
-                    line += f"\n    {skill}: {leaf.code}: {leaf.reason}"
-        if judged.dropped:
-            dropped += 1
-            line += f"\n    DROPPED: unheld for {referee.unheld_s:.2f} s"
-        if referee.touching:
-            line += "\n    arms touch"
-        wall = time.perf_counter() - began
-        print(f"{line} ({wall:.0f} s of computing)", flush=True)
+            times.append(found["seconds"])
+    counted = len(forces)
     print(f"{counted} handovers in {options.reality} ({left_out} left out)")
     print(f"  succeeded: {succeeded} ({succeeded / max(counted, 1):.1%})")
     print(f"  dropped: {dropped}")

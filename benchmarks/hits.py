@@ -13,12 +13,14 @@ Asked for: all within 20 ms, no false alarm in an hour in `rough`.
 from __future__ import annotations
 
 import argparse
+import itertools
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import asdict, dataclass
+from typing import Any, Final
 
 import numpy as np
 
+from benchmarks.campaign import Campaign, add_options, registry
 from benchmarks.measured_robots import MEASURED
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.collision.checker import CollisionChecker
@@ -29,7 +31,6 @@ from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.robots.robot_description import load_robot, robot_names
 from bt_dualarm.safety.failsafe import Reservations
 from bt_dualarm.sim.world import World
-from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.node_types import NodeType
 from bt_dualarm.trajectory.path_timing import point_to_point
 from bt_dualarm.trajectory.trajectory import Trajectory
@@ -119,6 +120,10 @@ class Bench:
         return point_to_point(self.controller.setpoint.q, goal, limits, PERIOD)
 
 
+SOON_S = 0.02 + 1e-9
+"""Time after which a hit is felt too late, s."""
+
+
 def hit(
     name: str,
     reality: str,
@@ -183,12 +188,14 @@ def _run_into(bench: Bench, motion: Trajectory, speed: float) -> Hit | None:
     return None if began is None else Hit(speed, None, "")
 
 
-def free(name: str, reality: str, seed: int, seconds: float, kinds: Mapping[str, NodeType]) -> int:
-    """Number of hits that an arm feels where nothing is, in so many simulated seconds."""
+def free(
+    name: str, reality: str, seed: int, seconds: float, kinds: Mapping[str, NodeType]
+) -> list[str]:
+    """Hits that an arm feels where nothing is, in so many simulated seconds, as sentences."""
     bench = Bench(name, reality, seed, kinds)
     robot = load_robot(name)
     rng = np.random.default_rng([seed, 4])
-    alarms = 0
+    alarms = []
     limits = robot.limits
     while bench.world.time < seconds:
         goal = robot.postures["home"] + rng.uniform(-_FREE, _FREE, robot.dof)
@@ -199,13 +206,26 @@ def free(name: str, reality: str, seed: int, seconds: float, kinds: Mapping[str,
         for _ in bench.moved(motion):
             pass
         if isinstance(bench.controller.fault, HitFailure):
-            alarms += 1
-            print(f"    {bench.controller.fault}")
+            alarms.append(str(bench.controller.fault))
         while not bench.controller.at_rest and bench.controller.fault is not None:
             bench.controller.update(bench.world.time)
             for _ in range(round(PERIOD / bench.world.timestep)):
                 bench.world.step()
     return alarms
+
+
+def felt(name: str, reality: str, seed: int) -> dict[str, Any]:
+    """What came of a hit."""
+    found = hit(name, reality, seed, registry().kinds)
+    late = found.felt_s
+    outcome = "FAILURE" if late is None or late > SOON_S else "SUCCESS"
+    return {"outcome": outcome, "code": "LATE" if late else "", "hit": asdict(found)}
+
+
+def alarmed(name: str, reality: str, seed: int, seconds: float) -> dict[str, Any]:
+    """False alarms of a free motion."""
+    alarms = free(name, reality, seed, seconds, registry().kinds)
+    return {"outcome": "FAILURE" if alarms else "SUCCESS", "code": "", "alarms": alarms}
 
 
 def main() -> None:
@@ -216,34 +236,43 @@ def main() -> None:
     parser.add_argument("--hits", type=int, default=20)
     parser.add_argument("--free", type=float, default=60.0)
     parser.add_argument("--first", type=int, default=0)
+    add_options(parser)
     arguments = parser.parse_args()
-    kinds = Registry.load().kinds
+    with Campaign(arguments) as campaign:
+        for name, reality in itertools.product(arguments.robots, arguments.sets):
+            report(name, reality, arguments, campaign)
+
+
+def report(name: str, reality: str, arguments: argparse.Namespace, campaign: Campaign) -> None:
+    """Let a robot run into things and move freely, and print what it felt."""
+    words = {"name": name, "reality": reality}
     seeds = range(arguments.first, arguments.first + arguments.hits)
-    for name in arguments.robots:
-        for reality in arguments.sets:
-            hits = [hit(name, reality, seed, kinds) for seed in seeds]
-            felt = [one.felt_s for one in hits if one.felt_s is not None]
-            soon = sum(late <= 0.02 + 1e-9 for late in felt)
-            slowest = min((one.speed for one in hits), default=0.0)
-            switched = sum(one.by_link for one in hits)
-            times = 1e3 * np.array(felt or [np.nan])
-            print(
-                f"{name:6} {reality:6} {soon} of {len(hits)} felt within 20 ms, {len(felt)} at all "
-                f"({switched} by a switch on a link), median {np.median(times):.0f} ms, "
-                f"at most {times.max():.0f} ms; {slowest:.2f} m/s and faster",
-                flush=True,
-            )
-            missed = [one for one in hits if one.felt_s is None or one.felt_s > 0.02 + 1e-9]
-            for one in missed[:4]:
-                print(f"    {one}")
-            if arguments.free:
-                share = arguments.free / _FREE_ROBOTS
-                batch = range(arguments.first, arguments.first + _FREE_ROBOTS)
-                alarms = sum(free(name, reality, seed, share, kinds) for seed in batch)
-                print(
-                    f"{name:6} {reality:6} {alarms} false alarms in {arguments.free:g} s",
-                    flush=True,
-                )
+    cases = [{**words, "seed": seed} for seed in seeds]
+    hits = [Hit(**found["hit"]) for _, found in campaign.run(felt, cases)]
+    times = [one.felt_s for one in hits if one.felt_s is not None]
+    soon = sum(late <= SOON_S for late in times)
+    slowest = min((one.speed for one in hits), default=0.0)
+    switched = sum(one.by_link for one in hits)
+    late_ms = 1e3 * np.array(times or [np.nan])
+    print(
+        f"{name:6} {reality:6} {soon} of {len(hits)} felt within 20 ms, {len(times)} at all "
+        f"({switched} by a switch on a link), median {np.median(late_ms):.0f} ms, "
+        f"at most {late_ms.max():.0f} ms; {slowest:.2f} m/s and faster",
+        flush=True,
+    )
+    missed = [one for one in hits if one.felt_s is None or one.felt_s > SOON_S]
+    for one in missed[:4]:
+        print(f"    {one}")
+    if arguments.free:
+        batch = range(arguments.first, arguments.first + _FREE_ROBOTS)
+        share = arguments.free / _FREE_ROBOTS
+        alarms = 0
+        runs = [{**words, "seed": seed, "seconds": share} for seed in batch]
+        for _, found in campaign.run(alarmed, runs):
+            alarms += len(found["alarms"])
+            for alarm in found["alarms"]:
+                print(f"    {alarm}")
+        print(f"{name:6} {reality:6} {alarms} false alarms in {arguments.free:g} s", flush=True)
 
 
 if __name__ == "__main__":

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 import bt_dualarm as bt
-from benchmarks.grip_arguments import grip_parser
+from benchmarks.campaign import Campaign
+from benchmarks.grip_arguments import grip_cases, grip_parser
 from bt_dualarm.core.pose import Vector
 
 TABLE = 0.40
@@ -79,6 +80,24 @@ def task(options: argparse.Namespace, seed: int) -> tuple[dict[str, Any], float]
     return file, off
 
 
+def insert(seed: int, **words: str) -> dict[str, Any]:
+    """One run: how far the hole is off, what came of it, and by the truth how deep the peg is."""
+    file, off = task(argparse.Namespace(**words), seed)
+    with bt.open(file) as run:
+        leaf = run.finish().arms["arm1"].runs[-1]
+        height = float(run.world.object_pose("peg").position[2]) - TABLE - 0.04
+    is_in = leaf.skill == "insert" and leaf.status == "SUCCESS"
+    return {
+        "outcome": "SUCCESS" if is_in else "FAILURE",
+        "code": leaf.code,
+        "said": "in" if is_in else f"{leaf.skill} {leaf.code}: {leaf.reason}",
+        "off_m": off,
+        "height_m": height,
+        "places": leaf.metrics.get("search_places", ""),
+        "seconds": (leaf.ended_s or 0.0) - leaf.started_s,
+    }
+
+
 def main() -> int:
     """Run all of it and print the figures; 1 if a run said SUCCESS falsely."""
     parser = grip_parser(__doc__, 10)
@@ -86,26 +105,20 @@ def main() -> int:
     options = parser.parse_args()
     seconds = []
     lied = 0
-    for seed in range(options.seed, options.seed + options.runs):
-        file, off = task(options, seed)
-        with bt.open(file) as run:
-            leaf = run.finish().arms["arm1"].runs[-1]
-            height = float(run.world.object_pose("peg").position[2]) - TABLE - 0.04
-        took = (leaf.ended_s or 0.0) - leaf.started_s
-        is_in = leaf.skill == "insert" and leaf.status == "SUCCESS"
-        lied += is_in and height > DEEP_M
-        if is_in:
-            seconds.append(took)
-        what = "in" if is_in else f"{leaf.skill} {leaf.code}: {leaf.reason}"
-        places = leaf.metrics.get("search_places", "")
-        print(f"seed {seed}: {1e3 * off:.2f} mm off, {places} places, {took:.0f} s, {what}")
-        sys.stdout.flush()
-    middle = float(np.median(seconds)) if seconds else float("nan")
-    print(
-        f"{options.robot}, {options.gripper}, {options.reality}, {options.shape}: "
-        f"{len(seconds)} of {options.runs} in, median {middle:.0f} s, {lied} false"
-    )
-    return 1 if lied else 0
+    with Campaign(options) as campaign:
+        for case, found in campaign.run(insert, grip_cases(options, "shape")):
+            is_in = found["outcome"] == "SUCCESS"
+            lied += is_in and found["height_m"] > DEEP_M
+            if is_in:
+                seconds.append(found["seconds"])
+            head = f"seed {case['seed']}: {1e3 * found['off_m']:.2f} mm off, {found['places']}"
+            print(f"{head} places, {found['seconds']:.0f} s, {found['said']}", flush=True)
+        middle = float(np.median(seconds)) if seconds else float("nan")
+        print(
+            f"{options.robot}, {options.gripper}, {options.reality}, {options.shape}: "
+            f"{len(seconds)} of {options.runs} in, median {middle:.0f} s, {lied} false"
+        )
+        return 1 if lied else 0
 
 
 if __name__ == "__main__":

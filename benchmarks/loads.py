@@ -13,12 +13,14 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
 
+from benchmarks.campaign import Campaign, add_options, registry
 from benchmarks.measured_robots import MEASURED
 from bt_dualarm.arm.arm import SETTLED_RAD
 from bt_dualarm.arm.payload import PayloadCheck
@@ -86,7 +88,7 @@ def cases(count: int, seed: int) -> Iterator[Case]:
         yield Case(robot, kind, mass, size, place, seed + number)
 
 
-def attached(case: Case, registry: Registry) -> World:
+def attached(case: Case, skills: Registry) -> World:
     """The world with the load at the tool."""
     robot = load_robot(case.robot)
     tool = Kinematics(robot, BASE).forward(robot.postures["home"])
@@ -101,7 +103,7 @@ def attached(case: Case, registry: Registry) -> World:
         "objects": {"load": thing},
         "arms": {"arm1": {"robot": case.robot, "base": base, "tree": "succeed"}},
     }
-    world = World(load_tree_file(tree, registry.kinds))
+    world = World(load_tree_file(tree, skills.kinds))
     world.attach("arm1", "load")
     geom = world.object_geom("load")
     world.model.geom_contype[geom] = world.model.geom_conaffinity[geom] = 0
@@ -122,12 +124,12 @@ def free_motion(world: World, controller: JointController, seed: int) -> Traject
             return motion
 
 
-def carry(case: Case, registry: Registry) -> tuple[str, float]:
+def carry(case: Case, skills: Registry) -> tuple[str, float]:
     """What became of a load, and how fast a joint was at most as a share of its limit.
 
     The first is ``carried``, ``refused`` or what went wrong.
     """
-    world = attached(case, registry)
+    world = attached(case, skills)
     controller = JointController(world, "arm1", PERIOD, Reservations())
     body = world.arms["arm1"]
     limits = world.robots["arm1"].limits
@@ -155,25 +157,39 @@ def carry(case: Case, registry: Registry) -> tuple[str, float]:
     return ("carried" if stands else f"{away:.2g} rad from its goal"), fastest
 
 
+def carrying(**fields: Any) -> dict[str, Any]:  # Any: fields of `Case`
+    """What became of a load, and how fast a joint was."""
+    what, fastest = carry(_case_of(fields), registry())
+    is_good = what in ("carried", "refused")
+    return {"outcome": "SUCCESS" if is_good else "FAILURE", "code": what, "fastest": fastest}
+
+
+def _case_of(fields: Mapping[str, Any]) -> Case:
+    vectors = {name: tuple(fields[name]) for name in ("size", "place")}
+    return Case(**{**fields, **vectors})
+
+
 def main() -> None:
     """Print what was not carried, then the counts."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
+    add_options(parser)
     arguments = parser.parse_args()
-    registry = Registry.load()
     counts = Counter[str]()
     most = 0.0
-    for case in cases(arguments.count, arguments.seed):
-        outcome, fastest = carry(case, registry)
-        most = max(most, fastest)
-        counts[outcome if outcome in ("carried", "refused") else "failed"] += 1
-        if outcome not in ("carried", "refused"):
-            print(case, outcome, f"{fastest:.3f}", flush=True)
-    print(
-        f"{arguments.count} loads: {counts['carried']} carried, {counts['refused']} refused before "
-        f"moving, {counts['failed']} failed; fastest joint {most:.4f} of its limit"
-    )
+    listed = [asdict(case) for case in cases(arguments.count, arguments.seed)]
+    with Campaign(arguments) as campaign:
+        for fields, found in campaign.run(carrying, listed):
+            outcome, fastest = found["code"], found["fastest"]
+            most = max(most, fastest)
+            counts[outcome if outcome in ("carried", "refused") else "failed"] += 1
+            if outcome not in ("carried", "refused"):
+                print(_case_of(fields), outcome, f"{fastest:.3f}", flush=True)
+        print(
+            f"{arguments.count} loads: {counts['carried']} carried, {counts['refused']} refused "
+            f"before moving, {counts['failed']} failed; fastest joint {most:.4f} of its limit"
+        )
 
 
 if __name__ == "__main__":

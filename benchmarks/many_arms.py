@@ -13,11 +13,14 @@ The exit code is 1 if there was any of these.
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from typing import Any
 
+from benchmarks.campaign import Campaign, add_options, registry
 from benchmarks.crowd import Solo, cannot_meet, crowd
 from benchmarks.crowd_members import file_text
 from benchmarks.two_arms import Contacts
@@ -88,11 +91,11 @@ class Finding:
     nearest: float = float("inf")
 
 
-def judged(seed: int, registry: Registry) -> Finding:
+def judged(seed: int, skills: Registry) -> Finding:
     """Run one generated file and judge it."""
-    solos = crowd(seed, registry)
+    solos = crowd(seed, skills)
     members = [solo.member for solo in solos]
-    with Run(load_tree_file(file_text(members, members), registry.kinds), registry) as run:
+    with Run(load_tree_file(file_text(members, members), skills.kinds), skills) as run:
         distances = Distances(run.world)
         run.watch(distances)
         result = run.finish()
@@ -147,29 +150,52 @@ def _named(solo: Solo) -> str:
     return f"{solo.member.name} ({solo.member.robot})"
 
 
-def main(files: int, seed: int) -> int:
+def found_by(seed: int) -> dict[str, Any]:
+    """What came of one file."""
+    finding = judged(seed, registry())
+    outcomes = {str(name): count for name, count in finding.outcomes.items()}
+    wrong = bool(finding.wrong)
+    return {
+        **asdict(finding),
+        "outcomes": outcomes,
+        "outcome": "FAILURE" if wrong else "SUCCESS",
+        "code": "WRONG" if wrong else "",
+    }
+
+
+def main() -> int:
     """Print what came of all files; the exit code."""
-    registry = Registry.load()
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("files", type=int, nargs="?", default=FILES)
+    parser.add_argument("seed", type=int, nargs="?", default=SEED)
+    add_options(parser)
+    options = parser.parse_args()
+    with Campaign(options) as campaign:
+        return run_files(options.files, options.seed, campaign)
+
+
+def run_files(files: int, seed: int, campaign: Campaign) -> int:
+    """Run the files and print what came of them; returns the exit code."""
     began = time.perf_counter()
     outcomes = Counter[str]()
-    wrong = 0
-    arms = apart = contacts = 0
+    wrong = arms = apart = contacts = 0
     nearest = float("inf")
-    for number in range(files):
-        finding = judged(seed + number, registry)
-        arms = arms + finding.arms
-        apart = apart + finding.apart
-        outcomes.update(finding.outcomes)
-        wrong = wrong + len(finding.wrong)
-        contacts = contacts + finding.contacts
-        nearest = min(nearest, finding.nearest)
-        ended = ", ".join(f"{count} {name}" for name, count in finding.outcomes.items())
+    cases = [{"seed": seed + number} for number in range(files)]
+    for case, found in campaign.run(found_by, cases):
+        number = case["seed"] - seed
+        arms = arms + found["arms"]
+        apart = apart + found["apart"]
+        outcomes.update(found["outcomes"])
+        wrong = wrong + len(found["wrong"])
+        contacts = contacts + found["contacts"]
+        nearest = min(nearest, found["nearest"])
+        ended = ", ".join(f"{count} {name}" for name, count in found["outcomes"].items())
         print(
-            f"[{number + 1}/{files}] seed {seed + number}: {finding.arms} arms, "
-            f"{finding.apart} with room: {ended}",
+            f"[{number + 1}/{files}] seed {seed + number}: {found['arms']} arms, "
+            f"{found['apart']} with room: {ended}",
             flush=True,
         )
-        for sentence in (*(f"WRONG {one}" for one in finding.wrong), *finding.failed):
+        for sentence in (*(f"WRONG {one}" for one in found["wrong"]), *found["failed"]):
             print(f"    {sentence}", flush=True)
     print(f"{files} files, {arms} arms in {time.perf_counter() - began:.0f} s on the wall")
     for name, count in outcomes.most_common():
@@ -182,4 +208,4 @@ def main(files: int, seed: int) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(*map(int, sys.argv[1:3]), *(FILES, SEED)[len(sys.argv) - 1 :]))
+    sys.exit(main())

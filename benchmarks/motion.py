@@ -1,6 +1,6 @@
 """Curves of the tool: how far from the plan they are executed, how near to the shortest duration.
 
-    python benchmarks/motion.py [--robots ur5 ur3 ur10 panda xarm7] [--speed 1.0]
+    python -m benchmarks.motion [--robots ur5 ur3 ur10 panda xarm7] [--speed 1.0]
 
 A circle of 0.1 m, a 1:2 Lissajous curve, both in the YZ plane on 20 waypoints, and a line of 0.3 m,
 each run as `bt-run` does, with and without 1 kg at the tool. The bound is TOPP-RA's, computed here
@@ -20,6 +20,7 @@ import toppra
 import toppra.algorithm
 import toppra.constraint
 
+from benchmarks.campaign import Campaign, add_options, registry
 from benchmarks.measured_robots import MEASURED
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.core.pose import Matrix, Pose
@@ -132,28 +133,39 @@ def said(arm: ArmResult, shortest: float) -> str:
     )
 
 
+def performed(name: str, number: int, speed: float) -> dict[str, str]:
+    """Lines on a curve: its bound, and what the robot does without and with a load."""
+    logging.getLogger("toppra").setLevel(logging.CRITICAL)
+    robot = load_robot(name)
+    kinematics = Kinematics(robot, BASE)
+    start = robot.postures[POSTURES.get(name, "home")]
+    tool = kinematics.forward(start)
+    case = cases(tool, speed)[number]
+    shortest = bound(joint_path(kinematics, case.path, start), robot.limits.scaled(speed))
+    lines = [f"{name:6} {case.name:10} bound {shortest:.3f} s"]
+    for loaded in (False, True):
+        arm = execute(robot, case, tool, loaded, registry())
+        lines.append(f"    {PAYLOAD_KG * loaded:.0f} kg  {said(arm, shortest)}")
+    return {"lines": "\n".join(lines)}
+
+
 def main() -> None:
     """Print a line for each robot and curve."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     names = ["ur5", *(name for name in MEASURED if name != "ur5")]
     parser.add_argument("--robots", nargs="+", default=names, choices=names)
     parser.add_argument("--speed", type=float, default=1.0)
+    add_options(parser)
     arguments = parser.parse_args()
-    logging.getLogger("toppra").setLevel(logging.CRITICAL)
-    registry = Registry.load()
-    for name in arguments.robots:
-        robot = load_robot(name)
-        kinematics = Kinematics(robot, BASE)
-        start = robot.postures[POSTURES.get(name, "home")]
-        tool = kinematics.forward(start)
-        for case in cases(tool, arguments.speed):
-            shortest = bound(
-                joint_path(kinematics, case.path, start), robot.limits.scaled(arguments.speed)
-            )
-            print(f"{name:6} {case.name:10} bound {shortest:.3f} s")
-            for loaded in (False, True):
-                arm = execute(robot, case, tool, loaded, registry)
-                print(f"    {PAYLOAD_KG * loaded:.0f} kg  {said(arm, shortest)}", flush=True)
+    curves = range(len(cases(Pose.identity(), arguments.speed)))
+    each = [
+        {"name": name, "number": number, "speed": arguments.speed}
+        for name in arguments.robots
+        for number in curves
+    ]
+    with Campaign(arguments) as campaign:
+        for _, found in campaign.run(performed, each):
+            print(found["lines"], flush=True)
 
 
 if __name__ == "__main__":

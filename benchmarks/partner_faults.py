@@ -24,13 +24,14 @@ import sys
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import yaml
 
+from benchmarks.campaign import Campaign, add_options, registry
 from benchmarks.handover import FELL_M, Referee, Tree
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.behaviors.report import LeafReport
@@ -146,31 +147,29 @@ class Judged:
         return runs[-1] if runs else None
 
 
-def play(
-    task: Task, tree: Tree, registry: Registry, longest_s: float, fault: Fault | None
-) -> Judged:
+def play(task: Task, tree: Tree, skills: Registry, longest_s: float, fault: Fault | None) -> Judged:
     """Play a task.
 
     Args:
         task: Task to play.
         tree: Its tree file, which is changed.
-        registry: Skills.
+        skills: Skills.
         longest_s: Simulated time after which the run ends, s.
         fault: Fault to make, if any.
     """
     if fault is not None and fault.kind == "halt":
         arm = tree["arms"][fault.arm]
         arm["tree"] = {"timeout": {"seconds": fault.time_s, "child": arm["tree"]}}
-    file = load_tree_file(tree, registry.kinds)
+    file = load_tree_file(tree, skills.kinds)
     excused = False
     with ExitStack() as stack:
         options = RunOptions(renderer="ray", duration=longest_s)
-        run = stack.enter_context(Run(file, registry, options))
+        run = stack.enter_context(Run(file, skills, options))
         referee = Referee(run, task.thing)
         run.watch(referee)
         run.world.on_forces.append(referee.on_forces)
         if fault is not None and fault.kind == "crash":
-            stack.enter_context(crashing(registry, task.skills[fault.arm], fault))
+            stack.enter_context(crashing(skills, task.skills[fault.arm], fault))
         lies = float(run.world.object_pose(task.thing).position[2])
         pending = fault
         while not run.done:
@@ -214,9 +213,9 @@ def interfere(world: World, task: Task, fault: Fault, *, in_air: bool) -> None:
 
 
 @contextmanager
-def crashing(registry: Registry, name: str, fault: Fault) -> Iterator[None]:
+def crashing(skills: Registry, name: str, fault: Fault) -> Iterator[None]:
     """Let the skill of an arm raise an error at the tick of a fault."""
-    skill = registry.skills[name]
+    skill = skills.skills[name]
     runs = skill.run
 
     def crash(self: Skill) -> Iterator[object]:
@@ -251,36 +250,19 @@ class Tally:
         self._excused = 0
         self.violations = Counter[str]()
 
-    def judge(self, fault: Fault, judged: Judged) -> None:
-        """Judge a run with a fault, and print a line on it."""
-        task = self._task
-        referee = judged.referee
-        other = ARMS[fault.arm == ARMS[0]]
-        leaf = judged.leaf(other, task.skills[other])
+    def judge(self, fault: Fault, found: dict[str, Any]) -> None:
+        """Add what `faulty` has found, and print a line on it."""
         self._count += 1
-        self._forces.append(referee.force_n)
-        found: list[str] = []
-        outcome = "ended before"  # its tree failed earlier, for example in the grasp
-        if leaf is not None:
-            outcome = leaf.code or leaf.status
-            has_ended = leaf.status == "SUCCESS" or bool(leaf.code and leaf.reason)
-            if not has_ended or leaf.code in ("HALTED", "EXCEPTION"):
-                found.append("not ended")
-        self._codes[f"{fault.kind}: {outcome}"] += 1
-        if referee.fell_m > FELL_M:
-            self._excused += judged.excused
-            if not judged.excused:
-                found.append("fell")
-        if referee.force_n > task.limit_n:
-            found.append("force")
-        if referee.touching:
-            found.append("touch")
-        self.violations.update(found)
-        reason = "" if leaf is None else leaf.reason
+        self._forces.append(found["force_n"])
+        self._codes[f"{fault.kind}: {found['ended']}"] += 1
+        self._excused += found["excused"] and found["fell_m"] > FELL_M
+        self.violations.update(found["laws"])
+        other = ARMS[fault.arm == ARMS[0]]
         print(
-            f"  {fault}: {other}: {outcome} {reason} ({referee.force_n:.1f} N, "
-            f"fell {100 * referee.fell_m:.1f} cm{', unavoidably' if judged.excused else ''})"
-            + "".join(f" VIOLATION: {law}" for law in found),
+            f"  {fault}: {other}: {found['ended']} {found['reason']} ({found['force_n']:.1f} N, "
+            f"fell {100 * found['fell_m']:.1f} cm"
+            f"{', unavoidably' if found['excused'] else ''})"
+            + "".join(f" VIOLATION: {law}" for law in found["laws"]),
             flush=True,
         )
 
@@ -315,6 +297,52 @@ def faults_of(options: argparse.Namespace, began_s: float, ended_s: float) -> It
             yield Fault(kind, arm, tick)
 
 
+def faultless(task: str, reality: str, seed: int) -> dict[str, float] | None:
+    """When both leaves have begun and ended without a fault, s; None if one of them fails."""
+    one = TASKS[task]
+    whole = play(one, one.tree(reality, seed), registry(), 120.0, None)
+    leaves = [whole.leaf(arm, one.skills[arm]) for arm in ARMS]
+    if any(leaf is None or leaf.status != "SUCCESS" for leaf in leaves):
+        return None
+    ended_s = max(leaf.ended_s or 0.0 for leaf in leaves if leaf is not None)
+    return {"began_s": whole.began_s, "ended_s": ended_s}
+
+
+def faulty(
+    task: str, reality: str, seed: int, longest_s: float, kind: str, arm: str, tick: int
+) -> dict[str, Any]:
+    """What comes of a run with a fault, and the laws that it violates."""
+    one = TASKS[task]
+    fault = Fault(kind, arm, tick)
+    judged = play(one, one.tree(reality, seed), registry(), longest_s, fault)
+    referee = judged.referee
+    other = ARMS[arm == ARMS[0]]
+    leaf = judged.leaf(other, one.skills[other])
+    laws: list[str] = []
+    ended = "ended before"  # its tree failed earlier, for example in the grasp
+    if leaf is not None:
+        ended = leaf.code or leaf.status
+        has_ended = leaf.status == "SUCCESS" or bool(leaf.code and leaf.reason)
+        if not has_ended or leaf.code in ("HALTED", "EXCEPTION"):
+            laws.append("not ended")
+    if referee.fell_m > FELL_M and not judged.excused:
+        laws.append("fell")
+    if referee.force_n > one.limit_n:
+        laws.append("force")
+    if referee.touching:
+        laws.append("touch")
+    return {
+        "outcome": "FAILURE" if laws else "SUCCESS",
+        "code": ", ".join(laws),
+        "laws": laws,
+        "ended": ended,
+        "reason": "" if leaf is None else leaf.reason,
+        "force_n": referee.force_n,
+        "fell_m": referee.fell_m,
+        "excused": judged.excused,
+    }
+
+
 def main() -> int:
     """Play the faults; returns the exit code."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
@@ -327,22 +355,27 @@ def main() -> int:
     parser.add_argument("--only", type=int, help="the one tick, with --kind and --arm")
     parser.add_argument("--kind", choices=KINDS, default="halt")
     parser.add_argument("--arm", choices=ARMS, default="arm1")
+    add_options(parser)
     options = parser.parse_args()
-    registry = Registry.load()
+    with Campaign(options) as campaign:
+        return run_tasks(options, campaign)
+
+
+def run_tasks(options: argparse.Namespace, campaign: Campaign) -> int:
+    """Play the faults of each task and print the figures; returns the exit code."""
     is_bad = False
-    for name in options.tasks:
-        task = TASKS[name]
-        whole = play(task, task.tree(options.reality, options.seed), registry, 120.0, None)
-        leaves = [whole.leaf(arm, task.skills[arm]) for arm in ARMS]
-        if any(leaf is None or leaf.status != "SUCCESS" for leaf in leaves):
-            print(f"{name} fails without a fault")
+    words = {"reality": options.reality, "seed": options.seed}
+    cases = [{"task": name, **words} for name in options.tasks]
+    for case, whole in list(campaign.run(faultless, cases)):
+        if whole is None:
+            print(f"{case['task']} fails without a fault")
             is_bad = True
             continue
-        ended_s = max(leaf.ended_s or 0.0 for leaf in leaves if leaf is not None)
-        tally = Tally(task)
-        for fault in faults_of(options, whole.began_s, ended_s):
-            tree = task.tree(options.reality, options.seed)
-            tally.judge(fault, play(task, tree, registry, ended_s + LONGEST_S, fault))
+        tally = Tally(TASKS[case["task"]])
+        faults = faults_of(options, whole["began_s"], whole["ended_s"])
+        same = {**case, "longest_s": whole["ended_s"] + LONGEST_S}
+        for one, found in campaign.run(faulty, [{**same, **asdict(fault)} for fault in faults]):
+            tally.judge(Fault(one["kind"], one["arm"], one["tick"]), found)
         tally.report()
         is_bad = is_bad or bool(tally.violations)
     return int(is_bad)

@@ -13,10 +13,13 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import cache
+from typing import Any
 
 import numpy as np
 
+from benchmarks.campaign import Campaign, add_options, registry
 from benchmarks.motion import BASE, PAYLOAD_KG, POSTURES, cases
 from bt_dualarm.arm.arm import SETTLE_S, SETTLED_RAD
 from bt_dualarm.behaviors.load import load_tree_file
@@ -27,7 +30,6 @@ from bt_dualarm.planning.problem import trace
 from bt_dualarm.robots.robot_description import load_robot, robot_names
 from bt_dualarm.safety.failsafe import Reservations
 from bt_dualarm.sim.world import World
-from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.node_types import NodeType
 from bt_dualarm.trajectory.path_timing import point_to_point
 from bt_dualarm.trajectory.trajectory import Trajectory
@@ -155,14 +157,25 @@ def curves(name: str) -> Iterator[tuple[Pose, Trajectory, Matrix]]:
         yield tool, motion, np.array([kinematics.matrix(q)[:3, 3] for q in motion.q])
 
 
-def row(name: str, reality: str, load: str, seeds: int, kinds: Mapping[str, NodeType]) -> str:
+def followed(name: str, reality: str, load: str, curve: int, seed: int) -> dict[str, Any]:
+    """What one robot of the batch did on one curve."""
+    tool, motion, planned = _curves(name)[curve]
+    world = world_of(name, tool, reality, load, seed, registry().kinds)
+    found = measured(world, motion, planned)
+    return {"outcome": "FAILURE" if found.fault else "SUCCESS", "figures": asdict(found)}
+
+
+@cache
+def _curves(name: str) -> list[tuple[Pose, Trajectory, Matrix]]:
+    return list(curves(name))
+
+
+def row(name: str, reality: str, load: str, seeds: int, campaign: Campaign) -> str:
     """The line of a robot in a reality with a load, over its curves and seeds."""
     batch = range(1) if reality == "ideal" else range(seeds)
-    found = [
-        measured(world_of(name, tool, reality, load, seed, kinds), motion, planned)
-        for tool, motion, planned in curves(name)
-        for seed in batch
-    ]
+    words = {"name": name, "reality": reality, "load": load}
+    cases = [{**words, "curve": curve, "seed": seed} for curve in range(2) for seed in batch]
+    found = [Figures(**one["figures"]) for _, one in campaign.run(followed, cases)]
     rms = [one.rms for one in found]
     faults = [one.fault for one in found if one.fault]
     return (
@@ -179,12 +192,13 @@ def main() -> None:
     parser.add_argument("--robots", nargs="+", default=["ur5", "panda"], choices=robot_names())
     parser.add_argument("--sets", nargs="+", default=["ideal", "lab", "rough"])
     parser.add_argument("--seeds", type=int, default=10)
+    add_options(parser)
     arguments = parser.parse_args()
-    kinds = Registry.load().kinds
-    for name in arguments.robots:
-        for reality in arguments.sets:
-            for load in LOADS:
-                print(row(name, reality, load, arguments.seeds, kinds), flush=True)
+    with Campaign(arguments) as campaign:
+        for name in arguments.robots:
+            for reality in arguments.sets:
+                for load in LOADS:
+                    print(row(name, reality, load, arguments.seeds, campaign), flush=True)
 
 
 if __name__ == "__main__":

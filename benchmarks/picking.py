@@ -1,6 +1,6 @@
 """Picking cubes from all over the table: how many succeed, how many are refused, and where.
 
-    python benchmarks/picking.py [--poses 50] [--seed 0] [--back 0] [--out DIR]
+    python -m benchmarks.picking [--poses 50] [--seed 0] [--back 0] [--out DIR]
 
 Each pose, anywhere on the table top and turned at random, is a run of its own: attach the cube,
 then lift it by 0.2 m. What the tree says is compared with the simulator's true state. Exit code 1
@@ -15,12 +15,13 @@ import argparse
 import sys
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
+from benchmarks.campaign import Campaign, add_options, registry
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.behaviors.report import LeafReport, StatusChange
 from bt_dualarm.core.errors import Failure
@@ -134,11 +135,10 @@ class Onlooker(IdleObserver):
         return self._world.arms["arm1"].tool_pose.inverse @ self._world.object_pose("cube")
 
 
-def attempt(place: Place, registry: Registry, folder: Path, back: float = 0.0) -> Attempt:
+def attempt(place: Place, skills: Registry, back: float = 0.0) -> Attempt:
     """Run one place, with the arm so many meters farther from the table."""
-    path = folder / "pick.yaml"
-    path.write_text(SCENE.format(x=place.x, y=place.y, yaw=place.yaw, back=back), encoding="utf-8")
-    with Run(load_tree_file(path, registry.kinds), registry) as opened:
+    text = SCENE.format(x=place.x, y=place.y, yaw=place.yaw, back=back)
+    with Run(load_tree_file(text, skills.kinds), skills) as opened:
         reach = within_reach(opened.world, place)
         onlooker = Onlooker(opened.world)
         opened.watch(onlooker)
@@ -151,6 +151,13 @@ def attempt(place: Place, registry: Registry, folder: Path, back: float = 0.0) -
     elif onlooker.moved < 1e-3:
         verdict = "refused"
     return Attempt(place, verdict, reach, _reasons(failed), onlooker.time_attached)
+
+
+def tried(x: float, y: float, yaw: float, back: float) -> dict[str, Any]:
+    """What came of a place."""
+    one = attempt(Place(x, y, yaw), registry(), back)
+    outcome = "SUCCESS" if one.verdict == "picked" else "FAILURE"
+    return {"outcome": outcome, "code": one.verdict, **asdict(one)}
 
 
 def within_reach(world: World, place: Place) -> bool:
@@ -230,18 +237,31 @@ def main() -> int:
     parser.add_argument("--poses", type=int, default=50, help="how many")
     parser.add_argument("--seed", type=int, default=0, help="of the poses")
     parser.add_argument("--back", type=float, default=0.0, help="arm farther away by so many m")
-    parser.add_argument("--out", type=Path, default=Path("out/picking"), help="folder of the map")
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/picking"), help="folder of the map and the results"
+    )
+    add_options(parser, has_out=True)
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
-    registry = Registry.load()
-    attempts = [
-        attempt(place, registry, arguments.out, arguments.back)
+    cases = [
+        {**asdict(place), "back": arguments.back}
         for place in places(arguments.poses, arguments.seed)
     ]
-    good = report(attempts)
-    draw(attempts, arguments.back, arguments.out / "picking.png")
-    print(f"map: {arguments.out / 'picking.png'}")
-    return 0 if good else 1
+    with Campaign(arguments) as campaign:
+        attempts = [
+            Attempt(
+                Place(**found["place"]),
+                found["verdict"],
+                found["within_reach"],
+                found["reason"],
+                found["seconds"],
+            )
+            for _, found in campaign.run(tried, cases)
+        ]
+        good = report(attempts)
+        draw(attempts, arguments.back, arguments.out / "picking.png")
+        print(f"map: {arguments.out / 'picking.png'}")
+        return 0 if good else 1
 
 
 if __name__ == "__main__":

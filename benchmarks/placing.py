@@ -33,7 +33,8 @@ import mujoco
 import numpy as np
 
 import bt_dualarm as bt
-from benchmarks.grip_arguments import grip_parser
+from benchmarks.campaign import Campaign
+from benchmarks.grip_arguments import grip_cases, grip_parser
 from bt_dualarm.behaviors.report import LeafReport, StatusChange
 from bt_dualarm.collision.checker import CollisionChecker
 from bt_dualarm.core.pose import Pose
@@ -338,46 +339,54 @@ def opened_pose(number: int, seed: int, reality: str, tight: bool) -> tuple[Pose
     raise AssertionError("a shelf that is in no arm's way is drawn in one of 20 times")
 
 
-def run_poses(options: argparse.Namespace) -> int:
+def pose_tried(number: int, seed: int, reality: str, *, tight: bool) -> dict[str, Any]:
+    """Place a thing at a drawn pose: what to count of it, and what to print."""
+    one, opened = opened_pose(number, seed, reality, tight)
+    with opened:
+        oracle = Oracle(opened.world, one.goal)
+        opened.watch(oracle)
+        result = opened.finish()
+        runs = result.arms["arm1"].runs
+        leaf = next((leaf for leaf in runs if leaf.skill == "place"), runs[-1])
+        true = opened.world.object_pose("thing")
+        touched = opened.world.touches("arm1", "thing")
+    counts: Counter[str] = Counter()
+    what = f"{number:3} {one.label}: {leaf.skill} {leaf.status} {leaf.code or ''}"
+    if leaf.skill != "place":
+        counts["not held"] += 1
+        return {"outcome": "SKIPPED", "counts": counts, "said": f"{what} {leaf.reason}"}
+    counts["asked"] += 1
+    counts["jumps"] += "the motion starts" in leaf.reason
+    counts["exceptions"] += leaf.code == "EXCEPTION"
+    if leaf.status == "SUCCESS":
+        counts["reachable"] += 1
+        spec = one.file["objects"]["thing"]
+        turned = bt.KnownShape(spec["shape"], tuple(spec["size"])).angle(true, one.goal)
+        away = true.distance(one.goal)
+        if away > 0.009 or turned > np.radians(6.0) or touched:
+            counts["false"] += 1
+            what += f" FALSE: {1e3 * away:.1f} mm, {np.degrees(turned):.1f}°, {touched=}"
+        counts["placed"] += 1
+        what += f" {1e3 * away:.2f} mm"
+        for count, metric in (("lower", "lowered_from_m"), ("turned", "spun_rad")):
+            if metric in leaf.metrics:
+                counts[count] += 1
+                what += f", {metric} {float(leaf.metrics[metric]):.3g}"
+    else:
+        reachable = oracle.reachable is not False
+        counts["reachable"] += reachable
+        what += f" ({'reachable' if reachable else 'out of reach'}) {leaf.reason}"
+    return {"outcome": leaf.status, "code": leaf.code, "counts": counts, "said": what}
+
+
+def run_poses(options: argparse.Namespace, campaign: Campaign) -> int:
     """Place things at drawn poses and print the figures; 1 if what was asked for is missed."""
     counts: Counter[str] = Counter()
-    for number in range(options.poses):
-        one, opened = opened_pose(number, options.seed, options.reality, options.tight)
-        with opened:
-            oracle = Oracle(opened.world, one.goal)
-            opened.watch(oracle)
-            result = opened.finish()
-            runs = result.arms["arm1"].runs
-            leaf = next((leaf for leaf in runs if leaf.skill == "place"), runs[-1])
-            true = opened.world.object_pose("thing")
-            touched = opened.world.touches("arm1", "thing")
-        what = f"{number:3} {one.label}: {leaf.skill} {leaf.status} {leaf.code or ''}"
-        if leaf.skill != "place":
-            counts["not held"] += 1
-            print(f"{what} {leaf.reason}", flush=True)
-            continue
-        counts["asked"] += 1
-        counts["jumps"] += "the motion starts" in leaf.reason
-        counts["exceptions"] += leaf.code == "EXCEPTION"
-        if leaf.status == "SUCCESS":
-            counts["reachable"] += 1
-            spec = one.file["objects"]["thing"]
-            turned = bt.KnownShape(spec["shape"], tuple(spec["size"])).angle(true, one.goal)
-            away = true.distance(one.goal)
-            if away > 0.009 or turned > np.radians(6.0) or touched:
-                counts["false"] += 1
-                what += f" FALSE: {1e3 * away:.1f} mm, {np.degrees(turned):.1f}°, {touched=}"
-            counts["placed"] += 1
-            what += f" {1e3 * away:.2f} mm"
-            for count, metric in (("lower", "lowered_from_m"), ("turned", "spun_rad")):
-                if metric in leaf.metrics:
-                    counts[count] += 1
-                    what += f", {metric} {float(leaf.metrics[metric]):.3g}"
-        else:
-            reachable = oracle.reachable is not False
-            counts["reachable"] += reachable
-            what += f" ({'reachable' if reachable else 'out of reach'}) {leaf.reason}"
-        print(what, flush=True)
+    words = {name: getattr(options, name) for name in ("seed", "reality", "tight")}
+    cases = [{"number": number, **words} for number in range(options.poses)]
+    for _, found in campaign.run(pose_tried, cases):
+        counts.update(found["counts"])
+        print(found["said"], flush=True)
     share = counts["placed"] / max(counts["reachable"], 1)
     print(
         f"{options.reality}: {options.poses} poses, {counts['not held']} not held before, "
@@ -389,6 +398,28 @@ def run_poses(options: argparse.Namespace) -> int:
     return 1 if share < 0.97 or counts["jumps"] or counts["false"] or counts["exceptions"] else 0
 
 
+def placed(seed: int, **words: str) -> dict[str, Any]:
+    """One run: what went wrong, or its figures."""
+    file = task(argparse.Namespace(**words), seed)
+    leaf, ground = run(file)
+    mass = file["objects"]["thing"]["mass"]
+    if leaf.skill != "place" or leaf.status != "SUCCESS":
+        said = f"seed {seed}: {leaf.skill} {leaf.code}: {leaf.reason}"
+        outcome = "FAILURE" if leaf.skill == "place" else "SKIPPED"
+        return {"outcome": outcome, "code": leaf.code, "wrong": said}
+    felt, off, turned = (float(leaf.metrics[name]) for name in TOLD)
+    seconds = (leaf.ended_s or 0.0) - leaf.started_s
+    figures = [felt, ground.pressed, ground.after - 9.81 * mass, off, turned, seconds]
+    found = {
+        "figures": figures,
+        "said": f"seed {seed}: {mass:.2f} kg " + " ".join(f"{value:.3g}" for value in figures),
+    }
+    if ground.pressed <= 0.0:
+        said = f"seed {seed}: let go of before it stood"
+        return {"outcome": "FAILURE", "code": "LET_GO", "wrong": said, **found}
+    return {"wrong": "", **found}
+
+
 def main() -> int:
     """Run all of it and print the figures; 1 if a thing was not placed."""
     parser = grip_parser(__doc__, 10)
@@ -396,26 +427,22 @@ def main() -> int:
     parser.add_argument("--poses", type=int, default=0, help="place at so many drawn poses instead")
     parser.add_argument("--tight", action="store_true", help="at poses where there is less room")
     options = parser.parse_args()
-    if options.poses:
-        return run_poses(options)
+    with Campaign(options) as campaign:
+        return run_poses(options, campaign) if options.poses else run_seeds(options, campaign)
+
+
+def run_seeds(options: argparse.Namespace, campaign: Campaign) -> int:
+    """Place things of all seeds and print the figures; 1 if one was not placed."""
     rows: list[list[float]] = []
     failed = 0
-    for seed in range(options.seed, options.seed + options.runs):
-        file = task(options, seed)
-        leaf, ground = run(file)
-        mass = file["objects"]["thing"]["mass"]
-        if leaf.skill != "place" or leaf.status != "SUCCESS":
-            failed += leaf.skill == "place"
-            print(f"seed {seed}: {leaf.skill} {leaf.code}: {leaf.reason}", flush=True)
-            continue
-        if ground.pressed <= 0.0:
-            failed += 1
-            print(f"seed {seed}: let go of before it stood", flush=True)
-        felt, off, turned = (float(leaf.metrics[name]) for name in TOLD)
-        seconds = (leaf.ended_s or 0.0) - leaf.started_s
-        rows.append([felt, ground.pressed, ground.after - 9.81 * mass, off, turned, seconds])
-        if options.verbose:
-            print(f"seed {seed}: {mass:.2f} kg", " ".join(f"{value:.3g}" for value in rows[-1]))
+    for _, found in campaign.run(placed, grip_cases(options)):
+        failed += found.get("outcome") == "FAILURE"
+        if found["wrong"]:
+            print(found["wrong"], flush=True)
+        if "figures" in found:
+            rows.append(found["figures"])
+            if options.verbose:
+                print(found["said"])
     worst = np.max(rows, axis=0).tolist() if rows else [float("nan")] * 6
     arm = f"{options.robot}, {options.gripper}, {options.reality}"
     print(f"{arm}: {len(rows)} placed, {failed} not")

@@ -11,21 +11,25 @@ stability; exit code 1 if there is one.
 from __future__ import annotations
 
 import argparse
+import math
 import sys
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from benchmarks.campaign import Campaign, add_options, registry
 from benchmarks.path_reality import Figures, curves, measured, world_of
+from bt_dualarm.core.pose import Matrix, Pose
 from bt_dualarm.robots.robot_description import robot_names
-from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.node_types import NodeType
+from bt_dualarm.trajectory.trajectory import Trajectory
 
 _GROWTH = 2.0
 _GROWTH_MM = 0.3
@@ -105,22 +109,39 @@ def instability(one: Figures) -> str:
     return ""
 
 
-def survey(
-    name: str, scales: Scales, seeds: int, kinds: Mapping[str, NodeType]
-) -> list[list[Place]]:
+def stood(name: str, chart: int, across: float, up: float, seed: int) -> dict[str, Any]:
+    """Error of a run at a place of a map, and why it was not stable."""
+    tool, motion, planned = _curve(name)
+    reality = MAPS[chart].reality(across, up)
+    found = measured(world_of(name, tool, reality, "none", seed, registry().kinds), motion, planned)
+    why = instability(found)
+    return {"outcome": "FAILURE" if why else "SUCCESS", "rms": found.rms, "complaint": why}
+
+
+@cache
+def _curve(name: str) -> tuple[Pose, Trajectory, Matrix]:
+    return next(curves(name))
+
+
+def survey(name: str, chart: int, seeds: int, campaign: Campaign) -> list[list[Place]]:
     """Every place of a map for one robot: rows as the vertical axis, from the lowest."""
-    tool, motion, planned = next(curves(name))
+    scales = MAPS[chart]
+    cases = [
+        {"name": name, "chart": chart, "across": across, "up": up, "seed": seed}
+        for up in scales.rows
+        for across in scales.columns
+        for seed in range(seeds)
+    ]
+    found = defaultdict[tuple[float, float], list[Any]](list)
+    for case, one in campaign.run(stood, cases):
+        found[case["up"], case["across"]].append(one)
 
-    def place(across: float, up: float) -> Place:
-        reality = scales.reality(across, up)
-        runs = [
-            measured(world_of(name, tool, reality, "none", seed, kinds), motion, planned)
-            for seed in range(seeds)
-        ]
-        complaints = (instability(one) for one in runs)
-        return Place(max(one.rms for one in runs), tuple(why for why in complaints if why))
+    def place(up: float, across: float) -> Place:
+        runs = found[up, across]
+        complaints = tuple(one["complaint"] for one in runs if one["complaint"])
+        return Place(max((one["rms"] for one in runs), default=math.nan), complaints)
 
-    return [[place(across, up) for across in scales.columns] for up in scales.rows]
+    return [[place(up, across) for across in scales.columns] for up in scales.rows]
 
 
 def table(scales: Scales, grid: Sequence[Sequence[Place]]) -> str:
@@ -172,14 +193,20 @@ def main() -> int:
     parser.add_argument("--robots", nargs="+", default=["ur5", "panda"], choices=robot_names())
     parser.add_argument("--seeds", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("out"))
+    add_options(parser, has_out=True)
     arguments = parser.parse_args()
-    kinds = Registry.load().kinds
+    with Campaign(arguments) as campaign:
+        return run_maps(arguments, campaign)
+
+
+def run_maps(arguments: argparse.Namespace, campaign: Campaign) -> int:
+    """Print and draw the maps; how many places are not stable."""
     unstable = 0
     grids: dict[str, list[list[list[Place]]]] = {}
     for name in arguments.robots:
         grids[name] = []
-        for scales in MAPS:
-            grid = survey(name, scales, arguments.seeds, kinds)
+        for chart, scales in enumerate(MAPS):
+            grid = survey(name, chart, arguments.seeds, campaign)
             print(f"{name}\n{table(scales, grid)}", flush=True)
             for row in grid:
                 for one in row:

@@ -24,9 +24,10 @@ from typing import Final
 from bt_dualarm.control import dynamics
 from bt_dualarm.sweeps.comparison import Comparison, compare
 from bt_dualarm.sweeps.engine import Done, Task
+from bt_dualarm.sweeps.job import Row
 from bt_dualarm.sweeps.manifest import Manifest, checked
 from bt_dualarm.sweeps.sweep import run_sweep
-from bt_dualarm.sweeps.trial import Row, run_trial
+from bt_dualarm.sweeps.trial import TrialJob, run_trial
 
 TREE: Final = """
 bt_dualarm: 1
@@ -62,6 +63,8 @@ class SameProcess:
         if not self.queue:
             return []
         task = self.queue.popleft()
+        if not isinstance(task.job, TrialJob):
+            raise TypeError(f"{task.job.label} is no trial of a tree")
         trial = task.job.trial
         drawn = replace(task.job, trial=replace(trial, seed=trial.seed + self.offset))
         row: Row = {**run_trial(drawn), "seed": trial.seed}

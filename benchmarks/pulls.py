@@ -14,6 +14,8 @@ Exit code 1 if a pull was felt after 50 ms, or not at all, or there was a false 
 from __future__ import annotations
 
 import argparse
+import itertools
+import math
 import sys
 from collections.abc import Iterator
 from contextlib import AbstractContextManager
@@ -27,6 +29,7 @@ from unittest.mock import patch
 import numpy as np
 import yaml
 
+from benchmarks.campaign import Campaign, add_options, registry
 from bt_dualarm.arm.payload import cup_measures
 from bt_dualarm.arm.slip_response import SlipResponse
 from bt_dualarm.behaviors.load import load_tree_file
@@ -156,25 +159,39 @@ def task(options: argparse.Namespace, rng: np.random.Generator, carries: int) ->
 
 
 def played(
-    options: argparse.Namespace, seed: int, registry: Registry, *, pulls: bool, carries: int
+    options: argparse.Namespace, seed: int, skills: Registry, *, pulls: bool, carries: int
 ) -> tuple[Puller, str]:
     """One run, and how it ended: what is still held, or the code with which it failed."""
     rng = np.random.default_rng(seed)
     with TemporaryDirectory() as folder:
         path = Path(folder) / "pulls.yaml"
         path.write_text(yaml.safe_dump(task(options, rng, carries)), encoding="utf-8")
-        file = load_tree_file(path, registry.kinds)
+        file = load_tree_file(path, skills.kinds)
         way = rng.normal(size=3)
         way[2] = -abs(way[2])  # away from a cup
         after = float(rng.uniform(1.0, 5.0)) if pulls else np.inf
         puller = Puller(after, options.times, way / np.linalg.norm(way))
         with feeling(puller):
-            run = puller.run = Run(file, registry, RunOptions(seed=seed, renderer="ray"))
+            run = puller.run = Run(file, skills, RunOptions(seed=seed, renderer="ray"))
             run.watch(puller)
             with run:
                 result = run.finish()
     failed = [leaf for leaf in result.arms["arm1"].leaves.values() if leaf.status == "FAILURE"]
     return puller, str(failed[0].code) if failed else "kept"
+
+
+def carried(seed: int, *, pulls: bool, carries: int, **words: Any) -> dict[str, Any]:
+    """When the box was pulled at and when the arm felt it, s, and how its run ended."""
+    puller, end = played(
+        argparse.Namespace(**words), seed, registry(), pulls=pulls, carries=carries
+    )
+    return {
+        "outcome": "SUCCESS" if end == "kept" else "FAILURE",
+        "code": end,
+        "pulled": puller.pulled,
+        "answered": puller.answered,
+        "held_s": puller.held_s,
+    }
 
 
 def main() -> int:
@@ -187,31 +204,40 @@ def main() -> int:
     parser.add_argument("--gripper", default="robotiq_2f85")
     parser.add_argument("--reality", default="lab")
     parser.add_argument("--times", type=float, default=1.2)
+    add_options(parser)
     options = parser.parse_args()
-    registry = Registry.load()
+    with Campaign(options) as campaign:
+        return run_both(options, campaign)
+
+
+def run_both(options: argparse.Namespace, campaign: Campaign) -> int:
+    """Pull, carry without pulls, and print the figures; returns the exit code."""
     delays = []
     ends = []
-    for seed in range(options.seed, options.seed + options.pulls):
-        puller, end = played(options, seed, registry, pulls=True, carries=8)
-        if puller.pulled is None:
+    words = {name: getattr(options, name) for name in ("robot", "gripper", "reality", "times")}
+    seeds = range(options.seed, options.seed + options.pulls)
+    cases = [{"seed": seed, "pulls": True, "carries": 8, **words} for seed in seeds]
+    for case, found in campaign.run(carried, cases):
+        end, pulled = found["code"], found["pulled"]
+        if pulled is None:
             ends.append(f"not pulled: {end}")
             continue
-        pulled = puller.pulled
-        delay = next((at - pulled for at in puller.answered if at >= pulled), np.inf)
+        delay = next((at - pulled for at in found["answered"] if at >= pulled), np.inf)
         delays.append(delay)
         ends.append(end)
-        print(f"seed {seed}: felt after {1e3 * delay:.0f} ms, {end}", flush=True)
+        print(f"seed {case['seed']}: felt after {1e3 * delay:.0f} ms, {end}", flush=True)
     quiet_s = 0.0
     alarms = 0
-    seed = options.seed + options.pulls
-    while quiet_s < options.quiet:
-        puller, end = played(options, seed, registry, pulls=False, carries=24)
-        quiet_s = quiet_s + puller.held_s
-        alarms = alarms + len(puller.answered)
-        seed = seed + 1
-        if puller.answered or end != "kept":
-            print(f"seed {seed - 1}, no pull: {len(puller.answered)} alarms, {end}", flush=True)
-        if not puller.held_s:
+    later = itertools.count(options.seed + options.pulls)
+    free = ({"seed": seed, "pulls": False, "carries": 24, **words} for seed in later)
+    enough = options.quiet <= 0.0
+    for case, found in () if enough else campaign.run(carried, free, wanted=math.inf):
+        end, answered = found["code"], found["answered"]
+        quiet_s = quiet_s + found["held_s"]
+        alarms = alarms + len(answered)
+        if answered or end != "kept":
+            print(f"seed {case['seed']}, no pull: {len(answered)} alarms, {end}", flush=True)
+        if quiet_s >= options.quiet or not found["held_s"]:
             break
     soon = sum(delay <= SOON_S for delay in delays)
     counts = {end: ends.count(end) for end in sorted(set(ends))}

@@ -12,13 +12,14 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Final, TypeAlias
 
 import numpy as np
 
 import bt_dualarm
+from benchmarks.campaign import Campaign, add_options
 from bt_dualarm.core.errors import DualArmError
 from bt_dualarm.core.free_axes import AXES
 from bt_dualarm.core.pose import Pose
@@ -247,19 +248,28 @@ def tried(place: Place, skill: str, leaves: Sequence[Tree | str], reality: str) 
     return Cell(place.robot, skill, name, failed[0].code or failed[0].status, failed[0].reason)
 
 
-def cells(robots: Iterable[str], reality: str) -> Iterator[Cell]:
-    """All cells of some robots."""
+def cells(robots: Iterable[str], reality: str) -> Iterator[dict[str, Any]]:
+    """Arguments of `measured` for all cells of some robots."""
     for robot in robots:
-        bare = Place.of(robot, None)
-        for skill, leaves in motions(bare).items():
-            yield tried(bare, skill, leaves, reality)
-        looking = Place.of(robot, None, looks=True)
-        for skill, leaves in seeing(looking).items():
-            yield tried(looking, skill, leaves, reality)
+        same = {"robot": robot, "gripper": None, "looks": False, "reality": reality}
+        for skill in motions(Place.of(robot, None)):
+            yield {**same, "skill": skill}
+        for skill in seeing(Place.of(robot, None, looks=True)):
+            yield {**same, "skill": skill, "looks": True}
         for gripper in gripper_names():
-            place = Place.of(robot, gripper)
-            for skill, leaves in gripping(place).items():
-                yield tried(place, skill, leaves, reality)
+            for skill in gripping(Place.of(robot, gripper)):
+                yield {**same, "skill": skill, "gripper": gripper}
+
+
+def measured(
+    robot: str, gripper: str | None, skill: str, reality: str, *, looks: bool
+) -> dict[str, Any]:
+    """Run the leaves of one cell."""
+    place = Place.of(robot, gripper, looks=looks)
+    family = seeing if looks else motions if gripper is None else gripping
+    cell = tried(place, skill, family(place)[skill], reality)
+    outcome = "FAILURE" if cell.failure else "SUCCESS"
+    return {"outcome": outcome, "code": cell.failure, "cell": asdict(cell)}
 
 
 _HEAD: Final = """\
@@ -344,17 +354,20 @@ def main() -> None:
     parser.add_argument("--robots", nargs="+", default=robot_names(), choices=robot_names())
     parser.add_argument("--reality", default="lab", choices=("ideal", "lab", "rough"))
     parser.add_argument("--write", action="store_true", help="write the page of the documentation")
+    add_options(parser)
     arguments = parser.parse_args()
     found = []
-    for cell in cells(arguments.robots, arguments.reality):
-        found.append(cell)
-        if cell.failure:
-            sys.stdout.write(
-                f"{cell.robot} {cell.gripper} {cell.skill}: {cell.failure}: {cell.reason}\n"
-            )
-            sys.stdout.flush()
-    works = sum(not cell.failure for cell in found)
-    sys.stdout.write(f"{works} of {len(found)} succeeded\n")
+    with Campaign(arguments) as campaign:
+        for _, one in campaign.run(measured, cells(arguments.robots, arguments.reality)):
+            cell = Cell(**one["cell"])
+            found.append(cell)
+            if cell.failure:
+                sys.stdout.write(
+                    f"{cell.robot} {cell.gripper} {cell.skill}: {cell.failure}: {cell.reason}\n"
+                )
+                sys.stdout.flush()
+        works = sum(not cell.failure for cell in found)
+        sys.stdout.write(f"{works} of {len(found)} succeeded\n")
     if arguments.write:
         PAGE.write_text(page(found), encoding="utf-8")
 

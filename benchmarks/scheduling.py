@@ -24,9 +24,9 @@ from scipy.optimize import nnls
 
 from bt_dualarm.sweeps import engine as engine_module
 from bt_dualarm.sweeps.engine import DaskEngine, Engine, ProcessEngine
+from bt_dualarm.sweeps.job import Job, Row
 from bt_dualarm.sweeps.manifest import Manifest, checked
 from bt_dualarm.sweeps.sweep import run_sweep
-from bt_dualarm.sweeps.trial import Job, Row
 
 WALL_S: Final = 20.0
 """Wall-clock seconds of each measurement."""
@@ -91,7 +91,7 @@ def dask_engine(workers: int, trial_s: float) -> Engine:
 
     def stub(job: Job, timeout: float | None) -> tuple[Row, str]:  # noqa: ARG001 - as `run_in_child`
         time.sleep(trial_s)
-        return {**made_up_row(), "identity": job.trial.identity}, "stub"
+        return {**made_up_row(), "identity": job.identity}, "stub"
 
     engine_module.run_in_child = stub
     cluster = distributed.LocalCluster(

@@ -16,12 +16,14 @@ from __future__ import annotations
 import argparse
 import sys
 from collections import deque
+from dataclasses import asdict
 from types import SimpleNamespace
 from typing import Any, Final, Literal, TypeAlias, cast
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from benchmarks.campaign import Campaign, add_options
 from benchmarks.following_trial import LOOKS
 from benchmarks.measured_robots import MEASURED
 from benchmarks.track_anything import CAMERAS, MOTIONS, Case, Course, cases, course
@@ -131,33 +133,45 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--plane", nargs="+", default=list(LOOKS), choices=list(LOOKS))
     parser.add_argument("--camera", nargs="+", default=list(CAMERAS))
     parser.add_argument("--share", type=float, default=0.8)
+    add_options(parser)
     asked = parser.parse_args(arguments)
     asked.reality = ["ideal"]
     asked.free = False
     found = []
-    for case in cases(asked):
-        try:
-            seen = vantage(case.robot, LOOKS[case.plane])
-            path = course(case, seen, np.array(Plane.model_validate(case.plane).axes))
-            known, _ = errors(case, seen, path, "now")
-            late, _ = errors(case, seen, path, "exposure")
-            tool, predicted = errors(case, seen, path, "images")
-        except Failure as failure:
-            print(f"{case}: {failure}", flush=True)
-            continue
-        found.append((1e3 * predicted, 1e3 * known, 1e3 * late, 1e3 * tool))
-        print(
-            f"{case}: prediction {1e3 * predicted:.2f}, servo that knows {1e3 * known:.2f}, "
-            f"at the exposure {1e3 * late:.2f}, servo {1e3 * tool:.2f} mm",
-            flush=True,
-        )
-    for name, column in zip(
-        ("prediction", "servo that knows", "servo that knows at the exposure", "servo"),
-        np.array(found).reshape(-1, 4).T,
-        strict=True,
-    ):
-        print(f"{name}: median {np.median(column):.2f}, p95 {np.percentile(column, 95):.2f} mm")
-    return 0
+    with Campaign(asked) as campaign:
+        for fields, result in campaign.run(tried, [asdict(case) for case in cases(asked)]):
+            case = Case(**fields)
+            if "errors" not in result:
+                print(f"{case}: {result['why']}", flush=True)
+                continue
+            found.append([1e3 * error for error in result["errors"]])
+            predicted, known, late, tool = found[-1]
+            print(
+                f"{case}: prediction {predicted:.2f}, servo that knows {known:.2f}, "
+                f"at the exposure {late:.2f}, servo {tool:.2f} mm",
+                flush=True,
+            )
+        for name, column in zip(
+            ("prediction", "servo that knows", "servo that knows at the exposure", "servo"),
+            np.array(found).reshape(-1, 4).T,
+            strict=True,
+        ):
+            print(f"{name}: median {np.median(column):.2f}, p95 {np.percentile(column, 95):.2f} mm")
+        return 0
+
+
+def tried(**fields: Any) -> dict[str, Any]:  # Any: fields of `Case`
+    """The errors of a trial, m, or why there are none."""
+    case = Case(**fields)
+    try:
+        seen = vantage(case.robot, LOOKS[case.plane])
+        path = course(case, seen, np.array(Plane.model_validate(case.plane).axes))
+        known, _ = errors(case, seen, path, "now")
+        late, _ = errors(case, seen, path, "exposure")
+        tool, predicted = errors(case, seen, path, "images")
+    except Failure as failure:
+        return {"outcome": "SKIPPED", "why": str(failure)}
+    return {"errors": [predicted, known, late, tool]}
 
 
 if __name__ == "__main__":

@@ -26,13 +26,14 @@ from __future__ import annotations
 import argparse
 import sys
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import bt_dualarm as bt
+from benchmarks.campaign import Campaign, add_options
 from bt_dualarm.core.pose import Vector
 from bt_dualarm.spec.values import BITS
 
@@ -163,11 +164,12 @@ def sized(number: int, ratio: float, reality: str, seed: int) -> str:
     return f"{leaf.code or leaf.status}"
 
 
-def report_sizes(count: int, reality: str, seed: int) -> bool:
+def report_sizes(count: int, reality: str, seed: int, campaign: Campaign) -> bool:
     """Print what was said of things of each size; whether no wrong one was taken."""
     good = True
     for ratio in SIZES:
-        codes = Counter(sized(number, ratio, reality, seed) for number in range(count))
+        cases = [{"ratio": ratio, **case} for case in _cases(count, reality, seed)]
+        codes = Counter(code for _, code in campaign.run(sized, cases))
         good &= ratio == 1.0 or not codes["SUCCESS"]
         print(f"{reality}: {ratio:g} times as large: {dict(codes)}", flush=True)
     return good
@@ -192,7 +194,7 @@ their height, and their size as a multiple of the declared one."""
 
 
 def counted(setting: str, number: int, reality: str, seed: int) -> str:
-    """What `count` says of some things: right, wrong, or the code of its failure."""
+    """What `count` says of some things: right, wrong and why, or the code of its failure."""
     rng = np.random.default_rng((seed, number, 11))
     robot = COUNTING[number % len(COUNTING)]
     kind = thing(rng, ("box", "cylinder"))
@@ -231,18 +233,34 @@ def counted(setting: str, number: int, reality: str, seed: int) -> str:
         return "right"
     if float(leaf.metrics["found"]) < truth and float(leaf.metrics["beyond_share"]) > 0.0:
         return "beyond the picture"
-    print(f"   {setting}, {number}: {kind} by {robot}: {leaf.metrics['found']} of {truth}")
-    return "wrong"
+    return f"wrong: {kind} by {robot}: {leaf.metrics['found']} of {truth}"
 
 
-def report_counts(count: int, reality: str, seed: int) -> bool:
+def report_counts(count: int, reality: str, seed: int, campaign: Campaign) -> bool:
     """Print how often each setting was counted right; whether no number was wrong."""
     good = True
     for setting in SETTINGS:
-        verdicts = Counter(counted(setting, number, reality, seed) for number in range(count))
+        cases = [{"setting": setting, **case} for case in _cases(count, reality, seed)]
+        verdicts = Counter[str]()
+        for case, verdict in campaign.run(counted, cases):
+            what, _, why = verdict.partition(": ")
+            verdicts[what] += 1
+            if why:
+                print(f"   {setting}, {case['number']}: {why}")
         good &= not verdicts["wrong"]
         print(f"{reality}: {setting}: {dict(verdicts)} of {count}", flush=True)
     return good
+
+
+def _cases(count: int, reality: str, seed: int) -> list[dict[str, Any]]:
+    return [{"number": number, "reality": reality, "seed": seed} for number in range(count)]
+
+
+def picked(number: int, reality: str, seed: int) -> dict[str, str]:
+    """What came of a pick, and why."""
+    verdict, why = pick(number, reality, seed, TREE.read_text(encoding="utf-8"))
+    outcome = "SUCCESS" if verdict in ("placed", "picked") else "FAILURE"
+    return {"outcome": outcome, "code": verdict, "why": why}
 
 
 def pick(number: int, reality: str, seed: int, text: str) -> tuple[str, str]:
@@ -314,33 +332,48 @@ def main() -> int:
     parser.add_argument("--counts", type=int, default=0, help="times each setting is counted")
     parser.add_argument("--seed", type=int, default=0, help="seed of places, things and robots")
     parser.add_argument("--sets", nargs="+", default=["lab", "rough"], help="realities")
+    add_options(parser)
     arguments = parser.parse_args()
-    text = TREE.read_text(encoding="utf-8")
+    with Campaign(arguments) as campaign:
+        return run_sets(arguments, campaign)
+
+
+def located(**case: Any) -> dict[str, Any]:  # Any: arguments of `locate`
+    """What came of locating a thing."""
+    found = locate(**case)
+    outcome = "SUCCESS" if found.code == "SUCCESS" else "FAILURE"
+    return {"outcome": outcome, "code": found.code, "found": asdict(found)}
+
+
+def run_sets(arguments: argparse.Namespace, campaign: Campaign) -> int:
+    """Locate and pick in each reality and print the figures; returns the exit code."""
     good = True
+    seed = arguments.seed
     for reality in arguments.sets:
         counted = reality == "lab"
         if arguments.locate:
-            found = [locate(n, reality, arguments.seed) for n in range(arguments.locate)]
+            cases = _cases(arguments.locate, reality, seed)
+            found = [Located(**one["found"]) for _, one in campaign.run(located, cases)]
             good &= report_located(found, reality, 2.0, 1.0) or not counted
         if arguments.marker:
-            seen = [
-                locate(n, reality, arguments.seed, by_marker=True) for n in range(arguments.marker)
+            cases = [
+                {**case, "by_marker": True} for case in _cases(arguments.marker, reality, seed)
             ]
+            seen = [Located(**one["found"]) for _, one in campaign.run(located, cases)]
             good &= report_located(seen, f"{reality}, markers", 1.0, 0.5) or not counted
         if arguments.sizes:
-            good &= report_sizes(arguments.sizes, reality, arguments.seed)
+            good &= report_sizes(arguments.sizes, reality, seed, campaign)
         if arguments.counts:
-            good &= report_counts(arguments.counts, reality, arguments.seed)
+            good &= report_counts(arguments.counts, reality, seed, campaign)
         verdicts = Counter[str]()
-        for number in range(arguments.pick):
-            verdict, why = pick(number, reality, arguments.seed, text)
-            verdicts[verdict] += 1
-            if verdict != "placed":
-                print(f"   {number} {verdict} {why}", flush=True)
+        for case, one in campaign.run(picked, _cases(arguments.pick, reality, seed)):
+            verdicts[one["code"]] += 1
+            if one["code"] != "placed":
+                print(f"   {case['number']} {one['code']} {one['why']}", flush=True)
         if arguments.pick:
             print(f"{reality}: {dict(verdicts)} of {arguments.pick} picks", flush=True)
-            picked = verdicts["picked"] + verdicts["placed"]
-            enough = picked >= 0.98 * arguments.pick and not verdicts["lied"]
+            taken = verdicts["picked"] + verdicts["placed"]
+            enough = taken >= 0.98 * arguments.pick and not verdicts["lied"]
             good &= enough or not counted
     return 0 if good else 1
 

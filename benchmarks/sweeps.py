@@ -28,7 +28,7 @@ from bt_dualarm.sweeps.api import merge
 from bt_dualarm.sweeps.manifest import Manifest, checked, values_of
 from bt_dualarm.sweeps.report import write_report
 from bt_dualarm.sweeps.table import read_rows, table_of
-from bt_dualarm.sweeps.trial import Job, run_trial
+from bt_dualarm.sweeps.trial import TrialJob, run_trial
 
 
 def main() -> None:
@@ -231,7 +231,7 @@ def _cost(tree: str, trials: int, scratch: Path) -> None:
     """CPU of a trial beside its run, and the speed-up by a worker per core."""
     manifest = checked(Manifest(tree, tuple(range(trials))))
     jobs = [
-        Job(manifest.tree, None, (), trial, None, None, "none", scratch / "records")
+        TrialJob(manifest.tree, None, (), trial, None, None, "none", scratch / "records")
         for trial in manifest.trials()
     ]
     run_trial(jobs[0])

@@ -7,11 +7,14 @@ end, and how that differs from what they do without it. The exit code is 1 if on
 
 from __future__ import annotations
 
+import argparse
 import sys
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
+from benchmarks.campaign import Campaign, add_options, registry
 from benchmarks.measured_robots import MEASURED
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.core.share import share_dir
@@ -90,12 +93,12 @@ def places(count: int, seed: int) -> list[Place]:
     return found
 
 
-def run_beside(place: Place | None, registry: Registry) -> RunResult:
+def run_beside(place: Place | None, skills: Registry) -> RunResult:
     """The job with an arm at a place, or without a third arm."""
     text = (share_dir("trees") / "pick_and_track.yaml").read_text(encoding="utf-8")
     text += "" if place is None else place.text
     options = RunOptions(duration=LONGEST_S, renderer="ray")
-    with Run(load_tree_file(text, registry.kinds), registry, options) as run:
+    with Run(load_tree_file(text, skills.kinds), skills, options) as run:
         return run.finish()
 
 
@@ -109,27 +112,41 @@ def failures(result: RunResult) -> list[str]:
     ]
 
 
-def _end(result: RunResult, name: str) -> float:
-    return result.arms[name].ended_s or float("nan")
+def ended(place: dict[str, Any] | None) -> dict[str, Any]:
+    """When the two arms end beside a third one, s, and what failed."""
+    result = run_beside(None if place is None else Place(**place), registry())
+    wrong = failures(result)
+    ends = {name: result.arms[name].ended_s or float("nan") for name in ("arm1", "arm2")}
+    return {"outcome": "FAILURE" if wrong else "SUCCESS", "wrong": wrong, "ends": ends}
 
 
-def main(count: int, seed: int) -> int:
+def main() -> int:
     """Print a line for each place; the exit code."""
-    registry = Registry.load()
-    alone = run_beside(None, registry)
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("places", type=int, nargs="?", default=PLACES)
+    parser.add_argument("seed", type=int, nargs="?", default=SEED)
+    add_options(parser)
+    options = parser.parse_args()
+    stands = [None, *map(asdict, places(options.places, options.seed))]
     failed = 0
-    for number, place in enumerate(places(count, seed), 1):
-        result = run_beside(place, registry)
-        wrong = failures(result)
-        failed += bool(wrong)
-        later = ", ".join(
-            f"{name} {_end(result, name) - _end(alone, name):+.2f} s" for name in ("arm1", "arm2")
-        )
-        where = f"{place.robot} at ({place.x:.2f}, {place.y:.2f})"
-        print(f"[{number}/{count}] {where}: {'; '.join(wrong) or later}", flush=True)
-    print(f"the main job fails beside {failed} of {count} arms")
-    return int(failed > 0)
+    alone: dict[str, float] = {}
+    with Campaign(options) as campaign:
+        for number, (case, found) in enumerate(campaign.run(ended, [{"place": s} for s in stands])):
+            place = case["place"]
+            if place is None:
+                alone = found["ends"]
+                continue
+            failed += bool(found["wrong"])
+            later = ", ".join(
+                f"{name} {end - alone.get(name, float('nan')):+.2f} s"
+                for name, end in found["ends"].items()
+            )
+            where = f"{place['robot']} at ({place['x']:.2f}, {place['y']:.2f})"
+            said = "; ".join(found["wrong"]) or later
+            print(f"[{number}/{options.places}] {where}: {said}", flush=True)
+        print(f"the main job fails beside {failed} of {options.places} arms")
+        return int(failed > 0)
 
 
 if __name__ == "__main__":
-    sys.exit(main(*map(int, sys.argv[1:3]), *(PLACES, SEED)[len(sys.argv) - 1 :]))
+    sys.exit(main())

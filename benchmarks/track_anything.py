@@ -23,14 +23,15 @@ import sys
 import tempfile
 from collections import Counter, defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
+from benchmarks.campaign import Campaign, add_options, registry
 from benchmarks.following_trial import DISTANCE_M, LOOKS
 from benchmarks.measured_robots import MEASURED
 from benchmarks.vantage import BASE, POSTURE, Vantage, vantage
@@ -506,26 +507,38 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--share", type=float, default=0.8)
     parser.add_argument("--free", action="store_true", help="curves in space, followed in space")
     parser.add_argument("--lines", action="store_true", help="print each trial")
+    add_options(parser)
     asked = parser.parse_args(arguments)
-    registry = Registry.load()
     results: list[tuple[Case, Found]] = []
-    for case in cases(asked):
-        try:
-            found = follow(case, registry)
-        except Failure as failure:
-            print(f"{case}: not drawn: {failure}", flush=True)
-            continue
-        results.append((case, found))
-        if asked.lines:
-            print(
-                f"{case}: {1e3 * found.rms:6.2f} mm, bound {1e3 * found.bound:5.2f}, "
-                f"judged {1e3 * found.judged:6.2f} of {1e3 * found.allowed:.1f} "
-                f"{found.code} {found.cause}".rstrip(),
-                flush=True,
-            )
-    for said in summary(results):
-        print(said)
-    return int(any(one.code == "ENDLESS" or _is_false(one) for _, one in results))
+    with Campaign(asked) as campaign:
+        for fields, result in campaign.run(tried, [asdict(case) for case in cases(asked)]):
+            case = Case(**fields)
+            if "found" not in result:
+                print(f"{case}: not drawn: {result['why']}", flush=True)
+                continue
+            found = Found(**result["found"])
+            results.append((case, found))
+            if asked.lines:
+                print(
+                    f"{case}: {1e3 * found.rms:6.2f} mm, bound {1e3 * found.bound:5.2f}, "
+                    f"judged {1e3 * found.judged:6.2f} of {1e3 * found.allowed:.1f} "
+                    f"{found.code} {found.cause}".rstrip(),
+                    flush=True,
+                )
+        for said in summary(results):
+            print(said)
+        return int(any(one.code == "ENDLESS" or _is_false(one) for _, one in results))
+
+
+def tried(**fields: Any) -> dict[str, Any]:  # Any: fields of `Case`
+    """What came of a trial, or why it was not drawn."""
+    try:
+        found = follow(Case(**fields), registry())
+    except Failure as failure:
+        return {"outcome": "SKIPPED", "why": str(failure)}
+    is_good = found.code == "SUCCESS" and not _is_false(found)
+    outcome = "SUCCESS" if is_good else "FAILURE"
+    return {"outcome": outcome, "code": found.code, "found": asdict(found)}
 
 
 def _says_why(case: Case, found: Found) -> bool:

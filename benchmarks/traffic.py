@@ -17,6 +17,7 @@ after a contact or if one does not.
 from __future__ import annotations
 
 import argparse
+import itertools
 import math
 import statistics
 import sys
@@ -27,6 +28,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from benchmarks.campaign import Campaign, add_options, registry
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.core.errors import DualArmError
 from bt_dualarm.core.pose import Pose
@@ -177,17 +179,17 @@ def _reaches(rng: np.random.Generator, speed: float) -> list[Any]:
     return [*leaves, {"go_home": {"speed": speed}}]
 
 
-def _played(file: Tree, registry: Registry) -> tuple[RunResult, ArmContacts]:
-    with Run(load_tree_file(file, registry.kinds), registry, RunOptions(renderer="ray")) as run:
+def _played(file: Tree, skills: Registry) -> tuple[RunResult, ArmContacts]:
+    with Run(load_tree_file(file, skills.kinds), skills, RunOptions(renderer="ray")) as run:
         contacts = ArmContacts(run.world)
         run.watch(contacts)
         return run.finish(), contacts
 
 
-def _played_first(cell: Cell, registry: Registry) -> tuple[RunResult, ArmContacts] | None:
+def _played_first(cell: Cell, skills: Registry) -> tuple[RunResult, ArmContacts] | None:
     """The run of a cell; None if its arms or objects overlap at the start."""
     try:
-        return _played(cell.file, registry)
+        return _played(cell.file, skills)
     except DualArmError:
         return None
 
@@ -202,17 +204,53 @@ def _codes(result: RunResult) -> dict[str, list[str]]:
     return {name: [leaf.code for leaf in arm.runs] for name, arm in result.arms.items()}
 
 
-def _is_feasible(cell: Cell, registry: Registry, alone: dict[str, float]) -> bool:
+def _is_feasible(cell: Cell, skills: Registry, alone: dict[str, float]) -> bool:
     """Whether each arm does its task alone; fills in how long it takes, s."""
     for arm in cell.arms:
         try:
-            result, _ = _played(cell.alone(arm), registry)
+            result, _ = _played(cell.alone(arm), skills)
         except DualArmError:
             return False
         if result.outcome != "SUCCESS":
             return False
         alone[arm] = _ended_s(result)
     return True
+
+
+def judged(seed: int, reality: str, *, quick: bool, orders: int) -> dict[str, Any]:
+    """What comes of a cell, and what to print of it."""
+    cell = generate(seed, reality)
+    alone: dict[str, float] = {}
+    played = _played_first(cell, registry()) if quick else None
+    needs_check = played is None or played[0].outcome != "SUCCESS"
+    if needs_check and not _is_feasible(cell, registry(), alone):
+        return {"outcome": "SKIPPED"}
+    result, contacts = played or _played(cell.file, registry())
+    found: dict[str, Any] = {"outcome": str(result.outcome), "codes": [], "wrong": 0}
+    makespan = ""
+    line = f"cell {cell.seed}: {cell.kind}, {len(cell.arms)} arms, {result.outcome}"
+    if alone:
+        total = sum(alone.values())
+        ratio = _ended_s(result) / total
+        bound = max(alone.values()) / total
+        makespan = f"\n    makespan {ratio:.2f} of one by one, bound {bound:.2f}"
+        if result.outcome == "SUCCESS":
+            found |= {"ratio": ratio, "bound": bound}
+    for arm in result.arms.values():
+        for leaf in arm.runs:
+            if leaf.status == "FAILURE" and leaf.code:
+                found["codes"].append(f"{leaf.skill} {leaf.code}")
+                line += f"\n    {arm.name} {leaf.skill}: {leaf.code}: {leaf.reason}"
+    line += makespan
+    for pair, when in contacts.pairs.items():
+        found["wrong"] += 1
+        line += f"\n    {when:.3f} s: {pair[0]} touches {pair[1]}"
+    if orders == 2:
+        again, _ = _played(cell.reversed(), registry())
+        if _codes(again) != _codes(result):
+            found["wrong"] += 1
+            line += "\n    in reverse order it ends in another way"
+    return {**found, "line": line}
 
 
 def main() -> int:
@@ -224,52 +262,34 @@ def main() -> int:
     parser.add_argument("--orders", type=int, default=1, choices=(1, 2))
     parser.add_argument("--quick", action="store_true", help="no makespans")
     parser.add_argument("--only", type=int, help="the one seed to run")
+    add_options(parser)
     options = parser.parse_args()
-    registry = Registry.load()
-    wanted = 1 if options.only is not None else options.cells
-    seed = options.seed if options.only is None else options.only
+    with Campaign(options) as campaign:
+        return run_cells(options, campaign)
+
+
+def run_cells(options: argparse.Namespace, campaign: Campaign) -> int:
+    """Run the cells and print the figures; returns the exit code."""
+    only = options.only
+    seeds = itertools.count(options.seed) if only is None else iter([only])
+    words = {name: getattr(options, name) for name in ("reality", "quick", "orders")}
+    cases = ({"seed": seed, **words} for seed in seeds)
     counted = complete = wrong = left_out = 0
     codes = Counter[str]()
     ratios: list[float] = []
     bounds: list[float] = []
-    while counted < wanted:
-        cell = generate(seed, options.reality)
-        seed += 1
-        alone: dict[str, float] = {}
-        played = _played_first(cell, registry) if options.quick else None
-        needs_check = played is None or played[0].outcome != "SUCCESS"
-        if needs_check and not _is_feasible(cell, registry, alone):
+    for _, found in campaign.run(judged, cases, options.cells if only is None else 1):
+        if found["outcome"] == "SKIPPED":
             left_out += 1
-            if options.only is not None:
-                break
             continue
         counted += 1
-        result, contacts = played or _played(cell.file, registry)
-        makespan = ""
-        line = f"cell {cell.seed}: {cell.kind}, {len(cell.arms)} arms, {result.outcome}"
-        if alone:
-            total = sum(alone.values())
-            ratio = _ended_s(result) / total
-            bound = max(alone.values()) / total
-            makespan = f"\n    makespan {ratio:.2f} of one by one, bound {bound:.2f}"
-            if result.outcome == "SUCCESS":
-                ratios.append(ratio)
-                bounds.append(bound)
-        complete += result.outcome == "SUCCESS"
-        for arm in result.arms.values():
-            for leaf in arm.runs:
-                if leaf.status == "FAILURE" and leaf.code:
-                    codes[f"{leaf.skill} {leaf.code}"] += 1
-                    line += f"\n    {arm.name} {leaf.skill}: {leaf.code}: {leaf.reason}"
-        print(f"{line}{makespan}", flush=True)
-        for pair, when in contacts.pairs.items():
-            wrong += 1
-            print(f"    {when:.3f} s: {pair[0]} touches {pair[1]}", flush=True)
-        if options.orders == 2:
-            again, _ = _played(cell.reversed(), registry)
-            if _codes(again) != _codes(result):
-                wrong += 1
-                print("    in reverse order it ends in another way", flush=True)
+        complete += found["outcome"] == "SUCCESS"
+        wrong += found["wrong"]
+        codes.update(found["codes"])
+        if "ratio" in found:
+            ratios.append(found["ratio"])
+            bounds.append(found["bound"])
+        print(found["line"], flush=True)
     print(f"{counted} cells ({left_out} drawn that cannot be done by each arm alone)")
     print(f"  complete: {complete} ({complete / max(counted, 1):.0%})")
     if ratios:

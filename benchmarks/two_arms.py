@@ -8,11 +8,14 @@ arms touched, and how near they came.
 
 from __future__ import annotations
 
-import sys
+import argparse
+import time
 from collections import Counter
+from typing import Any
 
 import numpy as np
 
+from benchmarks.campaign import Campaign, add_options, registry
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose
@@ -109,48 +112,77 @@ def tree(rng: np.random.Generator, reaches: int) -> str:
     return text
 
 
-def run(text: str, seed: int, registry: Registry) -> tuple[RunResult, Contacts]:
+def run(text: str, seed: int, skills: Registry) -> tuple[RunResult, Contacts]:
     """The result, and when the arms touched."""
-    file = load_tree_file(text, registry.kinds)
-    with Run(file, registry, RunOptions(seed=seed)) as opened:
+    file = load_tree_file(text, skills.kinds)
+    with Run(file, skills, RunOptions(seed=seed)) as opened:
         contacts = Contacts(opened.world)
         opened.watch(contacts)
         return opened.finish(), contacts
 
 
-def main(reaches: int, seed: int) -> None:
+def reached(text: str, number: int) -> dict[str, Any]:
+    """What came of the reaches of a file."""
+    result, contacts = run(text, number, registry())
+    said = []
+    if contacts.steps:
+        said.append(f"run {number}: the arms touch at {contacts.first_s:.2f} s")
+    codes = []
+    nearest = float("inf")
+    for arm in result.arms.values():
+        nearest = min(nearest, float(arm.guard.get("nearest_arm_m", "inf")))
+        leaves = [leaf for leaf in arm.runs if leaf.skill == "reach_to_pose"][: PER_RUN // 2]
+        codes += [leaf.code or leaf.status for leaf in leaves]
+        for leaf in leaves:
+            if leaf.status != "SUCCESS":
+                when = f"{leaf.started_s:.1f}-{leaf.ended_s:.1f} s"
+                said.append(f"run {number} {arm.name} {when}: {leaf.code}: {leaf.reason}")
+    return {
+        "outcome": "FAILURE" if contacts.steps else "SUCCESS",
+        "said": said,
+        "codes": codes,
+        "nearest_m": nearest,
+        "contacts": contacts.steps,
+        "sim_time_s": result.sim_time_s,
+    }
+
+
+def main() -> None:
     """Print what came of all reaches; each that did not succeed, with its reason."""
-    registry = Registry.load()
-    rng = np.random.default_rng(seed)
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("reaches", type=int, nargs="?", default=REACHES)
+    parser.add_argument("seed", type=int, nargs="?", default=SEED)
+    add_options(parser)
+    options = parser.parse_args()
+    rng = np.random.default_rng(options.seed)
+    cases = [
+        {"text": tree(rng, PER_RUN), "number": number}
+        for number in range(-(-options.reaches // PER_RUN))
+    ]
     codes: Counter[str] = Counter()
     touched = 0
     nearest = float("inf")
     sim = 0.0
-    wall = 0.0
-    for number in range(-(-reaches // PER_RUN)):
-        result, contacts = run(tree(rng, PER_RUN), number, registry)
-        touched += contacts.steps
-        if contacts.steps:
-            print(f"run {number}: the arms touch at {contacts.first_s:.2f} s")
-        sim = sim + result.sim_time_s
-        wall = wall + result.wall_time_s
-        for arm in result.arms.values():
-            nearest = min(nearest, float(arm.guard.get("nearest_arm_m", "inf")))
-            leaves = [leaf for leaf in arm.runs if leaf.skill == "reach_to_pose"][: PER_RUN // 2]
-            codes.update(leaf.code or leaf.status for leaf in leaves)
-            for leaf in leaves:
-                if leaf.status != "SUCCESS":
-                    when = f"{leaf.started_s:.1f}-{leaf.ended_s:.1f} s"
-                    print(f"run {number} {arm.name} {when}: {leaf.code}: {leaf.reason}")
-    count = sum(codes.values())
-    print(f"{count} reaches in {sim:.0f} s simulated, {wall:.0f} s on the wall")
-    print(f"succeeded            {codes['SUCCESS']:4d}  {100 * codes['SUCCESS'] / count:.1f} %")
-    for code, number in codes.most_common():
-        if code != "SUCCESS":
-            print(f"{code:20} {number:4d}")
-    print(f"steps with a contact {touched:4d}")
-    print(f"nearest              {1e3 * nearest:6.1f} mm")
+    began = time.perf_counter()
+    with Campaign(options) as campaign:
+        for _, found in campaign.run(reached, cases):
+            touched += found["contacts"]
+            sim += found["sim_time_s"]
+            nearest = min(nearest, found["nearest_m"])
+            codes.update(found["codes"])
+            for line in found["said"]:
+                print(line, flush=True)
+        wall = time.perf_counter() - began
+        count = sum(codes.values())
+        share = codes["SUCCESS"] / max(count, 1)
+        print(f"{count} reaches in {sim:.0f} s simulated, {wall:.0f} s on the wall")
+        print(f"succeeded            {codes['SUCCESS']:4d}  {100 * share:.1f} %")
+        for code, number in codes.most_common():
+            if code != "SUCCESS":
+                print(f"{code:20} {number:4d}")
+        print(f"steps with a contact {touched:4d}")
+        print(f"nearest              {1e3 * nearest:6.1f} mm")
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:3]), *(REACHES, SEED)[len(sys.argv) - 1 :])
+    main()

@@ -10,13 +10,15 @@ moves by 15 mm, in some direction, and `track` must end once it rests.
 
 from __future__ import annotations
 
-import sys
-from dataclasses import dataclass
+import argparse
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 import bt_dualarm as bt
+from benchmarks.campaign import Campaign, add_options
 from bt_dualarm.runtime.outcome import Outcome
 
 CENTER = np.array((0.68, 0.11, 0.70))  # in the middle of the image, 0.35 m before the camera
@@ -114,21 +116,41 @@ def ends_well(case: Case) -> str:
         return f"it ended at {run.time:.1f} s" if early else ""
 
 
-def main(runs: int = 40, seed: int = 0) -> None:
+def judged(**fields: Any) -> dict[str, Any]:  # Any: fields of `Case`
+    """What is wrong with the run of a case."""
+    said = ends_well(_case_of(fields))
+    code = "" if not said else "FAILED" if said.startswith(FAILED) else "WRONG"
+    return {"outcome": "FAILURE" if said else "SUCCESS", "code": code, "said": said}
+
+
+def _case_of(fields: Mapping[str, Any]) -> Case:
+    vectors = {name: np.array(fields[name], dtype=float) for name in ("place", "way")}
+    return Case(**{**fields, **vectors})
+
+
+def main() -> None:
     """Print how many of each half ended as they should, and each that did not."""
-    rng = np.random.default_rng(seed)
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("runs", type=int, nargs="?", default=40)
+    parser.add_argument("seed", type=int, nargs="?", default=0)
+    add_options(parser)
+    options = parser.parse_args()
+    runs = options.runs
+    rng = np.random.default_rng(options.seed)
+    cases = [asdict(draw(rng, moves=bool(number % 2))) for number in range(runs)]
     wrong = {False: 0, True: 0}
     failed = {False: 0, True: 0}
-    for number in range(runs):
-        case = draw(rng, moves=bool(number % 2))
-        if said := ends_well(case):
-            counts = failed if said.startswith(FAILED) else wrong
-            counts[case.moves] += 1
-            print(f"{'moves' if case.moves else 'rests'}: {said}; {case}")
-    print(f"never moved: {wrong[False]} of {runs - runs // 2} ended, {failed[False]} failed")
-    ended = runs // 2 - wrong[True] - failed[True]
-    print(f"moved by 15 mm: {ended} of {runs // 2} ended once it rested, {failed[True]} failed")
+    with Campaign(options) as campaign:
+        for fields, found in campaign.run(judged, cases):
+            if said := found["said"]:
+                case = _case_of(fields)
+                counts = failed if said.startswith(FAILED) else wrong
+                counts[case.moves] += 1
+                print(f"{'moves' if case.moves else 'rests'}: {said}; {case}", flush=True)
+        print(f"never moved: {wrong[False]} of {runs - runs // 2} ended, {failed[False]} failed")
+        ended = runs // 2 - wrong[True] - failed[True]
+        print(f"moved by 15 mm: {ended} of {runs // 2} ended once it rested, {failed[True]} failed")
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:]))
+    main()

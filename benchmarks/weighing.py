@@ -14,11 +14,13 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
 
+from benchmarks.campaign import Campaign, add_options, registry
 from benchmarks.measured_robots import MEASURED
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.control.controller import JointController
@@ -30,7 +32,6 @@ from bt_dualarm.robots.robot import JointLimits, Robot
 from bt_dualarm.robots.robot_description import load_robot, robot_names, with_gripper
 from bt_dualarm.safety.failsafe import Reservations
 from bt_dualarm.sim.world import World
-from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.node_types import NodeType
 from bt_dualarm.testing import Tree
 from bt_dualarm.trajectory.path_timing import point_to_point
@@ -163,6 +164,18 @@ def swing(world: World, controller: JointController, posture: Vector) -> None:
             raise controller.fault
 
 
+def weighing(
+    name: str, reality: str, seed: int, mass: float, gripper: str | None
+) -> dict[str, Any]:
+    """What one robot makes of one mass, or why it failed."""
+    try:
+        found = weighed(name, reality, seed, mass, registry().kinds, gripper)
+    except Failure as failure:
+        said = f"; {mass:.2g} kg, seed {seed}: {failure}"
+        return {"outcome": "FAILURE", "code": failure.code, "failed": said}
+    return {"outcome": "SUCCESS" if found.is_right else "FAILURE", "weight": asdict(found)}
+
+
 def main() -> None:
     """Print a line a robot."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
@@ -171,31 +184,27 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--loads", type=int, default=5)
     parser.add_argument("--gripper", help="what all of them carry on their flange")
+    add_options(parser)
     arguments = parser.parse_args()
-    kinds = Registry.load().kinds
-    for name in arguments.robots:
-        told = line(name, arguments.set, arguments.seeds, arguments.loads, kinds, arguments.gripper)
-        print(told, flush=True)
+    with Campaign(arguments) as campaign:
+        for name in arguments.robots:
+            print(line(name, arguments, campaign), flush=True)
 
 
-def line(
-    name: str,
-    reality: str,
-    seeds: int,
-    loads: int,
-    kinds: Mapping[str, NodeType],
-    gripper: str | None = None,
-) -> str:
+def line(name: str, arguments: argparse.Namespace, campaign: Campaign) -> str:
     """What one robot's batch makes of so many masses."""
+    reality = arguments.set
     most = min(HEAVIEST_KG, load_robot(name).payload or HEAVIEST_KG)
-    found = []
-    failed = []
-    for seed in range(seeds):
-        for mass in np.geomspace(LIGHTEST_KG, most, loads):
-            try:
-                found.append(weighed(name, reality, seed, float(mass), kinds, gripper))
-            except Failure as failure:
-                failed.append(f"; {mass:.2g} kg, seed {seed}: {failure}")
+    words = {"name": name, "reality": reality, "gripper": arguments.gripper}
+    masses = np.geomspace(LIGHTEST_KG, most, arguments.loads).tolist()
+    cases = [
+        {**words, "seed": seed, "mass": mass} for seed in range(arguments.seeds) for mass in masses
+    ]
+    results = [result for _, result in campaign.run(weighing, cases)]
+    found = [Weight(**result["weight"]) for result in results if "weight" in result]
+    failed = [result["failed"] for result in results if "failed" in result]
+    if not found:
+        return f"{name:6} {reality}: no weight of {len(failed)} was found" + "".join(failed)
     errors = np.array([one.told - one.true for one in found])
     shares = np.abs(errors) / np.array([one.true for one in found])
     z = np.abs(errors) / np.maximum([one.doubt for one in found], 1e-9)

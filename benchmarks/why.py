@@ -10,12 +10,15 @@ that was planted, and its sentence has the names that belong to it.
 
 from __future__ import annotations
 
+import argparse
 import sys
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from typing import Any, Final
 
 import bt_dualarm
+from benchmarks.campaign import Campaign, add_options
 from benchmarks.why_interactions import interactions
 from benchmarks.why_mistake import Mistake
 from benchmarks.why_mistakes import mistakes
@@ -27,12 +30,12 @@ from bt_dualarm.replay.record import Record
 
 
 def first_cause(mistake: Mistake, folder: Path) -> Cause | None:
-    """What is named first after a run of the mistake; None if nothing is."""
-    try:
-        bt_dualarm.run(mistake.tree, record=folder, duration=mistake.duration)
-    except DualArmError as error:
-        print(f"refused before it moved: {error}")
-        return None
+    """What is named first after a run of the mistake; None if nothing is.
+
+    Raises:
+        DualArmError: The run is refused before anything moves.
+    """
+    bt_dualarm.run(mistake.tree, record=folder, duration=mistake.duration)
     told = stories(Record.read(folder))
     return told[0].causes[0] if told else None
 
@@ -44,27 +47,48 @@ def is_named(mistake: Mistake, cause: Cause | None) -> bool:
     return all(name in f"{cause.sentence} {cause.leaf}" for name in mistake.names)
 
 
-def main(words: list[str]) -> None:
-    """Run all mistakes that have these words in their names."""
-    sets: dict[str, Callable[[], Iterable[Mistake]]] = {
-        "--unseen": unseen,
-        "--interactions": interactions,
-    }
-    asked = [sets[each] for each in words if each in sets]
-    planted = (asked or [mistakes])[0]()
-    word = " ".join(each for each in words if each not in sets)
-    chosen = [mistake for mistake in planted if word in mistake.name]
-    named = 0
+SETS: Final[Mapping[str, Callable[[], Iterable[Mistake]]]] = {
+    "mistakes": mistakes,
+    "--unseen": unseen,
+    "--interactions": interactions,
+}
+
+
+def judged(family: str, name: str) -> dict[str, Any]:
+    """Whether the planted cause of a mistake is named first, and a line on it."""
+    mistake = next(mistake for mistake in SETS[family]() if mistake.name == name)
+    lines = []
+    cause = None
     with tempfile.TemporaryDirectory() as folder:
-        for number, mistake in enumerate(chosen):
-            cause = first_cause(mistake, Path(folder) / str(number))
-            good = is_named(mistake, cause)
-            named += good
-            said = "nothing" if cause is None else f"{cause.kind}: {cause.sentence}"
-            print(
-                f"{'yes' if good else 'NO '} {mistake.name} ({mistake.kind}) <- {said}", flush=True
-            )
-    print(f"the planted cause is named first for {named} of {len(chosen)} mistakes")
+        try:
+            cause = first_cause(mistake, Path(folder) / "record")
+        except DualArmError as error:
+            lines.append(f"refused before it moved: {error}")
+    good = is_named(mistake, cause)
+    said = "nothing" if cause is None else f"{cause.kind}: {cause.sentence}"
+    lines.append(f"{'yes' if good else 'NO '} {mistake.name} ({mistake.kind}) <- {said}")
+    code = "" if good else mistake.kind
+    return {"outcome": "SUCCESS" if good else "FAILURE", "code": code, "lines": lines}
+
+
+def main(arguments: list[str]) -> None:
+    """Run all mistakes that have these words in their names."""
+    parser = argparse.ArgumentParser(description="how often bt-why names the planted cause")
+    parser.add_argument("words", nargs="*", metavar="WORD")
+    for option in list(SETS)[1:]:
+        parser.add_argument(option, dest="family", action="store_const", const=option)
+    parser.set_defaults(family="mistakes")
+    add_options(parser)
+    options = parser.parse_intermixed_args(arguments)
+    word = " ".join(options.words)
+    names = [mistake.name for mistake in SETS[options.family]() if word in mistake.name]
+    named = 0
+    with Campaign(options) as campaign:
+        cases = [{"family": options.family, "name": name} for name in names]
+        for _, found in campaign.run(judged, cases):
+            named += found["outcome"] == "SUCCESS"
+            print("\n".join(found["lines"]), flush=True)
+        print(f"the planted cause is named first for {named} of {len(names)} mistakes")
 
 
 if __name__ == "__main__":

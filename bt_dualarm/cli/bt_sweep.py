@@ -209,7 +209,7 @@ def shown_progress(*, quiet: bool) -> Iterator[Callable[[Progress], None] | None
         with Live(console=console, refresh_per_second=4, transient=True) as live:
             yield lambda state: live.update(_panel(state))
     else:
-        yield _Lines(console)
+        yield ProgressLines(console)
 
 
 def _panel(state: Progress) -> Group:
@@ -242,7 +242,7 @@ def _left(state: Progress) -> str:
     return f"about {minutes:.0f} min left" if minutes < 90 else f"about {minutes / 60:.1f} h left"
 
 
-class _Lines:
+class ProgressLines:
     """Prints a line at every twentieth part of a sweep, and at least every 30 s."""
 
     _EVERY_S = 30.0
@@ -253,6 +253,7 @@ class _Lines:
         self._at = 0.0
 
     def __call__(self, state: Progress) -> None:
+        """Print the state, if it is time to."""
         now = time.monotonic()
         part = 20 * state.done // max(state.total, 1)
         is_waiting = not state.workers

@@ -29,8 +29,8 @@ from pathlib import Path
 from typing import Any, Final, Protocol
 
 from bt_dualarm.core.errors import DualArmError
+from bt_dualarm.sweeps.job import Job, Row
 from bt_dualarm.sweeps.manifest import SweepError
-from bt_dualarm.sweeps.trial import Job, Row, lost_row
 
 ATTEMPTS: Final = 3
 """Times that a trial is tried whose worker dies."""
@@ -172,7 +172,7 @@ class Worker:
         if self._attempts >= ATTEMPTS:
             self.task = None
             sentence = f"each of {ATTEMPTS} worker processes died; the last one {reason}"
-            return lost_row(task.job.trial, sentence, self._attempts)
+            return task.job.lost_row(sentence, self._attempts)
         self._try()
         return None
 
@@ -503,7 +503,7 @@ class DaskEngine:
                 self.submit(task)
                 continue
             error = future.exception()
-            identity = task.job.trial.identity
+            identity = task.job.identity
             if isinstance(error, self._killed) and self._losses[identity] < _MOST_LOSSES:
                 # The trial ran in a child, so it did not kill the worker: machines are preempted,
                 # or run out of memory. A scheduler that runs elsewhere has its own limit of deaths.
@@ -512,7 +512,7 @@ class DaskEngine:
                 continue
             self._losses.pop(identity, None)
             if error is not None:
-                row = lost_row(task.job.trial, f"the Dask worker failed: {error}", ATTEMPTS)
+                row = task.job.lost_row(f"the Dask worker failed: {error}", ATTEMPTS)
                 done.append(Done(task, row, "dask"))
                 continue
             row, worker = future.result()

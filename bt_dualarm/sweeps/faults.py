@@ -47,9 +47,10 @@ from bt_dualarm.spec.faults import (
 from bt_dualarm.spec.node_types import NodeSpec, all_of
 from bt_dualarm.spec.yaml_reader import Data, TreeInput, is_yaml, read_tree, with_tuples
 from bt_dualarm.sweeps.engine import Engine
+from bt_dualarm.sweeps.job import CRASHED
 from bt_dualarm.sweeps.manifest import Manifest, NoTrials, SweepError, checked
 from bt_dualarm.sweeps.sweep import Progress, run_sweep
-from bt_dualarm.sweeps.trial import CRASHED, RECORDS, Branch, BranchObserver, Rules
+from bt_dualarm.sweeps.trial import RECORDS, Branch, BranchObserver, Rules
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -6,11 +6,13 @@ other code, or on another machine with other files, must not run the trial.
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Final
 
@@ -59,6 +61,46 @@ def inputs_of(
         **{f"version of {name}": number for name, number in versions().items()},
     }
     return {name: value for name, value in found.items() if value}
+
+
+@cache
+def inputs_of_module(name: str) -> Mapping[str, str]:
+    """Digests of what determines the results of a module's functions besides their arguments.
+
+    Its own text, those of the modules of its package that it imports, the package with its shipped
+    trees, and the versions of all libraries.
+    """
+    texts = sorted(_texts_of_modules(name).items())
+    return {
+        "module": digest_of("".join(f"{module}\0{text}\0" for module, text in texts).encode()),
+        "code": code_digest(),
+        "trees": _digest_of_folder(share_dir("trees")),
+        **{f"version of {package}": number for package, number in versions().items()},
+    }
+
+
+def _texts_of_modules(first: str) -> Mapping[str, str]:
+    """Texts of a module and of all modules of its package that it imports, by name."""
+    package = first.partition(".")[0]
+    texts: dict[str, str] = {}
+    left = [first]
+    while left:
+        name = left.pop()
+        spec = None
+        with suppress(ImportError):  # a name in a module is no module
+            spec = find_spec(name)
+        if name in texts or spec is None or not spec.has_location or spec.origin is None:
+            continue
+        texts[name] = Path(spec.origin).read_text(encoding="utf-8")
+        for node in ast.walk(ast.parse(texts[name])):
+            if isinstance(node, ast.Import):
+                found = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                found = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+            else:
+                continue
+            left += [one for one in found if one.partition(".")[0] == package]
+    return texts
 
 
 def _digest_of_folder(folder: Path) -> str:

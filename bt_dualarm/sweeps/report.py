@@ -20,10 +20,11 @@ import numpy.typing as npt
 from bt_dualarm.core.pose import Vector
 from bt_dualarm.core.share import write_text
 from bt_dualarm.spec.node_types import counted
+from bt_dualarm.sweeps.job import Cell
 from bt_dualarm.sweeps.manifest import TEXT, SweepError
 from bt_dualarm.sweeps.statistics import Boundary, SuccessRate
 from bt_dualarm.sweeps.table import FAULTS, MANIFEST, columns_of, digest
-from bt_dualarm.sweeps.trial import RECORDS, Cell
+from bt_dualarm.sweeps.trial import RECORDS
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -5,17 +5,20 @@ from __future__ import annotations
 import json
 import math
 import re
-import time
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from bt_dualarm.core.share import write_text
 from bt_dualarm.runtime.interruption import StopRequest
 from bt_dualarm.spec.yaml_reader import read_tree
+from bt_dualarm.sweeps.dispatch import run_jobs
 from bt_dualarm.sweeps.engine import Done, Engine, Task
+from bt_dualarm.sweeps.job import CRASHED, Job, Row
 from bt_dualarm.sweeps.manifest import Manifest, NoTrials, SweepError, TrialSpec
 from bt_dualarm.sweeps.statistics import Boundary, SuccessRate
 from bt_dualarm.sweeps.table import (
@@ -28,17 +31,10 @@ from bt_dualarm.sweeps.table import (
     read_rows,
     write_table,
 )
-from bt_dualarm.sweeps.trial import CRASHED, RECORDS, REFUSED, Job, Keep, Row, Rules
+from bt_dualarm.sweeps.trial import RECORDS, Keep, Rules, TrialJob
 
 if TYPE_CHECKING:
     import pyarrow as pa
-
-_WRITE_S: Final = 1.0
-"""Wall-clock seconds between two writes of rows: what a killed sweep loses at most."""
-
-_WAIT_S: Final = 0.2
-_AHEAD: Final = 2
-"""Tasks queued per slot, so that no worker waits for this process."""
 
 
 @dataclass
@@ -214,20 +210,17 @@ def run_sweep(
     left = deque(trial for trial in wanted if trial.identity not in finished)
     if left and not watch.enough:
         jobs = (_job(manifest, trial, keep, rules, out) for trial in left)
-        try:
-            _run_all(jobs, engine(), store, watch, state, audit, stop, tell)
-        finally:
-            store.merge()
+        _run_all(jobs, engine(), store, watch, state, audit, stop, tell)
     table = _table_of(out, wanted, watch)
     write_table(table, out / TABLE)
     complete = len(table) == len(wanted)
     return SweepResult(out, table, digest(table), complete, watch.enough, state)
 
 
-def _job(manifest: Manifest, trial: TrialSpec, keep: Keep, rules: Rules, out: Path) -> Job:
+def _job(manifest: Manifest, trial: TrialSpec, keep: Keep, rules: Rules, out: Path) -> TrialJob:
     """The trial for a worker, whose current folder may be another one."""
     tree = manifest.tree
-    return Job(
+    return TrialJob(
         tree.absolute() if isinstance(tree, Path) else tree,
         (manifest.folder or Path()).absolute(),
         tuple(folder.absolute() for folder in manifest.skills),
@@ -334,72 +327,39 @@ def _run_all(
     stop: StopRequest,
     tell: Callable[[Progress], None],
 ) -> None:
-    began = time.monotonic()
-    unwritten: list[Row] = []
-    written_at = began
-    audits: deque[Task] = deque()
-    outstanding = 0
-    more = True
-    try:
-        while (more or outstanding or audits) and not stop.asked and not watch.enough:
-            while outstanding < _AHEAD * max(engine.slots, 1) and (audits or more):
-                task = audits.popleft() if audits else _next(jobs)
-                if task is None:
-                    more = False
-                    break
-                engine.submit(task)
-                outstanding += 1
-            for done in engine.completed(_WAIT_S):
-                outstanding -= 1
-                again = _taken(done, unwritten, watch, state, audit)
-                if again is not None:
-                    audits.append(again)
-            now = time.monotonic()
-            state.running_s = now - began
+    if stop.asked:
+        return
+    with closing(run_jobs(jobs, engine, store, partial(_taken, watch, state, audit))) as waits:
+        for running_s in waits:
+            state.running_s = running_s
             state.workers = engine.slots
-            if unwritten and now - written_at >= _WRITE_S:
-                store.add(unwritten)
-                unwritten = []
-                written_at = now
             tell(state)
-    finally:
-        store.add(unwritten)
+            if stop.asked or watch.enough:
+                return
 
 
-def _next(jobs: Iterator[Job]) -> Task | None:
-    job = next(jobs, None)
-    return None if job is None else Task(job)
+def _taken(watch: _Watch, state: Progress, audit: float, done: Done) -> Row | Task:
+    """Count a finished task.
 
-
-def _taken(
-    done: Done, unwritten: list[Row], watch: _Watch, state: Progress, audit: float
-) -> Task | None:
-    """Take a finished task; returns the task that is to confirm it, if it is chosen for that.
+    Returns:
+        Its row, or the task that is to confirm it, if it is chosen for that.
 
     Raises:
         SweepError: It was to confirm another run, and its result differs.
     """
-    trial = done.task.job.trial
-    if done.row.get("outcome") == REFUSED:
-        raise SweepError(
-            f"{done.row.get('machine')} ({done.worker}) cannot run trial {trial.index}: "
-            f"{done.row.get('reason')}. All workers need the same environment and files, which "
-            "must not change while a sweep runs; finished trials are kept"
-        )
+    job = done.task.job
     first = done.task.audit_of
     if first is not None:
         _refuse_difference(first, done)
         state.audited += 1
-        unwritten.append({**first, "audited": True})
-        return None
+        return {**first, "audited": True}
     state.count(done.row)
-    watch.add(trial.index, done.row)
+    watch.add(job.index, done.row)
     # The choice depends on the trial only, so that every machine chooses the same trials.
-    chosen = int(trial.identity[:8], 16) / 0x1_0000_0000 < audit
+    chosen = int(job.identity[:8], 16) / 0x1_0000_0000 < audit
     if chosen and done.row.get("outcome") != CRASHED:
-        return Task(done.task.job, done.row, done.worker)
-    unwritten.append(done.row)
-    return None
+        return Task(job, done.row, done.worker)
+    return done.row
 
 
 def _refuse_difference(first: Row, done: Done) -> None:
@@ -411,9 +371,8 @@ def _refuse_difference(first: Row, done: Done) -> None:
         f"(processor {row.get('processor')})"
         for row in (first, done.row)
     ]
-    trial = done.task.job.trial
     raise SweepError(
-        f"trial {trial.index} gave two results: {places[0]}, then {places[1]}. "
+        f"{done.task.job.label} gave two results: {places[0]}, then {places[1]}. "
         "Processors of one kind give the same result; a skill that is random or reads the clock "
         "does not"
     )

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Final
 
 from bt_dualarm.core.errors import DualArmError
 from bt_dualarm.core.share import write_atomically
+from bt_dualarm.sweeps.job import COST_COLUMNS, CRASHED, Row
 from bt_dualarm.sweeps.manifest import SweepError
-from bt_dualarm.sweeps.trial import COST_COLUMNS, CRASHED, Row
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -7,14 +7,9 @@ it is not, the row is marked.
 
 from __future__ import annotations
 
-import json
-import resource
 import shutil
-import socket
 import tempfile
-import time
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -31,19 +26,21 @@ from bt_dualarm.runtime.options import RunOptions, checked_reality
 from bt_dualarm.runtime.outcome import Outcome, RunResult
 from bt_dualarm.runtime.rules import RuleCheck
 from bt_dualarm.runtime.run import Run
-from bt_dualarm.runtime.summary import processor
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.document import TreeFile
-from bt_dualarm.spec.node_types import escaped
-from bt_dualarm.spec.yaml_reader import Data, TreeInput
+from bt_dualarm.spec.yaml_reader import TreeInput
 from bt_dualarm.sweeps.inputs import inputs_of
+from bt_dualarm.sweeps.job import (
+    Cell,
+    Costs,
+    Row,
+    difference,
+    flat,
+    lost_columns,
+    refused_columns,
+    short,
+)
 from bt_dualarm.sweeps.manifest import TrialSpec
-
-Cell: TypeAlias = str | float | int | bool | None
-"""Value in a table."""
-
-Row: TypeAlias = Mapping[str, Cell]
-"""Row of the table: values by column."""
 
 Keep: TypeAlias = Literal["failures", "all", "none"]
 """Which records a sweep keeps."""
@@ -60,24 +57,10 @@ RECORDS: Final = "records"
 FALSE_SUCCESS: Final = "FALSE_SUCCESS"
 """Outcome of a trial whose trees report SUCCESS although a goal of the file is not met."""
 
-CRASHED: Final = "CRASHED"
-"""Outcome of a trial without a result, because its worker died each time."""
-
-REFUSED: Final = "REFUSED"
-"""Outcome of a trial that its worker did not run because it has other code or files."""
-
-LONGEST_TEXT: Final = 500
-"""Letters of a sentence in a row."""
-
-COST_COLUMNS: Final = (
-    "cpu_s", "wall_s", "memory_mb", "machine", "processor", "attempts", "audited",
-)  # fmt: skip
-"""Columns that depend on the machine and its load; the others are a function of the trial."""
-
 
 @dataclass(frozen=True)
-class Job:
-    """What a worker needs to run a trial.
+class TrialJob:
+    """What a worker needs to run a trial: a `job.Job`.
 
     Attributes:
         tree: The tree.
@@ -105,24 +88,39 @@ class Job:
     rules: Rules = "none"
     inputs: Mapping[str, str] = field(default_factory=dict)
 
+    @property
+    def index(self) -> int:
+        """Number of the trial in its sweep, from 0."""
+        return self.trial.index
 
-def run_trial(job: Job) -> Row:
+    @property
+    def identity(self) -> str:
+        """Hash of everything that determines the trial's result."""
+        return self.trial.identity
+
+    @property
+    def label(self) -> str:
+        """Name of the trial in messages."""
+        return f"trial {self.trial.index}"
+
+    def run(self) -> Row:
+        """Run the trial, as `run_trial`."""
+        return run_trial(self)
+
+    def lost_row(self, reason: str, attempts: int) -> Row:
+        """Row of the trial if its worker died each time."""
+        return lost_row(self.trial, reason, attempts)
+
+
+def run_trial(job: TrialJob) -> Row:
     """Run a trial and return its row; an error of the run becomes part of the row."""
-    began = time.perf_counter()
-    cpu = time.process_time()
-    _forget_peak()
+    costs = Costs()
     trial = job.trial
-    row: dict[str, Cell] = {
-        "trial": trial.index,
-        "identity": trial.identity,
-        **{f"param.{name}": _flat(value) for name, value in trial.params.items()},
-        "seed": trial.seed,
-        "reality": trial.reality or "",
-    }
+    row = _columns_of(trial)
     try:
         foreign = _foreign_inputs(job)
         if foreign:
-            return row | {"outcome": REFUSED, "reason": foreign, "machine": socket.gethostname()}
+            return {**row, **refused_columns(foreign)}
         record = job.records / trial.identity if job.keep == "all" else None
         result, broken, branches = _run(job, record)
         row |= _of_result(result)
@@ -138,43 +136,26 @@ def run_trial(job: Job) -> Row:
     except DualArmError as error:
         # The tree does not fit these parameters, or the world cannot be composed with them.
         text = str(error).strip().splitlines() or [""]
-        row |= {"outcome": "ERROR", "code": type(error).__name__, "reason": _short(text[0])}
+        row |= {"outcome": "ERROR", "code": type(error).__name__, "reason": short(text[0])}
     except Overrun as overrun:
-        row |= {"outcome": "UNFINISHED", "code": "OVERRUN", "reason": _short(str(overrun))}
-    return row | {
-        "cpu_s": time.process_time() - cpu,
-        "wall_s": time.perf_counter() - began,
-        "memory_mb": _peak_mb(),
-        "machine": socket.gethostname(),
-        "processor": processor()["arithmetic"],
-        "attempts": 1,
-        "audited": False,
-    }
+        row |= {"outcome": "UNFINISHED", "code": "OVERRUN", "reason": short(str(overrun))}
+    return {**row, **costs.columns()}
 
 
 def lost_row(trial: TrialSpec, reason: str, attempts: int) -> Row:
     """Row of a trial whose worker died each time."""
+    return {**_columns_of(trial), **lost_columns(reason, attempts)}
+
+
+def _columns_of(trial: TrialSpec) -> dict[str, Cell]:
+    """Columns that name the trial."""
     return {
         "trial": trial.index,
         "identity": trial.identity,
-        **{f"param.{name}": _flat(value) for name, value in trial.params.items()},
+        **{f"param.{name}": flat(value) for name, value in trial.params.items()},
         "seed": trial.seed,
         "reality": trial.reality or "",
-        "outcome": CRASHED,
-        "code": "WORKER_DIED",
-        "reason": _short(reason),
-        "attempts": attempts,
-        "machine": socket.gethostname(),
-        "processor": processor()["arithmetic"],
-        "audited": False,
     }
-
-
-def _flat(value: Data) -> Cell:
-    """A parameter as one cell: numbers and texts as they are, vectors and mappings as text."""
-    if value is None or isinstance(value, str | float | int | bool):
-        return value
-    return json.dumps(value)
 
 
 @lru_cache(maxsize=4)
@@ -188,7 +169,7 @@ _files: dict[str, TreeFile] = {}
 _MOST_FILES: Final = 64
 
 
-def _file(job: Job) -> TreeFile:
+def _file(job: TrialJob) -> TreeFile:
     key = repr((job.tree, job.folder, job.skills, sorted(job.trial.params.items())))
     if key not in _files:
         if len(_files) >= _MOST_FILES:
@@ -204,7 +185,7 @@ _confirmed: set[str] = set()
 """Digests of inputs that this process has found the same."""
 
 
-def _foreign_inputs(job: Job) -> str:
+def _foreign_inputs(job: TrialJob) -> str:
     """What of a job's inputs this process finds different, as a list; empty if nothing is."""
     key = repr(sorted(job.inputs.items()))
     if not job.inputs or key in _confirmed:
@@ -212,11 +193,9 @@ def _foreign_inputs(job: Job) -> str:
     if isinstance(job.tree, Path) and not job.tree.is_file():
         return f"it has no file {job.tree}"
     file = _file(job)
-    found = inputs_of(file.texts.values(), file, job.skills)
-    names = sorted({*found, *job.inputs})
-    differing = [name for name in names if found.get(name) != job.inputs.get(name)]
+    differing = difference(inputs_of(file.texts.values(), file, job.skills), job.inputs)
     if differing:
-        return f"it differs from the sweep in {', '.join(differing)}"
+        return differing
     _confirmed.add(key)
     return ""
 
@@ -246,7 +225,7 @@ class BranchObserver(IdleObserver):
 
 
 def _run(
-    job: Job, record: Path | None
+    job: TrialJob, record: Path | None
 ) -> tuple[RunResult, str, Mapping[str, Mapping[Branch, float]]]:
     """Result of the run, a sentence on a broken rule, empty if none was, and the branches taken."""
     file = _file(job)
@@ -285,13 +264,13 @@ def _of_result(result: RunResult) -> dict[str, Cell]:
         "code": "",
         "arm": "",
         "leaf": "",
-        "reason": _short(result.error),
+        "reason": short(result.error),
         "cause": "",
     }
     for name, goal in result.goals.items():
         row[f"goal.{name}"] = goal.met
         if not goal.met and result.is_false_success and not row["code"]:
-            row |= {"code": "GOAL_NOT_MET", "leaf": name, "reason": _short(goal.reason)}
+            row |= {"code": "GOAL_NOT_MET", "leaf": name, "reason": short(goal.reason)}
     for arm in result.arms.values():
         row[f"outcome.{arm.name}"] = str(arm.outcome)
         for path, leaf in arm.leaves.items():
@@ -299,7 +278,7 @@ def _of_result(result: RunResult) -> dict[str, Cell]:
                 cell = float(value) if type(value) in (int, float) else value
                 if isinstance(cell, float | bool | str):
                     row[f"metric.{arm.name}.{path}.{name}"] = (
-                        _short(cell) if isinstance(cell, str) else cell
+                        short(cell) if isinstance(cell, str) else cell
                     )
     failed = [
         (run.ended_s or 0.0, arm.name, run)
@@ -310,11 +289,11 @@ def _of_result(result: RunResult) -> dict[str, Cell]:
     ]
     if failed:
         _, name, last = max(failed, key=lambda one: one[0])
-        row |= {"arm": name, "leaf": last.path, "code": last.code, "reason": _short(last.reason)}
+        row |= {"arm": name, "leaf": last.path, "code": last.code, "reason": short(last.reason)}
     return row
 
 
-def _cause(job: Job, first: RunResult) -> dict[str, Cell]:
+def _cause(job: TrialJob, first: RunResult) -> dict[str, Cell]:
     """Repeat a failed trial with a record, and diagnose it."""
     with tempfile.TemporaryDirectory(prefix="bt_sweep_") as scratch:
         kept = job.keep == "failures"
@@ -337,26 +316,7 @@ def _diagnosis(record: Path) -> dict[str, Cell]:
         "arm": story.arm,
         "leaf": story.leaf,
         "code": story.code or story.status,
-        "reason": _short(story.reason or cause.sentence),
+        "reason": short(story.reason or cause.sentence),
         "cause": cause.kind,
-        "cause_sentence": _short(cause.sentence),
+        "cause_sentence": short(cause.sentence),
     }
-
-
-def _short(text: str) -> str:
-    line = escaped(" ".join(text.split()), keep="")
-    return line if len(line) <= LONGEST_TEXT else f"{line[: LONGEST_TEXT - 1]}…"
-
-
-def _forget_peak() -> None:
-    """Let the peak of this process's memory begin again, where Linux allows it."""
-    with suppress(OSError):
-        Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
-
-
-def _peak_mb() -> float:
-    with suppress(OSError, ValueError):
-        for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
-            if line.startswith("VmHWM:"):
-                return int(line.split()[1]) / 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

@@ -12,7 +12,7 @@ import threading
 from contextlib import suppress
 from multiprocessing.connection import Connection
 
-from bt_dualarm.sweeps.trial import Job, run_trial
+from bt_dualarm.sweeps.job import Job
 
 
 def serve() -> None:
@@ -24,7 +24,7 @@ def serve() -> None:
     jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
     threading.Thread(target=_read, args=(requests, jobs), daemon=True).start()
     while (job := jobs.get()) is not None:
-        row = run_trial(job)
+        row = job.run()
         with suppress(BrokenPipeError):
             answers.send(dict(row))
 

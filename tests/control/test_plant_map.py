@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.path_reality import Figures
-from benchmarks.plant_map import MAPS, Place, draw, instability, survey, table
-from bt_dualarm.skill.registry import Registry
+from benchmarks.plant_map import MAPS, Place, draw, instability, stood, table
 
 EVEN = Figures(0.1, 0.2, 0.05, "", (0.1, 0.1, 0.1))
 
@@ -39,10 +38,5 @@ def test_every_place_is_shown_and_what_breaks_is_marked(tmp_path: Path) -> None:
 def test_the_worst_corner_of_a_map_is_stable(number: int) -> None:
     """Links that are as far off as the map goes, or the slowest drives."""
     scales = MAPS[number]
-    corner = replace(
-        scales,
-        columns=scales.columns[-1:],
-        rows=scales.rows[-1:] if number == 0 else scales.rows[:1],
-    )
-    ((place,),) = survey("ur5", corner, 1, Registry.load().kinds)
-    assert place.complaints == ()
+    up = scales.rows[-1] if number == 0 else scales.rows[0]
+    assert stood("ur5", number, scales.columns[-1], up, seed=0)["complaint"] == ""

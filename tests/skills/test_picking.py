@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from benchmarks.picking import Place, attempt, places
@@ -14,16 +12,16 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize("place", some(places(6, seed=7), 2), ids=str)
-def test_cube_on_the_table_is_picked(place: Place, registry: Registry, tmp_path: Path) -> None:
+def test_cube_on_the_table_is_picked(place: Place, registry: Registry) -> None:
     """Attached and lifted in the simulator's truth, not only in the words of the tree."""
-    one = attempt(place, registry, tmp_path)
+    one = attempt(place, registry)
     assert one.within_reach
     assert one.verdict == "picked", one.reason
 
 
-def test_cube_out_of_reach_is_refused_before_moving(registry: Registry, tmp_path: Path) -> None:
+def test_cube_out_of_reach_is_refused_before_moving(registry: Registry) -> None:
     """The arm 0.5 m farther away: no motion, and the reason with its numbers."""
-    one = attempt(Place(0.55, -0.65, 10.0), registry, tmp_path, back=0.5)
+    one = attempt(Place(0.55, -0.65, 10.0), registry, back=0.5)
     assert not one.within_reach
     assert one.verdict == "refused"
     assert "OUT_OF_REACH" in one.reason

@@ -9,8 +9,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 from bt_dualarm.sweeps.engine import Done, Task
+from bt_dualarm.sweeps.job import Row
 from bt_dualarm.sweeps.manifest import TrialSpec
-from bt_dualarm.sweeps.trial import Row
+from bt_dualarm.sweeps.trial import TrialJob
 
 TREE = """
 bt_dualarm: 1
@@ -77,7 +78,8 @@ class InstantEngine:
         if not self.queue:
             return []
         task = self.queue.pop()
-        self.ran.append(task.job.trial.index)
+        assert isinstance(task.job, TrialJob)
+        self.ran.append(task.job.index)
         worker = "second" if task.avoid else "first"
         return [Done(task, self.answer(task.job.trial), worker)]
 

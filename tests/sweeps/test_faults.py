@@ -21,8 +21,9 @@ from bt_dualarm.sweeps.faults import (
     sampled_hardware,
     summary_of,
 )
+from bt_dualarm.sweeps.job import Row
 from bt_dualarm.sweeps.manifest import SweepError, TrialSpec
-from bt_dualarm.sweeps.trial import Job, Row, run_trial
+from bt_dualarm.sweeps.trial import TrialJob
 from tests.behaviors.test_faults import TREE
 from tests.sweeps.made_up import InstantEngine, row_of
 
@@ -34,11 +35,12 @@ class HereEngine(InstantEngine):
         super().__init__(self.run_here)
 
     def run_here(self, trial: TrialSpec) -> Row:
-        return run_trial(self.job)
+        return self.job.run()
 
     def completed(self, timeout: float):  # type: ignore[no-untyped-def]
         if self.queue:
-            self.job: Job = self.queue[-1].job
+            assert isinstance(self.queue[-1].job, TrialJob)
+            self.job = self.queue[-1].job
         return super().completed(timeout)
 
 
@@ -131,7 +133,8 @@ def test_a_request_to_end_keeps_what_was_found(tmp_path: Path) -> None:
 
     class Ending(InstantEngine):
         def completed(self, timeout: float):  # type: ignore[no-untyped-def]
-            if "injected_first_arm" in self.queue[-1].job.trial.params:
+            job = self.queue[-1].job
+            if isinstance(job, TrialJob) and "injected_first_arm" in job.trial.params:
                 later.ask()
                 return []
             return super().completed(timeout)

@@ -13,11 +13,12 @@ from bt_dualarm.runtime.file_check import checked_faults
 from bt_dualarm.runtime.interruption import StopRequest
 from bt_dualarm.sweeps.api import merge
 from bt_dualarm.sweeps.comparison import compare
+from bt_dualarm.sweeps.job import Row
 from bt_dualarm.sweeps.manifest import Grid, Manifest, SweepError, TrialSpec, checked
 from bt_dualarm.sweeps.report import causes_of, cells_of, write_report
 from bt_dualarm.sweeps.search import search_boundary
 from bt_dualarm.sweeps.sweep import Progress, StopCondition, run_sweep
-from bt_dualarm.sweeps.trial import Job, Row, lost_row, run_trial
+from bt_dualarm.sweeps.trial import TrialJob, lost_row, run_trial
 from tests.sweeps.made_up import TREE, InstantEngine, row_of
 
 
@@ -151,7 +152,7 @@ def test_trials_without_a_result_are_tried_again(manifest: Manifest, tmp_path: P
 def test_a_worker_with_other_code_or_files_ends_the_sweep(
     manifest: Manifest, tmp_path: Path
 ) -> None:
-    job = Job(TREE, None, (), manifest.trial(0), None, None, "none", tmp_path)
+    job = TrialJob(TREE, None, (), manifest.trial(0), None, None, "none", tmp_path)
     assert run_trial(replace(job, inputs=manifest.inputs_at({})))["outcome"] != "REFUSED"
     other = {**manifest.inputs_at({}), "code": "0123456789abcdef"}
     row = run_trial(replace(job, inputs=other))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bt_dualarm.sweeps import table as table_module
+from bt_dualarm.sweeps.job import Row
 from bt_dualarm.sweeps.manifest import Manifest, SweepError, checked
 from bt_dualarm.sweeps.table import (
     RowStore,
@@ -17,7 +18,6 @@ from bt_dualarm.sweeps.table import (
     read_rows,
     table_of,
 )
-from bt_dualarm.sweeps.trial import Row
 from tests.sweeps.made_up import TREE, row_of
 
 

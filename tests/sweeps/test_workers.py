@@ -9,7 +9,7 @@ import pytest
 import bt_dualarm as bt
 from bt_dualarm.cli import compare, sweep
 from bt_dualarm.sweeps.manifest import Manifest, SweepError, checked
-from bt_dualarm.sweeps.trial import Job, run_trial
+from bt_dualarm.sweeps.trial import TrialJob, run_trial
 
 SKILL = '''
 import os, signal, sys
@@ -156,7 +156,7 @@ arms: {arm1: {robot: ur5, tree: {wait: 0.1}}}
 goal: {high: {tool: arm1, height: [5, 6]}, low: {tool: arm1, height: [-1, 3]}}
 """
     manifest = checked(Manifest(tree, (0,)))
-    row = run_trial(Job(tree, None, (), manifest.trial(0), None, None, "failures", tmp_path))
+    row = run_trial(TrialJob(tree, None, (), manifest.trial(0), None, None, "failures", tmp_path))
     assert (row["outcome"], row["code"], row["leaf"]) == ("FALSE_SUCCESS", "GOAL_NOT_MET", "high")
     assert (row["goal.high"], row["goal.low"]) == (False, True)
     assert (tmp_path / str(row["identity"])).is_dir()

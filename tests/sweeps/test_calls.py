@@ -1,0 +1,275 @@
+"""Calls of a function on the engines of sweeps: deaths, resuming, order, failures."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+import shutil
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import count, islice
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks import campaign as campaign_module
+from benchmarks.campaign import Campaign, Drawn, add_options
+from bt_dualarm.sweeps.calls import Call, calls_of, run_calls
+from bt_dualarm.sweeps.engine import Done, Engine, ProcessEngine, Task
+from bt_dualarm.sweeps.job import COST_COLUMNS
+from bt_dualarm.sweeps.manifest import SweepError
+from bt_dualarm.sweeps.sweep import Progress
+from tests.sweeps import made_up_calls
+
+MODULE = "tests.sweeps.made_up_calls"
+
+
+@dataclass
+class HereEngine:
+    """Runs calls in this process, in an order that a number selects."""
+
+    turn: int = 0
+    slots: int = 3
+    queue: deque[Task] = field(default_factory=deque)
+
+    def submit(self, task: Task) -> None:
+        self.queue.append(task)
+
+    def completed(self, timeout: float) -> Sequence[Done]:
+        if not self.queue:
+            return []
+        self.queue.rotate(self.turn)
+        task = self.queue.pop()
+        return [Done(task, task.job.run(), "here")]
+
+    def close(self) -> None:
+        """There is nothing to end."""
+
+
+def options(folder: Path | None, jobs: int = 1) -> argparse.Namespace:
+    parser = argparse.ArgumentParser()
+    add_options(parser)
+    given = [] if folder is None else ["--out", str(folder)]
+    return parser.parse_args([*given, "--jobs", str(jobs)])
+
+
+def results_here(
+    folder: Path | None,
+    function: Callable[..., Any],
+    cases: Iterable[dict[str, Any]],
+    turn: int = 0,
+) -> list[Any]:
+    """Results of a campaign that runs in this process."""
+    with Campaign(options(folder)) as campaign:
+        campaign._start = partial(HereEngine, turn)
+        return [result for _, result in campaign.run(function, cases)]
+
+
+def squares(folder: Path, *numbers: int) -> list[Call]:
+    return list(
+        calls_of(f"{MODULE}:square", [{"number": n, "folder": str(folder)} for n in numbers])
+    )
+
+
+def nothing_left() -> Engine:
+    raise AssertionError("nothing is left to run")
+
+
+def runs_of(folder: Path) -> dict[str, int]:
+    return {path.name: len(path.read_text()) for path in sorted(folder.glob("calls_*"))}
+
+
+@pytest.mark.slow
+def test_a_death_costs_one_attempt_and_three_are_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The others have their results, and the exit code says that one is missing."""
+    times = {1: 0, 2: 1, 3: 3, 4: 0}
+    cases = [{"number": n, "times": t, "folder": str(tmp_path)} for n, t in times.items()]
+    with pytest.raises(SystemExit) as end, Campaign(options(tmp_path / "out", 2)) as campaign:
+        found = [result for _, result in campaign.run(made_up_calls.die, cases)]
+    assert end.value.code == 1
+    assert found == [1, 2, 4]
+    said = capsys.readouterr().err
+    assert f"{MODULE}:die(number=3, times=3" in said
+    assert "CRASHED WORKER_DIED: each of 3 worker processes died" in said
+    assert f"cases without a result: 1; the same command with --out {tmp_path / 'out'}" in said
+    # By now it has died often enough: only that case runs again.
+    with Campaign(options(tmp_path / "out")) as campaign:
+        assert [result for _, result in campaign.run(made_up_calls.die, cases)] == [1, 2, 3, 4]
+
+
+def test_what_has_finished_does_not_run_again(tmp_path: Path) -> None:
+    """Neither after an interruption, nor of a longer list or one in another order."""
+    out = tmp_path / "out"
+    with closing(run_calls(squares(tmp_path, 1, 2, 3, 4), out, HereEngine)) as results:
+        assert next(results)[0].arguments["number"] == 1
+    before = runs_of(tmp_path)
+    rows = [row for _, row in run_calls(squares(tmp_path, 5, 4, 3, 2, 1), out, HereEngine)]
+    assert [row["argument.number"] for row in rows] == [5, 4, 3, 2, 1]
+    assert set(before.items()) <= set(runs_of(tmp_path).items())
+    assert set(runs_of(tmp_path).values()) == {1}
+    again = [row for _, row in run_calls(squares(tmp_path, 5, 4, 3, 2, 1), out, nothing_left)]
+    assert [row["result"] for row in again] == [row["result"] for row in rows]
+
+
+def test_results_depend_on_neither_workers_nor_order(tmp_path: Path) -> None:
+    """Numbers come back exactly as they were, also those that a table would round or convert."""
+    lists = []
+    for turn, slots in ((0, 1), (0, 3), (1, 3), (2, 7)):
+        start = partial(HereEngine, turn, slots)
+        out = tmp_path / f"out_{turn}_{slots}"
+        lists.append([
+            {name: cell for name, cell in row.items() if name not in COST_COLUMNS}
+            for _, row in run_calls(squares(tmp_path, *range(9)), out, start)
+        ])  # fmt: skip
+    assert all(rows == lists[0] for rows in lists)
+    cases = [{"number": n, "folder": str(tmp_path)} for n in range(3)]
+    found = results_here(None, made_up_calls.square, cases, turn=1)
+    assert [one["third"] for one in found] == [0.0, 1 / 3, 2 / 3]
+    assert [one["parts"] for one in found] == [[0, None], [1, None], [2, None]]
+    assert math.isnan(found[0]["nan"])
+
+
+def test_a_failure_inside_the_function_is_named_with_its_case(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """All others run, and the next time only those that failed."""
+    states: list[Progress] = []
+    calls = list(calls_of(f"{MODULE}:quarrel", [{"number": n} for n in range(2, 7)]))
+    rows = [row for _, row in run_calls(calls, tmp_path, HereEngine, progress=states.append)]
+    assert [row["outcome"] for row in rows] == ["SUCCESS", "ERROR", "ERROR", "FAILURE", "SUCCESS"]
+    assert rows[1]["reason"] == "nothing comes of 3"
+    assert "in quarrel" in str(rows[1]["traceback"])
+    assert rows[2]["reason"] == "a object is nothing that JSON can express"
+    assert str(states[-1].rate) == "40.0 % (11.8 to 76.9)"
+    assert states[-1].failures == {"ValueError": 1, "TypeError": 1, "ODD": 1}
+    with pytest.raises(SystemExit):
+        results_here(tmp_path, made_up_calls.quarrel, [{"number": 2}, {"number": 3}])
+    said = capsys.readouterr().err
+    assert f"{MODULE}:quarrel(number=3): ERROR ValueError: nothing comes of 3" in said
+    assert 'raise ValueError(f"nothing comes of' in said
+
+
+def test_cases_without_an_end_run_until_enough_of_them_count(tmp_path: Path) -> None:
+    cases: Iterator[dict[str, Any]] = ({"number": n} for n in count(1))
+    with Campaign(options(tmp_path)) as campaign:
+        campaign._start = partial(HereEngine, 1)
+        found = [result for _, result in campaign.run(made_up_calls.even, cases, wanted=3)]
+        assert found == [None, 2, None, 4, None, 6]
+        campaign._start = nothing_left
+        again = campaign.run(made_up_calls.even, ({"number": n} for n in count(1)), wanted=3)
+        assert [result for _, result in again] == found
+        assert not list(campaign.run(made_up_calls.even, cases, wanted=0))
+
+
+def test_items_are_drawn_by_number_in_any_order() -> None:
+    begun: list[int] = []
+
+    def begin() -> Iterator[int]:
+        begun.append(0)
+        return (n * n for n in count())
+
+    drawn = Drawn(begin)
+    assert [drawn[n] for n in (0, 3, 3, 5)] == [0, 9, 9, 25]
+    assert len(begun) == 1
+    assert [drawn[n] for n in (2, 4)] == [4, 16]
+    assert len(begun) == 2
+
+
+def interrupted(campaign: Campaign) -> None:
+    """Ctrl-C after the first of four cases."""
+    with campaign:
+        campaign._start = HereEngine
+        for _ in campaign.run(made_up_calls.even, [{"number": n} for n in range(4)]):
+            raise KeyboardInterrupt
+
+
+def test_calls_that_were_started_ahead_give_no_result_to_the_next_run(tmp_path: Path) -> None:
+    with Campaign(options(tmp_path / "out")) as campaign:
+        campaign._start = HereEngine
+        endless = ({"number": n} for n in count())
+        assert len(list(campaign.run(made_up_calls.even, endless, wanted=1))) == 1
+        cases = [{"number": n, "folder": str(tmp_path)} for n in range(4)]
+        found = [result["square"] for _, result in campaign.run(made_up_calls.square, cases)]
+    assert found == [0, 1, 4, 9]
+
+
+def test_a_temporary_folder_is_gone_unless_something_is_missing(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with Campaign(options(None)) as campaign:
+        folder = campaign._folder
+        campaign._start = HereEngine
+        assert len(list(campaign.run(made_up_calls.even, [{"number": 2}]))) == 1
+    assert not folder.exists()
+    campaign = Campaign(options(None))
+    with pytest.raises(SystemExit) as end:
+        interrupted(campaign)
+    assert end.value.code == 130
+    said = capsys.readouterr().err
+    assert f"interrupted; the same command with --out {campaign._folder}" in said
+    assert list(campaign._folder.glob("rows/*.parquet"))
+    shutil.rmtree(campaign._folder)
+
+
+def test_other_code_is_refused_and_gives_other_identities(tmp_path: Path) -> None:
+    call = next(calls_of(f"{MODULE}:even", [{"number": 2}]))
+    assert {"module", "code", "trees", "version of numpy"} <= set(call.inputs)
+    changed = replace(call, inputs={**call.inputs, "module": "0123456789abcdef"})
+    assert changed.identity != call.identity
+    assert replace(call, index=5).identity == call.identity
+    with pytest.raises(SweepError, match=r"cannot run .*even\(number=2\): it differs .* in module"):
+        list(run_calls([changed], tmp_path, HereEngine))
+
+
+def test_modules_that_a_module_imports_are_part_of_its_digest() -> None:
+    one, other = (
+        next(calls_of(f"benchmarks.{name}:main", [{}])).inputs for name in ("grasping", "inserting")
+    )
+    assert one["module"] != other["module"]
+    assert one["code"] == other["code"]
+
+
+@pytest.mark.parametrize(
+    ("function", "cases", "message"),
+    [
+        ("no_module:f", [{}], "cannot import the function no_module:f"),
+        (f"{MODULE}:missing", [{}], "cannot import the function .*:missing"),
+        (f"{MODULE}:even", [{"number": object()}], "argument of case 0 of .*: a object is nothing"),
+    ],
+)
+def test_mistakes_are_errors_before_anything_runs(
+    function: str, cases: list[dict[str, Any]], message: str
+) -> None:
+    with pytest.raises(SweepError, match=message):
+        list(islice(calls_of(function, cases), 1))
+
+
+@pytest.mark.slow
+def test_worker_processes_run_calls(tmp_path: Path) -> None:
+    engine = ProcessEngine(1)
+    try:
+        calls = squares(tmp_path, 3, 4)
+        rows = [row for _, row in run_calls(calls, tmp_path / "out", lambda: engine)]
+    finally:
+        engine.close()
+    here = [call.run() for call in calls]
+    assert [row["result"] for row in rows] == [row["result"] for row in here]
+
+
+def test_every_benchmark_is_a_campaign_or_named_with_the_reason() -> None:
+    """The docstring of `benchmarks.campaign` has all others."""
+    named = re.findall(r"`(\w+)`", str(campaign_module.__doc__))
+    folder = Path(str(campaign_module.__file__)).parent
+    texts = {path.stem: path.read_text(encoding="utf-8") for path in folder.glob("*.py")}
+    run = {name for name, text in texts.items() if '__name__ == "__main__"' in text}
+    assert {name for name in run if "with Campaign(" not in texts[name]} <= set(named)
+    assert {name for name in named if name in run and "with Campaign(" in texts[name]} == {
+        "gripping"
+    }
