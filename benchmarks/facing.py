@@ -22,6 +22,7 @@ from typing import Final
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from benchmarks.campaign import Campaign, add_options
 from benchmarks.following_trial import DISTANCE_M, LOOKS
 from benchmarks.measured_robots import MEASURED
 from benchmarks.vantage import BASE, POSTURE, vantage
@@ -93,11 +94,18 @@ class _Carrier(IdleObserver):
 
 
 def follow(
-    robot: str, motion: str, camera: str, reality: str, orientation: str, asked: argparse.Namespace
+    robot: str,
+    motion: str,
+    camera: str,
+    reality: str,
+    orientation: str,
+    plane: str,
+    seconds: float,
+    seed: int,
 ) -> str:
     """Run one trial; its line."""
     registry = Registry.load()
-    seen = vantage(robot, LOOKS[asked.plane])
+    seen = vantage(robot, LOOKS[plane])
     fps, _, latency = camera.partition("/")
     place = seen.ahead(DISTANCE_M)
     xyz, rpy = BASE
@@ -109,7 +117,7 @@ def follow(
             "target_size": _SIDE_M,
             "score": "cube",
             "reach": 1.5,
-            "duration": asked.seconds,
+            "duration": seconds,
             "max_error": 0.05,
         }
         ball: dict[str, Data] = {
@@ -149,7 +157,7 @@ def follow(
             "arms": {"arm1": arm},
         }
         file = load_tree_file(tree, registry.kinds, folder=Path(folder))
-        with Run(file, registry, RunOptions(seed=asked.seed, renderer="ray")) as run:
+        with Run(file, registry, RunOptions(seed=seed, renderer="ray")) as run:
             run.watch(_Carrier(run.world, place, seen.camera.rotation_matrix.T, motion))
             leaf = run.finish().arms["arm1"].runs[0]
     metrics = leaf.metrics
@@ -175,11 +183,16 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--seconds", type=float, default=12.0)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--kept", action="store_true", help="keep the orientation, as well")
+    add_options(parser)
     asked = parser.parse_args(arguments)
     orientations = ("facing", "kept") if asked.kept else ("facing",)
-    trials = itertools.product(asked.robot, asked.motion, asked.camera, asked.reality, orientations)
-    for trial in trials:
-        print(follow(*trial, asked), flush=True)
+    names = ("robot", "motion", "camera", "reality", "orientation")
+    each = itertools.product(asked.robot, asked.motion, asked.camera, asked.reality, orientations)
+    common = {"plane": asked.plane, "seconds": asked.seconds, "seed": asked.seed}
+    trials = [dict(zip(names, trial, strict=True)) | common for trial in each]
+    with Campaign(asked) as campaign:
+        for _, line in campaign.run(follow, trials):
+            print(line, flush=True)
     return 0
 
 

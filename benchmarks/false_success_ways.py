@@ -268,9 +268,7 @@ def place_ways() -> Iterator[Way]:
     for seconds in (1.3, 2.5, 60.0):
         deed = stuck(seconds, 5e-4)
         name = f"sticks to the cup for {seconds:g} s"
-        yield placing(
-            name, CUBE, goal, deed=deed, gripper="suction_cup", begins=("released", 0.2)
-        )
+        yield placing(name, CUBE, goal, deed=deed, gripper="suction_cup", begins=("released", 0.2))
     yield placing("taken away", CUBE, goal, deed=gone, begins=("released", 0.6))
     for off in (0.012, 0.02):
         at = {"xyz": [START[0] + off, START[1], TABLE + 0.06], "rpy": [0, 0, 0]}
