@@ -63,6 +63,7 @@ FILE: Tree = {
             "shape": "sphere",
             "size": [0.03],
             "mass": 0.1,
+            "texture": {"pattern": "dots", "color": [0.1, 0.1, 0.9], "size": 0.01},
             "pose": {"xyz": [-0.7, 0.5, 0.3], "quat": [1.0, 0, 0, 0]},
         },
         "prism": {

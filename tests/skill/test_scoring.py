@@ -33,6 +33,7 @@ def followed(count: int, *, still: bool = False) -> tuple[TrackingScore, Any]:
         target=where(0.0),
         sightings=seen.places,
         forget_sightings=seen.forget,
+        turns=False,
         error=SimpleNamespace(counts_from=0.0),
     )
     world: Any = SimpleNamespace(objects={"cube"}, arms={"arm": SimpleNamespace(tool_site=0)})
