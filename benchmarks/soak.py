@@ -48,7 +48,7 @@ subtrees:
           - grasp: {object: bar}
           - hand_over: {object: bar, to: taker}
           - take_over: {object: bar, from: taker}
-          - place: {object: bar, at: {xyz: [0.35, -0.40, 0.2175]}}
+          - place: {object: bar, at: {xyz: [0.35, -0.40, 0.2175], rpy: [0, 0, 0]}}
           - go_home
   taking:
     tree:
