@@ -7,7 +7,7 @@ the first surface along a line of sight that could support something.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -327,8 +327,18 @@ def _lower_side(world: World, name: str, pose: Pose) -> Matrix:
                     found.append(start + length * upward)
         return found
 
+    return _enough_hits(struck, turn)
+
+
+def _enough_hits(struck: Callable[[Matrix], list[Vector]], turn: Matrix) -> Matrix:
+    """Hits of a grid of rays, of shape (n, 3), m.
+
+    Args:
+        struck: Hits of a grid along the horizontal axes of a frame of shape (3, 3).
+        turn: Rotation of the object, of shape (3, 3).
+    """
     found = struck(np.eye(3))
-    # Across the axes of the world, hardly any ray hits a long thin object.
+    # Along the axes of the world, hardly any ray of the grid hits a long thin object.
     return np.array(found if len(found) >= _FEWEST_RAYS else struck(_yaw_of_longest(turn)))
 
 
@@ -368,5 +378,4 @@ def _lower_side_of_parts(body: ObjectBody, pose: Pose, shares: Vector) -> Matrix
                     found.append(pose.position + start + (0.0, 0.0, length))
         return found
 
-    found = struck(np.eye(3))
-    return np.array(found if len(found) >= _FEWEST_RAYS else struck(_yaw_of_longest(turn)))
+    return _enough_hits(struck, turn)
