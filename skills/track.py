@@ -94,6 +94,9 @@ class Track(Skill):
         reach_timeout: Duration = port(
             60.0, "longest wait for a target in view that is farther away than `reach`", gt=0
         )
+        move_timeout: Duration = port(
+            60.0, "with until_still: longest wait for a target within reach to move", gt=0
+        )
         lost_timeout: Duration = port(3.0, "longest time without the target", gt=0)
         max_error: float | None = port(
             None,
@@ -128,6 +131,7 @@ class Track(Skill):
     failures = {
         "NO_CAMERA": "the arm has no camera that moves with it, or it does not face the plane",
         "NOT_SEEN": "the target did not come into view in time",
+        "NOT_MOVED": "with until_still: the target has been at rest for longer than move_timeout",
         "LOST": "the target was out of view, or not recognized, for longer than lost_timeout",
         "NOT_FOLLOWING": "the target was farther from the image center than max_error; `cause` is "
         "speed, latency, reach, occlusion or jitter",
@@ -186,7 +190,7 @@ class Track(Skill):
 
     def _follow(self, tracking: PlaneTracking, score: TrackingScore) -> Iterator[float | None]:
         ports = self.ports
-        began = self.time
+        began = rests_since = self.time
         tracking.begin()
         while True:
             yield None if ports.duration is None else min(1.0, (self.time - began) / ports.duration)
@@ -200,6 +204,13 @@ class Track(Skill):
                     f"the target has been more than {ports.reach:.2f} m away from where the arm "
                     f"began to follow for {tracking.beyond_for:.1f} s",
                     beyond_s=tracking.beyond_for,
+                )
+            if tracking.has_moved or tracking.beyond_for > 0.0:
+                rests_since = self.time
+            elif ports.until_still is not None and self.time - rests_since > ports.move_timeout:
+                waited = self.time - rests_since
+                raise Failure(
+                    "NOT_MOVED", f"the target has not moved for {waited:.1f} s", waited_s=waited
                 )
             if not tracking.arrived:
                 continue

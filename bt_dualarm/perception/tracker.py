@@ -56,6 +56,12 @@ _LATE_S = 1.0
 _SLACK_PX = 1.46  # allowed change of width or height, in addition to their uncertainty
 _PERSISTENCE = 4.0  # the shift of an occluded target persists for many frames, unlike noise
 _FULL = 0.97  # at this fraction of the target's fill ratio, an outline is as simple as its own
+# Time for which whole views of another size mean another depth: of a size that is unlike that of a
+# covered part, which loses either width or height, and otherwise.
+_ANOTHER_DEPTH_S = (0.05, 0.3)
+_OTHER_SIZE_PX = 2.0  # that difference of width and height
+_SIMPLE = 0.9  # fraction of the target's fill ratio above which they count as whole
+_STEADY_SIZE = 0.015  # largest relative change of that size from image to image
 _EDGE_GATE_PX = 1.5  # distance from the prediction, in addition to its uncertainty
 _GATE_SIGMAS = 3.0
 
@@ -84,6 +90,7 @@ class Outline:
     def __post_init__(self) -> None:
         self._count = 0
         self._better_in_row = 0
+        self._resized: tuple[float, float] | None = None  # since when, and by which factor now
         # Bounding box minus that of the known shape (4), fill ratio of the box, side.
         self._look = RunningMean(6)
 
@@ -104,7 +111,34 @@ class Outline:
     def forget(self) -> None:
         """Reset: the next detection may have any size."""
         self._count = self._better_in_row = 0
+        self._resized = None
         self._look.forget()
+
+    def is_at_another_depth(self, seen: VisiblePart, frame: Frame) -> bool:
+        """Whether a known shape has looked whole, but of another size, for some time.
+
+        Its depth has changed then, or was learned from a view that misled. What covers a part of a
+        target, or merges with it, changes its proportions, or its size from one image to the next.
+        """
+        if not (self.known and self.localizer.knows_shape) or frame.stride > 1:
+            return False
+        detection = seen.detection
+        factor = seen.sighting.side / self.side
+        full = _SIMPLE < _fill(detection) / float(self._look.value[4]) < 1.0 / _SIMPLE
+        if (
+            seen.whole
+            or detection.touches_border
+            or not full
+            or _misproportion(self._beside(seen, frame)) > _SLACK_PX
+        ):
+            self._resized = None
+            return False
+        since, before = self._resized or (frame.stamp, factor)
+        if abs(factor / before - 1.0) > _STEADY_SIZE:
+            since = frame.stamp
+        self._resized = since, factor
+        bigger_px = abs(1.0 - 1.0 / factor) * math.sqrt(detection.area_px)
+        return frame.stamp - since >= _ANOTHER_DEPTH_S[bigger_px < _OTHER_SIZE_PX]
 
     def learn(self, seen: VisiblePart, frame: Frame) -> None:
         """Add a view of the whole target to the means; coarse images are ignored.
@@ -430,6 +464,11 @@ _COMPARABLE_AREA: Final = 0.25
 """Area relative to the largest object of its color from which an object may be the target at first:
 smaller ones are specks."""
 
+_CUT_OFF_S: Final = 0.5
+"""Time for which an object at the border of the image is not the target at first, s: one that comes
+into view is whole by then. Before, neither its center nor its depth is known, and it seems to move
+much faster than it does."""
+
 _SIMILAR_SIDE: Final = 1.3
 """Ratio of sides up to which two objects cannot be distinguished at first."""
 
@@ -589,6 +628,7 @@ class TargetTracker:
         self.distractors = Distractors()
         self._settings = settings or TrackerSettings()
         self._hunting = True
+        self._cut_off_since: float | None = None
         self._in_row = 0
         self._extent_px = 0.0
         self._focal_px = 0.0
@@ -699,13 +739,33 @@ class TargetTracker:
     def _choose(self, frame: Frame) -> VisiblePart | None:
         """Select the detection that is the target, if any."""
         found = self._found(frame)
+        if self._learn_depth_anew(found, frame):
+            found = self._found(frame)
         if not self._hunting:
             return self._fitting(found, frame)
         if self._before_loss is None:
-            return self._first(found)
+            return self._first(found, frame.stamp)
         return self._returning(found, self._before_loss, frame.stamp)
 
-    def _first(self, found: list[VisiblePart]) -> VisiblePart | None:
+    def _learn_depth_anew(self, found: list[VisiblePart], frame: Frame) -> bool:
+        """Forget size and depth of a target that is at another depth; returns whether it is."""
+        if not found or (self._hunting and self._before_loss is None):
+            return False
+        estimate = self._confirmed
+        expected = estimate.predict(min(frame.stamp, estimate.stamp + FORESEEN_S)).position
+        away = [float(np.linalg.norm(seen.sighting.point - expected)) for seen in found]
+        nearest = found[int(np.argmin(away))]
+        if min(away) > max(_MIN_DEVIATION_M, nearest.sighting.side):
+            return False
+        if not self._outline.is_at_another_depth(nearest, frame):
+            return False
+        self._outline.forget()
+        self._localizer.forget()
+        if not self._hunting and self._localizer.learn(nearest.detection, frame):
+            self._relocate(frame.stamp)
+        return True
+
+    def _first(self, found: list[VisiblePart], stamp: float) -> VisiblePart | None:
         """The object at the image center, of those of the right size, or else of any size."""
         largest = max((seen.detection.area_px for seen in found), default=0.0)
         able = [seen for seen in found if seen.detection.area_px >= _COMPARABLE_AREA * largest]
@@ -713,6 +773,13 @@ class TargetTracker:
             right = [seen for seen in able if _alike(_depth_of(seen.sighting), self._depth)]
             able = right or able
         best = min(able, key=lambda seen: math.hypot(*seen.detection.centroid), default=None)
+        if best is None or not best.detection.touches_border:
+            self._cut_off_since = None
+        else:
+            if self._cut_off_since is None:
+                self._cut_off_since = stamp
+            if stamp - self._cut_off_since < _CUT_OFF_S:
+                return None
         if best is not None:
             area = best.detection.area_px
             self.similar = [

@@ -524,6 +524,11 @@ class PlaneTracking:
         return min(moved, default=0.0) if self.in_view else 0.0
 
     @property
+    def has_moved(self) -> bool:
+        """Whether the target has moved since it came into view, see `RestDetector`."""
+        return any(one.has_moved for one in self._stillness)
+
+    @property
     def axes(self) -> Matrix:
         """Unit vectors in the world along which the tool follows, of shape (k, 3)."""
         return self._axes

@@ -19,7 +19,8 @@ YELLOW = Color.named("yellow")
 FACE = PlaneLocalizer(np.array([0.0, -SIDE_M / 2.0, 0.5]), np.array([0.0, 1.0, 0.0]))
 NORMAL = np.array([0.0, 1.0, 0.0])
 CENTER = np.array([0.0, -SIDE_M / 2.0, 0.5])
-Path = Callable[[float], tuple[float, float]]
+Path = Callable[[float], tuple[float, ...]]
+"""Position at a time, across the image, upward, and optionally away from the camera, m."""
 
 
 def follow(
@@ -28,7 +29,8 @@ def follow(
     """Run camera and tracker on the cube's path, a step every 2 ms; the frames taken."""
     frames = []
     for time in np.arange(round(start / 0.002), round(end / 0.002)) * 0.002:
-        studio.place(*path(time))
+        x, z, *deeper = path(time)
+        studio.place(x, z, y=sum(deeper))
         if studio.camera.due(time):
             frames.append(studio.camera.capture(studio.at(time)))
         studio.camera.deliver(time)
@@ -46,8 +48,8 @@ def at_rest(_: float) -> tuple[float, float]:
 
 
 def position(path: Path, time: float) -> Vector:
-    x, z = path(time)
-    moved: Vector = CENTER + np.array([x, 0.0, z])
+    x, z, *deeper = path(time)
+    moved: Vector = CENTER + np.array([x, sum(deeper), z])
     return moved
 
 
@@ -412,6 +414,60 @@ def test_what_is_first_seen_in_part_is_known_whole_when_it_is(
     assert tracker.sightings.newest(1)[0].point[[0, 2]] == pytest.approx(CENTER[[0, 2]], abs=0.2e-3)
     assert tracker.sightings.newest(1)[0].point[1] == pytest.approx(CENTER[1], abs=3e-3)
     assert tracker.locked
+
+
+@pytest.mark.parametrize("duration", [1.0, 2.0])
+def test_one_that_comes_into_view_is_not_the_target_until_it_is_whole(
+    make_studio: StudioMaker, duration: float
+) -> None:
+    """Cut off by the border it would seem to be far away, and to fly toward the camera."""
+    studio = make_studio(fps=60.0)
+    tracker = TargetTracker(studio.camera, YELLOW, cube())
+
+    def coming(time: float) -> tuple[float, float]:
+        share = min(time / duration, 1.0)
+        return 0.4 * (share**3 * (10.0 - 15.0 * share + 6.0 * share**2) - 1.0), 0.0
+
+    end = duration + 0.5
+    follow(studio, tracker, coming, 0.0, end)
+    seen = tracker.sightings.newest()
+    assert tracker.lost_count == 0
+    assert tracker.locked
+    assert seen[0].point[1] == pytest.approx(CENTER[1], abs=0.02)
+    assert tracker.predict(end).position == pytest.approx(CENTER, abs=3e-3)
+
+
+def test_one_that_stays_at_the_border_of_the_image_is_the_target_after_a_while(
+    make_studio: StudioMaker,
+) -> None:
+    studio = make_studio(fps=60.0)
+    tracker = TargetTracker(studio.camera, YELLOW, FACE)
+    border = 0.35 * math.tan(math.radians(25.0)) * 320 / 240  # half of it is in view
+    follow(studio, tracker, lambda _: (border, 0.0), 0.0, 0.4)
+    assert not tracker.locked
+    follow(studio, tracker, lambda _: (border, 0.0), 0.4, 0.7)
+    assert tracker.locked
+
+
+@pytest.mark.parametrize("depth", [0.03, 0.06, -0.05])
+@pytest.mark.parametrize("turned", [0.0, 0.4])
+def test_a_cube_of_known_size_that_comes_to_another_depth_is_located_there(
+    make_studio: StudioMaker, depth: float, turned: float
+) -> None:
+    """It goes there within half a second, while it circles, which its new depth scales."""
+    studio = make_studio(fps=60.0)
+    tracker = TargetTracker(studio.camera, YELLOW, cube())
+    body = studio.model.body("cube").mocapid[0]
+    studio.data.mocap_quat[body] = (math.cos(0.5 * turned), 0.0, math.sin(0.5 * turned), 0.0)
+
+    def circling(time: float) -> tuple[float, ...]:
+        return *small_circle(time), depth * min(max((time - 0.5) / 0.5, 0.0), 1.0)
+
+    follow(studio, tracker, circling, 0.0, 4.0)
+    assert tracker.locked
+    assert tracker.predict(4.0).position == pytest.approx(position(circling, 4.0), abs=3e-3)
+    late = [one for one in tracker.sightings.newest() if one.stamp > 2.0]
+    assert len(late) >= 119  # every image
 
 
 @pytest.mark.parametrize("offset", [(0.0, 0.0), (0.03, -0.02), (-0.05, 0.04)])

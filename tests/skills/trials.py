@@ -821,6 +821,9 @@ TRIALS: dict[tuple[str, str], Trial] = {
     **moving("calibrate", {"calibrate": {}}, 0.6, "arm1/panda_hand"),
     ("track", "NO_CAMERA"): Trial(TRACK, {"arm": BLIND}),
     ("track", "NOT_SEEN"): Trial({"track": TRACK["track"] | {"color": "red"}}),
+    ("track", "NOT_MOVED"): Trial(
+        {"track": {"until_still": 1.0, "move_timeout": 0.5, "wait": 1.0}}, moves=True
+    ),
     ("track", "LOST"): Trial(TRACK, deeds=((1.0, hides("cube")),), moves=True),
     ("track", "NOT_FOLLOWING"): Trial(
         {"track": TRACK["track"] | {"max_error": 0.001}},
