@@ -128,7 +128,7 @@ class Calibrate(Skill):
     def _reaches(self, pose: Pose, progress: float) -> Generator[float | None, None, bool]:
         """Move the tool to a pose; returns whether that was possible."""
         try:
-            goals = self.arm.kinematics.solutions(pose, self.arm.setpoint.q)
+            goals = self.arm.configurations(pose)
             for _ in self.arm.travel(goals, self.ports.speed):
                 yield progress
         except Failure as failure:

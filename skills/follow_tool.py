@@ -106,7 +106,7 @@ class FollowTool(Skill):
             away = here.distance(goal)
             if away < near[0] and here.angle(goal) < near[1]:
                 return
-            goals = arm.kinematics.solutions(goal, arm.setpoint.q)
+            goals = arm.configurations(goal)
             yield from arm.travel(goals, self.ports.approach_speed)
             self._refuse_gone()
             near = _CATCHABLE

@@ -106,7 +106,5 @@ class ReachToPose(Skill):
             return [q], arm.kinematics.forward(q)
         tool = arm.commanded_tool_pose
         target = ports.to.pose_from(tool) if ports.to else ports.offset.applied_to(tool)  # type: ignore[union-attr]  # one of the three is given
-        goals = arm.kinematics.solutions(
-            target, arm.setpoint.q, prefer=ports.prefer, free=ports.free or ()
-        )
+        goals = arm.configurations(target, prefer=ports.prefer, free=ports.free or ())
         return goals, target

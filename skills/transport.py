@@ -78,7 +78,7 @@ class Transport(Skill):
         if self.ports.keep is not None:
             kept = KeptPath(arm, self.ports.keep, object_in_tool)
             kept.refuse_ends(tool_goal)
-        configurations = arm.kinematics.solutions(tool_goal, arm.setpoint.q)
+        configurations = arm.configurations(tool_goal)
         motion = arm.travel(
             configurations,
             self.ports.speed,

@@ -35,8 +35,8 @@ from bt_dualarm.core.errors import (
 )
 from bt_dualarm.core.free_axes import FreeAxes, nearest_allowed
 from bt_dualarm.core.pose import Matrix, Pose, Vector
-from bt_dualarm.kinematics.inverse_kinematics import Kinematics, refuse_beyond
-from bt_dualarm.kinematics.solver import Chain
+from bt_dualarm.kinematics.inverse_kinematics import Kinematics, Preference, refuse_beyond
+from bt_dualarm.kinematics.solver import Chain, different
 from bt_dualarm.planning.path_constraints import ConstrainedProblem, PathConstraint
 from bt_dualarm.planning.path_search import DEFAULT_PLANNER, Planner
 from bt_dualarm.planning.problem import (
@@ -683,6 +683,33 @@ class Arm(ArmState):
         began = self.time
         yield from self._come_to_rest()
         yield from self._pass_until(began + PLANNING_S)
+
+    def configurations(
+        self, target: Pose, *, prefer: Preference = "nearest", free: FreeAxes = ()
+    ) -> list[Vector]:
+        """Different configurations with the tool on a target, the preferred one first.
+
+        If the first ones that are found all touch something, those of every other branch follow.
+
+        Args:
+            target: Pose of the tool in the world.
+            prefer: Their order, see `Kinematics.solutions`.
+            free: Rotations that the target leaves free.
+
+        Returns:
+            At least one, each of shape (dof,), rad.
+
+        Raises:
+            Failure: ``INVALID_TARGET`` for an invalid pose, or one outside the workspace;
+                ``UNREACHABLE`` with the smallest residual found.
+        """
+        now = self.setpoint.q
+        found = self.kinematics.solutions(target, now, prefer=prefer, free=free)
+        checker = self.checker()
+        if any(checker.contact(q) is None for q in found):
+            return found
+        others = self.kinematics.solutions(target, now, prefer=prefer, every_branch=True, free=free)
+        return found + [q for q in others if different(found, q)]
 
     def plan(
         self,

@@ -278,7 +278,7 @@ def _refusal(
     """Move like `go_to_camera`; returns why the pose was not reached, None if it was."""
     camera_in_tool = arm.tool_pose.inverse @ camera_now(arm)
     try:
-        goals = arm.kinematics.solutions(camera @ camera_in_tool.inverse, arm.setpoint.q)
+        goals = arm.configurations(camera @ camera_in_tool.inverse)
         yield from arm.travel(goals, speed, ignore)
     except Failure as failure:
         if failure.code not in _UNREACHED:

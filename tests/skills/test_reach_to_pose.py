@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import bt_dualarm as bt
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.planning.problem import PlanningProblem
 from bt_dualarm.planning.process import PendingMotion, PlanningProcess
@@ -115,3 +116,32 @@ def test_every_arm_of_the_catalog(robot: str, stage: Stage) -> None:
     scenario = Scenario(arm={"robot": robot, "base": ABOVE})
     _, start, end = reached(stage, {"offset": {"xyz": [0, 0.08, -0.05]}}, scenario)
     assert end.position - start.position == pytest.approx((0, 0.08, -0.05), abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("block", "to"),
+    [
+        ((0.22, 0.17, 0.42), (0.46, -0.22, 0.36)),
+        ((0.30, -0.03, 0.38), (0.58, -0.29, 0.32)),
+        ((0.17, -0.08, 0.34), (0.50, -0.14, 0.31)),
+        ((0.19, 0.17, 0.41), (0.58, 0.01, 0.32)),
+    ],
+)
+def test_a_pose_that_only_a_far_branch_reaches_freely_is_reached(
+    block: tuple[float, ...], to: tuple[float, ...]
+) -> None:
+    """The three nearest ones of this UR5 are within the block."""
+    box: Tree = {"shape": "box", "size": [0.1, 0.5, 0.1], "mass": 1, "fixed": True}
+    tree: Tree = {
+        "bt_dualarm": 1,
+        "world": {"scene": "empty"},
+        "objects": {"block": {**box, "pose": {"xyz": list(block)}}},
+        "arms": {
+            "arm": {
+                "robot": "ur5",
+                "tree": {"reach_to_pose": {"to": {"xyz": list(to), "rpy": [180, 0, 0]}}},
+            }
+        },
+    }
+    leaf = next(iter(bt.run(tree).arms["arm"].runs))
+    assert str(leaf.status) == "SUCCESS", leaf.reason
