@@ -8,7 +8,8 @@ it looks at the curves, frame rate and latency of its camera, reality. The trees
 catalog, those can take part whose camera can look squarely at the curves.
 
 A variant counts if the leader ended with SUCCESS and the follower can execute the curves: its tool
-can move as the cube truly did, at every time, within its limits of velocity, acceleration and jerk.
+can move as the cube truly did, at every time, within its limits of velocity, acceleration and jerk,
+and touches neither itself nor the floor.
 ``share`` is the share of its own speed that this takes: its joints need ``share`` of a velocity
 limit, or ``share`` squared of an acceleration limit, or ``share`` cubed of a jerk limit. Asked for:
 95 % SUCCESS of those, and no run without an end; exit code 1 if that is missed, or if a SUCCESS was
@@ -34,6 +35,7 @@ from benchmarks.campaign import Campaign, add_options, registry
 from benchmarks.vantage import BASE, POSTURE, Vantage, vantage
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.behaviors.report import LeafReport
+from bt_dualarm.collision.checker import CollisionChecker
 from bt_dualarm.core.errors import DualArmError, Failure
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
@@ -118,8 +120,8 @@ class Found:
         code: Failure code of `track`, ``SUCCESS``, or ``ENDLESS`` if it did not end.
         reason: Message of the failure.
         cause: Its metric ``cause``, if any.
-        share: Share of the follower's speed that the curves need; infinite if they are out of its
-            reach, NaN if the leader did not get that far.
+        share: Share of the follower's speed that the curves need; infinite if it cannot get there,
+            NaN if the leader did not get that far.
         rms: True error, less its mean, during both curves, m; NaN if the follower ended before.
         true: The metric ``true_rms_m``, m.
         allowed: The metric ``max_error_m``, m.
@@ -244,6 +246,7 @@ def follow(variant: Variant, seen: Vantage) -> Found:
             paths = _Paths(run.world)
             run.watch(paths)
             arms = run.finish().arms
+            checker = CollisionChecker(run.world, "arm2", {}, frozenset({"arm1", "cube"}))
     rows = np.array(paths.rows)
     leader, follower = list(arms["arm1"].runs), arms["arm2"].runs
     failed = next((leaf for leaf in reversed(leader) if str(leaf.status) != "SUCCESS"), None)
@@ -257,7 +260,7 @@ def follow(variant: Variant, seen: Vantage) -> Found:
         code=code,
         reason=str(track.reason),
         cause=str(track.metrics.get("cause", "")),
-        share=_share(variant, seen, base, leader, rows),
+        share=_share(variant, seen, base, leader, rows, checker),
         rms=_rms(leader, track, rows),
         true=float(track.metrics.get("true_rms_m", np.nan)),
         allowed=float(track.metrics.get("max_error_m", 0.01)),
@@ -275,7 +278,12 @@ def _during(leaves: list[LeafReport], rows: Matrix) -> list[Matrix]:
 
 
 def _share(
-    variant: Variant, seen: Vantage, base: Vector, leader: list[LeafReport], rows: Matrix
+    variant: Variant,
+    seen: Vantage,
+    base: Vector,
+    leader: list[LeafReport],
+    rows: Matrix,
+    checker: CollisionChecker,
 ) -> float:
     """See `Found`."""
     curves = _during(leader, rows)
@@ -297,6 +305,8 @@ def _share(
             except Failure:
                 return np.inf
             joints.append(q)
+        if checker.first_contact(np.array(joints)) is not None:
+            return np.inf
         step = float(np.median(np.diff(curve[::_EVERY, 0])))
         for order, limit in enumerate(limits, start=1):
             rates = savgol_filter(joints, _WINDOW, 3, deriv=order, delta=step, axis=0)

@@ -130,7 +130,8 @@ class Track(Skill):
 
     failures = {
         "NO_CAMERA": "the arm has no camera that moves with it, or it does not face the plane",
-        "NOT_SEEN": "the target did not come into view in time",
+        "NOT_SEEN": "the target did not come into view in time, or went out of it before it came "
+        "within reach",
         "NOT_MOVED": "with until_still: the target has been at rest for longer than move_timeout",
         "LOST": "the target was out of view, or not recognized, for longer than lost_timeout",
         "NOT_FOLLOWING": "the target was farther from the image center than max_error; `cause` is "
@@ -198,6 +199,15 @@ class Track(Skill):
             tracking.watch()
             score.sample(tracking)
             self._refuse_lost(tracking)
+            if tracking.waited_for > 0.0:
+                began = self.time
+            if tracking.waited_for > ports.wait:
+                raise Failure(
+                    "NOT_SEEN",
+                    "the target went out of view before it came within reach, and has not been "
+                    f"seen for {tracking.waited_for:.1f} s",
+                    waited_s=tracking.waited_for,
+                )
             if tracking.beyond_for > ports.reach_timeout:
                 raise Failure(
                     "UNREACHABLE",

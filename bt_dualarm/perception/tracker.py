@@ -688,6 +688,16 @@ class TargetTracker:
         """Filter of the target; after a loss the one from before, until it is found again."""
         return self._before_loss or self._estimate
 
+    def restart(self) -> None:
+        """Choose a target anew, as at the start; sightings and counts are kept."""
+        self._hunting = True
+        self._before_loss = self._cut_off_since = self.lost_since = None
+        self._in_row = 0
+        self.last_stamp = -math.inf
+        self._outline.forget()
+        self._localizer.forget()
+        self.distractors.forget()
+
     def close(self) -> None:
         """Unsubscribe from the camera and stop aiming it; harmless when repeated."""
         self._unsubscribe()

@@ -333,6 +333,8 @@ class TrackingReference:
     def _without_target(self, time: float, displacement: Vector) -> PlaneTarget | None:
         """Come to rest and hold, then search around where the target was last predicted."""
         self.beyond_since = None
+        if math.isinf(self._tracker.age(time)):  # nothing is known of it
+            return None
         self._braked_at = time if self._braked_at is None else self._braked_at
         searched_for = time - self._braked_at - HOLD_S
         if self._search_radius == 0.0 or searched_for < 0.0:
@@ -479,6 +481,8 @@ class PlaneTracking:
         self._last_seen: Sighting | None = None
         self._missed: deque[tuple[float, Vector]] = deque(maxlen=_MISSED)
         self._needs_at = -math.inf
+        self._was_beyond = False
+        self._waits_since: float | None = None
         self._clear = StreamClear(arm)
 
     @property
@@ -508,8 +512,18 @@ class PlaneTracking:
 
     @property
     def unseen_for(self) -> float:
-        """Seconds for which images have shown no target, latency not included."""
+        """Seconds for which images have shown no target, latency not included; 0 while it waits."""
+        if self._waits_since is not None:
+            return 0.0
         return max(0.0, self._tracker.age(self._arm.time) - self._latency)
+
+    @property
+    def waited_for(self) -> float:
+        """Seconds since a target went out of view that had never been within reach; otherwise 0.
+
+        The arm then waits for it as at the start.
+        """
+        return 0.0 if self._waits_since is None else self._arm.time - self._waits_since
 
     @property
     def beyond_for(self) -> float:
@@ -607,6 +621,21 @@ class PlaneTracking:
             self._error.interrupt()
         if not within_reach:
             self._error.postpone()
+        if self.in_view:
+            self._was_beyond = not within_reach
+            self._waits_since = None
+        elif (
+            self._was_beyond
+            and not self._tracker.locked
+            and self._error.counts_from is None
+            and self._waits_since is None
+        ):
+            # It was never followed, and may look different where it comes within reach.
+            self._tracker.restart()
+            self._waits_since = self._arm.time
+            self._last_seen = None
+        if self._waits_since is not None:
+            return
         if not self._tracker.locked:
             self._missed.append((self._arm.time, self._middle_now()))
             return

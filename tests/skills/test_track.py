@@ -570,6 +570,38 @@ def test_a_target_out_of_reach_is_waited_for(stage: Stage) -> None:
     assert float(leaf.metrics["error_rms_m"]) < 0.01
 
 
+@pytest.mark.parametrize("sized", [False, True])
+@pytest.mark.parametrize("nearer", [0.0, 0.08])
+def test_a_target_out_of_reach_that_goes_is_waited_for_as_at_the_start(
+    sized: bool, nearer: float, stage: Stage
+) -> None:
+    """It is away for 2 s, longer than `lost_timeout`; where it comes back, it looks larger."""
+
+    def coming(time: float) -> Vector:
+        if time < 2.0:
+            return np.array((-0.5 * nearer, 0.15, 0.0))
+        return np.array((0.5 * nearer, 0.0, 0.0 if time > 4.0 else 3.0))
+
+    size = {"target_size": 0.05} if sized else {}
+    node: Tree = {"track": {"duration": 2.0, "reach": 0.1, "lost_timeout": 0.5, "score": "cube"}}
+    node["track"] |= size
+    leaf = follow(stage, node, scenario({"fov": 70}), coming).leaf("track")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert leaf.ended_s is not None
+    assert leaf.ended_s > 6.0
+    assert float(leaf.metrics["error_rms_m"]) < 0.003
+
+
+def test_a_target_out_of_reach_that_does_not_come_back_was_not_seen(stage: Stage) -> None:
+    def going(time: float) -> Vector:
+        return np.array((0.0, 0.15, 0.0 if time < 2.0 else 3.0))
+
+    node: Tree = {"track": {"duration": 2.0, "reach": 0.1, "lost_timeout": 0.5, "wait": 1.0}}
+    leaf = follow(stage, node, scenario({"fov": 70}), going).leaf("track")
+    assert leaf.code == "NOT_SEEN"
+    assert "before it came within reach" in leaf.reason
+
+
 TWIN = {"twin": CUBE | {"fixed": True, "pose": {"xyz": [0.66, 0.26, 0.70]}}}
 
 
