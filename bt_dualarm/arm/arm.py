@@ -77,6 +77,8 @@ PLANNING_MARGIN_M = 0.045
 RESTING_MARGIN_M = 0.034
 """Distance in meters that plans keep from arms whose trees have ended: they do not move."""
 
+_STAYS_CLEAR_M = 0.003  # by which an arm sags at most, at rest
+
 REPLANS = 1
 """How often an arm replans when something has moved into its path."""
 
@@ -689,7 +691,8 @@ class Arm(ArmState):
     ) -> list[Vector]:
         """Different configurations with the tool on a target, the preferred one first.
 
-        If the first ones that are found all touch something, those of every other branch follow.
+        One in which the arm would nearly touch something, itself included, comes after those of
+        every branch that are clear of everything: an arm that stays there sags against it.
 
         Args:
             target: Pose of the tool in the world.
@@ -705,11 +708,17 @@ class Arm(ArmState):
         """
         now = self.setpoint.q
         found = self.kinematics.solutions(target, now, prefer=prefer, free=free)
-        checker = self.checker()
-        if any(checker.contact(q) is None for q in found):
+        clear = self.checker()
+        clear.keep_clear(_STAYS_CLEAR_M, itself=True)
+        if clear.free(found[0]):
             return found
         others = self.kinematics.solutions(target, now, prefer=prefer, every_branch=True, free=free)
-        return found + [q for q in others if different(found, q)]
+        every = found + [q for q in others if different(found, q)]
+        best = [q for q in every if clear.free(q)]
+        if best:
+            return best + [q for q in found if different(best, q)]
+        checker = self.checker()
+        return found if any(checker.free(q) for q in found) else every
 
     def plan(
         self,

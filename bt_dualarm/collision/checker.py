@@ -403,16 +403,23 @@ class CollisionChecker:
                 return i, contact
         return None
 
-    def keep_clear(self, distance: float) -> None:
+    def keep_clear(self, distance: float, *, itself: bool = False) -> None:
         """Keep a distance in m from everything but arms, for all further configurations.
 
         For configurations in which the arm stays: it sags by a fraction of a millimeter, and would
         press against what it touches then. What is nearer to the arm now may stay as near as it was
         allowed to be.
+
+        Args:
+            distance: The distance, m.
+            itself: Whether other parts of the arm keep it, too.
         """
         self._scratch.report_gaps(self.moving, distance)
         self.place(self.present)
-        wider = (self.moving[:, None] ^ self.moving) & np.isfinite(self.least)
+        concerned = self.moving[:, None] | self.moving
+        if not itself:
+            concerned = self.moving[:, None] ^ self.moving
+        wider = concerned & np.isfinite(self.least)
         for first, second in self.data.contact.geom.tolist():
             wider[first, second] = wider[second, first] = False
         self.least[wider] = np.maximum(self.least[wider], distance)

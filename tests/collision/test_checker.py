@@ -78,6 +78,17 @@ def test_an_arm_that_stays_keeps_clear_of_what_it_is_not_near_now() -> None:
     assert near.free(above(world, 0.01)), "it is as near now"
 
 
+def test_an_arm_that_stays_keeps_clear_of_itself_if_asked() -> None:
+    """The forearm of this UR5 is 1 mm above its pedestal, and its wrist 1 mm beside its arm."""
+    world = pick_world()
+    folded = np.radians((48.9, 178.9, 163.5, 126.3, 12.5, -145.9))
+    checker = CollisionChecker(world, "arm1")
+    checker.keep_clear(0.003)
+    assert checker.free(folded)
+    checker.keep_clear(0.003, itself=True)
+    assert not checker.free(folded)
+
+
 def test_looking_changes_nothing_in_the_world() -> None:
     world = pick_world()
     before = world.state()
