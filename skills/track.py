@@ -209,6 +209,8 @@ class Track(Skill):
                     waited_s=tracking.waited_for,
                 )
             if tracking.beyond_for > ports.reach_timeout:
+                if tracking.obstacle is not None:
+                    raise tracking.obstacle
                 raise Failure(
                     "UNREACHABLE",
                     f"the target has been more than {ports.reach:.2f} m away from where the arm "

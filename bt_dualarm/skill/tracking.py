@@ -145,6 +145,8 @@ _NEEDS_EVERY_S = 0.1  # sampling period
 # Time constant of the mean squares of the target's velocity and acceleration, s: a tool that cannot
 # follow is out of bounds within half a second of the start of the motion.
 _NEED_S = 0.3
+_ASKED_EVERY_S = 0.06  # period of checks of whether the way to the target is free again
+_BEYOND_M = 0.03  # by which it has to be free beyond the target
 _MISSED = 4096  # ticks without the target that are kept
 
 
@@ -199,6 +201,9 @@ class TrackingReference:
         foreseen_s: Time for which a target out of view was followed by its prediction, s.
         foreseen_by: Harmonic motion by which it was last followed out of view; None if the filter
             predicted it.
+        is_blocked: Whether something is in the way to the target; the tool then comes to rest.
+        displacement: Position of the tool along the axes relative to its start when it was last
+            called, of shape (k,), m.
     """
 
     def __init__(
@@ -216,6 +221,8 @@ class TrackingReference:
         self.old_data_steps = 0
         self.foreseen_s = 0.0
         self.foreseen_by: HarmonicMotion | None = None
+        self.is_blocked = False
+        self.displacement = np.zeros(len(view.axes))
         self._called_at = -math.inf
         self._braked_at: float | None = None
         self._tracker = tracker
@@ -242,6 +249,10 @@ class TrackingReference:
         """
         passed = max(time - self._called_at, 0.0)
         self._called_at = time
+        self.displacement = displacement
+        if self.is_blocked:
+            self.beyond_since = time if self.beyond_since is None else self.beyond_since
+            return None
         age = self._tracker.age(time)
         if age > self._stale_after or not self._tracker.locked:
             foreseen = self._foreseen(time)
@@ -482,6 +493,8 @@ class PlaneTracking:
         self._missed: deque[tuple[float, Vector]] = deque(maxlen=_MISSED)
         self._needs_at = -math.inf
         self._was_beyond = False
+        self._obstacle: Failure | None = None
+        self._asked_at = -math.inf
         self._waits_since: float | None = None
         self._clear = StreamClear(arm)
 
@@ -530,6 +543,11 @@ class PlaneTracking:
         """Seconds for which the target has been out of reach."""
         since = self._reference.beyond_since
         return 0.0 if since is None else self._arm.time - since
+
+    @property
+    def obstacle(self) -> Failure | None:
+        """What is in the way to a target that the tool has not yet reached; None if nothing is."""
+        return self._obstacle
 
     @property
     def still_for(self) -> float:
@@ -606,9 +624,10 @@ class PlaneTracking:
         """Evaluate new sightings: rest of the target and tracking error; called once per tick.
 
         Raises:
-            Failure: ``NOT_FOLLOWING``; ``IN_COLLISION``, see `StreamClear`.
+            Failure: ``NOT_FOLLOWING``; ``IN_COLLISION``, see `StreamClear`, of a tool that has
+                reached its target before.
         """
-        self._clear.look()
+        self._look_ahead()
         seen = self._tracker.sightings
         new = seen.newest(len(seen) - self._watched)
         self._watched = len(seen)
@@ -649,6 +668,41 @@ class PlaneTracking:
             self._count_missed(one)
             self._error.take(self._sample(one, within_reach=within_reach))
             self._last_seen = one
+
+    def _look_ahead(self) -> None:
+        """Stop before what is in the way to the target, and go on once nothing is."""
+        if self._obstacle is not None:
+            if self._is_way_free():
+                self._obstacle = None
+                self._reference.is_blocked = False
+            return
+        try:
+            self._clear.look()
+        except Failure as failure:
+            # A target that comes may come from where the arm cannot go: it is waited for.
+            if self._error.counts_from is not None or self._facing is not None:
+                raise
+            self._obstacle = failure.with_traceback(None)
+            self._reference.is_blocked = True
+
+    def _is_way_free(self) -> bool:
+        """Whether the tool can go straight to where the target is now, asked a few times a second.
+
+        So that it can follow from there, it can go on by `_BEYOND_M`, too.
+        """
+        arm = self._arm
+        if not self._tracker.locked or arm.time - self._asked_at < _ASKED_EVERY_S:
+            return False
+        self._asked_at = arm.time
+        position, *_ = self._tracker.predict_in(self._axes, self._reference.origin, arm.time)
+        step = position - self._reference.displacement
+        step *= 1.0 + _BEYOND_M / max(math.hypot(*step), 1e-9)
+        here = arm.commanded_tool_pose
+        try:
+            rows = arm.line_on(Pose(here.position + step @ self._axes, here.quaternion))
+        except Failure:
+            return False
+        return arm.checker().first_contact(rows) is None
 
     def refuse_above_bound(self) -> None:
         """Check the error over the whole time; see `FollowingError.refuse_above_bound`."""

@@ -602,6 +602,34 @@ def test_a_target_out_of_reach_that_does_not_come_back_was_not_seen(stage: Stage
     assert "before it came within reach" in leaf.reason
 
 
+def post_at(y: float) -> dict[str, Any]:
+    """A post beside the Panda's hand, below the line of sight."""
+    box = {"shape": "box", "size": [0.05, 0.05, 0.3], "mass": 1, "color": "red", "fixed": True}
+    return {"post": box | {"pose": {"xyz": [1.06, y, 0.62]}}}
+
+
+@pytest.mark.parametrize("comes", [True, False])
+def test_a_target_that_comes_from_where_something_is_in_the_way_is_waited_for(
+    comes: bool, stage: Stage
+) -> None:
+    """The arm stops before the post; with the target before it, it goes on."""
+
+    def coming(time: float) -> Vector:
+        share = min(max((time - 3.0) / 2.0, 0.0), 1.0) if comes else 0.0
+        return np.array((0.0, 0.15 * (1 - share**3 * (10 - 15 * share + 6 * share**2)), 0.0))
+
+    node: Tree = {"track": {"duration": 7.0, "reach_timeout": 6.0, "score": "cube"}}
+    leaf = follow(stage, node, scenario({"fov": 70}, **post_at(0.30)), coming).leaf("track")
+    if not comes:
+        assert leaf.code == "IN_COLLISION", leaf.reason
+        assert "post" in leaf.reason
+        assert leaf.ended_s is not None
+        assert leaf.ended_s > 6.0
+        return
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert float(leaf.metrics["error_rms_m"]) < 0.01
+
+
 TWIN = {"twin": CUBE | {"fixed": True, "pose": {"xyz": [0.66, 0.26, 0.70]}}}
 
 
