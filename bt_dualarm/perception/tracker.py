@@ -60,6 +60,11 @@ _FULL = 0.97  # at this fraction of the target's fill ratio, an outline is as si
 # covered part, which loses either width or height, and otherwise.
 _ANOTHER_DEPTH_S = (0.05, 0.3)
 _OTHER_SIZE_PX = 2.0  # that difference of width and height
+# Of views that change smoothly: the longest time between two, the largest factor between their fill
+# ratios, the largest relative change of size a second.
+_SMOOTH_S = 0.1
+_SMOOTH_FILL = 1.1
+_GROWTH = 1.5
 _SIMPLE = 0.9  # fraction of the target's fill ratio above which they count as whole
 _STEADY_SIZE = 0.015  # largest relative change of that size from image to image
 _EDGE_GATE_PX = 1.5  # distance from the prediction, in addition to its uncertainty
@@ -91,6 +96,9 @@ class Outline:
         self._count = 0
         self._better_in_row = 0
         self._resized: tuple[float, float] | None = None  # since when, and by which factor now
+        # The last of the views that change smoothly since a whole one: its time, the root of its
+        # area in px, its fill ratio.
+        self._smooth = -math.inf, 0.0, 1.0
         # Bounding box minus that of the known shape (4), fill ratio of the box, side.
         self._look = RunningMean(6)
 
@@ -115,13 +123,19 @@ class Outline:
         self._look.forget()
 
     def is_at_another_depth(self, seen: VisiblePart, frame: Frame) -> bool:
-        """Whether a known shape has looked whole, but of another size, for some time.
+        """Whether a known shape has looked whole, but of another size, for some time; or has grown.
 
         Its depth has changed then, or was learned from a view that misled. What covers a part of a
         target, or merges with it, changes its proportions, or its size from one image to the next.
+        A target that comes nearer and tilts grows in width and height, smoothly from a whole view.
         """
-        if not (self.known and self.localizer.knows_shape) or frame.stride > 1:
+        if not self.localizer.knows_shape or frame.stride > 1:
             return False
+        grown = self._has_grown(seen, frame)
+        if not self.known:
+            return False
+        if grown:
+            return True
         detection = seen.detection
         factor = seen.sighting.side / self.side
         full = _SIMPLE < _fill(detection) / float(self._look.value[4]) < 1.0 / _SIMPLE
@@ -139,6 +153,28 @@ class Outline:
         self._resized = since, factor
         bigger_px = abs(1.0 - 1.0 / factor) * math.sqrt(detection.area_px)
         return frame.stamp - since >= _ANOTHER_DEPTH_S[bigger_px < _OTHER_SIZE_PX]
+
+    def _has_grown(self, seen: VisiblePart, frame: Frame) -> bool:
+        """Whether width and height have grown since a whole view, smoothly until now."""
+        detection = seen.detection
+        root = math.sqrt(detection.area_px)
+        fill = _fill(detection)
+        stamp, last_root, last_fill = self._smooth
+        passed = frame.stamp - stamp
+        is_smooth = (
+            passed <= _SMOOTH_S
+            and not detection.touches_border
+            and 1.0 / _SMOOTH_FILL < fill / last_fill < _SMOOTH_FILL
+            and abs(root - last_root) < _GROWTH * passed * last_root + _SLACK_PX
+        )
+        if not (seen.whole or is_smooth):
+            self._smooth = -math.inf, 0.0, 1.0
+            return False
+        self._smooth = frame.stamp, root, fill
+        if seen.whole:
+            return False
+        left, top, right, bottom = (self._beside(seen, frame) - self._rest).tolist()
+        return bool(min(right - left, bottom - top) > _OTHER_SIZE_PX)
 
     def learn(self, seen: VisiblePart, frame: Frame) -> None:
         """Add a view of the whole target to the means; coarse images are ignored.

@@ -470,6 +470,29 @@ def test_a_cube_of_known_size_that_comes_to_another_depth_is_located_there(
     assert len(late) >= 119  # every image
 
 
+@pytest.mark.parametrize("duration", [0.6, 1.2])
+@pytest.mark.parametrize("turn", [0.5, -1.0])
+def test_a_cube_of_known_size_that_comes_nearer_and_tilts_is_still_the_target(
+    make_studio: StudioMaker, duration: float, turn: float
+) -> None:
+    """An arm that carries it turns it by 45° to and fro, or by 90°, on its way to the camera."""
+    studio = make_studio(fps=60.0)
+    tracker = TargetTracker(studio.camera, YELLOW, cube())
+    body = studio.model.body("cube").mocapid[0]
+
+    def coming(time: float) -> tuple[float, ...]:
+        share = min(max((time - 0.5) / duration, 0.0), 1.0)
+        angle = 0.5 * math.pi * (share if turn < 0.0 else turn * math.sin(math.pi * share))
+        studio.data.mocap_quat[body] = (math.cos(0.5 * angle), math.sin(0.5 * angle), 0.0, 0.0)
+        return 0.02 * share, 0.0, 0.2 * (1.0 - share) - 0.03
+
+    follow(studio, tracker, coming, 0.0, 3.0)
+    assert tracker.locked
+    assert tracker.predict(3.0).position == pytest.approx(position(coming, 3.0), abs=3e-3)
+    late = [one for one in tracker.sightings.newest() if one.stamp > 1.0 + duration]
+    assert len(late) >= 60 * (2.0 - duration) - 2  # every image
+
+
 @pytest.mark.parametrize("offset", [(0.0, 0.0), (0.03, -0.02), (-0.05, 0.04)])
 def test_a_depth_that_gets_better_known_is_no_motion(
     make_studio: StudioMaker, offset: tuple[float, float]
