@@ -57,7 +57,6 @@ ASKED: Final = 0.95
 _LOOK = (-1.0, 0.0, 0.0)  # toward the leader
 _DISTANCE_M = 0.35
 _RESTS_S = 3.0  # the cube, at the end of the job
-_WAIT_S = 40.0
 _LIMIT_S = 240.0
 _EVERY = 5  # steps between the points of the true path that the follower would execute
 _WINDOW = 13  # number of these points from which its rates are determined
@@ -375,7 +374,6 @@ def _tree(variant: Variant, page: str, base: Vector) -> dict[str, Data]:
         "distance": _DISTANCE_M,
         "score": "cube",
         "until_still": _RESTS_S,
-        "wait": _WAIT_S,
     }
     if variant.sized:
         track["target_size"] = _SIZE_M
