@@ -2,9 +2,10 @@
 
 A `PathConstraint` limits the pose of a frame that moves with the tool: cones in which an axis of it
 stays, and a range of its height. Any pose can be projected onto it in closed form. The search is
-an RRT over poses (LaValle, Kuffner, IJRR 2001) whose samples are projected (Berenson, Srinivasa,
-Kuffner, Task Space Regions, IJRR 2011), with straight edges that are followed by inverse kinematics
-from the configuration at their beginning: what holds at every pose of an edge holds for the arm.
+an RRT-Connect over poses (Kuffner, LaValle, ICRA 2000) whose samples are projected (Berenson,
+Srinivasa, Kuffner, Task Space Regions, IJRR 2011), with straight edges that are followed by inverse
+kinematics from the configuration at their beginning: what holds at every pose of an edge holds for
+the arm.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from bt_dualarm.collision.checker import FINE, CollisionChecker
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
-from bt_dualarm.planning.pose_tree import REACH_M, SAME, TO_GOAL, PoseTree, apart
+from bt_dualarm.planning.pose_tree import REACH_M, SAME, TO_GOAL, PoseTrees, apart
 from bt_dualarm.planning.problem import (
     PlanningProblem,
     motion_around,
@@ -39,7 +40,7 @@ MARGIN_RAD = math.radians(0.5)
 MARGIN_M = 0.002
 """Distance by which plans stay inside a range of heights, m."""
 
-POSES = 20_000
+POSES = 40_000
 """Maximum number of poses of which a search solves the inverse kinematics: a few seconds."""
 
 _BLEND_M = 0.05  # distance from a corner at which it may be rounded
@@ -275,8 +276,9 @@ class _ConstrainedSearch:
                 free = motion_around(replace(self._problem, checks=_FREE), self._abandoned)
                 if self._given.keeps(free):
                     return free
+        goals = itertools.cycle(self._problem.goals)
         while self._count < self._given.poses:
-            corners = self._tree(self._count + self._given.poses // _RESTARTS)
+            corners = self._path(next(goals), self._count + self._given.poses // _RESTARTS)
             if self._abandoned():
                 break
             found = None if corners is None else self._timed(corners)
@@ -292,9 +294,15 @@ class _ConstrainedSearch:
             **numbers,
         )
 
-    def _tree(self, last: int) -> list[Pose] | None:
-        """Corners of a path from the start to the goal; None if it has used this many poses."""
-        tree = PoseTree(self._start, self._goal, self._problem.start, self._step, self._edge)
+    def _path(self, goal: Vector, last: int) -> list[Pose] | None:
+        """Corners of a path from the start to the goal; None if it has used this many poses.
+
+        Args:
+            goal: Configuration at the goal from which a tree grows, of shape (dof,), rad.
+            last: Number of poses after which it ends.
+        """
+        q = self._problem.start
+        trees = PoseTrees(self._start, self._goal, q, goal, self._step, self._edge)
         low = np.minimum(self._start.position, self._goal.position) - REACH_M
         high = np.maximum(self._start.position, self._goal.position) + REACH_M
         while self._count < last and not self._abandoned():
@@ -302,10 +310,17 @@ class _ConstrainedSearch:
             target = self._goal
             if self._rng.random() > TO_GOAL:
                 target = self._sample(low, high)
-            corners = tree.grow(target)
-            if corners is not None:
+            corners = trees.grow(target)
+            if corners is not None and self._end(corners) is not None:
                 return self._shortened(corners)
         return None
+
+    def _end(self, corners: Sequence[Pose]) -> Vector | None:
+        """Configuration at the end of straight edges from the start; None if one is not free."""
+        q: Vector | None = self._problem.start
+        for here, there in itertools.pairwise(corners):
+            q = None if q is None else self._edge(here, there, q)
+        return q
 
     def _sample(self, low: Vector, high: Vector) -> Pose:
         """Random pose of the frame, projected onto the constraint."""
@@ -345,10 +360,7 @@ class _ConstrainedSearch:
             if j == i + 1:
                 continue
             shorter = [*corners[: i + 1], *corners[j:]]
-            q: Vector | None = self._problem.start
-            for here, there in itertools.pairwise(shorter):
-                q = None if q is None else self._edge(here, there, q)
-            if q is not None:
+            if self._end(shorter) is not None:
                 corners = shorter
         return corners
 

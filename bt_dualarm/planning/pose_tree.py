@@ -1,12 +1,13 @@
-"""A tree of poses that grows from a start toward a goal: the core of an RRT over poses.
+"""Trees of poses that grow from a start toward a goal: the core of an RRT over poses.
 
-LaValle, Kuffner, Randomized kinodynamic planning, IJRR 2001. What the poses are of, how an edge is
+LaValle, Kuffner, Randomized kinodynamic planning, IJRR 2001; with a second tree from the goal:
+Kuffner, LaValle, RRT-Connect, ICRA 2000. What the poses are of, how an edge is
 checked and where samples come from is up to the search that uses the tree.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -74,18 +75,47 @@ class PoseTree:
         Returns:
             Corners of the path from the start to the goal as soon as that is reached, else None.
         """
+        last, _ = self.toward(target, through=target is self._goal)
+        if last is None or apart(self._nodes[last].pose, self._goal) >= SAME:
+            return None
+        return self.corners(last)
+
+    def toward(self, target: Pose, *, through: bool) -> tuple[int | None, bool]:
+        """Add edges toward a target.
+
+        Args:
+            target: The target.
+            through: Whether to add all edges that are free, instead of one.
+
+        Returns:
+            Number of the last node that was added, None if there is none; whether it is at the
+            target.
+        """
         nodes = self._nodes
         near = min(range(len(nodes)), key=lambda i: apart(nodes[i].pose, target))
+        last = None
         while True:
             node = self._extended(near, target)
             if node is None:
-                return None
+                return last, False
             nodes.append(node)
-            near = len(nodes) - 1
-            if apart(node.pose, self._goal) < SAME:
-                return _corners(nodes, near)
-            if target is not self._goal or apart(node.pose, target) < SAME:
-                return None
+            near = last = len(nodes) - 1
+            if apart(node.pose, target) < SAME:
+                return last, True
+            if not through:
+                return last, False
+
+    def pose(self, number: int) -> Pose:
+        """Pose of a node."""
+        return self._nodes[number].pose
+
+    def corners(self, last: int) -> list[Pose]:
+        """Poses from the root to a node."""
+        found = []
+        while last >= 0:
+            found.append(self._nodes[last].pose)
+            last = self._nodes[last].parent
+        return found[::-1]
 
     def _extended(self, number: int, target: Pose) -> _Node | None:
         node = self._nodes[number]
@@ -97,9 +127,48 @@ class PoseTree:
         return None if q is None else _Node(end, q, number)
 
 
-def _corners(nodes: Sequence[_Node], last: int) -> list[Pose]:
-    found = []
-    while last >= 0:
-        found.append(nodes[last].pose)
-        last = nodes[last].parent
-    return found[::-1]
+class PoseTrees:
+    """Two trees, one from the start and one from the goal, that grow toward each other.
+
+    Where they meet, the joint positions of the two may differ: whether the path can be followed
+    from the start has to be checked.
+
+    Args:
+        start: First pose.
+        goal: Pose to reach.
+        q: Joint positions at the start, rad.
+        q_goal: Joint positions at the goal from which the second tree grows, rad.
+        step: End of an edge toward a target.
+        edge: Check of an edge.
+    """
+
+    def __init__(
+        self, start: Pose, goal: Pose, q: Vector, q_goal: Vector, step: Step, edge: Edge
+    ) -> None:
+        self._goal = goal
+        self._first = PoseTree(start, goal, q, step, edge)
+        self._second = PoseTree(goal, start, q_goal, step, edge)
+        self._is_first = False
+
+    def grow(self, target: Pose) -> list[Pose] | None:
+        """Grow one tree, in turn, toward a target, and the other one toward what was added.
+
+        Args:
+            target: A sample, or the goal, toward which the first tree adds all edges that are free.
+
+        Returns:
+            Corners of a path from the start to the goal as soon as the trees meet, else None.
+        """
+        if target is self._goal:
+            return self._first.grow(target)
+        self._is_first = not self._is_first
+        one, other = (self._first, self._second)[:: 1 if self._is_first else -1]
+        last, _ = one.toward(target, through=False)
+        if last is None:
+            return None
+        met, is_reached = other.toward(one.pose(last), through=True)
+        if met is None or not is_reached:
+            return None
+        ways = one.corners(last), other.corners(met)
+        from_start, from_goal = ways if self._is_first else ways[::-1]
+        return [*from_start, *from_goal[-2::-1]]
