@@ -22,7 +22,7 @@ from bt_dualarm.collision.checker import FINE, CollisionChecker
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
-from bt_dualarm.planning.pose_tree import REACH_M, SAME, TO_GOAL, PoseTrees, apart
+from bt_dualarm.planning.pose_tree import REACH_M, SAME, TO_GOAL, Meeting, PoseTrees, apart
 from bt_dualarm.planning.problem import (
     PlanningProblem,
     motion_around,
@@ -48,6 +48,7 @@ _SPUN = 0.6  # fraction of the samples that are rotated about the vertical
 _COARSE = (0.008, 0.02)  # distance in m and rotation in rad between two samples of an edge
 _FREE = 40_000  # configurations that are checked in a search without the constraint
 _RESTARTS = 4  # trees that are begun again: the branch depends on the route to a pose
+_SELF_MOTION_RAD = 0.05  # step of the joints while the tool rests
 _TINY = 1e-6  # distance, angle or length that counts as none
 _SHORTCUTS = 30
 _PROJECTIONS = 4  # rounds in which two cones are satisfied together
@@ -278,10 +279,9 @@ class _ConstrainedSearch:
                     return free
         goals = itertools.cycle(self._problem.goals)
         while self._count < self._given.poses:
-            corners = self._path(next(goals), self._count + self._given.poses // _RESTARTS)
+            found = self._around(next(goals), self._count + self._given.poses // _RESTARTS)
             if self._abandoned():
                 break
-            found = None if corners is None else self._timed(corners)
             if found is not None:
                 return found
         if self._abandoned():
@@ -294,12 +294,12 @@ class _ConstrainedSearch:
             **numbers,
         )
 
-    def _path(self, goal: Vector, last: int) -> list[Pose] | None:
-        """Corners of a path from the start to the goal; None if it has used this many poses.
+    def _around(self, goal: Vector, last: int) -> Trajectory | None:
+        """Motion around obstacles; None if none was found with this many poses.
 
         Args:
             goal: Configuration at the goal from which a tree grows, of shape (dof,), rad.
-            last: Number of poses after which it ends.
+            last: Number of poses after which the search ends.
         """
         q = self._problem.start
         trees = PoseTrees(self._start, self._goal, q, goal, self._step, self._edge)
@@ -310,17 +310,57 @@ class _ConstrainedSearch:
             target = self._goal
             if self._rng.random() > TO_GOAL:
                 target = self._sample(low, high)
-            corners = trees.grow(target)
-            if corners is not None and self._end(corners) is not None:
-                return self._shortened(corners)
+            meeting = trees.grow(target)
+            if meeting is None:
+                continue
+            corners = meeting.corners
+            if self._rows(corners, q) is not None:
+                return self._timed(self._shortened(corners))
+            found = self._joined(meeting, goal)
+            if found is not None:
+                return found
         return None
 
-    def _end(self, corners: Sequence[Pose]) -> Vector | None:
-        """Configuration at the end of straight edges from the start; None if one is not free."""
-        q: Vector | None = self._problem.start
-        for here, there in itertools.pairwise(corners):
-            q = None if q is None else self._edge(here, there, q)
-        return q
+    def _joined(self, meeting: Meeting, goal: Vector) -> Trajectory | None:
+        """Motion along both paths to a meeting, with a motion of the joints alone between them.
+
+        A redundant arm arrives there in another configuration from either side; it then moves while
+        its tool rests. None if that is not free, or the two are of different branches.
+
+        Args:
+            meeting: Where two trees met.
+            goal: Configuration at the goal from which the second one grew, of shape (dof,), rad.
+        """
+        begin = self._rows(meeting.from_start, self._problem.start)
+        end = self._rows(meeting.from_goal, goal)
+        if begin is None or end is None:
+            return None
+        first = begin[-1][-1] if begin else self._problem.start
+        second = end[-1][-1] if end else goal
+        between = self._self_motion(meeting.from_start[-1], first, second)
+        if between is None:
+            return None
+        motion = Trajectory.rest(self._problem.start, self._problem.dt)
+        for rows in (*begin, between, *(rows[::-1] for rows in reversed(end))):
+            motion = motion.then(time_path(rows, self._problem.limits, self._problem.dt))
+        return motion if self._is_free(motion) else None
+
+    def _self_motion(self, frame: Pose, first: Vector, second: Vector) -> Matrix | None:
+        """Configurations with a resting tool between two of these; None if there is a jump."""
+        tool = frame @ self._to_tool
+        steps = math.ceil(float(np.abs(second - first).max()) / _SELF_MOTION_RAD) + 1
+        rows = [first]
+        for share in np.linspace(0.0, 1.0, steps + 1)[1:-1]:
+            self._count += 1
+            try:
+                q = self._kinematics.solve(tool, first + share * (second - first))
+            except Failure:
+                return None
+            rows.append(q)
+        rows.append(second)
+        path = np.array(rows)
+        is_smooth = np.abs(np.diff(path, axis=0)).max() < 2.0 * _SELF_MOTION_RAD
+        return path if is_smooth and self._checker.first_contact(path) is None else None
 
     def _sample(self, low: Vector, high: Vector) -> Pose:
         """Random pose of the frame, projected onto the constraint."""
@@ -340,6 +380,14 @@ class _ConstrainedSearch:
 
     def _edge(self, start: Pose, end: Pose, q: Vector) -> Vector | None:
         """Configuration at the end of a straight edge; None if it is not free, or not kept."""
+        rows = self._edge_rows(start, end, q)
+        if rows is None:
+            return None
+        last: Vector = rows[-1]
+        return last
+
+    def _edge_rows(self, start: Pose, end: Pose, q: Vector) -> Matrix | None:
+        """Configurations along a straight edge, of shape (n, dof), rad; None as for `_edge`."""
         frames = line(start, end, *_COARSE).poses
         if any(self._strict.violation(frame) for frame in frames):
             return None
@@ -348,8 +396,18 @@ class _ConstrainedSearch:
             rows = self._kinematics.follow_on([frame @ self._to_tool for frame in frames], q)
         except Failure:
             return None
-        last: Vector = rows[-1]
-        return None if self._checker.first_contact(rows) is not None else last
+        return None if self._checker.first_contact(rows) is not None else rows
+
+    def _rows(self, corners: Sequence[Pose], q: Vector) -> list[Matrix] | None:
+        """Configurations along each edge from a configuration; None if one is not free."""
+        found = []
+        for here, there in itertools.pairwise(corners):
+            rows = self._edge_rows(here, there, q)
+            if rows is None:
+                return None
+            found.append(rows)
+            q = rows[-1]
+        return found
 
     def _shortened(self, corners: list[Pose]) -> list[Pose]:
         """Fewer corners, as far as straight edges between them are free."""
@@ -360,7 +418,7 @@ class _ConstrainedSearch:
             if j == i + 1:
                 continue
             shorter = [*corners[: i + 1], *corners[j:]]
-            if self._end(shorter) is not None:
+            if self._rows(shorter, self._problem.start) is not None:
                 corners = shorter
         return corners
 
@@ -393,12 +451,16 @@ class _ConstrainedSearch:
                 return None
             motion = motion.then(piece)
             q = rows[-1]
+        return motion if self._is_free(motion) else None
+
+    def _is_free(self, motion: Trajectory) -> bool:
+        """Whether a motion touches nothing and keeps the constraint."""
         try:
             refuse_contact(self._checker, motion)
         except Failure:
-            return None
+            return False
         rows = outline(motion, self._checker.radii, FINE)
-        return motion if self._given.keep.along(self._kinematics, rows) is None else None
+        return self._given.keep.along(self._kinematics, rows) is None
 
 
 def _between(start: Pose, end: Pose, share: float) -> Pose:

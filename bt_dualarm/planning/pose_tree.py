@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 from bt_dualarm.core.pose import Pose, Vector
 
@@ -127,11 +127,28 @@ class PoseTree:
         return None if q is None else _Node(end, q, number)
 
 
+class Meeting(NamedTuple):
+    """Poses at which two trees meet: the last one of both paths.
+
+    Attributes:
+        from_start: Corners of a path from the start.
+        from_goal: Corners of a path from the goal.
+    """
+
+    from_start: list[Pose]
+    from_goal: list[Pose]
+
+    @property
+    def corners(self) -> list[Pose]:
+        """Corners of the path from the start to the goal."""
+        return [*self.from_start, *self.from_goal[-2::-1]]
+
+
 class PoseTrees:
     """Two trees, one from the start and one from the goal, that grow toward each other.
 
     Where they meet, the joint positions of the two may differ: whether the path can be followed
-    from the start has to be checked.
+    from the start, or how the joints get from the one to the other, has to be checked.
 
     Args:
         start: First pose.
@@ -150,17 +167,18 @@ class PoseTrees:
         self._second = PoseTree(goal, start, q_goal, step, edge)
         self._is_first = False
 
-    def grow(self, target: Pose) -> list[Pose] | None:
+    def grow(self, target: Pose) -> Meeting | None:
         """Grow one tree, in turn, toward a target, and the other one toward what was added.
 
         Args:
             target: A sample, or the goal, toward which the first tree adds all edges that are free.
 
         Returns:
-            Corners of a path from the start to the goal as soon as the trees meet, else None.
+            Where the trees meet, None if they do not.
         """
         if target is self._goal:
-            return self._first.grow(target)
+            corners = self._first.grow(target)
+            return None if corners is None else Meeting(corners, [self._goal])
         self._is_first = not self._is_first
         one, other = (self._first, self._second)[:: 1 if self._is_first else -1]
         last, _ = one.toward(target, through=False)
@@ -170,5 +188,4 @@ class PoseTrees:
         if met is None or not is_reached:
             return None
         ways = one.corners(last), other.corners(met)
-        from_start, from_goal = ways if self._is_first else ways[::-1]
-        return [*from_start, *from_goal[-2::-1]]
+        return Meeting(*(ways if self._is_first else ways[::-1]))

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from bt_dualarm.core.pose import Pose, Vector
-from bt_dualarm.planning.pose_tree import PoseTree, PoseTrees
+from bt_dualarm.planning.pose_tree import Meeting, PoseTree, PoseTrees
 
 START = Pose.from_rpy((-1.0, 0.0, 0.0))
 GOAL = Pose.from_rpy((1.0, 0.0, 0.0))
 POCKET = 0.15
-"""Half the edge of a square around an end of the path, open by 16 cm at the side away from the other
+"""Half the edge of a square around an end of the path, open by 16 cm away from the other
 end, m."""
 
 
@@ -58,9 +58,9 @@ def grown(tree: PoseTree | PoseTrees, seed: int, draws: int) -> list[Pose] | Non
         target = GOAL
         if rng.random() > 0.25:
             target = Pose.from_rpy((*rng.uniform(-1.5, 1.5, 2).tolist(), 0.0))
-        corners = tree.grow(target)
-        if corners is not None:
-            return corners
+        found = tree.grow(target)
+        if found is not None:
+            return found.corners if isinstance(found, Meeting) else found
     return None
 
 
