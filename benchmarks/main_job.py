@@ -9,7 +9,7 @@ catalog, those can take part whose camera can look squarely at the curves.
 
 A variant counts if the leader ended with SUCCESS and the follower can execute the curves: its tool
 can move as the cube truly did, at every time, within its limits of velocity, acceleration and jerk,
-and touches neither itself nor the floor.
+touches neither itself nor the floor, and is not slowed by its guard beside the leader.
 ``share`` is the share of its own speed that this takes: its joints need ``share`` of a velocity
 limit, or ``share`` squared of an acceleration limit, or ``share`` cubed of a jerk limit. Asked for:
 95 % SUCCESS of those, and no run without an end; exit code 1 if that is missed, or if a SUCCESS was
@@ -139,7 +139,7 @@ class Found:
     @property
     def counts(self) -> bool:
         """Whether the follower can execute what a successful leader did."""
-        return self.leader == "SUCCESS" and self.share < 1.0
+        return self.leader == "SUCCESS" and self.share < 1.0 and self.cause != "guard"
 
     @property
     def is_false(self) -> bool:

@@ -135,7 +135,7 @@ class Track(Skill):
         "NOT_MOVED": "with until_still: the target has been at rest for longer than move_timeout",
         "LOST": "the target was out of view, or not recognized, for longer than lost_timeout",
         "NOT_FOLLOWING": "the target was farther from the image center than max_error; `cause` is "
-        "speed, latency, reach, occlusion or jitter",
+        "speed, latency, reach, occlusion, guard or jitter",
         "UNREACHABLE": "the target was out of reach for longer than reach_timeout",
         "IN_COLLISION": "the arm or a held object would touch something on its further path",
         "TRACKING_ERROR": "the arm was blocked or could not follow",

@@ -38,6 +38,7 @@ class ErrorCause(StrEnum):
     LATENCY = "latency"
     REACH = "reach"
     OCCLUSION = "occlusion"
+    GUARD = "guard"
     JITTER = "jitter"
 
 
@@ -52,6 +53,7 @@ class FollowingSample(NamedTuple):
         predicted: Position that had been predicted for that time, of shape (k,), m; None if there
             was no prediction.
         within_reach: Whether the target was within reach.
+        slowed: Whether the guard slowed the arm, near another arm or an object.
     """
 
     stamp: float
@@ -59,6 +61,7 @@ class FollowingSample(NamedTuple):
     target: Vector
     predicted: Vector | None
     within_reach: bool = True
+    slowed: bool = False
 
 
 class _Seen(NamedTuple):
@@ -225,7 +228,7 @@ class FollowingError:
     def cause(self) -> ErrorCause:
         """What most of the error is due to."""
         total = sum(self._integrals.values())
-        for cause in (ErrorCause.OCCLUSION, ErrorCause.REACH):
+        for cause in (ErrorCause.OCCLUSION, ErrorCause.REACH, ErrorCause.GUARD):
             if self._integrals[cause] > 0.5 * total:
                 return cause
         if self._trembles():
@@ -241,6 +244,8 @@ class FollowingError:
             return "most of that while the target was not in view"
         if cause is ErrorCause.REACH:
             return "most of that while the target was out of reach"
+        if cause is ErrorCause.GUARD:
+            return "most of that while the guard slowed the arm near another arm or an object"
         if cause is ErrorCause.JITTER:
             return "the target rests, but the tool does not"
         velocity, acceleration = self.need
@@ -351,4 +356,7 @@ def _attributed(sample: FollowingSample, square: float) -> dict[ErrorCause, floa
         return {ErrorCause.SPEED: square}
     off = sample.predicted - sample.target
     late = min(float(off @ off), square)
-    return {ErrorCause.LATENCY: late, ErrorCause.SPEED: square - late}
+    return {
+        ErrorCause.LATENCY: late,
+        ErrorCause.GUARD if sample.slowed else ErrorCause.SPEED: square - late,
+    }

@@ -147,6 +147,7 @@ _NEEDS_EVERY_S = 0.1  # sampling period
 _NEED_S = 0.3
 _ASKED_EVERY_S = 0.06  # period of checks of whether the way to the target is free again
 _BEYOND_M = 0.03  # by which it has to be free beyond the target
+_SLOWED = 0.95  # fraction of its speed below which the guard counts as having slowed the arm
 _MISSED = 4096  # ticks without the target that are kept
 
 
@@ -493,6 +494,7 @@ class PlaneTracking:
         self._missed: deque[tuple[float, Vector]] = deque(maxlen=_MISSED)
         self._needs_at = -math.inf
         self._was_beyond = False
+        self._servo: PlanarServo | None = None
         self._obstacle: Failure | None = None
         self._asked_at = -math.inf
         self._waits_since: float | None = None
@@ -618,6 +620,7 @@ class PlaneTracking:
                 gains.bandwidth,
                 gains.slack,
             )
+        self._servo = servo
         arm.stream(servo)
 
     def watch(self) -> None:
@@ -721,6 +724,7 @@ class PlaneTracking:
             self._axes @ (one.point - self._reference.origin),
             self._reference.predicted_at(one.stamp),
             within_reach,
+            slowed=self._servo is not None and self._servo.time_scale < _SLOWED,
         )
 
     def _looks(self, one: Sighting) -> list[RestSample]:

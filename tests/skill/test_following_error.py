@@ -249,3 +249,20 @@ def test_who_comes_nearer_between_losses_may_go_on() -> None:
     for frame in range(60):
         judge.take(sample(40.0 + frame / 60, 0.0))
     assert judge.arrived
+
+
+@pytest.mark.parametrize("slowed", [False, True])
+def test_a_target_beside_which_the_guard_slows_the_arm_is_not_too_fast(slowed: bool) -> None:
+    judge = FollowingError(BOUND_M, PATIENCE_S)
+    judge.need = (0.1, 0.2)
+    judge.limit = lambda: 2.0
+
+    def lags() -> None:
+        for step in range(600):
+            error = 0.0 if step < 120 else 1e-4 * (step - 120)
+            judge.take(sample(step / 60.0, error)._replace(slowed=slowed))
+
+    with pytest.raises(Failure) as failure:
+        lags()
+    assert failure.value.numbers["cause"] == ("guard" if slowed else "speed")
+    assert ("guard slowed" in failure.value.reason) == slowed
