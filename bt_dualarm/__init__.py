@@ -103,6 +103,8 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.handover import object_in_tool as object_in_tool
     from bt_dualarm.skill.handover import retreat_from as retreat_from
     from bt_dualarm.skill.handover import tool_pose_of as tool_pose_of
+    from bt_dualarm.skill.inserting import Inserting as Inserting
+    from bt_dualarm.skill.inserting import InsertingPorts as InsertingPorts
     from bt_dualarm.skill.joint import JointPart as JointPart
     from bt_dualarm.skill.joint import shared_grasp as shared_grasp
     from bt_dualarm.skill.keeping import KeptPath as KeptPath
@@ -293,6 +295,8 @@ _CONTENTS: Final = {
     "is_tied_to": "skill.placing:is_tied_to",
     "stands_without": "skill.placing:stands_without",
     "guarded_descent": "skill.placing:guarded_descent",
+    "Inserting": "skill.inserting:Inserting",
+    "InsertingPorts": "skill.inserting:InsertingPorts",
     "SettingDown": "skill.placing:SettingDown",
     "SettingDownPorts": "skill.placing:SettingDownPorts",
     "Taking": "skill.picking:Taking",

@@ -13,6 +13,8 @@ from bt_dualarm import (
     CarriedPose,
     Failure,
     Grip,
+    Inserting,
+    InsertingPorts,
     KnownShape,
     ObjectName,
     PortModel,
@@ -21,70 +23,38 @@ from bt_dualarm import (
     Speed,
     Trajectory,
     Vector,
-    guarded_descent,
     port,
     shared_grasp,
 )
 
 _CLEAR_M = 0.004  # height above the rim from which the peg is lowered
-_HOP_M = 0.001  # height above the rim from which the peg is lowered at a position of the search
-_HIGH_M = 0.0005  # a contact sensed within so much of the beginning of a descent is a false one
-_UNSURE_M = 0.002  # height above the expected rim from which it is lowered the first time
-_NEAR_BOTTOM_M = 0.003  # height above the bottom from which contact is expected
-_FALSE = 3  # descents at one position of the search before a false contact counts
-_PASSES = 2  # passes of the search; the second searches between the positions of the first
-_IN_M = 0.0025  # depth below the rim at which the peg is in the hole
 _STARTS = 3  # free branches of the inverse kinematics among which the planner chooses
 _TRIES = 12  # blocked branches after which the search for free ones ends
-_GOLDEN = np.pi * (3.0 - np.sqrt(5.0))  # golden angle, rad
+
+
+class _PegPorts(PortModel):
+    object: ObjectName = port(..., "peg; the gripper must hold it")
+    at: CarriedPose = port(..., "pose of the peg when it is fully inserted")
+    into: ObjectName | None = port(
+        None,
+        "object, held by another arm with `hold_still`, that is a side of the hole: the peg "
+        "and the hand may touch it",
+    )
+    angle_tolerance: Angle = port(
+        5.0, "largest rotation error of the peg at the end, up to its symmetry", ge=0.1, le=90
+    )
+    speed: Speed = port(0.3, "fraction of the arm's limits up to the hole")
 
 
 class Insert(Skill):
     """Insert a held peg into its hole: lower it, search in a spiral, push it down."""
 
-    class Ports(PortModel):
-        object: ObjectName = port(..., "peg; the gripper must hold it")
-        at: CarriedPose = port(..., "pose of the peg when it is fully inserted")
-        depth: float = port(
-            0.03, "depth of the inserted peg in the hole", unit="m", ge=0.005, le=0.3
-        )
-        into: ObjectName | None = port(
-            None,
-            "object, held by another arm with `hold_still`, that is a side of the hole: the peg "
-            "and the hand may touch it",
-        )
-        radius: float = port(
-            0.0018,
-            "position uncertainty of the hole; radius of the search",
-            unit="m",
-            ge=0,
-            le=0.02,
-        )
-        pitch: float = port(
-            0.00018, "distance of neighboring positions of the search", unit="m", ge=1e-4, le=0.005
-        )
-        force: float = port(
-            6.0, "contact force at which the rim is detected", unit="N", ge=1, le=100
-        )
-        push: float = port(
-            12.0, "contact force at which the bottom is detected", unit="N", ge=1, le=200
-        )
-        tolerance: float = port(
-            0.003, "largest distance from the bottom at the end", unit="m", ge=1e-4, le=0.05
-        )
-        angle_tolerance: Angle = port(
-            5.0, "largest rotation error of the peg at the end, up to its symmetry", ge=0.1, le=90
-        )
-        speed: Speed = port(0.3, "fraction of the arm's limits up to the hole")
-        down_speed: Speed = port(0.003, "fraction of the arm's limits where contact is expected")
+    class Ports(InsertingPorts, _PegPorts):
+        pass
 
     failures = {
         "NOT_HELD": "the gripper does not hold the peg",
-        "NO_CONTACT": "no bottom was detected in the hole",
-        "NOT_FOUND": "the peg did not enter at any position of the search",
-        "JAMMED": "the peg got stuck before it was fully inserted",
-        "SLIPPED": "the peg slid between the fingers",
-        "DROPPED": "the peg was lost",
+        **Inserting.failures,
         "NOT_INSERTED": "the peg is not where the arm estimates it: it moved in the gripper",
     }
     example = (
@@ -111,8 +81,8 @@ class Insert(Skill):
                     shared.enter_context(shared_grasp(arm, holder, into, HANDS_APART_M))
             try:
                 yield from self._go_above(bottom, grip)
-                offset = yield from self._search(bottom, grip)
-                yield from self._push_down(_moved(bottom, offset, 0.0), grip)
+                inserting = Inserting(arm, self.ports, name, grip, bottom, self.metrics)
+                yield from inserting.through()
             except Failure as failure:
                 if failure.code == "SLIPPED":
                     yield from grip.judge(failure)
@@ -162,8 +132,8 @@ class Insert(Skill):
         arm = self.arm
         ports = self.ports
         peg = frozenset({self.ports.object})
-        above = _moved(bottom, np.zeros(2), ports.depth + _CLEAR_M)
-        deepest = _moved(bottom, np.zeros(2), -ports.tolerance)
+        above = _raised(bottom, ports.depth + _CLEAR_M)
+        deepest = _raised(bottom, -ports.tolerance)
         starts: list[Vector] = []
         refusals: list[Failure] = []
         for down, _ in arm.lines(above, bottom, deepest):
@@ -182,117 +152,6 @@ class Insert(Skill):
             raise refusals[0]
         return (yield from arm.plan(starts, ports.speed))
 
-    def _search(self, bottom: Pose, grip: Grip) -> Generator[float | None, None, Vector]:
-        """Search the hole by hops along a spiral; returns its offset from the goal, (2,), m."""
-        arm = self.arm
-        ports = self.ports
-        force = grip.firm_for(ports.force)
-        rim = lowest = ports.depth  # height of the tool above its pose at the bottom
-        start = rim + _UNSURE_M
-        count = 0
-        for count, offset in enumerate(_spiral(ports.radius, ports.pitch), start=1):
-            height = yield from self._probe(bottom, offset, start, lowest, force, grip)
-            if height < lowest - _IN_M:
-                beside = float(np.linalg.norm(offset))
-                self.metrics |= {"search_places": count, "found_beside_m": beside}
-                return offset
-            # The peg may be held a little higher or lower than estimated, and slide in the fingers.
-            rim = height if count == 1 else min(rim, height)
-            lowest = min(lowest, rim)
-            start = rim + _HOP_M
-        yield from arm.relax()
-        raise Failure(
-            "NOT_FOUND",
-            f"none of {count} positions within {1e3 * ports.radius:.1f} mm admits the peg",
-            places=count,
-            radius_m=ports.radius,
-        )
 
-    def _probe(
-        self, bottom: Pose, offset: Vector, start: float, rim: float, force: float, grip: Grip
-    ) -> Generator[float | None, None, float]:
-        """Lower the peg at an offset; returns its height, m, at contact or in the hole.
-
-        Args:
-            bottom: Pose of the tool in the world with the peg at its goal.
-            offset: Offset from there, of shape (2,), m.
-            start: Height from which it is lowered, m.
-            rim: Lowest height of the rim, m: well below it, the peg is in the hole.
-            force: Contact force, N.
-            grip: Monitor of the grip.
-        """
-        high = _moved(bottom, offset, start)
-        deep = _moved(bottom, offset, rim - 2.0 * _IN_M)
-        down_speed = self.ports.down_speed
-        for _ in range(_FALSE):
-            yield from self._hop(high, grip)
-            yield from guarded_descent(self.arm, deep, down_speed, force, grip.look, lightly=True)
-            if self._height(bottom) < start - _HIGH_M:
-                break  # otherwise the friction of a joint was taken for a contact
-        return self._height(bottom)
-
-    def _hop(self, pose: Pose, grip: Grip) -> Iterator[float]:
-        """Move up, then sideways, without contact."""
-        arm = self.arm
-        here = self.arm.commanded_tool_pose
-        up = Pose(np.array((*here.position[:2], pose.position[2])), here.quaternion)
-        for start, end in ((here, up), (up, pose)):  # compliant while the peg still touches the rim
-            if start.distance(end) < 1e-6:
-                continue
-            motion = arm.begin(
-                arm.time_path(arm.line_on(end), 0.3), may_touch=True, compliant=start is here
-            )
-            while not motion.done:
-                yield 0.5
-                arm.check()
-                grip.look()
-
-    def _push_down(self, bottom: Pose, grip: Grip) -> Iterator[float | None]:
-        """Push to the bottom, once: a second push would make a stuck peg slide in the fingers."""
-        arm = self.arm
-        ports = self.ports
-        push = grip.firm_for(ports.push)
-        low = _moved(bottom, np.zeros(2), -ports.tolerance)
-        near = _moved(bottom, np.zeros(2), _NEAR_BOTTOM_M)
-        felt, most = yield from guarded_descent(
-            arm,
-            low,
-            ports.down_speed,
-            push,
-            grip.look,
-            near=near if self._height(bottom) > 2.0 * _NEAR_BOTTOM_M else None,
-            ignore=frozenset({ports.object}),
-        )
-        if not felt:
-            raise Failure("NO_CONTACT", "no bottom was detected at the full depth of the peg")
-        yield from arm.relax()
-        height = self._height(bottom)
-        self.metrics |= {"push_n": most, "height_off_m": height}
-        if height > ports.tolerance:
-            raise Failure(
-                "JAMMED",
-                f"the peg stuck {1e3 * height:.1f} mm before it was fully inserted",
-                height_off_m=height,
-                force_n=most,
-            )
-
-    def _height(self, bottom: Pose) -> float:
-        return float(self.arm.tool_pose.position[2] - bottom.position[2])
-
-
-def _spiral(radius: float, pitch: float) -> Iterator[Vector]:
-    """Offsets of the search, of shape (2,), m: outward in a spiral, then again between those.
-
-    The second pass helps where friction kept the peg off a position in the first. The offsets form
-    a sunflower spiral, which has uniform density (Vogel, Math. Biosci. 1979).
-    """
-    count = 1 + int((radius / pitch) ** 2)
-    for turn in range(_PASSES * count):
-        number = turn % count + turn // count / _PASSES
-        angle = number * _GOLDEN
-        yield pitch * np.sqrt(number) * np.array((np.cos(angle), np.sin(angle)))
-
-
-def _moved(pose: Pose, beside: Vector, height: float) -> Pose:
-    """Pose translated in the world: sideways by ``beside``, of shape (2,), and up; m."""
-    return Pose(pose.position + np.array((*beside, height)), pose.quaternion)
+def _raised(pose: Pose, height: float) -> Pose:
+    return Pose(pose.position + np.array((0.0, 0.0, height)), pose.quaternion)

@@ -486,7 +486,18 @@ class Compliance:
             self._holds = True
             self._numbers[_COMPENSATION_AT] = 0.0
 
-    def soften(self, friction_speed: float | None = None) -> None:
+    @property
+    def compensation(self) -> Vector:
+        """Torques that compensate disturbances now, of shape (dof,), N m."""
+        return self._compensation.copy()
+
+    def soften(
+        self,
+        friction_speed: float | None = None,
+        *,
+        bandwidth: float = _BANDWIDTH,
+        compensation: Vector | None = None,
+    ) -> None:
         """Become compliant at once and freeze the compensation: for an arm that just made contact.
 
         While it brakes its set-point still advances, and a stiff arm presses with 60 N for each
@@ -496,13 +507,19 @@ class Compliance:
             friction_speed: Velocity over which dry friction is smoothed, rad/s, for an arm that
                 starts to move in contact: feeding the friction forward at once would cause an
                 impact.
+            bandwidth: Bandwidth of the compliant arm, rad/s.
+            compensation: Compensation to freeze, of shape (dof,), N m, for an arm that is about to
+                make contact: that of an earlier motion along the same path. By default the current
+                one, which is a single noisy value if the arm was stiff.
         """
         if friction_speed is not None:
             self._numbers[_FRICTION_SPEED_AT] = friction_speed
         self._active = True
         self._holds = True
-        self._numbers[_BANDWIDTH_AT] = _BANDWIDTH
+        self._numbers[_BANDWIDTH_AT] = bandwidth
         self._numbers[_COMPENSATION_AT] = 0.0
+        if compensation is not None:
+            self._compensation[:] = compensation
 
     def yield_to(self, torque: Vector) -> None:
         """Change the frozen compensation of a soft arm by torques, of shape (dof,), N m.

@@ -1,0 +1,391 @@
+"""Insertion of a held peg: search of its hole by touch, and the push to the bottom."""
+
+from __future__ import annotations
+
+import itertools
+from collections import deque
+from collections.abc import Generator, Iterator, Mapping
+from typing import Final
+
+import numpy as np
+
+from bt_dualarm.arm.arm import Arm
+from bt_dualarm.core.errors import Failure, Number
+from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.skill.grip import Grip
+from bt_dualarm.skill.placing import TOUCHDOWN_M_S, guarded_descent, until_contact
+from bt_dualarm.spec.node_types import PortModel, port
+from bt_dualarm.spec.values import Speed
+from bt_dualarm.trajectory.overlap import OverlappedMotion
+
+# The first touch
+_UNSURE_M: Final = 0.0015  # height above the expected rim from which the peg is lowered
+_HIGH_M: Final = (
+    0.0005  # a contact sensed within so much of the beginning of a descent is a false one
+)
+_FALSE: Final = 3  # descents until a false contact counts
+_DEEP_M: Final = 0.005  # depth below the expected rim at which the first descent ends
+_INSIDE_M: Final = 0.0025  # depth below it at which the peg is in the hole
+
+# Hops
+_LEARNED_M: Final = 0.0007  # height above the rim up to which the arm learns what lifting takes
+_LEARNED_M_S: Final = 0.004  # speed at which it does
+_LIFT_M: Final = 0.00012  # height above the rim at which the peg moves sideways
+_AIR_M: Final = 0.00004  # height of the rising set-point from which the arm is stiff
+_SOFT_M: Final = 0.0001  # height of the sinking set-point from which it is compliant
+_DIP_M: Final = 0.00014  # depth of the set-point below the rim at the end of a hop
+_SUNK_M: Final = 0.00008  # depth of the peg below the rim at which it has begun to enter
+_BANDWIDTH: Final = 50.0
+"""Bandwidth of the arm in contact, rad/s: 20 N/mm at a UR5's tool. Softer, friction moves the peg
+off its position; stiffer, the last 0.1 mm press too hard."""
+_BRISK: Final = 0.5  # fraction of the acceleration and jerk limits of a descent
+_OVERLAP_UP: Final = 0.5  # largest fraction of the rise during which it moves sideways already
+_OVERLAP_DOWN: Final = 0.8  # largest fraction of the sideways motion during which it sinks already
+_TOUCHES: Final = 5  # contacts whose median is the height of the rim
+_PASSES: Final = 2  # passes of the search; the second searches between the positions of the first
+
+# The push
+_ENTER_M: Final = 0.0008  # further depth that shows whether the peg is in the hole
+_ENTER_M_S: Final = 0.003  # speed at which it is covered
+_ENTER_BEHIND_M: Final = 0.00045  # distance behind the set-point at which it is on the rim
+_ENTERED_M: Final = 0.0006  # depth below the rim at which it is in the hole
+_IN_HOLE_M_S: Final = 0.008  # highest speed in the hole: 20 N if the peg gets stuck
+_NEAR_BOTTOM_M: Final = 0.001  # height above the bottom from which contact is expected
+_CALM: Final = 0.3  # fraction of the acceleration and jerk limits of these motions
+_PUSH_BANDWIDTH: Final = 40.0  # bandwidth in the hole, whose walls center a soft arm, rad/s
+_BLEND_S: Final = 0.08  # longest overlap of its parts, s
+_LEAVE: Final = 0.1  # fraction of the limits with which a peg that is not in leaves the rim
+
+
+class InsertingPorts(PortModel):
+    """Ports of skills that insert."""
+
+    depth: float = port(0.03, "depth of the inserted peg in the hole", unit="m", ge=0.005, le=0.3)
+    radius: float = port(
+        0.0018,
+        "position uncertainty of the hole; radius of the search",
+        unit="m",
+        ge=0,
+        le=0.02,
+    )
+    pitch: float = port(
+        0.0004, "distance of neighboring positions of the search", unit="m", ge=1e-4, le=0.005
+    )
+    force: float = port(
+        6.0, "contact force at which the rim is detected first", unit="N", ge=1, le=100
+    )
+    push: float = port(
+        12.0, "contact force at which the bottom is detected", unit="N", ge=1, le=200
+    )
+    tolerance: float = port(
+        0.003, "largest distance from the bottom at the end", unit="m", ge=1e-4, le=0.05
+    )
+    down_speed: Speed = port(0.003, "fraction of the arm's limits where contact is expected")
+
+
+class Inserting:
+    """Search of a hole by touch, and insertion of one held peg.
+
+    The first descent ends at the rim of the hole. It shows how high the rim is, and which torques
+    compensate the joints' friction and the model errors of the descending arm; a short rise shows
+    those of the rising one. Then the peg hops from position to position: up, sideways and down in
+    one motion that ends slightly below the rim. With the torques known, the arm need not learn them
+    before each contact. It is stiff, and therefore precise, while the peg is in the air, and
+    compliant in contact. Where the peg sinks, it follows, and is pushed to the bottom.
+
+    Args:
+        arm: Arm whose gripper holds the peg, which is above its hole.
+        ports: Ports of the skill.
+        peg: Name of the peg.
+        grip: Monitor of the peg.
+        bottom: Pose of the tool in the world with the peg at its goal.
+        metrics: Metrics of the skill, to be filled.
+
+    Attributes:
+        failures: Failure codes of inserting and their meaning.
+    """
+
+    failures: Final[Mapping[str, str]] = {
+        "NO_CONTACT": "no bottom was detected in the hole",
+        "NOT_FOUND": "the peg did not enter at any position of the search",
+        "JAMMED": "the peg got stuck before it was fully inserted",
+        "SLIPPED": "the peg slid between the fingers",
+        "DROPPED": "the peg was lost",
+    }
+
+    def __init__(
+        self,
+        arm: Arm,
+        ports: InsertingPorts,
+        peg: str,
+        grip: Grip,
+        bottom: Pose,
+        metrics: dict[str, Number],
+    ) -> None:
+        self._arm = arm
+        self._ports = ports
+        self._peg = frozenset({peg})
+        self._bottom = bottom
+        self._metrics = metrics
+        self._grip = grip
+        self._compliance = arm.controller.compliance
+
+    def through(self) -> Generator[float | None, None, None]:
+        """Search the hole, push the peg in, and check its depth; yields the progress once per tick.
+
+        Raises:
+            Failure: ``NOT_FOUND``, ``NO_CONTACT``, ``JAMMED``; as `Grip.look` and motions.
+        """
+        yield from self._search()
+        yield from self._arm.relax()
+        height = self._height
+        self._metrics |= {"height_off_m": height}
+        if height > self._ports.tolerance:
+            raise Failure(
+                "JAMMED",
+                f"the peg stuck {1e3 * height:.1f} mm before it was fully inserted",
+                height_off_m=height,
+                force_n=self._metrics["push_n"],
+            )
+
+    def _search(self) -> Generator[float | None, None, None]:
+        """Touch the rim, then hop along a spiral until the peg enters."""
+        ports = self._ports
+        at = np.zeros(2)
+        rim = yield from self._first_touch()
+        if rim < ports.depth - _INSIDE_M:
+            self._metrics |= {"search_places": 1, "found_beside_m": 0.0}
+            yield from self._push_in(at, ports.depth)
+            return
+        yield from self._learn_rise(rim)
+        # The peg may be held a little higher or lower than estimated, and slide in the fingers. A
+        # single touch may be a joint that sticks above the rim.
+        touches = deque([rim] * (_TOUCHES // 2 + 1), _TOUCHES)
+        count = 1
+        for offset in positions(ports.radius, ports.pitch)[1:]:
+            count += 1
+            rim = float(np.median(touches))
+            height = yield from self._hop(at, offset, rim)
+            at = offset
+            if height > rim - _SUNK_M:
+                touches.append(height)
+                continue
+            inside = (self._arm.tool_pose.position - self._bottom.position)[:2]
+            beside = float(np.linalg.norm(inside))
+            self._metrics |= {"search_places": count, "found_beside_m": beside}
+            if (yield from self._push_in(inside, rim)):
+                return
+            at = (self._arm.commanded_tool_pose.position - self._bottom.position)[:2]
+            yield from self._leave(at, rim)
+        yield from self._arm.relax()
+        raise Failure(
+            "NOT_FOUND",
+            f"none of {count} positions within {1e3 * ports.radius:.1f} mm admits the peg",
+            places=count,
+            radius_m=ports.radius,
+        )
+
+    def _first_touch(self) -> Generator[float | None, None, float]:
+        """Lower the peg at the expected position; returns its height, m, at contact or inside."""
+        arm = self._arm
+        ports = self._ports
+        force = self._grip.firm_for(ports.force)
+        middle = np.zeros(2)
+        start = ports.depth + _UNSURE_M
+        for _ in range(_FALSE):
+            high = self._at(middle, start)
+            if arm.commanded_tool_pose.distance(high) > 1e-6:
+                motion = arm.begin(
+                    arm.time_path(arm.line_on(high), 0.3),
+                    may_touch=True,
+                    compliant=self._compliance.active,
+                )
+                while not motion.done:
+                    yield 0.3
+                    self._check()
+            yield from guarded_descent(
+                arm,
+                self._at(middle, ports.depth - _DEEP_M),
+                ports.down_speed,
+                force,
+                self._grip.look,
+                lightly=True,
+            )
+            if self._height < start - _HIGH_M:
+                break  # otherwise the friction of a joint was taken for a contact
+        self._descending = self._compliance.compensation
+        return self._height
+
+    def _learn_rise(self, rim: float) -> Iterator[float]:
+        """Lift the peg slowly, and learn the torques that compensate friction in a rise.
+
+        Args:
+            rim: Height of the tool above its goal with the peg on the rim, m.
+        """
+        arm = self._arm
+        high = arm.line_on(self._at(np.zeros(2), rim + _LEARNED_M))
+        timed, _ = arm.slow_path(high, 1.0, _LEARNED_M_S, _CALM)
+        motion = arm.begin(timed, may_touch=True, compliant=True)
+        learned: list[Vector] = []
+        while not motion.done:
+            # The set-point is still below the rim, from which a stiff arm pulls the peg off.
+            if self._commanded_height > rim - _LIFT_M:
+                self._compliance.active = False
+            if self._height > rim + _DIP_M:
+                learned.append(self._compliance.compensation)
+            yield 0.3
+            self._check()
+        self._rising = np.mean(learned, axis=0) if learned else self._compliance.compensation
+
+    def _hop(self, start: Vector, end: Vector, rim: float) -> Generator[float | None, None, float]:
+        """Move from one position of the search to another; returns the height there, m.
+
+        Args:
+            start: Position before, relative to the goal, of shape (2,), m.
+            end: Position after.
+            rim: Height of the tool above its goal with the peg on the rim, m.
+        """
+        arm = self._arm
+        compliance = self._compliance
+        up = arm.line_on(self._at(start, rim + _LIFT_M))
+        aside = arm.line_after(up[-1], self._at(end, rim + _LIFT_M))
+        down = arm.line_after(aside[-1], self._at(end, rim - _DIP_M))
+        rise = arm.time_path(up, 1.0)
+        shift = arm.time_path(aside, 1.0)
+        lower, _ = arm.slow_path(down, self._ports.down_speed, TOUCHDOWN_M_S, _BRISK)
+        whole = OverlappedMotion.of(rise)
+        whole = arm.overlapped(whole, shift, 1.0, _OVERLAP_UP * rise.duration, self._peg)
+        whole = arm.overlapped(whole, lower, 1.0, _OVERLAP_DOWN * shift.duration, self._peg)
+        shifted_s = whole.ends_s[1]
+        in_contact = compliance.active
+        if in_contact:
+            compliance.soften(bandwidth=_BANDWIDTH, compensation=self._rising)
+        motion = arm.begin(whole.motion, may_touch=True, compliant=in_contact)
+        while not motion.done:
+            height = self._commanded_height
+            if motion.parameter.s >= shifted_s:
+                if height < rim + _SOFT_M and not compliance.active:
+                    compliance.soften(bandwidth=_BANDWIDTH, compensation=self._descending)
+            elif height > rim + _AIR_M:
+                compliance.active = False
+            yield 0.5
+            self._check()
+        return self._height
+
+    def _push_in(self, at: Vector, rim: float) -> Generator[float | None, None, bool]:
+        """Follow the peg into the hole and push it to the bottom, once.
+
+        A second push would make a stuck peg slide in the fingers. The arm moves to the position
+        that it has measured, so that it does not press on a wall.
+
+        Args:
+            at: Position relative to the goal, of shape (2,), m.
+            rim: Height of the tool above its goal with the peg on the rim, m.
+
+        Returns:
+            Whether the peg was in the hole; otherwise it is on the rim.
+
+        Raises:
+            Failure: ``NO_CONTACT`` with the bottom.
+        """
+        arm = self._arm
+        ports = self._ports
+        push = self._grip.firm_for(ports.push)
+        low = min(rim - ports.depth, 0.0) - ports.tolerance
+        near = max(rim - ports.depth + _NEAR_BOTTOM_M, low)
+        enter = max(self._commanded_height - _ENTER_M, low)
+        rows = arm.line_on(self._at(at, enter))
+        timed, top = arm.slow_path(rows, ports.down_speed, _ENTER_M_S, _CALM)
+        whole = OverlappedMotion.of(timed)
+        for height, speed, most_m_s in (
+            (near, 1.0, _IN_HOLE_M_S),
+            (low, ports.down_speed, TOUCHDOWN_M_S),
+        ):
+            if height < enter:
+                rows = arm.line_after(rows[-1], self._at(at, height))
+                timed, top = arm.slow_path(rows, speed, most_m_s, _CALM)
+                whole = arm.overlapped(whole, timed, _CALM, _BLEND_S, self._peg)
+        self._compliance.soften(bandwidth=_PUSH_BANDWIDTH, compensation=self._descending)
+        motion = arm.begin(whole.motion, may_touch=True, compliant=True)
+        while motion.parameter.s < whole.ends_s[0]:
+            yield 0.6
+            self._check()
+            behind = self._height - self._commanded_height
+            if behind > _ENTER_BEHIND_M and self._height > rim - _ENTERED_M:
+                break
+        if self._height > rim - _ENTERED_M:
+            yield from arm.halt()
+            return False
+        felt, most = yield from until_contact(
+            arm,
+            motion,
+            whole.motion.duration,
+            np.array((0.0, 0.0, -1.0)),
+            top,
+            push,
+            self._grip.look,
+        )
+        if not felt:
+            raise Failure("NO_CONTACT", "no bottom was detected at the full depth of the peg")
+        self._metrics |= {"push_n": most}
+        return True
+
+    def _leave(self, at: Vector, rim: float) -> Iterator[float]:
+        """Lift a peg that is not in the hole, but may be caught at its edge."""
+        arm = self._arm
+        rows = arm.line_on(self._at(at, rim + _LIFT_M))
+        self._compliance.soften(bandwidth=_BANDWIDTH, compensation=self._rising)
+        motion = arm.begin(arm.time_path(rows, _LEAVE), may_touch=True, compliant=True)
+        while not motion.done:
+            yield 0.5
+            self._check()
+        self._compliance.active = False
+
+    def _check(self) -> None:
+        self._arm.check()
+        self._grip.look()
+
+    def _at(self, beside: Vector, height: float) -> Pose:
+        """Pose of the tool in the world, off its goal: sideways, of shape (2,), and up; m."""
+        bottom = self._bottom
+        return Pose(bottom.position + np.array((*beside, height)), bottom.quaternion)
+
+    @property
+    def _height(self) -> float:
+        """Height of the tool above its goal, from the encoders, m."""
+        return float(self._arm.tool_pose.position[2] - self._bottom.position[2])
+
+    @property
+    def _commanded_height(self) -> float:
+        return float(self._arm.commanded_tool_pose.position[2] - self._bottom.position[2])
+
+
+def positions(radius: float, pitch: float) -> list[Vector]:
+    """Positions of a search from inside to outside, then again between those.
+
+    They form a triangular lattice, which covers the plane with the fewest circles (Kershner, The
+    number of circles covering a set, Amer. J. Math. 1939): no point is farther than
+    ``pitch / sqrt(3)`` from one of them. One ring follows the other, so that neighbors come after
+    each other. The second pass helps where friction kept the peg off a position in the first.
+
+    Args:
+        radius: Largest distance from the center, m.
+        pitch: Distance of neighbors, m.
+
+    Returns:
+        Offsets from the center, each of shape (2,), m; the center first.
+    """
+    corners = [np.array((np.cos(angle), np.sin(angle))) for angle in np.arange(7) * np.pi / 3.0]
+    rings = int(np.ceil(radius / (pitch * np.cos(np.pi / 6.0)))) + 1
+    lattice = [np.zeros(2)]
+    for ring in range(1, rings + 1):
+        for first, second in itertools.pairwise(corners):
+            lattice += [pitch * ((ring - i) * first + i * second) for i in range(ring)]
+    between = pitch / np.sqrt(3.0) * np.array((np.cos(np.pi / 6.0), np.sin(np.pi / 6.0)))
+    shifts = [number / _PASSES * 2.0 * between for number in range(_PASSES)]
+    return [
+        at + shift
+        for shift in shifts
+        for at in lattice
+        if float(np.linalg.norm(at + shift)) <= radius + 1e-9
+    ]
