@@ -17,6 +17,7 @@ from bt_dualarm.skill.placing import TOUCHDOWN_M_S, guarded_descent, until_conta
 from bt_dualarm.spec.node_types import PortModel, port
 from bt_dualarm.spec.values import Speed
 from bt_dualarm.trajectory.overlap import OverlappedMotion
+from bt_dualarm.trajectory.trajectory import Trajectory
 
 # The first touch
 _UNSURE_M: Final = 0.0015  # height above the expected rim from which the peg is lowered
@@ -28,21 +29,23 @@ _DEEP_M: Final = 0.005  # depth below the expected rim at which the first descen
 _INSIDE_M: Final = 0.0025  # depth below it at which the peg is in the hole
 
 # Hops
-_LEARNED_M: Final = 0.0007  # height above the rim up to which the arm learns what lifting takes
+_LEARNED_M: Final = 0.0006  # height above the rim up to which the arm learns what lifting takes
 _LEARNED_M_S: Final = 0.004  # speed at which it does
-_LIFT_M: Final = 0.00012  # height above the rim at which the peg moves sideways
+_LIFT_M: Final = (0.00012, 0.0003)  # height above the rim at which the peg moves sideways, bounds
+_LIFT_DEVIATIONS: Final = 4.0  # the same in standard deviations of the tool about its set-point
 _AIR_M: Final = 0.00004  # height of the rising set-point from which the arm is stiff
-_SOFT_M: Final = 0.0001  # height of the sinking set-point from which it is compliant
+_SOFT_M: Final = 0.00002  # distance that the set-point sinks before it is compliant
 _DIP_M: Final = 0.00014  # depth of the set-point below the rim at the end of a hop
 _SUNK_M: Final = 0.00008  # depth of the peg below the rim at which it has begun to enter
 _BANDWIDTH: Final = 50.0
 """Bandwidth of the arm in contact, rad/s: 20 N/mm at a UR5's tool. Softer, friction moves the peg
 off its position; stiffer, the last 0.1 mm press too hard."""
+_HOP: Final = 0.5  # fraction of the limits off the rim; faster, the arms of `rough` shake
 _BRISK: Final = 0.5  # fraction of the acceleration and jerk limits of a descent
 _OVERLAP_UP: Final = 0.5  # largest fraction of the rise during which it moves sideways already
 _OVERLAP_DOWN: Final = 0.8  # largest fraction of the sideways motion during which it sinks already
 _TOUCHES: Final = 5  # contacts whose median is the height of the rim
-_PASSES: Final = 2  # passes of the search; the second searches between the positions of the first
+_PASSES: Final = 3  # passes of the search, each between the positions of the ones before
 
 # The push
 _ENTER_M: Final = 0.0008  # further depth that shows whether the peg is in the hole
@@ -219,6 +222,8 @@ class Inserting:
     def _learn_rise(self, rim: float) -> Iterator[float]:
         """Lift the peg slowly, and learn the torques that compensate friction in a rise.
 
+        It also shows how much the tool shakes, and how high it has to be to stay off the rim.
+
         Args:
             rim: Height of the tool above its goal with the peg on the rim, m.
         """
@@ -227,15 +232,19 @@ class Inserting:
         timed, _ = arm.slow_path(high, 1.0, _LEARNED_M_S, _CALM)
         motion = arm.begin(timed, may_touch=True, compliant=True)
         learned: list[Vector] = []
+        behind: list[float] = []
         while not motion.done:
             # The set-point is still below the rim, from which a stiff arm pulls the peg off.
-            if self._commanded_height > rim - _LIFT_M:
+            if self._commanded_height > rim - _LIFT_M[0]:
                 self._compliance.active = False
             if self._height > rim + _DIP_M:
                 learned.append(self._compliance.compensation)
+                behind.append(self._commanded_height - self._height)
             yield 0.3
             self._check()
         self._rising = np.mean(learned, axis=0) if learned else self._compliance.compensation
+        shakes = float(np.std(behind)) if behind else 0.0
+        self._lift = float(np.clip(_LIFT_DEVIATIONS * shakes, *_LIFT_M))
 
     def _hop(self, start: Vector, end: Vector, rim: float) -> Generator[float | None, None, float]:
         """Move from one position of the search to another; returns the height there, m.
@@ -247,24 +256,26 @@ class Inserting:
         """
         arm = self._arm
         compliance = self._compliance
-        up = arm.line_on(self._at(start, rim + _LIFT_M))
-        aside = arm.line_after(up[-1], self._at(end, rim + _LIFT_M))
+        in_contact = compliance.active
+        rise = Trajectory.rest(arm.setpoint.q, arm.period)
+        high = self._commanded_height
+        if in_contact:
+            high = rim + self._lift
+            rise = arm.time_path(arm.line_on(self._at(start, high)), _HOP)
+            compliance.soften(bandwidth=_BANDWIDTH, compensation=self._rising)
+        aside = arm.line_after(rise.end, self._at(end, high))
         down = arm.line_after(aside[-1], self._at(end, rim - _DIP_M))
-        rise = arm.time_path(up, 1.0)
-        shift = arm.time_path(aside, 1.0)
+        shift = arm.time_path(aside, _HOP)
         lower, _ = arm.slow_path(down, self._ports.down_speed, TOUCHDOWN_M_S, _BRISK)
         whole = OverlappedMotion.of(rise)
-        whole = arm.overlapped(whole, shift, 1.0, _OVERLAP_UP * rise.duration, self._peg)
-        whole = arm.overlapped(whole, lower, 1.0, _OVERLAP_DOWN * shift.duration, self._peg)
+        whole = arm.overlapped(whole, shift, _HOP, _OVERLAP_UP * rise.duration, self._peg)
+        whole = arm.overlapped(whole, lower, _HOP, _OVERLAP_DOWN * shift.duration, self._peg)
         shifted_s = whole.ends_s[1]
-        in_contact = compliance.active
-        if in_contact:
-            compliance.soften(bandwidth=_BANDWIDTH, compensation=self._rising)
         motion = arm.begin(whole.motion, may_touch=True, compliant=in_contact)
         while not motion.done:
             height = self._commanded_height
             if motion.parameter.s >= shifted_s:
-                if height < rim + _SOFT_M and not compliance.active:
+                if height < rim + self._lift - _SOFT_M and not compliance.active:
                     compliance.soften(bandwidth=_BANDWIDTH, compensation=self._descending)
             elif height > rim + _AIR_M:
                 compliance.active = False
@@ -333,7 +344,7 @@ class Inserting:
     def _leave(self, at: Vector, rim: float) -> Iterator[float]:
         """Lift a peg that is not in the hole, but may be caught at its edge."""
         arm = self._arm
-        rows = arm.line_on(self._at(at, rim + _LIFT_M))
+        rows = arm.line_on(self._at(at, rim + self._lift))
         self._compliance.soften(bandwidth=_BANDWIDTH, compensation=self._rising)
         motion = arm.begin(arm.time_path(rows, _LEAVE), may_touch=True, compliant=True)
         while not motion.done:
@@ -361,12 +372,12 @@ class Inserting:
 
 
 def positions(radius: float, pitch: float) -> list[Vector]:
-    """Positions of a search from inside to outside, then again between those.
+    """Positions of a search from inside to outside, then again between those, and once more.
 
     They form a triangular lattice, which covers the plane with the fewest circles (Kershner, The
     number of circles covering a set, Amer. J. Math. 1939): no point is farther than
     ``pitch / sqrt(3)`` from one of them. One ring follows the other, so that neighbors come after
-    each other. The second pass helps where friction kept the peg off a position in the first.
+    each other. Further passes help where friction kept the peg off a position.
 
     Args:
         radius: Largest distance from the center, m.
@@ -382,7 +393,7 @@ def positions(radius: float, pitch: float) -> list[Vector]:
         for first, second in itertools.pairwise(corners):
             lattice += [pitch * ((ring - i) * first + i * second) for i in range(ring)]
     between = pitch / np.sqrt(3.0) * np.array((np.cos(np.pi / 6.0), np.sin(np.pi / 6.0)))
-    shifts = [number / _PASSES * 2.0 * between for number in range(_PASSES)]
+    shifts = [number * between for number in range(_PASSES)]
     return [
         at + shift
         for shift in shifts
