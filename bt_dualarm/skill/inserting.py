@@ -17,6 +17,7 @@ from bt_dualarm.skill.placing import TOUCHDOWN_M_S, guarded_descent, until_conta
 from bt_dualarm.spec.node_types import PortModel, port
 from bt_dualarm.spec.values import Speed
 from bt_dualarm.trajectory.overlap import OverlappedMotion
+from bt_dualarm.trajectory.set_points import TrajectorySource
 from bt_dualarm.trajectory.trajectory import Trajectory
 
 # The first touch
@@ -56,6 +57,7 @@ _IN_HOLE_M_S: Final = 0.008  # highest speed in the hole: 20 N if the peg gets s
 _NEAR_BOTTOM_M: Final = 0.001  # height above the bottom from which contact is expected
 _CALM: Final = 0.3  # fraction of the acceleration and jerk limits of these motions
 _PUSH_BANDWIDTH: Final = 40.0  # bandwidth in the hole, whose walls center a soft arm, rad/s
+_PUSHES: Final = 4  # attempts to push a peg that gets stuck
 _BLEND_S: Final = 0.08  # longest overlap of its parts, s
 _LEAVE: Final = 0.1  # fraction of the limits with which a peg that is not in leaves the rim
 
@@ -140,7 +142,6 @@ class Inserting:
             Failure: ``NOT_FOUND``, ``NO_CONTACT``, ``JAMMED``; as `Grip.look` and motions.
         """
         yield from self._search()
-        yield from self._arm.relax()
         height = self._height
         self._metrics |= {"height_off_m": height}
         if height > self._ports.tolerance:
@@ -173,7 +174,7 @@ class Inserting:
             if height > rim - _SUNK_M:
                 touches.append(height)
                 continue
-            inside = (self._arm.tool_pose.position - self._bottom.position)[:2]
+            inside = self._measured
             beside = float(np.linalg.norm(inside))
             self._metrics |= {"search_places": count, "found_beside_m": beside}
             if (yield from self._push_in(inside, rim)):
@@ -284,10 +285,11 @@ class Inserting:
         return self._height
 
     def _push_in(self, at: Vector, rim: float) -> Generator[float | None, None, bool]:
-        """Follow the peg into the hole and push it to the bottom, once.
+        """Follow the peg into the hole, and push it to the bottom.
 
-        A second push would make a stuck peg slide in the fingers. The arm moves to the position
-        that it has measured, so that it does not press on a wall.
+        The arm moves to the position that it has measured, so that it does not press on a wall. A
+        peg that gets stuck is relieved of all forces, which moves it off the wall, and pushed again
+        from there.
 
         Args:
             at: Position relative to the goal, of shape (2,), m.
@@ -304,42 +306,64 @@ class Inserting:
         push = self._grip.firm_for(ports.push)
         low = min(rim - ports.depth, 0.0) - ports.tolerance
         near = max(rim - ports.depth + _NEAR_BOTTOM_M, low)
-        enter = max(self._commanded_height - _ENTER_M, low)
-        rows = arm.line_on(self._at(at, enter))
-        timed, top = arm.slow_path(rows, ports.down_speed, _ENTER_M_S, _CALM)
-        whole = OverlappedMotion.of(timed)
-        for height, speed, most_m_s in (
-            (near, 1.0, _IN_HOLE_M_S),
-            (low, ports.down_speed, TOUCHDOWN_M_S),
-        ):
-            if height < enter:
-                rows = arm.line_after(rows[-1], self._at(at, height))
-                timed, top = arm.slow_path(rows, speed, most_m_s, _CALM)
-                whole = arm.overlapped(whole, timed, _CALM, _BLEND_S, self._peg)
-        self._compliance.soften(bandwidth=_PUSH_BANDWIDTH, compensation=self._descending)
-        motion = arm.begin(whole.motion, may_touch=True, compliant=True)
-        while motion.parameter.s < whole.ends_s[0]:
+        is_in = False
+        for _ in range(_PUSHES):
+            enter = max(self._commanded_height - _ENTER_M, low)
+            rows = arm.line_on(self._at(at, enter))
+            timed, top = arm.slow_path(rows, ports.down_speed, _ENTER_M_S, _CALM)
+            whole = OverlappedMotion.of(timed)
+            for height, speed, most_m_s in (
+                (near, 1.0, _IN_HOLE_M_S),
+                (low, ports.down_speed, TOUCHDOWN_M_S),
+            ):
+                if height < enter:
+                    rows = arm.line_after(rows[-1], self._at(at, height))
+                    timed, top = arm.slow_path(rows, speed, most_m_s, _CALM)
+                    whole = arm.overlapped(whole, timed, _CALM, _BLEND_S, self._peg)
+            self._compliance.soften(bandwidth=_PUSH_BANDWIDTH, compensation=self._descending)
+            motion = arm.begin(whole.motion, may_touch=True, compliant=True)
+            if not is_in:
+                is_in = yield from self._enter(motion, whole.ends_s[0], rim)
+                if not is_in:
+                    return False
+            felt, most = yield from until_contact(
+                arm,
+                motion,
+                whole.motion.duration,
+                np.array((0.0, 0.0, -1.0)),
+                top,
+                push,
+                self._grip.look,
+            )
+            if not felt:
+                raise Failure("NO_CONTACT", "no bottom was detected at the full depth of the peg")
+            self._metrics |= {"push_n": most}
+            yield from arm.relax()
+            if self._height <= near:
+                break
+            at = self._measured
+        return True
+
+    def _enter(
+        self, motion: TrajectorySource, until_s: float, rim: float
+    ) -> Generator[float | None, None, bool]:
+        """Follow the beginning of a push; returns whether the peg is in the hole.
+
+        Args:
+            motion: Running motion.
+            until_s: Time of the motion as planned at which the peg has to be in the hole, s.
+            rim: Height of the tool above its goal with the peg on the rim, m.
+        """
+        while motion.parameter.s < until_s:
             yield 0.6
             self._check()
             behind = self._height - self._commanded_height
             if behind > _ENTER_BEHIND_M and self._height > rim - _ENTERED_M:
                 break
-        if self._height > rim - _ENTERED_M:
-            yield from arm.halt()
-            return False
-        felt, most = yield from until_contact(
-            arm,
-            motion,
-            whole.motion.duration,
-            np.array((0.0, 0.0, -1.0)),
-            top,
-            push,
-            self._grip.look,
-        )
-        if not felt:
-            raise Failure("NO_CONTACT", "no bottom was detected at the full depth of the peg")
-        self._metrics |= {"push_n": most}
-        return True
+        if self._height <= rim - _ENTERED_M:
+            return True
+        yield from self._arm.halt()
+        return False
 
     def _leave(self, at: Vector, rim: float) -> Iterator[float]:
         """Lift a peg that is not in the hole, but may be caught at its edge."""
@@ -360,6 +384,11 @@ class Inserting:
         """Pose of the tool in the world, off its goal: sideways, of shape (2,), and up; m."""
         bottom = self._bottom
         return Pose(bottom.position + np.array((*beside, height)), bottom.quaternion)
+
+    @property
+    def _measured(self) -> Vector:
+        """Position of the tool beside its goal, from the encoders, of shape (2,), m."""
+        return self._arm.tool_pose.position[:2] - self._bottom.position[:2]
 
     @property
     def _height(self) -> float:

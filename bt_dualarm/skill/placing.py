@@ -910,8 +910,15 @@ class SettingDown:
             if not in_contact:
                 watch.look(arm.time)
                 arm.refuse_when_held_up(running, wait_s)
+                if self._test is None and self._is_beyond(lies):
+                    self._test = came_along(arm, self._held, width, lies)
+            self._continue_test(width)
         yield from arm.settle()
-        self._test = came_along(arm, self._held, width, lies)
+        if self._test is None:
+            self._test = came_along(arm, self._held, width, lies)
+
+    def _is_beyond(self, lies: Pose) -> bool:
+        return self._left.is_there and _is_beyond(self._arm, self._name, lies)
 
     def _continue_test(self, width: float) -> None:
         """Continue the test whether the object stuck to the gripper; open again at its end."""
