@@ -369,6 +369,7 @@ _NARROWER_M: Final = 0.005  # opening below the object's width to which the fing
 _MET_M: Final = 0.0025  # opening above that at which they have met the object
 _BESIDE_M: Final = 0.005  # clearance of fingertips or lip from the placed object
 _LASTS_S: Final = 0.05  # required duration of the hold: a drive pushes before its fingers move
+_BOUNCES_S: Final = 1.0  # further time for fingers that bounce off an object to come to rest
 _FEELS_S: Final = 0.25  # time in addition to the closing time; a vacuum reaches 86 % after 0.1 s
 
 
@@ -410,15 +411,17 @@ def came_along(
         lasts = _FEELS_S
     began = arm.time
     since = arm.time
-    while arm.time - began <= lasts:
+    while True:
+        is_open = bool(page.fingers) and gripper.width > goal + _MET_M
+        if arm.time - began > (lasts + _BOUNCES_S if is_open else lasts):
+            return is_open
         if page.fingers and gripper.at_rest and gripper.width <= goal + page.resolution:
             return False
         if not gripper.holding:
             since = arm.time
         elif arm.time - since >= _LASTS_S:
-            return not page.fingers or gripper.width > goal + _MET_M
+            return not page.fingers or is_open
         yield 1.0
-    return False
 
 
 def _is_beyond(arm: Arm, name: str, lies: Pose) -> bool:
