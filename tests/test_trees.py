@@ -202,6 +202,7 @@ def check_peg_in_hole(ran: Ran) -> None:
     assert leaf["metrics"]["search_places"] > 1
     assert 3e-4 < leaf["metrics"]["inserted_error_m"] < 1.1e-3, "as far as the hole is off"
     assert leaf["metrics"]["push_n"] < 25.0
+    assert leaf["ended_s"] - leaf["started_s"] < 12.0
 
 
 def check_assembly(ran: Ran) -> None:

@@ -376,7 +376,7 @@ _FEELS_S: Final = 0.25  # time in addition to the closing time; a vacuum reaches
 def came_along(
     arm: Arm, held: Attachment, width: float, lies: Pose
 ) -> Generator[float, None, bool]:
-    """Test with the gripper, after the retreat, whether the released object sticks to it.
+    """Test with the gripper, clear of the released object, whether that sticks to it.
 
     An object that sticks to a pad is still between the pads: these close with their minimum force
     to a little less than its width, and either touch it or not. A cup applies its vacuum again: an

@@ -40,6 +40,25 @@ def test_joints_break_loose_first_and_what_is_off_then_is_a_mean() -> None:
     assert (numbers == stiff).all()
 
 
+def test_a_soft_arm_keeps_the_compensation_that_it_is_given() -> None:
+    """Without one, it keeps the current one; neither is learned further."""
+    numbers = law_array(control_law(PERIOD, 0.002, np.zeros(3)))
+    stiff = numbers.copy()
+    torques = np.arange(6.0)
+    compliance = Compliance(numbers, PERIOD, torques)
+    compliance.soften()
+    assert (compliance.compensation == np.arange(6.0)).all()
+    before = compliance.compensation
+    compliance.soften(bandwidth=50.0, compensation=np.ones(6))
+    compliance.advance()
+    assert (torques == 1.0).all()
+    assert (before == np.arange(6.0)).all(), "a copy, which may be given back later"
+    assert 50.0 in numbers
+    assert numbers[-1] == 0.0
+    compliance.active = False
+    assert (numbers == stiff).all()
+
+
 def pushed(controller: JointController, seconds: float, force: float) -> float:
     """How far the tool is pushed down from its set-point, m."""
     world = controller._world
