@@ -159,8 +159,9 @@ class Inserting:
         rim = yield from self._first_touch()
         if rim < ports.depth - _INSIDE_M:
             self._metrics |= {"search_places": 1, "found_beside_m": 0.0}
-            yield from self._push_in(at, ports.depth)
-            return
+            if (yield from self._push_in(at, ports.depth)):
+                return
+            rim = self._height  # it is caught at the edge
         yield from self._learn_rise(rim)
         # The peg may be held a little higher or lower than estimated, and slide in the fingers. A
         # single touch may be a joint that sticks above the rim.
