@@ -9,6 +9,7 @@ from bt_dualarm.control.computed_torque import BREAKAWAY_S, Compliance
 from bt_dualarm.control.control_kernels import law_array
 from bt_dualarm.control.controller import JointController
 from bt_dualarm.control.dynamics import control_law
+from bt_dualarm.core.pose import Vector
 from bt_dualarm.trajectory.trajectory import Trajectory
 from tests.control.test_controller import controlled, run
 from tests.sim.worlds import world_with
@@ -44,7 +45,7 @@ def test_a_soft_arm_keeps_the_compensation_that_it_is_given() -> None:
     """Without one, it keeps the current one; neither is learned further."""
     numbers = law_array(control_law(PERIOD, 0.002, np.zeros(3)))
     stiff = numbers.copy()
-    torques = np.arange(6.0)
+    torques: Vector = np.arange(6, dtype=np.float64)
     compliance = Compliance(numbers, PERIOD, torques)
     compliance.soften()
     assert (compliance.compensation == np.arange(6.0)).all()

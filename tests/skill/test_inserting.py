@@ -1,0 +1,57 @@
+"""The positions at which `insert` searches a hole."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bt_dualarm.core.pose import Matrix
+from bt_dualarm.skill.inserting import InsertingPorts, positions
+
+radii = st.floats(0.0, 0.004)
+pitches = st.floats(2e-4, 1e-3)
+
+
+def first_pass(radius: float, pitch: float) -> Matrix:
+    """Positions of the lattice about the center, of shape (n, 2), m."""
+    found: Matrix = np.array(positions(radius, pitch))
+    numbers = found / pitch @ np.linalg.inv(BASIS)
+    return found[np.abs(numbers - np.round(numbers)).max(axis=1) < 1e-6]
+
+
+BASIS = np.array(((1.0, 0.0), (0.5, np.sqrt(0.75))))
+"""Neighbors of the center of a lattice of unit pitch, one a row."""
+
+
+@given(radius=radii, pitch=pitches)
+def test_a_search_begins_in_the_middle_and_goes_outward(radius: float, pitch: float) -> None:
+    """Each position is within the radius and new, and no ring is left for one farther inside."""
+    found = np.array(positions(radius, pitch))
+    assert (found[0] == 0.0).all()
+    assert np.linalg.norm(found, axis=1).max() <= radius + 1e-8
+    apart = np.linalg.norm(found[:, None] - found, axis=2) + np.eye(len(found))
+    assert apart.min() > 0.5 * pitch
+    away = np.linalg.norm(first_pass(radius, pitch), axis=1)
+    ring = pitch * (1.0 - np.cos(np.pi / 6.0)) * (1.0 + radius / pitch)
+    assert (away >= np.maximum.accumulate(away) - ring - 1e-9).all()
+
+
+@given(pitch=pitches, angle=st.floats(0.0, 2.0 * np.pi), share=st.floats(0.0, 1.0))
+def test_no_hole_is_missed(pitch: float, angle: float, share: float) -> None:
+    """A position of the first pass is nearer than the pitch divided by the root of three."""
+    radius = 0.003
+    hole = share * (radius - pitch) * np.array((np.cos(angle), np.sin(angle)))
+    nearest = np.linalg.norm(first_pass(radius, pitch) - hole, axis=1).min()
+    assert nearest <= pitch / np.sqrt(3.0) + 1e-9
+
+
+def test_neighbors_follow_each_other() -> None:
+    """A hop to the next position is mostly one pitch long: a longer one takes longer."""
+    ports = InsertingPorts.model_fields
+    pitch = float(ports["pitch"].default)
+    found = first_pass(float(ports["radius"].default), pitch)
+    hops = np.linalg.norm(np.diff(found, axis=0), axis=1)
+    assert np.median(hops) == pytest.approx(pitch)
+    assert hops.max() < 4.0 * pitch
