@@ -18,7 +18,8 @@ def first_pass(radius: float, pitch: float) -> Matrix:
     """Positions of the lattice about the center, of shape (n, 2), m."""
     found: Matrix = np.array(positions(radius, pitch))
     numbers = found / pitch @ np.linalg.inv(BASIS)
-    return found[np.abs(numbers - np.round(numbers)).max(axis=1) < 1e-6]
+    lattice: Matrix = found[np.abs(numbers - np.round(numbers)).max(axis=1) < 1e-6]
+    return lattice
 
 
 BASIS = np.array(((1.0, 0.0), (0.5, np.sqrt(0.75))))
