@@ -45,6 +45,7 @@ _HOP: Final = 0.5  # fraction of the limits off the rim; faster, the arms of `ro
 _BRISK: Final = 0.5  # fraction of the acceleration and jerk limits of a descent
 _OVERLAP_UP: Final = 0.5  # largest fraction of the rise during which it moves sideways already
 _OVERLAP_DOWN: Final = 0.8  # largest fraction of the sideways motion during which it sinks already
+_HANGS_M: Final = 0.00015  # height above the rim at which friction keeps the peg off it
 _TOUCHES: Final = 5  # contacts whose median is the height of the rim
 _PASSES: Final = 3  # passes of the search, each between the positions of the ones before
 
@@ -57,6 +58,7 @@ _IN_HOLE_M_S: Final = 0.008  # highest speed in the hole: 20 N if the peg gets s
 _NEAR_BOTTOM_M: Final = 0.001  # height above the bottom from which contact is expected
 _CALM: Final = 0.3  # fraction of the acceleration and jerk limits of these motions
 _PUSH_BANDWIDTH: Final = 40.0  # bandwidth in the hole, whose walls center a soft arm, rad/s
+_FRICTION_IN_HOLE: Final = 0.7  # share of the joints' friction that is compensated there
 _PUSHES: Final = 4  # attempts to push a peg that gets stuck
 _BLEND_S: Final = 0.08  # longest overlap of its parts, s
 _LEAVE: Final = 0.1  # fraction of the limits with which a peg that is not in leaves the rim
@@ -166,12 +168,19 @@ class Inserting:
         # The peg may be held a little higher or lower than estimated, and slide in the fingers. A
         # single touch may be a joint that sticks above the rim.
         touches = deque([rim] * (_TOUCHES // 2 + 1), _TOUCHES)
+        first = rim + _HANGS_M
         count = 1
-        for offset in positions(ports.radius, ports.pitch)[1:]:
+        quickly = positions(ports.radius, ports.pitch)[1:]
+        # Where friction misleads the hops, each position is touched again, slowly.
+        slowly = quickly[: len(quickly) // _PASSES]
+        for offset in (*quickly, *slowly):
             count += 1
-            rim = float(np.median(touches))
+            # A peg that slides into the fingers lowers the tool; nothing raises it.
+            rim = min(float(np.median(touches)), first)
             height = yield from self._hop(at, offset, rim)
             at = offset
+            if height > rim + _HANGS_M or count > len(quickly) + 1:
+                height = yield from self._touch_again(offset)
             if height > rim - _SUNK_M:
                 touches.append(height)
                 continue
@@ -218,6 +227,27 @@ class Inserting:
             )
             if self._height < start - _HIGH_M:
                 break  # otherwise the friction of a joint was taken for a contact
+        self._descending = self._rising = self._compliance.compensation
+        return self._height
+
+    def _touch_again(self, at: Vector) -> Generator[float | None, None, float]:
+        """Lower a peg that friction keeps off the rim until contact, and learn its compensation.
+
+        Args:
+            at: Position relative to the goal, of shape (2,), m.
+
+        Returns:
+            Its height at contact or inside, m.
+        """
+        ports = self._ports
+        yield from guarded_descent(
+            self._arm,
+            self._at(at, ports.depth - _DEEP_M),
+            ports.down_speed,
+            self._grip.firm_for(ports.force),
+            self._grip.look,
+            lightly=True,
+        )
         self._descending = self._compliance.compensation
         return self._height
 
@@ -321,7 +351,7 @@ class Inserting:
                     rows = arm.line_after(rows[-1], self._at(at, height))
                     timed, top = arm.slow_path(rows, speed, most_m_s, _CALM)
                     whole = arm.overlapped(whole, timed, _CALM, _BLEND_S, self._peg)
-            self._compliance.soften(bandwidth=_PUSH_BANDWIDTH, compensation=self._descending)
+            self._compliance.soften(bandwidth=_PUSH_BANDWIDTH, compensation=self._pushing)
             motion = arm.begin(whole.motion, may_touch=True, compliant=True)
             if not is_in:
                 is_in = yield from self._enter(motion, whole.ends_s[0], rim)
@@ -376,6 +406,15 @@ class Inserting:
             yield 0.5
             self._check()
         self._compliance.active = False
+
+    @property
+    def _pushing(self) -> Vector:
+        """Torques that compensate less friction than in a descent, of shape (dof,), N m.
+
+        At the bottom friction no longer opposes the motion: what compensated it would press.
+        """
+        middle = 0.5 * (self._descending + self._rising)
+        return middle + _FRICTION_IN_HOLE * (self._descending - middle)
 
     def _check(self) -> None:
         self._arm.check()
