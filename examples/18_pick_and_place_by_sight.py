@@ -5,7 +5,7 @@ Prints::
     look_at: SUCCESS after ... s
     locate: SUCCESS after 6.8 s
     grasp: SUCCESS after ... s
-    place: SUCCESS after 11.7 s
+    place: SUCCESS after 11.5 s
     located from 5 views, 0.2 mm off
     held by 5 N at a width of 50.0 mm
     placed 0.1 mm from the goal

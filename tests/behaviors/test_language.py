@@ -46,6 +46,7 @@ OTHER_THINGS = {
     ("spec/document.py", "set"),  # the name of a set of numbers
     ("runtime/summary.py", "guard"),  # the gate on set-points, in summary.json
     ("runtime/observations.py", "guard"),  # likewise, in run.history
+    ("skill/following_error.py", "guard"),  # likewise, as a cause
     ("skill/cell.py", "signal"),  # what a wait is for
     ("behaviors/graph.py", "signal"),  # a port
     ("cli/__init__.py", "compare"),  # a command
