@@ -47,7 +47,7 @@ class _PegPorts(PortModel):
 
 
 class Insert(Skill):
-    """Insert a held peg into its hole: lower it, search in a spiral, push it down."""
+    """Insert a held peg into its hole: lower it, search around the goal, push it down."""
 
     class Ports(InsertingPorts, _PegPorts):
         pass

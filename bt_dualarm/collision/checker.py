@@ -416,10 +416,8 @@ class CollisionChecker:
         """
         self._scratch.report_gaps(self.moving, distance)
         self.place(self.present)
-        concerned = self.moving[:, None] | self.moving
-        if not itself:
-            concerned = self.moving[:, None] ^ self.moving
-        wider = concerned & np.isfinite(self.least)
+        pairs = np.bitwise_or if itself else np.bitwise_xor
+        wider = pairs(self.moving[:, None], self.moving) & np.isfinite(self.least)
         for first, second in self.data.contact.geom.tolist():
             wider[first, second] = wider[second, first] = False
         self.least[wider] = np.maximum(self.least[wider], distance)

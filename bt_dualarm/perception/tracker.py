@@ -123,13 +123,13 @@ class Outline:
         self._look.forget()
 
     def is_at_another_depth(self, seen: VisiblePart, frame: Frame) -> bool:
-        """Whether a known shape has looked whole, but of another size, for some time; or has grown.
+        """Whether a known shape looked whole, but of another size, for some time; or has grown.
 
         Its depth has changed then, or was learned from a view that misled. What covers a part of a
         target, or merges with it, changes its proportions, or its size from one image to the next.
         A target that comes nearer and tilts grows in width and height, smoothly from a whole view.
         """
-        if not self.localizer.knows_shape or frame.stride > 1:
+        if frame.stride > 1:
             return False
         grown = self._has_grown(seen, frame)
         if not self.known:
@@ -795,7 +795,9 @@ class TargetTracker:
 
     def _learn_depth_anew(self, found: list[VisiblePart], frame: Frame) -> bool:
         """Forget size and depth of a target that is at another depth; returns whether it is."""
-        if not found or (self._hunting and self._before_loss is None):
+        if not found or not self._localizer.knows_shape:
+            return False
+        if self._hunting and self._before_loss is None:
             return False
         estimate = self._confirmed
         expected = estimate.predict(min(frame.stamp, estimate.stamp + FORESEEN_S)).position

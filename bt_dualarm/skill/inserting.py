@@ -173,14 +173,14 @@ class Inserting:
         quickly = positions(ports.radius, ports.pitch)[1:]
         # Where friction misleads the hops, each position is touched again, slowly.
         slowly = quickly[: len(quickly) // _PASSES]
-        for offset in (*quickly, *slowly):
+        for offset, is_slow in [(at, False) for at in quickly] + [(at, True) for at in slowly]:
             count += 1
             # A peg that slides into the fingers lowers the tool; nothing raises it.
             rim = min(float(np.median(touches)), first)
             height = yield from self._hop(at, offset, rim)
             at = offset
-            if height > rim + _HANGS_M or count > len(quickly) + 1:
-                height = yield from self._touch_again(offset)
+            if is_slow or height > rim + _HANGS_M:
+                height = yield from self._touch(offset)
             if height > rim - _SUNK_M:
                 touches.append(height)
                 continue
@@ -203,7 +203,7 @@ class Inserting:
         """Lower the peg at the expected position; returns its height, m, at contact or inside."""
         arm = self._arm
         ports = self._ports
-        force = self._grip.firm_for(ports.force)
+        self._grip.firm_for(ports.force)  # before the peg comes near the rim
         middle = np.zeros(2)
         start = ports.depth + _UNSURE_M
         for _ in range(_FALSE):
@@ -217,21 +217,14 @@ class Inserting:
                 while not motion.done:
                     yield 0.3
                     self._check()
-            yield from guarded_descent(
-                arm,
-                self._at(middle, ports.depth - _DEEP_M),
-                ports.down_speed,
-                force,
-                self._grip.look,
-                lightly=True,
-            )
+            yield from self._touch(middle)
             if self._height < start - _HIGH_M:
                 break  # otherwise the friction of a joint was taken for a contact
-        self._descending = self._rising = self._compliance.compensation
+        self._rising = self._descending  # until a rise shows what it takes
         return self._height
 
-    def _touch_again(self, at: Vector) -> Generator[float | None, None, float]:
-        """Lower a peg that friction keeps off the rim until contact, and learn its compensation.
+    def _touch(self, at: Vector) -> Generator[float | None, None, float]:
+        """Lower the peg slowly until contact, and learn which torques a descent takes.
 
         Args:
             at: Position relative to the goal, of shape (2,), m.
