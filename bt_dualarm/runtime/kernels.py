@@ -41,8 +41,6 @@ GROUPS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
         "grippers": (
             "bt_dualarm.grasping.candidates:warm_up_grasping",
             "bt_dualarm.sim.grippers:warm_up_held_objects",
-            "bt_dualarm.sim.grippers:warm_up_fingers",
-            "bt_dualarm.sim.grippers:warm_up_tactile_sensors",
         ),
     }
 )

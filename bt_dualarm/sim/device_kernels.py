@@ -28,22 +28,38 @@ from bt_dualarm.sim.kernel_arrays import (
     FORCE,
     GAIN,
     GRIP_GAIN,
+    KEPT,
     LATE,
     MOST,
+    MOTOR,
     NARROW,
     NEW_WEIGHT,
+    NEWEST,
+    NOISE_ROW,
     OFFSET,
     OLD_WEIGHT,
+    PADS,
+    PADS_PERIOD,
+    PADS_ROW,
+    PADS_S,
+    PALM_BODY,
     PER_STEP,
+    PRESSED,
+    Q_ADDRESS,
+    QUANTUM,
     REFERENCE,
     RESOLUTION,
     RISE,
+    SENSED_S,
     SHARE,
     SHUT,
+    SPEED,
     STIFFNESS,
     TORQUE,
+    V_ADDRESS,
     VISCOUS,
     WHOLE,
+    WIDTH,
     WINDOW,
     WOUND_UP,
 )
@@ -248,6 +264,86 @@ def pad_forces_in_tool(
     return forces
 
 
+@kernel
+def read_fingers(
+    time: float,
+    q: Vector,
+    fingers: Numbers,
+    drives: Matrix,
+    readings: Matrix,
+    noise: Matrix,
+    widths: Stack,
+    sensed: Vector,
+    rotations: Matrix,
+    tools: Stack,
+    gains: Matrix,
+    pad_noise: Stack,
+    forces: Stack,
+) -> bool:
+    """Read the opening of all grippers with fingers, and the forces on their pads if that is due.
+
+    Args:
+        time: Simulated time, s; a gripper that was read at this time is not read again.
+        q: Positions of the plant, of shape (nq,).
+        fingers: Addresses and rows of each gripper, see `kernel_arrays`; changed.
+        drives: Constants and state of their drives, see there.
+        readings: Takes the readings, see there.
+        noise: Batches of noise of the openings, of shape (k, l), m.
+        widths: Ring buffers of times and openings, of shape (k, r, 2), s and m; changed.
+        sensed: Sensor readings of the plant (``sensordata``): force of each pad on the object, in
+            the axes of the world, N.
+        rotations: Rotation matrices of all bodies, row by row, of shape (nbody, 9).
+        tools: Rotation matrix of each tool frame in its palm, of shape (k, 3, 3).
+        gains: Factors of the pads' readings, of shape (k, 2).
+        pad_noise: Batches of noise of the pads, of shape (k, m, 6), N.
+        forces: Takes the forces on the pads, see `pad_forces_in_tool`, of shape (k, 2, 3), N.
+
+    Returns:
+        Whether a batch of noise is used up.
+    """
+    is_used_up = False
+    for k in range(len(fingers)):
+        first = fingers[k, Q_ADDRESS]
+        if first < 0 or readings[k, SENSED_S] == time:
+            continue
+        readings[k, SENSED_S] = time
+        width = q[first] + q[first + 1] + noise[k, fingers[k, NOISE_ROW]]
+        fingers[k, NOISE_ROW] += 1
+        quantum = readings[k, QUANTUM]
+        if quantum > 0.0:
+            width = quantum * np.rint(width / quantum)
+        rows = widths.shape[1]
+        newest = (fingers[k, NEWEST] + 1) % rows
+        fingers[k, NEWEST] = newest
+        fingers[k, KEPT] = min(fingers[k, KEPT] + 1, rows)
+        widths[k, newest, 0] = time
+        widths[k, newest, 1] = width
+        oldest = (newest - fingers[k, KEPT] + 1) % rows
+        span = time - widths[k, oldest, 0]
+        readings[k, SPEED] = (width - widths[k, oldest, 1]) / span if span > 0.0 else 0.0
+        readings[k, WIDTH] = width
+        readings[k, PRESSED] = -drives[k, FORCE]
+        pads = fingers[k, PADS]
+        if pads >= 0 and time - readings[k, PADS_S] >= readings[k, PADS_PERIOD]:
+            row = fingers[k, PADS_ROW]
+            fingers[k, PADS_ROW] += 1
+            if readings[k, PADS_S] < 0.0:  # before its first step the plant has no forces
+                forces[k] = pad_noise[k, row].reshape((2, 3))
+            else:
+                forces[k] = pad_forces_in_tool(
+                    sensed[pads : pads + 6],
+                    rotations[fingers[k, PALM_BODY]],
+                    tools[k],
+                    gains[k],
+                    pad_noise[k],
+                    row,
+                )
+            readings[k, PADS_S] = time
+        is_used_up |= fingers[k, NOISE_ROW] == noise.shape[1]
+        is_used_up |= fingers[k, PADS_ROW] == pad_noise.shape[1]
+    return is_used_up
+
+
 Integers = npt.NDArray[np.int32]
 
 
@@ -439,6 +535,159 @@ def rotation(angles: Vector) -> Vector:
     half = 0.5 * math.sqrt(angles[0] ** 2 + angles[1] ** 2 + angles[2] ** 2)
     share = 0.5 * math.sin(half) / half if half > 1e-12 else 0.5
     return np.array((math.cos(half), share * angles[0], share * angles[1], share * angles[2]))
+
+
+# One physics step
+
+
+@kernel
+def drive_plant(
+    joints: Numbers,
+    sent: Matrix,
+    newest: int,
+    drives: Matrix,
+    fingers: Numbers,
+    finger_drives: Matrix,
+    q: Vector,
+    v: Vector,
+    step: float,
+    motors: Vector,
+) -> bool:
+    """Apply the torques of all joints, see `apply_torques`, and the forces of all fingers.
+
+    Args:
+        joints: Row, and address of the motor in the plant, of each joint, of shape (k, 2).
+        sent: As in `apply_torques`.
+        newest: As there.
+        drives: As there; changed.
+        fingers: Addresses of the grippers with fingers, see `kernel_arrays`.
+        finger_drives: Constants, commands and states of their drives, see there; changed.
+        q: Positions of the plant, of shape (nq,).
+        v: Velocities of the plant, of shape (nv,).
+        step: Seconds of a physics step.
+        motors: Controls of the plant, of shape (nu,); changed.
+
+    Returns:
+        Whether all controls are finite: MuJoCo would replace all of them by zero.
+    """
+    apply_torques(joints, sent, newest, drives, motors)
+    for k in range(len(fingers)):
+        first = fingers[k, Q_ADDRESS]
+        if first >= 0:
+            start = fingers[k, V_ADDRESS]
+            motor = fingers[k, MOTOR]
+            drive_fingers(
+                q[first : first + 2],
+                v[start : start + 2],
+                finger_drives[k],
+                step,
+                motors[motor : motor + 1],
+            )
+    return math.isfinite(square(motors))
+
+
+@kernel
+def square(vector: Vector) -> float:
+    """Square of a vector's length."""
+    total = 0.0
+    for one in vector:
+        total += one * one
+    return total
+
+
+@kernel
+def pass_between(
+    most_speed: float,
+    q: Vector,
+    v: Vector,
+    joints: Numbers,
+    friction: Matrix,
+    dry: Vector,
+    damping: Vector,
+    geoms: Integers,
+    distances: Vector,
+    pads: Numbers,
+    bodies: Integers,
+    addresses: Numbers,
+    positions: Matrix,
+    quaternions: Matrix,
+    held: Numbers,
+    poses: Stack,
+) -> int:
+    """Check the velocities of a step, set friction for them, and find what grippers hold.
+
+    Args:
+        most_speed: Speed that no valid state reaches, rad/s or m/s.
+        q: Positions of the plant after the integration, of shape (nq,).
+        v: Its velocities, of shape (nv,).
+        joints: Row, and address of the velocity in the plant, of each joint with friction, (k, 2).
+        friction: As in `apply_friction`.
+        dry: As there; changed.
+        damping: As there; changed.
+        geoms: As in `find_held`.
+        distances: As there.
+        pads: As there.
+        bodies: As there.
+        addresses: As there.
+        positions: As there.
+        quaternions: As there.
+        held: As there; changed.
+        poses: As there; changed.
+
+    Returns:
+        Number of held bodies; -1 if the state is not finite or impossibly fast, and nothing has
+        been changed.
+    """
+    if not (square(v) < most_speed * most_speed and math.isfinite(square(q))):
+        return -1
+    apply_friction(joints, friction, v, dry, damping)
+    return find_held(geoms, distances, pads, bodies, addresses, positions, quaternions, held, poses)
+
+
+@kernel
+def read_sensors(
+    time: float,
+    joints: Numbers,
+    q: Vector,
+    v: Vector,
+    encoders: Matrix,
+    counts: Numbers,
+    noise: Matrix,
+    row: int,
+    past: Matrix,
+    newest: int,
+    step: float,
+    before: Matrix,
+    readings: Matrix,
+    fingers: Numbers,
+    finger_drives: Matrix,
+    finger_readings: Matrix,
+    finger_noise: Matrix,
+    widths: Stack,
+    sensed: Vector,
+    rotations: Matrix,
+    tools: Stack,
+    gains: Matrix,
+    pad_noise: Stack,
+    forces: Stack,
+) -> bool:
+    """Read all encoders, see `read_joints`, and all fingers, see `read_fingers`."""
+    read_joints(joints, q, v, encoders, counts, noise, row, past, newest, step, before, readings)
+    return read_fingers(
+        time,
+        q,
+        fingers,
+        finger_drives,
+        finger_readings,
+        finger_noise,
+        widths,
+        sensed,
+        rotations,
+        tools,
+        gains,
+        pad_noise,
+        forces,
+    )
 
 
 # Contacts

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cache
 from itertools import accumulate, pairwise
 from types import ModuleType
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 import mujoco
 import numpy as np
@@ -28,10 +28,13 @@ from bt_dualarm.sim.kernel_arrays import (
     COUNT,
     COUNTS,
     CREEP,
+    DRIVE,
     DRIVES,
     DROP,
     EFFORT,
     ENCODERS,
+    FINGER_NUMBERS,
+    FINGER_READINGS,
     FRICTION,
     GAIN,
     LATE,
@@ -208,40 +211,45 @@ class Encoders:
 
         A second reading at the same time replaces the first.
         """
+        arguments = self.begin_reading(time)
+        if arguments is not None:
+            kernels().read_joints(*arguments)
+        self.end_reading(time)
+
+    def begin_reading(self, time: float) -> tuple[Any, ...] | None:
+        """Prepare a reading at a time in s; call `end_reading` afterwards.
+
+        Returns:
+            Arguments of `read_joints`, which takes the reading. None if it is done: the first one
+            needs no kernel, so that a start does not wait for it.
+        """
         if time <= self.stamp:
             self._forget(time)
-        if self._row == _NOISE_BATCH:
+        row = self._row
+        if row == _NOISE_BATCH:
             for name in self._sources:
                 self._draw_noise(name, 0)
-            self._row = 0
-        row = self._row
-        self._row = self._row + 1
+            row = 0
+        self._row = row + 1
         self._newest = (self._newest + 1) % len(self._window)
-        before = self.readings
-        self.readings = np.empty(self.readings.shape)
-        if self._has_read:
-            kernels().read_joints(
-                self._where,
-                self._q,
-                self._v,
-                self._encoders,
-                self._counts,
-                self._noise,
-                row,
-                self._window,
-                self._newest,
-                self._step,
-                before,
-                self.readings,
-            )
-        else:  # the first reading does without the kernel, so that a start does not wait for it
+        self._before = before = self.readings
+        self.readings = readings = np.empty(before.shape)
+        if not self._has_read:
             self._read_first(self._noise[row])
-        for joint, reading in self._altered.items():
-            self.readings[0, joint] = reading(float(self.readings[0, joint]))
-            if self.readings[0, joint] == before[0, joint]:
-                self.readings[1, joint] = 0.0  # a drive differences the readings that it has
+            return None
+        return (
+            self._where, self._q, self._v, self._encoders, self._counts, self._noise, row,
+            self._window, self._newest, self._step, before, readings,
+        )  # fmt: skip
+
+    def end_reading(self, time: float) -> None:
+        """Store a reading at a time in s, with the joints that read something else."""
+        if self._altered:
+            for joint, reading in self._altered.items():
+                self.readings[0, joint] = reading(float(self.readings[0, joint]))
+                if self.readings[0, joint] == self._before[0, joint]:
+                    self.readings[1, joint] = 0.0  # a drive differences the readings that it has
         self.stamp = time
-        self._before = before
         self.past.append((time, self.readings))
 
     def _draw_noise(self, name: str, first: int) -> None:
@@ -368,22 +376,19 @@ class Drives:
         self.of(name)[:, COMMANDED] = 0.0
         self._new.add(name)
 
-    def connect(self, data: mujoco.MjData, arms: Mapping[str, PlantArm]) -> None:
+    def connect(self, arms: Mapping[str, PlantArm]) -> None:
         """Connect to the present arms of the plant; again after each recompilation."""
         real = {name: arm for name, arm in arms.items() if not self._arms[name].is_ideal}
         self._where = joints_of(real, self._parts, lambda arm: arm.actuator_ids)
-        self._motors = data.ctrl  # a view, as in `Encoders`
 
-    def drive(self) -> None:
-        """Apply the motor torques of the next step."""
-        if not len(self._where):
-            return
+    def begin_step(self) -> tuple[npt.NDArray[np.int64], Matrix, int, Matrix]:
+        """Begin a step: arguments of `apply_torques` besides the motors."""
         while self._new:  # as if the drives had held the arm for long
             name = self._new.pop()
             rows = self.of(name)
             self._sent[:, self._parts[name]] = rows[:, TORQUE] = rows[:, COMMANDED]
         self._newest = (self._newest + 1) % len(self._sent)
-        kernels().apply_torques(self._where, self._sent, self._newest, self._drives, self._motors)
+        return self._where, self._sent, self._newest, self._drives
 
 
 # Joint friction
@@ -434,10 +439,18 @@ class JointFrictionModel:
 
     def act(self) -> None:
         """Set friction for the current velocities, before MuJoCo computes passive forces."""
+        joints, friction, dry, damping = self.arguments()
+        if len(joints):
+            kernels().apply_friction(joints, friction, self._v, dry, damping)
+
+    def arguments(self) -> tuple[npt.NDArray[Any], ...]:
+        """Arguments of `apply_friction` besides the velocities.
+
+        Sets the friction of arms that have not moved yet, which are not among the joints.
+        """
         if self._at_rest:
             self._set_static()
-        if len(self._where):
-            kernels().apply_friction(self._where, self._rows, self._v, self._dry, self._damping)
+        return self._where, self._rows, self._dry, self._damping
 
     def _partition(self) -> None:
         """Separate arms that have not moved yet from those that have."""
@@ -563,18 +576,41 @@ class ArmHardware:
 
 
 def warm_up_sensors() -> None:
-    """Compile the kernels of sensors, drives and friction."""
+    """Compile the kernels of a physics step."""
     compiled = kernels()
     one = np.ones(1)
+    rows = np.ones((1, 1))
     two = np.zeros((1, 2), np.int64)
     three = np.zeros((1, 3), np.int64)
     counts = np.zeros((1, COUNTS), np.int64)
     table = np.ones((1, ENCODERS))
     past = np.ones((2, 1))
-    compiled.read_joints(three, one, one, table, counts, past, 0, past, 0, 1.0, past, past)
-    compiled.apply_torques(two, past, 0, np.ones((1, DRIVES)), one)
-    compiled.command_torques(one, np.ones((1, DRIVES)))
-    compiled.apply_friction(two, np.ones((1, FRICTION)), one, one, one)
+    drives = np.ones((1, DRIVES))
+    friction = np.ones((1, FRICTION))
+    fingers = np.full((1, FINGER_NUMBERS), -1)
+    finger_drives = np.ones((1, DRIVE))
+    stack = np.ones((1, 1, 1))
+    finger_readings = np.ones((1, FINGER_READINGS))
+    sensors = (
+        fingers, finger_drives, finger_readings, rows, stack, one, rows, stack, rows, stack, stack
+    )  # fmt: skip
+    encoders = three, one, one, table, counts, past, 0, past, 0, 1.0, past, past
+    compiled.read_joints(*encoders)
+    compiled.read_sensors(0.0, *encoders, *sensors)
+    compiled.read_fingers(0.0, one, *sensors)
+    compiled.drive_plant(two, past, 0, drives, fingers, finger_drives, one, one, 1.0, one)
+    compiled.command_torques(one, drives)
+    compiled.apply_friction(two, friction, one, one, one)
+    geoms = np.zeros((4, 2), np.int32)
+    distances = np.zeros(4)
+    bodies = np.zeros(1, np.int32)
+    numbers = np.zeros(1, np.int64)
+    poses = np.zeros((1, 3, 7))
+    held = three, bodies, numbers, np.zeros((1, 3)), np.zeros((1, 4)), numbers, poses
+    for some in (slice(None), slice(None, None, 2)):  # one contact is contiguous, several are not
+        compiled.pass_between(
+            1.0, one, one, two, friction, one, one, geoms[some], distances[some], *held
+        )
 
 
 # Device bank
@@ -588,6 +624,11 @@ class DeviceBank:
         sampled: Sampled deviations of each of them.
         efforts: Effort limits of their joints, of shape (dof,) each, N m.
         timestep: Seconds of one physics step.
+
+    Attributes:
+        encoders: The encoders.
+        drives: The drives.
+        friction: The friction of the joints.
     """
 
     def __init__(
@@ -599,49 +640,31 @@ class DeviceBank:
     ) -> None:
         self._parts = parts = parts_of({name: len(effort) for name, effort in efforts.items()})
         encoders = {name: one.encoder for name, one in errors.items()}
-        self._encoders = Encoders(encoders, parts, timestep)
+        self.encoders = Encoders(encoders, parts, timestep)
         drives = {
             name: ArmDrives(one.drive, sampled[name].gain, efforts[name])
             for name, one in errors.items()
         }
-        self._drives = Drives(drives, parts, timestep)
-        self._friction_model = JointFrictionModel(
+        self.drives = Drives(drives, parts, timestep)
+        self.friction = JointFrictionModel(
             {name: one.friction for name, one in sampled.items()}, parts
         )
 
     def begin(self, name: str, seed: int) -> ArmHardware:
         """Start and return the sensors and drives of an arm that is added; noise is by ``seed``."""
-        self._encoders.begin(name, random_stream(seed, f"{name}:encoders"))
-        self._drives.begin(name)
-        self._friction_model.begin(name)
-        return ArmHardware(self._encoders, self._parts[name], self._drives, name)
+        self.encoders.begin(name, random_stream(seed, f"{name}:encoders"))
+        self.drives.begin(name)
+        self.friction.begin(name)
+        return ArmHardware(self.encoders, self._parts[name], self.drives, name)
 
     def end(self, name: str) -> None:
         """Remove the devices of an arm that leaves the world."""
-        self._encoders.end(name)
-
-    def alter_encoder(
-        self, name: str, joint: int, reading: Callable[[float], float] | None
-    ) -> None:
-        """Alter the readings of an encoder from now on; see `Encoders.alter`."""
-        self._encoders.alter(name, joint, reading)
+        self.encoders.end(name)
 
     def connect(
         self, model: mujoco.MjModel, data: mujoco.MjData, arms: Mapping[str, PlantArm]
     ) -> None:
         """Connect to the present arms of the plant; again after each recompilation."""
-        self._encoders.connect(data, arms)
-        self._drives.connect(data, arms)
-        self._friction_model.connect(model, data, arms)
-
-    def sense(self, time: float) -> None:
-        """Read the sensors at a simulated time in s; replaces a reading at the same time."""
-        self._encoders.read(time)
-
-    def drive(self) -> None:
-        """Apply the drives' torques for the next physics step."""
-        self._drives.drive()
-
-    def update_friction(self) -> None:
-        """Set the joint friction for the plant's current velocities."""
-        self._friction_model.act()
+        self.encoders.connect(data, arms)
+        self.drives.connect(arms)
+        self.friction.connect(model, data, arms)

@@ -9,15 +9,15 @@ gripper.
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from types import ModuleType
-from typing import Final
+from typing import Any, Final
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.core.share import weakly
@@ -30,11 +30,28 @@ from bt_dualarm.sim.kernel_arrays import (
     COMMANDED_WIDTH,
     DAMPING,
     DRIVE,
-    FORCE,
+    FINGER_NUMBERS,
+    FINGER_READINGS,
     GRIP_GAIN,
+    KEPT,
     MOST,
+    MOTOR,
+    NEWEST,
+    NOISE_ROW,
+    PADS,
+    PADS_PERIOD,
+    PADS_ROW,
+    PADS_S,
+    PALM_BODY,
+    PRESSED,
+    Q_ADDRESS,
+    QUANTUM,
     REFERENCE,
+    SENSED_S,
+    SPEED,
     STIFFNESS,
+    V_ADDRESS,
+    WIDTH,
 )
 from bt_dualarm.spec.document import RealityErrors
 
@@ -114,12 +131,64 @@ class Seal:
         return float(mujoco.mju_rayGeom(position, rotation, size, start, direction, kind))
 
 
-# Tactile sensors
+# Fingers
+
+_NOISE_BATCH: Final = 512
+"""Readings per batch of noise: drawing it one by one would dominate the cost of a reading."""
+
+_PADS_BATCH: Final = 256
+"""Likewise for the sensors of the pads."""
 
 _AXES: Final = 3  # of the force on a pad
 
-_TACTILE_BATCH: Final = 256
-"""Readings per batch of noise: drawing it one by one would dominate the cost of a reading."""
+SPEED_S: Final = 0.1
+"""Seconds over which the opening is differenced to the measured speed."""
+
+
+class FingerBank:
+    """Common arrays of all grippers, one row each, so that one kernel call serves all of them.
+
+    Args:
+        count: Number of grippers.
+        timestep: Seconds of one physics step.
+
+    Attributes:
+        numbers: Addresses in the plant and rows of batches, see `kernel_arrays`; a suction cup,
+            and a gripper that is not in the world, has no address.
+        drives: Constants, commands and states of the drives, see there.
+        readings: Readings of the sensors, see there.
+        noise: Batches of noise of the openings, of shape (k, l), m.
+        widths: Ring buffers of times and openings, of shape (k, r, 2), s and m.
+        tools: Rotation matrix of each tool frame in its palm, of shape (k, 3, 3).
+        gains: Factors of the pads' readings, of shape (k, 2).
+        pad_noise: Batches of noise of the pads, of shape (k, m, 6), N.
+        forces: Forces on the pads, of shape (k, 2, 3), N.
+    """
+
+    def __init__(self, count: int, timestep: float) -> None:
+        pads = len(FINGERS)
+        self.numbers = np.zeros((count, FINGER_NUMBERS), np.int64)
+        self.numbers[:, (Q_ADDRESS, PADS)] = -1
+        self.drives = np.zeros((count, DRIVE))
+        self.readings = np.zeros((count, FINGER_READINGS))
+        self.noise = np.zeros((count, _NOISE_BATCH))
+        self.widths = np.zeros((count, round(SPEED_S / timestep) + 1, 2))
+        self.tools = np.zeros((count, _AXES, _AXES))
+        self.gains = np.ones((count, pads))
+        self.pad_noise = np.zeros((count, _PADS_BATCH, pads * _AXES))
+        self.forces = np.zeros((count, pads, _AXES))
+
+    def sensors(self) -> tuple[Matrix, ...]:
+        """Arrays of the sensors after those of the plant, in the order of `read_fingers`."""
+        return self.tools, self.gains, self.pad_noise, self.forces
+
+    def read(self, time: float, q: Vector, sensed: Vector, rotations: Matrix) -> bool:
+        """Read all grippers at a simulated time in s; arguments and result as `read_fingers`."""
+        is_used_up: bool = kernels().read_fingers(
+            time, q, self.numbers, self.drives, self.readings, self.noise, self.widths, sensed,
+            rotations, *self.sensors(),
+        )  # fmt: skip
+        return is_used_up
 
 
 class TactileSensors:
@@ -135,11 +204,8 @@ class TactileSensors:
         errors: Error bounds of sensors and drives.
         rng: Random stream of gains and noise.
         timestep: Seconds of one physics step.
-
-    Attributes:
-        forces: Force of the held object on each pad, in the axes of the tool frame, of shape
-            (2, 3), N; a new array with each reading.
-        stamp: Simulated time of the reading, s; -1 before the first.
+        bank: Arrays of all grippers.
+        row: Row of this gripper.
     """
 
     def __init__(
@@ -149,72 +215,59 @@ class TactileSensors:
         errors: RealityErrors,
         rng: np.random.Generator,
         timestep: float,
+        bank: FingerBank,
+        row: int,
     ) -> None:
-        self.forces: Matrix = np.zeros((len(FINGERS), _AXES))
-        self.stamp = -1.0
+        self._numbers = bank.numbers[row]
+        self._readings = bank.readings[row]
+        self._forces = bank.forces[row]
+        self._batch = bank.pad_noise[row]
         self._rng = rng
-        self._tool_in_palm = gripper.tool.rotation_matrix.copy()
         is_ideal = not (errors.encoder.resolution or errors.encoder.noise)
         self._noise = 0.0 if is_ideal else tactile.noise
         spread = 0.0 if is_ideal else tactile.gain
-        self._gains = 1.0 + rng.uniform(-spread, spread, len(FINGERS))
-        self._noise_batch: Matrix = np.zeros((0, len(FINGERS) * _AXES))
-        self._row = 0
-        self._period = max(1.0 / tactile.rate - 0.5 * timestep, 0.0)
+        bank.gains[row] = 1.0 + rng.uniform(-spread, spread, len(FINGERS))
+        bank.tools[row] = gripper.tool.rotation_matrix
+        self._forces[:] = 0.0
+        self._readings[PADS_S] = -1.0
+        self._readings[PADS_PERIOD] = max(1.0 / tactile.rate - 0.5 * timestep, 0.0)
+        self._numbers[PADS_ROW] = len(self._batch)
+        self.refill()
 
-    def connect(self, model: mujoco.MjModel, data: mujoco.MjData, arm: str) -> None:
+    @property
+    def forces(self) -> Matrix:
+        """Force of the held object on each pad, axes of the tool frame, (2, 3), N; a copy."""
+        forces: Matrix = self._forces.copy()
+        return forces
+
+    @property
+    def stamp(self) -> float:
+        """Simulated time of the reading, s; -1 before the first."""
+        return float(self._readings[PADS_S])
+
+    def connect(self, model: mujoco.MjModel, arm: str) -> None:
         """Connect to the gripper of an arm in the plant; again after each recompilation."""
         first, second = (int(model.sensor(f"{arm}/{name}/{PAD_FORCE}").adr[0]) for name in FINGERS)
         if second != first + _AXES:
             raise AssertionError("the sensors of the two pads must be adjacent")
-        self._pad_forces: Vector = data.sensordata[first : second + _AXES]
-        self._palm: Vector = data.xmat[model.body(f"{arm}/{PALM}").id]
+        self._numbers[PADS] = first
+        self._numbers[PALM_BODY] = model.body(f"{arm}/{PALM}").id
 
-    def sense(self, time: float) -> None:
-        """Take a reading if one is due.
+    def read_first(self, time: float) -> None:
+        """Read the pads before the first step, in which nothing presses on them."""
+        self._forces[:] = self._batch[self._numbers[PADS_ROW]].reshape(self._forces.shape)
+        self._numbers[PADS_ROW] += 1
+        self._readings[PADS_S] = time
 
-        Args:
-            time: Simulated time, s.
-        """
-        if time - self.stamp < self._period:
+    def refill(self) -> None:
+        """Draw the noise of the next readings if that of the last ones is used up."""
+        if self._numbers[PADS_ROW] < len(self._batch):
             return
-        is_first = self.stamp < 0.0
-        self.stamp = time
-        if self._row == len(self._noise_batch):
-            self._draw_noise()
-        row = self._row
-        self._row = self._row + 1
-        if is_first:
-            # Before the first step there are no forces; a world that never steps needs no kernel.
-            self.forces = self._noise_batch[row].reshape(self.forces.shape)
-            return
-        self.forces = kernels().pad_forces_in_tool(
-            self._pad_forces, self._palm, self._tool_in_palm, self._gains, self._noise_batch, row
-        )
-
-    def _draw_noise(self) -> None:
-        """Draw the noise of the next readings, of shape (n, 6), N."""
-        shape = (_TACTILE_BATCH, len(FINGERS) * _AXES)
-        noise = self._rng.standard_normal(shape) if self._noise else np.zeros(shape)
-        self._noise_batch = self._noise * noise
-        self._row = 0
-
-
-def tactile_sensors(
-    gripper: Gripper, errors: RealityErrors, rng: np.random.Generator, timestep: float
-) -> TactileSensors | None:
-    """Create the tactile sensors that the description of a gripper declares, else None.
-
-    Args:
-        gripper: Description of the gripper.
-        errors: Error bounds of sensors and drives.
-        rng: Random stream of the gripper, from which the sensors get their own.
-        timestep: Seconds of one physics step.
-    """
-    tactile = gripper.tactile
-    if tactile is None:
-        return None
-    return TactileSensors(gripper, tactile, errors, rng.spawn(1)[0], timestep)
+        self._numbers[PADS_ROW] = 0
+        if self._noise:
+            self._batch[:] = self._noise * self._rng.standard_normal(self._batch.shape)
+        else:
+            self._batch[:] = 0.0
 
 
 @cache
@@ -225,21 +278,11 @@ def kernels() -> ModuleType:
     return device_kernels
 
 
-def warm_up_tactile_sensors() -> None:
-    """Compile the kernel of tactile sensors."""
-    kernels().pad_forces_in_tool(
-        np.zeros(6), np.eye(3).ravel(), np.eye(3), np.ones(2), np.zeros((1, 6)), 0
-    )
-
-
 # Drive and sensors
 
 _STIFFNESS_SHARE: Final = 0.25
 """Stiffness of the drive's speed loop, times the mass of a finger over the step squared. With a
 damping of the mass over the step, its discrete poles are at 0.75 and 0."""
-
-SPEED_S: Final = 0.1
-"""Seconds over which the opening is differenced to the measured speed."""
 
 LET_GO: Final = 1.0
 """Commanded width in m that makes a cup release."""
@@ -248,9 +291,6 @@ _SEAL_PERIOD: Final = 5
 """Physics steps between two tests of a cup's seal: a vacuum does not vanish at once."""
 
 _PUMP_S: Final = 0.05  # time constant of a cup's vacuum
-
-_NOISE_BATCH: Final = 512
-"""Readings per batch of noise: drawing it one by one would dominate the cost of a reading."""
 
 
 @dataclass(frozen=True)
@@ -280,41 +320,55 @@ class GripperHardware:
         errors: Error bounds of sensors and drives.
         rng: Random stream of the drive's gain and the encoder's noise.
         timestep: Seconds of one physics step.
+        bank: Arrays of all grippers.
+        row: Row of this gripper.
 
     Attributes:
-        width: Opening from the encoder, m.
-        speed: Speed of the opening, positive when it opens, m/s.
-        force: Force of a pad from the motor's current, N, positive when it closes; for a cup, its
-            holding force.
         vacuum: Measured share of a cup's full vacuum, 0 to 1; 0 if it does not seal.
         tactile: Sensors of the force on each pad, if the gripper has any.
-        stamp: Simulated time of all readings, s.
         commanded: The current command.
     """
 
     def __init__(
-        self, gripper: Gripper, errors: RealityErrors, rng: np.random.Generator, timestep: float
+        self,
+        gripper: Gripper,
+        errors: RealityErrors,
+        rng: np.random.Generator,
+        timestep: float,
+        bank: FingerBank,
+        row: int,
     ) -> None:
         self.gripper = gripper
-        self.width = gripper.stroke
-        self.speed = 0.0
-        self.force = 0.0
         self.vacuum = 0.0
-        self.stamp = -1.0
+        self._numbers = bank.numbers[row]
+        self._readings = bank.readings[row]
+        self._widths = bank.widths[row]
+        self._batch = bank.noise[row]
+        self._drive = bank.drives[row]
+        self._numbers[:] = 0
+        self._numbers[Q_ADDRESS] = self._numbers[PADS] = -1
+        self._readings[:] = 0.0
+        self._readings[WIDTH] = gripper.stroke
+        self._readings[SENSED_S] = -1.0
         initial = gripper.stroke if gripper.fingers else LET_GO
         self._gain = 1.0 + float(errors.drive.gain.draw(rng, 1)[0])
         self._rng = rng
-        self._step = timestep
-        self.tactile = tactile_sensors(gripper, errors, rng, timestep)
+        self.tactile: TactileSensors | None = None
+        if gripper.tactile is not None:
+            stream = rng.spawn(1)[0]
+            self.tactile = TactileSensors(
+                gripper, gripper.tactile, errors, stream, timestep, bank, row
+            )
         encoder = errors.encoder
-        self._resolution = gripper.resolution if encoder.resolution else 0.0
+        resolution = gripper.resolution if encoder.resolution else 0.0
+        self._readings[QUANTUM] = resolution
         share = encoder.noise / encoder.resolution if encoder.resolution else 0.0
-        self._noise = self._resolution * min(share, 1.0)
-        self._noise_batch: list[float] = []  # reversed: the next reading's is at the end
-        self._past: deque[tuple[float, float]] = deque(maxlen=round(SPEED_S / timestep) + 1)
+        self._noise = resolution * min(share, 1.0)
+        self._numbers[NOISE_ROW] = len(self._batch)
+        self.refill()
         self._pump_rate = -math.expm1(-timestep / _PUMP_S)
         mass = gripper.moved_mass
-        self._drive = np.zeros(DRIVE)
+        self._drive[:] = 0.0
         # From the opening, twice the travel of a finger, to the force on each finger.
         self._drive[STIFFNESS] = 0.5 * _STIFFNESS_SHARE * mass / timestep**2
         self._drive[DAMPING] = 0.5 * mass / timestep
@@ -327,6 +381,29 @@ class GripperHardware:
         self._is_sealed = False
         self._steps_to_test = 0
 
+    @property
+    def width(self) -> float:
+        """Opening from the encoder, m."""
+        return float(self._readings[WIDTH])
+
+    @property
+    def speed(self) -> float:
+        """Speed of the opening, positive when it opens, m/s."""
+        return float(self._readings[SPEED])
+
+    @property
+    def force(self) -> float:
+        """Force of a pad from the motor's current, N, positive when it closes.
+
+        For a cup, its holding force.
+        """
+        return float(self._readings[PRESSED])
+
+    @property
+    def stamp(self) -> float:
+        """Simulated time of all readings, s."""
+        return float(self._readings[SENSED_S])
+
     def connect(self, model: mujoco.MjModel, data: mujoco.MjData, arm: str) -> None:
         """Connect to the gripper of an arm in the plant; again after each recompilation."""
         self._is_connected = True
@@ -336,11 +413,12 @@ class GripperHardware:
             joint = model.joint(f"{arm}/{FINGERS[0]}")
             first = int(joint.dofadr[0])
             address = int(joint.qposadr[0])
-            self._address = address  # the second finger is next to the first
+            self._numbers[Q_ADDRESS] = address  # the second finger is next to the first
+            self._numbers[V_ADDRESS] = first
+            self._numbers[MOTOR] = drive
             self._q = data.qpos[address : address + 2]
-            self._v = data.qvel[first : first + 2]
             if self.tactile is not None:
-                self.tactile.connect(model, data, arm)
+                self.tactile.connect(model, arm)
         else:
             lip = int(model.body(f"{arm}/{CUP}").geomadr[0])
             cup = self.gripper.cup
@@ -359,52 +437,55 @@ class GripperHardware:
             wanted.force,
         )
 
-    def sense(self, time: float) -> None:
-        """Read the sensors at a simulated time in s; a second call at this time does nothing."""
-        if time == self.stamp or not self._is_connected:
+    def disconnect(self) -> None:
+        """Leave the world: nothing is driven or read any more."""
+        self._is_connected = False
+        self._numbers[Q_ADDRESS] = -1
+
+    def read_first(self, time: float) -> None:
+        """Read the fingers before the first step, which needs no kernel."""
+        if time == self.stamp or self._numbers[Q_ADDRESS] < 0:
             return
-        self.stamp = time
-        if not self.gripper.fingers:
-            self.force = self.vacuum * self.gripper.force.most
-            return
-        width = float(self._q[0]) + float(self._q[1])  # NumPy's sum costs ten times as much
-        if self._noise:
-            if not self._noise_batch:
-                noise = self._noise * self._rng.standard_normal(_NOISE_BATCH)
-                self._noise_batch = noise[::-1].tolist()
-            width += self._noise_batch.pop()
-        if self._resolution:
-            width = self._resolution * round(width / self._resolution)
-        self._past.append((time, width))
-        start, first = self._past[0]
-        self.speed = (width - first) / (time - start) if time > start else 0.0
-        self.width = width
-        self.force = -float(self._drive[FORCE])
+        noise = self._batch[self._numbers[NOISE_ROW]]
+        width = float(self._q[0]) + float(self._q[1]) + float(noise)
+        quantum = float(self._readings[QUANTUM])
+        if quantum:
+            width = quantum * round(width / quantum)
+        self._numbers[NOISE_ROW] += 1
+        newest = (self._numbers[NEWEST] + 1) % len(self._widths)
+        self._numbers[NEWEST] = newest
+        self._numbers[KEPT] = min(self._numbers[KEPT] + 1, len(self._widths))
+        self._widths[newest] = time, width
+        self._readings[WIDTH] = width
+        self._readings[SENSED_S] = time
+        if self.tactile is not None and self.tactile.stamp < 0.0:
+            self.tactile.read_first(time)
+
+    def refill(self) -> None:
+        """Draw the noise of the next readings if that of the last ones is used up."""
+        if self._numbers[NOISE_ROW] >= len(self._batch):
+            self._numbers[NOISE_ROW] = 0
+            if self._noise:
+                self._batch[:] = self._noise * self._rng.standard_normal(len(self._batch))
+            else:
+                self._batch[:] = 0.0
         if self.tactile is not None:
-            self.tactile.sense(time)
+            self.tactile.refill()
 
     def set_finger_positions(self, positions: Vector) -> None:
         """Write finger positions from the encoder into plant positions, of shape (nq,)."""
         if self.gripper.fingers and self._is_connected:
-            positions[self._address : self._address + 2] = 0.5 * self.width
+            first = self._numbers[Q_ADDRESS]
+            positions[first : first + 2] = 0.5 * self.width
 
     def set_open(self) -> None:
         """Put the fingers of an arm that was just added into the open position."""
         if self.gripper.fingers:
             self._q[:] = 0.5 * self.gripper.stroke
-            self.stamp = -1.0
+            self._readings[SENSED_S] = -1.0
 
-    def drive(self) -> None:
-        """Apply the force of the drive for the next physics step."""
-        if not self._is_connected:
-            return
-        if self.gripper.fingers:
-            kernels().drive_fingers(self._q, self._v, self._drive, self._step, self._motor)
-        else:
-            self._drive_pump()
-
-    def _drive_pump(self) -> None:
-        """Build up the vacuum while the lip seals, up to the commanded force."""
+    def drive_pump(self) -> None:
+        """Build up a cup's vacuum for the next step while the lip seals, up to the set force."""
         is_on = self.commanded.width <= 0.0
         if is_on and self._seal is not None and self._steps_to_test <= 0:
             self._is_sealed = self._seal.is_tight
@@ -415,12 +496,10 @@ class GripperHardware:
         self.vacuum += self._pump_rate * (goal - self.vacuum)
         self._motor[0] = min(self.vacuum * self._gain, 1.0)
 
-
-def warm_up_fingers() -> None:
-    """Compile the kernel of finger drives."""
-    pair = np.zeros(2)
-    drive = np.ones(DRIVE)
-    kernels().drive_fingers(pair, pair, drive, 0.002, np.zeros(1))
+    def sense_vacuum(self, time: float) -> None:
+        """Read the sensor of a cup's vacuum at a simulated time in s."""
+        self._readings[PRESSED] = self.vacuum * self.gripper.force.most
+        self._readings[SENSED_S] = time
 
 
 # Held objects
@@ -457,32 +536,31 @@ class HeldObjectMotion:
         self._held = np.full(len(grippers), -1)
         self._poses = np.zeros((len(grippers), 3, 7))
         self._jacobians = np.zeros((len(grippers), 6, model.nv))
+        self._halves = [(jacobian[:3], jacobian[3:]) for jacobian in self._jacobians]
         self._step = float(model.opt.timestep)
         # Views: an attribute lookup on mjData costs more than the arithmetic on it.
         self._bodies = data.xpos, data.xquat
         self._qpos = data.qpos
         self._qvel = data.qvel
 
+    def arguments(self) -> tuple[npt.NDArray[Any], ...]:
+        """Arguments of `find_held` after those of the contacts."""
+        return (
+            self._pads, self._geom_bodies, self._addresses, *self._bodies, self._held, self._poses
+        )  # fmt: skip
+
     def correct(self) -> None:
-        """Correct the poses of all held objects after the integration of a step.
+        """Correct the poses of the objects that `find_held` has found, after the integration.
 
         Positions of bodies and contacts are still those before it. An object that two grippers hold
         moves with the first.
         """
         model = self._model
         data = self._data
-        if not data.ncon:
-            return
-        contact = data.contact
         held = self._held
-        if not kernels().find_held(
-            contact.geom, contact.dist, self._pads, self._geom_bodies, self._addresses,
-            *self._bodies, held, self._poses,
-        ):  # fmt: skip
-            return
-        for palm, body, jacobian in zip(self._palms, held.tolist(), self._jacobians, strict=True):
+        for palm, body, halves in zip(self._palms, held.tolist(), self._halves, strict=True):
             if body >= 0:
-                mujoco.mj_jacBody(model, data, jacobian[:3], jacobian[3:], palm)
+                mujoco.mj_jacBody(model, data, *halves, palm)
         mujoco.mj_kinematics(model, data)
         kernels().move_held(
             self._pads, self._addresses, *self._bodies, held, self._poses, self._jacobians,
@@ -491,19 +569,12 @@ class HeldObjectMotion:
 
 
 def warm_up_held_objects() -> None:
-    """Compile the kernels of held objects."""
+    """Compile the kernel that moves held objects."""
     pads = np.zeros((1, 3), np.int64)
     held = np.zeros(1, np.int64)
-    geoms = np.zeros((4, 2), np.int32)
-    distances = np.zeros(4)
-    bodies = np.zeros(1, np.int32)
-    positions = np.zeros((1, 3))
-    quaternions = np.array(((1.0, 0.0, 0.0, 0.0),))
+    plant = np.zeros((1, 3)), np.array(((1.0, 0.0, 0.0, 0.0),))
     poses = np.zeros((1, 3, 7))
     q = np.zeros(7)
-    plant = positions, quaternions
-    for some in (slice(None), slice(None, None, 2)):  # one contact is contiguous, several are not
-        kernels().find_held(geoms[some], distances[some], pads, bodies, held, *plant, held, poses)
     kernels().move_held(pads, held, *plant, held, poses, np.zeros((1, 6, 1)), q[:1], 0.002, q)
 
 

@@ -238,3 +238,41 @@ pressed finger do not change the force."""
 
 SHUT: Final = -1.0
 """Target opening of a closing gripper, m: below 0, so that the fingers keep pressing."""
+
+# Fingers, integers of shape (k, FINGER_NUMBERS): addresses in the plant, and rows of ring buffers.
+Q_ADDRESS: Final = 0
+"""Address of the position of the first finger; the second one is next to it. -1: not present."""
+V_ADDRESS: Final = 1
+"""Address of the speed of the first finger."""
+MOTOR: Final = 2
+"""Address of the motor, which moves both."""
+NOISE_ROW: Final = 3
+"""Row of the batch of noise for the next reading of the opening."""
+NEWEST: Final = 4
+"""Row of the latest reading of the opening."""
+KEPT: Final = 5
+"""Number of readings that are kept, up to all rows."""
+PADS: Final = 6
+"""Address of the force sensors of both pads; -1: it has none."""
+PALM_BODY: Final = 7
+"""Body of the palm."""
+PADS_ROW: Final = 8
+"""Row of the batch of noise for the next reading of the pads."""
+FINGER_NUMBERS: Final = 9
+
+# Readings of fingers, of shape (k, FINGER_READINGS).
+WIDTH: Final = 0
+"""Opening from the encoder, m."""
+SPEED: Final = 1
+"""Speed of the opening, positive when it opens, m/s."""
+PRESSED: Final = 2
+"""Force of a pad from the motor's current, positive when it closes, N."""
+SENSED_S: Final = 3
+"""Simulated time of the reading, s; -1: it is due."""
+QUANTUM: Final = 4
+"""Resolution of the opening, m; 0 for none."""
+PADS_S: Final = 5
+"""Simulated time of the reading of the pads, s; -1 before the first."""
+PADS_PERIOD: Final = 6
+"""Shortest time between two readings of the pads, s."""
+FINGER_READINGS: Final = 7

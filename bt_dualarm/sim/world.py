@@ -44,10 +44,11 @@ from bt_dualarm.sim.composition import (
     nominal_model,
     surface_below,
 )
-from bt_dualarm.sim.devices import ArmHardware, DeviceBank
+from bt_dualarm.sim.devices import ArmHardware, DeviceBank, kernels
 from bt_dualarm.sim.grippers import (
     Attachment,
     Attachments,
+    FingerBank,
     GripperHardware,
     HeldObjectMotion,
 )
@@ -65,6 +66,8 @@ from bt_dualarm.spec.document import (
 from bt_dualarm.spec.joints import Articulation
 
 # Devices
+
+_MAX_SPEED = 1e4  # rad/s or m/s: no valid state comes near it
 
 
 class Devices:
@@ -110,6 +113,10 @@ class Devices:
         }
         efforts = {name: robot.limits.effort for name, robot in robots.items()}
         self._bank = DeviceBank(self.errors, self.sampled, efforts, file.world.timestep)
+        self._rows = {name: row for row, name in enumerate(mounted)}
+        self._fingers = FingerBank(len(mounted), file.world.timestep)
+        self._cups: list[GripperHardware] = []
+        self._has_read = False
 
     def add(self, name: str, option: mujoco.MjOption) -> None:
         """Create the devices of an arm that is added to a world with these options."""
@@ -126,7 +133,9 @@ class Devices:
         self.hardware[name] = self._bank.begin(name, self._seed)
         if name in self.mounted:
             rng = random_stream(self._seed, f"{name}:gripper")
-            self.grippers[name] = GripperHardware(self.mounted[name], errors, rng, option.timestep)
+            self.grippers[name] = GripperHardware(
+                self.mounted[name], errors, rng, option.timestep, self._fingers, self._rows[name]
+            )
 
     def open_gripper(self, name: str) -> None:
         """Open the gripper of an arm that was just added."""
@@ -142,7 +151,9 @@ class Devices:
         """Remove the devices of an arm that leaves the world."""
         del self.hardware[name], self.nominal[name]
         self._bank.end(name)
-        self.grippers.pop(name, None)
+        gripper = self.grippers.pop(name, None)
+        if gripper is not None:
+            gripper.disconnect()
 
     def connect(
         self,
@@ -153,6 +164,7 @@ class Devices:
     ) -> None:
         """Connect to the arms of a recompiled plant, and update the loads that they hold."""
         self._model, self._plant = plant
+        self._timestep = float(self._model.opt.timestep)
         self._sensed = mujoco.MjData(self._model)
         self._is_sensed = False
         self._sensed_joints = []
@@ -166,8 +178,22 @@ class Devices:
             if name in self.grippers:
                 self.grippers[name].connect(self._model, body.data, name)
         mounted = {name: self.mounted[name] for name in arms if name in self.grippers}
+        self._cups = [self.grippers[name] for name in mounted if not mounted[name].fingers]
         self._held_motion = HeldObjectMotion(*plant, mounted)
         self._bank.connect(*plant, arms)
+        data = self._plant
+        # Views, and a list of contacts that follows the plant: to look them up takes longer than
+        # to use them.
+        self._state = data.qpos, data.qvel
+        self._motors = data.ctrl
+        self._contacts = data.contact
+        fingers = self._fingers
+        self._driven = fingers.numbers, fingers.drives, *self._state
+        self._held = self._held_motion.arguments()
+        self._sensors = (
+            *self._driven[:2], fingers.readings, fingers.noise, fingers.widths, data.sensordata,
+            data.xmat, *fingers.sensors(),
+        )  # fmt: skip
 
     def reload(
         self,
@@ -199,9 +225,22 @@ class Devices:
     def sense(self, time: float) -> None:
         """Read the sensors of all arms at the current simulated time in s."""
         self._is_sensed = False
-        self._bank.sense(time)
-        for gripper in self.grippers.values():
-            gripper.sense(time)
+        encoders = self._bank.encoders
+        arguments = encoders.begin_reading(time)
+        if arguments is not None:
+            is_used_up = kernels().read_sensors(time, *arguments, *self._sensors)
+        elif self._has_read:
+            is_used_up = kernels().read_fingers(time, self._state[0], *self._sensors)
+        else:
+            is_used_up = True
+            for gripper in self.grippers.values():
+                gripper.read_first(time)
+        if is_used_up:
+            for gripper in self.grippers.values():
+                gripper.refill()
+        encoders.end_reading(time)
+        for cup in self._cups:
+            cup.sense_vacuum(time)
 
     @property
     def sensed(self) -> mujoco.MjData:
@@ -220,25 +259,46 @@ class Devices:
             mujoco.mj_kinematics(self._model, self._sensed)
         return self._sensed
 
-    def drive(self) -> None:
-        """Apply the torques and forces of all drives for the next step."""
-        self._bank.drive()
-        for gripper in self.grippers.values():
-            gripper.drive()
+    def drive(self) -> bool:
+        """Apply the torques and forces of all drives for the next step.
 
-    def move_held_objects(self) -> None:
-        """Correct the motion of held objects after the integration of a step."""
-        self._held_motion.correct()
+        Returns:
+            Whether all of them are finite.
+        """
+        self._has_read = True
+        for cup in self._cups:
+            cup.drive_pump()
+        is_finite: bool = kernels().drive_plant(
+            *self._bank.drives.begin_step(), *self._driven, self._timestep, self._motors
+        )
+        return is_finite
+
+    def pass_between(self) -> bool:
+        """Set friction for the velocities of a step, and correct the motion of held objects.
+
+        To be called after the integration of the step.
+
+        Returns:
+            Whether the state is finite and possible; if not, nothing is done.
+        """
+        contacts = self._contacts
+        count = kernels().pass_between(
+            _MAX_SPEED, *self._state, *self._bank.friction.arguments(), contacts.geom,
+            contacts.dist, *self._held,
+        )  # fmt: skip
+        if count > 0:
+            self._held_motion.correct()
+        return bool(count >= 0)
 
     def alter_encoder(
         self, name: str, joint: int, reading: Callable[[float], float] | None
     ) -> None:
         """Alter the readings of an encoder from now on; see `Encoders.alter`."""
-        self._bank.alter_encoder(name, joint, reading)
+        self._bank.encoders.alter(name, joint, reading)
 
     def update_friction(self) -> None:
         """Set the joint friction of all arms for the current velocities."""
-        self._bank.update_friction()
+        self._bank.friction.act()
 
 
 def _fingers(gripper: Gripper | None) -> tuple[str, ...]:
@@ -545,8 +605,6 @@ class HoldingView(WorldView):
 
 # Physics step
 
-_MAX_SPEED = 1e4  # rad/s or m/s: no valid state comes near it
-
 
 class Stepping:
     """Steps one compiled model and detects divergence.
@@ -554,18 +612,16 @@ class Stepping:
     Args:
         model: Compiled world.
         data: Its state.
+        devices: Sensors and drives of its arms.
     """
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, devices: Devices) -> None:
         self._model = model
         self._data = data
-        # Views: an attribute lookup on mjData costs more than the arithmetic on it.
-        self._ctrl = data.ctrl
-        self._qvel = data.qvel
-        self._qpos = data.qpos
+        self._devices = devices
 
-    def advance(self, between: Iterable[Callable[[], None]] = ()) -> float:
-        """Advance by one step and bring positions, contacts and inertias up to date.
+    def advance(self, between: Iterable[Callable[[], None]]) -> None:
+        """Drive, advance by one step, bring positions and contacts up to date, and sense.
 
         ``mj_step`` leaves the derived quantities at the state before the step, 2 ms old. Calling
         its two halves in reverse order (``mj_step2``, then ``mj_step1``) avoids that.
@@ -574,33 +630,27 @@ class Stepping:
             between: Functions called between the halves: velocities are new, while contacts and
                 their forces are still those of the step.
 
-        Returns:
-            Simulated time in s.
-
         Raises:
             DivergenceError: A torque or the state is not finite, or time did not advance.
         """
         model = self._model
         data = self._data
-        ctrl = self._ctrl
-        if not math.isfinite(ctrl.dot(ctrl)):  # MuJoCo would replace all controls by zero
+        devices = self._devices
+        if not devices.drive():
             raise DivergenceError(_divergence(model, data, "has a command that is not finite"))
         before = data.time
         mujoco.mj_step2(model, data)
-        qvel = self._qvel
-        qpos = self._qpos
-        # A dot product costs a tenth of a test of each element.
-        if not (qvel.dot(qvel) < _MAX_SPEED**2 and math.isfinite(qpos.dot(qpos))):
+        if not devices.pass_between():
             raise DivergenceError(
                 _divergence(model, data, "moves impossibly fast or has a state that is not finite")
             )
         for callback in between:
             callback()
         mujoco.mj_step1(model, data)
-        now: float = data.time
+        now = data.time
         if now <= before:
             raise DivergenceError(f"simulated time went from {before} s back to {now} s")
-        return now
+        devices.sense(now)
 
 
 def _divergence(model: mujoco.MjModel, data: mujoco.MjData, what: str) -> str:
@@ -714,10 +764,9 @@ class World(HoldingView):
         self.hardware = self.devices.hardware
         self.nominal = self.devices.nominal
         self.grippers = self.devices.grippers
-        self.on_forces: list[Callable[[], None]] = [self.devices.update_friction]
+        self.on_forces: list[Callable[[], None]] = []
         self._spec = composition.scene_spec(file.world)
         if mounted:
-            self.on_forces.append(self.devices.move_held_objects)
             composition.set_grasp_contact_options(self._spec)
         check_declarations(file, self.robots, composition.names_in(self._spec))
         self.attachments = Attachments(self._spec, self._recompile, self._rebind, self._reload)
@@ -729,9 +778,7 @@ class World(HoldingView):
         Raises:
             DivergenceError: A torque or the state is not finite, or time did not advance.
         """
-        self.devices.drive()
-        time = self._stepping.advance(self.on_forces)
-        self.devices.sense(time)
+        self._stepping.advance(self.on_forces)
 
     def sense(self) -> None:
         """Read all sensors; `step` does so at its end."""
@@ -934,7 +981,7 @@ class World(HoldingView):
 
     def _bind(self) -> None:
         plant = self.model, self.data
-        self._stepping = Stepping(*plant)
+        self._stepping = Stepping(*plant, self.devices)
         self.arms = {
             name: ArmBody.find(name, self.robots[name], self._file.arms[name].base.pose, *plant)
             for name in self.arms

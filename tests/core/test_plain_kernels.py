@@ -18,13 +18,25 @@ from bt_dualarm.perception.perception_kernels import blend_in_plane
 from bt_dualarm.sim.device_kernels import (
     any_foreign_contact,
     drive_fingers,
+    drive_plant,
     find_held,
     held_body,
     move_held,
     move_with_palm,
     pad_forces_in_tool,
+    pass_between,
+    read_fingers,
 )
-from bt_dualarm.sim.kernel_arrays import DRIVE
+from bt_dualarm.sim.kernel_arrays import (
+    DRIVE,
+    DRIVES,
+    FINGER_NUMBERS,
+    FINGER_READINGS,
+    FRICTION,
+    LATE,
+    PADS_S,
+    WHOLE,
+)
 from bt_dualarm.sim.ray_trace_kernels import enter
 from bt_dualarm.trajectory.trajectory_kernels import longest_free_time
 from tests.plain_kernels import plain
@@ -45,6 +57,30 @@ def quaternions(rng: np.random.Generator, count: int) -> Any:
 def limits(rng: np.random.Generator) -> Any:
     """Of joints: positions, then velocity, acceleration and jerk, of shape (5, dof)."""
     return np.vstack((-np.ones(DOF), np.ones(DOF), rng.uniform(1.0, 3.0, (3, DOF))))
+
+
+def fingers(rng: np.random.Generator) -> Any:
+    """Of three grippers, two with fingers, one of which has sensors in its pads."""
+    numbers = np.zeros((3, FINGER_NUMBERS), np.int64)
+    numbers[:, :3] = (1, 3, 0), (-1, 0, 0), (4, 0, 1)
+    numbers[:, 3:6] = rng.integers(0, 3, (3, 3))
+    numbers[:, 6:] = (0, 2, 1), (-1, 0, 0), (-1, 0, 0)
+    return numbers
+
+
+def drives(rng: np.random.Generator) -> Any:
+    """Of three joints, with delays of up to two steps."""
+    rows = rng.uniform(0.5, 1.0, (3, DRIVES))
+    rows[:, WHOLE] = rng.integers(0, 3, 3)
+    rows[:, LATE] = rng.random(3)
+    return rows
+
+
+def finger_readings(rng: np.random.Generator, last_s: float) -> Any:
+    """Of three grippers, whose pads were read at a time in s."""
+    readings = rng.uniform(0.01, 0.02, (3, FINGER_READINGS))
+    readings[:, PADS_S] = last_s
+    return readings
 
 
 KERNELS: dict[Callable[..., Any], Arguments] = {
@@ -147,6 +183,48 @@ KERNELS: dict[Callable[..., Any], Arguments] = {
         rng.normal(size=(6, 9)),
         rng.normal(size=9),
         0.002,
+    ),
+    drive_plant: lambda rng: (
+        np.array(((0, 2), (2, 3))),
+        rng.normal(size=(4, 3)),
+        int(rng.integers(4)),
+        drives(rng),
+        fingers(rng),
+        rng.uniform(0.5, 2.0, (3, DRIVE)),
+        *rng.normal(size=(2, 9)),
+        0.002,
+        np.append(np.zeros(3), rng.choice((0.0, np.inf))),
+    ),
+    pass_between: lambda rng: (
+        rng.choice((1.0, 1e4)),
+        *rng.normal(size=(2, 9)),
+        np.array(((0, 2), (2, 3))),
+        rng.uniform(0.5, 2.0, (3, FRICTION)),
+        *rng.random((2, 9)),
+        rng.integers(0, 4, (8, 2), dtype=np.int32),
+        rng.uniform(-1.0, 0.5, 8),
+        np.array(((0, 1, 5), (0, 1, 6))),
+        rng.integers(0, 2, 4, dtype=np.int32),
+        rng.integers(-1, 2, BODIES),
+        rng.normal(size=(BODIES, 3)),
+        quaternions(rng, BODIES),
+        np.zeros(2, np.int64),
+        np.zeros((2, 3, 7)),
+    ),
+    read_fingers: lambda rng: (
+        0.5,
+        rng.normal(size=9),
+        fingers(rng),
+        rng.uniform(0.5, 2.0, (3, DRIVE)),
+        finger_readings(rng, rng.choice((-1.0, 0.3, 0.5))),
+        rng.normal(size=(3, 3)),
+        rng.uniform(0.0, 0.4, (3, 3, 2)),
+        rng.normal(size=6),
+        rng.normal(size=(BODIES, 9)),
+        rng.normal(size=(3, 3, 3)),
+        rng.random((3, 2)),
+        rng.normal(size=(3, 2, 6)),
+        np.zeros((3, 2, 3)),
     ),
     drive_fingers: lambda rng: (
         *rng.normal(size=(2, 2)),

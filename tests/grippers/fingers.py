@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bt_dualarm.robots.gripper import FINGERS, gripper_names, load_gripper
+from bt_dualarm.sim.kernel_arrays import SENSED_S, WIDTH
 from bt_dualarm.sim.world import World
 
 FINGERED = tuple(name for name in gripper_names() if load_gripper(name).fingers)
@@ -13,7 +14,7 @@ def opened(world: World, width: float, sensed: float | None = None) -> None:
     for finger in FINGERS:
         world.data.joint(f"arm1/{finger}").qpos[0] = 0.5 * width
     hardware = world.grippers["arm1"]
-    hardware.stamp = -1.0
+    hardware._readings[SENSED_S] = -1.0
     world.restore(world.state())
     if sensed is not None:
-        hardware.width = sensed
+        hardware._readings[WIDTH] = sensed

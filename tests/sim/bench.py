@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from bt_dualarm.core.pose import Vector
+from bt_dualarm.sim.device_kernels import apply_torques
 from bt_dualarm.sim.devices import ArmDrives, ArmHardware, Drives, Encoders, parts_of
 from bt_dualarm.spec.document import DriveErrors, EncoderErrors
 
@@ -61,7 +62,11 @@ class Bench:
 
     def _connect(self) -> None:
         self.encoders.connect(self._true, self._here)
-        self.drives.connect(self._true, self._here)
+        self.drives.connect(self._here)
+
+    def drive(self) -> None:
+        """Have the drives apply their torques for a step."""
+        apply_torques(*self.drives.begin_step(), self._true.ctrl)
 
     def place(self, name: str, q: Vector, v: Vector) -> None:
         """Say where an arm is, and how fast; each of shape (dof,)."""
@@ -116,5 +121,5 @@ class BenchDrives:
     def passed(self, torque: Vector) -> Vector:
         """What the joints get in the step after a command."""
         self._bench.hardware[ARM].command(torque)
-        self._bench.drives.drive()
+        self._bench.drive()
         return self._bench.torque(ARM)

@@ -179,7 +179,7 @@ def course(names: set[str]) -> dict[str, list[Vector]]:
                 bench.begin(name, seed=7)
             bench.place(name, *truth[:2])
             bench.hardware[name].command(truth[2])
-        bench.drives.drive()
+        bench.drive()
         bench.encoders.read(k * STEP)
         if k % 5 == 0:  # again at this moment, as after a recompilation
             bench.encoders.read(k * STEP)

@@ -99,8 +99,9 @@ def test_a_drive_that_diverges_is_named_as_no_joint(gripper: str) -> None:
     world = world_with("ur5", gripper=gripper)
     drive = world.model.actuator("arm1/gripper/drive").id
 
-    def gone_wrong() -> None:
+    def gone_wrong() -> bool:
         world.data.ctrl[drive] = np.nan
+        return False
 
     world.devices.drive = gone_wrong  # type: ignore[method-assign]  # that is the fault
     with pytest.raises(DivergenceError, match="drive 'arm1/gripper/drive'"):
