@@ -39,9 +39,8 @@ class CameraLike(Protocol):
     def capture(self) -> object:
         """Capture a frame."""
 
-    @property
-    def has_seen(self) -> bool:
-        """Whether captured frames await delivery."""
+    def has_arrived(self, time: float) -> bool:
+        """Whether frames are to be delivered at ``time``, s."""
 
     def deliver(self, time: float) -> object:
         """Deliver the frames whose latency has elapsed to their subscribers."""
@@ -201,7 +200,7 @@ class ArmRuntime:
         if step >= self._ticks.next:
             return True
         camera = self._camera
-        return camera is not None and (camera.due(time) or camera.has_seen)
+        return camera is not None and (camera.due(time) or camera.has_arrived(time))
 
     def capture(self, time: float) -> None:
         """Capture a frame if one is due and the tree still runs."""
@@ -212,7 +211,7 @@ class ArmRuntime:
     def deliver(self, time: float) -> None:
         """Deliver the frames whose latency has elapsed."""
         camera = self._camera
-        if camera is not None and camera.has_seen and self.outcome is None:
+        if camera is not None and self.outcome is None and camera.has_arrived(time):
             self._guarded("camera", lambda: camera.deliver(time), time)
 
     def tick(self, step: int, time: float) -> bool:

@@ -231,9 +231,8 @@ class _MountedCamera:
     def capture(self) -> None:
         self.frame_log.add(self.camera.capture(self.world))
 
-    @property
-    def has_seen(self) -> bool:
-        return self.camera.has_seen
+    def has_arrived(self, time: float) -> bool:
+        return self.camera.has_arrived(time)
 
     def deliver(self, time: float) -> None:
         self.camera.deliver(time)
@@ -477,7 +476,7 @@ def prepare(file: TreeFile, registry: Registry, options: RunOptions, stop: StopR
             # Skills need hulls of composed objects, and no tick should wait for this import.
             importlib.import_module("scipy.spatial")
         states = StateLog(assembly.world)
-        feed.observers += states, fault_log
+        feed.watch(states, fault_log)
         open_record = None
         if options.record is not None:
             folder = resources.enter_context(RecordFolder(options.record, file.arms))
@@ -488,11 +487,11 @@ def prepare(file: TreeFile, registry: Registry, options: RunOptions, stop: StopR
                 for frame_log in assembly.frame_logs.values():
                     frame_log.pictures = pictures
             recorder = Recorder(folder.path, assembly.world, states, log.take, history)
-            feed.observers += recorder, history
+            feed.watch(recorder, history)
             open_record = OpenRecord(folder, trace, history, recorder)
         referee = Referee(assembly.world, file)
         if referee.watches:
-            feed.observers.append(referee)
+            feed.watch(referee)
         conditions = _conditions(file.world.time_limit, options, stop, referee)
         if not assembly.faults.is_idle:
             conditions.inject = weakly(assembly.faults.update)
@@ -542,11 +541,14 @@ def _conditions(
     else:
         limit = Limit(time_limit, Ending.TIME_LIMIT)
     watchdog = Watchdog(options.watchdog, stop)
-    # A weak reference: the conditions must not keep the world alive after its run.
-    watching = ref(referee)
+    conditions = Conditions(limit, time.perf_counter, stop, pacer, watchdog)
+    if referee.watches:
+        # A weak reference: the conditions must not keep the world alive after its run.
+        watching = ref(referee)
 
-    def violation() -> str:
-        alive = watching()
-        return "" if alive is None else alive.violation
+        def violation() -> str:
+            alive = watching()
+            return "" if alive is None else alive.violation
 
-    return Conditions(limit, time.perf_counter, stop, pacer, watchdog, violation)
+        conditions.violation = violation
+    return conditions

@@ -420,8 +420,18 @@ class StatusFeed:
     """
 
     def __init__(self, observers: Sequence[Observer] = ()) -> None:
-        self.observers = list(observers)
+        self._observers: tuple[Observer, ...] = ()
+        self._of_steps: tuple[Observer, ...] = ()
         self._changes: list[StatusChange] = []
+        self.watch(*observers)
+
+    def watch(self, *observers: Observer) -> None:
+        """Notify more observers from now on, after those before them."""
+        self._observers += observers
+        # Most observers need no single steps, of which there are 500 in a simulated second.
+        self._of_steps = tuple(
+            one for one in self._observers if type(one).after_step is not IdleObserver.after_step
+        )
 
     def add(self, change: StatusChange) -> None:
         """Collect a change; called by trees during their ticks."""
@@ -431,7 +441,7 @@ class StatusFeed:
         """Report the changes, then that trees were ticked."""
         changes = self._changes
         self._changes = []
-        for observer in tuple(self.observers):
+        for observer in self._observers:
             try:
                 for change in changes:
                     observer.on_event(change)
@@ -441,7 +451,7 @@ class StatusFeed:
 
     def after_step(self, time: float) -> None:
         """Report a physics step that ended at ``time``, s."""
-        for observer in self.observers:
+        for observer in self._of_steps:
             try:
                 observer.after_step(time)
             except Exception as error:  # noqa: BLE001 - see `_drop`
@@ -449,7 +459,7 @@ class StatusFeed:
 
     def on_fault(self, event: FaultEvent) -> None:
         """Report the start or the end of an injected fault to those who want to know."""
-        for observer in self.observers:
+        for observer in self._observers:
             if not isinstance(observer, FaultObserver):
                 continue
             try:
@@ -459,7 +469,9 @@ class StatusFeed:
 
     def _drop(self, observer: Observer, error: Exception) -> None:
         """Remove an observer, so that its error does not end the run."""
-        self.observers = [other for other in self.observers if other is not observer]
+        left = tuple(other for other in self._observers if other is not observer)
+        self._observers = ()
+        self.watch(*left)
         _log.warning("observer %s was dropped: %r", type(observer).__name__, error)
 
 

@@ -275,7 +275,7 @@ class Run:
             _return_freed_memory()
         self._stop = self._given_stop or StopRequest()
         self._parts = prepare(self._file, self._registry, self._options, self._stop)
-        self._parts.feed.observers += self._watching
+        self._parts.feed.watch(*self._watching)
         self._requested_s = Fraction(0)
         self._is_recorded = self._parts.open_record is None
         self._viewpoint: Viewpoint | None = None
@@ -475,7 +475,7 @@ class Run:
     def watch(self, observer: Observer) -> None:
         """Add an observer, notified after those that are already registered."""
         self._watching.append(observer)
-        self._parts.feed.observers.append(observer)
+        self._parts.feed.watch(observer)
 
     @property
     def open_record(self) -> OpenRecord | None:

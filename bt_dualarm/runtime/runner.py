@@ -45,7 +45,7 @@ class Conditions:
         pacer: Limits the rate of simulated time.
         watchdog: Limits the wall-clock time of skill code.
         violation: Sentence on a violated invariant, empty while there is none.
-        inject: Starts and ends the faults that are due, before each step.
+        inject: Starts and ends the faults that are due, before each step; None if there are none.
     """
 
     limit: Limit
@@ -54,7 +54,7 @@ class Conditions:
     pacer: Pacer = field(default_factory=Unpaced)
     watchdog: Watchdog = field(default_factory=lambda: Watchdog(None, StopRequest()))
     violation: Callable[[], str] = str
-    inject: Callable[[], None] = lambda: None
+    inject: Callable[[], None] | None = None
 
 
 class Runner:
@@ -80,6 +80,7 @@ class Runner:
         self._feed = feed
         self._conditions = conditions
         self._watchdog = conditions.watchdog
+        self._inject = conditions.inject
         self._step = 0
         self._last_step = round(conditions.limit.seconds / world.timestep)
         self._error = ""
@@ -197,7 +198,8 @@ class Runner:
         """Make one physics step with everything that is due in it."""
         time = self._world.time
         try:
-            self._conditions.inject()
+            if self._inject is not None:
+                self._inject()
             if trees and self._arms.due(self._step, time):
                 self._capture_and_tick(time)
             if self._arms.controls(self._step):

@@ -726,19 +726,18 @@ class Camera:
         left, top, right, bottom = clip_region(window.region, self.width, self.height)
         return left - left % window.stride, top - top % window.stride, right, bottom
 
-    @property
-    def has_seen(self) -> bool:
-        """Whether there are frames that have not been delivered."""
-        return bool(self._pending)
+    def has_arrived(self, time: float) -> bool:
+        """Whether `deliver` has frames to pass at a simulated time in s."""
+        if not self._pending:
+            return False
+        latency, frame = self._pending[0]
+        return frame.stamp + latency <= time + _CLOCK_TOLERANCE_S
 
     def deliver(self, time: float) -> list[Frame]:
         """Pass frames whose latency has passed to the subscribers, oldest first; returns them."""
         ready = []
-        while self._pending:
-            latency, frame = self._pending[0]
-            if frame.stamp + latency > time + _CLOCK_TOLERANCE_S:
-                break
-            self._pending.popleft()
+        while self.has_arrived(time):
+            _, frame = self._pending.popleft()
             if self._calibration is not None and self._calibration.stamp_s > 0:
                 # The stamp was ahead of the clock: the arm's pose at that time was not known yet.
                 frame = frame.posed(self._calibration.pose_at(frame.stamp))

@@ -152,9 +152,8 @@ class FakeEye:
         self._world.write(f"capture {self.name}")
         self._pending.append(self._world.steps)
 
-    @property
-    def has_seen(self) -> bool:
-        return True
+    def has_arrived(self, time: float) -> bool:
+        return bool(self._pending) and self._pending[0] < self._world.steps
 
     def deliver(self, time: float) -> None:
         while self._pending and self._pending[0] < self._world.steps:
@@ -220,7 +219,7 @@ class Stage:
         )
 
     def run(self) -> RunResult:
-        self.watch.observers.extend(self.observers)
+        self.watch.watch(*self.observers)
         declared = dict.fromkeys(self.scripts, "fake")
         arms = Arms(declared, self.equip, self.world, self.leniency)
         clock = iter(range(0, 1000, 2))
