@@ -159,11 +159,17 @@ class ScratchModel:
         np.bitwise_or.at(model.body_contype, model.geom_bodyid, model.geom_contype)
         np.bitwise_or.at(model.body_conaffinity, model.geom_bodyid, model.geom_conaffinity)
 
-    def report_gaps(self, marks: Marks, distance: float) -> None:
-        """Report geoms nearer to the selected ones than a distance in m, not only contacts."""
+    def report_gaps(self, marks: Marks, distance: float | Vector) -> None:
+        """Report geoms nearer to the selected ones than a distance, not only contacts.
+
+        Args:
+            marks: The selected geoms.
+            distance: The distance in m: one for all, or one for each geom of the model.
+        """
         model = self.model
-        model.geom_margin[marks] = distance
-        model.body_margin[np.unique(model.geom_bodyid[marks])] = distance
+        margins = np.broadcast_to(distance, len(marks))
+        model.geom_margin[marks] = margins[marks]
+        np.maximum.at(model.body_margin, model.geom_bodyid[marks], margins[marks])
 
     def settle(self, *, carrying: bool = True) -> None:
         """Compute kinematics and contacts at the positions in ``data``.
@@ -374,10 +380,33 @@ class CollisionChecker:
         strict.least = np.where(self.least == -TOUCH, 0.0, self.least)
         for q in ends:
             self.place(q)
-            for first, second in self.data.contact.geom.tolist():
+            found = self.data.contact
+            for first, second in found.geom[found.dist <= 0.0].tolist():
                 strict.least[first, second] = self.least[first, second]
                 strict.least[second, first] = self.least[second, first]
         return strict
+
+    def keeping(self, distance: float, ends: Iterable[Vector]) -> CollisionChecker:
+        """Stricter checker for a path: keeps a distance in m from everything but the arm itself.
+
+        What is nearer than that at an end may be as near on the whole path.
+
+        Args:
+            distance: The distance, m.
+            ends: Configurations, each of shape (dof,), rad.
+        """
+        roomy = copy.copy(self)
+        scratch = self._scratch
+        scratch.report_gaps(self.moving, np.maximum(scratch.model.geom_margin, distance))
+        wider = (self.moving[:, None] ^ self.moving) & np.isfinite(self.least)
+        most = np.where(wider, distance, -np.inf)
+        for q in ends:
+            self.place(q)
+            found = self.data.contact
+            for (first, second), gap in zip(found.geom.tolist(), found.dist.tolist(), strict=True):
+                most[first, second] = most[second, first] = min(most[first, second], gap - TOUCH)
+        roomy.least = np.maximum(self.least, most)
+        return roomy
 
     def contact(self, q: Vector) -> Contact | None:
         """Deepest contact that the arm would have at ``q``, of shape (dof,), rad; None if free."""
