@@ -209,23 +209,23 @@ def apply_friction(
 
 
 @kernel
-def drive_fingers(q: Vector, v: Vector, drive: Vector, step: float, motor: Vector) -> None:
+def drive_fingers(width: float, rate: float, drive: Vector, step: float) -> float:
     """Speed loop of two fingers: a spring and damper to a reference that moves at the set speed.
 
     The reference leads the fingers by no more than the spring needs for the commanded force
     (anti-windup), so blocked fingers press with exactly that force.
 
     Args:
-        q: Positions of both fingers, of shape (2,), m.
-        v: Their speeds, of shape (2,), m/s.
+        width: Opening, m.
+        rate: Speed of the opening, m/s.
         drive: Constants, command and state of the drive, see `kernel_arrays`; changed.
         step: Seconds of a physics step.
-        motor: Control of the plant, the force on each finger, of shape (1,), N; changed.
+
+    Returns:
+        Control of the plant: the force on each finger, N.
     """
     limit = drive[COMMANDED_FORCE]
     stiffness = drive[STIFFNESS]
-    width = q[0] + q[1]
-    rate = v[0] + v[1]
     lead = WOUND_UP * limit / stiffness
     goal = SHUT if drive[COMMANDED_WIDTH] <= 0.0 else drive[COMMANDED_WIDTH]
     stride = drive[COMMANDED_SPEED] * step
@@ -234,34 +234,47 @@ def drive_fingers(q: Vector, v: Vector, drive: Vector, step: float, motor: Vecto
     force = stiffness * (reference - width) + drive[DAMPING] * (advance / step - rate)
     drive[REFERENCE] = min(max(reference + advance, width - lead), width + lead)
     drive[FORCE] = min(max(force, -limit), limit)
-    motor[0] = min(max(drive[FORCE] * drive[GRIP_GAIN], -drive[MOST]), drive[MOST])
+    applied: float = min(max(drive[FORCE] * drive[GRIP_GAIN], -drive[MOST]), drive[MOST])
+    return applied
 
 
 @kernel
-def pad_forces_in_tool(
-    sensed: Vector, palm: Vector, tool: Matrix, gains: Vector, noise: Matrix, row: int
-) -> Matrix:
-    """Force of the held object on each pad, in the axes of the tool frame, of shape (2, 3), N.
+def write_pad_forces(
+    k: int,
+    address: int,
+    palm: int,
+    row: int,
+    sensed: Vector,
+    rotations: Matrix,
+    tools: Stack,
+    gains: Matrix,
+    noise: Stack,
+    forces: Stack,
+) -> None:
+    """Force of the held object on each pad of a gripper, in the axes of its tool frame.
 
     Args:
-        sensed: Force of each pad on the object, in the axes of the world, of shape (6,), N.
-        palm: Rotation matrix of the palm, row by row, of shape (9,).
-        tool: Rotation matrix of the tool frame in the palm, of shape (3, 3).
-        gains: Factor of each pad's reading, of shape (2,).
-        noise: Batch of noise, of shape (n, 6), N.
-        row: Row of it for this reading.
+        k: Row of the gripper.
+        address: First sensor reading of its pads.
+        palm: Body of its palm.
+        row: Row of the batch of noise for this reading.
+        sensed: As in `read_fingers`.
+        rotations: As there.
+        tools: As there.
+        gains: As there.
+        noise: As there ``pad_noise``.
+        forces: As there.
     """
-    forces = np.empty((2, 3))
     for axis in range(3):
-        x = palm[0] * tool[0, axis] + palm[1] * tool[1, axis] + palm[2] * tool[2, axis]
-        y = palm[3] * tool[0, axis] + palm[4] * tool[1, axis] + palm[5] * tool[2, axis]
-        z = palm[6] * tool[0, axis] + palm[7] * tool[1, axis] + palm[8] * tool[2, axis]
+        a, b, c = tools[k, 0, axis], tools[k, 1, axis], tools[k, 2, axis]
+        x = rotations[palm, 0] * a + rotations[palm, 1] * b + rotations[palm, 2] * c
+        y = rotations[palm, 3] * a + rotations[palm, 4] * b + rotations[palm, 5] * c
+        z = rotations[palm, 6] * a + rotations[palm, 7] * b + rotations[palm, 8] * c
         for pad in range(2):
-            first = 3 * pad
+            first = address + 3 * pad
             along = sensed[first] * x + sensed[first + 1] * y + sensed[first + 2] * z
             # The sensor has the force on the object; the force on the pad is the reaction.
-            forces[pad, axis] = noise[row, first + axis] - gains[pad] * along
-    return forces
+            forces[k, pad, axis] = noise[k, row, 3 * pad + axis] - gains[k, pad] * along
 
 
 @kernel
@@ -296,7 +309,7 @@ def read_fingers(
         tools: Rotation matrix of each tool frame in its palm, of shape (k, 3, 3).
         gains: Factors of the pads' readings, of shape (k, 2).
         pad_noise: Batches of noise of the pads, of shape (k, m, 6), N.
-        forces: Takes the forces on the pads, see `pad_forces_in_tool`, of shape (k, 2, 3), N.
+        forces: Takes the forces on the pads, see `write_pad_forces`, of shape (k, 2, 3), N.
 
     Returns:
         Whether a batch of noise is used up.
@@ -328,15 +341,12 @@ def read_fingers(
             row = fingers[k, PADS_ROW]
             fingers[k, PADS_ROW] += 1
             if readings[k, PADS_S] < 0.0:  # before its first step the plant has no forces
-                forces[k] = pad_noise[k, row].reshape((2, 3))
+                for i in range(6):
+                    forces[k, i // 3, i % 3] = pad_noise[k, row, i]
             else:
-                forces[k] = pad_forces_in_tool(
-                    sensed[pads : pads + 6],
-                    rotations[fingers[k, PALM_BODY]],
-                    tools[k],
-                    gains[k],
-                    pad_noise[k],
-                    row,
+                palm = fingers[k, PALM_BODY]
+                write_pad_forces(
+                    k, pads, palm, row, sensed, rotations, tools, gains, pad_noise, forces
                 )
             readings[k, PADS_S] = time
         is_used_up |= fingers[k, NOISE_ROW] == noise.shape[1]
@@ -482,59 +492,70 @@ def move_with_palm(
     for i in range(6):
         for k in range(len(velocities)):
             rates[i] += jacobian[i, k] * velocities[k]
-    before = rows[0]
-    after = rows[1]
-    body = rows[2]
-    lever = body[:3] - before[:3]
-    turn = product(after[3:], conjugate(before[3:]))
-    arc = after[:3] + turned(turn, lever)
-    straight = body[:3] + step * (rates[:3] + crossed(rates[3:], lever))
-    pose[:3] += arc - straight
-    integrated = rotation(step * rates[3:])
-    pose[3:] = product(product(turn, conjugate(integrated)), pose[3:])
+    speed = rates[0], rates[1], rates[2]
+    spin = rates[3], rates[4], rates[5]
+    x, y, z = rows[0, 0], rows[0, 1], rows[0, 2]
+    lever = rows[2, 0] - x, rows[2, 1] - y, rows[2, 2] - z
+    before = rows[0, 3], rows[0, 4], rows[0, 5], rows[0, 6]
+    after = rows[1, 3], rows[1, 4], rows[1, 5], rows[1, 6]
+    turn = product(after, conjugate(before))
+    arc = turned(turn, lever)
+    straight = crossed(spin, lever)
+    for i in range(3):
+        pose[i] += (rows[1, i] + arc[i]) - (rows[2, i] + step * (speed[i] + straight[i]))
+    integrated = rotation((step * spin[0], step * spin[1], step * spin[2]))
+    rest = product(turn, conjugate(integrated))
+    pose[3], pose[4], pose[5], pose[6] = product(rest, (pose[3], pose[4], pose[5], pose[6]))
+
+
+Triple: TypeAlias = tuple[float, float, float]
+Quaternion: TypeAlias = tuple[float, float, float, float]
+"""With w first. Tuples, as each small array would be allocated."""
 
 
 @kernel
-def product(a: Vector, b: Vector) -> Vector:
-    """Product of two quaternions, each of shape (4,), w first."""
-    return np.array(
-        (
-            a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
-            a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
-            a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
-            a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
-        )
+def product(a: Quaternion, b: Quaternion) -> Quaternion:
+    """Product of two quaternions."""
+    return (
+        a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3],
+        a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2],
+        a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1],
+        a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0],
     )
 
 
 @kernel
-def conjugate(a: Vector) -> Vector:
-    """Conjugate of a unit quaternion, the inverse rotation, of shape (4,)."""
-    return np.array((a[0], -a[1], -a[2], -a[3]))
+def conjugate(a: Quaternion) -> Quaternion:
+    """Conjugate of a unit quaternion, the inverse rotation."""
+    return a[0], -a[1], -a[2], -a[3]
 
 
 @kernel
-def crossed(a: Vector, b: Vector) -> Vector:
-    """Cross product of two vectors of shape (3,)."""
-    return np.array(
-        (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+def crossed(a: Triple, b: Triple) -> Triple:
+    """Cross product."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@kernel
+def turned(turn: Quaternion, vector: Triple) -> Triple:
+    """Rotate a vector by a unit quaternion."""
+    axis = turn[1], turn[2], turn[3]
+    half = crossed(axis, vector)
+    twice = 2.0 * half[0], 2.0 * half[1], 2.0 * half[2]
+    more = crossed(axis, twice)
+    return (
+        vector[0] + turn[0] * twice[0] + more[0],
+        vector[1] + turn[0] * twice[1] + more[1],
+        vector[2] + turn[0] * twice[2] + more[2],
     )
 
 
 @kernel
-def turned(turn: Vector, vector: Vector) -> Vector:
-    """Rotate a vector of shape (3,) by a unit quaternion of shape (4,)."""
-    twice = 2.0 * crossed(turn[1:], vector)
-    result: Vector = vector + turn[0] * twice + crossed(turn[1:], twice)
-    return result
-
-
-@kernel
-def rotation(angles: Vector) -> Vector:
-    """Quaternion of a rotation vector of shape (3,), rad."""
+def rotation(angles: Triple) -> Quaternion:
+    """Quaternion of a rotation vector, rad."""
     half = 0.5 * math.sqrt(angles[0] ** 2 + angles[1] ** 2 + angles[2] ** 2)
     share = 0.5 * math.sin(half) / half if half > 1e-12 else 0.5
-    return np.array((math.cos(half), share * angles[0], share * angles[1], share * angles[2]))
+    return math.cos(half), share * angles[0], share * angles[1], share * angles[2]
 
 
 # One physics step
@@ -575,14 +596,9 @@ def drive_plant(
         first = fingers[k, Q_ADDRESS]
         if first >= 0:
             start = fingers[k, V_ADDRESS]
-            motor = fingers[k, MOTOR]
-            drive_fingers(
-                q[first : first + 2],
-                v[start : start + 2],
-                finger_drives[k],
-                step,
-                motors[motor : motor + 1],
-            )
+            width = q[first] + q[first + 1]
+            rate = v[start] + v[start + 1]
+            motors[fingers[k, MOTOR]] = drive_fingers(width, rate, finger_drives[k], step)
     return math.isfinite(square(motors))
 
 

@@ -206,22 +206,14 @@ class Encoders:
         self._q = data.qpos
         self._v = data.qvel
 
-    def read(self, time: float) -> None:
-        """Read all joints at a time in s.
+    def begin_reading(self, time: float) -> tuple[Any, ...]:
+        """Begin a reading at a time in s; call `end_reading` after its kernel.
 
         A second reading at the same time replaces the first.
-        """
-        arguments = self.begin_reading(time)
-        if arguments is not None:
-            kernels().read_joints(*arguments)
-        self.end_reading(time)
-
-    def begin_reading(self, time: float) -> tuple[Any, ...] | None:
-        """Prepare a reading at a time in s; call `end_reading` afterwards.
 
         Returns:
-            Arguments of `read_joints`, which takes the reading. None if it is done: the first one
-            needs no kernel, so that a start does not wait for it.
+            Arguments of `read_joints`. The first reading needs no kernel, so that a start does not
+            wait for it: no joint is left to be read then.
         """
         if time <= self.stamp:
             self._forget(time)
@@ -234,11 +226,12 @@ class Encoders:
         self._newest = (self._newest + 1) % len(self._window)
         self._before = before = self.readings
         self.readings = readings = np.empty(before.shape)
+        joints = self._where
         if not self._has_read:
             self._read_first(self._noise[row])
-            return None
+            joints = joints[:0]
         return (
-            self._where, self._q, self._v, self._encoders, self._counts, self._noise, row,
+            joints, self._q, self._v, self._encoders, self._counts, self._noise, row,
             self._window, self._newest, self._step, before, readings,
         )  # fmt: skip
 
@@ -437,14 +430,8 @@ class JointFrictionModel:
             model.dof_solimp[arm.dof_ids, :2] = STIFF[1]
         self._partition()
 
-    def act(self) -> None:
-        """Set friction for the current velocities, before MuJoCo computes passive forces."""
-        joints, friction, dry, damping = self.arguments()
-        if len(joints):
-            kernels().apply_friction(joints, friction, self._v, dry, damping)
-
     def arguments(self) -> tuple[npt.NDArray[Any], ...]:
-        """Arguments of `apply_friction` besides the velocities.
+        """Arguments of `apply_friction` besides the velocities, before passive forces are computed.
 
         Sets the friction of arms that have not moved yet, which are not among the joints.
         """
@@ -595,12 +582,9 @@ def warm_up_sensors() -> None:
         fingers, finger_drives, finger_readings, rows, stack, one, rows, stack, rows, stack, stack
     )  # fmt: skip
     encoders = three, one, one, table, counts, past, 0, past, 0, 1.0, past, past
-    compiled.read_joints(*encoders)
     compiled.read_sensors(0.0, *encoders, *sensors)
-    compiled.read_fingers(0.0, one, *sensors)
     compiled.drive_plant(two, past, 0, drives, fingers, finger_drives, one, one, 1.0, one)
     compiled.command_torques(one, drives)
-    compiled.apply_friction(two, friction, one, one, one)
     geoms = np.zeros((4, 2), np.int32)
     distances = np.zeros(4)
     bodies = np.zeros(1, np.int32)

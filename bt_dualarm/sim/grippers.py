@@ -182,14 +182,6 @@ class FingerBank:
         """Arrays of the sensors after those of the plant, in the order of `read_fingers`."""
         return self.tools, self.gains, self.pad_noise, self.forces
 
-    def read(self, time: float, q: Vector, sensed: Vector, rotations: Matrix) -> bool:
-        """Read all grippers at a simulated time in s; arguments and result as `read_fingers`."""
-        is_used_up: bool = kernels().read_fingers(
-            time, q, self.numbers, self.drives, self.readings, self.noise, self.widths, sensed,
-            rotations, *self.sensors(),
-        )  # fmt: skip
-        return is_used_up
-
 
 class TactileSensors:
     """The force sensors under both pads of one gripper, for as long as its arm is in the world.

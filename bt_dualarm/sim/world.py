@@ -116,7 +116,7 @@ class Devices:
         self._rows = {name: row for row, name in enumerate(mounted)}
         self._fingers = FingerBank(len(mounted), file.world.timestep)
         self._cups: list[GripperHardware] = []
-        self._has_read = False
+        self._has_stepped = False
 
     def add(self, name: str, option: mujoco.MjOption) -> None:
         """Create the devices of an arm that is added to a world with these options."""
@@ -227,11 +227,9 @@ class Devices:
         self._is_sensed = False
         encoders = self._bank.encoders
         arguments = encoders.begin_reading(time)
-        if arguments is not None:
+        if self._has_stepped or len(arguments[0]):
             is_used_up = kernels().read_sensors(time, *arguments, *self._sensors)
-        elif self._has_read:
-            is_used_up = kernels().read_fingers(time, self._state[0], *self._sensors)
-        else:
+        else:  # no kernel is loaded yet
             is_used_up = True
             for gripper in self.grippers.values():
                 gripper.read_first(time)
@@ -265,7 +263,7 @@ class Devices:
         Returns:
             Whether all of them are finite.
         """
-        self._has_read = True
+        self._has_stepped = True
         for cup in self._cups:
             cup.drive_pump()
         is_finite: bool = kernels().drive_plant(
@@ -298,7 +296,13 @@ class Devices:
 
     def update_friction(self) -> None:
         """Set the joint friction of all arms for the current velocities."""
-        self._bank.friction.act()
+        friction = self._bank.friction.arguments()
+        if len(friction[0]):
+            contacts = self._contacts
+            none, *held = self._held
+            kernels().pass_between(
+                _MAX_SPEED, *self._state, *friction, contacts.geom, contacts.dist, none[:0], *held
+            )
 
 
 def _fingers(gripper: Gripper | None) -> tuple[str, ...]:

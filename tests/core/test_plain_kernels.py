@@ -23,9 +23,9 @@ from bt_dualarm.sim.device_kernels import (
     held_body,
     move_held,
     move_with_palm,
-    pad_forces_in_tool,
     pass_between,
     read_fingers,
+    write_pad_forces,
 )
 from bt_dualarm.sim.kernel_arrays import (
     DRIVE,
@@ -139,13 +139,17 @@ KERNELS: dict[Callable[..., Any], Arguments] = {
         rng.normal(size=3),
         np.empty((3, 2)),
     ),
-    pad_forces_in_tool: lambda rng: (
-        rng.normal(size=6),
-        rng.normal(size=9),
-        rng.normal(size=(3, 3)),
-        rng.random(2),
-        rng.normal(size=(N, 6)),
+    write_pad_forces: lambda rng: (
+        1,
+        2,
+        int(rng.integers(BODIES)),
         int(rng.integers(N)),
+        rng.normal(size=9),
+        rng.normal(size=(BODIES, 9)),
+        rng.normal(size=(2, 3, 3)),
+        rng.random((2, 2)),
+        rng.normal(size=(2, N, 6)),
+        np.empty((2, 2, 3)),
     ),
     held_body: lambda rng: (
         rng.integers(0, 4, (8, 2), dtype=np.int32),
@@ -226,12 +230,7 @@ KERNELS: dict[Callable[..., Any], Arguments] = {
         rng.normal(size=(3, 2, 6)),
         np.zeros((3, 2, 3)),
     ),
-    drive_fingers: lambda rng: (
-        *rng.normal(size=(2, 2)),
-        rng.uniform(0.5, 2.0, DRIVE),
-        0.002,
-        np.zeros(1),
-    ),
+    drive_fingers: lambda rng: (*rng.normal(size=2), rng.uniform(0.5, 2.0, DRIVE), 0.002),
     enter: lambda rng: (
         np.zeros((12, 14, 3), np.uint8),
         (3, 2, 12, 10),

@@ -5,10 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bt_dualarm.core.pose import Pose
+from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.sim.device_kernels import held_body, move_with_palm, rotation
 
 STEP = 0.002
+
+
+def turned_by(angles: Vector) -> Vector:
+    """Quaternion of a rotation vector, of shape (3,), rad."""
+    x, y, z = angles.tolist()
+    return np.array(rotation((x, y, z)))
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -22,12 +28,12 @@ def test_a_thing_that_goes_with_the_palm_stays_where_it_is_in_it(seed: int) -> N
     rates = rng.uniform(-2, 2, 6)
     after = Pose(
         palm.position + STEP * rates[:3] + rng.uniform(-4e-6, 4e-6, 3),
-        (Pose(np.zeros(3), rotation(STEP * rates[3:])) @ palm).quaternion,
+        (Pose(np.zeros(3), turned_by(STEP * rates[3:])) @ palm).quaternion,
     )
     straight = held.position + STEP * (
         rates[:3] + np.cross(rates[3:], held.position - palm.position)
     )
-    turned = Pose(np.zeros(3), rotation(STEP * rates[3:])) @ Pose(np.zeros(3), held.quaternion)
+    turned = Pose(np.zeros(3), turned_by(STEP * rates[3:])) @ Pose(np.zeros(3), held.quaternion)
     pose = np.array((*straight, *turned.quaternion))
     rows = np.array([(*one.position, *one.quaternion) for one in (palm, after, held)])
     move_with_palm(pose, rows, np.eye(6), rates, STEP)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from bt_dualarm.core.pose import Vector
-from bt_dualarm.sim.device_kernels import apply_torques
+from bt_dualarm.sim.device_kernels import apply_torques, read_joints
 from bt_dualarm.sim.devices import ArmDrives, ArmHardware, Drives, Encoders, parts_of
 from bt_dualarm.spec.document import DriveErrors, EncoderErrors
 
@@ -64,6 +64,11 @@ class Bench:
         self.encoders.connect(self._true, self._here)
         self.drives.connect(self._here)
 
+    def read(self, time: float) -> None:
+        """Have the encoders read."""
+        read_joints(*self.encoders.begin_reading(time))
+        self.encoders.end_reading(time)
+
     def drive(self) -> None:
         """Have the drives apply their torques for a step."""
         apply_torques(*self.drives.begin_step(), self._true.ctrl)
@@ -102,7 +107,7 @@ class BenchEncoders:
 
     def read(self, q: Vector, v: Vector, stamp: float) -> None:
         self._bench.place(ARM, q, v)
-        self._bench.encoders.read(stamp)
+        self._bench.read(stamp)
 
 
 class BenchDrives:

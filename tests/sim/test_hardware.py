@@ -180,9 +180,9 @@ def course(names: set[str]) -> dict[str, list[Vector]]:
             bench.place(name, *truth[:2])
             bench.hardware[name].command(truth[2])
         bench.drive()
-        bench.encoders.read(k * STEP)
+        bench.read(k * STEP)
         if k % 5 == 0:  # again at this moment, as after a recompilation
-            bench.encoders.read(k * STEP)
+            bench.read(k * STEP)
         for name, one_arm in bench.hardware.items():
             seen[name].append(np.concatenate((one_arm.q, one_arm.v, bench.torque(name))))
     return seen
@@ -201,9 +201,9 @@ def test_readings_before_an_arm_came_are_not_its_own() -> None:
     bench = Bench(SENSED, DRIVEN)
     bench.begin("early")
     for k in range(10):
-        bench.encoders.read(k * STEP)
+        bench.read(k * STEP)
     bench.begin("late")
     bench.place("late", np.array([0.5, -0.5]), np.zeros(2))
     for k in range(9, 12):
-        bench.encoders.read(k * STEP)
+        bench.read(k * STEP)
     assert bench.hardware["late"].q_at(0.0) == pytest.approx([0.5, -0.5], abs=0.01)
