@@ -41,6 +41,7 @@ from bt_dualarm.planning.path_constraints import ConstrainedProblem, PathConstra
 from bt_dualarm.planning.path_search import DEFAULT_PLANNER, Planner
 from bt_dualarm.planning.problem import (
     CHECKS,
+    ROOM_M,
     PlanningProblem,
     admitted,
     refuse_contact,
@@ -888,11 +889,13 @@ class Arm(ArmState):
         speed: float,
         longest_s: float,
         ignore: frozenset[str] = _NOTHING,
+        *,
+        opening: float | None = None,
     ) -> OverlappedMotion:
         """A motion that begins before the one before has ended, so that the arm does not stop.
 
-        Limits, efforts and grip allow the whole, and the overlap is free of collisions; at worst
-        there is none.
+        Limits, efforts and grip allow the whole, and the overlap keeps `ROOM_M` from objects; at
+        worst there is none.
 
         Args:
             before: Motions before, from the last set-point on.
@@ -900,12 +903,17 @@ class Arm(ArmState):
             speed: Fraction of the limits for the whole, above 0 to 1.
             longest_s: Longest overlap, s.
             ignore: Names of the objects that may be touched in the overlap.
+            opening: Opening of the fingers then, m; None for the present one.
         """
         checker = self.checker(ignore)
+        if opening is not None:
+            checker.open_fingers(opening)
 
         def is_allowed(whole: Trajectory, first: int, last: int) -> bool:
+            piece = whole.piece(first, last + 1)
             try:
-                refuse_contact(checker, whole.piece(first, last + 1))
+                # Both motions have been checked, but not what cuts the corner between them.
+                refuse_contact(checker.keeping(ROOM_M, (piece.q[0], piece.q[-1])), piece)
             except Failure:
                 return False
             return self.within_efforts(whole) is whole

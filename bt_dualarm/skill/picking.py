@@ -271,17 +271,34 @@ class Taking:
         arm = self._arm
         ports = self._ports
         brisk = self._brisk
+        opening = self._opening_of(approach)
         rows = approach.rows
         count = round((len(rows) - 1) * max(1.0 - self._near_m(approach) / approach.standoff, 0.0))
         if count > 0:
             far = arm.time_path(rows[: count + 1], brisk)
-            begin = arm.overlapped(begin, far, ports.speed, 0.5 * far.duration)
+            begin = arm.overlapped(begin, far, ports.speed, 0.5 * far.duration, opening=opening)
         slow = min(ports.approach_speed, brisk)
         near, _ = arm.slow_path(rows[count:], slow, _NEAR_M_S, brisk)
-        touched = frozenset({self._wanted.name} if self._wanted.name else ())
-        if self._hangs_on_a_joint:  # it does not yield to a hand that cuts the corner
-            touched = frozenset()
-        return arm.overlapped(begin, near, ports.speed, 0.5 * near.duration, touched)
+        touched = frozenset[str]()
+        # The hand may touch the object where both motions are on the straight part. It must not cut
+        # the corner at the standoff through the object, and never if that does not yield.
+        if count > 0 and self._wanted.name and not self._hangs_on_a_joint:
+            touched = frozenset({self._wanted.name})
+        return arm.overlapped(
+            begin, near, ports.speed, 0.5 * near.duration, touched, opening=opening
+        )
+
+    def _opening_of(self, approach: GraspApproach) -> float | None:
+        """Opening of the fingers during the approach, m; None if it stays as it is.
+
+        The less they open, the less there is to close later. Plans are for fingers as wide as they
+        open: they stay so beside what cannot yield.
+        """
+        page = self._arm.gripper.page
+        if not page.fingers or self._seen is not None or self._hangs_on_a_joint:
+            return None
+        wide = approach.ranked.grasp.width + 2.0 * _ROOM_M
+        return min(wide, self._wanted.opening or page.stroke, page.stroke)
 
     def _near_m(self, approach: GraspApproach) -> float:
         """Distance from the grasp within which the gripper may touch the object, m."""
@@ -305,11 +322,9 @@ class Taking:
         standoff_s = self._motion.ends_s[0]
         running = arm.begin(motion)
         watch = arm.watch(running, unseen, standoff_s)
-        page = arm.gripper.page
-        # Less to close later. Plans are for open fingers: not beside what cannot yield.
-        if page.fingers and self._seen is None and not self._hangs_on_a_joint:
-            wide = approach.ranked.grasp.width + 2.0 * _ROOM_M
-            arm.gripper.command(min(wide, self._wanted.opening or page.stroke, page.stroke))
+        opening = self._opening_of(approach)
+        if opening is not None:
+            arm.gripper.command(opening)
         while running.parameter.s < standoff_s:
             yield 0.5 * running.parameter.s / standoff_s
             arm.check()
