@@ -58,6 +58,9 @@ limit: an arm that is that fast was pushed, or could not brake."""
 _STANDSTILL = 0.005
 """Joint speed that counts as rest, rad/s: a tool at 0.8 m moves by less than 4 mm/s."""
 
+_STILL = 0.02
+"""The same for a speed that is not averaged, and therefore has noise, rad/s."""
+
 
 class JointController:
     """Joint controller of one arm: follows motions, and holds the last set-point without one.
@@ -154,6 +157,11 @@ class JointController:
         return self._motion is None and bool(
             (np.abs(self._torque.mean_velocity) < _STANDSTILL).all()
         )
+
+    @property
+    def is_still(self) -> bool:
+        """Whether the arm is at rest, and no joint lags behind a motion that has just ended."""
+        return self.at_rest and bool((np.abs(self._torque.observer.v) < _STILL).all())
 
     def follow(
         self,

@@ -182,8 +182,8 @@ class ArmRuntime:
 
     @property
     def at_rest(self) -> bool:
-        """Whether no motion is commanded and the arm is at rest."""
-        return self._controller.at_rest
+        """Whether no motion is commanded and the arm has come to rest."""
+        return self._controller.is_still
 
     @property
     def running(self) -> tuple[str, ...]:

@@ -339,3 +339,25 @@ def test_a_joint_that_is_faster_than_the_robot_allows_fails_what_is_done(
     assert controller.fault.code == "TRACKING_ERROR"
     assert controller.fault.numbers["joint_speed_share"] == pytest.approx(1.2)
     assert controller.guard["fastest_share"] == pytest.approx(1.2)
+
+
+@pytest.mark.parametrize("robot", ["panda", "fr3"])
+def test_an_arm_is_not_still_while_a_joint_lags_behind_a_motion_that_has_ended(robot: str) -> None:
+    """A brisk arm brakes from a small speed sooner than its delayed drives do."""
+    world = World(file_of({"arm1": arm(robot, reality="rough")}))
+    controller = controlled(world)
+    at_rest: list[float] = []
+    still: list[float] = []
+    for number in range(8):
+        controller.stream(sine(controller.setpoint, 0.01, 15.0, world.time))
+        run(world, 1.2 + 0.05 * number, controller)
+        controller.stop()
+        begun = len(still)
+        while len(still) == begun:
+            run(world, world.timestep, controller)
+            speed = float(np.abs(world.arms["arm1"].v).max())
+            if controller.at_rest:
+                at_rest.append(speed)
+            if controller.is_still:
+                still.append(speed)
+    assert max(still) < max(at_rest) - 0.01

@@ -73,6 +73,10 @@ class FakeController:
     def at_rest(self) -> bool:
         return self.stops > 0 and self.updates_to_stop == 0
 
+    @property
+    def is_still(self) -> bool:
+        return self.at_rest
+
     def update(self, time: float) -> None:
         self._world.write(f"control {self.name}")
         if self._world.steps == self.breaks_at:
