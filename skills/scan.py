@@ -45,7 +45,7 @@ class Scan(Skill):
             30, "largest angle between the line of sight and the vertical", ge=0, le=90
         )
         least: int = port(1, "number of objects at which the search ends", ge=1, le=100)
-        frames: int = port(4, "images that are averaged at each viewpoint", ge=1, le=100)
+        frames: int = port(2, "images that are averaged at each viewpoint", ge=1, le=100)
         speed: Speed = port(0.5, "fraction of the arm's limits")
 
     class Outputs(PortModel):
@@ -68,7 +68,7 @@ class Scan(Skill):
         """View from where the arm is, then from above one part of the area after the other."""
         own_camera(self.arm)
         seen = self.ports.sighted(self.arm, self.context.cell.zones)
-        yield from self.arm.think()  # the motion of a halted leaf may still be braking
+        yield from self.arm.come_to_rest()  # the motion of a halted leaf may still be braking
         viewpoints = 0
         for number, point in enumerate((None, *self._centers())):
             if point is not None and not (yield from self._look_at(point, viewpoints)):

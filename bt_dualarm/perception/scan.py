@@ -17,6 +17,7 @@ import scipy
 from bt_dualarm.core.later import Later
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.perception.detection import ColorFilter, Detection
+from bt_dualarm.perception.expected_fit import ExpectedFit
 from bt_dualarm.perception.shape_fit import (
     KnownShape,
     OutlineScene,
@@ -462,6 +463,10 @@ class SightedThings:
     def pose(self, thing: SightedThing) -> Pose:
         """Pose of an object in the world; of equivalent ones the one with the smallest rotation."""
         return canonical(thing.best, self._fitter.shape).pose
+
+    def expected(self, thing: SightedThing) -> ExpectedFit:
+        """Accuracy that further images of an object will give."""
+        return ExpectedFit(self._fitter, thing.fits[0].scene, thing.views, thing.middle)
 
     def size_of(self, thing: SightedThing) -> SizeFit:
         """Size of an object by all its outlines, if it has the declared proportions."""

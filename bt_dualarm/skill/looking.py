@@ -248,12 +248,28 @@ SIDES: Final = (
     Side(across=-24, along=8, roll=-45, share=1.2),
     Side(share=0.8),
     Side(share=1.4, roll=20),
+    Side(roll=60),
+    Side(roll=-60),
+    Side(across=10, along=10, roll=60),
+    Side(across=-10, along=-10, roll=60),
+    Side(across=10, along=-10, roll=-60),
+    Side(across=-10, along=10, roll=-60),
+    Side(across=20, roll=-60),
+    Side(across=-20, roll=60),
+    Side(along=20, roll=60),
+    Side(along=-20, roll=-60),
 )
-"""Viewpoints in pairs to either side, so that errors of the camera's mount become visible."""
+"""Viewpoints in pairs to either side, so that errors of the camera's mount become visible; rolls
+of the camera about the line of sight show them best, as they leave the object where it is."""
 
 
 def go_to_camera(
-    arm: Arm, camera: Pose, speed: float, ignore: frozenset[str] = frozenset()
+    arm: Arm,
+    camera: Pose,
+    speed: float,
+    ignore: frozenset[str] = frozenset(),
+    *,
+    began_s: float | None = None,
 ) -> Generator[float | None, None, bool]:
     """Move the wrist camera to a pose in the world; yields once per tick.
 
@@ -262,6 +278,8 @@ def go_to_camera(
         camera: Pose of the camera (x right, y down, z forward).
         speed: Fraction of the limits, above 0 to 1.
         ignore: Names of objects that may be touched.
+        began_s: Simulated time at which the caller chose the pose and began to plan, s; by default
+            now.
 
     Returns:
         Whether the pose was reached; if not, the arm has not moved.
@@ -269,17 +287,21 @@ def go_to_camera(
     Raises:
         Failure: As `Arm.travel`, but for a pose that cannot be reached.
     """
-    return (yield from _refusal(arm, camera, speed, ignore)) is None
+    return (yield from _refusal(arm, camera, speed, ignore, began_s)) is None
 
 
 def _refusal(
-    arm: Arm, camera: Pose, speed: float, ignore: frozenset[str]
+    arm: Arm,
+    camera: Pose,
+    speed: float,
+    ignore: frozenset[str],
+    began_s: float | None = None,
 ) -> Generator[float | None, None, Failure | None]:
     """Move like `go_to_camera`; returns why the pose was not reached, None if it was."""
     camera_in_tool = arm.tool_pose.inverse @ camera_now(arm)
     try:
         goals = arm.configurations(camera @ camera_in_tool.inverse)
-        yield from arm.travel(goals, speed, ignore)
+        yield from arm.travel(goals, speed, ignore, began_s=began_s)
     except Failure as failure:
         if failure.code not in _UNREACHED:
             raise
