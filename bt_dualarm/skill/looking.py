@@ -248,16 +248,21 @@ SIDES: Final = (
     Side(across=-24, along=8, roll=-45, share=1.2),
     Side(share=0.8),
     Side(share=1.4, roll=20),
-    Side(roll=60),
-    Side(roll=-60),
-    Side(across=10, along=10, roll=60),
-    Side(across=-10, along=-10, roll=60),
-    Side(across=10, along=-10, roll=-60),
-    Side(across=-10, along=10, roll=-60),
-    Side(across=20, roll=-60),
-    Side(across=-20, roll=60),
-    Side(along=20, roll=60),
-    Side(along=-20, roll=-60),
+    *(
+        Side(across, along, roll)
+        for across, along in (
+            (0, 0),
+            *((14, 0), (-14, 0), (0, 14), (0, -14)),
+            *((10, 10), (-10, -10), (10, -10), (-10, 10)),
+            *((20, 0), (-20, 0), (0, 20), (0, -20)),
+        )
+        for roll in (60, -60)
+    ),
+    *(
+        Side(across, along, roll)
+        for across, along in ((20, 0), (-20, 0), (0, 20), (0, -20))
+        for roll in (30, -30)
+    ),
 )
 """Viewpoints in pairs to either side, so that errors of the camera's mount become visible; rolls
 of the camera about the line of sight show them best, as they leave the object where it is."""

@@ -29,6 +29,10 @@ _BEYOND_S: Final = 1.0
 """Delay assumed for a viewpoint that is probably out of reach, s."""
 
 
+_AT_ONCE: Final = 256
+"""Pairs of viewpoints that are compared at once, the soonest reached first."""
+
+
 class Viewpoints:
     """Choice among `SIDES`: the quickest one, or two, after which an estimate is accurate enough.
 
@@ -97,9 +101,15 @@ class Viewpoints:
             return 0
         # Two more: the information of both adds up, in either order.
         one, other = np.triu_indices(len(by), 1)
-        lacks = self._shortfall(expected, more + by[one] + by[other])
         between_s = travel_s(steps[other] - steps[one], self._limits)
         whole_s = np.minimum(there_s[one] + late_s[other], there_s[other] + late_s[one]) + between_s
+        lacks = np.full(len(one), np.inf)
+        soonest = np.argsort(whole_s, kind="stable")
+        for first in range(0, len(soonest), _AT_ONCE):
+            part = soonest[first : first + _AT_ONCE]
+            lacks[part] = self._shortfall(expected, more + by[one[part]] + by[other[part]])
+            if (lacks[part] <= 1.0).any():
+                break
         best = _best(lacks, whole_s)
         ends = int(one[best]), int(other[best])
         return min(ends, key=lambda end: float(there_s[end]))
