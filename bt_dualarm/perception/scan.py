@@ -279,6 +279,13 @@ _ASTRAY_PX: Final = 12.0
 """Gate of the association, in addition to half the object's width, px."""
 
 
+def _sight(frame: Frame, view: OutlineView) -> tuple[Vector, Vector]:
+    """Line of sight to the part of a region that an image shows: a point and a direction."""
+    middle = np.array((frame.width, frame.height)) / 2.0
+    pixel = np.array(view.detection.centroid_px) - middle
+    return view.camera.position, view.camera.turn(np.array((*pixel, view.focal_px)))
+
+
 @dataclass(eq=False)
 class SightedThing:
     """One detected object.
@@ -323,6 +330,8 @@ class SightedThings:
         unlike: Number of candidates of another shape in the last image.
         others_whole: Number of these that are certainly other objects: balls instead of boxes.
         beyond: Fraction of the last image covered by regions that go beyond its edge.
+        cut_off: Lines of sight to these, unless they are the background: position of the camera and
+            direction in the world, each of shape (3,).
     """
 
     def __init__(
@@ -340,6 +349,7 @@ class SightedThings:
         self.unlike = 0
         self.others_whole = 0
         self.beyond = 0.0
+        self.cut_off: list[tuple[Vector, Vector]] = []
         self._find = find
         self._fitter = fitter
         self._middle: Vector = np.zeros(3) if middle is None else middle
@@ -415,8 +425,10 @@ class SightedThings:
         """Process one image: refine known objects and add new ones."""
         found = [one for one in self._find(frame) if self._may_be_within(one)]
         regions = [region for region in found if region.is_whole]
-        cut = sum(region.detection.area_px for region in found if not region.is_whole)
-        self.beyond = cut / (frame.width * frame.height)
+        cut = [region for region in found if not region.is_whole]
+        area = sum(region.detection.area_px for region in cut)
+        self.beyond = area / (frame.width * frame.height)
+        self.cut_off = [] if self.is_ground else [_sight(frame, region) for region in cut]
         seen = list[SightedThing]()
         for thing in self._all:
             region = self._of(thing, regions)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Annotated, Final, Literal, TypeAlias
@@ -393,6 +393,58 @@ def look_at(
 def camera_now(arm: Arm) -> Pose:
     """Pose of the wrist camera in the world, from the encoders and the nominal model."""
     return arm.world.nominal[arm.name].camera_pose_at(arm.q)
+
+
+_SAMPLES: Final = 5
+"""Points along each edge of a part of an area, by which it counts as seen."""
+
+
+class Coverage:
+    """Parts of a level area that no image has shown yet.
+
+    Args:
+        centers: Centers of the parts in the world, each of shape (3,), m.
+        extents: Extents of each part along x and y, m.
+    """
+
+    def __init__(self, centers: Sequence[Vector], extents: tuple[float, float]) -> None:
+        shares = (np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5
+        x, y = np.meshgrid(extents[0] * shares, extents[1] * shares)
+        offsets = np.column_stack((x.ravel(), y.ravel(), np.zeros(x.size)))
+        self._left = [(center, center + offsets) for center in centers]
+
+    def take(self, frame: Frame, room: float) -> None:
+        """Leave out what an image shows.
+
+        Args:
+            frame: The image.
+            room: Distance of a point from the border of the image at which an object there would be
+                shown on whole, m.
+        """
+        half = np.array((frame.width, frame.height)) / 2.0
+        left = []
+        for center, points in self._left:
+            inside = frame.pose.inverse.apply(points)
+            depth = inside[:, 2].clip(1e-6)
+            reach = (np.abs(inside[:, :2]) + room) * (frame.focal_px / depth)[:, None]
+            is_seen = np.all(reach <= half, axis=1) & (inside[:, 2] > 0.0)
+            if not is_seen.all():
+                left.append((center, points[~is_seen]))
+        self._left = left
+
+    def nearest(self, camera: Pose) -> Vector | None:
+        """Center of the part nearest to a camera's line of sight, which is not chosen again.
+
+        None if everything was seen or chosen.
+        """
+        if not self._left:
+            return None
+        ahead = camera.rotation_matrix[:, 2]
+        beside = [
+            float(np.linalg.norm(np.cross(ahead, center - camera.position)))
+            for center, _ in self._left
+        ]
+        return self._left.pop(int(np.argmin(beside)))[0]
 
 
 class MarkViews:
