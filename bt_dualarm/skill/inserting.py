@@ -252,11 +252,13 @@ class Inserting:
             look,
             lightly=True,
         )
+        self._descending = self._landing = self._compliance.compensation
         # From contact to its detection, the arm begins to take the contact force for friction: 1 N,
-        # by which every hop would press harder.
+        # by which every hop presses harder. An arm that knows its friction poorly needs that, or
+        # friction keeps the peg off some positions, which are then passed by.
         free = [torques for height, torques in descent if height > self._height + _OFF_RIM_M]
-        self._descending = self._compliance.compensation
-        self._landing = np.mean(free[-_FREE_TICKS:] or [self._descending], axis=0)
+        if free and not self._arm.world.nominal[self._arm.name].estimates_payload:
+            self._landing = np.mean(free[-_FREE_TICKS:], axis=0)
         return self._height
 
     def _learn_rise(self, rim: float) -> Iterator[float]:
