@@ -3,7 +3,9 @@
     python -m benchmarks.inserting [--runs 10] [--seed 0] [--robot ur5] [--gripper robotiq_2f85]
                                    [--reality lab] [--shape cylinder]
 
-Exit code 1 if a run said SUCCESS and the peg is not in, by the truth.
+Printed are also the largest forces on the peg, by the truth: while its end is at the rim, and while
+it is in the hole, by walls and bottom. Exit code 1 if a run said SUCCESS and the peg is not in, by
+the truth.
 """
 
 from __future__ import annotations
@@ -12,12 +14,14 @@ import argparse
 import sys
 from typing import Any
 
+import mujoco
 import numpy as np
 
 import bt_dualarm as bt
 from benchmarks.campaign import Campaign
 from benchmarks.grip_arguments import grip_cases, grip_parser
 from bt_dualarm.core.pose import Vector
+from bt_dualarm.sim.world import World
 
 TABLE = 0.40
 """Height of the table's top, m."""
@@ -27,11 +31,54 @@ HIGH = 0.02
 THICK = 0.03
 """Width of the hole, height and thickness of the walls around it, m."""
 
+TOLD = (0.30, -0.48)
+"""Where the file says the hole is, x and y, m."""
+
 OFF_M = 0.0015
 """How far the hole is from where the file says, at most."""
 
 DEEP_M = 0.001
 """Height above the bottom at which a peg is not in, m."""
+
+
+RIM_M = 0.0006
+"""Depth below the rim up to which the peg is at the rim: deeper, `insert` pushes it in."""
+
+NEAR_M = 0.01
+"""Distance from where the file says the hole is within which contacts are those of insertion."""
+
+
+class Pressed:
+    """Largest contact forces on the peg at its hole.
+
+    Attributes:
+        rim_n, hole_n: At the rim, and in the hole, N.
+    """
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self._peg = world.payload_geoms("peg")
+        self._arm = world.arms["arm1"].geom_ids
+        self._force = np.empty(6)
+        self.rim_n = self.hole_n = 0.0
+        world.on_forces.append(self._look)
+
+    def _look(self) -> None:
+        end = self._world.object_pose("peg").position - (0.0, 0.0, 0.04)
+        if np.linalg.norm(end[:2] - TOLD) > NEAR_M:
+            return
+        data = self._world.data
+        total = np.zeros(3)
+        for number, pair in enumerate(data.contact.geom.tolist()):
+            if self._peg & set(pair) and not self._arm & set(pair):
+                mujoco.mj_contactForce(self._world.model, data, number, self._force)
+                axes = data.contact.frame[number].reshape(3, 3)
+                total += (1.0 if pair[1] in self._peg else -1.0) * (self._force[:3] @ axes)
+        force = float(np.linalg.norm(total))
+        if end[2] > TABLE + HIGH - RIM_M:
+            self.rim_n = max(self.rim_n, force)
+        else:
+            self.hole_n = max(self.hole_n, force)
 
 
 def walls(middle: Vector) -> dict[str, Any]:
@@ -62,7 +109,7 @@ def task(options: argparse.Namespace, seed: int) -> tuple[dict[str, Any], float]
     rng = np.random.default_rng(seed)
     off = OFF_M * float(np.sqrt(rng.uniform()))
     turn = float(rng.uniform(0.0, 2.0 * np.pi))
-    told = np.array((0.30, -0.48))
+    told = np.array(TOLD)
     hole = told + off * np.array((np.cos(turn), np.sin(turn)))
     size = [0.01, 0.08] if options.shape == "cylinder" else [0.02, 0.02, 0.08]
     pose = {"xyz": [0.45, -0.40, TABLE + 0.0405], "rpy": [0, 0, 0]}
@@ -84,6 +131,7 @@ def insert(seed: int, **words: str) -> dict[str, Any]:
     """One run: how far the hole is off, what came of it, and by the truth how deep the peg is."""
     file, off = task(argparse.Namespace(**words), seed)
     with bt.open(file) as run:
+        pressed = Pressed(run.world)
         leaf = run.finish().arms["arm1"].runs[-1]
         height = float(run.world.object_pose("peg").position[2]) - TABLE - 0.04
     is_in = leaf.skill == "insert" and leaf.status == "SUCCESS"
@@ -95,6 +143,8 @@ def insert(seed: int, **words: str) -> dict[str, Any]:
         "height_m": height,
         "places": leaf.metrics.get("search_places", ""),
         "seconds": (leaf.ended_s or 0.0) - leaf.started_s,
+        "rim_n": pressed.rim_n,
+        "hole_n": pressed.hole_n,
     }
 
 
@@ -104,6 +154,7 @@ def main() -> int:
     parser.add_argument("--shape", default="cylinder", choices=["cylinder", "box"])
     options = parser.parse_args()
     seconds = []
+    forces = []
     lied = 0
     with Campaign(options) as campaign:
         for case, found in campaign.run(insert, grip_cases(options, "shape")):
@@ -111,12 +162,16 @@ def main() -> int:
             lied += is_in and found["height_m"] > DEEP_M
             if is_in:
                 seconds.append(found["seconds"])
+                forces.append((found["rim_n"], found["hole_n"]))
             head = f"seed {case['seed']}: {1e3 * found['off_m']:.2f} mm off, {found['places']}"
-            print(f"{head} places, {found['seconds']:.0f} s, {found['said']}", flush=True)
+            felt = f"{found['rim_n']:.1f} N at the rim, {found['hole_n']:.1f} N in the hole"
+            print(f"{head} places, {found['seconds']:.0f} s, {felt}, {found['said']}", flush=True)
         middle = float(np.median(seconds)) if seconds else float("nan")
+        rim, hole = np.median(forces, axis=0).tolist() if forces else (float("nan"), float("nan"))
         print(
             f"{options.robot}, {options.gripper}, {options.reality}, {options.shape}: "
-            f"{len(seconds)} of {options.runs} in, median {middle:.0f} s, {lied} false"
+            f"{len(seconds)} of {options.runs} in, median {middle:.1f} s, {rim:.1f} N at the rim "
+            f"and {hole:.1f} N in the hole, {lied} false"
         )
         return 1 if lied else 0
 

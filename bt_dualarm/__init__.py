@@ -109,6 +109,7 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.joint import shared_grasp as shared_grasp
     from bt_dualarm.skill.keeping import KeptPath as KeptPath
     from bt_dualarm.skill.looking import SIDES as SIDES
+    from bt_dualarm.skill.looking import Coverage as Coverage
     from bt_dualarm.skill.looking import MarkViews as MarkViews
     from bt_dualarm.skill.looking import SightPorts as SightPorts
     from bt_dualarm.skill.looking import camera_now as camera_now
@@ -138,6 +139,7 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.skill import unit_vector as unit_vector
     from bt_dualarm.skill.tracking import PlaneTracking as PlaneTracking
     from bt_dualarm.skill.tracking import TrackingGains as TrackingGains
+    from bt_dualarm.skill.viewpoints import Viewpoints as Viewpoints
     from bt_dualarm.spec.node_types import Counterpart as Counterpart
     from bt_dualarm.spec.node_types import PortModel as PortModel
     from bt_dualarm.spec.node_types import port as port
@@ -330,6 +332,8 @@ _CONTENTS: Final = {
     # Steps of several skills
     "unit_vector": "skill.skill:unit_vector",
     "SIDES": "skill.looking:SIDES",
+    "Coverage": "skill.looking:Coverage",
+    "Viewpoints": "skill.viewpoints:Viewpoints",
     "go_to_camera": "skill.looking:go_to_camera",
     "look_at": "skill.looking:look_at",
     "camera_now": "skill.looking:camera_now",

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from bt_dualarm import (
-    SIDES,
     Angle,
     Failure,
     ObjectName,
@@ -19,6 +18,7 @@ from bt_dualarm import (
     Skill,
     Speed,
     Vector,
+    Viewpoints,
     go_to_camera,
     own_camera,
     port,
@@ -46,7 +46,7 @@ class Locate(Skill):
             le=90,
         )
         views: int = port(8, "largest number of viewpoints", ge=1, le=12)
-        frames: int = port(6, "images that are averaged at each viewpoint", ge=1, le=100)
+        frames: int = port(3, "images that are averaged at each viewpoint", ge=1, le=100)
         distance: float = port(0.3, "distance of the further viewpoints", unit="m", ge=0.08, le=2)
         speed: Speed = port(0.5, "fraction of the arm's limits")
         score: ObjectName | None = port(
@@ -80,7 +80,7 @@ class Locate(Skill):
         """View, move around until the poses are accurate, write them to the blackboard."""
         own_camera(self.arm)
         self._seen = self.ports.sighted(self.arm, self.context.cell.zones)
-        yield from self.arm.think()  # the motion of a halted leaf may still be braking
+        yield from self.arm.come_to_rest()  # the motion of a halted leaf may still be braking
         yield from self._take_image()
         if not self._seen.things:
             self._refuse_unseen()
@@ -99,18 +99,42 @@ class Locate(Skill):
             self._seen.take(picture)
 
     def _view_from_around(self) -> Iterator[float | None]:
-        """View from one side after the other while an estimate is not accurate enough."""
+        """View from where it tells most while an estimate is not accurate enough."""
+        ports = self.ports
+        choice = Viewpoints(
+            self.arm, self._orientation, ports.speed, ports.accuracy, ports.angle_accuracy
+        )
         viewpoints = 1
-        orientation = self._orientation
-        for side in SIDES:
-            unknown = [one for one in self._seen.things if not self._is_known(one)]
-            if viewpoints >= self.ports.views or not unknown:
+        camera: Pose | None = None
+        began_s: float | None = None
+        while viewpoints < ports.views and (unknown := self._unknown()):
+            if camera is None:
+                camera = self._next_of(choice, unknown)
+                began_s = None
+            if camera is None:
                 return
-            middle = np.mean([thing.position for thing in unknown], axis=0)
-            camera = side.camera(middle, orientation, self._viewing_distance(middle))
-            if (yield from go_to_camera(self.arm, camera, self.ports.speed, self.ports.ignored)):
-                yield from self._take_image()
+            there = yield from go_to_camera(
+                self.arm, camera, ports.speed, ports.ignored, began_s=began_s
+            )
+            camera = None
+            if there:
                 viewpoints += 1
+                # The next viewpoint is chosen, and the motion to it planned, during the exposures.
+                began_s = self.time
+                camera = self._next_of(choice, unknown, pending=True)
+                yield from self._take_image()
+
+    def _unknown(self) -> list[SightedThing]:
+        return [one for one in self._seen.things if not self._is_known(one)]
+
+    def _next_of(
+        self, choice: Viewpoints, unknown: list[SightedThing], *, pending: bool = False
+    ) -> Pose | None:
+        """Next pose of the camera, from which the least known object becomes known."""
+        middle = np.mean([thing.position for thing in unknown], axis=0)
+        least = max(unknown, key=lambda thing: thing.best.sigma_m)
+        expected = self._seen.expected(least)
+        return choice.choose(expected, middle, self._viewing_distance(middle), pending=pending)
 
     def _viewing_distance(self, middle: Vector) -> float:
         """Distance of a viewpoint, m: larger than requested to view several objects at once."""

@@ -55,7 +55,7 @@ class LookAt(Skill):
         ports = self.ports
         own_camera(arm)
         direction = unit_vector(ports.direction)
-        yield from arm.think()  # the motion of a halted leaf may still be braking
+        yield from arm.come_to_rest()  # the motion of a halted leaf may still be braking
         point = ports.at.pose.position
         poses = gazes(point, ports.distance, direction, ports.lean, camera_now(arm))
         if (yield from look_at(arm, poses, ports.speed)) is None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from bt_dualarm import (
     Angle,
+    Coverage,
     Failure,
     PortModel,
     PoseSpec,
@@ -25,9 +26,13 @@ from bt_dualarm import (
     still_picture,
 )
 
+_NEW_M = 0.1  # distance from which another point is worth a look of its own
+
 
 class Scan(Skill):
     """Search an area with the wrist camera until enough objects are detected.
+
+    It looks first at what an image shows in part, then at the nearest part not seen yet.
 
     The poses are rough estimates from one viewpoint; `locate` refines them.
     """
@@ -45,7 +50,7 @@ class Scan(Skill):
             30, "largest angle between the line of sight and the vertical", ge=0, le=90
         )
         least: int = port(1, "number of objects at which the search ends", ge=1, le=100)
-        frames: int = port(4, "images that are averaged at each viewpoint", ge=1, le=100)
+        frames: int = port(2, "images that are averaged at each viewpoint", ge=1, le=100)
         speed: Speed = port(0.5, "fraction of the arm's limits")
 
     class Outputs(PortModel):
@@ -68,22 +73,45 @@ class Scan(Skill):
         """View from where the arm is, then from above one part of the area after the other."""
         own_camera(self.arm)
         seen = self.ports.sighted(self.arm, self.context.cell.zones)
-        yield from self.arm.think()  # the motion of a halted leaf may still be braking
+        yield from self.arm.come_to_rest()  # the motion of a halted leaf may still be braking
         viewpoints = 0
-        for number, point in enumerate((None, *self._centers())):
-            if point is not None and not (yield from self._look_at(point, viewpoints)):
-                continue
-            viewpoints += point is not None
-            picture = yield from still_picture(self.arm, self.ports.frames)
-            if picture is not None:
-                seen.take(picture)
-            if len(seen.things) >= self.ports.least:
-                self._report(seen, number)
-                return
-        self._refuse(viewpoints, seen)
+        self._left = self._parts()
+        self._hints: list[Vector] = []
+        point: Vector | None = None
+        while True:
+            if point is None or (yield from self._look_at(point, viewpoints)):
+                viewpoints += point is not None
+                picture = yield from still_picture(self.arm, self.ports.frames)
+                if picture is not None:
+                    seen.take(picture)
+                    self._left.take(picture, seen.shape.extent)
+                if len(seen.things) >= self.ports.least:
+                    self._report(seen, viewpoints)
+                    return
+            point = self._next(seen)
+            if point is None:
+                self._refuse(viewpoints, seen)
 
-    def _centers(self) -> list[Vector]:
-        """Centers of the parts of the area, row by row; a part covers about half of an image."""
+    def _next(self, seen: SightedThings) -> Vector | None:
+        """Next point to look at; None if there is none."""
+        for hint in self._cut_off(seen):
+            if all(float(np.linalg.norm(hint - one)) > _NEW_M for one in self._hints):
+                self._hints.append(hint)
+                return hint
+        return self._left.nearest(camera_now(self.arm))
+
+    def _cut_off(self, seen: SightedThings) -> list[Vector]:
+        """Points of the area's plane on the lines of sight to what the last image shows in part."""
+        points = []
+        for eye, sight in seen.cut_off:
+            down = float(self._center[2] - eye[2])
+            if sight[2] * down > 0.0:
+                points.append(eye + down / sight[2] * sight)
+        size = 0.5 * self._extents + self.ports.distance
+        return [one for one in points if np.all(np.abs(one - self._center)[:2] <= size)]
+
+    def _parts(self) -> Coverage:
+        """The parts of the area; each covers about half of an image."""
         ports = self.ports
         step = 0.6 * self.ports.distance
         center = np.array(ports.center)
@@ -95,11 +123,11 @@ class Scan(Skill):
             width, depth = (np.abs(frame.rotation_matrix) @ region.edges)[:2].tolist()
         xs = _centers(width, step)
         ys = _centers(depth, step)
-        return [
-            center + np.array((x, y, 0.0))
-            for row, y in enumerate(ys)
-            for x in (xs if row % 2 == 0 else xs[::-1])
-        ]
+        self._center = np.array(center)
+        self._extents = np.array((width, depth))
+        part = self._extents / (len(xs), len(ys))
+        centers = [self._center + np.array((x, y, 0.0)) for y in ys for x in xs]
+        return Coverage(centers, (float(part[0]), float(part[1])))
 
     def _look_at(self, point: Vector, viewpoints: int) -> Generator[float | None, None, bool]:
         down = np.array((0.0, 0.0, -1.0))

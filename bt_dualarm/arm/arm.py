@@ -684,7 +684,7 @@ class Arm(ArmState):
                 come to rest.
         """
         began = self.time
-        yield from self._come_to_rest()
+        yield from self.come_to_rest()
         yield from self._pass_until(began + PLANNING_S)
 
     def configurations(
@@ -749,7 +749,7 @@ class Arm(ArmState):
                 none of the goals is free; ``NO_PLAN``; ``OVERLOADED``; ``BUSY`` when another leaf
                 moves the arm; ``TRACKING_ERROR`` when it does not come to rest.
         """
-        yield from self._come_to_rest()
+        yield from self.come_to_rest()
         due = (self.time if began_s is None else began_s) + PLANNING_S
         for replan in range(REPLANS, -1, -1):
             found = yield from self._plan_once(goals, speed, ignore, planner, keep, due)
@@ -806,7 +806,13 @@ class Arm(ArmState):
         finally:
             pending.abandon()
 
-    def _come_to_rest(self) -> Iterator[None]:
+    def come_to_rest(self) -> Iterator[None]:
+        """Wait until an earlier motion, such as the braking of a halted leaf, has ended.
+
+        Raises:
+            Failure: ``BUSY`` when another leaf moves the arm; ``TRACKING_ERROR`` when it does not
+                come to rest.
+        """
         began = self.time
         self._lease.refuse_if_busy()
         while self.controller.motion is not None:
@@ -1066,6 +1072,7 @@ class Arm(ArmState):
         patience: float = WAIT_S,
         planner: Planner = DEFAULT_PLANNER,
         keep: PathConstraint | None = None,
+        began_s: float | None = None,
     ) -> Iterator[float | None]:
         """Plan to one of several goals and execute the plan, waiting for other arms; once per tick.
 
@@ -1078,6 +1085,7 @@ class Arm(ArmState):
             patience: Simulated seconds after which it no longer waits or replans.
             planner: Planner to use if the straight path is blocked.
             keep: Constraint along the whole path, if there is one.
+            began_s: As for `plan`: the arm may think of its next motion while it takes images.
 
         Raises:
             Failure: As `plan` and `follow`.
@@ -1085,7 +1093,7 @@ class Arm(ArmState):
         move = self.past_others(speed, ignore)
         give_way = give_way and keep is None
         return replace(move, search=planner, give_way=give_way, wait_s=patience, keep=keep).go(
-            goals
+            goals, began_s
         )
 
     def past_others(self, speed: float, ignore: frozenset[str] = _NOTHING) -> MoveTo:
@@ -1128,18 +1136,23 @@ class MoveTo:
     wait_s: float = WAIT_S
     keep: PathConstraint | None = None
 
-    def go(self, goals: Sequence[Vector]) -> Iterator[float | None]:
+    def go(self, goals: Sequence[Vector], began_s: float | None = None) -> Iterator[float | None]:
         """Plan and execute a motion to one of several goals; yields once per tick.
 
         Args:
             goals: Configurations, each of shape (dof,), rad, the preferred one first.
+            began_s: Simulated time at which the caller began the first plan, s; by default now.
 
         Raises:
             Failure: As `Arm.plan` and `Arm.follow`.
         """
-        return self.along(
-            lambda: self.arm.plan(goals, self.speed, self.ignore, self.search, self.keep)
-        )
+        starts = [began_s]
+
+        def planned() -> Generator[None, None, Trajectory]:
+            began = starts.pop() if starts else None
+            return self.arm.plan(goals, self.speed, self.ignore, self.search, self.keep, began)
+
+        return self.along(planned)
 
     def straight(self, end: Pose, *, known_free: bool = False) -> Iterator[float | None]:
         """Move the tool straight to a pose in the world, as `along`; yields once per tick.

@@ -17,6 +17,7 @@ import scipy
 from bt_dualarm.core.later import Later
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.perception.detection import ColorFilter, Detection
+from bt_dualarm.perception.expected_fit import ExpectedFit
 from bt_dualarm.perception.shape_fit import (
     KnownShape,
     OutlineScene,
@@ -278,6 +279,13 @@ _ASTRAY_PX: Final = 12.0
 """Gate of the association, in addition to half the object's width, px."""
 
 
+def _sight(frame: Frame, view: OutlineView) -> tuple[Vector, Vector]:
+    """Line of sight to the part of a region that an image shows: a point and a direction."""
+    middle = np.array((frame.width, frame.height)) / 2.0
+    pixel = np.array(view.detection.centroid_px) - middle
+    return view.camera.position, view.camera.turn(np.array((*pixel, view.focal_px)))
+
+
 @dataclass(eq=False)
 class SightedThing:
     """One detected object.
@@ -322,6 +330,8 @@ class SightedThings:
         unlike: Number of candidates of another shape in the last image.
         others_whole: Number of these that are certainly other objects: balls instead of boxes.
         beyond: Fraction of the last image covered by regions that go beyond its edge.
+        cut_off: Lines of sight to these, unless they are the background: position of the camera and
+            direction in the world, each of shape (3,).
     """
 
     def __init__(
@@ -339,6 +349,7 @@ class SightedThings:
         self.unlike = 0
         self.others_whole = 0
         self.beyond = 0.0
+        self.cut_off: list[tuple[Vector, Vector]] = []
         self._find = find
         self._fitter = fitter
         self._middle: Vector = np.zeros(3) if middle is None else middle
@@ -414,8 +425,10 @@ class SightedThings:
         """Process one image: refine known objects and add new ones."""
         found = [one for one in self._find(frame) if self._may_be_within(one)]
         regions = [region for region in found if region.is_whole]
-        cut = sum(region.detection.area_px for region in found if not region.is_whole)
-        self.beyond = cut / (frame.width * frame.height)
+        cut = [region for region in found if not region.is_whole]
+        area = sum(region.detection.area_px for region in cut)
+        self.beyond = area / (frame.width * frame.height)
+        self.cut_off = [] if self.is_ground else [_sight(frame, region) for region in cut]
         seen = list[SightedThing]()
         for thing in self._all:
             region = self._of(thing, regions)
@@ -462,6 +475,10 @@ class SightedThings:
     def pose(self, thing: SightedThing) -> Pose:
         """Pose of an object in the world; of equivalent ones the one with the smallest rotation."""
         return canonical(thing.best, self._fitter.shape).pose
+
+    def expected(self, thing: SightedThing) -> ExpectedFit:
+        """Accuracy that further images of an object will give."""
+        return ExpectedFit(self._fitter, thing.fits[0].scene, thing.views, thing.middle)
 
     def size_of(self, thing: SightedThing) -> SizeFit:
         """Size of an object by all its outlines, if it has the declared proportions."""

@@ -705,6 +705,11 @@ _BEST: Final = 3
 _FAR: Final = 1e6
 
 
+def information_weight(count: int) -> float:
+    """Weight of the squared distance of each of so many points of an outline, 1/px²."""
+    return _INDEPENDENT / count / EDGE_DOUBT**2
+
+
 @dataclass(frozen=True, eq=False)
 class ShapeFit:
     """Pose of an object by some images of it.
@@ -828,8 +833,7 @@ class ShapeFitter:
         scene = fit.scene
         for step in _SIZE_STEPS:
             low, here, high = (
-                self._scaled(middle + side * step, edge)._solved(scene, views)
-                for side in (-1, 0, 1)
+                self.scaled(middle + side * step, edge)._solved(scene, views) for side in (-1, 0, 1)
             )
             scene = min((low, here, high), key=lambda one: one.cost).scene
             curve = (low.cost + high.cost - 2.0 * here.cost) / step**2
@@ -840,12 +844,12 @@ class ShapeFitter:
             middle += min(max(off, -2.0 * step), 2.0 * step)
             if abs(off) < 0.5 * step:
                 break
-        fitter = self._scaled(middle, edge)
+        fitter = self.scaled(middle, edge)
         sigma = math.sqrt(1.0 / curve) if curve > 0.0 else math.inf
         residual = fitter._solved(scene, views).residual_px
         return SizeFit(fitter.shape.size, math.exp(middle), sigma, residual)
 
-    def _scaled(self, share: float, edge: int | None) -> ShapeFitter:
+    def scaled(self, share: float, edge: int | None = None) -> ShapeFitter:
         """A fitter of a shape scaled by ``exp(share)``, as a whole or in one dimension."""
         size = tuple(
             math.exp(share) * length if edge in (None, number) else length
@@ -911,7 +915,7 @@ class ShapeFitter:
             if seen is None:
                 return normal, slope, math.inf, math.inf
             error, change = outline_error(seen, view.edge, scene.rim)
-            weight = _INDEPENDENT / len(error) / EDGE_DOUBT**2
+            weight = information_weight(len(error))
             size = np.maximum(np.abs(error), 1e-12)
             robust = weight * np.minimum(_HUBER_PX / size, 1.0)
             normal = normal + (change * robust[:, None]).T @ change
@@ -921,6 +925,11 @@ class ShapeFitter:
             square = square + float(error @ error)
             count = count + len(error)
         return normal, slope, cost, math.sqrt(square / max(count, 1))
+
+    def prior_information(self, scene: OutlineScene) -> Matrix:
+        """Information of the priors about the unknowns, of shape (`UNKNOWNS`, `UNKNOWNS`)."""
+        level = self.shape.upward(scene.rotation) if self.flat else None
+        return self._prior(scene, level)[0]
 
     def _prior(self, scene: OutlineScene, level: Vector | None) -> tuple[Matrix, Vector, float]:
         """Normal matrix, gradient and cost of the priors."""

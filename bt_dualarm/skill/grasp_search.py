@@ -546,6 +546,7 @@ def first_approach(
     standoff: float,
     speed: float,
     seen: Pose | None = None,
+    lift: float = 0.0,
 ) -> Generator[None, None, GraspApproach]:
     """Plan the approach of the first of several grasps that has one; yields once per tick.
 
@@ -556,6 +557,7 @@ def first_approach(
         standoff: Length of the straight part, m.
         speed: Fraction of the arm's limits up to the standoff, above 0 to 1.
         seen: Estimated pose of the object in the world; the plan then ignores its true pose.
+        lift: Height by which the arm must be able to lift the object straight up, m.
 
     Raises:
         Failure: ``OUT_OF_REACH`` with the reason of the best grasp, caused by all; ``OVERLOADED``;
@@ -579,6 +581,9 @@ def first_approach(
                 _refuse_goal(arm, wanted, wanted.goal, ranked)
             suits = True
             rows = _rows_to(arm, out, ranked.tool, wanted)
+            if lift > 0.0:
+                up = np.array((0.0, 0.0, lift))
+                arm.line_after(rows[-1], Pose(ranked.tool.position + up, ranked.tool.quaternion))
             if wanted.name and wanted.edges is None:
                 arm.refuse_load(wanted.name, rows[-1], seen)
             arm.refuse_collision_along(rows, ignore=touched)

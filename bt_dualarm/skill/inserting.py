@@ -46,6 +46,9 @@ _BRISK: Final = 0.5  # fraction of the acceleration and jerk limits of a descent
 _OVERLAP_UP: Final = 0.5  # largest fraction of the rise during which it moves sideways already
 _OVERLAP_DOWN: Final = 0.8  # largest fraction of the sideways motion during which it sinks already
 _HANGS_M: Final = 0.00015  # height above the rim at which friction keeps the peg off it
+_BREAKS_AWAY_S: Final = 0.1  # time in which the joints break away at the beginning of a descent
+_OFF_RIM_M: Final = 0.00005  # height above the rim above which a descent was free
+_FREE_TICKS: Final = 10  # last ticks of a free descent over which compensations are averaged
 _TOUCHES: Final = 5  # contacts whose median is the height of the rim
 _PASSES: Final = 3  # passes of the search, each between the positions of the ones before
 
@@ -233,15 +236,29 @@ class Inserting:
             Its height at contact or inside, m.
         """
         ports = self._ports
+        began = self._arm.time
+        descent: list[tuple[float, Vector]] = []
+
+        def look() -> None:
+            self._grip.look()
+            if self._arm.time - began > _BREAKS_AWAY_S:
+                descent.append((self._height, self._compliance.compensation))
+
         yield from guarded_descent(
             self._arm,
             self._at(at, ports.depth - _DEEP_M),
             ports.down_speed,
             self._grip.firm_for(ports.force),
-            self._grip.look,
+            look,
             lightly=True,
         )
-        self._descending = self._compliance.compensation
+        self._descending = self._landing = self._compliance.compensation
+        # From contact to its detection, the arm begins to take the contact force for friction: 1 N,
+        # by which every hop presses harder. An arm that knows its friction poorly needs that, or
+        # friction keeps the peg off some positions, which are then passed by.
+        free = [torques for height, torques in descent if height > self._height + _OFF_RIM_M]
+        if free and not self._arm.world.nominal[self._arm.name].estimates_payload:
+            self._landing = np.mean(free[-_FREE_TICKS:], axis=0)
         return self._height
 
     def _learn_rise(self, rim: float) -> Iterator[float]:
@@ -301,7 +318,7 @@ class Inserting:
             height = self._commanded_height
             if motion.parameter.s >= shifted_s:
                 if height < rim + self._lift - _SOFT_M and not compliance.active:
-                    compliance.soften(bandwidth=_BANDWIDTH, compensation=self._descending)
+                    compliance.soften(bandwidth=_BANDWIDTH, compensation=self._landing)
             elif height > rim + _AIR_M:
                 compliance.active = False
             yield 0.5

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Annotated, Final, Literal, TypeAlias
@@ -248,12 +248,33 @@ SIDES: Final = (
     Side(across=-24, along=8, roll=-45, share=1.2),
     Side(share=0.8),
     Side(share=1.4, roll=20),
+    *(
+        Side(across, along, roll)
+        for across, along in (
+            (0, 0),
+            *((14, 0), (-14, 0), (0, 14), (0, -14)),
+            *((10, 10), (-10, -10), (10, -10), (-10, 10)),
+            *((20, 0), (-20, 0), (0, 20), (0, -20)),
+        )
+        for roll in (60, -60)
+    ),
+    *(
+        Side(across, along, roll)
+        for across, along in ((20, 0), (-20, 0), (0, 20), (0, -20))
+        for roll in (30, -30)
+    ),
 )
-"""Viewpoints in pairs to either side, so that errors of the camera's mount become visible."""
+"""Viewpoints in pairs to either side, so that errors of the camera's mount become visible; rolls
+of the camera about the line of sight show them best, as they leave the object where it is."""
 
 
 def go_to_camera(
-    arm: Arm, camera: Pose, speed: float, ignore: frozenset[str] = frozenset()
+    arm: Arm,
+    camera: Pose,
+    speed: float,
+    ignore: frozenset[str] = frozenset(),
+    *,
+    began_s: float | None = None,
 ) -> Generator[float | None, None, bool]:
     """Move the wrist camera to a pose in the world; yields once per tick.
 
@@ -262,6 +283,8 @@ def go_to_camera(
         camera: Pose of the camera (x right, y down, z forward).
         speed: Fraction of the limits, above 0 to 1.
         ignore: Names of objects that may be touched.
+        began_s: Simulated time at which the caller chose the pose and began to plan, s; by default
+            now.
 
     Returns:
         Whether the pose was reached; if not, the arm has not moved.
@@ -269,17 +292,21 @@ def go_to_camera(
     Raises:
         Failure: As `Arm.travel`, but for a pose that cannot be reached.
     """
-    return (yield from _refusal(arm, camera, speed, ignore)) is None
+    return (yield from _refusal(arm, camera, speed, ignore, began_s)) is None
 
 
 def _refusal(
-    arm: Arm, camera: Pose, speed: float, ignore: frozenset[str]
+    arm: Arm,
+    camera: Pose,
+    speed: float,
+    ignore: frozenset[str],
+    began_s: float | None = None,
 ) -> Generator[float | None, None, Failure | None]:
     """Move like `go_to_camera`; returns why the pose was not reached, None if it was."""
     camera_in_tool = arm.tool_pose.inverse @ camera_now(arm)
     try:
         goals = arm.configurations(camera @ camera_in_tool.inverse)
-        yield from arm.travel(goals, speed, ignore)
+        yield from arm.travel(goals, speed, ignore, began_s=began_s)
     except Failure as failure:
         if failure.code not in _UNREACHED:
             raise
@@ -366,6 +393,58 @@ def look_at(
 def camera_now(arm: Arm) -> Pose:
     """Pose of the wrist camera in the world, from the encoders and the nominal model."""
     return arm.world.nominal[arm.name].camera_pose_at(arm.q)
+
+
+_SAMPLES: Final = 5
+"""Points along each edge of a part of an area, by which it counts as seen."""
+
+
+class Coverage:
+    """Parts of a level area that no image has shown yet.
+
+    Args:
+        centers: Centers of the parts in the world, each of shape (3,), m.
+        extents: Extents of each part along x and y, m.
+    """
+
+    def __init__(self, centers: Sequence[Vector], extents: tuple[float, float]) -> None:
+        shares = (np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5
+        x, y = np.meshgrid(extents[0] * shares, extents[1] * shares)
+        offsets = np.column_stack((x.ravel(), y.ravel(), np.zeros(x.size)))
+        self._left = [(center, center + offsets) for center in centers]
+
+    def take(self, frame: Frame, room: float) -> None:
+        """Leave out what an image shows.
+
+        Args:
+            frame: The image.
+            room: Distance of a point from the border of the image at which an object there would be
+                shown on whole, m.
+        """
+        half = np.array((frame.width, frame.height)) / 2.0
+        left = []
+        for center, points in self._left:
+            inside = frame.pose.inverse.apply(points)
+            depth = inside[:, 2].clip(1e-6)
+            reach = (np.abs(inside[:, :2]) + room) * (frame.focal_px / depth)[:, None]
+            is_seen = np.all(reach <= half, axis=1) & (inside[:, 2] > 0.0)
+            if not is_seen.all():
+                left.append((center, points[~is_seen]))
+        self._left = left
+
+    def nearest(self, camera: Pose) -> Vector | None:
+        """Center of the part nearest to a camera's line of sight, which is not chosen again.
+
+        None if everything was seen or chosen.
+        """
+        if not self._left:
+            return None
+        ahead = camera.rotation_matrix[:, 2]
+        beside = [
+            float(np.linalg.norm(np.cross(ahead, center - camera.position)))
+            for center, _ in self._left
+        ]
+        return self._left.pop(int(np.argmin(beside)))[0]
 
 
 class MarkViews:

@@ -207,8 +207,9 @@ class Taking:
         touched = frozenset({wanted.name} if wanted.name else ())
 
         def to_standoff() -> Generator[None, None, Trajectory]:
+            lift = 0.0 if self._hangs_on_a_joint else ports.lift
             approach = yield from first_approach(
-                arm, order, wanted, ports.standoff, ports.speed, self._seen
+                arm, order, wanted, ports.standoff, ports.speed, self._seen, lift
             )
             approaches.append(approach)
             return approach.to_standoff

@@ -120,3 +120,15 @@ def test_a_weight_other_than_declared_is_felt(gripper: str, stage: Stage) -> Non
     true_n = 9.81 * float(world.model.body_mass[world.object_body("bar")])
     assert abs(true_n - 0.3 * 9.81) > 0.2
     assert float(leaf.metrics["weight_error_n"]) == pytest.approx(true_n - 0.3 * 9.81, abs=0.15)
+
+
+def test_a_grasp_from_which_the_object_cannot_be_lifted_is_not_chosen(stage: Stage) -> None:
+    """The arm closed on the object, and only then found that the lift led out of its workspace."""
+    objects = {"bar": {**BAR, "pose": {"xyz": [0.35, -0.72, 0.42]}}}
+    arm = {"robot": "ur5", "gripper": "robotiq_2f85", "base": {"xyz": [0, 0, 0.4]}}
+    tree = {"grasp": {"object": "bar", "approach": [0, 0, -1], "lift": 0.5}}
+    world = {"scene": "table", "reality": "ideal", "time_limit": 30}
+    file = {"world": world, "objects": objects, "arms": {"arm1": {**arm, "tree": tree}}}
+    leaf = stage.run(file).leaf("grasp")
+    assert leaf.code == "OUT_OF_REACH", leaf.reason
+    assert "width_m" not in leaf.metrics  # the fingers have not closed

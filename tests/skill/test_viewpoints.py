@@ -1,0 +1,52 @@
+"""Viewpoints: the soonest accurate estimate."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bt_dualarm.robots.robot_description import load_robot
+from bt_dualarm.skill.viewpoints import travel_s
+from bt_dualarm.trajectory.path_timing import point_to_point
+from tests.plays import Stage
+
+CUBE: dict[str, Any] = {
+    "world": {"scene": "table", "reality": "lab", "time_limit": 60},
+    "objects": {
+        "cube": {
+            "shape": "box",
+            "size": [0.05, 0.05, 0.05],
+            "mass": 0.1,
+            "color": "red",
+            "pose": {"xyz": [0.35, -0.45, 0.425], "rpy": [0, 0, 20]},
+        }
+    },
+}
+LOOK = {"look_at": {"at": {"xyz": [0.35, -0.43, 0.4]}, "distance": 0.45, "speed": 1.0}}
+
+
+@pytest.mark.parametrize("robot", ["ur5", "panda"])
+@pytest.mark.parametrize("share", [0.001, 0.05, 0.3, 1.5])
+def test_the_duration_of_a_motion_is_known_without_planning_it(robot: str, share: float) -> None:
+    """Short ones never reach the limits of acceleration or velocity; long ones reach both."""
+    limits = load_robot(robot).limits.scaled(0.5)
+    start = 0.5 * (limits.lower + limits.upper)
+    step = share * np.linspace(-1.0, 0.3, len(start))
+    found = travel_s(step[None], limits)
+    planned = point_to_point(start, start + step, limits, 0.002).duration
+    assert found[0] == pytest.approx(planned, rel=0.02, abs=0.003)
+
+
+@pytest.mark.parametrize("robot", ["ur5", "panda"])
+def test_an_object_is_soon_known(robot: str, stage: Stage) -> None:
+    """Fixed viewpoints took a second more and longer, for all robots."""
+    base = {"xyz": [0.35, 0.0, 0.4], "rpy": [0, 0, -90]}
+    tree = {"sequence": [LOOK, {"locate": {"object": "cube", "speed": 1.0}}]}
+    file = CUBE | {"arms": {"arm1": {"robot": robot, "base": base, "camera": {}, "tree": tree}}}
+    leaf = stage.run(file, seed=4).leaf("locate")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert float(leaf.metrics["sigma_m"]) <= 0.001
+    assert float(leaf.metrics["located_error_m"]) < 0.002
+    assert (leaf.ended_s or 0.0) - leaf.started_s < 4.0

@@ -1,0 +1,65 @@
+"""Scanning an area: what an image shows in part comes first, what was seen is left out."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.sim.frame import Frame
+from bt_dualarm.skill.looking import Coverage
+from tests.plays import Stage
+
+DOWN = Pose.from_rpy((0.0, 0.0, 0.5), (np.pi, 0.0, 0.0))
+CENTERS = [np.array((x, 0.0, 0.0)) for x in (-0.3, 0.0, 0.3)]
+
+
+def picture(camera: Pose) -> Frame:
+    """A frame of 320 by 240 pixels that shows 0.53 by 0.4 m from 0.5 m."""
+    return cast("Frame", SimpleNamespace(width=320, height=240, focal_px=300.0, pose=camera))
+
+
+def test_what_was_seen_is_not_viewed_again() -> None:
+    left = Coverage(CENTERS, (0.3, 0.3))
+    left.take(picture(DOWN), 0.02)
+    found = [left.nearest(DOWN), left.nearest(DOWN), left.nearest(DOWN)]
+    assert sorted(float(one[0]) for one in found if one is not None) == [-0.3, 0.3]
+
+
+def test_nothing_behind_the_camera_is_seen() -> None:
+    left = Coverage(CENTERS[1:2], (0.1, 0.1))
+    left.take(picture(Pose.from_rpy((0.0, 0.0, 0.5))), 0.0)
+    assert left.nearest(DOWN) is not None
+
+
+def test_the_nearest_part_comes_first() -> None:
+    left = Coverage(CENTERS, (0.3, 0.3))
+    beside = Pose(np.array((0.4, 0.0, 0.5)), DOWN.quaternion)
+    order = [left.nearest(beside) for _ in range(4)]
+    assert [None if part is None else float(part[0]) for part in order] == [0.3, 0.0, -0.3, None]
+
+
+BESIDE = [0.35, -0.28, 0.4]
+"""Point at the center of an image whose border cuts the cube off."""
+
+
+@pytest.mark.parametrize("robot", ["ur5", "panda"])
+def test_an_object_at_the_border_of_the_image_is_viewed_next(robot: str, stage: Stage) -> None:
+    """The rows of viewpoints began elsewhere, and came to it third."""
+    file: dict[str, Any] = {
+        "world": {"scene": "table", "reality": "lab", "time_limit": 60},
+        "objects": {"cube": {"shape": "box", "size": [0.05, 0.05, 0.05], "mass": 0.1}},
+        "arms": {"arm1": {"robot": robot, "camera": {}}},
+    }
+    file["objects"]["cube"] |= {"color": "red", "pose": {"xyz": [0.35, -0.46, 0.425]}}
+    arm = file["arms"]["arm1"] | {"base": {"xyz": [0.35, 0.0, 0.4], "rpy": [0, 0, -90]}}
+    look = {"look_at": {"at": {"xyz": BESIDE}, "distance": 0.35, "speed": 1.0}}
+    scan = {"scan": {"object": "cube", "center": [0.35, -0.5, 0.4], "speed": 1.0}}
+    file["arms"]["arm1"] = arm | {"tree": {"sequence": [look, scan]}}
+    leaf = stage.run(file, seed=1).leaf("scan")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert leaf.metrics["places"] == 1
+    assert (leaf.ended_s or 0.0) - leaf.started_s < 1.2
