@@ -192,7 +192,9 @@ ANGLE_ERROR: Final = 10
 """Orientation error as a rotation vector (small angles), 3 elements, rad."""
 PLANE_LIMITS: Final = 13
 """Acceleration and jerk that the joints allow along the followed axes, m/s² and m/s³."""
-OBSERVED: Final = 15
+NEEDED: Final = 15
+"""Acceleration that the target has needed lately, m/s²."""
+OBSERVED: Final = 16
 
 # Outcome of a servo step.
 HELD: Final = 0

@@ -38,6 +38,7 @@ from bt_dualarm.control.kernel_rows import (
     LOST,
     LOST_M,
     LOST_RAD,
+    NEEDED,
     NOW_A,
     NOW_Q,
     NOW_V,
@@ -99,6 +100,14 @@ mean error; but the arm then closes in so slowly that the shipped job misses its
 A trust of 0.8 is about the best there among 220 random variations; `_HURRY_JUMPS` was chosen by
 hand: less would be better there, but worse on the shipped circle at 30 Hz.
 """
+
+_NEED_FADES_S = 1.0
+"""Time constant with which a need of the target is forgotten, s. An acceleration turns or ends, and
+comes back: an arm that hurries in between has too much speed then."""
+
+_LEAST_SPARE = 0.1
+"""Least fraction of the limits with which the tool closes a distance, however much the target
+needs."""
 
 _TRUSTED_ACCELERATION = 0.8
 """Fraction of the target's predicted acceleration that is fed forward.
@@ -184,7 +193,8 @@ def _follow_target(
     reach = PlaneLimits(seen[PLANE_LIMITS], seen[PLANE_LIMITS + 1])
     gains = following_gains(bandwidth, slack, reach.jerk, period)
     away = target[0] - seen[DISPLACEMENT : DISPLACEMENT + 3]
-    goal = target[1] + closing_velocity(away, gains, reach, _HURRY_JUMPS * slack)
+    spare = spare_limits(reach, target[2], period, seen)
+    goal = target[1] + closing_velocity(away, gains, spare, _HURRY_JUMPS * slack)
     passed = min(time_scale, stoppable_share(work, goal))
     # The guard's time scale and the position limits slow down the desired velocity alike.
     lack = passed * goal - seen[VELOCITY : VELOCITY + 3]
@@ -257,13 +267,31 @@ def jerk_bandwidth(jerk: float, error: float) -> float:
 
 
 @kernel
+def spare_limits(
+    reach: PlaneLimits, acceleration: Vector, period: float, seen: Vector
+) -> PlaneLimits:
+    """Limits that the target's own motion leaves, by what it has needed lately.
+
+    Args:
+        reach: Limits along the followed axes.
+        acceleration: Predicted acceleration of the target, of shape (3,), m/s².
+        period: Seconds between set-points.
+        seen: Tool motion, in which the need is kept.
+    """
+    faded = seen[NEEDED] * math.exp(-period / _NEED_FADES_S)
+    seen[NEEDED] = min(max(length(acceleration), faded), reach.acceleration)
+    share = max(1.0 - seen[NEEDED] / reach.acceleration, _LEAST_SPARE)
+    return PlaneLimits(share * reach.acceleration, share * reach.jerk)
+
+
+@kernel
 def closing_velocity(away: Vector, gains: Gains, reach: PlaneLimits, hurry: float) -> Vector:
     """Velocity toward a target, of shape (3,), m/s.
 
     Args:
         away: Offset of the target, of shape (3,), m.
         gains: Gains near the target.
-        reach: Limits along the followed axes.
+        reach: Limits along the followed axes that the target's own motion leaves.
         hurry: Distance within which the tool closes in at full gain, m.
     """
     distance = length(away)

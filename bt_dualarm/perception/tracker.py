@@ -65,6 +65,7 @@ _OTHER_SIZE_PX = 2.0  # that difference of width and height
 _SMOOTH_S = 0.1
 _SMOOTH_FILL = 1.1
 _GROWTH = 1.5
+_ALIKE = 2.0  # largest factor between the decreases of width and height
 _SIMPLE = 0.9  # fraction of the target's fill ratio above which they count as whole
 _STEADY_SIZE = 0.015  # largest relative change of that size from image to image
 _EDGE_GATE_PX = 1.5  # distance from the prediction, in addition to its uncertainty
@@ -123,18 +124,19 @@ class Outline:
         self._look.forget()
 
     def is_at_another_depth(self, seen: VisiblePart, frame: Frame) -> bool:
-        """Whether a known shape looked whole, but of another size, for some time; or has grown.
+        """Whether a known shape looked whole, but of another size, for some time; or changed.
 
         Its depth has changed then, or was learned from a view that misled. What covers a part of a
         target, or merges with it, changes its proportions, or its size from one image to the next.
-        A target that comes nearer and tilts grows in width and height, smoothly from a whole view.
+        A target that comes nearer or goes away, and tilts, changes its width and height alike,
+        smoothly from a whole view.
         """
         if frame.stride > 1:
             return False
-        grown = self._has_grown(seen, frame)
+        resized = self._is_smoothly_resized(seen, frame)
         if not self.known:
             return False
-        if grown:
+        if resized:
             return True
         detection = seen.detection
         factor = seen.sighting.side / self.side
@@ -154,8 +156,8 @@ class Outline:
         bigger_px = abs(1.0 - 1.0 / factor) * math.sqrt(detection.area_px)
         return frame.stamp - since >= _ANOTHER_DEPTH_S[bigger_px < _OTHER_SIZE_PX]
 
-    def _has_grown(self, seen: VisiblePart, frame: Frame) -> bool:
-        """Whether width and height have grown since a whole view, smoothly until now."""
+    def _is_smoothly_resized(self, seen: VisiblePart, frame: Frame) -> bool:
+        """Whether width and height have both changed since a whole view, smoothly until now."""
         detection = seen.detection
         root = math.sqrt(detection.area_px)
         fill = _fill(detection)
@@ -174,7 +176,14 @@ class Outline:
         if seen.whole:
             return False
         left, top, right, bottom = (self._beside(seen, frame) - self._rest).tolist()
-        return bool(min(right - left, bottom - top) > _OTHER_SIZE_PX)
+        wider, higher = right - left, bottom - top
+        if min(wider, higher) > _OTHER_SIZE_PX:
+            return True
+        # What covers a part leaves either width or height, or makes a less simple outline; of a
+        # face that stands on a corner it changes one of them more than the other.
+        less, more = sorted((-wider, -higher))
+        full = fill > _SIMPLE * float(self._look.value[4])
+        return bool(full and self._slack(detection) < less and more < _ALIKE * less)
 
     def learn(self, seen: VisiblePart, frame: Frame) -> None:
         """Add a view of the whole target to the means; coarse images are ignored.

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from bt_dualarm.core.pose import Vector
 from bt_dualarm.perception.detection import Detection
@@ -491,6 +492,30 @@ def test_a_cube_of_known_size_that_comes_nearer_and_tilts_is_still_the_target(
     assert tracker.predict(3.0).position == pytest.approx(position(coming, 3.0), abs=3e-3)
     late = [one for one in tracker.sightings.newest() if one.stamp > 1.0 + duration]
     assert len(late) >= 60 * (2.0 - duration) - 2  # every image
+
+
+@pytest.mark.parametrize("duration", [0.6, 1.2])
+@pytest.mark.parametrize("turned", [0.0, 0.4, 0.785])
+@pytest.mark.parametrize("tilt", [0.0, 0.3])
+def test_a_cube_of_known_size_that_goes_away_and_tilts_is_still_the_target(
+    make_studio: StudioMaker, turned: float, tilt: float, duration: float
+) -> None:
+    """An arm that brings it to where it is followed carries it away from the camera."""
+    studio = make_studio(fps=60.0)
+    tracker = TargetTracker(studio.camera, YELLOW, cube())
+    body = studio.model.body("cube").mocapid[0]
+
+    def going(time: float) -> tuple[float, ...]:
+        share = min(max((time - 0.5) / duration, 0.0), 1.0)
+        rotation = Rotation.from_rotvec((tilt * (1.0 - share), 0.0, 0.0))
+        rotation *= Rotation.from_rotvec((0.0, turned, 0.0))
+        studio.data.mocap_quat[body] = rotation.as_quat(scalar_first=True)
+        return 0.02 * share, 0.0, 0.12 * share - 0.08
+
+    follow(studio, tracker, going, 0.0, 2.5)
+    assert tracker.locked
+    assert tracker.lost_count == 0
+    assert tracker.predict(2.5).position == pytest.approx(position(going, 2.5), abs=3e-3)
 
 
 @pytest.mark.parametrize("offset", [(0.0, 0.0), (0.03, -0.02), (-0.05, 0.04)])

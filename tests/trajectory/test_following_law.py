@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bt_dualarm.control.kernel_rows import Gains, PlaneLimits
+from bt_dualarm.control.kernel_rows import OBSERVED, Gains, PlaneLimits
 from bt_dualarm.control.servo_kernels import (
     braking_speed,
     closing_velocity,
@@ -17,6 +17,7 @@ from bt_dualarm.control.servo_kernels import (
     following_gains,
     jerk_bandwidth,
     pole_gains,
+    spare_limits,
 )
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.trajectory.set_points import stopping_distance
@@ -108,3 +109,17 @@ def test_noise_does_not_grow(reach: PlaneLimits) -> None:
     error = followed(np.zeros(3), reach, 200.0, 5e-5, 8.0)
     late = error[len(error) // 2 :]
     assert np.sqrt(np.mean(late**2)) < 5e-5
+
+
+def test_what_a_target_needs_is_no_longer_free_for_closing_in() -> None:
+    """It counts at once, in any direction, and is forgotten within seconds."""
+    reach = PlaneLimits(2.0, 40.0)
+    seen = np.zeros(OBSERVED)
+    rest = np.zeros(3)
+    assert spare_limits(reach, rest, PERIOD, seen) == reach
+    assert spare_limits(reach, np.array((0.0, -1.5, 0.0)), PERIOD, seen) == pytest.approx((0.5, 10))
+    assert spare_limits(reach, rest, 1.0, seen).acceleration == pytest.approx(2.0 - 1.5 / np.e)
+    # However much a target needs, the tool still closes in, and that does not last longer.
+    least = spare_limits(reach, np.array((50.0, 0.0, 0.0)), PERIOD, seen)
+    assert least == pytest.approx((0.2, 4.0))
+    assert spare_limits(reach, rest, 1.0, seen).acceleration == pytest.approx(2.0 - 2.0 / np.e)
