@@ -206,7 +206,7 @@ class Encoders:
         self._q = data.qpos
         self._v = data.qvel
 
-    def begin_reading(self, time: float) -> tuple[Any, ...]:
+    def begin_reading(self, time: float) -> tuple[Any, ...]:  # arrays and numbers
         """Begin a reading at a time in s; call `end_reading` after its kernel.
 
         A second reading at the same time replaces the first.
@@ -430,7 +430,7 @@ class JointFrictionModel:
             model.dof_solimp[arm.dof_ids, :2] = STIFF[1]
         self._partition()
 
-    def arguments(self) -> tuple[npt.NDArray[Any], ...]:
+    def arguments(self) -> tuple[npt.NDArray[Any], ...]:  # of numbers of several types
         """Arguments of `apply_friction` besides the velocities, before passive forces are computed.
 
         Sets the friction of arms that have not moved yet, which are not among the joints.

@@ -535,7 +535,7 @@ class HeldObjectMotion:
         self._qpos = data.qpos
         self._qvel = data.qvel
 
-    def arguments(self) -> tuple[npt.NDArray[Any], ...]:
+    def arguments(self) -> tuple[npt.NDArray[Any], ...]:  # of numbers of several types
         """Arguments of `find_held` after those of the contacts."""
         return (
             self._pads, self._geom_bodies, self._addresses, *self._bodies, self._held, self._poses

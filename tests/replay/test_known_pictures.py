@@ -27,6 +27,7 @@ objects:
     color: yellow
     pose: {xyz: [0.45, 0, 0.02]}
     marker: {dictionary: apriltag_36h11, id: 5, size: 0.045}
+  disc: {shape: cylinder, size: [0.02, 0.02], mass: 0.1, color: blue, pose: {xyz: [0.45, 0.07, 0.01]}}
 arms:
   arm1:
     robot: panda
@@ -35,8 +36,9 @@ arms:
       sequence:
         - look_at: {at: {xyz: [0.45, 0, 0.02]}, distance: 0.35}
         - count: {object: block}
+        - track: {color: blue, plane: xy, duration: 4.0}
+        - look_at: {at: {xyz: [0.45, 0, 0.02]}, distance: 0.35}
         - locate: {object: block, by: marker, pose: "{block}"}
-        - track: {color: yellow, plane: xy, duration: 1.0}
         - reach_to_pose: {offset: {xyz: [0, 0, 0.05]}}
 """
 
@@ -96,7 +98,7 @@ def test_answers_that_lead_elsewhere_are_dropped_and_all_is_drawn(
 
 def test_another_color_is_looked_for_anew(record: Record, tmp_path: Path) -> None:
     tree = tmp_path / "looking.yaml"
-    tree.write_text(TREE.replace("track: {color: yellow", "track: {color: red"))
+    tree.write_text(TREE.replace("track: {color: blue", "track: {color: red"))
     with pytest.raises(PastChangedError, match=r"sequence/track began at .* has another color now"):
         resumed(record, of_tracking(record), REGISTRY, Changed(tree))
 

@@ -1,7 +1,6 @@
 """A guarded move ends before a link touches something that only the tool was to touch.
 
-The seeds are sequences in which a forearm came down on a cube, and in which an arm folded onto
-itself and reported the force as the contact.
+The seeds are sequences in which a forearm came down on a cube and on another object.
 """
 
 from __future__ import annotations
@@ -17,9 +16,9 @@ from benchmarks.sequences import play
     [
         (21234, ("track", "move_until_contact"), ("arm1/forearm_link", "cube")),
         (
-            40496,
+            40531,
             ("scan", "move_until_contact", "move_through"),
-            ("arm1/upper_arm_link", "arm1/wrist_1_link"),
+            ("arm1/forearm_link", "other"),
         ),
     ],
 )
