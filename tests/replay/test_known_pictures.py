@@ -27,7 +27,12 @@ objects:
     color: yellow
     pose: {xyz: [0.45, 0, 0.02]}
     marker: {dictionary: apriltag_36h11, id: 5, size: 0.045}
-  disc: {shape: cylinder, size: [0.02, 0.02], mass: 0.1, color: blue, pose: {xyz: [0.45, 0.07, 0.01]}}
+  disc:
+    shape: cylinder
+    size: [0.02, 0.02]
+    mass: 0.1
+    color: blue
+    pose: {xyz: [0.45, 0.07, 0.01]}
 arms:
   arm1:
     robot: panda
