@@ -11,8 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
-from types import ModuleType
 from typing import Any, Final
 
 import mujoco
@@ -25,6 +23,7 @@ from bt_dualarm.robots.gripper import FINGERS, PALM, Cup, Gripper, Tactile
 from bt_dualarm.robots.mjspec import CUP, PAD, PAD_FORCE
 from bt_dualarm.robots.mjspec import DRIVE as DRIVE_NAME
 from bt_dualarm.sim import composition
+from bt_dualarm.sim.devices import kernels
 from bt_dualarm.sim.kernel_arrays import (
     COMMANDED_FORCE,
     COMMANDED_WIDTH,
@@ -260,14 +259,6 @@ class TactileSensors:
             self._batch[:] = self._noise * self._rng.standard_normal(self._batch.shape)
         else:
             self._batch[:] = 0.0
-
-
-@cache
-def kernels() -> ModuleType:
-    """The compiled kernels, imported once: an import statement costs as much as a kernel."""
-    from bt_dualarm.sim import device_kernels
-
-    return device_kernels
 
 
 # Drive and sensors

@@ -298,10 +298,11 @@ class Devices:
         """Set the joint friction of all arms for the current velocities."""
         friction = self._bank.friction.arguments()
         if len(friction[0]):
+            # Without any pads the kernel of a step finds nothing held: only friction is set.
             contacts = self._contacts
-            none, *held = self._held
+            pads, *held = self._held
             kernels().pass_between(
-                _MAX_SPEED, *self._state, *friction, contacts.geom, contacts.dist, none[:0], *held
+                _MAX_SPEED, *self._state, *friction, contacts.geom, contacts.dist, pads[:0], *held
             )
 
 
