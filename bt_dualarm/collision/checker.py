@@ -334,6 +334,7 @@ class CollisionChecker:
             getattr(scratch.model, field)[:] = value
         self.moving = rules.moving
         self.least = rules.least.copy()
+        self._tool = rules.tool
         self._let_stand(rules.gripping)
 
     @property
@@ -371,7 +372,9 @@ class CollisionChecker:
     def without_new_contacts(self, ends: Iterable[Vector]) -> CollisionChecker:
         """Stricter checker for a path: pairs in contact at neither end must not touch in between.
 
-        Between two samples of a path, a contact of tolerated depth may become deeper than that.
+        Between two samples of a path, a contact of tolerated depth may become deeper than that. A
+        tool that touches an object at an end may graze it with any other of its parts: one of two
+        closed fingertips often rests on an object while the other is a hair above it.
 
         Args:
             ends: Configurations, each of shape (dof,), rad.
@@ -381,10 +384,17 @@ class CollisionChecker:
         for q in ends:
             self.place(q)
             found = self.data.contact
-            for first, second in found.geom[found.dist <= 0.0].tolist():
-                strict.least[first, second] = self.least[first, second]
-                strict.least[second, first] = self.least[second, first]
+            for pair in found.geom[found.dist <= 0.0].tolist():
+                first, second = (self._parts_with(geom) for geom in pair)
+                one, other = first[:, None], second
+                strict.least[one, other] = self.least[one, other]
+                strict.least[other, one] = self.least[other, one]
         return strict
+
+    def _parts_with(self, geom: int) -> npt.NDArray[np.int64]:
+        """Geoms of the same body, or of the whole tool."""
+        bodies = self.model.geom_bodyid
+        return np.flatnonzero(self._tool if self._tool[geom] else bodies == bodies[geom])
 
     def keeping(self, distance: float, ends: Iterable[Vector]) -> CollisionChecker:
         """Stricter checker for a path: keeps a distance in m from everything but the arm itself.
@@ -488,14 +498,28 @@ class CollisionChecker:
         return self._scratch.worst_contact(self.least)
 
     def _let_stand(self, gripping: Marks) -> None:
-        """Allow existing contacts of tool and held objects to continue at their depth."""
+        """Allow existing contacts of tool and held objects to continue at their depth.
+
+        The rest of the tool may then touch the same object, see `without_new_contacts`.
+        """
         self.place(self.present)
         contacts = zip(self.data.contact.geom.tolist(), self.data.contact.dist, strict=True)
-        for (first, second), distance in contacts:
-            if (gripping[first] or gripping[second]) and -STANDING < distance <= 0.0:
-                # As deep as now, with the tolerance of any other contact on top.
-                least = min(self.least[first, second], float(distance) - TOUCH)
-                self.least[first, second] = self.least[second, first] = least
+        for pair, distance in contacts:
+            one, other = pair
+            if not ((gripping[one] or gripping[other]) and -STANDING < distance <= 0.0):
+                continue
+            # As deep as now, with the tolerance of any other contact on top.
+            if distance - TOUCH < self.least[one, other]:
+                self._allow(np.array(one), np.array(other), float(distance) - TOUCH)
+                first, second = (self._parts_with(geom) for geom in pair)
+                self._allow(first[:, None], second, -TOUCH)
+
+    def _allow(
+        self, first: npt.NDArray[np.int64], second: npt.NDArray[np.int64], distance: float
+    ) -> None:
+        """Let two geoms, or all of two sets, come as near as a distance in m."""
+        for one, other in ((first, second), (second, first)):
+            self.least[one, other] = np.minimum(self.least[one, other], distance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -507,6 +531,7 @@ class _Rules:
         joint_ids: Ids of the arm's joints in the model, base to tip.
         marks: Fields of the scratch model's collision bits and margins, by name.
         moving: Geoms that move with the arm, including those of held objects.
+        tool: Geoms of the tool.
         gripping: Geoms of the tool and of held objects.
         least: Minimum allowed distance of each pair of geoms, of shape (ngeom, ngeom), m.
     """
@@ -515,6 +540,7 @@ class _Rules:
     joint_ids: npt.NDArray[np.int32]
     marks: dict[str, npt.NDArray[np.generic]]
     moving: Marks
+    tool: Marks
     gripping: Marks
     least: Matrix
 
@@ -612,6 +638,7 @@ def _new_rules(
         joint_ids=world.model.dof_jntid[body.dof_ids],
         marks={field: getattr(scratch.model, field).copy() for field in _MARKED},
         moving=moving,
+        tool=tool,
         gripping=gripping,
         least=least,
     )

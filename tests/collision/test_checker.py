@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from bt_dualarm.collision.checker import CollisionChecker, interpolated
-from bt_dualarm.core.pose import Pose
+from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.robots.robot_description import robot_names
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ObjectSpec
+from tests.grippers.fingers import FINGERED, opened
 from tests.sim.worlds import arm, box, file_of, world_with
 
 DOWN = (np.pi, 0.0, 0.0)
@@ -235,6 +236,42 @@ def test_an_empty_tool_touches_no_object_however_little() -> None:
     checker = CollisionChecker(world, "arm1")
     assert checker.free(above(world, 0.0003))
     assert not checker.free(above(world, -0.0003))
+
+
+@pytest.mark.parametrize("gripper", FINGERED)
+@pytest.mark.parametrize("robot", ["ur5", "panda", "xarm7"])
+def test_a_tool_that_touches_an_object_may_graze_it_with_its_other_finger(
+    robot: str, gripper: str
+) -> None:
+    """One fingertip rests on a block, the other a hair above: so the hand could not leave it."""
+    block = box((0.45, 0.1, 0.3), edge=0.2)
+    post = box((0.45, 0.3, 0.3), edge=0.2)
+    world = World(file_of({"arm1": arm(robot, gripper=gripper)}, {"cube": block, "post": post}))
+    body = world.arms["arm1"]
+    kinematics = Kinematics(body.robot, body.base)
+
+    opened(world, 0.07)
+
+    def hand(height: float, tilt: float = 0.0, y: float = 0.1) -> Vector:
+        tool = Pose.from_rpy((0.45, y, height), DOWN) @ Pose.from_rpy((0, 0, 0), (tilt, 0, 0))
+        return kinematics.solve(tool, body.robot.postures["home"])
+
+    def standing(q: Vector) -> CollisionChecker:
+        world.data.qpos[body.qpos_ids] = q
+        opened(world, 0.07)
+        return CollisionChecker(world, "arm1")
+
+    checker = standing(hand(0.4))
+    top = 0.4 - float(checker.data.contact.dist.min())  # of the tool with the tips on the block
+    free = hand(top + 0.001)
+    flat = hand(top - 0.0003)
+    assert not standing(free).free(flat)  # nothing is touched yet
+    leaning = hand(top, tilt=np.deg2rad(0.3))
+    checker = standing(leaning)
+    assert checker.free(flat)
+    assert checker.without_new_contacts([leaning, free]).free(flat)
+    assert not checker.free(hand(top - 0.001))
+    assert not checker.free(hand(top - 0.0003, y=0.3))  # another object
 
 
 def test_each_other_arm_keeps_a_margin_of_its_own() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import mujoco
+import numpy as np
 import pytest
 
 from bt_dualarm.sim.world import World
@@ -53,3 +55,41 @@ def test_after_a_touch_that_was_none_of_the_object_the_arm_is_free(
     assert first.code == "PROXIMITY_NOT_REACHED", first
     assert second.status == "SUCCESS", second
     assert "touched" not in second.metrics, second
+
+
+@pytest.mark.parametrize("reality", ["ideal", "rough"])
+@pytest.mark.parametrize("robot", ["ur5", "panda", "xarm7"])
+@pytest.mark.parametrize("gripper", ["robotiq_2f85", "panda_hand", "suction_cup"])
+def test_a_thing_on_a_table_is_touched_lightly(
+    robot: str, gripper: str, reality: str, stage: Stage
+) -> None:
+    """A stiff arm pressed it down with up to 70 N, and without joint friction might never rest."""
+    top = 0.05
+    table = {"shape": "box", "size": [0.4, 0.3, 0.02], "mass": 50, "fixed": True}
+    play = stage.play(
+        {
+            "world": {"scene": "empty", "reality": reality, "time_limit": 30},
+            "objects": {
+                "cube": CUBE | {"pose": {"xyz": [0.25, -0.3, top + 0.025]}},
+                "bench": table | {"pose": {"xyz": [0.25, -0.3, top - 0.01]}},
+            },
+            "arms": {"arm1": {"robot": robot, "gripper": gripper, "tree": PICK}},
+        }
+    )
+    world = play.world
+    pressed = [0.0]
+    force = np.empty(6)
+
+    def look() -> None:
+        pairs = world.data.contact.geom.tolist()
+        cube = world.object_geom("cube")
+        tool = world.arms["arm1"].tool_geom_ids
+        for number, pair in enumerate(pairs):
+            if cube in pair and tool & set(pair):
+                mujoco.mj_contactForce(world.model, world.data, number, force)
+                pressed[0] = max(pressed[0], float(force[0]))
+
+    world.on_forces.append(look)
+    play.run()
+    assert play.arm().outcome == "SUCCESS", play.arm().runs
+    assert 0.0 < pressed[0] < 20.0
