@@ -45,6 +45,34 @@ _STEPS = 10
 """Length and largest number of the steps by which the tool moves back while it still presses."""
 
 
+class _Samples:
+    """Opposing forces and compensated torques of the last moments of a motion."""
+
+    def __init__(self) -> None:
+        self._kept = deque[tuple[float, float, Vector]]()
+
+    def add(self, time: float, force: float, compensation: Vector) -> None:
+        """Add what is sensed at a time in s: a force in N, and torques of shape (dof,), N m."""
+        self._kept.append((time, force, compensation))
+        while time - self._kept[0][0] > _TARE_S[1]:
+            self._kept.popleft()
+
+    @property
+    def rise(self) -> float:
+        """Increase of the force, N, over its mean of a moment ago; 0 until there is one."""
+        before = [force for _, force, _ in self._before()]
+        return self._kept[-1][1] - float(np.mean(before)) if before else 0.0
+
+    @property
+    def compensation(self) -> Vector | None:
+        """Mean of the compensated torques of a moment ago; None until there is one."""
+        before = [torques for _, _, torques in self._before()]
+        return np.mean(before, axis=0) if before else None
+
+    def _before(self) -> list[tuple[float, float, Vector]]:
+        return [one for one in self._kept if self._kept[-1][0] - one[0] >= _TARE_S[0]]
+
+
 class MoveUntilContact(Skill):
     """Move the tool straight until a force opposes the motion, and stop there (guarded move)."""
 
@@ -83,7 +111,8 @@ class MoveUntilContact(Skill):
         timed = self.arm.time_path(rows, self.ports.speed)
         # A compliant arm presses less on what is held only by the friction of the fingers.
         motion = self.arm.begin(timed, may_touch=True, compliant=grip is not None)
-        samples = deque[tuple[float, float]]()
+        compliance = self.arm.controller.compliance
+        samples = _Samples()
         duration = motion.trajectory.duration
         at_rest = self._opposing(direction)
         while not motion.done:
@@ -98,10 +127,15 @@ class MoveUntilContact(Skill):
             if elapsed < _EDGE_S or moved < _LOOSE_RAD:
                 felt = grip is None and force > max(threshold, _EARLY_N)
             else:
-                force = self._rise(samples, opposing)
+                samples.add(self.time, opposing, compliance.compensation)
+                force = samples.rise
                 felt = force > threshold and elapsed < duration - _EDGE_S
             if felt:
                 self._score(force, start)
+                if grip is None:
+                    # The estimate of the disturbance contains the contact force already: a soft
+                    # arm that compensates it would push on.
+                    compliance.soften(compensation=samples.compensation)
                 yield from self.arm.halt()
                 yield from self.arm.relax()
                 if grip is None:
@@ -142,16 +176,6 @@ class MoveUntilContact(Skill):
         """Slip check of a held object, which is what makes the contact then; None without one."""
         held = self.arm.world.attachments.gripped_by(self.arm.name)
         return Grip(self.arm, held[0].object) if held else None
-
-    def _rise(self, samples: deque[tuple[float, float]], force: float) -> float:
-        """Increase of a force, N, over its mean of a moment ago; 0 until there is one."""
-        now = self.time
-        latest, earliest = _TARE_S
-        samples.append((now, force))
-        while now - samples[0][0] > earliest:
-            samples.popleft()
-        before = [one for at, one in samples if now - at >= latest]
-        return force - float(np.mean(before)) if before else 0.0
 
     def _score(self, force: float, start: Pose) -> None:
         position = self.arm.tool_pose.position

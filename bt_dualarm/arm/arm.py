@@ -20,7 +20,7 @@ from bt_dualarm.arm.payload import PayloadCheck
 from bt_dualarm.arm.slip_response import SlipResponse
 from bt_dualarm.arm.state import BACKOFF_S, ArmContacts, ArmState, Backoff, Lease
 from bt_dualarm.arm.traffic import Traffic
-from bt_dualarm.collision.checker import CollisionChecker
+from bt_dualarm.collision.checker import TOUCH, CollisionChecker
 from bt_dualarm.control.computed_torque import SOFTEST
 from bt_dualarm.control.controller import JointController
 from bt_dualarm.control.dynamics import BANDWIDTH
@@ -1002,7 +1002,11 @@ class Arm(ArmState):
         while True:
             checker = CollisionChecker(self.world, self.name, margins, ignore)
             contact = checker.contact(self.setpoint.q)
-            if contact is None or contact.depth >= 0.0:
+            if contact is None:
+                return checker
+            if contact.depth >= 0.0:
+                # A tool that is set on something may by its encoders be a hair above it.
+                checker.let_stand(self.setpoint.q, TOUCH)
                 return checker
             near = contact.second.partition("/")[0]
             if margins.get(near, 0.0) <= 0.0:

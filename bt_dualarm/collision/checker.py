@@ -335,7 +335,8 @@ class CollisionChecker:
         self.moving = rules.moving
         self.least = rules.least.copy()
         self._tool = rules.tool
-        self._let_stand(rules.gripping)
+        self._gripping = rules.gripping
+        self.let_stand(self.present)
 
     @property
     def model(self) -> mujoco.MjModel:
@@ -418,6 +419,28 @@ class CollisionChecker:
         roomy.least = np.maximum(self.least, most)
         return roomy
 
+    def let_stand(self, q: Vector, deepest: float = STANDING) -> None:
+        """Allow the contacts of tool and held objects at ``q`` to continue at their depth.
+
+        The rest of the tool may then touch the same object, see `without_new_contacts`.
+
+        Args:
+            q: Configuration, of shape (dof,), rad: where the arm is, or is commanded to be.
+            deepest: Penetration in m of a contact that is not allowed.
+        """
+        gripping = self._gripping
+        self.place(q)
+        contacts = zip(self.data.contact.geom.tolist(), self.data.contact.dist, strict=True)
+        for pair, distance in contacts:
+            one, other = pair
+            if not ((gripping[one] or gripping[other]) and -deepest < distance <= 0.0):
+                continue
+            # As deep as now, with the tolerance of any other contact on top.
+            if distance - TOUCH < self.least[one, other]:
+                self._allow(np.array(one), np.array(other), float(distance) - TOUCH)
+                first, second = (self._parts_with(geom) for geom in pair)
+                self._allow(first[:, None], second, -TOUCH)
+
     def contact(self, q: Vector) -> Contact | None:
         """Deepest contact that the arm would have at ``q``, of shape (dof,), rad; None if free."""
         worst = self._deepest(q)
@@ -496,23 +519,6 @@ class CollisionChecker:
         """Index of the contact at ``q`` that violates its minimum distance most; None if free."""
         self.place(q)
         return self._scratch.worst_contact(self.least)
-
-    def _let_stand(self, gripping: Marks) -> None:
-        """Allow existing contacts of tool and held objects to continue at their depth.
-
-        The rest of the tool may then touch the same object, see `without_new_contacts`.
-        """
-        self.place(self.present)
-        contacts = zip(self.data.contact.geom.tolist(), self.data.contact.dist, strict=True)
-        for pair, distance in contacts:
-            one, other = pair
-            if not ((gripping[one] or gripping[other]) and -STANDING < distance <= 0.0):
-                continue
-            # As deep as now, with the tolerance of any other contact on top.
-            if distance - TOUCH < self.least[one, other]:
-                self._allow(np.array(one), np.array(other), float(distance) - TOUCH)
-                first, second = (self._parts_with(geom) for geom in pair)
-                self._allow(first[:, None], second, -TOUCH)
 
     def _allow(
         self, first: npt.NDArray[np.int64], second: npt.NDArray[np.int64], distance: float

@@ -61,6 +61,23 @@ def test_what_it_presses_on_may_keep_it_from_its_set_point(
     assert play.leaf("move_linear").status == "SUCCESS"
 
 
+@pytest.mark.parametrize("reality", ["ideal", "rough"])
+@pytest.mark.parametrize(
+    ("robot", "gripper"), [("xarm7", "suction_cup"), ("ur10", "panda_hand"), ("ur5", "suction_cup")]
+)
+def test_the_contact_force_is_not_compensated(
+    robot: str, gripper: str, reality: str, stage: Stage
+) -> None:
+    """The arm pressed with 48 to 121 N, and without joint friction might never rest again."""
+    file = above(robot, reality, plate=True)
+    down = {"move_until_contact": {"direction": [0, 0, -1], "distance": 0.2}}
+    file["arms"]["arm1"]["tree"] = {"sequence": [down, {"hold_still": {"duration": 1.0}}]}
+    file["arms"]["arm1"] |= {"gripper": gripper, "base": {"xyz": [0, 0, 0.5]}}
+    play = stage.run(file)
+    assert play.arm().outcome == "SUCCESS", play.arm().runs
+    assert 5.0 < float(play.leaf("move_until_contact").metrics["touch_force_n"]) < 40.0
+
+
 @pytest.mark.parametrize(("robot", "reality"), [("ur5", "lab"), ("panda", "rough")])
 def test_it_feels_nothing_where_nothing_is(robot: str, reality: str, stage: Stage) -> None:
     leaf = stage.run(above(robot, reality, plate=False), seed=1).leaf("move_until_contact")
