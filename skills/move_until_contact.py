@@ -46,9 +46,14 @@ _STEPS = 10
 
 
 class _Samples:
-    """Opposing forces and compensated torques of the last moments of a motion."""
+    """Opposing forces and compensated torques of the last moments of a motion.
 
-    def __init__(self) -> None:
+    Args:
+        compensation: Compensated torques before the motion, of shape (dof,), N m.
+    """
+
+    def __init__(self, compensation: Vector) -> None:
+        self._at_first = compensation
         self._kept = deque[tuple[float, float, Vector]]()
 
     def add(self, time: float, force: float, compensation: Vector) -> None:
@@ -64,10 +69,11 @@ class _Samples:
         return self._kept[-1][1] - float(np.mean(before)) if before else 0.0
 
     @property
-    def compensation(self) -> Vector | None:
-        """Mean of the compensated torques of a moment ago; None until there is one."""
+    def compensation(self) -> Vector:
+        """Mean of the compensated torques of a moment ago, of shape (dof,), N m."""
         before = [torques for _, _, torques in self._before()]
-        return np.mean(before, axis=0) if before else None
+        mean: Vector = np.mean(before or [self._at_first], axis=0)
+        return mean
 
     def _before(self) -> list[tuple[float, float, Vector]]:
         return [one for one in self._kept if self._kept[-1][0] - one[0] >= _TARE_S[0]]
@@ -112,7 +118,7 @@ class MoveUntilContact(Skill):
         # A compliant arm presses less on what is held only by the friction of the fingers.
         motion = self.arm.begin(timed, may_touch=True, compliant=grip is not None)
         compliance = self.arm.controller.compliance
-        samples = _Samples()
+        samples = _Samples(compliance.compensation)
         duration = motion.trajectory.duration
         at_rest = self._opposing(direction)
         while not motion.done:

@@ -78,6 +78,23 @@ def test_the_contact_force_is_not_compensated(
     assert 5.0 < float(play.leaf("move_until_contact").metrics["touch_force_n"]) < 40.0
 
 
+@pytest.mark.parametrize("gripper", ["panda_hand", "suction_cup"])
+@pytest.mark.parametrize("robot", ["panda", "xarm7"])
+def test_a_contact_just_after_the_start_is_not_compensated_either(
+    robot: str, gripper: str, stage: Stage
+) -> None:
+    """Nothing was learned on the way: what was compensated before the motion is what counts."""
+    file = above(robot, "ideal", plate=True)
+    down = {"move_until_contact": {"distance": 0.2, "force": 5, "speed": 0.02}}
+    up = {"move_linear": {"offset": {"xyz": [0, 0, 0.001]}}}
+    quick = {"move_until_contact": {"distance": 0.2, "speed": 0.1}}
+    still = {"hold_still": {"duration": 1.0}}
+    file["arms"]["arm1"]["tree"] = {"sequence": [down, up, quick, still]}
+    file["arms"]["arm1"] |= {"gripper": gripper, "base": {"xyz": [0, 0, 0.5]}}
+    play = stage.run(file)
+    assert play.arm().outcome == "SUCCESS", play.arm().runs
+
+
 @pytest.mark.parametrize(("robot", "reality"), [("ur5", "lab"), ("panda", "rough")])
 def test_it_feels_nothing_where_nothing_is(robot: str, reality: str, stage: Stage) -> None:
     leaf = stage.run(above(robot, reality, plate=False), seed=1).leaf("move_until_contact")
