@@ -148,8 +148,10 @@ class ApproachAndAttach(Skill):
 
     def _touch(self, approach: Approach) -> Iterator[float | None]:
         """Move straight until the object is near, and stop there."""
-        # A stiff arm would press an object on a table with 60 N for each 0.1 mm of its braking.
-        compliant = self.ports.contact
+        # A stiff arm would press an object on a table with 60 N for each 0.1 mm of its braking. For
+        # a door or drawer, it is right: relaxing it turns the friction of its joints around, which
+        # would otherwise count as force of the hand when `operate` begins to pull.
+        compliant = self.ports.contact and self.arm.world.joint_of(self._name) is None
         motion = self.arm.begin(approach.to_surface, may_touch=True, compliant=compliant)
         while not motion.done and not self._near():
             yield 0.7 + 0.3 * motion.progress
