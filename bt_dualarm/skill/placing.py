@@ -456,13 +456,19 @@ _BEHIND_M: Final = 0.001  # distance behind its set-point at which the tool has 
 _EXPECTED_M_S: Final = 0.002
 """Highest speed where contact is expected, m/s."""
 
-_SURE_M: Final = 0.0005
+_SURE_M: Final = 0.00055
 """Height above the goal from which contact is expected. An arm that has seen the object touches the
 support within 0.2 mm of where it expects it; a declared pose may be off by half a millimeter."""
 
 _NEARING_S: Final = 0.05
 """Increase of height over that of the highest speed, s: a contact is the less likely, and may be
 the harder, the higher it is above the expected one."""
+
+_LIKELY_M: Final = 0.001
+"""Distance below the goal down to which the descent is one motion with what is above it."""
+
+_BLEND_S: Final = 0.1
+"""Longest overlap of that motion with the search for a support farther down, s."""
 
 _EXPECTED_M: Final = 0.0007
 """Distance from the goal within which a short stop counts as contact: the tool moves smoothly
@@ -478,7 +484,7 @@ _LOWER: Final = (0.7, 0.5, 0.35, 0.25)  # fractions of the height to try if it i
 _NEAR_M: Final = 0.0015  # height above the goal beyond which a contact may be joint friction
 _FALSE: Final = 3  # descents until a contact beyond that height counts
 _OFF_M: Final = 0.003  # length of the compliant start of the retreat
-_LOWERING: Final = (0.8, 0.6, 0.45, 0.3)  # fractions of the speed below the approach height
+_LOWERING: Final = (0.8, 0.45, 0.3)  # fractions of the speed below the approach height
 _BRANCHES: Final = 3  # free branches of the inverse kinematics among which the planner chooses
 _TRIES: Final = 12  # blocked branches after which the search for free ones ends
 
@@ -720,7 +726,7 @@ class SettingDown:
         """
         arm = self._arm
         ports = self._ports
-        low = arm.line_after(down[-1], _raised(tool, -ports.search))
+        low = arm.line_after(down[-1], _raised(tool, -min(_LIKELY_M, ports.search)))
         rows = np.vstack((down, low[1:]))
         start = float(arm.kinematics.forward(rows[0]).position[2] - tool.position[2])
         self._top = min(_EXPECTED_M_S, arm.least_speed(low, ports.down_speed))
@@ -737,10 +743,16 @@ class SettingDown:
 
         # A slower descent may leave more of the limits to the overlap.
         descents = [arm.slowing_path(rows, share * ports.speed, most_m_s) for share in _LOWERING]
-        return min(
+        whole = min(
             (arm.overlapped(begin, one, ports.speed, beside(one)) for one in descents),
             key=lambda one: one.motion.duration,
         )
+        if ports.search <= _LIKELY_M:
+            return whole
+        # Seconds long, and hardly ever used: alone, it takes a fraction of the computing time.
+        rest = arm.line_after(low[-1], _raised(tool, -ports.search))
+        search, _ = arm.slow_path(rest, ports.down_speed, self._top, ports.speed)
+        return arm.overlapped(whole, search, ports.speed, _BLEND_S, frozenset({self._name}))
 
     def _time_at(self, motion: Trajectory, tool: Pose, height: float) -> float:
         """Time at which a motion that ends in a descent is the last time above a height, s.

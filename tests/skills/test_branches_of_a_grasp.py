@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import pytest
-
 import bt_dualarm as bt
 from bt_dualarm.behaviors.report import StatusChange
 from bt_dualarm.runtime.arm_runtime import IdleObserver
@@ -25,11 +23,10 @@ class Grasps(IdleObserver):
             self.ended.append(change.new)
 
 
-@pytest.mark.parametrize(("name", "seed"), [("lid", 5), ("toolbox", 9)])
-def test_another_branch_is_tried_if_the_first_one_is_blocked(name: str, seed: int) -> None:
+def test_another_branch_is_tried_if_the_first_one_is_blocked() -> None:
     """Whether the handle counted as out of reach depended on the branch that the seed found."""
     grasps = Grasps()
-    with bt.open(COOKBOOK / f"{name}.yaml", seed=seed) as run:
+    with bt.open(COOKBOOK / "toolbox.yaml", seed=9) as run:
         run.watch(grasps)
         while not grasps.ended:
             run.step(0.2)
