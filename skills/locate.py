@@ -25,7 +25,7 @@ from bt_dualarm import (
     still_picture,
 )
 
-_MARKER_SHARES = (0.75, 0.5)
+_MARKER_SHARES = (0.75, 0.4)
 """Fractions of the requested standard deviations of position and rotation above which a marker is
 worth one more viewpoint: other objects are placed relative to it, and far from it an error of its
 rotation counts most."""
