@@ -25,6 +25,11 @@ from bt_dualarm import (
     still_picture,
 )
 
+_MARKER_SHARES = (0.75, 0.4)
+"""Fractions of the requested standard deviations of position and rotation above which a marker is
+worth one more viewpoint: other objects are placed relative to it, and far from it an error of its
+rotation counts most."""
+
 _Row = tuple[float, float, float, float, float, float]
 
 
@@ -107,7 +112,7 @@ class Locate(Skill):
         viewpoints = 1
         camera: Pose | None = None
         began_s: float | None = None
-        while viewpoints < ports.views and (unknown := self._unknown()):
+        while viewpoints < ports.views and (unknown := self._to_be_seen()):
             if camera is None:
                 camera = self._next_of(choice, unknown)
                 began_s = None
@@ -124,8 +129,10 @@ class Locate(Skill):
                 camera = self._next_of(choice, unknown, pending=True)
                 yield from self._take_image()
 
-    def _unknown(self) -> list[SightedThing]:
-        return [one for one in self._seen.things if not self._is_known(one)]
+    def _to_be_seen(self) -> list[SightedThing]:
+        """Objects that are worth another viewpoint; none only if all are accurate enough."""
+        shares = _MARKER_SHARES if self.ports.is_by_marker else (1.0, 1.0)
+        return [one for one in self._seen.things if not self._is_known(one, *shares)]
 
     def _next_of(
         self, choice: Viewpoints, unknown: list[SightedThing], *, pending: bool = False
@@ -141,10 +148,13 @@ class Locate(Skill):
         apart = max(float(np.linalg.norm(one.position - middle)) for one in self._seen.things)
         return max(self.ports.distance, 3.0 * apart, 5.0 * self._seen.shape.extent)
 
-    def _is_known(self, thing: SightedThing) -> bool:
+    def _is_known(self, thing: SightedThing, share: float = 1.0, angle_share: float = 1.0) -> bool:
+        """Whether its standard deviations are at most fractions of those requested."""
         ports = self.ports
         sigma_rad = self._seen.sigma_rad(thing)
-        if thing.best.sigma_m > ports.accuracy or sigma_rad > ports.angle_accuracy:
+        if thing.best.sigma_m > share * ports.accuracy:
+            return False
+        if sigma_rad > angle_share * ports.angle_accuracy:
             return False
         # All of that assumes the declared size: from one viewpoint, a larger object looks the same
         # as one that is nearer.

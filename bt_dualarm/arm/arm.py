@@ -55,7 +55,12 @@ from bt_dualarm.sim.contact_monitor import Contacts
 from bt_dualarm.sim.world import World
 from bt_dualarm.trajectory.coupled import CoupledSource
 from bt_dualarm.trajectory.overlap import OverlappedMotion
-from bt_dualarm.trajectory.path_timing import point_to_point, time_path
+from bt_dualarm.trajectory.path_timing import (
+    SpeedBound,
+    point_to_point,
+    time_path,
+    time_path_below,
+)
 from bt_dualarm.trajectory.paths import line
 from bt_dualarm.trajectory.set_points import SetPointSource, Stream, TrajectorySource
 from bt_dualarm.trajectory.trajectory import Trajectory
@@ -952,6 +957,37 @@ class Arm(ArmState):
             motion = time_path(q, slower, self.period)
             top = self._top_speed(motion)
         return self.within_efforts(motion), top
+
+    def slowing_path(self, q: Matrix, speed: float, most_m_s: SpeedBound) -> Trajectory:
+        """Motion through configurations with a speed of the tool that is bounded at each point.
+
+        Args:
+            q: Configurations, of shape (n, dof), rad.
+            speed: Fraction of the limits, above 0 to 1.
+            most_m_s: Highest speed of the tool at lengths of its path from the first of them.
+
+        Raises:
+            Failure: ``OVERLOADED``.
+        """
+        lengths = np.concatenate(((0.0,), np.cumsum(self._tool_steps(q))))
+        limits = self.limits(speed)
+        return self.within_efforts(time_path_below(q, lengths, most_m_s, limits, self.period))
+
+    def least_speed(self, q: Matrix, speed: float) -> float:
+        """Highest speed that the tool can have all along configurations, m/s.
+
+        Args:
+            q: Configurations, of shape (n, dof), rad, no two in a row the same.
+            speed: Fraction of the velocity limits, above 0 to 1.
+        """
+        shortest_s = (np.abs(np.diff(q, axis=0)) / self.limits(speed).velocity).max(axis=1)
+        return float((self._tool_steps(q) / shortest_s).min())
+
+    def _tool_steps(self, q: Matrix) -> Vector:
+        """Distances of the tool between configurations of shape (n, dof), rad; (n - 1,), m."""
+        places = np.array([self.kinematics.matrix(row)[:3, 3] for row in q])
+        steps: Vector = np.linalg.norm(np.diff(places, axis=0), axis=1)
+        return steps
 
     def _top_speed(self, motion: Trajectory) -> float:
         steps = np.diff(self.planned_tool_positions(motion), axis=0)

@@ -55,6 +55,10 @@ OVERSPEED = 1.05
 """Measured joint speed, as a fraction of its limit, at which a motion fails. Set-points keep the
 limit: an arm that is that fast was pushed, or could not brake."""
 
+_CRAWL = 0.01
+"""Fraction of the velocity limits below which a stop need not be on the path: it is the shortest,
+and deviates by some micrometers."""
+
 _STANDSTILL = 0.005
 """Joint speed that counts as rest, rad/s: a tool at 0.8 m moves by less than 4 mm/s."""
 
@@ -253,11 +257,14 @@ class JointController:
             self._hold = sent
             self._guard.rests(sent.q, self._world.time)
             return
-        candidates = [stop(sent.q, sent.v, sent.a, self._robot.limits, self.period)]
+        limits = self._robot.limits
+        candidates = [stop(sent.q, sent.v, sent.a, limits, self.period)]
+        # The shortest stop leaves the path; from a crawl, by nothing.
+        crawls = bool((np.abs(sent.v) <= _CRAWL * limits.velocity).all())
         if isinstance(self._motion, TrajectorySource):
-            on_path = self._motion.halt(self._robot.limits)
+            on_path = self._motion.halt(limits)
             if on_path is not None:
-                candidates.insert(0, on_path)
+                candidates.insert(1 if crawls else 0, on_path)
         self._switch_to(self._guard.stop(self._motion, candidates, self._world.time))
 
     def update(self, time: float) -> None:

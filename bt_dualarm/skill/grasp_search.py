@@ -489,7 +489,8 @@ def _no_grasp(solid: Solid, jaw: JawMeasures | None, arm: Arm, wanted: WantedGra
 
 
 _OPENINGS = 8  # openings to check while the fingers close next to other parts
-_BRANCHES = 4  # branches to try for a grasp from which the arm moves on
+_BRANCHES = 4  # branches to try for a goal at which the object will be set down
+_MOST_BRANCHES = 16  # branches to try for a grasp: an arm of six joints has eight, and their turns
 _DESCENT_M = 0.05  # length of the descent to a goal, and of the retreat from it
 _TURN = math.radians(15.0)  # increment of the rotations to try for a round object
 _SAME_EDGE_M = 1e-6  # difference of the edges of a square
@@ -580,14 +581,7 @@ def first_approach(
             if wanted.goal is not None:
                 _refuse_goal(arm, wanted, wanted.goal, ranked)
             suits = True
-            rows = _rows_to(arm, out, ranked.tool, wanted)
-            if lift > 0.0:
-                up = np.array((0.0, 0.0, lift))
-                arm.line_after(rows[-1], Pose(ranked.tool.position + up, ranked.tool.quaternion))
-            if wanted.name and wanted.edges is None:
-                arm.refuse_load(wanted.name, rows[-1], seen)
-            arm.refuse_collision_along(rows, ignore=touched)
-            _refuse_beside(arm, wanted, rows, ranked.grasp.width)
+            rows = yield from _rows_to(arm, out, ranked, wanted, seen, lift)
             unknown = touched if seen else frozenset[str]()
             motion = yield from arm.plan([rows[0]], speed, unknown, began_s=began_s)
             return GraspApproach(ranked, motion, rows, standoff)
@@ -607,29 +601,59 @@ def first_approach(
     ) from ExceptionGroup("no way", reasons)
 
 
-def _rows_to(arm: Arm, out: Pose, tool: Pose, wanted: WantedGrasp) -> Matrix:
-    """Configurations along the line to a grasp, in a branch in which the arm can move on from it.
+def _rows_to(
+    arm: Arm,
+    out: Pose,
+    ranked: RankedGrasp,
+    wanted: WantedGrasp,
+    seen: Pose | None,
+    lift: float,
+) -> Generator[None, None, Matrix]:
+    """Configurations along the line to a grasp, in a branch in which the arm can do what follows.
+
+    That is the approach itself, the lift, and where the object moves on a joint, to move it. Yields
+    once for every other branch.
+
+    Args:
+        arm: Arm with its gripper open.
+        out: Pose of the tool at the standoff.
+        ranked: The grasp.
+        wanted: Specification of the grasp.
+        seen: As for `first_approach`.
+        lift: As for `first_approach`.
 
     Raises:
-        Failure: As `Arm.line`; ``IN_COLLISION`` on the onward path.
+        Failure: That of the preferred branch: ``IN_COLLISION``, ``PATH_BROKEN``, ``SINGULAR``, or
+            ``OVERLOADED``; as `Kinematics.branches_along`.
     """
-    onward = wanted.onward
-    if onward is None:
-        return arm.line(out, tool)
+    tool = ranked.tool
     poses = line(out, tool).poses
-    later = [move @ tool for move in onward.moves]
-    free = _geoms_of_part(arm.world, wanted)
+    onward = wanted.onward
+    later = [] if onward is None else [move @ tool for move in onward.moves]
+    touched = frozenset({wanted.name} if wanted.name else ())
+    free = _geoms_of_part(arm.world, wanted) if onward is not None else None
     blocked: Failure | None = None
     branches = arm.kinematics.branches_along([*poses, *later], arm.setpoint.q)
-    for rows in islice(branches, _BRANCHES):
+    for number, whole in enumerate(islice(branches, _MOST_BRANCHES)):
+        rows = whole[: len(poses)]
         try:
-            # As the arm will follow it from there: a redundant one may do so otherwise.
-            after = arm.kinematics.follow_on(later, rows[len(poses) - 1])
-            onward.refuse_contact(arm, after, free)
+            if onward is not None and free is not None:
+                # As the arm will follow it from there: a redundant one may do so otherwise.
+                after = arm.kinematics.follow_on(later, rows[-1])
+                onward.refuse_contact(arm, after, free)
+            if lift > 0.0:
+                up = np.array((0.0, 0.0, lift))
+                arm.line_after(rows[-1], Pose(tool.position + up, tool.quaternion))
+            if wanted.name and wanted.edges is None:
+                arm.refuse_load(wanted.name, rows[-1], seen)
+            arm.refuse_collision_along(rows, ignore=touched)
+            _refuse_beside(arm, wanted, rows, ranked.grasp.width)
         except Failure as failure:
             blocked = blocked or failure.with_traceback(None)  # would keep this frame alive
         else:
-            return rows[: len(poses)]
+            return rows
+        if number % 2:
+            yield
     if blocked is None:
         raise Failure("PATH_BROKEN", "the arm cannot follow the joint")
     raise blocked

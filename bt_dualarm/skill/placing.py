@@ -38,6 +38,7 @@ NEARING_M_S: Final = 0.02
 # A tool has stopped if, over a time window, it covers less than a fraction of its set-point's
 # distance while the set-point is faster than a fraction of its highest speed.
 _COMPARED_S: Final = 0.08
+_SHORT_S: Final = 0.06  # enough where contact is expected
 _LONG_S: Final = 0.13
 _VERY_LONG_S: Final = (
     0.5  # by then joints have broken away, however uneven the set-point's speed is
@@ -109,6 +110,8 @@ def until_contact(
     *,
     lightly: bool = False,
     behind_m: float = np.inf,
+    is_expected: Callable[[], bool] | None = None,
+    touched: Callable[[], None] | None = None,
 ) -> Generator[float, None, tuple[bool, float]]:
     """Follow a part of a compliant motion until contact; yields the progress once per tick.
 
@@ -123,6 +126,8 @@ def until_contact(
         lightly: As `guarded_descent`.
         behind_m: Distance of the tool behind its set-point that counts as contact, m: only where
             the joints had broken away before the arm became compliant.
+        is_expected: Whether contact is expected where the tool is: a stop of 0.06 s counts then.
+        touched: Called at the contact, before the arm brakes.
 
     Returns:
         Whether there was contact, after which the arm is at rest, and the largest force, N.
@@ -134,16 +139,20 @@ def until_contact(
         arm.check()
         look()
         lag.look(motion.parameter.scale)
-        felt = sense.force(stands=lag.has_stopped or lag.stands)
+        stops = lag.stops and is_expected is not None and is_expected()
+        felt = sense.force(stands=lag.has_stopped or lag.stands or stops)
         meant = arm.commanded_tool_pose.position
         is_behind = float((meant - arm.tool_pose.position) @ along) > behind_m
-        if not (lag.is_steady or lag.stands or is_behind):
+        if not (lag.is_steady or lag.stands or is_behind or stops):
             sense.most = 0.0
-        elif is_behind or (felt > force and lag.has_stopped) or (lightly and lag.stands):
+        elif is_behind or stops or (felt > force and lag.has_stopped) or (lightly and lag.stands):
+            most = sense.most
+            if touched is not None:
+                touched()
             for _ in arm.halt():
                 yield 1.0
                 sense.force(stands=True)
-            return True, sense.most
+            return True, sense.most if touched is None else most
     return False, sense.most
 
 
@@ -169,6 +178,7 @@ class Lag:
         is_steady: Whether the set-point is fast enough.
         has_stopped: Whether the tool has stopped.
         stands: Whether it has stopped for a longer time.
+        stops: Whether it has come to a stop for a short time: joints that stick do so as well.
     """
 
     def __init__(self, arm: Arm, along: Vector, steady_m_s: float) -> None:
@@ -176,7 +186,7 @@ class Lag:
         self._along = along
         self._steady_m_s = steady_m_s
         self._past = deque[tuple[float, float, float]]()
-        self.is_steady = self.has_stopped = self.stands = False
+        self.is_steady = self.has_stopped = self.stands = self.stops = False
 
     def look(self, scale: float) -> None:
         """Take a sample; to be called once per tick.
@@ -194,6 +204,8 @@ class Lag:
             past.popleft()
         self.is_steady, share = self._share(_COMPARED_S, steady_m_s)
         self.has_stopped = self.is_steady and share < _STOPPED
+        was_steady, share = self._share(_SHORT_S, steady_m_s)
+        self.stops = was_steady and share < _LONG_STOPPED
         was_steady, share = self._share(_LONG_S, steady_m_s)
         was_going, slow_share = self._share(_VERY_LONG_S, _SLOW * steady_m_s)
         self.stands = (was_steady and share < _LONG_STOPPED) or (
@@ -436,19 +448,43 @@ def _is_beyond(arm: Arm, name: str, lies: Pose) -> bool:
 
 
 _ROOM_M: Final = 0.01  # minimum opening on each side of the object at the release
-_APART_M: Final = 0.003  # opening on each side of it at which the retreat begins
+_APART_M: Final = 0.0015  # opening on each side of it at which the retreat begins
 _FREE_M: Final = 0.006  # height above the goal down to which the path must be free
-_LEARNED_S: Final = 0.15  # time for a compliant arm to learn its friction before contact
+_LEARNED_S: Final = 0.1  # time for a compliant arm to learn its friction before contact
 _BEHIND_M: Final = 0.001  # distance behind its set-point at which the tool has made contact
-_EXPECTED_M: Final = 0.0007  # height above the goal from which contact is expected
-_EXPECTED_M_S: Final = 0.0015  # highest speed from there on
+
+_EXPECTED_M_S: Final = 0.002
+"""Highest speed where contact is expected, m/s."""
+
+_SURE_M: Final = 0.00055
+"""Height above the goal from which contact is expected. An arm that has seen the object touches the
+support within 0.2 mm of where it expects it; a declared pose may be off by half a millimeter."""
+
+_NEARING_S: Final = 0.05
+"""Increase of height over that of the highest speed, s: a contact is the less likely, and may be
+the harder, the higher it is above the expected one."""
+
+_LIKELY_M: Final = 0.001
+"""Distance below the goal down to which the descent is one motion with what is above it."""
+
+_BLEND_S: Final = 0.1
+"""Longest overlap of that motion with the search for a support farther down, s."""
+
+_EXPECTED_M: Final = 0.0007
+"""Distance from the goal within which a short stop counts as contact: the tool moves smoothly
+there, at least half as far as its set-point in each 0.06 s, even with the friction of `rough`."""
+
+_ABOVE_M: Final = 0.008
+"""Height above the goal below which the descent is straight: the motion before it has ended. A
+compliant arm that still moves sideways 6 mm above it ends 0.5 mm off in `rough`."""
+
 _LOWEST_M: Final = 0.008  # minimum height above the goal at which the descent begins
 _CLEAR_M: Final = 0.003  # clearance to the height at which the descent is still free
 _LOWER: Final = (0.7, 0.5, 0.35, 0.25)  # fractions of the height to try if it is not free
 _NEAR_M: Final = 0.0015  # height above the goal beyond which a contact may be joint friction
 _FALSE: Final = 3  # descents until a contact beyond that height counts
 _OFF_M: Final = 0.003  # length of the compliant start of the retreat
-_LOWERING: Final = (0.6, 0.45, 0.3)  # fractions of the speed below the approach height
+_LOWERING: Final = (0.8, 0.45, 0.3)  # fractions of the speed below the approach height
 _BRANCHES: Final = 3  # free branches of the inverse kinematics among which the planner chooses
 _TRIES: Final = 12  # blocked branches after which the search for free ones ends
 
@@ -558,15 +594,16 @@ class SettingDown:
         arm = self._arm
         grip = Grip(self._arm, self._name)
         grip.look()
+        began_s = arm.time
         self._refuse_unsupported(goal)
         yield None
         try:
-            yield from self._go_down(goal, grip)
+            yield from self._go_down(goal, grip, began_s)
         except Failure as failure:
             if failure.code == "SLIPPED":
                 yield from grip.judge(failure)
             raise
-        lies = arm.tool_pose @ self._in_tool
+        lies = self._touched @ self._in_tool
         self._metrics["believed_error_m"] = lies.distance(goal)
         yield from self._release(grip.width, lies)
         return lies
@@ -619,11 +656,18 @@ class SettingDown:
             friction=found.friction,
         )
 
-    def _go_down(self, goal: Pose, grip: Grip) -> Generator[float | None, None, Pose]:
+    def _go_down(
+        self, goal: Pose, grip: Grip, began_s: float
+    ) -> Generator[float | None, None, Pose]:
         """Move above the goal, in a branch that allows descent and retreat, and lower the object.
 
         It is one motion without a stop, unless other arms are near: then the arm waits above the
         goal until they are out of the way.
+
+        Args:
+            goal: Pose of the object in the world.
+            grip: Grip on the object.
+            began_s: Simulated time at which planning began, s.
 
         Returns:
             Pose of the tool in the world with the object at its goal.
@@ -632,13 +676,14 @@ class SettingDown:
         ports = self._ports
         move = arm.past_others(ports.speed)
         descents: list[_Descent] = []
+        began = [began_s]
 
         def above() -> Generator[None, None, Trajectory]:
-            began_s = arm.time
             descents[:] = [(yield from self._descent(goal, move))]
             starts = [rows[0] for rows in descents[0].branches]
+            first_s = began.pop() if began else None
             return (
-                yield from arm.plan(starts, ports.speed, planner=ports.planner, began_s=began_s)
+                yield from arm.plan(starts, ports.speed, planner=ports.planner, began_s=first_s)
             )
 
         def down(q: Vector) -> Matrix:
@@ -674,9 +719,6 @@ class SettingDown:
     def _lowered(self, begin: OverlappedMotion, down: Matrix, tool: Pose) -> OverlappedMotion:
         """A motion and the descent after it: the slower, the nearer contact may be.
 
-        Its last three parts end `_FREE_M` above the goal, `_EXPECTED_M` above it, and where the
-        search for the support ends.
-
         Args:
             begin: Motion to the beginning of the descent.
             down: Configurations from there to `_FREE_M` above the goal, of shape (n, dof), rad.
@@ -684,21 +726,55 @@ class SettingDown:
         """
         arm = self._arm
         ports = self._ports
-        held = frozenset({self._name})
-        near = arm.line_after(down[-1], _raised(tool, _EXPECTED_M))
-        brisk = _LOWERING[0] * ports.speed
-        nearing, _ = arm.slow_path(near, brisk, NEARING_M_S, brisk)
-        low = arm.line_after(near[-1], _raised(tool, -ports.search))
-        touching, self._top = arm.slow_path(low, ports.down_speed, _EXPECTED_M_S, brisk)
-        # On the lower half of each part, the tool is straight above the goal. A slower descent may
-        # leave more of the limits to the overlap.
-        descents = [arm.time_path(down, share * ports.speed) for share in _LOWERING]
-        begin = min(
-            (arm.overlapped(begin, one, ports.speed, 0.5 * one.duration) for one in descents),
+        low = arm.line_after(down[-1], _raised(tool, -min(_LIKELY_M, ports.search)))
+        rows = np.vstack((down, low[1:]))
+        start = float(arm.kinematics.forward(rows[0]).position[2] - tool.position[2])
+        self._top = min(_EXPECTED_M_S, arm.least_speed(low, ports.down_speed))
+
+        def most_m_s(lengths: Vector) -> Vector:
+            height = start - lengths
+            near = np.clip(self._top + (height - _SURE_M) / _NEARING_S, self._top, NEARING_M_S)
+            bound: Vector = np.where(height > _FREE_M, np.inf, near)
+            return bound
+
+        def beside(motion: Trajectory) -> float:
+            """Time of a descent during which the motion before it may still end, s."""
+            return self._time_at(motion, tool, _ABOVE_M)
+
+        # A slower descent may leave more of the limits to the overlap.
+        descents = [arm.slowing_path(rows, share * ports.speed, most_m_s) for share in _LOWERING]
+        whole = min(
+            (arm.overlapped(begin, one, ports.speed, beside(one)) for one in descents),
             key=lambda one: one.motion.duration,
         )
-        begin = arm.overlapped(begin, nearing, ports.speed, 0.5 * nearing.duration, held)
-        return arm.overlapped(begin, touching, ports.speed, nearing.duration, held)
+        if ports.search <= _LIKELY_M:
+            return whole
+        # Seconds long, and hardly ever used: alone, it takes a fraction of the computing time.
+        rest = arm.line_after(low[-1], _raised(tool, -ports.search))
+        search, _ = arm.slow_path(rest, ports.down_speed, self._top, ports.speed)
+        return arm.overlapped(whole, search, ports.speed, _BLEND_S, frozenset({self._name}))
+
+    def _time_at(self, motion: Trajectory, tool: Pose, height: float) -> float:
+        """Time at which a motion that ends in a descent is the last time above a height, s.
+
+        Args:
+            motion: The motion.
+            tool: Pose of the tool in the world with the object at its goal.
+            height: Height of the tool above that, m.
+        """
+        lowest = tool.position[2] + height
+
+        def is_below(index: int) -> bool:
+            return bool(self._arm.kinematics.matrix(motion.q[index])[2, 3] <= lowest)
+
+        # Above, the tool may rise; where the search ends, it is below.
+        step = max(len(motion) // 64, 1)
+        first = len(motion) - 1
+        while first - step >= 0 and is_below(first - step):
+            first -= step
+        while first > 0 and is_below(first - 1):
+            first -= 1
+        return first * motion.dt
 
     def _touch_down(
         self, grip: Grip, tool: Callable[[], Pose], motion: Trajectory, wait_s: float
@@ -706,7 +782,7 @@ class SettingDown:
         """Execute the motion of `_lowered` until contact with the support."""
         arm = self._arm
         ports = self._ports
-        free_s, near_s, low_s = self._lowering.ends_s[-3:]
+        free_s = self._time_at(motion, tool(), _FREE_M)
         force = grip.firm_for(ports.force)
         running = arm.begin(motion)
         # Compliant a little earlier than contact is possible: until then the arm has learned its
@@ -726,20 +802,28 @@ class SettingDown:
             grip.look()
             arm.refuse_when_held_up(running, wait_s)
 
-        for end_s in (near_s, low_s):
-            felt, most = yield from until_contact(
-                arm,
-                running,
-                end_s,
-                down,
-                self._top,
-                force,
-                look,
-                lightly=True,
-                behind_m=_BEHIND_M,
-            )
-            if felt:
-                break
+        def is_expected() -> bool:
+            return bool(abs(arm.tool_pose.position[2] - tool().position[2]) < _EXPECTED_M)
+
+        def touched() -> None:
+            self._touched = arm.tool_pose
+            # The fingers open while the arm brakes.
+            if abs(self._height(tool())) <= min(_NEAR_M, ports.tolerance):
+                self._open(grip.width)
+
+        felt, most = yield from until_contact(
+            arm,
+            running,
+            motion.duration,
+            down,
+            self._top,
+            force,
+            look,
+            lightly=True,
+            behind_m=_BEHIND_M,
+            is_expected=is_expected,
+            touched=touched,
+        )
         low = _raised(tool(), -ports.search)
         for _ in range(_FALSE):
             if not felt:
@@ -754,6 +838,7 @@ class SettingDown:
             felt, most = yield from guarded_descent(
                 arm, low, ports.down_speed, force, grip.look, lightly=True
             )
+            self._touched = arm.tool_pose
         self._metrics |= {"impact_n": most, "height_off_m": height}
         if abs(height) > ports.tolerance:
             yield from arm.relax()
@@ -813,7 +898,7 @@ class SettingDown:
         """Straight descent to a pose of the tool, in branches that allow search and retreat.
 
         The arm and the held object are collision-free down to `_FREE_M`, and the arm alone on
-        the retreat. Yields once for each branch that is checked.
+        the retreat. Yields once per tick, for one or two branches.
 
         Args:
             tool: Pose of the tool in the world.
@@ -840,6 +925,8 @@ class SettingDown:
                 arm.refuse_collision_along(out, ignore=held)
             except Failure as failure:
                 refusals.append(failure.with_traceback(None))
+                if len(refusals) % 2:
+                    continue  # most are found out soon: two are checked in one tick
             else:
                 found.append(down)
             yield
@@ -850,8 +937,8 @@ class SettingDown:
         return found
 
     def _height(self, tool: Pose) -> float:
-        """Height of the tool above a pose, from the encoders, m."""
-        return float(self._arm.tool_pose.position[2] - tool.position[2])
+        """Height above a pose at which the tool made contact, from the encoders, m."""
+        return float(self._touched.position[2] - tool.position[2])
 
     def _release(self, width: float, lies: Pose) -> Iterator[float | None]:
         """Open, retreat, and check that the object did not come along.
@@ -869,7 +956,7 @@ class SettingDown:
         arm = self._arm
         gripper = arm.gripper
         fingers = gripper.page.fingers
-        gripper.command(self._open_width(width) if fingers else 1.0)
+        self._open(width)
         apart = width + 2.0 * _APART_M
         for _ in gripper.until_open():
             if fingers and gripper.width >= apart:
@@ -932,12 +1019,13 @@ class SettingDown:
         except StopIteration as end:
             self._sticks = bool(end.value)
             if not self._sticks:
-                page = self._arm.gripper.page
-                self._arm.gripper.command(self._open_width(width) if page.fingers else 1.0)
+                self._open(width)
 
-    def _open_width(self, width: float) -> float:
-        """Opening of the fingers, m, with `_ROOM_M` on each side of an object of a width."""
-        return min(width + 2.0 * _ROOM_M, self._arm.gripper.page.stroke)
+    def _open(self, width: float) -> None:
+        """Command the fingers to leave `_ROOM_M` on each side of an object of a width, m."""
+        gripper = self._arm.gripper
+        page = gripper.page
+        gripper.command(min(width + 2.0 * _ROOM_M, page.stroke) if page.fingers else 1.0)
 
     def _refuse_sticking(self) -> None:
         """Attach an object that sticks to the gripper again, and fail."""

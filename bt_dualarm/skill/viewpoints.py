@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Final
 
 import numpy as np
@@ -31,12 +32,15 @@ _BEYOND_S: Final = 1.0
 """Delay assumed for a viewpoint that is probably out of reach, s."""
 
 
+_SOON: Final = 20
+"""Viewpoints soonest reached, of which three are compared at once: 1,140 triples."""
+
 _AT_ONCE: Final = 256
 """Pairs of viewpoints that are compared at once, the soonest reached first."""
 
 
 class Viewpoints:
-    """Choice among `SIDES`: the quickest one, or two, after which an estimate is accurate enough.
+    """Choice among `SIDES`: the quickest one to three after which an estimate is accurate enough.
 
     What an image will tell follows from its viewpoint alone (`ExpectedFit`), so the choice can be
     made while the images of the viewpoint before are being taken.
@@ -113,8 +117,29 @@ class Viewpoints:
             if lacks[part].max(axis=1).min() <= 1.0:
                 break
         best = _best(lacks, whole_s)
-        ends = int(one[best]), int(other[best])
-        return min(ends, key=lambda end: float(there_s[end]))
+        tour = [int(one[best]), int(other[best])]
+        if lacks[best].max() > 1.0:
+            tour = self._three(expected, more, by, steps, there_s) or tour
+        return min(tour, key=lambda end: float(there_s[end]))
+
+    def _three(
+        self, expected: ExpectedFit, more: Matrix, by: Stack, steps: Matrix, there_s: Vector
+    ) -> list[int]:
+        """Numbers of the three viewpoints after which the object is soonest known; none if unknown.
+
+        Of those that are soon reached: otherwise there are too many. Arguments as for `_best`.
+        """
+        soon = np.argsort(there_s, kind="stable")[:_SOON]
+        numbers = np.array(list(itertools.combinations(soon.tolist(), 3)), dtype=int)
+        if not len(numbers):
+            return []
+        lacks = self._lacks(expected, more + by[numbers].sum(axis=1))
+        # In the order in which they are soonest reached.
+        numbers = np.take_along_axis(numbers, np.argsort(there_s[numbers], kind="stable"), axis=1)
+        legs = np.diff(steps[numbers], axis=1).reshape(-1, steps.shape[1])
+        whole_s = there_s[numbers[:, 0]] + travel_s(legs, self._limits).reshape(-1, 2).sum(axis=1)
+        best = _best(lacks, whole_s)
+        return numbers[best].tolist() if lacks[best].max() <= 1.0 else []
 
     def _lacks(self, expected: ExpectedFit, more: Stack) -> Matrix:
         """Expected over wanted standard deviations of n alternatives, of shape (n, 3)."""

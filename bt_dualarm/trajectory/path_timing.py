@@ -18,9 +18,10 @@ point, and to rest, are computed by Ruckig.
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -66,6 +67,9 @@ _ROUNDS = 10
 
 _IDLE = 3
 """Rounds without improvement after which the search ends."""
+
+_BOUNDED_INTERVALS = 1500
+"""Number of grid intervals of a path with a bound of its own: 0.05 mm on a descent of 70 mm."""
 
 _GAIN = 0.55
 """Exponent of a redistribution: a larger one oscillates, a smaller one takes more rounds."""
@@ -134,6 +138,53 @@ def time_path(
     return timed_path(q_samples, limits, dt, closed).motion
 
 
+SpeedBound: TypeAlias = Callable[[Vector], Vector]
+"""Highest speeds of the tool, m/s, at lengths of its path, m; both of shape (n,)."""
+
+
+def time_path_below(
+    q_samples: Matrix, lengths: Vector, most_m_s: SpeedBound, limits: JointLimits, dt: float
+) -> Trajectory:
+    """Motion along a path from rest to rest within the limits, below a speed that varies along it.
+
+    The moving average that bounds the jerk smooths the speed: where the bound falls suddenly, the
+    tool is faster for half of the averaging time.
+
+    Args:
+        q_samples: Configurations as for `timed_path`.
+        lengths: Length of the tool's path up to each of them, of shape (n,), m, increasing.
+        most_m_s: Highest speed of the tool, positive.
+        limits: Position, velocity, acceleration and jerk limits.
+        dt: Time between set-points, s.
+
+    Raises:
+        ValueError: As `timed_path`.
+    """
+    samples = _checked(q_samples, limits)
+    moves = np.any(np.abs(np.diff(samples, axis=0)) > _SAME_RAD, axis=1)
+    kept = np.insert(moves, 0, True)
+    samples = samples[kept]
+    lengths = lengths[kept]
+    ends = [0, *_reversals(samples, limits), len(samples) - 1]
+    parts = []
+    for first, last in itertools.pairwise(ends):
+        if last == first:
+            continue
+        path = spline_through(samples[first : last + 1], limits, closed=False)
+        measured = cubic_spline(path.knots, lengths[first : last + 1, None])
+
+        def most_rate(s: Vector, measured: Spline = measured) -> Vector:
+            # The tool's speed is the rate of s times the length of its path per s.
+            rates: Vector = most_m_s(measured(s)[:, 0]) / measured(s, 1)[:, 0].clip(_STILL)
+            return rates
+
+        optimal = TimeOptimal(path, limits, most_rate)
+        # A wider average would carry the speed on to where less is allowed.
+        search = _Search(optimal, limits, dt)
+        parts.append(_keeping(*search.of_width(search.ramp), limits, dt))
+    return joined(dt, (Trajectory.rest(samples[0], dt), *parts))
+
+
 def _pieces(samples: Matrix, limits: JointLimits, closed: bool) -> list[Spline]:
     """Splines from stop to stop; none if the path has no length."""
     # A periodic spline needs the whole path in one piece.
@@ -148,7 +199,13 @@ def _pieces(samples: Matrix, limits: JointLimits, closed: bool) -> list[Spline]:
 
 def _timed(optimal: TimeOptimal, limits: JointLimits, dt: float) -> TrajectoryProtocol:
     """Jerk-limited motion along one piece, stretched until all set-points keep the limits."""
-    average, stretch = shortest_motion(optimal, limits, dt)
+    return _keeping(*shortest_motion(optimal, limits, dt), limits, dt)
+
+
+def _keeping(
+    average: AveragedMotion, stretch: float, limits: JointLimits, dt: float
+) -> TrajectoryProtocol:
+    """An averaged motion, stretched until all set-points keep the limits."""
     motion = StretchedMotion(average, dt, stretch)
     if len(motion) > LONG:
         motion = StretchedMotion(average, dt, stretch * _LONG_MARGIN)
@@ -240,7 +297,7 @@ class _Search:
         self._dt = dt
         self._path = optimal.path
         self._limits = np.array((limits.velocity, limits.acceleration, limits.jerk))
-        self._ramp = float((limits.acceleration / limits.jerk).max())
+        self.ramp = _RAMP * float((limits.acceleration / limits.jerk).max())
 
     def shortest(self) -> tuple[AveragedMotion, float]:
         """Result of `shortest_motion`."""
@@ -248,13 +305,17 @@ class _Search:
         best, stretch = self._best_width(fastest)
         narrowest = self._narrowest(fastest)
         # Redistribute from the additional width as well as from the best one.
-        for width in (max(_RAMP * self._ramp, narrowest), best.width):
+        for width in (max(self.ramp, narrowest), best.width):
             if best.unstretched * stretch < _SHORT * fastest.duration:
                 break
-            tried, needed = self._redistributed(AveragedMotion(self._path, fastest, width))
+            tried, needed = self.of_width(width)
             if tried.unstretched * needed < best.unstretched * stretch:
                 return tried, needed
         return best, stretch
+
+    def of_width(self, width: float) -> tuple[AveragedMotion, float]:
+        """Shortest motion found with an averaging width in s, and the time stretch it needs."""
+        return self._redistributed(AveragedMotion(self._path, self._optimal.fastest, width))
 
     def _best_width(self, profile: Profile) -> tuple[AveragedMotion, float]:
         """Motion with the best averaging width, and the time stretch that it needs."""
@@ -368,21 +429,31 @@ class TimeOptimal:
     Args:
         path: Joint positions in rad over a path parameter that starts at zero.
         limits: Velocity and acceleration limits; jerk is not considered.
+        most_rate: Bound of ds/dt at path parameters, in addition.
 
     Attributes:
         path: The path.
         grid: Path parameters of the grid points, of shape (n,).
     """
 
-    def __init__(self, path: Spline, limits: JointLimits) -> None:
+    def __init__(
+        self,
+        path: Spline,
+        limits: JointLimits,
+        most_rate: Callable[[Vector], Vector] | None = None,
+    ) -> None:
         self.path = path
         # Eight grid intervals per sample resolve a path that bends at each sample; paths with many
         # samples are smooth, so that two are sufficient.
         samples = len(path.knots)
         intervals = min(max(200, 2 * samples, min(8 * samples, 500)), 1500)
+        if most_rate is not None:
+            intervals = _BOUNDED_INTERVALS
         self.grid = np.linspace(0.0, path.knots[-1], intervals + 1)
         slope = path(self.grid, 1)
         fastest = (limits.velocity / np.maximum(np.abs(slope), _STILL)).min(axis=1)
+        if most_rate is not None:
+            fastest = np.minimum(fastest, most_rate(self.grid))
         self._on_grid = PathOnGrid(self.grid, slope, path(self.grid, 2), fastest**2)
         self._acceleration = limits.acceleration
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import bt_dualarm as bt
+from benchmarks import cycle_time
 from benchmarks.placing import run, task
 from tests.families import some
 
@@ -62,3 +63,12 @@ def test_a_turn_of_what_is_round_counts_as_far_as_it_is_seen(
     assert float(placed["placed_turned_rad"]) < np.radians(1.0)
     assert float(placed["placed_error_m"]) < 2e-3
     assert float(grasped["grasp_margin"]) >= 1.0, "a grip that bears it"
+
+
+@pytest.mark.parametrize(("robot", "longest_s"), [("ur5", 2.45), ("panda", 2.15)])
+def test_a_thing_is_soon_placed(robot: str, longest_s: float) -> None:
+    """It took 2.65 and 2.26 s while the arm stopped before it opened, and slowed down in steps."""
+    runs, _, _ = cycle_time.run(cycle_time.carry(robot, "robotiq_2f85", "lab", 850), 1.0)
+    placed = runs[-1]
+    assert (placed.skill, placed.status) == ("place", "SUCCESS"), placed.reason
+    assert (placed.ended_s or np.inf) - placed.started_s < longest_s
