@@ -29,6 +29,7 @@ from bt_dualarm.sim.camera import GuardedCamera
 from bt_dualarm.skill.following_error import FollowingError, FollowingSample
 from bt_dualarm.skill.grip import StreamClear
 from bt_dualarm.skill.looking import own_camera
+from bt_dualarm.skill.tracking_end import TrackingStatus
 from bt_dualarm.spec.values import Color, Plane
 
 _BANDWIDTH = (40.0, 230.0)  # rad/s, least and largest
@@ -533,34 +534,27 @@ class PlaneTracking:
         return max(0.0, self._tracker.age(self._arm.time) - self._latency)
 
     @property
-    def waited_for(self) -> float:
-        """Seconds since a target went out of view that had never been within reach; otherwise 0.
-
-        The arm then waits for it as at the start.
-        """
-        return 0.0 if self._waits_since is None else self._arm.time - self._waits_since
-
-    @property
     def beyond_for(self) -> float:
         """Seconds for which the target has been out of reach."""
         since = self._reference.beyond_since
         return 0.0 if since is None else self._arm.time - since
 
     @property
-    def obstacle(self) -> Failure | None:
-        """What is in the way to a target that the tool has not yet reached; None if nothing is."""
-        return self._obstacle
-
-    @property
-    def still_for(self) -> float:
-        """Seconds for which a target that has moved has been at rest; 0 before it moved."""
-        moved = [one.still_for for one in self._stillness if one.has_moved]
-        return min(moved, default=0.0) if self.in_view else 0.0
-
-    @property
-    def has_moved(self) -> bool:
-        """Whether the target has moved since it came into view, see `RestDetector`."""
-        return any(one.has_moved for one in self._stillness)
+    def status(self) -> TrackingStatus:
+        """What is known of target and tool now."""
+        still = min((one.still_for for one in self._stillness if one.has_moved), default=0.0)
+        return TrackingStatus(
+            self._arm.time,
+            self.in_view,
+            self.arrived,
+            is_beyond=self._reference.beyond_since is not None,
+            is_waiting=self._waits_since is not None,
+            has_moved=any(one.has_moved for one in self._stillness),
+            still_for=still if self.in_view else 0.0,
+            unseen_for=self.unseen_for,
+            refused=self._tracker.distractors.reason,
+            obstacle=self._obstacle,
+        )
 
     @property
     def axes(self) -> Matrix:
@@ -581,11 +575,6 @@ class PlaneTracking:
     def target(self) -> Vector:
         """Estimated current position of the target in the world, of shape (3,), m."""
         return self._tracker.predict(self._arm.time).position
-
-    @property
-    def refused(self) -> str:
-        """Why the last candidate was not accepted as the lost target; empty if there was none."""
-        return self._tracker.distractors.reason
 
     def begin(self) -> None:
         """Begin to follow.
