@@ -454,9 +454,10 @@ class PlaneTracking:
         self._limits = arm.limits(speed)
         camera, view = _facing_camera(arm, plane)
         self._axes = np.array(plane.axes) if plane else view.rotation_matrix.T.copy()
-        self._middle = np.array((0.0, 0.0, distance))
+        self._distance = distance
         normal = np.cross(*self._axes[:2])
-        guessed = EstimatedPlaneLocalizer(view.position, view.apply(self._middle), normal)
+        ahead = view.apply(np.array((0.0, 0.0, distance)))
+        guessed = self._guessed = EstimatedPlaneLocalizer(view.position, ahead, normal)
         localizer: Localizer = guessed
         if plane is None:
             if target_size is None or gains is not None:
@@ -568,8 +569,12 @@ class PlaneTracking:
 
     @property
     def middle(self) -> Vector:
-        """Where the target is to be, in the camera frame, of shape (3,), m."""
-        return self._middle
+        """Where the target is to be, in the camera frame, of shape (3,), m.
+
+        It is at the depth estimated now: seen obliquely, the point at the image center that is at
+        another depth is beside the target in the plane.
+        """
+        return np.array((0.0, 0.0, self._guessed.share * self._distance))
 
     @property
     def target(self) -> Vector:
@@ -657,9 +662,12 @@ class PlaneTracking:
         for one in new:
             for stillness, sample in zip(self._stillness, self._looks(one), strict=True):
                 stillness.take(sample)
-            self._count_missed(one)
-            self._error.take(self._sample(one, within_reach=within_reach))
-            self._last_seen = one
+            now = one
+            if self._guessed.share < 1.0:  # it may be from before that was known
+                now = self._guessed.relocate(one)
+            self._count_missed(now)
+            self._error.take(self._sample(now, within_reach=within_reach))
+            self._last_seen = now
 
     def _look_ahead(self) -> None:
         """Stop before what is in the way to the target, and go on once nothing is."""
@@ -709,7 +717,7 @@ class PlaneTracking:
         """A sighting relative to image center and prediction."""
         return FollowingSample(
             one.stamp,
-            self._axes @ (one.point - one.camera.apply(self._middle)),
+            self._axes @ (one.point - one.camera.apply(self.middle)),
             self._axes @ (one.point - self._reference.origin),
             self._reference.predicted_at(one.stamp),
             within_reach,
@@ -733,7 +741,7 @@ class PlaneTracking:
         """Point at the image center now, from the encoders, along the axes, of shape (k,), m."""
         arm = self._arm
         view = arm.world.nominal[arm.name].camera_pose_at(arm.q)
-        middle: Vector = self._axes @ view.apply(self._middle)
+        middle: Vector = self._axes @ view.apply(self.middle)
         return middle
 
     def _count_missed(self, regained: Sighting) -> None:
