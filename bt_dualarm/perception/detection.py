@@ -96,6 +96,9 @@ _KERNEL = np.ones((3, 3), np.uint8)
 _MARGIN_PX = 3
 _CLEANING_REACH_PX = 2  # around matching pixels, of opening and closing
 
+# Share of the matching pixels that opening removes, above which rims may be thin.
+_THIN_SHARE: Final = 0.02
+
 # Half the width in samples of the gaps that a rim around a hole may have: one ray per block of a
 # coarse image misses a thin rim here and there.
 _RIM_GAP: Final = 1
@@ -220,8 +223,15 @@ def detect_blobs(
     left = max(x - _CLEANING_REACH_PX, 0)
     top = max(y - _CLEANING_REACH_PX, 0)
     near = raw[top : y + height + _CLEANING_REACH_PX, left : x + width + _CLEANING_REACH_PX]
-    whole = _with_holes_filled(near, coarse=step > 1)  # before opening, which removes a thin rim
-    cleaned = _open_and_close(whole) if step == 1 else whole
+    whole = near
+    if step > 1:
+        cleaned = whole = _with_holes_filled(near, coarse=True)
+    else:
+        cleaned = _open_and_close(near)
+        # A rim that opening keeps is a closed contour anyway.
+        if cv2.countNonZero(near & ~cleaned) > _THIN_SHARE * cv2.countNonZero(near):
+            whole = _with_holes_filled(near, coarse=False)
+            cleaned = _open_and_close(whole)
     contours, _ = cv2.findContours(
         cleaned, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE, offset=(left, top)
     )
