@@ -29,8 +29,8 @@ class EndConditions:
         until_still: Time at rest after which a followed target that has moved means success.
         wait: Longest wait for a target that went out of view before it was ever within reach.
         reach_timeout: Longest wait for a target out of reach.
-        move_timeout: With ``until_still``, longest wait for a target within reach to move.
-        rest_timeout: With ``until_still``, longest time until the target rests.
+        move_timeout: Longest wait of ``until_still`` for a target within reach to move.
+        rest_timeout: Longest time of ``until_still`` until the target rests.
         lost_timeout: Longest time without the target.
         reach: Largest distance of the tool from its start, m.
     """
