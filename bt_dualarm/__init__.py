@@ -139,6 +139,9 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.skill import unit_vector as unit_vector
     from bt_dualarm.skill.tracking import PlaneTracking as PlaneTracking
     from bt_dualarm.skill.tracking import TrackingGains as TrackingGains
+    from bt_dualarm.skill.tracking_end import EndConditions as EndConditions
+    from bt_dualarm.skill.tracking_end import TrackingEnd as TrackingEnd
+    from bt_dualarm.skill.tracking_end import refuse_lost as refuse_lost
     from bt_dualarm.skill.viewpoints import Viewpoints as Viewpoints
     from bt_dualarm.spec.node_types import Counterpart as Counterpart
     from bt_dualarm.spec.node_types import PortModel as PortModel
@@ -281,6 +284,9 @@ _CONTENTS: Final = {
     "FollowingError": "skill.following_error:FollowingError",
     "PlaneTracking": "skill.tracking:PlaneTracking",
     "TrackingGains": "skill.tracking:TrackingGains",
+    "EndConditions": "skill.tracking_end:EndConditions",
+    "TrackingEnd": "skill.tracking_end:TrackingEnd",
+    "refuse_lost": "skill.tracking_end:refuse_lost",
     "TrackingScore": "skill.scoring:TrackingScore",
     "HANDS_APART_M": "collision.distance:HANDS_APART_M",
     "shared_grasp": "skill.joint:shared_grasp",

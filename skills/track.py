@@ -10,6 +10,7 @@ from pydantic import model_validator
 from bt_dualarm import (
     Color,
     Duration,
+    EndConditions,
     Failure,
     FollowingError,
     ObjectName,
@@ -18,9 +19,11 @@ from bt_dualarm import (
     PortModel,
     Skill,
     Speed,
+    TrackingEnd,
     TrackingGains,
     TrackingScore,
     port,
+    refuse_lost,
 )
 
 
@@ -97,6 +100,9 @@ class Track(Skill):
         move_timeout: Duration = port(
             60.0, "with until_still: longest wait for a target within reach to move", gt=0
         )
+        rest_timeout: Duration = port(
+            600.0, "with until_still: longest time of following until the target rests", gt=0
+        )
         lost_timeout: Duration = port(3.0, "longest time without the target", gt=0)
         max_error: float | None = port(
             None,
@@ -133,7 +139,9 @@ class Track(Skill):
         "NOT_SEEN": "the target did not come into view in time, or went out of it before it came "
         "within reach",
         "NOT_MOVED": "with until_still: the target has been at rest for longer than move_timeout",
-        "LOST": "the target was out of view, or not recognized, for longer than lost_timeout",
+        "NOT_STILL": "with until_still: the target has not come to rest within rest_timeout",
+        "LOST": "the target was out of view, or not recognized, for longer than lost_timeout, or "
+        "for most of the time since it was last followed",
         "NOT_FOLLOWING": "the target was farther from the image center than max_error; `cause` is "
         "speed, latency, reach, occlusion, guard or jitter",
         "UNREACHABLE": "the target was out of reach for longer than reach_timeout",
@@ -191,57 +199,29 @@ class Track(Skill):
 
     def _follow(self, tracking: PlaneTracking, score: TrackingScore) -> Iterator[float | None]:
         ports = self.ports
-        began = rests_since = self.time
+        conditions = EndConditions(
+            duration=ports.duration,
+            until_still=ports.until_still,
+            wait=ports.wait,
+            reach_timeout=ports.reach_timeout,
+            move_timeout=ports.move_timeout,
+            rest_timeout=ports.rest_timeout,
+            lost_timeout=ports.lost_timeout,
+            reach=ports.reach,
+        )
+        end = TrackingEnd(conditions, tracking.error, self.time)
         tracking.begin()
         while True:
-            yield None if ports.duration is None else min(1.0, (self.time - began) / ports.duration)
+            yield end.progress
             self.arm.check()
             tracking.watch()
             score.sample(tracking)
-            self._refuse_lost(tracking)
-            if tracking.waited_for > 0.0:
-                began = self.time
-            if tracking.waited_for > ports.wait:
-                raise Failure(
-                    "NOT_SEEN",
-                    "the target went out of view before it came within reach, and has not been "
-                    f"seen for {tracking.waited_for:.1f} s",
-                    waited_s=tracking.waited_for,
-                )
-            if tracking.beyond_for > ports.reach_timeout:
-                if tracking.obstacle is not None:
-                    raise tracking.obstacle
-                raise Failure(
-                    "UNREACHABLE",
-                    f"the target has been more than {ports.reach:.2f} m away from where the arm "
-                    f"began to follow for {tracking.beyond_for:.1f} s",
-                    beyond_s=tracking.beyond_for,
-                )
-            if tracking.has_moved or tracking.beyond_for > 0.0:
-                rests_since = self.time
-            elif ports.until_still is not None and self.time - rests_since > ports.move_timeout:
-                waited = self.time - rests_since
-                raise Failure(
-                    "NOT_MOVED", f"the target has not moved for {waited:.1f} s", waited_s=waited
-                )
-            if not tracking.arrived:
-                continue
-            if ports.duration is not None and self.time - began >= ports.duration:
-                return
-            if ports.until_still is not None and tracking.still_for >= ports.until_still:
+            if end.is_over(tracking.status):
                 return
 
     def _confirm_at_rest(self, tracking: PlaneTracking) -> Iterator[None]:
         """Wait for an image after the stop: the target may have left while the arm braked."""
         stopped_at = self.time
         while tracking.seen_at < stopped_at:
-            self._refuse_lost(tracking)
+            refuse_lost(tracking.status, self.ports.lost_timeout)
             yield
-
-    def _refuse_lost(self, tracking: PlaneTracking) -> None:
-        unseen = tracking.unseen_for
-        if unseen > self.ports.lost_timeout:
-            reason = f"the target was last seen {unseen:.1f} s ago"
-            if tracking.refused:
-                reason += f"; an object of its color in view is not the target: {tracking.refused}"
-            raise Failure("LOST", reason, unseen_s=unseen)

@@ -1,6 +1,7 @@
 """Detection of colored targets in a frame.
 
 Pixels within a color range are cleaned by opening and closing, and grouped by contours (OpenCV).
+Holes count as part of a target: a print on its face hides its color there, not its outline.
 Centroid and area are weighted by the fraction of each pixel that the target covers, which makes
 them much finer than a pixel.
 """
@@ -9,7 +10,7 @@ from __future__ import annotations
 
 import colorsys
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from types import ModuleType
 from typing import TYPE_CHECKING, Final, TypeAlias
@@ -94,6 +95,15 @@ class ColorFilter:
 _KERNEL = np.ones((3, 3), np.uint8)
 _MARGIN_PX = 3
 _CLEANING_REACH_PX = 2  # around matching pixels, of opening and closing
+
+# Share of the matching pixels that opening removes, above which rims may be thin.
+_THIN_SHARE: Final = 0.02
+
+# Half the width in samples of the gaps that a rim around a hole may have: one ray per block of a
+# coarse image misses a thin rim here and there.
+_RIM_GAP: Final = 1
+_RIM_GAP_COARSE: Final = 2
+_THIN_RIM_GAP_COARSE: Final = 3  # of rims only one or two blocks thick, as solid objects are not
 
 
 @dataclass(frozen=True)
@@ -213,7 +223,15 @@ def detect_blobs(
     left = max(x - _CLEANING_REACH_PX, 0)
     top = max(y - _CLEANING_REACH_PX, 0)
     near = raw[top : y + height + _CLEANING_REACH_PX, left : x + width + _CLEANING_REACH_PX]
-    cleaned = _open_and_close(near) if step == 1 else near
+    whole = near
+    if step > 1:
+        cleaned = whole = _with_holes_filled(near, coarse=True)
+    else:
+        cleaned = _open_and_close(near)
+        # A rim that opening keeps is a closed contour anyway.
+        if cv2.countNonZero(near & ~cleaned) > _THIN_SHARE * cv2.countNonZero(near):
+            whole = _with_holes_filled(near, coarse=False)
+            cleaned = _open_and_close(whole)
     contours, _ = cv2.findContours(
         cleaned, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE, offset=(left, top)
     )
@@ -222,6 +240,8 @@ def detect_blobs(
         x, y, width, height = cv2.boundingRect(contour)
         if width * height * step**2 >= min_area:
             blob = Blob.cut(part, raw, contour, (x, y, x + width, y + height))
+            if whole is not near:
+                blob = blob.painted()
             found.append((_measure(frame, blob), blob))
     return [(d, blob) for d, blob in found if min_area <= d.area_px <= max_area]
 
@@ -258,6 +278,19 @@ class Blob:
         colors = np.ascontiguousarray(rgb[part])
         alike = np.ascontiguousarray(raw[part])
         return cls(colors, alike, filled, (left, top), bounds, (width, height))
+
+    def painted(self) -> Blob:
+        """The same with the mean of the matching colors in what the outline surrounds.
+
+        Otherwise a print would count as background beside a thin rim.
+        """
+        hidden = (cv2.erode(self.filled, _KERNEL) != 0) & (self.raw == 0)
+        shown = (self.filled != 0) & (self.raw != 0)
+        if not hidden.any() or not shown.any():
+            return self
+        rgb = self.rgb.copy()
+        rgb[hidden] = np.rint(self.rgb[shown].mean(axis=0))
+        return replace(self, rgb=rgb)
 
 
 def _measure(frame: Frame, blob: Blob) -> Detection:
@@ -306,6 +339,36 @@ def warm_up_detection() -> None:
     empty = np.zeros((3, 3), np.uint8)
     _kernels().measure_coverage(np.zeros((3, 3, 3), np.uint8), empty, empty)
     coverage(Blob(np.zeros((3, 3, 3), np.uint8), empty, empty, (0, 0), (0, 0, 3, 3), (3, 3)))
+
+
+def _with_holes_filled(mask: Mask, *, coarse: bool) -> Mask:
+    """Fill what rims of matching pixels surround; the mask itself if there is no such rim.
+
+    What covers a part of a target from outside leaves no closed rim, and is not filled.
+    """
+    rims = _rims(mask, _RIM_GAP_COARSE if coarse else _RIM_GAP)
+    if coarse and not rims:
+        solid = cv2.dilate(cv2.morphologyEx(mask, cv2.MORPH_OPEN, _KERNEL), _KERNEL)
+        rims = _rims(cv2.bitwise_and(mask, cv2.bitwise_not(solid)), _THIN_RIM_GAP_COARSE)
+    if not rims:
+        return mask
+    filled = mask.copy()
+    cv2.drawContours(filled, rims, -1, 255, cv2.FILLED)
+    return filled
+
+
+def _rims(mask: cv2.typing.MatLike, gap: int) -> list[cv2.typing.MatLike]:
+    """Outer contours of what has holes once gaps of twice ``gap`` samples are closed."""
+    beyond = 2 * gap  # so that closing ends before the border
+    padded = np.pad(np.asarray(mask), beyond)
+    kernel = np.ones((2 * gap + 1, 2 * gap + 1), np.uint8)
+    closed = cv2.morphologyEx(padded, cv2.MORPH_CLOSE, kernel)
+    contours, links = cv2.findContours(
+        closed, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE, offset=(-beyond, -beyond)
+    )
+    if not contours:
+        return []
+    return [rim for rim, (_, _, hole, _) in zip(contours, links[0], strict=True) if hole >= 0]
 
 
 def _open_and_close(mask: Mask) -> Mask:

@@ -605,13 +605,16 @@ class EstimatedPlaneLocalizer(Localizer):
         eye: Position of the camera, of shape (3,), m.
         ahead: Guessed point of the plane in the middle of its image, of shape (3,), m.
         normal: Unit vector, of shape (3,).
+
+    Attributes:
+        share: Depth estimated now as a fraction of the guess.
     """
 
     def __init__(self, eye: Vector, ahead: Vector, normal: Vector) -> None:
         self._eye = eye
         self._guess = ahead - eye
         self._normal = normal
-        self._share = 1.0
+        self.share = 1.0
         self._past = _RecentViews()
         self._plane = PlaneLocalizer(ahead, normal)
         # Cached, since a detection is usually located and then learned from.
@@ -643,10 +646,10 @@ class EstimatedPlaneLocalizer(Localizer):
         slope = self._slope()
         if slope > -_SLOPE:
             return False
-        share = max(self._share / (1.0 - slope), _NEAREST)
-        if share >= self._share:
+        share = max(self.share / (1.0 - slope), _NEAREST)
+        if share >= self.share:
             return False
-        self._share = share
+        self.share = share
         self._located = None
         self._plane = PlaneLocalizer(self._eye + share * self._guess, self._normal)
         return True
@@ -663,7 +666,7 @@ class EstimatedPlaneLocalizer(Localizer):
         begin = _kernels().last_swing(past.eyes, _LEG_M, _LEGS)
         if begin < 0:
             return 0.0
-        depth = self._share * abs(float(self._normal @ self._guess))
+        depth = self.share * abs(float(self._normal @ self._guess))
         slope, explained = _kernels().slope_against(past.eyes[begin:], past.lines[begin:], depth)
         return slope if explained > _EXPLAINED else 0.0
 

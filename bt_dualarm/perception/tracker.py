@@ -797,10 +797,23 @@ class TargetTracker:
         if self._learn_depth_anew(found, frame):
             found = self._found(frame)
         if not self._hunting:
-            return self._fitting(found, frame)
+            chosen = self._fitting(found, frame)
+            is_guess = self._before_loss is None and self._in_row < self._settings.confirm
+            if chosen is None and found and is_guess:
+                # What a coarse image shows of a thin rim is a part of it, at a wrong depth.
+                self._forget_guess()
+                chosen = self._first(self._found(frame), frame.stamp)
+            return chosen
         if self._before_loss is None:
             return self._first(found, frame.stamp)
         return self._returning(found, self._before_loss, frame.stamp)
+
+    def _forget_guess(self) -> None:
+        """Discard the sightings of a target that the next image has not confirmed."""
+        self._estimate = self._estimate.fresh()
+        self._in_row = 0
+        self._outline.forget()
+        self._localizer.forget()
 
     def _learn_depth_anew(self, found: list[VisiblePart], frame: Frame) -> bool:
         """Forget size and depth of a target that is at another depth; returns whether it is."""

@@ -224,6 +224,29 @@ class FollowingError:
                 cause=str(cause),
             )
 
+    def refuse_apart(self, apart: float, unseen: float) -> None:
+        """Refuse a target within reach at which the tool has not arrived.
+
+        Args:
+            apart: Time since it was last followed, s.
+            unseen: Part of that without the target, s.
+
+        Raises:
+            Failure: ``NOT_FOLLOWING``.
+        """
+        # An error within the bound, but never for long enough in view.
+        is_hidden = unseen > 0.0 and self.rms <= self.bound
+        cause = ErrorCause.OCCLUSION if is_hidden else self.cause
+        raise Failure(
+            "NOT_FOLLOWING",
+            f"in {apart:.1f} s the target has never stayed within {1e3 * self.bound:.1f} mm of the "
+            f"image center for {_ARRIVED_S} s; it was out of view for {unseen:.1f} s: "
+            f"{self.explain(cause)}",
+            unseen_s=unseen,
+            max_error_m=self.bound,
+            cause=str(cause),
+        )
+
     @property
     def cause(self) -> ErrorCause:
         """What most of the error is due to."""

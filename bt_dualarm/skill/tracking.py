@@ -29,6 +29,7 @@ from bt_dualarm.sim.camera import GuardedCamera
 from bt_dualarm.skill.following_error import FollowingError, FollowingSample
 from bt_dualarm.skill.grip import StreamClear
 from bt_dualarm.skill.looking import own_camera
+from bt_dualarm.skill.tracking_end import TrackingStatus
 from bt_dualarm.spec.values import Color, Plane
 
 _BANDWIDTH = (40.0, 230.0)  # rad/s, least and largest
@@ -453,9 +454,10 @@ class PlaneTracking:
         self._limits = arm.limits(speed)
         camera, view = _facing_camera(arm, plane)
         self._axes = np.array(plane.axes) if plane else view.rotation_matrix.T.copy()
-        self._middle = np.array((0.0, 0.0, distance))
+        self._distance = distance
         normal = np.cross(*self._axes[:2])
-        guessed = EstimatedPlaneLocalizer(view.position, view.apply(self._middle), normal)
+        ahead = view.apply(np.array((0.0, 0.0, distance)))
+        guessed = self._guessed = EstimatedPlaneLocalizer(view.position, ahead, normal)
         localizer: Localizer = guessed
         if plane is None:
             if target_size is None or gains is not None:
@@ -533,34 +535,27 @@ class PlaneTracking:
         return max(0.0, self._tracker.age(self._arm.time) - self._latency)
 
     @property
-    def waited_for(self) -> float:
-        """Seconds since a target went out of view that had never been within reach; otherwise 0.
-
-        The arm then waits for it as at the start.
-        """
-        return 0.0 if self._waits_since is None else self._arm.time - self._waits_since
-
-    @property
     def beyond_for(self) -> float:
         """Seconds for which the target has been out of reach."""
         since = self._reference.beyond_since
         return 0.0 if since is None else self._arm.time - since
 
     @property
-    def obstacle(self) -> Failure | None:
-        """What is in the way to a target that the tool has not yet reached; None if nothing is."""
-        return self._obstacle
-
-    @property
-    def still_for(self) -> float:
-        """Seconds for which a target that has moved has been at rest; 0 before it moved."""
-        moved = [one.still_for for one in self._stillness if one.has_moved]
-        return min(moved, default=0.0) if self.in_view else 0.0
-
-    @property
-    def has_moved(self) -> bool:
-        """Whether the target has moved since it came into view, see `RestDetector`."""
-        return any(one.has_moved for one in self._stillness)
+    def status(self) -> TrackingStatus:
+        """What is known of target and tool now."""
+        still = min((one.still_for for one in self._stillness if one.has_moved), default=0.0)
+        return TrackingStatus(
+            self._arm.time,
+            self.in_view,
+            self.arrived,
+            is_beyond=self._reference.beyond_since is not None,
+            is_waiting=self._waits_since is not None,
+            has_moved=any(one.has_moved for one in self._stillness),
+            still_for=still if self.in_view else 0.0,
+            unseen_for=self.unseen_for,
+            refused=self._tracker.distractors.reason,
+            obstacle=self._obstacle,
+        )
 
     @property
     def axes(self) -> Matrix:
@@ -574,18 +569,17 @@ class PlaneTracking:
 
     @property
     def middle(self) -> Vector:
-        """Where the target is to be, in the camera frame, of shape (3,), m."""
-        return self._middle
+        """Where the target is to be, in the camera frame, of shape (3,), m.
+
+        It is at the depth estimated now: seen obliquely, the point at the image center that is at
+        another depth is beside the target in the plane.
+        """
+        return np.array((0.0, 0.0, self._guessed.share * self._distance))
 
     @property
     def target(self) -> Vector:
         """Estimated current position of the target in the world, of shape (3,), m."""
         return self._tracker.predict(self._arm.time).position
-
-    @property
-    def refused(self) -> str:
-        """Why the last candidate was not accepted as the lost target; empty if there was none."""
-        return self._tracker.distractors.reason
 
     def begin(self) -> None:
         """Begin to follow.
@@ -668,9 +662,12 @@ class PlaneTracking:
         for one in new:
             for stillness, sample in zip(self._stillness, self._looks(one), strict=True):
                 stillness.take(sample)
-            self._count_missed(one)
-            self._error.take(self._sample(one, within_reach=within_reach))
-            self._last_seen = one
+            now = one
+            if self._guessed.share < 1.0:  # it may be from before that was known
+                now = self._guessed.relocate(one)
+            self._count_missed(now)
+            self._error.take(self._sample(now, within_reach=within_reach))
+            self._last_seen = now
 
     def _look_ahead(self) -> None:
         """Stop before what is in the way to the target, and go on once nothing is."""
@@ -720,7 +717,7 @@ class PlaneTracking:
         """A sighting relative to image center and prediction."""
         return FollowingSample(
             one.stamp,
-            self._axes @ (one.point - one.camera.apply(self._middle)),
+            self._axes @ (one.point - one.camera.apply(self.middle)),
             self._axes @ (one.point - self._reference.origin),
             self._reference.predicted_at(one.stamp),
             within_reach,
@@ -744,7 +741,7 @@ class PlaneTracking:
         """Point at the image center now, from the encoders, along the axes, of shape (k,), m."""
         arm = self._arm
         view = arm.world.nominal[arm.name].camera_pose_at(arm.q)
-        middle: Vector = self._axes @ view.apply(self._middle)
+        middle: Vector = self._axes @ view.apply(self.middle)
         return middle
 
     def _count_missed(self, regained: Sighting) -> None:

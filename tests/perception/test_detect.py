@@ -66,6 +66,55 @@ def test_size_limits_are_kept() -> None:
     assert detect(painted(), YELLOW, max_area=150.0) is None
 
 
+def printed(rim: int, stride: int = 1) -> Frame:
+    """A yellow square of 40 px, its center at (150, 60), with a print that leaves only a rim."""
+    image = np.full((120, 300, 3), 90, np.uint8)
+    image[40:80, 130:170] = (240, 215, 15)
+    image[40 + rim : 80 - rim, 130 + rim : 170 - rim] = 235
+    image[50:70:4, 140:160] = 20
+    return Frame(0.0, image, Pose.identity(), 0.9, (0, 0, 300, 120), stride)
+
+
+@pytest.mark.parametrize("rim", [1, 2, 3, 6])
+def test_what_a_rim_surrounds_belongs_to_it(rim: int) -> None:
+    frame = printed(rim)
+    if rim > 1:
+        frame.image[60, 130:132] = 90  # a gap
+    found = detect_all(frame, YELLOW)
+    assert len(found) == 1
+    assert found[0].centroid_px == pytest.approx((150.0, 60.0), abs=0.05)
+    assert found[0].area_px == pytest.approx(1600.0, rel=0.01)
+    assert found[0].bounds_px == (130, 40, 170, 80)
+
+
+def test_blocks_show_a_rim_with_gaps_as_one_object() -> None:
+    """One sample for each block misses a rim that is thinner, here and there."""
+    frame = printed(rim=3, stride=3)
+    for at in (45, 51, 69):
+        frame.image[at : at + 6, 128:134] = 90
+    found = detect_all(frame, YELLOW)
+    assert len(found) == 1
+    assert found[0].centroid_px == pytest.approx((150.0, 60.0), abs=3.0)
+    assert found[0].area_px == pytest.approx(1600.0, rel=0.2)
+
+
+def test_what_covers_a_part_from_outside_is_not_filled() -> None:
+    frame = printed(rim=6)
+    frame.image[55:65, 120:150] = 90  # as a finger
+    found = detect_all(frame, YELLOW)
+    assert len(found) == 1
+    assert found[0].area_px < 1600.0 - 28.0**2
+
+
+def test_separate_objects_stay_so_in_blocks() -> None:
+    """Three around a place where there is none."""
+    image = np.full((120, 300, 3), 90, np.uint8)
+    for x, y in ((130, 40), (160, 40), (145, 66)):
+        image[y : y + 18, x : x + 18] = (240, 215, 15)
+    frame = Frame(0.0, image, Pose.identity(), 0.9, (0, 0, 300, 120), 3)
+    assert len(detect_all(frame, YELLOW)) == 3
+
+
 def test_specks_are_opened_away() -> None:
     frame = painted()
     frame.image[80, 20:40] = (240, 215, 15)

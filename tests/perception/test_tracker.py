@@ -3,12 +3,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from bt_dualarm.core.pose import Vector
+from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.perception.detection import Detection
 from bt_dualarm.perception.localization import PlaneLocalizer, PlaneOfSizeLocalizer, Sighting
 from bt_dualarm.perception.tracker import TargetTracker, TrackerSettings
@@ -536,3 +538,25 @@ def test_a_depth_that_gets_better_known_is_no_motion(
             velocities.append(NORMAL @ tracker.predict(tracker.last_stamp).velocity)
     assert len(velocities) >= 9
     assert np.abs(velocities).max() < 1e-6
+
+
+def test_what_the_next_image_shows_replaces_an_unconfirmed_part() -> None:
+    """A coarse image shows a corner of a thin rim, seemingly far away; the next all of it."""
+    camera = SimpleNamespace(subscribe=lambda _: lambda: None, aim=None, findings=[])
+    localizer = PlaneOfSizeLocalizer(np.array((0.0, 0.0, 1.0)), 0.05, cube=True)
+    tracker = TargetTracker(cast("Any", camera), YELLOW, localizer)
+    for number in range(4):
+        image = np.full((240, 320, 3), 90, np.uint8)
+        image[100:140, 140:180] = (240, 215, 15)
+        image[103:137, 143:177] = 235
+        if number == 0:
+            image[:, :170] = 90
+            image[115:] = 90
+        frame = Frame(
+            number / 60.0, image, Pose.identity(), 0.87, (0, 0, 320, 240), 3 if number == 0 else 1
+        )
+        tracker.on_frame(frame)
+    assert tracker.locked
+    assert tracker.predict(3.0 / 60.0).position[2] == pytest.approx(
+        frame.focal_px * 0.05 / 40.0, rel=0.02
+    )

@@ -98,6 +98,35 @@ def test_prediction_makes_up_for_rate_and_latency(
     assert errors.values.max() == leaf.metrics["yz_max_m"], "the plot shows what the metric says"
 
 
+@pytest.mark.parametrize("turned", [0, 40])
+@pytest.mark.parametrize("more", some([{}, {"target_size": 0.05}], 1))
+def test_a_cube_with_a_print_on_its_face_is_followed(
+    more: dict[str, Any], turned: float, stage: Stage
+) -> None:
+    """A rim of 4 mm of its color is left: 3 px, and one sample in coarse images."""
+    cube = {**CUBE, "pose": {"xyz": CENTER.tolist(), "rpy": [turned, 90, 0]}, "fixed": True}
+    where = scenario({"fps": 60}, cube=cube | {"marker": {"id": 7, "size": 0.0315}})
+    play = follow(stage, {"track": TRACK["track"] | more}, where, circling)
+    leaf = play.leaf("track")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert leaf.metrics["lost_count"] == 0
+    assert float(leaf.metrics["plane_rms_m"]) < 0.001
+
+
+def test_a_target_nearer_than_assumed_is_centered_in_an_oblique_view(stage: Stage) -> None:
+    """Its depth is estimated anew, and so is where on the plane the image center is: else that
+    point seems to be 7 cm beside a target that is in the middle of the image.
+    """
+    near = CUBE | {"pose": {"xyz": [0.80, 0.11, 0.70]}, "fixed": True}
+    oblique = {"plane": {"normal": [0.866, 0.5, 0.0]}, "duration": 5.0, "score": "cube"}
+    where = scenario({"fps": 30, "latency": 0.035}, cube=near)
+    play = stage.play(where.file({"track": oblique}))
+    play.run()
+    leaf = play.leaf("track")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert float(leaf.metrics["error_rms_m"]) < 0.003
+
+
 FREE: Tree = {"track": TRACK["track"] | {"plane": "free", "target_size": 0.05}}
 
 

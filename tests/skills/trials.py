@@ -824,6 +824,9 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("track", "NOT_MOVED"): Trial(
         {"track": {"until_still": 1.0, "move_timeout": 0.5, "wait": 1.0}}, moves=True
     ),
+    ("track", "NOT_STILL"): Trial(
+        {"track": {"until_still": 1.0, "rest_timeout": 0.5, "wait": 1.0}}, moves=True
+    ),
     ("track", "LOST"): Trial(TRACK, deeds=((1.0, hides("cube")),), moves=True),
     ("track", "NOT_FOLLOWING"): Trial(
         {"track": TRACK["track"] | {"max_error": 0.001}},
