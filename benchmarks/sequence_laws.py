@@ -132,6 +132,8 @@ class Referee(IdleObserver):
         self._steps_made = 0
         self._closed_unnamed = False  # it may then hold what nobody has named
         self._touched: set[tuple[str, str]] = set()
+        # What the guarded move before has touched: the hand is a hair above it, or rests on it.
+        self._felt: set[tuple[str, str]] = set()
         self._let_go: dict[str, float] = {}
         self._held_before: tuple[str, ...] = ()
         self._said: set[tuple[str, str]] = set()
@@ -174,14 +176,17 @@ class Referee(IdleObserver):
         tool = world.nominal[ARM].tool_pose_at(sent)
         poses = {name: world.object_pose(name) for name in world.objects}
         held = self._held_before
-        touching = frozenset((*self._pairs(), *self._near_what_is_held(held)))
+        touching = frozenset((*self._pairs(), *self._near_what_is_held(held), *self._felt))
         self._begun = Begun(tool, touching, held, poses)
         self._touched = set()
+        self._felt = set()
         away = float(np.abs(sent - world.arms[ARM].q).max())
         if away > _AWAY_RAD:
             self._say("set-point", f"it begins with the set-point {np.degrees(away):.2f}° away")
 
     def _end(self, step: Step, change: StatusChange) -> None:
+        if step.skill == "move_until_contact":
+            self._felt = self._touched
         if change.code in _BROKEN_CODES:
             self._say("traceback", f"{change.code}: {change.reason}")
         for name, value in change.metrics.items():
