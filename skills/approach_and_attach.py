@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from bt_dualarm import (
 _ALONG = 0.7  # cosine above which an axis of the object counts as parallel to the approach
 _SEARCH_M = 0.01  # search beyond the estimated surface, which may lie deeper
 _TURNS = np.deg2rad([0, 90, -90, 180, 45, -45, 135, -135])  # about the tool axis, in order
+_BRANCHES = 8  # branches of the inverse kinematics to try for each turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,14 +217,32 @@ class ApproachAndAttach(Skill):
         ports = self.ports
         surface = surface @ Pose.from_rpy((0, 0, -self._fingertip_offset()))
         standoff = surface @ Pose.from_rpy((0, 0, -ports.standoff))
-        q_line = arm.line(standoff, surface @ Pose.from_rpy((0, 0, self._depth())))
-        arm.refuse_load(self._name, q_line[-1], self._seen)
-        touched = frozenset({self._name})
-        arm.refuse_collision_along(q_line, ignore=touched)
+        end = surface @ Pose.from_rpy((0, 0, self._depth()))
+        q_line = yield from self._free_line(standoff, end)
         to_standoff = yield from arm.plan([q_line[0]], ports.speed, self._unseen)
         self._refuse_motion_through(to_standoff)
         to_surface = arm.time_path(q_line, ports.approach_speed)
         return Approach(to_standoff, to_surface, q_line, standoff)
+
+    def _free_line(self, standoff: Pose, end: Pose) -> Generator[None, None, Matrix]:
+        """Configurations along the straight part, in the first branch in which nothing is touched.
+
+        Yields once for each branch that is refused.
+        """
+        arm = self.arm
+        touched = frozenset({self._name})
+        refusal: Failure | None = None
+        for (rows,) in islice(arm.lines(standoff, end), _BRANCHES):
+            try:
+                arm.refuse_load(self._name, rows[-1], self._seen)
+                arm.refuse_collision_along(rows, ignore=touched)
+            except Failure as failure:
+                refusal = refusal or failure.with_traceback(None)  # would keep this frame alive
+                yield
+            else:
+                return rows
+        assert refusal is not None  # noqa: S101 - without any branch, `lines` raises
+        raise refusal
 
     def _fingertip_offset(self) -> float:
         """Distance, m, of the fingertips beyond the tool frame, which lies between the pads.

@@ -93,3 +93,41 @@ def test_a_thing_on_a_table_is_touched_lightly(
     play.run()
     assert play.arm().outcome == "SUCCESS", play.arm().runs
     assert 0.0 < pressed[0] < 20.0
+
+
+@pytest.mark.parametrize(
+    ("robot", "place", "wall", "direction"),
+    [
+        ("ur5", (-0.267, 0.348), (-0.154, 0.462, 45.3), (0.430, -0.876, -0.218)),
+        ("panda", (-0.530, -0.052), (-0.392, 0.029, 30.4), (0.035, -0.380, -0.924)),
+    ],
+)
+def test_beside_a_wall_every_branch_is_tried(
+    robot: str,
+    place: tuple[float, float],
+    wall: tuple[float, float, float],
+    direction: tuple[float, float, float],
+    stage: Stage,
+) -> None:
+    """In the first branch of each turn of the tool, the arm hits the wall: OUT_OF_REACH."""
+    fixed = {"shape": "box", "mass": 20, "fixed": True}
+    x, y = place
+    stand = fixed | {"size": [0.12, 0.12, 0.3], "pose": {"xyz": [x, y, 0.15]}}
+    beside = {"xyz": [*wall[:2], 0.35], "rpy": [0, 0, wall[2]]}
+    file: Tree = {
+        "world": {"scene": "empty", "reality": "lab", "time_limit": 30},
+        "objects": {
+            "box": CUBE | {"size": [0.06, 0.06, 0.1], "pose": {"xyz": [x, y, 0.35]}},
+            "stand": stand,
+            "wall": fixed | {"size": [0.05, 0.3, 0.7], "pose": beside},
+        },
+        "arms": {
+            "arm1": {
+                "robot": robot,
+                "base": {"xyz": [0, 0, 0.1]},
+                "tree": {"approach_and_attach": {"object": "box", "direction": list(direction)}},
+            }
+        },
+    }
+    play = stage.run(file)
+    assert play.arm().outcome == "SUCCESS", play.arm().runs
