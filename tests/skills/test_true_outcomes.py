@@ -129,22 +129,39 @@ def test_a_place_for_an_arm_is_refused_not_ignored(stage: Stage) -> None:
     assert (leaf.status, leaf.code) == ("FAILURE", "NO_VALUE")
 
 
-def test_the_straight_part_of_an_approach_is_free(stage: Stage) -> None:
-    """What only the upper arm sweeps on its way is seen before the arm moves."""
-    play = stage.run(
-        """
-        world: {scene: empty, time_limit: 20}
-        objects:
-          cube: {shape: box, size: [0.05, 0.05, 0.05], mass: 0.1, pose: {xyz: [0.5, 0.1, 0.026]}}
-          knob: {shape: sphere, size: [0.02], mass: 1, fixed: true, pose: {xyz: [0.1, 0.14, 0.46]}}
-        arms:
-          arm1: {robot: ur5, tree: {approach_and_attach: {object: cube, standoff: 0.4}}}
-        """
+def approach_beside(knobs: list[tuple[float, float, float]], stage: Stage) -> Play:
+    """A cube on the floor and small fixed spheres beside the way down to it."""
+    knob = {"shape": "sphere", "size": [0.02], "mass": 1, "fixed": True}
+    cube = {"shape": "box", "size": [0.05, 0.05, 0.05], "mass": 0.1}
+    objects = {"cube": cube | {"pose": {"xyz": [0.5, 0.1, 0.026]}}}
+    for number, place in enumerate(knobs):
+        objects[f"knob{number}"] = knob | {"pose": {"xyz": list(place)}}
+    tree = {"approach_and_attach": {"object": "cube", "standoff": 0.4}}
+    return stage.run(
+        {
+            "world": {"scene": "empty", "time_limit": 20},
+            "objects": objects,
+            "arms": {"arm1": {"robot": "ur5", "tree": tree}},
+        }
     )
+
+
+def test_the_straight_part_of_an_approach_is_free(stage: Stage) -> None:
+    """What only the wrist sweeps on its way down is seen before the arm moves."""
+    around = [
+        (0.5 + dx, 0.1 + dy, 0.2) for dx, dy in ((0.07, 0), (-0.07, 0), (0, 0.07), (0, -0.07))
+    ]
+    play = approach_beside(around, stage)
     leaf = play.leaf("approach_and_attach")
     assert (leaf.status, leaf.code) == ("FAILURE", "OUT_OF_REACH")
     assert "knob" in leaf.reason
     assert play.speed_after(0.0) < 0.001
+
+
+def test_where_the_upper_arm_would_touch_something_it_takes_another_branch(stage: Stage) -> None:
+    leaf = approach_beside([(0.1, 0.14, 0.46)], stage).leaf("approach_and_attach")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert "knob" not in str(leaf.metrics.get("touched", ""))
 
 
 @pytest.mark.parametrize("mass", [0.02, 1.0])
