@@ -985,13 +985,15 @@ class Arm(ArmState):
 
     def _tool_steps(self, q: Matrix) -> Vector:
         """Distances of the tool between configurations of shape (n, dof), rad; (n - 1,), m."""
-        places = np.array([self.kinematics.matrix(row)[:3, 3] for row in q])
-        steps: Vector = np.linalg.norm(np.diff(places, axis=0), axis=1)
+        steps: Vector = np.linalg.norm(np.diff(self._tool_positions(q), axis=0), axis=1)
         return steps
 
+    def _tool_positions(self, q: Matrix) -> Matrix:
+        """Positions of the tool in the world at configurations, (n, dof), rad; (n, 3), m."""
+        return np.array([self.kinematics.matrix(row)[:3, 3] for row in q])
+
     def _top_speed(self, motion: Trajectory) -> float:
-        steps = np.diff(self.planned_tool_positions(motion), axis=0)
-        return float(np.linalg.norm(steps, axis=1).max(initial=0.0)) / motion.dt
+        return float(self._tool_steps(motion.q).max(initial=0.0)) / motion.dt
 
     def straight_to(self, goal: Vector, speed: float) -> Trajectory:
         """Motion to a configuration along a straight line in joint space.
@@ -1022,7 +1024,7 @@ class Arm(ArmState):
 
     def planned_tool_positions(self, trajectory: Trajectory) -> Matrix:
         """Positions of the tool in the world at a motion's set-points, of shape (n, 3), m."""
-        return np.array([self.kinematics.matrix(q)[:3, 3] for q in trajectory.q])
+        return self._tool_positions(trajectory.q)
 
     def checker(self, ignore: frozenset[str] = _NOTHING) -> CollisionChecker:
         """Collision checker of configurations in the current world.

@@ -14,7 +14,7 @@ import functools
 import weakref
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple, TypedDict
+from typing import Final, NamedTuple, TypeAlias, TypedDict
 
 import mujoco
 import numpy as np
@@ -42,6 +42,7 @@ _ONE_CONTACT: Final = mujoco.mjtDisableBit.mjDSBL_MULTICCD
 so that objects lie flat, cost a tenth of a check."""
 
 Marks = npt.NDArray[np.bool_]
+_Geoms: TypeAlias = int | npt.NDArray[np.int64]
 """Selection among all geoms of a model, of shape (ngeom,)."""
 
 Bits = npt.NDArray[np.int32] | npt.NDArray[np.bool_]
@@ -385,7 +386,8 @@ class CollisionChecker:
         for q in ends:
             self.place(q)
             found = self.data.contact
-            for pair in found.geom[found.dist <= 0.0].tolist():
+            # Two boxes that touch have several contacts, of one pair of geoms.
+            for pair in np.unique(found.geom[found.dist <= 0.0], axis=0).tolist():
                 first, second = (self._parts_with(geom) for geom in pair)
                 one, other = first[:, None], second
                 strict.least[one, other] = self.least[one, other]
@@ -437,7 +439,7 @@ class CollisionChecker:
                 continue
             # As deep as now, with the tolerance of any other contact on top.
             if distance - TOUCH < self.least[one, other]:
-                self._allow(np.array(one), np.array(other), float(distance) - TOUCH)
+                self._allow(one, other, float(distance) - TOUCH)
                 first, second = (self._parts_with(geom) for geom in pair)
                 self._allow(first[:, None], second, -TOUCH)
 
@@ -520,9 +522,7 @@ class CollisionChecker:
         self.place(q)
         return self._scratch.worst_contact(self.least)
 
-    def _allow(
-        self, first: npt.NDArray[np.int64], second: npt.NDArray[np.int64], distance: float
-    ) -> None:
+    def _allow(self, first: _Geoms, second: _Geoms, distance: float) -> None:
         """Let two geoms, or all of two sets, come as near as a distance in m."""
         for one, other in ((first, second), (second, first)):
             self.least[one, other] = np.minimum(self.least[one, other], distance)
