@@ -259,7 +259,7 @@ class JointController:
             return
         limits = self._robot.limits
         candidates = [stop(sent.q, sent.v, sent.a, limits, self.period)]
-        # The shortest stop leaves the path; from a crawl, by nothing.
+        # The shortest stop leaves the path, but at such a low speed only by micrometers.
         crawls = bool((np.abs(sent.v) <= _CRAWL * limits.velocity).all())
         if isinstance(self._motion, TrajectorySource):
             on_path = self._motion.halt(limits)

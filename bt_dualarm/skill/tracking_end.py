@@ -17,7 +17,7 @@ APART_S: Final = 30.0
 """Least time that a tool has to arrive at a target within reach, also after each loss, s."""
 
 APART_LOSSES: Final = 10.0
-"""That time in `EndConditions.lost_timeout`, if it is longer."""
+"""The same as a multiple of `EndConditions.lost_timeout`; the longer time counts."""
 
 
 @dataclass(frozen=True)
