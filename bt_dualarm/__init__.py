@@ -41,6 +41,7 @@ from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from bt_dualarm.arm.arm import Arm as Arm
+    from bt_dualarm.arm.branches import first_possible as first_possible
     from bt_dualarm.arm.gripper import ArmGripper as ArmGripper
     from bt_dualarm.collision.distance import HANDS_APART_M as HANDS_APART_M
     from bt_dualarm.control.tool_following import ToolFollowing as ToolFollowing
@@ -278,6 +279,7 @@ _CONTENTS: Final = {
     "blended_path": "trajectory.paths:blended",
     "drawn_path": "trajectory.paths:drawn",
     "turned_path": "trajectory.paths:turned_about",
+    "first_possible": "arm.branches:first_possible",
     "follow_curve": "skill.path_following:follow_curve",
     "points_in": "spec.path_file:points_in",
     "check_arrival": "skill.path_following:check_arrival",

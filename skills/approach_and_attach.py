@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
-from itertools import islice
 
 import numpy as np
 
@@ -21,6 +20,7 @@ from bt_dualarm import (
     Trajectory,
     Vector,
     Vector3,
+    first_possible,
     make_room,
     port,
     unit_vector,
@@ -231,18 +231,14 @@ class ApproachAndAttach(Skill):
         """
         arm = self.arm
         touched = frozenset({self._name})
-        refusal: Failure | None = None
-        for (rows,) in islice(arm.lines(standoff, end), _BRANCHES):
-            try:
-                arm.refuse_load(self._name, rows[-1], self._seen)
-                arm.refuse_collision_along(rows, ignore=touched)
-            except Failure as failure:
-                refusal = refusal or failure.with_traceback(None)  # would keep this frame alive
-                yield
-            else:
-                return rows
-        assert refusal is not None  # noqa: S101 - without any branch, `lines` raises
-        raise refusal
+
+        def attempt(lines: list[Matrix]) -> Matrix:
+            (rows,) = lines
+            arm.refuse_load(self._name, rows[-1], self._seen)
+            arm.refuse_collision_along(rows, ignore=touched)
+            return rows
+
+        return (yield from first_possible(arm.lines(standoff, end), attempt, most=_BRANCHES))
 
     def _fingertip_offset(self) -> float:
         """Distance, m, of the fingertips beyond the tool frame, which lies between the pads.

@@ -50,7 +50,8 @@ class MoveLinear(PathSkill):
             return
         kept = KeptPath(self.arm, self.ports.keep)
         kept.refuse_path(path.poses)
-        yield from kept.through(self.along(path), self.metrics)
+        # Nothing would keep the limits on a motion to another branch.
+        yield from kept.through(self.along(path, from_here=True), self.metrics)
 
     def _goal(self, tool: Pose) -> Pose:
         to = self.ports.to

@@ -265,6 +265,9 @@ STANDING = 3e-3
 """Penetration up to which an existing contact may continue, m: tool and held objects are pressed
 against others when picking and placing."""
 
+_DEPTH_SHOWN = 5e-5
+"""Penetration from which a message states it, m."""
+
 
 @dataclass(frozen=True)
 class Contact:
@@ -282,7 +285,9 @@ class Contact:
 
     def failure(self) -> CollisionFailure:
         """Failure for a motion that would cause this contact."""
-        how = f"{1e3 * self.depth:.1f} mm deep in" if self.depth > 0.0 else "too close to"
+        how = f"{1e3 * self.depth:.1f} mm deep in"
+        if self.depth < _DEPTH_SHOWN:
+            how = "touching" if self.depth > 0.0 else "too close to"
         reason = f"{self.first} would be {how} {self.second}"
         return CollisionFailure(reason, self.first, self.second, depth_m=self.depth)
 

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -496,17 +496,32 @@ def outline(motion: Trajectory, radii: Vector, most: float) -> Matrix:
 def joint_path(
     arm: Kinematics, path: CartesianPath, near: Vector, tolerance: Tolerance = EXACT
 ) -> Matrix:
-    """Configurations along all passes of a tool path, of shape (n, dof), rad, without jumps.
-
-    A closed path is solved once and repeated.
+    """Configurations along all passes of a tool path: the first of `joint_paths`.
 
     Raises:
         Failure: As ``Kinematics.follow``.
     """
-    once = arm.follow(path.poses, near, tolerance, free=path.free)
-    if path.closed:
-        once[-1] = once[0]  # equal poses; removes the solver's rounding, below 1e-9 rad
-    return np.vstack((once, *(once[1:] for _ in range(path.repeats - 1))))
+    return next(joint_paths(arm, path, near, tolerance))
+
+
+def joint_paths(
+    arm: Kinematics, path: CartesianPath, near: Vector, tolerance: Tolerance = EXACT
+) -> Iterator[Matrix]:
+    """Configurations along all passes of a tool path, in each branch that allows the whole path.
+
+    A closed path is solved once and repeated.
+
+    Yields:
+        Configurations of shape (n, dof), rad, without jumps; the preferred branch comes first, see
+        `Kinematics.branches_along`.
+
+    Raises:
+        Failure: As ``Kinematics.follow``, if there is no such branch.
+    """
+    for once in arm.branches_along(path.poses, near, tolerance, free=path.free):
+        if path.closed:
+            once[-1] = once[0]  # equal poses; removes the solver's rounding, below 1e-9 rad
+        yield np.vstack((once, *(once[1:] for _ in range(path.repeats - 1))))
 
 
 def trace(

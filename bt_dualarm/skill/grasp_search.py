@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 
 from bt_dualarm.arm.arm import Arm
+from bt_dualarm.arm.branches import first_possible
 from bt_dualarm.arm.payload import UNKNOWN_KG, cup_measures, jaw_measures
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Pose, Vector
@@ -490,7 +491,6 @@ def _no_grasp(solid: Solid, jaw: JawMeasures | None, arm: Arm, wanted: WantedGra
 
 _OPENINGS = 8  # openings to check while the fingers close next to other parts
 _BRANCHES = 4  # branches to try for a goal at which the object will be set down
-_MOST_BRANCHES = 16  # branches to try for a grasp: an arm of six joints has eight, and their turns
 _DESCENT_M = 0.05  # length of the descent to a goal, and of the retreat from it
 _TURN = math.radians(15.0)  # increment of the rotations to try for a round object
 _SAME_EDGE_M = 1e-6  # difference of the edges of a square
@@ -612,7 +612,7 @@ def _rows_to(
     """Configurations along the line to a grasp, in a branch in which the arm can do what follows.
 
     That is the approach itself, the lift, and where the object moves on a joint, to move it. Yields
-    once for every other branch.
+    once for two branches that are refused.
 
     Args:
         arm: Arm with its gripper open.
@@ -632,31 +632,24 @@ def _rows_to(
     later = [] if onward is None else [move @ tool for move in onward.moves]
     touched = frozenset({wanted.name} if wanted.name else ())
     free = _geoms_of_part(arm.world, wanted) if onward is not None else None
-    blocked: Failure | None = None
-    branches = arm.kinematics.branches_along([*poses, *later], arm.setpoint.q)
-    for number, whole in enumerate(islice(branches, _MOST_BRANCHES)):
+
+    def attempt(whole: Matrix) -> Matrix:
         rows = whole[: len(poses)]
-        try:
-            if onward is not None and free is not None:
-                # As the arm will follow it from there: a redundant one may do so otherwise.
-                after = arm.kinematics.follow_on(later, rows[-1])
-                onward.refuse_contact(arm, after, free)
-            if lift > 0.0:
-                up = np.array((0.0, 0.0, lift))
-                arm.line_after(rows[-1], Pose(tool.position + up, tool.quaternion))
-            if wanted.name and wanted.edges is None:
-                arm.refuse_load(wanted.name, rows[-1], seen)
-            arm.refuse_collision_along(rows, ignore=touched)
-            _refuse_beside(arm, wanted, rows, ranked.grasp.width)
-        except Failure as failure:
-            blocked = blocked or failure.with_traceback(None)  # would keep this frame alive
-        else:
-            return rows
-        if number % 2:
-            yield
-    if blocked is None:
-        raise Failure("PATH_BROKEN", "the arm cannot follow the joint")
-    raise blocked
+        if onward is not None and free is not None:
+            # As the arm will follow it from there: a redundant one may do so otherwise.
+            after = arm.kinematics.follow_on(later, rows[-1])
+            onward.refuse_contact(arm, after, free)
+        if lift > 0.0:
+            up = np.array((0.0, 0.0, lift))
+            arm.line_after(rows[-1], Pose(tool.position + up, tool.quaternion))
+        if wanted.name and wanted.edges is None:
+            arm.refuse_load(wanted.name, rows[-1], seen)
+        arm.refuse_collision_along(rows, ignore=touched)
+        _refuse_beside(arm, wanted, rows, ranked.grasp.width)
+        return rows
+
+    branches = arm.kinematics.branches_along([*poses, *later], arm.setpoint.q)
+    return (yield from first_possible(branches, attempt, per_tick=2))
 
 
 def _refuse_goal(arm: Arm, wanted: WantedGrasp, goal: Pose, ranked: RankedGrasp) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass, replace
 from math import degrees
 from typing import Any, ClassVar, TypeAlias
@@ -11,10 +11,11 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 
 from bt_dualarm.arm.arm import Arm
+from bt_dualarm.arm.branches import first_possible
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.free_axes import FreeAxes, angle_to
-from bt_dualarm.core.pose import Pose, Vector
-from bt_dualarm.planning.problem import joint_path, trace
+from bt_dualarm.core.pose import Matrix, Pose, Vector
+from bt_dualarm.planning.problem import joint_paths
 from bt_dualarm.skill.grip import held_through
 from bt_dualarm.skill.skill import Record, Skill, nowhere
 from bt_dualarm.spec.node_types import port
@@ -166,6 +167,8 @@ def follow_curve(
     tolerance: float = TOLERANCE_M,
     end: Pose | None = None,
     tool_speed: float | None = None,
+    *,
+    from_here: bool = False,
 ) -> Generator[float | None, None, dict[str, Number]]:
     """Move to the start of a path, then along it from rest to rest: all of it or nothing.
 
@@ -180,6 +183,8 @@ def follow_curve(
         end: Pose in the world to which the tool moves on in a straight line; None to stay.
         tool_speed: Constant speed of the tool along the path, m/s, after a smooth start and before
             a smooth end; None for as fast as ``speed`` allows.
+        from_here: Whether the path begins at the arm's current pose, and the arm may not move to
+            another branch of the inverse kinematics first.
 
     Returns:
         ``path_rms_m`` and ``path_max_m`` of executed against planned tool positions at equal
@@ -193,7 +198,7 @@ def follow_curve(
             the tolerance; ``INTERRUPTED`` or ``BUSY``.
     """
     yield from arm.think()
-    plan = _Plan.of(arm, path, speed, end, tool_speed)
+    plan = yield from _Plan.of(arm, path, speed, end, tool_speed, from_here=from_here)
     yield from _enter(arm, path, plan.motion, speed)
     source = arm.begin(plan.motion, along_path=True)
     deviation = PathDeviation(arm, source, record)
@@ -241,15 +246,43 @@ class _Plan:
         path: CartesianPath,
         speed: float,
         end: Pose | None,
-        tool_speed: float | None = None,
+        tool_speed: float | None,
+        *,
+        from_here: bool,
+    ) -> Generator[None, None, _Plan]:
+        """Plan in the first branch of the inverse kinematics in which the whole path is possible.
+
+        Yields once for each branch that is refused.
+
+        Raises:
+            Failure: That of the preferred branch, as `follow_curve`.
+        """
+        q = arm.setpoint.q
+        branches: Iterable[Matrix] = joint_paths(arm.kinematics, path, q)
+        if from_here:
+            branches = [arm.kinematics.follow_on(path.poses, q, free=path.free)]
+        return (
+            yield from first_possible(
+                branches, lambda rows: cls._along(arm, path, rows, speed, end, tool_speed)
+            )
+        )
+
+    @classmethod
+    def _along(
+        cls,
+        arm: Arm,
+        path: CartesianPath,
+        rows: Matrix,
+        speed: float,
+        end: Pose | None,
+        tool_speed: float | None,
     ) -> _Plan:
-        limits = arm.limits(speed)
+        """Plan along the configurations of one branch, of shape (n, dof), rad."""
         ramp = None
         if tool_speed is None:
-            motion, shortest = trace(arm.kinematics, path, arm.setpoint.q, limits, arm.period)
+            motion, shortest = timed_path(rows, arm.limits(speed), arm.period, path.closed)
         else:
             full = arm.limits(1.0)
-            rows = joint_path(arm.kinematics, path, arm.setpoint.q)
             shortest = timed_path(rows, full, arm.period, path.closed).shortest_s
             motion, ramp = at_constant_speed(rows, path.lengths, tool_speed, full, arm.period)
         arm.refuse_collision_along(motion)
@@ -410,6 +443,7 @@ class PathSkill(Skill):
         to_center: bool = False,
         tool_speed: float | None = None,
         free: FreeAxes = (),
+        from_here: bool = False,
     ) -> Iterator[float | None]:
         """Move to the start of a path and along it; adds the measured errors to the metrics.
 
@@ -418,18 +452,26 @@ class PathSkill(Skill):
             to_center: Whether the tool moves on to the curve's center, on a straight line.
             tool_speed: Constant speed of the tool, m/s; None for as fast as ``speed`` allows.
             free: Rotations about the tool's axes that do not count anywhere on the path.
+            from_here: As `follow_curve`.
 
         Raises:
             Failure: As `follow_curve` and, with a held object, as `held_through`.
         """
         end = path.center if to_center else None
-        following = self._follow(replace(path, free=free), end, tool_speed)
+        following = self._follow(replace(path, free=free), end, tool_speed, from_here)
         self.metrics |= yield from held_through(self.arm, following)
 
     def _follow(
-        self, path: CartesianPath, end: Pose | None, tool_speed: float | None
+        self, path: CartesianPath, end: Pose | None, tool_speed: float | None, from_here: bool
     ) -> Iterator[float | None]:
         ports = self.ports
         self.metrics |= yield from follow_curve(
-            self.arm, path, ports.speed, self.record, ports.tolerance, end, tool_speed
+            self.arm,
+            path,
+            ports.speed,
+            self.record,
+            ports.tolerance,
+            end,
+            tool_speed,
+            from_here=from_here,
         )

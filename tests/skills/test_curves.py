@@ -221,3 +221,38 @@ def test_a_way_back_that_is_not_free_is_refused_before_anything_moves(stage: Sta
         assert leaf.code == code, leaf.reason
     assert "post" in leaf.reason
     assert play.speed_after(leaf.started_s + 0.1) < STOPPED
+
+
+@pytest.mark.parametrize(
+    ("robot", "pose", "curve", "walls"),
+    [
+        (
+            "ur3",
+            {"xyz": [0.171, -0.212, 0.421], "rpy": [142.3, -28.2, 154.2]},
+            {"plane": "xy", "radius": 0.063},
+            [(0.138, 0.257, 4.1), (0.218, 0.09, 103.7), (0.251, 0.109, 17.7)],
+        ),
+        (
+            "ur5",
+            {"xyz": [0.346, -0.148, 0.417], "rpy": [171.9, -29.8, -168.3]},
+            {"plane": "xz", "radius": 0.0891},
+            [(0.577, 0.026, 157.1), (0.347, 0.304, -37.0), (0.332, -0.082, -91.4)],
+        ),
+    ],
+)
+def test_beside_walls_every_branch_is_tried(
+    robot: str, pose: Tree, curve: Tree, walls: list[tuple[float, float, float]], stage: Stage
+) -> None:
+    """In the branch in which the arm is, some link would hit a wall on the curve."""
+    fixed = {"shape": "box", "size": [0.04, 0.25, 0.4], "mass": 20, "fixed": True}
+    tree: Tree = {"sequence": [{"reach_to_pose": {"to": pose}}, {"circle": curve}]}
+    file: Tree = {
+        "world": {"scene": "empty", "reality": "lab", "time_limit": 30},
+        "objects": {
+            f"wall{i}": fixed | {"pose": {"xyz": [x, y, 0.2], "rpy": [0, 0, yaw]}}
+            for i, (x, y, yaw) in enumerate(walls)
+        },
+        "arms": {"arm1": {"robot": robot, "base": {"xyz": [0, 0, 0.1]}, "tree": tree}},
+    }
+    play = stage.run(file)
+    assert play.arm().outcome == "SUCCESS", play.arm().runs
