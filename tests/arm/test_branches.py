@@ -1,4 +1,4 @@
-"""The choice of a branch: the first possible one, in order, and the first refusal if there is none."""
+"""The choice of a branch: the first possible one, and the first refusal if there is none."""
 
 from __future__ import annotations
 
