@@ -184,3 +184,42 @@ def test_move_linear_keeps_a_point_in_front_of_the_tool(stage: Stage) -> None:
 def test_contradictory_limits_are_refused(given: Any) -> None:
     with pytest.raises(ValueError, match="validation error"):
         validated(Keep, given)
+
+
+@pytest.mark.parametrize(
+    ("robot", "start", "yaw", "end", "code"),
+    [
+        ("panda", (0.507, -0.367, 0.612), 168.1, (0.227, -0.215, 0.148), ""),
+        ("fr3", (0.522, 0.289, 0.401), -1.1, (0.25, -0.081, 0.46), ""),
+        ("fr3", (0.192, -0.382, 0.519), 162.4, (0.593, 0.075, 0.54), "PATH_BROKEN"),
+    ],
+)
+def test_a_line_that_keeps_does_not_begin_with_another_motion(
+    robot: str,
+    start: tuple[float, float, float],
+    yaw: float,
+    end: tuple[float, float, float],
+    code: str,
+    stage: Stage,
+) -> None:
+    """The line is easier from another posture; on the motion to that, nothing keeps the tool."""
+    keep = {"upright": 5}
+    file: Tree = {
+        "world": {"scene": "empty", "reality": "lab", "time_limit": 30},
+        "arms": {
+            "arm1": {
+                "robot": robot,
+                "base": {"xyz": [0, 0, 0.1]},
+                "tree": {
+                    "sequence": [
+                        {"reach_to_pose": {"to": {"xyz": [*start], "rpy": [180, 0, yaw]}}},
+                        {"move_linear": {"to": {"xyz": [*end]}, "keep": keep}},
+                    ]
+                },
+            }
+        },
+    }
+    report = stage.run(file).leaf("move_linear")
+    assert report.code == code, report.reason
+    if not code:
+        assert float(report.metrics["upright_max_rad"]) < np.radians(1.0)
