@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 
 import numpy as np
 
-from bt_dualarm import Failure, JointAngles, PortModel, Skill, Speed, Vector, port
+from bt_dualarm import (
+    Failure,
+    JointAngles,
+    PortModel,
+    Skill,
+    Speed,
+    Trajectory,
+    Vector,
+    port,
+)
 
 
 class MoveJoints(Skill):
@@ -36,9 +45,13 @@ class MoveJoints(Skill):
         arm = self.arm
         goal = self._goal(arm.setpoint.q)
         yield from arm.think()
-        yield from arm.follow(arm.straight_to(goal, self.ports.speed))
+        yield from arm.past_others(self.ports.speed).along(lambda: self._straight_to(goal))
         error = np.abs(arm.q - goal)
         self.metrics["joint_error_rad"] = float(error.max())
+
+    def _straight_to(self, goal: Vector) -> Generator[None, None, Trajectory]:
+        yield from ()
+        return self.arm.straight_to(goal, self.ports.speed)
 
     def _goal(self, now: Vector) -> Vector:
         """Angles of all joints, of shape (dof,), rad."""

@@ -1219,7 +1219,10 @@ class MoveTo:
         return replace(self, give_way=False).along(planned)
 
     def to_line(
-        self, planning: Planning, rows: Callable[[], Matrix], touched: frozenset[str] = _NOTHING
+        self,
+        planning: Planning,
+        way: Callable[[], Matrix | Trajectory],
+        touched: frozenset[str] = _NOTHING,
     ) -> Iterator[float | None]:
         """Move to the beginning of a path, and wait there until no other arm blocks it.
 
@@ -1228,8 +1231,8 @@ class MoveTo:
 
         Args:
             planning: Makes the plan to the beginning, each time.
-            rows: Configurations along the path, of shape (n, dof), rad, after the last plan; only
-                other arms can be in its way.
+            way: Configurations along the path, of shape (n, dof), rad, or the motion along it,
+                after the last plan; only other arms can be in its way.
             touched: Names of the objects that may be touched along the path.
 
         Raises:
@@ -1240,10 +1243,10 @@ class MoveTo:
             while True:
                 yield from self._along(planning)
                 start = self.arm.setpoint.q
-                path = rows()
+                path = way()
 
                 def attempt(
-                    start: Vector = start, path: Matrix = path
+                    start: Vector = start, path: Matrix | Trajectory = path
                 ) -> Generator[None, None, bool]:
                     if not np.array_equal(self.arm.setpoint.q, start):
                         return False  # already moved aside
@@ -1295,6 +1298,26 @@ class MoveTo:
                 return
             replans -= 1
             yield from self.arm.halt()
+
+    def when_clear(
+        self, attempt: Callable[[], Generator[None, None, _Found]]
+    ) -> Generator[float | None, None, _Found]:
+        """Repeat an attempt to plan while another arm makes it fail; yields once per tick.
+
+        Args:
+            attempt: Plans in the current world, each time.
+
+        Returns:
+            What ``attempt`` returned.
+
+        Raises:
+            Failure: That of ``attempt``, if no arm is the reason, or one that stays there or is
+                still there after ``wait_s``; ``DEADLOCK``; as motions.
+        """
+        try:
+            return (yield from self._when_clear(attempt, self.arm.time + self.wait_s))
+        finally:
+            self.traffic.arrive(self.arm.name)
 
     def make_way(self) -> Iterator[float | None]:
         """Move aside if another arm waits for this one to leave its path; yields once per tick.
@@ -1450,11 +1473,11 @@ class MoveTo:
                 return True
         return False
 
-    def checked(self, rows: Matrix, known_free: bool) -> Generator[None, None, None]:
+    def checked(self, way: Matrix | Trajectory, known_free: bool) -> Generator[None, None, None]:
         """Refuse a blocked path; if it is known to be free, only one that an arm blocks.
 
         Args:
-            rows: Configurations along the path, of shape (n, dof), rad.
+            way: Configurations along the path, of shape (n, dof), rad, or a motion.
             known_free: Whether only another arm can be in the way.
 
         Raises:
@@ -1464,7 +1487,7 @@ class MoveTo:
         if known_free and not self.arm.controller.neighbors:
             return
         try:
-            self.arm.refuse_collision_along(rows, self.ignore)
+            self.arm.refuse_collision_along(way, self.ignore)
         except CollisionFailure as refusal:
             if not known_free or self.may_clear(refusal):
                 raise

@@ -21,6 +21,7 @@ def first_possible(
     *,
     most: int = MOST_BRANCHES,
     per_tick: int = 1,
+    is_final: Callable[[Failure], bool] | None = None,
 ) -> Generator[None, None, Planned]:
     """Plan in the first branch in which that is possible.
 
@@ -32,18 +33,22 @@ def first_possible(
         attempt: Plans in one branch, or raises a `Failure`.
         most: Branches to try.
         per_tick: Branches that are tried in one tick.
+        is_final: Whether a refusal ends the search: its reason may vanish, and the branch is
+            better than those after it. By default none does.
 
     Returns:
         What ``attempt`` returned.
 
     Raises:
-        Failure: That of the preferred branch if all are refused; as ``branches``.
+        Failure: That of the preferred branch if all are refused, or the final one; as ``branches``.
     """
     refusal: Failure | None = None
     for number, branch in enumerate(islice(branches, most), 1):
         try:
             return attempt(branch)
         except Failure as failure:
+            if is_final is not None and is_final(failure):
+                raise
             refusal = refusal or failure.with_traceback(None)  # would keep this frame alive
         if number % per_tick == 0:
             yield

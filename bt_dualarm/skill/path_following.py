@@ -10,7 +10,7 @@ from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
-from bt_dualarm.arm.arm import Arm
+from bt_dualarm.arm.arm import Arm, MoveTo
 from bt_dualarm.arm.branches import first_possible
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.free_axes import FreeAxes, angle_to
@@ -172,7 +172,8 @@ def follow_curve(
 ) -> Generator[float | None, None, dict[str, Number]]:
     """Move to the start of a path, then along it from rest to rest: all of it or nothing.
 
-    Yields the progress, once per tick.
+    If another arm is in the way of the path, or of the motion to its start, the arm waits for that
+    to change before it moves. Yields the progress, once per tick.
 
     Args:
         arm: Arm that moves.
@@ -198,8 +199,11 @@ def follow_curve(
             the tolerance; ``INTERRUPTED`` or ``BUSY``.
     """
     yield from arm.think()
-    plan = yield from _Plan.of(arm, path, speed, end, tool_speed, from_here=from_here)
-    yield from _enter(arm, path, plan.motion, speed)
+    move = replace(arm.past_others(speed), give_way=not from_here)
+    plan = yield from move.when_clear(
+        lambda: _Plan.of(move, path, end, tool_speed, from_here=from_here)
+    )
+    yield from _enter(move, path, plan.motion)
     source = arm.begin(plan.motion, along_path=True)
     deviation = PathDeviation(arm, source, record)
     for progress in _monitored(arm, source, deviation, tolerance):
@@ -214,9 +218,12 @@ def follow_curve(
         metrics["grip_pace"] = plan.grip_scale
     if plan.ramp_s is not None:
         metrics["ramp_s"] = plan.ramp_s
-    if plan.exit is not None:
-        arm.refuse_collision_along(plan.exit)  # the world may have changed since it was planned
-        for progress in arm.follow(plan.exit):
+    leave = plan.exit
+    if leave is not None:
+        # The world may have changed since it was planned.
+        stays = replace(move, give_way=False)
+        yield from stays.when_clear(lambda: stays.checked(leave, known_free=False))
+        for progress in arm.follow(leave):
             yield 1.0 - _EXIT_SHARE * (1.0 - progress)
     return metrics
 
@@ -242,9 +249,8 @@ class _Plan:
     @classmethod
     def of(
         cls,
-        arm: Arm,
+        move: MoveTo,
         path: CartesianPath,
-        speed: float,
         end: Pose | None,
         tool_speed: float | None,
         *,
@@ -255,15 +261,19 @@ class _Plan:
         Yields once for each branch that is refused.
 
         Raises:
-            Failure: That of the preferred branch, as `follow_curve`.
+            Failure: That of the preferred branch, as `follow_curve`; or of one in which another arm
+                is in the way, which may leave.
         """
+        arm = move.arm
         q = arm.setpoint.q
         branches: Iterable[Matrix] = joint_paths(arm.kinematics, path, q)
         if from_here:
             branches = [arm.kinematics.follow_on(path.poses, q, free=path.free)]
         return (
             yield from first_possible(
-                branches, lambda rows: cls._along(arm, path, rows, speed, end, tool_speed)
+                branches,
+                lambda rows: cls._along(arm, path, rows, move.speed, end, tool_speed),
+                is_final=lambda refusal: bool(move.blockers(refusal) - arm.resting),
             )
         )
 
@@ -347,25 +357,27 @@ def _monitored(
         deviation.flush()
 
 
-def _enter(
-    arm: Arm, path: CartesianPath, motion: Trajectory, speed: float
-) -> Iterator[float | None]:
+def _enter(move: MoveTo, path: CartesianPath, motion: Trajectory) -> Iterator[float | None]:
     """Move to the first configuration of a motion, on a straight tool path if that is near."""
+    arm = move.arm
     start = motion.start
     checked = arm.time
-    away = float(np.abs(start - arm.setpoint.q).max())
-    if away >= 1e-9:
-        entry = None
-        if away < _SAME_BRANCH:
+
+    def entry() -> Generator[None, None, Trajectory]:
+        if float(np.abs(start - arm.setpoint.q).max()) < _SAME_BRANCH:
             try:
-                entry = _straight(arm, arm.setpoint.q, path.start, speed, path.free, start)
+                straight = _straight(arm, arm.setpoint.q, path.start, move.speed, path.free, start)
             except Failure as failure:
                 if failure.code not in ("PATH_BROKEN", "SINGULAR"):
                     raise
-        if entry is None:
-            entry = yield from arm.plan([start], speed)
-        for progress in arm.follow(entry):
-            yield _ENTRY_SHARE * progress
+            else:
+                if straight is not None:
+                    return straight
+        return (yield from arm.plan([start], move.speed))
+
+    if float(np.abs(start - arm.setpoint.q).max()) >= 1e-9:
+        for progress in move.to_line(entry, lambda: motion):
+            yield None if progress is None else _ENTRY_SHARE * progress
     if arm.time > checked:  # the world may have changed meanwhile
         arm.refuse_collision_along(motion)
 
@@ -430,6 +442,7 @@ class PathSkill(Skill):
         "SINGULAR": "the path leads through a singularity of the arm; nothing was executed",
         "PATH_BROKEN": "the arm can follow only a part of the path; nothing was executed",
         "IN_COLLISION": "the arm would touch something on the path",
+        "NO_PLAN": "no collision-free path leads to the start",
         "TRACKING_ERROR": "the arm was blocked or left its plan by more than the tolerance",
         "SLIPPED": "the held object slid between the fingers",
         "DROPPED": "the gripper no longer holds the object",

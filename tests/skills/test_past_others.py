@@ -1,4 +1,4 @@
-"""`grasp`, `place` and `approach_and_attach` wait while another arm passes where they work."""
+"""Skills that move an arm wait while another arm passes where they work."""
 
 from __future__ import annotations
 
@@ -89,3 +89,50 @@ def test_an_arm_that_attaches_waits_for_one_that_stands_there() -> None:
     leaves = next(run for run in result.arms["passes"].runs if run.skill == "go_home")
     assert attaches.ended_s is not None
     assert attaches.started_s < leaves.started_s < attaches.ended_s
+
+
+JOINTS = {"ur5": 6, "panda": 7, "xarm7": 7}
+
+
+def _leaves(robot: str) -> list[dict[str, Any]]:
+    """Leaves that lead the tool to where the other arm stands."""
+    return [
+        {"circle": {"plane": "xy", "radius": 0.08}},
+        {"lissajous": {"plane": "xy", "amplitudes": [0.08, 0.08]}},
+        {"follow_path": {"plane": "xy", "points": [[0, 0], [80, 0], [80, 60]]}},
+        {"move_linear": {"offset": {"xyz": [0.12, -0.1, 0.0], "frame": "world"}}},
+        {"move_through": {"poses": [{"xyz": [0.42, -0.4, 0.6]}, {"xyz": [0.45, -0.35, 0.6]}]}},
+        {"move_joints": {"by": [-45.0, *[0.0] * (JOINTS[robot] - 1)]}},
+    ]
+
+
+@pytest.mark.parametrize(
+    ("robot", "leaf"), some([(robot, leaf) for robot in JOINTS for leaf in _leaves(robot)], 5)
+)
+def test_a_path_waits_for_an_arm_that_stands_there(robot: str, leaf: dict[str, Any]) -> None:
+    """The other arm stands where the tool will pass, and leaves some seconds later."""
+    turns = "move_joints" in leaf
+    start = (0.46, -0.02) if turns else (0.33, -0.33)
+    file = _file(robot, "robotiq_2f85", "ur5", 1)
+    del file["arms"]["works"]["gripper"], file["objects"]
+    file["arms"]["works"]["tree"] = {
+        "sequence": [
+            {"reach_to_pose": {"to": {"xyz": [*start, 0.6], "rpy": [180, 0, 0]}}},
+            {"wait": 4},
+            leaf,
+        ]
+    }
+    file["arms"]["passes"]["tree"] = {
+        "sequence": [
+            {"wait": 2},
+            _hover((0.33, -0.33) if turns else (0.45, -0.45), 0.6),
+            {"wait": 6},
+            "go_home",
+        ]
+    }
+    result = bt_dualarm.run(file)
+    assert result.outcome == "SUCCESS", result.arms
+    follows = next(run for run in result.arms["works"].runs if run.skill in leaf)
+    leaves = next(run for run in result.arms["passes"].runs if run.skill == "go_home")
+    assert follows.ended_s is not None
+    assert follows.started_s < leaves.started_s < follows.ended_s
