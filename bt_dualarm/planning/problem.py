@@ -575,8 +575,9 @@ def yielding_configurations(
     candidates = postures
     for _ in range(_YIELD_DRAWS):
         drawn = rng.uniform(lower, upper, (_YIELD_SAMPLES, len(lower)))
-        # The wrist hardly affects the distance, but its motion takes time.
-        drawn[:, 4:] = checker.present[4:]
+        # The wrist hardly affects the distance, but its motion takes time. Where it is was measured:
+        # at a limit, noise may be beyond it.
+        drawn[:, 4:] = np.clip(checker.present, limits.lower, limits.upper)[4:]
         for q in (*candidates, *drawn):
             if checker.free(q):
                 moved = np.linalg.norm(checker.data.geom_xpos[checker.moving] - here, axis=1)
