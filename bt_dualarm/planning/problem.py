@@ -575,8 +575,8 @@ def yielding_configurations(
     candidates = postures
     for _ in range(_YIELD_DRAWS):
         drawn = rng.uniform(lower, upper, (_YIELD_SAMPLES, len(lower)))
-        # The wrist hardly affects the distance, but its motion takes time. Where it is was measured:
-        # at a limit, noise may be beyond it.
+        # The wrist hardly affects the distance, but its motion takes time. Where it is was
+        # measured: at a limit, noise may be beyond it.
         drawn[:, 4:] = np.clip(checker.present, limits.lower, limits.upper)[4:]
         for q in (*candidates, *drawn):
             if checker.free(q):
