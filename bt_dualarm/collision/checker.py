@@ -64,6 +64,9 @@ class Carried:
     relative: Pose
 
 
+_BOX = mujoco.mjtGeom.mjGEOM_BOX
+
+
 class _State(TypedDict):
     """Pickled state of a scratch model."""
 
@@ -118,7 +121,24 @@ class ScratchModel:
         # MuJoCo's distance of a contact is negative for penetration.
         excess = least[first, second] - found.dist
         worst = int(excess.argmax())
-        return worst if excess[worst] > 0.0 else None
+        while excess[worst] > 0.0:
+            if self._is_nearer(int(first[worst]), int(second[worst]), least, found.dist[worst]):
+                return worst
+            excess[worst] = 0.0
+            worst = int(excess.argmax())
+        return None
+
+    def _is_nearer(self, first: int, second: int, least: Matrix, distance: float) -> bool:
+        """Whether two geoms with a contact at a distance in m are nearer than their least one.
+
+        MuJoCo's contacts of two boxes that are apart may be up to 17 mm nearer than the boxes.
+        """
+        types = self.model.geom_type
+        if distance <= 0.0 or types[first] != _BOX or types[second] != _BOX:
+            return True
+        most = float(least[first, second])
+        exact = mujoco.mj_geomDistance(self.model, self.data, first, second, most, None)
+        return bool(exact < most)
 
     def __getstate__(self) -> _State:
         """State without what MuJoCo computes from the rest."""

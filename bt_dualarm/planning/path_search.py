@@ -108,8 +108,11 @@ class OmplSearch:
         information = self._space.information
         self._problem = ompl.base.ProblemDefinition(information)
         self._problem.addStartState(self._space.state(start))
+        # OMPL would wait for a goal in contact to become free: a minute, until its rounds are over.
+        free = [goal for goal in goals if arm.checker.free(goal)]
+        self._is_hopeless = not free
         states = ompl.base.GoalStates(information)
-        for goal in goals:
+        for goal in free:
             states.addState(self._space.state(goal))
         self._problem.setGoal(states)
         radii = arm.checker.radii
@@ -125,6 +128,8 @@ class OmplSearch:
             name: Name of the planner.
             longest_edge: Longest edge of its trees, as motion of the arm, m.
         """
+        if self._is_hopeless:
+            return None
         ompl = _ompl()
         budget = self._budget
         planner = getattr(ompl.geometric, name)(self._space.information)

@@ -283,3 +283,32 @@ def test_each_other_arm_keeps_a_margin_of_its_own() -> None:
         assert contact is not None
         assert contact.second.startswith(f"{near}/")
     assert CollisionChecker(world, "arm1", margin={"arm2": 0.02}).free(q)
+
+
+@pytest.mark.parametrize("gripper", ["robotiq_2f85", "panda_hand"])
+def test_boxes_that_are_far_enough_apart_are_not_too_close(gripper: str) -> None:
+    """The contacts that MuJoCo reports between two boxes may be nearer than the boxes are."""
+    world = World(
+        file_of({"arm1": arm("ur5", gripper=gripper)}, {"cube": box((1.5, 1.5, 0.5), 0.06)})
+    )
+    checker = CollisionChecker(world, "arm1")
+    keep = 0.045
+    checker.keep_clear(keep)
+    hand = np.flatnonzero(checker.moving)
+    cube = world.object_geom("cube")
+    q = checker.present
+    tool = world.arms["arm1"].tool_pose.position
+    rng = np.random.default_rng(3)
+    refused = 0
+    for _ in range(400):
+        place = (tool + rng.uniform(-0.15, 0.15, 3)).tolist()
+        checker.move_object("cube", Pose.from_rpy(place, rng.uniform(-np.pi, np.pi, 3).tolist()))
+        if checker.free(q):
+            continue
+        refused += 1
+        gaps = [
+            mujoco.mj_geomDistance(checker.model, checker.data, int(one), cube, 1.0, None)
+            for one in hand
+        ]
+        assert min(gaps) < keep + 1e-6
+    assert refused > 50

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from bt_dualarm.collision.checker import CollisionChecker, interpolated
+from bt_dualarm.collision.swept import SampledEdges
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Vector
-from bt_dualarm.planning.path_search import PLANNERS, Budget, Planner
+from bt_dualarm.planning.path_search import PLANNERS, ArmChecks, Budget, OmplSearch, Planner
 from bt_dualarm.planning.problem import (
     PlanningProblem,
     admitted,
@@ -121,6 +122,20 @@ def test_rounds_in_which_little_is_looked_at_end_a_search_too(goals: tuple[Vecto
 def test_goals_in_which_the_arm_cannot_stand_are_left_out(world: World) -> None:
     problem = admitted(problem_in(world, RIGHT, IN_THE_WALL, LEFT))
     np.testing.assert_array_equal(problem.goals, [LEFT])
+
+
+@pytest.mark.parametrize("planner", PLANNERS)
+def test_a_search_to_goals_in_contact_only_ends_before_it_begins(
+    world: World, planner: Planner
+) -> None:
+    """OMPL waits for goals that become free, a hundredth of a second in each round: a minute."""
+    problem = problem_in(world, RIGHT, IN_THE_WALL, planner=planner)
+    asked = itertools.count()
+    budget = Budget(lambda: next(asked) < 0)
+    arm = ArmChecks(problem.checker, SampledEdges(problem.checker), problem.limits, budget)
+    budget.limit = 1000
+    assert OmplSearch(arm, problem.start, problem.goals, 1).run(planner, 0.1) is None
+    assert next(asked) == 0
 
 
 def test_of_several_goals_one_that_has_a_way_is_reached() -> None:
