@@ -442,7 +442,6 @@ class PathSkill(Skill):
         "SINGULAR": "the path leads through a singularity of the arm; nothing was executed",
         "PATH_BROKEN": "the arm can follow only a part of the path; nothing was executed",
         "IN_COLLISION": "the arm would touch something on the path",
-        "NO_PLAN": "no collision-free path leads to the start",
         "TRACKING_ERROR": "the arm was blocked or left its plan by more than the tolerance",
         "SLIPPED": "the held object slid between the fingers",
         "DROPPED": "the gripper no longer holds the object",
