@@ -93,6 +93,17 @@ class ArmDistance:
                 self._owner[geoms] = self._others.index(held.arm)
         self._added = added_distances(world, arm)
         self._scratch.compare(types, affinities)
+        model = self._scratch.model
+        is_box = model.geom_type == mujoco.mjtGeom.mjGEOM_BOX
+        # An object that both arms hold has types and affinities.
+        is_pair = (types[:, None] & affinities != 0) & (
+            model.geom_bodyid[:, None] != model.geom_bodyid
+        )
+        self._boxes = np.argwhere(is_pair & is_box[:, None] & is_box)
+        bounds = model.geom_rbound
+        self._box_reach = bounds[self._boxes].sum(axis=1)
+        if self._added is not None:
+            self._box_reach -= self._added[self._boxes[:, 0], self._boxes[:, 1]]
         self._horizons = dict.fromkeys(self._others, 0.0)
 
     @property
@@ -126,28 +137,60 @@ class ArmDistance:
         for name, q in configurations.items():
             data.qpos[world.arms[name].qpos_ids] = q
         self._scratch.settle()
-        if data.ncon == 0:
-            return dict.fromkeys(horizons, Gap())
-        geoms = data.contact.geom
-        distances = data.contact.dist
-        if self._added is not None:
-            distances = distances + self._added[geoms[:, 0], geoms[:, 1]]
-        owners = self._owner[geoms].max(axis=1)
-        return {
-            name: self._nearest(distances, owners == self._others.index(name)) for name in horizons
-        }
+        gaps = dict.fromkeys(horizons, Gap())
+        if data.ncon:
+            geoms = data.contact.geom
+            distances = data.contact.dist
+            if self._added is not None:
+                distances = distances + self._added[geoms[:, 0], geoms[:, 1]]
+            owners = self._owner[geoms].max(axis=1)
+            for name in horizons:
+                gaps[name] = self._nearest(distances, owners == self._others.index(name))
+        if len(self._boxes):
+            self._measure_boxes(gaps, horizons)
+        return gaps
 
     def _nearest(self, distances: Vector, contacts: Marks) -> Gap:
-        """Smallest of the contacts' distances, of shape (ncon,), m, among selected contacts."""
-        candidates = np.flatnonzero(contacts)
+        """Smallest of the contacts' distances, of shape (ncon,), m, among selected contacts.
+
+        Those of boxes that are apart are left out, see `_measure_boxes`.
+        """
+        contact = self.data.contact
+        is_box = self._scratch.model.geom_type[contact.geom] == mujoco.mjtGeom.mjGEOM_BOX
+        candidates = np.flatnonzero(contacts & ~(is_box.all(axis=1) & (contact.dist > 0.0)))
         if not len(candidates):
             return Gap()
-        contact = self.data.contact
         nearest = int(candidates[distances[candidates].argmin()])
+        return self._between(contact.geom[nearest].tolist(), float(distances[nearest]))
+
+    def _measure_boxes(self, gaps: dict[str, Gap], horizons: Mapping[str, float]) -> None:
+        """Replace gaps to other arms by those of two boxes, such as fingers, that are nearer.
+
+        Contacts do not tell: of random boxes 20 to 45 mm apart, MuJoCo reports no contact in 18 %
+        of cases, however large the margin, and in others a distance that is off by up to 20 mm.
+        """
+        model, data = self._scratch.model, self.data
+        centers = data.geom_xpos[self._boxes]
+        least = np.linalg.norm(centers[:, 0] - centers[:, 1], axis=1) - self._box_reach
+        owners = self._owner[self._boxes[:, 1]]
+        for name, horizon in horizons.items():
+            mine = np.flatnonzero((owners == self._others.index(name)) & (least < horizon))
+            for pair in mine[np.argsort(least[mine], kind="stable")].tolist():
+                nearest = gaps[name].meters
+                if least[pair] >= min(nearest, horizon):
+                    break
+                first, second = self._boxes[pair].tolist()
+                added = 0.0 if self._added is None else float(self._added[first, second])
+                meters = mujoco.mj_geomDistance(model, data, first, second, horizon - added, None)
+                if meters + added < min(nearest, horizon):
+                    gaps[name] = self._between([first, second], meters + added)
+
+    def _between(self, pair: list[int], meters: float) -> Gap:
+        """Gap between two geoms, of which one is the arm's own."""
         # The arm's own geoms have owner -1, and sort first.
-        pair = sorted(contact.geom[nearest].tolist(), key=lambda geom: int(self._owner[geom]))
+        pair.sort(key=lambda geom: int(self._owner[geom]))
         first, second = (name_of_geom(self._scratch.model, geom) for geom in pair)
-        return Gap(float(distances[nearest]), first, second)
+        return Gap(meters, first, second)
 
 
 HANDS_APART_M = 0.03
