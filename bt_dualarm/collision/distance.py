@@ -172,6 +172,8 @@ class ArmDistance:
         model, data = self._scratch.model, self.data
         centers = data.geom_xpos[self._boxes]
         least = np.linalg.norm(centers[:, 0] - centers[:, 1], axis=1) - self._box_reach
+        if least.min() >= max(horizons.values()):
+            return
         owners = self._owner[self._boxes[:, 1]]
         for name, horizon in horizons.items():
             mine = np.flatnonzero((owners == self._others.index(name)) & (least < horizon))
