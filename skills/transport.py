@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from math import degrees
 
 from bt_dualarm import (
@@ -18,8 +18,10 @@ from bt_dualarm import (
     Pose,
     Skill,
     Speed,
+    Vector,
     held_through,
     port,
+    poses_alike,
 )
 
 
@@ -73,12 +75,10 @@ class Transport(Skill):
             raise Failure("NOT_ATTACHED", f"object {name!r} is not attached to {arm.name}")
         object_in_tool = arm.robot.tool.inverse @ held.relative
         goal = self.ports.to.pose_from(arm.commanded_tool_pose @ object_in_tool)
-        tool_goal = goal @ object_in_tool.inverse
         kept = None
         if self.ports.keep is not None:
             kept = KeptPath(arm, self.ports.keep, object_in_tool)
-            kept.refuse_ends(tool_goal)
-        configurations = arm.configurations(tool_goal)
+        goal, configurations = yield from self._free_goal(name, goal, object_in_tool, kept)
         motion = arm.travel(
             configurations,
             self.ports.speed,
@@ -92,6 +92,60 @@ class Transport(Skill):
             self.metrics["grip_pace"] = arm.grip_pace
         self._report_mass(name)
         self._verify(name, goal)
+
+    def _free_goal(
+        self, name: str, goal: Pose, object_in_tool: Pose, kept: KeptPath | None
+    ) -> Generator[None, None, tuple[Pose, list[Vector]]]:
+        """The goal, with configurations in which the object is there.
+
+        If there is none, or something other than an arm is in the way of all of them, a pose in
+        which the object looks the same. Yields once for each of those that is tried.
+
+        Raises:
+            Failure: As `Arm.configurations` for the goal as requested, if it has none.
+        """
+        arm = self.arm
+        tool_goal = goal @ object_in_tool.inverse
+        if kept is not None:
+            kept.refuse_ends(tool_goal)
+        found: list[Vector] = []
+        refusal: Failure | None = None
+        try:
+            found = arm.configurations(tool_goal)
+        except Failure as failure:
+            refusal = failure.with_traceback(None)  # would keep this frame alive
+        else:
+            if self._is_free(found) or self._may_leave(found[0]):
+                return goal, found
+        for turned, alike in poses_alike(arm.world.objects[name], goal)[1:]:
+            yield
+            tool_goal = alike @ object_in_tool.inverse
+            try:
+                if kept is not None:
+                    kept.refuse_ends(tool_goal)
+                others = arm.configurations(tool_goal)
+            except Failure:
+                continue
+            if self._is_free(others):
+                self.metrics["spun_rad"] = turned
+                return alike, others
+        if refusal is not None:
+            raise refusal
+        return goal, found
+
+    def _is_free(self, configurations: list[Vector]) -> bool:
+        """Whether the arm touches nothing in one of several configurations."""
+        checker = self.arm.checker()
+        return any(checker.free(q) for q in configurations)
+
+    def _may_leave(self, q: Vector) -> bool:
+        """Whether it is an arm that is in the way of a configuration, and may leave."""
+        arm = self.arm
+        try:
+            arm.refuse_collision(q)
+        except Failure as failure:
+            return bool(arm.past_others(self.ports.speed).blockers(failure) - arm.resting)
+        return True
 
     def _only_held(self) -> str:
         """The one object that the arm holds.

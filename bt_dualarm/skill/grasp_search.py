@@ -9,6 +9,7 @@ from itertools import islice
 
 import mujoco
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.arm.branches import first_possible
@@ -492,7 +493,7 @@ def _no_grasp(solid: Solid, jaw: JawMeasures | None, arm: Arm, wanted: WantedGra
 _OPENINGS = 8  # openings to check while the fingers close next to other parts
 _BRANCHES = 4  # branches to try for a goal at which the object will be set down
 _DESCENT_M = 0.05  # length of the descent to a goal, and of the retreat from it
-_TURN = math.radians(15.0)  # increment of the rotations to try for a round object
+_ROUND = 24  # rotations of a round object to try, in a whole turn
 _SAME_EDGE_M = 1e-6  # difference of the edges of a square
 _UPRIGHT = math.cos(math.radians(5.0))  # cosine of an axis about which rotations keep pads level
 
@@ -672,8 +673,8 @@ def _refuse_goal(arm: Arm, wanted: WantedGrasp, goal: Pose, ranked: RankedGrasp)
     if arm.gripper.page.fingers:
         closed.open_fingers(ranked.grasp.width)
     first: Failure | None = None
-    for angle in turns_about_vertical(arm.world.declared_objects[name], goal):
-        tool = spun(goal, angle) @ in_object
+    for _, alike in poses_alike(arm.world.declared_objects[name], goal):
+        tool = alike @ in_object
         above = Pose(tool.position + np.array((0.0, 0.0, _DESCENT_M)), tool.quaternion)
         out = tool @ Pose.from_rpy((0.0, 0.0, -_DESCENT_M))
         try:
@@ -693,21 +694,43 @@ def _refuse_goal(arm: Arm, wanted: WantedGrasp, goal: Pose, ranked: RankedGrasp)
         raise first
 
 
-def turns_about_vertical(spec: ObjectSpec, goal: Pose) -> list[float]:
-    """Rotations about the vertical that take an object into itself, rad, the smallest first.
+def poses_alike(spec: ObjectSpec, goal: Pose) -> list[tuple[float, Pose]]:
+    """Poses in which an object looks as at a goal, with their rotation from it, rad.
+
+    The goal itself is the first, then the smallest rotation. Round objects are rotated about their
+    axis, spheres, prisms and boxes without a marker about the vertical.
 
     Args:
         spec: The object.
         goal: Its pose in the world.
     """
-    spins = KnownShape.of(spec).spins
-    is_upright = spins is not None and abs(goal.rotation_matrix[2] @ spins) >= _UPRIGHT
-    if spec.shape == "box" and spec.marker is None:
-        return _turns_of_box(goal, spec.size)
-    if not (is_upright or spec.shape == "sphere"):
-        return [0.0]
-    steps = np.arange(1, round(np.pi / _TURN) + 1) * _TURN
-    return [0.0, *np.column_stack((steps, -steps)).ravel()[:-1].tolist()]
+    axis, turns = _turns_into_itself(spec, goal)
+    return [(angle, goal if angle == 0.0 else _turned(goal, axis, angle)) for angle in turns]
+
+
+def _turns_into_itself(spec: ObjectSpec, goal: Pose) -> tuple[Vector, list[float]]:
+    """Axis in the world, of shape (3,), and rotations about it, rad, the smallest first."""
+    up = np.array((0.0, 0.0, 1.0))
+    shape = KnownShape.of(spec)
+    if spec.shape == "box":
+        return up, [0.0] if spec.marker else _turns_of_box(goal, spec.size)
+    if spec.shape == "prism":
+        upright = abs(float(goal.rotation_matrix[2, 2])) >= _UPRIGHT
+        return up, _turns(shape.fold) if upright and not spec.marker else [0.0]
+    if spec.shape == "sphere":
+        return up, _turns(_ROUND)
+    if shape.spins is None:
+        return up, [0.0]
+    axis = goal.turn(shape.spins)
+    # An upright object is turned about the vertical itself, which keeps pads level.
+    return up if abs(float(axis[2])) >= _UPRIGHT else axis, _turns(_ROUND)
+
+
+def _turns(count: int) -> list[float]:
+    """Multiples of a fraction of a turn, rad, the smallest first: alternately to both sides."""
+    steps = np.arange(1, count // 2 + 1) * (2.0 * np.pi / count)
+    both = np.column_stack((steps, -steps)).ravel()
+    return [0.0, *both[: count - 1].tolist()]
 
 
 def _turns_of_box(goal: Pose, size: Sequence[float]) -> list[float]:
@@ -721,9 +744,12 @@ def _turns_of_box(goal: Pose, size: Sequence[float]) -> list[float]:
     return [0.0, *((np.pi / 2, -np.pi / 2) if quarter else ()), np.pi]
 
 
-def spun(pose: Pose, angle: float) -> Pose:
-    """Pose rotated about the vertical of the world by an angle, rad."""
-    turn = Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, angle))
+def _turned(pose: Pose, axis: Vector, angle: float) -> Pose:
+    """Pose rotated about its origin and an axis of the world by an angle, rad."""
+    if axis[2] == 1.0:
+        turn = Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, angle))
+    else:
+        turn = Pose.from_rotation(np.zeros(3), Rotation.from_rotvec(angle * axis))
     return Pose(pose.position, (turn @ Pose(np.zeros(3), pose.quaternion)).quaternion)
 
 

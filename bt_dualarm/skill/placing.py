@@ -20,7 +20,7 @@ from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.perception.shape_fit import KnownShape
 from bt_dualarm.planning.path_search import Planner
 from bt_dualarm.sim.grippers import Attachment
-from bt_dualarm.skill.grasp_search import spun, turns_about_vertical
+from bt_dualarm.skill.grasp_search import poses_alike
 from bt_dualarm.skill.grip import Grip, TouchSense
 from bt_dualarm.spec.node_types import PortModel, port
 from bt_dualarm.spec.values import Angle, Duration, Speed
@@ -535,7 +535,7 @@ class _Descent:
         height: Height above that at which the descent begins, m.
         branches: Configurations down to near the goal, of shape (n, dof), rad, for each feasible
             branch of the inverse kinematics; the preferred one first.
-        turned: Rotation of the object from its goal into itself about its vertical axis, rad.
+        turned: Rotation of the object from its goal into itself, rad.
     """
 
     tool: Pose
@@ -872,8 +872,8 @@ class SettingDown:
                 raise
             # A traceback would keep this frame alive.
             refusal = failure.with_traceback(None)
-        for turned in turns_about_vertical(self._arm.world.objects[self._name], goal):
-            tool = spun(goal, turned) @ self._in_tool.inverse
+        for turned, alike in poses_alike(self._arm.world.objects[self._name], goal):
+            tool = alike @ self._in_tool.inverse
             yield
             try:
                 lowest = _Descent(

@@ -1,0 +1,101 @@
+"""What looks the same when turned may be turned where its goal is out of reach otherwise."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bt_dualarm.behaviors.report import LeafReport
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.perception.shape_fit import KnownShape
+from bt_dualarm.skill.grasp_search import poses_alike
+from bt_dualarm.spec.document import ObjectSpec
+from bt_dualarm.spec.yaml_reader import with_tuples
+from tests.families import some
+from tests.skills.test_placing_paths import board, placed
+
+THINGS: dict[str, dict[str, Any]] = {
+    "cylinder": {"shape": "cylinder", "size": [0.025, 0.10], "mass": 0.3},
+    "capsule": {"shape": "capsule", "size": [0.022, 0.06], "mass": 0.2},
+    "box": {"shape": "box", "size": [0.05, 0.05, 0.10], "mass": 0.3},
+    "prism": {"shape": "prism", "size": [0.027, 0.10], "mass": 0.3},
+}
+MARKER = {"marker": {"id": 1, "size": 0.03}}
+
+
+@cache
+def carried(kind: str, roll: float, *, marked: bool = False) -> LeafReport:
+    """A Panda's `transport` under a board of what it has taken from the side."""
+    thing = THINGS[kind] | (MARKER if marked else {})
+    goal = {"xyz": [0.55, 0.1, 0.63], "rpy": [roll, 0, -90]}
+    return placed(
+        "panda",
+        "panda_hand",
+        {
+            "thing": thing | {"pose": {"xyz": [0.40, -0.40, 0.45]}},
+            "low": board(0.55, 0.1, 0.55),
+            "high": board(0.55, 0.1, 0.78),
+        },
+        {"grasp": {"object": "thing", "approach": [0, -1, 0]}},
+        {"transport": {"object": "thing", "to": {"xyz": [0.40, -0.2, 0.70]}}},
+        {"transport": {"object": "thing", "to": goal}},
+    )
+
+
+@pytest.mark.parametrize(
+    ("kind", "roll", "fold"),
+    some([("cylinder", 0, 24), ("prism", 0, 6), ("capsule", 20, 24), ("box", 0, 4)], 2),
+)
+def test_what_is_carried_is_turned_into_itself(kind: str, roll: float, fold: int) -> None:
+    """As asked for, the goal is out of reach; upright or not, the turn is about its own axis."""
+    leaf = carried(kind, roll)
+    assert leaf.status == "SUCCESS", leaf.reason
+    turns = float(leaf.metrics["spun_rad"]) * fold / (2.0 * np.pi)
+    assert turns == pytest.approx(round(turns))
+    assert float(leaf.metrics["object_turned_rad"]) < np.radians(1.0)
+    assert float(leaf.metrics["believed_turned_rad"]) < np.radians(1.0)
+
+
+def test_what_is_carried_is_not_turned_if_that_would_show() -> None:
+    """The marker would be elsewhere than was asked for."""
+    leaf = carried("box", 0, marked=True)
+    assert leaf.code == "UNREACHABLE", leaf.reason
+    assert "object_error_m" not in leaf.metrics, "before it moves"
+
+
+@pytest.mark.parametrize("rpy", [(0, 0, 0), (0, 0, 40), (180, 0, 10), (30, 20, 10), (90, 0, 0)])
+@pytest.mark.parametrize(
+    ("fields", "count"),
+    [
+        ({"shape": "cylinder", "size": [0.03, 0.1]}, 24),
+        ({"shape": "sphere", "size": [0.03]}, 24),
+        ({"shape": "cup", "size": [0.03, 0.1]}, 24),
+        ({"shape": "prism", "size": [0.03, 0.1], "sides": 5}, 5),
+        ({"shape": "prism", "size": [0.05, 0.1], "sides": 6} | MARKER, 1),
+        ({"shape": "box", "size": [0.05, 0.05, 0.1]}, 4),
+        ({"shape": "box", "size": [0.05, 0.06, 0.1]}, 2),
+        ({"shape": "box", "size": [0.05, 0.05, 0.1]} | MARKER, 1),
+        ({"shape": "bin", "size": [0.05, 0.05, 0.1]}, 1),
+    ],
+)
+def test_poses_alike_look_alike(
+    fields: dict[str, Any], count: int, rpy: tuple[float, float, float]
+) -> None:
+    """Each is the goal up to the symmetry of the object, at the same place; the goal is first."""
+    spec = ObjectSpec.model_validate(with_tuples(fields | {"mass": 0.1}))
+    goal = Pose.from_rpy((0.1, 0.2, 0.3), np.radians(rpy).tolist())
+    alike = poses_alike(spec, goal)
+    assert alike[0] == (0.0, goal)
+    assert np.all(np.diff(np.abs([angle for angle, _ in alike])) >= -1e-12)
+    shape = KnownShape.of(spec)
+    for angle, pose in alike:
+        assert pose.position == pytest.approx(goal.position)
+        assert pose.angle(goal) == pytest.approx(abs(angle), abs=1e-6)
+        assert shape.angle(pose, goal) < 1e-6
+    if rpy[0] in (0, 180) and rpy[1] == 0:
+        assert len(alike) == count
+    elif spec.shape in ("box", "prism") and not (spec.shape == "box" and rpy[0] == 90):
+        assert len(alike) == 1, "what is tilted keeps its pads level"
