@@ -144,6 +144,8 @@ class FollowTool(Skill):
                 raise wait.failure
             other = arm.tool_pose_of(ports.arm)
             rest.take(other, self.time)
+            if ports.until_still is not None and rest.has_moved:
+                wait.has_timeout = True  # the other arm may wait for the end of this: it rests then
             off_m = error.take(arm.tool_pose, other @ offset)
             if off_m <= ports.max_error:
                 beyond_since = self.time

@@ -115,3 +115,16 @@ def test_a_follower_that_was_halted_slows_nobody(stage: Stage) -> None:
     free = stage.run(alone)
     assert play.leaf("follow_tool", arm="arm2").code == "HALTED"
     assert play.leaf("move_linear").ended_s == free.leaf("move_linear").ended_s
+
+
+@pytest.mark.parametrize("moves", [True, False])
+def test_who_waits_for_its_follower_rests_for_it(moves: bool, stage: Stage) -> None:
+    """With `until_still`, following ends by itself once the other arm has moved: no deadlock."""
+    leaves = (*FAST[: 2 if moves else 1], {"await": "near"})
+    file = pair("ur5", "ur5", *leaves, follow={"until_still": 0.5})
+    file["cell"] = {"signals": {"near": {"type": "boolean", "written_by": ["arm2"]}}}
+    file["arms"]["arm2"]["tree"]["sequence"].append({"signal": "near"})
+    play = stage.run(file)
+    ends = (play.leaf("await"), play.leaf("follow_tool", arm="arm2"))
+    assert [leaf.code for leaf in ends].count("DEADLOCK") == (0 if moves else 1)
+    assert all(leaf.status == "SUCCESS" for leaf in ends) == moves
