@@ -463,7 +463,10 @@ _NOT_FOLLOWED: Final = {
     "latency": ("LATE_PICTURES", "a smaller latency, a higher fps, or a slower target"),
     "reach": ("LEFT_REACH", "a larger `reach`, or a target that stays nearer"),
     "occlusion": ("OCCLUDED", "keep the line of sight to the target clear"),
-    "guard": ("SLOWED", "more room between the target and other arms or objects"),
+    "guard": (
+        "SLOWED",
+        "more room around the target, or a start away from singularities and limits",
+    ),
     "jitter": ("UNSTEADY", "a smaller latency or noise of the camera, or a lower `speed`"),
 }
 """Kind of cause and remedy for each ``cause`` that `track` states, besides its speed."""

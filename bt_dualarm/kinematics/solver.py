@@ -253,9 +253,9 @@ class Posture:
     def time_scale(self) -> tuple[float, str]:
         """Time scale of a motion along a path, and the reason if it is less than 1."""
         if self.condition > SINGULAR_CONDITION:
-            return 0.5, f"condition {self.condition:.0f}"
+            return 0.5, f"it is near a singularity, condition number {self.condition:.0f}"
         if self.room < NEAR_LIMIT:
-            return 0.5, f"{self.room:.3f} rad from a limit"
+            return 0.5, f"a joint is {self.room:.3f} rad from its limit"
         return 1.0, ""
 
 

@@ -53,7 +53,7 @@ class FollowingSample(NamedTuple):
         predicted: Position that had been predicted for that time, of shape (k,), m; None if there
             was no prediction.
         within_reach: Whether the target was within reach.
-        slowed: Whether the guard slowed the arm, near another arm or an object.
+        slowed: Why the guard slowed the arm, empty if it did not.
     """
 
     stamp: float
@@ -61,7 +61,7 @@ class FollowingSample(NamedTuple):
     target: Vector
     predicted: Vector | None
     within_reach: bool = True
-    slowed: bool = False
+    slowed: str = ""
 
 
 class _Seen(NamedTuple):
@@ -118,6 +118,7 @@ class FollowingError:
         self._time = 0.0
         self._integrals = dict.fromkeys(ErrorCause, 0.0)
         self._returns = False  # whether the target was out of view
+        self._slowed_by = ""  # why the guard slowed the arm last
         self._latest: deque[dict[ErrorCause, float]] = deque(maxlen=_FEWEST)
 
     @property
@@ -184,6 +185,7 @@ class FollowingError:
         if self.counts_from is None and stamp - self._began > self._patience:
             self.counts_from = stamp
         attributed = _attributed(sample, square)
+        self._slowed_by = sample.slowed or self._slowed_by
         self._latest.append(attributed)
         # Until the tool has arrived again its error is due to the time without the target.
         self._integrate(stamp, {ErrorCause.OCCLUSION: square} if self._returns else attributed)
@@ -268,7 +270,7 @@ class FollowingError:
         if cause is ErrorCause.REACH:
             return "most of that while the target was out of reach"
         if cause is ErrorCause.GUARD:
-            return "most of that while the guard slowed the arm near another arm or an object"
+            return f"most of that while the guard slowed the arm: {self._slowed_by}"
         if cause is ErrorCause.JITTER:
             return "the target rests, but the tool does not"
         velocity, acceleration = self.need

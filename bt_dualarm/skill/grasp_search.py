@@ -317,7 +317,7 @@ def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
         cup = replace(cup, most_force=min(cup.most_force, wanted.most_force))
         found = cup_grasps(solid, cup, load, point=point)
     if not found:
-        raise _no_grasp(solid, jaw, arm, wanted)
+        raise _no_grasp(solid, jaw, arm, wanted, point)
     found = tuple(replace(one, tool=symmetry @ one.tool) for one in found)
     found = tuple(one for one in found if wanted.allows(one))
     if wanted.point is not None:
@@ -466,28 +466,33 @@ def _refuse_width(solid: Solid, jaw: JawMeasures, wanted: WantedGrasp) -> None:
         )
 
 
-def _no_grasp(solid: Solid, jaw: JawMeasures | None, arm: Arm, wanted: WantedGrasp) -> Failure:
-    """Failure that states why there is no grasp: the mass or the shape."""
+def _no_grasp(
+    solid: Solid, jaw: JawMeasures | None, arm: Arm, wanted: WantedGrasp, point: Vector | None
+) -> Failure:
+    """Failure that states why there is no grasp, or none at a point: the mass or the shape."""
     light = Load(1e-6, np.array([0.0, 0.0, -GRAVITY]), 0.0, np.zeros(3))
     page = arm.gripper.page
     friction = wanted.friction(arm.world)
+    where = "" if point is None else " at `point`"
     for_light: tuple[Grasp, ...]
     if jaw is None:
-        for_light = cup_grasps(solid, cup_measures(page, friction), light)
+        for_light = cup_grasps(solid, cup_measures(page, friction), light, point=point)
     else:
-        for_light = jaw_grasps(solid, jaw, light, jaw.friction)
+        for_light = jaw_grasps(solid, jaw, light, jaw.friction, point=point)
     if for_light:
         return Failure(
             "TOO_HEAVY",
-            f"no grasp of {page.name} bears {wanted.mass:.3g} kg of {wanted.label} with "
+            f"no grasp of {page.name}{where} bears {wanted.mass:.3g} kg of {wanted.label} with "
             f"{min(page.force.most, wanted.most_force):g} N and friction {friction:g}",
             mass_kg=wanted.mass,
             force_n=min(page.force.most, wanted.most_force),
             friction=friction,
         )
     if jaw is None:
-        return Failure("NO_FACE", f"{wanted.label} has no face on which the cup seals")
-    return Failure("NO_FACE", f"{wanted.label} has no two sides between which the fingers fit")
+        reason = f"{wanted.label} has no face on which the cup seals{where}"
+    else:
+        reason = f"{wanted.label} has no two sides between which the fingers fit{where}"
+    return Failure("NO_FACE", reason)
 
 
 _OPENINGS = 8  # openings to check while the fingers close next to other parts

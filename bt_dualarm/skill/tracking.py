@@ -721,8 +721,14 @@ class PlaneTracking:
             self._axes @ (one.point - self._reference.origin),
             self._reference.predicted_at(one.stamp),
             within_reach,
-            slowed=self._servo is not None and self._servo.time_scale < _SLOWED,
+            slowed=self._slowed_by(),
         )
+
+    def _slowed_by(self) -> str:
+        """Why the guard slows the arm now; empty if it does not."""
+        if self._servo is None or self._servo.time_scale >= _SLOWED:
+            return ""
+        return str(self._arm.controller.guard["last_reason"])
 
     def _looks(self, one: Sighting) -> list[RestSample]:
         """A sighting for each detector of rest."""

@@ -100,6 +100,8 @@ def test_the_fingers_open_no_wider_than_asked(stage: Stage) -> None:
         ("robotiq_2f85", {"open_to": 0.03}, "TOO_WIDE", "the fingers open to 30 mm"),
         ("robotiq_2f85", {"point": [0, 0.3, 0]}, "NO_FACE", "mm"),
         ("suction_cup", {"open_to": 0.03}, "INVALID_TARGET", "has no fingers"),
+        ("suction_cup", {"point": [0.015, 0.07, 0.02]}, "NO_FACE", "cup seals at `point`"),
+        ("suction_cup", {"point": [0, 0.05, 0], "mass": 1.9}, "TOO_HEAVY", "at `point` bears"),
     ],
 )
 def test_what_is_not_possible_is_refused_with_the_reason(
