@@ -485,22 +485,28 @@ class Carrying:
         self._metrics["grip_force_n"] = force
         began = arm.time
         since: float | None = None
-        while since is None or arm.time - since < _HOLD_S:
-            yield 0.25
-            since = None if not gripper.holding else arm.time if since is None else since
-            if arm.time - began > _CLOSING_S and since is None:
-                raise Failure(
-                    "NOT_GRASPED",
-                    "the gripper closed on something else or nothing",
-                    width_m=gripper.width,
-                    expected_m=chosen.width,
-                )
-        self._metrics["width_m"] = gripper.width
-        lies = arm.tool_pose @ plan.grasps[arm.name].inverse
-        why_not = gripper.why_not(self._thing, lies)
-        if why_not is not None:
-            raise Failure("NOT_GRASPED", why_not, width_m=gripper.width)
-        yield from self._sync()
+        try:
+            while since is None or arm.time - since < _HOLD_S:
+                yield 0.25
+                self._joint.check()
+                since = None if not gripper.holding else arm.time if since is None else since
+                if arm.time - began > _CLOSING_S and since is None:
+                    raise Failure(
+                        "NOT_GRASPED",
+                        "the gripper closed on something else or nothing",
+                        width_m=gripper.width,
+                        expected_m=chosen.width,
+                    )
+            self._metrics["width_m"] = gripper.width
+            lies = arm.tool_pose @ plan.grasps[arm.name].inverse
+            why_not = gripper.why_not(self._thing, lies)
+            if why_not is not None:
+                raise Failure("NOT_GRASPED", why_not, width_m=gripper.width)
+            yield from self._sync()
+        except (Failure, GeneratorExit):
+            # The object still stands: what is not yet added to the model is not held.
+            gripper.command(page.stroke if page.fingers else 1.0)
+            raise
         gripper.hold(self._thing, lies)
 
     def _bear(self, plan: CarryPlan) -> None:

@@ -177,3 +177,20 @@ def test_an_arm_out_of_reach_is_named() -> None:
     found = leaf(bt.run(file))
     assert found.code == "OUT_OF_REACH"
     assert "the tool of arm2" in found.reason
+
+
+@pytest.mark.parametrize("which", ["arm1", "arm2"])
+def test_hands_that_close_while_one_arm_is_halted_open_again(which: str) -> None:
+    """They did not count as holding the beam, and were too full to try again (GRIPPER_FULL)."""
+    trees = {"arm1": {"carry_together": {**TOGETHER, "speed": 1.0}}, "arm2": follows()}
+    touched = {"until": {"touching": {"by": "fingers"}}}
+    for arm, tree in trees.items():
+        once = {"carry_together": tree["carry_together"] | touched} if arm == which else tree
+        trees[arm] = {"sequence": [{"force_success": {"child": once}}, tree]}
+    file = file_of(TOGETHER, trees["arm2"])
+    file["arms"]["arm1"]["tree"] = trees["arm1"]
+    result = bt.run(file)
+    for arm in trees:
+        first, second = (run for run in result.arms[arm].runs if run.skill == "carry_together")
+        assert first.code == ("HALTED" if arm == which else "PARTNER_GONE")
+        assert second.status == "SUCCESS", second.reason
