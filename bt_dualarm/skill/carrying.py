@@ -612,6 +612,7 @@ class _Planning:
         self._kinematics = MultiArmKinematics(arms)
         self._chains = {name: Chain(*one) for name, one in arms.items()}
         self._reachable = dict[tuple[str, int], list[RankedGrasp]]()
+        self._are_apart = False
         self._beyond: Failure | None = None
 
     def plan(
@@ -638,10 +639,20 @@ class _Planning:
         poses = _poses_of(lies, goals, self._ports)
         refusals: list[Failure] = []
         best: tuple[float, CarryPlan] | None = None
-        tried = ((False, _COMBINATIONS), (True, _AROUND))
-        for around, count in tried:
-            if around and (best or not any(isinstance(one, CollisionFailure) for one in refusals)):
-                break  # searching around obstacles takes much longer
+        tried = (
+            (False, False, _COMBINATIONS),
+            (False, True, _AROUND),
+            (True, False, _COMBINATIONS),  # the best ones may all be nearly the same
+            (True, True, _AROUND),
+        )
+        for apart, around, count in tried:
+            if best:
+                break
+            if around and not any(isinstance(one, CollisionFailure) for one in refusals):
+                continue  # searching around obstacles takes much longer
+            if apart != self._are_apart:
+                self._are_apart = apart
+                self._reachable.clear()
             left = count
             for combination in self._combinations(lies, parts):
                 yield
@@ -709,25 +720,29 @@ class _Planning:
         if key in self._reachable:
             return self._reachable[key]
         found = self._reachable[key] = []
-        beyond = list[Pose]()
+        known = list[Pose]()  # out of reach, or where grasps are apart already found
+        beyond = 0
         alone = MultiArmKinematics({name: (self._world.robots[name], self._world.arms[name].base)})
         near = {name: self._proposals[name].q}
         for one in self._proposals[name].grasps[section]:
-            if len(found) >= _GRASPS or len(beyond) >= _MOST_TRIES:
+            if len(found) >= _GRASPS or beyond >= _MOST_TRIES:
                 break
             if any(
                 one.tool.distance(other) < _NEAR_M and one.tool.angle(other) < _NEAR_RAD
-                for other in beyond
+                for other in known
             ):
                 continue
             try:
                 alone.solve((ToolTarget(name, one.tool),), near)
             except Failure as failure:
                 self._beyond = self._beyond or failure.with_traceback(None)
-                beyond.append(one.tool)
+                known.append(one.tool)
+                beyond += 1
                 yield
             else:
                 found.append(one)
+                if self._are_apart:
+                    known.append(one.tool)
         return found
 
     def _with(

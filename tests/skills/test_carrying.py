@@ -194,3 +194,39 @@ def test_hands_that_close_while_one_arm_is_halted_open_again(which: str) -> None
         first, second = (run for run in result.arms[arm].runs if run.skill == "carry_together")
         assert first.code == ("HALTED" if arm == which else "PARTNER_GONE")
         assert second.status == "SUCCESS", second.reason
+
+
+def test_grasps_of_another_kind_are_tried_where_the_best_ones_are_all_alike() -> None:
+    """The four best grasps of each hand differ by millimeters; with none the path is possible."""
+
+    def arm(robot: str, x: float, y: float, yaw: float, leaf: Tree) -> Tree:
+        base = {"xyz": [x, y, 0.4], "rpy": [0, 0, yaw]}
+        return {"robot": robot, "gripper": "panda_hand", "base": base, "tree": leaf}
+
+    path = [
+        {"xyz": [-0.007, -0.051, 0.654], "rpy": [8.9, -2.4, -23.8]},
+        {"xyz": [-0.090, 0.011, 0.4255], "rpy": [0, 0, 3.2]},
+    ]
+    leads = {"carry_together": {"object": "beam", "with": ["arm2"], "path": path}}
+    follows = {"carry_together": {"object": "beam", "with": ["arm1"]}}
+    beam = {"shape": "box", "size": [0.72, 0.05, 0.05], "mass": 2.0}
+    stand = {"shape": "box", "size": [0.3, 0.3, 0.4], "fixed": True}
+    file = {
+        "bt_dualarm": 1,
+        "name": "alike",
+        "world": {"scene": "empty", "time_limit": 10},
+        "objects": {
+            "beam": beam | {"pose": {"xyz": [0, 0, 0.4255], "rpy": [0, 0, -13.5]}},
+            "stand": stand | {"pose": {"xyz": [0, 0, 0.2]}},
+        },
+        "arms": {
+            "arm1": arm("fr3", -0.385, 0.513, -93, leads),
+            "arm2": arm("panda", 0.745, 0.563, -63, follows),
+        },
+    }
+    with bt.open(file) as run:
+        start = run.arms["arm1"].q
+        tree = run.trees["arm1"]
+        while tree.status != "FAILURE" and np.abs(run.arms["arm1"].q - start).max() < 0.1:
+            run.step(0.1)
+        assert tree.status == "RUNNING", "it has a plan, which it begins to execute"
