@@ -360,6 +360,7 @@ class Arm(ArmState):
             most_scale=self._shared.traffic.pace(self.name, trajectory),
         )
         self._shared.traffic.begin_motion(self.name, self._lease.leaf, motion)
+        self._checks_itself = True  # also if the motion ends before the first call of `check`
         return motion
 
     def _refuse_jointed(self) -> None:
@@ -403,6 +404,7 @@ class Arm(ArmState):
         self._shared.slip.may_touch = True
         self.controller.follow_with_others(motion, compliant=compliant)
         self._begun = motion
+        self._checks_itself = True
 
     def stream(self, source: Stream) -> None:
         """Follow a stream of set-points until ``release`` or ``halt``.

@@ -646,7 +646,7 @@ class _Planning:
             (True, True, _AROUND),
         )
         for apart, around, count in tried:
-            if best:
+            if best or (apart and not refusals):
                 break
             if around and not any(isinstance(one, CollisionFailure) for one in refusals):
                 continue  # searching around obstacles takes much longer
