@@ -264,7 +264,7 @@ class TakeOver(Skill):
                 yield from self._approach(joint, giver, plan.number, lies @ plan.grasp.tool)
                 yield from self._close(joint, plan)
                 lies = tool_pose_of(arm.world, giver) @ object_in_hand(arm, giver, name)
-                self._hold(name, lies)
+                self._hold(name, lies, plan.grasp.tool)
                 felt = yield from self._relax(joint)
                 joint.tell(grasped=plan.number)
                 yield from self._bear(joint, giver, name, felt, plan.number)
@@ -461,14 +461,20 @@ class TakeOver(Skill):
             felt = -float(sense.look()[2])
         return felt
 
-    def _hold(self, name: str, lies: Pose) -> None:
-        """Believe that the object is held, as well as by the giver, which bears its weight."""
+    def _hold(self, name: str, lies: Pose, meant: Pose) -> None:
+        """Believe that the object is held, as well as by the giver, which bears its weight.
+
+        Args:
+            name: Name of the object.
+            lies: Its estimated pose in the world.
+            meant: Planned pose of the tool in its frame.
+        """
         arm = self.arm
         if arm.name not in arm.world.grippers:
             arm.attach(name, lies, share=0.0)
             return
         most = self.ports.most_force or math.inf
-        arm.gripper.hold(name, arm.gripper.between_the_pads(lies), most, share=0.0)
+        arm.gripper.hold(name, arm.gripper.between_the_pads(lies, meant), most, share=0.0)
         self._grip = Grip(arm, name)
 
     def _watch(self) -> None:
