@@ -98,7 +98,8 @@ class CloseGripper(Skill):
         why_not = gripper.why_not(name, estimate)
         if why_not is not None:
             raise Failure("WRONG_OBJECT", why_not, width_m=gripper.width)
-        gripper.hold(name, gripper.between_the_pads(before))
+        meant = gripper.meant_around(name, before)
+        gripper.hold(name, gripper.between_the_pads(before, meant))
 
     def _estimated_pose(self) -> Pose | None:
         """Estimated pose of the named object before the fingers touch it."""

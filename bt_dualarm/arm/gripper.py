@@ -12,8 +12,9 @@ from bt_dualarm.arm.known_objects import KnownObjects
 from bt_dualarm.arm.payload import jaw_measures
 from bt_dualarm.arm.state import Leaseholder
 from bt_dualarm.core.errors import Failure
-from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.grasping.candidates import least_width
+from bt_dualarm.grasping.grasp import JawMeasures
 from bt_dualarm.robots.gripper import Gripper
 from bt_dualarm.sim.grippers import SPEED_S, GripperCommand, GripperHardware
 from bt_dualarm.sim.world import World
@@ -255,6 +256,47 @@ class ArmGripper:
         x, _, z = in_tool.position
         return tool @ Pose(np.array((x, along, z)), in_tool.quaternion)
 
+    def meant_around(self, name: str, pose: Pose) -> Pose | None:
+        """Pose of the tool in an object's frame, with the pads around the middle of what they hold.
+
+        Args:
+            name: Name of an object in the world.
+            pose: Estimated pose of it in the world, between the pads.
+
+        Returns:
+            The pose; None for a convex object, whose center pads close on, and for a cup.
+        """
+        declared = self._world.objects[name]
+        if not self.page.fingers or declared.shape not in ("compound", "mesh"):
+            return None
+        in_tool = self._pose_in_tool(pose)
+        points = self._between_pads(jaw_measures(self.page, declared.friction))
+        distances = self._world.object_solid(name).distance(in_tool.inverse.apply(points))
+        inside = points[distances < 0.0, 1]
+        if inside.size == 0:
+            return None
+        middle = np.array((0.0, 0.5 * float(inside.min() + inside.max()), 0.0))
+        return in_tool.inverse @ Pose(middle, np.array((1.0, 0.0, 0.0, 0.0)))
+
+    def _pose_in_tool(self, pose: Pose) -> Pose:
+        """A pose in the world, in the frame of the tool by the encoders."""
+        q = self._world.hardware[self._arm].q
+        return self._world.nominal[self._arm].tool_pose_at(q).inverse @ pose
+
+    def _between_pads(self, jaw: JawMeasures) -> Matrix:
+        """Points between the open pads, of shape (n, 3), tool frame, m, line by line."""
+        across, between, along = (
+            np.linspace(-0.5, 0.5, count) * length
+            for count, length in (
+                (_PAD_POINTS, jaw.pad_width),
+                (round(self.page.stroke / _CHORD_M) + 1, self.page.stroke),
+                (_PAD_POINTS, jaw.pad_length),
+            )
+        )
+        grid = np.stack(np.meshgrid(across, along + jaw.pad_center, between, indexing="ij"), -1)
+        points: Matrix = grid[..., [0, 2, 1]].reshape(-1, 3)
+        return points
+
     def why_not(self, name: str, pose: Pose) -> str | None:
         """Reason why the object that is held cannot be a named one, by its distance and width.
 
@@ -268,29 +310,18 @@ class ArmGripper:
         """
         declared = self._world.objects[name]
         solid = self._world.object_solid(name)
-        q = self._world.hardware[self._arm].q
-        in_tool = self._world.nominal[self._arm].tool_pose_at(q).inverse @ pose
+        in_tool = self._pose_in_tool(pose)
         if not self.page.fingers:
             away = float(solid.distance(in_tool.inverse.apply(np.zeros((1, 3))))[0])
             return _too_far(name, away, "cup")
-        jaw = jaw_measures(self.page, declared.friction)
-        across, between, along = (
-            np.linspace(-0.5, 0.5, count) * length
-            for count, length in (
-                (_PAD_POINTS, jaw.pad_width),
-                (round(self.page.stroke / _CHORD_M) + 1, self.page.stroke),
-                (_PAD_POINTS, jaw.pad_length),
-            )
-        )
-        grid = np.stack(np.meshgrid(across, along + jaw.pad_center, between, indexing="ij"), -1)
-        points = in_tool.inverse.apply(grid[..., [0, 2, 1]].reshape(-1, 3))
-        distances = solid.distance(points)
+        points = self._between_pads(jaw_measures(self.page, declared.friction))
+        distances = solid.distance(in_tool.inverse.apply(points))
         too_far = _too_far(name, float(distances.min()), "pads")
         if too_far is not None:
             return too_far
         closing = in_tool.rotation_matrix.T[:, 1]
         most = solid.reach(closing) + solid.reach(-closing)
-        inside = distances.reshape(-1, len(between)) < 0.0
+        inside = distances.reshape(_PAD_POINTS**2, -1) < 0.0
         least = min(least_width(solid), float(inside.sum(axis=1).max()) * _CHORD_M)
         if least - OTHER_WIDTH_M <= self.width <= most + OTHER_WIDTH_M:
             return None

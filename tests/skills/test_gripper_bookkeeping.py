@@ -178,3 +178,40 @@ def test_an_object_of_another_width_does_not_get_the_name(stage: Stage) -> None:
     )
     play = stage.run(file)
     assert codes(play)[-1] == "WRONG_OBJECT", codes(play)
+
+
+def test_the_part_between_the_fingers_is_centered_not_the_whole_object(stage: Stage) -> None:
+    """The foot is 20 mm beside the middle of the object: the arm was that wrong about it."""
+    parts = {
+        "post": {"shape": "box", "size": [0.06, 0.06, 0.12]},
+        "foot": {"shape": "box", "size": [0.12, 0.03, 0.03], "pose": {"xyz": [0.08, 0.02, -0.045]}},
+    }
+    thing = {"shape": "compound", "mass": 0.3, "parts": parts}
+    leaves: list[Tree] = [
+        {"open_gripper": {}},
+        {"reach_to_pose": {"to": {"xyz": [0.46, -0.403, 0.5], "rpy": [180, 0, 180]}}},
+        {"move_linear": {"to": {"xyz": [0.46, -0.403, 0.418]}}},
+        {"close_gripper": {"object": "thing", "force": 60}},
+    ]
+    play = stage.run(
+        {
+            "name": "foot",
+            "world": {"scene": "table", "time_limit": 20},
+            "objects": {"thing": thing | {"pose": {"xyz": [0.35, -0.42, 0.4605]}}},
+            "arms": {
+                "arm1": {
+                    "robot": "ur5",
+                    "gripper": "robotiq_2f85",
+                    "base": {"xyz": [-0.1, 0, 0.4]},
+                    "tree": {"sequence": leaves},
+                }
+            },
+        }
+    )
+    assert play.leaf("close_gripper").status == "SUCCESS", play.leaf("close_gripper").reason
+    world = play.world
+    held = world.attachments.find("arm1", "thing")
+    assert held is not None
+    arm = world.arms["arm1"]
+    believed = arm.tool_pose @ world.robots["arm1"].tool.inverse @ held.relative
+    assert believed.distance(world.object_pose("thing")) < 2e-3
