@@ -222,6 +222,8 @@ def _in_the_way(e: Evidence) -> Iterator[Cause]:
         return
     holds = f", which {e.arm} holds," if "/" not in first else ""
     remedy = f"move {other} away, or take another path"
+    if e.leaf.kind == "place" and first.startswith(f"{e.arm}/"):
+        remedy = f"grasp it otherwise: give `then_at` of `grasp` this goal; or move {other} away"
     yield e.cause("IN_THE_WAY", f"{second} is in the path: {first}{holds} would touch it", remedy)
 
 

@@ -69,3 +69,14 @@ def test_a_place_without_ground_below(tmp_path: Path) -> None:
 def test_what_was_never_taken_is_to_be_grasped(tmp_path: Path) -> None:
     cause = why(tmp_path, CUBE, f"[{HIGH}]")
     assert (cause.kind, cause.remedy) == ("NEVER_ATTACHED", "grasp: {object: thing} before")
+
+
+def test_a_hand_that_does_not_fit_where_it_places_needs_another_grasp(tmp_path: Path) -> None:
+    """Taken from the side, the hand would be in the wall; from above there is room."""
+    wall = "{shape: box, size: [0.1, 0.02, 0.2], mass: 1, pose: {xyz: [0.2, %g, 0.501]}}"
+    walls = f"  north: {wall % -0.38}\n  south: {wall % -0.52}"
+    place = "place: {at: {xyz: [0.2, -0.45, 0.45]}}"
+    steps = f"[grasp: {{object: thing, approach: [0, -1, 0]}}, {place}]"
+    cause = why(tmp_path, [0.04, 0.05, 0.1], steps, walls)
+    assert cause.kind == "IN_THE_WAY"
+    assert cause.remedy.startswith("grasp it otherwise: give `then_at` of `grasp` this goal")
