@@ -356,6 +356,10 @@ def read_fingers(
 
 Integers = npt.NDArray[np.int32]
 
+Triple: TypeAlias = tuple[float, float, float]
+Quaternion: TypeAlias = tuple[float, float, float, float]
+"""With w first. Tuples, as each small array would be allocated."""
+
 
 @kernel
 def held_body(geoms: Integers, distances: Vector, first: int, second: int, bodies: Integers) -> int:
@@ -442,7 +446,9 @@ def move_held(
     quaternions: Matrix,
     held: Numbers,
     poses: Stack,
-    jacobians: Stack,
+    joints: Numbers,
+    motions: Matrix,
+    centers: Matrix,
     velocities: Vector,
     step: float,
     q: Vector,
@@ -456,7 +462,10 @@ def move_held(
         quaternions: Their quaternions, of shape (nbody, 4).
         held: Result of `find_held`.
         poses: Likewise; changed.
-        jacobians: Jacobian of each palm before the step, of shape (k, 6, nv).
+        joints: Root of each palm's tree, then the velocities that move the palm, from there on; -1
+            after the last one, of shape (k, 1 + nv).
+        motions: Motion axes of all velocities before the step (``cdof``), of shape (nv, 6).
+        centers: Centers of mass about which they are (``subtree_com``), of shape (nbody, 3), m.
         velocities: Velocities of the step, of shape (nv,).
         step: Seconds of the step.
         q: Positions of the plant, of shape (nq,); changed.
@@ -466,13 +475,46 @@ def move_held(
             palm = pads[k, 2]
             poses[k, 1, :3], poses[k, 1, 3:] = positions[palm], quaternions[palm]
             start = addresses[held[k]]
-            move_with_palm(q[start : start + 7], poses[k], jacobians[k], velocities, step)
+            speed, spin = palm_motion(joints[k], poses[k, 0], motions, centers, velocities)
+            move_with_palm(q[start : start + 7], poses[k], speed, spin, step)
 
 
 @kernel
-def move_with_palm(
-    pose: Vector, rows: Matrix, jacobian: Matrix, velocities: Vector, step: float
-) -> None:
+def palm_motion(
+    joints: Numbers, palm: Vector, motions: Matrix, centers: Matrix, velocities: Vector
+) -> tuple[Triple, Triple]:
+    """Velocity and angular velocity of a palm, m/s and rad/s.
+
+    The product of the Jacobian of ``mj_jacBody`` and the velocities, without that Jacobian, which
+    has a column for each velocity of the world.
+
+    Args:
+        joints: Row of the palm, as in `move_held`.
+        palm: Its position, then its quaternion, of shape (7,).
+        motions: As in `move_held`.
+        centers: As there.
+        velocities: As there.
+    """
+    root = joints[0]
+    lever = palm[0] - centers[root, 0], palm[1] - centers[root, 1], palm[2] - centers[root, 2]
+    x = y = z = a = b = c = 0.0
+    for number in range(1, len(joints)):
+        i = joints[number]
+        if i < 0:
+            break
+        axis = motions[i, 0], motions[i, 1], motions[i, 2]
+        along = crossed(axis, lever)
+        x += (motions[i, 3] + along[0]) * velocities[i]
+        y += (motions[i, 4] + along[1]) * velocities[i]
+        z += (motions[i, 5] + along[2]) * velocities[i]
+        a += axis[0] * velocities[i]
+        b += axis[1] * velocities[i]
+        c += axis[2] * velocities[i]
+    return (x, y, z), (a, b, c)
+
+
+@kernel
+def move_with_palm(pose: Vector, rows: Matrix, speed: Triple, spin: Triple, step: float) -> None:
     """Move a held body with the palm along its arc, instead of along a straight line.
 
     MuJoCo moves a free body along its velocity for a step. Points of the palm, which joints rotate,
@@ -484,16 +526,10 @@ def move_with_palm(
         pose: Position and quaternion of the body after the step, of shape (7,); changed.
         rows: Position and quaternion of the palm before and after the step, and of the body before
             it, of shape (3, 7).
-        jacobian: Jacobian of the palm's origin before the step, linear above angular, (6, nv).
-        velocities: Velocities of the step, of shape (nv,).
+        speed: Velocity of the palm's origin in the step, m/s.
+        spin: Angular velocity of the palm in the step, rad/s.
         step: Seconds of the step.
     """
-    rates = np.zeros(6)
-    for i in range(6):
-        for k in range(len(velocities)):
-            rates[i] += jacobian[i, k] * velocities[k]
-    speed = rates[0], rates[1], rates[2]
-    spin = rates[3], rates[4], rates[5]
     x, y, z = rows[0, 0], rows[0, 1], rows[0, 2]
     lever = rows[2, 0] - x, rows[2, 1] - y, rows[2, 2] - z
     before = rows[0, 3], rows[0, 4], rows[0, 5], rows[0, 6]
@@ -506,11 +542,6 @@ def move_with_palm(
     integrated = rotation((step * spin[0], step * spin[1], step * spin[2]))
     rest = product(turn, conjugate(integrated))
     pose[3], pose[4], pose[5], pose[6] = product(rest, (pose[3], pose[4], pose[5], pose[6]))
-
-
-Triple: TypeAlias = tuple[float, float, float]
-Quaternion: TypeAlias = tuple[float, float, float, float]
-"""With w first. Tuples, as each small array would be allocated."""
 
 
 @kernel

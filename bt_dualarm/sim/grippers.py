@@ -511,18 +511,21 @@ class HeldObjectMotion:
             bodies = FINGERS if gripper.fingers else (CUP, CUP)
             row[:2] = [model.geom(f"{arm}/{body}/{PAD}").id for body in bodies]
             row[2] = model.body(f"{arm}/{PALM}").id
-        self._palms = self._pads[:, 2].tolist()
+        self._joints = np.full((len(grippers), 1 + model.nv), -1, np.int64)
+        for row, palm in zip(self._joints, self._pads[:, 2].tolist(), strict=True):
+            joints = joints_above(model, palm)
+            row[0] = model.body_rootid[palm]
+            row[1 : 1 + len(joints)] = joints
         self._geom_bodies = model.geom_bodyid.copy()
         free = model.jnt_type == mujoco.mjtJoint.mjJNT_FREE
         self._addresses = np.full(model.nbody, -1, np.int64)
         self._addresses[model.jnt_bodyid[free]] = model.jnt_qposadr[free]
         self._held = np.full(len(grippers), -1)
         self._poses = np.zeros((len(grippers), 3, 7))
-        self._jacobians = np.zeros((len(grippers), 6, model.nv))
-        self._halves = [(jacobian[:3], jacobian[3:]) for jacobian in self._jacobians]
         self._step = float(model.opt.timestep)
         # Views: an attribute lookup on mjData costs more than the arithmetic on it.
         self._bodies = data.xpos, data.xquat
+        self._motions = data.cdof, data.subtree_com
         self._qpos = data.qpos
         self._qvel = data.qvel
 
@@ -538,17 +541,24 @@ class HeldObjectMotion:
         Positions of bodies and contacts are still those before it. An object that two grippers hold
         moves with the first.
         """
-        model = self._model
-        data = self._data
-        held = self._held
-        for palm, body, halves in zip(self._palms, held.tolist(), self._halves, strict=True):
-            if body >= 0:
-                mujoco.mj_jacBody(model, data, *halves, palm)
-        mujoco.mj_kinematics(model, data)
+        # Axes of motion remain those before the step, for which the velocities are.
+        mujoco.mj_kinematics(self._model, self._data)
         kernels().move_held(
-            self._pads, self._addresses, *self._bodies, held, self._poses, self._jacobians,
-            self._qvel, self._step, self._qpos,
+            self._pads, self._addresses, *self._bodies, self._held, self._poses, self._joints,
+            *self._motions, self._qvel, self._step, self._qpos,
         )  # fmt: skip
+
+
+def joints_above(model: mujoco.MjModel, body: int) -> list[int]:
+    """Ids of the velocities that move a body, from the root of its tree to the body."""
+    while body > 0 and not model.body_dofnum[body]:
+        body = int(model.body_parentid[body])
+    found = []
+    dof = int(model.body_dofadr[body] + model.body_dofnum[body]) - 1 if body else -1
+    while dof >= 0:
+        found.append(dof)
+        dof = int(model.dof_parentid[dof])
+    return found[::-1]
 
 
 def warm_up_held_objects() -> None:
@@ -558,7 +568,9 @@ def warm_up_held_objects() -> None:
     plant = np.zeros((1, 3)), np.array(((1.0, 0.0, 0.0, 0.0),))
     poses = np.zeros((1, 3, 7))
     q = np.zeros(7)
-    kernels().move_held(pads, held, *plant, held, poses, np.zeros((1, 6, 1)), q[:1], 0.002, q)
+    motions = np.zeros((1, 6)), plant[0]
+    joints = np.zeros((1, 2), np.int64)
+    kernels().move_held(pads, held, *plant, held, poses, joints, *motions, q[:1], 0.002, q)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,6 @@ import math
 from typing import TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 from bt_dualarm.core.kernel import kernel
 from bt_dualarm.core.pose import Matrix, Vector
@@ -150,12 +149,12 @@ def project(fan: Fan, points: Matrix) -> None:
         fan: The rays.
         points: Positions in the camera, then column and row, of shape (n, 5); changed.
     """
-    for point in points:
-        depth = -point[2]
+    for i in range(len(points)):
+        depth = -points[i, 2]
         if depth >= NEAR_M:
             scale = 1.0 / (fan.spacing * depth)
-            point[3] = point[0] * scale + fan.center[0]
-            point[4] = -point[1] * scale + fan.center[1]
+            points[i, 3] = points[i, 0] * scale + fan.center[0]
+            points[i, 4] = -points[i, 1] * scale + fan.center[1]
 
 
 @kernel
@@ -184,15 +183,15 @@ def box_of(fan: Fan, points: Matrix) -> tuple[int, int, int, int]:
     bottom = -math.inf
     ahead = 0
     behind = 0
-    for point in points:
-        if point[2] >= 0.0:
+    for i in range(len(points)):
+        if points[i, 2] >= 0.0:
             behind += 1
-        if -point[2] >= NEAR_M:
+        if -points[i, 2] >= NEAR_M:
             ahead += 1
-            left = min(left, point[3])
-            right = max(right, point[3])
-            top = min(top, point[4])
-            bottom = max(bottom, point[4])
+            left = min(left, points[i, 3])
+            right = max(right, points[i, 3])
+            top = min(top, points[i, 4])
+            bottom = max(bottom, points[i, 4])
     if ahead == len(points):
         first, last = cells(top, bottom, rows)
         start, stop = cells(left, right, columns)
@@ -210,9 +209,9 @@ def _beside(points: Matrix, axis: int, center: float, count: int, spacing: float
     """Whether all points, some of them behind the camera, are outside of one border."""
     under = True
     over = True
-    for point in points:
-        offset = point[axis] / spacing
-        depth = -point[2]
+    for i in range(len(points)):
+        offset = points[i, axis] / spacing
+        depth = -points[i, 2]
         under = under and offset + (center + _SPARE) * depth < 0.0
         over = over and offset + (center - count - _SPARE) * depth > 0.0
     return under or over
@@ -293,47 +292,87 @@ def meet_hull(shapes: Shapes, index: int, axes: Matrix, fan: Fan, marks: Marks) 
     columns = fan.rays.shape[2]
     if ahead and is_hidden((top, bottom, left, right), nearest(corners), marks.distances):
         return
+    # In the loop, numbers instead of rows, and no call with an array that remains one: numba counts
+    # references to arrays by atomic operations, which would take a third of the time of an image.
+    first = heap[0]
+    normals = shapes.normals
+    rays = fan.rays
+    faces = marks.faces
+    distances = marks.distances
     for number in range(heap[2], heap[3]):
-        normal = shapes.normals[number]
+        normal = normals[number, 0], normals[number, 1], normals[number, 2]
         height = shapes.offsets[number] - (
             normal[0] * eye[0] + normal[1] * eye[1] + normal[2] * eye[2]
         )
         if height > -_HULL_TINY:
             continue
-        a = corners[shapes.triangles[number, 0] - heap[0]]
-        b = corners[shapes.triangles[number, 1] - heap[0]]
-        c = corners[shapes.triangles[number, 2] - heap[0]]
-        box = _box(a, b, c, rows, columns) if ahead else box_of(fan, _stacked(a, b, c))
+        a = shapes.triangles[number, 0] - first
+        b = shapes.triangles[number, 1] - first
+        c = shapes.triangles[number, 2] - first
+        if ahead:
+            box = _box(corners, a, b, c, rows, columns)
+        else:
+            box = box_of(fan, _stacked(corners, a, b, c))
         if box[0] >= box[1] or box[2] >= box[3]:
             continue
-        near = -SURELY * max(a[2], b[2], c[2]) if ahead else 0.0
+        near = -SURELY * max(corners[a, 2], corners[b, 2], corners[c, 2]) if ahead else 0.0
         for axis in range(3):
             marks.normals[number, axis] = (
                 axes[axis, 0] * normal[0] + axes[axis, 1] * normal[1] + axes[axis, 2] * normal[2]
             )
-        _mark(
-            number, box, near, (_cross(a, b), _cross(b, c), _cross(c, a)),
-            _inverse(turn, normal, height), fan.rays, fan.spacing, fan.center,
-            marks.faces, marks.distances,
-        )  # fmt: skip
+        ax, ay, az = _cross(corners, a, b)
+        bx, by, bz = _cross(corners, b, c)
+        cx, cy, cz = _cross(corners, c, a)
+        ux, uy, uz = _inverse(turn, normal, height)
+        one = crossing(fan.spacing, fan.center, ax, ay, az)
+        two = crossing(fan.spacing, fan.center, bx, by, bz)
+        three = crossing(fan.spacing, fan.center, cx, cy, cz)
+        # Rays on the inner side of all three edges, unless they hit something nearer.
+        for row in range(box[0], box[1]):
+            begin, sure, unsure, end = stretch(box[2], box[3], row, one, two, three)
+            for column in range(begin, end):
+                if distances[row, column] <= near:
+                    continue
+                x = rays[0, row, column]
+                y = rays[1, row, column]
+                z = rays[2, row, column]
+                if column < sure or column >= unsure:
+                    if ax * x + ay * y + az * z > 0.0:
+                        continue
+                    if bx * x + by * y + bz * z > 0.0 or cx * x + cy * y + cz * z > 0.0:
+                        continue
+                inverse = ux * x + uy * y + uz * z
+                if inverse > _HULL_TINY and 1.0 / inverse < distances[row, column]:
+                    distances[row, column] = 1.0 / inverse
+                    faces[row, column] = number
 
 
 @kernel
-def _box(a: Vector, b: Vector, c: Vector, rows: int, columns: int) -> tuple[int, int, int, int]:
-    """Bounding box of a projected triangle: first and end row, first and end column."""
-    top, bottom = cells(min(a[4], b[4], c[4]), max(a[4], b[4], c[4]), rows)
-    left, right = cells(min(a[3], b[3], c[3]), max(a[3], b[3], c[3]), columns)
+def _box(
+    corners: Matrix, a: int, b: int, c: int, rows: int, columns: int
+) -> tuple[int, int, int, int]:
+    """Bounding box of the triangle of three projected corners: as the result of `box_of`."""
+    top, bottom = cells(
+        min(corners[a, 4], corners[b, 4], corners[c, 4]),
+        max(corners[a, 4], corners[b, 4], corners[c, 4]),
+        rows,
+    )
+    left, right = cells(
+        min(corners[a, 3], corners[b, 3], corners[c, 3]),
+        max(corners[a, 3], corners[b, 3], corners[c, 3]),
+        columns,
+    )
     return top, bottom, left, right
 
 
 @kernel
-def _stacked(a: Vector, b: Vector, c: Vector) -> Matrix:
-    """Three corners as rows of an array."""
-    corners = np.empty((3, 5))
-    corners[0] = a
-    corners[1] = b
-    corners[2] = c
-    return corners
+def _stacked(corners: Matrix, a: int, b: int, c: int) -> Matrix:
+    """Three of the corners as an array."""
+    three = np.empty((3, 5))
+    three[0] = corners[a]
+    three[1] = corners[b]
+    three[2] = corners[c]
+    return three
 
 
 @kernel
@@ -351,49 +390,17 @@ def in_camera(corners: Matrix, eye: Vector, turn: Matrix, fan: Fan) -> Matrix:
 
 
 @kernel
-def _mark(
-    number: int, box: tuple[int, int, int, int], near: float,
-    sides: tuple[_Three, _Three, _Three], plane: _Three,
-    rays: npt.NDArray[np.float64], spacing: float, center: tuple[float, float],
-    faces: npt.NDArray[np.int32], distances: Matrix,
-) -> None:  # fmt: skip
-    """Mark a triangle within a box where it is nearest: rays on the inner side of its three edges.
-
-    ``near`` is a lower bound of its distance: rays that hit something nearer are skipped.
-    """
-    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = sides
-    ux, uy, uz = plane
-    top, bottom, left, right = box
-    first = crossing(spacing, center, ax, ay, az)
-    second = crossing(spacing, center, bx, by, bz)
-    third = crossing(spacing, center, cx, cy, cz)
-    for row in range(top, bottom):
-        begin, sure, unsure, end = stretch(left, right, row, first, second, third)
-        for column in range(begin, end):
-            if distances[row, column] <= near:
-                continue
-            x = rays[0, row, column]
-            y = rays[1, row, column]
-            z = rays[2, row, column]
-            if column < sure or column >= unsure:
-                if ax * x + ay * y + az * z > 0.0:
-                    continue
-                if bx * x + by * y + bz * z > 0.0 or cx * x + cy * y + cz * z > 0.0:
-                    continue
-            inverse = ux * x + uy * y + uz * z
-            if inverse > _HULL_TINY and 1.0 / inverse < distances[row, column]:
-                distances[row, column] = 1.0 / inverse
-                faces[row, column] = number
+def _cross(corners: Matrix, a: int, b: int) -> _Three:
+    """Cross product a x b of two corners."""
+    return (
+        corners[a, 1] * corners[b, 2] - corners[a, 2] * corners[b, 1],
+        corners[a, 2] * corners[b, 0] - corners[a, 0] * corners[b, 2],
+        corners[a, 0] * corners[b, 1] - corners[a, 1] * corners[b, 0],
+    )
 
 
 @kernel
-def _cross(a: Vector, b: Vector) -> _Three:
-    """Cross product a x b."""
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@kernel
-def _inverse(turn: Matrix, normal: Vector, height: float) -> _Three:
+def _inverse(turn: Matrix, normal: _Three, height: float) -> _Three:
     """Normal in the camera over the plane's offset, n / h."""
     return (
         (turn[0, 0] * normal[0] + turn[1, 0] * normal[1] + turn[2, 0] * normal[2]) / height,

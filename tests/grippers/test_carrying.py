@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 import pytest
 
 from bt_dualarm.core.pose import Pose, Vector
-from bt_dualarm.sim.device_kernels import held_body, move_with_palm, rotation
+from bt_dualarm.sim.device_kernels import held_body, move_with_palm, palm_motion, rotation
+from bt_dualarm.sim.grippers import joints_above
 
 STEP = 0.002
 
@@ -36,13 +38,44 @@ def test_a_thing_that_goes_with_the_palm_stays_where_it_is_in_it(seed: int) -> N
     turned = Pose(np.zeros(3), turned_by(STEP * rates[3:])) @ Pose(np.zeros(3), held.quaternion)
     pose = np.array((*straight, *turned.quaternion))
     rows = np.array([(*one.position, *one.quaternion) for one in (palm, after, held)])
-    move_with_palm(pose, rows, np.eye(6), rates, STEP)
+    x, y, z, a, b, c = rates.tolist()
+    move_with_palm(pose, rows, (x, y, z), (a, b, c), STEP)
     before = palm.inverse @ held
     now = after.inverse @ Pose(pose[:3], pose[3:])
     assert now.distance(before) < 1e-12
     assert now.angle(before) < 1e-7
     stays = after.inverse @ Pose(straight, turned.quaternion)
     assert stays.distance(before) > 1e-7, "without it the thing would have moved"
+
+
+def test_a_palm_moves_as_its_jacobian_says() -> None:
+    """In a world with other trees, joints behind the palm, and a fixed body in between."""
+    model = mujoco.MjModel.from_xml_string("""
+        <mujoco><worldbody>
+          <body pos="1 0 0"><freejoint/><geom size="0.1"/></body>
+          <body pos="0 0 1"><joint type="hinge" axis="0 1 0"/><geom size="0.1" pos="0.2 0 0"/>
+            <body pos="0.3 0 0"><joint type="slide" axis="1 0 0"/><joint axis="1 0 1"/>
+              <geom size="0.05"/>
+              <body name="palm" pos="0.1 0.2 0"><geom size="0.02"/>
+                <body pos="0 0 0.1"><joint axis="1 0 0"/><geom size="0.02"/></body>
+              </body>
+            </body>
+          </body>
+        </worldbody></mujoco>""")
+    data = mujoco.MjData(model)
+    rng = np.random.default_rng(0)
+    mujoco.mj_integratePos(model, data.qpos, rng.normal(size=model.nv), 1.0)
+    mujoco.mj_forward(model, data)
+    v = rng.normal(size=model.nv)
+    jacobian = np.zeros((2, 3, model.nv))
+    palm = model.body("palm").id
+    mujoco.mj_jacBody(model, data, *jacobian, palm)
+    joints = joints_above(model, palm)
+    assert joints == [6, 7, 8]
+    row = np.array((model.body_rootid[palm], *joints, -1))
+    pose = np.concatenate((data.xpos[palm], data.xquat[palm]))
+    motion = palm_motion(row, pose, data.cdof, data.subtree_com, v)
+    np.testing.assert_allclose(motion, jacobian @ v, atol=1e-14)
 
 
 def test_held_is_what_touches_both_pads() -> None:
