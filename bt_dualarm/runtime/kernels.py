@@ -22,7 +22,6 @@ GROUPS: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
             "bt_dualarm.safety.failsafe:warm_up_reservations",
             "bt_dualarm.collision.distance:warm_up_spheres",
             "bt_dualarm.sim.devices:warm_up_sensors",
-            "bt_dualarm.sim.contact_monitor:warm_up_contacts",
         ),
         "vision": (
             "bt_dualarm.control.planar_servo:warm_up_servo",

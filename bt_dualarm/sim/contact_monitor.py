@@ -79,6 +79,10 @@ class Contacts:
         """Pass the contacts of this step to the monitors."""
         if not self._monitors:
             return
+        # Until this generation is bound, the world does not know what is foreign.
+        is_bound = self._generation == self._world.generation
+        if is_bound and not self._world.devices.touches_foreign:  # the usual case
+            return
         for arm, thing, force in self._foreign_contacts():
             for monitor in self._monitors:
                 if monitor.arm == arm:
@@ -88,14 +92,11 @@ class Contacts:
         """Arm, object and normal force in N of each contact of an arm with something foreign."""
         model = self._world.model
         data = self._world.data
-        if not data.ncon:
-            return []
         if self._generation != self._world.generation:
             self._bind()
-        geoms = data.contact.geom
-        # The kernel rejects the usual case, in which no contact is foreign, in microseconds.
-        if not self._any_foreign(geoms, self._owner, self._holder):
+        if not data.ncon:
             return []
+        geoms = data.contact.geom
         owners = self._owner[geoms]
         holders = self._holder[geoms]
         foreign = (owners[:, 0] != owners[:, 1]) & (owners.max(axis=1) != _NO_ARM)
@@ -116,10 +117,7 @@ class Contacts:
 
     def _bind(self) -> None:
         """Look up which arm owns, and which holds, each geom."""
-        from bt_dualarm.sim.device_kernels import any_foreign_contact
-
         world = self._world
-        self._any_foreign = any_foreign_contact
         self._generation = world.generation
         self._arms = tuple(world.arms)
         self._owner = arms_of_geoms(world)
@@ -131,13 +129,4 @@ class Contacts:
                     self._others_hold.append((self._arms.index(held.arm), geom))
                 else:
                     self._holder[geom] = self._arms.index(held.arm)
-
-
-def warm_up_contacts() -> None:
-    """Compile the kernel of contacts."""
-    from bt_dualarm.sim.device_kernels import any_foreign_contact
-
-    pairs = np.zeros((4, 2), np.int32)
-    numbers = np.zeros(1, np.int64)
-    for one in (pairs, pairs[::2]):  # one contact is a contiguous array, several are strided
-        any_foreign_contact(one, numbers, numbers)
+        world.devices.notice_foreign(self._owner, self._holder)

@@ -589,6 +589,30 @@ def rotation(angles: Triple) -> Quaternion:
     return math.cos(half), share * angles[0], share * angles[1], share * angles[2]
 
 
+# Contacts
+
+
+@kernel
+def any_foreign_contact(geoms: Integers, owner: Numbers, holder: Numbers) -> bool:
+    """Whether an arm is in contact with something that it neither owns nor holds.
+
+    Args:
+        geoms: Geoms of each contact, of shape (n, 2).
+        owner: Number of the arm that owns a geom, by the geom's id; -1 for none.
+        holder: Number of the arm that holds it, likewise; less than -1 for none.
+    """
+    for i in range(len(geoms)):
+        one = geoms[i, 0]
+        other = geoms[i, 1]
+        mine = owner[one]
+        theirs = owner[other]
+        if mine == theirs or max(mine, theirs) < 0:
+            continue
+        if holder[one] != theirs and holder[other] != mine:
+            return True
+    return False
+
+
 # One physics step
 
 
@@ -660,8 +684,10 @@ def pass_between(
     quaternions: Matrix,
     held: Numbers,
     poses: Stack,
+    owner: Numbers,
+    holder: Numbers,
 ) -> int:
-    """Check the velocities of a step, set friction for them, and find what grippers hold.
+    """Check the velocities of a step, set friction for them, and find what grippers hold and touch.
 
     Args:
         most_speed: Speed that no valid state reaches, rad/s or m/s.
@@ -680,15 +706,20 @@ def pass_between(
         quaternions: As there.
         held: As there; changed.
         poses: As there; changed.
+        owner: As in `any_foreign_contact`.
+        holder: As there.
 
     Returns:
-        Number of held bodies; -1 if the state is not finite or impossibly fast, and nothing has
-        been changed.
+        Twice the number of held bodies, plus 1 if there is a foreign contact; -1 if the state is
+        not finite or impossibly fast, and nothing has been changed.
     """
     if not (square(v) < most_speed * most_speed and math.isfinite(square(q))):
         return -1
     apply_friction(joints, friction, v, dry, damping)
-    return find_held(geoms, distances, pads, bodies, addresses, positions, quaternions, held, poses)
+    count = find_held(
+        geoms, distances, pads, bodies, addresses, positions, quaternions, held, poses
+    )
+    return 2 * count + any_foreign_contact(geoms, owner, holder)
 
 
 @kernel
@@ -735,30 +766,3 @@ def read_sensors(
         pad_noise,
         forces,
     )
-
-
-# Contacts
-
-Pairs: TypeAlias = npt.NDArray[np.int32]
-ContactNumbers: TypeAlias = npt.NDArray[np.int64]
-
-
-@kernel
-def any_foreign_contact(geoms: Pairs, owner: ContactNumbers, holder: ContactNumbers) -> bool:
-    """Whether an arm is in contact with something that it neither owns nor holds.
-
-    Args:
-        geoms: Geoms of each contact, of shape (n, 2).
-        owner: Number of the arm that owns a geom, by the geom's id; -1 for none.
-        holder: Number of the arm that holds it, likewise; less than -1 for none.
-    """
-    for i in range(len(geoms)):
-        one = geoms[i, 0]
-        other = geoms[i, 1]
-        mine = owner[one]
-        theirs = owner[other]
-        if mine == theirs or max(mine, theirs) < 0:
-            continue
-        if holder[one] != theirs and holder[other] != mine:
-            return True
-    return False

@@ -591,9 +591,10 @@ def warm_up_sensors() -> None:
     numbers = np.zeros(1, np.int64)
     poses = np.zeros((1, 3, 7))
     held = three, bodies, numbers, np.zeros((1, 3)), np.zeros((1, 4)), numbers, poses
+    arms = numbers, numbers
     for some in (slice(None), slice(None, None, 2)):  # one contact is contiguous, several are not
         compiled.pass_between(
-            1.0, one, one, two, friction, one, one, geoms[some], distances[some], *held
+            1.0, one, one, two, friction, one, one, geoms[some], distances[some], *held, *arms
         )
 
 

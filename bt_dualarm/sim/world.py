@@ -16,6 +16,7 @@ from dataclasses import replace
 
 import mujoco
 import numpy as np
+import numpy.typing as npt
 
 from bt_dualarm.core.errors import DivergenceError, OverlapError, WorldError
 from bt_dualarm.core.pose import Pose, Vector
@@ -86,6 +87,8 @@ class Devices:
         nominal: Nominal model of each arm.
         errors: Error bounds of each declared arm.
         sampled: Sampled deviations of each declared arm.
+        touches_foreign: Whether an arm was in contact in the last step with something that it
+            neither owns nor holds, by `notice_foreign`.
     """
 
     def __init__(
@@ -117,6 +120,7 @@ class Devices:
         self._fingers = FingerBank(len(mounted), file.world.timestep)
         self._cups: list[GripperHardware] = []
         self._has_stepped = False
+        self.touches_foreign = False
 
     def add(self, name: str, option: mujoco.MjOption) -> None:
         """Create the devices of an arm that is added to a world with these options."""
@@ -190,6 +194,8 @@ class Devices:
         fingers = self._fingers
         self._driven = fingers.numbers, fingers.drives, *self._state
         self._held = self._held_motion.arguments()
+        geoms = self._model.ngeom
+        self.notice_foreign(np.full(geoms, -1), np.full(geoms, -2))
         self._sensors = (
             *self._driven[:2], fingers.readings, fingers.noise, fingers.widths, data.sensordata,
             data.xmat, *fingers.sensors(),
@@ -280,13 +286,27 @@ class Devices:
             Whether the state is finite and possible; if not, nothing is done.
         """
         contacts = self._contacts
-        count = kernels().pass_between(
+        outcome = kernels().pass_between(
             _MAX_SPEED, *self._state, *self._bank.friction.arguments(), contacts.geom,
-            contacts.dist, *self._held,
+            contacts.dist, *self._held, *self._arms_of_geoms,
         )  # fmt: skip
-        if count > 0:
+        if outcome < 0:
+            return False
+        self.touches_foreign = outcome % 2 == 1
+        if outcome > 1:
             self._held_motion.correct()
-        return bool(count >= 0)
+        return True
+
+    def notice_foreign(self, owner: npt.NDArray[np.int64], holder: npt.NDArray[np.int64]) -> None:
+        """Watch for contacts of arms with what they neither own nor hold, in `touches_foreign`.
+
+        To be called again after each recompilation; until then there are none.
+
+        Args:
+            owner: Number of the arm that owns each geom; -1 for none.
+            holder: Number of the arm that holds it; less than -1 for none.
+        """
+        self._arms_of_geoms = owner, holder
 
     def alter_encoder(
         self, name: str, joint: int, reading: Callable[[float], float] | None
@@ -302,8 +322,9 @@ class Devices:
             contacts = self._contacts
             pads, *held = self._held
             kernels().pass_between(
-                _MAX_SPEED, *self._state, *friction, contacts.geom, contacts.dist, pads[:0], *held
-            )
+                _MAX_SPEED, *self._state, *friction, contacts.geom, contacts.dist, pads[:0], *held,
+                *self._arms_of_geoms,
+            )  # fmt: skip
 
 
 def _fingers(gripper: Gripper | None) -> tuple[str, ...]:

@@ -801,7 +801,10 @@ def stop_positions(
         Failure: ``NO_PLAN`` if Ruckig finds no motion.
     """
     motion = _braking(q, v, a, limits)
-    return _at(motion, np.linspace(0, _count(motion, dt), count).astype(int), dt)[0]
+    last = _count(motion, dt)
+    step = last / (count - 1)
+    index = np.array([*(int(number * step) for number in range(count - 1)), last])
+    return _at(motion, index, dt)[0]
 
 
 def _braking(q: Vector, v: Vector, a: Vector, limits: JointLimits) -> ruckig.Trajectory:

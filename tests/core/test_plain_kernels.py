@@ -224,6 +224,8 @@ KERNELS: dict[Callable[..., Any], Arguments] = {
         quaternions(rng, BODIES),
         np.zeros(2, np.int64),
         np.zeros((2, 3, 7)),
+        rng.integers(-1, 2, 4),
+        rng.choice((-2, 0, 1), 4),
     ),
     read_fingers: lambda rng: (
         0.5,
