@@ -130,7 +130,9 @@ class Script:
                 began = time.thread_time()
                 mujoco.mj_step(model, data)
                 physics += time.thread_time() - began
-            for one in segment.drawings if render else ():
+            if render is None:  # no arm has a camera
+                continue
+            for one in segment.drawings:
                 _restore(_positions(data), one.positions)
                 mujoco.mj_kinematics(model, data)
                 mujoco.mj_camlight(model, data)
