@@ -144,7 +144,7 @@ class Transport(Skill):
         try:
             arm.refuse_collision(q)
         except Failure as failure:
-            return bool(arm.past_others(self.ports.speed).blockers(failure) - arm.resting)
+            return arm.past_others(self.ports.speed).may_leave(failure)
         return True
 
     def _only_held(self) -> str:

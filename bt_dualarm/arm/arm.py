@@ -1336,6 +1336,10 @@ class MoveTo:
         """Whether another arm, or what it holds, is or may be the reason of a failure."""
         return bool(self.blockers(refusal))
 
+    def may_leave(self, refusal: Failure) -> bool:
+        """Whether another arm is the reason of a failure, and has not ended where it is."""
+        return bool(self.blockers(refusal) - self.arm.resting)
+
     def blockers(self, refusal: Failure) -> frozenset[str]:
         """Names of the arms that are, themselves or with what they hold, or may be, the reason."""
         attempts = refusal.__cause__

@@ -42,8 +42,10 @@ _ONE_CONTACT: Final = mujoco.mjtDisableBit.mjDSBL_MULTICCD
 so that objects lie flat, cost a tenth of a check."""
 
 Marks = npt.NDArray[np.bool_]
-_Geoms: TypeAlias = int | npt.NDArray[np.int64]
 """Selection among all geoms of a model, of shape (ngeom,)."""
+
+_Geoms: TypeAlias = int | npt.NDArray[np.int64]
+"""Index of a geom, or indices of several."""
 
 Bits = npt.NDArray[np.int32] | npt.NDArray[np.bool_]
 """Collision bits of each geom of a model, of shape (ngeom,)."""
@@ -62,9 +64,6 @@ class Carried:
     address: int
     link: int
     relative: Pose
-
-
-_BOX = mujoco.mjtGeom.mjGEOM_BOX
 
 
 class _State(TypedDict):
@@ -122,23 +121,24 @@ class ScratchModel:
         excess = least[first, second] - found.dist
         worst = int(excess.argmax())
         while excess[worst] > 0.0:
-            if self._is_nearer(int(first[worst]), int(second[worst]), least, found.dist[worst]):
+            pair = int(first[worst]), int(second[worst])
+            if found.dist[worst] <= 0.0 or not self.boxes[list(pair)].all():
+                return worst
+            most = float(least[pair])
+            if self.apart(*pair, most) < most:
                 return worst
             excess[worst] = 0.0
             worst = int(excess.argmax())
         return None
 
-    def _is_nearer(self, first: int, second: int, least: Matrix, distance: float) -> bool:
-        """Whether two geoms with a contact at a distance in m are nearer than their least one.
+    def apart(self, first: int, second: int, most: float) -> float:
+        """Distance of two geoms, at most ``most``, m.
 
-        MuJoCo's contacts of two boxes that are apart may be up to 17 mm nearer than the boxes.
+        Contacts do not tell how far boxes are apart: of random ones at 20 to 45 mm, MuJoCo reports
+        no contact in 18 % of cases, however large the margin, and in others a distance that is off
+        by up to 20 mm.
         """
-        types = self.model.geom_type
-        if distance <= 0.0 or types[first] != _BOX or types[second] != _BOX:
-            return True
-        most = float(least[first, second])
-        exact = mujoco.mj_geomDistance(self.model, self.data, first, second, most, None)
-        return bool(exact < most)
+        return float(mujoco.mj_geomDistance(self.model, self.data, first, second, most, None))
 
     def __getstate__(self) -> _State:
         """State without what MuJoCo computes from the rest."""
@@ -152,6 +152,12 @@ class ScratchModel:
         # A copy of its own, outside the pool: another process has no world to lend from.
         self.data = mujoco.MjData(self.model)
         self._begin()
+
+    @property
+    def boxes(self) -> Marks:
+        """Geoms that are boxes."""
+        boxes: Marks = self.model.geom_type == mujoco.mjtGeom.mjGEOM_BOX
+        return boxes
 
     @property
     def solid(self) -> Marks:

@@ -266,14 +266,16 @@ class _Plan:
         """
         arm = move.arm
         q = arm.setpoint.q
-        branches: Iterable[Matrix] = joint_paths(arm.kinematics, path, q)
+        branches: Iterable[Matrix]
         if from_here:
             branches = [arm.kinematics.follow_on(path.poses, q, free=path.free)]
+        else:
+            branches = joint_paths(arm.kinematics, path, q)
         return (
             yield from first_possible(
                 branches,
                 lambda rows: cls._along(arm, path, rows, move.speed, end, tool_speed),
-                is_final=lambda refusal: bool(move.blockers(refusal) - arm.resting),
+                is_final=move.may_leave,
             )
         )
 

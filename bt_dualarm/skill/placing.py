@@ -868,7 +868,7 @@ class SettingDown:
         try:
             return _Descent(upright, height, (yield from self._branches_down(upright, height)))
         except Failure as failure:
-            if move.blockers(failure) - self._arm.resting:
+            if move.may_leave(failure):
                 raise
             # A traceback would keep this frame alive.
             refusal = failure.with_traceback(None)
