@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from bt_dualarm.arm.arm import Arm as Arm
     from bt_dualarm.arm.branches import first_possible as first_possible
     from bt_dualarm.arm.gripper import ArmGripper as ArmGripper
+    from bt_dualarm.arm.passengers import PassengerCheck as PassengerCheck
     from bt_dualarm.collision.distance import HANDS_APART_M as HANDS_APART_M
     from bt_dualarm.control.tool_following import ToolFollowing as ToolFollowing
     from bt_dualarm.core.errors import DualArmError as DualArmError
@@ -229,6 +230,7 @@ _CONTENTS: Final = {
     "Skill": "skill.skill:Skill",
     "SkillContext": "skill.skill:SkillContext",
     "Ticks": "skill.skill:Ticks",
+    "PassengerCheck": "arm.passengers:PassengerCheck",
     "PathSkill": "skill.path_following:PathSkill",
     "Condition": "skill.condition:Condition",
     "PortModel": "spec.node_types:PortModel",

@@ -10,6 +10,7 @@ from bt_dualarm import (
     CarriedPose,
     Failure,
     ObjectName,
+    PassengerCheck,
     PortModel,
     Pose,
     SettingDown,
@@ -47,6 +48,7 @@ class Place(Skill):
     failures = {
         "NOT_HELD": "the gripper does not hold the object",
         **SettingDown.failures,
+        "SPILLED": "what stood on the object fell off",
         "NO_CAMERA": "`look` is set, but the arm has no camera that moves with it",
         "INVALID_TARGET": "`look` is set, but the object has no color that can be detected",
         "NOT_SEEN": "the camera does not detect the object at its goal",
@@ -67,6 +69,7 @@ class Place(Skill):
         in_tool = arm.robot.tool.inverse @ held.relative
         goal = self.ports.at.pose_from(arm.commanded_tool_pose @ in_tool)
         looked_for = self._looked_for(name)
+        passengers = PassengerCheck(arm.world, name, [goal])
         setting_down = SettingDown(arm, self.ports, held, self.metrics)
         try:
             yield from setting_down.through(goal)
@@ -83,6 +86,7 @@ class Place(Skill):
         if looked_for is not None:
             yield from self._look(looked_for, goal)
         yield from setting_down.stays_at(goal)
+        passengers.refuse_spilled()
 
     def _looked_for(self, name: str) -> SightedThings | None:
         """Detector of the object, if the camera has to check; made before anything moves."""

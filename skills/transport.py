@@ -13,6 +13,7 @@ from bt_dualarm import (
     KeptPath,
     KnownShape,
     ObjectName,
+    PassengerCheck,
     Planner,
     PortModel,
     Pose,
@@ -60,6 +61,7 @@ class Transport(Skill):
         "NO_PLAN": "no collision-free path was found",
         "NOT_REACHED": "the object is beyond the tolerance, or moved in the gripper",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
+        "SPILLED": "what stood on the object fell off",
         "BUSY": "another leaf moves the arm",
         **KeptPath.failures,
     }
@@ -67,7 +69,7 @@ class Transport(Skill):
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Plan with the object as part of the arm, carry it, verify its pose."""
+        """Plan with the object and what stands on it, carry it, verify its pose."""
         arm = self.arm
         name = self.ports.object or self._only_held()
         held = arm.world.attachments.find(arm.name, name)
@@ -79,6 +81,7 @@ class Transport(Skill):
         if self.ports.keep is not None:
             kept = KeptPath(arm, self.ports.keep, object_in_tool)
         goal, configurations = yield from self._free_goal(name, goal, object_in_tool, kept)
+        passengers = PassengerCheck(arm.world, name, [goal])
         motion = arm.travel(
             configurations,
             self.ports.speed,
@@ -92,6 +95,7 @@ class Transport(Skill):
             self.metrics["grip_pace"] = arm.grip_pace
         self._report_mass(name)
         self._verify(name, goal)
+        passengers.refuse_spilled()
 
     def _free_goal(
         self, name: str, goal: Pose, object_in_tool: Pose, kept: KeptPath | None

@@ -16,6 +16,7 @@ import numpy as np
 
 from bt_dualarm.arm.gripper import ArmGripper
 from bt_dualarm.arm.known_objects import KnownObjects
+from bt_dualarm.arm.passengers import kept_upright
 from bt_dualarm.arm.payload import PayloadCheck
 from bt_dualarm.arm.slip_response import SlipResponse
 from bt_dualarm.arm.state import BACKOFF_S, ArmContacts, ArmState, Backoff, Lease
@@ -748,7 +749,8 @@ class Arm(ArmState):
             ignore: Names of the objects that may be touched.
             planner: Planner to use if the straight path to the preferred goal is blocked.
             keep: Constraint along the whole path, if there is one; the motion may then end in
-                another configuration with the tool at the same pose.
+                another configuration with the tool at the same pose. By default, what rides on a
+                held object is kept upright, if it stands so at both ends.
             began_s: Simulated time at which the caller began to plan, s; by default now.
 
         Raises:
@@ -757,6 +759,9 @@ class Arm(ArmState):
                 moves the arm; ``TRACKING_ERROR`` when it does not come to rest.
         """
         yield from self.come_to_rest()
+        if keep is None:
+            ends = (self.setpoint.q, goals[0])
+            keep = kept_upright(self.world, self.robot, self.kinematics, self.name, ends)
         due = (self.time if began_s is None else began_s) + PLANNING_S
         for replan in range(REPLANS, -1, -1):
             found = yield from self._plan_once(goals, speed, ignore, planner, keep, due)
@@ -1012,7 +1017,7 @@ class Arm(ArmState):
         return self.within_efforts(motion)
 
     def within_efforts(self, motion: Trajectory) -> Trajectory:
-        """Slow a motion to what joint efforts and grip allow with the current load.
+        """Slow a motion to what joint efforts, grip and passengers allow with the current load.
 
         Raises:
             Failure: ``OVERLOADED`` if the joints' efforts do not suffice at any speed.

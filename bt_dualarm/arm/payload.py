@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from bt_dualarm.arm.passengers import slowed_for_passengers
 from bt_dualarm.control.dynamics import ArmDynamics, refuse_overload, within_efforts
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Pose, Vector
@@ -59,7 +60,7 @@ class PayloadCheck:
         self.grip_pace = 1.0
 
     def within_efforts(self, motion: Trajectory) -> Trajectory:
-        """Slow a motion to what the joints' efforts and the grip allow, if necessary.
+        """Slow a motion to what the joints' efforts, the grip and passengers allow, if necessary.
 
         Raises:
             Failure: ``OVERLOADED`` if the joints' efforts do not suffice at any speed.
@@ -70,7 +71,9 @@ class PayloadCheck:
             self._dynamics = ArmDynamics(nominal, self._loads)
         feasible = within_efforts(motion, nominal.robot, self._dynamics)
         self.grip_pace = grip_speed_scale(feasible, self._world, self._name)
-        return feasible if self.grip_pace >= 1.0 else at_scale(feasible, self.grip_pace)
+        if self.grip_pace < 1.0:
+            feasible = at_scale(feasible, self.grip_pace)
+        return slowed_for_passengers(feasible, self._world, self._name)
 
     def refuse(self, name: str, q: Vector, tool_link: Pose, seen: Pose | None = None) -> None:
         """Check, before an object is picked, whether the arm can hold it, if its mass is known.
@@ -89,7 +92,13 @@ class PayloadCheck:
         nominal = world.nominal[self._name]
         robot = nominal.robot
         pose = tool_link.inverse @ (seen or world.object_pose(name))
-        new = NominalLoad.of(name, world.objects[name], pose, known=not nominal.estimates_payload)
+        new = NominalLoad.of(
+            name,
+            world.objects[name],
+            pose,
+            known=not nominal.estimates_payload,
+            upon=[(world.objects[one.object], one.relative) for one in world.passengers_of(name)],
+        )
         loads = (*nominal.loads, new)
         mass = sum(load.borne for load in loads if load.borne is not None)
         if robot.payload is not None and mass > robot.payload:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import copy
 import functools
 import weakref
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple, TypeAlias, TypedDict
 
@@ -66,6 +66,30 @@ class Carried:
     relative: Pose
 
 
+def carried_on(world: World, thing: str, link: int, relative: Pose) -> Iterator[Carried]:
+    """An object that moves with a link, and its passengers where they are on it now.
+
+    Args:
+        world: World in its current state.
+        thing: Name of the object.
+        link: Id of the body that carries it.
+        relative: Pose of the object in that body.
+    """
+    yield Carried(world.pose_address(thing), link, relative)
+    passengers = world.passengers_of(thing)
+    if passengers:
+        to_thing = _sensed_pose(world, thing).inverse
+        for one in passengers:
+            place = to_thing @ _sensed_pose(world, one.object)
+            yield Carried(world.pose_address(one.object), link, relative @ place)
+
+
+def _sensed_pose(world: World, thing: str) -> Pose:
+    address = world.pose_address(thing)
+    pose = world.sensed.qpos[address : address + 7]
+    return Pose(pose[:3].copy(), pose[3:].copy())
+
+
 class _State(TypedDict):
     """Pickled state of a scratch model."""
 
@@ -99,10 +123,11 @@ class ScratchModel:
         # No dynamics are simulated here that would hold an object: it follows its tool rigidly.
         addresses = {one.address for one in carried}
         held = (
-            Carried(world.pose_address(held.object), world.arms[held.arm].tool_body, held.relative)
+            one
             for held in world.attachments
             # What moves on a joint does not follow the arm: it stays where it is.
             if held.arm in holders and world.objects[held.object].joint is None
+            for one in carried_on(world, held.object, world.arms[held.arm].tool_body, held.relative)
         )
         self._carried = (*carried, *(one for one in held if one.address not in addresses))
         self._begin()

@@ -231,6 +231,7 @@ def added_distances(world: World, arm: str) -> Matrix | None:
             (own, its, HANDS_APART_M - hands_m),
             (geoms, its, np.inf),
             (geoms, own, np.inf),
+            (geoms, geoms, np.inf),  # what rides on the object
             (geoms, others, np.inf),
         ):
             rows = np.ix_(first, second)

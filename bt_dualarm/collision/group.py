@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
-from bt_dualarm.collision.checker import STANDING, TOUCH, Carried, Contact, Marks, ScratchModel
+from bt_dualarm.collision.checker import STANDING, TOUCH, Contact, Marks, ScratchModel, carried_on
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.robots.gripper import FINGERS
 from bt_dualarm.sim.composition import name_of_geom
@@ -46,8 +46,8 @@ class GroupChecker:
         body = world.arms[leader]
         # In the link that carries the tool, in which attachments are given as well.
         relative = world.robots[leader].tool @ grasps[leader].inverse
-        carried = Carried(world.pose_address(thing), body.tool_body, relative)
-        self._scratch = scratch = ScratchModel(world, list(parts), [carried])
+        carried = list(carried_on(world, thing, body.tool_body, relative))
+        self._scratch = scratch = ScratchModel(world, list(parts), carried)
         self._columns = [(world.arms[arm].qpos_ids, part) for arm, part in parts.items()]
         geoms = world.payload_geoms(thing)
         own = {arm: scratch.marks(world.arms[arm].geom_ids) for arm in parts}
@@ -57,6 +57,7 @@ class GroupChecker:
         scratch.compare(solid & self.moving, solid)
         least = np.zeros((scratch.model.ngeom, scratch.model.ngeom))
         least[payload[:, None] | payload] = -TOUCH
+        least[payload[:, None] & payload] = -np.inf  # the object and what rides on it
         self._keep(world, parts, least, own, margin)
         tools = scratch.marks({g for arm in parts for g in world.arms[arm].tool_geom_ids})
         least[(payload[:, None] & tools) | (tools[:, None] & payload)] = -np.inf

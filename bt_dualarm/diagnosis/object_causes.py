@@ -132,6 +132,8 @@ def world_causes(e: Evidence) -> Iterator[Cause]:
         moved = 1e3 * float(e.numbers.get("moved_m", 0.0))
         sentence = f"{name} fell or slid after its release: it moved by {moved:.0f} mm"
         yield e.cause("FELL", sentence, "release it where something supports it")
+    if e.code == "SPILLED":
+        yield e.cause("SPILLED", e.reason, "a slower motion, or a carrier with walls")
     if e.code == "UNKNOWN_POSE":
         remedy = "let `locate` find it before, or give the pose in the world"
         yield e.cause("POSE_UNKNOWN", e.reason, remedy)

@@ -178,12 +178,13 @@ def _beside(
         tool = pose @ grasp.tool
         x, y, z = tool.inverse.apply(points).T
         beside = np.abs(y)
-        fingers = (np.abs(x) < wide - _TOUCHING) & (z > -jaw.palm) & (z < jaw.tip - _TOUCHING)
-        fingers &= beside > 0.5 * grasp.width + _TOUCHING
-        fingers &= beside < 0.5 * jaw.widest_opening + jaw.thickness
+        before = (np.abs(x) < wide - _TOUCHING) & (z > -jaw.palm)
+        before &= beside > 0.5 * grasp.width + _TOUCHING
+        before &= beside < 0.5 * jaw.widest_opening + jaw.thickness
         palm = (z < -jaw.palm) & (np.hypot(x, y) < jaw.palm_radius)
-        if not (fingers | palm).any():
-            yield replace(grasp, tool=tool)
+        ahead = float(z[before].min(initial=math.inf)) - jaw.tip
+        if ahead >= -_TOUCHING and not palm.any():
+            yield replace(grasp, tool=tool, ahead=ahead)
 
 
 def _closed(solid: Solid, jaw: JawMeasures, load: Load, friction: float, lines: Matrix) -> Matrix:
@@ -487,6 +488,11 @@ def _half_turn(axis: Vector, direction: Vector) -> Iterator[Vector]:
 ENOUGH_ROOM = 0.02
 """Clearance above which more of it does not improve a grasp, m."""
 
+_ENOUGH_AHEAD = 0.005
+"""Distance of the fingertips from what is before them, above which more of it does not improve a
+grasp, m: an arm that is off by millimeters presses on the floor of a tray, and its fingers do not
+close."""
+
 _ENOUGH_MARGIN = 4.0
 """Force margin above which more of it does not improve a grasp."""
 
@@ -541,8 +547,8 @@ def ranked(
 ) -> tuple[RankedGrasp, ...]:
     """Grasps that are free of collisions and within reach, best first.
 
-    Margin up to four times the load, clearance up to `ENOUGH_ROOM`, and the effort of the arm have
-    equal weights.
+    Margin up to four times the load, clearance up to `ENOUGH_ROOM`, distance of the fingertips from
+    the floor of a tray or bin up to `_ENOUGH_AHEAD`, and the effort of the arm have equal weights.
 
     Args:
         grasps: Grasps on the object.
@@ -562,7 +568,9 @@ def ranked(
             continue
         lacks_margin = 1.0 - min(grasp.margin - 1.0, _ENOUGH_MARGIN - 1.0) / (_ENOUGH_MARGIN - 1.0)
         lacks_room = 1.0 - min(max(room, 0.0), ENOUGH_ROOM) / ENOUGH_ROOM
-        found.append(RankedGrasp(grasp, tool, room, lacks_margin + lacks_room + effort))
+        lacks_ahead = 1.0 - min(max(grasp.ahead, 0.0), _ENOUGH_AHEAD) / _ENOUGH_AHEAD
+        cost = lacks_margin + lacks_room + lacks_ahead + effort
+        found.append(RankedGrasp(grasp, tool, room, cost))
     return tuple(sorted(found, key=lambda candidate: candidate.cost))
 
 

@@ -305,12 +305,14 @@ class Grasp:
         width: Distance of the pads on contact, m; 0 for suction.
         force: Minimum force that holds the load, of each pad or of the suction, N.
         margin: Largest force of the gripper divided by that force.
+        ahead: Distance of the fingertips from other parts of the object before them, m.
     """
 
     tool: Pose
     width: float
     force: float
     margin: float
+    ahead: float = math.inf
 
 
 @dataclass(frozen=True, eq=False)

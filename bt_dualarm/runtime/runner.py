@@ -224,6 +224,7 @@ class Runner:
         with self._watchdog:
             self._arms.capture(time)
             self._arms.deliver(time)
+            self._world.look_for_passengers()
             ticked = self._arms.tick(self._step, time)
             if ticked:
                 self._arms.follow(self._step, ticked_from=self._step + 1)

@@ -61,25 +61,46 @@ class NominalLoad:
         return None if self.mass is None else self.share * self.mass
 
     @classmethod
-    def of(cls, name: str, thing: ObjectSpec, pose: Pose, *, known: bool = True) -> NominalLoad:
+    def of(
+        cls,
+        name: str,
+        thing: ObjectSpec,
+        pose: Pose,
+        *,
+        known: bool = True,
+        upon: Sequence[tuple[ObjectSpec, Pose]] = (),
+    ) -> NominalLoad:
         """Load of a declared object of uniform density, whose mass the arm may know or not.
 
-        ``pose`` is that of the object in the tool link.
+        Args:
+            name: Name of the object.
+            thing: The object.
+            pose: Its pose in the tool link.
+            known: Whether the arm knows the masses.
+            upon: Objects that ride on it, with their poses in its frame; they count if it does.
         """
+        if not known:
+            upon = ()
         gyration = inertia_per_mass(thing)
-        if thing.moved:
-            principal, gyration = principal_with_moved(thing)
+        if thing.moved or upon:
+            principal, gyration = principal_with((thing, Pose.identity()), *upon)
             pose = pose @ principal
         elif not body_of(thing).is_simple:
             pose = pose @ body_of(thing).principal[0]
         if not known:
             return cls(name, None, None, pose, gyration, mass_declared=False)
-        mass = thing.total_mass
+        mass = _mass_with(thing, upon)
         return cls(name, mass, mass * gyration, pose, gyration)
 
     @classmethod
     def borne_with_others(
-        cls, name: str, thing: ObjectSpec, pose: Pose, *, known: bool = True
+        cls,
+        name: str,
+        thing: ObjectSpec,
+        pose: Pose,
+        *,
+        known: bool = True,
+        upon: Sequence[tuple[ObjectSpec, Pose]] = (),
     ) -> NominalLoad:
         """Load of an object that several arms bear: a compact body at the arm's grasp.
 
@@ -89,8 +110,13 @@ class NominalLoad:
         gyration = np.full(3, BORNE_GYRATION_M**2)
         if not known:
             return cls(name, None, None, pose, gyration, mass_declared=False)
-        mass = thing.total_mass
+        mass = _mass_with(thing, upon)
         return cls(name, mass, mass * gyration, pose, gyration)
+
+
+def _mass_with(thing: ObjectSpec, upon: Sequence[tuple[ObjectSpec, Pose]]) -> float:
+    """Mass of an object with what rides on it, kg."""
+    return thing.total_mass + sum(one.total_mass for one, _ in upon)
 
 
 def inertia_per_mass(thing: ObjectSpec) -> Vector:
@@ -101,19 +127,27 @@ def inertia_per_mass(thing: ObjectSpec) -> Vector:
     return body.principal[1]
 
 
-def principal_with_moved(thing: ObjectSpec) -> tuple[Pose, Vector]:
-    """Principal axes of an object with what its joints move, as one body with the joints at start.
+def principal_with(*placed: tuple[ObjectSpec, Pose]) -> tuple[Pose, Vector]:
+    """Principal axes of objects, with what their joints move, as one body with joints at start.
+
+    Args:
+        placed: The objects, each with its pose in a common frame.
 
     Returns:
-        Pose of the axes about the common center of mass in the frame of the object, and the moments
-        about them for 1 kg, of shape (3,), m².
+        Pose of the axes about the common center of mass in that frame, and the moments about them
+        for 1 kg, of shape (3,), m².
     """
-    places = [Pose.identity()]
-    for one in thing.moved:
-        hung = one.joint
-        places.append(Pose.identity() if hung is None else hung.spec.displacement(hung.spec.start))
-    things = (thing, *thing.moved)
-    shares = np.array([one.mass for one in things]) / thing.total_mass
+    places = list[Pose]()
+    things = list[ObjectSpec]()
+    for thing, place in placed:
+        places.append(place)
+        things.append(thing)
+        for one in thing.moved:
+            hung = one.joint
+            start = Pose.identity() if hung is None else hung.spec.displacement(hung.spec.start)
+            places.append(place @ start)
+            things.append(one)
+    shares = np.array([one.mass for one in things]) / sum(thing.total_mass for thing, _ in placed)
     centers = np.array(
         [place.apply(body_of(one).center) for place, one in zip(places, things, strict=True)]
     )

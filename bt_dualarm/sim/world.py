@@ -55,6 +55,7 @@ from bt_dualarm.sim.grippers import (
 )
 from bt_dualarm.sim.many import drawn
 from bt_dualarm.sim.object_body import body_of, body_of_part
+from bt_dualarm.sim.passengers import Passenger, Passengers
 from bt_dualarm.sim.shared_body import shared_bodies
 from bt_dualarm.spec.document import (
     REALITY_SETS,
@@ -165,6 +166,7 @@ class Devices:
         arms: Mapping[str, ArmBody],
         held: Iterable[Attachment],
         objects: Mapping[str, ObjectSpec],
+        passengers: Passengers,
     ) -> None:
         """Connect to the arms of a recompiled plant, and update the loads that they hold."""
         self._model, self._plant = plant
@@ -173,7 +175,7 @@ class Devices:
         self._is_sensed = False
         self._sensed_joints = []
         self._sensed_qpos = self._sensed.qpos  # a view: attribute lookups on mjData are slow
-        self.reload(arms, held, objects)
+        self.reload(arms, held, objects, passengers)
         for name, body in arms.items():
             self.hardware[name].connect(body)
             first = body.qpos_ids[0]
@@ -206,6 +208,7 @@ class Devices:
         arms: Iterable[str],
         held: Iterable[Attachment],
         objects: Mapping[str, ObjectSpec],
+        passengers: Passengers,
     ) -> None:
         """Update the loads of some arms' nominal models."""
         loads: dict[str, list[NominalLoad]] = {name: [] for name in arms}
@@ -217,11 +220,12 @@ class Devices:
             thing = objects[one.object]
             if thing.joint is not None:  # its joint supports it
                 continue
+            upon = [(objects[each.object], each.relative) for each in passengers.of(one.object)]
             if one.borne_at is None:
-                load = NominalLoad.of(one.object, thing, one.relative, known=known)
+                load = NominalLoad.of(one.object, thing, one.relative, known=known, upon=upon)
             else:
                 at = one.relative @ one.borne_at
-                load = NominalLoad.borne_with_others(one.object, thing, at, known=known)
+                load = NominalLoad.borne_with_others(one.object, thing, at, known=known, upon=upon)
             if holders[one.object] > 1 or one.share < 1.0:
                 load = replace(load, share=one.share, alone=False)
             loads[one.arm].append(load)
@@ -796,6 +800,7 @@ class World(HoldingView):
             composition.set_grasp_contact_options(self._spec)
         check_declarations(file, self.robots, composition.names_in(self._spec))
         self.attachments = Attachments(self._spec, self._recompile, self._rebind, self._reload)
+        self._passengers = Passengers(self.objects)
         self._compile_first()
 
     def step(self) -> None:
@@ -910,22 +915,55 @@ class World(HoldingView):
         self._recompile()
 
     def payload_geoms(self, name: str) -> set[int]:
-        """Ids of the geoms of an object, and of what moves on its joints and is carried with it."""
-        return {
-            geom
-            for each in self._with_moved(name)
-            if each in self.objects
-            for geom in self.object_geoms(each)
-        }
+        """Ids of the geoms of an object and of all that is carried with it.
+
+        That is what moves on its joints, and its passengers.
+        """
+        return {geom for each in self._carried_with(name) for geom in self.object_geoms(each)}
 
     def carried_by(self, arm: str) -> tuple[str, ...]:
-        """Names of the objects that an arm holds, and of what moves on their joints."""
+        """Names of the objects that an arm holds, what moves on their joints, and passengers."""
         return tuple(
-            each
-            for name in self.attachments.attached_to(arm)
-            for each in self._with_moved(name)
-            if each in self.objects
+            each for name in self.attachments.attached_to(arm) for each in self._carried_with(name)
         )
+
+    def _carried_with(self, name: str) -> Iterator[str]:
+        """Names of an object, of what moves on its joints, and of its passengers."""
+        for rider in (name, *(one.object for one in self.passengers_of(name))):
+            for each in self._with_moved(rider):
+                if each in self.objects:
+                    yield each
+
+    def passengers_of(self, thing: str, known: Iterable[str] = ()) -> tuple[Passenger, ...]:
+        """Objects that ride along with one that is held, or would if it were lifted now.
+
+        Args:
+            thing: Name of the object.
+            known: Objects that rode on it when it was held: they still do if they touch nothing.
+        """
+        if self.attachments.holders(thing):
+            return self._passengers.of(thing)
+        held = {one.object for one in self.attachments}
+        return self._passengers.would_ride(self.model, self.data, thing, held, self._hands, known)
+
+    def loaded_mass(self, thing: str) -> float:
+        """Mass of an object with what moves on its joints and with its passengers, kg."""
+        riders = (one.object for one in self.passengers_of(thing))
+        return sum(self.objects[name].total_mass for name in (thing, *riders))
+
+    def look_for_passengers(self) -> None:
+        """Notice what arms' held objects carry since the last look; once per tick of the trees."""
+        if self._notice_passengers():
+            self._rebind()
+
+    def _notice_passengers(self) -> bool:
+        held = [one.object for one in self.attachments]
+        return self._passengers.look(self.model, self.data, held, self._hands)
+
+    @property
+    def _hands(self) -> set[int]:
+        """Geoms of all tools."""
+        return {geom for body in self.arms.values() for geom in body.tool_geom_ids}
 
     def restore(self, state: Vector) -> None:
         """Restore a state of the same generation, bit for bit; drives keep their own state."""
@@ -994,10 +1032,13 @@ class World(HoldingView):
         self.generation += 1
         self._bind()
         self._refresh()
+        if self._notice_passengers():  # contacts are up to date only now
+            for arm in self.arms:
+                self._reload(arm)
 
     def _reload(self, arm: str) -> None:
         """Update the loads of an arm's model; everything else is unchanged."""
-        self.devices.reload([arm], self.attachments, self.objects)
+        self.devices.reload([arm], self.attachments, self.objects, self._passengers)
 
     def _refresh(self) -> None:
         """Update everything derived from the state, and read the sensors."""
@@ -1012,7 +1053,7 @@ class World(HoldingView):
             name: ArmBody.find(name, self.robots[name], self._file.arms[name].base.pose, *plant)
             for name in self.arms
         }
-        self.devices.connect(plant, self.arms, self.attachments, self.objects)
+        self.devices.connect(plant, self.arms, self.attachments, self.objects, self._passengers)
 
     def _add_arm(self, name: str) -> None:
         arm = self._file.arms[name]

@@ -16,6 +16,7 @@ from typing import Any, Final
 import numpy as np
 
 from bt_dualarm.arm.arm import PLANNING_MARGIN_M, Arm
+from bt_dualarm.arm.passengers import PassengerCheck
 from bt_dualarm.arm.payload import UNKNOWN_KG, PayloadCheck
 from bt_dualarm.collision.checker import CollisionChecker
 from bt_dualarm.collision.group import GroupChecker
@@ -231,6 +232,7 @@ class Carrying:
         "NOT_OPEN": "the fingers did not open",
         "NOT_PLACED": "it is not at its goal at the end: it fell, slid, was moved, or was not held "
         "as estimated",
+        "SPILLED": "what stood on the object fell off",
     }
 
     def __init__(
@@ -265,6 +267,7 @@ class Carrying:
         yield from self._joint.meet()
         yield from self._propose()
         plan, goals = yield from self._plan()
+        passengers = PassengerCheck(arm.world, self._thing, goals)
         if plan.chosen:
             yield from self._approach(plan)
             yield from self._close(plan)
@@ -280,6 +283,7 @@ class Carrying:
             yield from self._release(grip, goals[-1])
         else:
             self._score(goals[-1])
+        passengers.refuse_spilled()
         yield from self._sync()
 
     # Meeting and planning
@@ -320,7 +324,7 @@ class Carrying:
         if self._ports.mass is not None:
             return self._ports.mass
         estimates = world.nominal[self._arm.name].estimates_payload
-        return None if estimates else world.objects[self._thing].total_mass
+        return None if estimates else world.loaded_mass(self._thing)
 
     def _sections(self) -> list[Section]:
         """Sections at which the arms hold the object; of a compound, parts that are far apart."""

@@ -37,7 +37,7 @@ from bt_dualarm.grasping.grasp import (
 )
 from bt_dualarm.perception.shape_fit import KnownShape
 from bt_dualarm.planning.problem import refuse_contact
-from bt_dualarm.sim.arm_models import principal_with_moved
+from bt_dualarm.sim.arm_models import principal_with
 from bt_dualarm.sim.composition import name_of_geom
 from bt_dualarm.sim.object_body import body_of, unit_ball
 from bt_dualarm.sim.world import World
@@ -207,7 +207,7 @@ class WantedGrasp:
         if ports.part is not None and body_of(world.objects[name]).part(ports.part) is None:
             raise Failure("INVALID_TARGET", f"object {name!r} has no part {ports.part!r}")
         hung = world.objects[name].joint
-        told = None if world.nominal[arm.name].estimates_payload else world.objects[name].total_mass
+        told = None if world.nominal[arm.name].estimates_payload else world.loaded_mass(name)
         if hung is not None:  # its joint supports the weight: the grip must pull it
             told = _PULLED_KG
         return cls(
@@ -251,8 +251,9 @@ class WantedGrasp:
         if self.name in world.objects and world.objects[self.name].joint is not None:
             return self._pulled_at(world)
         thing = world.objects[self.name]
-        if thing.moved:
-            return principal_with_moved(thing)[0].position
+        upon = [(world.objects[one.object], one.relative) for one in world.passengers_of(self.name)]
+        if thing.moved or upon:
+            return principal_with((thing, Pose.identity()), *upon)[0].position
         return body_of(thing).center
 
     def _pulled_at(self, world: World) -> Vector:
@@ -496,6 +497,7 @@ def _no_grasp(
 
 
 _OPENINGS = 8  # openings to check while the fingers close next to other parts
+_PASSING = 3  # openings with which the hand passes other parts of the object
 _BRANCHES = 4  # branches to try for a goal at which the object will be set down
 _DESCENT_M = 0.05  # length of the descent to a goal, and of the retreat from it
 _ROUND = 24  # rotations of a round object to try, in a whole turn
@@ -652,6 +654,7 @@ def _rows_to(
             arm.refuse_load(wanted.name, rows[-1], seen)
         arm.refuse_collision_along(rows, ignore=touched)
         _refuse_beside(arm, wanted, rows, ranked.grasp.width)
+        _refuse_other_parts(arm, wanted, rows, ranked.grasp.width)
         return rows
 
     branches = arm.kinematics.branches_along([*poses, *later], arm.setpoint.q)
@@ -797,6 +800,34 @@ def _refuse_beside(arm: Arm, wanted: WantedGrasp, rows: Matrix, width: float) ->
         contact = checker.contact(rows[-1])
         if contact is not None:
             raise contact.failure()
+
+
+def _refuse_other_parts(arm: Arm, wanted: WantedGrasp, rows: Matrix, width: float) -> None:
+    """Check that the open hand passes the walls of something hollow, and other parts of a compound.
+
+    Its opening on the way is between the widest and the one just before it closes.
+
+    Args:
+        arm: Arm with its gripper open.
+        wanted: Specification of the grasp.
+        rows: Configurations of the approach, of shape (n, dof), rad.
+        width: Opening around the part, m.
+
+    Raises:
+        Failure: ``IN_COLLISION`` with the object.
+    """
+    world = arm.world
+    name = wanted.name
+    page = arm.gripper.page
+    if name is None or wanted.edges is not None or wanted.section is not None or not page.fingers:
+        return
+    if not world.objects[name].is_free or len(body_of(world.objects[name]).parts) < 2:
+        return
+    checker = arm.checker(frozenset(world.objects.keys() - {name}))
+    checker.move_object(name, wanted.lies)
+    for opening in np.linspace(page.stroke, min(width + 2.0 * CLEAR, page.stroke), _PASSING):
+        checker.open_fingers(float(opening))
+        refuse_contact(checker, rows)
 
 
 def _is_near(one: Pose, other: Pose) -> bool:

@@ -201,7 +201,7 @@ class HandoverSearch:
         declared = world.objects[thing]
         self._solid = world.object_solid(thing)
         self._center = body_of(declared).center
-        told = None if world.nominal[arm.name].estimates_payload else declared.total_mass
+        told = None if world.nominal[arm.name].estimates_payload else world.loaded_mass(thing)
         self.mass = mass or wish.mass or told or UNKNOWN_KG
         self.grasps = self._grasps(margin, shake, most_force)
         self._kinematics = {

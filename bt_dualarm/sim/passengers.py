@@ -1,0 +1,232 @@
+"""Objects that stand on or in an object that an arm carries, and ride along with it."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import mujoco
+import numpy as np
+import numpy.typing as npt
+
+from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.sim.object_body import body_of
+from bt_dualarm.spec.document import ObjectSpec
+
+_FALLS_M: Final = 0.03
+"""Largest gap between an object that touches nothing and the carrier on which it is about to fall,
+m: objects are often declared slightly above what they will stand on."""
+
+_DOWN: Final = np.array((0.0, 0.0, -1.0))
+
+_BEARS: Final = 0.3
+"""Vertical component of a contact's normal from which the lower body bears the upper one: about the
+steepest slope on which things stay by friction."""
+
+
+@dataclass(frozen=True, eq=False)
+class Passenger:
+    """Object that rides on or in a carried one.
+
+    Attributes:
+        object: Name of the object.
+        relative: Its pose in the frame of the carried object when it was noticed.
+        up: Unit vector, in the frame of the carried object, that was vertical then, of shape (3,).
+    """
+
+    object: str
+    relative: Pose
+    up: Vector
+
+
+class Passengers:
+    """The passengers of the objects that arms hold.
+
+    As for obstacles, it is the simulator that tells which objects these are: those that touch the
+    held object, or its other passengers, and rest on nothing else.
+
+    Args:
+        objects: Objects that are present, by name; the world adds and removes them.
+    """
+
+    def __init__(self, objects: Mapping[str, ObjectSpec]) -> None:
+        self._objects = objects
+        self._upon: dict[str, tuple[Passenger, ...]] = {}
+
+    def of(self, thing: str) -> tuple[Passenger, ...]:
+        """Passengers of a held object, as last looked for."""
+        return self._upon.get(thing, ())
+
+    def __iter__(self) -> Iterator[Passenger]:
+        """All passengers, of whatever object."""
+        return (one for upon in self._upon.values() for one in upon)
+
+    def look(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        held: Iterable[str],
+        hands: Collection[int],
+    ) -> bool:
+        """Look for the passengers of held objects; returns whether anything has changed.
+
+        What rode along and touches nothing now, such as a ball that bounces, still does.
+
+        Args:
+            model: Model of the world.
+            data: Its state, with current contacts.
+            held: Names of the held objects.
+            hands: Geoms of the arms' tools: what touches them is not borne by them.
+        """
+        carried = [name for name in dict.fromkeys(held) if self._objects[name].is_free]
+        if not carried and not self._upon:
+            return False
+        touching = _Touching(model, data, self._objects, carried, hands)
+        found: dict[str, tuple[Passenger, ...]] = {}
+        taken = set[str]()  # what lies across two held objects rides on the first
+        for name in carried:
+            before = {one.object: one for one in self.of(name)}
+            names = [one for one in touching.upon(name, before) if one not in taken]
+            taken.update(names)
+            upon = tuple(before.get(one) or _passenger(model, data, name, one) for one in names)
+            if upon:
+                found[name] = upon
+        names_now = {name: {one.object for one in upon} for name, upon in found.items()}
+        names_before = {name: {one.object for one in upon} for name, upon in self._upon.items()}
+        self._upon = found
+        return names_now != names_before
+
+    def would_ride(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        thing: str,
+        held: Iterable[str],
+        hands: Collection[int],
+        known: Iterable[str] = (),
+    ) -> tuple[Passenger, ...]:
+        """Passengers of an object if it were lifted now.
+
+        Args:
+            model: Model of the world.
+            data: Its state, with current contacts.
+            thing: Name of the object.
+            held: Names of the held objects.
+            hands: Geoms of the arms' tools.
+            known: Objects that rode on it, and do so still if they touch nothing now.
+        """
+        if not self._objects[thing].is_free:
+            return ()
+        touching = _Touching(model, data, self._objects, {*held, thing}, hands)
+        names = touching.upon(thing, known)
+        return tuple(_passenger(model, data, thing, name) for name in names)
+
+
+def _passenger(model: mujoco.MjModel, data: mujoco.MjData, thing: str, name: str) -> Passenger:
+    carrier, rider = (
+        Pose(data.xpos[body].copy(), data.xquat[body].copy())
+        for body in (model.body(one).id for one in (thing, name))
+    )
+    return Passenger(name, carrier.inverse @ rider, carrier.inverse.turn(np.array((0.0, 0.0, 1.0))))
+
+
+class _Touching:
+    """Which objects touch and bear which, by the current contacts.
+
+    Args:
+        model: Model of the world.
+        data: Its state.
+        objects: Objects that are present.
+        held: Names of the held ones, which ride on nothing.
+        hands: Geoms that bear nothing.
+    """
+
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        data: mujoco.MjData,
+        objects: Mapping[str, ObjectSpec],
+        held: Collection[str],
+        hands: Collection[int],
+    ) -> None:
+        self._model = model
+        self._data = data
+        self._objects = objects
+        roots = model.body_rootid
+        # What moves on the joints of a free object belongs to its tree.
+        self._bodies = {
+            name: int(model.body(name).id) for name, thing in objects.items() if thing.is_free
+        }
+        self._names = {body: name for name, body in self._bodies.items() if name not in held}
+        contact = data.contact
+        touch = contact.dist <= 0.0
+        geoms = contact.geom[touch]
+        grips = np.isin(geoms, list(hands)).any(axis=1)
+        trees = roots[model.geom_bodyid[geoms]]
+        self._touched: set[int] = {int(one) for one in trees.flat}
+        apart = (trees[:, 0] != trees[:, 1]) & ~grips
+        self._pairs: npt.NDArray[np.int32] = trees[apart]
+        # The normal points from the first geom to the second.
+        self._upward: Vector = contact.frame[touch][apart][:, 2]
+
+    def upon(self, thing: str, known: Iterable[str]) -> list[str]:
+        """Names of the objects that rest on a free one, or on each other, and on nothing else.
+
+        Args:
+            thing: Name of the object.
+            known: Objects that rode on it so far: they still do if they touch nothing.
+        """
+        base = self._bodies[thing]
+        afloat = {body for body in self._names if body not in self._touched and body != base}
+        riders = afloat & {self._bodies[name] for name in known if name in self._bodies}
+        reached = self._with_touching({base, *riders})
+        falling = True
+        while falling:  # onto what has been reached, the lowest one first
+            onto = {body for body in afloat - reached if self._below(self._names[body]) in reached}
+            falling = bool(onto)
+            reached |= onto
+        return self._without_borne(reached, base)
+
+    def _below(self, name: str) -> int:
+        """Root of the body onto which an object that touches nothing falls; -1 if it is far."""
+        model = self._model
+        body = model.body(name).id
+        pose = Pose(self._data.xpos[body].copy(), self._data.xquat[body].copy())
+        shape = body_of(self._objects[name])
+        down = pose.inverse.turn(_DOWN)
+        height = shape.solid.reach(down) - float(down @ shape.center)
+        geom = np.full(1, -1, dtype=np.int32)
+        start = pose.apply(shape.center)
+        gap = mujoco.mj_ray(model, self._data, start, _DOWN, None, 1, body, geom) - height
+        is_near = geom[0] >= 0 and gap <= _FALLS_M
+        return int(model.body_rootid[model.geom_bodyid[geom[0]]]) if is_near else -1
+
+    def _with_touching(self, seeds: set[int]) -> set[int]:
+        """Bodies with all that touch them, directly or through each other."""
+        pairs = self._pairs.tolist()
+        reached = set(seeds)
+        grown = True
+        while grown:
+            grown = False
+            for first, second in pairs:
+                for one, other in ((first, second), (second, first)):
+                    if one in reached and other not in reached and other in self._names:
+                        reached.add(other)
+                        grown = True
+        return reached
+
+    def _without_borne(self, reached: set[int], base: int) -> list[str]:
+        """Names of reached bodies, the base aside, that nothing but reached ones bear."""
+        pairs = self._pairs.tolist()
+        reached = set(reached)
+        shrunk = True
+        while shrunk:  # what rests on something that does not ride along does not, either
+            shrunk = False
+            for (first, second), upward in zip(pairs, self._upward.tolist(), strict=True):
+                lower, upper = (first, second) if upward > 0.0 else (second, first)
+                borne = abs(upward) > _BEARS and upper in reached and lower not in reached
+                if borne and upper != base:
+                    reached.discard(upper)
+                    shrunk = True
+        return sorted(self._names[body] for body in reached - {base})
