@@ -750,7 +750,8 @@ class Arm(ArmState):
             planner: Planner to use if the straight path to the preferred goal is blocked.
             keep: Constraint along the whole path, if there is one; the motion may then end in
                 another configuration with the tool at the same pose. By default, what rides on a
-                held object is kept upright, if it stands so at both ends.
+                held object is kept upright, if it stands so at both ends; the motion then ends in
+                one of the goals.
             began_s: Simulated time at which the caller began to plan, s; by default now.
 
         Raises:
@@ -759,12 +760,13 @@ class Arm(ArmState):
                 moves the arm; ``TRACKING_ERROR`` when it does not come to rest.
         """
         yield from self.come_to_rest()
+        at_goals = keep is None
         if keep is None:
             ends = (self.setpoint.q, goals[0])
             keep = kept_upright(self.world, self.robot, self.kinematics, self.name, ends)
         due = (self.time if began_s is None else began_s) + PLANNING_S
         for replan in range(REPLANS, -1, -1):
-            found = yield from self._plan_once(goals, speed, ignore, planner, keep, due)
+            found = yield from self._plan_once(goals, speed, ignore, planner, keep, at_goals, due)
             due = self.time + PLANNING_S
             motion = self.within_efforts(found)
             try:
@@ -783,8 +785,10 @@ class Arm(ArmState):
         ignore: frozenset[str],
         planner: Planner,
         keep: PathConstraint | None,
+        at_goals: bool,
         due: float,
     ) -> Generator[None, None, Trajectory]:
+        """Plan once; arguments as for `plan` and `ConstrainedProblem`, and when the plan is due."""
         problem = admitted(
             PlanningProblem(
                 self.checker(ignore),
@@ -802,7 +806,9 @@ class Arm(ArmState):
             yield from self._pass_until(due)
             reason = f"no path was found: injected by the fault '{fault}' of the file"
             raise Failure("NO_PLAN", reason, planner=planner, planning_s=PLANNING_S)
-        constrained = None if keep is None else ConstrainedProblem(problem, keep)
+        constrained = None
+        if keep is not None:
+            constrained = ConstrainedProblem(problem, keep, at_goals=at_goals)
         straight = straight_motion(problem)
         if straight is not None and (constrained is None or constrained.keeps(straight)):
             yield from self._pass_until(due)

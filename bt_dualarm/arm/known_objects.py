@@ -33,8 +33,8 @@ class KnownPose:
         pose: Pose in the world.
         by: How the arm knows it.
         since: Simulated time of the estimate, s.
-        on: Object that moves on a joint, such as a drawer, on or in which the object stood then; it
-            moves along. Empty if there is none.
+        on: Object that moves on a joint, such as a drawer, or that the arm has taken, such as a
+            tray, on or in which the object stood then; it moves along. Empty if there is none.
         relative: Pose in the frame of that object, or in the tool link of the holder.
         holder: Other arm that held the object when it was seen, and with which it moves along.
             Empty if there is none.
@@ -209,9 +209,22 @@ class KnownObjects:
         self._set(name, KnownPose(pose, "declared", self._world.time))
 
     def took(self, name: str) -> None:
-        """Record that the arm holds an object from now on; it is lost later unless released."""
+        """Record that the arm holds an object from now on; it is lost later unless released.
+
+        What rides on it moves along from now on, also after its release.
+        """
         self._known.pop(name, None)
         self._unknown[name] = f"{self._arm} had taken it, and lost it"
+        carrier = self.where(name)
+        if carrier is None:
+            return
+        for one in self._world.passengers_of(name):
+            known = self.where(one.object)
+            if known is not None:
+                relative = carrier.pose.inverse @ known.pose
+                self._known[one.object] = replace(
+                    known, on=name, relative=relative, holder="", held_since=0.0
+                )
 
     def left(self, name: str) -> None:
         """Record that the arm releases an object where it is; call while it is still held."""

@@ -216,11 +216,14 @@ class ConstrainedProblem:
         problem: Admitted problem without it.
         keep: Path constraint.
         poses: Maximum number of poses of which the search solves the inverse kinematics.
+        at_goals: Whether the motion has to end in one of the configurations of the problem, not
+            only with the tool there.
     """
 
     problem: PlanningProblem
     keep: PathConstraint
     poses: int = POSES
+    at_goals: bool = False
 
     @property
     def planner(self) -> str:
@@ -230,8 +233,8 @@ class ConstrainedProblem:
     def motion(self, abandoned: Callable[[], bool] = lambda: False) -> Trajectory:
         """Motion to the tool pose of the preferred goal that keeps the constraint.
 
-        The motion may end in another configuration than the goals given, with the tool at the same
-        pose.
+        Unless ``at_goals``, it may end in another configuration than the goals given, with the tool
+        at the same pose.
 
         Args:
             abandoned: Polled during the search; ends it when the plan is no longer needed.
@@ -269,7 +272,7 @@ class _ConstrainedSearch:
 
     def motion(self) -> Trajectory:
         """See `ConstrainedProblem.motion`."""
-        found = self._timed([self._start, self._goal])
+        found = self._ending_at_goal(self._timed([self._start, self._goal]))
         if found is not None:
             return found
         if not self._given.keep.cones:  # often kept without a search for it
@@ -315,10 +318,31 @@ class _ConstrainedSearch:
                 continue
             corners = meeting.corners
             if self._rows(corners, q) is not None:
-                return self._timed(self._shortened(corners))
+                found = self._ending_at_goal(self._timed(self._shortened(corners, q)))
+                if found is not None or not self._given.at_goals:
+                    return found
             found = self._joined(meeting, goal)
             if found is not None:
                 return found
+        return None
+
+    def _ending_at_goal(self, motion: Trajectory | None) -> Trajectory | None:
+        """A motion to the tool pose of the goal; None if it has to end at a goal, and does not.
+
+        A redundant arm gets there by a motion of the joints alone.
+        """
+        if motion is None or not self._given.at_goals:
+            return motion
+        for goal in self._problem.goals:
+            last = motion.q[-1]
+            if np.abs(last - goal).max() < _TINY:
+                return motion
+            rest = self._self_motion(self._goal, last, goal)
+            if rest is not None:
+                turn = time_path(rest, self._problem.limits, self._problem.dt)
+                longer = motion.then(turn)
+                if self._is_free(longer):
+                    return longer
         return None
 
     def _joined(self, meeting: Meeting, goal: Vector) -> Trajectory | None:
@@ -331,13 +355,25 @@ class _ConstrainedSearch:
             meeting: Where two trees met.
             goal: Configuration at the goal from which the second one grew, of shape (dof,), rad.
         """
-        begin = self._rows(meeting.from_start, self._problem.start)
-        end = self._rows(meeting.from_goal, goal)
+        start = self._problem.start
+        short = self._shortened(meeting.from_start, start), self._shortened(meeting.from_goal, goal)
+        for from_start, from_goal in (short, (meeting.from_start, meeting.from_goal)):
+            found = self._between_halves(from_start, from_goal, goal)
+            if found is not None:
+                return found
+        return None
+
+    def _between_halves(
+        self, from_start: Sequence[Pose], from_goal: Sequence[Pose], goal: Vector
+    ) -> Trajectory | None:
+        """As `_joined`, for corners from the start and from the goal to the pose of the meeting."""
+        begin = self._rows(from_start, self._problem.start)
+        end = self._rows(from_goal, goal)
         if begin is None or end is None:
             return None
         first = begin[-1][-1] if begin else self._problem.start
         second = end[-1][-1] if end else goal
-        between = self._self_motion(meeting.from_start[-1], first, second)
+        between = self._self_motion(from_start[-1], first, second)
         if between is None:
             return None
         motion = Trajectory.rest(self._problem.start, self._problem.dt)
@@ -409,8 +445,8 @@ class _ConstrainedSearch:
             q = rows[-1]
         return found
 
-    def _shortened(self, corners: list[Pose]) -> list[Pose]:
-        """Fewer corners, as far as straight edges between them are free."""
+    def _shortened(self, corners: list[Pose], q: Vector) -> list[Pose]:
+        """Fewer corners from a configuration on, as far as straight edges between them are free."""
         for _ in range(_SHORTCUTS):
             if len(corners) < 3 or self._abandoned():
                 break
@@ -418,7 +454,7 @@ class _ConstrainedSearch:
             if j == i + 1:
                 continue
             shorter = [*corners[: i + 1], *corners[j:]]
-            if self._rows(shorter, self._problem.start) is not None:
+            if self._rows(shorter, q) is not None:
                 corners = shorter
         return corners
 

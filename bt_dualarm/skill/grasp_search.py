@@ -113,6 +113,7 @@ supports. `operate` closes firmer, by its port ``force``."""
 GRAVITY = 9.81
 """Acceleration of gravity in m/s²."""
 
+_LIGHT_KG = 1e-6  # mass that any grasp bears
 _WIDE = 50.0  # m: half the edge of the box that stands for a plane
 _ALONG = 0.99  # cosine above which fingers close along the given width
 _AS_ASKED = math.cos(math.radians(30.0))  # largest angle to the given approach
@@ -312,32 +313,47 @@ def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
         if wanted.opening is not None:
             jaw = replace(jaw, widest_opening=min(jaw.widest_opening, wanted.opening))
         _refuse_width(solid, jaw, wanted)
-        found = jaw_grasps(solid, jaw, load, jaw.friction, point=point)
-    else:
-        cup = cup_measures(page, friction)
-        cup = replace(cup, most_force=min(cup.most_force, wanted.most_force))
-        found = cup_grasps(solid, cup, load, point=point)
-    if not found:
-        raise _no_grasp(solid, jaw, arm, wanted, point)
-    found = tuple(replace(one, tool=symmetry @ one.tool) for one in found)
-    found = tuple(one for one in found if wanted.allows(one))
-    if wanted.point is not None:
-        found = _at_point(found, wanted)
+
+    def bearing(load: Load) -> tuple[Grasp, ...]:
+        """Grasps that bear a load, as requested."""
+        if jaw is not None:
+            found = jaw_grasps(solid, jaw, load, jaw.friction, point=point)
+        else:
+            cup = cup_measures(page, friction)
+            cup = replace(cup, most_force=min(cup.most_force, wanted.most_force))
+            found = cup_grasps(solid, cup, load, point=point)
+        if not found:
+            raise _no_grasp(solid, jaw, arm, wanted, point)
+        found = tuple(replace(one, tool=symmetry @ one.tool) for one in found)
+        found = tuple(one for one in found if wanted.allows(one))
+        return found if wanted.point is None else _at_point(found, wanted)
+
     here = arm.tool_pose
 
-    def free(of: Sequence[Obstacle]) -> tuple[RankedGrasp, ...]:
+    def free(found: Sequence[Grasp], of: Sequence[Obstacle]) -> tuple[RankedGrasp, ...]:
         return ranked(found, wanted.lies, jaw, of, lambda tool: _rotation_cost(tool, here))
 
+    found = bearing(load)
     obstacles = obstacles_around(arm, wanted)
-    order = free(obstacles)
+    order = free(found, obstacles)
     if not order:
         reason = f"no grasp of {wanted.label} is of the requested kind"
         if found and obstacles:
             names = dict.fromkeys(obstacle.name for obstacle in obstacles)
-            left = {name: len(free([o for o in obstacles if o.name == name])) for name in names}
+            left = {
+                name: len(free(found, [o for o in obstacles if o.name == name])) for name in names
+            }
             worst = sorted(left, key=lambda name: left[name])
             # What leaves no grasp by itself is the reason, else the two that leave fewest.
             worst = worst[: 1 if left[worst[0]] == 0 else 2]
+            if free(bearing(replace(load, mass=_LIGHT_KG)), obstacles):
+                raise Failure(
+                    "TOO_HEAVY",
+                    f"the grasps with which {page.name} bears {wanted.mass:.3g} kg of "
+                    f"{wanted.label} have no room beside {' and '.join(worst)}",
+                    mass_kg=wanted.mass,
+                    grasps=len(found),
+                )
             reason = (
                 f"the gripper has no room around {wanted.label}: {' and '.join(worst)} "
                 f"{'is' if len(worst) == 1 else 'are'} too near"
@@ -471,7 +487,7 @@ def _no_grasp(
     solid: Solid, jaw: JawMeasures | None, arm: Arm, wanted: WantedGrasp, point: Vector | None
 ) -> Failure:
     """Failure that states why there is no grasp, or none at a point: the mass or the shape."""
-    light = Load(1e-6, np.array([0.0, 0.0, -GRAVITY]), 0.0, np.zeros(3))
+    light = Load(_LIGHT_KG, np.array([0.0, 0.0, -GRAVITY]), 0.0, np.zeros(3))
     page = arm.gripper.page
     friction = wanted.friction(arm.world)
     where = "" if point is None else " at `point`"
