@@ -175,11 +175,12 @@ class _Touching:
 
         Args:
             thing: Name of the object.
-            known: Objects that rode on it so far: they still do if they touch nothing.
+            known: Objects that rode on it so far: they still do if they touch nothing and are near.
         """
         base = self._bodies[thing]
         afloat = {body for body in self._names if body not in self._touched and body != base}
-        riders = afloat & {self._bodies[name] for name in known if name in self._bodies}
+        rode = {self._bodies[name] for name in known if name in self._bodies}
+        riders = {body for body in rode & afloat if self._is_near(body, base)}
         reached = self._with_touching({base, *riders})
         falling = True
         while falling:  # onto what has been reached, the lowest one first
@@ -187,6 +188,15 @@ class _Touching:
             falling = bool(onto)
             reached |= onto
         return self._without_borne(reached, base)
+
+    def _is_near(self, one: int, other: int) -> bool:
+        """Whether the bounding spheres of two free objects meet."""
+        reach = [
+            float(np.linalg.norm(body_of(self._objects[name]).corners, axis=1).max())
+            for name, body in self._bodies.items()
+            if body in (one, other)
+        ]
+        return float(np.linalg.norm(self._data.xpos[one] - self._data.xpos[other])) <= sum(reach)
 
     def _below(self, name: str) -> int:
         """Root of the body onto which an object that touches nothing falls; -1 if it is far."""

@@ -13,6 +13,7 @@ from bt_dualarm.testing import after
 from tests.plays import Deed
 from tests.skills.scenarios import (
     ABOVE,
+    BEAM,
     BESIDE_ANOTHER,
     CABINET,
     CHEST,
@@ -209,6 +210,8 @@ AGAIN: Tree = {"regrasp": {"object": "cube"}}
 TWO_CUBES = ON_TABLE | {"other": CUBE | {"color": "red", "pose": {"xyz": [0.25, -0.45, 0.425]}}}
 SMALL = [[0.05, 0.0], [0.0, 0.05], [-0.05, 0.0], [0.0, -0.05]]
 GRASPED = {"before": (GRASP,), "arm": GRIPPING}
+RIDER: Tree = {"shape": "box", "size": [0.03, 0.03, 0.03], "mass": 0.05}
+LOADED = {"objects": ON_TABLE | {"rider": RIDER | {"pose": {"xyz": [0.40, -0.45, 0.465]}}}}
 SUCKING = GRIPPING | {"gripper": "suction_cup"}
 
 
@@ -439,6 +442,12 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ),
     ("carry_together", "NO_CONTACT"): Trial(carried(to={"xyz": [0.05, -0.5, 0.6]}), moves=True),
     ("carry_together", "NOT_OPEN"): Trial(carried(), deeds=((9.0, jams),), moves=True),
+    ("carry_together", "SPILLED"): Trial(
+        carried(),
+        {"objects": BEAM | {"rider": RIDER | {"pose": {"xyz": [0, -0.45, 0.565]}}}},
+        deeds=((5.0, steals("rider")),),
+        moves=True,
+    ),
     ("carry_together", "NOT_PLACED"): Trial(
         carried(), deeds=((10.2, slides_in_hand("beam", 0.02)),), moves=True
     ),
@@ -708,6 +717,7 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("place", "NOT_OPEN"): Trial(PLACE, deeds=((4.2, jams),), moves=True),
     ("place", "SLIPPED"): Trial(PLACE, deeds=((3.6, shrinks("cube")),), moves=True),
     ("place", "DROPPED"): Trial(PLACE, deeds=((3.6, steals("cube")),), moves=True),
+    ("place", "SPILLED"): Trial(PLACE, LOADED, ((3.6, steals("rider")),), moves=True),
     ("regrasp", "NOT_HELD"): Trial({"regrasp": {}}, {"before": ()}),
     ("regrasp", "GRIPPER_FULL"): Trial({"regrasp": {"object": "other"}}, CLOSED),
     ("regrasp", "INVALID_TARGET"): Trial(AGAIN, {"before": (), "objects": cube_that(fixed=True)}),
@@ -802,6 +812,9 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ),
     ("transport", "KEEP_VIOLATED"): Trial(
         {"transport": CARRY["transport"] | {"keep": {"height": [0.4, 0.5]}}}, moves=True
+    ),
+    ("transport", "SPILLED"): Trial(
+        CARRY_FAR, GRASPED | LOADED, ((4.6, steals("rider")),), moves=True
     ),
     ("transport", "NOT_REACHED"): Trial(
         {"transport": CARRY["transport"] | {"tolerance": 1e-4}},
