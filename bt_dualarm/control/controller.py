@@ -157,9 +157,14 @@ class JointController:
 
     @property
     def at_rest(self) -> bool:
-        """Whether no motion is commanded and the arm is at rest."""
-        return self._motion is None and bool(
-            (np.abs(self._torque.mean_velocity) < _STANDSTILL).all()
+        """Whether no motion is commanded and the arm is at rest.
+
+        The gate of the set-points may still be some periods behind the end of a motion.
+        """
+        return (
+            self._motion is None
+            and not self.setpoint.v.any()
+            and bool((np.abs(self._torque.mean_velocity) < _STANDSTILL).all())
         )
 
     @property

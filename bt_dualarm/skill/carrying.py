@@ -72,6 +72,7 @@ _FIRM: Final = 3.0  # times the contact force at which one hand ends the descent
 _CONFIRMED_S: Final = 0.05  # time for which an internal wrench must exceed its bound
 _ROOM: Final = 0.97  # fraction of the limits that motions use; the rest is for corrections
 _STILL_SHARE: Final = 5e-3  # allowed motion of a beam's ends, which rock, per half of its length
+_SETTLED_RAD: Final = 3e-3  # joint error between two motions that the other arms may cause
 _REST_S: Final = 5.0  # time limit for all arms to come to rest
 
 
@@ -1026,7 +1027,7 @@ class _Coupled:
             self._metrics["impact_n"] = sense.most
             return
         try:
-            for _ in arm.settle():
+            for _ in arm.settle(_SETTLED_RAD):
                 yield None
                 self._follow_others(motion)
         except Failure:
