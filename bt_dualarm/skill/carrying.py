@@ -14,6 +14,7 @@ from functools import partial
 from typing import Any, Final
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from bt_dualarm.arm.arm import PLANNING_MARGIN_M, Arm
 from bt_dualarm.arm.passengers import PassengerCheck
@@ -73,6 +74,7 @@ _CONFIRMED_S: Final = 0.05  # time for which an internal wrench must exceed its 
 _ROOM: Final = 0.97  # fraction of the limits that motions use; the rest is for corrections
 _STILL_SHARE: Final = 5e-3  # allowed motion of a beam's ends, which rock, per half of its length
 _SETTLED_RAD: Final = 3e-3  # joint error between two motions that the other arms may cause
+_LEVER_M: Final = 0.02  # distance that makes a hand's rotation as important as its position
 _REST_S: Final = 5.0  # time limit for all arms to come to rest
 
 
@@ -899,13 +901,11 @@ class _Coupled:
         self._metrics["believed_error_m"] = self._object_pose().distance(goals[-1])
 
     def _object_pose(self, q: Mapping[str, Vector] | None = None) -> Pose:
-        """Estimated pose of the object: the mean over the tools of all arms."""
+        """Pose of the object, estimated from the tools of all arms."""
         world = self._arm.world
-        poses = []
-        for name, grasp in self._grasps.items():
-            at = world.hardware[name].q if q is None else q[name]
-            poses.append(world.nominal[name].tool_pose_at(at) @ grasp.inverse)
-        return mean_pose(poses)
+        at = q or {name: world.hardware[name].q for name in self._grasps}
+        tools = [world.nominal[name].tool_pose_at(at[name]) for name in self._grasps]
+        return pose_held(tools, list(self._grasps.values()))
 
     def _leg(
         self, poses: Sequence[Pose | None], speed: float, done: float
@@ -1152,10 +1152,24 @@ def _raised(pose: Pose, height: float) -> Pose:
     return Pose(pose.position + np.array((0.0, 0.0, height)), pose.quaternion)
 
 
-def mean_pose(poses: Sequence[Pose]) -> Pose:
-    """Mean of a few poses that are close together."""
-    position = np.mean([pose.position for pose in poses], axis=0)
-    first = poses[0].quaternion
-    aligned = [pose.quaternion * np.sign(pose.quaternion @ first) for pose in poses]
-    quaternion = np.sum(aligned, axis=0)
-    return Pose(position, quaternion / np.linalg.norm(quaternion))
+def pose_held(tools: Sequence[Pose], grasps: Sequence[Pose]) -> Pose:
+    """Pose of an object that several hands hold, by least squares.
+
+    Above all the positions of the hands count: one that tilts at the end of a long object, as its
+    arm yields, would move the other end by centimeters.
+
+    Args:
+        tools: Poses of the hands in the world.
+        grasps: Poses of the hands in the frame of the object.
+    """
+    there, here = (
+        np.vstack([
+            [pose.position for pose in poses] - np.mean([pose.position for pose in poses], axis=0),
+            *(_LEVER_M * pose.rotation_matrix.T for pose in poses),
+        ])
+        for poses in (tools, grasps)
+    )  # fmt: skip
+    rotation, _ = Rotation.align_vectors(there, here)
+    middle = np.mean([pose.position for pose in tools], axis=0)
+    held_at = np.mean([pose.position for pose in grasps], axis=0)
+    return Pose.from_rotation(middle - rotation.apply(held_at), rotation)
