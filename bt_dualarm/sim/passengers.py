@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -55,12 +55,9 @@ class Passengers:
         self._upon: dict[str, tuple[Passenger, ...]] = {}
 
     def of(self, thing: str) -> tuple[Passenger, ...]:
-        """Passengers of a held object, as last looked for."""
-        return self._upon.get(thing, ())
-
-    def __iter__(self) -> Iterator[Passenger]:
-        """All passengers, of whatever object."""
-        return (one for upon in self._upon.values() for one in upon)
+        """Passengers of a held object that are present, as last looked for."""
+        upon = self._upon.get(thing, ())
+        return tuple(one for one in upon if one.object in self._objects)
 
     def look(
         self,

@@ -1,0 +1,132 @@
+"""Which objects ride on a held one: those that rest on it, on each other, and on nothing else."""
+
+from __future__ import annotations
+
+import pytest
+
+from bt_dualarm.core.pose import Pose
+from bt_dualarm.sim.world import World
+from bt_dualarm.spec.document import ObjectSpec
+from bt_dualarm.spec.values import PoseSpec
+from tests.sim.worlds import arm, box, file_of
+
+TABLE = box((0.5, 0.0, 0.2), fixed=True).model_copy(update={"size": (0.8, 0.8, 0.4)})
+TOP = 0.4
+FLOOR = TOP + 0.003
+
+
+def tray() -> ObjectSpec:
+    place = PoseSpec(xyz=(0.5, 0.0, TOP + 0.015))
+    return ObjectSpec(shape="tray", size=(0.3, 0.2, 0.03), mass=0.5, pose=place)
+
+
+def settled(objects: dict[str, ObjectSpec], steps: int = 100) -> World:
+    world = World(file_of({"arm1": arm("ur5", (0.0, 0.0, 0.4))}, {"table": TABLE} | objects))
+    for _ in range(steps):
+        world.step()
+    return world
+
+
+def riders(world: World, thing: str = "tray") -> set[str]:
+    return {one.object for one in world.passengers_of(thing)}
+
+
+STANDING = {
+    "tray": tray(),
+    "cube": box((0.45, 0.0, FLOOR + 0.02), 0.04),
+    "upper": box((0.45, 0.0, FLOOR + 0.055), 0.03),
+    "beside": box((0.75, 0.0, TOP + 0.025), 0.05),
+}
+
+
+@pytest.mark.parametrize("steps", [0, 100])
+def test_what_stands_in_it_rides_along_also_on_each_other(steps: int) -> None:
+    """At the beginning of a run, nothing touches yet: it is about to fall."""
+    lifted = {name: one.model_copy() for name, one in STANDING.items()}
+    for name, gap in (("cube", 0.0005), ("upper", 0.001)):
+        x, y, z = lifted[name].pose.xyz or (0.0, 0.0, 0.0)
+        lifted[name] = lifted[name].model_copy(update={"pose": PoseSpec(xyz=(x, y, z + gap))})
+    world = settled(lifted, steps)
+    assert riders(world) == {"cube", "upper"}
+    assert riders(world, "cube") == {"upper"}
+    assert riders(world, "upper") == riders(world, "beside") == set()
+    assert riders(world, "table") == set()  # fixed: nobody lifts it
+    assert world.loaded_mass("tray") == pytest.approx(0.5 + 0.1 + 0.1)
+
+
+def test_what_something_else_bears_as_well_does_not_ride() -> None:
+    """A board lies across the tray's rim and a block on the table; a cube lies on the board."""
+    rim = TOP + 0.03
+    across = box((0.72, 0.0, rim + 0.005)).model_copy(update={"size": (0.30, 0.05, 0.01)})
+    world = settled(
+        {
+            "tray": tray(),
+            "block": box((0.84, 0.0, TOP + 0.015), 0.03),
+            "board": across,
+            "cube": box((0.72, 0.0, rim + 0.01 + 0.02), 0.04),
+        }
+    )
+    assert riders(world) == set()
+    assert riders(world, "board") == {"cube"}
+
+
+def test_what_hangs_in_the_air_above_it_does_not_ride() -> None:
+    world = settled({"tray": tray(), "high": box((0.5, 0.0, FLOOR + 0.06), 0.03)}, 0)
+    assert riders(world) == set()
+
+
+def test_a_held_object_keeps_what_bounces_and_loses_what_falls_off() -> None:
+    world = settled({"tray": tray(), "cube": box((0.45, 0.0, FLOOR + 0.02), 0.04)})
+    world.attach("arm1", "tray")
+    assert [one.object for one in world.passengers_of("tray")] == ["cube"]
+    assert set(world.carried_by("arm1")) == {"tray", "cube"}
+    assert set(world.object_geoms("cube")) < world.payload_geoms("tray")
+    address = world.pose_address("cube")
+    held = world.object_pose("tray")
+
+    def move_cube(to: Pose) -> None:
+        world.data.qpos[address : address + 7] = (*to.position, *to.quaternion)
+        world.step()
+        world.look_for_passengers()
+
+    move_cube(held @ Pose.from_rpy((-0.05, 0.0, 0.035)))  # 5 cm above its floor
+    assert riders(world) == {"cube"}
+    generation = world.generation
+    move_cube(held @ Pose.from_rpy((-0.05, 0.0, 0.034)))
+    assert world.generation == generation  # nothing has changed: nothing is bound anew
+    move_cube(Pose.from_rpy((0.75, 0.0, TOP + 0.02)))
+    assert riders(world) == set()
+    assert world.generation > generation
+    move_cube(held @ Pose.from_rpy((-0.05, 0.0, 0.006)))  # another arm puts it back
+    assert riders(world) == {"cube"}
+    world.remove_object("cube")
+    assert riders(world) == set()
+
+
+def test_an_arm_that_knows_the_masses_bears_all_of_it() -> None:
+    world = settled(STANDING)
+    alone = World(file_of({"arm1": arm("ur5", (0.0, 0.0, 0.4))}, {"tray": tray()}))
+    for one in (world, alone):
+        one.attach("arm1", "tray")
+    load, empty = (one.nominal["arm1"].loads[0] for one in (world, alone))
+    assert empty.mass == pytest.approx(0.5)
+    assert load.mass == pytest.approx(0.7)
+    center = world.arms["arm1"].tool_link_pose.apply(load.pose.position)
+    expected = (0.5 * 0.5 + 0.45 * 0.2) / 0.7
+    assert center[0] == pytest.approx(expected, abs=1e-3)
+
+
+def test_what_another_arm_holds_rides_on_nothing() -> None:
+    file = file_of(
+        {"arm1": arm("ur5", (0.0, 0.0, 0.4)), "arm2": arm("panda", (1.3, 0.0, 0.4), 180.0)},
+        {"table": TABLE, **STANDING},
+    )
+    world = World(file)
+    for _ in range(100):
+        world.step()
+    world.attach("arm1", "tray")
+    assert riders(world) == {"cube", "upper"}
+    world.attach("arm2", "upper")
+    assert riders(world) == {"cube"}
+    world.attachments.detach("arm2", "upper")
+    assert riders(world) == {"cube", "upper"}
