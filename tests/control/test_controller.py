@@ -361,3 +361,23 @@ def test_an_arm_is_not_still_while_a_joint_lags_behind_a_motion_that_has_ended(r
             if controller.is_still:
                 still.append(speed)
     assert max(still) < max(at_rest) - 0.01
+
+
+@pytest.mark.parametrize("robot", FAST)
+def test_it_rests_only_where_its_set_point_does(robot: str) -> None:
+    """The gate follows a jump of the last set-point with bounded jerk: the motion has ended then.
+
+    A motion that began at the set-point of that moment was refused later: TRACKING_ERROR.
+    """
+    world = world_with(robot)
+    controller = controlled(world)
+    start = controller.setpoint.q
+    q = np.array([start, start, start + 1e-4])
+    controller.follow(Trajectory(world.timestep, q, 0.0 * q, 0.0 * q))
+    resting = []
+    for _ in range(100):
+        run(world, world.timestep, controller)
+        if controller.at_rest:
+            resting.append(controller.setpoint.q)
+    assert resting
+    assert all((one == resting[-1]).all() for one in resting)

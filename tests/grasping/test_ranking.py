@@ -10,6 +10,9 @@ from hypothesis import strategies as st
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.grasping.candidates import Obstacle, finger_points, jaw_grasps, ranked
 from bt_dualarm.grasping.grasp import Box, JawMeasures, Load, solid_of
+from bt_dualarm.sim.object_body import body_of
+from bt_dualarm.spec.document import ObjectSpec
+from bt_dualarm.spec.values import PoseSpec
 from tests.grasping.families import JAW, JAWS, SIZES
 
 TABLE = Obstacle(Box(np.array([1.0, 1.0, 0.5])), Pose.from_rpy((0.0, 0.0, -0.5)))
@@ -70,3 +73,13 @@ def test_a_cup_asks_for_no_room_beside_it() -> None:
     inside = Obstacle(Box(np.full(3, 0.2)), Pose.identity())
     assert ranked(grasps, Pose.identity(), JAW, [inside], anywhere) == ()
     assert len(ranked(grasps, Pose.identity(), None, [inside], anywhere)) == len(grasps)
+
+
+def test_fingertips_keep_off_the_floor_of_a_tray() -> None:
+    """Grasps of its wall are as deep as the pads are long; where the wall allows, less deep."""
+    size = (0.3, 0.2, 0.03)
+    spec = ObjectSpec(shape="tray", size=size, mass=0.3, pose=PoseSpec(xyz=(0, 0, 0.015)))
+    grasps = jaw_grasps(body_of(spec).solid, JAW, LOAD, 0.8)
+    found = ranked(grasps, Pose.from_rpy((0.0, 0.0, 0.015)), JAW, [TABLE], anywhere)
+    assert min(one.grasp.ahead for one in found) < 2e-3  # otherwise nothing is shown
+    assert found[0].grasp.ahead >= 5e-3

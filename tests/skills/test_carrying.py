@@ -10,7 +10,9 @@ import pytest
 
 import bt_dualarm as bt
 from bt_dualarm.behaviors.report import LeafReport
+from bt_dualarm.core.pose import Pose
 from bt_dualarm.sim.grippers import GripperCommand
+from bt_dualarm.skill.carrying import pose_held
 from bt_dualarm.testing import after
 from tests.skills.scenarios import PARTNER, SCENARIOS, Tree
 
@@ -230,3 +232,17 @@ def test_grasps_of_another_kind_are_tried_where_the_best_ones_are_all_alike() ->
         while tree.status != "FAILURE" and np.abs(run.arms["arm1"].q - start).max() < 0.1:
             run.step(0.1)
         assert tree.status == "RUNNING", "it has a plan, which it begins to execute"
+
+
+def test_a_hand_that_tilts_does_not_move_what_two_hands_hold() -> None:
+    """One of them is turned by 2 degrees at the end of a tray: 8 mm, if its rotation counted."""
+    grasps = [Pose.from_rpy((side * 0.22, 0.0, 0.015), (np.pi, 0.0, 0.3)) for side in (-1, 1)]
+    lies = Pose.from_rpy((0.1, -0.4, 0.6), (0.02, -0.05, 0.4))
+    tools = [lies @ grasp for grasp in grasps]
+    found = pose_held(tools, grasps)
+    assert found.distance(lies) < 1e-9
+    assert found.angle(lies) < 1e-6
+    tools[1] = tools[1] @ Pose.from_rpy((0.0, 0.0, 0.0), (0.0, np.radians(2.0), 0.0))
+    found = pose_held(tools, grasps)
+    assert found.distance(lies) < 1e-4
+    assert np.degrees(found.angle(lies)) < 0.1

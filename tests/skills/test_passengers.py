@@ -153,7 +153,7 @@ def test_a_planned_motion_keeps_it_upright_and_slow_enough() -> None:
 def test_what_is_to_be_poured_out_may_leave() -> None:
     grasp = {"grasp": {"object": "carrier"}}
     over = {"transport": {"object": "carrier", "to": {"xyz": [0.45, 0.0, TOP + 0.3]}}}
-    pour = {"rotate_tool": {"axis": [1, 0, 0], "angle": 70}}
+    pour = {"rotate_tool": {"axis": [0, 1, 0], "angle": 70}}
     with bt.open(file_of("ur5", "plate", "cube", grasp, over, pour, {"wait": 1.0})) as run:
         result = run.finish()
         cube = run.world.object_pose("rider").position
