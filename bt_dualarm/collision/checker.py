@@ -355,7 +355,8 @@ class CollisionChecker:
         arm: Name of the arm.
         margin: Distance to keep from other arms, m: one for all, or by name; arms that are not
             named must not be touched.
-        ignore: Names of objects that may be touched, and of arms that yield.
+        ignore: Names of objects that may be touched, with what rides on one that the arm holds, and
+            of arms that yield.
         sharing: Objects that others may hold together with this arm; by default those for which
             both have consented.
         tool_may_touch: Whether the tool and held objects may touch everything but the arm itself.
@@ -660,6 +661,8 @@ def _new_rules(
     held = geoms_of(world, world.carried_by(arm))
     moving = scratch.marks(body.geom_ids | held)
     ignored = geoms_of(world, ignore & world.objects.keys())
+    for name in ignore & set(world.attachments.attached_to(arm)):
+        ignored |= world.payload_geoms(name)  # what rides on it would move with the hand
     for name in ignore & world.arms.keys():
         payloads = world.carried_by(name)
         ignored |= world.arms[name].geom_ids | geoms_of(world, payloads)
