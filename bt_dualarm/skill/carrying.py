@@ -835,7 +835,10 @@ class _Planning:
             })  # fmt: skip
             rows = alone.follow_on([[ToolTarget(name, pose)] for pose in poses], {name: q[name]})
             found[name] = rows[name][::-1].copy()
-            checker = CollisionChecker(self._world, name, ignore=frozenset({self._thing}))
+            checker = CollisionChecker(self._world, name)
+            hand = list(self._world.arms[name].tool_geom_ids)
+            its = list(self._world.object_geoms(self._thing))
+            checker.least[np.ix_(hand, its)] = checker.least[np.ix_(its, hand)] = -np.inf
             contact = checker.first_contact(found[name])
             # The others will have moved by then.
             others = self._proposals.keys() - {name}
