@@ -53,6 +53,7 @@ class Passengers:
     def __init__(self, objects: Mapping[str, ObjectSpec]) -> None:
         self._objects = objects
         self._upon: dict[str, tuple[Passenger, ...]] = {}
+        self._layout: _Layout | None = None
 
     def of(self, thing: str) -> tuple[Passenger, ...]:
         """Passengers of a held object that are present, as last looked for."""
@@ -76,10 +77,15 @@ class Passengers:
             held: Names of the held objects.
             hands: Geoms of the arms' tools: what touches them is not borne by them.
         """
-        carried = [name for name in dict.fromkeys(held) if self._objects[name].is_free]
+        carried = tuple(name for name in dict.fromkeys(held) if self._objects[name].is_free)
         if not carried and not self._upon:
             return False
-        touching = _Touching(model, data, self._objects, carried, hands)
+        layout = self._layout
+        if layout is None or layout.model is not model or layout.held != carried:
+            layout = self._layout = _Layout(model, self._objects, carried, hands)
+        if not self._upon and not layout.may_ride(data):
+            return False
+        touching = _Touching(layout, data)
         found: dict[str, tuple[Passenger, ...]] = {}
         taken = set[str]()  # what lies across two held objects rides on the first
         for name in carried:
@@ -115,8 +121,8 @@ class Passengers:
         """
         if not self._objects[thing].is_free:
             return ()
-        touching = _Touching(model, data, self._objects, {*held, thing}, hands)
-        names = touching.upon(thing, known)
+        layout = _Layout(model, self._objects, tuple({*held, thing}), hands)
+        names = _Touching(layout, data).upon(thing, known)
         return tuple(_passenger(model, data, thing, name) for name in names)
 
 
@@ -128,41 +134,77 @@ def _passenger(model: mujoco.MjModel, data: mujoco.MjData, thing: str, name: str
     return Passenger(name, carrier.inverse @ rider, carrier.inverse.turn(np.array((0.0, 0.0, 1.0))))
 
 
-class _Touching:
-    """Which objects touch and bear which, by the current contacts.
+class _Layout:
+    """Which bodies of a model are free objects, held ones, and hands; the same for many looks.
 
     Args:
         model: Model of the world.
-        data: Its state.
         objects: Objects that are present.
         held: Names of the held ones, which ride on nothing.
         hands: Geoms that bear nothing.
+
+    Attributes:
+        bodies: Bodies of the free objects, by name.
+        names: Names of those that are not held, by body.
+        trees: Root body of each geom, of shape (ngeom,): what moves on the joints of a free object
+            belongs to its tree.
+        is_hand: Whether a geom is one of a hand, of shape (ngeom,).
     """
 
     def __init__(
         self,
         model: mujoco.MjModel,
-        data: mujoco.MjData,
         objects: Mapping[str, ObjectSpec],
-        held: Collection[str],
+        held: tuple[str, ...],
         hands: Collection[int],
     ) -> None:
-        self._model = model
-        self._data = data
-        self._objects = objects
-        roots = model.body_rootid
-        # What moves on the joints of a free object belongs to its tree.
-        self._bodies = {
+        self.model = model
+        self.objects = objects
+        self.held = held
+        self.bodies = {
             name: int(model.body(name).id) for name, thing in objects.items() if thing.is_free
         }
-        self._names = {body: name for name, body in self._bodies.items() if name not in held}
+        self.names = {body: name for name, body in self.bodies.items() if name not in held}
+        self.trees: npt.NDArray[np.int32] = model.body_rootid[model.geom_bodyid]
+        self.is_hand = np.zeros(model.ngeom, dtype=bool)
+        self.is_hand[list(hands)] = True
+        # 1 for held objects, 2 for other free ones: two that touch and have both may be a rider.
+        self._kinds = np.zeros(model.ngeom, dtype=np.uint8)
+        for name, body in self.bodies.items():
+            self._kinds[self.trees == body] = 1 if name in held else 2
+
+    def may_ride(self, data: mujoco.MjData) -> bool:
+        """Whether anything touches a held object, or floats; otherwise nothing rides on one."""
+        if not self.names:
+            return False
+        geoms = data.contact.geom
+        kinds = self._kinds[geoms]
+        if ((kinds[:, 0] | kinds[:, 1]) == 3).any():
+            return True
+        loose = set(self.trees[geoms[kinds == 2]].tolist())
+        return len(loose) < len(self.names)
+
+
+class _Touching:
+    """Which objects touch and bear which, by the current contacts.
+
+    Args:
+        layout: Bodies of the model.
+        data: State of the world.
+    """
+
+    def __init__(self, layout: _Layout, data: mujoco.MjData) -> None:
+        self._model = layout.model
+        self._data = data
+        self._objects = layout.objects
+        self._bodies = layout.bodies
+        self._names = layout.names
         contact = data.contact
         touch = contact.dist <= 0.0
         geoms = contact.geom[touch]
-        grips = np.isin(geoms, list(hands)).any(axis=1)
-        trees = roots[model.geom_bodyid[geoms]]
+        trees = layout.trees[geoms]
         self._touched: set[int] = {int(one) for one in trees.flat}
-        apart = (trees[:, 0] != trees[:, 1]) & ~grips
+        apart = (trees[:, 0] != trees[:, 1]) & ~layout.is_hand[geoms].any(axis=1)
         self._pairs: npt.NDArray[np.int32] = trees[apart]
         # The normal points from the first geom to the second.
         self._upward: Vector = contact.frame[touch][apart][:, 2]

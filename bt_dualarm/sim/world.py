@@ -742,6 +742,9 @@ def overlap_error(kind: str, name: str, other: str, depth: float) -> OverlapErro
 
 _log = logging.getLogger(__name__)
 
+_LOOK_S = 0.1
+"""Simulated time between two looks for what rides on held objects, s."""
+
 
 class World(HoldingView):
     """The composed world; ``model`` and ``data`` are replaced when ``generation`` increases.
@@ -801,6 +804,7 @@ class World(HoldingView):
         check_declarations(file, self.robots, composition.names_in(self._spec))
         self.attachments = Attachments(self._spec, self._recompile, self._rebind, self._reload)
         self._passengers = Passengers(self.objects)
+        self._looked_at = 0.0
         self._compile_first()
 
     def step(self) -> None:
@@ -952,18 +956,19 @@ class World(HoldingView):
         return sum(self.objects[name].total_mass for name in (thing, *riders))
 
     def look_for_passengers(self) -> None:
-        """Notice what arms' held objects carry since the last look; once per tick of the trees."""
+        """Notice what fell off held objects, or onto them; ten times a second at most.
+
+        What an arm has just taken or released is noticed at once.
+        """
+        if not len(self.attachments) or self.time - self._looked_at < _LOOK_S:
+            return
+        self._looked_at = self.time
         if self._notice_passengers():
             self._rebind()
 
     def _notice_passengers(self) -> bool:
         held = [one.object for one in self.attachments]
         return self._passengers.look(self.model, self.data, held, self._hands)
-
-    @property
-    def _hands(self) -> set[int]:
-        """Geoms of all tools."""
-        return {geom for body in self.arms.values() for geom in body.tool_geom_ids}
 
     def restore(self, state: Vector) -> None:
         """Restore a state of the same generation, bit for bit; drives keep their own state."""
@@ -1053,6 +1058,7 @@ class World(HoldingView):
             name: ArmBody.find(name, self.robots[name], self._file.arms[name].base.pose, *plant)
             for name in self.arms
         }
+        self._hands = {geom for body in self.arms.values() for geom in body.tool_geom_ids}
         self.devices.connect(plant, self.arms, self.attachments, self.objects, self._passengers)
 
     def _add_arm(self, name: str) -> None:
