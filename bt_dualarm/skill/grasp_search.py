@@ -256,7 +256,13 @@ class WantedGrasp:
         return body_of(thing).center
 
     def _pulled_at(self, world: World) -> Vector:
-        """Center of the part at which something on a joint is pulled, of shape (3,), m."""
+        """Point at which something on a joint is pulled, of shape (3,), m.
+
+        That is where it is to be grasped, by default the center of the part: the joint bears what
+        a weight beside the hand would turn.
+        """
+        if self.point is not None:
+            return self.point
         body = body_of(world.objects[self.name or ""])
         its = [one for one in body.parts if self.part in (None, one.name)]
         weights = np.array([one.weight for one in its])
