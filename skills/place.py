@@ -29,6 +29,7 @@ from bt_dualarm import (
 _LOOK_M = 0.3  # distance of the camera from the goal
 _LEAN = np.radians(45.0)  # largest rotation of the line of sight from that at the release
 _LEANS = np.radians(3.0)  # angle from upright above which the current orientation is remarkable
+_REFUSALS = frozenset({"NOT_SUPPORTED", "IN_COLLISION", "UNREACHABLE"})
 _PICTURES = 6  # images that are averaged
 _SIGMAS = 3.0  # allowed in addition, in standard deviations of the estimate
 
@@ -75,7 +76,7 @@ class Place(Skill):
             yield from setting_down.through(goal)
         except Failure as failure:
             leans = np.arccos(min(1.0, np.abs(goal.rotation_matrix[2]).max()))
-            if failure.code != "NOT_SUPPORTED" or self.ports.at.is_oriented or leans < _LEANS:
+            if failure.code not in _REFUSALS or self.ports.at.is_oriented or leans < _LEANS:
                 raise
             raise Failure(
                 failure.code,

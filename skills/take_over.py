@@ -20,6 +20,7 @@ from bt_dualarm import (
     JointPart,
     LoadSense,
     ObjectName,
+    ObjectPose,
     PortModel,
     Pose,
     Skill,
@@ -73,6 +74,11 @@ _TRIES = 3  # maximum number of motions to the standoff
 
 class _Ports(PortModel):
     object: ObjectName = port(..., "object to take over")
+    then_at: ObjectPose | None = port(
+        None,
+        "pose at which `place` will set the object down, with an orientation: grasps with which "
+        "this arm can do that are chosen",
+    )
     standoff: float = port(0.1, "length of the straight approach", unit="m", ge=0.04, le=0.3)
     lift: float = port(0.03, "height of the lift that tests the grip", unit="m", ge=0, le=0.5)
     force: float | None = port(
@@ -112,7 +118,8 @@ class TakeOver(Skill):
     failures = {
         "GRIPPER_FULL": "the gripper holds something else, or something is attached to the tool",
         "NOT_THERE": "an arm or the object is not in the world",
-        "INVALID_TARGET": "the arm takes over from itself, or the object is fixed",
+        "INVALID_TARGET": "the arm takes over from itself, the object is fixed, or `then_at` has "
+        "no orientation",
         "PARTNER_GONE": "the other arm has given up, ended or was removed",
         "OUT_OF_REACH": "there is no place at which one arm can present it and the other take it",
         "SLIPPED": "the object slid between the fingers",
@@ -132,6 +139,12 @@ class TakeOver(Skill):
             raise Failure("INVALID_TARGET", f"{arm.name} cannot take over from itself")
         if name not in arm.world.objects:
             raise Failure("NOT_THERE", f"object {name!r} is not in the world")
+        if self.ports.then_at is not None and not self.ports.then_at.is_oriented:
+            raise Failure(
+                "INVALID_TARGET",
+                "`then_at` needs an orientation, such as `rpy: [0, 0, 0]`: the one at the handover "
+                "is not known yet",
+            )
         if arm.name in arm.world.grippers:
             yield from arm.gripper.until_decided()
             arm.gripper.refuse_full()
@@ -164,6 +177,7 @@ class TakeOver(Skill):
             shake=ports.shake,
             most_force=ports.most_force or math.inf,
             mass=ports.mass,
+            goal=None if ports.then_at is None else ports.then_at.pose,
         )
         reasons = list[str]()
         for plan in search.find():

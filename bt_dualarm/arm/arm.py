@@ -527,7 +527,14 @@ class Arm(ArmState):
             traffic.advance(self.name)
             return
         traffic.block(self.name, self._lease.leaf, self.controller.neighbors, may_yield=False)
-        self.refuse_deadlock()
+        try:
+            self.refuse_deadlock()
+        except Failure as deadlock:
+            # This path is blocked for good; another one may lead past the arms that stay.
+            traffic.advance(self.name)
+            raise BlockedFailure(
+                deadlock.code, deadlock.reason, progress=motion.progress
+            ) from deadlock
         waited_s = self.time - motion.held_since
         if waited_s <= wait_s:
             return
@@ -1064,7 +1071,7 @@ class Arm(ArmState):
                 # A tool that is set on something may by its encoders be a hair above it.
                 checker.let_stand(self.setpoint.q, TOUCH)
                 return checker
-            near = contact.second.partition("/")[0]
+            near = self.world.arm_of(contact.second)
             if margins.get(near, 0.0) <= 0.0:
                 return checker
             # 0.1 mm less each time, so that the loop ends whatever the rounding is.
@@ -1309,8 +1316,8 @@ class MoveTo:
                     yield from self.arm.follow(motion, self.ignore, wait_s)
                 else:
                     yield from follow(motion, wait_s)
-            except BlockedFailure:
-                if replans <= 0 and self.arm.time > until:
+            except BlockedFailure as failure:
+                if replans <= 0 and (self.arm.time > until or failure.code == "DEADLOCK"):
                     raise
             else:
                 return
@@ -1365,12 +1372,7 @@ class MoveTo:
             return frozenset().union(*(self.blockers(one) for one in refusals))
         if not isinstance(refusal, CollisionFailure):
             return neighbors if refusal.code == "NO_PLAN" else frozenset()
-        held = self.arm.world.attachments
-        return frozenset(
-            name
-            for name in neighbors
-            if name == refusal.obstacle or held.find(name, refusal.obstacle) is not None
-        )
+        return neighbors & {self.arm.world.arm_of(refusal.obstacle)}
 
     def _when_clear(
         self, attempt: Callable[[], Generator[None, None, _Found]], until: float

@@ -671,12 +671,17 @@ def _new_rules(
     # the arm count; MuJoCo itself leaves out neighboring links.
     scratch.compare(checked & moving, checked)
     distances = np.full(scratch.model.ngeom, -TOUCH)
+    carried = np.zeros(scratch.model.ngeom)  # distance to keep from what other arms hold
     for name, other in world.arms.items():
         if name != arm:
             kept = margin.get(name, 0.0) if isinstance(margin, Mapping) else margin
             marks = scratch.marks(other.geom_ids)
             scratch.report_gaps(marks, kept)
             distances[marks] = kept
+            if kept > 0.0:
+                marks = scratch.marks(geoms_of(world, world.carried_by(name)) - held)
+                scratch.report_gaps(marks, kept)
+                carried[marks] = kept
     # The larger value of the two geoms of a pair: a margin wins against the tolerance.
     least: Matrix = np.maximum(distances[:, None], distances)
     # The tolerance is for held objects, which may lie on others; an empty tool touches nothing.
@@ -684,11 +689,20 @@ def _new_rules(
     objects = scratch.marks(geoms_of(world, world.objects) - held)
     apart = (tool[:, None] & objects) | (objects[:, None] & tool)
     least[apart] = np.maximum(least[apart], 0.0)
+    # As the guard: links and held objects keep away from what other arms hold, and the tool, which
+    # may be going to take it, only from contact. What arms share, others may come to as well.
+    links = scratch.marks(body.geom_ids - body.tool_geom_ids)
+    shared = _shared(world, arm, sharing)
+    lent = scratch.marks(set[int]().union(*(world.payload_geoms(thing) for _, thing, _ in shared)))
+    apart = links[:, None] | (scratch.marks(held) & ~lent)[:, None] & ~lent
+    apart &= carried > 0.0
+    keep = np.where(apart, carried, -np.inf)
+    least = np.maximum(least, np.maximum(keep, keep.T))
     # A held object touches the tool, and other held objects, by design.
     gripping = scratch.marks(body.tool_geom_ids | held)
     payload = scratch.marks(held)
     least[(payload[:, None] | payload) & gripping[:, None] & gripping] = -np.inf
-    for partner, thing, hands_m in _shared(world, arm, sharing):
+    for partner, thing, hands_m in shared:
         hands = scratch.marks(world.arms[partner].tool_geom_ids)
         pairs = (hands[:, None] & tool) | (tool[:, None] & hands)
         least[pairs] = np.minimum(least[pairs], hands_m)

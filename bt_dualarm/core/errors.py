@@ -207,5 +207,6 @@ class HitFailure(Failure):
 class BlockedFailure(Failure):
     """A running motion is abandoned because of an obstacle that has not been touched yet.
 
-    The code is ``IN_COLLISION``, or ``TIMED_OUT`` if the arm has waited for the obstacle to leave.
+    The code is ``IN_COLLISION``, ``TIMED_OUT`` if the arm has waited for the obstacle to leave, or
+    ``DEADLOCK`` if the obstacle is an arm that waits for this one.
     """

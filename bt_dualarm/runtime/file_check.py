@@ -51,7 +51,7 @@ from bt_dualarm.spec.node_types import (
     models_in,
 )
 from bt_dualarm.spec.problems import Location, Problem, SpecError, errors, in_order, suggestion
-from bt_dualarm.spec.relative_pose import RelativePose, relative_pose
+from bt_dualarm.spec.relative_pose import RELATIONS, RelativePose, relative_pose
 from bt_dualarm.spec.scene import is_scene_path
 from bt_dualarm.spec.values import (
     Goal,
@@ -357,6 +357,62 @@ def _nearest_marker(wanted: MarkerSpec, borne: Mapping[str, MarkerSpec]) -> tupl
     return f"no object has {which}", f"there are {known}" if known else "no object has a marker"
 
 
+_SURE_M: Final = 0.005
+"""Noise of an object's position up to which its declared pose is as good as any, m."""
+
+
+def unknown_places(file: TreeFile, kinds: Mapping[str, NodeType]) -> Iterator[Problem]:
+    """Yields a warning for poses relative to objects that are not where the file declares them.
+
+    An arm assumes the declared pose, without its noise, of an object that none of its leaves names:
+    it has neither seen nor held it.
+
+    Args:
+        file: File without errors.
+        kinds: All node types, by name.
+    """
+    moved = {
+        name: math.hypot(*spec.noise.xyz[:2])
+        for name, spec in file.objects.items()
+        if max(spec.noise.xyz) > _SURE_M
+    }
+    for arm_name, arm in file.arms.items():
+        nodes = [*arm.tree.walk()]
+        named = {
+            value
+            for node in nodes
+            for port, value in node.ports.items()
+            if isinstance(value, str) and _refers_to_object(node, port, kinds)
+        }
+        if any("{" in name for name in named):
+            continue  # it may be any object
+        for node in nodes:
+            for port, value in node.ports.items():
+                if not isinstance(value, dict):
+                    continue
+                relations = (value.get(word) for word in RELATIONS)
+                given = next((one for one in relations if isinstance(one, str)), "")
+                thing = given.partition(".")[0]
+                if thing in moved and thing not in named:
+                    message = (
+                        f"{node.kind}: {port}: the noise of {thing} moves it by up to "
+                        f"{1e3 * moved[thing]:.0f} mm, and {arm_name} does not look for it"
+                    )
+                    hint = (
+                        f"it assumes the pose in the file: `locate: {{object: {thing}}}` with a "
+                        "camera before"
+                    )
+                    problem = node.port_problem((port,), message, hint)
+                    yield replace(problem, severity="warning")
+
+
+def _refers_to_object(node: NodeSpec, port: str, kinds: Mapping[str, NodeType]) -> bool:
+    """Whether a port of a node has the name of an object."""
+    declared = kinds[node.kind].ports.model_fields.get(port) if node.kind in kinds else None
+    refers = None if declared is None else metadata_of(declared, Refers)
+    return refers is not None and "object" in refers.to
+
+
 MOST_POSES: Final = 100
 """Largest number of different poses checked per arm, to keep the check quick."""
 
@@ -551,6 +607,7 @@ def check(
         *out_of_reach(file, robots, kinds),
         *overloads(file, robots, kinds),
         *missing_markers(file, kinds),
+        *unknown_places(file, kinds),
     )
     return Checked(file, in_order((*loaded.problems, *warnings)))
 

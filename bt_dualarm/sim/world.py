@@ -970,6 +970,16 @@ class World(HoldingView):
         held = [one.object for one in self.attachments]
         return self._passengers.look(self.model, self.data, held, self._hands)
 
+    def arm_of(self, body: str) -> str:
+        """Name of the arm that a body belongs to, as a link, ``arm1/link``, or as a held object.
+
+        Returns:
+            The name of an object that no arm holds itself.
+        """
+        if body in self.objects:
+            return next((arm for arm in self.arms if body in self.carried_by(arm)), body)
+        return body.partition("/")[0]
+
     def restore(self, state: Vector) -> None:
         """Restore a state of the same generation, bit for bit; drives keep their own state."""
         mujoco.mj_setState(self.model, self.data, state, mujoco.mjtState.mjSTATE_INTEGRATION)

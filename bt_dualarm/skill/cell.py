@@ -444,6 +444,9 @@ class CellState:
                 self._begin(known)
             if known.tries != one.tries:
                 known.tries = one.tries
+                if known.failure is not None:  # it has been told, and tries another path
+                    known.confirmed_by = None
+                    known.failure = None
                 self._is_changed = True
             if known.blockers != one.blockers:
                 known.blockers = one.blockers

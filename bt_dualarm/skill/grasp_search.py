@@ -258,7 +258,13 @@ class WantedGrasp:
         return body_of(thing).center
 
     def _pulled_at(self, world: World) -> Vector:
-        """Center of the part at which something on a joint is pulled, of shape (3,), m."""
+        """Point at which something on a joint is pulled, of shape (3,), m.
+
+        That is where it is to be grasped, by default the center of the part: the joint bears what
+        a weight beside the hand would turn.
+        """
+        if self.point is not None:
+            return self.point
         body = body_of(world.objects[self.name or ""])
         its = [one for one in body.parts if self.part in (None, one.name)]
         weights = np.array([one.weight for one in its])
@@ -334,7 +340,7 @@ def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
         return ranked(found, wanted.lies, jaw, of, lambda tool: _rotation_cost(tool, here))
 
     found = bearing(load)
-    obstacles = obstacles_around(arm, wanted)
+    obstacles = obstacles_around(arm, wanted.name, wanted.lies.position)
     order = free(found, obstacles)
     if not order:
         reason = f"no grasp of {wanted.label} is of the requested kind"
@@ -406,11 +412,17 @@ def _turned_to(base: Vector, lies: Pose, solid: Solid) -> Pose:
     return Pose(np.zeros(3), lies.inverse.quaternion) @ turned
 
 
-def obstacles_around(arm: Arm, wanted: WantedGrasp) -> list[Obstacle]:
-    """Simple shapes of the world near the object, without it and the arms."""
+def obstacles_around(arm: Arm, name: str | None, position: Vector) -> list[Obstacle]:
+    """Simple shapes of the world near an object, without it and the arms.
+
+    Args:
+        arm: Arm by whose sensors they are known.
+        name: Name of the object, if it is declared.
+        position: Its position in the world, of shape (3,), m.
+    """
     world = arm.world
     model = arm.world.model
-    own = {*world.object_geoms(wanted.name)} if wanted.name else set[int]()
+    own = {*world.object_geoms(name)} if name else set[int]()
     arms = set[int]().union(*(body.geom_ids for body in world.arms.values()))
     found = []
     for geom in range(model.ngeom):
@@ -426,7 +438,7 @@ def obstacles_around(arm: Arm, wanted: WantedGrasp) -> list[Obstacle]:
         pose = Pose.from_matrix(matrix)
         if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
             pose = pose @ Pose.from_rpy((0.0, 0.0, -_WIDE))
-        if solid.distance(pose.inverse.apply(wanted.lies.position[None]))[0] < _NEAR:
+        if solid.distance(pose.inverse.apply(position[None]))[0] < _NEAR:
             found.append(Obstacle(solid, pose, name_of_geom(model, geom)))
     return found
 
@@ -590,6 +602,7 @@ def first_approach(
     """
     began_s = arm.time
     reasons = list[Failure]()
+    reason = ""
     touched = frozenset({wanted.name} if wanted.name else ())
     left = list(order)
     beyond = list[Pose]()
@@ -603,7 +616,8 @@ def first_approach(
         suits = False
         try:
             if wanted.goal is not None:
-                _refuse_goal(arm, wanted, wanted.goal, ranked)
+                in_object = wanted.lies.inverse @ ranked.tool
+                refuse_goal(arm, wanted.name or "", wanted.goal, in_object, ranked.grasp.width)
             suits = True
             rows = yield from _rows_to(arm, out, ranked, wanted, seen, lift)
             unknown = touched if seen else frozenset[str]()
@@ -613,13 +627,18 @@ def first_approach(
             if failure.code in ("BUSY", "OVERLOADED"):
                 raise
             reasons.append(failure.with_traceback(None))  # a traceback would keep this frame alive
+            reason = reason or (
+                f"no path to {wanted.label}: {failure.reason}"
+                if suits
+                else f"{wanted.label} could not be set down at `then_at`: {failure.reason}"
+            )
             if failure.code == "UNREACHABLE" or not suits:
                 beyond.append(ranked.tool)
         yield
     first = reasons[0]
     raise Failure(
         "OUT_OF_REACH",
-        f"no path to {wanted.label}: {first.reason}",
+        reason,
         ways_tried=len(reasons),
         **first.numbers,
     ) from ExceptionGroup("no way", reasons)
@@ -677,25 +696,33 @@ def _rows_to(
     return (yield from first_possible(branches, attempt, per_tick=2))
 
 
-def _refuse_goal(arm: Arm, wanted: WantedGrasp, goal: Pose, ranked: RankedGrasp) -> None:
-    """Check that a grasp lets the arm set the object down at a goal, and retreat.
+def refuse_goal(
+    arm: Arm,
+    name: str,
+    goal: Pose,
+    in_object: Pose,
+    width: float,
+    absent: frozenset[str] = frozenset(),
+) -> None:
+    """Check that a grasp lets the arm set an object down at a goal, and retreat.
 
     Args:
         arm: Arm with its gripper open, as it will be again after the object is released.
-        wanted: Specification of the grasp.
+        name: Name of the object.
         goal: Pose of the object in the world.
-        ranked: The grasp.
+        in_object: Pose of the tool in the object's frame.
+        width: Opening of the fingers around the object, m.
+        absent: Names of arms that will not be there.
 
     Raises:
         Failure: That of the goal as given: ``IN_COLLISION``, ``UNREACHABLE``, ``PATH_BROKEN`` or
             ``SINGULAR``, if none of the goals that the object's symmetry allows is possible.
     """
-    name = wanted.name or ""
-    held = frozenset({name})
-    in_object = wanted.lies.inverse @ ranked.tool
+    held = absent | {name}
     closed = arm.checker(held)
-    if arm.gripper.page.fingers:
-        closed.open_fingers(ranked.grasp.width)
+    has_fingers = arm.name in arm.world.grippers and arm.gripper.page.fingers
+    if has_fingers:
+        closed.open_fingers(width)
     first: Failure | None = None
     for _, alike in poses_alike(arm.world.declared_objects[name], goal):
         tool = alike @ in_object

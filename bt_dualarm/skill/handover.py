@@ -30,13 +30,18 @@ from bt_dualarm.control.dynamics import ArmDynamics, refuse_overload
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.grasping.candidates import Obstacle, cup_grasps, jaw_grasps, ranked
-from bt_dualarm.grasping.grasp import Box, CupMeasures, Grasp, Load
+from bt_dualarm.grasping.grasp import Box, CupMeasures, Grasp, JawMeasures, Load
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.kinematics.multi_arm import MultiArmKinematics, ToolTarget
 from bt_dualarm.sim.grippers import SharedGrasp
 from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.sim.world import World
-from bt_dualarm.skill.grasp_search import GRAVITY
+from bt_dualarm.skill.grasp_search import (
+    GRAVITY,
+    obstacles_around,
+    poses_alike,
+    refuse_goal,
+)
 from bt_dualarm.skill.joint import HANDS_M
 from bt_dualarm.trajectory.paths import line
 from bt_dualarm.trajectory.trajectory import Trajectory
@@ -175,6 +180,7 @@ class HandoverSearch:
         shake: Acceleration of the tool that the grip must withstand, m/s².
         most_force: Largest force of each pad, or of a cup, that the object withstands, N.
         mass: Mass by the taker's tree, kg; None to use the giver's or the declared one.
+        goal: Pose of the object in the world at which the taker will set it down; None for any.
     """
 
     def __init__(
@@ -189,8 +195,10 @@ class HandoverSearch:
         shake: float,
         most_force: float,
         mass: float | None,
+        goal: Pose | None = None,
     ) -> None:
         self._arm = arm
+        self._goal = goal
         self._giver = giver
         self._thing = thing
         self._wish = wish
@@ -203,6 +211,7 @@ class HandoverSearch:
         self._center = body_of(declared).center
         told = None if world.nominal[arm.name].estimates_payload else world.loaded_mass(thing)
         self.mass = mass or wish.mass or told or UNKNOWN_KG
+        self._obstructed_at_goal = False
         self.grasps = self._grasps(margin, shake, most_force)
         self._kinematics = {
             name: Kinematics(world.robots[name], world.arms[name].base, 0)
@@ -216,6 +225,7 @@ class HandoverSearch:
         )
         self.tries = 0
         self.reasons: dict[str, int] = {}
+        self._unsuited: dict[int, Failure | None] = {}
 
     def find(self) -> Iterator[HandoverPlan | None]:
         """Yields plans, the best first, and None where a tick passes without one."""
@@ -238,6 +248,9 @@ class HandoverSearch:
             for grasp in self._best(lies, tool):
                 if self.tries >= _TRIES or number >= _PLANS or refused:
                     break
+                if grasp is None:
+                    yield None
+                    continue
                 self.tries += 1
                 plan, refused = self._try(lies, tool, grasp, (here, back, there, giver, taker))
                 if plan is None:
@@ -250,7 +263,7 @@ class HandoverSearch:
                 found.append(plan)
                 yield plan
                 break  # another pose next
-            if self.tries >= _TRIES or number >= _PLANS:
+            if self.tries >= _TRIES or number >= _PLANS or self._suits_none:
                 return
 
     def _try(
@@ -335,10 +348,25 @@ class HandoverSearch:
     def refusal(self) -> Failure:
         """Failure that states why there is no plan."""
         arm = self._arm.name
+        if not self.grasps and self._obstructed_at_goal:
+            return Failure(
+                "OUT_OF_REACH",
+                f"no grasp of {arm} on {self._thing!r} beside the hand of {self._giver} leaves it "
+                "room at `then_at`",
+            )
         if not self.grasps:
             return Failure(
                 "OUT_OF_REACH",
                 f"no grasp of {arm} on {self._thing!r} leaves the hand of {self._giver} room",
+            )
+        if self._suits_none:
+            first = next(iter(self._unsuited.values()))
+            assert first is not None  # noqa: S101 - none suits
+            return Failure(
+                "OUT_OF_REACH",
+                f"no grasp of {arm} on {self._thing!r} beside the hand of {self._giver} lets it "
+                f"set it down at `then_at`: {first.reason}",
+                grasps=len(self.grasps),
             )
         often = sorted(self.reasons, key=lambda reason: (-self.reasons[reason], reason))
         return Failure(
@@ -376,9 +404,24 @@ class HandoverSearch:
             weak = [grasp for grasp in found if grasp.force <= most_force]
             order = ranked(weak, lies, jaw, self._hand(), lambda _: 0.0)
             grasps = tuple(one.grasp for one in order if one.clearance >= _ROOM_M)
+            self._obstructed_at_goal = bool(grasps) and self._goal is not None
+            if self._goal is not None:
+                grasps = self._with_room_at(self._goal, grasps, jaw)
             if grasps:
                 break
         return grasps
+
+    def _with_room_at(
+        self, goal: Pose, grasps: tuple[Grasp, ...], jaw: JawMeasures
+    ) -> tuple[Grasp, ...]:
+        """Grasps with which the hand has room where the object will be set down."""
+        world = self._world
+        obstacles = obstacles_around(self._arm, self._thing, goal.position)
+        free = set[int]()
+        for _, alike in poses_alike(world.declared_objects[self._thing], goal):
+            order = ranked(grasps, alike, jaw, obstacles, lambda _: 0.0)
+            free |= {id(one.grasp) for one in order}
+        return tuple(grasp for grasp in grasps if id(grasp) in free)
 
     def _hand(self) -> list[Obstacle]:
         """The giver's hand as boxes around its geoms, from its sensors."""
@@ -394,10 +437,13 @@ class HandoverSearch:
             found.append(Obstacle(Box(half.copy()), pose))
         return found
 
-    def _best(self, lies: Pose, tool: Pose) -> list[Grasp]:
-        """Grasps that suit a pose of the object best: from the taker's side, facing the giver."""
+    def _best(self, lies: Pose, tool: Pose) -> Iterator[Grasp | None]:
+        """Grasps that suit a pose of the object best: from the taker's side, facing the giver.
+
+        Yields None for each that is found not to suit the goal.
+        """
         if not self.grasps:
-            return []
+            return
         toward = lies.position - self._kinematics[self._arm.name].bounding_ball[0]
         toward = toward / max(float(np.linalg.norm(toward)), 1e-9)
         giver_axis = tool.rotation_matrix[:, 2]
@@ -422,10 +468,39 @@ class HandoverSearch:
                 for other in chosen
             ):
                 continue
+            if self._goal is not None:
+                is_new = index not in self._unsuited
+                if self._unsuited_for(int(index), self._goal) is not None:
+                    if is_new:
+                        yield None
+                    continue
             chosen.append(grasp)
+            yield grasp
             if len(chosen) >= _EACH:
                 break
-        return chosen
+
+    def _unsuited_for(self, index: int, goal: Pose) -> Failure | None:
+        """Why a grasp does not let the taker set the object down at a goal; None if it does.
+
+        The other arms have left by then.
+        """
+        if index not in self._unsuited:
+            arm = self._arm
+            grasp = self.grasps[index]
+            others = frozenset(arm.world.arms) - {arm.name}
+            self._unsuited[index] = None
+            try:
+                refuse_goal(arm, self._thing, goal, grasp.tool, grasp.width, others)
+            except Failure as failure:
+                # A traceback would keep this frame alive.
+                self._unsuited[index] = failure.with_traceback(None)
+        return self._unsuited[index]
+
+    @property
+    def _suits_none(self) -> bool:
+        """Whether no grasp lets the taker set the object down at the goal."""
+        known = self._unsuited
+        return len(known) == len(self.grasps) > 0 and all(known.values())
 
     # Poses of the object
 

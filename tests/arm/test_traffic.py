@@ -193,3 +193,38 @@ def test_arms_that_grasp_from_one_tray_back_out_of_each_others_way() -> None:
 def test_a_giver_retreats_elsewhere_if_the_hand_of_the_taker_is_in_the_way() -> None:
     result = bt.run(handover(9407, "lab").file)
     assert result.outcome == "SUCCESS"
+
+
+@pytest.mark.parametrize("x", some([0.73, 0.745], 1))
+def test_an_arm_that_the_guard_stops_plans_past_one_that_waits_for_it(x: float) -> None:
+    """The other arm has come to stand beside the path, nearer than the guard allows, and stays."""
+    down = {"rpy": [180, 0, 0]}
+    far = {"to": {"xyz": [0.4, 0.5, 0.3], **down}, "speed": 0.1}
+    passes = [
+        {"reach_to_pose": {"to": {"xyz": [0.4, -0.5, 0.3], **down}}},
+        {"signal": "ready"},
+        {"reach_to_pose": far},
+        {"signal": "done"},
+    ]
+    comes = [
+        {"await": "ready"},
+        {"wait": 0.5},
+        {"reach_to_pose": {"to": {"xyz": [x, 0, 0.3], **down}}},
+        {"await": "done"},
+    ]
+    signal = {"type": "boolean", "written_by": ["arm1"]}
+    two = {"base": {"xyz": [1.25, 0, 0], "rpy": [0, 0, 180]}, "tree": {"sequence": comes}}
+    file = {
+        "bt_dualarm": 1,
+        "name": "beside",
+        "cell": {"signals": {"ready": signal, "done": signal}},
+        "world": {"scene": "empty", "time_limit": 60},
+        "arms": {
+            "arm1": {"robot": "ur5", "tree": {"sequence": passes}},
+            "arm2": {"robot": "ur5", **two},
+        },
+    }
+    result = bt.run(file)
+    assert [
+        (arm, one.code) for arm in result.arms for one in result.arms[arm].runs if one.code
+    ] == []

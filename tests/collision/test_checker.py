@@ -215,6 +215,29 @@ def test_interpolation_keeps_its_ends_and_its_step() -> None:
     assert (np.abs(np.diff(rows, axis=0)) @ radii).max() <= 0.1 + 1e-12
 
 
+def test_what_another_arm_holds_keeps_the_margin_from_all_but_a_hand_that_may_take_it() -> None:
+    """As the guard does: it would stop a plan that comes nearer."""
+    world = pick_world(brick=box((0.45, 0.1, 0.66), fixed=False))
+    world.attach("arm2", "cube")
+    world.data.qpos[world.arms["arm1"].qpos_ids] = above(world, 0.06)
+    mujoco.mj_forward(world.model, world.data)
+    world.sense()
+    near = above(world, 0.02)
+    assert CollisionChecker(world, "arm1", 0.045, frozenset({"brick"})).free(near)
+    world.attach("arm1", "brick")
+    below = above(world, 0.05 + 0.02)  # the brick is between the tool and the cube
+    assert CollisionChecker(world, "arm1", 0.015).free(below)
+    contact = CollisionChecker(world, "arm1", 0.045).contact(below)
+    assert contact is not None
+    assert (contact.first, contact.second) == ("brick", "cube")
+    assert world.arm_of(contact.second) == "arm2"
+    assert [world.arm_of(name) for name in ("brick", "arm2/hand", "floor")] == [
+        "arm1",
+        "arm2",
+        "floor",
+    ]
+
+
 def test_on_the_way_nothing_is_touched_that_is_not_touched_at_an_end() -> None:
     """A touch that just counts as none at a sample may be deeper between two of them."""
     world = pick_world(brick=box((0.45, 0.1, 0.66), fixed=False))

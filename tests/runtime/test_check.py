@@ -124,6 +124,30 @@ def test_a_pose_out_of_reach_is_a_warning_and_no_error(
     assert all(words in problem.message for problem in found)
 
 
+@pytest.mark.parametrize(
+    ("noise", "tree", "words"),
+    [
+        ("[0.03, 0.04, 0]", "{reach_to_pose: {to: {above: cube, by: 0.1}}}", "by up to 50 mm"),
+        ("[0.005, 0, 0]", "{reach_to_pose: {to: {above: cube, by: 0.1}}}", ""),
+        (
+            "[0.03, 0.04, 0]",
+            "{sequence: [{locate: {object: cube}}, {reach_to_pose: {to: {above: cube, by: 0.1}}}]}",
+            "",
+        ),
+        ("[0.03, 0.04, 0]", "{reach_to_pose: {to: {in_frame: tool, xyz: [0, 0, -0.05]}}}", ""),
+    ],
+)
+def test_a_pose_relative_to_what_the_seed_moves_is_a_warning_unless_the_arm_has_looked(
+    tmp_path: Path, registry: Registry, noise: str, tree: str, words: str
+) -> None:
+    file = FILE.format(**{**GOOD, "tree": tree})
+    path = tmp_path / "task.yaml"
+    path.write_text(file.replace("mass: 0.1", f"mass: 0.1, noise: {{xyz: {noise}}}"))
+    found = check(path, registry.kinds).problems
+    assert [one.severity for one in found] == (["warning"] if words else [])
+    assert all(words in one.message and "locate" in one.hint for one in found)
+
+
 @pytest.mark.parametrize(("robot", "most"), [("ur3", 3), ("xarm7", 3.5), ("ur5", 5), ("ur10", 10)])
 def test_a_load_beyond_the_payload_is_a_warning(
     tmp_path: Path, registry: Registry, robot: str, most: float

@@ -134,3 +134,30 @@ def test_a_grasp_from_which_the_object_cannot_be_lifted_is_not_chosen(stage: Sta
     leaf = stage.run(file).leaf("grasp")
     assert leaf.code == "OUT_OF_REACH", leaf.reason
     assert "width_m" not in leaf.metrics  # the fingers have not closed
+
+
+@pytest.mark.parametrize("y", [-0.1, 0.1])
+def test_a_part_on_a_joint_is_pulled_where_it_is_held(y: float, stage: Stage) -> None:
+    """The drawer's rails bear what a weight beside the hand would turn."""
+    rail = {"shape": "box", "size": [0.02, 0.02, 0.02]}
+    slide = {"type": "slide", "parts": ["handle"], "axis": [0, 1, 0], "range": [0, 0.1]}
+    drawer = {
+        "shape": "compound",
+        "mass": 2,
+        "fixed": True,
+        "pose": {"xyz": [0.3, -0.5, 0.5]},
+        "parts": {
+            "rail": rail | {"pose": {"xyz": [0, -0.1, 0]}},
+            "handle": {"shape": "box", "size": [0.24, 0.014, 0.014], "pose": {"xyz": [0, 0, 0]}},
+        },
+        "joints": {"slide": slide},
+    }
+    tree = {"grasp": {"object": "drawer", "part": "handle", "point": [y, 0, 0]}}
+    arm = {"robot": "ur5", "gripper": "panda_hand", "base": {"xyz": [0, 0, 0.4]}, "tree": tree}
+    play = stage.run(
+        {"world": {"scene": "empty", "time_limit": 30}, "objects": {"drawer": drawer}}
+        | {"arms": {"arm1": arm}}
+    )
+    leaf = play.leaf("grasp")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert float(leaf.metrics["point_off_m"]) < 0.005

@@ -65,5 +65,6 @@ def test_a_goal_that_no_grasp_allows_is_refused_before_anything_moves() -> None:
     result = bt.run(_task(1, "panda", "panda_hand", {"xyz": [1.5, 0.0, GOAL[2]]}))
     (leaf,) = result.arms["arm1"].runs
     assert (leaf.skill, leaf.code) == ("grasp", "OUT_OF_REACH")
+    assert "could not be set down at `then_at`" in leaf.reason
     assert leaf.ended_s is not None
     assert leaf.ended_s < 1.5  # it only opens its gripper

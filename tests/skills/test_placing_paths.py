@@ -133,7 +133,8 @@ def test_a_stretched_arm_lowers_as_slowly_as_it_has_to() -> None:
     assert float(leaf.metrics["impact_n"]) < 15.0
 
 
-def test_why_it_would_tip_is_said_of_what_is_held_askew() -> None:
+@pytest.mark.parametrize(("angle", "code"), [(15, "NOT_SUPPORTED"), (45, "IN_COLLISION")])
+def test_why_it_cannot_be_placed_is_said_of_what_is_held_askew(angle: float, code: str) -> None:
     """Without an orientation the goal is that of the hand, which has turned since the grasp."""
     box = {"shape": "box", "size": [0.06, 0.06, 0.06], "mass": 0.2}
     leaf = placed(
@@ -141,9 +142,9 @@ def test_why_it_would_tip_is_said_of_what_is_held_askew() -> None:
         "robotiq_2f85",
         {"thing": box | {"pose": {"xyz": [0.40, -0.45, 0.43]}}},
         {"grasp": {"object": "thing"}},
-        {"rotate_tool": {"axis": "x", "angle": 15}},
+        {"rotate_tool": {"axis": "x", "angle": angle}},
         {"place": {"at": {"xyz": [0.35, -0.45, 0.43]}}},
     )
-    assert leaf.code == "NOT_SUPPORTED", leaf
+    assert leaf.code == code, leaf
     assert "no orientation" in leaf.reason
-    assert "15° from upright" in leaf.reason
+    assert f"{angle}° from upright" in leaf.reason

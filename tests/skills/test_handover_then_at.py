@@ -1,0 +1,65 @@
+"""A handover after which the taker can set the object down where it is wanted."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+import bt_dualarm as bt
+from tests.families import some
+
+START: dict[str, Any] = {"xyz": [0.2, -0.4, 0.0161]}
+GOAL: dict[str, Any] = {"xyz": [-0.2, 0.4, 0.026], "rpy": [180, 0, 0]}
+HAMMER: dict[str, Any] = {
+    "shape": "compound",
+    "mass": 0.15,
+    "friction": 2,
+    "pose": START,
+    "parts": {
+        "handle": {"shape": "box", "size": [0.2, 0.032, 0.032]},
+        "head": {"shape": "box", "size": [0.036, 0.072, 0.03], "pose": {"xyz": [0.118, 0, 0]}},
+    },
+}
+BIN = {"shape": "bin", "size": [0.34, 0.3, 0.15], "wall": 0.01, "mass": 1, "fixed": True}
+
+
+def _file(yaw: float, then_at: dict[str, Any] | None) -> dict[str, Any]:
+    """Arms that face each other; one hands a hammer over, the other one puts it into a deep bin."""
+    hammer = HAMMER | {"pose": START | {"rpy": [0, 0, yaw]}}
+    bin_ = BIN | {"pose": {"xyz": [*GOAL["xyz"][:2], 0.075]}}
+    take = {"object": "hammer", "from": "arm2"} | ({} if then_at is None else {"then_at": then_at})
+    grasp = {"grasp": {"object": "hammer", "part": "handle"}}
+    trees = (
+        {"sequence": [{"take_over": take}, {"place": {"at": GOAL}}]},
+        {"sequence": [grasp, {"hand_over": {"object": "hammer", "to": "arm1"}}, {"go_home": {}}]},
+    )
+    bases = ({"xyz": [0, 0.75, 0], "rpy": [0, 0, -90]}, {"xyz": [0, -0.75, 0], "rpy": [0, 0, 90]})
+    arms = {
+        f"arm{i + 1}": {"robot": "panda", "gripper": "panda_hand", "base": bases[i]}
+        | {"tree": trees[i]}
+        for i in range(2)
+    }
+    objects = {"hammer": hammer, "bin": bin_}
+    world = {"scene": "empty", "time_limit": 60}
+    return {"bt_dualarm": 1, "name": "into", "world": world, "objects": objects, "arms": arms}
+
+
+@pytest.mark.parametrize("yaw", some([0.0, 40.0, 90.0, 130.0, 180.0, 240.0, 290.0], 7))
+def test_the_taker_can_place_what_it_has_taken(yaw: float) -> None:
+    result = bt.run(_file(yaw, GOAL))
+    assert [(one.skill, one.code) for one in result.arms["arm1"].runs] == [
+        ("take_over", ""),
+        ("place", ""),
+    ]
+
+
+def test_a_goal_that_no_grasp_allows_is_refused() -> None:
+    (leaf,) = bt.run(_file(0.0, GOAL | {"xyz": [2.0, 0.4, 0.026]})).arms["arm1"].runs
+    assert leaf.code == "OUT_OF_REACH"
+    assert "`then_at`" in leaf.reason
+
+
+def test_the_goal_needs_an_orientation() -> None:
+    (leaf,) = bt.run(_file(0.0, {"xyz": GOAL["xyz"]})).arms["arm1"].runs
+    assert (leaf.code, leaf.ended_s) == ("INVALID_TARGET", 0.0)
