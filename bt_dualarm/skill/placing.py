@@ -369,11 +369,13 @@ def stands_without(arm: Arm, name: str) -> bool:
     force = np.empty(6)
     borne = 0.0
     for number, pair in enumerate(data.contact.geom.tolist()):
-        if not own & set(pair) and (pair[0] in geoms or pair[1] in geoms):
+        if not own & set(pair) and (pair[0] in geoms) != (pair[1] in geoms):
             mujoco.mj_contactForce(model, data, number, force)
             upward = float(force[:3] @ data.contact.frame[number].reshape(3, 3)[:, 2])
             borne += upward if pair[1] in geoms else -upward  # forces act on the second geom
-    weight = float(model.body_subtreemass[world.object_body(name)] * -model.opt.gravity[2])
+    riders = (one.object for one in world.passengers_of(name))
+    mass = sum(model.body_subtreemass[world.object_body(one)] for one in (name, *riders))
+    weight = float(mass * -model.opt.gravity[2])
     return borne >= 0.5 * weight
 
 

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, cast
+
 import pytest
 
+from bt_dualarm.control.controller import JointController
 from bt_dualarm.core.pose import Pose
+from bt_dualarm.safety.failsafe import Reservations
 from bt_dualarm.sim.world import World
+from bt_dualarm.skill.placing import stands_without
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.values import PoseSpec
 from tests.sim.worlds import arm, box, file_of
+
+if TYPE_CHECKING:
+    from bt_dualarm.arm.arm import Arm
 
 TABLE = box((0.5, 0.0, 0.2), fixed=True).model_copy(update={"size": (0.8, 0.8, 0.4)})
 TOP = 0.4
@@ -131,3 +140,24 @@ def test_what_another_arm_holds_rides_on_nothing() -> None:
     assert riders(world) == {"cube"}
     world.attachments.detach("arm2", "upper")
     assert riders(world) == {"cube", "upper"}
+
+
+def test_what_rides_on_it_does_not_bear_it() -> None:
+    """A plate in the air with something heavier on it: their contact was taken for a support."""
+    plate = box((0, 0, 0), spawned=False).model_copy(update={"size": (0.16, 0.16, 0.02)})
+    file = file_of(
+        {"arm1": arm("ur5", (0.0, 0.0, 0.4))},
+        {"plate": plate, "block": box((0, 0, 0), 0.03, mass=0.5, spawned=False)},
+    )
+    world = World(file)
+    controller = JointController(world, "arm1", world.timestep, Reservations())
+    x, y, z = world.arms["arm1"].tool_pose.position
+    world.spawn_object("plate", Pose.from_rpy((x, y, z - 0.015)))
+    world.attach("arm1", "plate")
+    world.spawn_object("block", Pose.from_rpy((x, y + 0.06, z + 0.0105)))
+    for _ in range(100):
+        controller.update(world.time)
+        world.step()
+    world.look_for_passengers()
+    assert riders(world, "plate") == {"block"}
+    assert not stands_without(cast("Arm", SimpleNamespace(world=world, name="arm1")), "plate")
