@@ -182,5 +182,14 @@ class Grasp(Skill):
         most_force = ports.most_force or math.inf
         friction = ports.friction or _UNKNOWN_FRICTION
         return WantedGrasp(
-            name, lies, mass, ports.shake, ports.margin, most_force, edges, friction, ports.along
+            name,
+            lies,
+            mass,
+            ports.shake,
+            ports.margin,
+            most_force,
+            edges,
+            friction,
+            ports.along,
+            mass_is_assumed=ports.mass is None,
         )

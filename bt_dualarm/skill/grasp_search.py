@@ -151,6 +151,7 @@ class WantedGrasp:
             for any.
         goal: Pose in the world at which the arm has to be able to set the object down; None for
             any.
+        mass_is_assumed: Whether nobody has told the arm the mass.
     """
 
     name: str | None
@@ -169,6 +170,7 @@ class WantedGrasp:
     opening: float | None = None
     onward: JointPath | None = None
     goal: Pose | None = None
+    mass_is_assumed: bool = False
 
     def off_point(self, grasp: Grasp) -> float:
         """Distance of the point from the line along which a grasp closes or pulls, m.
@@ -221,7 +223,14 @@ class WantedGrasp:
             along=ports.along,
             unlike=unlike,
             part=ports.part,
+            mass_is_assumed=ports.mass is None and told is None,
         )
+
+    @property
+    def weight(self) -> str:
+        """The mass in messages."""
+        assumed = " (assumed, as `mass` is not given)" if self.mass_is_assumed else ""
+        return f"{self.mass:.3g} kg{assumed}"
 
     @property
     def label(self) -> str:
@@ -355,7 +364,7 @@ def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
             if free(bearing(replace(load, mass=_LIGHT_KG)), obstacles):
                 raise Failure(
                     "TOO_HEAVY",
-                    f"the grasps with which {page.name} bears {wanted.mass:.3g} kg of "
+                    f"the grasps with which {page.name} bears {wanted.weight} of "
                     f"{wanted.label} have no room beside {' and '.join(worst)}",
                     mass_kg=wanted.mass,
                     grasps=len(found),
@@ -476,8 +485,7 @@ def _refuse_weight(arm: Arm, wanted: WantedGrasp) -> None:
     if wanted.mass > most:
         raise Failure(
             "TOO_HEAVY",
-            f"{wanted.label} weighs {wanted.mass:.3g} kg; {arm.gripper.page.name} may hold "
-            f"{most:g} kg",
+            f"{wanted.label} weighs {wanted.weight}; {arm.gripper.page.name} may hold {most:g} kg",
             mass_kg=wanted.mass,
             payload_kg=most,
         )
@@ -511,7 +519,7 @@ def _no_grasp(
     if for_light:
         return Failure(
             "TOO_HEAVY",
-            f"no grasp of {page.name}{where} bears {wanted.mass:.3g} kg of {wanted.label} with "
+            f"no grasp of {page.name}{where} bears {wanted.weight} of {wanted.label} with "
             f"{min(page.force.most, wanted.most_force):g} N and friction {friction:g}",
             mass_kg=wanted.mass,
             force_n=min(page.force.most, wanted.most_force),
