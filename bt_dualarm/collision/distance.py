@@ -201,14 +201,15 @@ def added_distances(world: World, arm: str) -> Matrix | None:
     """What is added to the distances of pairs of geoms of arms that hold an object together, m.
 
     It is infinite between the object and the partner's tool, and what that holds: they may touch.
-    Between the tools it is what `HANDS_APART_M` exceeds the distance that they keep.
+    Between the tools it is what `HANDS_APART_M` exceeds the distance that they keep. It is infinite
+    as well between an object and what it was taken from, a tray in another arm's hand.
 
     Args:
         world: World whose current state counts.
         arm: Name of the arm.
 
     Returns:
-        Symmetric matrix, of shape (ngeom, ngeom); None if this arm shares no object.
+        Symmetric matrix, of shape (ngeom, ngeom); None if this arm shares nothing.
     """
     consents = world.attachments.shared_grasps(arm)
     shared = {(one.partner, one.object): one.hands_m for one in consents}
@@ -216,7 +217,8 @@ def added_distances(world: World, arm: str) -> Matrix | None:
         for other in world.attachments.holders(thing):
             if other != arm:  # whatever they have consented to, it is in both hands
                 shared.setdefault((other, thing), HANDS_APART_M)
-    if not shared:
+    taken = world.attachments.taken_from(arm)
+    if not shared and not taken:
         return None
     added = np.zeros((world.model.ngeom, world.model.ngeom))
     own = list(world.arms[arm].tool_geom_ids)
@@ -237,6 +239,9 @@ def added_distances(world: World, arm: str) -> Matrix | None:
             rows = np.ix_(first, second)
             added[rows] = np.maximum(added[rows], more)
             added[np.ix_(second, first)] = added[rows].T
+    for thing, carrier in taken:
+        geoms, its = list(world.payload_geoms(thing)), list(world.payload_geoms(carrier))
+        added[np.ix_(geoms, its)] = added[np.ix_(its, geoms)] = np.inf
     return added
 
 

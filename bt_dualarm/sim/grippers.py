@@ -592,6 +592,8 @@ class Attachment:
             only while another arm holds the object, too.
         borne_at: Where the arm's model bears its share, in the object's frame; None for the center
             of mass.
+        from_carrier: Object in another arm's hand on which it rode when it was taken; empty if it
+            stood elsewhere.
     """
 
     arm: str
@@ -605,6 +607,7 @@ class Attachment:
     lay: Pose | None = None
     share: float = 1.0
     borne_at: Pose | None = None
+    from_carrier: str = ""
 
     @property
     def name(self) -> str:
@@ -678,6 +681,14 @@ class Attachments:
     def gripped_by(self, arm: str) -> tuple[Attachment, ...]:
         """Objects that the gripper is assumed to hold, in the order of picking."""
         return tuple(a for a in self._held.values() if a.arm == arm and a.by_gripper)
+
+    def taken_from(self, arm: str) -> list[tuple[str, str]]:
+        """Objects with the held ones on which they rode, of which an arm holds either."""
+        return [
+            (one.object, one.from_carrier)
+            for one in self._held.values()
+            if one.from_carrier and arm in (one.arm, *self.holders(one.from_carrier))
+        ]
 
     def attach(
         self, new: Attachment, link: str, relative: Pose, tips: Sequence[str] = ()

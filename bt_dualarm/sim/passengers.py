@@ -60,6 +60,11 @@ class Passengers:
         upon = self._upon.get(thing, ())
         return tuple(one for one in upon if one.object in self._objects)
 
+    def carrier_of(self, thing: str) -> str:
+        """Name of the held object on which an object rides, as last looked for; empty if none."""
+        riding = (name for name in self._upon if thing in {one.object for one in self.of(name)})
+        return next(riding, "")
+
     def look(
         self,
         model: mujoco.MjModel,

@@ -554,6 +554,7 @@ class HoldingView(WorldView):
     hardware: dict[str, ArmHardware]
     nominal: dict[str, NominalArm]
     attachments: Attachments
+    _passengers: Passengers
 
     def attach(
         self, arm: str, thing: str, seen: Pose | None = None, *, share: float = 1.0
@@ -568,7 +569,15 @@ class HoldingView(WorldView):
         relative = self._estimated_in_tool(arm, thing, seen)
         pose = self.object_pose(thing)
         link = f"{arm}/{self.robots[arm].tool_link}"
-        held = Attachment(arm, thing, relative, self.time, bool(seen), share=share)
+        held = Attachment(
+            arm,
+            thing,
+            relative,
+            self.time,
+            bool(seen),
+            share=share,
+            from_carrier=self._passengers.carrier_of(thing),
+        )
         relative = self.arms[arm].tool_link_pose.inverse @ pose
         return self.attachments.attach(held, link, relative, self._tips_on(arm, thing))
 
@@ -620,6 +629,7 @@ class HoldingView(WorldView):
             lay=pose,
             mass_declared=mass_declared,
             share=share,
+            from_carrier=self._passengers.carrier_of(thing),
         )
         self.attachments.hold(held)
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, cast
 
 import pytest
 
+from bt_dualarm.collision.checker import CollisionChecker
 from bt_dualarm.control.controller import JointController
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.safety.failsafe import Reservations
@@ -161,3 +162,26 @@ def test_what_rides_on_it_does_not_bear_it() -> None:
     world.look_for_passengers()
     assert riders(world, "plate") == {"block"}
     assert not stands_without(cast("Arm", SimpleNamespace(world=world, name="arm1")), "plate")
+
+
+def test_what_was_taken_from_a_held_tray_may_be_near_it() -> None:
+    file = file_of(
+        {"arm1": arm("ur5", (0.0, 0.0, 0.4)), "arm2": arm("panda", (1.3, 0.0, 0.4), 180.0)},
+        {"table": TABLE, **STANDING},
+    )
+    world = World(file)
+    for _ in range(100):
+        world.step()
+    world.attach("arm2", "beside")
+    world.attach("arm1", "tray")
+    world.attach("arm2", "upper")
+    assert world.attachments.taken_from("arm1") == [("upper", "tray")]
+    assert world.attachments.taken_from("arm2") == [("upper", "tray")]
+    kept = {"arm1": 0.03, "arm2": 0.03}
+    for name, other in (("arm1", "arm2"), ("arm2", "arm1")):
+        checker = CollisionChecker(world, name, kept)
+        tray, upper, beside = (world.object_geom(one) for one in ("tray", "upper", "beside"))
+        assert checker.least[tray, upper] <= 0.0
+        assert checker.least[tray, beside] == kept[other]
+    world.attachments.detach("arm2", "upper")
+    assert world.attachments.taken_from("arm1") == []

@@ -224,3 +224,59 @@ def test_two_arms_carry_a_loaded_tray() -> None:
         before, after = (poses["carrier"].inverse @ poses[name] for poses in (start, end))
         assert after.distance(before) < 3e-3
         assert np.degrees(after.angle(before)) < 5.0
+
+
+TAKERS = [("ur5", "panda"), ("xarm7", "ur5"), ("xarm7", "panda")]
+
+
+@pytest.mark.parametrize(("holder", "taker"), some(TAKERS, 1))
+def test_an_arm_takes_something_from_a_tray_that_another_one_holds(holder: str, taker: str) -> None:
+    """The guard keeps what two arms hold apart: the taker could not lift it (DEADLOCK)."""
+    y = -0.45
+    back = [-0.1, y, TOP + 0.015]
+    waiter = [
+        {"grasp": {"object": "carrier", "point": [-0.12, 0, 0]}},
+        {"transport": {"object": "carrier", "to": {"xyz": [-0.05, y, TOP + 0.2]}}},
+        {"meet": "held"},
+        {"meet": "taken"},
+        {"place": {"object": "carrier", "at": {"xyz": back}}},
+    ]
+    guest: list[Any] = [
+        {"meet": "held"},
+        {"grasp": {"object": "cube", "approach": [0, 0, -1]}},
+        "go_home",
+        {"meet": "taken"},
+        {"place": {"object": "cube", "at": {"xyz": [0.35, y, TOP + 0.02]}}},
+    ]
+    arms = {}
+    for arm, robot, x, job in (("waiter", holder, -0.6, waiter), ("guest", taker, 0.6, guest)):
+        turn = 0 if robot == "ur5" else -90
+        arms[arm] = {
+            "robot": robot,
+            "gripper": HANDS[robot],
+            "base": {"xyz": [x, 0, 0.4], "rpy": [0, 0, turn]},
+            "tree": {"sequence": job},
+        }
+    cube = {"shape": "box", "size": [0.04, 0.04, 0.04], "mass": 0.03}
+    file = {
+        "bt_dualarm": 1,
+        "name": "tray",
+        "world": {"scene": "empty", "reality": "lab", "seed": 0, "time_limit": 60},
+        "cell": {"rendezvous": {"held": list(arms), "taken": list(arms)}},
+        "objects": {
+            "table": TABLE | {"size": [1.6, 0.6, 0.4], "pose": {"xyz": [0, y, 0.2]}},
+            "carrier": {"shape": "tray", "size": [0.24, 0.12, 0.03], "mass": 0.08}
+            | {"pose": {"xyz": back}},
+            "cube": cube | {"pose": {"xyz": [-0.02, y, TOP + 0.0232]}},
+            "stays": CONTENTS["cube"][0] | {"mass": 0.02, "pose": {"xyz": [-0.1, y, TOP + 0.0182]}},
+        },
+        "arms": arms,
+    }
+    with bt.open(file) as run:
+        world = run.world
+        result = run.finish()
+        rider = world.object_pose("carrier").inverse @ world.object_pose("stays")
+    assert result.outcome == "SUCCESS", [
+        leaf.reason for arm in arms for leaf in result.arms[arm].runs
+    ]
+    assert np.linalg.norm(rider.position[:2]) < 5e-3
