@@ -41,6 +41,9 @@ class FakeWorld:
     def write(self, what: str) -> None:
         self.diary.append(f"{self.steps} {what}")
 
+    def look_for_passengers(self) -> None:
+        """Nothing is held here."""
+
     def remove_arm(self, name: str) -> None:
         for notify in self.before_removal:
             notify(name)
