@@ -839,6 +839,9 @@ class _Planning:
             hand = list(self._world.arms[name].tool_geom_ids)
             its = list(self._world.object_geoms(self._thing))
             checker.least[np.ix_(hand, its)] = checker.least[np.ix_(its, hand)] = -np.inf
+            gripper = self._world.grippers.get(name)
+            if gripper is not None and gripper.gripper.fingers:
+                checker.open_fingers(gripper.gripper.stroke)
             contact = checker.first_contact(found[name])
             # The others will have moved by then.
             others = self._proposals.keys() - {name}
