@@ -74,6 +74,7 @@ _CONFIRMED_S: Final = 0.05  # time for which an internal wrench must exceed its 
 _ROOM: Final = 0.97  # fraction of the limits that motions use; the rest is for corrections
 _STILL_SHARE: Final = 5e-3  # allowed motion of a beam's ends, which rock, per half of its length
 _SETTLED_RAD: Final = 3e-3  # joint error between two motions that the other arms may cause
+_ROOM_M: Final = 0.012  # opening on each side of the object for the retreat
 _LEVER_M: Final = 0.02  # distance that makes a hand's rotation as important as its position
 _REST_S: Final = 5.0  # time limit for all arms to come to rest
 
@@ -533,7 +534,7 @@ class Carrying:
         page = gripper.page
         yield from arm.relax()
         yield from self._sync()
-        gripper.command(page.stroke if page.fingers else 1.0)
+        gripper.command(min(gripper.width + 2.0 * _ROOM_M, page.stroke) if page.fingers else 1.0)
         if not page.fingers:
             gripper.let_go(self._thing, stands=True)
         for _ in gripper.until_open():
