@@ -15,8 +15,8 @@ from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.spec.document import ObjectSpec
 
 _FALLS_M: Final = 0.03
-"""Largest gap between an object that touches nothing and the carrier on which it is about to fall,
-m: objects are often declared slightly above what they will stand on."""
+"""Largest gap between an object that touches nothing and one that may be lifted, on which it is
+about to fall, m: objects are often declared slightly above what they will stand on."""
 
 _DOWN: Final = np.array((0.0, 0.0, -1.0))
 
@@ -127,7 +127,7 @@ class Passengers:
         if not self._objects[thing].is_free:
             return ()
         layout = _Layout(model, self._objects, tuple({*held, thing}), hands)
-        names = _Touching(layout, data).upon(thing, known)
+        names = _Touching(layout, data).upon(thing, known, falling=True)
         return tuple(_passenger(model, data, thing, name) for name in names)
 
 
@@ -179,15 +179,11 @@ class _Layout:
             self._kinds[self.trees == body] = 1 if name in held else 2
 
     def may_ride(self, data: mujoco.MjData) -> bool:
-        """Whether anything touches a held object, or floats; otherwise nothing rides on one."""
+        """Whether anything touches a held object; otherwise nothing begins to ride on one."""
         if not self.names:
             return False
-        geoms = data.contact.geom
-        kinds = self._kinds[geoms]
-        if ((kinds[:, 0] | kinds[:, 1]) == 3).any():
-            return True
-        loose = set(self.trees[geoms[kinds == 2]].tolist())
-        return len(loose) < len(self.names)
+        kinds = self._kinds[data.contact.geom]
+        return bool(((kinds[:, 0] | kinds[:, 1]) == 3).any())
 
 
 class _Touching:
@@ -214,19 +210,19 @@ class _Touching:
         # The normal points from the first geom to the second.
         self._upward: Vector = contact.frame[touch][apart][:, 2]
 
-    def upon(self, thing: str, known: Iterable[str]) -> list[str]:
+    def upon(self, thing: str, known: Iterable[str], *, falling: bool = False) -> list[str]:
         """Names of the objects that rest on a free one, or on each other, and on nothing else.
 
         Args:
             thing: Name of the object.
             known: Objects that rode on it so far: they still do if they touch nothing and are near.
+            falling: Whether others that touch nothing, and are about to fall onto it, count.
         """
         base = self._bodies[thing]
         afloat = {body for body in self._names if body not in self._touched and body != base}
         rode = {self._bodies[name] for name in known if name in self._bodies}
         riders = {body for body in rode & afloat if self._is_near(body, base)}
         reached = self._with_touching({base, *riders})
-        falling = True
         while falling:  # onto what has been reached, the lowest one first
             onto = {body for body in afloat - reached if self._below(self._names[body]) in reached}
             falling = bool(onto)
