@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from bt_dualarm.arm.time_scale import accelerations_of, largest_scale
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
@@ -23,9 +24,6 @@ from bt_dualarm.trajectory.trajectory import Trajectory
 STEADY: Final = 0.6
 """Fraction of the slope on which a passenger would slide or tip up to which it is carried."""
 
-SLOWEST: Final = 0.1
-"""Smallest time scale to which passengers slow a motion."""
-
 _WALLED: Final = 0.35
 """Tangent of the slope up to which what walls surround is carried, however round it is."""
 
@@ -39,8 +37,6 @@ _DIRECTIONS: Final = 16
 
 _UP: Final = np.array((0.0, 0.0, 1.0))
 _GRAVITY: Final = np.array((0.0, 0.0, -9.81))
-_SAMPLE_S: Final = 0.012  # sampling period for differencing accelerations
-_BISECTIONS: Final = 8
 
 
 def steepest(world: World, thing: str, one: Passenger) -> float:
@@ -121,15 +117,9 @@ def riding_speed_scale(motion: Trajectory, world: World, arm: str) -> float:
 
 
 def _scale(motion: Trajectory, world: World, held: Attachment, one: Passenger) -> float:
-    nominal = world.nominal[held.arm]
-    stride = max(1, round(_SAMPLE_S / motion.dt))
-    count = max(2, (len(motion) - 1) // stride + 1)
-    rows = np.minimum(np.arange(-1, count + 1) * stride, len(motion) - 1).clip(0)
-    positions, turns = nominal.tool_link_frames_at(motion.rows(rows)[0])
     place = held.relative.apply(one.relative.apply(body_of(world.objects[one.object]).center))
-    centers = positions + turns @ place
-    accelerations = np.diff(centers, 2, axis=0) / (stride * motion.dt) ** 2
-    up = turns[1:-1] @ held.relative.turn(one.up)
+    accelerations, turns = accelerations_of(motion, world.nominal[held.arm], place)
+    up = turns @ held.relative.turn(one.up)
     slope = steepest(world, held.object, one)
 
     def stays(scale: float, samples: slice | np.ndarray) -> np.ndarray:
@@ -140,17 +130,7 @@ def _scale(motion: Trajectory, world: World, held: Attachment, one: Passenger) -
         return kept
 
     bearable = stays(0.0, slice(None))
-    if stays(1.0, bearable).all():
-        return 1.0
-    least = SLOWEST
-    most = 1.0
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (least + most)
-        if stays(middle, bearable).all():
-            least = middle
-        else:
-            most = middle
-    return least
+    return largest_scale(lambda scale: bool(stays(scale, bearable).all()))
 
 
 def slowed_for_passengers(motion: Trajectory, world: World, arm: str) -> Trajectory:

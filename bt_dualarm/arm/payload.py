@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from bt_dualarm.arm.passengers import slowed_for_passengers
+from bt_dualarm.arm.time_scale import accelerations_of, largest_scale
 from bt_dualarm.control.dynamics import ArmDynamics, refuse_overload, within_efforts
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Pose, Vector
@@ -29,16 +30,11 @@ from bt_dualarm.trajectory.trajectory import Trajectory
 IN_HAND: Final = 1.2
 """Safety factor of the grip force over the force that a motion needs."""
 
-SLOWEST: Final = 0.1
-"""Smallest time scale to which a weak grip slows a motion."""
-
 UNKNOWN_KG: Final = 1.0
 """Mass in kg that is assumed until it is declared or estimated."""
 
 _GRAVITY: Final = np.array([0.0, 0.0, -9.81])
-_SAMPLE_S: Final = 0.012  # sampling period for differencing the tool's acceleration
 _LEVER_M: Final = 0.005  # effective radius of a pad's torsional friction about its normal
-_BISECTIONS: Final = 8
 _THICK_M: Final = 0.02  # assumed of a finger whose shape is a mesh
 
 
@@ -97,7 +93,7 @@ class PayloadCheck:
             world.objects[name],
             pose,
             known=not nominal.estimates_payload,
-            upon=[(world.objects[one.object], one.relative) for one in world.passengers_of(name)],
+            upon=world.placed_on(name),
         )
         loads = (*nominal.loads, new)
         mass = sum(load.borne for load in loads if load.borne is not None)
@@ -172,32 +168,10 @@ def min_grip_force(page: Gripper, friction: float, load: NominalLoad) -> float:
 
 def _speed_scale(motion: Trajectory, world: World, held: Attachment, load: NominalLoad) -> float:
     mass = load.share * (UNKNOWN_KG if load.mass is None else load.mass + load.mass_doubt)
-    accelerations, turns = _accelerations(motion, world, held.arm, load)
+    nominal = world.nominal[held.arm]
+    accelerations, turns = accelerations_of(motion, nominal, load.pose.position)
     grip = _Grip(world, held, load)
-    if grip.bears(mass, turns, accelerations):
-        return 1.0
-    least = SLOWEST
-    most = 1.0
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (least + most)
-        if grip.bears(mass, turns, middle**2 * accelerations):
-            least = middle
-        else:
-            most = middle
-    return least
-
-
-def _accelerations(
-    motion: Trajectory, world: World, arm: str, load: NominalLoad
-) -> tuple[Matrix, np.ndarray]:
-    """Accelerations of the load's center in the world, (n, 3), m/s²; the link's axes, (n, 3, 3)."""
-    nominal = world.nominal[arm]
-    stride = max(1, round(_SAMPLE_S / motion.dt))
-    count = max(2, (len(motion) - 1) // stride + 1)
-    rows = np.minimum(np.arange(-1, count + 1) * stride, len(motion) - 1).clip(0)
-    positions, turns = nominal.tool_link_frames_at(motion.rows(rows)[0])
-    centers = positions + turns @ load.pose.position
-    return np.diff(centers, 2, axis=0) / (stride * motion.dt) ** 2, turns[1:-1]
+    return largest_scale(lambda scale: grip.bears(mass, turns, scale**2 * accelerations))
 
 
 class _Grip:

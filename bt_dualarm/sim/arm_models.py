@@ -89,7 +89,7 @@ class NominalLoad:
             pose = pose @ body_of(thing).principal[0]
         if not known:
             return cls(name, None, None, pose, gyration, mass_declared=False)
-        mass = _mass_with(thing, upon)
+        mass = mass_with(thing, upon)
         return cls(name, mass, mass * gyration, pose, gyration)
 
     @classmethod
@@ -110,11 +110,11 @@ class NominalLoad:
         gyration = np.full(3, BORNE_GYRATION_M**2)
         if not known:
             return cls(name, None, None, pose, gyration, mass_declared=False)
-        mass = _mass_with(thing, upon)
+        mass = mass_with(thing, upon)
         return cls(name, mass, mass * gyration, pose, gyration)
 
 
-def _mass_with(thing: ObjectSpec, upon: Sequence[tuple[ObjectSpec, Pose]]) -> float:
+def mass_with(thing: ObjectSpec, upon: Sequence[tuple[ObjectSpec, Pose]]) -> float:
     """Mass of an object with what rides on it, kg."""
     return thing.total_mass + sum(one.total_mass for one, _ in upon)
 

@@ -30,6 +30,7 @@ from bt_dualarm.sim.arm_models import (
     NominalArm,
     NominalLoad,
     SampledArm,
+    mass_with,
     random_stream,
     sample_arm,
     sample_object,
@@ -962,8 +963,12 @@ class World(HoldingView):
 
     def loaded_mass(self, thing: str) -> float:
         """Mass of an object with what moves on its joints and with its passengers, kg."""
-        riders = (one.object for one in self.passengers_of(thing))
-        return sum(self.objects[name].total_mass for name in (thing, *riders))
+        return mass_with(self.objects[thing], self.placed_on(thing))
+
+    def placed_on(self, thing: str) -> list[tuple[ObjectSpec, Pose]]:
+        """The passengers of an object, with their poses in its frame when they were noticed."""
+        upon = self.passengers_of(thing)
+        return [(self.objects[one.object], one.relative) for one in upon]
 
     def look_for_passengers(self) -> None:
         """Notice what fell off held objects, or onto them; ten times a second at most.

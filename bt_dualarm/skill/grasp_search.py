@@ -261,7 +261,7 @@ class WantedGrasp:
         if self.name in world.objects and world.objects[self.name].joint is not None:
             return self._pulled_at(world)
         thing = world.objects[self.name]
-        upon = [(world.objects[one.object], one.relative) for one in world.passengers_of(self.name)]
+        upon = world.placed_on(self.name)
         if thing.moved or upon:
             return principal_with((thing, Pose.identity()), *upon)[0].position
         return body_of(thing).center
