@@ -51,6 +51,8 @@ _RESTARTS = 4  # trees that are begun again: the branch depends on the route to 
 _SELF_MOTION_RAD = 0.05  # step of the joints while the tool rests
 _TINY = 1e-6  # distance, angle or length that counts as none
 _SHORTCUTS = 30
+_ARRIVALS = 10  # at the goal pose in one other configuration, after which no path is expected
+_SAME_RAD = 1e-3  # largest distance of the joints in one configuration
 _PROJECTIONS = 4  # rounds in which two cones are satisfied together
 
 
@@ -269,6 +271,8 @@ class _ConstrainedSearch:
         self._rng = np.random.default_rng(problem.seed)
         self._count = 0
         self._checker: CollisionChecker = problem.checker
+        self._elsewhere: Vector | None = None
+        self._arrivals = 0
 
     def motion(self) -> Trajectory:
         """See `ConstrainedProblem.motion`."""
@@ -281,21 +285,30 @@ class _ConstrainedSearch:
                 if self._given.keeps(free):
                     return free
         goals = itertools.cycle(self._problem.goals)
-        while self._count < self._given.poses:
+        while not self._is_over(self._given.poses):
             found = self._around(next(goals), self._count + self._given.poses // _RESTARTS)
-            if self._abandoned():
-                break
             if found is not None:
                 return found
         if self._abandoned():
             raise Failure("INTERRUPTED", "this plan is no longer needed")
         numbers: dict[str, Number] = {"planner": self._given.planner, "states": self._count}
+        ends = ""
+        if self._arrivals >= _ARRIVALS:
+            ends = ", except to another configuration at the goal, in which it may not end"
         raise Failure(
             "NO_PLAN",
-            f"no collision-free path was found along which the arm keeps {self._strict.names} "
-            f"({self._count} poses)",
+            f"no collision-free path was found along which the arm keeps {self._strict.names}"
+            f"{ends} ({self._count} poses)",
             **numbers,
         )
+
+    def _is_over(self, poses: int) -> bool:
+        """Whether a search ends without a path.
+
+        An arm of six joints that keeps an axis upright hardly ever leaves its branch: where it
+        arrives in the same other configuration by one path after another, no path is expected.
+        """
+        return self._count >= poses or self._arrivals >= _ARRIVALS or self._abandoned()
 
     def _around(self, goal: Vector, last: int) -> Trajectory | None:
         """Motion around obstacles; None if none was found with this many poses.
@@ -308,7 +321,7 @@ class _ConstrainedSearch:
         trees = PoseTrees(self._start, self._goal, q, goal, self._step, self._edge)
         low = np.minimum(self._start.position, self._goal.position) - REACH_M
         high = np.maximum(self._start.position, self._goal.position) + REACH_M
-        while self._count < last and not self._abandoned():
+        while not self._is_over(last):
             self._count += 1
             target = self._goal
             if self._rng.random() > TO_GOAL:
@@ -343,6 +356,11 @@ class _ConstrainedSearch:
                 longer = motion.then(turn)
                 if self._is_free(longer):
                     return longer
+        last = motion.q[-1]
+        if self._elsewhere is None or float(np.abs(last - self._elsewhere).max()) > _SAME_RAD:
+            self._elsewhere = last
+            self._arrivals = 0
+        self._arrivals += 1
         return None
 
     def _joined(self, meeting: Meeting, goal: Vector) -> Trajectory | None:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass, replace
+from itertools import islice
 from math import degrees
 from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
 from bt_dualarm.arm.arm import Arm, MoveTo
-from bt_dualarm.arm.branches import first_possible
+from bt_dualarm.arm.branches import MOST_BRANCHES, first_possible
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.free_axes import FreeAxes, angle_to
 from bt_dualarm.core.pose import Matrix, Pose, Vector
@@ -203,7 +205,7 @@ def follow_curve(
     plan = yield from move.when_clear(
         lambda: _Plan.of(move, path, end, tool_speed, from_here=from_here)
     )
-    yield from _enter(move, path, plan.motion)
+    plan = yield from _enter(move, path, plan, lambda: plan.others(move, path, end, tool_speed))
     source = arm.begin(plan.motion, along_path=True)
     deviation = PathDeviation(arm, source, record)
     for progress in _monitored(arm, source, deviation, tolerance):
@@ -278,6 +280,19 @@ class _Plan:
                 is_final=move.may_leave,
             )
         )
+
+    def others(
+        self, move: MoveTo, path: CartesianPath, end: Pose | None, tool_speed: float | None
+    ) -> Generator[None, None, list[_Plan]]:
+        """Plans in the further branches, the preferred one first; yields once per branch."""
+        arm = move.arm
+        found = list[_Plan]()
+        for rows in islice(joint_paths(arm.kinematics, path, arm.setpoint.q), MOST_BRANCHES):
+            if float(np.abs(rows[0] - self.motion.start).max()) > _SAME_POSTURE:
+                with contextlib.suppress(Failure):
+                    found.append(self._along(arm, path, rows, move.speed, end, tool_speed))
+            yield
+        return found
 
     @classmethod
     def _along(
@@ -359,29 +374,69 @@ def _monitored(
         deviation.flush()
 
 
-def _enter(move: MoveTo, path: CartesianPath, motion: Trajectory) -> Iterator[float | None]:
-    """Move to the first configuration of a motion, on a straight tool path if that is near."""
+def _enter(
+    move: MoveTo,
+    path: CartesianPath,
+    plan: _Plan,
+    others: Callable[[], Generator[None, None, list[_Plan]]],
+) -> Generator[float | None, None, _Plan]:
+    """Move to the first configuration of a plan, on a straight tool path if that is near and free.
+
+    If no path leads there, the arm moves to the start in another branch: one that has to keep
+    something upright can hardly leave its own.
+
+    Args:
+        move: Motion to the start.
+        path: Path of the tool, in the world.
+        plan: Plan in the preferred branch.
+        others: Plans in the further branches.
+
+    Returns:
+        The plan whose start the arm has reached.
+
+    Raises:
+        Failure: As motions, and as the plan to the preferred branch if there is none to any other.
+    """
     arm = move.arm
-    start = motion.start
+    start = plan.motion.start
     checked = arm.time
+    chosen = plan
 
     def entry() -> Generator[None, None, Trajectory]:
+        nonlocal chosen
+        chosen = plan
         if float(np.abs(start - arm.setpoint.q).max()) < _SAME_BRANCH:
             try:
                 straight = _straight(arm, arm.setpoint.q, path.start, move.speed, path.free, start)
             except Failure as failure:
-                if failure.code not in ("PATH_BROKEN", "SINGULAR"):
+                is_blocked = failure.code == "IN_COLLISION" and not move.may_clear(failure)
+                if not is_blocked and failure.code not in ("PATH_BROKEN", "SINGULAR"):
                     raise
             else:
                 if straight is not None:
                     return straight
-        return (yield from arm.plan([start], move.speed))
+        try:
+            return (yield from arm.plan([start], move.speed))
+        except Failure as failure:
+            if failure.code != "NO_PLAN":
+                raise
+            refusal = failure.with_traceback(None)  # would keep this frame alive
+        found = yield from others()
+        if not found:
+            raise refusal
+        try:
+            motion = yield from arm.plan([one.motion.start for one in found], move.speed)
+        except Failure as failure:
+            raise (refusal if failure.code == "NO_PLAN" else failure) from None
+        chosen = min(found, key=lambda one: float(np.abs(one.motion.start - motion.end).max()))
+        return motion
 
     if float(np.abs(start - arm.setpoint.q).max()) >= 1e-9:
-        for progress in move.to_line(entry, lambda: motion):
+        for progress in move.to_line(entry, lambda: chosen.motion):
             yield None if progress is None else _ENTRY_SHARE * progress
     if arm.time > checked:  # the world may have changed meanwhile
-        arm.refuse_collision_along(motion)
+        arm.refuse_collision_along(chosen.motion)
+    return chosen
 
 
 def _straight(

@@ -440,13 +440,25 @@ def came_along(
 
 def _is_beyond(arm: Arm, name: str, lies: Pose) -> bool:
     """Whether an object at a pose in the world reaches neither between the pads nor to the cup."""
+    return _distance_beyond(arm, name, arm.tool_pose.inverse @ lies) > _BESIDE_M
+
+
+def _distance_beyond(arm: Arm, name: str, in_tool: Pose) -> float:
+    """Distance of an object beyond the fingertips or the cup along the tool's axis, m.
+
+    Args:
+        arm: Arm with the gripper.
+        name: Name of the object.
+        in_tool: Pose of the object in the tool's frame.
+
+    Returns:
+        The distance; negative if the object reaches between the fingers.
+    """
     declared = arm.world.objects[name]
     page = arm.gripper.page
-    in_tool = arm.tool_pose.inverse @ lies
     back = in_tool.rotation_matrix.T @ np.array((0.0, 0.0, -1.0))
     nearest = float(in_tool.position[2]) - arm.world.object_solid(name).reach(back)
-    tip = jaw_measures(page, declared.friction).tip if page.fingers else 0.0
-    return nearest > tip + _BESIDE_M
+    return nearest - (jaw_measures(page, declared.friction).tip if page.fingers else 0.0)
 
 
 _ROOM_M: Final = 0.01  # minimum opening on each side of the object at the release
@@ -485,6 +497,10 @@ _CLEAR_M: Final = 0.003  # clearance to the height at which the descent is still
 _LOWER: Final = (0.7, 0.5, 0.35, 0.25)  # fractions of the height to try if it is not free
 _NEAR_M: Final = 0.0015  # height above the goal beyond which a contact may be joint friction
 _FALSE: Final = 3  # descents until a contact beyond that height counts
+_SPARE_M: Final = 0.005  # by which a shorter retreat is longer than the object requires
+_COMES_FREE: Final = 0.5  # share of a motion straight up that must be along the tool's axis
+_VERTICAL: Final = 0.999  # the same for a tool that points straight down: it is all of it
+_HORIZONTAL: Final = 0.1  # sine of the slope up to which fingers close horizontally
 _OFF_M: Final = 0.003  # length of the compliant start of the retreat
 _LOWERING: Final = (0.8, 0.45, 0.3)  # fractions of the speed below the approach height
 _BRANCHES: Final = 3  # free branches of the inverse kinematics among which the planner chooses
@@ -544,6 +560,21 @@ class _Descent:
     height: float
     branches: list[Matrix]
     turned: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class _RetreatTo:
+    """Straight retreat of the open hand from a placed object.
+
+    Attributes:
+        end: Pose of the tool in the world at its end.
+        length: Its length along the tool's axis, m.
+        by_object: Whether it could touch the object, so that it has to be checked against that.
+    """
+
+    end: Pose
+    length: float
+    by_object: bool = False
 
 
 class SettingDown:
@@ -900,7 +931,9 @@ class SettingDown:
         """Straight descent to a pose of the tool, in branches that allow search and retreat.
 
         The arm and the held object are collision-free down to `_FREE_M`, and the arm alone on
-        the retreat. Yields once per tick, for one or two branches.
+        the retreat. Branches in which only another retreat is possible, see `_retreats`, count
+        where there are no others, or where something rides on the object: an arm that has to keep
+        that upright can hardly leave its branch. Yields once per tick, for one or two branches.
 
         Args:
             tool: Pose of the tool in the world.
@@ -919,23 +952,55 @@ class SettingDown:
         held = frozenset({self._name})
         corners = [_raised(tool, above) for above in (height, _FREE_M, 0.0, -ports.search)]
         found: list[Matrix] = []
+        narrow: list[Matrix] = []
         refusals: list[Failure] = []
+        retreats = self._retreats(tool)
         for down, low, _ in arm.lines(*corners):
             try:
                 arm.refuse_collision_along(down)
-                out = arm.line_after(low[-1], tool @ Pose.from_rpy((0.0, 0.0, -ports.retreat)))
-                arm.refuse_collision_along(out, ignore=held)
+                for retreat in retreats:
+                    try:
+                        out = arm.line_after(low[-1], retreat.end)
+                        arm.refuse_collision_along(out, ignore=held)
+                    except Failure:
+                        if retreat is retreats[-1]:
+                            raise
+                    else:
+                        (found if retreat is retreats[0] else narrow).append(down)
+                        break
             except Failure as failure:
                 refusals.append(failure.with_traceback(None))
                 if len(refusals) % 2:
                     continue  # most are found out soon: two are checked in one tick
-            else:
-                found.append(down)
             yield
             if len(found) == _BRANCHES or len(refusals) == _TRIES:
                 break
+        if narrow and (not found or arm.world.passengers_of(self._name)):
+            found = [*found, *narrow]
         if not found:
             raise refusals[0]
+        return found[:_BRANCHES]
+
+    def _retreats(self, tool: Pose) -> list[_RetreatTo]:
+        """Retreats from a pose of the tool to try, the one requested first.
+
+        The others are straight up, where the fingers close horizontally and come free, and along
+        the tool's axis only as far as frees the object.
+        """
+        arm = self._arm
+        asked = self._ports.retreat
+        axes = tool.rotation_matrix
+        found = [_RetreatTo(tool @ Pose.from_rpy((0.0, 0.0, -asked)), asked)]
+        comes_free = -float(axes[2, 2])
+        if (
+            arm.gripper.page.fingers
+            and _COMES_FREE < comes_free < _VERTICAL
+            and abs(axes[2, 1]) < _HORIZONTAL
+        ):
+            found.append(_RetreatTo(_raised(tool, asked), comes_free * asked, by_object=True))
+        shortest = _BESIDE_M + _SPARE_M - _distance_beyond(arm, self._name, self._in_tool)
+        if shortest < asked:
+            found.append(_RetreatTo(tool @ Pose.from_rpy((0.0, 0.0, -shortest)), shortest))
         return found
 
     def _height(self, tool: Pose) -> float:
@@ -966,12 +1031,23 @@ class SettingDown:
             yield 0.85
         gripper.let_go(self._name)
         self._left = LeftStanding(arm, self._name)
-        back = arm.commanded_tool_pose @ Pose.from_rpy((0, 0, -self._ports.retreat))
+        retreats = self._retreats(arm.commanded_tool_pose)
         move = replace(arm.past_others(self._ports.speed, frozenset({self._name})), give_way=False)
 
         def planned() -> Generator[None, None, Trajectory]:
-            rows = arm.line_on(back)
-            yield from move.checked(rows, known_free=False)
+            for retreat in retreats:
+                try:
+                    rows = arm.line_on(retreat.end)
+                    yield from move.checked(rows, known_free=False)
+                    if retreat.by_object:
+                        arm.refuse_collision_along(rows)
+                except Failure as failure:
+                    if retreat is retreats[-1] or move.may_clear(failure):
+                        raise
+                else:
+                    if retreat is not retreats[0]:
+                        self._metrics["retreated_m"] = retreat.length
+                    break
             return arm.time_path(rows, move.speed)
 
         self._test: Generator[float, None, bool] | None = None

@@ -18,6 +18,7 @@ from bt_dualarm.planning.path_constraints import Cone, ConstrainedProblem, PathC
 from bt_dualarm.planning.problem import PlanningProblem, admitted
 from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.sim.world import World
+from bt_dualarm.trajectory.paths import line
 from tests.sim.worlds import arm, box, file_of
 
 UP = np.array((0.0, 0.0, 1.0))
@@ -132,3 +133,27 @@ def test_where_no_path_exists_it_says_so() -> None:
     assert caught.value.code == "NO_PLAN"
     with pytest.raises(Failure, match="no longer needed"):
         ConstrainedProblem(problem, keep).motion(lambda: True)
+
+
+def test_a_search_ends_where_all_paths_lead_to_another_configuration() -> None:
+    """Upright, a UR5 does not leave its branch: it searched for as long as it was allowed to."""
+    world = World(file_of({"arm1": arm("ur5", xyz=(0.0, 0.0, 0.0))}))
+    body = world.arms["arm1"]
+    kinematics = Kinematics(body.robot, body.base)
+    near = world.hardware["arm1"].q
+    down = (np.pi, 0.0, 0.0)
+    start = kinematics.solve(Pose.from_rpy((0.4, -0.2, 0.4), down), near)
+    there = Pose.from_rpy((0.4, 0.2, 0.4), down)
+    reached = kinematics.follow_on(line(kinematics.forward(start), there).poses, start)[-1]
+    checker = CollisionChecker(world, "arm1")
+    branches = kinematics.solutions(there, start, every_branch=True)
+    others = tuple(q for q in branches if np.abs(q - reached).max() > 0.5 and checker.free(q))
+    assert others
+    problem = PlanningProblem(checker, start, others, body.robot.limits, 0.004)
+    keep = upright(world, "arm1", problem, 5.0)
+    with pytest.raises(Failure, match="except to another configuration") as caught:
+        ConstrainedProblem(problem, keep, at_goals=True).motion()
+    assert caught.value.code == "NO_PLAN"
+    assert int(caught.value.numbers["states"]) < 20_000
+    ends = ConstrainedProblem(problem, keep).motion().q[-1]
+    assert ends == pytest.approx(reached, abs=1e-3)

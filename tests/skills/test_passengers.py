@@ -150,6 +150,35 @@ def test_a_planned_motion_keeps_it_upright_and_slow_enough() -> None:
         assert run.result.sim_time_s < loaded_s
 
 
+def test_near_its_base_an_arm_takes_the_branches_to_which_it_can_keep_it_upright() -> None:
+    """Both skills preferred branches to which the wrist would have to turn the plate over.
+
+    In the one that is left, the arm cannot retreat along the tilted hand: it would fold up.
+    """
+    plate = {"shape": "box", "size": [0.18, 0.05, 0.025], "mass": 0.2}
+    can = {"shape": "cylinder", "size": [0.02, 0.05], "mass": 0.06}
+    file = file_of(
+        "ur5",
+        "plate",
+        "can",
+        {"grasp": {"object": "carrier", "mass": 0.3}},
+        {"transport": {"object": "carrier", "to": {"xyz": [0.45, 0.05, 0.62]}}},
+        {"circle": {"radius": 0.05, "plane": "xy"}},
+        {"place": {"object": "carrier", "at": {"xyz": [0.45, 0.25, 0.4125]}}},
+    )
+    file["objects"]["carrier"] = plate | {"pose": {"xyz": [0.42, -0.2, 0.4125], "rpy": [0, 0, 20]}}
+    file["objects"]["rider"] = can | {"pose": {"xyz": [0.465, -0.1836, 0.4502]}}
+    file["arms"]["arm1"]["robot"] = "ur10e"
+    with bt.open(file) as run:
+        result = run.finish()
+        between = run.world.object_pose("carrier").inverse @ run.world.object_pose("rider")
+    arm = result.arms["arm1"]
+    assert arm.outcome == "SUCCESS", arm.runs
+    assert between.position == pytest.approx((0.048, 0.0, 0.0377), abs=2e-3)
+    length = float(leaf(result, "place").metrics["retreated_m"])  # along the hand, of 80 mm up
+    assert length == pytest.approx(0.0566, abs=1e-3)
+
+
 def test_what_is_to_be_poured_out_may_leave() -> None:
     grasp = {"grasp": {"object": "carrier"}}
     over = {"transport": {"object": "carrier", "to": {"xyz": [0.45, 0.0, TOP + 0.3]}}}
