@@ -697,7 +697,7 @@ def _new_rules(
     apart = links[:, None] | (scratch.marks(held) & ~lent)[:, None] & ~lent
     apart &= carried > 0.0
     keep = np.where(apart, carried, -np.inf)
-    for thing, carrier in world.attachments.taken_from(arm):
+    for thing, carrier in world.attachments.on_carriers(arm):
         rows = np.ix_(*(list(world.payload_geoms(one)) for one in (thing, carrier)))
         keep[rows] = keep.T[rows] = -np.inf
     least = np.maximum(least, np.maximum(keep, keep.T))

@@ -202,7 +202,8 @@ def added_distances(world: World, arm: str) -> Matrix | None:
 
     It is infinite between the object and the partner's tool, and what that holds: they may touch.
     Between the tools it is what `HANDS_APART_M` exceeds the distance that they keep. It is infinite
-    as well between an object and what it was taken from, a tray in another arm's hand.
+    as well between an object and what it was taken from, or is placed on, a tray in another arm's
+    hand.
 
     Args:
         world: World whose current state counts.
@@ -217,7 +218,7 @@ def added_distances(world: World, arm: str) -> Matrix | None:
         for other in world.attachments.holders(thing):
             if other != arm:  # whatever they have consented to, it is in both hands
                 shared.setdefault((other, thing), HANDS_APART_M)
-    taken = world.attachments.taken_from(arm)
+    taken = world.attachments.on_carriers(arm)
     if not shared and not taken:
         return None
     added = np.zeros((world.model.ngeom, world.model.ngeom))

@@ -55,6 +55,10 @@ _STEEPEST: Final = 0.8
 """Largest slope as a fraction of the friction coefficient."""
 
 
+_STILL_RAD_S: Final = 0.02
+"""Largest measured speed of the joints of an arm that holds something still, rad/s."""
+
+
 @dataclass(frozen=True)
 class Support:
     """Support of a lowered object.
@@ -66,6 +70,7 @@ class Support:
         slope: Slope of the supporting surface, rad.
         friction: Coefficient of friction between the two.
         rolls: Whether it would roll away: a round object on a surface that slopes or bulges.
+        carrier: Object in another arm's hand that is part of the support; empty if there is none.
     """
 
     below: float
@@ -73,6 +78,7 @@ class Support:
     slope: float
     friction: float
     rolls: bool
+    carrier: str = ""
 
     @property
     def slides(self) -> bool:
@@ -85,7 +91,7 @@ def support_below(
 ) -> Support | None:
     """Support of an object at a pose, by the sensed state of the world.
 
-    Arms and their payloads support nothing.
+    Arms and what they carry support nothing, except for what another arm holds still.
 
     The object is lowered without turning: the gaps between its lower side and the geoms below are
     measured along vertical rays. It comes to rest on the facet of their lower convex hull that is
@@ -121,6 +127,7 @@ def support_below(
     tilt: float = max(hull.tilt(at) for at in (np.zeros(2), *ring))
     corners = [hits[i] for i in hull.corners(np.zeros(2))]
     bearing = [hit for hit in corners if hit.geom >= 0]
+    carrier = next(filter(None, (rays.carrier_of(hit.geom) for hit in bearing)), "")
     slope = max((hit.slope for hit in bearing), default=0.0)
     coefficients = [float(world.model.geom_friction[hit.geom, 0]) for hit in bearing]
     # MuJoCo combines the friction of two geoms by their maximum.
@@ -129,11 +136,11 @@ def support_below(
     body = body_of(spec)
     axis = pose.rotation_matrix[:, 2]
     if spec.shape == "capsule" and abs(axis[2]) > _UPRIGHT:
-        return Support(nearest, tilt, slope, friction, rolls=tilt > _LEVEL)
+        return Support(nearest, tilt, slope, friction, rolls=tilt > _LEVEL, carrier=carrier)
     is_ball = spec.shape in ("sphere", "ellipsoid")
     is_round = is_ball or (body.is_axisymmetric and abs(axis[2]) <= _UPRIGHT)
     if not is_round:
-        return Support(nearest, tilt, slope, friction, rolls=False)
+        return Support(nearest, tilt, slope, friction, rolls=False, carrier=carrier)
     # A lying cylinder, capsule or tube rolls across its axis, a sphere in any direction.
     along = axis[:2] / max(math.hypot(axis[0], axis[1]), 1e-9)
     across = [np.array((-along[1], along[0]))]
@@ -143,13 +150,13 @@ def support_below(
     level = all(rays.is_level(lowest + drop, direction) for direction in across)
     if level and is_ball:
         rocks = spec.shape == "ellipsoid" and _off_balance(spec.size, pose.rotation_matrix)
-        return Support(nearest, 0.0, 0.0, friction, rolls=rocks)
+        return Support(nearest, 0.0, 0.0, friction, rolls=rocks, carrier=carrier)
     if level:
         ends = (-min(MARGIN_M, room) * along, min(MARGIN_M, room) * along)
         tilt = max(abs(float(hull.gradient(at) @ along)) for at in ends)
-        return Support(nearest, math.atan(tilt), slope, friction, rolls=False)
+        return Support(nearest, math.atan(tilt), slope, friction, rolls=False, carrier=carrier)
     # Between two objects it lies as in a trough.
-    return Support(nearest, tilt, slope, friction, rolls=tilt > math.radians(1.0))
+    return Support(nearest, tilt, slope, friction, rolls=tilt > math.radians(1.0), carrier=carrier)
 
 
 def bearing_ahead(
@@ -210,13 +217,18 @@ class _Rays:
         aside = np.linalg.norm(sensed.geom_xpos[:, :2] - middle, axis=1)
         plane = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
         near = plane | (aside <= wide + model.geom_rbound)
-        left_out = _arm_geoms(world).union(world.payload_geoms(name))
+        self._carriers = _held_still(world, name)
+        left_out = _arm_geoms(world).union(world.payload_geoms(name)) - self._carriers.keys()
         solid = near & ((model.geom_contype != 0) | (model.geom_conaffinity != 0))
         self._geoms = [geom for geom in np.flatnonzero(solid).tolist() if geom not in left_out]
 
     def down(self, point: Vector) -> _Hit:
         """First hit of a ray downward from a point of the world, of shape (3,)."""
         return _first_hit(self._world, self._geoms, point, np.array((0.0, 0.0, -1.0)))
+
+    def carrier_of(self, geom: int) -> str:
+        """Object in another arm's hand that a geom belongs to, or rides on; empty for none."""
+        return self._carriers.get(geom, "")
 
     def is_level(self, point: Vector, direction: Vector) -> bool:
         """Whether the surface below a point neither slopes nor bulges along a direction, (2,)."""
@@ -236,6 +248,18 @@ def _arm_geoms(world: World) -> set[int]:
         found |= set(body.geom_ids)
         for held in world.carried_by(name):
             found.update(world.object_geoms(held))
+    return found
+
+
+def _held_still(world: World, name: str) -> dict[int, str]:
+    """Geoms of what arms hold still that do not hold an object, with the name of what is held."""
+    found = dict[int, str]()
+    for held in world.attachments:
+        hardware = world.hardware.get(held.arm)
+        if hardware is None or held.object == name or held.arm in world.attachments.holders(name):
+            continue
+        if float(np.abs(hardware.v).max()) <= _STILL_RAD_S:
+            found |= dict.fromkeys(world.payload_geoms(held.object), held.object)
     return found
 
 

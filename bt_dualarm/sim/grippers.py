@@ -592,8 +592,8 @@ class Attachment:
             only while another arm holds the object, too.
         borne_at: Where the arm's model bears its share, in the object's frame; None for the center
             of mass.
-        from_carrier: Object in another arm's hand on which it rode when it was taken; empty if it
-            stood elsewhere.
+        carrier: Object in another arm's hand on which it rode when it was taken, or on which it is
+            being placed: the two may touch. Empty if there is none.
     """
 
     arm: str
@@ -607,7 +607,7 @@ class Attachment:
     lay: Pose | None = None
     share: float = 1.0
     borne_at: Pose | None = None
-    from_carrier: str = ""
+    carrier: str = ""
 
     @property
     def name(self) -> str:
@@ -682,12 +682,12 @@ class Attachments:
         """Objects that the gripper is assumed to hold, in the order of picking."""
         return tuple(a for a in self._held.values() if a.arm == arm and a.by_gripper)
 
-    def taken_from(self, arm: str) -> list[tuple[str, str]]:
-        """Objects with the held ones on which they rode, of which an arm holds either."""
+    def on_carriers(self, arm: str) -> list[tuple[str, str]]:
+        """Held objects with the carrier that each may touch, of which an arm holds either."""
         return [
-            (one.object, one.from_carrier)
+            (one.object, one.carrier)
             for one in self._held.values()
-            if one.from_carrier and arm in (one.arm, *self.holders(one.from_carrier))
+            if one.carrier and arm in (one.arm, *self.holders(one.carrier))
         ]
 
     def attach(
@@ -770,6 +770,16 @@ class Attachments:
         if held is not None and (held.share != share or held.borne_at is not at):
             self._held[arm, thing] = replace(held, share=share, borne_at=at)
             self._reload(arm)
+
+    def place_on(self, arm: str, thing: str, carrier: str) -> None:
+        """Let a held object touch a carrier in another arm's hand; none if that is empty.
+
+        Does nothing if the arm does not hold the object.
+        """
+        held = self._held.get((arm, thing))
+        if held is not None and held.carrier != carrier:
+            self._held[arm, thing] = replace(held, carrier=carrier)
+            self._rebind()
 
     def consent(self, arm: str, partner: str, thing: str, hands_m: float) -> None:
         """Let a partner hold an object together with an arm, once the partner consents as well.

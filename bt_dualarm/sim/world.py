@@ -577,7 +577,7 @@ class HoldingView(WorldView):
             self.time,
             bool(seen),
             share=share,
-            from_carrier=self._passengers.carrier_of(thing),
+            carrier=self._passengers.carrier_of(thing),
         )
         relative = self.arms[arm].tool_link_pose.inverse @ pose
         return self.attachments.attach(held, link, relative, self._tips_on(arm, thing))
@@ -630,7 +630,7 @@ class HoldingView(WorldView):
             lay=pose,
             mass_declared=mass_declared,
             share=share,
-            from_carrier=self._passengers.carrier_of(thing),
+            carrier=self._passengers.carrier_of(thing),
         )
         self.attachments.hold(held)
 

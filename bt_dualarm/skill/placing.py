@@ -14,7 +14,7 @@ import numpy as np
 
 from bt_dualarm.arm.arm import Arm, MoveTo
 from bt_dualarm.arm.payload import jaw_measures
-from bt_dualarm.collision.support import MARGIN_M, support_below
+from bt_dualarm.collision.support import MARGIN_M, Support, support_below
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.perception.shape_fit import KnownShape
@@ -498,6 +498,11 @@ _LOWER: Final = (0.7, 0.5, 0.35, 0.25)  # fractions of the height to try if it i
 _NEAR_M: Final = 0.0015  # height above the goal beyond which a contact may be joint friction
 _FALSE: Final = 3  # descents until a contact beyond that height counts
 _SPARE_M: Final = 0.005  # by which a shorter retreat is longer than the object requires
+_ON_CARRIER_N: Final = 1.5  # contact force on a carrier in another arm's hand
+_ON_CARRIER_M: Final = 0.001
+"""Distance below a carrier in another arm's hand at which the object is released, whether contact
+was detected or not: a tray gives way there under hardly more than the object's weight."""
+
 _COMES_FREE: Final = 0.5  # share of a motion straight up that must be along the tool's axis
 _VERTICAL: Final = 0.999  # the same for a tool that points straight down: it is all of it
 _HORIZONTAL: Final = 0.1  # sine of the slope up to which fingers close horizontally
@@ -628,12 +633,21 @@ class SettingDown:
         grip = Grip(self._arm, self._name)
         grip.look()
         began_s = arm.time
-        self._refuse_unsupported(goal)
+        found = self._support_at(goal)
         yield None
+        attachments = arm.world.attachments
+        self._force = self._ports.force
+        self._search = self._ports.search
+        self._carrier = "" if found is None else found.carrier
+        if found is not None and self._carrier:
+            self._force = min(self._force, _ON_CARRIER_N)
+            self._search = min(self._search, max(found.below, 0.0) + _ON_CARRIER_M)
+            attachments.place_on(arm.name, self._name, self._carrier)
         try:
             yield from self._go_down(goal, grip, began_s)
-        except Failure as failure:
-            if failure.code == "SLIPPED":
+        except BaseException as failure:
+            attachments.place_on(arm.name, self._name, self._held.carrier)
+            if isinstance(failure, Failure) and failure.code == "SLIPPED":
                 yield from grip.judge(failure)
             raise
         lies = self._touched @ self._in_tool
@@ -660,13 +674,20 @@ class SettingDown:
         within = self._ports.tolerance if within_m is None else within_m
         self._left.refuse_unless_at(goal, within, self._ports.angle_tolerance)
 
-    def _refuse_unsupported(self, goal: Pose) -> None:
-        """Check that it would rest at the goal, by the shapes that plans use."""
+    def _support_at(self, goal: Pose) -> Support | None:
+        """Check that it would rest at the goal, by the shapes that plans use.
+
+        Returns:
+            The support; None if none is declared: contact has to show it.
+
+        Raises:
+            Failure: ``NOT_SUPPORTED``.
+        """
         ports = self._ports
         name = self._name
         found = support_below(self._arm.world, name, goal, ports.tolerance, ports.search)
         if found is None:
-            return  # no support is declared: contact has to show it
+            return None
         if found.rolls:
             why = "would roll away: the support is not level"
         elif found.tilt > ports.angle_tolerance:
@@ -680,7 +701,7 @@ class SettingDown:
                 f"friction of {found.friction:.2g}"
             )
         else:
-            return
+            return found
         raise Failure(
             "NOT_SUPPORTED",
             f"{name!r} {why}",
@@ -759,7 +780,7 @@ class SettingDown:
         """
         arm = self._arm
         ports = self._ports
-        low = arm.line_after(down[-1], _raised(tool, -min(_LIKELY_M, ports.search)))
+        low = arm.line_after(down[-1], _raised(tool, -min(_LIKELY_M, self._search)))
         rows = np.vstack((down, low[1:]))
         start = float(arm.kinematics.forward(rows[0]).position[2] - tool.position[2])
         self._top = min(_EXPECTED_M_S, arm.least_speed(low, ports.down_speed))
@@ -780,10 +801,10 @@ class SettingDown:
             (arm.overlapped(begin, one, ports.speed, beside(one)) for one in descents),
             key=lambda one: one.motion.duration,
         )
-        if ports.search <= _LIKELY_M:
+        if self._search <= _LIKELY_M:
             return whole
         # Seconds long, and hardly ever used: alone, it takes a fraction of the computing time.
-        rest = arm.line_after(low[-1], _raised(tool, -ports.search))
+        rest = arm.line_after(low[-1], _raised(tool, -self._search))
         search, _ = arm.slow_path(rest, ports.down_speed, self._top, ports.speed)
         return arm.overlapped(whole, search, ports.speed, _BLEND_S, frozenset({self._name}))
 
@@ -816,7 +837,7 @@ class SettingDown:
         arm = self._arm
         ports = self._ports
         free_s = self._time_at(motion, tool(), _FREE_M)
-        force = grip.firm_for(ports.force)
+        force = grip.firm_for(self._force)
         running = arm.begin(motion)
         # Compliant a little earlier than contact is possible: until then the arm has learned its
         # friction and model errors, for which it would otherwise take the contact force.
@@ -857,10 +878,14 @@ class SettingDown:
             is_expected=is_expected,
             touched=touched,
         )
-        low = _raised(tool(), -ports.search)
+        low = _raised(tool(), -self._search)
         for _ in range(_FALSE):
             if not felt:
                 yield from arm.settle()
+                if self._carrier:
+                    touched()
+                    height = self._height(tool())
+                    break
                 raise Failure(
                     "NO_CONTACT",
                     f"no support was felt {1e3 * ports.search:.0f} mm below its goal",
@@ -948,9 +973,8 @@ class SettingDown:
                 ``PATH_BROKEN``, ``SINGULAR``, ``UNREACHABLE`` or ``INVALID_TARGET``.
         """
         arm = self._arm
-        ports = self._ports
         held = frozenset({self._name})
-        corners = [_raised(tool, above) for above in (height, _FREE_M, 0.0, -ports.search)]
+        corners = [_raised(tool, above) for above in (height, _FREE_M, 0.0, -self._search)]
         found: list[Matrix] = []
         narrow: list[Matrix] = []
         refusals: list[Failure] = []

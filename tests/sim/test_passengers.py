@@ -175,13 +175,20 @@ def test_what_was_taken_from_a_held_tray_may_be_near_it() -> None:
     world.attach("arm2", "beside")
     world.attach("arm1", "tray")
     world.attach("arm2", "upper")
-    assert world.attachments.taken_from("arm1") == [("upper", "tray")]
-    assert world.attachments.taken_from("arm2") == [("upper", "tray")]
+    assert world.attachments.on_carriers("arm1") == [("upper", "tray")]
+    assert world.attachments.on_carriers("arm2") == [("upper", "tray")]
     kept = {"arm1": 0.03, "arm2": 0.03}
     for name, other in (("arm1", "arm2"), ("arm2", "arm1")):
         checker = CollisionChecker(world, name, kept)
         tray, upper, beside = (world.object_geom(one) for one in ("tray", "upper", "beside"))
         assert checker.least[tray, upper] <= 0.0
         assert checker.least[tray, beside] == kept[other]
+    world.attachments.place_on("arm2", "upper", "")
+    assert world.attachments.on_carriers("arm1") == []
+    checker = CollisionChecker(world, "arm2", kept)
+    upper, tray = world.object_geom("upper"), world.object_geom("tray")
+    assert checker.least[upper, tray] == kept["arm1"]
+    world.attachments.place_on("arm2", "upper", "tray")
+    assert CollisionChecker(world, "arm2", kept).least[upper, tray] <= 0.0
     world.attachments.detach("arm2", "upper")
-    assert world.attachments.taken_from("arm1") == []
+    assert world.attachments.on_carriers("arm1") == []

@@ -309,3 +309,71 @@ def test_an_arm_takes_something_from_a_tray_that_another_one_holds(holder: str, 
         leaf.reason for arm in arms for leaf in result.arms[arm].runs
     ]
     assert np.linalg.norm(rider.position[:2]) < 5e-3
+
+
+PLACED = [("ur5", "panda", "tray"), ("xarm7", "fr3", "board"), ("ur10e", "xarm7", "bin")]
+
+
+@pytest.mark.parametrize(("holder", "placer", "kind"), some(PLACED, 1))
+def test_an_arm_sets_something_on_what_another_one_holds(
+    holder: str, placer: str, kind: str
+) -> None:
+    """It waited for the other arm to leave (DEADLOCK), or pressed the carrier down (NO_CONTACT)."""
+    y = -0.45
+    shape, half, floor = {
+        "tray": ({"shape": "tray", "size": [0.30, 0.16, 0.03], "mass": 0.06}, 0.015, -0.012),
+        "board": ({"shape": "box", "size": [0.34, 0.06, 0.03], "mass": 0.2}, 0.015, 0.015),
+        "bin": ({"shape": "bin", "size": [0.26, 0.14, 0.05], "mass": 0.06}, 0.025, -0.022),
+    }[kind]
+    end = -0.5 * shape["size"][0]
+    rests = {"xyz": [-0.12, y, TOP + half]}
+    mass, inward = (0.3, 0.03) if kind == "board" else (0.12, 0.0)
+    grasp = {"object": "carrier", "mass": mass, "point": [end + inward, 0, 0]}
+    waiter = [
+        {"grasp": grasp},
+        {"transport": {"object": "carrier", "to": {"xyz": [-0.05, y, TOP + 0.2]}}},
+        {"meet": "held"},
+        {"meet": "put"},
+        {"transport": {"object": "carrier", "to": {"xyz": [-0.15, y, TOP + 0.2]}}},
+        {"place": {"object": "carrier", "at": rests}},
+    ]
+    goal = {"xyz": [0.02, y, TOP + 0.2 + floor + 0.0175]}
+    guest: list[Any] = [
+        {"grasp": {"object": "cube"}},
+        {"meet": "held"},
+        {"place": {"object": "cube", "at": goal}},
+        {"move_linear": {"offset": {"xyz": [0.08, 0, 0.06]}}},
+        {"meet": "put"},
+        "go_home",
+    ]
+    cube = {"shape": "box", "size": [0.035, 0.035, 0.035], "mass": 0.04}
+    table = TABLE | {"size": [1.6, 0.6, 0.4], "pose": {"xyz": [0, y, 0.2]}}
+    hands = HANDS | {"fr3": "panda_hand", "ur10e": "robotiq_2f85"}
+
+    def arm(robot: str, base: Tree, job: list[Any]) -> Tree:
+        return {"robot": robot, "gripper": hands[robot], "base": base, "tree": {"sequence": job}}
+
+    file = {
+        "bt_dualarm": 1,
+        "name": "served",
+        "world": {"scene": "empty", "reality": "lab", "seed": 0, "time_limit": 60},
+        "objects": {
+            "table": table,
+            "carrier": shape | {"pose": rests},
+            "cube": cube | {"pose": {"xyz": [0.33, y, TOP + 0.0175]}},
+        },
+        "cell": {"rendezvous": {"held": ["arm1", "arm2"], "put": ["arm1", "arm2"]}},
+        "arms": {
+            "arm1": arm(holder, {"xyz": [-0.42, 0, 0.4]}, waiter),
+            "arm2": arm(placer, {"xyz": [0.45, 0, 0.4], "rpy": [0, 0, -135]}, guest),
+        },
+    }
+    with bt.open(file) as run:
+        result = run.finish()
+        world = run.world
+        between = world.object_pose("carrier").inverse @ world.object_pose("cube")
+    assert result.outcome == "SUCCESS", [run for arm in result.arms.values() for run in arm.runs]
+    assert between.position[2] == pytest.approx(floor + 0.0175, abs=2e-3)
+    placed = leaf(result, "place", "arm2").metrics
+    assert float(placed["placed_error_m"]) < 3e-3
+    assert float(placed["height_off_m"]) > -3e-3, "it is not pressed down"
