@@ -14,7 +14,7 @@ from functools import partial
 from typing import Any, Final
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from bt_dualarm.arm.arm import PLANNING_MARGIN_M, Arm
 from bt_dualarm.arm.passengers import PassengerCheck
@@ -1176,7 +1176,7 @@ def pose_held(tools: Sequence[Pose], grasps: Sequence[Pose]) -> Pose:
         ])
         for poses in (tools, grasps)
     )  # fmt: skip
-    rotation, _ = Rotation.align_vectors(there, here)
+    rotation, _ = scipy.spatial.transform.Rotation.align_vectors(there, here)
     middle = np.mean([pose.position for pose in tools], axis=0)
     held_at = np.mean([pose.position for pose in grasps], axis=0)
     return Pose.from_rotation(middle - rotation.apply(held_at), rotation)

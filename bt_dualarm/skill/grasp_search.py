@@ -9,7 +9,7 @@ from itertools import islice
 
 import mujoco
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.arm.branches import first_possible
@@ -808,7 +808,9 @@ def _turned(pose: Pose, axis: Vector, angle: float) -> Pose:
     if axis[2] == 1.0:
         turn = Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, angle))
     else:
-        turn = Pose.from_rotation(np.zeros(3), Rotation.from_rotvec(angle * axis))
+        turn = Pose.from_rotation(
+            np.zeros(3), scipy.spatial.transform.Rotation.from_rotvec(angle * axis)
+        )
     return Pose(pose.position, (turn @ Pose(np.zeros(3), pose.quaternion)).quaternion)
 
 
