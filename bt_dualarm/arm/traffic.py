@@ -12,11 +12,12 @@ ends its wait.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 from bt_dualarm.arm.in_step import MotionPair, WaitingMotion
 from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Vector
 from bt_dualarm.trajectory.set_points import TrajectorySource
 from bt_dualarm.trajectory.trajectory import Trajectory
 
@@ -32,6 +33,8 @@ class BlockedArm:
         blockers: Names of the arms that are in its way now; none while it moves on.
         tries: How often it has found others in its way.
         may_yield: Whether it can move aside: not in the middle of a straight line, for example.
+        wanted: Configurations, of shape (dof,), rad, that it was to take and the blockers prevent.
+        why: What its last try to go on met, as a clause.
     """
 
     arm: str
@@ -40,6 +43,8 @@ class BlockedArm:
     blockers: frozenset[str]
     may_yield: bool
     tries: int = 1
+    wanted: tuple[Vector, ...] = ()
+    why: str = ""
 
     @property
     def rank(self) -> tuple[bool, float, str]:
@@ -72,7 +77,14 @@ class Traffic:
         return tuple(one for one in self._blocked.values() if one.blockers)
 
     def block(
-        self, arm: str, path: str, blockers: Collection[str], *, may_yield: bool = True
+        self,
+        arm: str,
+        path: str,
+        blockers: Collection[str],
+        *,
+        may_yield: bool = True,
+        wanted: Sequence[Vector] = (),
+        why: str = "",
     ) -> None:
         """Record that other arms are in the way of an arm; repeated calls of a leaf keep its rank.
 
@@ -81,6 +93,8 @@ class Traffic:
             path: Path of its leaf in its tree.
             blockers: Names of the arms in its way.
             may_yield: Whether it can move aside.
+            wanted: As of `BlockedArm`.
+            why: As of `BlockedArm`.
         """
         known = self._blocked.get(arm)
         if known is not None and known.path != path:
@@ -94,6 +108,8 @@ class Traffic:
             frozenset(blockers) - {arm},
             may_yield,
             1 if known is None else known.tries + 1,
+            tuple(wanted),
+            why,
         )
 
     def advance(self, arm: str) -> None:
@@ -128,6 +144,10 @@ class Traffic:
     def is_in_the_way(self, arm: str) -> bool:
         """Whether another arm waits for this one to leave its path."""
         return any(arm in other.blockers for other in self._visible().values())
+
+    def wanted_by(self, arm: str) -> tuple[Vector, ...]:
+        """Configurations that a blocked arm was to take; none if it is not known which."""
+        return self._blocked[arm].wanted if arm in self._blocked else ()
 
     def must_yield(self, arm: str) -> bool:
         """Whether a blocked arm has to move aside for one with the right of way."""

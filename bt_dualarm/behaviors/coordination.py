@@ -13,6 +13,7 @@ from bt_dualarm.behaviors.leaf import LanguageLeaf, compared
 from bt_dualarm.behaviors.node import NodeParts, reached
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.skill.cell import KEPT_VALUES, Appointment, CellAccess, CellWait, Request
+from bt_dualarm.skill.making_room import ASIDES, WaitingPlace
 from bt_dualarm.spec.cell import (
     AWAIT,
     CLAIM,
@@ -137,12 +138,13 @@ class Await(LanguageLeaf):
         began = self.time
         timeout = self.ports.timeout
         wait: CellWait | None = None
+        place = WaitingPlace(self.arm, cell.shared)
         seen = -1
         try:
             while True:
                 if cell.shared.written(name) != seen:  # otherwise nothing has changed since
                     if self._is_fulfilled(cell, name):
-                        return
+                        break
                     seen = cell.shared.written(name)
                 if timeout is not None and reached(self.time, began + timeout):
                     raise Failure(
@@ -152,13 +154,19 @@ class Await(LanguageLeaf):
                     wait = cell.shared.await_signal(
                         cell.arm, self.context.name, name, has_timeout=timeout is not None
                     )
+                    wait.asides = ASIDES
                 cell.shared.looked(wait, seen)
                 if wait.failure is not None:
                     raise wait.failure
+                if wait.asked_by:
+                    yield from place.make_room(wait)
+                    cell.shared.resume(wait)
+                    continue
                 yield
         finally:
             if wait is not None:
                 cell.shared.end(wait)
+        yield from place.come_back()
 
     def _is_fulfilled(self, cell: CellAccess, name: str) -> bool:
         if self.ports.values == "latest":
@@ -220,12 +228,28 @@ class Meet(LanguageLeaf):
         attendance = cell.shared.arrive(
             cell.arm, self.context.name, name, has_timeout=timeout is not None
         )
+        attendance.asides = ASIDES
+        place = WaitingPlace(self.arm, cell.shared)
         began = self.time
         why = "was halted at the rendezvous"
         try:
             while not attendance.has_met:
                 if attendance.failure is not None:
                     raise attendance.failure
+                if attendance.asked_by:
+                    yield from place.make_room(attendance)
+                    attendance.is_aside = place.is_left
+                    cell.shared.resume(attendance)
+                    continue
+                if attendance.is_aside and cell.shared.is_awaited(attendance):
+                    try:
+                        yield from place.come_back()
+                    except Failure as failure:
+                        why = f"could not return to the rendezvous: {failure.reason}"
+                        raise
+                    attendance.is_aside = False
+                    cell.shared.resume(attendance)
+                    continue
                 if timeout is not None and reached(self.time, began + timeout):
                     why = f"has waited for {timeout:g} s, its timeout"
                     missing = " and ".join(attendance.others)

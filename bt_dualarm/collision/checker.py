@@ -328,11 +328,13 @@ class Contact:
         first: Name of the arm's link, or of the object that it holds.
         second: Name of the other body.
         depth: Penetration, m; negative for a gap.
+        at: Configuration in which they are, rad; none if several arms are involved.
     """
 
     first: str
     second: str
     depth: float
+    at: tuple[float, ...] = ()
 
     def failure(self) -> CollisionFailure:
         """Failure for a motion that would cause this contact."""
@@ -340,7 +342,9 @@ class Contact:
         if self.depth < _DEPTH_SHOWN:
             how = "touching" if self.depth > 0.0 else "too close to"
         reason = f"{self.first} would be {how} {self.second}"
-        return CollisionFailure(reason, self.first, self.second, depth_m=self.depth)
+        failure = CollisionFailure(reason, self.first, self.second, depth_m=self.depth)
+        failure.at = self.at
+        return failure
 
 
 class CollisionChecker:
@@ -500,6 +504,15 @@ class CollisionChecker:
                 first, second = (self._parts_with(geom) for geom in pair)
                 self._allow(first[:, None], second, -TOUCH)
 
+    @property
+    def is_touching(self) -> bool:
+        """Whether the tool, or what it holds, touches something else where the arm is now."""
+        gripping = self._gripping
+        self.place(self.present)
+        found = self.data.contact
+        pairs = found.geom[found.dist <= 0.0]
+        return bool((gripping[pairs[:, 0]] ^ gripping[pairs[:, 1]]).any())
+
     def contact(self, q: Vector) -> Contact | None:
         """Deepest contact that the arm would have at ``q``, of shape (dof,), rad; None if free."""
         worst = self._deepest(q)
@@ -510,7 +523,7 @@ class CollisionChecker:
         names = name_of_geom(self.model, first), name_of_geom(self.model, second)
         if self.moving[second] and "/" not in names[1]:  # name the held object first
             names = names[::-1]
-        return Contact(*names, float(-found.dist[worst]))
+        return Contact(*names, float(-found.dist[worst]), tuple(np.asarray(q).tolist()))
 
     def free(self, q: Vector) -> bool:
         """Whether the arm is free of collisions at ``q``, of shape (dof,), rad."""

@@ -154,12 +154,16 @@ class CollisionFailure(Failure):
         first: Name of the arm's body, or of what it holds.
         second: Name of the other body; those of an arm begin with its name and a slash.
         numbers: Evidence in addition to the two names.
+
+    Attributes:
+        at: Configuration of the arm in which they would touch, rad; none if it is not known.
     """
 
     def __init__(self, reason: str, first: str, second: str, **numbers: Number) -> None:
         super().__init__("IN_COLLISION", reason, first=first, second=second, **numbers)
         self.first = first
         self.second = second
+        self.at: tuple[float, ...] = ()
 
     @property
     def obstacle(self) -> str:

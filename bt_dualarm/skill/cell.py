@@ -59,6 +59,8 @@ class CellWait:
         seen: Number of values of a signal that it has looked at.
         others: Arms that it depended on after the last step; within a step that would depend on
             which of the trees have been ticked already.
+        asides: How often its arm can still be asked to move aside while it waits.
+        asked_by: Arm for which it is asked to do so now; empty if it is not.
     """
 
     arm: str
@@ -69,13 +71,21 @@ class CellWait:
     failure: Failure | None = None
     seen: int = 0
     others: tuple[str, ...] = ()
+    asides: int = 0
+    asked_by: str = ""
 
 
 @dataclass(eq=False)
 class Attendance(CellWait):
-    """One participant's wait at a rendezvous."""
+    """One participant's wait at a rendezvous.
+
+    Attributes:
+        has_met: Whether it has taken place.
+        is_aside: Whether the arm has moved aside: it does not take place before it is back.
+    """
 
     has_met: bool = False
+    is_aside: bool = False
 
 
 @dataclass(eq=False)
@@ -151,11 +161,13 @@ class Obstruction(CellWait):
     """A motion that waits for other arms to leave its path.
 
     Which arms are in its way is known from its last try; ``confirmed_by`` is the number of the try
-    that decides whether they still are when nothing else can continue.
+    that decides whether they still are when nothing else can continue. ``why`` is what that try
+    met, as a clause.
     """
 
     blockers: frozenset[str] = frozenset()
     tries: int = 0
+    why: str = ""
     confirmed_by: int | None = None
 
 
@@ -257,6 +269,12 @@ class CellState:
         self._attending[name].append(attendance)
         self._begin(attendance)
         return attendance
+
+    def is_awaited(self, attendance: Attendance) -> bool:
+        """Whether all other participants wait at the rendezvous of an arm."""
+        name = attendance.target.partition(" ")[2]
+        there = {one.arm for one in self._attending[name] if not one.is_aside}
+        return there | {attendance.arm} >= set(self.spec.rendezvous[name])
 
     def leave(self, attendance: Attendance, why: str) -> None:
         """End a wait at a rendezvous; if it has not taken place, the others' waits fail."""
@@ -413,7 +431,7 @@ class CellState:
         if isinstance(wait, Request):
             return tuple(sorted({holder.arm for holder in self._in_front_of(wait)}))
         if kind == "rendezvous":
-            there = {one.arm for one in self._attending[name]}
+            there = {one.arm for one in self._attending[name] if not one.is_aside} | {wait.arm}
             return tuple(arm for arm in self.spec.rendezvous[name] if arm not in there)
         return self.spec.signals[name].written_by
 
@@ -444,6 +462,7 @@ class CellState:
                 self._begin(known)
             if known.tries != one.tries:
                 known.tries = one.tries
+                known.why = one.why
                 if known.failure is not None:  # it has been told, and tries another path
                     known.confirmed_by = None
                     known.failure = None
@@ -489,7 +508,7 @@ class CellState:
             if left:
                 arm, why = left[0]
                 self._break_up(name, f"{arm} {why}")
-            elif present.issuperset(participants):
+            elif present.issuperset(participants) and not any(one.is_aside for one in there):
                 for one in there:
                     one.has_met = True
                     self.end(one)
@@ -632,10 +651,51 @@ class CellState:
             self.traffic.look_again(arm)
         if doubtful or not stuck:
             return
+        if self._ask_to_make_room(stuck, active):
+            return
         self._refuse(stuck, active)
         for wait in stuck:
             if isinstance(wait, Obstruction) and wait.failure is not None:
                 self.traffic.refuse(wait.arm, wait.failure)
+
+    def _ask_to_make_room(
+        self, stuck: Sequence[CellWait], active: Mapping[str, Sequence[ActiveNode]]
+    ) -> bool:
+        """Ask an arm that only waits to move out of the path of one that it waits for.
+
+        Returns:
+            Whether there is one that was not asked too often.
+        """
+        for blocked in stuck:
+            if not isinstance(blocked, Obstruction):
+                continue
+            for wait in stuck:
+                only_waits = len(active[wait.arm]) == 1
+                if wait.arm in blocked.blockers and wait.asides > 0 and only_waits:
+                    wait.asides -= 1
+                    wait.asked_by = blocked.arm
+                    return True
+        return False
+
+    def made_room(self, wait: CellWait, *, moved: bool) -> None:
+        """Record that an arm has moved aside, or cannot; the blocked one looks again at once.
+
+        Args:
+            wait: Wait of the arm that was asked.
+            moved: Whether it has moved.
+        """
+        blocked = self._obstructed.get(wait.asked_by)
+        if blocked is not None and moved:
+            blocked.confirmed_by = None
+        wait.asked_by = ""
+        if not moved:
+            wait.asides = 0
+        self._is_changed = True
+
+    def resume(self, wait: CellWait) -> None:
+        """Begin a wait again whose node has shown another one meanwhile, as of a motion."""
+        if wait.failure is None:
+            self._begin(wait)
 
     def _refuse(self, stuck: Sequence[CellWait], active: Collection[str]) -> None:
         """Fail some of the waits that cannot end otherwise."""
@@ -649,7 +709,7 @@ class CellState:
         last.failure = Failure(
             "DEADLOCK",
             f"these arms wait for each other indefinitely: {members}; {last.arm} yields, as it "
-            "began to wait last",
+            f"began to wait last{_remedy(stuck)}",
         )
 
     def _can_go_on(
@@ -662,6 +722,8 @@ class CellState:
         wait = self._waits.get((arm, node.path))
         if wait is None or wait.has_timeout or wait.failure is not None or node.may_be_halted:
             return True
+        if wait.asked_by:
+            return True  # it is moving aside
         if isinstance(wait, Obstruction) and not wait.blockers.isdisjoint(self._obstructed):
             return True  # of motions that are in each other's way, one moves aside
         kind, _, name = wait.target.partition(" ")
@@ -681,6 +743,21 @@ class CellState:
         ]
         # It is not always known which of several arms is in the way: any of them may leave.
         return any(may_come) if kind in ("signal", "path") else all(may_come)
+
+
+def _remedy(stuck: Sequence[CellWait]) -> str:
+    """What was in the way of arms that wait for each other, and what to change; or nothing."""
+    waiting = {wait.arm for wait in stuck if not isinstance(wait, Obstruction)}
+    found = []
+    for wait in stuck:
+        in_the_way = sorted(wait.blockers & waiting) if isinstance(wait, Obstruction) else []
+        if isinstance(wait, Obstruction) and in_the_way:
+            why = f": {wait.why}" if wait.why else ""
+            found.append(
+                f"; {wait.arm} cannot go on{why}. Let {' and '.join(in_the_way)} wait elsewhere, "
+                "for example after `go_home`"
+            )
+    return "".join(found)
 
 
 @dataclass

@@ -14,6 +14,7 @@ from typing import Any, Final
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.skill.cell import Appointment
+from bt_dualarm.skill.making_room import ASIDES, WaitingPlace
 from bt_dualarm.skill.skill import SkillContext
 
 HANDS_M: Final = 0.006
@@ -36,6 +37,7 @@ class JointPart:
 
     def __init__(self, context: SkillContext, label: str, members: Sequence[str]) -> None:
         self._cell = context.cell.shared
+        self._own_arm = context.arm
         self._arm = context.arm.name
         self._leaf = context.name
         self._label = label
@@ -61,16 +63,24 @@ class JointPart:
         return tuple(name for name in self._members if name != self._arm)
 
     def meet(self) -> Iterator[None]:
-        """Wait until all members have joined; yields once per tick.
+        """Wait until all members have joined, aside if need be; yields once per tick.
 
         Raises:
             Failure: ``PARTNER_GONE`` if a member can no longer join; ``DEADLOCK``.
         """
         one = self._appointment
+        one.asides = ASIDES
+        place = WaitingPlace(self._own_arm, self._cell)
         while one.action is None:
             if one.failure is not None:
                 raise one.failure
+            if one.asked_by:
+                yield from place.make_room(one)
+                if one.action is None:
+                    self._cell.resume(one)
+                continue
             yield
+        one.asides = 0
         if one.failure is not None:
             raise one.failure
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 
 import bt_dualarm as bt
@@ -142,14 +143,17 @@ def test_three_arms_that_cross_get_through_in_any_order_of_the_file(seed: int) -
     assert max(busy) > 4.0, "nobody had to wait: these arms do not cross"
 
 
-def _covered(after: list[dict[str, Any]]) -> bt.RunResult:
+def _covered(
+    after: list[dict[str, Any]], then: list[dict[str, Any]] | None = None
+) -> dict[str, Any]:
     """One arm reaches for the place where another one stays, which does something there."""
     reach = {"reach_to_pose": {"to": {"xyz": [0.0, 0.0, 0.4], "rpy": [180, 0, 0]}, "speed": 0.8}}
+    ends = [{"meet": "both"}] if after and after[-1] == {"meet": "both"} else []
     arms = {
         "late": {
             "robot": "ur5",
             "base": {"xyz": [0.5, 0.0, 0.0]},
-            "tree": {"sequence": [{"wait": 4}, reach, *([{"meet": "both"}] if after else [])]},
+            "tree": {"sequence": [{"wait": 4}, reach, *(then or []), *ends]},
         },
         "there": {
             "robot": "panda",
@@ -157,22 +161,54 @@ def _covered(after: list[dict[str, Any]]) -> bt.RunResult:
             "tree": {"sequence": [reach, *after]},
         },
     }
-    cell = {"rendezvous": {"both": ["late", "there"]} if after else {}}
+    cell = {
+        "rendezvous": {"both": ["late", "there"]} if ends else {},
+        "signals": {"done": {"type": "boolean", "written_by": ["late"]}},
+    }
     world = {"scene": "empty", "time_limit": 40}
-    return bt.run({"bt_dualarm": 1, "name": "covered", "world": world, "cell": cell, "arms": arms})
+    return {"bt_dualarm": 1, "name": "covered", "world": world, "cell": cell, "arms": arms}
 
 
 def test_an_arm_does_not_wait_for_one_that_waits_for_it() -> None:
-    result = _covered([{"meet": "both"}])
-    [failed, *_] = [run for arm in result.arms.values() for run in arm.runs if run.code]
-    assert failed.code == "DEADLOCK"
-    assert "waits for there to leave its path" in failed.reason
-    assert "waits at 'both' for late" in failed.reason
-    assert result.sim_time_s < 20.0
+    result = bt.run(_covered([{"meet": "both"}]))
+    failed = [run for arm in result.arms.values() for run in arm.runs if run.code]
+    assert sorted(run.code for run in failed) == ["DEADLOCK", "PARTNER_GONE"]
+    [deadlock] = [run for run in failed if run.code == "DEADLOCK"]
+    assert "waits for there to leave its path" in deadlock.reason
+    assert "waits at 'both' for late" in deadlock.reason
+    assert "Let there wait elsewhere" in deadlock.reason
+    assert result.sim_time_s < 25.0
+
+
+@pytest.mark.parametrize("waits", ["meet", "await"])
+def test_an_arm_that_waits_moves_aside_and_comes_back(waits: str) -> None:
+    """It ended with DEADLOCK, although nothing but the waiting arm was in the way."""
+    after = [{"meet": "both"}] if waits == "meet" else [{"await": "done"}]
+    then = [{"go_home": {"speed": 0.8}}, *([{"signal": "done"}] if waits == "await" else [])]
+    with bt.open(_covered(after, then)) as run:
+        tools = []
+        while not tools or run.trees["there"].status == "RUNNING":
+            run.step(0.1)
+            tools.append(run.arms["there"].tool_pose.position)
+        result = run.finish()
+    assert result.outcome == "SUCCESS"
+    reached, waited = result.arms["there"].runs
+    home = result.arms["late"].runs[2]
+    assert waited.ended_s > home.ended_s > reached.ended_s
+    moved = np.linalg.norm(np.array(tools) - [0.0, 0.0, 0.4], axis=1)
+    assert moved[len(moved) // 2 :].max() > 0.08
+    assert moved[-1] < 0.002
+
+
+def test_an_arm_that_works_while_it_waits_stays() -> None:
+    """Only a wait that is all that its arm does makes room."""
+    both = {"parallel": [{"meet": "both"}, {"hold_still": {"duration": 30.0}}]}
+    result = bt.run(_covered([both, {"meet": "both"}]))
+    assert not [run for run in result.arms["there"].runs if run.code == "DEADLOCK"]
 
 
 def test_an_arm_does_not_wait_for_one_whose_tree_has_ended() -> None:
-    result = _covered([])
+    result = bt.run(_covered([]))
     [failed] = [run for run in result.arms["late"].runs if run.code]
     assert failed.code == "IN_COLLISION"
     assert "there/" in failed.reason
@@ -180,7 +216,7 @@ def test_an_arm_does_not_wait_for_one_whose_tree_has_ended() -> None:
 
 
 def test_an_arm_waits_for_one_that_is_going_to_leave() -> None:
-    result = _covered([{"wait": 6}, {"go_home": {"speed": 0.8}}, {"meet": "both"}])
+    result = bt.run(_covered([{"wait": 6}, {"go_home": {"speed": 0.8}}, {"meet": "both"}]))
     assert result.outcome == "SUCCESS"
 
 

@@ -128,3 +128,51 @@ def test_a_wait_during_the_action_is_shown_and_can_deadlock() -> None:
     assert parts["arm2"].failure.code == "DEADLOCK"
     cell.state.await_members(parts["arm1"], ())
     assert cell.state.waiting("arm1", "leaf") == ""
+
+
+def blocked_by_a_waiting_arm(asides: int) -> tuple[Cell, Appointment]:
+    """arm1 waits for arm2, whose motion arm1 blocks."""
+    cell = Cell()
+    waiting = joined(cell, "arm1")
+    waiting.asides = asides
+    cell.step()
+    cell.state.traffic.block("arm2", "leaf", {"arm1"}, why="arm2/hand would touch arm1/hand")
+    cell.step()
+    return cell, waiting
+
+
+def tries_again(cell: Cell) -> None:
+    """The blocked arm looks again, and finds the other one where it was."""
+    assert cell.state.traffic.is_called("arm2")
+    cell.state.traffic.take_refusal("arm2")
+    cell.state.traffic.block("arm2", "leaf", {"arm1"}, why="arm2/hand would touch arm1/hand")
+    cell.step()
+
+
+def test_an_arm_that_only_waits_is_asked_to_make_room_as_often_as_it_can() -> None:
+    cell, waiting = blocked_by_a_waiting_arm(asides=2)
+    for left in (1, 0):
+        tries_again(cell)
+        assert (waiting.asked_by, waiting.asides) == ("arm2", left)
+        cell.step()
+        assert waiting.failure is None
+        cell.state.made_room(waiting, moved=True)
+        cell.step()
+        assert waiting.asked_by == ""
+    tries_again(cell)
+    refused = cell.state.traffic.take_refusal("arm2")
+    assert refused is not None
+    assert refused.code == "DEADLOCK"
+    assert "arm2 cannot go on: arm2/hand would touch arm1/hand" in refused.reason
+    assert "Let arm1 wait elsewhere" in refused.reason
+
+
+def test_an_arm_that_cannot_make_room_is_asked_once() -> None:
+    cell, waiting = blocked_by_a_waiting_arm(asides=3)
+    tries_again(cell)
+    assert waiting.asked_by == "arm2"
+    cell.state.made_room(waiting, moved=False)
+    cell.step()
+    refused = cell.state.traffic.take_refusal("arm2")
+    assert refused is not None
+    assert refused.code == "DEADLOCK"
