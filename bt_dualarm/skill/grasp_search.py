@@ -785,6 +785,33 @@ def _turns_into_itself(spec: ObjectSpec, goal: Pose) -> tuple[Vector, list[float
     return up if abs(float(axis[2])) >= _UPRIGHT else axis, _turns(_ROUND)
 
 
+def turns_alike(spec: ObjectSpec) -> list[Pose]:
+    """Rotations in an object's frame about its axis after which it looks the same.
+
+    The identity comes first, then the smallest rotation. A box turns about the axis across which it
+    is square, otherwise by half a turn about its longest one; what has a marker does not turn.
+    """
+    shape = KnownShape.of(spec)
+    axis = np.array((0.0, 0.0, 1.0))
+    turns = [0.0]
+    if spec.marker:
+        pass
+    elif spec.shape == "box":
+        edges = np.array(spec.size)
+        unequal = [abs(edges[i - 2] - edges[i - 1]) for i in range(3)]
+        is_square = min(unequal) < _SAME_EDGE_M
+        # Of a cube, the upright axis.
+        along = 2 - int(np.argmin(unequal[::-1])) if is_square else int(np.argmax(edges))
+        axis = np.eye(3)[along]
+        turns = _turns(4 if is_square else 2)
+    elif spec.shape == "prism":
+        turns = _turns(shape.fold)
+    elif shape.spins is not None:
+        axis = np.asarray(shape.spins, dtype=float)
+        turns = _turns(_ROUND)
+    return [Pose.from_rotation(np.zeros(3), Rotation.from_rotvec(turn * axis)) for turn in turns]
+
+
 def _turns(count: int) -> list[float]:
     """Multiples of a fraction of a turn, rad, the smallest first: alternately to both sides."""
     steps = np.arange(1, count // 2 + 1) * (2.0 * np.pi / count)

@@ -41,6 +41,7 @@ from bt_dualarm.skill.grasp_search import (
     obstacles_around,
     poses_alike,
     refuse_goal,
+    turns_alike,
 )
 from bt_dualarm.skill.joint import HANDS_M
 from bt_dualarm.trajectory.paths import line
@@ -87,7 +88,9 @@ _BACK: Final = Pose.from_rpy((0.0, 0.0, -0.1))
 _POSITION_COST: Final = 3.0
 _DOWN_COST: Final = 0.35  # cost if the giver points down instead of toward the taker
 _TURN_COST: Final = 0.4  # cost of rotating the giver's tool by 180°
+_ALIKE_COST: Final = 0.1  # cost of the largest rotation by which an object looks the same
 _EACH: Final = 3  # grasps that are tried at a pose
+_OF_FIXED: Final = 72  # grasps in all if the giver fixes the pose
 _TRIES: Final = 260  # poses with a grasp for which both arms are searched
 _PLANS: Final = 5  # plans that are proposed
 _NEAR_RAD: Final = 0.4  # rotation of two grasps that count as the same
@@ -208,6 +211,9 @@ class HandoverSearch:
         self._giver_q = world.hardware[giver].q.copy()
         declared = world.objects[thing]
         self._solid = world.object_solid(thing)
+        self._alike = turns_alike(declared)
+        is_fixed = wish.position is not None and wish.quaternion is not None
+        self._each = max(_EACH, _OF_FIXED // len(self._alike)) if is_fixed else _EACH
         self._center = body_of(declared).center
         told = None if world.nominal[arm.name].estimates_payload else world.loaded_mass(thing)
         self.mass = mass or wish.mass or told or UNKNOWN_KG
@@ -286,8 +292,10 @@ class HandoverSearch:
                 {self._giver: self._giver_q, arm.name: arm.setpoint.q},
             )
         except Failure as failure:
-            self._note(f"{failure.code} of both")
-            return None, failure.numbers.get("arm") == self._giver
+            presents = failure.numbers.get("arm") != self._giver or self._presents(tool)
+            who = "both" if presents else self._giver
+            self._note(f"{failure.code} of {who}")
+            return None, not presents
         giver_q = q[self._giver]
         contact = here.contact(giver_q)
         if contact is not None:
@@ -329,6 +337,17 @@ class HandoverSearch:
             self._note(f"{contact.first} at {contact.second}, at the standoff")
             return None, False
         return HandoverPlan(0, lies, giver_q, rows[0], grasp), False
+
+    def _presents(self, tool: Pose) -> bool:
+        """Whether the giver reaches a pose of its tool, whatever the taker does.
+
+        The best attempt for both misses either target, or both.
+        """
+        try:
+            self._kinematics[self._giver].solve(tool, self._giver_q)
+        except Failure:
+            return False
+        return True
 
     def _can_retreat(self, q: Vector, checker: CollisionChecker) -> bool:
         """Whether the giver can retreat straight from a configuration of shape (dof,), rad."""
@@ -476,7 +495,7 @@ class HandoverSearch:
                     continue
             chosen.append(grasp)
             yield grasp
-            if len(chosen) >= _EACH:
+            if len(chosen) >= self._each:
                 break
 
     def _unsuited_for(self, index: int, goal: Pose) -> Failure | None:
@@ -549,10 +568,10 @@ class HandoverSearch:
     def _orientations(self, place: Vector, now: Pose) -> list[tuple[float, Vector]]:
         """Orientations of the giver's tool at a position, as quaternions, and their costs."""
         if self._wish.quaternion is not None:
-            tool = Pose(np.zeros(3), self._wish.quaternion) @ Pose(
-                np.zeros(3), self._in_giver.inverse.quaternion
-            )
-            return [(0.0, tool.quaternion)]
+            wish = Pose(np.zeros(3), self._wish.quaternion)
+            grasp = Pose(np.zeros(3), self._in_giver.inverse.quaternion)
+            tools = [wish @ turn @ grasp for turn in self._alike]
+            return [(_ALIKE_COST * i / len(tools), tool.quaternion) for i, tool in enumerate(tools)]
         taker = self._kinematics[self._arm.name].bounding_ball[0]
         giver = self._kinematics[self._giver].bounding_ball[0]
         level = np.array((*(taker - giver)[:2], 0.0))

@@ -7,8 +7,10 @@ from collections.abc import Callable
 from itertools import product
 from typing import Any
 
+import numpy as np
 import pytest
 
+import bt_dualarm as bt
 from bt_dualarm.sim.world import World
 from tests.families import some
 from tests.plays import Play, Stage
@@ -267,3 +269,54 @@ def test_what_is_taken_beside_its_center_is_known_where_it_is(stage: Stage) -> N
     leaf = play.leaf("take_over", arm="arm2")
     assert leaf.status == "SUCCESS", leaf.reason
     assert float(leaf.metrics["held_error_m"]) < 2e-3
+
+
+BASES: dict[str, list[dict[str, Any]]] = {
+    "panda": [{"xyz": [0, 0.3, 0]}, {"xyz": [0, -0.3, 0]}],
+    "fr3": [
+        {"xyz": [0, 0.05, 0.33], "rpy": [-51.2, -10, -26.6]},
+        {"xyz": [0, -0.05, 0.33], "rpy": [51.2, -10, 26.6]},
+    ],
+}
+
+
+@pytest.mark.parametrize(
+    ("robot", "yaw"),
+    [
+        ("panda", 200.0),  # only turned about its axis does the giver have room to retreat
+        ("fr3", 0.0),  # the taker reaches few of its grasps, and the giver the pose
+    ],
+)
+def test_an_object_is_presented_as_asked(robot: str, yaw: float) -> None:
+    """It ended with OUT_OF_REACH, as one of its grasps or one of its sides was out of reach."""
+    up = {"xyz": [0.5, -0.3, 0.048], "rpy": [0, 0, yaw]}
+    box = {
+        "shape": "box",
+        "size": [0.032, 0.032, 0.096],
+        "mass": 0.005,
+        "friction": 1.5,
+        "pose": up,
+    }
+    at = {"xyz": [0.4, 0, 0.375], "rpy": [90, 0, 0]}
+    grasp = {"grasp": {"object": "box", "approach": [0, 0, -1]}}
+    trees = [
+        {"take_over": {"object": "box", "from": "arm2"}},
+        {"sequence": [grasp, {"hand_over": {"object": "box", "to": "arm1", "at": at}}]},
+    ]
+    arms = {
+        f"arm{i + 1}": {"robot": robot, "gripper": "panda_hand", "base": base, "tree": tree}
+        for i, (base, tree) in enumerate(zip(BASES[robot], trees, strict=True))
+    }
+    world = {"scene": "empty", "time_limit": 60}
+    file = {"bt_dualarm": 1, "name": "as_asked", "world": world, "objects": {"box": box}}
+    with bt.open(file | {"arms": arms}) as run:
+        lies = run.world.object_pose("box")
+        held = set[str]()
+        while held != {"arm1", "arm2"} and run.trees["arm1"].status != "FAILURE":
+            run.step(0.1)
+            held = set(run.world.attachments.holders("box"))
+            lies = run.world.object_pose("box")
+        result = run.finish()
+    assert result.outcome == "SUCCESS"
+    assert lies.position == pytest.approx(at["xyz"], abs=0.01)
+    assert lies.turn(np.array((0.0, 0.0, 1.0))) == pytest.approx([0.0, -1.0, 0.0], abs=0.05)

@@ -11,7 +11,7 @@ import pytest
 from bt_dualarm.behaviors.report import LeafReport
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.perception.shape_fit import KnownShape
-from bt_dualarm.skill.grasp_search import poses_alike
+from bt_dualarm.skill.grasp_search import poses_alike, turns_alike
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.yaml_reader import with_tuples
 from tests.families import some
@@ -99,3 +99,27 @@ def test_poses_alike_look_alike(
         assert len(alike) == count
     elif spec.shape in ("box", "prism") and not (spec.shape == "box" and rpy[0] == 90):
         assert len(alike) == 1, "what is tilted keeps its pads level"
+
+
+@pytest.mark.parametrize(
+    ("fields", "axis", "count"),
+    [
+        ({"shape": "box", "size": (0.03, 0.03, 0.1)}, 2, 4),
+        ({"shape": "box", "size": (0.1, 0.03, 0.03)}, 0, 4),
+        ({"shape": "box", "size": (0.03, 0.03, 0.03)}, 2, 4),
+        ({"shape": "box", "size": (0.03, 0.1, 0.05)}, 1, 2),
+        ({"shape": "prism", "size": (0.02, 0.1)}, 2, 6),
+        ({"shape": "cylinder", "size": (0.02, 0.1)}, 2, 24),
+        ({"shape": "box", "size": (0.05, 0.05, 0.1)} | MARKER, 2, 1),
+        ({"shape": "bin", "size": (0.1, 0.1, 0.05)}, 2, 1),
+    ],
+)
+def test_an_object_turns_about_its_axis(fields: dict[str, Any], axis: int, count: int) -> None:
+    """Each turn leaves the axis and the look as they are; the identity is first."""
+    spec = ObjectSpec.model_validate(with_tuples(fields | {"mass": 0.1}))
+    turns = turns_alike(spec)
+    assert len(turns) == count
+    assert turns[0].angle(Pose.identity()) == pytest.approx(0.0)
+    for turn in turns:
+        assert turn.turn(np.eye(3)[axis]) == pytest.approx(np.eye(3)[axis])
+        assert KnownShape.of(spec).angle(turn, Pose.identity()) < 1e-6
