@@ -60,6 +60,7 @@ _ENTERED_M: Final = 0.0006  # depth below the rim at which it is in the hole
 _IN_HOLE_M_S: Final = 0.008  # highest speed in the hole: 20 N if the peg gets stuck
 _NEAR_BOTTOM_M: Final = 0.001  # height above the bottom from which contact is expected
 _CALM: Final = 0.3  # fraction of the acceleration and jerk limits of these motions
+_STANDS: Final = 0.5  # share of the pushing force, and of the tolerance, that shows the bottom
 _PUSH_BANDWIDTH: Final = 40.0  # bandwidth in the hole, whose walls center a soft arm, rad/s
 _FRICTION_IN_HOLE: Final = 0.7  # share of the joints' friction that is compensated there
 _PUSHES: Final = 4  # attempts to push a peg that gets stuck
@@ -376,11 +377,17 @@ class Inserting:
                 push,
                 self._grip.look,
             )
-            if not felt:
-                raise Failure("NO_CONTACT", "no bottom was detected at the full depth of the peg")
+            stands = not felt and self._stands_on_bottom(most, push)
+            if not felt and not stands:
+                raise Failure(
+                    "NO_CONTACT",
+                    "no bottom was detected at the full depth of the peg",
+                    force_n=most,
+                    height_off_m=self._height,
+                )
             self._metrics |= {"push_n": most}
             yield from arm.relax()
-            if self._height <= near:
+            if stands or self._height <= near:
                 break
             at = self._measured
         return True
@@ -416,6 +423,23 @@ class Inserting:
             yield 0.5
             self._check()
         self._compliance.active = False
+
+    def _stands_on_bottom(self, most: float, push: float) -> bool:
+        """Whether something holds the peg up at its goal, as the soft arm pushes its hardest.
+
+        A weak arm does not reach the force that counts as contact within the tolerance.
+
+        Args:
+            most: Largest force that was felt, N.
+            push: Force that counts as contact, N.
+        """
+        tolerance = self._ports.tolerance
+        held_up = self._height - self._commanded_height
+        return (
+            most >= _STANDS * push
+            and held_up >= _STANDS * tolerance
+            and abs(self._height) <= tolerance
+        )
 
     @property
     def _pushing(self) -> Vector:

@@ -7,9 +7,11 @@ import argparse
 import mujoco
 import numpy as np
 import pytest
+import yaml
 
 import bt_dualarm as bt
 from benchmarks import inserting
+from bt_dualarm.core.share import share_dir
 
 CALM_N = 10.0
 """Force on the rim that was exceeded when the compensation of hops included contact force, N."""
@@ -44,3 +46,21 @@ def test_a_hop_does_not_press_harder_than_the_first_touch_lets_it(seed: int) -> 
     assert leaf.status == "SUCCESS", leaf.reason
     assert int(leaf.metrics["search_places"]) > 2
     assert 1.0 < pressed[0] < CALM_N
+
+
+@pytest.mark.parametrize("has_bottom", [True, False])
+def test_a_soft_arm_that_stands_on_the_bottom_need_not_press_with_the_full_force(
+    has_bottom: bool,
+) -> None:
+    """At 1.5 mm below the bottom this arm presses with 51 of 60 N: that was NO_CONTACT."""
+    file = yaml.safe_load((share_dir("trees") / "peg_in_hole.yaml").read_text())
+    file["arms"]["arm1"]["tree"]["sequence"][1]["insert"] |= {"push": 60, "tolerance": 0.0015}
+    if not has_bottom:  # the same hole 30 mm above the table
+        for name in ("right", "left", "back", "front"):
+            file["objects"][name]["pose"]["xyz"][2] += 0.03
+        file["arms"]["arm1"]["tree"]["sequence"][1]["insert"]["at"]["xyz"][2] += 0.03
+    leaf = bt.run(file).arms["arm1"].runs[1]
+    assert leaf.skill == "insert"
+    assert leaf.code == ("" if has_bottom else "NO_CONTACT")
+    if has_bottom:
+        assert 30.0 < leaf.metrics["push_n"] < 60.0
