@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from bt_dualarm.arm.branches import first_possible as first_possible
     from bt_dualarm.arm.gripper import ArmGripper as ArmGripper
     from bt_dualarm.arm.passengers import PassengerCheck as PassengerCheck
+    from bt_dualarm.arm.passengers import passengers_to as passengers_to
     from bt_dualarm.collision.distance import HANDS_APART_M as HANDS_APART_M
     from bt_dualarm.control.tool_following import ToolFollowing as ToolFollowing
     from bt_dualarm.core.errors import DualArmError as DualArmError
@@ -231,6 +232,7 @@ _CONTENTS: Final = {
     "SkillContext": "skill.skill:SkillContext",
     "Ticks": "skill.skill:Ticks",
     "PassengerCheck": "arm.passengers:PassengerCheck",
+    "passengers_to": "arm.passengers:passengers_to",
     "PathSkill": "skill.path_following:PathSkill",
     "Condition": "skill.condition:Condition",
     "PortModel": "spec.node_types:PortModel",

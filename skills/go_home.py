@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bt_dualarm import Planner, PortModel, Skill, Speed, port
+from bt_dualarm import Planner, PortModel, Skill, Speed, passengers_to, port
 
 
 class GoHome(Skill):
@@ -20,6 +20,7 @@ class GoHome(Skill):
         "IN_COLLISION": "the arm would touch something at home",
         "NO_PLAN": "no collision-free path home was found",
         "TRACKING_ERROR": "the arm was blocked or could not follow",
+        "SPILLED": "what stands on a held object would fall off at home, or fell off on the way",
         "BUSY": "another leaf moves the arm",
     }
     example = "go_home: {speed: 0.5}"
@@ -29,6 +30,9 @@ class GoHome(Skill):
         """Plan, move, measure the error."""
         arm = self.arm
         home = arm.posture("home")
+        passengers = passengers_to(arm, arm.kinematics.forward(home))
         yield from arm.travel([home], self.ports.speed, planner=self.ports.planner)
         error = np.abs(arm.q - home)
         self.metrics["joint_error_rad"] = float(error.max())
+        for each in passengers:
+            each.refuse_spilled()

@@ -19,6 +19,7 @@ from bt_dualarm import (
     JointPart,
     LoadSense,
     ObjectName,
+    PassengerCheck,
     PortModel,
     Pose,
     Skill,
@@ -72,6 +73,7 @@ class HandOver(Skill):
         "NOT_TAKEN": "the other arm reports that it carries the object, "
         "but the weight on this arm's pads has not decreased",
         "NOT_OPEN": "the fingers did not open",
+        "SPILLED": "what stood on the object fell off",
     }
     example = "hand_over: {object: cube, to: arm2}"
     counterpart = Counterpart("take_over", partner="to", its_partner="from")
@@ -95,6 +97,7 @@ class HandOver(Skill):
             while True:
                 plan = yield from self._present(joint, taker, number)
                 number = plan.number
+                self._passengers.refuse_spilled()
                 arrived = self.time
                 with shared_grasp(arm, taker, name):
                     if not (yield from self._pass_on(joint, taker, number)):
@@ -105,6 +108,7 @@ class HandOver(Skill):
                     ):
                         yield 0.8 + 0.2 * (progress or 0.0)
                 joint.tell(clear=True)
+                self._passengers.refuse_spilled()
                 return
 
     def _refuse_empty(self) -> Iterator[None]:
@@ -175,6 +179,7 @@ class HandOver(Skill):
             yield from self._stand(joint, partial(_is_beyond, joint, taker, number))
             plan: HandoverPlan = joint.told(taker)["plan"]
             number = plan.number
+            self._passengers = PassengerCheck(arm.world, self.ports.object, [plan.lies])
             try:
                 for progress in arm.travel([plan.giver_q], self.ports.speed, patience=_PATIENCE_S):
                     joint.check()

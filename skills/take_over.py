@@ -21,6 +21,7 @@ from bt_dualarm import (
     LoadSense,
     ObjectName,
     ObjectPose,
+    PassengerCheck,
     PortModel,
     Pose,
     Skill,
@@ -124,6 +125,7 @@ class TakeOver(Skill):
         "OUT_OF_REACH": "there is no place at which one arm can present it and the other take it",
         "SLIPPED": "the object slid between the fingers",
         "DROPPED": "the object was lost",
+        "SPILLED": "what stood on the object fell off",
     }
     example = "take_over: {object: cube, from: arm2}"
     counterpart = Counterpart("hand_over", partner="from", its_partner="to")
@@ -187,12 +189,14 @@ class TakeOver(Skill):
                 continue
             self.metrics |= {"plan": plan.number, "tries": search.tries}
             joint.tell(plan=plan)
+            passengers = PassengerCheck(arm.world, name, [plan.lies])
             reason = yield from self._meet_at(joint, giver, plan)
             if not reason:
                 with shared_grasp(arm, giver, name):
                     reason = yield from self._try(joint, giver, plan)
             if not reason:
                 yield from self._lift(name, giver)
+                passengers.refuse_spilled()
                 return
             reasons.append(reason)
             yield from arm.halt()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from bt_dualarm.sim.passengers import Passenger
 from bt_dualarm.sim.world import World
 from bt_dualarm.trajectory.set_points import at_scale
 from bt_dualarm.trajectory.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from bt_dualarm.arm.arm import Arm
 
 STEADY: Final = 0.6
 """Fraction of the slope on which a passenger would slide or tip up to which it is carried."""
@@ -64,6 +67,20 @@ def steepest(world: World, thing: str, one: Passenger) -> float:
     if all(math.isfinite(carrier.ray(center, direction)) for direction in across[::2]):
         limit = max(limit, _WALLED)
     return limit
+
+
+def stands_at(world: World, thing: str, pose: Pose) -> bool:
+    """Whether all that rides on a held object stays where it is with the object at a pose.
+
+    Args:
+        world: World that both are in.
+        thing: Name of the held object.
+        pose: Pose of the object in the world, at rest.
+    """
+    return all(
+        _tilt(pose, one) <= math.atan(steepest(world, thing, one))
+        for one in world.passengers_of(thing)
+    )
 
 
 def _others(world: World, thing: str, one: Passenger) -> Iterator[str]:
@@ -209,3 +226,32 @@ class PassengerCheck:
                 f"{self._thing!r}",
                 spilled=len(lost),
             )
+
+
+def passengers_to(arm: Arm, tool: Pose) -> list[PassengerCheck]:
+    """Checks of what rides on the objects that an arm holds, for a motion that is to keep it there.
+
+    Args:
+        arm: Arm that will move.
+        tool: Pose of its tool in the world at the end.
+
+    Raises:
+        Failure: ``SPILLED``, if something would not stay there with the tool at that pose.
+    """
+    world = arm.world
+    found = list[PassengerCheck]()
+    for held in world.attachments:
+        upon = world.passengers_of(held.object) if held.arm == arm.name else ()
+        if not upon:
+            continue
+        in_tool = arm.robot.tool.inverse @ held.relative
+        lies = tool @ in_tool
+        stands_now = stands_at(world, held.object, arm.commanded_tool_pose @ in_tool)
+        if stands_now and not stands_at(world, held.object, lies):
+            raise Failure(
+                "SPILLED",
+                f"{' and '.join(one.object for one in upon)} would fall off {held.object!r} there: "
+                "set it down first",
+            )
+        found.append(PassengerCheck(world, held.object, [lies]))
+    return found

@@ -809,7 +809,8 @@ def turns_alike(spec: ObjectSpec) -> list[Pose]:
     elif shape.spins is not None:
         axis = np.asarray(shape.spins, dtype=float)
         turns = _turns(_ROUND)
-    return [Pose.from_rotation(np.zeros(3), Rotation.from_rotvec(turn * axis)) for turn in turns]
+    rotation = scipy.spatial.transform.Rotation
+    return [Pose.from_rotation(np.zeros(3), rotation.from_rotvec(turn * axis)) for turn in turns]
 
 
 def _turns(count: int) -> list[float]:

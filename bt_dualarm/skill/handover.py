@@ -24,6 +24,7 @@ from typing import Final
 import numpy as np
 
 from bt_dualarm.arm.arm import PLANNING_MARGIN_M, Arm
+from bt_dualarm.arm.passengers import stands_at
 from bt_dualarm.arm.payload import UNKNOWN_KG, cup_measures, jaw_measures
 from bt_dualarm.collision.checker import CollisionChecker
 from bt_dualarm.control.dynamics import ArmDynamics, refuse_overload
@@ -79,6 +80,9 @@ _POSITIONS: Final = 14
 _MORE_POSITIONS: Final = 60  # where only one orientation is tried at each
 _APART_M: Final = 0.12  # minimum distance between two chosen positions
 _TURNS: Final = np.deg2rad([0.0, 90.0, 180.0, 270.0])  # about the giver's tool axis
+
+_SPINS: Final = np.deg2rad([30, -30, 60, -60, 90, -90, 120, -120, 150, -150, 180])
+"""Rotations about the vertical of an object on which something rides."""
 
 _BACK: Final = Pose.from_rpy((0.0, 0.0, -0.1))
 """Retreat for which the giver needs room."""
@@ -443,11 +447,14 @@ class HandoverSearch:
         return tuple(grasp for grasp in grasps if id(grasp) in free)
 
     def _hand(self) -> list[Obstacle]:
-        """The giver's hand as boxes around its geoms, from its sensors."""
+        """The giver's hand, and what rides on the object, as boxes around their geoms."""
         world = self._world
         sensed = world.sensed
         found = []
-        for geom in sorted(world.arms[self._giver].tool_geom_ids):
+        geoms = set(world.arms[self._giver].tool_geom_ids)
+        for one in world.passengers_of(self._thing):
+            geoms.update(world.object_geoms(one.object))
+        for geom in sorted(geoms):
             matrix = np.eye(4)
             matrix[:3, :3] = sensed.geom_xmat[geom].reshape(3, 3)
             matrix[:3, 3] = sensed.geom_xpos[geom]
@@ -527,14 +534,24 @@ class HandoverSearch:
         """Candidate poses of the object in the world, the best first."""
         found = list[tuple[float, int, Pose]]()
         now = self._world.nominal[self._giver].tool_pose_at(self._giver_q)
+        # Who asks for a pose in which what rides on it would fall, or holds it so, pours it out.
+        stays = self._wish.quaternion is None and self._stands(now.quaternion)
         for place_cost, place in self._positions():
-            for turn_cost, quaternion in self._orientations(place, now):
+            orientations = self._orientations(place, now)
+            if stays:
+                orientations = [one for one in orientations if self._stands(one[1])]
+            for turn_cost, quaternion in orientations:
                 tool = Pose(np.zeros(3), quaternion)
                 # The position is that of the object, whichever way the tool is turned.
                 turned = tool @ Pose(np.zeros(3), self._in_giver.quaternion)
                 found.append((place_cost + turn_cost, len(found), Pose(place, turned.quaternion)))
         for _, _, pose in sorted(found, key=lambda one: one[:2]):
             yield pose
+
+    def _stands(self, quaternion: Vector) -> bool:
+        """Whether what rides on the object stands with an orientation of the giver's tool."""
+        lies = Pose(np.zeros(3), quaternion) @ Pose(np.zeros(3), self._in_giver.quaternion)
+        return stands_at(self._world, self._thing, lies)
 
     def _positions(self) -> list[tuple[float, Vector]]:
         """Positions of the object and their costs: within comfortable reach of both arms."""
@@ -589,6 +606,11 @@ class HandoverSearch:
             (_DOWN_COST, down),
         ]
         found = [(0.05, now.quaternion)]  # as it is
+        if self._world.passengers_of(self._thing):
+            for yaw in _SPINS:
+                spin = Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, float(yaw)))
+                tool = spin @ Pose(np.zeros(3), now.quaternion)
+                found.append((_TURN_COST * abs(float(yaw)) / math.pi, tool.quaternion))
         for cost, axis in axes:
             length = float(np.linalg.norm(axis))
             if length < 1e-6:

@@ -377,3 +377,70 @@ def test_an_arm_sets_something_on_what_another_one_holds(
     placed = leaf(result, "place", "arm2").metrics
     assert float(placed["placed_error_m"]) < 3e-3
     assert float(placed["height_off_m"]) > -3e-3, "it is not pressed down"
+
+
+def handed_over(giver: str, taker: str, *after: Any) -> Tree:
+    """A loaded bar goes from one arm to the other, and ``after`` is what the taker then does."""
+    hands = HANDS | {"fr3": "panda_hand", "ur10e": "robotiq_2f85"}
+    top = 0.2
+
+    def arm(robot: str, base: Tree, job: list[Any]) -> Tree:
+        return {"robot": robot, "gripper": hands[robot], "base": base, "tree": {"sequence": job}}
+
+    return {
+        "bt_dualarm": 1,
+        "name": "loaded",
+        "world": {"scene": "empty", "reality": "lab", "seed": 0, "time_limit": 60},
+        "objects": {
+            "shelf": TABLE | {"size": [0.2, 0.2, top], "pose": {"xyz": [0.35, -0.4, 0.5 * top]}},
+            "carrier": {"shape": "box", "size": [0.24, 0.05, 0.03], "mass": 0.25}
+            | {"pose": {"xyz": [0.35, -0.4, top + 0.015]}},
+            "can": {"shape": "cylinder", "size": [0.018, 0.04], "mass": 0.05}
+            | {"pose": {"xyz": [0.35, -0.4, top + 0.05]}},
+        },
+        "arms": {
+            "arm1": arm(
+                giver,
+                {"xyz": [0, 0, 0]},
+                [
+                    {"grasp": {"object": "carrier"}},
+                    {"hand_over": {"object": "carrier", "to": "arm2"}},
+                ],
+            ),
+            "arm2": arm(
+                taker,
+                {"xyz": [1.05, 0, 0], "rpy": [0, 0, 180]},
+                [{"take_over": {"object": "carrier", "from": "arm1"}}, *after],
+            ),
+        },
+    }
+
+
+@pytest.mark.parametrize(
+    ("giver", "taker"), some([("ur10e", "xarm7"), ("ur5", "panda"), ("xarm7", "ur5")], 3)
+)
+def test_a_loaded_object_is_handed_over_upright(giver: str, taker: str) -> None:
+    """The place was chosen by reach alone: the can fell, and both arms reported SUCCESS.
+
+    Home, where it would fall off the carrier as the xArm7 holds that, is refused at once.
+    """
+    steepest_rad = 0.0
+    with bt.open(handed_over(giver, taker, {"force_success": {"child": "go_home"}})) as run:
+        world = run.world
+        run.step(0.2)
+        start = world.object_pose("carrier").inverse @ world.object_pose("can")
+        while not run.done:
+            run.step(0.2)
+            up = float(world.object_pose("carrier").rotation_matrix[2, 2])
+            steepest_rad = max(steepest_rad, math.acos(min(up, 1.0)))
+        result = run.finish()
+        end = world.object_pose("carrier").inverse @ world.object_pose("can")
+        assert world.attachments.holders("carrier") == ("arm2",)
+    assert result.outcome == "SUCCESS", [run for arm in result.arms.values() for run in arm.runs]
+    assert end.distance(start) < 3e-3
+    assert steepest_rad < math.radians(15.0)
+    home = leaf(result, "go_home", "arm2")
+    if taker == "xarm7":
+        assert home.code == "SPILLED"
+        assert home.reason == "can would fall off 'carrier' there: set it down first"
+        assert home.ended_s == home.started_s, "before anything moves"
