@@ -52,6 +52,7 @@ _SELF_MOTION_RAD = 0.05  # step of the joints while the tool rests
 _TINY = 1e-6  # distance, angle or length that counts as none
 _SHORTCUTS = 30
 _ARRIVALS = 10  # at the goal pose in one other configuration, after which no path is expected
+_NOT_REDUNDANT = 6  # joints of an arm whose branch, hence its configuration, a path decides
 _SAME_RAD = 1e-3  # largest distance of the joints in one configuration
 _PROJECTIONS = 4  # rounds in which two cones are satisfied together
 
@@ -360,7 +361,8 @@ class _ConstrainedSearch:
         if self._elsewhere is None or float(np.abs(last - self._elsewhere).max()) > _SAME_RAD:
             self._elsewhere = last
             self._arrivals = 0
-        self._arrivals += 1
+        if len(last) <= _NOT_REDUNDANT:
+            self._arrivals += 1
         return None
 
     def _joined(self, meeting: Meeting, goal: Vector) -> Trajectory | None:
