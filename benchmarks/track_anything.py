@@ -6,13 +6,13 @@
 
 Every trial draws its plane, curve, reality and camera from its seed. The curve is timed by the
 follower's own limits along the true path, and then stretched: ``--share 0.8`` needs 80 % of the
-fastest speed, which is 64 % of the accelerations; above 1 no arm can follow. `track` ends by
-``until_still``. With ``--free`` the curve leans out of the plane by up to 45°, and is followed in
-space. Printed are median and 95th percentile of the true root mean square error in the
-plane, less its mean, during the motion, by follower and by kind of motion, beside the bound: the
-error of the filter with an ideal arm, true positions and the measured noise. Then the outcomes,
-SUCCESS with a true error above ``max_error``, the reasons of failures of motions beyond the
-follower, and runs that did not end.
+fastest speed, which is 64 % of the accelerations; above 1 no arm can follow. Of two numbers, each
+trial draws its own between them. `track` ends by ``until_still``. With ``--free`` the curve leans
+out of the plane by up to 45°, and is followed in space. Printed are median and 95th percentile of
+the true root mean square error in the plane, less its mean, during the motion, by follower and by
+kind of motion, beside the bound: the error of the filter with an ideal arm, true positions and the
+measured noise. Then the outcomes, SUCCESS with a true error above ``max_error``, the reasons of
+failures of motions beyond the follower, and runs that did not end.
 """
 
 from __future__ import annotations
@@ -209,6 +209,12 @@ class _Carrier(IdleObserver):
 def cases(asked: argparse.Namespace) -> Iterator[Case]:
     """All trials: each robot by each motion in random order, everything else at random."""
     rng = np.random.default_rng(asked.seed)
+
+    def share() -> float:
+        """The one that was asked for, or a random one of a range."""
+        low, *high = asked.share
+        return round(float(rng.uniform(low, high[0])), 3) if high else float(low)
+
     pairs: list[tuple[str, str]] = []
     for _ in range(asked.trials):
         if not pairs:
@@ -220,7 +226,7 @@ def cases(asked: argparse.Namespace) -> Iterator[Case]:
             str(rng.choice(asked.plane)),
             str(rng.choice(asked.reality)),
             str(rng.choice(asked.camera)),
-            asked.share,
+            share(),
             bool(rng.integers(2)),
             int(rng.integers(1, 10**6)),
             asked.free,
@@ -504,7 +510,13 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--plane", nargs="+", default=list(LOOKS), choices=list(LOOKS))
     parser.add_argument("--reality", nargs="+", default=["lab", "rough"])
     parser.add_argument("--camera", nargs="+", default=list(CAMERAS))
-    parser.add_argument("--share", type=float, default=0.8)
+    parser.add_argument(
+        "--share",
+        type=float,
+        nargs="+",
+        default=[0.8],
+        help="fraction of the follower's speed; of two, at random between them",
+    )
     parser.add_argument("--free", action="store_true", help="curves in space, followed in space")
     parser.add_argument("--lines", action="store_true", help="print each trial")
     add_options(parser)
