@@ -1401,8 +1401,11 @@ class MoveTo:
         """Whether the arm is free to move: its hand and what it holds touch nothing else."""
         arm = self.arm
         world = arm.world
+        carriers = {one.carrier for one in world.attachments}
         for thing in arm.held:
             if world.objects[thing].joint is not None or len(world.attachments.holders(thing)) > 1:
+                return False
+            if thing in carriers:  # another arm takes something from it, or places it there
                 return False
         return not self.traffic.followers(arm.name) and not arm.checker(self.ignore).is_touching
 

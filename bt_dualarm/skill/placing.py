@@ -882,7 +882,8 @@ class SettingDown:
         for _ in range(_FALSE):
             if not felt:
                 yield from arm.settle()
-                if self._carrier:
+                found = self._support_at(tool() @ self._in_tool) if self._carrier else None
+                if found is not None and found.carrier == self._carrier:
                     touched()
                     height = self._height(tool())
                     break
