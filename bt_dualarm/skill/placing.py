@@ -887,10 +887,10 @@ class SettingDown:
                     touched()
                     height = self._height(tool())
                     break
-                raise Failure(
-                    "NO_CONTACT",
-                    f"no support was felt {1e3 * ports.search:.0f} mm below its goal",
-                )
+                why = f"no support was felt {1e3 * self._search:.0f} mm below its goal"
+                if self._carrier:
+                    why = f"{self._carrier!r} is no longer below it, and {why}"
+                raise Failure("NO_CONTACT", why)
             height = self._height(tool())
             if height <= _NEAR_M:
                 break
