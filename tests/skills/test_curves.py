@@ -11,6 +11,7 @@ import pytest
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.values import Plane
+from tests.families import some
 from tests.plays import STOPPED, Play, Stage
 from tests.skills.scenarios import PRESENTING, Scenario, Tree
 
@@ -253,6 +254,27 @@ def test_beside_walls_every_branch_is_tried(
             for i, (x, y, yaw) in enumerate(walls)
         },
         "arms": {"arm1": {"robot": robot, "base": {"xyz": [0, 0, 0.1]}, "tree": tree}},
+    }
+    play = stage.run(file)
+    assert play.arm().outcome == "SUCCESS", play.arm().runs
+
+
+@pytest.mark.parametrize("robot", some(["xarm7", "ur10"], 2))
+def test_what_stands_between_the_tool_and_the_curve_is_gone_around(
+    robot: str, stage: Stage
+) -> None:
+    """The straight way to the start was the only one where that was near: IN_COLLISION."""
+    post: Tree = {"shape": "cylinder", "size": [0.006, 0.1], "mass": 1, "fixed": True}
+    tree: Tree = {
+        "sequence": [
+            {"reach_to_pose": {"to": {"xyz": [0.5, 0, 0.5], "rpy": [180, 0, 0]}}},
+            {"circle": {"plane": "xy", "radius": 0.14, "begin": 90}},
+        ]
+    }
+    file: Tree = {
+        "world": {"scene": "empty", "reality": "lab", "time_limit": 30},
+        "objects": {"post": post | {"pose": {"xyz": [0.5, 0.07, 0.5]}}},
+        "arms": {"arm1": {"robot": robot, "base": {"xyz": [0, 0, 0.2]}, "tree": tree}},
     }
     play = stage.run(file)
     assert play.arm().outcome == "SUCCESS", play.arm().runs
