@@ -69,6 +69,7 @@ CAMERAS: Final = ("60/20", "30/35", "90/0", "40/49")
 """Frames a second and latency in ms."""
 
 _REST_S = 3.0  # before the target moves
+_MOVE_S = 10.0  # time to wait for a motion that no image shows: the target left, and came back
 _AFTER_S = 15.0  # after its motion, in which `track` has to end
 _STILL_S = 1.0
 _REGAINED_S = 0.5
@@ -439,6 +440,7 @@ def _tree(case: Case, page: str, start: Vector, limit: float) -> dict[str, Data]
         "distance": DISTANCE_M,
         "score": "cube",
         "until_still": _STILL_S,
+        "move_timeout": _MOVE_S,
     }
     if case.sized or case.free:
         track["target_size"] = _SIZE_M

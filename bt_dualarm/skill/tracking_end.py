@@ -98,6 +98,7 @@ class TrackingEnd:
         self._began = self._rests_since = self._time = began
         # Times since the target was last followed, s: in all, and those that are not `_apart`.
         self._waited = self._beyond = self._apart = self._unseen = 0.0
+        self._hidden = 0.0  # time without the target while it rests, s
         self._was_followed = False
 
     @property
@@ -126,9 +127,13 @@ class TrackingEnd:
             self._rests_since = time
         elif until.until_still is not None and time - self._rests_since > until.move_timeout:
             waited = time - self._rests_since
-            raise Failure(
-                "NOT_MOVED", f"the target has not moved for {waited:.1f} s", waited_s=waited
-            )
+            reason = f"the target has not moved for {waited:.1f} s"
+            if self._hidden > 0.0:
+                reason += (
+                    f"; it was out of view for {self._hidden:.1f} s of that, but then where it "
+                    "had been"
+                )
+            raise Failure("NOT_MOVED", reason, waited_s=waited, unseen_s=self._hidden)
         if status.arrived:
             if until.duration is not None and followed_for >= until.duration:
                 return True
@@ -145,6 +150,10 @@ class TrackingEnd:
     def _sum_up(self, status: TrackingStatus) -> None:
         passed = status.time - self._time
         self._time = status.time
+        if status.has_moved or status.is_beyond:
+            self._hidden = 0.0
+        elif not status.in_view:
+            self._hidden += passed
         if status.arrived:
             self._waited = self._beyond = self._apart = self._unseen = 0.0
             self._was_followed = True
