@@ -755,7 +755,7 @@ def _remedy(stuck: Sequence[CellWait]) -> str:
             why = f": {wait.why}" if wait.why else ""
             found.append(
                 f"; {wait.arm} cannot go on{why}. Let {' and '.join(in_the_way)} wait elsewhere, "
-                "for example after `go_home`"
+                "with what it holds, for example after `go_home`"
             )
     return "".join(found)
 
