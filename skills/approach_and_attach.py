@@ -55,7 +55,9 @@ class ApproachAndAttach(Skill):
     class Ports(PortModel):
         object: ObjectName = port(..., "object to attach")
         part: PartName | None = port(
-            None, "part of a compound object at which it is touched; by default above its center"
+            None,
+            "part of a compound object at which it is touched; by default above its center, "
+            "or at the edge of something open",
         )
         at: ObjectPose | None = port(
             None,
@@ -209,6 +211,10 @@ class ApproachAndAttach(Skill):
         x, y, _ = center.rotation_matrix.T
         # Projected along its x axis, an object's small tilt alone would decide how the tool turns.
         side = y if abs(x @ direction) > _ALONG else x
+        edge = world.edge_point(name, -direction, center, self.ports.part)
+        if edge is not None:  # the surface is no solid wall there: the tool would pass the wall
+            side = edge - surface  # both of two fingers then meet the wall
+            surface = edge
         facing = _tool_axis_along(surface, direction, side)
         return [facing @ Pose.from_rpy((0, 0, 0), (0, 0, turn)) for turn in _TURNS]
 

@@ -301,6 +301,46 @@ class ObjectBody:
             return out
         return self.solid.reach(direction) - float(self.center @ direction)
 
+    def edge(self, direction: Vector) -> Vector | None:
+        """Point on the edge of something open along a unit vector, of shape (3,), m.
+
+        It is in the middle of the nearest wall: of a tray seen from above a point of its rim. None
+        if a ray from the center of mass meets the body.
+        """
+
+        def height(start: Vector) -> float:
+            return max(part.way_out(start, direction) for part in self.parts)
+
+        if height(self.center) > 0.0:
+            return None
+        x = np.cross(direction, np.eye(3)[int(np.argmin(np.abs(direction)))])
+        x /= np.linalg.norm(x)
+        walls: list[tuple[float, Vector]] = []
+        for turn in np.arange(_WALL_TURNS) * (2.0 * math.pi / _WALL_TURNS):
+            sideways = math.cos(turn) * x + math.sin(turn) * np.cross(direction, x)
+            widest = self.solid.reach(sideways) - float(self.center @ sideways)
+            # Walls are usually outside: there the steps are smaller.
+            rows = widest * (1.0 - np.linspace(1.0, 0.01, _WALL_STEPS) ** 2)
+            heights = np.array([height(self.center + row * sideways) for row in rows])
+            highest = float(heights.max())
+            if highest > 0.0:
+                top = np.flatnonzero(heights > highest - _LEVEL_M)
+                ends = np.flatnonzero(np.diff(top) > 1)
+                last = int(top[ends[0]] if ends.size else top[-1])
+                middle = 0.5 * float(rows[top[0]] + rows[last])
+                walls.append((middle, self.center + middle * sideways + highest * direction))
+        return min(walls, key=lambda wall: round(wall[0], 4))[1] if walls else None
+
+
+_WALL_TURNS: Final = 4
+"""Number of directions in which the walls of something open are searched."""
+
+_WALL_STEPS: Final = 60
+"""Number of steps in each of them."""
+
+_LEVEL_M: Final = 5e-4
+"""Difference in height of points on the edge of a wall, m."""
+
 
 def body_of(thing: ObjectSpec) -> ObjectBody:
     """Body of a declared object; computed once for equal shapes."""

@@ -499,6 +499,24 @@ class WorldView:
         point: Vector = pose.position + reach * direction
         return point
 
+    def edge_point(
+        self, name: str, direction: Vector, pose: Pose | None = None, part: str | None = None
+    ) -> Vector | None:
+        """Point on the nearest edge of something open in a direction, (3,), in the world, m.
+
+        None if the surface is above its center of mass. Arguments as those of `surface_point`.
+        """
+        thing = self.objects[name]
+        pose = self.object_pose(name) if pose is None else pose
+        body = body_of(thing)
+        if part is not None and part in thing.parts:
+            pose = pose @ thing.parts[part].pose.pose
+            body = body_of_part(thing.parts[part])
+        if body.is_simple:
+            return None
+        edge = body.edge(direction @ pose.rotation_matrix)
+        return None if edge is None else pose.apply(edge)
+
     def object_velocity(self, name: str) -> Vector:
         """Angular (rad/s) then linear (m/s) velocity at an object's center, of shape (6,)."""
         velocity = np.empty(6)

@@ -131,3 +131,28 @@ def test_beside_a_wall_every_branch_is_tried(
     }
     play = stage.run(file)
     assert play.arm().outcome == "SUCCESS", play.arm().runs
+
+
+OPEN = {
+    "tray": [0.18, 0.16, 0.067],
+    "bin": [0.2, 0.16, 0.1],
+    "bowl": [0.075, 0.04],
+    "cup": [0.04, 0.09],
+    "tube": [0.03, 0.09],
+}
+
+
+@pytest.mark.parametrize("shape", OPEN)
+@pytest.mark.parametrize("robot", ["ur5", "panda"])
+def test_an_open_thing_is_attached_at_its_edge(robot: str, shape: str, stage: Stage) -> None:
+    """The tool went into the void above its floor, and stopped there."""
+    size = OPEN[shape]
+    pose = {"xyz": [0.40, -0.40, 0.4 + 0.5 * size[-1]], "rpy": [0, 0, 20]}
+    thing = {"shape": shape, "size": size, "mass": 0.3, "pose": pose}
+    arm = {"robot": robot, "base": {"xyz": [0, 0, 0.4]}}
+    file = Scenario({"thing": thing}, arm=arm, scene="table").file(
+        {"approach_and_attach": {"object": "thing"}}
+    )
+    play = stage.run(file)
+    assert play.arm().outcome == "SUCCESS", play.arm().runs
+    assert play.leaf("approach_and_attach").metrics["gap_m"] < 0.0
