@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from dataclasses import field as dataclass_field
 from functools import lru_cache
+from types import MappingProxyType
 from typing import Final
 
 from pydantic import BaseModel, ValidationError
@@ -59,7 +60,7 @@ from bt_dualarm.spec.node_types import (
     written_keys,
 )
 from bt_dualarm.spec.parser import ParamSpec, SubtreeSpec, not_a_body
-from bt_dualarm.spec.problems import Location, Problem, nearest, suggestion
+from bt_dualarm.spec.problems import Location, Problem, meant_by, nearest, suggestion
 from bt_dualarm.spec.values import Refers
 from bt_dualarm.spec.yaml_reader import Data, DataPath, Json, Source, with_tuples
 
@@ -166,7 +167,7 @@ def check_tree(
         checked[id(node.source), node.path] = content
         node_type = node_types.get(node.kind)
         if node_type is not None and node.whole:
-            yield from check_node(node, node_type, declared)
+            yield from check_node(node, node_type, declared, node_types)
         elif node_type is not None and not isinstance(node_type, LanguageNode):
             # The parser does not know a skill's shorthand; for language nodes it has already
             # reported this.
@@ -193,7 +194,12 @@ def with_bare_numbers(node: NodeSpec, node_types: Mapping[str, NodeType]) -> Nod
     return replace(node, ports=ports, children=children)
 
 
-def check_node(node: NodeSpec, node_type: NodeType, declared: Declared) -> Iterator[Problem]:
+def check_node(
+    node: NodeSpec,
+    node_type: NodeType,
+    declared: Declared,
+    node_types: Mapping[str, NodeType] = MappingProxyType({}),
+) -> Iterator[Problem]:
     """Returns every problem of one node's ports and outputs."""
     outputs = {
         name: node.ports[name] for name in node_type.outputs.model_fields if name in node.ports
@@ -210,6 +216,7 @@ def check_node(node: NodeSpec, node_type: NodeType, declared: Declared) -> Itera
             at_key = found.at_key or not found.path
             key = reference_of(_at(ports, found.path))
             hint = _parameter_hint(node, key) if key else ""
+            hint = hint or _misplaced_hint(node, node_type, found.path, node_types)
             yield node.port_problem(found.path, message, hint or found.hint, key=at_key)
     for path, refers, name in _names_in(node_type.ports, ports):
         of_an_object = _OF_AN_OBJECT.get(refers.to[0])
@@ -301,6 +308,25 @@ def _at(data: Data, path: DataPath) -> Data:
         except (KeyError, IndexError, TypeError):
             return None
     return data
+
+
+def _misplaced_hint(
+    node: NodeSpec, node_type: NodeType, path: DataPath, node_types: Mapping[str, NodeType]
+) -> str:
+    """Hint for an unknown port that is a child node, or a reference without quotes."""
+    name = str(path[0]) if len(path) == 1 else ""
+    known = node_type.fields_besides_ports | node_type.ports.model_fields.keys()
+    if not name or name in known or meant_by(name, known):
+        return ""
+    if name in node_types and node_type.many:
+        return f"begin each child with a dash: '- {name}: …'"
+    if name in node_types and node_type.slots:
+        given = set(node.slots)
+        slot = next((one.name for one in node_type.slots if one.name not in given), "child")
+        return f"write it within '{slot}': {{{slot}: {{{name}: …}}}}"
+    if node.ports[name] is None and len(node.ports) == 1:
+        return f'if the key or parameter is meant, quote it: "{{{name}}}"'
+    return ""
 
 
 def _parameter_hint(node: NodeSpec, key: str) -> str:

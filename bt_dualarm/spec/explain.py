@@ -32,7 +32,7 @@ from bt_dualarm.spec.node_types import (
     reference_of,
     unit_of,
 )
-from bt_dualarm.spec.problems import nearest, suggestion
+from bt_dualarm.spec.problems import meant_by, nearest, suggestion
 from bt_dualarm.spec.values import Refers
 from bt_dualarm.spec.yaml_reader import Data, DataPath, Json
 
@@ -305,6 +305,9 @@ _COMPARED: Final = {
     "less_than": ("lt", "less than"),
     "less_than_equal": ("le", "at most"),
 }
+_OTHER_UNIT: Final = 5
+"""Least number beyond a bound that seems to be one of millimeters, percent or parts of 255."""
+
 _COUNTED: Final = {
     "too_long": ("most", "max_length", "item"),
     "too_short": ("least", "min_length", "item"),
@@ -394,8 +397,24 @@ class _Explainer:
         names = {n for m in models_in(type_at(self.model, location[:-1])) for n in m.model_fields}
         top = len(location) == 1
         noun = self.noun if top else "field"
-        hint = suggestion(str(location[-1]), names | self.also if top else names, noun)
-        return Finding(path, f"unknown {noun} '{location[-1]}'", hint, at_key=True)
+        name = str(location[-1])
+        valid = names | self.also if top else names
+        meant = meant_by(name, valid)
+        if meant:
+            hint = f"here it is '{meant}'"
+        else:
+            hint = (top and self._within(name)) or suggestion(name, valid, noun)
+        return Finding(path, f"unknown {noun} '{name}'", hint, at_key=True)
+
+    def _within(self, name: str) -> str:
+        """Returns a hint with the field to whose value a misplaced name belongs."""
+        given = self.data if isinstance(self.data, dict) else {}
+        for owner, field in self.model.model_fields.items():
+            if owner in given:
+                continue
+            if any(name in model.model_fields for model in models_in(field.annotation)):
+                return f"write it within '{owner}': {{{owner}: {{{name}: …}}}}"
+        return ""
 
     def _missing(self, path: DataPath, location: Location) -> Finding:
         name = location[-1]
@@ -441,11 +460,14 @@ class _Explainer:
         """Returns a hint with the notations allowed instead of a mapping."""
         for details in found:
             if details["type"] == "model_type":
-                for model in models_in(type_at(self.model, details["loc"])):
+                models = list(models_in(type_at(self.model, details["loc"])))
+                for model in models:
                     if meant := mapping_of(details["input"], model):
                         return meant
-                    names = [f"'{name}'" for name in names_of(model)]
-                    return " or ".join([*names, f"a mapping of {', '.join(model.model_fields)}"])
+                names = [f"'{name}'" for model in models for name in names_of(model)]
+                fields = [f"a mapping of {', '.join(model.model_fields)}" for model in models]
+                if models:
+                    return " or ".join([*names, *fields])
         return ""
 
     def _one_value(self, details: ErrorDetails) -> tuple[str, str]:
@@ -453,7 +475,7 @@ class _Explainer:
         given = details["input"]
         context = details.get("ctx", {})
         if kind in _COMPARED:
-            return f"must be {self._bound(details)}, not {in_words(given)}", ""
+            return f"must be {self._bound(details)}, not {in_words(given)}", self._scaled(details)
         if kind == "value_error":
             return str(context["error"]), ""
         if kind == "string_pattern_mismatch":
@@ -462,6 +484,8 @@ class _Explainer:
             return f"expected {self._count(details)}, not {len(given)}", ""
         if kind in _WANTED or kind == "literal_error":
             message = f"expected {self._expectation(details)}, not {in_words(given)}"
+            if kind == "dict_type" and isinstance(given, (list, tuple)):
+                return message, "write a name in place of each dash: 'NAME: …'"
             return message, self._nearest_choice([details])
         return f"{details['msg'][:1].lower()}{details['msg'][1:]}", ""
 
@@ -489,8 +513,26 @@ class _Explainer:
         unit = f" {unit_of(field)}" if field and unit_of(field) else ""
         return f"{relation} {details['ctx'][bound]:g}{unit}"
 
+    def _scaled(self, details: ErrorDetails) -> str:
+        """Returns a hint with the number in our unit, if that given seems to be in another one."""
+        given = details["input"]
+        field = field_at(self.model, details["loc"])
+        if not isinstance(given, (int, float)) or field is None or given < _OTHER_UNIT:
+            return ""
+        bound = details.get("ctx", {}).get("le", details.get("ctx", {}).get("lt"))
+        if unit_of(field) == "m" and bound is not None and given <= 1000 * bound:
+            return f"in meters: {given / 1000:g}, if {given:g} mm are meant"
+        if bound != 1 or unit_of(field):
+            return ""
+        if "color" in details["loc"]:
+            return f"from 0 to 1: {given / 255:.3g}, if {given:g} of 255 is meant"
+        return f"as a share: {given / 100:g}, if {given:g} % is meant" if given <= 100 else ""
+
     def _nearest_choice(self, found: Sequence[ErrorDetails]) -> str:
         choices = [choice for details in found for choice in _choices(details)]
+        meant = meant_by(str(found[0]["input"]), choices)
+        if meant:
+            return f"here it is '{meant}'"
         close = nearest(str(found[0]["input"]), choices)
         return f"did you mean '{close}'?" if close else ""
 

@@ -846,6 +846,8 @@ def kind_hint(given: str, node_types: Mapping[str, NodeType]) -> str:
     name, colon, rest = given.partition(":")
     if colon and rest:
         return f"write a space after the colon: '{name}: {rest}'"
+    if re.search("[<>=!+*/]", given):
+        return "an expression contains at least one {key}"
     known = {_letters(kind): kind for kind in node_types}
     synonyms = synonyms_in(node_types.values())
     ours = {_letters(name): meant for name, meant in synonyms.items()} | known

@@ -26,6 +26,7 @@ from bt_dualarm.spec.node_types import (
     CONDITION_FIELDS,
     KEY,
     REFERENCE,
+    RESERVED_NAMES,
     TEST,
     LanguageNode,
     NodeSpec,
@@ -38,12 +39,20 @@ from bt_dualarm.spec.node_types import (
     is_dynamic,
     is_expression,
     is_unknown,
+    only,
     port,
     reference_of,
     unknown,
     validated,
 )
-from bt_dualarm.spec.problems import Location, Problem, SpecError, nearest, suggestion
+from bt_dualarm.spec.problems import (
+    Location,
+    Problem,
+    SpecError,
+    meant_by,
+    nearest,
+    suggestion,
+)
 from bt_dualarm.spec.relative_pose import WorldPose
 from bt_dualarm.spec.values import Angle, Color, Duration, Plane, Value, Vector3
 from bt_dualarm.spec.yaml_reader import (
@@ -888,7 +897,10 @@ def _is_bare_child(node_type: NodeType, body: Data) -> bool:
 def _misspelt(node_type: NodeType, fields: Mapping[str, Data]) -> set[str]:
     """Returns missing fields that an unknown field most likely stands for: the check reports it."""
     known = node_type.fields_besides_ports | node_type.ports.model_fields.keys()
-    meant = {nearest(name, known) for name in fields.keys() - known}
+    others = fields.keys() - known
+    meant = {meant_by(name, known) or nearest(name, known) for name in others}
+    if any(isinstance(fields[name], dict) or name in RESERVED_NAMES for name in others):
+        meant |= {"children", *(slot.name for slot in node_type.slots)}  # a node in their place
     return {name for name in node_type.fields_besides_ports - fields.keys() if name in meant}
 
 
@@ -897,10 +909,28 @@ def not_a_body(node_type: NodeType, body: Data) -> tuple[str, str]:
     hint = ""
     if isinstance(body, str) and node_type.slots:
         hint = f"write {{{node_type.slots[0].name}: {body}}}"
+    elif isinstance(body, (str, int, float)):
+        hint = _as_mapping(node_type, body)
     elif isinstance(body, list):
         hint = "put several nodes below 'sequence:'" if node_type.slots else ""
     wanted = "a list of nodes" if node_type.many else "a mapping of ports"
     return f"{node_type.name}: expected {wanted}, not {in_words(body)}", hint
+
+
+def _as_mapping(node_type: NodeType, body: Data) -> str:
+    """Returns a hint with the mapping of the port that a bare value most likely stands for."""
+    model = node_type.ports
+    ports = [name for name, info in model.model_fields.items() if info.is_required()]
+    for name in ports or model.exactly_one_of:
+        try:
+            validated(only(model, name), {name: body})
+        except ValidationError:
+            continue
+        others = [one for one in ports if one != name]
+        others += [slot.name for slot in node_type.slots if slot.required]
+        rest = "".join(f", {one}: …" for one in others)
+        return f"write {{{name}: {body}{rest}}}"
+    return f"for example: {node_type.example}" if node_type.example else ""
 
 
 def _not_a_node(data: Data) -> tuple[str, str]:

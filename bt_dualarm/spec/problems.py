@@ -135,6 +135,32 @@ def suggestion(given: str, valid: Iterable[str], noun: str) -> str:
     return f"available: {', '.join(names)}" if names else f"no {noun} is available"
 
 
+_SYNONYMS: Final[Mapping[str, str]] = {
+    "pos": "xyz", "position": "xyz", "translation": "xyz", "x": "xyz", "y": "xyz", "z": "xyz",
+    "orientation": "rpy", "rotation": "rpy", "euler": "rpy", "roll": "rpy", "pitch": "rpy",
+    "yaw": "rpy", "quaternion": "quat",
+    "count": "times", "attempts": "times", "num_attempts": "times", "num_cycles": "times",
+    "n": "times", "duration": "seconds", "time": "seconds", "sec": "seconds", "msec": "seconds",
+    "dimensions": "size", "dims": "size", "type": "shape", "weight": "mass", "colour": "color",
+    "model": "robot", "tool": "gripper", "hand": "gripper", "end_effector": "gripper",
+    "target": "to at", "goal": "to at", "destination": "to at", "pose": "to at",
+    "velocity": "speed", "vel": "speed", "file": "scene",
+    "body": "child", "node": "child", "do": "child", "if": "condition", "cond": "condition",
+    "message": "reason", "text": "message reason",
+    ">": "greater", ">=": "greater_or_equal", "<": "less", "<=": "less_or_equal",
+    "==": "equal", "=": "equal", "!=": "not_equal",
+    "cube": "box", "cuboid": "box", "ball": "sphere", "plate": "tray", "pipe": "tube",
+    "mug": "cup", "grey": "gray", "none": "ideal", "real": "lab",
+}  # fmt: skip
+"""Names and values of other libraries and formats, each with those that stand for it here."""
+
+
+def meant_by(given: str, valid: Iterable[str]) -> str:
+    """Returns the valid name that a name of other libraries stands for, or nothing."""
+    names = frozenset(valid)
+    return next((name for name in _SYNONYMS.get(given.lower(), "").split() if name in names), "")
+
+
 NAME_PATTERN: Final = r"^[A-Za-z][A-Za-z0-9_-]{0,47}$"
 """Pattern of names in a tree file; they become part of MuJoCo's names (``arm1/wrist``), file names
 and paths of nodes."""

@@ -323,6 +323,8 @@ def _syntax_problem(source: Source, text: str, error: yaml.YAMLError) -> Problem
 
 
 def _syntax_hint(what: str) -> str:
+    if "while scanning an alias" in what:
+        return 'quote text that begins with *, and expressions: "{n} * 2"'
     if "mapping values are not allowed" in what:
         return "an extra colon, or a line indented differently from its neighbors"
     if "cannot start any token" in what:
