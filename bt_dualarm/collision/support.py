@@ -70,6 +70,8 @@ class Support:
         slope: Slope of the supporting surface, rad.
         friction: Coefficient of friction between the two.
         rolls: Whether it would roll away: a round object on a surface that slopes or bulges.
+        topples: Whether it would roll over even on a level surface, because its center of mass is
+            not in a stable position above its round lower side.
         carrier: Object in another arm's hand that is part of the support; empty if there is none.
     """
 
@@ -78,6 +80,7 @@ class Support:
     slope: float
     friction: float
     rolls: bool
+    topples: bool = False
     carrier: str = ""
 
     @property
@@ -136,7 +139,10 @@ def support_below(
     body = body_of(spec)
     axis = pose.rotation_matrix[:, 2]
     if spec.shape == "capsule" and abs(axis[2]) > _UPRIGHT:
-        return Support(nearest, tilt, slope, friction, rolls=tilt > _LEVEL, carrier=carrier)
+        unstable = tilt > _LEVEL
+        return Support(
+            nearest, tilt, slope, friction, rolls=unstable, topples=unstable, carrier=carrier
+        )
     is_ball = spec.shape in ("sphere", "ellipsoid")
     is_round = is_ball or (body.is_axisymmetric and abs(axis[2]) <= _UPRIGHT)
     if not is_round:
@@ -150,7 +156,7 @@ def support_below(
     level = all(rays.is_level(lowest + drop, direction) for direction in across)
     if level and is_ball:
         rocks = spec.shape == "ellipsoid" and _off_balance(spec.size, pose.rotation_matrix)
-        return Support(nearest, 0.0, 0.0, friction, rolls=rocks, carrier=carrier)
+        return Support(nearest, 0.0, 0.0, friction, rolls=rocks, topples=rocks, carrier=carrier)
     if level:
         ends = (-min(MARGIN_M, room) * along, min(MARGIN_M, room) * along)
         tilt = max(abs(float(hull.gradient(at) @ along)) for at in ends)

@@ -331,6 +331,16 @@ def grip_causes(e: Evidence) -> Iterator[Cause]:
     if e.code in _GRIP_CODES and float(facts["friction"]) < _SLIPPERY:
         sentence = f"{name} is slippery: its friction is {facts['friction']:g}; {e.reason}"
         yield e.cause("LOW_FRICTION", sentence, "a rougher surface, more force, or another grasp")
+    elif e.code == "TOO_HEAVY" and _assumed_too_heavy(e, facts):
+        assumed = float(e.numbers["mass_kg"])
+        sentence = (
+            f"the leaf assumes {assumed:.3g} kg, as `mass` is not given; {name} has "
+            f"{facts['mass']:g} kg: {e.reason}"
+        )
+        yield e.cause("OVERLOADED", sentence, f"give the leaf the mass: mass: {facts['mass']:g}")
+    elif e.code == "TOO_HEAVY" and e.numbers.get("other_grasps"):
+        sentence = f"{name} ({facts['mass']:g} kg) is too heavy for such a grip: {e.reason}"
+        yield e.cause("OVERLOADED", sentence, "another `approach`, or none; or a lighter object")
     elif e.code == "TOO_HEAVY":
         sentence = f"{name} ({facts['mass']:g} kg) is too heavy for the grip: {e.reason}"
         yield e.cause("OVERLOADED", sentence, "a lighter object, or a stronger gripper")
@@ -342,6 +352,9 @@ def grip_causes(e: Evidence) -> Iterator[Cause]:
     if e.code == "TOO_WIDE":
         sentence = f"{name} is {measures}{opens}: {e.reason}"
         yield e.cause("TOO_WIDE", sentence, "a smaller object, or fingers that open wider")
+    elif e.numbers.get("other_grasps") and e.code == "OUT_OF_REACH":
+        remedy = "another `approach`, or none" if e.ports.get("approach") else "another gripper"
+        yield e.cause("NO_ROOM", e.reason, remedy)
     elif "grasps" in e.numbers and e.code == "OUT_OF_REACH":
         beside = e.scene(e.began).beside(str(name), _NEAR_M)
         if beside and not wide:
@@ -357,6 +370,16 @@ def grip_causes(e: Evidence) -> Iterator[Cause]:
             yield e.cause("NO_ROOM", f"{name} is {measures}{opens}: {e.reason}", remedy)
     if e.code == "NOT_HELD":
         yield not_attached(e, str(name))
+
+
+def _assumed_too_heavy(e: Evidence, facts: Facts) -> bool:
+    """Whether a leaf without a mass has assumed a larger one than the object has."""
+    assumed = e.numbers.get("mass_kg")
+    return (
+        e.ports.get("mass") is None
+        and isinstance(assumed, (int, float))
+        and assumed > 1.05 * float(facts["mass"])
+    )
 
 
 def _crowded(e: Evidence, name: str, beside: list[tuple[str, float]]) -> Cause:

@@ -286,6 +286,18 @@ class WantedGrasp:
         told = self.rubs if self.name is None or self.edges else None
         return world.objects[self.name or ""].friction if told is None else told
 
+    @property
+    def request(self) -> str:
+        """What `allows` asks of a grasp, in messages."""
+        asked = []
+        if self.along is not None:
+            asked.append(f"within {math.degrees(math.acos(_AS_ASKED)):.0f}° of `approach`")
+        if self.edges is not None:
+            asked.append("across its `width`")
+        if self.unlike is not None:
+            asked.append(f"{math.degrees(_OTHER):.0f}° or more from the present one")
+        return " and ".join(asked) or "of the requested kind"
+
     def allows(self, grasp: Grasp) -> bool:
         """Whether a grasp agrees with ``edges``, ``along`` and ``unlike``."""
         if self.edges is None and self.along is None and self.unlike is None:
@@ -329,8 +341,8 @@ def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
             jaw = replace(jaw, widest_opening=min(jaw.widest_opening, wanted.opening))
         _refuse_width(solid, jaw, wanted)
 
-    def bearing(load: Load) -> tuple[Grasp, ...]:
-        """Grasps that bear a load, as requested."""
+    def bearing(load: Load) -> tuple[tuple[Grasp, ...], int]:
+        """Grasps that bear a load, as requested, and how many there are of any kind."""
         if jaw is not None:
             found = jaw_grasps(solid, jaw, load, jaw.friction, point=point)
         else:
@@ -340,19 +352,31 @@ def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
         if not found:
             raise _no_grasp(solid, jaw, arm, wanted, point)
         found = tuple(replace(one, tool=symmetry @ one.tool) for one in found)
+        count = len(found)
         found = tuple(one for one in found if wanted.allows(one))
-        return found if wanted.point is None else _at_point(found, wanted)
+        return (found if wanted.point is None else _at_point(found, wanted)), count
 
     here = arm.tool_pose
 
     def free(found: Sequence[Grasp], of: Sequence[Obstacle]) -> tuple[RankedGrasp, ...]:
         return ranked(found, wanted.lies, jaw, of, lambda tool: _rotation_cost(tool, here))
 
-    found = bearing(load)
+    found, of_any_kind = bearing(load)
     obstacles = obstacles_around(arm, wanted.name, wanted.lies.position)
     order = free(found, obstacles)
+    if not found:
+        lighter = bool(bearing(replace(load, mass=_LIGHT_KG))[0])
+        bears = f"bears {wanted.weight}" if lighter else "is possible"
+        do = "do" if lighter else "are"
+        raise Failure(
+            "TOO_HEAVY" if lighter else "OUT_OF_REACH",
+            f"no grasp of {wanted.label} {wanted.request} {bears}; {of_any_kind} others {do}",
+            mass_kg=wanted.mass,
+            grasps=0,
+            other_grasps=of_any_kind,
+        )
     if not order:
-        reason = f"no grasp of {wanted.label} is of the requested kind"
+        reason = f"the gripper has no room around {wanted.label}"
         if found and obstacles:
             names = dict.fromkeys(obstacle.name for obstacle in obstacles)
             left = {
@@ -361,7 +385,7 @@ def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
             worst = sorted(left, key=lambda name: left[name])
             # What leaves no grasp by itself is the reason, else the two that leave fewest.
             worst = worst[: 1 if left[worst[0]] == 0 else 2]
-            if free(bearing(replace(load, mass=_LIGHT_KG)), obstacles):
+            if free(bearing(replace(load, mass=_LIGHT_KG))[0], obstacles):
                 raise Failure(
                     "TOO_HEAVY",
                     f"the grasps with which {page.name} bears {wanted.weight} of "
@@ -526,7 +550,11 @@ def _no_grasp(
             friction=friction,
         )
     if jaw is None:
-        reason = f"{wanted.label} has no face on which the cup seals{where}"
+        wide = 2e3 * cup_measures(page, friction).radius
+        reason = (
+            f"{wanted.label} has no face on which the cup seals{where}: "
+            f"it needs a flat one {wide:.0f} mm wide"
+        )
     else:
         reason = f"{wanted.label} has no two sides between which the fingers fit{where}"
     return Failure("NO_FACE", reason)

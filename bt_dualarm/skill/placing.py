@@ -597,7 +597,7 @@ class SettingDown:
 
     failures: Final[Mapping[str, str]] = {
         "NOT_SUPPORTED": "on the declared support it would tip over, slide or roll away",
-        "NOT_REACHED": "it touched something above its goal",
+        "NOT_REACHED": "what it touched is above its goal, or too far below it",
         "NO_CONTACT": "no support was detected below it",
         "NOT_OPEN": "the fingers did not open",
         "SLIPPED": "the object slid between the fingers during the motion",
@@ -688,7 +688,12 @@ class SettingDown:
         found = support_below(self._arm.world, name, goal, ports.tolerance, ports.search)
         if found is None:
             return None
-        if found.rolls:
+        if found.topples:
+            why = (
+                "would roll over: in this orientation it stands on a round side, and its center "
+                "of mass is not in balance above it; give `at` an orientation in which it lies"
+            )
+        elif found.rolls:
             why = "would roll away: the support is not level"
         elif found.tilt > ports.angle_tolerance:
             why = (
@@ -903,7 +908,9 @@ class SettingDown:
             yield from arm.relax()
             raise Failure(
                 "NOT_REACHED",
-                f"it touched something {1e3 * height:.1f} mm above its goal",
+                f"it touched something {1e3 * height:.1f} mm above its goal"
+                if height > 0.0
+                else f"what it touched is {-1e3 * height:.1f} mm below its goal",
                 height_off_m=height,
                 force_n=most,
             )

@@ -125,6 +125,7 @@ def test_on_a_slope_a_cube_stands_along_it_and_a_ball_rolls(world: World) -> Non
     ball = support_below(world, "ball", on_it, ABOVE, BELOW)
     assert ball is not None
     assert ball.rolls
+    assert not ball.topples  # on a level support it would stay
 
 
 def test_what_is_round_stays_where_it_is_level(world: World) -> None:
@@ -144,6 +145,7 @@ def test_what_is_round_stays_where_it_is_level(world: World) -> None:
     upright = at(world, "pill", 0.35, -0.45, 0.45)
     assert upright is not None
     assert upright.rolls
+    assert upright.topples  # whatever the support is like
 
 
 @pytest.mark.parametrize("yaw", [0.0, 30.0, 90.0])

@@ -34,6 +34,7 @@ AROUND = "\n".join(
         ("south", 0.4, -0.505),
     )
 )
+AWAY = f"  beside: {{shape: box, size: {CUBE}, mass: 1, pose: {{xyz: [0.55, -0.45, 0.425]}}}}"
 TAKE = "grasp: {object: thing}"
 HIGH = "place: {object: thing, at: {xyz: [0.25, -0.4, 0.47]}}"
 
@@ -80,3 +81,22 @@ def test_a_hand_that_does_not_fit_where_it_places_needs_another_grasp(tmp_path: 
     cause = why(tmp_path, [0.04, 0.05, 0.1], steps, walls)
     assert cause.kind == "IN_THE_WAY"
     assert cause.remedy.startswith("grasp it otherwise: give `then_at` of `grasp` this goal")
+
+
+def test_no_object_beside_is_blamed_for_an_approach_without_a_grasp(tmp_path: Path) -> None:
+    cause = why(tmp_path, [0.2, 0.2, 0.04], "[grasp: {object: thing, approach: [0, 0, -1]}]", AWAY)
+    assert cause.kind == "NO_ROOM"
+    assert "within 30° of `approach`" in cause.sentence
+    assert "next to it" not in cause.sentence
+    assert cause.remedy == "another `approach`, or none"
+
+
+def test_a_mass_that_was_assumed_is_to_be_given(tmp_path: Path) -> None:
+    """The end of a beam bears its 0.2 kg, but not what an arm assumes without a mass."""
+    take = "grasp: {object: thing, approach: [1, 0, 0], margin: 8}"
+    text = FILE.format(size=[0.3, 0.05, 0.05], height=0.425, steps=f"[{take}]", others="")
+    [story] = stories(recorded(tmp_path, text.replace("table,", "table, reality: rough,")))
+    cause = story.causes[0]
+    assert cause.kind == "OVERLOADED", cause
+    assert "the leaf assumes 1 kg, as `mass` is not given; thing has 0.2 kg" in cause.sentence
+    assert cause.remedy == "give the leaf the mass: mass: 0.2"

@@ -38,7 +38,20 @@ def test_what_cannot_be_is_refused_before_moving() -> None:
         size=[0.2, 0.2, 0.04],
         pose={"xyz": [0.40, -0.45, 0.42]},
     )
-    assert flat == ("OUT_OF_REACH", "no grasp of 'cube' is of the requested kind")
+    assert flat[0] == "OUT_OF_REACH"
+    assert "no grasp of 'cube' within 30° of `approach` is possible; " in flat[1]
+
+
+def test_what_is_too_heavy_for_grasps_of_the_requested_kind_is_called_heavy() -> None:
+    """The hand can take a beam by its end, but such a grip does not bear this weight."""
+    code, reason = failure(
+        {"grasp": {"object": "cube", "approach": [1, 0, 0]}},
+        size=[0.3, 0.05, 0.05],
+        mass=4.0,
+        pose={"xyz": [0.40, -0.45, 0.425]},
+    )
+    assert code == "TOO_HEAVY", reason
+    assert "no grasp of 'cube' within 30° of `approach` bears 4 kg; " in reason
 
 
 def test_what_leaves_no_room_for_the_gripper_is_named() -> None:
