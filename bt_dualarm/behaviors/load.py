@@ -47,7 +47,13 @@ from bt_dualarm.skill.cell import ActiveNode, CellAccess
 from bt_dualarm.skill.relative_poses import resolve_poses
 from bt_dualarm.skill.skill import Skill, SkillContext
 from bt_dualarm.spec.cell import CellSpec
-from bt_dualarm.spec.checks import Examination, declared_names, unused, with_bare_numbers
+from bt_dualarm.spec.checks import (
+    Examination,
+    declared_names,
+    in_radians,
+    unused,
+    with_bare_numbers,
+)
 from bt_dualarm.spec.document import (
     LONGEST_NAME,
     ArmSpec,
@@ -248,6 +254,8 @@ class _Loading:
         if not errors(self.problems):
             subtrees = [subtree for subtree in library.values() if subtree.source is source]
             self.problems += unused(source, specs, subtrees, self._parser.used)
+            for each in (source, *libraries.included, *read):
+                self.problems += in_radians(each)
             if file is not None:
                 self.problems += examination.warnings(file, source)
         return file

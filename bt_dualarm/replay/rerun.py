@@ -572,6 +572,8 @@ def parse_place(text: str) -> tuple[Path, float]:
         time = float(seconds.strip().removesuffix("s"))
     except ValueError:
         time = -1.0
+    if at and folder and time == 0.0:
+        raise ReplayError("--resume takes a time after 0; a run from the start needs no record")
     if not at or not folder or not 0.0 < time < float("inf"):
         raise ReplayError(f"--resume takes DIR@SECONDS, for example out@12.4, not {text!r}")
     return Path(folder), time

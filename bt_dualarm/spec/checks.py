@@ -922,6 +922,50 @@ def _warning(source: Source, path: DataPath, message: str) -> Problem:
     return replace(source.problem(path, message, key=True), severity="warning")
 
 
+# Warnings of angles that seem to be in radians.
+
+_RADIANS: Final = tuple(math.radians(angle) for angle in (45, 90, 135, 180, 225, 270, 315, 360))
+
+_ROUNDED: Final = 2e-3
+"""Largest difference of a rounded angle in radians, such as 3.14, from its exact value."""
+
+
+def in_radians(source: Source) -> Iterator[Problem]:
+    """Returns warnings of rotations, which are in degrees, that seem to be in radians."""
+    for path, angles in _rotations(source.data, ()):
+        known = {
+            angle: math.degrees(math.copysign(exact, angle))
+            for angle in angles
+            for exact in _RADIANS
+            if abs(abs(angle) - exact) < _ROUNDED
+        }
+        if not known:
+            continue
+        shown = ", ".join(f"{angle:g}" for angle in angles)
+        degrees = (known.get(angle, round(math.degrees(angle), 1)) for angle in angles)
+        problem = source.problem(
+            path,
+            f"rpy: [{shown}] seems to be in radians; it is taken as degrees",
+            f"in degrees: [{', '.join(f'{angle:g}' for angle in degrees)}]; "
+            f"or with a unit: '{next(iter(known)):g} rad'",
+        )
+        yield replace(problem, severity="warning")
+
+
+def _rotations(data: Data, path: DataPath) -> Iterator[tuple[DataPath, list[float]]]:
+    """Yields the path of each ``rpy`` with its numbers."""
+    if isinstance(data, dict):
+        for name, item in data.items():
+            if name == "rpy" and isinstance(item, (list, tuple)):
+                if all(isinstance(one, (int, float)) for one in item):
+                    yield (*path, name), [float(one) for one in item]
+            else:
+                yield from _rotations(item, (*path, name))
+    elif isinstance(data, (list, tuple)):
+        for index, item in enumerate(data):
+            yield from _rotations(item, (*path, index))
+
+
 # All checks of the trees of one file.
 
 

@@ -91,10 +91,12 @@ def test_a_time_outside_is_refused(short: Record, time: float) -> None:
         resumed(short, time, REGISTRY, Changed())
 
 
-@pytest.mark.parametrize("text", ["out", "out@", "@3", "out@x", "out@-1", "out@0", "out@inf"])
+@pytest.mark.parametrize("text", ["out", "out@", "@3", "out@x", "out@-1", "out@inf"])
 def test_a_place_has_a_folder_and_a_time(text: str) -> None:
     with pytest.raises(ReplayError, match="takes DIR@SECONDS"):
         parse_place(text)
+    with pytest.raises(ReplayError, match="a time after 0"):
+        parse_place("out@0.0")
     assert parse_place("a@b@12.4s") == (Path("a@b"), 12.4)
 
 
