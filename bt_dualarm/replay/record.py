@@ -576,6 +576,8 @@ class Record:
                 names the file, the error, and what is expected.
         """
         if not folder.is_dir():
+            if folder.is_file():
+                raise ReplayError(f"{folder} is a file; a record is the folder of bt-run --record")
             raise ReplayError(f"there is no folder {folder}")
         if not os.path.lexists(folder / HISTORY):
             raise ReplayError(f"{folder} contains no record: there is no {HISTORY} in it")

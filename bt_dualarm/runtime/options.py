@@ -63,7 +63,10 @@ def find_tree(given: str) -> Path:
     if path.exists():
         raise NoSuchTree(f"{given}: is a pipe or a device, not a tree file")
     names = [tree.stem for tree in sorted(trees.glob("*.yaml"))]
+    beside = [tree.name for tree in sorted(path.parent.glob("*.yaml"))] if "." in given else []
     near = difflib.get_close_matches(name, names, n=1)
+    files = difflib.get_close_matches(path.name, beside, n=1)
+    near = [str(path.with_name(file)) for file in files] or near
     hint = f"did you mean '{near[0]}'?" if near else f"shipped trees: {', '.join(names)}"
     raise NoSuchTree(f"{given}: there is no such file, nor a shipped tree of this name\n  = {hint}")
 

@@ -39,6 +39,7 @@ from bt_dualarm.spec.node_types import (
     is_dynamic,
     is_expression,
     is_unknown,
+    number_in,
     only,
     port,
     reference_of,
@@ -134,6 +135,18 @@ class ParamSpec(Value):
         kinds = {"boolean": "boolean", "pose": "object", "text": "string", "object": "string"}
         return ValueType(kinds.get(self.type, ""))
 
+    def in_unit(self, value: Data) -> Data:
+        """Returns a value with numbers in the place of texts with a unit, ``5 cm``.
+
+        Only for parameters with a ``unit``: durations and angles are converted where they are used.
+        """
+        if self.unit is None:
+            return value
+        if isinstance(value, list):
+            return [self.in_unit(item) for item in value]
+        number = number_in(value, self.unit) if isinstance(value, str) else None
+        return value if number is None else number
+
     def complaints(self, name: str, value: Data) -> list[str]:
         """Returns every reason why ``value`` cannot be the parameter's value."""
         low, high = self.range or (None, None)
@@ -190,7 +203,7 @@ def _declared_one(
             at = (*path, *found.path)
             problems.append(source.problem(at, message, found.hint, key=found.at_key))
         return Misdeclared.of(name)
-    spec = spec.model_copy(update={"default": data.get("default")})
+    spec = spec.model_copy(update={"default": spec.in_unit(data.get("default"))})
     complaints = [] if spec.default is None else spec.complaints(name, spec.default)
     at = (*path, "default")
     problems += [source.problem(at, f"default of {complaint}") for complaint in complaints]
@@ -239,6 +252,7 @@ def _given(name: str, spec: ParamSpec, value: object) -> tuple[Data, list[str]]:
             data, _ = plain(value, "")
         except SpecError as error:
             return unknown(name), [f"{name}: {problem.message}" for problem in error.problems]
+    data = spec.in_unit(data)
     complaints = spec.complaints(name, data)
     return (unknown(name) if complaints else data), complaints
 
@@ -504,7 +518,7 @@ class SubtreeUse:
             return unknown(name)
         if isinstance(spec, Misdeclared):
             return spec.default
-        value = given[name]
+        value = spec.in_unit(given[name])
         if reference_of(value) is None and spec.type == "key":
             message = f"{name}: expected a blackboard key"
             self._add(("params", name), message, f'for example "{{{name}}}"')

@@ -399,7 +399,7 @@ def _typed(name: str, specs: Mapping[str, ParamSpec], values: Values) -> Values:
             return values
         listed: tuple[Data, ...] = values.values()
     else:
-        listed = tuple(_parsed(spec, value) for value in values)
+        listed = tuple(spec.in_unit(_parsed(spec, value)) for value in values)
     if spec.type == "integer":
         listed = tuple(_whole(value) for value in listed)
     _refuse(name, spec, listed)

@@ -185,3 +185,10 @@ def test_a_run_that_is_killed_leaves_all_but_its_last_second(tmp_path: Path, lin
     assert record.end is None
     last = record.events[-1]["time_s"]
     assert last - 1.0 <= record.until <= last + 1.0
+
+
+def test_a_file_is_not_taken_for_a_missing_folder(tmp_path: Path) -> None:
+    tree = tmp_path / "tree.yaml"
+    tree.write_text("bt_dualarm: 1\n")
+    with pytest.raises(ReplayError, match="is a file; a record is the folder of bt-run --record"):
+        Record.read(tree)

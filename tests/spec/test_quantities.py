@@ -107,3 +107,40 @@ def test_a_scene_has_numbers_with_a_unit(tmp_path: Path, skills: Mapping[str, No
 def test_editors_accept_what_the_check_accepts(skills: Mapping[str, NodeType]) -> None:
     schema: Any = json_schema({**LANGUAGE, **skills})
     jsonschema.validate(read_text(TREE, "tree.yaml").data, schema)
+
+
+OF_PARAMETERS = """\
+bt_dualarm: 1
+params:
+  h: {type: number, default: 5 cm, unit: m, range: [0, 0.2]}
+  v: {type: vector, default: [1 cm, 0, 0.02], unit: m}
+subtrees:
+  lift: {params: {by: {type: number, default: 1, unit: m}}, tree: {log: "{by}"}}
+world: {scene: empty}
+arms:
+  arm1:
+    robot: ur5
+    tree:
+      sequence:
+        - log: "{h} {v}"
+        - subtree: {use: lift, params: {by: 3 cm}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("given", "logged"),
+    [({}, "0.05 [0.01,0,0.02]"), ({"h": "8cm", "v": "[2 cm, 0, 1mm]"}, "0.08 [0.02,0,0.001]")],
+)
+def test_values_of_parameters_with_a_unit(given: Mapping[str, object], logged: str) -> None:
+    loaded = load(OF_PARAMETERS, params=given)
+    assert loaded.file is not None, loaded.problems
+    first, second = loaded.file.arms["arm1"].tree.children
+    assert str(first.ports["message"]).replace(" ", "") == logged.replace(" ", "")
+    assert second.children[0].ports["message"] == "0.03"
+
+
+@pytest.mark.parametrize("given", ["5 s", "50 cm", "5"])
+def test_values_of_another_unit_or_beyond_the_range_are_refused(given: str) -> None:
+    loaded = load(OF_PARAMETERS, params={"h": given})
+    assert loaded.file is None
+    assert "parameter h: " in str(loaded.problems[0])
