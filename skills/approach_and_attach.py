@@ -28,6 +28,7 @@ from bt_dualarm import (
 
 _ALONG = 0.7  # cosine above which an axis of the object counts as parallel to the approach
 _SEARCH_M = 0.01  # search beyond the estimated surface, which may lie deeper
+_SEARCH_SPEED = 0.2  # of that of the approach, as the arm is not yet slow when it touches
 _TURNS = np.deg2rad([0, 90, -90, 180, 45, -45, 135, -135])  # about the tool axis, in order
 _BRANCHES = 8  # branches of the inverse kinematics to try for each turn
 
@@ -161,6 +162,27 @@ class ApproachAndAttach(Skill):
             yield 0.7 + 0.3 * motion.progress
             self.arm.check()
         yield from self.arm.halt()
+        yield from self._settle_on_contact()
+        if self.ports.contact and not self._touching():
+            yield from self._search(compliant)
+
+    def _search(self, compliant: bool) -> Iterator[float | None]:
+        """Move on to the surface, if it lies a little deeper than it did when this was planned."""
+        if self._gap() > self.ports.proximity:
+            return
+        arm = self.arm
+        touched = frozenset({self._name})
+        try:
+            rows = arm.line_on(arm.commanded_tool_pose @ Pose.from_rpy((0, 0, _SEARCH_M)))
+            arm.refuse_collision_along(rows, ignore=touched)
+        except Failure:
+            return  # the leaf fails because nothing was touched
+        speed = _SEARCH_SPEED * self.ports.approach_speed
+        motion = arm.begin(arm.time_path(rows, speed), may_touch=True, compliant=compliant)
+        while not motion.done and not self._touching():
+            yield 1.0
+            arm.check()
+        yield from arm.halt()
         yield from self._settle_on_contact()
 
     def _retreat(self, approach: Approach) -> Iterator[float]:

@@ -307,7 +307,8 @@ def _overload(robot: Robot, joint: int, torque: float) -> Failure:
     return Failure(
         "OVERLOADED",
         f"joint {robot.joints[joint]} would need {torque:.3g} N m to hold the arm at rest; "
-        f"its limit is {effort:.3g} N m",
+        f"its limit is {effort:.3g} N m"
+        + (f", of which {EFFORT_SHARE:.0%} may be planned with" if torque <= effort else ""),
         joint=robot.joints[joint],
         torque_nm=torque,
         effort_nm=effort,

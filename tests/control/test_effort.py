@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bt_dualarm.control.dynamics import EFFORT_SHARE, ArmDynamics, within_efforts
+from bt_dualarm.control.dynamics import EFFORT_SHARE, ArmDynamics, refuse_overload, within_efforts
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.robots.robot import Robot
@@ -88,3 +88,13 @@ def test_what_a_joint_cannot_bear_is_refused_with_the_joint() -> None:
     assert refusal.value.code == "OVERLOADED"
     assert refusal.value.numbers["effort_nm"] == 12.0
     assert float(refusal.value.numbers["torque_nm"]) > 12.0
+
+
+def test_a_torque_below_the_limit_is_refused_with_the_share_that_counts() -> None:
+    """'Would need 48.5 N m; its limit is 50 N m' contradicted itself."""
+    robot = load_robot("ur5")
+    with pytest.raises(Failure, match=r"of which 95% may be planned with"):
+        refuse_overload(0.97 * robot.limits.effort[None], robot)
+    with pytest.raises(Failure) as refusal:
+        refuse_overload(1.2 * robot.limits.effort[None], robot)
+    assert "may be planned" not in refusal.value.reason

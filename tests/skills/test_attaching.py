@@ -156,3 +156,14 @@ def test_an_open_thing_is_attached_at_its_edge(robot: str, shape: str, stage: St
     play = stage.run(file)
     assert play.arm().outcome == "SUCCESS", play.arm().runs
     assert play.leaf("approach_and_attach").metrics["gap_m"] < 0.0
+
+
+@pytest.mark.parametrize("robot", ["ur5", "panda"])
+def test_what_has_settled_a_little_deeper_is_touched(robot: str, stage: Stage) -> None:
+    """It falls by 3 mm after the approach was planned, which ends 2 mm below its surface."""
+    thing = CUBE | {"pose": {"xyz": [0.40, -0.40, 0.428]}}
+    arm = {"robot": robot, "base": {"xyz": [0, 0, 0.4]}}
+    file = Scenario({"cube": thing}, arm=arm, scene="table").file(PICK)
+    play = stage.run(file)
+    assert play.arm().outcome == "SUCCESS", play.arm().runs
+    assert play.leaf("approach_and_attach").metrics["gap_m"] < 0.0
