@@ -306,7 +306,10 @@ _COMPARED: Final = {
     "less_than_equal": ("le", "at most"),
 }
 _OTHER_UNIT: Final = 5
-"""Least number beyond a bound that seems to be one of millimeters, percent or parts of 255."""
+"""Least number beyond a bound that seems to be one of millimeters or parts of 255."""
+
+_PERCENT: Final = 10
+"""Least number beyond a share of 1 that seems to be one of percent."""
 
 _COUNTED: Final = {
     "too_long": ("most", "max_length", "item"),
@@ -526,7 +529,8 @@ class _Explainer:
             return ""
         if "color" in details["loc"]:
             return f"from 0 to 1: {given / 255:.3g}, if {given:g} of 255 is meant"
-        return f"as a share: {given / 100:g}, if {given:g} % is meant" if given <= 100 else ""
+        is_percent = _PERCENT <= given <= 100
+        return f"as a share: {given / 100:g}, if {given:g} % is meant" if is_percent else ""
 
     def _nearest_choice(self, found: Sequence[ErrorDetails]) -> str:
         choices = [choice for details in found for choice in _choices(details)]
