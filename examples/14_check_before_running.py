@@ -8,7 +8,7 @@ Prints::
           |            ^^^^
           = did you mean 'ur5'?
     ...
-    ["did you mean 'ur5'?", "did you mean 'posture'?"]
+    ["did you mean 'ur5'?", "did you mean 'posture'?", 'in meters: 0.08, if 80 mm are meant']
     refused: 4 problems
 """
 
