@@ -9,6 +9,7 @@ Prints::
     <text>:8:27: error: square: side: must be at most 0.5 m, not 12
         8 |     tree: {square: {side: 12, speed: 0.5}}
           |                           ^^
+          = in meters: 0.012, if 12 mm are meant
 """
 
 import numpy as np
