@@ -184,9 +184,12 @@ def test_an_arm_does_not_wait_for_one_that_waits_for_it() -> None:
 def test_an_arm_that_waits_moves_aside_and_comes_back(waits: str) -> None:
     """It ended with DEADLOCK, although nothing but the waiting arm was in the way."""
     after = [{"meet": "both"}] if waits == "meet" else [{"await": "done"}]
-    then = [{"go_home": {"speed": 0.8}}, *([{"signal": "done"}] if waits == "await" else [])]
+    then: list[Any] = [
+        {"go_home": {"speed": 0.8}},
+        *([{"signal": "done"}] if waits == "await" else []),
+    ]
     with bt.open(_covered(after, then)) as run:
-        tools = []
+        tools = list[Any]()
         while not tools or run.trees["there"].status == "RUNNING":
             run.step(0.1)
             tools.append(run.arms["there"].tool_pose.position)
@@ -194,6 +197,9 @@ def test_an_arm_that_waits_moves_aside_and_comes_back(waits: str) -> None:
     assert result.outcome == "SUCCESS"
     reached, waited = result.arms["there"].runs
     home = result.arms["late"].runs[2]
+    assert waited.ended_s is not None
+    assert home.ended_s is not None
+    assert reached.ended_s is not None
     assert waited.ended_s > home.ended_s > reached.ended_s
     moved = np.linalg.norm(np.array(tools) - [0.0, 0.0, 0.4], axis=1)
     assert moved[len(moved) // 2 :].max() > 0.08

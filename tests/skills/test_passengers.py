@@ -320,11 +320,12 @@ def test_an_arm_sets_something_on_what_another_one_holds(
 ) -> None:
     """It waited for the other arm to leave (DEADLOCK), or pressed the carrier down (NO_CONTACT)."""
     y = -0.45
-    shape, half, floor = {
+    kinds: dict[str, tuple[Tree, float, float]] = {
         "tray": ({"shape": "tray", "size": [0.30, 0.16, 0.03], "mass": 0.06}, 0.015, -0.012),
         "board": ({"shape": "box", "size": [0.34, 0.06, 0.03], "mass": 0.2}, 0.015, 0.015),
         "bin": ({"shape": "bin", "size": [0.26, 0.14, 0.05], "mass": 0.06}, 0.025, -0.022),
-    }[kind]
+    }
+    shape, half, floor = kinds[kind]
     end = -0.5 * shape["size"][0]
     rests = {"xyz": [-0.12, y, TOP + half]}
     mass, inward = (0.3, 0.03) if kind == "board" else (0.12, 0.0)
