@@ -30,7 +30,8 @@ class GoHome(Skill):
         """Plan, move, measure the error."""
         arm = self.arm
         home = arm.posture("home")
-        passengers = passengers_to(arm, arm.kinematics.forward(home))
+        at_home = arm.kinematics.forward(home)
+        passengers = passengers_to(arm.world, arm.name, arm.commanded_tool_pose, at_home)
         yield from arm.travel([home], self.ports.speed, planner=self.ports.planner)
         error = np.abs(arm.q - home)
         self.metrics["joint_error_rad"] = float(error.max())

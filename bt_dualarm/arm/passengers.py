@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
@@ -20,9 +20,6 @@ from bt_dualarm.sim.passengers import Passenger
 from bt_dualarm.sim.world import World
 from bt_dualarm.trajectory.set_points import at_scale
 from bt_dualarm.trajectory.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from bt_dualarm.arm.arm import Arm
 
 STEADY: Final = 0.6
 """Fraction of the slope on which a passenger would slide or tip up to which it is carried."""
@@ -228,25 +225,26 @@ class PassengerCheck:
             )
 
 
-def passengers_to(arm: Arm, tool: Pose) -> list[PassengerCheck]:
+def passengers_to(world: World, arm: str, now: Pose, then: Pose) -> list[PassengerCheck]:
     """Checks of what rides on the objects that an arm holds, for a motion that is to keep it there.
 
     Args:
-        arm: Arm that will move.
-        tool: Pose of its tool in the world at the end.
+        world: World that the arm is in.
+        arm: Name of the arm that will move.
+        now: Pose of its tool in the world.
+        then: The same at the end.
 
     Raises:
         Failure: ``SPILLED``, if something would not stay there with the tool at that pose.
     """
-    world = arm.world
     found = list[PassengerCheck]()
     for held in world.attachments:
-        upon = world.passengers_of(held.object) if held.arm == arm.name else ()
+        upon = world.passengers_of(held.object) if held.arm == arm else ()
         if not upon:
             continue
-        in_tool = arm.robot.tool.inverse @ held.relative
-        lies = tool @ in_tool
-        stands_now = stands_at(world, held.object, arm.commanded_tool_pose @ in_tool)
+        in_tool = world.robots[arm].tool.inverse @ held.relative
+        lies = then @ in_tool
+        stands_now = stands_at(world, held.object, now @ in_tool)
         if stands_now and not stands_at(world, held.object, lies):
             raise Failure(
                 "SPILLED",
