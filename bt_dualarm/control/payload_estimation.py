@@ -85,6 +85,12 @@ _KNOWN_SHARE: Final = 0.3
 _KNOWN_KG: Final = 0.05
 """Absolute deviation below which a mass is reported, kg."""
 
+_OUTLIER: Final = 3.0
+"""Deviations from the expected value beyond which a measurement has less weight."""
+
+_EXPECTED_FOR: Final = 5
+"""Windows for which an expectation is kept."""
+
 _CHANGED: Final = 0.5
 """Change, in deviations, after which a mass is reported again."""
 
@@ -434,6 +440,10 @@ class ParameterEstimate:
     Each parameter is scaled by its prior standard deviation: its prior is normal with mean 0 and
     deviation 1.
 
+    Measurements far from what is expected count less, as in robust filters (Masreliez and Martin,
+    IEEE Trans. Autom. Control 1977): an arm that rubs against something would otherwise take that
+    for friction or weight, and be sure of it.
+
     Args:
         count: Initial number of parameters.
     """
@@ -441,6 +451,9 @@ class ParameterEstimate:
     def __init__(self, count: int) -> None:
         self._information = np.eye(count)
         self._vector = np.zeros(count)
+        self._mean = np.zeros(count)
+        self._covariance = np.eye(count)
+        self._age = 0  # measurements since mean and covariance were computed; 0 to compute them
 
     def measure(self, columns: Matrix, values: Vector, weights: Vector) -> None:
         """Add measurements ``values = columns @ parameters + noise``.
@@ -450,6 +463,13 @@ class ParameterEstimate:
             values: Measured values, of shape (n,).
             weights: Inverse variance of each, of shape (n,).
         """
+        if self._age == 0:
+            self._covariance = np.asarray(np.linalg.inv(self._information), dtype=np.float64)
+            self._mean = self._covariance @ self._vector
+        self._age = (self._age + 1) % _EXPECTED_FOR
+        spread = 1.0 / weights + np.einsum("ij,ij->i", columns @ self._covariance, columns)
+        surprise = np.abs(values - columns @ self._mean) / np.sqrt(spread)
+        weights = weights * np.square(_OUTLIER / np.maximum(surprise, _OUTLIER))
         weighted = columns.T * weights
         self._information += weighted @ columns
         self._vector += weighted @ values
@@ -461,6 +481,7 @@ class ParameterEstimate:
         self._information = np.eye(size)
         self._information[: len(old), : len(old)] = old
         self._vector = np.concatenate((self._vector, np.zeros(count)))
+        self._age = 0
 
     def drop(self, first: int, count: int) -> None:
         """Marginalize parameters: what they imply about the others is kept (Schur complement)."""
@@ -468,6 +489,7 @@ class ParameterEstimate:
         gone[first : first + count] = True
         shared = self._information[np.ix_(~gone, gone)]
         gain = np.linalg.solve(self._information[np.ix_(gone, gone)], shared.T).T
+        self._age = 0
         self._vector = self._vector[~gone] - gain @ self._vector[gone]
         self._information = self._information[np.ix_(~gone, ~gone)] - gain @ shared.T
 

@@ -41,3 +41,19 @@ def test_what_is_dropped_has_told_what_it_knew_of_the_others() -> None:
     assert dropped.marginal(0, 4)[0] == pytest.approx(mean[rest])
     assert dropped.marginal(0, 4)[1] == pytest.approx(covariance[np.ix_(rest, rest)])
     assert [one.item() for one in dropped.marginal(4, 1)] == [0.0, 1.0]
+
+
+def test_what_is_far_from_expected_hardly_counts() -> None:
+    """An arm that rubs against something is not weighed by that: it believed in 3 kg too much."""
+    rng = np.random.default_rng(3)
+    columns = rng.normal(size=(400, 4))
+    truth = rng.normal(size=4)
+    values = columns @ truth + 0.1 * rng.normal(size=400)
+    rubs = slice(200, 300)
+    values[rubs] += 3.0 * np.sign(columns[rubs, 0])  # 30 deviations, always in the same sense
+    beliefs = ParameterEstimate(4)
+    for part in np.split(np.arange(400), 80):
+        beliefs.measure(columns[part], values[part], np.full(5, 100.0))
+    mean, covariance = beliefs.marginal(0, 4)
+    assert mean == pytest.approx(truth, abs=0.05), "least squares are off by 0.6"
+    assert np.sqrt(np.diag(covariance)).max() < 0.01
