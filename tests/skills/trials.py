@@ -379,6 +379,14 @@ GIVE_BACK: Tree = {"object": "cube", "to": "arm1"}
 TAKES_FROM: Tree = {"take_over": {"object": "cube", "from": "arm2"}}
 HELD: tuple[Tree, ...] = (GRASP,)
 SELF: tuple[Tree, ...] = ({"set": {"key": "who", "value": "arm1"}},)
+LOADED_BAR: Tree = {
+    "objects": ON_SHELF
+    | {
+        "cube": ON_SHELF["cube"]
+        | {"size": [0.24, 0.05, 0.03], "pose": {"xyz": [0.35, -0.4, 0.215]}},
+        "rider": RIDER | {"size": [0.02, 0.02, 0.02], "pose": {"xyz": [0.35, -0.4, 0.24]}},
+    }
+}
 IN_TAKER = CUBE | {"fixed": True, "pose": {"xyz": [0.743, 0, 0.487]}}
 """Between the fingers of the taker where it begins."""
 
@@ -523,6 +531,12 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("go_home", "NO_PLAN"): Trial(
         {"go_home": {}},
         {"arm": SCENARIOS["reach_to_pose"].arm, "objects": HALVES, "before": (MIRRORED, *SPLIT)},
+        moves=True,
+    ),
+    ("go_home", "SPILLED"): Trial(
+        {"go_home": {}},
+        GRASPED | LOADED | {"scene": "table"},
+        ((3.8, steals("rider")),),
         moves=True,
     ),
     **moving("go_home", {"go_home": {}}, 0.5),
@@ -766,6 +780,8 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ),
     ("hand_over", "NOT_TAKEN"): Trial(GIVE, deeds=((8.9, presses("cube", 12.0)),), moves=True),
     ("hand_over", "NOT_OPEN"): Trial(GIVE, deeds=((8.9, jams),), moves=True),
+    ("hand_over", "SPILLED"): Trial(GIVE, LOADED_BAR, ((4.5, steals("rider")),), moves=True),
+    ("take_over", "SPILLED"): Trial(TAKES_FROM, LOADED_BAR, ((10.5, steals("rider")),), moves=True),
     ("take_over", "GRIPPER_FULL"): Trial(
         TAKES_FROM,
         {"before": (TAKE,), "objects": ON_SHELF | {"other": IN_TAKER}},
