@@ -1030,7 +1030,8 @@ class SettingDown:
             and abs(axes[2, 1]) < _HORIZONTAL
         ):
             found.append(_RetreatTo(_raised(tool, asked), comes_free * asked, by_object=True))
-        shortest = _BESIDE_M + _SPARE_M - _distance_beyond(arm, self._name, self._in_tool)
+        beyond = _distance_beyond(arm, self._name, self._in_tool)
+        shortest = _SPARE_M + max(_BESIDE_M - beyond, 0.0)
         if shortest < asked:
             found.append(_RetreatTo(tool @ Pose.from_rpy((0.0, 0.0, -shortest)), shortest))
         return found
