@@ -1461,14 +1461,14 @@ class MoveTo:
 
     def blockers(self, refusal: Failure) -> frozenset[str]:
         """Names of the arms that are, themselves or with what they hold, or may be, the reason."""
-        attempts = refusal.__cause__
         neighbors = frozenset(self.arm.controller.neighbors)
-        if isinstance(attempts, ExceptionGroup):
-            refusals = (one for one in attempts.exceptions if isinstance(one, Failure))
-            return frozenset().union(*(self.blockers(one) for one in refusals))
-        if not isinstance(refusal, CollisionFailure):
-            return neighbors if refusal.code == "NO_PLAN" else frozenset()
-        return neighbors & {self.arm.world.arm_of(refusal.obstacle)}
+        found = set[str]()
+        for one in _reasons(refusal):
+            if isinstance(one, CollisionFailure):
+                found.add(self.arm.world.arm_of(one.obstacle))
+            elif one.code == "NO_PLAN":
+                return neighbors
+        return neighbors & found
 
     def _when_clear(
         self, attempt: Callable[[], Generator[None, None, _Found]], until: float
@@ -1492,7 +1492,7 @@ class MoveTo:
                 found = yield from attempt()
             except Failure as refusal:
                 blockers = self.blockers(refusal)
-                theirs = _by(blockers, refusal, arm)
+                theirs = _collisions_with(blockers, refusal, arm)
                 why = theirs[0].reason if theirs else refusal.reason
                 if blockers <= staying or arm.time > until:
                     if not _is_without_plan(refusal):
@@ -1622,21 +1622,26 @@ class MoveTo:
                 raise
 
 
-def _by(blockers: frozenset[str], refusal: Failure, arm: Arm) -> list[CollisionFailure]:
-    """Collisions with other arms among a failure of an arm and those that caused it."""
+def _reasons(refusal: Failure) -> Iterator[Failure]:
+    """The failures of all attempts that made one fail; itself, if there was a single attempt."""
     attempts = refusal.__cause__
-    if isinstance(attempts, ExceptionGroup):
-        refusals = [one for one in attempts.exceptions if isinstance(one, Failure)]
-        return [found for one in refusals for found in _by(blockers, one, arm)][:_MOST_WANTED]
-    if not isinstance(refusal, CollisionFailure):
-        return []
-    return [refusal] if arm.world.arm_of(refusal.obstacle) in blockers else []
+    if not isinstance(attempts, ExceptionGroup):
+        yield refusal
+        return
+    for one in attempts.exceptions:
+        if isinstance(one, Failure):
+            yield from _reasons(one)
+
+
+def _collisions_with(
+    blockers: frozenset[str], refusal: Failure, arm: Arm
+) -> list[CollisionFailure]:
+    """Collisions with other arms, or what they hold, among the reasons of a failure."""
+    found = (one for one in _reasons(refusal) if isinstance(one, CollisionFailure))
+    met = (one for one in found if arm.world.arm_of(one.obstacle) in blockers)
+    return list(itertools.islice(met, _MOST_WANTED))
 
 
 def _is_without_plan(refusal: Failure) -> bool:
     """Whether a search without success is the reason of a failure, or one of several reasons."""
-    attempts = refusal.__cause__
-    if isinstance(attempts, ExceptionGroup):
-        found = (one for one in attempts.exceptions if isinstance(one, Failure))
-        return any(_is_without_plan(one) for one in found)
-    return refusal.code == "NO_PLAN"
+    return any(one.code == "NO_PLAN" for one in _reasons(refusal))

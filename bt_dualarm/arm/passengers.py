@@ -74,10 +74,12 @@ def stands_at(world: World, thing: str, pose: Pose) -> bool:
         thing: Name of the held object.
         pose: Pose of the object in the world, at rest.
     """
-    return all(
-        _tilt(pose, one) <= math.atan(steepest(world, thing, one))
-        for one in world.passengers_of(thing)
-    )
+    return all(_stands(world, thing, one, pose) for one in world.passengers_of(thing))
+
+
+def _stands(world: World, thing: str, one: Passenger, pose: Pose) -> bool:
+    """Whether a passenger stays where it is on a held object at a pose in the world."""
+    return _tilt(pose, one) <= math.atan(steepest(world, thing, one))
 
 
 def _others(world: World, thing: str, one: Passenger) -> Iterator[str]:
@@ -198,7 +200,7 @@ class PassengerCheck:
         self._names = [
             one.object
             for one in world.passengers_of(thing)
-            if all(_tilt(goal, one) <= math.atan(steepest(world, thing, one)) for goal in goals)
+            if all(_stands(world, thing, one, goal) for goal in goals)
         ]
 
     def refuse_spilled(self) -> None:
