@@ -25,15 +25,14 @@ from scipy.interpolate import CubicSpline
 
 from benchmarks.campaign import Campaign, add_options
 from benchmarks.following_trial import LOOKS
-from benchmarks.measured_robots import MEASURED
-from benchmarks.track_anything import CAMERAS, MOTIONS, Case, Course, cases, course
+from benchmarks.track_anything import MOTIONS, Case, Course, add_case_options, cases, course
 from benchmarks.vantage import BASE, Vantage, vantage
 from bt_dualarm.control.planar_servo import PlanarServo, PlaneTarget, plane_limits
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.perception.target_filter import DualFilterEstimate
-from bt_dualarm.robots.robot_description import load_robot, robot_names
+from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.skill.tracking import servo_gains
 from bt_dualarm.spec.values import Plane
 from bt_dualarm.trajectory.set_points import SetPoint
@@ -126,13 +125,7 @@ def _rms(vectors: Matrix) -> float:
 def main(arguments: list[str]) -> int:
     """Print a line for each trial, then medians and 95th percentiles."""
     parser = argparse.ArgumentParser(description="the servo law alone")
-    parser.add_argument("--trials", type=int, default=40)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--robot", nargs="+", default=list(MEASURED), choices=robot_names())
-    parser.add_argument("--motion", nargs="+", default=list(MOTIONS[:6]), choices=MOTIONS)
-    parser.add_argument("--plane", nargs="+", default=list(LOOKS), choices=list(LOOKS))
-    parser.add_argument("--camera", nargs="+", default=list(CAMERAS))
-    parser.add_argument("--share", type=float, default=0.8)
+    add_case_options(parser, MOTIONS, default=MOTIONS[:6])
     add_options(parser)
     asked = parser.parse_args(arguments)
     asked.reality = ["ideal"]

@@ -22,7 +22,7 @@ import itertools
 import sys
 import tempfile
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
@@ -205,6 +205,41 @@ class _Carrier(IdleObserver):
             model.body_quat[body] = (np.cos(0.5 * angle), *(np.sin(0.5 * angle) * normal))
         tool = self.world.arms["arm1"].tool_pose.position
         self.rows.append((time, *tool.tolist(), *(self.place + at @ self.curve).tolist()))
+
+
+def add_case_options(
+    parser: argparse.ArgumentParser, motions: Sequence[str], default: Sequence[str]
+) -> None:
+    """Add what `cases` reads, but for ``reality`` and ``free``."""
+    parser.add_argument("--trials", type=int, default=40)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--robot", nargs="+", default=list(MEASURED), choices=robot_names())
+    parser.add_argument("--motion", nargs="+", default=list(default), choices=motions)
+    parser.add_argument("--plane", nargs="+", default=list(LOOKS), choices=list(LOOKS))
+    parser.add_argument(
+        "--camera", nargs="+", type=_camera, default=list(CAMERAS), metavar="FPS/MS"
+    )
+    parser.add_argument(
+        "--share",
+        type=float,
+        nargs="+",
+        default=[0.8],
+        help="fraction of the follower's speed; of two, at random between them",
+    )
+
+
+def _camera(text: str) -> str:
+    """Check the frame rate and the latency of a camera, as ``60/20``."""
+    fps, _, latency = text.partition("/")
+    try:
+        possible = float(fps) > 0.0 and float(latency) >= 0.0
+    except ValueError:
+        possible = False
+    if not possible:
+        raise argparse.ArgumentTypeError(
+            f"{text!r}: frames a second and latency in ms are expected, as in 60/20"
+        )
+    return text
 
 
 def cases(asked: argparse.Namespace) -> Iterator[Case]:
@@ -480,6 +515,8 @@ def summary(results: list[tuple[Case, Found]]) -> Iterator[str]:
             f"{least:8.2f}  {said}"
         )
     every = [one for _, one in results]
+    if not every:
+        return
     yield f"SUCCESS with a true RMS above max_error: {sum(map(_is_false, every))}"
     worse = sum(one.code == "SUCCESS" and one.rms > one.allowed for one in every)
     yield f"the same during the motion alone, without the rests: {worse}"
@@ -503,22 +540,8 @@ def summary(results: list[tuple[Case, Found]]) -> Iterator[str]:
 def main(arguments: list[str]) -> int:
     """Print the tables; exit code 1 for a false SUCCESS or a run that did not end."""
     parser = argparse.ArgumentParser(description="following any motion")
-    parser.add_argument("--trials", type=int, default=40)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--robot", nargs="+", default=list(MEASURED), choices=robot_names())
-    parser.add_argument(
-        "--motion", nargs="+", default=list(MOTIONS), choices=(*MOTIONS, COMES_TO_REST)
-    )
-    parser.add_argument("--plane", nargs="+", default=list(LOOKS), choices=list(LOOKS))
+    add_case_options(parser, (*MOTIONS, COMES_TO_REST), default=MOTIONS)
     parser.add_argument("--reality", nargs="+", default=["lab", "rough"])
-    parser.add_argument("--camera", nargs="+", default=list(CAMERAS))
-    parser.add_argument(
-        "--share",
-        type=float,
-        nargs="+",
-        default=[0.8],
-        help="fraction of the follower's speed; of two, at random between them",
-    )
     parser.add_argument("--free", action="store_true", help="curves in space, followed in space")
     parser.add_argument("--lines", action="store_true", help="print each trial")
     add_options(parser)
