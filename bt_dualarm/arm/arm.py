@@ -103,12 +103,6 @@ _THOROUGH = (4, 16, 64)
 _STEPS_BACK_M = (0.15, 0.08, 0.04)
 """Lengths of a straight motion out of a narrow place, tried in this order, m."""
 
-_ASIDE_M = (0.1, 0.15, 0.2, 0.3, 0.4)
-"""Lengths of a straight motion of an arm that waits, to let another one pass, m."""
-
-_LEAST_DIRECTION = 0.1  # length of a sum of unit vectors below which they cancel each other
-_ELSEWHERE_RAD = 0.05  # difference of two configurations that are places of their own
-_WAYS_ASIDE = 4  # lines that are tried where the guard stops the arm at once
 _MOST_WANTED = 12  # configurations of a blocked arm by which another one chooses where to go
 
 _RELAXATIONS = 4
@@ -1362,94 +1356,6 @@ class MoveTo:
         """
         if self.traffic.is_in_the_way(self.arm.name):
             yield from self._yield_to_others()
-
-    def make_room(
-        self, other: str, places: Sequence[Vector]
-    ) -> Generator[float | None, None, bool]:
-        """Move the tool straight aside, not turned, to let a blocked arm pass; once per tick.
-
-        For an arm that waits for something else, with or without an object in its hand. It goes
-        where most of what the other arm was to do becomes possible, and not far.
-
-        Args:
-            other: Name of the arm to let pass.
-            places: Configurations of shape (dof,), rad, in which this arm is in its way.
-
-        Returns:
-            Whether the arm has moved.
-
-        Raises:
-            Failure: As motions.
-        """
-        arm = self.arm
-        if other not in arm.world.arms or not self._may_leave():
-            return False
-        start = arm.setpoint.q
-        for rows in itertools.islice(self._ways_aside(other, places), _WAYS_ASIDE):
-            try:
-                motion = arm.time_path(rows, self.speed)
-                yield from arm.follow(motion, self.ignore, BACKOFF_S[0])
-            except Failure as failure:
-                if failure.code not in _WAITS_ON:
-                    raise
-                yield from arm.halt()
-            if float(np.abs(arm.setpoint.q - start).max()) >= _ELSEWHERE_RAD:
-                return True
-        return False
-
-    def _may_leave(self) -> bool:
-        """Whether the arm is free to move: its hand and what it holds touch nothing else."""
-        arm = self.arm
-        world = arm.world
-        carriers = {one.carrier for one in world.attachments}
-        for thing in arm.held:
-            if world.objects[thing].joint is not None or len(world.attachments.holders(thing)) > 1:
-                return False
-            if thing in carriers:  # another arm takes something from it, or places it there
-                return False
-        return not self.traffic.followers(arm.name) and not arm.checker(self.ignore).is_touching
-
-    def _ways_aside(self, other: str, places: Sequence[Vector]) -> Iterator[Matrix]:
-        """Straight lines of the tool, configurations of shape (n, dof), rad, the best one first."""
-        arm = self.arm
-        here = arm.commanded_tool_pose
-        up = np.array((0.0, 0.0, 1.0))
-        away = here.position - arm.tool_pose_of(other).position
-        back = arm.kinematics.base.position - here.position
-        wanted = self.traffic.wanted_by(other)
-        body = arm.world.arms[other]
-        checker = arm.checker(self.ignore)
-        there = arm.checker(self.ignore)
-        found = list[tuple[bool, int, float, int, Matrix]]()
-        apart = away / max(float(np.linalg.norm(away)), 1e-9)
-        level = [np.array((*one[:2], 0.0)) for one in (away, back)]
-        sides = [one / max(float(np.linalg.norm(one)), 1e-9) for one in level]
-        for direction in (up, *sides, *(one + up for one in sides), sides[0] + sides[1]):
-            length = float(np.linalg.norm(direction))
-            if length < _LEAST_DIRECTION:
-                continue
-            for away_m in _ASIDE_M:
-                shift = away_m / length * direction
-                try:
-                    rows = arm.line_on(Pose(here.position + shift, here.quaternion))
-                except Failure:
-                    break  # nor can it go farther
-                if checker.first_contact(rows) is not None:
-                    break
-                if any(float(np.abs(rows[-1] - one).max()) < _ELSEWHERE_RAD for one in places):
-                    continue
-                free = 0
-                for q in wanted:
-                    there.move_other(body, q)
-                    free += there.free(rows[-1])
-                if free or not wanted:
-                    # The guard lets no arm come nearer to another one that is already near.
-                    toward = float(shift @ apart) < 0.0
-                    # Without any hint the farthest place is the best one.
-                    cost = away_m if wanted else -float(shift @ apart)
-                    found.append((toward, -free, cost, len(found), rows))
-        for *_, rows in sorted(found, key=lambda one: one[:4]):
-            yield rows
 
     def may_clear(self, refusal: Failure) -> bool:
         """Whether another arm, or what it holds, is or may be the reason of a failure."""

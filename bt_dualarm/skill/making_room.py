@@ -7,12 +7,16 @@ holds a part of a fixture, or whose hand or held object touches something, stays
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import itertools
+from collections.abc import Generator, Iterator, Sequence
 from typing import Final
 
-from bt_dualarm.arm.arm import Arm
+import numpy as np
+
+from bt_dualarm.arm.arm import Arm, MoveTo
+from bt_dualarm.arm.state import BACKOFF_S
 from bt_dualarm.core.errors import Failure
-from bt_dualarm.core.pose import Vector
+from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.skill.cell import CellState, CellWait
 
 ASIDES: Final = 3
@@ -20,6 +24,14 @@ ASIDES: Final = 3
 
 _SPEED: Final = 0.4  # fraction of the arm's limits
 _LOST: Final = ("IN_COLLISION", "NO_PLAN", "TIMED_OUT", "DEADLOCK")
+_STOPPED: Final = ("IN_COLLISION", "TIMED_OUT", "NO_PLAN")  # on the way aside: try another one
+
+_ASIDE_M: Final = (0.1, 0.15, 0.2, 0.3, 0.4)
+"""Lengths of the straight motion aside, m."""
+
+_LEAST_DIRECTION: Final = 0.1  # length of a sum of unit vectors below which they cancel each other
+_ELSEWHERE_RAD: Final = 0.05  # difference of two configurations that are places of their own
+_LINES_ASIDE: Final = 4  # lines that are tried where the guard stops the arm at once
 
 
 class WaitingPlace:
@@ -49,7 +61,7 @@ class WaitingPlace:
         """
         arm = self._arm
         self._places.append(arm.setpoint.q.copy())
-        moving = arm.past_others(_SPEED).make_room(wait.asked_by, self._places)
+        moving = move_aside(arm.past_others(_SPEED), wait.asked_by, self._places)
         moved = False
         try:
             while True:
@@ -86,3 +98,95 @@ class WaitingPlace:
                 f"{self._arm.name} moved aside for {self._for} while it waited, and cannot return: "
                 f"{failure.reason}",
             ) from failure
+
+
+def move_aside(
+    move: MoveTo, other: str, places: Sequence[Vector]
+) -> Generator[float | None, None, bool]:
+    """Move the tool straight aside, not turned, to let a blocked arm pass; yields once per tick.
+
+    The arm, with or without an object in its hand, goes where most of what the other arm was to do
+    becomes possible, and not far.
+
+    Args:
+        move: Motions of the leaf that waits.
+        other: Name of the arm to let pass.
+        places: Configurations of shape (dof,), rad, in which this arm is in its way.
+
+    Returns:
+        Whether the arm has moved.
+
+    Raises:
+        Failure: As motions.
+    """
+    arm = move.arm
+    if other not in arm.world.arms or not _is_free_to_move(move):
+        return False
+    start = arm.setpoint.q
+    for rows in itertools.islice(_lines_aside(move, other, places), _LINES_ASIDE):
+        try:
+            motion = arm.time_path(rows, move.speed)
+            yield from arm.follow(motion, move.ignore, BACKOFF_S[0])
+        except Failure as failure:
+            if failure.code not in _STOPPED:
+                raise
+            yield from arm.halt()
+        if float(np.abs(arm.setpoint.q - start).max()) >= _ELSEWHERE_RAD:
+            return True
+    return False
+
+
+def _is_free_to_move(move: MoveTo) -> bool:
+    """Whether hand and held objects touch nothing else, and no other arm depends on this one."""
+    arm = move.arm
+    world = arm.world
+    carriers = {one.carrier for one in world.attachments}
+    for thing in arm.held:
+        if world.objects[thing].joint is not None or len(world.attachments.holders(thing)) > 1:
+            return False
+        if thing in carriers:  # another arm takes something from it, or places it there
+            return False
+    return not move.traffic.followers(arm.name) and not arm.checker(move.ignore).is_touching
+
+
+def _lines_aside(move: MoveTo, other: str, places: Sequence[Vector]) -> Iterator[Matrix]:
+    """Straight lines of the tool, configurations of shape (n, dof), rad, the best one first."""
+    arm = move.arm
+    here = arm.commanded_tool_pose
+    up = np.array((0.0, 0.0, 1.0))
+    away = here.position - arm.tool_pose_of(other).position
+    back = arm.kinematics.base.position - here.position
+    wanted = move.traffic.wanted_by(other)
+    body = arm.world.arms[other]
+    checker = arm.checker(move.ignore)
+    there = arm.checker(move.ignore)
+    found = list[tuple[bool, int, float, int, Matrix]]()
+    apart = away / max(float(np.linalg.norm(away)), 1e-9)
+    level = [np.array((*one[:2], 0.0)) for one in (away, back)]
+    sides = [one / max(float(np.linalg.norm(one)), 1e-9) for one in level]
+    for direction in (up, *sides, *(one + up for one in sides), sides[0] + sides[1]):
+        length = float(np.linalg.norm(direction))
+        if length < _LEAST_DIRECTION:
+            continue
+        for away_m in _ASIDE_M:
+            shift = away_m / length * direction
+            try:
+                rows = arm.line_on(Pose(here.position + shift, here.quaternion))
+            except Failure:
+                break  # nor can it go farther
+            if checker.first_contact(rows) is not None:
+                break
+            if any(float(np.abs(rows[-1] - one).max()) < _ELSEWHERE_RAD for one in places):
+                continue
+            free = 0
+            for q in wanted:
+                there.move_other(body, q)
+                free += there.free(rows[-1])
+            if free or not wanted:
+                # The guard lets no arm come nearer to another one that is already near.
+                toward = float(shift @ apart) < 0.0
+                # Without any hint the farthest place is the best one.
+                cost = away_m if wanted else -float(shift @ apart)
+                found.append((toward, -free, cost, len(found), rows))
+    for *_, rows in sorted(found, key=lambda one: one[:4]):
+        yield rows
