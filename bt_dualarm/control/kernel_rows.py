@@ -151,6 +151,9 @@ POSTURE_BANDWIDTH: Final = 4.0
 BRAKING_BANDWIDTH: Final = 8.0
 """Bandwidth with which the tool comes to rest when it has no target, rad/s."""
 
+FADE_JERK: Final = 0.5
+"""Fraction of the plane jerk for letting an acceleration fade."""
+
 LOST_M: Final = 0.02
 """Distance from the plane at which servoing fails, m."""
 

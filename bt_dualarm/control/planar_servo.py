@@ -18,8 +18,10 @@ import numpy as np
 
 from bt_dualarm.control.kernel_rows import (
     ANGLE_ERROR,
+    BRAKING_BANDWIDTH,
     DAMPING,
     DISPLACEMENT,
+    FADE_JERK,
     HELD,
     JACOBIAN_BEFORE,
     NOW_A,
@@ -159,6 +161,52 @@ class PlanarServo:
         for row, values in zip(self._set_point_rows, now, strict=True):
             row[:] = values
         return self._observe_tool(*self._arm, self._followed, self._period, self._work, self._seen)
+
+
+_STOP_STEP_S = 0.005  # of the integration
+_STOP_SHARE = 0.6  # that the acceleration approaches the wanted one by, in one of its steps
+_STOPPED = 0.01  # fraction of the velocity that counts as rest
+_LONGEST_STOP_S = 2.0
+
+
+def stopping_positions(
+    kinematics: Kinematics, limits: JointLimits, axes: Matrix, now: SetPoint, count: int
+) -> Matrix:
+    """Configurations through which a servo without a target comes to rest, at least.
+
+    The tool slows down in the direction of its motion, by the law of `servo_kernels.servo_step`,
+    so that the joints keep the ratio of their velocities. What holds plane and orientation changes
+    that little on so short a path. It is longer than that of joints that brake as hard as they can.
+
+    Args:
+        kinematics: Kinematics of the arm.
+        limits: Joint limits.
+        axes: Axes along which the tool follows, of shape (k, 3).
+        now: Last set-point.
+        count: Number of configurations, from the present one to that at rest.
+
+    Returns:
+        Array of shape (count, dof), rad.
+    """
+    speeds = np.maximum(np.abs(now.v), 1e-9)
+    most = float((limits.acceleration / speeds).min())
+    jerk = float((limits.jerk / speeds).min())
+    tool_speed = max(float(np.linalg.norm(kinematics.jacobian(now.q)[:3] @ now.v)), 1e-9)
+    fade = 2.0 * FADE_JERK * plane_limits(kinematics, limits, now.q, axes).jerk / tool_speed
+    # All as a fraction of the present velocity.
+    rate = float(np.clip(now.v @ now.a / max(float(now.v @ now.v), 1e-18), -most, most))
+    left, passed = 1.0, 0.0
+    for _ in range(round(_LONGEST_STOP_S / _STOP_STEP_S)):
+        if left <= _STOPPED:
+            break
+        gain = min(2.0 * BRAKING_BANDWIDTH, math.sqrt(fade / left))
+        wanted = max(-gain * left, -most)
+        change = jerk * _STOP_STEP_S
+        rate += min(max(_STOP_SHARE * (wanted - rate), -change), change)
+        passed += left * _STOP_STEP_S
+        left += rate * _STOP_STEP_S
+    rows: Matrix = now.q + np.linspace(0.0, passed, count)[:, None] * now.v
+    return rows
 
 
 def plane_limits(

@@ -29,6 +29,7 @@ from bt_dualarm.control.kernel_rows import (
     BRAKING_BANDWIDTH,
     DAMPING,
     DISPLACEMENT,
+    FADE_JERK,
     HELD,
     HOLD_A,
     HOLD_BANDWIDTH,
@@ -115,9 +116,6 @@ _TRUSTED_ACCELERATION = 0.8
 The best linear prediction of an acceleration from noisy positions is smaller than its estimate, and
 the loops below make up for the rest.
 """
-
-_FADE_JERK = 0.5
-"""Fraction of the plane jerk for letting an acceleration fade."""
 
 _BRAKING_SHARE = 0.3
 """Share per period by which the acceleration approaches the braking one, without a target."""
@@ -342,7 +340,7 @@ def fading_acceleration(lack: Vector, gain: float, jerk: float) -> Vector:
     size = length(lack)
     if size == 0.0:
         return np.zeros(3)
-    acceleration: Vector = lack * min(gain, math.sqrt(2.0 * _FADE_JERK * jerk / size))
+    acceleration: Vector = lack * min(gain, math.sqrt(2.0 * FADE_JERK * jerk / size))
     return acceleration
 
 

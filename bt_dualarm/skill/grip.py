@@ -11,10 +11,9 @@ import numpy as np
 
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.arm.gripper import LOST_S, has_slipped
-from bt_dualarm.collision.checker import CollisionChecker, Contact
+from bt_dualarm.collision.checker import Contact
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Pose, Vector
-from bt_dualarm.trajectory.path_timing import stop_positions
 
 _FIRM: Final = (
     4.0  # safety factor of the grip over a contact force, which overshoots while the arm stops
@@ -241,46 +240,6 @@ def _at_rest(arm: Arm, grip: Grip, name: str) -> Iterator[float]:
 def _true_pose_in_tool(arm: Arm, name: str) -> Pose:
     """True pose of the object in the tool frame, which the encoders measure."""
     return arm.tool_pose.inverse @ arm.world.object_pose(name)
-
-
-_EVERY_S: Final = 0.06  # time between two checks
-_ROWS: Final = 8  # configurations of the braking motion that are checked
-
-
-class StreamClear:
-    """Collision check of the tool and held objects of an arm that follows a stream.
-
-    A stream is not planned. The controller slows the arm near objects by its links and keeps it
-    from other arms; this checks the whole arm on the motion with which it would brake.
-
-    Args:
-        arm: Arm that follows a stream.
-    """
-
-    def __init__(self, arm: Arm) -> None:
-        self._arm = arm
-        self._limits = arm.limits(1.0)
-        self._next = -np.inf
-
-    def look(self) -> None:
-        """Check if a check is due; to be called once per tick.
-
-        Raises:
-            Failure: ``IN_COLLISION`` with what would collide.
-        """
-        arm = self._arm
-        if arm.time < self._next:
-            return
-        self._next = arm.time + _EVERY_S - 1e-9
-        q, v, a = arm.setpoint
-        limits = self._limits
-        # Until the next check the arm continues, and accelerates as now.
-        later = np.clip(v + _EVERY_S * a, -limits.velocity, limits.velocity)
-        then = q + 0.5 * _EVERY_S * (v + later)
-        rows = stop_positions(then, later, a, limits, arm.period, _ROWS)
-        found = CollisionChecker(arm.world, arm.name).first_contact(rows)
-        if found is not None:
-            raise found[1].failure()
 
 
 _STEP_M: Final = 0.03  # step between two retreats that are checked

@@ -10,9 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from bt_dualarm.arm.arm import Arm
+from bt_dualarm.collision.checker import CollisionChecker
 from bt_dualarm.control.facing_servo import Facing, FacingServo, facing_limits
 from bt_dualarm.control.kernel_rows import PlaneLimits
-from bt_dualarm.control.planar_servo import PlanarServo, PlaneTarget, plane_limits
+from bt_dualarm.control.planar_servo import (
+    PlanarServo,
+    PlaneTarget,
+    plane_limits,
+    stopping_positions,
+)
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.perception.harmonic_motion import HarmonicMotion
@@ -27,10 +33,10 @@ from bt_dualarm.perception.target_filter import DualFilterEstimate, RestDetector
 from bt_dualarm.perception.tracker import TargetTracker
 from bt_dualarm.sim.camera import GuardedCamera
 from bt_dualarm.skill.following_error import FollowingError, FollowingSample
-from bt_dualarm.skill.grip import StreamClear
 from bt_dualarm.skill.looking import own_camera
 from bt_dualarm.skill.tracking_end import TrackingStatus
 from bt_dualarm.spec.values import Color, Plane
+from bt_dualarm.trajectory.set_points import SetPoint
 
 _BANDWIDTH = (40.0, 230.0)  # rad/s, least and largest
 _BANDWIDTH_PER_FPS = 5.0  # a higher one follows the noise of the estimate, a lower one lags
@@ -181,6 +187,56 @@ class PlaneView:
     axes: Matrix
     ahead: Callable[[], Vector]
     image_axes: Matrix
+
+
+_CHECKED_EVERY_S = 0.06
+_HURRIED_EVERY_S = 0.02  # where the tool closes in, and may accelerate the more
+_CHECKED_ROWS = 8  # configurations of the braking motion that are checked
+_CLEAR_M = 0.003  # by which the arm stops before a collision: it lags, sags and overshoots
+
+
+class StreamClear:
+    """Collision check of the tool and held objects of an arm that follows a target.
+
+    Its motion is not planned. The controller slows the arm near objects by its links and keeps it
+    from other arms; this checks the whole arm on the motion with which the servo would brake.
+
+    Args:
+        arm: Arm that follows.
+        axes: Axes along which it follows, of shape (k, 3).
+    """
+
+    def __init__(self, arm: Arm, axes: Matrix) -> None:
+        self._arm = arm
+        self._axes = axes
+        self._limits = arm.limits(1.0)
+        self._next = -np.inf
+
+    def look(self, *, closes_in: bool) -> None:
+        """Check if a check is due; to be called once per tick.
+
+        Args:
+            closes_in: Whether the tool has not reached its target yet.
+
+        Raises:
+            Failure: ``IN_COLLISION`` with what would collide.
+        """
+        arm = self._arm
+        if arm.time < self._next:
+            return
+        every_s = _HURRIED_EVERY_S if closes_in else _CHECKED_EVERY_S
+        self._next = arm.time + every_s - 1e-9
+        q, v, a = arm.setpoint
+        limits = self._limits
+        # Until the next check the arm continues, and accelerates as now.
+        later = np.clip(v + every_s * a, -limits.velocity, limits.velocity)
+        then = SetPoint(q + 0.5 * every_s * (v + later), later, a)
+        checker = CollisionChecker(arm.world, arm.name)
+        checker.keep_clear(_CLEAR_M)
+        rows = stopping_positions(arm.kinematics, limits, self._axes, then, _CHECKED_ROWS)
+        found = checker.first_contact(rows)
+        if found is not None:
+            raise found[1].failure()
 
 
 class TrackingReference:
@@ -500,7 +556,7 @@ class PlaneTracking:
         self._obstacle: Failure | None = None
         self._asked_at = -math.inf
         self._waits_since: float | None = None
-        self._clear = StreamClear(arm)
+        self._clear = StreamClear(arm, self._axes)
 
     @property
     def locked(self) -> bool:
@@ -587,7 +643,7 @@ class PlaneTracking:
         Raises:
             Failure: ``IN_COLLISION``, see `StreamClear`.
         """
-        self._clear.look()
+        self._clear.look(closes_in=True)
         self._watched = len(self._tracker.sightings)
         arm, gains = self._arm, self._servo_gains
         servo: PlanarServo
@@ -676,11 +732,12 @@ class PlaneTracking:
                 self._obstacle = None
                 self._reference.is_blocked = False
             return
+        closes_in = self._error.counts_from is None
         try:
-            self._clear.look()
+            self._clear.look(closes_in=closes_in)
         except Failure as failure:
             # A target that comes may come from where the arm cannot go: it is waited for.
-            if self._error.counts_from is not None or self._facing is not None:
+            if not closes_in or self._facing is not None:
                 raise
             self._obstacle = failure.with_traceback(None)
             self._reference.is_blocked = True

@@ -781,32 +781,6 @@ def stop(q: Vector, v: Vector, a: Vector, limits: JointLimits, dt: float) -> Tra
     return Trajectory(dt, position, velocity, acceleration)
 
 
-def stop_positions(
-    q: Vector, v: Vector, a: Vector, limits: JointLimits, dt: float, count: int
-) -> Matrix:
-    """Positions of the trajectory of `stop` alone, at some of its set-points.
-
-    Args:
-        q: As in `stop`, as the next four.
-        v: Velocity.
-        a: Acceleration.
-        limits: Velocity, acceleration and jerk limits.
-        dt: Time between set-points.
-        count: Number of set-points, spread evenly from the first to the last.
-
-    Returns:
-        Positions of shape (count, dof), rad.
-
-    Raises:
-        Failure: ``NO_PLAN`` if Ruckig finds no motion.
-    """
-    motion = _braking(q, v, a, limits)
-    last = _count(motion, dt)
-    step = last / (count - 1)
-    index = np.array([*(int(number * step) for number in range(count - 1)), last])
-    return _at(motion, index, dt)[0]
-
-
 def _braking(q: Vector, v: Vector, a: Vector, limits: JointLimits) -> ruckig.Trajectory:
     """Ruckig's trajectory of `stop`."""
     request = _request(q, v, a, limits.velocity, limits.acceleration)

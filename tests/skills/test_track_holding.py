@@ -47,3 +47,21 @@ def test_an_empty_hand_stops_before_it_touches_something(blocked: bool, stage: S
     assert (leaf.code or leaf.status) == ("IN_COLLISION" if blocked else "SUCCESS"), leaf
     assert ("block" in leaf.reason) is blocked
     assert not any(play.world.touches("arm1", name) for name in objects)
+
+
+@pytest.mark.parametrize("aside_m", [0.06, 0.095, 0.12])
+def test_a_hand_in_a_hurry_stops_before_what_is_in_the_way(aside_m: float, stage: Stage) -> None:
+    """It was taken to brake as hard as it can, and ran into what its softer braking led it to."""
+
+    def lead(world: World) -> None:
+        back = min(max(0.05 * (world.time - 4.0), 0.0), aside_m)
+        world.model.body_pos[world.object_body("other"), 1] = -0.45 + aside_m - back
+
+    tall = BLOCK["block"] | {"size": [0.04, 0.04, 0.3], "pose": {"xyz": [0.30, -0.275, 0.55]}}
+    objects = {"other": FOLLOWED["other"], "block": tall}
+    scenario = Scenario(objects, arm=GRIPPING | {"camera": LOW_CAMERA}, scene="table")
+    play = stage.play(scenario.file(LOOK_HOLDING[1], FOLLOW_HOLDING))
+    play.watchers.append(lead)
+    play.run()
+    assert not any(play.world.touches("arm1", name) for name in objects)
+    assert play.leaf("track").status == "SUCCESS", play.leaf("track")

@@ -9,7 +9,12 @@ from typing import TypeAlias
 import numpy as np
 import pytest
 
-from bt_dualarm.control.planar_servo import PlanarServo, PlaneTarget, plane_limits
+from bt_dualarm.control.planar_servo import (
+    PlanarServo,
+    PlaneTarget,
+    plane_limits,
+    stopping_positions,
+)
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
@@ -280,3 +285,21 @@ def test_a_redundant_arm_stays_near_its_posture() -> None:
     motion = follower.follow(circle(0.1, 2.0), 20.0)
     rounds = motion.q[:: round(2.0 / PERIOD)][1:]
     assert np.abs(np.diff(rounds[2:], axis=0)).max() < 1e-3
+
+
+@ROBOTS
+@pytest.mark.parametrize("angle", [0.0, 0.8, 2.3, 4.0])
+@pytest.mark.parametrize("left_s", [0.05, 0.12, 0.25])
+def test_the_path_to_rest_is_foreseen(robot: str, angle: float, left_s: float) -> None:
+    """An arm that relied on the hardest braking was 1.3 times as far when it was at rest."""
+    follower = Follower(robot)
+    far = 0.12 * np.array([np.cos(angle), np.sin(angle)])
+    motion = follower.follow(lambda time: at_rest(far) if time < left_s else None, 1.5)
+    left = round(left_s / PERIOD) - 1
+    then = SetPoint(motion.q[left], motion.v[left], motion.a[left])
+    foreseen = stopping_positions(follower.kinematics, follower.limits, YZ, then, 8)
+    assert (foreseen[0] == then.q).all()
+    passed = follower.displacement(motion)[[left, -1]]
+    ends = np.array([follower.kinematics.matrix(q)[:3, 3] for q in foreseen[[0, -1]]])
+    real, expected = (float(np.linalg.norm(one[1] - one[0])) for one in (passed, ends))
+    assert 0.9 * real - 0.5 * MM < expected < 1.3 * real + 2 * MM
