@@ -7,8 +7,9 @@ it looks at the curves, frame rate and latency of its camera, reality. The trees
 `trees/pick_and_track.yaml`, with the leader's poses drawn within its reach. Of the followers of the
 catalog, those can take part whose camera can look squarely at the curves.
 
-A variant counts if the leader ended with SUCCESS and the follower can execute the curves: its tool
-can move as the cube truly did, at every time, within its limits of velocity, acceleration and jerk,
+A variant counts if the leader ended with SUCCESS and the follower can execute what it saw, from the
+first curve to the last, and in the second before it gave up: its tool can move as the cube truly
+did, at every time, within its limits of velocity, acceleration and jerk and the `reach` of `track`,
 touches neither itself nor the floor, and is not slowed by its guard beside the leader.
 ``share`` is the share of its own speed that this takes: its joints need ``share`` of a velocity
 limit, or ``share`` squared of an acceleration limit, or ``share`` cubed of a jerk limit. Asked for:
@@ -60,6 +61,8 @@ _RESTS_S = 3.0  # the cube, at the end of the job
 _LIMIT_S = 240.0
 _EVERY = 5  # steps between the points of the true path that the follower would execute
 _WINDOW = 13  # number of these points from which its rates are determined
+_JUDGED_S = 1.0  # over which a follower is judged at once
+_REACH_M = 0.3  # from its start, by default
 _PLACES = 5
 _FLOOR_M = 0.0  # least height of the follower's base
 _CURVES = ("circle", "lissajous")
@@ -259,7 +262,7 @@ def follow(variant: Variant, seen: Vantage) -> Found:
         code=code,
         reason=str(track.reason),
         cause=str(track.metrics.get("cause", "")),
-        share=_share(variant, seen, base, leader, rows, checker),
+        share=_share(variant, seen, base, _judged(leader, track, rows), checker),
         rms=_rms(leader, track, rows),
         true=float(track.metrics.get("true_rms_m", np.nan)),
         allowed=float(track.metrics.get("max_error_m", 0.01)),
@@ -276,40 +279,50 @@ def _during(leaves: list[LeafReport], rows: Matrix) -> list[Matrix]:
     ]
 
 
-def _share(
-    variant: Variant,
-    seen: Vantage,
-    base: Vector,
-    leader: list[LeafReport],
-    rows: Matrix,
-    checker: CollisionChecker,
-) -> float:
-    """See `Found`."""
+def _judged(leader: list[LeafReport], track: LeafReport, rows: Matrix) -> Matrix:
+    """Rows from the first curve to the last, or from the second before the follower gave up.
+
+    Empty if the leader has not ended both curves.
+    """
     curves = _during(leader, rows)
     if len(curves) < len(_CURVES):
+        return rows[:0]
+    begin = curves[0][0, 0]
+    if track.ended_s is not None and str(track.status) != "SUCCESS":
+        begin = min(begin, track.ended_s - _JUDGED_S)
+    judged: Matrix = rows[(rows[:, 0] >= begin) & (rows[:, 0] <= curves[-1][-1, 0])]
+    return judged
+
+
+def _share(
+    variant: Variant, seen: Vantage, base: Vector, rows: Matrix, checker: CollisionChecker
+) -> float:
+    """See `Found`; ``rows`` are those that are judged."""
+    if not len(rows):
         return np.nan
     robot = load_robot(variant.follower)
     arm = Kinematics(robot, Pose.from_rpy(base.tolist(), np.radians(BASE[1]).tolist()))
     tool = Pose.from_matrix(arm.matrix(seen.q))
     limits = (robot.limits.velocity, robot.limits.acceleration, robot.limits.jerk)
-    share = 0.0
-    for curve in curves:
-        offsets = curve[::_EVERY, 1:4] - np.array(variant.center)
-        offsets[:, 0] = 0.0  # it follows in the plane
-        q = seen.q
-        joints = []
-        for offset in offsets:
-            try:
-                q = arm.solve(Pose(tool.position + offset, tool.quaternion), q)
-            except Failure:
-                return np.inf
-            joints.append(q)
-        if checker.first_contact(np.array(joints)) is not None:
+    offsets = rows[::_EVERY, 1:4] - np.array(variant.center)
+    offsets[:, 0] = 0.0  # it follows in the plane
+    if np.linalg.norm(offsets, axis=1).max() > _REACH_M:
+        return np.inf
+    q = seen.q
+    joints = []
+    for offset in offsets:
+        try:
+            q = arm.solve(Pose(tool.position + offset, tool.quaternion), q)
+        except Failure:
             return np.inf
-        step = float(np.median(np.diff(curve[::_EVERY, 0])))
-        for order, limit in enumerate(limits, start=1):
-            rates = savgol_filter(joints, _WINDOW, 3, deriv=order, delta=step, axis=0)
-            share = max(share, float((np.abs(rates) / limit).max()) ** (1.0 / order))
+        joints.append(q)
+    if checker.first_contact(np.array(joints)) is not None:
+        return np.inf
+    share = 0.0
+    step = float(np.median(np.diff(rows[::_EVERY, 0])))
+    for order, limit in enumerate(limits, start=1):
+        rates = savgol_filter(joints, _WINDOW, 3, deriv=order, delta=step, axis=0)
+        share = max(share, float((np.abs(rates) / limit).max()) ** (1.0 / order))
     return share
 
 

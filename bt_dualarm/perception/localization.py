@@ -663,10 +663,17 @@ class EstimatedPlaneLocalizer(Localizer):
         past = self._past
         if len(past.eyes) < 2 * _LEGS:
             return 0.0
-        begin = _kernels().last_swing(past.eyes, _LEG_M, _LEGS)
-        if begin < 0:
+        turns = _kernels().last_swing(past.eyes, _LEG_M, _LEGS)
+        if not len(turns):
             return 0.0
         depth = self.share * abs(float(self._normal @ self._guess))
+        eyes = past.eyes[turns]
+        legs = np.diff(eyes, axis=0)
+        moved = legs + depth * np.diff(past.lines[turns], axis=0)
+        # A target that moves once while the camera swings is not against it on every leg.
+        if ((moved * legs).sum(axis=1) > -_SLOPE * (legs * legs).sum(axis=1)).any():
+            return 0.0
+        begin = turns[0]
         slope, explained = _kernels().slope_against(past.eyes[begin:], past.lines[begin:], depth)
         return slope if explained > _EXPLAINED else 0.0
 

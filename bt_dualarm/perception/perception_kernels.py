@@ -11,6 +11,8 @@ import numpy.typing as npt
 from bt_dualarm.core.kernel import kernel
 from bt_dualarm.core.pose import Matrix, Vector
 
+Indices: TypeAlias = npt.NDArray[np.int64]
+
 # Kalman filter
 
 
@@ -214,8 +216,10 @@ _MAX_ROTATIONS = 30
 
 
 @kernel
-def last_swing(places: Matrix, leg: float, legs: int) -> int:
-    """Index of the position at which the last legs to and fro began; -1 if there are fewer.
+def last_swing(places: Matrix, leg: float, legs: int) -> Indices:
+    """Indices of the positions at which the last legs to and fro began and ended.
+
+    None, an empty array, if there are fewer legs; otherwise of shape (legs + 1,).
 
     A leg is a monotonic motion along the principal axis of the positions.
 
@@ -228,8 +232,8 @@ def last_swing(places: Matrix, leg: float, legs: int) -> int:
     products = np.empty((3, 3))
     # The diagonal of the bounding box is an upper bound of the extent along any direction.
     if spread(places, middle, products) < _ROUNDING_FACTOR * leg:
-        return -1
-    return swing_begin(places, middle, longest_axis(products), leg, legs)
+        return np.empty(0, np.int64)
+    return swing_turns(places, middle, longest_axis(products), leg, legs)
 
 
 @kernel
@@ -308,10 +312,10 @@ def spread(places: Matrix, middle: Vector, products: Matrix) -> float:
 
 
 @kernel
-def swing_begin(places: Matrix, middle: Vector, axis: Vector, leg: float, legs: int) -> int:
-    """Index of the position at which the last legs to and fro began; -1 if there are fewer.
+def swing_turns(places: Matrix, middle: Vector, axis: Vector, leg: float, legs: int) -> Indices:
+    """Indices of the positions at which the last legs to and fro began and ended.
 
-    The first and the last position end a leg, too.
+    The first and the last position end a leg, too. As `last_swing`.
 
     Args:
         places: Positions, of shape (n, 3), m.
@@ -349,7 +353,8 @@ def swing_begin(places: Matrix, middle: Vector, axis: Vector, leg: float, legs: 
     if sign != 0.0:
         turns[count] = farthest
         count += 1
-    return turns[count - legs - 1] if count > legs else -1
+    last: Indices = turns[count - legs - 1 : count].copy() if count > legs else turns[:0]
+    return last
 
 
 @kernel

@@ -107,6 +107,22 @@ def test_a_camera_that_comes_too_far_and_returns_tells_nothing(past: float, seco
     assert learned(eye, target, GUESS_M, seconds=1.0) == pytest.approx(GUESS_M)
 
 
+@pytest.mark.parametrize("far", [0.03, 0.07, 0.15])
+@pytest.mark.parametrize("legs", [(0.0, 0.013, -0.021, -0.012), (0.0, 0.01, -0.05, -0.04)])
+def test_a_camera_that_swings_while_a_target_moves_once_tells_nothing(
+    far: float, legs: tuple[float, ...]
+) -> None:
+    """It went the wrong way first: a depth of 0.35 m was taken for 0.14 m, and 15 mm were lost."""
+
+    def eye(time: float) -> tuple[float, float]:
+        return (float(np.interp(time, (0.0, 0.2, 0.6, 0.9), legs)), 0.0)
+
+    def target(time: float) -> tuple[float, float]:
+        return (float(np.interp(time, (0.0, 0.6), (0.0, far))), 0.0)
+
+    assert learned(eye, target, GUESS_M, seconds=2.0) == pytest.approx(GUESS_M)
+
+
 def test_what_was_seen_before_lies_on_the_plane_that_is_believed_now() -> None:
     """At the same place in the image."""
     ahead = np.array((0.1, 0.0, GUESS_M))
