@@ -61,10 +61,13 @@ _FULL = 0.97  # at this fraction of the target's fill ratio, an outline is as si
 _ANOTHER_DEPTH_S = (0.05, 0.3)
 _OTHER_SIZE_PX = 2.0  # that difference of width and height
 # Of views that change smoothly: the longest time between two, the largest factor between their fill
-# ratios, the largest relative change of size a second.
+# ratios at once and its growth a second, the largest relative change of size a second. A square that
+# turns by 2 rad/s about the line of sight changes its fill ratio by a factor of e⁴ a second.
 _SMOOTH_S = 0.1
-_SMOOTH_FILL = 1.1
+_SMOOTH_FILL = 1.05
+_FILL_GROWTH = 4.0
 _GROWTH = 1.5
+_TURNED = 1.1  # of a target that turns or tilts; two that merge look larger
 _ALIKE = 2.0  # largest factor between the decreases of width and height
 _SIMPLE = 0.9  # fraction of the target's fill ratio above which they count as whole
 _STEADY_SIZE = 0.015  # largest relative change of that size from image to image
@@ -156,6 +159,10 @@ class Outline:
         bigger_px = abs(1.0 - 1.0 / factor) * math.sqrt(detection.area_px)
         return frame.stamp - since >= _ANOTHER_DEPTH_S[bigger_px < _OTHER_SIZE_PX]
 
+    def _is_changing(self, stamp: float) -> bool:
+        """Whether the view at a time is one of those that change smoothly since a whole one."""
+        return self._smooth[0] == stamp
+
     def _is_smoothly_resized(self, seen: VisiblePart, frame: Frame) -> bool:
         """Whether width and height have both changed since a whole view, smoothly until now."""
         detection = seen.detection
@@ -166,7 +173,7 @@ class Outline:
         is_smooth = (
             passed <= _SMOOTH_S
             and not detection.touches_border
-            and 1.0 / _SMOOTH_FILL < fill / last_fill < _SMOOTH_FILL
+            and abs(math.log(fill / last_fill)) < math.log(_SMOOTH_FILL) + _FILL_GROWTH * passed
             and abs(root - last_root) < _GROWTH * passed * last_root + _SLACK_PX
         )
         if not (seen.whole or is_smooth):
@@ -265,7 +272,12 @@ class Outline:
         if seen.whole:
             return seen
         if self.known and self.localizer.knows_shape:
-            return self.fit(seen.detection, frame, expected, sigma)
+            fitted = self.fit(seen.detection, frame, expected, sigma)
+            bigger = seen.sighting.side / self.side
+            turns = self._is_changing(frame.stamp) and bigger < _TURNED
+            if fitted is not None or not turns:
+                return fitted
+            # It turns or tilts, and looks like no upright cube: where it is, is known less well.
         sighting = seen.sighting
         strange = abs(1.0 - (sighting.side / self.side) ** 2) if self.known else 0.0
         if seen.detection.touches_border:
