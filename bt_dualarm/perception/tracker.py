@@ -61,8 +61,8 @@ _FULL = 0.97  # at this fraction of the target's fill ratio, an outline is as si
 _ANOTHER_DEPTH_S = (0.05, 0.3)
 _OTHER_SIZE_PX = 2.0  # that difference of width and height
 # Of views that change smoothly: the longest time between two, the largest factor between their fill
-# ratios at once and its growth a second, the largest relative change of size a second. A square that
-# turns by 2 rad/s about the line of sight changes its fill ratio by a factor of e⁴ a second.
+# ratios at once and the logarithm of its growth a second, the largest relative change of size a
+# second. The fill ratio of a square that turns by 2 rad/s grows by the factor e⁴ a second.
 _SMOOTH_S = 0.1
 _SMOOTH_FILL = 1.05
 _FILL_GROWTH = 4.0

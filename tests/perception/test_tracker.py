@@ -320,6 +320,30 @@ def test_what_looks_different_from_elsewhere_is_still_the_target(make_studio: St
     assert tracker.predict(1.5).position == pytest.approx(CENTER, abs=1e-3)
 
 
+@pytest.mark.parametrize("rate", [1.5, 3.0])
+@pytest.mark.parametrize("away", [-0.08, 0.2])
+@pytest.mark.parametrize("axis", [(0.0, 1.0, 0.0), (0.6, 0.8, 0.0)], ids=["turns", "tilts"])
+def test_a_cube_of_known_size_that_turns_on_its_way_elsewhere_is_not_lost(
+    rate: float, away: float, axis: tuple[float, ...], make_studio: StudioMaker
+) -> None:
+    """At 40 Hz, while it comes nearer or goes away; its outline fits no upright cube meanwhile."""
+    studio = make_studio(fps=40.0)
+    tracker = TargetTracker(studio.camera, YELLOW, cube())
+    body = studio.model.body("cube").mocapid[0]
+
+    def carried(time: float) -> tuple[float, float, float]:
+        share = min(max(time - 0.5, 0.0), 1.0)
+        half = 0.5 * rate * share
+        studio.data.mocap_quat[body] = (math.cos(half), *(math.sin(half) * np.array(axis)))
+        return 0.05 * share, 0.03 * share, away * share**2 * (3.0 - 2.0 * share)
+
+    follow(studio, tracker, carried, 0.0, 2.5)
+    assert tracker.locked
+    assert tracker.lost_count == 0
+    sideways = tracker.predict(2.5).position - position(carried, 2.5)
+    assert np.abs(sideways[[0, 2]]).max() < 0.012
+
+
 def test_a_cube_of_known_size_that_turns_about_the_line_of_sight_is_still_the_target(
     make_studio: StudioMaker,
 ) -> None:
