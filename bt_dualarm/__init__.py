@@ -119,6 +119,7 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.looking import camera_now as camera_now
     from bt_dualarm.skill.looking import gazes as gazes
     from bt_dualarm.skill.looking import go_to_camera as go_to_camera
+    from bt_dualarm.skill.looking import hidden_by_arm as hidden_by_arm
     from bt_dualarm.skill.looking import look_at as look_at
     from bt_dualarm.skill.looking import own_camera as own_camera
     from bt_dualarm.skill.looking import standing_of as standing_of
@@ -352,6 +353,7 @@ _CONTENTS: Final = {
     "look_at": "skill.looking:look_at",
     "camera_now": "skill.looking:camera_now",
     "gazes": "skill.looking:gazes",
+    "hidden_by_arm": "skill.looking:hidden_by_arm",
     "SightPorts": "skill.looking:SightPorts",
     "standing_of": "skill.looking:standing_of",
     "own_camera": "skill.looking:own_camera",

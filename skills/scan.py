@@ -20,6 +20,7 @@ from bt_dualarm import (
     Vector3,
     camera_now,
     gazes,
+    hidden_by_arm,
     look_at,
     own_camera,
     port,
@@ -84,7 +85,8 @@ class Scan(Skill):
                 picture = yield from still_picture(self.arm, self.ports.frames)
                 if picture is not None:
                     seen.take(picture)
-                    self._left.take(picture, seen.shape.extent)
+                    hidden = hidden_by_arm(self.arm, picture)
+                    self._left.take(picture, seen.shape.extent, hidden)
                 if len(seen.things) >= self.ports.least:
                     self._report(seen, viewpoints)
                     return

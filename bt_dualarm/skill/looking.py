@@ -6,15 +6,17 @@ import math
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Annotated, Final, Literal, TypeAlias
+from typing import Annotated, Final, Literal, NamedTuple, TypeAlias
 
+import mujoco
 import numpy as np
+import numpy.typing as npt
 from pydantic import Field
 
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.collision.support import bearing_ahead
 from bt_dualarm.core.errors import Failure
-from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.perception.detection import ColorFilter, ColorlessError, Detection, color_of, detect
 from bt_dualarm.perception.scan import MarkView, SightedThing, SightedThings
 from bt_dualarm.perception.shape_fit import SIZE_ROOM, SIZE_SIGMAS, KnownShape, merged
@@ -31,6 +33,8 @@ FRAMES: Final = 6
 """Images that are averaged in one view of a mark."""
 
 _WAIT_S: Final = 1.0  # simulated seconds to wait for lost images, in addition to the exposures
+
+Mask: TypeAlias = npt.NDArray[np.bool_]
 
 _Length: TypeAlias = Annotated[float, Field(ge=1e-4, le=10.0)]
 
@@ -398,6 +402,59 @@ def camera_now(arm: Arm) -> Pose:
 _SAMPLES: Final = 5
 """Points along each edge of a part of an area, by which it counts as seen."""
 
+_CELL_PX: Final = 8
+"""Edge of the squares of an image for which it is known whether the arm hides what is behind."""
+
+_NEAREST_M: Final = 0.005  # where a shape of the arm contains its camera, its surface hides nothing
+
+
+def hidden_by_arm(arm: Arm, frame: Frame) -> Mask:
+    """Which squares of an image show the arm itself: its links, its hand, or what it holds.
+
+    Args:
+        arm: Arm with the camera, which has not moved since the exposure.
+        frame: The image.
+
+    Returns:
+        Array of shape (rows, columns), of squares of `_CELL_PX`; by the encoders and the shapes
+        that plans use.
+    """
+    world = arm.world
+    columns, rows = (max(size // _CELL_PX, 1) for size in (frame.width, frame.height))
+    x, y = np.meshgrid(
+        (np.arange(columns) + 0.5) * frame.width / columns - 0.5 * frame.width,
+        (np.arange(rows) + 0.5) * frame.height / rows - 0.5 * frame.height,
+    )
+    ahead = np.full(x.size, frame.focal_px)
+    rays = np.column_stack((x.ravel(), y.ravel(), ahead)) / frame.focal_px
+    rays = rays @ frame.pose.rotation_matrix.T
+    geoms = np.empty(len(rays), np.int32)
+    away = np.empty(len(rays))
+    eye = frame.pose.position
+    mujoco.mj_multiRay(
+        world.model, world.sensed, eye, rays.ravel(), None, True, -1, geoms, away, None, len(rays),
+        mujoco.mjMAXVAL,
+    )  # fmt: skip
+    own = set(world.arms[arm.name].geom_ids)
+    for thing in arm.held:
+        own |= world.payload_geoms(thing)
+    mine = np.isin(geoms, list(own)) & (away > _NEAREST_M)
+    return mine.reshape(rows, columns)
+
+
+class _Part(NamedTuple):
+    """A part of an area.
+
+    Attributes:
+        center: Where to look, of shape (3,), m.
+        points: What of it no image has shown yet, of shape (n, 3), m.
+        is_rest: Whether it is what the arm hid of another part, which is looked at once.
+    """
+
+    center: Vector
+    points: Matrix
+    is_rest: bool = False
+
 
 class Coverage:
     """Parts of a level area that no image has shown yet.
@@ -411,26 +468,53 @@ class Coverage:
         shares = (np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5
         x, y = np.meshgrid(extents[0] * shares, extents[1] * shares)
         offsets = np.column_stack((x.ravel(), y.ravel(), np.zeros(x.size)))
-        self._left = [(center, center + offsets) for center in centers]
+        self._left = [_Part(center, center + offsets) for center in centers]
+        self._chosen: _Part | None = None
 
-    def take(self, frame: Frame, room: float) -> None:
+    def take(self, frame: Frame, room: float, hidden: Mask | None = None) -> None:
         """Leave out what an image shows.
+
+        What the arm hides in the middle of the part that was chosen becomes a part of its own.
 
         Args:
             frame: The image.
-            room: Distance of a point from the border of the image at which an object there would be
-                shown on whole, m.
+            room: Distance of a point from the border of the image, and from what hides others, at
+                which an object there would be shown on whole, m.
+            hidden: Where the arm hides what is behind, as `hidden_by_arm`.
         """
-        half = np.array((frame.width, frame.height)) / 2.0
         left = []
-        for center, points in self._left:
-            inside = frame.pose.inverse.apply(points)
-            depth = inside[:, 2].clip(1e-6)
-            reach = (np.abs(inside[:, :2]) + room) * (frame.focal_px / depth)[:, None]
-            is_seen = np.all(reach <= half, axis=1) & (inside[:, 2] > 0.0)
-            if not is_seen.all():
-                left.append((center, points[~is_seen]))
+        for part in self._left:
+            is_seen, is_hidden = self._shown(frame, room, hidden, part.points)
+            rest = part.points[~is_seen | is_hidden]
+            if len(rest):
+                left.append(part._replace(points=rest))
+        chosen = self._chosen
+        self._chosen = None
+        if chosen is not None and not chosen.is_rest:
+            is_seen, is_hidden = self._shown(frame, room, hidden, chosen.points)
+            rest = chosen.points[is_seen & is_hidden]
+            if len(rest):
+                left.append(_Part(rest.mean(axis=0), rest, is_rest=True))
         self._left = left
+
+    @staticmethod
+    def _shown(frame: Frame, room: float, hidden: Mask | None, points: Matrix) -> tuple[Mask, Mask]:
+        """Which points are in the image with room around them, and which the arm may hide."""
+        half = np.array((frame.width, frame.height)) / 2.0
+        inside = frame.pose.inverse.apply(points)
+        scale = (frame.focal_px / inside[:, 2].clip(1e-6))[:, None]
+        pixels = inside[:, :2] * scale
+        margin = room * scale
+        is_seen = np.all(np.abs(pixels) + margin <= half, axis=1) & (inside[:, 2] > 0.0)
+        is_hidden = np.zeros(len(points), np.bool_)
+        if hidden is not None:
+            cells = np.array(hidden.shape[::-1]) / (2.0 * half)
+            first = np.floor((pixels - margin + half) * cells).astype(int)
+            last = np.floor((pixels + margin + half) * cells).astype(int)
+            for index in np.flatnonzero(is_seen):
+                (left, top), (right, bottom) = first[index], last[index]
+                is_hidden[index] = hidden[top : bottom + 1, left : right + 1].any()
+        return is_seen, is_hidden
 
     def nearest(self, camera: Pose) -> Vector | None:
         """Center of the part nearest to a camera's line of sight, which is not chosen again.
@@ -441,10 +525,11 @@ class Coverage:
             return None
         ahead = camera.rotation_matrix[:, 2]
         beside = [
-            float(np.linalg.norm(np.cross(ahead, center - camera.position)))
-            for center, _ in self._left
+            float(np.linalg.norm(np.cross(ahead, part.center - camera.position)))
+            for part in self._left
         ]
-        return self._left.pop(int(np.argmin(beside)))[0]
+        self._chosen = self._left.pop(int(np.argmin(beside)))
+        return self._chosen.center
 
 
 class MarkViews:

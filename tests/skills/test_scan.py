@@ -42,6 +42,54 @@ def test_the_nearest_part_comes_first() -> None:
     assert [None if part is None else float(part[0]) for part in order] == [0.3, 0.0, -0.3, None]
 
 
+HIDDEN = np.zeros((30, 40), bool)
+"""The hand hides the lowest 40 pixels of the image: the parts toward -y, seen from above."""
+HIDDEN[25:] = True
+
+
+def test_what_the_hand_hides_is_not_seen() -> None:
+    left = Coverage([np.array((0.0, -0.14, 0.0)), np.array((0.0, 0.1, 0.0))], (0.1, 0.1))
+    left.take(picture(DOWN), 0.01, HIDDEN)
+    assert left.nearest(DOWN) == pytest.approx((0.0, -0.14, 0.0))
+    assert left.nearest(DOWN) is None
+
+
+def test_what_the_hand_hides_of_a_part_is_looked_at_once() -> None:
+    left = Coverage([np.zeros(3)], (0.1, 0.36))
+    assert left.nearest(DOWN) == pytest.approx((0.0, 0.0, 0.0))
+    left.take(picture(DOWN), 0.01, HIDDEN)
+    again = left.nearest(DOWN)
+    assert again is not None
+    assert again[1] < -0.1
+    left.take(picture(DOWN), 0.01, np.ones_like(HIDDEN))
+    assert left.nearest(DOWN) is None
+
+
+@pytest.mark.parametrize("y", [-0.32, -0.30])
+@pytest.mark.parametrize("x", [0.25, 0.36, 0.47])
+def test_an_object_behind_the_fingers_is_found(x: float, y: float, stage: Stage) -> None:
+    """The first image shows it in part; that place counted as seen, and nobody looked again."""
+    cube = {"shape": "box", "size": [0.05] * 3, "mass": 0.1, "color": "red"}
+    arm = {
+        "robot": "xarm7",
+        "gripper": "robotiq_2f85",
+        "base": {"xyz": [0.35, 0.0, 0.4], "rpy": [0, 0, -90]},
+        "camera": {"mount": "wrist", "resolution": [320, 240], "fov": 50, "fps": 30},
+    }
+    leaves: list[Any] = [
+        {"look_at": {"at": {"xyz": [0.35, -0.45, 0.40]}, "distance": 0.45, "speed": 1.0}},
+        {"scan": {"object": "cube", "center": [0.35, -0.5, 0.4], "speed": 1.0}},
+    ]
+    file: dict[str, Any] = {
+        "world": {"scene": "table", "reality": "lab", "time_limit": 60},
+        "objects": {"cube": cube | {"pose": {"xyz": [x, y, 0.425], "rpy": [0, 0, 20]}}},
+        "arms": {"arm1": arm | {"tree": {"sequence": leaves}}},
+    }
+    play = stage.play(file)
+    play.run()
+    assert play.leaf("scan").status == "SUCCESS", play.leaf("scan")
+
+
 BESIDE = [0.35, -0.28, 0.4]
 """Point at the center of an image whose border cuts the cube off."""
 
