@@ -141,7 +141,7 @@ class Operate(Skill):
         poses = [moved @ start for moved in path.moves]
         if max(start.distance(pose) for pose in poses) < 1e-5:
             return
-        rows = arm.kinematics.follow_on(poses, arm.setpoint.q)
+        rows = arm.kinematics.follow_on(poses, arm.setpoint.q, changes_posture=True)
         path.refuse_contact(arm, rows)
         timed, _ = arm.slow_path(rows, ports.speed, ports.tool_speed, ports.speed)
         motion = arm.begin(timed, may_touch=True, compliant=True)

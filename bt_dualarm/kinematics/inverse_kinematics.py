@@ -382,6 +382,7 @@ class Kinematics(Chain):
         *,
         max_step: float = 0.2,
         free: FreeAxes = (),
+        changes_posture: bool = False,
     ) -> Matrix:
         """Configurations, of shape (n, dof), along a path, from a given configuration.
 
@@ -394,6 +395,8 @@ class Kinematics(Chain):
             tolerance: Tolerance of each pose's residual.
             max_step: Movement of a joint between two poses, in rad, that counts as a jump.
             free: Rotations that every pose leaves free.
+            changes_posture: Whether redundant joints may leave their start on the way if the path
+                can be followed only like that: toward those of a branch that follows it backward.
 
         Raises:
             Failure: ``INVALID_TARGET`` for an invalid pose, or one outside the workspace;
@@ -425,7 +428,20 @@ class Kinematics(Chain):
         if cramped is not None:
             return cramped
         share = (1 + len(longest)) / (1 + len(goals))
-        raise broken(self, (longest or [start])[-1], poses[1 + len(longest)], share, 1, free)
+        refusal = broken(self, (longest or [start])[-1], poses[1 + len(longest)], share, 1, free)
+        if changes_posture and search.multistart.redundant:
+            try:
+                backward = [*self.branches_along(poses[::-1], start, tolerance, free=free)]
+            except Failure:
+                raise refusal from None
+            guides = [rows[::-1] for rows in backward]
+            for guide in sorted(guides, key=lambda rows: float(np.linalg.norm(rows[0] - start))):
+                rows = search.multistart.along(
+                    search.multistart.continuation, goals, start, tolerance, max_step, guide[1:]
+                )
+                if len(rows) == len(goals):
+                    return np.vstack((start, rows))
+        raise refusal
 
     def _attempts(
         self,

@@ -540,6 +540,7 @@ class Multistart:
         start: Vector,
         tolerance: Tolerance,
         max_step: float,
+        guide: Matrix | None = None,
     ) -> list[Vector]:
         """Configurations along a path, each of shape (dof,), rad, as far as it can be followed.
 
@@ -549,12 +550,16 @@ class Multistart:
             start: Configuration at the first sample, (dof,), rad; redundant joints stay near it.
             tolerance: Tolerance of each residual.
             max_step: Movement of a joint in rad that counts as a jump.
+            guide: Configurations that redundant joints stay near instead, one for each sample, of
+                shape (n, dof), rad.
         """
         rows: list[Vector] = []
         q = start
         continuation.pull_to(start)
-        for targets in goals:
+        for index, targets in enumerate(goals):
             before = q
+            if guide is not None:
+                continuation.pull_to(guide[index])
             q = continuation.step_to(targets, q)
             jumped = float(np.abs(q - before).max()) > max_step
             if jumped or not self.holds(q, targets, tolerance):

@@ -36,7 +36,9 @@ class JointPath:
     positions: tuple[float, ...]
     moves: tuple[Pose, ...]
 
-    def refuse_contact(self, arm: Arm, rows: Matrix, free: Sequence[int] = ()) -> None:
+    def refuse_contact(
+        self, arm: Arm, rows: Matrix, free: Sequence[int] = (), room: float = 0.0
+    ) -> None:
         """Check configurations of an arm that moves the part along the path.
 
         Objects are where the arm knows them to be. What stands on or in the part moves along and is
@@ -46,6 +48,7 @@ class JointPath:
             arm: The arm.
             rows: Its configurations, one for each position, of shape (n, dof), rad.
             free: Geoms that may be touched.
+            room: Distance that the arm keeps from everything else, m.
 
         Raises:
             Failure: ``IN_COLLISION`` of the first configuration that touches something.
@@ -56,6 +59,8 @@ class JointPath:
         for name, one in known.items():
             if one is not None and arm.world.objects[name].is_free and name not in arm.held:
                 checker.move_object(name, one.pose)
+        if room > 0.0:
+            checker.keep_clear(room)
         its = list(free)
         checker.least[its, :] = checker.least[:, its] = -np.inf
         for q, position in zip(rows, self.positions, strict=True):

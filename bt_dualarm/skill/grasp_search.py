@@ -571,6 +571,13 @@ _UPRIGHT = math.cos(math.radians(5.0))  # cosine of an axis about which rotation
 TRIES = 16
 """Grasps for which an approach is searched until the object counts as out of reach."""
 
+_ONWARD_ROOM_M = 0.006
+"""Distance that the arm keeps along the path of a part, if a grasp allows it: softly followed, the
+part turns in the hand, and the way back begins with that."""
+
+_ROOMIER = 8
+"""Further grasps that are tried for one with that room."""
+
 # Differences of two tool poses within which both are assumed reachable or neither
 _NEAR_M = 0.02
 _NEAR_RAD = 0.2
@@ -642,7 +649,9 @@ def first_approach(
     touched = frozenset({wanted.name} if wanted.name else ())
     left = list(order)
     beyond = list[Pose]()
-    while left and len(reasons) < TRIES:
+    cramped: GraspApproach | None = None
+    roomier = _ROOMIER
+    while left and len(reasons) < TRIES and roomier:
         # What is next to an unreachable grasp, or to one that does not suit the goal, is no better:
         # it comes last.
         other = (one for one in left if not any(_is_near(one.tool, pose) for pose in beyond))
@@ -655,10 +664,24 @@ def first_approach(
                 in_object = wanted.lies.inverse @ ranked.tool
                 refuse_goal(arm, wanted.name or "", wanted.goal, in_object, ranked.grasp.width)
             suits = True
-            rows = yield from _rows_to(arm, out, ranked, wanted, seen, lift)
+            room = 0.0 if wanted.onward is None else _ONWARD_ROOM_M
+            try:
+                rows = yield from _rows_to(arm, out, ranked, wanted, seen, lift, room)
+            except Failure:
+                if not room:
+                    raise
+                beyond.append(ranked.tool)
+                roomier -= cramped is not None
+                if cramped is not None:
+                    continue
+                room = 0.0
+                rows = yield from _rows_to(arm, out, ranked, wanted, seen, lift)
             unknown = touched if seen else frozenset[str]()
             motion = yield from arm.plan([rows[0]], speed, unknown, began_s=began_s)
-            return GraspApproach(ranked, motion, rows, standoff)
+            found = GraspApproach(ranked, motion, rows, standoff)
+            if wanted.onward is None or room:
+                return found
+            cramped = found
         except Failure as failure:
             if failure.code in ("BUSY", "OVERLOADED"):
                 raise
@@ -671,6 +694,8 @@ def first_approach(
             if failure.code == "UNREACHABLE" or not suits:
                 beyond.append(ranked.tool)
         yield
+    if cramped is not None:
+        return cramped
     first = reasons[0]
     raise Failure(
         "OUT_OF_REACH",
@@ -687,6 +712,7 @@ def _rows_to(
     wanted: WantedGrasp,
     seen: Pose | None,
     lift: float,
+    room: float = 0.0,
 ) -> Generator[None, None, Matrix]:
     """Configurations along the line to a grasp, in a branch in which the arm can do what follows.
 
@@ -700,6 +726,7 @@ def _rows_to(
         wanted: Specification of the grasp.
         seen: As for `first_approach`.
         lift: As for `first_approach`.
+        room: Distance that the arm keeps from everything where it moves the object, m.
 
     Raises:
         Failure: That of the preferred branch: ``IN_COLLISION``, ``PATH_BROKEN``, ``SINGULAR``, or
@@ -717,7 +744,7 @@ def _rows_to(
         if onward is not None and free is not None:
             # As the arm will follow it from there: a redundant one may do so otherwise.
             after = arm.kinematics.follow_on(later, rows[-1])
-            onward.refuse_contact(arm, after, free)
+            onward.refuse_contact(arm, after, free, room)
         if lift > 0.0:
             up = np.array((0.0, 0.0, lift))
             arm.line_after(rows[-1], Pose(tool.position + up, tool.quaternion))

@@ -293,3 +293,27 @@ def test_every_branch_of_a_path_is_whole_and_another_one() -> None:
     assert len(ends) > 1
     apart = [np.abs(a - b).max() for i, a in enumerate(ends) for b in ends[:i]]
     assert min(apart) > 1e-3
+
+
+def test_a_redundant_arm_changes_its_posture_where_its_own_leads_nowhere() -> None:
+    """A Panda that had opened a door could not shut it: it became singular on the way back."""
+    panda = Kinematics(
+        load_robot("panda"), Pose(np.array((0.0, 0.0, 0.4)), np.array((1.0, 0, 0, 0)))
+    )
+    q = np.array((0.31303, -0.5602, 0.07268, -2.84748, -0.92258, 2.12606, 2.84933))
+    anchor = np.array((0.5905, 0.0790, 0.0))
+    start = Pose.from_matrix(panda.matrix(q))
+    turns = (Pose.from_rpy((0, 0, 0), (0, 0, angle)) for angle in np.linspace(0.0, 0.925, 32))
+    poses = [
+        Pose(anchor, turn.quaternion) @ Pose(-anchor, np.array((1.0, 0, 0, 0))) @ start
+        for turn in turns
+    ]
+    with pytest.raises(Failure, match="SINGULAR"):
+        panda.follow_on(poses, q)
+    rows = panda.follow_on(poses, q, changes_posture=True)
+    assert (rows[0] == q).all()
+    assert np.abs(np.diff(rows, axis=0)).max() < 0.2
+    for pose, row in zip(poses, rows, strict=True):
+        reached = Pose.from_matrix(panda.matrix(row))
+        assert reached.distance(pose) < 1e-4
+        assert reached.angle(pose) < 1e-3

@@ -136,3 +136,45 @@ def test_range_of_the_joint_is_known_to_the_skill(stage: Stage) -> None:
     (leaf,) = play.leaves("operate")
     assert leaf.code == "INVALID_TARGET"
     assert "0 to 0.18 m" in leaf.reason
+
+
+def test_the_hand_keeps_away_from_the_door_that_it_moves(stage: Stage) -> None:
+    """The grasp at the middle of the handle left 5 mm, and the way back began in collision."""
+    stems: Tree = {
+        name: {"shape": "box", "size": [0.01, 0.055, 0.01]}
+        | {"pose": {"xyz": [-0.1475, -0.0275, z]}}
+        for name, z in (("stem1", -0.032), ("stem2", 0.032))
+    }
+    bar: Tree = {"shape": "box", "size": [0.01289, 0.01289, 0.09], "color": "red"}
+    door: Tree = {
+        "shape": "compound",
+        "mass": 5.0,
+        "fixed": True,
+        "pose": {"xyz": [0.7155, -0.6347, 0.7007], "rpy": [0, 0, -130.556]},
+        "parts": {
+            "back": {"shape": "box", "size": [0.355, 0.01, 0.4488], "pose": {"xyz": [0, 0.12, 0]}},
+            "panel": {"shape": "box", "size": [0.355, 0.012, 0.4488]},
+            "handle": bar | {"pose": {"xyz": [-0.1475, -0.055, 0]}},
+            **stems,
+        },
+        "joints": {
+            "hinge": {"type": "hinge", "axis": [0, 0, 1], "anchor": [0.1775, 0, 0]}
+            | {"range": [0, 110], "friction": 0.5, "damping": 0.1, "mass": 0.2}
+            | {"parts": ["panel", "handle", "stem1", "stem2"]}
+        },
+    }
+    arm = {"robot": "ur10", "gripper": "robotiq_2f85", "base": {"xyz": [0, 0, 0.4]}}
+    moved = {"object": "door", "joint": "hinge"}
+    leaves = [
+        {"grasp": {"object": "door", "part": "handle", "then_to": 66.8}},
+        {"operate": moved | {"to": 66.8}},
+        {"operate": moved | {"to": 0}},
+    ]
+    play = stage.run(
+        {
+            "world": {"scene": "empty", "reality": "lab", "time_limit": 60},
+            "objects": {"door": door},
+            "arms": {"arm1": arm | {"tree": {"sequence": leaves}}},
+        }
+    )
+    assert [leaf.status for leaf in play.leaves("operate")] == ["SUCCESS", "SUCCESS"]
