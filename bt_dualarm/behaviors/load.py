@@ -90,7 +90,7 @@ from bt_dualarm.spec.parser import (
 )
 from bt_dualarm.spec.path_file import texts_of
 from bt_dualarm.spec.problems import Location, Problem, SpecError, errors, in_order
-from bt_dualarm.spec.scene import SceneFile, is_scene_path, read_scene
+from bt_dualarm.spec.scene import VERSION, SceneFile, is_scene_path, read_scene
 from bt_dualarm.spec.texture import NO_PICTURE, ImageError, Picture, read_image, refuse_pixels
 from bt_dualarm.spec.values import PoseSpec, Value
 from bt_dualarm.spec.yaml_reader import Data, DataPath, Source, TreeInput, read_tree, with_tuples
@@ -192,6 +192,24 @@ def load(
     return Loaded(None, wrong, source.file, file or loading.sound, left_out, source)
 
 
+_OTHER_KINDS: Final = {
+    VERSION: ("a scene", "world: {scene: FILE}"),
+    "palm": ("a gripper", "arms: {arm1: {gripper: FILE}}"),
+    "urdf": ("a robot", "arms: {arm1: {robot: FILE}}"),
+}
+"""What a file without trees describes, by a key of its own, and where a tree file names it."""
+
+
+def _of_another_kind(source: Source) -> Problem | None:
+    """The problem of a scene, robot or gripper that is given as a tree."""
+    if not {"bt_dualarm", "arms", "subtrees"} & source.data.keys():
+        for key, (kind, use) in _OTHER_KINDS.items():
+            if key in source.data:
+                message = f"this file describes {kind}, not a tree"
+                return source.problem((key,), message, f"name it in a tree file: '{use}'")
+    return None
+
+
 @dataclass
 class _Loading:
     """State of loading one file."""
@@ -213,6 +231,10 @@ class _Loading:
         if not isinstance(source.data, dict):
             message = f"expected a mapping with 'bt_dualarm: {FORMAT}', not "
             self.problems.append(source.problem((), message + in_words(source.data)))
+            return None
+        another = _of_another_kind(source)
+        if another is not None:
+            self.problems.append(another)
             return None
         self._check_version(source)
         specs = declared(source, ("params",), self.problems)

@@ -232,3 +232,18 @@ def test_too_many_and_too_few_are_counted(
     number = least if given < least else most
     wanted = str(number) if least == most else bound
     assert f"{part}: expected {wanted} {noun}{'s' * (number != 1)}, not {given}" in messages
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "key"),
+    [
+        ("bt_dualarm_scene: 1\nfixtures: {}\n", "a scene", "scene"),
+        ("title: Arm\nurdf: arm.urdf\n", "a robot", "robot"),
+        ("title: Hand\nurdf: hand.urdf\npalm: hand\n", "a gripper", "gripper"),
+    ],
+)
+def test_a_file_of_another_kind_is_no_tree(text: str, kind: str, key: str) -> None:
+    """Every field of it was unknown: a page of errors that did not say why."""
+    (found,) = check_file(text)
+    assert found.message == f"this file describes {kind}, not a tree"
+    assert f"{key}: FILE" in found.hint
