@@ -192,7 +192,7 @@ class PlaneView:
 _CHECKED_EVERY_S = 0.06
 _HURRIED_EVERY_S = 0.02  # where the tool closes in, and may accelerate the more
 _CHECKED_ROWS = 8  # configurations of the braking motion that are checked
-_CLEAR_M = 0.003  # by which the arm stops before a collision: it lags, sags and overshoots
+_CLEAR_M = 0.003  # by which an arm that hurries stops before a collision: it lags and overshoots
 
 
 class StreamClear:
@@ -232,7 +232,8 @@ class StreamClear:
         later = np.clip(v + every_s * a, -limits.velocity, limits.velocity)
         then = SetPoint(q + 0.5 * every_s * (v + later), later, a)
         checker = CollisionChecker(arm.world, arm.name)
-        checker.keep_clear(_CLEAR_M)
+        if closes_in:
+            checker.keep_clear(_CLEAR_M)
         rows = stopping_positions(arm.kinematics, limits, self._axes, then, _CHECKED_ROWS)
         found = checker.first_contact(rows)
         if found is not None:
@@ -759,7 +760,9 @@ class PlaneTracking:
             rows = arm.line_on(Pose(here.position + step @ self._axes, here.quaternion))
         except Failure:
             return False
-        return arm.checker().first_contact(rows) is None
+        checker = arm.checker()
+        checker.keep_clear(_CLEAR_M)
+        return checker.first_contact(rows) is None
 
     def refuse_above_bound(self) -> None:
         """Check the error over the whole time; see `FollowingError.refuse_above_bound`."""
