@@ -114,6 +114,7 @@ class Operate(Skill):
             self.metrics |= {"joint_before_m": began, "joint_m": reached}
         if away > ports.tolerance:
             spec = part.spec
+            yield from self._hand.rest()  # nothing else would end the pull
             raise Failure(
                 "NOT_REACHED",
                 f"{part.name} is at {spec.in_words(reached)}, {1e3 * away:.1f} mm of its path from "

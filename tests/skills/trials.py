@@ -28,6 +28,7 @@ from tests.skills.scenarios import (
     PARTNER,
     PICK,
     PRESENTING,
+    PULLS,
     SCENARIOS,
     STANDING,
     TAKER,
@@ -664,7 +665,7 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("operate", "NOT_HELD"): Trial(OPERATE, {"before": ()}),
     ("operate", "NOT_THERE"): Trial(OPERATE, {"before": ({"remove": {"object": "cabinet"}},)}),
     ("operate", "INVALID_TARGET"): Trial({"operate": _OPERATED | {"to": 0.3}}, {"before": ()}),
-    ("operate", "BLOCKED"): Trial(OPERATE, deeds=((7.5, drags("cabinet.slide", 1e3)),), moves=True),
+    ("operate", "BLOCKED"): Trial(OPERATE, deeds=((5.8, drags("cabinet.slide", 1e3)),), moves=True),
     ("operate", "FORCE_LIMIT"): Trial(
         {"operate": _OPERATED | {"force": 20}},
         {"objects": cabinet_that(friction=10.0, damping=300.0)},
@@ -672,9 +673,10 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ),
     ("operate", "NOT_REACHED"): Trial(
         OPERATE,
+        {"before": ({"grasp": PULLS["grasp"] | {"approach": [1, 0, 0]}},)},
         deeds=(
-            (9.1, slips("cabinet.slide", -0.008)),
-            (9.12, drags("cabinet.slide", 1e3)),
+            (8.2, slips("cabinet.slide", -0.008)),
+            (8.22, drags("cabinet.slide", 1e3)),
         ),
         moves=True,
     ),
@@ -684,10 +686,10 @@ TRIALS: dict[tuple[str, str], Trial] = {
         moves=True,
     ),
     ("operate", "SLIPPED"): Trial(
-        OPERATE, deeds=((7.8, thins("cabinet.slide", "handle", 0.6)),), moves=True
+        OPERATE, deeds=((6.1, thins("cabinet.slide", "handle", 0.6)),), moves=True
     ),
     ("operate", "DROPPED"): Trial(
-        OPERATE, deeds=((7.8, thins("cabinet.slide", "handle", 0.01)),), moves=True
+        OPERATE, deeds=((6.1, thins("cabinet.slide", "handle", 0.01)),), moves=True
     ),
     ("grasp", "GRIPPER_FULL"): Trial({"grasp": {"object": "other"}}, CLOSED),
     ("grasp", "INVALID_TARGET"): Trial(GRASP, {"objects": cube_that(fixed=True)}),
