@@ -55,8 +55,6 @@ _SAME_SIZE_LATE = (1.3, 1.12)  # much later, possibly from another direction
 _LATE_S = 1.0
 _SLACK_PX = 1.46  # allowed change of width or height, in addition to their uncertainty
 _PERSISTENCE = 4.0  # the shift of an occluded target persists for many frames, unlike noise
-_SHRINKS = 1.0  # the same of one whose views become smaller smoothly: it may be covered slowly
-_TILTS = 0.25  # and of one whose views become larger: it shows more of its sides
 _FULL = 0.97  # at this fraction of the target's fill ratio, an outline is as simple as its own
 # Time for which whole views of another size mean another depth: of a size that is unlike that of a
 # covered part, which loses either width or height, and otherwise.
@@ -165,13 +163,8 @@ class Outline:
         """Whether the view at a time is one of those that change smoothly since a whole one."""
         return self._smooth[0] == stamp
 
-    def watch(self, seen: VisiblePart, frame: Frame) -> None:
-        """Note whether a view has changed smoothly since the last one, and those since a whole one.
-
-        To be called with the view that may be the target, before it is judged.
-        """
-        if frame.stride > 1:
-            return
+    def _is_smoothly_resized(self, seen: VisiblePart, frame: Frame) -> bool:
+        """Whether width and height have both changed since a whole view, smoothly until now."""
         detection = seen.detection
         root = math.sqrt(detection.area_px)
         fill = _fill(detection)
@@ -183,15 +176,12 @@ class Outline:
             and abs(math.log(fill / last_fill)) < math.log(_SMOOTH_FILL) + _FILL_GROWTH * passed
             and abs(root - last_root) < _GROWTH * passed * last_root + _SLACK_PX
         )
-        is_one = seen.whole or is_smooth
-        self._smooth = (frame.stamp, root, fill) if is_one else (-math.inf, 0.0, 1.0)
-
-    def _is_smoothly_resized(self, seen: VisiblePart, frame: Frame) -> bool:
-        """Whether width and height have both changed since a whole view, smoothly until now."""
-        if seen.whole or not self._is_changing(frame.stamp):
+        if not (seen.whole or is_smooth):
+            self._smooth = -math.inf, 0.0, 1.0
             return False
-        detection = seen.detection
-        fill = _fill(detection)
+        self._smooth = frame.stamp, root, fill
+        if seen.whole:
+            return False
         left, top, right, bottom = (self._beside(seen, frame) - self._rest).tolist()
         wider, higher = right - left, bottom - top
         if min(wider, higher) > _OTHER_SIZE_PX:
@@ -292,12 +282,7 @@ class Outline:
         strange = abs(1.0 - (sighting.side / self.side) ** 2) if self.known else 0.0
         if seen.detection.touches_border:
             strange = max(strange, 0.5)
-        persistence = _PERSISTENCE
-        if self._is_changing(frame.stamp):
-            # It may tilt: then its centroid hardly shifts. Distrusted like a covered target, it is
-            # predicted for tenths of a second, and left behind if it turns back meanwhile.
-            persistence = _TILTS if sighting.side > self.side else _SHRINKS
-        shift = persistence * 0.5 * strange * max(self.side, sighting.side)
+        shift = _PERSISTENCE * 0.5 * strange * max(self.side, sighting.side)
         return seen._replace(sighting=replace(sighting, sigma=np.hypot(sighting.sigma, shift)))
 
     def fit(
@@ -844,16 +829,15 @@ class TargetTracker:
 
     def _learn_depth_anew(self, found: list[VisiblePart], frame: Frame) -> bool:
         """Forget size and depth of a target that is at another depth; returns whether it is."""
-        if not found or (self._hunting and self._before_loss is None):
+        if not found or not self._localizer.knows_shape:
+            return False
+        if self._hunting and self._before_loss is None:
             return False
         estimate = self._confirmed
         expected = estimate.predict(min(frame.stamp, estimate.stamp + FORESEEN_S)).position
         away = [float(np.linalg.norm(seen.sighting.point - expected)) for seen in found]
         nearest = found[int(np.argmin(away))]
         if min(away) > max(_MIN_DEVIATION_M, nearest.sighting.side):
-            return False
-        self._outline.watch(nearest, frame)
-        if not self._localizer.knows_shape:
             return False
         if not self._outline.is_at_another_depth(nearest, frame):
             return False
