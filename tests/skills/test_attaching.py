@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import mujoco
 import numpy as np
 import pytest
 
 from bt_dualarm.sim.world import World
+from tests.families import some
 from tests.plays import Stage
 from tests.skills.scenarios import CUBE, GRIPPING, ON_TABLE, PICK, Scenario, Tree
 
@@ -57,9 +60,17 @@ def test_after_a_touch_that_was_none_of_the_object_the_arm_is_free(
     assert "touched" not in second.metrics, second
 
 
-@pytest.mark.parametrize("reality", ["ideal", "rough"])
-@pytest.mark.parametrize("robot", ["ur5", "panda", "xarm7"])
-@pytest.mark.parametrize("gripper", ["robotiq_2f85", "panda_hand", "suction_cup"])
+@pytest.mark.parametrize(
+    ("gripper", "robot", "reality"),
+    some(
+        product(
+            ["robotiq_2f85", "panda_hand", "suction_cup"],
+            ["ur5", "panda", "xarm7"],
+            ["ideal", "rough"],
+        ),
+        5,
+    ),
+)
 def test_a_thing_on_a_table_is_touched_lightly(
     robot: str, gripper: str, reality: str, stage: Stage
 ) -> None:
@@ -142,8 +153,15 @@ OPEN = {
 }
 
 
-@pytest.mark.parametrize("shape", OPEN)
-@pytest.mark.parametrize("robot", ["ur5", "panda"])
+BY_TURNS = [
+    (robot, shape)
+    for number, shape in enumerate(OPEN)
+    for robot in (("ur5", "panda") if number % 2 == 0 else ("panda", "ur5"))
+]
+"""One in two: every shape, and both robots."""
+
+
+@pytest.mark.parametrize(("robot", "shape"), some(BY_TURNS, 2))
 def test_an_open_thing_is_attached_at_its_edge(robot: str, shape: str, stage: Stage) -> None:
     """The tool went into the void above its floor, and stopped there."""
     size = OPEN[shape]

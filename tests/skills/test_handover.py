@@ -113,7 +113,7 @@ def test_the_bar_is_never_unheld(reality: str, stage: Stage) -> None:
 
 
 def test_the_orientation_is_as_wanted(stage: Stage) -> None:
-    given = {"hand_over": {"object": "cube", "to": "arm2", "orientation": [0, 0, 90]}}
+    given = {"hand_over": {"object": "cube", "to": "arm2", "orientation": [0, 0, -90]}}
     taken: dict[str, float] = {}
 
     def look(world: World) -> None:
