@@ -13,7 +13,7 @@ from bt_dualarm.behaviors.report import LeafReport, StatusChange
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.sim.world import World
 from bt_dualarm.testing import Candidate
-from tests.families import some
+from tests.families import WHOLE, some
 from tests.plays import Deed, Stage
 from tests.skills.candidates import REGISTRY
 from tests.skills.scenarios import CUBE, WALL, Scenario, Tree
@@ -161,7 +161,10 @@ def unmeddled(skill: str) -> LeafReport:
     [(skill, number) for skill, case in CASES.items() for number in range(len(case.meddlings))],
 )
 def test_what_is_said_is_true_when_it_is_said(skill: str, number: int, stage: Stage) -> None:
-    """Whatever a meddler does to the thing, in the first, the last and other ticks of the leaf."""
+    """Whatever a meddler does to the thing, in the first, the last and other ticks of the leaf.
+
+    Meddlers take turns with every other moment; in ``make matrix`` each has all of them.
+    """
     case = CASES[skill]
     calm = unmeddled(skill)
     assert calm.status == "SUCCESS", calm.reason
@@ -169,6 +172,8 @@ def test_what_is_said_is_true_when_it_is_said(skill: str, number: int, stage: St
     length = calm.ended_s - calm.started_s
     moments = [calm.started_s + share * length for share in case.shares]
     moments += [calm.ended_s - steps * STEP for steps in LAST if steps * STEP < length]
+    if not WHOLE and len(moments) > 3:
+        moments = moments[number % 2 :: 2]
     said = 0
     for moment in moments:
         deeds = [(moment, case.meddlings[number])]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import pytest
 
 from benchmarks.sequences import play
@@ -61,9 +63,19 @@ def test_what_it_presses_on_may_keep_it_from_its_set_point(
     assert play.leaf("move_linear").status == "SUCCESS"
 
 
-@pytest.mark.parametrize("reality", ["ideal", "rough"])
 @pytest.mark.parametrize(
-    ("robot", "gripper"), [("xarm7", "suction_cup"), ("ur10", "panda_hand"), ("ur5", "suction_cup")]
+    ("robot", "gripper", "reality"),
+    some(
+        [
+            ("xarm7", "suction_cup", "ideal"),
+            ("xarm7", "suction_cup", "rough"),
+            ("ur10", "panda_hand", "rough"),
+            ("ur10", "panda_hand", "ideal"),
+            ("ur5", "suction_cup", "ideal"),
+            ("ur5", "suction_cup", "rough"),
+        ],
+        2,
+    ),
 )
 def test_the_contact_force_is_not_compensated(
     robot: str, gripper: str, reality: str, stage: Stage
@@ -78,8 +90,9 @@ def test_the_contact_force_is_not_compensated(
     assert 5.0 < float(play.leaf("move_until_contact").metrics["touch_force_n"]) < 40.0
 
 
-@pytest.mark.parametrize("gripper", ["panda_hand", "suction_cup"])
-@pytest.mark.parametrize("robot", ["panda", "xarm7"])
+@pytest.mark.parametrize(
+    ("robot", "gripper"), some(product(["panda", "xarm7"], ["panda_hand", "suction_cup"]), 3)
+)
 def test_a_contact_just_after_the_start_is_not_compensated_either(
     robot: str, gripper: str, stage: Stage
 ) -> None:

@@ -54,7 +54,7 @@ def spotless(play: Play, caplog: pytest.LogCaptureFixture) -> bool:
     )
 
 
-@pytest.mark.parametrize("skill", some(sorted(SCENARIOS), 7))
+@pytest.mark.parametrize("skill", some(sorted(SCENARIOS), 10))
 def test_an_arm_is_taken_away_while_it_works(
     skill: str, stage: Stage, caplog: pytest.LogCaptureFixture
 ) -> None:

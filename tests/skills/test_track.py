@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -98,8 +99,7 @@ def test_prediction_makes_up_for_rate_and_latency(
     assert errors.values.max() == leaf.metrics["yz_max_m"], "the plot shows what the metric says"
 
 
-@pytest.mark.parametrize("turned", [0, 40])
-@pytest.mark.parametrize("more", some([{}, {"target_size": 0.05}], 1))
+@pytest.mark.parametrize(("more", "turned"), some(product([{}, {"target_size": 0.05}], [0, 40]), 3))
 def test_a_cube_with_a_print_on_its_face_is_followed(
     more: dict[str, Any], turned: float, stage: Stage
 ) -> None:
@@ -173,7 +173,7 @@ def test_rest_counts_in_depth_too(stage: Stage) -> None:
     assert 3.0 < (leaf.ended_s or 0.0) < 6.0
 
 
-@pytest.mark.parametrize("sideways", [-0.3, 0.2])
+@pytest.mark.parametrize("sideways", some([-0.3, 0.2], 2))
 def test_a_metric_that_names_a_plane_is_of_that_plane(sideways: float, stage: Stage) -> None:
     """In one that leans it was called yz, too."""
     plane = {"plane": {"normal": [1.0, sideways, 0.0]}, "duration": 2.0}
@@ -538,7 +538,7 @@ def test_a_camera_that_looks_along_the_plane_cannot_lead_the_arm(stage: Stage) -
     assert "normal" in play.leaf("track").reason
 
 
-@pytest.mark.parametrize(("limits", "bound"), [(1.0, 0.02), (1.0, 0.004), (0.02, 0.02)])
+@pytest.mark.parametrize(("limits", "bound"), some([(1.0, 0.004), (1.0, 0.02), (0.02, 0.02)], 2))
 def test_who_cannot_keep_up_says_by_how_much(limits: float, bound: float, stage: Stage) -> None:
     """A circle that grows ever faster, while the target stays in view."""
 
@@ -563,7 +563,7 @@ def test_what_the_camera_saw_agrees_with_the_truth(stage: Stage) -> None:
     assert float(leaf.metrics["seen_rms_m"]) < 1.5 * float(leaf.metrics["plane_rms_m"]) + 5e-4
 
 
-@pytest.mark.parametrize("later", [0.02, 0.06, 0.1])
+@pytest.mark.parametrize("later", some([0.02, 0.06, 0.1], 2))
 def test_a_target_that_goes_while_the_arm_brakes_was_not_followed(
     later: float, stage: Stage
 ) -> None:
@@ -599,8 +599,7 @@ def test_a_target_out_of_reach_is_waited_for(stage: Stage) -> None:
     assert float(leaf.metrics["error_rms_m"]) < 0.01
 
 
-@pytest.mark.parametrize("sized", [False, True])
-@pytest.mark.parametrize("nearer", [0.0, 0.08])
+@pytest.mark.parametrize(("nearer", "sized"), some(product([0.0, 0.08], [False, True]), 3))
 def test_a_target_out_of_reach_that_goes_is_waited_for_as_at_the_start(
     sized: bool, nearer: float, stage: Stage
 ) -> None:

@@ -51,7 +51,7 @@ def test_the_motors_of_an_arm_are_those_of_its_joints(robot: str, gripper: str |
     assert joint_motors(world.model, "arm2").size == 0
 
 
-@pytest.mark.parametrize(("robot", "gripper"), some(SHOWN, 3))
+@pytest.mark.parametrize(("robot", "gripper"), some(SHOWN, 7))
 def test_an_arm_with_a_gripper_is_shown_live_and_from_its_record(
     robot: str, gripper: str | None, tmp_path: Path
 ) -> None:
