@@ -20,7 +20,7 @@ from hypothesis import settings
 from bt_dualarm.skill.registry import Registry
 from tests.commands import BtRun, Ran, in_this_process
 from tests.plays import Stage
-from tests.undrawn import undrawn
+from tests.undrawn import BT_RUN_UNDRAWN, undrawn
 
 # A first example may import what is imported when it is asked for, on a machine with other work.
 settings.register_profile("unhurried", deadline=None)
@@ -127,15 +127,6 @@ def stage(tmp_path: Path, registry: Registry) -> Stage:
     return Stage(tmp_path, registry)
 
 
-UNDRAWN = """
-import sys
-from bt_dualarm.cli import run
-from bt_dualarm.runtime import plots
-plots.files_of = lambda *_: iter(())
-sys.exit(run())
-"""
-
-
 @pytest.fixture
 def bt_run(tmp_path: Path) -> BtRun:
     """Runs ``bt-run`` in a fresh process, without its pictures, and reads what it left behind."""
@@ -144,7 +135,7 @@ def bt_run(tmp_path: Path) -> BtRun:
     def run(*arguments: str | Path) -> Ran:
         folder = next(folders)
         done = subprocess.run(
-            [sys.executable, "-c", UNDRAWN, *arguments, *recording_to(folder)],
+            [sys.executable, "-c", BT_RUN_UNDRAWN, *arguments, *recording_to(folder)],
             env=os.environ | {"OMP_NUM_THREADS": "1"},
             capture_output=True,
             text=True,

@@ -7,6 +7,15 @@ from contextlib import contextmanager
 
 import pytest
 
+BT_RUN_UNDRAWN = """
+import sys
+from bt_dualarm.cli import run
+from bt_dualarm.runtime import plots
+plots.files_of = lambda *_: iter(())
+sys.exit(run())
+"""
+"""What ``python -c`` takes to be ``bt-run`` without pictures."""
+
 
 @contextmanager
 def undrawn() -> Iterator[None]:

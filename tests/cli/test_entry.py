@@ -22,6 +22,7 @@ from bt_dualarm.cli.entry import ProcessEnd
 from bt_dualarm.runtime.interruption import StopRequest
 from tests.families import some
 from tests.listening import HEEDING, STOPPING, wait_until, wait_until_it_listens
+from tests.undrawn import BT_RUN_UNDRAWN
 
 PROGRAM = f"{HEEDING}import sys; import bt_dualarm.cli as cli; "
 COMMANDS = {
@@ -170,9 +171,8 @@ def test_a_terminal_that_is_closed_takes_no_record_along(tmp_path: Path, display
     """The shell sends SIGHUP, and whatever is printed from then on fails."""
     ours, theirs = os.openpty()
     arguments = ("circle", "--real-time", "--display", display, "--record", str(tmp_path / "out"))
-    program = f"{PROGRAM}sys.exit(cli.run())"
     with subprocess.Popen(
-        [sys.executable, "-c", program, *arguments],
+        [sys.executable, "-c", f"{HEEDING}{BT_RUN_UNDRAWN}", *arguments],
         stdin=theirs,
         stdout=theirs,
         stderr=theirs,
@@ -190,8 +190,7 @@ def test_a_terminal_that_is_closed_takes_no_record_along(tmp_path: Path, display
 
 def test_where_hanging_up_is_ignored_it_stays_ignored(tmp_path: Path) -> None:
     """As ``nohup`` has it."""
-    program = "import sys; import bt_dualarm.cli as cli; sys.exit(cli.run())"
-    command = ["nohup", sys.executable, "-c", program]
+    command = ["nohup", sys.executable, "-c", BT_RUN_UNDRAWN]
     arguments = ("circle", "--duration", "0.5", "--real-time", "--record", str(tmp_path / "out"))
     with subprocess.Popen([*command, *arguments], stdout=subprocess.DEVNULL) as process:
         wait_until(process, (tmp_path / "out" / "events.jsonl").exists)

@@ -23,6 +23,7 @@ from bt_dualarm.experiments import report
 from bt_dualarm.experiments.report import Campaign, Result
 from bt_dualarm.experiments.trials import Cell
 from bt_dualarm.sim import renderers
+from tests.docs.test_docs import ONE_CELL
 from tests.experiments.test_results import made_up
 from tests.families import some
 
@@ -30,11 +31,14 @@ ONE = ("--case", "circle", "--speed", "1", "--controller", "predictive")
 
 
 @pytest.mark.slow
-def test_one_cell_writes_its_numbers(tmp_path: Path) -> None:
-    """The hardest circle by prediction: below 1 mm RMS, nothing lost, no report unasked."""
+def test_one_cell_writes_its_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The hardest circle by prediction: below 1 mm RMS, nothing lost, no report unasked.
+
+    It is the command of a page.
+    """
     file = tmp_path / "cell.json"
-    arguments = "--case circle --speed 1.0 --controller predictive --fps 60 --seeds 1"
-    assert main([*arguments.split(), "--json", str(file)]) == 0
+    monkeypatch.chdir(tmp_path)
+    assert main(ONE_CELL.split()[1:]) == 0
     content = json.loads(file.read_text(encoding="utf-8"))
     assert content["renderer"] == "ray", "which every machine has"
     assert content["outcome"] == ["SUCCESS"]

@@ -17,6 +17,7 @@ from bt_dualarm import cli
 from bt_dualarm.core.share import share_dir
 from bt_dualarm.runtime.options import NoSuchTree, find_tree, shipped_trees
 from bt_dualarm.runtime.run import Run
+from tests.undrawn import BT_RUN_UNDRAWN
 
 WAITING = """\
 bt_dualarm: 1
@@ -277,7 +278,7 @@ def test_the_version_is_the_package_s(capsys: pytest.CaptureFixture[str]) -> Non
 def test_a_reader_that_goes_away_does_not_stop_the_run(waiting: Path, tmp_path: Path) -> None:
     """``bt-run … | head -1`` runs to its end and writes its record."""
     out = tmp_path / "out"
-    command = f"{sys.executable} -c 'import bt_dualarm.cli as c, sys; sys.exit(c.run())' {waiting}"
+    command = f"{sys.executable} -c '{BT_RUN_UNDRAWN}' {waiting}"
     done = subprocess.run(
         ["bash", "-c", f"{command} --record {out} | true; exit ${{PIPESTATUS[0]}}"],
         capture_output=True,
@@ -302,7 +303,7 @@ def test_a_signal_ends_it_in_order(tmp_path: Path, number: signal.Signals, code:
     command = [
         sys.executable,
         "-c",
-        "import bt_dualarm.cli as c, sys; sys.exit(c.run())",
+        BT_RUN_UNDRAWN,
         "circle",
         "--real-time",
         "--record",

@@ -61,6 +61,7 @@ def test_an_import_that_cannot_be_interrupted_ends_the_process(tmp_path: Path) -
     code = (
         "import sys; import bt_dualarm.cli as cli; from bt_dualarm.cli import entry; "
         "from bt_dualarm.skill.registry import Registry; Registry.load(); "
+        "from bt_dualarm.runtime import interruption; interruption._RETRY_S = 0.2; "
         f"entry.IMPORT_S = {SECONDS}; sys.exit(cli.check())"
     )
     command = [sys.executable, "-c", code, "circle", "--skills", str(tmp_path)]
