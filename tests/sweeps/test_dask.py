@@ -99,7 +99,7 @@ def test_a_killed_client_loses_no_finished_trial(address: str, tmp_path: Path) -
     tree = tmp_path / "tree.yaml"
     tree.write_text(TREE.replace("PREEMPT, ", ""))
     program = "import sys; from bt_dualarm.cli import sweep; sys.exit(sweep())"
-    given = [str(tree), "--seeds", "0:12", "--dask", address, "--out", str(tmp_path / "out")]
+    given = [str(tree), "--seeds", "0:6", "--dask", address, "--out", str(tmp_path / "out")]
     client = subprocess.Popen([sys.executable, "-c", program, *given])
     until = time.monotonic() + 300.0
     while not [*(tmp_path / "out" / "rows").glob("*.parquet")] and time.monotonic() < until:
@@ -108,7 +108,7 @@ def test_a_killed_client_loses_no_finished_trial(address: str, tmp_path: Path) -
     client.wait()
     kept = read_rows([tmp_path / "out"])
     assert kept is not None
-    again = bt.sweep(tree, out=tmp_path / "out", seeds=12, dask=address)
+    again = bt.sweep(tree, out=tmp_path / "out", seeds=6, dask=address)
     assert again.progress.known == len(kept)
-    whole = bt.sweep(tree, out=tmp_path / "whole", seeds=12, jobs=1)
+    whole = bt.sweep(tree, out=tmp_path / "whole", seeds=6, jobs=1)
     assert again.sha256 == whole.sha256

@@ -50,7 +50,8 @@ def engine() -> Engine:
 
 @pytest.mark.slow
 def test_every_leaf_gets_every_fault(tmp_path: Path) -> None:
-    tree = TREE | {"arms": {"arm1": TREE["arms"]["arm1"]}}
+    world = TREE["world"] | {"time_limit": 1.0}  # until then, what hangs takes
+    tree = TREE | {"world": world, "arms": {"arm1": TREE["arms"]["arm1"]}}
     campaign = inject_faults(tree, tmp_path, engine)
     marks = {line.split()[0]: line.split("  ", 1)[1] for line in lines_of(campaign) if "✔" in line}
     text = "\n".join(lines_of(campaign))
@@ -160,7 +161,7 @@ def test_a_tree_in_another_folder_may_name_files_next_to_it(tmp_path: Path) -> N
     )
     file = tmp_path / "tree.yaml"
     file.write_text(
-        "bt_dualarm: 1\nname: t\ninclude: [library.yaml]\nworld: {scene: empty, time_limit: 5}\n"
+        "bt_dualarm: 1\nname: t\ninclude: [library.yaml]\nworld: {scene: empty, time_limit: 1}\n"
         "arms: {arm1: {robot: ur5, tree: {subtree: {use: pause}}}}\n"
     )
     campaign = inject_faults(file, tmp_path / "out", engine)
@@ -171,7 +172,7 @@ def test_a_tree_in_another_folder_may_name_files_next_to_it(tmp_path: Path) -> N
 HARDWARE_TREE = {
     "bt_dualarm": 1,
     "name": "short",
-    "world": {"scene": "empty", "time_limit": 5.0},
+    "world": {"scene": "empty", "time_limit": 1.0},
     "objects": {
         "cube": {
             "shape": "box",
