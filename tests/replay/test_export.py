@@ -56,25 +56,26 @@ def test_the_command_writes_them(
 
 
 def test_a_film_has_25_pictures_a_second(
-    failed: Record, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     film = tmp_path / "a.mp4"
-    assert cli.record(["export", str(failed.folder), "--mp4", str(film)]) == 0
+    begun = recorded(tmp_path / "begun", FAILING, duration=0.25)
+    assert cli.record(["export", str(begun.folder), "--mp4", str(film)]) == 0
     reader = cv2.VideoCapture(str(film))
     count = reader.get(cv2.CAP_PROP_FRAME_COUNT)
-    assert count == pytest.approx(25 * failed.until, abs=1.0)
+    assert count == pytest.approx(25 * begun.until, abs=1.0)
     assert reader.get(cv2.CAP_PROP_FPS) == 25
     good, first = reader.read()
     assert good
     assert first.shape == (720, 1280, 3)
     assert len(np.unique(first[:, :880])) > 50, "a scene, not one color"
-    assert [path.name for path in tmp_path.iterdir()] == ["a.mp4"]
+    assert {path.name for path in tmp_path.iterdir()} == {"a.mp4", "begun"}
     nowhere = str(tmp_path / "no" / "a.mp4")
-    assert cli.record(["export", str(failed.folder), "--mp4", nowhere]) == 2
+    assert cli.record(["export", str(begun.folder), "--mp4", nowhere]) == 2
     assert "cannot write" in capsys.readouterr().err
     for form, end in (("--mp4", ".mp4"), ("--webp", ".webp")):
         with pytest.raises(SystemExit):
-            cli.record(["export", str(failed.folder), form, "film.avi"])
+            cli.record(["export", str(begun.folder), form, "film.avi"])
         assert f"does not end with {end}" in capsys.readouterr().err
 
 

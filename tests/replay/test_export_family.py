@@ -29,6 +29,7 @@ from bt_dualarm.replay.timeline import finger_joints, gripper_kind, held_over_ti
 from bt_dualarm.robots.gripper import gripper_names
 from bt_dualarm.sim.painter import ScenePainter, StillRenderer, best_viewpoint
 from bt_dualarm.sim.renderers import fan_of
+from tests.families import some
 from tests.sim.worlds import WIDE
 
 FAMILY = """\
@@ -69,7 +70,7 @@ arms:
 GRIPPERS = {"first": "fingers", "second": "fingers", "third": "suction", "late": None}
 
 
-@pytest.fixture(scope="module", params=WIDE)
+@pytest.fixture(scope="module", params=some(WIDE, 3))
 def family(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Record:
     """The third arm's cup seals on nothing: the run fails."""
     folder = tmp_path_factory.mktemp(request.param)
