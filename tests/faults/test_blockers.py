@@ -17,6 +17,7 @@ from bt_dualarm.replay.record import Record
 from bt_dualarm.runtime import interruption
 from tests.commands import Ran
 from tests.families import some
+from tests.undrawn import BT_RUN_UNDRAWN
 
 HERE = Path(__file__).parent
 
@@ -34,6 +35,8 @@ arms:
     base: {{xyz: [0, 2, 0]}}
     tree: {{wait: 10}}
 """
+
+pytestmark = pytest.mark.usefixtures("without_pictures")
 
 NEEDS_PROC = pytest.mark.skipif(
     not Path("/proc/self/stat").exists(), reason="who sleeps is told by /proc"
@@ -54,12 +57,10 @@ CASES = [
     ("camera", "spin"),
 ]
 
-PROGRAM = """\
-import sys
+PROGRAM = f"""\
 from bt_dualarm.runtime import interruption
 interruption.STOPPING_S = 0.5
-import bt_dualarm.cli as cli
-sys.exit(cli.run())
+{BT_RUN_UNDRAWN}
 """
 
 

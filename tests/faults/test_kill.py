@@ -17,6 +17,7 @@ import pytest
 
 from tests.families import some
 from tests.listening import HEEDING, STOPPING, wait_until, wait_until_it_listens
+from tests.undrawn import BT_RUN_UNDRAWN
 
 ENDLESS = """\
 bt_dualarm: 1
@@ -37,6 +38,7 @@ arms:
 """
 
 PROGRAM = f"{HEEDING}import bt_dualarm.cli as cli, sys; sys.exit(cli.run())"
+UNDRAWN = f"{HEEDING}{BT_RUN_UNDRAWN}"
 
 RNG = np.random.default_rng(5)
 EARLY = [(STOPPING[n % 3], float(seconds)) for n, seconds in enumerate(RNG.uniform(0, 1.5, 6))]
@@ -45,9 +47,9 @@ LATE = [(STOPPING[n % 3], int(lines)) for n, lines in enumerate(RNG.integers(1, 
 """Lines that the run has said: one for each change of a status."""
 
 
-def begun(folder: Path) -> subprocess.Popen[str]:
+def begun(folder: Path, program: str = UNDRAWN) -> subprocess.Popen[str]:
     (folder / "endless.yaml").write_text(ENDLESS)
-    command = [sys.executable, "-c", PROGRAM, str(folder / "endless.yaml")]
+    command = [sys.executable, "-c", program, str(folder / "endless.yaml")]
     options = ["--display", "log", "--record", str(folder / "out")]
     return subprocess.Popen(
         [*command, *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -108,7 +110,7 @@ def test_killed_while_it_runs(tmp_path: Path, number: signal.Signals, lines: int
 @pytest.mark.parametrize("number", some(STOPPING, 3))
 def test_killed_while_it_writes(tmp_path: Path, number: signal.Signals) -> None:
     """The second signal leaves out the plots; the first one decides the code."""
-    with begun(tmp_path) as process:
+    with begun(tmp_path, PROGRAM) as process:
         say(process, 5)
         process.send_signal(number)
         wait_until(process, (tmp_path / "out" / "samples.npz").exists)
