@@ -61,7 +61,7 @@ def test_every_tree_is_on_the_page_with_its_animation() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3) if WHOLE else [1])
-@pytest.mark.parametrize("path", some(TREES, 6), ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", some(TREES, 7), ids=lambda path: path.stem)
 def test_tree_does_its_job(path: Path, seed: int) -> None:
     """In `lab`: all trees succeed, and the goals are met in the true world."""
     result = bt.run(path, seed=seed)

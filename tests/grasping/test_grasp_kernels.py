@@ -65,7 +65,7 @@ def test_distances_are_those_of_the_formulas(solid: Solid, seed: int) -> None:
     assert solid.distance(points) == pytest.approx(written_out(solid, points), abs=1e-15)
 
 
-@settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=3, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(SOLIDS, poses())
 def test_what_pads_meet_is_that_of_plain_python(solid: Solid, pose: Pose) -> None:
     axis, along = (np.ascontiguousarray(one) for one in pose.rotation_matrix.T[:2])

@@ -14,6 +14,7 @@ from bt_dualarm.robots import meshes
 from bt_dualarm.robots.meshes import LOSS_M, Hull, MeshShapes, as_stl, stl_triangles
 from bt_dualarm.robots.robot_description import load_robot, robot_names
 from bt_dualarm.robots.urdf_arm import robot_data_dir
+from tests.families import some
 from tests.sim.worlds import ROBOTS, world_with
 
 UR5_BASE = robot_data_dir() / "ur_description/meshes/ur5/collision/base.stl"
@@ -79,7 +80,9 @@ def volume(points: Matrix) -> float:
     return float(ConvexHull(points).volume)
 
 
-@pytest.mark.parametrize(("path", "scale"), MESHES, ids=lambda part: getattr(part, "stem", ""))
+@pytest.mark.parametrize(
+    ("path", "scale"), some(MESHES, 4), ids=lambda part: getattr(part, "stem", "")
+)
 def test_outline_and_parts_hold_the_mesh(path: Path, scale: tuple[float, ...]) -> None:
     """All corners are few, and of the mesh or of a cut; next to nothing stands out."""
     triangles = triangles_of(path, scale)

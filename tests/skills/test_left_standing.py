@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from benchmarks.false_success_ways import Way, play, ways
+from tests.families import some
 
 CODES = {
     ("place", "sticks to a finger for 60 s"): "NOT_PLACED",
@@ -17,9 +18,16 @@ CODES = {
 }
 """A few of the ways of the benchmark: skill, what happens, and the code with which it fails."""
 
+CHOSEN = [
+    key
+    for kind in dict.fromkeys((skill, code) for (skill, _), code in CODES.items())
+    for key in some((key for key, code in CODES.items() if (key[0], code) == kind), 3)
+]
+"""One in three of those with the same skill and the same code."""
+
 
 @pytest.mark.parametrize(
-    "way", [way for way in ways() if (way.skill, way.name) in CODES], ids=lambda way: way.name
+    "way", [way for way in ways() if (way.skill, way.name) in CHOSEN], ids=lambda way: way.name
 )
 def test_what_does_not_stay_is_no_success(way: Way) -> None:
     """The leaf fails with the code that says why, however well it went by what the arm senses."""

@@ -21,11 +21,11 @@ MOST_N = 15.0
         [
             ("ur5", "robotiq_2f85", "rough", 4),  # friction of a joint was taken for the ground
             ("panda", "panda_hand", "rough", 1),
-            ("xarm7", "suction_cup", "rough", 2),
             ("ur5", "robotiq_2f85", "lab", 3),
             ("ur3", "panda_hand", "lab", 4),
+            ("xarm7", "suction_cup", "rough", 2),
         ],
-        2,
+        3,
     ),
 )
 def test_the_ground_bears_little_more_than_the_thing(
