@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import ctypes
+import fcntl
 import gc
 import io
 import itertools
+import json
 import os
 import subprocess
 import sys
@@ -112,6 +114,24 @@ class Memory:
 def registry() -> Registry:
     """The shipped skills, imported once."""
     return Registry.load()
+
+
+@pytest.fixture(scope="session")
+def main_job(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Ran:
+    """The shipped main job with its pictures, run once for all tests of all workers."""
+    base = tmp_path_factory.getbasetemp()
+    folder = (base.parent if hasattr(request.config, "workerinput") else base) / "main_job"
+    folder.mkdir(exist_ok=True)
+    with (folder / "lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        note = folder / "note.json"
+        if not note.exists():
+            said = io.StringIO()
+            arguments = ["pick_and_track", "--renderer", "ray", "--record", str(folder / "out")]
+            code = in_this_process("bt-run", arguments, said, said)
+            note.write_text(json.dumps((code, said.getvalue())), encoding="utf-8")
+    code, text = json.loads(note.read_text(encoding="utf-8"))
+    return Ran(code, text, text, folder / "out")
 
 
 @pytest.fixture

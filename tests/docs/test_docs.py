@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import re
 import shlex
 import shutil
@@ -16,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from bt_dualarm.core.share import share_dir
-from tests.commands import in_this_process
+from tests.commands import Ran, in_this_process
 from tests.undrawn import undrawn
 
 ROOT = Path(__file__).parents[2]
@@ -168,14 +167,13 @@ def run_in(folder: Path, command: str, monkeypatch: pytest.MonkeyPatch) -> tuple
 
 
 @pytest.fixture(scope="module")
-def main_job(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where the command of the main job has been run, once for all pages that give it."""
-    folder = tmp_path_factory.mktemp("main_job")
-    with pytest.MonkeyPatch.context() as patch:
-        code, said = run_in(folder, MAIN_JOB, patch)
-        assert code == 0, said
-        with undrawn():
-            run_in(folder, BEGINNING, patch)
+def records(main_job: Ran, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the command of the main job leaves, and what one that is ended sooner does."""
+    assert main_job.code == 0, main_job.err
+    folder = tmp_path_factory.mktemp("records")
+    (folder / "out").symlink_to(main_job.folder)
+    with pytest.MonkeyPatch.context() as patch, undrawn():
+        run_in(folder, BEGINNING, patch)
     return folder
 
 
@@ -213,8 +211,7 @@ def test_examples_work_in_the_order_of_the_page(
             if command.startswith("bt-sweep "):
                 command += " --jobs 1"  # each process of it imports all there is
             if command == MAIN_JOB:
-                done = request.getfixturevalue("main_job")
-                shutil.copytree(done, tmp_path, dirs_exist_ok=True)
+                shutil.copytree(request.getfixturevalue("records"), tmp_path, dirs_exist_ok=True)
                 continue
             with undrawn():  # what draws has tests of its own, and that of the main job looks
                 code, said = run_in(tmp_path, SHORTER.get(command, command), monkeypatch)
@@ -225,16 +222,15 @@ def test_examples_work_in_the_order_of_the_page(
 
 
 @pytest.mark.slow
-def test_the_main_job_does_and_writes_what_readme_says(main_job: Path) -> None:
+def test_the_main_job_does_and_writes_what_readme_says(main_job: Ran) -> None:
     """The figure of the first screen, and the table of the files of a record."""
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     guide = (ROOT / "docs" / "running.md").read_text(encoding="utf-8")
-    summary = json.loads((main_job / "out" / "summary.json").read_text(encoding="utf-8"))
-    (track,) = (leaf for leaf in summary["arms"]["arm2"]["leaves"] if leaf["skill"] == "track")
+    (track,) = main_job.leaves("arm2", "track")
     assert "less than 1 mm RMS" in readme
     assert track["metrics"]["yz_rms_m"] < 0.001
 
-    written = {re.sub(r"^arm\d", "ARM", path.name) for path in (main_job / "out").iterdir()}
+    written = {re.sub(r"^arm\d", "ARM", path.name) for path in main_job.folder.iterdir()}
     assert {name for name in written if f"`{name}`" not in guide} == set()
 
 

@@ -42,7 +42,7 @@ def test_the_record_itself_is_read_by_all(files: Files, tmp_path: Path) -> None:
     assert read_by(files, names, tmp_path / "s") == [(name, False, "") for name in names]
 
 
-@pytest.mark.parametrize("name", some(MALICIOUS, 3))
+@pytest.mark.parametrize("name", some(MALICIOUS, 5))
 def test_a_malicious_record_does_no_harm(name: str, files: Files, tmp_path: Path) -> None:
     """Read by one reader each, in turns; by all that take little time in ``make fuzz``."""
     changed = files.copy()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bt_dualarm.core.pose import Matrix
@@ -26,6 +26,7 @@ BASIS = np.array(((1.0, 0.0), (0.5, np.sqrt(0.75))))
 """Neighbors of the center of a lattice of unit pitch, one a row."""
 
 
+@settings(max_examples=30)
 @given(radius=radii, pitch=pitches)
 def test_a_search_begins_in_the_middle_and_goes_outward(radius: float, pitch: float) -> None:
     """Each position is within the radius and new, and no ring is left for one farther inside."""
