@@ -31,10 +31,10 @@ FAILS = {
 
 MOTIONS = tuple(motions(Place.of("ur5", None)))
 CASES = [
-    *some(((robot, skill, BARE) for robot in robot_names() for skill in MOTIONS), 41),
-    *some(((robot, skill, BARE) for robot in robot_names() for skill in ("locate", "track")), 11),
+    *some(((robot, skill, BARE) for robot in robot_names() for skill in MOTIONS), 59),
+    *some(((robot, skill, BARE) for robot in robot_names() for skill in ("locate", "track")), 15),
     *some(
-        ((robot, "place", gripper) for robot in robot_names() for gripper in gripper_names()), 11
+        ((robot, "place", gripper) for robot in robot_names() for gripper in gripper_names()), 17
     ),
 ]
 

@@ -33,7 +33,7 @@ def drawn(seed: int) -> list[Spot]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("spot", some([*drawn(0), *drawn(1)[2:4]], 3), ids=str)
+@pytest.mark.parametrize("spot", some([*drawn(0), *drawn(1)[2:4]], 4), ids=str)
 def test_an_arm_rests_before_a_target_that_rests(spot: Spot, registry: Registry) -> None:
     found = follow(spot, registry)
     assert complaints(spot, found) == [], found

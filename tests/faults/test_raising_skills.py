@@ -48,7 +48,7 @@ def check_other_arm(play: Play) -> None:
     assert (play.arm("other").ended_s or 0.0) > (play.arm("faulty").ended_s or 0.0)
 
 
-@pytest.mark.parametrize(("phase", "error"), some(product(PHASES, ("ValueError", *ENDINGS)), 3))
+@pytest.mark.parametrize(("phase", "error"), some(product(PHASES, ("ValueError", *ENDINGS)), 4))
 def test_leaf_fails_and_the_other_arm_goes_on(
     phase: str, error: str, stage: Stage, caplog: pytest.LogCaptureFixture
 ) -> None:

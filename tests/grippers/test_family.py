@@ -48,7 +48,7 @@ def half(page: Gripper) -> float:
 
 
 @pytest.mark.parametrize(
-    ("robot", "gripper", "reality"), some(product(ROBOTS, gripper_names(), REALITIES), 5)
+    ("robot", "gripper", "reality"), some(product(ROBOTS, gripper_names(), REALITIES), 11)
 )
 def test_force(robot: str, gripper: str, reality: str) -> None:
     """What is sensed is what was asked for; what is pressed, but for the drive's gain."""

@@ -9,10 +9,11 @@ from bt_dualarm.cli.bt_skills import direction, robot_summary
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.kinematics.inverse_kinematics import Workspace
 from bt_dualarm.robots.robot_description import load_robot
+from tests.families import some
 from tests.sim.worlds import ROBOTS, WORLD
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize("name", some(ROBOTS, 2))
 def test_no_configuration_is_beyond_the_reach(name: str) -> None:
     """Of those within the joint limits; the reach itself is within the ball of `workspace`."""
     arm = Workspace(load_robot(name, WORLD), Pose.identity())

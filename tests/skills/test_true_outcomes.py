@@ -7,6 +7,7 @@ import pytest
 from bt_dualarm.sim.composition import add_weld
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.problems import SpecError
+from tests.families import some
 from tests.plays import Play, Stage
 
 ONE_ARM = """
@@ -164,9 +165,19 @@ def test_where_the_upper_arm_would_touch_something_it_takes_another_branch(stage
     assert "knob" not in str(leaf.metrics.get("touched", ""))
 
 
-@pytest.mark.parametrize("mass", [0.02, 1.0])
 @pytest.mark.parametrize(
-    ("robot", "x"), [("ur3", 0.3), ("ur5", 0.45), ("ur10", 0.6), ("panda", 0.45), ("xarm7", 0.45)]
+    ("robot", "x", "mass"),
+    some(
+        [
+            (robot, x, mass)
+            for mass in (0.02, 1.0)
+            for robot, x in (
+                *(("ur3", 0.3), ("ur5", 0.45), ("ur10", 0.6)),
+                *(("panda", 0.45), ("xarm7", 0.45)),
+            )
+        ],
+        2,
+    ),
 )
 def test_a_ball_is_taken_from_the_floor_and_put_back(
     robot: str, x: float, mass: float, stage: Stage

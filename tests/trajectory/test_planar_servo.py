@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import product
 from typing import TypeAlias
 
 import numpy as np
@@ -21,6 +22,7 @@ from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.trajectory.set_points import SetPoint, SetPointLimiter
 from bt_dualarm.trajectory.trajectory import Trajectory, use_of_limits
+from tests.families import some
 from tests.sim.worlds import WIDE
 
 PERIOD = 0.002  # s
@@ -254,9 +256,10 @@ def test_a_noisy_target_does_not_break_the_limits(robot: str) -> None:
     follower.assert_held(motion, 3 * MM, 0.02)
 
 
-@pytest.mark.parametrize("robot", WIDE)
-@pytest.mark.parametrize("speed", [0.1, 0.3, 1.0])
-@pytest.mark.parametrize("axes", [YZ, np.eye(3)[:2], np.eye(3)[[0, 2]]], ids=["yz", "xy", "xz"])
+@pytest.mark.parametrize(
+    ("robot", "speed", "axes"),
+    some(product(WIDE, [0.1, 0.3, 1.0], [YZ, np.eye(3)[:2], np.eye(3)[[0, 2]]]), 4),
+)
 def test_no_arm_swings_before_a_target_that_rests(robot: str, speed: float, axes: Matrix) -> None:
     """10 mm away, with the noise of an estimate, however little of its limits it may use.
 

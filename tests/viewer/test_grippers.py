@@ -42,7 +42,7 @@ arms:
 """
 
 
-@pytest.mark.parametrize(("robot", "gripper"), MOUNTED)
+@pytest.mark.parametrize(("robot", "gripper"), some(MOUNTED, 3))
 def test_the_motors_of_an_arm_are_those_of_its_joints(robot: str, gripper: str | None) -> None:
     """Found by the model alone, they are those that the robot's description names."""
     world = world_with(robot, gripper=gripper)
