@@ -44,7 +44,7 @@ def test_every_number_has_a_smallest_and_a_largest() -> None:
 
 
 def test_a_number_out_of_its_range_is_refused_by_name() -> None:
-    ranged = RANGED if WHOLE else FIRST.values()
+    ranged = RANGED if WHOLE else some(FIRST.values(), 2)
     wrong = {
         str(one): found
         for number, one in enumerate(ranged)
