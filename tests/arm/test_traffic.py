@@ -207,9 +207,9 @@ def test_an_arm_that_waits_moves_aside_and_comes_back(waits: str) -> None:
 
 
 def test_an_arm_that_works_while_it_waits_stays() -> None:
-    """Only a wait that is all that its arm does makes room."""
+    """Only a wait that is all that its arm does makes room; a deadlock is told after 18 s."""
     both = {"parallel": [{"meet": "both"}, {"hold_still": {"duration": 30.0}}]}
-    result = bt.run(_covered([both, {"meet": "both"}]))
+    result = bt.run(_covered([both, {"meet": "both"}]), duration=21.0)
     assert not [run for run in result.arms["there"].runs if run.code == "DEADLOCK"]
 
 

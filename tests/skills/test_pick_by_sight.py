@@ -49,9 +49,11 @@ def test_a_cube_that_was_moved_is_picked(x: float, y: float, stage: Stage) -> No
     assert np.linalg.norm(rested_at(play)[:2] - (0.20, -0.40)) < 0.003
 
 
-def ways(stage: Stage, *, poison: bool, text: str = TEXT) -> tuple[Any, Play]:
+def ways(
+    stage: Stage, *, poison: bool, text: str = TEXT, duration: float | None = None
+) -> tuple[Any, Play]:
     """Everything's way in truth; with a poison, who asks where the cube is, is told nonsense."""
-    play = stage.play(text, seed=7)
+    play = stage.play(text, seed=7, duration=duration)
     world = play.world
     way = list[Any]()
     true = world.object_pose
@@ -94,8 +96,9 @@ def test_nobody_reads_where_the_cube_is(stage: Stage) -> None:
 def test_without_sight_the_truth_is_read(stage: Stage) -> None:
     """The test above can fail: an approach without ``at`` goes where the poison says."""
     blind = TEXT.replace(', at: "{cube}"', "").replace(', pose: "{cube}"', "")
-    sound, _ = ways(stage, poison=False, text=blind)
+    sound, _ = ways(stage, poison=False, text=blind, duration=6.0)
     poisoned, bad = ways(stage, poison=True, text=blind)
     assert bad.result is not None
     assert bad.result.outcome == "FAILURE"
-    assert len(poisoned) != len(sound) or np.abs(poisoned - sound).max() > 1e-3
+    both = min(len(poisoned), len(sound))
+    assert np.abs(poisoned[:both] - sound[:both]).max() > 1e-3

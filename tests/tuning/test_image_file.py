@@ -45,7 +45,7 @@ def test_an_image_is_read_as_it_was_written(suffix: str, tmp_path: Path) -> None
     changes=st.lists(st.tuples(st.floats(0, 1, exclude_max=True), st.integers(0, 255)), max_size=9),
     end=st.floats(0, 1),
 )
-@settings(max_examples=500, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=250, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_damaged_image_is_read_or_refused(
     tmp_path: Path, suffix: str, changes: list[tuple[float, int]], end: float
 ) -> None:

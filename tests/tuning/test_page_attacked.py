@@ -47,7 +47,7 @@ REQUESTS = ANYTHING | st.fixed_dictionaries(
 
 
 @given(asked=REQUESTS, path=st.sampled_from(["/begin", "/look", "/click"]))
-@settings(max_examples=500, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=250, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_every_request_has_an_answer(
     browser: Browser, caplog: pytest.LogCaptureFixture, asked: object, path: str
 ) -> None:
