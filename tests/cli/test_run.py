@@ -17,6 +17,7 @@ from bt_dualarm import cli
 from bt_dualarm.core.share import share_dir
 from bt_dualarm.runtime.options import NoSuchTree, find_tree, shipped_trees
 from bt_dualarm.runtime.run import Run
+from tests.families import some
 from tests.undrawn import BT_RUN_UNDRAWN
 
 WAITING = """\
@@ -296,7 +297,7 @@ def test_logging_is_left_as_it_was(waiting: Path) -> None:
     assert (logger.level, list(logger.handlers)) == before
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(("number", "code"), some([(signal.SIGINT, 130), (signal.SIGTERM, 143)], 2))
 def test_a_signal_ends_it_in_order(tmp_path: Path, number: signal.Signals, code: int) -> None:
     """The arms are stopped, the record is whole, the exit code is the signal's."""
     out = tmp_path / "out"

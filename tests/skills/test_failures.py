@@ -21,9 +21,9 @@ DEAR = ("carry_together", "hand_over", "insert", "operate", "regrasp", "take_ove
 CODES = sorted({code for _, code in TRIALS})
 IN_TURN = sorted(sorted(TRIALS, reverse=True), key=lambda trial: trial[0] in DEAR)
 CASES = [
-    (skill, code) for code in CODES for skill in some((n for n, one in IN_TURN if one == code), 8)
+    (skill, code) for code in CODES for skill in some((n for n, one in IN_TURN if one == code), 16)
 ]
-"""Every code, of one in eight of the skills that declare it; of all of them in ``make matrix``."""
+"""Every code, of one in sixteen of the skills that declare it; of all in ``make matrix``."""
 
 STANDS_RAD = 2e-3
 """Servo noise and the sag of the first moments, well below any motion."""
