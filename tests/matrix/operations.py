@@ -621,7 +621,7 @@ def mcap(cell: Cell) -> None:
 
 def mp4(cell: Cell) -> None:
     """The film has 25 pictures a second, and something moves in it."""
-    of = cell.filmed
+    of = cell.filmed if WHOLE else cell.recordings.beginning(cell.column, 0.24)
     film = cv2.VideoCapture(str(_exported(cell, "mp4", "film.mp4", of)))
     count = film.get(cv2.CAP_PROP_FRAME_COUNT)
     assert film.get(cv2.CAP_PROP_FPS) == 25

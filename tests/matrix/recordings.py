@@ -201,10 +201,11 @@ class Recordings:
             self._last = self._made(column, "record")
         return self._last
 
-    def beginning(self, column: Column) -> Recording:
+    def beginning(self, column: Column, seconds: float = BEGINNING_S) -> Recording:
         """The recording of the first moments of a column's run."""
-        begun = {"outcome": "UNFINISHED", "ending": Ending.DURATION, "duration": BEGINNING_S}
-        return self._made(replace(column, stop_at=None, failed=None, **begun), "beginning")  # type: ignore[arg-type]  # they fit
+        begun = {"outcome": "UNFINISHED", "ending": Ending.DURATION, "duration": seconds}
+        name = f"beginning_{seconds:g}"
+        return self._made(replace(column, stop_at=None, failed=None, **begun), name)  # type: ignore[arg-type]  # they fit
 
     def _made(self, column: Column, name: str) -> Recording:
         tree = self.tree(column)
