@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -15,6 +17,7 @@ from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.values import PoseSpec
 from tests.control.walls import problem_in
+from tests.families import some
 from tests.grippers.fingers import FINGERED, opened
 from tests.sim.worlds import ROBOTS, arm, file_of, world_with
 
@@ -45,8 +48,7 @@ def beside_a_post(robot: str, gripper: str) -> tuple[World, Vector]:
     return world, there
 
 
-@pytest.mark.parametrize("gripper", FINGERED)
-@pytest.mark.parametrize("robot", ROBOTS)
+@pytest.mark.parametrize(("robot", "gripper"), some(product(ROBOTS, FINGERED), 3))
 def test_what_is_free_with_closed_fingers_touches_with_open_ones(robot: str, gripper: str) -> None:
     """And nobody asks the simulator where they are: the encoder's word counts."""
     world, there = beside_a_post(robot, gripper)

@@ -13,6 +13,7 @@ from bt_dualarm.robots.robot_description import load_robot, robot_names
 from bt_dualarm.sim.arm_models import NominalLoad
 from bt_dualarm.trajectory.path_timing import point_to_point
 from bt_dualarm.trajectory.trajectory import Trajectory
+from tests.families import some
 from tests.sim.worlds import box, world_with
 
 
@@ -43,7 +44,10 @@ def carried(motion: Trajectory, robot: Robot, dynamics: ArmDynamics) -> Trajecto
         return None if refusal.code == "OVERLOADED" else motion
 
 
-@pytest.mark.parametrize("name", [name for name in robot_names() if load_robot(name).payload])
+LOADED = [name for name in robot_names() if load_robot(name).payload]
+
+
+@pytest.mark.parametrize("name", some(LOADED, 2))
 def test_a_motion_is_as_fast_as_its_load_allows(name: str) -> None:
     """Some loads slow it, some are refused; what is left keeps to the efforts and to its path."""
     robot = load_robot(name)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -13,6 +15,7 @@ from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.safety.failsafe import Reservations
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.trajectory.path_timing import point_to_point
+from tests.families import some
 
 KINDS = Registry.load().kinds
 NOTHING = np.zeros(3)
@@ -45,8 +48,9 @@ class Standing:
         return np.array(felt)
 
 
-@pytest.mark.parametrize("robot", ["ur5", "panda"])
-@pytest.mark.parametrize("force", [(0.0, 0.0, -30.0), (12.0, -8.0, 5.0)])
+@pytest.mark.parametrize(
+    ("robot", "force"), some(product(["ur5", "panda"], [(0.0, 0.0, -30.0), (12.0, -8.0, 5.0)]), 3)
+)
 def test_a_force_at_the_tool_is_felt_with_its_direction(
     robot: str, force: tuple[float, float, float]
 ) -> None:

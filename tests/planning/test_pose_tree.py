@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import itertools
+from itertools import product
 
 import numpy as np
 import pytest
 
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.planning.pose_tree import Meeting, PoseTree, PoseTrees
+from tests.families import some
 
 START = Pose.from_rpy((-1.0, 0.0, 0.0))
 GOAL = Pose.from_rpy((1.0, 0.0, 0.0))
@@ -64,8 +66,9 @@ def grown(tree: PoseTree | PoseTrees, seed: int, draws: int) -> list[Pose] | Non
     return None
 
 
-@pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("pockets", [(), (1.0,), (-1.0,), (-1.0, 1.0)])
+@pytest.mark.parametrize(
+    ("pockets", "seed"), some(product([(), (1.0,), (-1.0,), (-1.0, 1.0)], range(4)), 3)
+)
 def test_two_trees_meet_wherever_an_end_is_enclosed(pockets: tuple[float, ...], seed: int) -> None:
     maze = Maze(*pockets)
     trees = PoseTrees(START, GOAL, np.zeros(1), np.ones(1), straight, maze.edge)

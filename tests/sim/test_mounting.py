@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Any
 
 import mujoco
@@ -10,6 +11,7 @@ import pytest
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.values import PoseSpec
+from tests.families import some
 from tests.sim.worlds import ROBOTS, Place, arm, box, file_of
 
 
@@ -50,8 +52,7 @@ def test_a_base_that_hangs_gets_none() -> None:
     assert pedestal_of(World(file_of({"arm1": upside_down}))) is None
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
-@pytest.mark.parametrize("height", [0.3, 0.8])
+@pytest.mark.parametrize(("robot", "height"), some(product(ROBOTS, [0.3, 0.8]), 3))
 def test_what_an_arm_stood_on_may_be_taken_away(robot: str, height: float) -> None:
     """A base belongs to the world: it stays where it is, and an arm returns to it as it began."""
     block = box((0.5, 0.4, height / 2), height, fixed=True)

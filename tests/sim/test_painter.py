@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import cv2
 import mujoco
 import numpy as np
@@ -13,6 +15,7 @@ from bt_dualarm.robots.mjspec import LOOP_GROUPS
 from bt_dualarm.sim.frame import Image, Viewpoint
 from bt_dualarm.sim.painter import ScenePainter
 from bt_dualarm.sim.renderers import RayScene, Shading, fan_of
+from tests.families import some
 
 SIZE = (240, 180)
 VIEW = Viewpoint(np.array((1.5, -1.0, 1.4)), np.array((0.0, 0.0, 0.1)), 50.0)
@@ -56,9 +59,10 @@ def hidden_m(places: Matrix, lamp: Matrix) -> Matrix:
     return np.where(along > 0, RADIUS - aside, -np.inf)
 
 
-@pytest.mark.parametrize("place", [(0.3, -0.4, 2.0), (-0.5, 0.2, 1.5), (0.1, 0.0, 3.0)])
-@pytest.mark.parametrize("distant", [False, True])
-@pytest.mark.parametrize("finer", [1, 2])
+@pytest.mark.parametrize(
+    ("place", "distant", "finer"),
+    some(product([(0.3, -0.4, 2.0), (-0.5, 0.2, 1.5), (0.1, 0.0, 3.0)], [False, True], [1, 2]), 3),
+)
 def test_the_ground_is_dark_where_a_ball_hides_the_lamp(
     place: tuple[float, float, float], distant: bool, finer: int
 ) -> None:

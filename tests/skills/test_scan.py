@@ -11,6 +11,7 @@ import pytest
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.sim.frame import Frame
 from bt_dualarm.skill.looking import Coverage
+from tests.families import some
 from tests.plays import Stage
 
 DOWN = Pose.from_rpy((0.0, 0.0, 0.5), (np.pi, 0.0, 0.0))
@@ -65,8 +66,13 @@ def test_what_the_hand_hides_of_a_part_is_looked_at_once() -> None:
     assert left.nearest(DOWN) is None
 
 
-@pytest.mark.parametrize("y", [-0.32, -0.30])
-@pytest.mark.parametrize("x", [0.25, 0.36, 0.47])
+@pytest.mark.parametrize(
+    ("x", "y"),
+    some(
+        [(0.25, -0.32), (0.25, -0.30), (0.36, -0.30), (0.36, -0.32), (0.47, -0.32), (0.47, -0.30)],
+        2,
+    ),
+)
 def test_an_object_behind_the_fingers_is_found(x: float, y: float, stage: Stage) -> None:
     """The first image shows it in part; that place counted as seen, and nobody looked again."""
     cube = {"shape": "box", "size": [0.05] * 3, "mass": 0.1, "color": "red"}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from bt_dualarm.sim.world import World
+from tests.families import some
 from tests.plays import Stage
 from tests.skills.scenarios import GRIPPING, Scenario
 from tests.skills.trials import BLOCK, FOLLOW_HOLDING, FOLLOWED, LOOK_HOLDING, LOW_CAMERA
@@ -49,7 +50,7 @@ def test_an_empty_hand_stops_before_it_touches_something(blocked: bool, stage: S
     assert not any(play.world.touches("arm1", name) for name in objects)
 
 
-@pytest.mark.parametrize("aside_m", [0.06, 0.095, 0.12])
+@pytest.mark.parametrize("aside_m", some([0.06, 0.095, 0.12], 2))
 def test_a_hand_in_a_hurry_stops_before_what_is_in_the_way(aside_m: float, stage: Stage) -> None:
     """It was taken to brake as hard as it can, and ran into what its softer braking led it to."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from itertools import product
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from bt_dualarm.control.servo_kernels import (
 )
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.trajectory.set_points import stopping_distance
+from tests.families import some
 
 PERIOD = 0.002  # s
 SLACK = 1.5e-4  # m
@@ -92,8 +94,9 @@ def followed(
     return np.array(errors)
 
 
-@pytest.mark.parametrize("reach", LITTLE_TO_MUCH, ids=str)
-@pytest.mark.parametrize("distance", [3e-4, 0.01, 0.2])
+@pytest.mark.parametrize(
+    ("distance", "reach"), some(product([3e-4, 0.01, 0.2], LITTLE_TO_MUCH), 2), ids=str
+)
 def test_it_arrives_without_passing_the_target(reach: PlaneLimits, distance: float) -> None:
     """Near or far, with little jerk or much: who brakes by acceleration alone swings here."""
     along = np.array((0.64, -0.48, 0.6))
