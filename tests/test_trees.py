@@ -151,7 +151,10 @@ def check_both_curves(ran: Ran) -> None:
 
 def test_main_job_by_a_weld(bt_run_here: BtRun) -> None:
     """A magnetic tool does it, too; then the arm has no gripper."""
-    ran = bt_run_here("trees/pick_and_track.yaml", "--param", "grasp=attach")
+    with undrawn():
+        ran = bt_run_here(
+            "trees/pick_and_track.yaml", "--param", "grasp=attach", "--param", "speed=1.0"
+        )
     assert ran.code == 0, ran.err
     check_summary(ran)
     check_job(ran)
@@ -235,14 +238,14 @@ CHECKS = {
 
 @pytest.mark.usefixtures("without_pictures")
 def test_seed_decides_everything(bt_run: BtRun, bt_run_here: BtRun) -> None:
-    """Two fresh processes and one that has run others, one seed: the same states, bit for bit.
+    """A fresh process and one that has run others, one seed: the same states, bit for bit.
 
     Another seed: others.
     """
     runs = [
         how("trees/pick_and_track.yaml", "--duration", "2", "--seed", str(seed))
-        for how, seed in ((bt_run, 3), (bt_run, 3), (bt_run_here, 3), (bt_run_here, 4))
+        for how, seed in ((bt_run, 3), (bt_run_here, 3), (bt_run_here, 4))
     ]
-    assert [run.code for run in runs] == [1, 1, 1, 1]  # the duration ends it before the trees
+    assert [run.code for run in runs] == [1, 1, 1]  # the duration ends it before the trees
     hashes = [run.summary["state_sha256"] for run in runs]
-    assert hashes[0] == hashes[1] == hashes[2] != hashes[3]
+    assert hashes[0] == hashes[1] != hashes[2]
