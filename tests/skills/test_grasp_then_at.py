@@ -55,8 +55,8 @@ def test_the_grasp_leaves_the_fingers_room_at_the_goal(robot: str, gripper: str)
     beside = {"beside": "one", "side": "-y", "by": WALLS}
     wanted = [bt.run(_task(axis, robot, gripper, at)) for axis in (0, 1)]
     assert [run.outcome for run in wanted] == ["SUCCESS", "SUCCESS"]
-    anyhow = [bt.run(_task(axis, robot, gripper, None)) for axis in (0, 1)]
-    assert "FAILURE" in [run.outcome for run in anyhow], "any grasp suits these goals"
+    anyhow = (bt.run(_task(axis, robot, gripper, None)) for axis in (1, 0))
+    assert any(run.outcome == "FAILURE" for run in anyhow), "any grasp suits these goals"
     relative = bt.run(_task(1, robot, gripper, beside))
     assert relative.outcome == "SUCCESS"
 
