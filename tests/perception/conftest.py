@@ -68,15 +68,25 @@ class Studio:
 StudioMaker = Callable[..., Studio]
 
 
+@pytest.fixture(scope="module")
+def renderers() -> Iterator[dict[str, Renderer]]:
+    """Those that were created, by kind: a context of OpenGL takes a tenth of a second."""
+    created = dict[str, Renderer]()
+    yield created
+    for renderer in created.values():
+        renderer.close()
+
+
 @pytest.fixture(params=["ray", "gl"])
-def renderer(request: pytest.FixtureRequest) -> Iterator[Renderer]:
+def renderer(request: pytest.FixtureRequest, renderers: dict[str, Renderer]) -> Renderer:
     """Each renderer in turn, as far as this machine has it."""
-    try:
-        renderer = choose_renderer(request.param).create()
-    except RendererError as error:
-        pytest.skip(str(error))
-    yield renderer
-    renderer.close()
+    kind = request.param
+    if kind not in renderers:
+        try:
+            renderers[kind] = choose_renderer(kind).create()
+        except RendererError as error:
+            pytest.skip(str(error))
+    return renderers[kind]
 
 
 @pytest.fixture
