@@ -22,6 +22,7 @@ from bt_dualarm.spec.document import CameraSpec, ObjectSpec
 from bt_dualarm.spec.values import PoseSpec
 from bt_dualarm.spec.yaml_reader import with_tuples
 from bt_dualarm.viewer.signals import visual_meshes
+from tests.families import some
 from tests.sim.worlds import arm, file_of
 
 MUG: dict[str, Any] = {
@@ -258,7 +259,7 @@ def file_with(tree: list[Any], objects: dict[str, Any], **arm_fields: Any) -> di
 CAMERA = {"mount": "wrist", "resolution": [320, 240], "fov": 60, "fps": 30}
 
 
-@pytest.mark.parametrize("shape", ["cup", "mug"])
+@pytest.mark.parametrize("shape", some(["cup", "mug"], 2))
 def test_it_is_found_by_its_outline_picked_and_set_down(shape: str) -> None:
     """Nobody tells where it is; a cup may be upside down for all that its outline shows."""
     low = -float(body_of(thing_of(shape)).corners[:, 2].min())

@@ -262,7 +262,7 @@ def opengl() -> Iterator[Renderer]:
     renderer.close()
 
 
-@pytest.mark.parametrize(("shape", "fields"), SHAPES, ids=[name for name, _ in SHAPES])
+@pytest.mark.parametrize(("shape", "fields"), some(SHAPES, 3))
 def test_opengl_shows_the_same_as_rays(
     shape: str, fields: dict[str, Any], opengl: Renderer
 ) -> None:
