@@ -237,7 +237,7 @@ def test_a_giver_retreats_elsewhere_if_the_hand_of_the_taker_is_in_the_way() -> 
     assert result.outcome == "SUCCESS"
 
 
-@pytest.mark.parametrize("x", some([0.73, 0.745], 1))
+@pytest.mark.parametrize("x", some([0.73, 0.745], 2))
 def test_an_arm_that_the_guard_stops_plans_past_one_that_waits_for_it(x: float) -> None:
     """The other arm has come to stand beside the path, nearer than the guard allows, and stays."""
     down = {"rpy": [180, 0, 0]}
