@@ -126,6 +126,7 @@ class Grasp(Skill):
         lies = None if self.ports.at is None else self.ports.at.pose
         if name is not None and lies is None:
             yield from self._wait_for_rest(name)
+            self._refuse_held_elsewhere(name)
         if name is not None and lies is not None:
             name = self.metrics["taken"] = twin_at(self.arm.world, name, lies.position)
         wanted = WantedGrasp.named(self.arm, name, self.ports, lies) if name else self._unnamed()
@@ -163,6 +164,20 @@ class Grasp(Skill):
             if self.time - moved >= _LASTS_S:
                 return
             yield None
+
+    def _refuse_held_elsewhere(self, name: str) -> None:
+        """Refuse to lift an object out of another arm's hand: they would tear at it."""
+        world = self.arm.world
+        if name not in world.objects or world.objects[name].joint is not None:
+            return
+        holders = world.attachments.holders(name)
+        if holders and self.ports.lift > 0.0:
+            by = " and ".join(holders)
+            raise Failure(
+                "INVALID_TARGET",
+                f"{name!r} is held by {by}: `take_over` or `carry_together` grasps it as well, or "
+                "`lift: 0` holds it where it is",
+            )
 
     def _alike(self, one: str, other: str) -> bool:
         """Whether two objects have the same shape and size: no camera can tell them apart."""

@@ -70,6 +70,7 @@ class Insert(Skill):
         held = arm.world.attachments.find(arm.name, name)
         if held is None or name not in arm.gripper.held:
             raise Failure("NOT_HELD", f"{arm.name} does not hold {name!r}")
+        arm.refuse_shared()
         in_tool = arm.robot.tool.inverse @ held.relative
         goal = self.ports.at.pose_from(arm.commanded_tool_pose @ in_tool)
         bottom = goal @ in_tool.inverse

@@ -102,6 +102,7 @@ class MoveUntilContact(Skill):
     def run(self) -> Iterator[float | None]:
         """Move, compare the force with that of a moment ago, stop, release the contact force."""
         direction = unit_vector(self.ports.direction)
+        self.arm.refuse_shared()
         start = self.arm.commanded_tool_pose
         end = Pose(start.position + self.ports.distance * direction, start.quaternion)
         rows = self.arm.line_on(end)

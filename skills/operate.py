@@ -75,6 +75,7 @@ class Operate(Skill):
         if part.name not in arm.held:
             reason = f"{arm.name} holds no part that {ports.joint!r} of {ports.object!r} moves"
             raise Failure("NOT_HELD", reason)
+        arm.refuse_shared()
         self._part = part
         self._hand = HandForce(arm)
         self._most_n = 0.0

@@ -67,6 +67,7 @@ class Place(Skill):
         if held is None or not held.by_gripper:
             what = repr(name) if name else "anything"
             raise Failure("NOT_HELD", f"{arm.name} does not hold {what}")
+        arm.refuse_shared()
         in_tool = arm.robot.tool.inverse @ held.relative
         goal = self.ports.at.pose_from(arm.commanded_tool_pose @ in_tool)
         looked_for = self._looked_for(name)

@@ -49,6 +49,7 @@ class Regrasp(Skill):
         name = self.ports.object or next(iter(arm.gripper.held), None)
         if name is None:
             raise Failure("NOT_HELD", f"{arm.name} has nothing in its gripper")
+        arm.refuse_shared()
         refuse_too_frail(arm, repr(name), self.ports.most_force)
         wanted = yield from self._place(name)
         taking = Taking(arm, self.ports, wanted, False, self.metrics)

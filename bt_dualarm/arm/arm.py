@@ -348,10 +348,11 @@ class Arm(ArmState):
 
         Raises:
             Failure: ``BUSY`` when another leaf moves the arm; ``INVALID_TARGET`` if it holds
-                something that moves on a joint, unless contact is intended.
+                something that moves on a joint or that another arm holds as well, unless contact
+                is intended.
         """
         if not may_touch:
-            self._refuse_jointed()
+            self._refuse_bound()
         self._lease.take()
         self._contacts.begin()
         self._shared.slip.may_touch = may_touch
@@ -366,12 +367,36 @@ class Arm(ArmState):
         self._checks_itself = True  # also if the motion ends before the first call of `check`
         return motion
 
-    def _refuse_jointed(self) -> None:
-        """Refuse to move what a joint guides along a path that does not follow the joint."""
+    def _refuse_bound(self) -> None:
+        """Refuse to move something held that cannot follow: it is on a joint, or in other hands."""
         for name in self.held:
             if self.world.objects[name].joint is not None:
                 reason = f"{self.name} holds {name!r}, which moves on a joint: `operate` it"
                 raise Failure("INVALID_TARGET", f"{reason}, or `release` it first")
+        self.refuse_shared()
+
+    def refuse_shared(self) -> None:
+        """Refuse to move alone what another arm holds as well: they would tear at it.
+
+        Both may hold it while they have consented to that, as in a handover.
+
+        Raises:
+            Failure: ``INVALID_TARGET``.
+        """
+        attachments = self.world.attachments
+        consents = {(one.partner, one.object) for one in attachments.shared_grasps(self.name)}
+        for name in self.held:
+            others = [
+                other
+                for other in attachments.holders(name)
+                if other != self.name and (other, name) not in consents
+            ]
+            if others:
+                raise Failure(
+                    "INVALID_TARGET",
+                    f"{self.name} holds {name!r} together with {' and '.join(others)}: "
+                    "`carry_together` moves it, or `release` it first",
+                )
 
     def expect_contact(self, *, compliant: bool = True) -> None:
         """Change the running motion: contact is intended from now on.
@@ -413,9 +438,10 @@ class Arm(ArmState):
         """Follow a stream of set-points until ``release`` or ``halt``.
 
         Raises:
-            Failure: ``BUSY`` when another leaf moves the arm.
+            Failure: ``BUSY`` when another leaf moves the arm; ``INVALID_TARGET`` if it holds
+                something that moves on a joint or that another arm holds as well.
         """
-        self._refuse_jointed()
+        self._refuse_bound()
         self._lease.take()
         self._contacts.begin()
         self._shared.slip.may_touch = False
@@ -1298,8 +1324,10 @@ class MoveTo:
             follow: Executes it; by default `Arm.follow`.
 
         Raises:
-            Failure: As ``planning`` and ``follow``.
+            Failure: As ``planning`` and ``follow``; ``INVALID_TARGET`` if another arm holds what
+                this one holds.
         """
+        self.arm.refuse_shared()
         try:
             yield from self._along(planning, follow)
         finally:

@@ -448,10 +448,10 @@ def coordination_causes(e: Evidence) -> Iterator[Cause]:
     waits = [
         note
         for note in e.notes("waits", since=e.began, until=e.ended)
-        if note["leaf"] == e.leaf.path
+        # With the node itself its wait ends as well.
+        if note["leaf"] == e.leaf.path and not (note.get("ended") and note["time_s"] >= e.ended)
     ]
-    others_left = bool(waits) and not waits[-1]["others"] and waits[-1]["target"] == "path"
-    if others_left or (not waits and e.code != "PARTNER_GONE"):
+    if (waits and waits[-1].get("ended")) or (not waits and e.code != "PARTNER_GONE"):
         return
     others = [str(other) for other in waits[-1]["others"]] if waits else []
     what = e.reason

@@ -219,6 +219,7 @@ class _Waits(_Note):
     target: _Text
     others: Annotated[list[Name], Field(max_length=16)]
     since: _Time
+    ended: bool = False
 
 
 class _Frame(_Note):

@@ -243,6 +243,7 @@ class TraceEvents:
             target=wait.target,
             others=list(wait.others),
             since=wait.since,
+            ended=wait.is_over,
         )
 
     def of_fault(self, event: FaultEvent) -> None:

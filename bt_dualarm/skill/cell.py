@@ -61,6 +61,7 @@ class CellWait:
             which of the trees have been ticked already.
         asides: How often its arm can still be asked to move aside while it waits.
         asked_by: Arm for which it is asked to do so now; empty if it is not.
+        is_over: Whether it had ended after the last step, as far as `CellState.on_wait` knows.
     """
 
     arm: str
@@ -73,6 +74,7 @@ class CellWait:
     others: tuple[str, ...] = ()
     asides: int = 0
     asked_by: str = ""
+    is_over: bool = False
 
 
 @dataclass(eq=False)
@@ -215,7 +217,8 @@ class CellState:
         traffic: Arms that others are in the way of; none if left out.
 
     Attributes:
-        on_wait: Receiver of every new wait, and of those that depend on other arms than before.
+        on_wait: Receiver of every new wait, of those that depend on other arms than before, and of
+            those that have ended.
     """
 
     def __init__(
@@ -236,6 +239,7 @@ class CellState:
         self._requests: list[Request] = []
         self._asked: list[Request] = []
         self._waits: dict[tuple[str, str], CellWait] = {}
+        self._noted: dict[tuple[str, str], tuple[CellWait, float]] = {}
         self._gone: dict[str, str] = {}
         self._ended: frozenset[str] = frozenset()
         self._is_changed = False
@@ -393,13 +397,10 @@ class CellState:
         if self.traffic.waiting_motions or self._in_step:
             self.traffic.start_motions()
             self._note_waiting_motions()
-        if self._is_changed and self._waits:
-            for wait in self.waits():
-                others = self.waited_for(wait)
-                if others != wait.others:
-                    wait.others = others
-                    self.on_wait(wait)
-            self._find_deadlock(trees)
+        if self._is_changed:
+            self._note_waits()
+            if self._waits:
+                self._find_deadlock(trees)
         self._ended = frozenset(self._gone)
         self._is_changed = False
 
@@ -445,6 +446,25 @@ class CellState:
             del self._waits[wait.arm, wait.path]
             self._is_changed = True
 
+    def _note_waits(self) -> None:
+        """Pass on which waits have ended, and which depend on other arms than before."""
+        for key, (wait, _) in [*self._noted.items()]:
+            if self._waits.get(key) is not wait:
+                del self._noted[key]
+                wait.others = ()
+                if wait.failure is None:  # otherwise it is what the node waited for when it failed
+                    wait.is_over = True
+                    self.on_wait(wait)
+        for wait in self.waits():
+            key = wait.arm, wait.path
+            others = self.waited_for(wait)
+            has_begun_anew = key in self._noted and self._noted[key][1] != wait.since
+            if others != wait.others or has_begun_anew:
+                wait.others = others
+                wait.is_over = False
+                self._noted[key] = wait, wait.since
+                self.on_wait(wait)
+
     def _note_obstructions(self, blocked: Iterable[BlockedArm]) -> None:
         """Store which arms are in the way of which."""
         now = {one.arm: one for one in blocked}
@@ -452,8 +472,6 @@ class CellState:
             if arm not in now or now[arm].path != wait.path:
                 del self._obstructed[arm]
                 self.end(wait)
-                wait.others = ()
-                self.on_wait(wait)
         for arm, one in now.items():
             known = self._obstructed.get(arm)
             if known is None:

@@ -435,7 +435,7 @@ class Taking:
         move = arm.past_others(self._brisk)
         since = arm.time  # since when the gripper holds
         errors: list[float | None] = []
-        for progress in move.straight(up, known_free=True):
+        for progress in move.straight(up, known_free=True) if self._ports.lift > 0.0 else ():
             yield 0.8 + 0.2 * (progress or 0.0)
             grip.look()
             # Without the ends, where something may support it; its acceleration cancels out.

@@ -40,7 +40,7 @@ def rows_at(root: TimelineNode, time: float, notes: Iterable[Json] = ()) -> list
     waits = {
         str(note["leaf"]): note
         for note in notes
-        if note["kind"] == "waits" and note["arm"] == root.arm and float(note["time_s"]) <= time
+        if note["kind"] == "waits" and note["arm"] == root.arm and note["time_s"] <= time + 1e-9
     }
     return [*_past_rows(root, root.standing_at(time), 0, waits)]
 
@@ -89,7 +89,7 @@ def _waiting_then(node: TimelineNode, standing: Mapping[str, Change], wait: Json
     """Clause on the other arms that a running node waited for; empty if it waited for none."""
     change = standing.get(node.path)
     children = (standing.get(child.path) for child in node.children)
-    if wait is None or change is None or change.new != "RUNNING":
+    if wait is None or wait.get("ended") or change is None or change.new != "RUNNING":
         return ""
     if float(wait["since"]) < change.time - 1e-9 or any(
         child is not None and child.new == "RUNNING" for child in children

@@ -84,6 +84,45 @@ def test_a_page_of_the_record_shows_who_waits_for_whom(folder: Path) -> None:
     }
 
 
+class Waits:
+    """Observer that keeps after each tick the time, and what nodes wait for on a live page."""
+
+    def __init__(self) -> None:
+        self.seen: list[tuple[float, dict[str, str]]] = []
+
+    def on_event(self, change: object) -> None:
+        """Do nothing."""
+
+    def after_ticks(self, run: RunView) -> None:
+        """Keep the sentences."""
+        rows = {
+            f"{view.name}:{row['path']}": str(row["waiting"])
+            for view in run.views()
+            for row in rows_of(view.tree)
+            if row["waiting"]
+        }
+        self.seen.append((run.time, rows))
+
+    def after_step(self, time: float) -> None:
+        """Do nothing."""
+
+
+@pytest.mark.parametrize(("tree", "seconds"), [("carry_together", 6.0), ("handover", 9.0)])
+def test_a_page_of_the_record_agrees_with_the_live_one(
+    tree: str, seconds: float, tmp_path: Path
+) -> None:
+    """Also after the wait of a leaf that goes on: the arm that came first carries, too."""
+    live = Waits()
+    with undrawn(), bt.open(f"trees/{tree}.yaml", duration=seconds, record=tmp_path / "r") as run:
+        run.watch(live)
+        run.finish()
+    record = Record.read(tmp_path / "r")
+    for time, rows in live.seen[:-1]:  # at the end the trees are halted
+        assert waiting_at(record, time) == rows, time
+    assert any(rows for _, rows in live.seen)
+    assert any(not rows for _, rows in live.seen)
+
+
 class Views:
     """Observer that keeps the trees at one time of a run."""
 
