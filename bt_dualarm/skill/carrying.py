@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Final
 
@@ -41,7 +41,13 @@ from bt_dualarm.skill.grasp_search import WantedGrasp, grasps_on
 from bt_dualarm.skill.grip import Grip, TouchSense, make_room
 from bt_dualarm.skill.joint import JointPart
 from bt_dualarm.skill.picking import Taking
-from bt_dualarm.skill.placing import TOUCHDOWN_M_S, Lag, LeftStanding
+from bt_dualarm.skill.placing import (
+    TOUCHDOWN_M_S,
+    Lag,
+    LeftStanding,
+    plan_retreat,
+    possible_retreats,
+)
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.node_types import PortModel, port
 from bt_dualarm.spec.values import Angle, Duration, PoseSpec, Speed
@@ -284,7 +290,7 @@ class Carrying:
         carry = _Coupled(self, plan, grip)
         yield from carry.run(goals)
         if plan.set_down:
-            yield from self._release(grip, goals[-1])
+            yield from self._release(grip, goals[-1], plan.grasps[arm.name].inverse)
         else:
             self._score(goals[-1])
         passengers.refuse_spilled()
@@ -527,8 +533,14 @@ class Carrying:
         share = plan.shares[self._arm.name]
         self._arm.world.attachments.bear(self._arm.name, self._thing, share, Pose(at, identity))
 
-    def _release(self, grip: Grip, goal: Pose) -> Iterator[float | None]:
-        """Open all grippers, retreat, and check the pose of the object."""
+    def _release(self, grip: Grip, goal: Pose, in_tool: Pose) -> Iterator[float | None]:
+        """Open all grippers, retreat, and check the pose of the object.
+
+        Args:
+            grip: Slip check, which ends.
+            goal: Pose at which the object should stand.
+            in_tool: Pose of the object in the tool's frame.
+        """
         arm = self._arm
         gripper = arm.gripper
         page = gripper.page
@@ -543,9 +555,13 @@ class Carrying:
         left = LeftStanding(arm, self._thing, _STILL_SHARE)
         yield from self._sync()
         del grip
-        back = arm.commanded_tool_pose @ Pose.from_rpy((0.0, 0.0, -self._ports.retreat))
-        touched = frozenset({self._thing})
-        for progress in arm.past_others(self._ports.approach_speed, touched).straight(back):
+        tool = arm.commanded_tool_pose
+        retreats = possible_retreats(arm, tool, self._thing, in_tool, self._ports.retreat)
+        # From another configuration the retreat may differ or not exist: the others move aside.
+        move = replace(
+            arm.past_others(self._ports.approach_speed, frozenset({self._thing})), give_way=False
+        )
+        for progress in move.along(lambda: plan_retreat(move, retreats, self._metrics)):
             left.look()
             yield 0.9 + 0.1 * (progress or 0.0)
         yield from left.until_rest(self._ports.settle)

@@ -575,6 +575,9 @@ _ONWARD_ROOM_M = 0.006
 """Distance that the arm keeps along the path of a part, if a grasp allows it: softly followed, the
 part turns in the hand, and the way back begins with that."""
 
+_OWN_ROOM_M = 0.005
+"""Distance of the object from the arm's own links, where it is picked and when it is lifted."""
+
 _ROOMIER = 8
 """Further grasps that are tried for one with that room."""
 
@@ -747,7 +750,8 @@ def _rows_to(
             onward.refuse_contact(arm, after, free, room)
         if lift > 0.0:
             up = np.array((0.0, 0.0, lift))
-            arm.line_after(rows[-1], Pose(tool.position + up, tool.quaternion))
+            lifted = arm.line_after(rows[-1], Pose(tool.position + up, tool.quaternion))
+            _refuse_own_links(arm, wanted, lifted, lift)
         if wanted.name and wanted.edges is None:
             arm.refuse_load(wanted.name, rows[-1], seen)
         arm.refuse_collision_along(rows, ignore=touched)
@@ -906,6 +910,42 @@ def _geoms_of_part(world: World, wanted: WantedGrasp) -> list[int]:
         for geom, part in zip(world.object_geoms(name), parts, strict=True)
         if wanted.part in (None, part.name)
     ]
+
+
+def _refuse_own_links(arm: Arm, wanted: WantedGrasp, rows: Matrix, lift: float) -> None:
+    """Check that no link of the arm is next to the object, at its place and when it is lifted.
+
+    Everything else that it could touch depends on the grasp only, or not even on that.
+
+    Args:
+        arm: Arm with its gripper open.
+        wanted: Specification of the grasp.
+        rows: Configurations of the lift, of shape (n, dof), rad.
+        lift: Its height, m.
+
+    Raises:
+        Failure: ``IN_COLLISION`` with the object.
+    """
+    world = arm.world
+    name = wanted.name
+    if name is None or name not in world.objects or not world.objects[name].is_free:
+        return
+    checker = arm.checker()
+    checker.keep_clear(_OWN_ROOM_M)
+    body = world.arms[arm.name]
+    links = list(body.geom_ids - body.tool_geom_ids)
+    its = list(world.payload_geoms(name))
+    allowed = np.full_like(checker.least, -np.inf)
+    for one, other in ((links, its), (its, links)):
+        pairs = np.ix_(one, other)
+        allowed[pairs] = checker.least[pairs]
+    checker.least[:] = allowed
+    for row in (0, len(rows) // 2, len(rows) - 1):
+        up = np.array((0.0, 0.0, lift * row / max(len(rows) - 1, 1)))
+        checker.move_object(name, Pose(wanted.lies.position + up, wanted.lies.quaternion))
+        contact = checker.contact(rows[row])
+        if contact is not None:
+            raise contact.failure()
 
 
 def _refuse_beside(arm: Arm, wanted: WantedGrasp, rows: Matrix, width: float) -> None:

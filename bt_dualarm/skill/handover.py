@@ -371,16 +371,18 @@ class HandoverSearch:
     def refusal(self) -> Failure:
         """Failure that states why there is no plan."""
         arm = self._arm.name
+        elsewhere = f"`point` of `grasp` chooses where {self._giver} holds it"
         if not self.grasps and self._obstructed_at_goal:
             return Failure(
                 "OUT_OF_REACH",
                 f"no grasp of {arm} on {self._thing!r} beside the hand of {self._giver} leaves it "
-                "room at `then_at`",
+                f"room at `then_at`; {elsewhere}",
             )
         if not self.grasps:
             return Failure(
                 "OUT_OF_REACH",
-                f"no grasp of {arm} on {self._thing!r} leaves the hand of {self._giver} room",
+                f"no grasp of {arm} on {self._thing!r} leaves the hand of {self._giver} room; "
+                f"{elsewhere}",
             )
         if self._suits_none:
             first = next(iter(self._unsuited.values()))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
@@ -568,7 +568,7 @@ class _Descent:
 
 
 @dataclass(frozen=True, eq=False)
-class _RetreatTo:
+class RetreatTo:
     """Straight retreat of the open hand from a placed object.
 
     Attributes:
@@ -580,6 +580,67 @@ class _RetreatTo:
     end: Pose
     length: float
     by_object: bool = False
+
+
+def possible_retreats(
+    arm: Arm, tool: Pose, name: str, in_tool: Pose, asked: float
+) -> list[RetreatTo]:
+    """Retreats of an open hand from an object, in the order in which to try them.
+
+    After the one requested they are straight up, where the fingers close horizontally and come
+    free, and along the tool's axis only as far as frees the object.
+
+    Args:
+        arm: Arm with the gripper.
+        tool: Pose of the tool in the world.
+        name: Name of the object.
+        in_tool: Pose of the object in the tool's frame.
+        asked: Length of the retreat that is requested, m.
+    """
+    axes = tool.rotation_matrix
+    found = [RetreatTo(tool @ Pose.from_rpy((0.0, 0.0, -asked)), asked)]
+    comes_free = -float(axes[2, 2])
+    if (
+        arm.gripper.page.fingers
+        and _COMES_FREE < comes_free < _VERTICAL
+        and abs(axes[2, 1]) < _HORIZONTAL
+    ):
+        found.append(RetreatTo(_raised(tool, asked), comes_free * asked, by_object=True))
+    beyond = _distance_beyond(arm, name, in_tool)
+    shortest = _SPARE_M + max(_BESIDE_M - beyond, 0.0)
+    if shortest < asked:
+        found.append(RetreatTo(tool @ Pose.from_rpy((0.0, 0.0, -shortest)), shortest))
+    return found
+
+
+def plan_retreat(
+    move: MoveTo, retreats: Sequence[RetreatTo], metrics: dict[str, Number]
+) -> Generator[None, None, Trajectory]:
+    """Plan the first possible retreat; yields once per tick.
+
+    Args:
+        move: Motion of the arm, which may touch the object.
+        retreats: Retreats to try, see `possible_retreats`.
+        metrics: Metrics of the leaf; get the length of the retreat if it is not the first one.
+
+    Raises:
+        Failure: That of the last retreat, or of one that another arm blocks: as planning.
+    """
+    arm = move.arm
+    for retreat in retreats:
+        try:
+            rows = arm.line_on(retreat.end)
+            yield from move.checked(rows, known_free=False)
+            if retreat.by_object:
+                arm.refuse_collision_along(rows)
+        except Failure as failure:
+            if retreat is retreats[-1] or move.may_clear(failure):
+                raise
+        else:
+            if retreat is not retreats[0]:
+                metrics["retreated_m"] = retreat.length
+            break
+    return arm.time_path(rows, move.speed)
 
 
 class SettingDown:
@@ -1013,28 +1074,9 @@ class SettingDown:
             raise refusals[0]
         return found[:_BRANCHES]
 
-    def _retreats(self, tool: Pose) -> list[_RetreatTo]:
-        """Retreats from a pose of the tool to try, the one requested first.
-
-        The others are straight up, where the fingers close horizontally and come free, and along
-        the tool's axis only as far as frees the object.
-        """
-        arm = self._arm
-        asked = self._ports.retreat
-        axes = tool.rotation_matrix
-        found = [_RetreatTo(tool @ Pose.from_rpy((0.0, 0.0, -asked)), asked)]
-        comes_free = -float(axes[2, 2])
-        if (
-            arm.gripper.page.fingers
-            and _COMES_FREE < comes_free < _VERTICAL
-            and abs(axes[2, 1]) < _HORIZONTAL
-        ):
-            found.append(_RetreatTo(_raised(tool, asked), comes_free * asked, by_object=True))
-        beyond = _distance_beyond(arm, self._name, self._in_tool)
-        shortest = _SPARE_M + max(_BESIDE_M - beyond, 0.0)
-        if shortest < asked:
-            found.append(_RetreatTo(tool @ Pose.from_rpy((0.0, 0.0, -shortest)), shortest))
-        return found
+    def _retreats(self, tool: Pose) -> list[RetreatTo]:
+        """Retreats from a pose of the tool to try, the one requested first."""
+        return possible_retreats(self._arm, tool, self._name, self._in_tool, self._ports.retreat)
 
     def _height(self, tool: Pose) -> float:
         """Height above a pose at which the tool made contact, from the encoders, m."""
@@ -1068,20 +1110,7 @@ class SettingDown:
         move = replace(arm.past_others(self._ports.speed, frozenset({self._name})), give_way=False)
 
         def planned() -> Generator[None, None, Trajectory]:
-            for retreat in retreats:
-                try:
-                    rows = arm.line_on(retreat.end)
-                    yield from move.checked(rows, known_free=False)
-                    if retreat.by_object:
-                        arm.refuse_collision_along(rows)
-                except Failure as failure:
-                    if retreat is retreats[-1] or move.may_clear(failure):
-                        raise
-                else:
-                    if retreat is not retreats[0]:
-                        self._metrics["retreated_m"] = retreat.length
-                    break
-            return arm.time_path(rows, move.speed)
+            return plan_retreat(move, retreats, self._metrics)
 
         self._test: Generator[float, None, bool] | None = None
         self._sticks: bool | None = None

@@ -12,7 +12,9 @@ import bt_dualarm as bt
 from bt_dualarm.behaviors.report import LeafReport
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.sim.grippers import GripperCommand
+from bt_dualarm.skill import carrying
 from bt_dualarm.skill.carrying import pose_held
+from bt_dualarm.skill.placing import RetreatTo, possible_retreats
 from bt_dualarm.testing import after
 from tests.families import some
 from tests.skills.scenarios import PARTNER, SCENARIOS, Tree
@@ -251,3 +253,21 @@ def test_a_hand_that_tilts_does_not_move_what_two_hands_hold() -> None:
             np.linalg.norm(found.apply(np.array((end, 0, 0))) - lies.apply(np.array((end, 0, 0))))
             < 3e-4
         )
+
+
+def test_arms_retreat_otherwise_where_the_hand_cannot_go_straight_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As after `place`: the object stands, but the arms would end with a failure."""
+
+    def beyond_reach(*arguments: Any) -> list[RetreatTo]:
+        found = possible_retreats(*arguments)
+        return [RetreatTo(found[0].end @ Pose.from_rpy((0.0, 0.0, -2.0)), 2.0), *found]
+
+    monkeypatch.setattr(carrying, "possible_retreats", beyond_reach)
+    to = {"xyz": [0.0, -0.45, 0.525], "rpy": [0, 0, 0]}
+    ports = {"to": to, "set_down": True, "speed": 1.0}
+    result = bt.run(file_of(TOGETHER | ports, follows(set_down=True)))
+    assert result.outcome == "SUCCESS", leaf(result).reason
+    assert leaf(result).metrics["retreated_m"] < 0.1
+    assert leaf(result).metrics["placed_error_m"] < 2e-3
