@@ -24,6 +24,7 @@ from bt_dualarm import (
     Trajectory,
     Vector,
     port,
+    poses_alike,
     shared_grasp,
 )
 
@@ -73,7 +74,8 @@ class Insert(Skill):
         arm.refuse_shared()
         in_tool = arm.robot.tool.inverse @ held.relative
         goal = self.ports.at.pose_from(arm.commanded_tool_pose @ in_tool)
-        bottom = goal @ in_tool.inverse
+        alike = poses_alike(arm.world.declared_objects[name], goal)
+        self._bottoms = [(angle, pose @ in_tool.inverse) for angle, pose in alike]
         grip = Grip(arm, name)
         into = self.ports.into
         with ExitStack() as shared:
@@ -81,7 +83,10 @@ class Insert(Skill):
                 if into is not None and holder != arm.name:
                     shared.enter_context(shared_grasp(arm, holder, into, HANDS_APART_M))
             try:
-                yield from self._go_above(bottom, grip)
+                yield from self._go_above(grip)
+                ((spun, bottom),) = self._bottoms
+                if spun:
+                    self.metrics["spun_rad"] = spun
                 inserting = Inserting(arm, self.ports, name, grip, bottom, self.metrics)
                 yield from inserting.through()
             except Failure as failure:
@@ -121,15 +126,33 @@ class Insert(Skill):
                 turned_rad=turned,
             )
 
-    def _go_above(self, bottom: Pose, grip: Grip) -> Iterator[float]:
+    def _go_above(self, grip: Grip) -> Iterator[float]:
         """Move above the hole, in a branch that also reaches the bottom from there."""
         arm = self.arm
         ports = self.ports
-        for progress in arm.past_others(ports.speed).along(lambda: self._plan_above(bottom)):
+        for progress in arm.past_others(ports.speed).along(self._plan_above):
             yield 0.3 * (progress or 0.0)
             grip.look()
 
-    def _plan_above(self, bottom: Pose) -> Generator[None, None, Trajectory]:
+    def _plan_above(self) -> Generator[None, None, Trajectory]:
+        """Plan the way to above the hole; only the possible pose at its bottom is left then.
+
+        There are others if the peg looks the same when it is turned, the smallest rotation first.
+        """
+        first: Failure | None = None
+        for spun, bottom in self._bottoms:
+            try:
+                starts = yield from self._starts_above(bottom)
+            except Failure as failure:
+                first = first or failure.with_traceback(None)  # would keep this frame alive
+            else:
+                self._bottoms = [(spun, bottom)]
+                return (yield from self.arm.plan(starts, self.ports.speed))
+        assert first is not None  # noqa: S101 - the goal itself is one of them
+        raise first
+
+    def _starts_above(self, bottom: Pose) -> Generator[None, None, list[Vector]]:
+        """Configurations above the hole from which the arm can go down to the bottom and beyond."""
         arm = self.arm
         ports = self.ports
         peg = frozenset({self.ports.object})
@@ -151,7 +174,7 @@ class Insert(Skill):
                 break
         if not starts:
             raise refusals[0]
-        return (yield from arm.plan(starts, ports.speed))
+        return starts
 
 
 def _raised(pose: Pose, height: float) -> Pose:

@@ -74,6 +74,9 @@ _SLENDER = 3
 _WIDE = 2.5
 """Radius of the balls that stand for flange and wrist, in those of the cup."""
 
+_MOST_EDGES = 24
+"""Largest number of edges of a mesh on which a gripper may close."""
+
 _SAMPLES = 48
 """Number of surface points that are sampled on a mesh."""
 
@@ -86,6 +89,8 @@ def jaw_grasps(
     seed: int = 0,
     shares: Sequence[float] = SHARES,
     point: Vector | None = None,
+    *,
+    on_edges: bool = False,
 ) -> tuple[Grasp, ...]:
     """Grasps of a parallel gripper, smallest force first.
 
@@ -97,13 +102,15 @@ def jaw_grasps(
         seed: Seed for sampling meshes.
         shares: Where along a long solid the pads close, as fractions of half its length.
         point: Point in the solid's frame at which the pads close instead, of shape (3,), m.
+        on_edges: Whether the pads close on edges of meshes, instead of on their faces.
     """
     if isinstance(solid, CompoundSolid):
         found: list[Grasp] = []
         for part, pose, others in _pieces(solid):
             grasps = jaw_grasps(
-                part, jaw, _load_on(load, pose), friction, seed, shares, _in(pose, point)
-            )
+                part, jaw, _load_on(load, pose), friction, seed, shares, _in(pose, point),
+                on_edges=on_edges,
+            )  # fmt: skip
             if others:
                 found += _beside(grasps, pose, jaw, [solid.surfaces[index] for index in others])
             else:
@@ -111,9 +118,13 @@ def jaw_grasps(
         return _sorted(found)
     length = float(np.linalg.norm(load.gravity))
     down = load.gravity / length if length > 0.0 else np.array([0.0, 0.0, -1.0])
+    pairs = (
+        edge_pairs(solid, down)
+        if on_edges
+        else _pairs(solid, down, np.random.default_rng(seed), shares, point)
+    )
     lines = np.array([
-        np.concatenate((pair.center, pair.axis, pair.around))
-        for pair in _pairs(solid, down, np.random.default_rng(seed), shares, point)
+        np.concatenate((pair.center, pair.axis, pair.around)) for pair in pairs
     ]).reshape(-1, 9)  # fmt: skip
     rows = _closed(solid, jaw, load, friction, lines)
     return _sorted(grasp for row in rows for grasp in _both_sides(row, jaw))
@@ -424,6 +435,25 @@ def _(
         found = solid.farthest_hit(point, -normal)
         if found is not None:
             yield AntipodalPair(0.5 * (point + found[0]), normal, square_to(normal, down))
+
+
+def edge_pairs(solid: Solid, down: Vector) -> Iterator[AntipodalPair]:
+    """Lines through the middles of a mesh's sharp edges, halfway between the faces beside them.
+
+    A hexagonal prism that lies on a side has no other surfaces between which level pads could
+    close. There are none for other solids, whose opposite faces are parallel.
+
+    Args:
+        solid: Solid to grasp.
+        down: Unit vector of gravity, of shape (3,).
+    """
+    if not isinstance(solid, MeshSolid):
+        return
+    middles, outward = solid.edges
+    for middle, axis in zip(middles[:_MOST_EDGES], outward[:_MOST_EDGES], strict=True):
+        found = solid.farthest_hit(middle, -axis)
+        if found is not None:
+            yield AntipodalPair(0.5 * (middle + found[0]), axis, square_to(axis, down))
 
 
 def _pairs(

@@ -28,6 +28,9 @@ from bt_dualarm.core.pose import Matrix, Pose, Vector
 _GRAZING = 1e-12
 """Volume below which a ray counts as parallel to a triangle, m³."""
 
+_SHARP = math.cos(math.radians(20.0))
+"""Cosine of the smallest angle between the normals of two faces at an edge that counts as sharp."""
+
 _SAME = 1e-9
 """Tolerance for rounding, in m and in barycentric coordinates."""
 
@@ -190,6 +193,38 @@ class MeshSolid(Solid):
         t = rng.uniform(size=number)[:, None]
         points = (1 - s) * a[chosen] + s * (1 - t) * b[chosen] + s * t * c[chosen]
         return points, self.normals[chosen]
+
+    @cached_property
+    def edges(self) -> tuple[Matrix, Matrix]:
+        """Middles of the sharp, convex edges, m, and unit vectors halfway between their faces.
+
+        Both of shape (n, 3), the longest edge first. Edges between triangles of one face, or of a
+        smoothly curved surface, do not count, nor do those less than half as long as the longest.
+        """
+        triangles: dict[tuple[tuple[float, ...], ...], list[tuple[int, int]]] = {}
+        for index, corners in enumerate(self.corners):
+            for k in range(3):
+                ends = sorted(tuple(np.round(corners[i], 6).tolist()) for i in (k, (k + 1) % 3))
+                triangles.setdefault(tuple(ends), []).append((index, k))
+        found = []
+        for beside in triangles.values():
+            if len(beside) != 2:
+                continue
+            (first, k), (second, _) = beside
+            start, end = self.corners[first][[k, (k + 1) % 3]]
+            one, other = self.normals[[first, second]]
+            middle = 0.5 * (start + end)
+            apart = self.corners[second].mean(axis=0) - middle
+            if float(one @ other) < _SHARP and float(one @ apart) < 0.0:
+                outward = one + other
+                length = np.linalg.norm(outward)
+                if length > _SAME:
+                    found.append((float(np.linalg.norm(end - start)), middle, outward / length))
+        longest = max((length for length, _, _ in found), default=0.0)
+        found = [edge for edge in found if edge[0] >= 0.5 * longest]
+        found.sort(key=lambda edge: -edge[0])
+        middles = np.array([edge[1] for edge in found]).reshape(-1, 3)
+        return middles, np.array([edge[2] for edge in found]).reshape(-1, 3)
 
     def farthest_hit(self, origin: Vector, direction: Vector) -> tuple[Vector, Vector] | None:
         """Last intersection of a ray with the surface, and the normal there, each of shape (3,).

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Generator, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
 
@@ -318,10 +319,23 @@ class WantedGrasp:
 def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
     """Grasps of an arm's gripper on an object, the best first.
 
+    Fingers close on the edges of a mesh only where they cannot close on its faces.
+
     Raises:
         Failure: ``TOO_WIDE``, ``TOO_HEAVY``, ``NO_FACE``, or ``OUT_OF_REACH`` if all of them are
             obstructed; each with its numbers.
     """
+    try:
+        return _grasps_on(arm, wanted, on_edges=False)
+    except Failure as failure:
+        if arm.gripper.page.fingers and wanted.point is None:
+            with suppress(Failure):
+                return _grasps_on(arm, wanted, on_edges=True)
+        raise failure.with_traceback(None) from None
+
+
+def _grasps_on(arm: Arm, wanted: WantedGrasp, *, on_edges: bool) -> tuple[RankedGrasp, ...]:
+    """Grasps as `grasps_on`, of faces or of edges."""
     page = arm.gripper.page
     solid = wanted.solid(arm.world)
     friction = wanted.friction(arm.world)
@@ -344,7 +358,7 @@ def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
     def bearing(load: Load) -> tuple[tuple[Grasp, ...], int]:
         """Grasps that bear a load, as requested, and how many there are of any kind."""
         if jaw is not None:
-            found = jaw_grasps(solid, jaw, load, jaw.friction, point=point)
+            found = jaw_grasps(solid, jaw, load, jaw.friction, point=point, on_edges=on_edges)
         else:
             cup = cup_measures(page, friction)
             cup = replace(cup, most_force=min(cup.most_force, wanted.most_force))

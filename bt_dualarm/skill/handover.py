@@ -61,6 +61,10 @@ _PLANNED_M: Final = HANDS_M + 0.004
 _ROOM_M: Final = HANDS_M + 0.003
 """Clearance of a grasp from the giver's hand, m: the hands keep `HANDS_M`."""
 
+_GOAL_ROOM_M: Final = 0.001
+"""Distance of the hand from everything at `then_at`, m: in less room the fingertips would touch the
+floor of a bin before the object, if that has moved by a hair in the hand."""
+
 _CLEAR_M: Final = 0.01
 """Distance of arms that wait from everything that is no arm, m."""
 
@@ -222,6 +226,7 @@ class HandoverSearch:
         told = None if world.nominal[arm.name].estimates_payload else world.loaded_mass(thing)
         self.mass = mass or wish.mass or told or UNKNOWN_KG
         self._obstructed_at_goal = False
+        self._cramped = np.zeros(0)
         self.grasps = self._grasps(margin, shake, most_force)
         self._kinematics = {
             name: Kinematics(world.robots[name], world.arms[name].base, 0)
@@ -443,10 +448,14 @@ class HandoverSearch:
         world = self._world
         obstacles = obstacles_around(self._arm, self._thing, goal.position)
         free = set[int]()
+        roomy = set[int]()
         for _, alike in poses_alike(world.declared_objects[self._thing], goal):
             order = ranked(grasps, alike, jaw, obstacles, lambda _: 0.0)
             free |= {id(one.grasp) for one in order}
-        return tuple(grasp for grasp in grasps if id(grasp) in free)
+            roomy |= {id(one.grasp) for one in order if one.clearance >= _GOAL_ROOM_M}
+        found = tuple(grasp for grasp in grasps if id(grasp) in free)
+        self._cramped = np.array([id(grasp) not in roomy for grasp in found], dtype=float)
+        return found
 
     def _hand(self) -> list[Obstacle]:
         """The giver's hand, and what rides on the object, as boxes around their geoms."""
@@ -487,6 +496,8 @@ class HandoverSearch:
             # Near the taker rather than beyond the giver's hand.
             + 4.0 * np.maximum(offsets @ toward, -0.1)
         )
+        if self._goal is not None and len(self._cramped):
+            cost += self._cramped
         chosen = list[Grasp]()
         for index in np.argsort(cost, kind="stable"):
             grasp = self.grasps[index]

@@ -70,3 +70,25 @@ def test_what_is_no_solid_is_refused() -> None:
     assert isinstance(solid_of("sphere", (0.02,)), Capsule)
     with pytest.raises(ValueError, match="'torus' cannot be grasped"):
         solid_of("torus", (0.1,))
+
+
+@pytest.mark.parametrize("sides", [3, 5, 6, 8])
+def test_long_edges_of_a_prism_are_sharp(sides: int) -> None:
+    """Those along its axis, each halfway between two sides; not the short ones of its ends."""
+    turns = np.arange(sides) * 2.0 * np.pi / sides
+    ring = 0.02 * np.column_stack((np.cos(turns), np.sin(turns)))
+    ends = [np.column_stack((ring, np.full(sides, z))) for z in (-0.05, 0.05)]
+    solid = MeshSolid.hull_of(np.vstack(ends))
+    middles, outward = solid.edges
+    assert len(middles) == sides
+    assert np.allclose(middles[:, 2], 0.0)
+    assert np.allclose(middles, 0.02 * outward)
+
+
+def test_smooth_and_inner_edges_do_not_count() -> None:
+    heights = np.linspace(-1.0, 1.0, 600)
+    turns = np.arange(600) * np.pi * (3.0 - np.sqrt(5.0))  # a spiral of almost equal distances
+    flat = np.sqrt(1.0 - heights**2)
+    ball = np.column_stack((flat * np.cos(turns), flat * np.sin(turns), heights))
+    assert len(MeshSolid.hull_of(0.03 * ball).edges[0]) == 0
+    assert len(mesh_box(0.025).edges[0]) == 12

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
@@ -9,9 +10,11 @@ import numpy as np
 import pytest
 
 from bt_dualarm.behaviors.report import LeafReport
+from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.perception.shape_fit import KnownShape
 from bt_dualarm.skill.grasp_search import poses_alike, turns_alike
+from bt_dualarm.skill.inserting import Inserting
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.yaml_reader import with_tuples
 from tests.families import some
@@ -64,6 +67,48 @@ def test_what_is_carried_is_not_turned_if_that_would_show() -> None:
     leaf = carried("box", 0, marked=True)
     assert leaf.code == "UNREACHABLE", leaf.reason
     assert "object_error_m" not in leaf.metrics, "before it moves"
+
+
+class _Above(Failure):
+    """Ends `insert` where the peg is above the hole."""
+
+
+@pytest.mark.parametrize(("shape", "yaw"), some([("prism", 90), ("box", -60), ("prism", -90)], 2))
+def test_a_peg_is_turned_into_itself_above_its_hole(
+    shape: str, yaw: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A Panda that holds it from the side cannot turn it so far as it is asked for."""
+
+    def above(_: Inserting) -> Iterator[None]:
+        raise _Above("NOT_FOUND", "above the hole")
+        yield
+
+    monkeypatch.setattr(Inserting, "through", above)
+    size = [0.02, 0.1] if shape == "prism" else [0.03, 0.03, 0.1]
+    post = {"shape": "box", "size": [0.1, 0.1, 0.2], "fixed": True}
+    hole = {"shape": "tube", "size": [0.04, 0.05], "wall": 0.018, "fixed": True}
+    leaf = placed(
+        "panda",
+        "panda_hand",
+        {
+            "thing": {"shape": shape, "size": size, "mass": 0.2}
+            | {"pose": {"xyz": [0.45, -0.25, 0.65]}},
+            "stand": post | {"pose": {"xyz": [0.45, -0.25, 0.5]}},
+            "hole": hole | {"pose": {"xyz": [0.45, 0.25, 0.625]}},
+            "base": post | {"pose": {"xyz": [0.45, 0.25, 0.5]}},
+        },
+        {"grasp": {"object": "thing", "approach": [0, -1, 0]}},
+        {
+            "insert": {
+                "object": "thing",
+                "at": {"xyz": [0.45, 0.25, 0.65], "rpy": [0, 0, yaw]},
+                "depth": 0.04,
+            }
+        },
+    )
+    assert leaf.reason == "above the hole"
+    turns = float(leaf.metrics["spun_rad"]) / np.radians(60 if shape == "prism" else 90)
+    assert turns == pytest.approx(round(turns))
 
 
 @pytest.mark.parametrize("rpy", [(0, 0, 0), (0, 0, 40), (180, 0, 10), (30, 20, 10), (90, 0, 0)])
