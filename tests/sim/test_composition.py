@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from bt_dualarm.core.pose import Pose
+from bt_dualarm.sim import composition
 from bt_dualarm.sim.world import World
-from bt_dualarm.spec.document import NoiseSpec, ObjectSpec
+from bt_dualarm.spec.document import NoiseSpec, ObjectSpec, WorldSpec
 from tests.sim.worlds import Place, arm, box, file_of
 
 
@@ -43,3 +45,28 @@ def test_noise_stays_within_its_widths() -> None:
     assert (np.ptp(away, axis=0)[:2] > (0.1, 0.2)).all()
     turns = [pose.angle(Pose.identity()) for pose in poses.values()]
     assert np.radians(30.0) < max(turns) <= np.radians(45.0)
+
+
+def test_a_cylinder_that_barely_touches_a_box_is_not_found_deep_beside_it() -> None:
+    """The pose in which a pot on the edge of a stove was thrown aside, 0.1 µm in it."""
+    spec = composition.scene_spec(WorldSpec(scene="empty"))
+    stove = spec.worldbody.add_body(pos=[0.5, 0.3, 0.832])
+    stove.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.175, 0.14, 0.01])
+    rotation = [
+        [0.0008856240468176901, -0.999999607802833, 8.014315607547317e-06],
+        [0.9999996073234747, 0.0008856237900101149, -3.199062867027503e-05],
+        [3.198351845507837e-05, 8.042644130536919e-06, 0.9999999994561858],
+    ]
+    matrix = np.eye(4)
+    matrix[:3, :3] = rotation
+    matrix[:3, 3] = [0.5301177609052558, 0.29981888210959967, 0.8442546937468322]
+    pose = Pose.from_matrix(matrix)
+    floor = spec.worldbody.add_body(pos=pose.position, quat=pose.quaternion)
+    floor.add_freejoint()
+    floor.add_geom(type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=[0.14775, 0.00225, 0.0])
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    depths = [-contact.dist for contact in data.contact[: data.ncon]]
+    assert depths
+    assert max(depths) < 1e-5
