@@ -537,6 +537,32 @@ class CollisionChecker:
                 return i, contact
         return None
 
+    def close_boxes(self, q: Vector) -> Contact | None:
+        """Two boxes of different arms that are nearer than allowed though no contact reports them.
+
+        To be asked where hands come as near as `SharedGrasp` allows, see `ScratchModel.apart`.
+
+        Args:
+            q: Configuration of shape (dof,), rad.
+        """
+        scratch = self._scratch
+        self.place(q)
+        boxes = scratch.boxes & scratch.solid
+        wanted = (self.moving & boxes)[:, None] & (~self.moving & boxes) & (self.least > 0.0)
+        first, second = np.nonzero(wanted)
+        centers = self.data.geom_xpos
+        bounds = self.model.geom_rbound
+        most = self.least[first, second]
+        spare = np.linalg.norm(centers[first] - centers[second], axis=1)
+        spare -= bounds[first] + bounds[second] + most
+        for index in np.flatnonzero(spare < 0.0).tolist():
+            pair = int(first[index]), int(second[index])
+            distance = scratch.apart(*pair, float(most[index]))
+            if distance < most[index]:
+                one, other = (name_of_geom(self.model, geom) for geom in pair)
+                return Contact(one, other, -distance, tuple(np.asarray(q).tolist()))
+        return None
+
     def keep_clear(self, distance: float, *, itself: bool = False) -> None:
         """Keep a distance in m from everything but arms, for all further configurations.
 

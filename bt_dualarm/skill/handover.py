@@ -335,8 +335,9 @@ class HandoverSearch:
             return None, False
         there.move_other(body, giver_q)
         hit = there.first_contact(rows)
-        if hit is not None:
-            self._note(f"{hit[1].first} at {hit[1].second}")
+        near = there.close_boxes(rows[-1]) if hit is None else hit[1]
+        if near is not None:
+            self._note(f"{near.first} at {near.second}")
             return None, False
         # Each arm comes to its place while the other one may already be at its own.
         taker.move_other(body, giver_q)

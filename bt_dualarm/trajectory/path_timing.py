@@ -86,6 +86,9 @@ _EVALUATED = 30_000
 _SAME_RAD = 1e-9
 """Joint distance below which two configurations are the same, rad."""
 
+_ROUNDING_RAD = 1e-6
+"""Most by which a configuration may be beyond a position limit, to which it is then moved, rad."""
+
 _MARGIN = 1.0 + 1e-4
 """Additional stretch, so that few rounds are needed."""
 
@@ -230,9 +233,11 @@ def _checked(q_samples: Matrix, limits: JointLimits) -> Matrix:
     samples = np.atleast_2d(np.asarray(q_samples, dtype=float))
     if not np.isfinite(samples).all():
         raise ValueError("a configuration of the path is not finite")
-    if np.any(samples < limits.lower - _SAME_RAD) or np.any(samples > limits.upper + _SAME_RAD):
+    beyond = float(np.maximum(limits.lower - samples, samples - limits.upper).max(initial=-np.inf))
+    if beyond > _ROUNDING_RAD:
         raise ValueError("a configuration of the path is outside the position limits")
-    return samples
+    # Inverse kinematics that ends at a limit may be beyond it by its own rounding.
+    return np.clip(samples, limits.lower, limits.upper) if beyond > _SAME_RAD else samples
 
 
 def _distinct(samples: Matrix) -> Matrix:
