@@ -1,7 +1,7 @@
 """The tasks by which two-arm systems are judged, rebuilt from their published facts.
 
     python -m benchmarks.two_arm_tasks [--trials 5] [--robots fr3 panda ur5e xarm7] [--seed 0]
-                                       [--reality lab] [--only TASK ...] [--verbose]
+                                       [--reality lab] [--only TASK ...] [--speed 0.5] [--verbose]
 
 Eleven tasks after DuoBench and robosuite: places, sizes, masses and joints are those of the
 benchmarks as far as they are known; starts are drawn anew for each trial. Each arm has a tree of
@@ -563,21 +563,44 @@ TASKS: Final = {
 """Tasks by name, with the length of an episode of DuoBench in steps of 1/30 s."""
 
 
-def task(name: str, robot: str, seed: int, reality: str, attempt: int = 0) -> Tree:
+_MOVING: Final = frozenset(
+    {"grasp", "place", "insert", "transport", "hand_over", "take_over", "carry_together"}
+)
+
+
+def at_speed(tree: Any, speed: float) -> Any:  # Any: a part of a tree file
+    """A tree whose leaves move freely at a fraction of the arms' limits."""
+    if isinstance(tree, list):
+        return [at_speed(one, speed) for one in tree]
+    if tree == "go_home":
+        return {"go_home": {"speed": speed}}
+    if isinstance(tree, dict):
+        return {
+            key: value | {"speed": speed} if key in _MOVING else at_speed(value, speed)
+            for key, value in tree.items()
+        }
+    return tree
+
+
+def task(
+    name: str, robot: str, seed: int, reality: str, speed: float = 0.5, attempt: int = 0
+) -> Tree:
     """The tree file of one trial; a further attempt draws another start."""
     make, _ = TASKS[name]
     rng = np.random.default_rng([seed, list(TASKS).index(name), attempt])
     file = make(rng, robot)
     file["world"]["reality"] = reality
+    for arm in file["arms"].values():
+        arm["tree"] = at_speed(arm["tree"], speed)
     return {"bt_dualarm": 1, "name": name, **file}
 
 
-def played(name: str, robot: str, seed: int, reality: str) -> dict[str, Any]:
+def played(name: str, robot: str, seed: int, reality: str, speed: float) -> dict[str, Any]:
     """Outcome of one trial, its simulated time in s, and what failed."""
     for attempt in range(_ATTEMPTS):
         with TemporaryDirectory() as folder:
             path = Path(folder) / f"{name}.yaml"
-            path.write_text(json.dumps(task(name, robot, seed, reality, attempt)))
+            path.write_text(json.dumps(task(name, robot, seed, reality, speed, attempt)))
             try:
                 file = load_tree_file(path, registry().kinds)
                 run = Run(file, registry(), RunOptions(seed=seed, renderer="ray"))
@@ -615,11 +638,18 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--reality", default="lab")
     parser.add_argument("--only", nargs="+", default=list(TASKS), choices=TASKS)
+    parser.add_argument("--speed", type=float, default=0.5, help="share of the arms' limits")
     parser.add_argument("--verbose", action="store_true")
     add_options(parser)
     options = parser.parse_args()
     cases = [
-        {"name": name, "robot": robot, "seed": options.seed + number, "reality": options.reality}
+        {
+            "name": name,
+            "robot": robot,
+            "seed": options.seed + number,
+            "reality": options.reality,
+            "speed": options.speed,
+        }
         for name in options.only
         for robot in options.robots
         for number in range(options.trials)

@@ -266,6 +266,12 @@ def _too_far(e: Evidence) -> Iterator[Cause]:
         remedy = f"bring {what} or the base of {e.arm} at least {1e3 * gap:.0f} mm nearer"
         yield e.cause("OUT_OF_REACH", sentence, remedy)
         return
+    if e.leaf.kind == "take_over":
+        giver = e.ports.get("from")
+        sentence = f"{giver} and {e.arm} found no place to hand over {what}: {e.reason}"
+        remedy = f"another place (`at` of `hand_over`), or another grasp of {giver} (`point`)"
+        yield e.cause("OUT_OF_REACH", sentence, remedy)
+        return
     sentence = f"{e.robot} cannot reach {what} with this orientation: {e.reason}"
     more = f"; it stays {1e3 * short:.0f} mm away" if short else ""
     remedy = "another orientation, or another base position"
