@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator, Iterator, Sequence
 from functools import partial
 from typing import Any, ClassVar
 
@@ -70,6 +70,9 @@ _HELD_M = 0.03
 _THERE_RAD = 1e-6
 _TOWARD = 0.2  # cosine beyond which a lift leads toward the giver
 _LIFT_WAIT_S = 0.5
+_EARLY_S = 2.0  # time to wait for the giver on the way to the standoff before it has arrived
+_PATIENCE_S = 60.0  # the same once it has arrived
+_HELD_UP = frozenset({"DEADLOCK", "TIMED_OUT"})  # failures of motions that another arm holds up
 _EDGE_S = 0.3  # start of the approach to ignore: joints that break away changed a UR5e's by 48 N
 _TRIES = 3  # maximum number of motions to the standoff
 
@@ -224,9 +227,18 @@ class TakeOver(Skill):
             return told(giver).get("arrived") == plan.number or bool(refused())
 
         try:
-            # At the same time as the giver, but not in its way.
-            yield from self._go(joint, plan, lambda: bool(refused()))
             move = arm.past_others(self.ports.speed)
+            trail = [arm.setpoint.q]
+            try:
+                # At the same time as the giver, but not in its way.
+                for progress in self._go(joint, plan, lambda: bool(refused()), _EARLY_S):
+                    trail.append(arm.setpoint.q)
+                    yield progress
+            except Failure as failure:
+                # The giver could wait for this arm, and this arm for the giver: let it pass first.
+                if failure.code not in _HELD_UP and giver not in move.blockers(failure):
+                    raise
+                yield from self._go_back(joint, trail)
             for _ in joint.until(arrived, makes_way=True):
                 yield from move.make_way()
                 yield 0.3
@@ -244,16 +256,42 @@ class TakeOver(Skill):
             return f"{arm.name}: {failure.code}: {failure.reason}"
         return refused()
 
+    def _go_back(self, joint: JointPart, trail: Sequence[Vector]) -> Iterator[float | None]:
+        """Go back the way that the arm has come: from next to the object no plan might begin.
+
+        Args:
+            joint: The handover.
+            trail: Set-points on that way, each of shape (dof,), rad.
+        """
+        arm = self.arm
+        yield from arm.halt()
+        rows = np.array([arm.setpoint.q, *trail[::-1]])
+        moves = np.abs(np.diff(rows, axis=0)).max(axis=1) > _THERE_RAD
+        rows = rows[np.insert(moves, 0, True)]
+        if len(rows) < 2:
+            return
+        motion = arm.begin(arm.time_path(rows, self.ports.approach_speed), may_touch=True)
+        while not motion.done:
+            yield None
+            joint.check()
+            arm.check()
+            arm.refuse_when_held_up(motion, _HELD_UP_S)
+        yield from arm.settle()
+
     def _go(
-        self, joint: JointPart, plan: HandoverPlan, is_over: Callable[[], bool]
+        self,
+        joint: JointPart,
+        plan: HandoverPlan,
+        is_over: Callable[[], bool],
+        patience: float = _PATIENCE_S,
     ) -> Iterator[float | None]:
-        """Go to the standoff, until something else is over."""
+        """Go to the standoff, until something else is over; wait for so many s on the way."""
         arm = self.arm
         tries = _TRIES
         while not is_over() and np.abs(arm.setpoint.q - plan.taker_q).max() > _THERE_RAD:
             tries -= 1
             try:
-                for progress in arm.travel([plan.taker_q], self.ports.speed):
+                for progress in arm.travel([plan.taker_q], self.ports.speed, patience=patience):
                     joint.check()
                     if is_over():
                         yield from arm.halt()

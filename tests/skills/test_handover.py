@@ -244,6 +244,34 @@ def test_the_taker_takes_the_bar_where_it_has_located_it(looks: bool, stage: Sta
     assert error < 0.004 if looks else error > 0.008
 
 
+def test_arms_that_come_to_stand_in_each_others_way_pass_each_other(stage: Stage) -> None:
+    """Fast arms on their ways to the handover: each waited for the other, up to a minute."""
+    grasp = {"object": "cube", "approach": [0, -1, 0], "point": [0.09, 0, 0]}
+    gives: Tree = {
+        "sequence": [
+            {"grasp": grasp | {"speed": 1.0, "approach_speed": 1.0}},
+            {"reach_to_pose": {"to": {"xyz": [0.42, -0.2, 0.3]}, "speed": 1.0}},
+            {"wait": {"seconds": 1}},
+            {"signal": "shown"},
+            {"hand_over": {"object": "cube", "to": "arm2", "speed": 1.0, "retreat_speed": 1.0}},
+        ]
+    }
+    takes: Tree = {
+        "sequence": [
+            {"await": "shown"},
+            {"take_over": {"object": "cube", "from": "arm1", "speed": 1.0}},
+        ]
+    }
+    file = file_with(gives, takes, reality="lab", objects=MARKED)
+    file["cell"] = {"signals": {"shown": {"type": "boolean", "written_by": ["arm1"]}}}
+    play = stage.play(file)
+    play.run()
+    taken = play.leaf("take_over", "arm2")
+    assert taken.status == "SUCCESS", taken.reason
+    assert taken.ended_s is not None
+    assert taken.ended_s < 25.0
+
+
 def test_what_is_taken_beside_its_center_is_known_where_it_is(stage: Stage) -> None:
     """The fingers were assumed to close on its center: 45 mm off, it counted as dropped."""
     thing: Tree = {
