@@ -195,6 +195,7 @@ _UNREACHED: Final = {
     "INVALID_TARGET",  # outside the workspace
     "UNREACHABLE",
     "JOINT_LIMIT",
+    "OVERLOADED",  # it cannot be held there
     "IN_COLLISION",
     "NO_PLAN",
     "SINGULAR",

@@ -905,12 +905,12 @@ TRIALS: dict[tuple[str, str], Trial] = {
         {"look_at": {"at": {"xyz": [0.68, 0.11, 0.7]}, "direction": [0, 0, 0]}}
     ),
     ("look_at", "OUT_OF_REACH"): Trial({"look_at": {"at": {"xyz": [-2.0, 0.11, 0.7]}}}),
-    **moving("look_at", LOOK, 0.6, "arm1/panda_hand"),
+    **moving("look_at", LOOK, 0.4, "arm1/panda_hand"),
     ("scan", "NO_CAMERA"): Trial(SCAN, {"arm": {"robot": "ur5", "base": ABOVE}}),
     ("scan", "INVALID_TARGET"): Trial(SCAN, {"objects": {"cube": GREY}}),
     ("scan", "NOT_SEEN"): Trial({"scan": SCAN["scan"] | {"color": "red"}}, moves=True),
     ("scan", "OUT_OF_REACH"): Trial(
         {"scan": {"object": "cube", "color": "red", "center": [3.0, 0, 0]}}
     ),
-    **moving("scan", {"scan": SCAN["scan"] | {"color": "red"}}, 0.8),
+    **moving("scan", {"scan": SCAN["scan"] | {"color": "red"}}, 0.4),
 }
