@@ -5,15 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final, Literal, TypeAlias
+from statistics import NormalDist
+from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
-from scipy import stats
 
+from bt_dualarm.core.later import Later
 from bt_dualarm.core.pose import Vector
 
 CONFIDENCE: Final = 0.95
 """Confidence of all intervals."""
+
+stats: Any = Later("scipy.stats")  # takes longer to import than all else here
 
 Verdict: TypeAlias = Literal["better", "worse", "undecided", "equal"]
 
@@ -44,7 +47,7 @@ class SuccessRate:
         """
         if not self.trials:
             return 0.0, 1.0
-        z = float(stats.norm.ppf(0.5 + CONFIDENCE / 2))
+        z = NormalDist().inv_cdf(0.5 + CONFIDENCE / 2)
         n, p = self.trials, self.value
         center = (p + z * z / (2 * n)) / (1 + z * z / n)
         half = z / (1 + z * z / n) * math.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
@@ -132,8 +135,8 @@ class PairedRates:
             return None
         psi = (self.only_a + self.only_b) / total
         delta = abs(self.only_b - self.only_a) / total
-        z_alpha = float(stats.norm.ppf(0.5 + CONFIDENCE / 2))
-        z_beta = float(stats.norm.ppf(power))
+        z_alpha = NormalDist().inv_cdf(0.5 + CONFIDENCE / 2)
+        z_beta = NormalDist().inv_cdf(power)
         root = math.sqrt(max(psi - delta * delta, 0.0))
         return math.ceil(((z_alpha * math.sqrt(psi) + z_beta * root) / delta) ** 2)
 
@@ -239,7 +242,7 @@ def paired_metric(
             rng=np.random.default_rng(seed),
         ).confidence_interval
     low, high = float(found.low), float(found.high)
-    z = float(stats.norm.ppf(0.5 + confidence / 2)) + float(stats.norm.ppf(0.8))
+    z = NormalDist().inv_cdf(0.5 + confidence / 2) + NormalDist().inv_cdf(0.8)
     # The randomization test of fewer pairs cannot decide, whatever their values are.
     fewest = math.ceil(1.0 - math.log2(1.0 - confidence))
     needed = None if mean == 0.0 else max(fewest, math.ceil((z * spread / mean) ** 2))
