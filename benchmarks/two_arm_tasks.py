@@ -359,7 +359,7 @@ def transfer_reorient(rng: np.random.Generator, robot: str) -> Tree:
     ]
     left = [
         {"take_over": {"object": "peg", "from": "right", "then_at": inserted}},
-        {"insert": {"object": "peg", "at": inserted, "depth": 0.045}},
+        {"insert": {"object": "peg", "at": inserted, "depth": 0.05}},
         "release",
         "go_home",
     ]
