@@ -154,6 +154,44 @@ def transfer_gate(rng: np.random.Generator, robot: str) -> Tree:
     return _file(robot, objects, left, right, {"done": {"object": "box", "on": "mat"}})
 
 
+def _filled(
+    robot: str, objects: Tree, inside: Tree, operate: Tree, opened: float, shut: float
+) -> Tree:
+    """File in which the left arm holds something open while the right one puts a cube in.
+
+    Args:
+        robot: Name of both robots.
+        objects: The objects; the joint is that of the first one, whose part ``handle`` is grasped.
+        inside: Pose of the cube in it.
+        operate: Ports of `operate`, without the position.
+        opened: Position in which it is held, degrees.
+        shut: Position in which it is left, degrees.
+    """
+    left = [
+        {"grasp": {"object": operate["object"], "part": "handle", "then_to": opened}},
+        {"operate": operate | {"to": opened}},
+        {"signal": "opened"},
+        {"await": "filled"},
+        {"operate": operate | {"to": shut}},
+        "release",
+        "go_home",
+    ]
+    right = [
+        {"await": "opened"},
+        {"grasp": {"object": "cube", "then_at": inside}},
+        {"place": {"at": inside}},
+        "go_home",
+        {"signal": "filled"},
+    ]
+    goal = {"done": {"object": "cube", "at": inside, "held": False}}
+    file = _file(robot, objects, left, right, goal)
+    written = {"opened": "left", "filled": "right"}
+    file["cell"] = {
+        "signals": {name: {"type": "boolean", "written_by": [arm]} for name, arm in written.items()}
+    }
+    return file
+
+
 def spring_door(rng: np.random.Generator, robot: str) -> Tree:
     """One arm holds the door of an oven open against a spring, the other one fills it."""
     wall = {"shape": "box"}
@@ -196,28 +234,9 @@ def spring_door(rng: np.random.Generator, robot: str) -> Tree:
     dx, dy = _off(rng, 0.05, 0.10)
     cube = _box([0.032] * 3, 0.0016, _on_table(0.4 + dx, -0.35 + dy, 0.032), rng.uniform(-180, 180))
     inside = {"xyz": _xyz(0.625, 0.064, _TOP + 0.038 + 0.016), "rpy": [0, 0, 0]}
-    left = [
-        {"grasp": {"object": "oven", "part": "handle", "then_to": 70}},
-        {"operate": {"object": "oven", "joint": "hinge", "to": 70, "force": 80}},
-        {"signal": "opened"},
-        {"await": "filled"},
-        {"operate": {"object": "oven", "joint": "hinge", "to": 4, "force": 80}},
-        "release",
-        "go_home",
-    ]
-    right = [
-        {"await": "opened"},
-        {"grasp": {"object": "cube", "then_at": inside}},
-        {"place": {"at": inside}},
-        "go_home",
-        {"signal": "filled"},
-    ]
-    goal = {"done": {"object": "cube", "at": inside, "within": 0.05, "held": False}}
-    file = _file(robot, {"oven": oven, "cube": cube | {"friction": 1.5}}, left, right, goal)
-    signals = {"opened": ["left"], "filled": ["right"]}
-    file["cell"] = {
-        "signals": {name: {"type": "boolean", "written_by": arms} for name, arms in signals.items()}
-    }
+    pull = {"object": "oven", "joint": "hinge", "force": 80}
+    file = _filled(robot, {"oven": oven, "cube": cube | {"friction": 1.5}}, inside, pull, 70, 4)
+    file["goal"]["done"]["within"] = 0.05
     return file
 
 
@@ -385,13 +404,13 @@ def hinge_chest(rng: np.random.Generator, robot: str) -> Tree:
                 "pose": {"xyz": [0, 0, 0.04]},
             },
             "lid": {"shape": "box", "size": [0.2, 0.244, 0.01], "pose": {"xyz": [0, 0, 0.086]}},
-            "bar": bar | {"pose": {"xyz": [-0.135, 0.085, 0.086]}},
+            "handle": bar | {"pose": {"xyz": [-0.135, 0.085, 0.086]}},
             "stem": stem | {"pose": {"xyz": [-0.113, 0.085, 0.086]}},
         },
         "joints": {
             "hinge": {
                 "type": "hinge",
-                "parts": ["lid", "bar", "stem"],
+                "parts": ["lid", "handle", "stem"],
                 "axis": [0, 1, 0],
                 "anchor": [0.08, 0, 0.086],
                 "range": [0, 88.8],
@@ -405,28 +424,9 @@ def hinge_chest(rng: np.random.Generator, robot: str) -> Tree:
     dx, dy = _off(rng, 0.175, 0.175)
     cube = _box([0.032] * 3, 0.0016, _on_table(0.5 + dx, 0.2 + dy, 0.032), rng.uniform(-180, 180))
     inside = {"xyz": _xyz(0.545, -0.24, _TOP + 0.008 + 0.016), "rpy": [0, 0, 0]}
-    left = [
-        {"grasp": {"object": "chest", "part": "bar", "then_to": 80}},
-        {"operate": {"object": "chest", "joint": "hinge", "to": 80}},
-        {"signal": "opened"},
-        {"await": "filled"},
-        {"operate": {"object": "chest", "joint": "hinge", "to": 0}},
-        "release",
-        "go_home",
-    ]
-    right = [
-        {"await": "opened"},
-        {"grasp": {"object": "cube", "then_at": inside}},
-        {"place": {"at": inside}},
-        "go_home",
-        {"signal": "filled"},
-    ]
-    goal = {"done": {"object": "cube", "at": inside, "within": 0.1, "held": False}}
-    file = _file(robot, {"chest": chest, "cube": cube | {"friction": 1.5}}, left, right, goal)
-    signals = {"opened": ["left"], "filled": ["right"]}
-    file["cell"] = {
-        "signals": {name: {"type": "boolean", "written_by": arms} for name, arms in signals.items()}
-    }
+    lift = {"object": "chest", "joint": "hinge"}
+    file = _filled(robot, {"chest": chest, "cube": cube | {"friction": 1.5}}, inside, lift, 80, 0)
+    file["goal"]["done"]["within"] = 0.1
     return file
 
 
