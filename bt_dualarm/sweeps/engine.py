@@ -438,7 +438,8 @@ class DaskEngine:
                     n_workers=int(match["count"]),
                     threads_per_worker=1,
                     processes=True,
-                    dashboard_address=None,
+                    # Any port: another cluster on this machine may have the usual one.
+                    dashboard_address="127.0.0.1:0",
                     silence_logs=50,
                     preload=[__name__],
                 )
