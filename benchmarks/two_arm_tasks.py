@@ -4,10 +4,11 @@
                                        [--reality lab] [--only TASK ...] [--speed 0.5] [--verbose]
 
 Eleven tasks after DuoBench and robosuite: places, sizes, masses and joints are those of the
-benchmarks as far as they are known; starts are drawn anew for each trial. Each arm has a tree of
-its own, and the goals of the file judge by the true world. Unlike in the benchmarks, the objects
-are known to the trees by their declarations, and no policy is learned: the figures show whether
-arms of this framework can do these tasks, not how they compare with learning from images.
+benchmarks as far as they are known, but for what docs/benchmarks.md lists; starts are drawn anew
+for each trial. Each arm has a tree of its own, and the goals of the file judge by the true world.
+Unlike in the benchmarks, the objects are known to the trees by their declarations, and no policy is
+learned: the figures show whether arms of this framework can do these tasks, not how they compare
+with learning from images.
 
 Sources: RobotControlStack/duobench, `src/duobench/tasks`; ARISE-Initiative/robosuite,
 `robosuite/environments/manipulation/two_arm_*.py`. Steps of DuoBench (at 30 Hz) are those quoted

@@ -63,7 +63,7 @@ _ROOM_M: Final = HANDS_M + 0.003
 
 _GOAL_ROOM_M: Final = 0.001
 """Distance of the hand from everything at `then_at`, m: in less room the fingertips would touch the
-floor of a bin before the object, if that has moved by a hair in the hand."""
+floor of a bin before the object, if that has moved by micrometers in the hand."""
 
 _CLEAR_M: Final = 0.01
 """Distance of arms that wait from everything that is no arm, m."""
@@ -497,7 +497,7 @@ class HandoverSearch:
             # Near the taker rather than beyond the giver's hand.
             + 4.0 * np.maximum(offsets @ toward, -0.1)
         )
-        if self._goal is not None and len(self._cramped):
+        if len(self._cramped):  # there is a goal
             cost += self._cramped
         chosen = list[Grasp]()
         for index in np.argsort(cost, kind="stable"):
