@@ -262,7 +262,7 @@ def place_ways() -> Iterator[Way]:
     yield placing("its ground sinks", CUBE, high, around=under, deed=sunk, begins=("released", 0.6))
     lost = without_ground("shelf", 0.05)
     yield placing("no ground any more", CUBE, high, around=under, deed=lost, begins=("held", 0.5))
-    for seconds in (0.4, 2.5, 60.0):
+    for seconds in (0.4, 2.2, 60.0):
         name = f"sticks to a finger for {seconds:g} s"
         yield placing(name, CUBE, goal, deed=stuck(seconds))
     for seconds in (1.3, 2.5, 60.0):

@@ -44,7 +44,7 @@ class MoveJoints(Skill):
         """Check the goal, move, measure the error."""
         arm = self.arm
         goal = self._goal(arm.setpoint.q)
-        yield from arm.think()
+        yield from arm.come_to_rest()  # the motion of a halted leaf may still be braking
         yield from arm.past_others(self.ports.speed).along(lambda: self._straight_to(goal))
         error = np.abs(arm.q - goal)
         self.metrics["joint_error_rad"] = float(error.max())

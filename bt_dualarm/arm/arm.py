@@ -76,7 +76,8 @@ SETTLED_RAD = 5e-4
 """Largest joint error at which a motion counts as executed."""
 
 PLANNING_S = 0.1
-"""Simulated seconds that planning takes, independent of the computing time, so that runs repeat."""
+"""Simulated seconds that a search for a path takes, and the computation of a curve, independent of
+the computing time, so that runs repeat. To check a straight motion takes a few milliseconds."""
 
 PLANNING_MARGIN_M = 0.045
 """Distance in meters that plans keep from other arms: more than the guard keeps."""
@@ -780,8 +781,9 @@ class Arm(ArmState):
     ) -> Generator[None, None, Trajectory]:
         """Plan a collision-free motion to one of several configurations, straight where possible.
 
-        Yields once per tick. The plan is made in the world at the start, takes `PLANNING_S`, and is
-        checked against the world at its end; if that has changed too much, the arm replans once.
+        Yields once per tick. The straight motion is found at once. A search is made in the world at
+        the start, takes `PLANNING_S`, and is checked against the world at its end; if that has
+        changed too much, the arm replans once.
 
         Args:
             goals: Configurations, each of shape (dof,), rad, the preferred one first.
@@ -851,7 +853,6 @@ class Arm(ArmState):
             constrained = ConstrainedProblem(problem, keep, at_goals=at_goals)
         straight = straight_motion(problem)
         if straight is not None and (constrained is None or constrained.keeps(straight)):
-            yield from self._pass_until(due)
             return straight
         pending = self._shared.planning.solve(problem if constrained is None else constrained)
         try:

@@ -8,7 +8,7 @@ import bt_dualarm as bt
 from benchmarks.false_success_ways import Hand, file_of, ways
 
 
-@pytest.mark.parametrize("name", ["sticks to a finger for 2.5 s", "sticks to the cup for 1.3 s"])
+@pytest.mark.parametrize("name", ["sticks to a finger for 2.2 s", "sticks to the cup for 1.3 s"])
 def test_what_came_along_is_held_again(name: str) -> None:
     """The gripper says so, before the referee looks; the next `place` sets it down."""
     way = next(way for way in ways() if (way.skill, way.name) == ("place", name))

@@ -125,7 +125,7 @@ def test_what_is_lost_while_nothing_moves_does_not_fill_the_gripper(stage: Stage
         world.data.qpos[world.model.jnt_qposadr[joint]] += 2.0
 
     file = scene().file(GRASP, {"wait": {"seconds": 2.0}}, TAKE_OTHER)
-    play = stage.play(file, deeds=((5.0, take_away),))
+    play = stage.play(file, deeds=((4.5, take_away),))
     play.run()
     assert play.world.attachments.attached_to("arm1") == ("other",), codes(play)
 

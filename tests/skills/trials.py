@@ -780,7 +780,7 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("hand_over", "PARTNER_GONE"): Trial(
         GIVE, {"others": partner(TAKER, {"sequence": ["fail", TAKES]})}, moves=True
     ),
-    ("hand_over", "NOT_TAKEN"): Trial(GIVE, deeds=((8.9, presses("cube", 12.0)),), moves=True),
+    ("hand_over", "NOT_TAKEN"): Trial(GIVE, deeds=((8.65, presses("cube", 12.0)),), moves=True),
     ("hand_over", "NOT_OPEN"): Trial(GIVE, deeds=((8.9, jams),), moves=True),
     ("hand_over", "SPILLED"): Trial(GIVE, LOADED_BAR, ((4.5, steals("rider")),), moves=True),
     ("take_over", "SPILLED"): Trial(TAKES_FROM, LOADED_BAR, ((10.5, steals("rider")),), moves=True),
@@ -813,7 +813,7 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("approach_and_attach", "PROXIMITY_NOT_REACHED"): Trial(
         PICK, deeds=((1.0, steals("cube")),), moves=True
     ),
-    **moving("approach_and_attach", PICK, 1.0),
+    **moving("approach_and_attach", PICK, 0.8),
     ("transport", "SLIPPED"): Trial(
         CARRY_FAR, GRASPED, deeds=((4.6, shrinks("cube")),), moves=True
     ),
