@@ -7,7 +7,7 @@ Usage: python 05_own_robot.py [FOLDER]
 
 Prints::
 
-    <RunResult own_robot: SUCCESS after 1.9... s, every tree has ended (arm1 SUCCESS)>
+    <RunResult own_robot: SUCCESS after 1.8... s, every tree has ended (arm1 SUCCESS)>
     move_linear: 0.027... mm RMS from the line
 """
 

@@ -5,11 +5,11 @@ Usage: python 06_own_gripper.py [FOLDER]
 Prints::
 
     grasp: SUCCESS
-      approach_force_n = 5.8...
+      approach_force_n = 5.4...
       width_m = 0.050
       grip_force_n = 5.0...
       ...
-    after 3.1 s the cube is 40 mm above the table
+    after 3.0 s the cube is 40 mm above the table
 """
 
 import sys

@@ -4,12 +4,12 @@ For the scene in 3-D, cameras, signals, and breakpoints in a browser: ``bt-run m
 
 Prints::
 
-    0.5 s, tool at 0.26 m/s
+    0.5 s, tool at 0.29 m/s
       > sequence
-        > reach_to_pose 19 %
+        > reach_to_pose 24 %
         . circle
     ...
-    3.2 s, tool at 0.00 m/s
+    3.1 s, tool at 0.00 m/s
       + sequence
         + reach_to_pose
         + circle

@@ -6,11 +6,11 @@ Usage: python 19_load_a_record.py [FOLDER]
 
 Prints::
 
-    <RunData grasp_and_lift: SUCCESS, 15... states until 3.0... s, arms arm1>
+    <RunData grasp_and_lift: SUCCESS, 14... states until 2.9... s, arms arm1>
     largest joint error: 0.1... degrees
     lifted by 40 mm, held from 2... s on
     the pads close from 85 to 50 mm
-    15... rows, 43 columns: time_s, arm1.q_rad.shoulder_pan_joint, ...
+    14... rows, 43 columns: time_s, arm1.q_rad.shoulder_pan_joint, ...
 """
 
 import sys

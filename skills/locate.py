@@ -190,7 +190,7 @@ class Locate(Skill):
     def _score(self, poses: list[Pose]) -> None:
         """Compare the nearest estimate with the true pose, for the metrics only."""
         name = self.ports.score or self.ports.object
-        if name not in self.arm.world.objects:
+        if name is None or name not in self.arm.world.objects:
             return
         truth = self.arm.world.object_pose(name)
         nearest = min(poses, key=truth.distance)

@@ -142,6 +142,18 @@ class Failure(DualArmError):
         return self
 
 
+class AbsentError(Failure, WorldError):
+    """An arm or object is not in the world: it was removed, or has not been spawned.
+
+    A failure of the skill that asked for it, unless the skill prevents or handles it: ``NOT_THERE``
+    for an object, ``PARTNER_GONE`` for an arm.
+    """
+
+    def __str__(self) -> str:
+        """The sentence alone: it is also an error of Python code outside of skills."""
+        return self.reason
+
+
 class InjectedFailure(Failure):
     """Failure that a fault of the file injects; its code need not be declared by the skill."""
 

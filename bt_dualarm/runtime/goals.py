@@ -116,7 +116,7 @@ class Referee(IdleObserver):
             subject = one.object
             pose = world.object_pose(subject)
         else:
-            if one.tool not in world.arms:
+            if one.tool is None or one.tool not in world.arms:
                 return f"{one.tool} is not in the world"
             subject = f"the tool of {one.tool}"
             pose = world.arms[one.tool].tool_pose

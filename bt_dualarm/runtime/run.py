@@ -32,7 +32,7 @@ from bt_dualarm.runtime.interruption import StopRequest, Watchdog
 from bt_dualarm.runtime.kernels import compile_kernels, needed
 from bt_dualarm.runtime.options import RunOptions, checked_seconds
 from bt_dualarm.runtime.outcome import GoalResult, Outcome, RunResult, html_table
-from bt_dualarm.sim.composition import CAMERA, ArmBody, must_be_among
+from bt_dualarm.sim.composition import CAMERA, ArmBody
 from bt_dualarm.sim.frame import Image, Viewpoint
 from bt_dualarm.sim.painter import StillRenderer, best_viewpoint
 from bt_dualarm.sim.world import World
@@ -107,7 +107,6 @@ class ArmHandle:
         return self._world.attachments.attached_to(self.name)
 
     def _body(self) -> ArmBody:
-        must_be_among(self.name, self._world.arms, "arm", "in the world")
         return self._world.arms[self.name]
 
     def rebind(self, world: World, arms: Arms) -> None:

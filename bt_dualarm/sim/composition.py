@@ -12,13 +12,13 @@ import zlib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NoReturn, Self, TypeVar
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from bt_dualarm.core.errors import CatalogError, SpringError, WorldError
+from bt_dualarm.core.errors import AbsentError, CatalogError, SpringError, WorldError
 from bt_dualarm.core.later import Later
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.core.share import share_dir
@@ -86,6 +86,8 @@ def surface_below(model: mujoco.MjModel, data: mujoco.MjData, base: Pose) -> Mou
 
 # Names
 
+Part = TypeVar("Part")
+
 
 def must_be_among(name: str, known: Collection[str], kind: str, where: str) -> None:
     """Refuse an unknown name: "no arm 'amr1' in the world; did you mean 'arm1'?".
@@ -95,6 +97,48 @@ def must_be_among(name: str, known: Collection[str], kind: str, where: str) -> N
     """
     if name not in known:
         raise WorldError(f"no {kind} {name!r} {where}{nearest(name, known)}")
+
+
+class Present(dict[str, Part]):
+    """Arms or objects that are in the world now, by name.
+
+    They may be removed at any time, also while a skill works with them: to ask for one that is not
+    there raises an `AbsentError`.
+
+    Args:
+        kind: What they are, in messages.
+        code: Failure code of a skill that asks for an absent one.
+        parts: Those that are present.
+    """
+
+    def __init__(self, kind: str, code: str, parts: Mapping[str, Part] | None = None) -> None:
+        super().__init__(parts or {})
+        self._kind = kind
+        self._code = code
+
+    def __missing__(self, name: str) -> NoReturn:
+        """Called for an absent name."""
+        hint = nearest(name, self)
+        raise AbsentError(self._code, f"no {self._kind} {name!r} in the world{hint}")
+
+    @classmethod
+    def arms(cls, parts: Mapping[str, Part] | None = None) -> Self:
+        """Parts of the arms that are present."""
+        return cls("arm", "PARTNER_GONE", parts)
+
+    @classmethod
+    def objects(cls, parts: Mapping[str, Part] | None = None) -> Self:
+        """Objects that are present, or what belongs to each."""
+        return cls("object", "NOT_THERE", parts)
+
+    def require(self, name: str) -> None:
+        """Check that one is present.
+
+        Raises:
+            AbsentError: It is not.
+        """
+        if name not in self:
+            self.__missing__(name)
 
 
 def nearest(name: str, known: Collection[str]) -> str:

@@ -38,6 +38,7 @@ from bt_dualarm.sim.arm_models import (
 from bt_dualarm.sim.composition import (
     ArmBody,
     MountingSurface,
+    Present,
     add_object,
     check_declarations,
     must_be_among,
@@ -103,8 +104,8 @@ class Devices:
         self._file = file
         self._robots = robots
         self._seed = seed
-        self.hardware: dict[str, ArmHardware] = {}
-        self.nominal: dict[str, NominalArm] = {}
+        self.hardware: Present[ArmHardware] = Present.arms()
+        self.nominal: Present[NominalArm] = Present.arms()
         self.mounted = mounted
         self.grippers: dict[str, GripperHardware] = {}
         self._sensed_joints: list[tuple[ArmHardware, Vector]] = []
@@ -360,8 +361,8 @@ class WorldView:
     model: mujoco.MjModel
     data: mujoco.MjData
     devices: Devices
-    arms: dict[str, ArmBody]
-    objects: dict[str, ObjectSpec]
+    arms: Present[ArmBody]
+    objects: Present[ObjectSpec]
     declared_objects: Mapping[str, ObjectSpec]
 
     @property
@@ -388,12 +389,12 @@ class WorldView:
 
     def object_body(self, name: str) -> int:
         """Id of an object's body."""
-        must_be_among(name, self.objects, "object", "in the world")
+        self.objects.require(name)
         return int(self.model.body(name).id)
 
     def object_geom(self, name: str) -> int:
         """Id of an object's geom; of the first one if it has several parts."""
-        must_be_among(name, self.objects, "object", "in the world")
+        self.objects.require(name)
         return int(self.model.geom(name).id)
 
     def object_geoms(self, name: str) -> tuple[int, ...]:
@@ -403,12 +404,12 @@ class WorldView:
 
     def object_solid(self, name: str) -> Solid:
         """Shape of a present object in its own frame."""
-        must_be_among(name, self.objects, "object", "in the world")
+        self.objects.require(name)
         return body_of(self.objects[name]).solid
 
     def joint_of(self, name: str) -> Articulation | None:
         """Joint on which a present object moves; None for one that is free or fixed."""
-        must_be_among(name, self.objects, "object", "in the world")
+        self.objects.require(name)
         return self.objects[name].joint
 
     def part_owner(self, name: str, part: str | None) -> str:
@@ -526,7 +527,7 @@ class WorldView:
 
     def tool_gap(self, arm: str, thing: str) -> float:
         """Smallest distance in meters between an arm's tool and an object; negative inside it."""
-        must_be_among(arm, self.arms, "arm", "in the world")
+        self.arms.require(arm)
         return min(
             float(mujoco.mj_geomDistance(self.model, self.data, tool, geom, _MAX_DISTANCE_M, None))
             for geom in self.object_geoms(thing)
@@ -570,8 +571,8 @@ class HoldingView(WorldView):
     """
 
     robots: dict[str, Robot]
-    hardware: dict[str, ArmHardware]
-    nominal: dict[str, NominalArm]
+    hardware: Present[ArmHardware]
+    nominal: Present[NominalArm]
     attachments: Attachments
     _passengers: Passengers
 
@@ -654,8 +655,8 @@ class HoldingView(WorldView):
 
     def _estimated_in_tool(self, arm: str, thing: str, pose: Pose | None) -> Pose:
         """Pose in the tool link, from the encoders, of an object at ``pose``, or its true one."""
-        must_be_among(arm, self.arms, "arm", "in the world")
-        must_be_among(thing, self.objects, "object", "in the world")
+        self.arms.require(arm)
+        self.objects.require(thing)
         if self.objects[thing].fixed:
             raise WorldError(f"object {thing!r} is fixed: no arm can carry it")
         link = self.nominal[arm].tool_link_pose_at(self.hardware[arm].q)
@@ -818,8 +819,8 @@ class World(HoldingView):
             arm: body for body in shared_bodies(file.arms, self.robots) for arm in body.robots
         }
         mounted = {name: gripper for name, (_, gripper) in loaded.items() if gripper is not None}
-        self.arms: dict[str, ArmBody] = {}
-        self.objects: dict[str, ObjectSpec] = {}
+        self.arms: Present[ArmBody] = Present.arms()
+        self.objects: Present[ObjectSpec] = Present.objects()
         self.before_removal: list[Callable[[str], None]] = []
         self.generation = 0
         self.devices = Devices(file, self.robots, mounted, seed)
@@ -905,7 +906,7 @@ class World(HoldingView):
         Raises:
             WorldError: The arm is not present.
         """
-        must_be_among(name, self.arms, "arm", "in the world")
+        self.arms.require(name)
         for notify in self.before_removal:
             notify(name)
         if name not in self.arms:  # a callback has removed it already
@@ -939,7 +940,7 @@ class World(HoldingView):
         Raises:
             WorldError: The object is not present.
         """
-        must_be_among(name, self.objects, "object", "in the world")
+        self.objects.require(name)
         for each in reversed(self._with_moved(name)):  # what hangs on it is a part of its tree
             if each in self.objects:
                 self.attachments.forget(each)
@@ -1097,10 +1098,11 @@ class World(HoldingView):
     def _bind(self) -> None:
         plant = self.model, self.data
         self._stepping = Stepping(*plant, self.devices)
-        self.arms = {
+        bodies = {
             name: ArmBody.find(name, self.robots[name], self._file.arms[name].base.pose, *plant)
             for name in self.arms
         }
+        self.arms = Present.arms(bodies)
         self._hands = {geom for body in self.arms.values() for geom in body.tool_geom_ids}
         self.devices.connect(plant, self.arms, self.attachments, self.objects, self._passengers)
 

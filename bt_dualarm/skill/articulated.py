@@ -51,8 +51,10 @@ class JointPath:
             room: Distance that the arm keeps from everything else, m.
 
         Raises:
-            Failure: ``IN_COLLISION`` of the first configuration that touches something.
+            Failure: ``IN_COLLISION`` of the first configuration that touches something;
+                ``NOT_THERE``.
         """
+        arm.world.objects.require(self.name)
         known = {name: arm.known.where(name) for name in arm.world.objects}
         unknown = frozenset(name for name, one in known.items() if one is None)
         checker = arm.checker(arm.known.standing_on(self.name) | unknown)

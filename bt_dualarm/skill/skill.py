@@ -49,6 +49,8 @@ STANDARD_FAILURES: Final[Mapping[str, str]] = {
     "TRACKING_ERROR": "the arm does not follow its set-points",
     "FORCE_LIMIT": "the contact force exceeded its limit",
     "DROPPED": "the gripper lost the held object",
+    "NOT_THERE": "an object that it needs is not in the world",
+    "PARTNER_GONE": "another arm that it needs is not in the world",
     "TIMED_OUT": "the motion was delayed for too long",
     "STALE": "a set-point stream delivered nothing for 0.1 s",
     "INTERRUPTED": "the motion was stopped externally",

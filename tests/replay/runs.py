@@ -28,7 +28,7 @@ arms:
 PARTS = """\
 bt_dualarm: 1
 subtrees:
-  aside: {tree: {reach_to_pose: {offset: {xyz: [0, -0.06, 0]}}}}
+  aside: {tree: {reach_to_pose: {offset: {xyz: [0, -0.06, 0]}, speed: 0.35}}}
 """
 
 WATCHING = """\

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bt_dualarm.core.errors import CatalogError, DivergenceError, WorldError
+from bt_dualarm.core.errors import AbsentError, CatalogError, DivergenceError, WorldError
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.sim.world import World
@@ -313,3 +313,25 @@ def test_a_camera_that_stands_in_the_world_goes_with_its_arm() -> None:
     assert world.model.ncam == 0
     world.spawn_arm("arm1")
     assert world.model.ncam == 1
+
+
+def test_what_was_removed_is_told_by_whoever_asks_for_it() -> None:
+    arms = {"arm1": arm("ur5"), "arm2": arm("ur3", (0.0, 3.0, 0.4))}
+    boxes = {name: box((0.5, y, 0.025)) for name, y in (("cube", 0.0), ("other", 0.5))}
+    world = World(file_of(arms, boxes))
+    world.remove_object("cube")
+    world.remove_arm("arm2")
+    asked: dict[str, tuple[Callable[[], object], ...]] = {
+        "NOT_THERE": (lambda: world.objects["cube"], lambda: world.object_pose("cube")),
+        "PARTNER_GONE": (
+            lambda: world.arms["arm2"],
+            lambda: world.hardware["arm2"],
+            lambda: world.nominal["arm2"],
+        ),
+    }
+    for code, asks in asked.items():
+        for ask in asks:
+            with pytest.raises(AbsentError, match=r"in the world.*\(there are: \w+\)") as caught:
+                ask()
+            assert caught.value.code == code
+    assert world.objects.get("cube") is None

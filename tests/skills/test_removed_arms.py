@@ -82,6 +82,39 @@ def test_an_arm_is_taken_away_while_it_works(
         assert play.arm("arm1").outcome == ("REMOVED" if halted else "SUCCESS"), name
 
 
+def working_with(skill: str) -> list[tuple[str, str]]:
+    """Other arms and objects of a skill's scenario, each with its kind."""
+    file = SCENARIOS[skill].file(node_of(candidate(skill).skill.example))
+    arms = [("arm", name) for name in file["arms"] if name != "arm1"]
+    return arms + [("object", name) for name in file.get("objects", {})]
+
+
+TAKEN = [
+    (skill, *one, share)
+    for skill in ("carry_together", "hand_over", "operate", "place", "insert", "track")
+    for one in working_with(skill)
+    for share in (0.002, 0.06, 0.3, 0.55, 0.83, 0.97)
+]
+
+
+@pytest.mark.parametrize(("skill", "kind", "name", "share"), some(TAKEN, 6))
+def test_what_a_skill_works_with_is_taken_away(
+    skill: str, kind: str, name: str, share: float, stage: Stage
+) -> None:
+    """No skill of any arm ends in an exception, whenever that happens."""
+    leaf = candidate(skill).example_run
+    take = World.remove_arm if kind == "arm" else World.remove_object
+    at = max(leaf.started_s + share * ((leaf.ended_s or 0.0) - leaf.started_s), 0.01)
+    file = SCENARIOS[skill].file(node_of(stage.registry.skills[skill].example))
+    play = stage.run(file, deeds=[(at, partial(take, name=name))])
+    assert play.result is not None
+    assert not play.result.error
+    found = [
+        (run.skill, run.code, run.reason) for a in play.result.arms for run in play.arm(a).runs
+    ]
+    assert not [one for one in found if one[1] == "EXCEPTION"]
+
+
 class LookBack(Skill):
     """Moves, and measures in its cleanup where the arm was."""
 
