@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bt_dualarm.arm.arm import PLANNING_S
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.sim.world import World
 from tests.plays import Play, Stage
@@ -94,7 +93,7 @@ def test_what_cannot_be_followed_fails_before_it_begins(stage: Stage) -> None:
     play, _ = followed(stage, pair("ur5", "ur3", {"wait": {"seconds": BEGIN_S}}, far))
     leaf = play.leaf("follow_tool", arm="arm2")
     assert leaf.code in ("UNREACHABLE", "SINGULAR", "IN_COLLISION")
-    assert leaf.ended_s == pytest.approx(BEGIN_S + PLANNING_S, abs=0.05)
+    assert leaf.ended_s == pytest.approx(BEGIN_S, abs=0.05)
     assert leaf.metrics["follow_max_m"] < 1e-3
 
 
