@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import importlib.metadata
+import itertools
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -77,7 +78,7 @@ def _base(name: str, urdf: Path, packages: Path) -> tuple[Path, str]:
 
 def _package(package: str, urdf: Path, packages: Path) -> Path:
     """The folder of a package: an ancestor of the URDF, otherwise an installed package."""
-    for folder in (*urdf.parents, packages, *(packages / "robots").iterdir()):
+    for folder in itertools.chain((*urdf.parents, packages), (packages / "robots").iterdir()):
         if folder.name == package:
             return folder
     raise ValueError(
@@ -463,7 +464,10 @@ def robot_data_dir() -> Path:
     Raises:
         CatalogError: It is not installed.
     """
-    for file in importlib.metadata.files("example-robot-data") or []:
-        if file.name == "package.xml" and "example-robot-data" in file.parts:
-            return Path(str(file.locate())).resolve().parent / "robots"
+    package = importlib.metadata.distribution("example-robot-data")
+    # `package.files` would make an object of each of its thousand files.
+    for row in (package.read_text("RECORD") or "").splitlines():
+        file = row.partition(",")[0]
+        if file.endswith("example-robot-data/package.xml"):
+            return Path(str(package.locate_file(file))).resolve().parent / "robots"
     raise CatalogError("the package example-robot-data is not installed")
