@@ -602,9 +602,11 @@ def imported_skills(
     """
     from bt_dualarm.core.errors import DualArmError, Interruption
     from bt_dualarm.runtime.interruption import StopRequest, Watchdog
-    from bt_dualarm.skill.registry import Registry
+    from bt_dualarm.skill.registry import Registry, is_shipped_only
 
     _spare_modules()
+    if is_shipped_only(folders):
+        return Registry.load()
     stop = StopRequest()
     watchdog = Watchdog(
         IMPORT_S if seconds is None else seconds, stop, owner="the import of skills"

@@ -9,7 +9,7 @@ import inspect
 import os
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -194,6 +194,11 @@ class Registry:
                 shipped, lambda name: kind_of(_shipped(shipped[name]), str(shipped[name])), kinds
             ),
         )
+
+
+def is_shipped_only(folders: Sequence[Path]) -> bool:
+    """Returns whether `Registry.load` imports nothing: no skills are installed or in folders."""
+    return not folders and not _entry_points()
 
 
 def yaml_name(skill: type[Skill]) -> str:

@@ -71,7 +71,21 @@ def test_an_import_that_cannot_be_interrupted_ends_the_process(tmp_path: Path) -
     assert done.stderr.endswith("s, and cannot be interrupted\n")
 
 
-def test_an_import_within_its_time_is_left_alone() -> None:
+def test_an_import_within_its_time_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "rest.py").write_text(
+        "from bt_dualarm import Skill\n"
+        "class Rest(Skill):\n"
+        '    """Does nothing for a tick."""\n'
+        "    example = 'rest'\n"
+        "    def run(self):\n"
+        "        yield\n"
+    )
+    found = entry.imported_skills("bt-check", (tmp_path,)).skills
+    assert found.keys() == {*Registry.load().skills, "rest"}
+
+
+def test_no_import_is_watched_where_nothing_is_imported(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(entry, "_started_monitor", lambda: pytest.fail("a process was started"))
     assert entry.imported_skills("bt-check", ()).skills == Registry.load().skills
 
 
