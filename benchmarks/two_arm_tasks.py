@@ -143,7 +143,7 @@ def transfer_gate(rng: np.random.Generator, robot: str) -> Tree:
     mat = {"on": "mat", "rpy": [0, 0, 0]}
     through = {"xyz": _xyz(0.4, 0.0, 0.395)}
     right = [
-        {"grasp": {"object": "box", "point": [0, 0, 0.03]}},
+        {"grasp": {"object": "box", "point": [0, 0, 0.03], "approach": [0, 0, -1]}},
         {"hand_over": {"object": "box", "to": "left", "at": through}},
         "go_home",
     ]

@@ -92,6 +92,7 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.grasp_search import TakingPorts as TakingPorts
     from bt_dualarm.skill.grasp_search import WantedGrasp as WantedGrasp
     from bt_dualarm.skill.grasp_search import grasps_on as grasps_on
+    from bt_dualarm.skill.grasp_search import half_open as half_open
     from bt_dualarm.skill.grasp_search import poses_alike as poses_alike
     from bt_dualarm.skill.grip import Grip as Grip
     from bt_dualarm.skill.grip import TouchSense as TouchSense
@@ -302,6 +303,7 @@ _CONTENTS: Final = {
     "ToolFollowing": "control.tool_following:ToolFollowing",
     "WantedGrasp": "skill.grasp_search:WantedGrasp",
     "grasps_on": "skill.grasp_search:grasps_on",
+    "half_open": "skill.grasp_search:half_open",
     "poses_alike": "skill.grasp_search:poses_alike",
     "RankedGrasp": "grasping.candidates:RankedGrasp",
     "Grip": "skill.grip:Grip",

@@ -24,6 +24,7 @@ from bt_dualarm import (
     Vector3,
     WantedGrasp,
     grasps_on,
+    half_open,
     port,
     refuse_too_frail,
     thing_at,
@@ -140,8 +141,28 @@ class Grasp(Skill):
             goal=None if self.ports.then_at is None else self.ports.then_at.pose_from(wanted.lies),
         )
         refuse_too_frail(self.arm, wanted.label, self.ports.most_force)
+        try:
+            yield from self._take(wanted)
+        except Failure as failure:
+            narrow = half_open(self.arm, wanted) if _is_cramped(failure) else None
+            if narrow is None:
+                raise
+            # A traceback would keep this frame alive.
+            yield from self._take_half_open(narrow, failure.with_traceback(None))
+
+    def _take(self, wanted: WantedGrasp) -> Iterator[float | None]:
         taking = Taking(self.arm, self.ports, wanted, self.ports.at is not None, self.metrics)
         yield from taking.through(grasps_on(self.arm, wanted))
+
+    def _take_half_open(self, wanted: WantedGrasp, refusal: Failure) -> Iterator[float | None]:
+        """Take an object that fingers cannot reach wide open; if not even so, for that reason."""
+        try:
+            yield from self._take(wanted)
+        except Failure as failure:
+            if _is_cramped(failure):
+                raise refusal from None
+            raise
+        self.metrics["opening_m"] = wanted.opening or 0.0
 
     def _onward(self, name: str) -> JointPath | None:
         """Path of a part on its joint to where it will be moved, if that is given."""
@@ -208,3 +229,12 @@ class Grasp(Skill):
             ports.along,
             mass_is_assumed=ports.mass is None,
         )
+
+
+def _is_cramped(refusal: Failure) -> bool:
+    """Whether something beside an object is the reason that no grasp is possible."""
+    if refusal.code not in ("OUT_OF_REACH", "TOO_HEAVY"):
+        return False
+    cause = refusal.__cause__
+    ways = cause.exceptions if isinstance(cause, ExceptionGroup) else ()
+    return not ways or any(isinstance(one, Failure) and one.code == "IN_COLLISION" for one in ways)

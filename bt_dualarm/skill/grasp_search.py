@@ -325,17 +325,46 @@ def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
         Failure: ``TOO_WIDE``, ``TOO_HEAVY``, ``NO_FACE``, or ``OUT_OF_REACH`` if all of them are
             obstructed; each with its numbers.
     """
+    obstacles = obstacles_around(arm, wanted.name, wanted.lies.position)
     try:
-        return _grasps_on(arm, wanted, on_edges=False)
+        return _grasps_on(arm, wanted, obstacles, on_edges=False)
     except Failure as failure:
         if arm.gripper.page.fingers and wanted.point is None:
             with suppress(Failure):
-                return _grasps_on(arm, wanted, on_edges=True)
+                return _grasps_on(arm, wanted, obstacles, on_edges=True)
         raise failure.with_traceback(None) from None
 
 
-def _grasps_on(arm: Arm, wanted: WantedGrasp, *, on_edges: bool) -> tuple[RankedGrasp, ...]:
-    """Grasps as `grasps_on`, of faces or of edges."""
+_BESIDE_M = 0.006  # opening on each side of an object that fingers approach half open
+
+
+def half_open(arm: Arm, wanted: WantedGrasp) -> WantedGrasp | None:
+    """The same grasp with fingers that open only as far as the narrowest side of it needs.
+
+    Fingers that open wide have room for errors of the object's pose, but not beside others.
+
+    Args:
+        arm: Arm with the gripper.
+        wanted: Specification of a grasp.
+
+    Returns:
+        The specification; None if its opening is given, or the fingers would open as wide.
+    """
+    page = arm.gripper.page
+    if not page.fingers or wanted.opening is not None:
+        return None
+    try:
+        widths = [one.grasp.width for one in _grasps_on(arm, wanted, (), on_edges=False)]
+    except Failure:
+        return None
+    opening = min(widths) + 2.0 * _BESIDE_M
+    return replace(wanted, opening=opening) if opening < page.stroke else None
+
+
+def _grasps_on(
+    arm: Arm, wanted: WantedGrasp, obstacles: Sequence[Obstacle], *, on_edges: bool
+) -> tuple[RankedGrasp, ...]:
+    """Grasps as `grasps_on`, beside obstacles, of faces or of edges."""
     page = arm.gripper.page
     solid = wanted.solid(arm.world)
     friction = wanted.friction(arm.world)
@@ -376,7 +405,6 @@ def _grasps_on(arm: Arm, wanted: WantedGrasp, *, on_edges: bool) -> tuple[Ranked
         return ranked(found, wanted.lies, jaw, of, lambda tool: _rotation_cost(tool, here))
 
     found, of_any_kind = bearing(load)
-    obstacles = obstacles_around(arm, wanted.name, wanted.lies.position)
     order = free(found, obstacles)
     if not found:
         lighter = bool(bearing(replace(load, mass=_LIGHT_KG))[0])
