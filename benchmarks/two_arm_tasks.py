@@ -142,8 +142,10 @@ def transfer_gate(rng: np.random.Generator, robot: str) -> Tree:
     }
     mat = {"on": "mat", "rpy": [0, 0, 0]}
     through = {"xyz": _xyz(0.4, 0.0, 0.395)}
+    # Along the box, so that both hands fit around it in the ring.
+    upper: Tree = {"object": "box", "point": [0, 0, 0.03]}
     right = [
-        {"grasp": {"object": "box", "point": [0, 0, 0.03], "approach": [0, 0, -1]}},
+        {"selector": [{"grasp": upper | {"approach": [0, 0, -1]}}, {"grasp": upper}]},
         {"hand_over": {"object": "box", "to": "left", "at": through}},
         "go_home",
     ]

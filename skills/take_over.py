@@ -238,7 +238,7 @@ class TakeOver(Skill):
                 # The giver could wait for this arm, and this arm for the giver: let it pass first.
                 if failure.code not in _HELD_UP and giver not in move.blockers(failure):
                     raise
-                yield from self._go_back(joint, trail)
+                yield from self._go_back(joint, trail, arrived)
             for _ in joint.until(arrived, makes_way=True):
                 yield from move.make_way()
                 yield 0.3
@@ -256,12 +256,15 @@ class TakeOver(Skill):
             return f"{arm.name}: {failure.code}: {failure.reason}"
         return refused()
 
-    def _go_back(self, joint: JointPart, trail: Sequence[Vector]) -> Iterator[float | None]:
+    def _go_back(
+        self, joint: JointPart, trail: Sequence[Vector], is_over: Callable[[], bool]
+    ) -> Iterator[float | None]:
         """Go back the way that the arm has come: from next to the object no plan might begin.
 
         Args:
             joint: The handover.
             trail: Set-points on that way, each of shape (dof,), rad.
+            is_over: Whether the giver has passed, and the arm need not go farther.
         """
         arm = self.arm
         yield from arm.halt()
@@ -270,8 +273,11 @@ class TakeOver(Skill):
         rows = rows[np.insert(moves, 0, True)]
         if len(rows) < 2:
             return
-        motion = arm.begin(arm.time_path(rows, self.ports.approach_speed), may_touch=True)
+        motion = arm.begin(arm.time_path(rows, self.ports.speed), may_touch=True)
         while not motion.done:
+            if is_over():
+                yield from arm.halt()
+                return
             yield None
             joint.check()
             arm.check()
