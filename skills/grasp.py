@@ -144,7 +144,7 @@ class Grasp(Skill):
         try:
             yield from self._take(wanted)
         except Failure as failure:
-            narrow = half_open(self.arm, wanted) if _is_cramped(failure) else None
+            narrow = half_open(self.arm, wanted) if self._is_cramped(failure) else None
             if narrow is None:
                 raise
             # A traceback would keep this frame alive.
@@ -159,10 +159,21 @@ class Grasp(Skill):
         try:
             yield from self._take(wanted)
         except Failure as failure:
-            if _is_cramped(failure):
+            if self._is_cramped(failure):
                 raise refusal from None
             raise
         self.metrics["opening_m"] = wanted.opening or 0.0
+
+    def _is_cramped(self, refusal: Failure) -> bool:
+        """Whether no grasp is possible because of something beside the object, but no other arm."""
+        if refusal.code not in ("OUT_OF_REACH", "TOO_HEAVY"):
+            return False
+        if self.arm.past_others(self.ports.speed).blockers(refusal):  # it was waited for
+            return False
+        cause = refusal.__cause__
+        ways = cause.exceptions if isinstance(cause, ExceptionGroup) else ()
+        codes = {one.code for one in ways if isinstance(one, Failure)}
+        return not ways or "IN_COLLISION" in codes
 
     def _onward(self, name: str) -> JointPath | None:
         """Path of a part on its joint to where it will be moved, if that is given."""
@@ -229,12 +240,3 @@ class Grasp(Skill):
             ports.along,
             mass_is_assumed=ports.mass is None,
         )
-
-
-def _is_cramped(refusal: Failure) -> bool:
-    """Whether something beside an object is the reason that no grasp is possible."""
-    if refusal.code not in ("OUT_OF_REACH", "TOO_HEAVY"):
-        return False
-    cause = refusal.__cause__
-    ways = cause.exceptions if isinstance(cause, ExceptionGroup) else ()
-    return not ways or any(isinstance(one, Failure) and one.code == "IN_COLLISION" for one in ways)

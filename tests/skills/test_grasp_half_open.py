@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from tests.families import some
+from tests.families import WHOLE, some
 from tests.plays import Stage
 from tests.skills.scenarios import CUBE, WALL, Scenario, Tree
 
@@ -83,3 +83,20 @@ def test_placed_between_them_again(stage: Stage) -> None:
     play = stage.run(between(0.034, "ur5", "robotiq_2f85", GRASP, here))
     assert play.leaf("grasp").metrics["opening_m"] == pytest.approx(0.052)
     assert play.leaf("place").status == "SUCCESS", play.leaf("place").reason
+
+
+@pytest.mark.skipif(not WHOLE, reason="one minute of waiting takes 10 s of CPU")
+def test_another_arm_is_waited_for_once(stage: Stage) -> None:
+    """Fingers that are half open would have no room beside it either."""
+    stays = [
+        {"reach_to_pose": {"to": {"xyz": [*AT, TOP + 0.14], "rpy": [180, 0, 0]}}},
+        {"wait": {"seconds": 100.0}},
+    ]
+    file = between(0.06, "ur5", "robotiq_2f85", {"wait": {"seconds": 4.0}}, GRASP)
+    file["world"]["time_limit"] = 110.0
+    base = {"xyz": [1.0, -0.5, TOP], "rpy": [0, 0, 180]}
+    file["arms"]["arm2"] = {"robot": "ur5", "base": base, "tree": {"sequence": stays}}
+    leaf = stage.run(file).leaf("grasp")
+    assert leaf.code == "OUT_OF_REACH"
+    assert "arm2" in leaf.reason
+    assert (leaf.ended_s or 0.0) - leaf.started_s < 70.0
