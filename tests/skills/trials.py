@@ -440,7 +440,7 @@ TRIALS: dict[tuple[str, str], Trial] = {
         },
     ),
     ("carry_together", "OUT_OF_REACH"): Trial(carried(to={"xyz": [0, -3, 0.6]})),
-    ("carry_together", "NOT_GRASPED"): Trial(carried(), deeds=((3.0, steals("beam")),), moves=True),
+    ("carry_together", "NOT_GRASPED"): Trial(carried(), deeds=((2.4, jams),), moves=True),
     ("carry_together", "SLIPPED"): Trial(
         carried(), deeds=((5.0, shrinks("beam", slice(1, 3))),), moves=True
     ),
