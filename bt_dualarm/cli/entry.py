@@ -224,10 +224,10 @@ def _leave_threads(program: str, code: int) -> None:
 
 
 def _spare_modules() -> None:
-    """Leave what modules of the package hold out of searches for cycles.
+    """Exclude the objects of imported modules from garbage collection.
 
-    The end of a process searches all objects several times, and frees one by one what is in cycles
-    with modules: together a sixth of the CPU time of a check.
+    At its end, a process collects garbage several times, and frees one by one what is in reference
+    cycles with modules: together a sixth of the CPU time of a check.
     """
     if gc.get_threshold()[0] == _GC_THRESHOLD:  # this process runs only one command
         gc.freeze()

@@ -102,8 +102,8 @@ def must_be_among(name: str, known: Collection[str], kind: str, where: str) -> N
 class Present(dict[str, Part]):
     """Arms or objects that are in the world now, by name.
 
-    They may be removed at any time, also while a skill works with them: to ask for one that is not
-    there raises an `AbsentError`.
+    They may be removed at any time, also while a skill uses them: subscripting with an absent name
+    raises an `AbsentError`.
 
     Args:
         kind: What they are, in messages.

@@ -335,13 +335,13 @@ def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
         raise failure.with_traceback(None) from None
 
 
-_BESIDE_M = 0.006  # opening on each side of an object that fingers approach half open
+_BESIDE_M = 0.006  # clearance on each side of an object that half-open fingers approach
 
 
 def half_open(arm: Arm, wanted: WantedGrasp) -> WantedGrasp | None:
-    """The same grasp with fingers that open only as far as the narrowest side of it needs.
+    """The same specification with fingers that open little wider than the object's narrowest side.
 
-    Fingers that open wide have room for errors of the object's pose, but not beside others.
+    Fully open fingers tolerate errors of the object's pose, but collide with obstacles beside it.
 
     Args:
         arm: Arm with the gripper.

@@ -315,7 +315,7 @@ def test_a_camera_that_stands_in_the_world_goes_with_its_arm() -> None:
     assert world.model.ncam == 1
 
 
-def test_what_was_removed_is_told_by_whoever_asks_for_it() -> None:
+def test_access_to_an_absent_arm_or_object_raises_a_failure() -> None:
     arms = {"arm1": arm("ur5"), "arm2": arm("ur3", (0.0, 3.0, 0.4))}
     boxes = {name: box((0.5, y, 0.025)) for name, y in (("cube", 0.0), ("other", 0.5))}
     world = World(file_of(arms, boxes))

@@ -36,13 +36,10 @@ def between(gap: float, robot: str, gripper: str, *leaves: Tree) -> Tree:
 
 
 PAIRS = [
-    (robot, gripper, gap)
-    for robot, gripper, gap in (
-        ("ur5", "robotiq_2f85", 0.034),
-        ("xarm7", "robotiq_2f85", 0.034),
-        ("panda", "panda_hand", 0.034),
-        ("fr3", "panda_hand", 0.045),
-    )
+    ("ur5", "robotiq_2f85", 0.034),
+    ("xarm7", "robotiq_2f85", 0.034),
+    ("panda", "panda_hand", 0.034),
+    ("fr3", "panda_hand", 0.045),
 ]
 
 
