@@ -5,7 +5,7 @@ Prints::
     0.5 s: the cube is taken away
     1.5 s: the cube is put back elsewhere
     SUCCESS: arm1 holds cube
-    1.00 s: FAILURE NOT_THERE: object 'cube' is not in the world
+    1.00 s: FAILURE NOT_THERE: no object 'cube' in the world (there are: none)
     2.02 s: SUCCESS
 """
 

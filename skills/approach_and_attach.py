@@ -98,15 +98,12 @@ class ApproachAndAttach(Skill):
             self.arm.gripper.refuse_other(name)
         if name in self.arm.held:
             return
-        self._refuse_if_gone()
         if self.arm.world.objects[name].fixed:
             raise Failure("INVALID_TARGET", f"object {name!r} is fixed: no arm can carry it")
         yield from self._close_empty_fingers()
         approach = yield from self._go_to_standoff()
         try:
-            for going in self._touch(approach):
-                yield going
-                self._refuse_if_gone()
+            yield from self._touch(approach)
             yield from self._attach()
         except Failure as failure:
             if failure.code != "INTERRUPTED":  # otherwise the arm was commanded to stop
@@ -131,10 +128,6 @@ class ApproachAndAttach(Skill):
             if failure.code != "NOT_OPEN":
                 raise  # otherwise something is between them, and that will touch the object
 
-    def _refuse_if_gone(self) -> None:
-        if self._name not in self.arm.world.objects:
-            raise Failure("NOT_THERE", f"object {self._name!r} is not in the world")
-
     def _go_to_standoff(self) -> Generator[float, None, Approach]:
         """Move to the standoff of the first approach that is free; wait for arms in the way."""
         arm = self.arm
@@ -148,7 +141,7 @@ class ApproachAndAttach(Skill):
         touched = frozenset({self._name})
         for progress in move.to_line(planned, lambda: approaches[0].line, touched):
             yield 0.7 * (progress or 0.0)
-            self._refuse_if_gone()
+            arm.world.objects.require(self._name)
         return approaches[0]
 
     def _touch(self, approach: Approach) -> Iterator[float | None]:

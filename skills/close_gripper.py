@@ -92,8 +92,6 @@ class CloseGripper(Skill):
         gripper = self.arm.gripper
         ports = self.ports
         world = self.arm.world
-        if name not in world.objects:
-            raise Failure("NOT_THERE", f"object {name!r} was removed from the world")
         estimate = before if ports.at is not None else world.object_pose(name)
         why_not = gripper.why_not(name, estimate)
         if why_not is not None:
@@ -107,8 +105,6 @@ class CloseGripper(Skill):
         world = self.arm.world
         if name is None:
             return None
-        if name not in world.objects:
-            raise Failure("NOT_THERE", f"object {name!r} is not in the world")
         if world.objects[name].fixed:
             raise Failure("INVALID_TARGET", f"object {name!r} is fixed: no arm can carry it")
         return world.object_pose(name) if self.ports.at is None else self.ports.at.pose

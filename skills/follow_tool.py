@@ -108,7 +108,7 @@ class FollowTool(Skill):
                 return
             goals = arm.configurations(goal)
             yield from arm.travel(goals, self.ports.approach_speed)
-            self._refuse_gone()
+            arm.world.arms.require(self.ports.arm)
             near = _CATCHABLE
         raise Failure(
             "NOT_FOLLOWING",
@@ -116,12 +116,6 @@ class FollowTool(Skill):
             "until this arm follows",
             error_m=away,
         )
-
-    def _refuse_gone(self) -> None:
-        if self.ports.arm not in self.arm.world.arms:
-            raise Failure(
-                "PARTNER_GONE", f"{self.ports.arm} was removed while its tool was followed"
-            )
 
     def _follow(
         self, following: ToolFollowing, offset: Pose, error: _Error, wait: CellWait
@@ -135,7 +129,7 @@ class FollowTool(Skill):
             done = (self.time - began) / ports.duration if ports.duration and error.counts else 0.0
             yield min(1.0, done) if ports.duration else None
             arm.check()
-            self._refuse_gone()
+            arm.world.arms.require(ports.arm)
             if following.refusal is not None:
                 raise following.refusal
             # Without a duration it ends with the other arm, unless nothing will move that any more.

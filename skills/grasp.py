@@ -179,7 +179,7 @@ class Grasp(Skill):
         """Path of a part on its joint to where it will be moved, if that is given."""
         if self.ports.then_to is None:
             return None
-        hung = self.arm.world.objects[name].joint if name in self.arm.world.objects else None
+        hung = self.arm.world.objects[name].joint
         if hung is None:
             raise Failure("INVALID_TARGET", f"{name!r} moves on no joint: `then_to` needs one")
         moved = MovedPart(self.arm, hung.owner, hung.name)
@@ -190,7 +190,7 @@ class Grasp(Skill):
         world = self.arm.world
         began = self.time
         moved = -math.inf
-        while name in world.objects and self.time - began < _LONGEST_S:
+        while self.time - began < _LONGEST_S:
             if float(np.linalg.norm(world.object_velocity(name)[3:])) > _STILL_M_S:
                 moved = self.time
             if self.time - moved >= _LASTS_S:
@@ -200,7 +200,7 @@ class Grasp(Skill):
     def _refuse_held_elsewhere(self, name: str) -> None:
         """Refuse to lift an object out of another arm's hand: they would tear at it."""
         world = self.arm.world
-        if name not in world.objects or world.objects[name].joint is not None:
+        if world.objects[name].joint is not None:
             return
         holders = world.attachments.holders(name)
         if holders and self.ports.lift > 0.0:

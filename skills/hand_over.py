@@ -67,7 +67,7 @@ class HandOver(Skill):
 
     failures = {
         "NOT_HELD": "the arm does not hold the object, or no longer does",
-        "NOT_THERE": "an arm or the object is not in the world",
+        "NOT_THERE": "the object is not in the world",
         "INVALID_TARGET": "the arm hands over to itself, or the orientation is given twice",
         "PARTNER_GONE": "the other arm has given up, ended or was removed",
         "NOT_TAKEN": "the other arm reports that it carries the object, "
@@ -115,8 +115,7 @@ class HandOver(Skill):
         """Check that the arm holds the object."""
         arm = self.arm
         name = self.ports.object
-        if name not in arm.world.objects:
-            raise Failure("NOT_THERE", f"object {name!r} is not in the world")
+        arm.world.objects.require(name)
         held = arm.world.attachments.find(arm.name, name)
         if held is not None and held.by_gripper:
             yield from arm.gripper.until_decided()

@@ -80,8 +80,7 @@ class HoldStill(Skill):
         partner = self.ports.partner
         if partner is None:
             return
-        if partner not in self.arm.world.arms:
-            raise Failure("PARTNER_GONE", f"{partner} was removed from the world")
+        self.arm.world.arms.require(partner)
         if self.context.cell.shared.has_ended(partner):
             raise Failure("PARTNER_GONE", f"the tree of {partner} has ended")
 

@@ -62,7 +62,7 @@ class Regrasp(Skill):
         """Check the true pose in the gripper against the estimate, as a referee."""
         arm = self.arm
         held = arm.world.attachments.find(arm.name, name)
-        if held is None or name not in arm.world.objects:
+        if held is None:
             raise Failure("DROPPED", f"{name!r} is no longer held")
         estimate = arm.tool_pose @ arm.robot.tool.inverse @ held.relative
         error = arm.world.object_pose(name).distance(estimate)

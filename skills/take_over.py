@@ -122,7 +122,7 @@ class TakeOver(Skill):
 
     failures = {
         "GRIPPER_FULL": "the gripper holds something else, or something is attached to the tool",
-        "NOT_THERE": "an arm or the object is not in the world",
+        "NOT_THERE": "the object is not in the world",
         "INVALID_TARGET": "the arm takes over from itself, the object is fixed, or `then_at` has "
         "no orientation",
         "PARTNER_GONE": "the other arm has given up, ended or was removed",
@@ -143,8 +143,7 @@ class TakeOver(Skill):
         giver = getattr(self.ports, "from")
         if giver == arm.name:
             raise Failure("INVALID_TARGET", f"{arm.name} cannot take over from itself")
-        if name not in arm.world.objects:
-            raise Failure("NOT_THERE", f"object {name!r} is not in the world")
+        arm.world.objects.require(name)
         if self.ports.then_at is not None and not self.ports.then_at.is_oriented:
             raise Failure(
                 "INVALID_TARGET",
@@ -737,7 +736,7 @@ class TakeOver(Skill):
                 raise Failure("DROPPED", f"{name!r} is no longer held")
             yield 1.0
         held = arm.world.attachments.find(arm.name, name)
-        if held is None or name not in arm.world.objects:
+        if held is None:
             raise Failure("DROPPED", f"{name!r} is no longer held")
         # The true pose, as a referee only.
         estimate = arm.tool_pose @ arm.robot.tool.inverse @ held.relative

@@ -90,7 +90,7 @@ Part = TypeVar("Part")
 
 
 def must_be_among(name: str, known: Collection[str], kind: str, where: str) -> None:
-    """Refuse an unknown name: "no arm 'amr1' in the world; did you mean 'arm1'?".
+    """Refuse an unknown name: "no arm 'amr1' declared; did you mean 'arm1'?".
 
     Raises:
         WorldError: The name is not among the known ones.

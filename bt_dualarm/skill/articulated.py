@@ -93,8 +93,7 @@ class MovedPart:
         self._owner = owner
         self.name = moved_name(owner, joint)
         world = arm.world
-        if owner not in world.objects:
-            raise Failure("NOT_THERE", f"object {owner!r} is not in the world")
+        world.objects.require(owner)
         hung = world.objects[self.name].joint if self.name in world.objects else None
         if hung is None:
             raise Failure("INVALID_TARGET", f"object {owner!r} has no joint {joint!r}")

@@ -303,8 +303,6 @@ class Carrying:
         arm = self._arm
         world = arm.world
         thing = self._thing
-        if thing not in world.objects:
-            raise Failure("NOT_THERE", f"object {thing!r} is not in the world")
         if world.objects[thing].fixed:
             raise Failure("INVALID_TARGET", f"object {thing!r} is fixed: no arm can carry it")
         yield from arm.halt()

@@ -203,8 +203,7 @@ class WantedGrasp:
             Failure: ``NOT_THERE``, or ``INVALID_TARGET`` if it is fixed or has no such part.
         """
         world = arm.world
-        if name not in world.objects:
-            raise Failure("NOT_THERE", f"object {name!r} is not in the world")
+        world.objects.require(name)
         name = world.part_owner(name, ports.part)
         if world.objects[name].fixed:
             raise Failure("INVALID_TARGET", f"object {name!r} is fixed: no arm can carry it")
@@ -250,8 +249,6 @@ class WantedGrasp:
             return self.section
         if self.name is None or self.edges is not None:
             return Box(0.5 * np.array(self.edges))
-        if self.name not in world.objects:  # removed meanwhile
-            raise Failure("NOT_THERE", f"object {self.name!r} is not in the world")
         piece = None if self.part is None else body_of(world.objects[self.name]).part(self.part)
         return world.object_solid(self.name) if piece is None else piece
 
@@ -259,9 +256,9 @@ class WantedGrasp:
         """Center of mass in the frame of its shape, of shape (3,), m."""
         if self.section is not None or self.name is None or self.edges is not None:
             return np.zeros(3)
-        if self.name in world.objects and world.objects[self.name].joint is not None:
-            return self._pulled_at(world)
         thing = world.objects[self.name]
+        if thing.joint is not None:
+            return self._pulled_at(world)
         upon = world.placed_on(self.name)
         if thing.moved or upon:
             return principal_with((thing, Pose.identity()), *upon)[0].position
