@@ -22,7 +22,7 @@ import numpy as np
 
 from benchmarks.campaign import Campaign, add_options, registry
 from benchmarks.measured_robots import MEASURED
-from bt_dualarm.arm.arm import SETTLED_RAD
+from bt_dualarm.arm.motions import SETTLED_RAD
 from bt_dualarm.arm.payload import PayloadCheck
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.collision.checker import CollisionChecker

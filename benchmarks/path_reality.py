@@ -21,7 +21,7 @@ import numpy as np
 
 from benchmarks.campaign import Campaign, add_options, registry
 from benchmarks.motion import BASE, PAYLOAD_KG, POSTURES, cases
-from bt_dualarm.arm.arm import SETTLE_S, SETTLED_RAD
+from bt_dualarm.arm.motions import SETTLE_S, SETTLED_RAD
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.control.controller import JointController
 from bt_dualarm.core.pose import Matrix, Pose, Vector

@@ -20,7 +20,8 @@ from weakref import ref
 
 import numpy as np
 
-from bt_dualarm.arm.arm import Arm, SharedArm
+from bt_dualarm.arm.arm import Arm
+from bt_dualarm.arm.shared_arm import SharedArm
 from bt_dualarm.arm.traffic import Traffic
 from bt_dualarm.behaviors.faults import FaultInjector
 from bt_dualarm.behaviors.load import build_tree

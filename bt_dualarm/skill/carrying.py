@@ -16,7 +16,8 @@ from typing import Any, Final
 import numpy as np
 import scipy
 
-from bt_dualarm.arm.arm import PLANNING_MARGIN_M, Arm
+from bt_dualarm.arm.arm import Arm
+from bt_dualarm.arm.motions import PLANNING_MARGIN_M
 from bt_dualarm.arm.passengers import PassengerCheck
 from bt_dualarm.arm.payload import UNKNOWN_KG, PayloadCheck
 from bt_dualarm.collision.checker import CollisionChecker

@@ -23,7 +23,8 @@ from typing import Final
 
 import numpy as np
 
-from bt_dualarm.arm.arm import PLANNING_MARGIN_M, Arm
+from bt_dualarm.arm.arm import Arm
+from bt_dualarm.arm.motions import PLANNING_MARGIN_M
 from bt_dualarm.arm.passengers import stands_at
 from bt_dualarm.arm.payload import UNKNOWN_KG, cup_measures, jaw_measures
 from bt_dualarm.collision.checker import CollisionChecker

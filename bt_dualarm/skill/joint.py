@@ -128,7 +128,7 @@ class JointPart:
         Args:
             fulfilled: Whether the wait is over.
             awaited: Names of the members that it depends on; all others by default.
-            makes_way: Whether the caller calls `MoveTo.make_way` in each tick, so that members
+            makes_way: Whether the caller calls `PastOthers.make_way` in each tick, so that members
                 whose path this arm blocks do not wait forever.
 
         Raises:

@@ -13,7 +13,8 @@ from typing import Final
 
 import numpy as np
 
-from bt_dualarm.arm.arm import Arm, MoveTo
+from bt_dualarm.arm.arm import Arm
+from bt_dualarm.arm.past_others import PastOthers
 from bt_dualarm.arm.state import BACKOFF_S
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Pose, Vector
@@ -101,7 +102,7 @@ class WaitingPlace:
 
 
 def move_aside(
-    move: MoveTo, other: str, places: Sequence[Vector]
+    move: PastOthers, other: str, places: Sequence[Vector]
 ) -> Generator[float | None, None, bool]:
     """Move the tool straight aside, not turned, to let a blocked arm pass; yields once per tick.
 
@@ -136,7 +137,7 @@ def move_aside(
     return False
 
 
-def _is_free_to_move(move: MoveTo) -> bool:
+def _is_free_to_move(move: PastOthers) -> bool:
     """Whether hand and held objects touch nothing else, and no other arm depends on this one."""
     arm = move.arm
     world = arm.world
@@ -149,7 +150,7 @@ def _is_free_to_move(move: MoveTo) -> bool:
     return not move.traffic.followers(arm.name) and not arm.checker(move.ignore).is_touching
 
 
-def _lines_aside(move: MoveTo, other: str, places: Sequence[Vector]) -> Iterator[Matrix]:
+def _lines_aside(move: PastOthers, other: str, places: Sequence[Vector]) -> Iterator[Matrix]:
     """Straight lines of the tool, configurations of shape (n, dof), rad, the best one first."""
     arm = move.arm
     here = arm.commanded_tool_pose

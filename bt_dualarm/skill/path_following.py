@@ -12,8 +12,10 @@ from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
-from bt_dualarm.arm.arm import Arm, MoveTo
+from bt_dualarm.arm.arm import Arm
 from bt_dualarm.arm.branches import MOST_BRANCHES, first_possible
+from bt_dualarm.arm.motions import ArmMotions
+from bt_dualarm.arm.past_others import PastOthers
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.free_axes import FreeAxes, angle_to
 from bt_dualarm.core.pose import Matrix, Pose, Vector
@@ -251,7 +253,7 @@ class _Plan:
     @classmethod
     def of(
         cls,
-        move: MoveTo,
+        move: PastOthers,
         path: CartesianPath,
         end: Pose | None,
         tool_speed: float | None,
@@ -282,7 +284,7 @@ class _Plan:
         )
 
     def others(
-        self, move: MoveTo, path: CartesianPath, end: Pose | None, tool_speed: float | None
+        self, move: PastOthers, path: CartesianPath, end: Pose | None, tool_speed: float | None
     ) -> Generator[None, None, list[_Plan]]:
         """Plans in the further branches, the preferred one first; yields once per branch."""
         arm = move.arm
@@ -297,7 +299,7 @@ class _Plan:
     @classmethod
     def _along(
         cls,
-        arm: Arm,
+        arm: ArmMotions,
         path: CartesianPath,
         rows: Matrix,
         speed: float,
@@ -375,7 +377,7 @@ def _monitored(
 
 
 def _enter(
-    move: MoveTo,
+    move: PastOthers,
     path: CartesianPath,
     plan: _Plan,
     others: Callable[[], Generator[None, None, list[_Plan]]],
@@ -440,7 +442,7 @@ def _enter(
 
 
 def _straight(
-    arm: Arm,
+    arm: ArmMotions,
     q: Vector,
     end: Pose,
     speed: float,

@@ -94,7 +94,7 @@ class Taking:
         """Execute the first feasible of these grasps, best first: approach, close, lift, verify.
 
         Yields the progress once per tick; returns the executed grasp. If another arm is in the
-        path, the arm waits and replans, as `MoveTo.along`.
+        path, the arm waits and replans, as `PastOthers.along`.
 
         Raises:
             Failure: ``GRIPPER_FULL``; ``OUT_OF_REACH``, before any motion unless another arm is the

@@ -12,7 +12,8 @@ from typing import Final
 import mujoco
 import numpy as np
 
-from bt_dualarm.arm.arm import Arm, MoveTo
+from bt_dualarm.arm.arm import Arm
+from bt_dualarm.arm.past_others import PastOthers
 from bt_dualarm.arm.payload import jaw_measures
 from bt_dualarm.collision.support import MARGIN_M, Support, support_below
 from bt_dualarm.core.errors import Failure, Number
@@ -614,7 +615,7 @@ def possible_retreats(
 
 
 def plan_retreat(
-    move: MoveTo, retreats: Sequence[RetreatTo], metrics: dict[str, Number]
+    move: PastOthers, retreats: Sequence[RetreatTo], metrics: dict[str, Number]
 ) -> Generator[None, None, Trajectory]:
     """Plan the first possible retreat; yields once per tick.
 
@@ -976,7 +977,7 @@ class SettingDown:
                 force_n=most,
             )
 
-    def _descent(self, goal: Pose, move: MoveTo) -> Generator[None, None, _Descent]:
+    def _descent(self, goal: Pose, move: PastOthers) -> Generator[None, None, _Descent]:
         """Descent to a goal: as requested, from a lower height, or with a round object rotated.
 
         The one requested is preferred, then the smallest rotation, then the largest height. Yields

@@ -7,7 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from bt_dualarm.arm.arm import PLANNING_S, Arm, SharedArm
+from bt_dualarm.arm.arm import Arm
+from bt_dualarm.arm.motions import PLANNING_S
+from bt_dualarm.arm.shared_arm import SharedArm
 from bt_dualarm.arm.traffic import Traffic
 from bt_dualarm.control.controller import JointController
 from bt_dualarm.core.errors import Failure

@@ -8,7 +8,8 @@ from typing import cast
 import numpy as np
 import pytest
 
-from bt_dualarm.arm.arm import PLANNING_MARGIN_M, Arm
+from bt_dualarm.arm.arm import Arm
+from bt_dualarm.arm.motions import PLANNING_MARGIN_M
 from bt_dualarm.arm.traffic import Traffic
 from bt_dualarm.collision.checker import CollisionChecker
 from bt_dualarm.sim.world import World

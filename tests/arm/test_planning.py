@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from bt_dualarm.arm.arm import HALT_S, PLANNING_S
+from bt_dualarm.arm.motions import HALT_S, PLANNING_S
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.planning.problem import PlanningProblem

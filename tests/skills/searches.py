@@ -6,7 +6,7 @@ from typing import Final
 
 import pytest
 
-from bt_dualarm.arm import arm
+from bt_dualarm.arm import motions, past_others
 
 SOON_GIVEN_UP: Final = 20_000
 """Configurations that a search may look at: a tenth, and of the seconds that it takes, too. One of
@@ -15,4 +15,5 @@ SOON_GIVEN_UP: Final = 20_000
 
 def give_up_soon(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let every search of the test look at so many."""
-    monkeypatch.setattr(arm, "CHECKS", SOON_GIVEN_UP)
+    for module in (motions, past_others):
+        monkeypatch.setattr(module, "CHECKS", SOON_GIVEN_UP)

@@ -12,7 +12,8 @@ from typing import Any
 import pytest
 import yaml
 
-from bt_dualarm.arm.arm import WAIT_S, Arm
+from bt_dualarm.arm.arm import Arm
+from bt_dualarm.arm.motions import WAIT_S
 from bt_dualarm.spec.problems import SpecError
 from bt_dualarm.trajectory.set_points import TrajectorySource
 from tests.plays import STOPPED, Deed, Stage
