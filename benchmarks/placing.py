@@ -40,7 +40,8 @@ from bt_dualarm.collision.checker import CollisionChecker
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.runtime.arm_runtime import IdleObserver
-from bt_dualarm.sim.world import SHALLOW_DEPTH, World
+from bt_dualarm.sim.penetration import SHALLOW_DEPTH
+from bt_dualarm.sim.world import World
 from bt_dualarm.trajectory.paths import line
 
 TABLE = 0.40

@@ -38,7 +38,8 @@ from bt_dualarm.robots.robot_description import (
 from bt_dualarm.robots.urdf_xml import DescriptionError
 from bt_dualarm.sim.composition import names_in, scene_names, scene_spec
 from bt_dualarm.sim.object_body import body_of
-from bt_dualarm.sim.world import MAX_DEPTH, SHALLOW_DEPTH, World
+from bt_dualarm.sim.penetration import MAX_DEPTH, SHALLOW_DEPTH
+from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ArmSpec, ObjectSpec, TreeFile
 from bt_dualarm.spec.faults import FaultSpec, fault_problems, joint_problems, read_faults
 from bt_dualarm.spec.node_types import (
