@@ -133,7 +133,7 @@ class HandOver(Skill):
         if not arm.world.nominal[arm.name].estimates_payload:
             return
         start = arm.commanded_tool_pose
-        raised = Pose(start.position + np.array((0.0, 0.0, _WEIGHED_M)), start.quaternion)
+        raised = start.raised(_WEIGHED_M)
         for end in (raised, start, raised, start):
             if self._mass() is not None:
                 return

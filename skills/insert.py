@@ -156,8 +156,8 @@ class Insert(Skill):
         arm = self.arm
         ports = self.ports
         peg = frozenset({self.ports.object})
-        above = _raised(bottom, ports.depth + _CLEAR_M)
-        deepest = _raised(bottom, -ports.tolerance)
+        above = bottom.raised(ports.depth + _CLEAR_M)
+        deepest = bottom.raised(-ports.tolerance)
         starts: list[Vector] = []
         refusals: list[Failure] = []
         for down, _ in arm.lines(above, bottom, deepest):
@@ -175,7 +175,3 @@ class Insert(Skill):
         if not starts:
             raise refusals[0]
         return starts
-
-
-def _raised(pose: Pose, height: float) -> Pose:
-    return Pose(pose.position + np.array((0.0, 0.0, height)), pose.quaternion)

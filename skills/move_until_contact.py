@@ -104,7 +104,7 @@ class MoveUntilContact(Skill):
         direction = unit_vector(self.ports.direction)
         self.arm.refuse_shared()
         start = self.arm.commanded_tool_pose
-        end = Pose(start.position + self.ports.distance * direction, start.quaternion)
+        end = start.shifted(self.ports.distance * direction)
         rows = self.arm.line_on(end)
         blocked = self.arm.first_link_contact(rows)
         if blocked is not None:

@@ -438,7 +438,7 @@ class TakeOver(Skill):
         """Press a cup on slowly, beyond the estimated face, until contact."""
         arm = self.arm
         sense = TouchSense(arm, along)
-        rows = arm.line_on(Pose(goal.position + _PRESSED_M * along, goal.quaternion))
+        rows = arm.line_on(goal.shifted(_PRESSED_M * along))
         motion = arm.begin(arm.time_path(rows, 0.01), may_touch=True, compliant=True)
         while not motion.done and sense.force() < _PRESSED_N:
             yield 0.5
@@ -653,7 +653,7 @@ class TakeOver(Skill):
         """Move the set-point of the compliant arm a little, by a vector of shape (3,), m."""
         arm = self.arm
         here = arm.commanded_tool_pose
-        rows = arm.line_on(Pose(here.position + shift, here.quaternion))
+        rows = arm.line_on(here.shifted(shift))
         motion = arm.begin(arm.time_path(rows, 0.05), may_touch=True, compliant=True)
         while not motion.done:
             yield 0.65
@@ -714,7 +714,7 @@ class TakeOver(Skill):
         # Not toward the giver's hand, which is still near.
         directions = [up, -here.rotation_matrix[:, 2], up + away, away]
         for direction in sorted(directions, key=lambda one: float(one @ away) < -_TOWARD):
-            goal = Pose(here.position + self.ports.lift * direction, here.quaternion)
+            goal = here.shifted(self.ports.lift * direction)
             try:
                 rows = arm.line_on(goal)
                 arm.refuse_collision_along(rows)

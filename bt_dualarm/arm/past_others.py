@@ -359,7 +359,7 @@ class PastOthers:
             for direction in (back, back + up, up, away, away + up):
                 shift = length * direction / max(float(np.linalg.norm(direction)), 1e-9)
                 try:
-                    rows = arm.line_on(Pose(here.position + shift, here.quaternion))
+                    rows = arm.line_on(here.shifted(shift))
                     arm.refuse_collision_along(rows, self.ignore)
                 except Failure:
                     continue

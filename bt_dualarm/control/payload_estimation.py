@@ -247,7 +247,7 @@ class PayloadEstimator:
             load,
             mass=mass,
             inertia=mass * load.gyration,
-            pose=Pose(load.pose.position + shift, load.pose.quaternion),
+            pose=load.pose.shifted(shift),
             mass_doubt=float(doubts[0]) * _MASS_DOUBT_KG,
             center_doubt=float(doubts[1:].max()) * OFF_CENTER_M / mass,
         )

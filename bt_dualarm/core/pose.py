@@ -126,6 +126,14 @@ class Pose:
         turned: Vector = direction @ self.rotation_matrix.T
         return turned
 
+    def shifted(self, offset: Vector) -> Pose:
+        """This pose, moved by an offset in A, of shape (3,), m."""
+        return Pose(self.position + offset, self.quaternion)
+
+    def raised(self, height: float) -> Pose:
+        """This pose, moved by a height in m along the z axis of A: upward in the world."""
+        return self.shifted(np.array((0.0, 0.0, height)))
+
     def distance(self, other: Pose) -> float:
         """Distance between the two origins in meters."""
         return float(np.linalg.norm(self.position - other.position))

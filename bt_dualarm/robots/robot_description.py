@@ -586,7 +586,7 @@ def _palm(carrier: Part, pose: Pose, gripper: Gripper) -> Part:
     half = 0.25 * gripper.stroke
     bodies = [placed(Pose.identity(), gripper.palm)]
     for finger in gripper.fingers:
-        shifted = Pose(finger.pose.position + half * finger.axis, finger.pose.quaternion)
+        shifted = finger.pose.shifted(half * finger.axis)
         bodies.append(placed(shifted, finger.part))
     mass, center, tensor = together(bodies)
     x, y, z = (float(part) for part in center)

@@ -907,15 +907,14 @@ class _Coupled:
     def run(self, goals: Sequence[Pose]) -> Generator[float | None, None, None]:
         """Lift, carry along the path, and lower until contact."""
         ports = self._ports
-        up = Pose.from_rpy((0.0, 0.0, ports.lift))
         lies = self._object_pose()
-        lifted = Pose(lies.position + up.position, lies.quaternion)
+        lifted = lies.raised(ports.lift)
         borne = self._plan.chosen  # otherwise it is in the air already
         if borne:
             yield from self._leg([lies, lifted], 0.3 * ports.speed, 0.25)
         above = [goals[-1]]
         if self._plan.set_down:
-            above = [_raised(goals[-1], ports.height), _raised(goals[-1], _FREE_M)]
+            above = [goals[-1].raised(ports.height), goals[-1].raised(_FREE_M)]
         yield from self._leg([None, *goals[:-1], *above], ports.speed, 0.3)
         if self._plan.set_down:
             yield from self._lower(goals[-1])
@@ -1097,9 +1096,9 @@ class _Coupled:
     def _lower(self, goal: Pose) -> Generator[float | None, None, None]:
         """Lower the object until contact with its support."""
         ports = self._ports
-        low = _raised(goal, -ports.search)
+        low = goal.raised(-ports.search)
         leg = yield from self._next_leg(
-            [_raised(goal, _FREE_M), low], ports.down_speed, compliant=True, slow=TOUCHDOWN_M_S
+            [goal.raised(_FREE_M), low], ports.down_speed, compliant=True, slow=TOUCHDOWN_M_S
         )
         yield from self._execute(leg, 0.8, ports.force)
         began = self._arm.time
@@ -1166,12 +1165,8 @@ def _shares_of(thing: ObjectSpec, grasps: Iterable[Pose]) -> list[float]:
 
 def _poses_of(lies: Pose, goals: Sequence[Pose], ports: CarryPorts) -> list[Pose]:
     """Poses of the object from where it lies to where it is lowered by touch."""
-    end = [_raised(goals[-1], ports.height), _raised(goals[-1], _FREE_M)] if ports.set_down else []
-    return [lies, _raised(lies, ports.lift), *goals[:-1], *(end or [goals[-1]])]
-
-
-def _raised(pose: Pose, height: float) -> Pose:
-    return Pose(pose.position + np.array((0.0, 0.0, height)), pose.quaternion)
+    end = [goals[-1].raised(ports.height), goals[-1].raised(_FREE_M)] if ports.set_down else []
+    return [lies, lies.raised(ports.lift), *goals[:-1], *(end or [goals[-1]])]
 
 
 def pose_held(tools: Sequence[Pose], grasps: Sequence[Pose]) -> Pose:

@@ -788,8 +788,7 @@ def _rows_to(
             after = arm.kinematics.follow_on(later, rows[-1])
             onward.refuse_contact(arm, after, free, room)
         if lift > 0.0:
-            up = np.array((0.0, 0.0, lift))
-            lifted = arm.line_after(rows[-1], Pose(tool.position + up, tool.quaternion))
+            lifted = arm.line_after(rows[-1], tool.raised(lift))
             _refuse_own_links(arm, wanted, lifted, lift)
         if wanted.name and wanted.edges is None:
             arm.refuse_load(wanted.name, rows[-1], seen)
@@ -832,7 +831,7 @@ def refuse_goal(
     first: Failure | None = None
     for _, alike in poses_alike(arm.world.declared_objects[name], goal):
         tool = alike @ in_object
-        above = Pose(tool.position + np.array((0.0, 0.0, _DESCENT_M)), tool.quaternion)
+        above = tool.raised(_DESCENT_M)
         out = tool @ Pose.from_rpy((0.0, 0.0, -_DESCENT_M))
         try:
             for down, back in islice(arm.lines(above, tool, out), _BRANCHES):
@@ -980,8 +979,7 @@ def _refuse_own_links(arm: Arm, wanted: WantedGrasp, rows: Matrix, lift: float) 
         allowed[pairs] = checker.least[pairs]
     checker.least[:] = allowed
     for row in (0, len(rows) // 2, len(rows) - 1):
-        up = np.array((0.0, 0.0, lift * row / max(len(rows) - 1, 1)))
-        checker.move_object(name, Pose(wanted.lies.position + up, wanted.lies.quaternion))
+        checker.move_object(name, wanted.lies.raised(lift * row / max(len(rows) - 1, 1)))
         contact = checker.contact(rows[row])
         if contact is not None:
             raise contact.failure()

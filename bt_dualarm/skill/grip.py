@@ -284,7 +284,7 @@ def _retreats(arm: Arm) -> Iterator[Pose]:
     directions: list[Vector] = [-here.rotation_matrix[:, 2], np.array((0.0, 0.0, 1.0))]
     for back in np.arange(_STEP_M, _FARTHEST_M + 1e-9, _STEP_M):
         for direction in list(directions):
-            goal = Pose(here.position + back * direction, here.quaternion)
+            goal = here.shifted(back * direction)
             try:
                 arm.refuse_collision_along(arm.line_on(goal))
             except Failure:

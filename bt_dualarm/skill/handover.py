@@ -770,7 +770,7 @@ def retreat_from(
                 here = arm.commanded_tool_pose
                 away = share * length * direction
                 try:
-                    rows = arm.line_on(Pose(here.position + away, here.quaternion))
+                    rows = arm.line_on(here.shifted(away))
                     arm.refuse_collision_along(rows, ignore)
                 except Failure as failure:
                     first = first or failure

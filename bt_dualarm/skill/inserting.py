@@ -457,7 +457,7 @@ class Inserting:
     def _at(self, beside: Vector, height: float) -> Pose:
         """Pose of the tool in the world, off its goal: sideways, of shape (2,), and up; m."""
         bottom = self._bottom
-        return Pose(bottom.position + np.array((*beside, height)), bottom.quaternion)
+        return bottom.shifted(np.array((*beside, height)))
 
     @property
     def _measured(self) -> Vector:

@@ -17,7 +17,7 @@ from bt_dualarm.arm.arm import Arm
 from bt_dualarm.arm.past_others import PastOthers
 from bt_dualarm.arm.state import BACKOFF_S
 from bt_dualarm.core.errors import Failure
-from bt_dualarm.core.pose import Matrix, Pose, Vector
+from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.skill.cell import CellState, CellWait
 
 ASIDES: Final = 3
@@ -172,7 +172,7 @@ def _lines_aside(move: PastOthers, other: str, places: Sequence[Vector]) -> Iter
         for away_m in _ASIDE_M:
             shift = away_m / length * direction
             try:
-                rows = arm.line_on(Pose(here.position + shift, here.quaternion))
+                rows = arm.line_on(here.shifted(shift))
             except Failure:
                 break  # nor can it go farther
             if checker.first_contact(rows) is not None:

@@ -369,7 +369,7 @@ class Taking:
         tool = approach.ranked.tool
         arm.gripper.command(force=self._force(approach.ranked.grasp.force))
         sense = TouchSense(arm, along)
-        deeper = Pose(tool.position + _PRESSED_M * along, tool.quaternion)
+        deeper = tool.shifted(_PRESSED_M * along)
         rows = arm.line_on(deeper)
         # The integrator of a stiff arm would press ever harder, until the rim slides.
         motion = arm.begin(arm.time_path(rows, _PRESSING), may_touch=True, compliant=True)
@@ -431,7 +431,7 @@ class Taking:
         arm = self._arm
         start = self._arm.commanded_tool_pose
         height = float(arm.world.object_pose(name).position[2])
-        up = Pose(start.position + np.array((0.0, 0.0, self._ports.lift)), start.quaternion)
+        up = start.raised(self._ports.lift)
         move = arm.past_others(self._brisk)
         since = arm.time  # since when the gripper holds
         errors: list[float | None] = []

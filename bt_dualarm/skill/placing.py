@@ -606,7 +606,7 @@ def possible_retreats(
         and _COMES_FREE < comes_free < _VERTICAL
         and abs(axes[2, 1]) < _HORIZONTAL
     ):
-        found.append(RetreatTo(_raised(tool, asked), comes_free * asked, by_object=True))
+        found.append(RetreatTo(tool.raised(asked), comes_free * asked, by_object=True))
     beyond = _distance_beyond(arm, name, in_tool)
     shortest = _SPARE_M + max(_BESIDE_M - beyond, 0.0)
     if shortest < asked:
@@ -817,7 +817,7 @@ class SettingDown:
 
         def rest() -> Generator[None, None, Trajectory]:
             begin = OverlappedMotion.of(Trajectory.rest(arm.setpoint.q, arm.period))
-            rows = arm.line_on(_raised(descents[0].tool, _FREE_M))
+            rows = arm.line_on(descents[0].tool.raised(_FREE_M))
             yield from move.checked(rows, known_free=True)
             self._lowering = self._lowered(begin, rows, descents[0].tool)
             return self._lowering.motion
@@ -847,7 +847,7 @@ class SettingDown:
         """
         arm = self._arm
         ports = self._ports
-        low = arm.line_after(down[-1], _raised(tool, -min(_LIKELY_M, self._search)))
+        low = arm.line_after(down[-1], tool.raised(-min(_LIKELY_M, self._search)))
         rows = np.vstack((down, low[1:]))
         start = float(arm.kinematics.forward(rows[0]).position[2] - tool.position[2])
         self._top = min(_EXPECTED_M_S, arm.least_speed(low, ports.down_speed))
@@ -871,7 +871,7 @@ class SettingDown:
         if self._search <= _LIKELY_M:
             return whole
         # Seconds long, and hardly ever used: alone, it takes a fraction of the computing time.
-        rest = arm.line_after(low[-1], _raised(tool, -self._search))
+        rest = arm.line_after(low[-1], tool.raised(-self._search))
         search, _ = arm.slow_path(rest, ports.down_speed, self._top, ports.speed)
         return arm.overlapped(whole, search, ports.speed, _BLEND_S, frozenset({self._name}))
 
@@ -945,7 +945,7 @@ class SettingDown:
             is_expected=is_expected,
             touched=touched,
         )
-        low = _raised(tool(), -self._search)
+        low = tool().raised(-self._search)
         for _ in range(_FALSE):
             if not felt:
                 yield from arm.settle()
@@ -1044,7 +1044,7 @@ class SettingDown:
         """
         arm = self._arm
         held = frozenset({self._name})
-        corners = [_raised(tool, above) for above in (height, _FREE_M, 0.0, -self._search)]
+        corners = [tool.raised(above) for above in (height, _FREE_M, 0.0, -self._search)]
         found: list[Matrix] = []
         narrow: list[Matrix] = []
         refusals: list[Failure] = []
@@ -1183,7 +1183,3 @@ class SettingDown:
             width_m=gripper.width,
             force_n=gripper.force,
         )
-
-
-def _raised(pose: Pose, height: float) -> Pose:
-    return Pose(pose.position + np.array((0.0, 0.0, height)), pose.quaternion)

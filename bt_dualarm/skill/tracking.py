@@ -757,7 +757,7 @@ class PlaneTracking:
         step *= 1.0 + _BEYOND_M / max(math.hypot(*step), 1e-9)
         here = arm.commanded_tool_pose
         try:
-            rows = arm.line_on(Pose(here.position + step @ self._axes, here.quaternion))
+            rows = arm.line_on(here.shifted(step @ self._axes))
         except Failure:
             return False
         checker = arm.checker()

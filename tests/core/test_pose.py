@@ -32,6 +32,14 @@ def test_applying_is_turning_and_shifting(a: Pose, point: tuple[float, float, fl
     np.testing.assert_allclose(a.turn(np.array(point)), expected - a.position, atol=1e-12)
 
 
+@given(poses, _triple)
+def test_shifting_is_composing_from_the_left(a: Pose, offset: tuple[float, float, float]) -> None:
+    shift = Pose.from_rpy(offset)
+    np.testing.assert_allclose(a.shifted(shift.position).matrix, (shift @ a).matrix, atol=1e-12)
+    up = a.raised(offset[2]).position - a.position
+    np.testing.assert_allclose(up, (0.0, 0.0, offset[2]), atol=1e-12)
+
+
 @given(poses, poses)
 def test_the_angle_is_that_of_scipy(a: Pose, b: Pose) -> None:
     expected = (a.rotation.inv() * b.rotation).magnitude()
