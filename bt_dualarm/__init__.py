@@ -83,8 +83,8 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.articulated import HandForce as HandForce
     from bt_dualarm.skill.articulated import JointPath as JointPath
     from bt_dualarm.skill.articulated import MovedPart as MovedPart
+    from bt_dualarm.skill.carry_planning import CarryPorts as CarryPorts
     from bt_dualarm.skill.carrying import Carrying as Carrying
-    from bt_dualarm.skill.carrying import CarryPorts as CarryPorts
     from bt_dualarm.skill.cell import CellWait as CellWait
     from bt_dualarm.skill.condition import Condition as Condition
     from bt_dualarm.skill.following_error import FollowingError as FollowingError
@@ -93,11 +93,11 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.grasp_search import WantedGrasp as WantedGrasp
     from bt_dualarm.skill.grasp_search import grasps_on as grasps_on
     from bt_dualarm.skill.grasp_search import half_open as half_open
-    from bt_dualarm.skill.grasp_search import poses_alike as poses_alike
     from bt_dualarm.skill.grip import Grip as Grip
     from bt_dualarm.skill.grip import TouchSense as TouchSense
     from bt_dualarm.skill.grip import held_through as held_through
     from bt_dualarm.skill.grip import make_room as make_room
+    from bt_dualarm.skill.guarded_move import guarded_descent as guarded_descent
     from bt_dualarm.skill.handover import HandoverPlan as HandoverPlan
     from bt_dualarm.skill.handover import HandoverSearch as HandoverSearch
     from bt_dualarm.skill.handover import HandoverWish as HandoverWish
@@ -113,6 +113,9 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.joint import JointPart as JointPart
     from bt_dualarm.skill.joint import shared_grasp as shared_grasp
     from bt_dualarm.skill.keeping import KeptPath as KeptPath
+    from bt_dualarm.skill.left_standing import LeftStanding as LeftStanding
+    from bt_dualarm.skill.left_standing import is_tied_to as is_tied_to
+    from bt_dualarm.skill.left_standing import stands_without as stands_without
     from bt_dualarm.skill.looking import SIDES as SIDES
     from bt_dualarm.skill.looking import Coverage as Coverage
     from bt_dualarm.skill.looking import MarkViews as MarkViews
@@ -132,17 +135,14 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.picking import refuse_too_frail as refuse_too_frail
     from bt_dualarm.skill.picking import thing_at as thing_at
     from bt_dualarm.skill.picking import twin_at as twin_at
-    from bt_dualarm.skill.placing import LeftStanding as LeftStanding
     from bt_dualarm.skill.placing import SettingDown as SettingDown
     from bt_dualarm.skill.placing import SettingDownPorts as SettingDownPorts
-    from bt_dualarm.skill.placing import guarded_descent as guarded_descent
-    from bt_dualarm.skill.placing import is_tied_to as is_tied_to
-    from bt_dualarm.skill.placing import stands_without as stands_without
     from bt_dualarm.skill.scoring import TrackingScore as TrackingScore
     from bt_dualarm.skill.skill import Skill as Skill
     from bt_dualarm.skill.skill import SkillContext as SkillContext
     from bt_dualarm.skill.skill import Ticks as Ticks
     from bt_dualarm.skill.skill import unit_vector as unit_vector
+    from bt_dualarm.skill.symmetry import poses_alike as poses_alike
     from bt_dualarm.skill.tracking import PlaneTracking as PlaneTracking
     from bt_dualarm.skill.tracking import TrackingGains as TrackingGains
     from bt_dualarm.skill.tracking_end import EndConditions as EndConditions
@@ -304,16 +304,16 @@ _CONTENTS: Final = {
     "WantedGrasp": "skill.grasp_search:WantedGrasp",
     "grasps_on": "skill.grasp_search:grasps_on",
     "half_open": "skill.grasp_search:half_open",
-    "poses_alike": "skill.grasp_search:poses_alike",
+    "poses_alike": "skill.symmetry:poses_alike",
     "RankedGrasp": "grasping.candidates:RankedGrasp",
     "Grip": "skill.grip:Grip",
     "held_through": "skill.grip:held_through",
     "make_room": "skill.grip:make_room",
     "KeptPath": "skill.keeping:KeptPath",
-    "LeftStanding": "skill.placing:LeftStanding",
-    "is_tied_to": "skill.placing:is_tied_to",
-    "stands_without": "skill.placing:stands_without",
-    "guarded_descent": "skill.placing:guarded_descent",
+    "LeftStanding": "skill.left_standing:LeftStanding",
+    "is_tied_to": "skill.left_standing:is_tied_to",
+    "stands_without": "skill.left_standing:stands_without",
+    "guarded_descent": "skill.guarded_move:guarded_descent",
     "Inserting": "skill.inserting:Inserting",
     "InsertingPorts": "skill.inserting:InsertingPorts",
     "SettingDown": "skill.placing:SettingDown",
@@ -324,7 +324,7 @@ _CONTENTS: Final = {
     "HandForce": "skill.articulated:HandForce",
     "JointPath": "skill.articulated:JointPath",
     "Carrying": "skill.carrying:Carrying",
-    "CarryPorts": "skill.carrying:CarryPorts",
+    "CarryPorts": "skill.carry_planning:CarryPorts",
     "JointPart": "skill.joint:JointPart",
     "refuse_too_frail": "skill.picking:refuse_too_frail",
     "thing_at": "skill.picking:thing_at",

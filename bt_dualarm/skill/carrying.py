@@ -7,8 +7,7 @@ arm executes its own part.
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Final
@@ -20,57 +19,38 @@ from bt_dualarm.arm.arm import Arm
 from bt_dualarm.arm.motions import PLANNING_MARGIN_M
 from bt_dualarm.arm.passengers import PassengerCheck
 from bt_dualarm.arm.payload import UNKNOWN_KG, PayloadCheck
-from bt_dualarm.collision.checker import CollisionChecker
 from bt_dualarm.collision.group import GroupChecker
 from bt_dualarm.control.internal_wrench import CarryingArm, InternalWrenchRegulator
-from bt_dualarm.core.errors import CollisionFailure, Failure, Number
-from bt_dualarm.core.pose import Matrix, Pose, Vector
+from bt_dualarm.core.errors import Failure, Number
+from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.grasping.candidates import CLEAR, RankedGrasp
 from bt_dualarm.grasping.grasp import CompoundSolid
-from bt_dualarm.grasping.sections import (
-    Section,
-    farthest_apart,
-    section_at,
-    sections,
-    shares_at,
-)
-from bt_dualarm.kinematics.multi_arm import MultiArmKinematics, ToolTarget, holding
-from bt_dualarm.kinematics.solver import Chain
-from bt_dualarm.planning.carrying import CarriedPath, CarryPlanner, path_through
+from bt_dualarm.grasping.sections import Section, farthest_apart, section_at, sections
+from bt_dualarm.kinematics.multi_arm import MultiArmKinematics
+from bt_dualarm.planning.carrying import CarriedPath, CarryPlanner
 from bt_dualarm.sim.object_body import body_of
+from bt_dualarm.skill.carry_planning import (
+    FREE_M,
+    CarryPlan,
+    CarryPlanning,
+    CarryPorts,
+    Proposal,
+    shares_of,
+)
 from bt_dualarm.skill.grasp_search import WantedGrasp, grasps_on
 from bt_dualarm.skill.grip import Grip, TouchSense, make_room
+from bt_dualarm.skill.guarded_move import TOUCHDOWN_M_S, Lag
 from bt_dualarm.skill.joint import JointPart
+from bt_dualarm.skill.left_standing import LeftStanding
 from bt_dualarm.skill.picking import Taking
-from bt_dualarm.skill.placing import (
-    TOUCHDOWN_M_S,
-    Lag,
-    LeftStanding,
-    plan_retreat,
-    possible_retreats,
-)
-from bt_dualarm.spec.document import ObjectSpec
-from bt_dualarm.spec.node_types import PortModel, port
-from bt_dualarm.spec.values import Angle, Duration, PoseSpec, Speed
+from bt_dualarm.skill.retreat import plan_retreat, possible_retreats
+from bt_dualarm.spec.values import PoseSpec
 from bt_dualarm.trajectory.coupled import CoupledMotion, stacked_limits
 from bt_dualarm.trajectory.path_timing import time_path
 from bt_dualarm.trajectory.paths import line
 from bt_dualarm.trajectory.set_points import at_scale
 from bt_dualarm.trajectory.trajectory import Trajectory
 
-_GRASPS: Final = 4  # grasps to try per arm and section
-_MOST_TRIES: Final = 8  # grasps out of reach after which an arm counts as unable to hold a section
-_NEAR_M: Final = 0.03  # distance from a grasp out of reach within which others are as well
-_NEAR_RAD: Final = 0.3  # likewise, rotation
-_COMBINATIONS: Final = 24  # combinations of the arms' grasps to try
-_AROUND: Final = 3  # combinations and branches for which paths around obstacles are searched
-_BRANCHES: Final = 6  # branches of the inverse kinematics per combination
-_GOOD: Final = (
-    25.0  # condition number of every arm along the path with which no better one is sought
-)
-_BEARABLE: Final = 50.0  # largest condition number: beyond, joint torques tell little of a wrench
-_EVERY: Final = 8  # one of this many samples of a path is examined
-_FREE_M: Final = 0.004  # height above the goal from which the object is lowered by touch
 _HOLD_S: Final = 0.15  # time for which the pads must press
 _CLOSING_S: Final = 1.5  # time limit for the fingers to press
 _EARLY_M: Final = 0.012  # distance from the grasp at which a contact is one with something else
@@ -84,111 +64,6 @@ _SETTLED_RAD: Final = 3e-3  # joint error between two motions that the other arm
 _ROOM_M: Final = 0.012  # opening on each side of the object for the retreat
 _LEVER_M: Final = 0.02  # distance that makes a hand's rotation as important as its position
 _REST_S: Final = 5.0  # time limit for all arms to come to rest
-
-
-class CarryPorts(PortModel):
-    """Ports of skills that carry an object with several arms."""
-
-    set_down: bool = port(
-        True, "whether the object is set down and released; that of the arm with the goal counts"
-    )
-    spread: float = port(
-        1.0,
-        "distance of the outer grasps along the longest axis, as a fraction of its maximum",
-        unit="share",
-        ge=0.2,
-        le=1.0,
-    )
-    lift: float = port(0.08, "height of the first lift", unit="m", ge=0.01, le=0.5)
-    height: float = port(
-        0.04, "height above the goal at which the object is lowered", unit="m", ge=0.01, le=0.3
-    )
-    standoff: float = port(0.08, "length of the straight approach", unit="m", ge=0.01, le=0.3)
-    retreat: float = port(0.08, "length of the retreat", unit="m", ge=0.01, le=0.3)
-    speed: Speed = port(0.5, "fraction of the limits of all arms while carrying")
-    approach_speed: Speed = port(0.15, "fraction of the arm's limits on the straight parts")
-    shake: float = port(8.0, "acceleration that the grips must withstand", unit="m/s²", ge=0, le=50)
-    mass: float | None = port(
-        None,
-        "assumed mass; by default the one that the arms know, or else the largest grip force",
-        unit="kg",
-        gt=0,
-        le=100,
-    )
-    margin: float = port(2.0, "safety factor of the grips", unit="times the load", ge=1, le=10)
-    touch: float = port(40.0, "contact force at which the approach stops", unit="N", ge=1, le=200)
-    force: float = port(
-        15.0, "contact force at which the support is detected", unit="N", ge=1, le=100
-    )
-    search: float = port(
-        0.015,
-        "distance below the goal down to which the support is searched",
-        unit="m",
-        ge=0.001,
-        le=0.1,
-    )
-    down_speed: Speed = port(0.003, "fraction of the limits where contact is expected")
-    most_internal_force: float = port(
-        60.0,
-        "largest force with which the arms may press against each other",
-        unit="N",
-        gt=0,
-        le=500,
-    )
-    most_internal_moment: float = port(
-        20.0,
-        "largest moment with which the arms may twist or bend the object",
-        unit="N m",
-        gt=0,
-        le=200,
-    )
-    tolerance: float = port(
-        0.008, "largest position error of the object at the end", unit="m", ge=1e-3, le=0.1
-    )
-    angle_tolerance: Angle = port(
-        5.0, "largest rotation error at the end, up to the object's symmetry", ge=0.1, le=90
-    )
-    settle: Duration = port(1.0, "longest time to come to rest", gt=0, le=30)
-
-
-@dataclass(frozen=True, eq=False)
-class Proposal:
-    """What an arm reports to the others about itself and its grasps.
-
-    Attributes:
-        goals: Poses of the object that its leaf requests; empty if it follows.
-        carrying: Sensors and model for the internal wrench.
-        q: Joint positions of the last set-point, of shape (dof,), rad.
-        grasps: Grasps at each section that its hand can hold, the best first.
-        why_not: Why it has none; None if it has some.
-    """
-
-    goals: tuple[PoseSpec, ...]
-    carrying: CarryingArm
-    q: Vector
-    grasps: tuple[tuple[RankedGrasp, ...], ...]
-    why_not: Failure | None
-
-
-@dataclass(frozen=True, eq=False)
-class CarryPlan:
-    """Plan of the leader for all arms.
-
-    Attributes:
-        leader: Name of the arm that plans.
-        chosen: Grasp of each arm, by name; empty if they hold the object already.
-        grasps: Poses of the tools in the object's frame, by arm.
-        shares: Share of the weight that each arm supports.
-        approach: Joint positions of each arm's straight approach, of shape (n, dof), rad.
-        set_down: Whether the arms set the object down and release it at the end.
-    """
-
-    leader: str
-    chosen: Mapping[str, RankedGrasp]
-    grasps: Mapping[str, Pose]
-    shares: Mapping[str, float]
-    approach: Mapping[str, Matrix]
-    set_down: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -383,7 +258,7 @@ class Carrying:
         lies = world.object_pose(self._thing)
         parts = self._sections()
         told = self._mass
-        shares = _shares_of(world.objects[self._thing], [part.pose for part in parts])
+        shares = shares_of(world.objects[self._thing], [part.pose for part in parts])
         self._refuse_width(parts[0])
         found = []
         refusals: list[Failure] = []
@@ -441,9 +316,9 @@ class Carrying:
         lies = self._arm.world.object_pose(self._thing)
         goals = [goal.pose_from(lies) for goal in asked[leader]]
         if self._arm.name == leader:
-            plan = yield from _Planning(self._arm, self._proposals, self._thing, self._ports).plan(
-                leader, lies, goals, self._sections()
-            )
+            plan = yield from CarryPlanning(
+                self._arm, self._proposals, self._thing, self._ports
+            ).plan(leader, lies, goals, self._sections())
             self._joint.tell(plan=plan)
             return plan, goals
         yield from self._joint.until(lambda: "plan" in self._joint.told(leader), (leader,))
@@ -612,260 +487,6 @@ class Carrying:
         return has_come(self._joint.told(other))
 
 
-class _Planning:
-    """Choice of the grasps of all arms with which the whole path can be followed.
-
-    Args:
-        arm: Arm that leads.
-        proposals: What each arm can do, in the order of all joints.
-        thing: Name of the object.
-        ports: Ports of the leader.
-    """
-
-    def __init__(
-        self, arm: Arm, proposals: Mapping[str, Proposal], thing: str, ports: CarryPorts
-    ) -> None:
-        self._arm = arm
-        self._world = arm.world
-        self._proposals = proposals
-        self._thing = thing
-        self._ports = ports
-        world = arm.world
-        arms = {name: (world.robots[name], world.arms[name].base) for name in proposals}
-        self._kinematics = MultiArmKinematics(arms)
-        self._chains = {name: Chain(*one) for name, one in arms.items()}
-        self._reachable = dict[tuple[str, int], list[RankedGrasp]]()
-        self._are_apart = False
-        self._beyond: Failure | None = None
-
-    def plan(
-        self, leader: str, lies: Pose, goals: Sequence[Pose], parts: Sequence[Section]
-    ) -> Generator[None, None, CarryPlan]:
-        """Choose grasps; yields once per attempt.
-
-        Raises:
-            Failure: ``OUT_OF_REACH`` with the reason of the first attempt, caused by all.
-        """
-        held = {name: self._world.attachments.find(name, self._thing) for name in self._proposals}
-        if all(held.values()):
-            grasps = {
-                name: one.relative.inverse @ self._world.robots[name].tool
-                for name, one in held.items()
-                if one is not None
-            }
-            return CarryPlan(leader, {}, grasps, self._shares(grasps), {}, self._ports.set_down)
-        if any(held.values()):
-            holder = next(name for name, one in held.items() if one is not None)
-            raise Failure(
-                "INVALID_TARGET", f"{holder} holds {self._thing!r} already, and the others do not"
-            )
-        poses = _poses_of(lies, goals, self._ports)
-        refusals: list[Failure] = []
-        best: tuple[float, CarryPlan] | None = None
-        tried = (
-            (False, False, _COMBINATIONS),
-            (False, True, _AROUND),
-            (True, False, _COMBINATIONS),  # the best ones may all be nearly the same
-            (True, True, _AROUND),
-        )
-        for apart, around, count in tried:
-            if best or (apart and not refusals):
-                break
-            if around and not any(isinstance(one, CollisionFailure) for one in refusals):
-                continue  # searching around obstacles takes much longer
-            if apart != self._are_apart:
-                self._are_apart = apart
-                self._reachable.clear()
-            left = count
-            for combination in self._combinations(lies, parts):
-                yield
-                if combination is None:
-                    continue
-                left -= 1
-                try:
-                    found = yield from self._with(leader, combination, poses, around)
-                except Failure as failure:
-                    refusals.append(failure.with_traceback(None))
-                else:
-                    if best is None or found[0] < best[0]:
-                        best = found
-                if left <= 0 or (best is not None and (best[0] < _GOOD or around)):
-                    break
-        if best is not None:
-            return best[1]
-        if not refusals and self._beyond is not None:
-            raise Failure(
-                "OUT_OF_REACH",
-                f"no grasp at its end of the object is within the reach of an arm: "
-                f"{self._beyond.reason}",
-                **self._beyond.numbers,
-            ) from self._beyond
-        if not refusals:
-            raise Failure("OUT_OF_REACH", "no arm has a grasp at its end of the object")
-        raise Failure(
-            "OUT_OF_REACH",
-            f"no grasps of {' and '.join(self._proposals)} allow the whole path: "
-            f"{refusals[0].reason}",
-            ways_tried=len(refusals),
-            **refusals[0].numbers,
-        ) from ExceptionGroup("no way", refusals)
-
-    def _combinations(
-        self, lies: Pose, parts: Sequence[Section]
-    ) -> Iterator[dict[str, RankedGrasp] | None]:
-        """Grasps of all arms: near ends for near arms first, then the best grasps first.
-
-        None where a tick passes without a combination.
-        """
-        names = list(self._proposals)
-        bases = [self._world.arms[name].base.position for name in names]
-        places = [(lies @ part.pose).position for part in parts]
-
-        def distance(order: tuple[int, ...]) -> float:
-            return sum(float(np.linalg.norm(bases[i] - places[k])) for i, k in enumerate(order))
-
-        for order in sorted(itertools.permutations(range(len(parts))), key=distance):
-            each = list[list[RankedGrasp]]()
-            for name, k in zip(names, order, strict=True):
-                each.append((yield from self._within_reach(name, k)))
-            for chosen in sorted(
-                itertools.product(*each), key=lambda some: sum(one.cost for one in some)
-            ):
-                yield dict(zip(names, chosen, strict=True))
-
-    def _within_reach(self, name: str, section: int) -> Generator[None, None, list[RankedGrasp]]:
-        """Best grasps of an arm at a section that it can reach by itself.
-
-        In a problem with all arms, the error of one that cannot is spread over all of them. Yields
-        once per grasp that is out of reach.
-        """
-        key = name, section
-        if key in self._reachable:
-            return self._reachable[key]
-        found = self._reachable[key] = []
-        known = list[Pose]()  # out of reach, or where grasps are apart already found
-        beyond = 0
-        alone = MultiArmKinematics({name: (self._world.robots[name], self._world.arms[name].base)})
-        near = {name: self._proposals[name].q}
-        for one in self._proposals[name].grasps[section]:
-            if len(found) >= _GRASPS or beyond >= _MOST_TRIES:
-                break
-            if any(
-                one.tool.distance(other) < _NEAR_M and one.tool.angle(other) < _NEAR_RAD
-                for other in known
-            ):
-                continue
-            try:
-                alone.solve((ToolTarget(name, one.tool),), near)
-            except Failure as failure:
-                self._beyond = self._beyond or failure.with_traceback(None)
-                known.append(one.tool)
-                beyond += 1
-                yield
-            else:
-                found.append(one)
-                if self._are_apart:
-                    known.append(one.tool)
-        return found
-
-    def _with(
-        self, leader: str, chosen: Mapping[str, RankedGrasp], poses: Sequence[Pose], around: bool
-    ) -> Generator[None, None, tuple[float, CarryPlan]]:
-        """Best conditioned plan with these grasps, with the largest condition number of its path.
-
-        Raises:
-            Failure: That of the first branch, if there is no plan.
-        """
-        lies = poses[0]
-        grasps = {name: lies.inverse @ one.tool for name, one in chosen.items()}
-        widths = {name: one.grasp.width for name, one in chosen.items()}
-        checker = GroupChecker(
-            self._world, self._kinematics.parts, self._thing, grasps, PLANNING_MARGIN_M, widths
-        )
-        planner = CarryPlanner(self._kinematics, grasps, checker, seed=0)
-        near = {name: one.q for name, one in self._proposals.items()}
-        refusal: Failure | None = None
-        best: tuple[float, CarryPlan] | None = None
-        branches = self._kinematics.branches(holding(grasps, lies), near)
-        for q in itertools.islice(branches, _AROUND if around else _BRANCHES):
-            yield
-            joined = planner.joined(q)
-            try:
-                found = checker.contact(joined)
-                if found is not None:
-                    raise found.failure()
-                approach = self._approach(chosen, q)
-                if around:
-                    path = yield from planner.through(poses, joined)
-                else:
-                    path = planner.along(path_through(poses), joined)
-                condition = self._condition(path)
-            except Failure as failure:
-                refusal = refusal or failure.with_traceback(None)
-                continue
-            plan = CarryPlan(
-                leader, chosen, grasps, self._shares(grasps), approach, self._ports.set_down
-            )
-            if best is None or condition < best[0]:
-                best = condition, plan
-            if condition < _GOOD:
-                break
-        if best is not None:
-            return best
-        raise refusal or Failure("UNREACHABLE", "the grasps are out of reach")
-
-    def _shares(self, grasps: Mapping[str, Pose]) -> dict[str, float]:
-        """Share of the weight that each arm bears with these grasps."""
-        shares = _shares_of(self._world.objects[self._thing], grasps.values())
-        return dict(zip(grasps, shares, strict=True))
-
-    def _condition(self, path: CarriedPath) -> float:
-        """Largest condition number of an arm along a path.
-
-        Raises:
-            Failure: ``SINGULAR``.
-        """
-        worst = 1.0
-        for name, part in self._kinematics.parts.items():
-            chain = self._chains[name]
-            condition = max(chain.condition(q) for q in path.rows[::_EVERY, part])
-            if condition > _BEARABLE:
-                raise Failure(
-                    "SINGULAR",
-                    f"{name} would come too near a singularity",
-                    condition=min(condition, 1e12),
-                )
-            worst = max(worst, condition)
-        return worst
-
-    def _approach(
-        self, chosen: Mapping[str, RankedGrasp], q: Mapping[str, Vector]
-    ) -> dict[str, Matrix]:
-        """Straight approaches that end in a configuration, each of shape (n, dof), rad."""
-        found = {}
-        out = Pose.from_rpy((0.0, 0.0, -self._ports.standoff))
-        for name, one in chosen.items():
-            poses = line(one.tool, one.tool @ out).poses
-            alone = MultiArmKinematics({
-                name: (self._world.robots[name], self._world.arms[name].base)
-            })  # fmt: skip
-            rows = alone.follow_on([[ToolTarget(name, pose)] for pose in poses], {name: q[name]})
-            found[name] = rows[name][::-1].copy()
-            checker = CollisionChecker(self._world, name)
-            hand = list(self._world.arms[name].tool_geom_ids)
-            its = list(self._world.object_geoms(self._thing))
-            checker.least[np.ix_(hand, its)] = checker.least[np.ix_(its, hand)] = -np.inf
-            gripper = self._world.grippers.get(name)
-            if gripper is not None and gripper.gripper.fingers:
-                checker.open_fingers(gripper.gripper.stroke)
-            contact = checker.first_contact(found[name])
-            # The others will have moved by then.
-            others = self._proposals.keys() - {name}
-            if contact is not None and contact[1].second.partition("/")[0] not in others:
-                raise contact[1].failure()
-        return found
-
-
 class _Coupled:
     """The coupled motions of one arm.
 
@@ -914,7 +535,7 @@ class _Coupled:
             yield from self._leg([lies, lifted], 0.3 * ports.speed, 0.25)
         above = [goals[-1]]
         if self._plan.set_down:
-            above = [goals[-1].raised(ports.height), goals[-1].raised(_FREE_M)]
+            above = [goals[-1].raised(ports.height), goals[-1].raised(FREE_M)]
         yield from self._leg([None, *goals[:-1], *above], ports.speed, 0.3)
         if self._plan.set_down:
             yield from self._lower(goals[-1])
@@ -1098,7 +719,7 @@ class _Coupled:
         ports = self._ports
         low = goal.raised(-ports.search)
         leg = yield from self._next_leg(
-            [goal.raised(_FREE_M), low], ports.down_speed, compliant=True, slow=TOUCHDOWN_M_S
+            [goal.raised(FREE_M), low], ports.down_speed, compliant=True, slow=TOUCHDOWN_M_S
         )
         yield from self._execute(leg, 0.8, ports.force)
         began = self._arm.time
@@ -1155,18 +776,6 @@ class _Touchdown:
         self.most = max(self.most, felt)
         self.has_touched = (felt > self._force and lag.has_stopped) or lag.stands
         self.is_firm = self.has_touched and felt > _FIRM * self._force
-
-
-def _shares_of(thing: ObjectSpec, grasps: Iterable[Pose]) -> list[float]:
-    """Share of an object's weight that each of several grasps, in the object's frame, bears."""
-    center = body_of(thing).center
-    return shares_at([grasp.position - center for grasp in grasps])
-
-
-def _poses_of(lies: Pose, goals: Sequence[Pose], ports: CarryPorts) -> list[Pose]:
-    """Poses of the object from where it lies to where it is lowered by touch."""
-    end = [goals[-1].raised(ports.height), goals[-1].raised(_FREE_M)] if ports.set_down else []
-    return [lies, lies.raised(ports.lift), *goals[:-1], *(end or [goals[-1]])]
 
 
 def pose_held(tools: Sequence[Pose], grasps: Sequence[Pose]) -> Pose:

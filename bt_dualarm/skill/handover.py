@@ -38,14 +38,10 @@ from bt_dualarm.kinematics.multi_arm import MultiArmKinematics, ToolTarget
 from bt_dualarm.sim.grippers import SharedGrasp
 from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.sim.world import World
-from bt_dualarm.skill.grasp_search import (
-    GRAVITY,
-    obstacles_around,
-    poses_alike,
-    refuse_goal,
-    turns_alike,
-)
+from bt_dualarm.skill.grasp_approach import refuse_goal
+from bt_dualarm.skill.grasp_search import GRAVITY, obstacles_around
 from bt_dualarm.skill.joint import HANDS_M
+from bt_dualarm.skill.symmetry import poses_alike, turns_alike
 from bt_dualarm.trajectory.paths import line
 from bt_dualarm.trajectory.trajectory import Trajectory
 

@@ -13,7 +13,7 @@ from bt_dualarm.arm.arm import Arm
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.skill.grip import Grip
-from bt_dualarm.skill.placing import TOUCHDOWN_M_S, guarded_descent, until_contact
+from bt_dualarm.skill.guarded_move import TOUCHDOWN_M_S, guarded_descent, until_contact
 from bt_dualarm.spec.node_types import PortModel, port
 from bt_dualarm.spec.values import Speed
 from bt_dualarm.trajectory.overlap import OverlappedMotion

@@ -17,13 +17,8 @@ from bt_dualarm.grasping.candidates import RankedGrasp
 from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.articulated import HandForce
-from bt_dualarm.skill.grasp_search import (
-    GRAVITY,
-    GraspApproach,
-    TakingPorts,
-    WantedGrasp,
-    first_approach,
-)
+from bt_dualarm.skill.grasp_approach import GraspApproach, first_approach
+from bt_dualarm.skill.grasp_search import GRAVITY, TakingPorts, WantedGrasp
 from bt_dualarm.skill.grip import Grip, TouchSense, make_room
 from bt_dualarm.trajectory.overlap import OverlappedMotion
 from bt_dualarm.trajectory.trajectory import Trajectory

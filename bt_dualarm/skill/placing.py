@@ -1,388 +1,36 @@
-"""Placing: lower until contact, release, retreat, and the referee's test of the result."""
+"""Placing: lower until contact, release, retreat, and test whether the object came along."""
 
 from __future__ import annotations
 
-import itertools
-from collections import deque
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
 
-import mujoco
 import numpy as np
 
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.arm.past_others import PastOthers
-from bt_dualarm.arm.payload import jaw_measures
 from bt_dualarm.collision.support import MARGIN_M, Support, support_below
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Matrix, Pose, Vector
-from bt_dualarm.perception.shape_fit import KnownShape
 from bt_dualarm.planning.path_search import Planner
 from bt_dualarm.sim.grippers import Attachment
-from bt_dualarm.skill.grasp_search import poses_alike
-from bt_dualarm.skill.grip import Grip, TouchSense
+from bt_dualarm.skill.grip import Grip
+from bt_dualarm.skill.guarded_move import guarded_descent, until_contact
+from bt_dualarm.skill.left_standing import LeftStanding
+from bt_dualarm.skill.retreat import RetreatTo, is_beyond, plan_retreat, possible_retreats
+from bt_dualarm.skill.symmetry import poses_alike
 from bt_dualarm.spec.node_types import PortModel, port
 from bt_dualarm.spec.values import Angle, Duration, Speed
 from bt_dualarm.trajectory.overlap import OverlappedMotion
-from bt_dualarm.trajectory.set_points import TrajectorySource
 from bt_dualarm.trajectory.trajectory import Trajectory
 
-TOUCHDOWN_M_S: Final = 0.002
-"""Highest speed at contact, m/s: with an effective mass of 6 to 8 kg at the tool it makes 7 N in
-the first 2 ms."""
-
-NEARING_M_S: Final = 0.02
+_NEARING_M_S: Final = 0.02
 """Highest speed at a height at which contact is possible, but not expected, m/s: 50 N at most."""
-
-# A tool has stopped if, over a time window, it covers less than a fraction of its set-point's
-# distance while the set-point is faster than a fraction of its highest speed.
-_COMPARED_S: Final = 0.08
-_SHORT_S: Final = 0.06  # enough where contact is expected
-_LONG_S: Final = 0.13
-_VERY_LONG_S: Final = (
-    0.5  # by then joints have broken away, however uneven the set-point's speed is
-)
-_UNEXPECTED_M_S: Final = 0.006  # highest speed of a guarded descent before contact is expected
-_BRISK: Final = 0.1  # a guarded descent begins with this fraction of the acceleration limits
-_STEADY: Final = 0.75  # fraction of the highest speed, which varies along the path
-_SLOW: Final = 0.3  # the same for the longest window
-_STOPPED: Final = 0.35  # fraction of the distance; a joint that sticks briefly leaves more
-_LONG_STOPPED: Final = 0.2
-
-
-def guarded_descent(
-    arm: Arm,
-    end: Pose,
-    speed: float,
-    force: float,
-    look: Callable[[], None],
-    *,
-    lightly: bool = False,
-    near: Pose | None = None,
-    ignore: frozenset[str] = frozenset(),
-) -> Generator[float, None, tuple[bool, float]]:
-    """Compliant straight motion that stops on contact (guarded move); yields the progress.
-
-    Contact is detected if a force against the motion rises and the tool lags its steadily moving
-    set-point: friction alone does not cause both.
-
-    Args:
-        arm: Arm that moves.
-        end: Pose of the tool in the world at the end.
-        speed: Fraction of its limits, above 0 to 1, and no more than `TOUCHDOWN_M_S`.
-        force: Contact force that ends the motion, N.
-        look: Check that is called once per tick, and may raise.
-        lightly: Whether a stop of 0.13 s counts as contact, however small the force is.
-        near: Pose during the descent down to which no contact is expected: three times as fast.
-        ignore: Names of objects that may touch something during the descent.
-
-    Returns:
-        Whether there was contact, and the largest force until the arm was at rest, N.
-    """
-    along = _direction(arm.commanded_tool_pose, end)
-    if near is None:
-        timed, top = arm.slow_path(arm.line_on(end), speed, TOUCHDOWN_M_S, _BRISK)
-    else:
-        rows = arm.line_on(near)
-        first, _ = arm.slow_path(rows, _BRISK, _UNEXPECTED_M_S, _BRISK)
-        low = arm.line_after(rows[-1], end)
-        second, top = arm.slow_path(low, speed, TOUCHDOWN_M_S, _BRISK)
-        begin = OverlappedMotion.of(first)
-        # At rest in between, friction of the joints would count as contact.
-        timed = arm.overlapped(begin, second, _BRISK, 0.5 * first.duration, ignore).motion
-    motion = arm.begin(timed, may_touch=True, compliant=True)
-    return (
-        yield from until_contact(
-            arm, motion, motion.trajectory.duration, along, top, force, look, lightly=lightly
-        )
-    )
-
-
-def until_contact(
-    arm: Arm,
-    motion: TrajectorySource,
-    until_s: float,
-    along: Vector,
-    top: float,
-    force: float,
-    look: Callable[[], None],
-    *,
-    lightly: bool = False,
-    behind_m: float = np.inf,
-    is_expected: Callable[[], bool] | None = None,
-    touched: Callable[[], None] | None = None,
-) -> Generator[float, None, tuple[bool, float]]:
-    """Follow a part of a compliant motion until contact; yields the progress once per tick.
-
-    Args:
-        arm: Arm that moves.
-        motion: Running motion.
-        until_s: Time of the motion as planned at which the part ends, s.
-        along: Direction of the tool's motion in the world, of unit length, of shape (3,).
-        top: Speed of the tool on this part, m/s: at much lower speed no contact is detected.
-        force: As `guarded_descent`.
-        look: As `guarded_descent`.
-        lightly: As `guarded_descent`.
-        behind_m: Distance of the tool behind its set-point that counts as contact, m: only where
-            the joints had broken away before the arm became compliant.
-        is_expected: Whether contact is expected where the tool is: a stop of 0.06 s counts then.
-        touched: Called at the contact, before the arm brakes.
-
-    Returns:
-        Whether there was contact, after which the arm is at rest, and the largest force, N.
-    """
-    sense = TouchSense(arm, along)
-    lag = Lag(arm, along, _STEADY * top)
-    while not motion.done and motion.parameter.s < until_s:
-        yield motion.progress
-        arm.check()
-        look()
-        lag.look(motion.parameter.scale)
-        stops = lag.stops and is_expected is not None and is_expected()
-        felt = sense.force(stands=lag.has_stopped or lag.stands or stops)
-        meant = arm.commanded_tool_pose.position
-        is_behind = float((meant - arm.tool_pose.position) @ along) > behind_m
-        if not (lag.is_steady or lag.stands or is_behind or stops):
-            sense.most = 0.0
-        elif is_behind or stops or (felt > force and lag.has_stopped) or (lightly and lag.stands):
-            most = sense.most
-            if touched is not None:
-                touched()
-            for _ in arm.halt():
-                yield 1.0
-                sense.force(stands=True)
-            return True, sense.most if touched is None else most
-    return False, sense.most
-
-
-def _direction(start: Pose, end: Pose) -> Vector:
-    offset = end.position - start.position
-    along: Vector = offset / max(float(np.linalg.norm(offset)), 1e-9)
-    return along
-
-
-_LEAST_SCALE: Final = 0.25
-"""Time scale of a descent below which no contact is detected: the guard slows to 0.3 at least."""
-
-
-class Lag:
-    """Detection of a tool that has stopped while its set-point moves on.
-
-    Args:
-        arm: Arm with the tool.
-        along: Direction of the motion in the world, of unit length, of shape (3,).
-        steady_m_s: Speed of the set-point above which a stop is detectable, m/s.
-
-    Attributes:
-        is_steady: Whether the set-point is fast enough.
-        has_stopped: Whether the tool has stopped.
-        stands: Whether it has stopped for a longer time.
-        stops: Whether it has come to a stop for a short time: joints that stick do so as well.
-    """
-
-    def __init__(self, arm: Arm, along: Vector, steady_m_s: float) -> None:
-        self._arm = arm
-        self._along = along
-        self._steady_m_s = steady_m_s
-        self._past = deque[tuple[float, float, float]]()
-        self.is_steady = self.has_stopped = self.stands = self.stops = False
-
-    def look(self, scale: float) -> None:
-        """Take a sample; to be called once per tick.
-
-        Args:
-            scale: Time scale of the motion, which is less than 1 near another arm.
-        """
-        arm = self._arm
-        past = self._past
-        # While the guard holds a motion, it is unknown whether the tool would continue.
-        steady_m_s = max(scale, _LEAST_SCALE) * self._steady_m_s
-        meant = float(arm.commanded_tool_pose.position @ self._along)
-        past.append((arm.time, meant, float(arm.tool_pose.position @ self._along)))
-        while len(past) > 2 and arm.time - past[1][0] >= _VERY_LONG_S:
-            past.popleft()
-        self.is_steady, share = self._share(_COMPARED_S, steady_m_s)
-        self.has_stopped = self.is_steady and share < _STOPPED
-        was_steady, share = self._share(_SHORT_S, steady_m_s)
-        self.stops = was_steady and share < _LONG_STOPPED
-        was_steady, share = self._share(_LONG_S, steady_m_s)
-        was_going, slow_share = self._share(_VERY_LONG_S, _SLOW * steady_m_s)
-        self.stands = (was_steady and share < _LONG_STOPPED) or (
-            was_going and slow_share < _LONG_STOPPED
-        )
-
-    def _share(self, seconds: float, least_m_s: float) -> tuple[bool, float]:
-        """Whether the set-point is fast enough; fraction of its distance covered by the tool."""
-        now, meant_now, here = self._past[-1]
-        ago = [one for one in self._past if now - one[0] >= seconds]
-        if not ago:
-            return False, 1.0
-        then, meant_then, was = ago[-1]
-        distance = meant_now - meant_then
-        return distance >= least_m_s * (now - then), (here - was) / max(distance, 1e-9)
-
-
-REST_S: Final = 0.25
-"""Simulated seconds for which an object has to keep its pose, to be at rest."""
-
-_BODY: Final = int(mujoco.mjtObj.mjOBJ_BODY)
-_STILL_M = 1e-4
-_STILL_SHARE = 1e-3
-"""Largest displacement of any point of an object at rest within `REST_S`, in m and as a fraction of
-the distance of its farthest corner: the ends of a beam move more. Poses are compared, not
-velocities, since a vibrating tool or an edge makes an object oscillate without displacing it: every
-12 ms, MuJoCo 4.0.0 finds one contact instead of four of a box that reaches over an edge, and turns
-a bar of 30 mm by 1 mrad about its long axis, forever. Its edges move by less than 0.04 mm."""
-
-
-class LeftStanding:
-    """Referee for an object that an arm has released.
-
-    No sensor of the arm measures what happens to the object. The referee uses the true state: it
-    scores the outcome, and turns a false SUCCESS into a failure. No motion of the arm depends on
-    it.
-
-    Args:
-        arm: Arm that releases the object.
-        name: Name of the object, which is in the world.
-        still_share: Largest displacement of a point of it at rest, as a fraction of the distance of
-            its farthest corner.
-
-    Attributes:
-        rests: Whether the object is at rest.
-    """
-
-    def __init__(self, arm: Arm, name: str, still_share: float = _STILL_SHARE) -> None:
-        self._arm = arm
-        self._name = name
-        self._still_share = still_share
-        self._corners = deque[tuple[float, Matrix]]()
-        self.rests = False
-
-    @property
-    def pose(self) -> Pose:
-        """True pose of the object in the world."""
-        return self._arm.world.object_pose(self._name)
-
-    @property
-    def is_there(self) -> bool:
-        """Whether the object is in the world."""
-        return self._name in self._arm.world.objects
-
-    def look(self) -> None:
-        """Take a sample; to be called once per tick."""
-        if not self.is_there:
-            self.rests = False
-            return
-        now = self._arm.time
-        corners = self._box_corners()
-        self._corners.append((now, corners))
-        while len(self._corners) > 1 and now - self._corners[1][0] >= REST_S:
-            self._corners.popleft()
-        reach = 0.5 * float(np.linalg.norm(corners[-1] - corners[0]))
-        still = max(_STILL_M, self._still_share * reach)
-        self.rests = now - self._corners[0][0] >= REST_S and all(
-            np.linalg.norm(corners - were, axis=1).max() <= still for _, were in self._corners
-        )
-
-    def _box_corners(self) -> Matrix:
-        """Corners of its bounding box in the world, of shape (8, 3), m: they move farthest."""
-        solid = self._arm.world.object_solid(self._name)
-        sides = [(-solid.reach(-axis), solid.reach(axis)) for axis in np.eye(3)]
-        pose = self.pose
-        corners: Matrix = np.array([*itertools.product(*sides)]) @ pose.rotation_matrix.T
-        return corners + pose.position
-
-    def until_rest(self, longest: float) -> Iterator[float]:
-        """Wait until it rests or is gone, or ``longest`` seconds have passed; once per tick."""
-        until = self._arm.time + max(longest, REST_S)
-        while self.is_there and not self.rests and self._arm.time <= until:
-            yield 1.0
-            self.look()
-
-    def away_from(self, goal: Pose) -> tuple[float, float]:
-        """Distance, m, and angle, rad, from a pose, up to the symmetry of the object."""
-        pose = self.pose
-        spec = self._arm.world.objects[self._name]
-        return pose.distance(goal), KnownShape.of(spec).angle(pose, goal)
-
-    def refuse_unless_at(
-        self, goal: Pose, tolerance: float, angle_tolerance: float, *, touched: bool = False
-    ) -> None:
-        """Check that it rests at a pose, free of the arm.
-
-        Args:
-            goal: Pose in the world.
-            tolerance: Largest distance from there, m.
-            angle_tolerance: Largest angle from there, rad.
-            touched: Whether the arm's tool may still touch it.
-
-        Raises:
-            Failure: ``NOT_PLACED`` with both.
-        """
-        label = repr(self._name)
-        if not self.is_there:
-            raise Failure("NOT_PLACED", f"object {label} was removed from the world")
-        away, turned = self.away_from(goal)
-        numbers = {"placed_error_m": away, "placed_turned_rad": turned}
-        how = f"{label} is {1e3 * away:.1f} mm and {np.degrees(turned):.1f}° from its goal"
-        if not self.rests:
-            raise Failure("NOT_PLACED", f"{how}, and still moves", **numbers)
-        if away > tolerance or turned > angle_tolerance:
-            raise Failure("NOT_PLACED", f"{how}, at rest", **numbers)
-        if not touched and is_borne_by(self._arm, self._name):
-            raise Failure("NOT_PLACED", f"{how}, but the tool still holds or touches it", **numbers)
-
-
-def is_borne_by(arm: Arm, name: str) -> bool:
-    """Whether an object truly touches an arm's tool, or is tied to the arm."""
-    return arm.world.touches(arm.name, name) or is_tied_to(arm, name)
-
-
-def is_tied_to(arm: Arm, name: str) -> bool:
-    """Whether an equality constraint ties an object to an arm, as glue would."""
-    world = arm.world
-    model = world.model
-    data = world.data
-    body = world.arms[arm.name]
-    own = {int(model.geom_bodyid[geom]) for geom in body.geom_ids} | {body.tool_body}
-    its = world.object_body(name)
-    for tie in np.flatnonzero(data.eq_active).tolist():
-        pair = {int(model.eq_obj1id[tie]), int(model.eq_obj2id[tie])}
-        if model.eq_objtype[tie] == _BODY and its in pair and pair & own:
-            return True
-    return False
-
-
-def stands_without(arm: Arm, name: str) -> bool:
-    """Whether something other than an arm bears at least half of an object's weight."""
-    world = arm.world
-    if not world.objects[name].is_free:
-        return True
-    if any(one.object == name and one.arm != arm.name for one in world.attachments):
-        return True
-    model = world.model
-    data = world.data
-    geoms = world.payload_geoms(name)
-    own = world.arms[arm.name].geom_ids
-    force = np.empty(6)
-    borne = 0.0
-    for number, pair in enumerate(data.contact.geom.tolist()):
-        if not own & set(pair) and (pair[0] in geoms) != (pair[1] in geoms):
-            mujoco.mj_contactForce(model, data, number, force)
-            upward = float(force[:3] @ data.contact.frame[number].reshape(3, 3)[:, 2])
-            borne += upward if pair[1] in geoms else -upward  # forces act on the second geom
-    riders = (one.object for one in world.passengers_of(name))
-    mass = sum(model.body_subtreemass[world.object_body(one)] for one in (name, *riders))
-    weight = float(mass * -model.opt.gravity[2])
-    return borne >= 0.5 * weight
-
 
 _NARROWER_M: Final = 0.005  # opening below the object's width to which the fingers close
 _MET_M: Final = 0.0025  # opening above that at which they have met the object
-_BESIDE_M: Final = 0.005  # clearance of fingertips or lip from the placed object
 _LASTS_S: Final = 0.05  # required duration of the hold: a drive pushes before its fingers move
 _BOUNCES_S: Final = 1.0  # further time for fingers that bounce off an object to come to rest
 _FEELS_S: Final = 0.25  # time in addition to the closing time; a vacuum reaches 86 % after 0.1 s
@@ -412,7 +60,7 @@ def came_along(
     """
     gripper = arm.gripper
     page = arm.gripper.page
-    if held.object not in arm.world.objects or not _is_beyond(arm, held.object, lies):
+    if held.object not in arm.world.objects or not is_beyond(arm, held.object, lies):
         return False
     if page.fingers:
         goal = max(width - _NARROWER_M, 0.0)
@@ -437,29 +85,6 @@ def came_along(
         elif arm.time - since >= _LASTS_S:
             return not page.fingers or is_open
         yield 1.0
-
-
-def _is_beyond(arm: Arm, name: str, lies: Pose) -> bool:
-    """Whether an object at a pose in the world reaches neither between the pads nor to the cup."""
-    return _distance_beyond(arm, name, arm.tool_pose.inverse @ lies) > _BESIDE_M
-
-
-def _distance_beyond(arm: Arm, name: str, in_tool: Pose) -> float:
-    """Distance of an object beyond the fingertips or the cup along the tool's axis, m.
-
-    Args:
-        arm: Arm with the gripper.
-        name: Name of the object.
-        in_tool: Pose of the object in the tool's frame.
-
-    Returns:
-        The distance; negative if the object reaches between the fingers.
-    """
-    declared = arm.world.objects[name]
-    page = arm.gripper.page
-    back = in_tool.rotation_matrix.T @ np.array((0.0, 0.0, -1.0))
-    nearest = float(in_tool.position[2]) - arm.world.object_solid(name).reach(back)
-    return nearest - (jaw_measures(page, declared.friction).tip if page.fingers else 0.0)
 
 
 _ROOM_M: Final = 0.01  # minimum opening on each side of the object at the release
@@ -498,15 +123,12 @@ _CLEAR_M: Final = 0.003  # clearance to the height at which the descent is still
 _LOWER: Final = (0.7, 0.5, 0.35, 0.25)  # fractions of the height to try if it is not free
 _NEAR_M: Final = 0.0015  # height above the goal beyond which a contact may be joint friction
 _FALSE: Final = 3  # descents until a contact beyond that height counts
-_SPARE_M: Final = 0.005  # by which a shorter retreat is longer than the object requires
+
 _ON_CARRIER_N: Final = 1.5  # contact force on a carrier in another arm's hand
 _ON_CARRIER_M: Final = 0.001
 """Distance below a carrier in another arm's hand at which the object is released, whether contact
 was detected or not: a tray gives way there under hardly more than the object's weight."""
 
-_COMES_FREE: Final = 0.5  # share of a motion straight up that must be along the tool's axis
-_VERTICAL: Final = 0.999  # the same for a tool that points straight down: it is all of it
-_HORIZONTAL: Final = 0.1  # sine of the slope up to which fingers close horizontally
 _OFF_M: Final = 0.003  # length of the compliant start of the retreat
 _LOWERING: Final = (0.8, 0.45, 0.3)  # fractions of the speed below the approach height
 _BRANCHES: Final = 3  # free branches of the inverse kinematics among which the planner chooses
@@ -566,82 +188,6 @@ class _Descent:
     height: float
     branches: list[Matrix]
     turned: float = 0.0
-
-
-@dataclass(frozen=True, eq=False)
-class RetreatTo:
-    """Straight retreat of the open hand from a placed object.
-
-    Attributes:
-        end: Pose of the tool in the world at its end.
-        length: Its length along the tool's axis, m.
-        by_object: Whether it could touch the object, so that it has to be checked against that.
-    """
-
-    end: Pose
-    length: float
-    by_object: bool = False
-
-
-def possible_retreats(
-    arm: Arm, tool: Pose, name: str, in_tool: Pose, asked: float
-) -> list[RetreatTo]:
-    """Retreats of an open hand from an object, in the order in which to try them.
-
-    After the one requested they are straight up, where the fingers close horizontally and come
-    free, and along the tool's axis only as far as frees the object.
-
-    Args:
-        arm: Arm with the gripper.
-        tool: Pose of the tool in the world.
-        name: Name of the object.
-        in_tool: Pose of the object in the tool's frame.
-        asked: Length of the retreat that is requested, m.
-    """
-    axes = tool.rotation_matrix
-    found = [RetreatTo(tool @ Pose.from_rpy((0.0, 0.0, -asked)), asked)]
-    comes_free = -float(axes[2, 2])
-    if (
-        arm.gripper.page.fingers
-        and _COMES_FREE < comes_free < _VERTICAL
-        and abs(axes[2, 1]) < _HORIZONTAL
-    ):
-        found.append(RetreatTo(tool.raised(asked), comes_free * asked, by_object=True))
-    beyond = _distance_beyond(arm, name, in_tool)
-    shortest = _SPARE_M + max(_BESIDE_M - beyond, 0.0)
-    if shortest < asked:
-        found.append(RetreatTo(tool @ Pose.from_rpy((0.0, 0.0, -shortest)), shortest))
-    return found
-
-
-def plan_retreat(
-    move: PastOthers, retreats: Sequence[RetreatTo], metrics: dict[str, Number]
-) -> Generator[None, None, Trajectory]:
-    """Plan the first possible retreat; yields once per tick.
-
-    Args:
-        move: Motion of the arm, which may touch the object.
-        retreats: Retreats to try, see `possible_retreats`.
-        metrics: Metrics of the leaf; get the length of the retreat if it is not the first one.
-
-    Raises:
-        Failure: That of the last retreat, or of one that another arm blocks: as planning.
-    """
-    arm = move.arm
-    for retreat in retreats:
-        try:
-            rows = arm.line_on(retreat.end)
-            yield from move.checked(rows, known_free=False)
-            if retreat.by_object:
-                arm.refuse_collision_along(rows)
-        except Failure as failure:
-            if retreat is retreats[-1] or move.may_clear(failure):
-                raise
-        else:
-            if retreat is not retreats[0]:
-                metrics["retreated_m"] = retreat.length
-            break
-    return arm.time_path(rows, move.speed)
 
 
 class SettingDown:
@@ -854,7 +400,7 @@ class SettingDown:
 
         def most_m_s(lengths: Vector) -> Vector:
             height = start - lengths
-            near = np.clip(self._top + (height - _SURE_M) / _NEARING_S, self._top, NEARING_M_S)
+            near = np.clip(self._top + (height - _SURE_M) / _NEARING_S, self._top, _NEARING_M_S)
             bound: Vector = np.where(height > _FREE_M, np.inf, near)
             return bound
 
@@ -1149,7 +695,7 @@ class SettingDown:
             self._test = came_along(arm, self._held, width, lies)
 
     def _is_beyond(self, lies: Pose) -> bool:
-        return self._left.is_there and _is_beyond(self._arm, self._name, lies)
+        return self._left.is_there and is_beyond(self._arm, self._name, lies)
 
     def _continue_test(self, width: float) -> None:
         """Continue the test whether the object stuck to the gripper; open again at its end."""

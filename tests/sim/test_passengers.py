@@ -12,7 +12,7 @@ from bt_dualarm.control.controller import JointController
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.safety.failsafe import Reservations
 from bt_dualarm.sim.world import World
-from bt_dualarm.skill.placing import stands_without
+from bt_dualarm.skill.left_standing import stands_without
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.values import PoseSpec
 from tests.sim.worlds import arm, box, file_of

@@ -14,7 +14,7 @@ from bt_dualarm.core.pose import Pose
 from bt_dualarm.sim.grippers import GripperCommand
 from bt_dualarm.skill import carrying
 from bt_dualarm.skill.carrying import pose_held
-from bt_dualarm.skill.placing import RetreatTo, possible_retreats
+from bt_dualarm.skill.retreat import RetreatTo, possible_retreats
 from bt_dualarm.testing import after
 from tests.families import some
 from tests.skills.scenarios import PARTNER, SCENARIOS, Tree

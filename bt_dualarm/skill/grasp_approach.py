@@ -1,0 +1,377 @@
+"""The approach of a grasp, and what the arm has to be able to do after it."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+
+from bt_dualarm.arm.arm import Arm
+from bt_dualarm.arm.branches import first_possible
+from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Matrix, Pose
+from bt_dualarm.grasping.candidates import CLEAR, RankedGrasp
+from bt_dualarm.planning.problem import refuse_contact
+from bt_dualarm.sim.object_body import body_of
+from bt_dualarm.sim.world import World
+from bt_dualarm.skill.grasp_search import WantedGrasp
+from bt_dualarm.skill.symmetry import poses_alike
+from bt_dualarm.trajectory.paths import line
+from bt_dualarm.trajectory.trajectory import Trajectory
+
+_OPENINGS = 8  # openings to check while the fingers close next to other parts
+_PASSING = 3  # openings with which the hand passes other parts of the object
+_BRANCHES = 4  # branches to try for a goal at which the object will be set down
+_DESCENT_M = 0.05  # length of the descent to a goal, and of the retreat from it
+
+TRIES = 16
+"""Grasps for which an approach is searched until the object counts as out of reach."""
+
+_ONWARD_ROOM_M = 0.006
+"""Distance that the arm keeps along the path of a part, if a grasp allows it: softly followed, the
+part turns in the hand, and the way back begins with that."""
+
+_OWN_ROOM_M = 0.005
+"""Distance of the object from the arm's own links, where it is picked and when it is lifted."""
+
+_ROOMIER = 8
+"""Further grasps that are tried for one with that room."""
+
+# Differences of two tool poses within which both are assumed reachable or neither
+_NEAR_M = 0.02
+_NEAR_RAD = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class GraspApproach:
+    """Planned approach of a grasp.
+
+    Attributes:
+        ranked: Grasp at its end.
+        to_standoff: Collision-free motion to the standoff.
+        rows: Configurations of the straight part, of shape (n, dof), rad.
+        standoff: Length of the straight part, m.
+    """
+
+    ranked: RankedGrasp
+    to_standoff: Trajectory
+    rows: Matrix
+    standoff: float
+
+    @property
+    def out(self) -> Pose:
+        """Pose of the tool in the world at the standoff."""
+        return self.ranked.tool @ Pose.from_rpy((0.0, 0.0, -self.standoff))
+
+    def back_out(self, arm: Arm, speed: float) -> Iterator[float]:
+        """Retreat along the straight part, so that another attempt begins at the standoff.
+
+        Args:
+            arm: Arm that stands somewhere on it.
+            speed: Fraction of its limits, above 0 to 1.
+        """
+        rows = arm.line_on(self.out)
+        motion = arm.begin(arm.time_path(rows, speed), may_touch=True)
+        while not motion.done:
+            yield motion.progress
+            arm.check()
+        yield from arm.settle()
+
+
+def first_approach(
+    arm: Arm,
+    order: Sequence[RankedGrasp],
+    wanted: WantedGrasp,
+    standoff: float,
+    speed: float,
+    seen: Pose | None = None,
+    lift: float = 0.0,
+) -> Generator[None, None, GraspApproach]:
+    """Plan the approach of the first of several grasps that has one; yields once per tick.
+
+    Args:
+        arm: Arm with its gripper open.
+        order: Grasps, the best first.
+        wanted: Specification of the grasp.
+        standoff: Length of the straight part, m.
+        speed: Fraction of the arm's limits up to the standoff, above 0 to 1.
+        seen: Estimated pose of the object in the world; the plan then ignores its true pose.
+        lift: Height by which the arm must be able to lift the object straight up, m.
+
+    Raises:
+        Failure: ``OUT_OF_REACH`` with the reason of the best grasp, caused by all; ``OVERLOADED``;
+            ``BUSY``.
+    """
+    began_s = arm.time
+    reasons = list[Failure]()
+    reason = ""
+    touched = frozenset({wanted.name} if wanted.name else ())
+    left = list(order)
+    beyond = list[Pose]()
+    cramped: GraspApproach | None = None
+    roomier = _ROOMIER
+    while left and len(reasons) < TRIES and roomier:
+        # What is next to an unreachable grasp, or to one that does not suit the goal, is no better:
+        # it comes last.
+        other = (one for one in left if not any(_is_near(one.tool, pose) for pose in beyond))
+        ranked = next(other, left[0])
+        left.remove(ranked)
+        out = ranked.tool @ Pose.from_rpy((0.0, 0.0, -standoff))
+        suits = False
+        try:
+            if wanted.goal is not None:
+                in_object = wanted.lies.inverse @ ranked.tool
+                refuse_goal(arm, wanted.name or "", wanted.goal, in_object, ranked.grasp.width)
+            suits = True
+            room = 0.0 if wanted.onward is None else _ONWARD_ROOM_M
+            try:
+                rows = yield from _rows_to(arm, out, ranked, wanted, seen, lift, room)
+            except Failure:
+                if not room:
+                    raise
+                beyond.append(ranked.tool)
+                roomier -= cramped is not None
+                if cramped is not None:
+                    continue
+                room = 0.0
+                rows = yield from _rows_to(arm, out, ranked, wanted, seen, lift)
+            unknown = touched if seen else frozenset[str]()
+            motion = yield from arm.plan([rows[0]], speed, unknown, began_s=began_s)
+            found = GraspApproach(ranked, motion, rows, standoff)
+            if wanted.onward is None or room:
+                return found
+            cramped = found
+        except Failure as failure:
+            if failure.code in ("BUSY", "OVERLOADED"):
+                raise
+            reasons.append(failure.with_traceback(None))  # a traceback would keep this frame alive
+            reason = reason or (
+                f"no path to {wanted.label}: {failure.reason}"
+                if suits
+                else f"{wanted.label} could not be set down at `then_at`: {failure.reason}"
+            )
+            if failure.code == "UNREACHABLE" or not suits:
+                beyond.append(ranked.tool)
+        yield
+    if cramped is not None:
+        return cramped
+    first = reasons[0]
+    raise Failure(
+        "OUT_OF_REACH",
+        reason,
+        ways_tried=len(reasons),
+        **first.numbers,
+    ) from ExceptionGroup("no way", reasons)
+
+
+def _rows_to(
+    arm: Arm,
+    out: Pose,
+    ranked: RankedGrasp,
+    wanted: WantedGrasp,
+    seen: Pose | None,
+    lift: float,
+    room: float = 0.0,
+) -> Generator[None, None, Matrix]:
+    """Configurations along the line to a grasp, in a branch in which the arm can do what follows.
+
+    That is the approach itself, the lift, and where the object moves on a joint, to move it. Yields
+    once for two branches that are refused.
+
+    Args:
+        arm: Arm with its gripper open.
+        out: Pose of the tool at the standoff.
+        ranked: The grasp.
+        wanted: Specification of the grasp.
+        seen: As for `first_approach`.
+        lift: As for `first_approach`.
+        room: Distance that the arm keeps from everything where it moves the object, m.
+
+    Raises:
+        Failure: That of the preferred branch: ``IN_COLLISION``, ``PATH_BROKEN``, ``SINGULAR``, or
+            ``OVERLOADED``; as `Kinematics.branches_along`.
+    """
+    tool = ranked.tool
+    poses = line(out, tool).poses
+    onward = wanted.onward
+    later = [] if onward is None else [move @ tool for move in onward.moves]
+    touched = frozenset({wanted.name} if wanted.name else ())
+    free = _geoms_of_part(arm.world, wanted) if onward is not None else None
+
+    def attempt(whole: Matrix) -> Matrix:
+        rows = whole[: len(poses)]
+        if onward is not None and free is not None:
+            # As the arm will follow it from there: a redundant one may do so otherwise.
+            after = arm.kinematics.follow_on(later, rows[-1])
+            onward.refuse_contact(arm, after, free, room)
+        if lift > 0.0:
+            lifted = arm.line_after(rows[-1], tool.raised(lift))
+            _refuse_own_links(arm, wanted, lifted, lift)
+        if wanted.name and wanted.edges is None:
+            arm.refuse_load(wanted.name, rows[-1], seen)
+        arm.refuse_collision_along(rows, ignore=touched)
+        _refuse_beside(arm, wanted, rows, ranked.grasp.width)
+        _refuse_other_parts(arm, wanted, rows, ranked.grasp.width)
+        return rows
+
+    branches = arm.kinematics.branches_along([*poses, *later], arm.setpoint.q)
+    return (yield from first_possible(branches, attempt, per_tick=2))
+
+
+def refuse_goal(
+    arm: Arm,
+    name: str,
+    goal: Pose,
+    in_object: Pose,
+    width: float,
+    absent: frozenset[str] = frozenset(),
+) -> None:
+    """Check that a grasp lets the arm set an object down at a goal, and retreat.
+
+    Args:
+        arm: Arm with its gripper open, as it will be again after the object is released.
+        name: Name of the object.
+        goal: Pose of the object in the world.
+        in_object: Pose of the tool in the object's frame.
+        width: Opening of the fingers around the object, m.
+        absent: Names of arms that will not be there.
+
+    Raises:
+        Failure: That of the goal as given: ``IN_COLLISION``, ``UNREACHABLE``, ``PATH_BROKEN`` or
+            ``SINGULAR``, if none of the goals that the object's symmetry allows is possible.
+    """
+    held = absent | {name}
+    closed = arm.checker(held)
+    has_fingers = arm.name in arm.world.grippers and arm.gripper.page.fingers
+    if has_fingers:
+        closed.open_fingers(width)
+    first: Failure | None = None
+    for _, alike in poses_alike(arm.world.declared_objects[name], goal):
+        tool = alike @ in_object
+        above = tool.raised(_DESCENT_M)
+        out = tool @ Pose.from_rpy((0.0, 0.0, -_DESCENT_M))
+        try:
+            for down, back in islice(arm.lines(above, tool, out), _BRANCHES):
+                hit = closed.first_contact(down)
+                try:
+                    if hit is not None:
+                        raise hit[1].failure()
+                    arm.refuse_collision_along(back, held)
+                except Failure as failure:
+                    first = first or failure.with_traceback(None)  # would keep this frame alive
+                else:
+                    return
+        except Failure as failure:
+            first = first or failure.with_traceback(None)
+    if first is not None:
+        raise first
+
+
+def _geoms_of_part(world: World, wanted: WantedGrasp) -> list[int]:
+    """Geoms of the part at which something is grasped; of all parts if none is named."""
+    name = wanted.name or ""
+    parts = body_of(world.objects[name]).parts
+    return [
+        geom
+        for geom, part in zip(world.object_geoms(name), parts, strict=True)
+        if wanted.part in (None, part.name)
+    ]
+
+
+def _refuse_own_links(arm: Arm, wanted: WantedGrasp, rows: Matrix, lift: float) -> None:
+    """Check that no link of the arm is next to the object, at its place and when it is lifted.
+
+    Everything else that it could touch depends on the grasp only, or not even on that.
+
+    Args:
+        arm: Arm with its gripper open.
+        wanted: Specification of the grasp.
+        rows: Configurations of the lift, of shape (n, dof), rad.
+        lift: Its height, m.
+
+    Raises:
+        Failure: ``IN_COLLISION`` with the object.
+    """
+    world = arm.world
+    name = wanted.name
+    if name is None or name not in world.objects or not world.objects[name].is_free:
+        return
+    checker = arm.checker()
+    checker.keep_clear(_OWN_ROOM_M)
+    body = world.arms[arm.name]
+    links = list(body.geom_ids - body.tool_geom_ids)
+    its = list(world.payload_geoms(name))
+    allowed = np.full_like(checker.least, -np.inf)
+    for one, other in ((links, its), (its, links)):
+        pairs = np.ix_(one, other)
+        allowed[pairs] = checker.least[pairs]
+    checker.least[:] = allowed
+    for row in (0, len(rows) // 2, len(rows) - 1):
+        checker.move_object(name, wanted.lies.raised(lift * row / max(len(rows) - 1, 1)))
+        contact = checker.contact(rows[row])
+        if contact is not None:
+            raise contact.failure()
+
+
+def _refuse_beside(arm: Arm, wanted: WantedGrasp, rows: Matrix, width: float) -> None:
+    """Check that the hand touches nothing but one part of something that moves on a joint.
+
+    What cannot be lifted does not yield either, where another part is next to a finger.
+
+    Args:
+        arm: Arm with its gripper open.
+        wanted: Specification of the grasp.
+        rows: Configurations of the approach, of shape (n, dof), rad.
+        width: Opening around the part, m.
+
+    Raises:
+        Failure: ``IN_COLLISION`` with the object.
+    """
+    world = arm.world
+    thing = world.objects.get(wanted.name or "")
+    if thing is None or thing.joint is None or wanted.name is None:
+        return
+    checker = arm.checker()
+    its = _geoms_of_part(world, wanted)
+    checker.least[its, :] = checker.least[:, its] = -np.inf
+    refuse_contact(checker, rows)
+    page = arm.gripper.page
+    for opening in np.linspace(page.stroke, width, _OPENINGS) if page.fingers else ():
+        checker.open_fingers(float(opening))
+        contact = checker.contact(rows[-1])
+        if contact is not None:
+            raise contact.failure()
+
+
+def _refuse_other_parts(arm: Arm, wanted: WantedGrasp, rows: Matrix, width: float) -> None:
+    """Check that the open hand passes the walls of something hollow, and other parts of a compound.
+
+    Its opening on the way is between the widest and the one just before it closes.
+
+    Args:
+        arm: Arm with its gripper open.
+        wanted: Specification of the grasp.
+        rows: Configurations of the approach, of shape (n, dof), rad.
+        width: Opening around the part, m.
+
+    Raises:
+        Failure: ``IN_COLLISION`` with the object.
+    """
+    world = arm.world
+    name = wanted.name
+    page = arm.gripper.page
+    if name is None or wanted.edges is not None or wanted.section is not None or not page.fingers:
+        return
+    if not world.objects[name].is_free or len(body_of(world.objects[name]).parts) < 2:
+        return
+    checker = arm.checker(frozenset(world.objects.keys() - {name}))
+    checker.move_object(name, wanted.lies)
+    for opening in np.linspace(page.stroke, min(width + 2.0 * CLEAR, page.stroke), _PASSING):
+        checker.open_fingers(float(opening))
+        refuse_contact(checker, rows)
+
+
+def _is_near(one: Pose, other: Pose) -> bool:
+    return one.distance(other) < _NEAR_M and one.angle(other) < _NEAR_RAD

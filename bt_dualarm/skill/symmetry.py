@@ -1,0 +1,106 @@
+"""Rotations and poses in which an object looks the same."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import scipy
+
+from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.perception.shape_fit import KnownShape
+from bt_dualarm.spec.document import ObjectSpec
+
+_ROUND = 24  # rotations of a round object to try, in a whole turn
+_SAME_EDGE_M = 1e-6  # difference of the edges of a square
+_UPRIGHT = math.cos(math.radians(5.0))  # cosine of an axis about which rotations keep pads level
+
+
+def poses_alike(spec: ObjectSpec, goal: Pose) -> list[tuple[float, Pose]]:
+    """Poses in which an object looks as at a goal, with their rotation from it, rad.
+
+    The goal itself is the first, then the smallest rotation. Round objects are rotated about their
+    axis, spheres, prisms and boxes without a marker about the vertical.
+
+    Args:
+        spec: The object.
+        goal: Its pose in the world.
+    """
+    axis, turns = _turns_into_itself(spec, goal)
+    return [(angle, goal if angle == 0.0 else _turned(goal, axis, angle)) for angle in turns]
+
+
+def _turns_into_itself(spec: ObjectSpec, goal: Pose) -> tuple[Vector, list[float]]:
+    """Axis in the world, of shape (3,), and rotations about it, rad, the smallest first."""
+    up = np.array((0.0, 0.0, 1.0))
+    shape = KnownShape.of(spec)
+    if spec.shape == "box":
+        return up, [0.0] if spec.marker else _turns_of_box(goal, spec.size)
+    if spec.shape == "prism":
+        upright = abs(float(goal.rotation_matrix[2, 2])) >= _UPRIGHT
+        return up, _turns(shape.fold) if upright and not spec.marker else [0.0]
+    if spec.shape == "sphere":
+        return up, _turns(_ROUND)
+    if shape.spins is None:
+        return up, [0.0]
+    axis = goal.turn(shape.spins)
+    # An upright object is turned about the vertical itself, which keeps pads level.
+    return up if abs(float(axis[2])) >= _UPRIGHT else axis, _turns(_ROUND)
+
+
+def turns_alike(spec: ObjectSpec) -> list[Pose]:
+    """Rotations in an object's frame about its axis after which it looks the same.
+
+    The identity comes first, then the smallest rotation. A box turns about the axis across which it
+    is square, otherwise by half a turn about its longest one; what has a marker does not turn.
+    """
+    shape = KnownShape.of(spec)
+    axis = np.array((0.0, 0.0, 1.0))
+    turns = [0.0]
+    if spec.marker:
+        pass
+    elif spec.shape == "box":
+        edges = np.array(spec.size)
+        unequal = [abs(edges[i - 2] - edges[i - 1]) for i in range(3)]
+        is_square = min(unequal) < _SAME_EDGE_M
+        # Of a cube, the upright axis.
+        along = 2 - int(np.argmin(unequal[::-1])) if is_square else int(np.argmax(edges))
+        axis = np.eye(3)[along]
+        turns = _turns(4 if is_square else 2)
+    elif spec.shape == "prism":
+        turns = _turns(shape.fold)
+    elif shape.spins is not None:
+        axis = np.asarray(shape.spins, dtype=float)
+        turns = _turns(_ROUND)
+    rotation = scipy.spatial.transform.Rotation
+    return [Pose.from_rotation(np.zeros(3), rotation.from_rotvec(turn * axis)) for turn in turns]
+
+
+def _turns(count: int) -> list[float]:
+    """Multiples of a fraction of a turn, rad, the smallest first: alternately to both sides."""
+    steps = np.arange(1, count // 2 + 1) * (2.0 * np.pi / count)
+    both = np.column_stack((steps, -steps)).ravel()
+    return [0.0, *both[: count - 1].tolist()]
+
+
+def _turns_of_box(goal: Pose, size: Sequence[float]) -> list[float]:
+    """Rotations about the vertical, rad, that take a box with a vertical axis into itself."""
+    upright = np.abs(goal.rotation_matrix[2])
+    axis = int(upright.argmax())
+    if upright[axis] < _UPRIGHT:
+        return [0.0]
+    one, other = (edge for i, edge in enumerate(size) if i != axis)
+    quarter = abs(one - other) < _SAME_EDGE_M
+    return [0.0, *((np.pi / 2, -np.pi / 2) if quarter else ()), np.pi]
+
+
+def _turned(pose: Pose, axis: Vector, angle: float) -> Pose:
+    """Pose rotated about its origin and an axis of the world by an angle, rad."""
+    if axis[2] == 1.0:
+        turn = Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, angle))
+    else:
+        turn = Pose.from_rotation(
+            np.zeros(3), scipy.spatial.transform.Rotation.from_rotvec(angle * axis)
+        )
+    return Pose(pose.position, (turn @ Pose(np.zeros(3), pose.quaternion)).quaternion)
