@@ -162,7 +162,7 @@ class CarryPlanning:
     def __init__(
         self, arm: Arm, proposals: Mapping[str, Proposal], thing: str, ports: CarryPorts
     ) -> None:
-        self._arm = arm
+        self._leader = arm.name
         self._world = arm.world
         self._proposals = proposals
         self._thing = thing
@@ -171,12 +171,11 @@ class CarryPlanning:
         arms = {name: (world.robots[name], world.arms[name].base) for name in proposals}
         self._kinematics = MultiArmKinematics(arms)
         self._chains = {name: Chain(*one) for name, one in arms.items()}
-        self._reachable = dict[tuple[str, int], list[RankedGrasp]]()
-        self._are_apart = False
+        self._reachable = dict[tuple[str, int, bool], list[RankedGrasp]]()
         self._beyond: Failure | None = None
 
     def plan(
-        self, leader: str, lies: Pose, goals: Sequence[Pose], parts: Sequence[Section]
+        self, lies: Pose, goals: Sequence[Pose], parts: Sequence[Section]
     ) -> Generator[None, None, CarryPlan]:
         """Choose grasps; yields once per attempt.
 
@@ -190,7 +189,9 @@ class CarryPlanning:
                 for name, one in held.items()
                 if one is not None
             }
-            return CarryPlan(leader, {}, grasps, self._shares(grasps), {}, self._ports.set_down)
+            return CarryPlan(
+                self._leader, {}, grasps, self._shares(grasps), {}, self._ports.set_down
+            )
         if any(held.values()):
             holder = next(name for name, one in held.items() if one is not None)
             raise Failure(
@@ -210,17 +211,14 @@ class CarryPlanning:
                 break
             if around and not any(isinstance(one, CollisionFailure) for one in refusals):
                 continue  # searching around obstacles takes much longer
-            if apart != self._are_apart:
-                self._are_apart = apart
-                self._reachable.clear()
             left = count
-            for combination in self._combinations(lies, parts):
+            for combination in self._combinations(lies, parts, apart):
                 yield
                 if combination is None:
                     continue
                 left -= 1
                 try:
-                    found = yield from self._with(leader, combination, poses, around)
+                    found = yield from self._with(combination, poses, around)
                 except Failure as failure:
                     refusals.append(failure.with_traceback(None))
                 else:
@@ -248,11 +246,12 @@ class CarryPlanning:
         ) from ExceptionGroup("no way", refusals)
 
     def _combinations(
-        self, lies: Pose, parts: Sequence[Section]
+        self, lies: Pose, parts: Sequence[Section], apart: bool
     ) -> Iterator[dict[str, RankedGrasp] | None]:
         """Grasps of all arms: near ends for near arms first, then the best grasps first.
 
-        None where a tick passes without a combination.
+        None where a tick passes without a combination. If they are to be ``apart``, those of an arm
+        at one section are not nearly the same.
         """
         names = list(self._proposals)
         bases = [self._world.arms[name].base.position for name in names]
@@ -264,19 +263,21 @@ class CarryPlanning:
         for order in sorted(itertools.permutations(range(len(parts))), key=distance):
             each = list[list[RankedGrasp]]()
             for name, k in zip(names, order, strict=True):
-                each.append((yield from self._within_reach(name, k)))
+                each.append((yield from self._within_reach(name, k, apart)))
             for chosen in sorted(
                 itertools.product(*each), key=lambda some: sum(one.cost for one in some)
             ):
                 yield dict(zip(names, chosen, strict=True))
 
-    def _within_reach(self, name: str, section: int) -> Generator[None, None, list[RankedGrasp]]:
+    def _within_reach(
+        self, name: str, section: int, apart: bool
+    ) -> Generator[None, None, list[RankedGrasp]]:
         """Best grasps of an arm at a section that it can reach by itself.
 
         In a problem with all arms, the error of one that cannot is spread over all of them. Yields
         once per grasp that is out of reach.
         """
-        key = name, section
+        key = name, section, apart
         if key in self._reachable:
             return self._reachable[key]
         found = self._reachable[key] = []
@@ -301,12 +302,12 @@ class CarryPlanning:
                 yield
             else:
                 found.append(one)
-                if self._are_apart:
+                if apart:
                     known.append(one.tool)
         return found
 
     def _with(
-        self, leader: str, chosen: Mapping[str, RankedGrasp], poses: Sequence[Pose], around: bool
+        self, chosen: Mapping[str, RankedGrasp], poses: Sequence[Pose], around: bool
     ) -> Generator[None, None, tuple[float, CarryPlan]]:
         """Best conditioned plan with these grasps, with the largest condition number of its path.
 
@@ -341,7 +342,7 @@ class CarryPlanning:
                 refusal = refusal or failure.with_traceback(None)
                 continue
             plan = CarryPlan(
-                leader, chosen, grasps, self._shares(grasps), approach, self._ports.set_down
+                self._leader, chosen, grasps, self._shares(grasps), approach, self._ports.set_down
             )
             if best is None or condition < best[0]:
                 best = condition, plan

@@ -139,8 +139,6 @@ class Carrying:
         self._ports = ports
         self._metrics = metrics
         self._proposals: dict[str, Proposal] = {}
-        self._regulator: InternalWrenchRegulator | None = None
-        self._legs = 0
         self._phase = 0
 
     def through(self) -> Iterator[float | None]:
@@ -316,9 +314,8 @@ class Carrying:
         lies = self._arm.world.object_pose(self._thing)
         goals = [goal.pose_from(lies) for goal in asked[leader]]
         if self._arm.name == leader:
-            plan = yield from CarryPlanning(
-                self._arm, self._proposals, self._thing, self._ports
-            ).plan(leader, lies, goals, self._sections())
+            planning = CarryPlanning(self._arm, self._proposals, self._thing, self._ports)
+            plan = yield from planning.plan(lies, goals, self._sections())
             self._joint.tell(plan=plan)
             return plan, goals
         yield from self._joint.until(lambda: "plan" in self._joint.told(leader), (leader,))
@@ -438,11 +435,10 @@ class Carrying:
         for progress in move.along(lambda: plan_retreat(move, retreats, self._metrics)):
             left.look()
             yield 0.9 + 0.1 * (progress or 0.0)
-        yield from left.until_rest(self._ports.settle)
-        if left.is_there:
-            away, turned = left.away_from(goal)
-            self._metrics |= {"placed_error_m": away, "placed_turned_rad": turned}
-        left.refuse_unless_at(goal, self._ports.tolerance, self._ports.angle_tolerance)
+        ports = self._ports
+        yield from left.until_placed(
+            goal, ports.tolerance, ports.angle_tolerance, ports.settle, self._metrics
+        )
 
     def _score(self, goal: Pose) -> None:
         """Check that the carried object is truly at its goal."""

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 
 from bt_dualarm.arm.arm import Arm
-from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Matrix, Pose
 from bt_dualarm.perception.shape_fit import KnownShape
 
@@ -99,37 +99,41 @@ class LeftStanding:
         spec = self._arm.world.objects[self._name]
         return pose.distance(goal), KnownShape.of(spec).angle(pose, goal)
 
-    def refuse_unless_at(
-        self, goal: Pose, tolerance: float, angle_tolerance: float, *, touched: bool = False
-    ) -> None:
-        """Check that it rests at a pose, free of the arm.
+    def until_placed(
+        self,
+        goal: Pose,
+        tolerance: float,
+        angle_tolerance: float,
+        longest: float,
+        metrics: dict[str, Number],
+    ) -> Iterator[float]:
+        """Wait until it rests, and check that it does so at a pose, free of the arm.
 
         Args:
             goal: Pose in the world.
             tolerance: Largest distance from there, m.
             angle_tolerance: Largest angle from there, rad.
-            touched: Whether the arm's tool may still touch it.
+            longest: As for `until_rest`.
+            metrics: Metrics of the leaf; get its distance and angle from there.
 
         Raises:
             Failure: ``NOT_PLACED`` with both.
         """
+        yield from self.until_rest(longest)
         label = repr(self._name)
         if not self.is_there:
             raise Failure("NOT_PLACED", f"object {label} was removed from the world")
         away, turned = self.away_from(goal)
         numbers = {"placed_error_m": away, "placed_turned_rad": turned}
+        metrics.update(numbers)
         how = f"{label} is {1e3 * away:.1f} mm and {np.degrees(turned):.1f}° from its goal"
         if not self.rests:
             raise Failure("NOT_PLACED", f"{how}, and still moves", **numbers)
         if away > tolerance or turned > angle_tolerance:
             raise Failure("NOT_PLACED", f"{how}, at rest", **numbers)
-        if not touched and is_borne_by(self._arm, self._name):
+        # A leaf that succeeds leaves nothing at the tool, whether it sticks there or is held.
+        if self._arm.world.touches(self._arm.name, self._name) or is_tied_to(self._arm, self._name):
             raise Failure("NOT_PLACED", f"{how}, but the tool still holds or touches it", **numbers)
-
-
-def is_borne_by(arm: Arm, name: str) -> bool:
-    """Whether an object truly touches an arm's tool, or is tied to the arm."""
-    return arm.world.touches(arm.name, name) or is_tied_to(arm, name)
 
 
 def is_tied_to(arm: Arm, name: str) -> bool:

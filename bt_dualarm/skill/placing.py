@@ -223,6 +223,9 @@ class SettingDown:
         self._held = held
         self._name = held.object
         self._in_tool = arm.robot.tool.inverse @ held.relative
+        self._force = ports.force
+        self._search = ports.search
+        self._carrier = ""
 
     def through(self, goal: Pose) -> Generator[float | None, None, Pose]:
         """Move above a pose, lower the object until contact, open, retreat.
@@ -244,10 +247,8 @@ class SettingDown:
         found = self._support_at(goal)
         yield None
         attachments = arm.world.attachments
-        self._force = self._ports.force
-        self._search = self._ports.search
-        self._carrier = "" if found is None else found.carrier
-        if found is not None and self._carrier:
+        if found is not None and found.carrier:
+            self._carrier = found.carrier
             self._force = min(self._force, _ON_CARRIER_N)
             self._search = min(self._search, max(found.below, 0.0) + _ON_CARRIER_M)
             attachments.place_on(arm.name, self._name, self._carrier)
@@ -275,12 +276,11 @@ class SettingDown:
         Raises:
             Failure: ``NOT_PLACED``, see `LeftStanding`.
         """
-        yield from self._left.until_rest(self._ports.settle)
-        if self._left.is_there:
-            away, turned = self._left.away_from(goal)
-            self._metrics |= {"placed_error_m": away, "placed_turned_rad": turned}
-        within = self._ports.tolerance if within_m is None else within_m
-        self._left.refuse_unless_at(goal, within, self._ports.angle_tolerance)
+        ports = self._ports
+        within = ports.tolerance if within_m is None else within_m
+        yield from self._left.until_placed(
+            goal, within, ports.angle_tolerance, ports.settle, self._metrics
+        )
 
     def _support_at(self, goal: Pose) -> Support | None:
         """Check that it would rest at the goal, by the shapes that plans use.
@@ -323,9 +323,7 @@ class SettingDown:
             friction=found.friction,
         )
 
-    def _go_down(
-        self, goal: Pose, grip: Grip, began_s: float
-    ) -> Generator[float | None, None, Pose]:
+    def _go_down(self, goal: Pose, grip: Grip, began_s: float) -> Iterator[float | None]:
         """Move above the goal, in a branch that allows descent and retreat, and lower the object.
 
         It is one motion without a stop, unless other arms are near: then the arm waits above the
@@ -335,9 +333,6 @@ class SettingDown:
             goal: Pose of the object in the world.
             grip: Grip on the object.
             began_s: Simulated time at which planning began, s.
-
-        Returns:
-            Pose of the tool in the world with the object at its goal.
         """
         arm = self._arm
         ports = self._ports
@@ -358,15 +353,13 @@ class SettingDown:
 
         def whole() -> Generator[None, None, Trajectory]:
             begin = OverlappedMotion.of((yield from above()))
-            self._lowering = self._lowered(begin, down(begin.motion.end), descents[0].tool)
-            return self._lowering.motion
+            return self._lowered(begin, down(begin.motion.end), descents[0].tool)
 
         def rest() -> Generator[None, None, Trajectory]:
             begin = OverlappedMotion.of(Trajectory.rest(arm.setpoint.q, arm.period))
             rows = arm.line_on(descents[0].tool.raised(_FREE_M))
             yield from move.checked(rows, known_free=True)
-            self._lowering = self._lowered(begin, rows, descents[0].tool)
-            return self._lowering.motion
+            return self._lowered(begin, rows, descents[0].tool)
 
         follow = partial(self._touch_down, grip, lambda: descents[0].tool)
         if not arm.controller.neighbors:
@@ -381,9 +374,8 @@ class SettingDown:
             self._metrics["lowered_from_m"] = descent.height
         if descent.turned:
             self._metrics["spun_rad"] = descent.turned
-        return descent.tool
 
-    def _lowered(self, begin: OverlappedMotion, down: Matrix, tool: Pose) -> OverlappedMotion:
+    def _lowered(self, begin: OverlappedMotion, down: Matrix, tool: Pose) -> Trajectory:
         """A motion and the descent after it: the slower, the nearer contact may be.
 
         Args:
@@ -415,11 +407,11 @@ class SettingDown:
             key=lambda one: one.motion.duration,
         )
         if self._search <= _LIKELY_M:
-            return whole
+            return whole.motion
         # Seconds long, and hardly ever used: alone, it takes a fraction of the computing time.
         rest = arm.line_after(low[-1], tool.raised(-self._search))
         search, _ = arm.slow_path(rest, ports.down_speed, self._top, ports.speed)
-        return arm.overlapped(whole, search, ports.speed, _BLEND_S, frozenset({self._name}))
+        return arm.overlapped(whole, search, ports.speed, _BLEND_S, frozenset({self._name})).motion
 
     def _time_at(self, motion: Trajectory, tool: Pose, height: float) -> float:
         """Time at which a motion that ends in a descent is the last time above a height, s.
