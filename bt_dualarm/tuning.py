@@ -269,16 +269,14 @@ def image_shot(path: Path) -> Shot:
     return Shot(still(read_image(path)), str(path))
 
 
-def still(image: Image, fov_rad: float = 1.0) -> Frame:
+_FOV_RAD: Final = 1.0
+"""Field of view that an image file is assumed to have; colors do not depend on it."""
+
+
+def still(image: Image) -> Frame:
     """An image as the frame of a camera at the world's origin."""
     height, width = image.shape[:2]
-    return Frame(
-        0.0,
-        image,
-        Pose.identity(),
-        fov_rad,
-        (0, 0, width, height),
-    )
+    return Frame(0.0, image, Pose.identity(), _FOV_RAD, (0, 0, width, height))
 
 
 def camera_arm(file: TreeFile, name: str | None) -> str:

@@ -158,10 +158,9 @@ def check_file(
     tree: TreeInput,
     skills: Mapping[str, NodeType] | None = None,
     params: Mapping[str, object] | None = None,
-    folder: FilePath | None = None,
 ) -> tuple[Problem, ...]:
     """Returns every error of a tree file, or every warning if it has none; arguments as `load`."""
-    return load(tree, skills, params, folder).problems
+    return load(tree, skills, params).problems
 
 
 def load(

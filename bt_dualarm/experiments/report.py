@@ -29,7 +29,7 @@ from rich.text import Text
 from bt_dualarm.core.pose import Vector
 from bt_dualarm.core.share import write_atomically, write_text
 from bt_dualarm.experiments.trials import Cell, Trial, TrialError, run_trials, tree_file
-from bt_dualarm.perception.target_filter import MotionModel, TargetEstimate
+from bt_dualarm.perception.target_filter import TargetEstimate
 from bt_dualarm.runtime.interruption import StopRequest
 from bt_dualarm.runtime.plots import COLORS
 from bt_dualarm.skill.registry import Registry
@@ -60,7 +60,7 @@ def proportional_bound(speed: float, cell: Cell) -> float:
     return 2.0 / np.pi * speed * delay
 
 
-def estimator_bound(trial: Trial, cell: Cell, model: MotionModel | None = None) -> float:
+def estimator_bound(trial: Trial, cell: Cell) -> float:
     """Error of the filter with an ideal camera and arm: true positions plus white noise.
 
     The true path, with the rest before it, is sampled at the camera's rate with the measured
@@ -71,7 +71,7 @@ def estimator_bound(trial: Trial, cell: Cell, model: MotionModel | None = None) 
     spline = scipy.interpolate.CubicSpline(trial.times, trial.cube)
     begin = trial.times[0]
     end = trial.times[-1]
-    estimate = TargetEstimate(model)
+    estimate = TargetEstimate()
     errors = []
     for stamp in np.arange(begin - _REST_S, end, 1.0 / cell.fps):
         if rng.random() < cell.drop:

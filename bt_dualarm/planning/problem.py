@@ -38,7 +38,6 @@ from bt_dualarm.collision.swept import (
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics, refuse_beyond
-from bt_dualarm.kinematics.solver import EXACT, Tolerance
 from bt_dualarm.planning.path_search import (
     DEFAULT_PLANNER,
     ArmChecks,
@@ -493,20 +492,16 @@ def outline(motion: Trajectory, radii: Vector, most: float) -> Matrix:
         rows = np.insert(rows, after, motion.rows(middle)[0], axis=0)
 
 
-def joint_path(
-    arm: Kinematics, path: CartesianPath, near: Vector, tolerance: Tolerance = EXACT
-) -> Matrix:
+def joint_path(arm: Kinematics, path: CartesianPath, near: Vector) -> Matrix:
     """Configurations along all passes of a tool path: the first of `joint_paths`.
 
     Raises:
         Failure: As ``Kinematics.follow``.
     """
-    return next(joint_paths(arm, path, near, tolerance))
+    return next(joint_paths(arm, path, near))
 
 
-def joint_paths(
-    arm: Kinematics, path: CartesianPath, near: Vector, tolerance: Tolerance = EXACT
-) -> Iterator[Matrix]:
+def joint_paths(arm: Kinematics, path: CartesianPath, near: Vector) -> Iterator[Matrix]:
     """Configurations along all passes of a tool path, in each branch that allows the whole path.
 
     A closed path is solved once and repeated.
@@ -518,7 +513,7 @@ def joint_paths(
     Raises:
         Failure: As ``Kinematics.follow``, if there is no such branch.
     """
-    for once in arm.branches_along(path.poses, near, tolerance, free=path.free):
+    for once in arm.branches_along(path.poses, near, free=path.free):
         if path.closed:
             once[-1] = once[0]  # equal poses; removes the solver's rounding, below 1e-9 rad
         yield np.vstack((once, *(once[1:] for _ in range(path.repeats - 1))))

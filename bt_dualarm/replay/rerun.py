@@ -363,7 +363,7 @@ class Agreement:
         return self.difference is None and self.hash_agrees is not False
 
 
-def check_record(record: Record, registry: Registry, stop: StopRequest | None = None) -> Agreement:
+def check_record(record: Record, registry: Registry) -> Agreement:
     """Run a record's tree again, including rendering, and compare every step.
 
     A run that was stopped, killed, or edited is compared up to the first intervention.
@@ -371,7 +371,6 @@ def check_record(record: Record, registry: Registry, stop: StopRequest | None = 
     Args:
         record: The record.
         registry: Skills by name.
-        stop: Request to end early.
 
     Raises:
         ReplayError: The record has no step to compare.
@@ -384,7 +383,7 @@ def check_record(record: Record, registry: Registry, stop: StopRequest | None = 
     if not steps:
         raise ReplayError(f"{record.folder} contains no step to compare")
     timestep = float(record.start["timestep"])
-    with rerun(record, registry, Changed(), stop).run as run:
+    with rerun(record, registry, Changed()).run as run:
         past = PastComparison(record, run.world, steps)
         run.watch(past)
         while not run.done and not past.differs and past.steps < steps:

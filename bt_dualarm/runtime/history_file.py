@@ -444,22 +444,19 @@ class HistoryFile:
     torn: str
 
 
-def read_history(
-    path: Path, budget: ReadBudget | None = None, most: int = MOST_FILE
-) -> HistoryFile:
+def read_history(path: Path, budget: ReadBudget | None = None) -> HistoryFile:
     """Read a file up to the first damage.
 
     Args:
         path: The file.
         budget: Memory budget; by default that of one record.
-        most: Largest size of the file, bytes.
 
     Raises:
         HistoryError: It does not exist, is not a regular file, is too large, cannot be read, or is
             not a history of a known format.
     """
     blocks: list[Block] = []
-    file, size = open_regular(path, most)
+    file, size = open_regular(path)
     with file:
         try:
             for block in _blocks(path, file, size, budget or ReadBudget()):
@@ -469,17 +466,13 @@ def read_history(
     return HistoryFile(tuple(blocks), "")
 
 
-def blocks_of(path: Path, most: int = MOST_FILE) -> Iterator[Block]:
+def blocks_of(path: Path) -> Iterator[Block]:
     """Yield the blocks of a file up to the first damage, with only one of them in memory.
-
-    Args:
-        path: The file.
-        most: Largest size of the file, bytes.
 
     Raises:
         HistoryError: As for `read_history`.
     """
-    file, size = open_regular(path, most)
+    file, size = open_regular(path)
     with file, suppress(_TornError):
         yield from _blocks(path, file, size, None)
 

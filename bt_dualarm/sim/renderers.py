@@ -497,12 +497,12 @@ class GlContext:
         self.context.make_current()
 
 
-def open_context(width: int = 640, height: int = 480) -> GlContext:
-    """Open the first context that works: EGL, else OSMesa.
+_OSMESA_SIZE: Final = 640, 480
+"""Largest width and height in pixels of an image by OSMesa; EGL has no such limit."""
 
-    Args:
-        width: Largest image width in pixels (OSMesa only).
-        height: Largest image height in pixels (OSMesa only).
+
+def open_context() -> GlContext:
+    """Open the first context that works: EGL, else OSMesa.
 
     Raises:
         RendererError: Neither works; the message states why, for each.
@@ -514,7 +514,7 @@ def open_context(width: int = 640, height: int = 480) -> GlContext:
     ):
         try:
             probe()
-            context = importlib.import_module(module).GLContext(width, height)
+            context = importlib.import_module(module).GLContext(*_OSMESA_SIZE)
             context.make_current()
         # PyOpenGL raises any of these for a library that it cannot use.
         except (RendererError, ImportError, AttributeError, RuntimeError, OSError) as error:

@@ -11,7 +11,6 @@ import numpy as np
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.skill.grip import TouchSense
-from bt_dualarm.trajectory.overlap import OverlappedMotion
 from bt_dualarm.trajectory.set_points import TrajectorySource
 
 TOUCHDOWN_M_S: Final = 0.002
@@ -26,7 +25,6 @@ _LONG_S: Final = 0.13
 _VERY_LONG_S: Final = (
     0.5  # by then joints have broken away, however uneven the set-point's speed is
 )
-_UNEXPECTED_M_S: Final = 0.006  # highest speed of a guarded descent before contact is expected
 _BRISK: Final = 0.1  # a guarded descent begins with this fraction of the acceleration limits
 _STEADY: Final = 0.75  # fraction of the highest speed, which varies along the path
 _SLOW: Final = 0.3  # the same for the longest window
@@ -42,8 +40,6 @@ def guarded_descent(
     look: Callable[[], None],
     *,
     lightly: bool = False,
-    near: Pose | None = None,
-    ignore: frozenset[str] = frozenset(),
 ) -> Generator[float, None, tuple[bool, float]]:
     """Compliant straight motion that stops on contact (guarded move); yields the progress.
 
@@ -57,23 +53,12 @@ def guarded_descent(
         force: Contact force that ends the motion, N.
         look: Check that is called once per tick, and may raise.
         lightly: Whether a stop of 0.13 s counts as contact, however small the force is.
-        near: Pose during the descent down to which no contact is expected: three times as fast.
-        ignore: Names of objects that may touch something during the descent.
 
     Returns:
         Whether there was contact, and the largest force until the arm was at rest, N.
     """
     along = _direction(arm.commanded_tool_pose, end)
-    if near is None:
-        timed, top = arm.slow_path(arm.line_on(end), speed, TOUCHDOWN_M_S, _BRISK)
-    else:
-        rows = arm.line_on(near)
-        first, _ = arm.slow_path(rows, _BRISK, _UNEXPECTED_M_S, _BRISK)
-        low = arm.line_after(rows[-1], end)
-        second, top = arm.slow_path(low, speed, TOUCHDOWN_M_S, _BRISK)
-        begin = OverlappedMotion.of(first)
-        # At rest in between, friction of the joints would count as contact.
-        timed = arm.overlapped(begin, second, _BRISK, 0.5 * first.duration, ignore).motion
+    timed, top = arm.slow_path(arm.line_on(end), speed, TOUCHDOWN_M_S, _BRISK)
     motion = arm.begin(timed, may_touch=True, compliant=True)
     return (
         yield from until_contact(

@@ -577,10 +577,10 @@ def _a(type_name: str) -> str:
     return f"{'an' if type_name[0] in 'aeiou' else 'a'} {type_name}"
 
 
-def _nested(arm: str, root: NodeSpec, held: tuple[tuple[str, NodeSpec], ...] = ()) -> list[_Nested]:
+def _nested(arm: str, root: NodeSpec) -> list[_Nested]:
     """Returns every pair of a claim and a claim within it, in the order of the file."""
     found: list[_Nested] = []
-    waiting = [(root, held)]
+    waiting: list[tuple[NodeSpec, tuple[tuple[str, NodeSpec], ...]]] = [(root, ())]
     while waiting:
         node, around = waiting.pop()
         if node.kind == CLAIM:

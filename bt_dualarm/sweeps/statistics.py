@@ -16,6 +16,9 @@ from bt_dualarm.core.pose import Vector
 CONFIDENCE: Final = 0.95
 """Confidence of all intervals."""
 
+_POWER: Final = 0.8
+"""Probability with which a difference shall be found, in the numbers of pairs needed for it."""
+
 stats: Any = Later("scipy.stats")  # takes longer to import than all else here
 
 Verdict: TypeAlias = Literal["better", "worse", "undecided", "equal"]
@@ -125,7 +128,7 @@ class PairedRates:
         total = self.both + self.only_a + self.only_b + self.neither
         return (self.only_b - self.only_a) / total if total else math.nan
 
-    def runs_needed(self, power: float = 0.8) -> int | None:
+    def runs_needed(self) -> int | None:
         """Pairs with which the current difference would be decided; None if there is none.
 
         Connor, R. J. (1987), Biometrics 43, 207: the sample size of McNemar's test.
@@ -136,7 +139,7 @@ class PairedRates:
         psi = (self.only_a + self.only_b) / total
         delta = abs(self.only_b - self.only_a) / total
         z_alpha = NormalDist().inv_cdf(0.5 + CONFIDENCE / 2)
-        z_beta = NormalDist().inv_cdf(power)
+        z_beta = NormalDist().inv_cdf(_POWER)
         root = math.sqrt(max(psi - delta * delta, 0.0))
         return math.ceil(((z_alpha * math.sqrt(psi) + z_beta * root) / delta) ** 2)
 
@@ -170,6 +173,7 @@ class PairedMetric:
 
 
 _RESAMPLES: Final = 4000
+_SEED: Final = 0  # of the resampling, so that a comparison repeats
 
 _FEW_PAIRS: Final = 1000
 """Pairs below which intervals of a bootstrap are too narrow to decide alone."""
@@ -178,7 +182,7 @@ _MOST_EXACT: Final = 12
 """Pairs up to which all changes of signs are tried."""
 
 
-def randomization_p(difference: Vector, smallest: float, seed: int = 0) -> float:
+def randomization_p(difference: Vector, smallest: float) -> float:
     """Two-sided p-value of a mean difference, by random changes of the signs of the pairs.
 
     Without a difference between two versions, a pair could as well have been drawn the other way
@@ -188,7 +192,6 @@ def randomization_p(difference: Vector, smallest: float, seed: int = 0) -> float
     Args:
         difference: Differences of the pairs, of shape (n,).
         smallest: Value that has to be resolved: it determines the number of random changes.
-        seed: Seed of the random changes.
     """
     n = len(difference)
     if n <= _MOST_EXACT:
@@ -196,7 +199,7 @@ def randomization_p(difference: Vector, smallest: float, seed: int = 0) -> float
         means = signs @ difference / n
         known = 0
     else:
-        rng = np.random.default_rng(seed)
+        rng = np.random.default_rng(_SEED)
         count = max(_RESAMPLES, math.ceil(20.0 / smallest))
         means = np.concatenate(
             [rng.choice((-1.0, 1.0), (len(part), n)) @ difference / n
@@ -209,9 +212,7 @@ def randomization_p(difference: Vector, smallest: float, seed: int = 0) -> float
     return (extreme + known) / (len(means) + known)
 
 
-def paired_metric(
-    name: str, a: Vector, b: Vector, confidence: float = CONFIDENCE, seed: int = 0
-) -> PairedMetric:
+def paired_metric(name: str, a: Vector, b: Vector, confidence: float = CONFIDENCE) -> PairedMetric:
     """Compare a metric by a bootstrap of the mean paired difference.
 
     Efron, B. (1987), J. Am. Stat. Assoc. 82, 171: the bias-corrected and accelerated interval. Of
@@ -222,7 +223,6 @@ def paired_metric(
         a: Values of the first version, of shape (n,), n >= 2.
         b: Values of the second version in the same trials, of shape (n,).
         confidence: Confidence of the interval.
-        seed: Seed of the resampling.
     """
     difference = b - a
     mean = float(difference.mean())
@@ -239,16 +239,16 @@ def paired_metric(
             confidence_level=confidence,
             method="BCa" if len(difference) >= 8 else "percentile",
             vectorized=True,
-            rng=np.random.default_rng(seed),
+            rng=np.random.default_rng(_SEED),
         ).confidence_interval
     low, high = float(found.low), float(found.high)
-    z = NormalDist().inv_cdf(0.5 + confidence / 2) + NormalDist().inv_cdf(0.8)
+    z = NormalDist().inv_cdf(0.5 + confidence / 2) + NormalDist().inv_cdf(_POWER)
     # The randomization test of fewer pairs cannot decide, whatever their values are.
     fewest = math.ceil(1.0 - math.log2(1.0 - confidence))
     needed = None if mean == 0.0 else max(fewest, math.ceil((z * spread / mean) ** 2))
     differs = bool(low > 0.0 or high < 0.0)
     if differs and len(difference) < _FEW_PAIRS:
-        differs = randomization_p(difference, 1.0 - confidence, seed) <= 1.0 - confidence
+        differs = randomization_p(difference, 1.0 - confidence) <= 1.0 - confidence
     return PairedMetric(
         name, len(a), float(a.mean()), float(b.mean()), (low, high), differs, needed
     )
