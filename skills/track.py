@@ -177,7 +177,7 @@ class Track(Skill):
             yield from self._follow(tracking, score)
             yield from self.arm.halt()
             yield from self._confirm_at_rest(tracking)
-            tracking.refuse_above_bound()
+            tracking.error.refuse_above_bound()
             score.refuse_above_bound(tracking)
         finally:
             tracking.close()

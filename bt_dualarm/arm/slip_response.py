@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from dataclasses import dataclass
 from math import hypot
 from typing import Final
 
@@ -39,6 +40,42 @@ _CONFIRMED: Final = 2  # and how many of them have to show a slip: a loosened ob
 _OF_A_COLLISION: Final = 0.65  # fraction of the collision thresholds; fast carrying reaches 0.54
 
 
+@dataclass
+class _Grip:
+    """An object that the gripper holds, since the response has begun for it.
+
+    Attributes:
+        held: Attachment of the object.
+        width: Opening of the fingers at the beginning, m.
+        friction: Coefficient of friction between pads and object.
+        sensed_at: Simulated time at which the gripper has sensed it last, s.
+        lift_s: Motion time left in which the load is transferred to the pads, s.
+        full: Highest vacuum so far.
+    """
+
+    held: Attachment
+    width: float
+    friction: float
+    sensed_at: float
+    lift_s: float = _LIFT_S
+    full: float = 0.0
+
+
+@dataclass
+class _Taken:
+    """What is in the gripper, until its opened fingers have left it.
+
+    Attributes:
+        held: Attachment of the object; None if there is nothing.
+        width: Opening of the fingers when it was taken, m.
+        left_since: Simulated time since which they no longer touch it, s; None while they do.
+    """
+
+    held: Attachment | None = None
+    width: float = 0.0
+    left_since: float | None = None
+
+
 class SlipResponse:
     """Slip response of an arm's gripper, evaluated at every set-point.
 
@@ -67,22 +104,15 @@ class SlipResponse:
         self._known = known
         self._pads = PadSlipDetector()
         self._joints = JointSlipDetector(world, name, controller)
-        self._held: Attachment | None = None
+        self._grip: _Grip | None = None
+        self._taken = _Taken()
         self._gripped_first: Attachment | None = None
+        self._is_shared = False
         self._generation = -1
         self._nominal = world.nominal[name]
-        self._friction = 0.0
         self._loads = self._nominal.loads
-        self._too_heavy: Failure | None = None
-        self._lift_s = 0.0
-        self._width = 0.0
-        self._full = 0.0
-        self._sensed_at = 0.0
-        self._taken: Attachment | None = None
-        self._is_shared = False
-        self._taken_width = 0.0
-        self._left_since: float | None = None
         self._weighed = self._loads
+        self._too_heavy: Failure | None = None
         self._refused: frozenset[str] = frozenset()
         self.may_touch = False
         self.felt = 0
@@ -101,17 +131,18 @@ class SlipResponse:
             self._too_heavy = None
             raise failure
         hardware = self._world.grippers.get(self._name)
-        held = self._held
-        if hardware is None or held is None:
+        grip = self._grip
+        if hardware is None or grip is None:
             return
-        if self._world.time - self._sensed_at > LOST_S:
-            self._held = None
-            self._world.attachments.detach(self._name, held.object)
+        if self._world.time - grip.sensed_at > LOST_S:
+            self._grip = None
+            name = grip.held.object
+            self._world.attachments.detach(self._name, name)
             raise Failure(
                 "DROPPED",
-                f"{held.object!r} is no longer held",
+                f"{name!r} is no longer held",
                 width_m=hardware.width,
-                width_before_m=self._width,
+                width_before_m=grip.width,
                 force_n=hardware.force,
             )
 
@@ -123,34 +154,36 @@ class SlipResponse:
             return
         pulled = self._joints.feels() if hardware.tactile is None else False
         held = self._gripped()
-        if held is not self._taken:
-            self._taken = held
-            self._taken_width = hardware.width
-            self._left_since = None
+        if held is not self._taken.held:
+            self._taken = _Taken(held, hardware.width)
         if held is None:
-            self._held = None
+            self._grip = None
             return
         if hardware.commanded.width > 0.0:
-            self._held = None
+            self._grip = None
             self._detach_released(held, hardware)
             return
-        if held is not self._held:
-            self._begin(held, hardware)
+        grip = self._grip
+        if grip is None or held is not grip.held:
+            grip = self._grip = self._begin(held, hardware)
         if self._nominal.loads is not self._loads:
             self._loads = self._nominal.loads
-            self._hold_estimated_load(held, hardware)
-        pulled = self._pads.feels(hardware, self._friction) or pulled
-        if self._lift_s > 0.0:
+            self._hold_estimated_load(grip, hardware)
+        pulled = self._pads.feels(hardware, grip.friction) or pulled
+        if grip.lift_s > 0.0:
             pulled = False
-            self._lift_s -= self._controller.period * bool(self._controller.setpoint.v.any())
+            grip.lift_s -= self._controller.period * bool(self._controller.setpoint.v.any())
         now = self._world.time
         asked = hardware.commanded
         if not is_lost(hardware.gripper, hardware.width, hardware.vacuum, asked.force):
-            self._sensed_at = now
+            grip.sensed_at = now
         # A partner that takes or carries the object pulls at it by design.
-        pulled = (pulled and not (self.may_touch or self._is_shared)) or self._gives(hardware)
+        pulled = (pulled and not (self.may_touch or self._is_shared)) or _gives(grip, hardware)
         if pulled and now - self.felt_at > _PAUSE_S:
-            self._grip(held, hardware)
+            self.felt += 1
+            self.felt_at = now
+            most = min(hardware.gripper.force.most, held.most_force)
+            _ask(hardware, min(FIRMER * asked.force, most))
 
     def _gripped(self) -> Attachment | None:
         """First object in the gripper; looked up again only when the world has changed."""
@@ -164,16 +197,12 @@ class SlipResponse:
             )
         return self._gripped_first
 
-    def _begin(self, held: Attachment, hardware: GripperHardware) -> None:
-        self._held = held
-        self._width = hardware.width
-        self._full = 0.0
-        declared = self._world.objects[held.object]
-        self._friction = max(hardware.gripper.friction, declared.friction)
-        self._sensed_at = self._world.time
+    def _begin(self, held: Attachment, hardware: GripperHardware) -> _Grip:
         self._pads.forget()
         self._too_heavy = None
-        self._lift_s = _LIFT_S
+        declared = self._world.objects[held.object]
+        friction = max(hardware.gripper.friction, declared.friction)
+        return _Grip(held, hardware.width, friction, self._world.time)
 
     def _check_payload(self) -> None:
         """Prepare one failure if an estimated mass surely exceeds a payload of arm or gripper."""
@@ -202,18 +231,19 @@ class SlipResponse:
                 self._too_heavy = _overload(loads, mass, doubt, most, name)
                 return
 
-    def _hold_estimated_load(self, held: Attachment, hardware: GripperHardware) -> None:
+    def _hold_estimated_load(self, grip: _Grip, hardware: GripperHardware) -> None:
         """Increase the force if an object of undeclared mass is heavier than assumed."""
+        held = grip.held
         weighed = [
             one for one in self._loads if one.object == held.object and not one.mass_declared
         ]
         for load in weighed:
             most = min(hardware.gripper.force.most, held.most_force)
-            if min_grip_force(hardware.gripper, self._friction, load) > most:
+            if min_grip_force(hardware.gripper, grip.friction, load) > most:
                 self._too_heavy = _too_heavy(load, most)
                 return
             needed = min(grip_force_for(self._world, held, load, _SHAKE), most)
-            self._ask(hardware, needed)
+            _ask(hardware, needed)
 
     def _detach_released(self, held: Attachment, hardware: GripperHardware) -> None:
         """Detach an object that the opened fingers no longer touch, by whatever cause.
@@ -221,39 +251,36 @@ class SlipResponse:
         They are wider open than around the object and no longer press; a cup has no vacuum.
         """
         page = hardware.gripper
+        taken = self._taken
         now = self._world.time
         if page.fingers:
-            wider = has_slipped(page, hardware.width - self._taken_width)
+            wider = has_slipped(page, hardware.width - taken.width)
             has_left = wider and hardware.force < _PRESSES * hardware.commanded.force
         else:
             has_left = hardware.vacuum < _NO_VACUUM
         if not has_left:
-            self._left_since = None
-        elif self._left_since is None:
-            self._left_since = now
-        elif now - self._left_since > LOST_S:
+            taken.left_since = None
+        elif taken.left_since is None:
+            taken.left_since = now
+        elif now - taken.left_since > LOST_S:
             self._known.left(held.object)
             self._world.attachments.detach(self._name, held.object)
 
-    def _gives(self, hardware: GripperHardware) -> bool:
-        """Whether the fingers approach each other, or the vacuum falls."""
-        if hardware.gripper.fingers:
-            return gives(hardware.gripper, self._width - hardware.width)
-        self._full = max(self._full, hardware.vacuum)
-        return leaks(hardware.vacuum, self._full)
 
-    def _grip(self, held: Attachment, hardware: GripperHardware) -> None:
-        most = min(hardware.gripper.force.most, held.most_force)
-        self.felt = self.felt + 1
-        self.felt_at = self._world.time
-        self._ask(hardware, min(FIRMER * hardware.commanded.force, most))
+def _gives(grip: _Grip, hardware: GripperHardware) -> bool:
+    """Whether the fingers approach each other, or the vacuum falls."""
+    if hardware.gripper.fingers:
+        return gives(hardware.gripper, grip.width - hardware.width)
+    grip.full = max(grip.full, hardware.vacuum)
+    return leaks(hardware.vacuum, grip.full)
 
-    def _ask(self, hardware: GripperHardware, force: float) -> None:
-        """Command a force in N, if that is more than the current one."""
-        asked = hardware.commanded
-        if force > asked.force:
-            speed = hardware.gripper.speed.most
-            hardware.command(GripperCommand(asked.width, speed, force))
+
+def _ask(hardware: GripperHardware, force: float) -> None:
+    """Command a force in N, if that is more than the current one."""
+    asked = hardware.commanded
+    if force > asked.force:
+        speed = hardware.gripper.speed.most
+        hardware.command(GripperCommand(asked.width, speed, force))
 
 
 class PadSlipDetector:

@@ -132,8 +132,8 @@ def first_approach(
                 if not room:
                     raise
                 beyond.append(ranked.tool)
-                roomier -= cramped is not None
                 if cramped is not None:
+                    roomier -= 1
                     continue
                 room = 0.0
                 rows = yield from _rows_to(arm, out, ranked, wanted, seen, lift)

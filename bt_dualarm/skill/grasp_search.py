@@ -394,7 +394,6 @@ def _grasps_on(
         return ranked(found, wanted.lies, jaw, of, lambda tool: _rotation_cost(tool, here))
 
     found, of_any_kind = bearing(load)
-    order = free(found, obstacles)
     if not found:
         lighter = bool(bearing(replace(load, mass=_LIGHT_KG))[0])
         bears = f"bears {wanted.weight}" if lighter else "is possible"
@@ -406,9 +405,10 @@ def _grasps_on(
             grasps=0,
             other_grasps=of_any_kind,
         )
+    order = free(found, obstacles)
     if not order:
         reason = f"the gripper has no room around {wanted.label}"
-        if found and obstacles:
+        if obstacles:
             names = dict.fromkeys(obstacle.name for obstacle in obstacles)
             left = {
                 name: len(free(found, [o for o in obstacles if o.name == name])) for name in names

@@ -764,10 +764,6 @@ class PlaneTracking:
         checker.keep_clear(_CLEAR_M)
         return checker.first_contact(rows) is None
 
-    def refuse_above_bound(self) -> None:
-        """Check the error over the whole time; see `FollowingError.refuse_above_bound`."""
-        self._error.refuse_above_bound()
-
     @property
     def error(self) -> FollowingError:
         """Monitor of the tracking error."""
