@@ -196,7 +196,10 @@ class ComputedTorque:
         # The kernel updates the observer, unless the payload estimator needs its estimate before.
         reads = self.observer.store(hardware.q)
         if self._payload_estimator is not None:
-            reads = self._update_payload(self._payload_estimator, sent, reads=reads)
+            if reads:
+                self.observer.update()
+                reads = False
+            self._update_payload(self._payload_estimator, sent)
         q[:] = sent.q
         v[:] = sent.v
         a[:] = sent.a
@@ -240,27 +243,15 @@ class ComputedTorque:
             self.telemetry,
         )
 
-    def _update_payload(self, estimator: PayloadEstimator, sent: SetPoint, *, reads: bool) -> bool:
-        """Update the payload estimate, and switch to a new model without a jump of the torques.
-
-        Args:
-            estimator: Payload estimator.
-            sent: Current set-point.
-            reads: Whether the encoder reading has not been used yet.
-
-        Returns:
-            Whether the encoder reading has not been used yet: False.
-        """
+    def _update_payload(self, estimator: PayloadEstimator, sent: SetPoint) -> None:
+        """Update the payload estimate, and switch to a new model without a jump of the torques."""
         observer = self.observer
-        if reads:
-            observer.update()
         if estimator.update(observer.q, observer.v, sent, self._hardware.commanded):
             self._set_loads(self._nominal.loads, grace=False)
             self._dynamics.update(observer.q, observer.v)
             # The last torques stay, but produce another acceleration in the new model.
             driving = self._state[NET_TORQUE] - self._dynamics.bias
             observer.change_model(self._dynamics.accelerations(driving))
-        return False
 
     def _set_loads(self, loads: tuple[NominalLoad, ...], *, grace: bool) -> None:
         """Use the dynamics with these loads; ``grace`` as in `CollisionDetector.reset`."""

@@ -521,14 +521,12 @@ class _Coupled:
         self._grasps = dict(plan.grasps)
         self._force_n = self._moment_nm = 0.0
 
-    def run(self, goals: Sequence[Pose]) -> Generator[float | None, None, None]:
+    def run(self, goals: Sequence[Pose]) -> Iterator[float | None]:
         """Lift, carry along the path, and lower until contact."""
         ports = self._ports
-        lies = self._object_pose()
-        lifted = lies.raised(ports.lift)
-        borne = self._plan.chosen  # otherwise it is in the air already
-        if borne:
-            yield from self._leg([lies, lifted], 0.3 * ports.speed, 0.25)
+        if self._plan.chosen:  # otherwise it is in the air already
+            lies = self._object_pose()
+            yield from self._leg([lies, lies.raised(ports.lift)], 0.3 * ports.speed, 0.25)
         above = [goals[-1]]
         if self._plan.set_down:
             above = [goals[-1].raised(ports.height), goals[-1].raised(FREE_M)]
@@ -547,7 +545,7 @@ class _Coupled:
 
     def _leg(
         self, poses: Sequence[Pose | None], speed: float, done: float
-    ) -> Generator[float | None, None, None]:
+    ) -> Iterator[float | None]:
         """One motion through poses of the object; None stands for the current one."""
         leg = yield from self._next_leg(poses, speed)
         yield from self._execute(leg, done)
@@ -628,7 +626,7 @@ class _Coupled:
 
     def _execute(
         self, leg: _Leg, done: float, force: float | None = None
-    ) -> Generator[float | None, None, None]:
+    ) -> Iterator[float | None]:
         """Follow one motion to its end, or until contact.
 
         Args:
@@ -710,7 +708,7 @@ class _Coupled:
                 internal_moment_nm=regulator.moment_nm,
             )
 
-    def _lower(self, goal: Pose) -> Generator[float | None, None, None]:
+    def _lower(self, goal: Pose) -> Iterator[float | None]:
         """Lower the object until contact with its support."""
         ports = self._ports
         low = goal.raised(-ports.search)

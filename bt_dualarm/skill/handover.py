@@ -325,8 +325,8 @@ class HandoverSearch:
             self._note(f"{failure.code} of {self._giver}")
             return None, True
         try:
-            for tool, row in ((out, rows[0]), (goal, rows[-1])):
-                arm.refuse_load(self._thing, row, tool @ grasp.tool.inverse)
+            for pose, row in ((out, rows[0]), (goal, rows[-1])):
+                arm.refuse_load(self._thing, row, pose @ grasp.tool.inverse)
         except Failure as failure:
             self._note(f"{failure.code} of {arm.name}")
             return None, False

@@ -694,10 +694,6 @@ class Function:
         return str(self.least) if self.least == self.most else f"{self.least} to {self.most}"
 
 
-def _root(number: float) -> float:
-    return math.sqrt(number)
-
-
 def _rounded(number: float, digits: float = 0) -> float:
     return round(number, int(digits)) if digits else round(number)
 
@@ -721,7 +717,7 @@ FUNCTIONS: Final[Mapping[str, Function]] = {
     "round": Function(_rounded, 1, 2, "nearest whole number; `round(x, 2)`: to two digits"),
     "floor": Function(math.floor, 1, 1, "largest integer that is not greater"),
     "ceil": Function(math.ceil, 1, 1, "smallest integer that is not less"),
-    "sqrt": Function(_root, 1, 1, "square root"),
+    "sqrt": Function(math.sqrt, 1, 1, "square root"),
     "sin": Function(lambda x: math.sin(math.radians(x)), 1, 1, "sine of an angle in degrees"),
     "cos": Function(lambda x: math.cos(math.radians(x)), 1, 1, "cosine of an angle in degrees"),
     "tan": Function(lambda x: math.tan(math.radians(x)), 1, 1, "tangent of an angle in degrees"),
