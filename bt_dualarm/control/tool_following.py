@@ -101,6 +101,20 @@ def tool_motion(chain: Chain, state: SetPoint, period: float) -> ToolMotion:
     return ToolMotion(matrix, jacobian @ state.v, acceleration)
 
 
+class _Solution(NamedTuple):
+    """Joint state with the tool in a given motion.
+
+    Attributes:
+        state: The joint state.
+        jacobian: Jacobian of the tool there, of shape (6, dof).
+        residual_m: Distance by which the tool misses the pose, m.
+    """
+
+    state: SetPoint
+    jacobian: Matrix
+    residual_m: float
+
+
 class ToolFollowing:
     """Stream of set-points that keeps a transform to another arm's tool.
 
@@ -119,7 +133,6 @@ class ToolFollowing:
         refusal: Why the follower cannot follow a motion of the other arm that has begun, if so.
         residual_m: Distance in m by which the last reference misses the transform: the arm cannot
             reach it.
-        residual_rad: The same as an angle, rad.
         behind_rad: Largest joint distance of the last set-point from the reference, rad: limits
             that the arm would have to exceed.
         behind_joint: Name of that joint.
@@ -138,7 +151,6 @@ class ToolFollowing:
     ) -> None:
         self.refusal: Failure | None = None
         self.residual_m = 0.0
-        self.residual_rad = 0.0
         self.behind_rad = 0.0
         self.behind_joint = chain.joints[0]
         self._chain = chain
@@ -159,7 +171,9 @@ class ToolFollowing:
         before = self._reference
         # Extrapolated, the start is so close that one iteration is enough nearly always.
         near = before.q + self._period * (before.v + 0.5 * self._period * before.a)
-        self._reference = reference = self._solved(goal, near, self._period)
+        solution = self._solved(goal, near, self._period)
+        self._reference = reference = solution.state
+        self.residual_m = solution.residual_m
         sent = self._limiter.send(reference)
         behind = np.abs(reference.q - sent.q)
         worst = int(behind.argmax())
@@ -170,45 +184,49 @@ class ToolFollowing:
     def pace(self, motion: Trajectory) -> float:
         """Time scale, above 0 to 1, at which the follower can keep up with a motion of the other.
 
-        If there is none, the reason is in `refusal`.
+        If there is none, the reason is in `refusal`, and the follower slows the other no more.
 
         Args:
             motion: Motion of the other arm from its last set-point on, from rest to rest.
+        """
+        if self.refusal is None:
+            try:
+                return self._possible_pace(motion)
+            except Failure as refusal:
+                self.refusal = refusal.with_traceback(None)
+        return 1.0
+
+    def _possible_pace(self, motion: Trajectory) -> float:
+        """As `pace`.
+
+        Raises:
+            Failure: ``UNREACHABLE`` or ``SINGULAR``; as ``refuse``.
         """
         stride = max(1, math.ceil(len(motion) / _ROWS))
         index = np.unique(np.append(np.arange(0, len(motion), stride), len(motion) - 1))
         if len(index) < 3:
             return 1.0
         states = [SetPoint(*row) for row in zip(*motion.rows(index), strict=True)]
-        residual = self.residual_m, self.residual_rad
         path: list[SetPoint] = []
         levers: list[Matrix] = []
         q = self._reference.q
         for state in states:
             goal = tool_motion(self._leader, state, self._period).at(self._offset)
             solution = self._solved(goal, q, 0.0)
-            if self.residual_m > _MISSED_M:
-                self.refusal = Failure(
+            if solution.residual_m > _MISSED_M:
+                raise Failure(
                     "UNREACHABLE",
                     f"the transform is out of reach after {len(path) / len(states):.0%} of the "
                     "motion that the other arm has begun",
-                    residual_m=self.residual_m,
+                    residual_m=solution.residual_m,
                 )
-                break
-            q = solution.q
-            path.append(solution)
-            levers.append(self._jacobian[:3])
-        self.residual_m, self.residual_rad = residual
-        if self.refusal is not None:
-            return 1.0
+            q = solution.state.q
+            path.append(solution.state)
+            levers.append(solution.jacobian[:3])
         followed = Trajectory(
             stride * motion.dt, *(np.array(rows) for rows in zip(*path, strict=True))
         )
-        try:
-            self._refuse(followed)
-        except Failure as refusal:
-            self.refusal = refusal
-            return 1.0
+        self._refuse(followed)
         limits = self._limits
         # At time scale s velocities shrink by s and accelerations by s², hence the square root.
         needed = max(
@@ -221,12 +239,11 @@ class ToolFollowing:
             scale *= _SLOWER
         if scale > _SLOWEST:
             return scale
-        self.refusal = Failure(
+        raise Failure(
             "SINGULAR",
             "the other arm's current motion leads this one through a singularity: it "
             f"would need {needed:.0f} times the speed of its joints",
         )
-        return 1.0
 
     def _lag(self, path: Trajectory, scale: float, levers: Matrix) -> float:
         """Largest distance in m of the tool from its path at a time scale.
@@ -248,7 +265,7 @@ class ToolFollowing:
             lag = max(lag, float(np.linalg.norm(levers[min(i, len(levers) - 1)] @ behind)))
         return lag
 
-    def _solved(self, goal: ToolMotion, near: Vector, period: float) -> SetPoint:
+    def _solved(self, goal: ToolMotion, near: Vector, period: float) -> _Solution:
         """Joint state, nearest to a configuration, with the tool in a given motion.
 
         Args:
@@ -272,9 +289,6 @@ class ToolFollowing:
         else:
             matrix, jacobian = chain.tool(q)
             error = pose_error(matrix, goal.matrix)
-        self.residual_m = float(np.linalg.norm(error[:3]))
-        self.residual_rad = float(np.linalg.norm(error[3:]))
-        self._jacobian = jacobian
         v = _least_squares(jacobian, goal.twist)
         if len(q) > 6 and period > 0.0:  # redundant joints must not drift away
             pull = _PULL * (self._posture - q)
@@ -283,7 +297,8 @@ class ToolFollowing:
         if v.any():
             h = self._period
             curve = (chain.jacobian(q + h * v) - jacobian) @ v / h
-        return SetPoint(q, v, _least_squares(jacobian, goal.acceleration - curve))
+        state = SetPoint(q, v, _least_squares(jacobian, goal.acceleration - curve))
+        return _Solution(state, jacobian, float(np.linalg.norm(error[:3])))
 
 
 def pose_error(matrix: Matrix, goal: Matrix) -> Vector:
