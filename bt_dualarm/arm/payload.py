@@ -33,6 +33,10 @@ IN_HAND: Final = 1.2
 UNKNOWN_KG: Final = 1.0
 """Mass in kg that is assumed until it is declared or estimated."""
 
+_HARDLY_MORE: Final = 1.05
+"""Ratio of the force that a motion needs to that at rest up to which it is not slowed, even if the
+grip is too weak for either: no speed would help."""
+
 _GRAVITY: Final = np.array([0.0, 0.0, -9.81])
 _LEVER_M: Final = 0.005  # effective radius of a pad's torsional friction about its normal
 _THICK_M: Final = 0.02  # assumed of a finger whose shape is a mesh
@@ -113,7 +117,8 @@ def grip_speed_scale(motion: Trajectory, world: World, arm: str) -> float:
 
     The grip has to bear mass times (gravity minus acceleration of the load's center), where the
     acceleration grows with the square of the scale; see `pinching_forces` and `suction_forces` for
-    what pads and cup bear.
+    what pads and cup bear. Where it does not even bear the weight, as far as that is known, the
+    scale is that at which accelerations hardly add to it.
 
     Args:
         motion: Motion from rest to rest.
@@ -148,7 +153,7 @@ def grip_force_for(world: World, held: Attachment, load: NominalLoad, shake: flo
     mass = load.share * (load.mass + load.mass_doubt)
     accelerations = shake * SHAKE_DIRECTIONS
     turns = np.broadcast_to(turn, (len(accelerations), 3, 3))
-    return _Grip(world, held, load).force_for(mass, turns, accelerations)
+    return float(_Grip(world, held, load).forces_for(mass, turns, accelerations).max())
 
 
 def min_grip_force(page: Gripper, friction: float, load: NominalLoad) -> float:
@@ -171,7 +176,13 @@ def _speed_scale(motion: Trajectory, world: World, held: Attachment, load: Nomin
     nominal = world.nominal[held.arm]
     accelerations, turns = accelerations_of(motion, nominal, load.pose.position)
     grip = _Grip(world, held, load)
-    return largest_scale(lambda scale: grip.bears(mass, turns, scale**2 * accelerations))
+    at_rest = grip.forces_for(mass, turns, np.zeros_like(accelerations))
+    bearable = np.maximum(grip.force, _HARDLY_MORE * at_rest)
+
+    def bears(scale: float) -> bool:
+        return bool((grip.forces_for(mass, turns, scale**2 * accelerations) <= bearable).all())
+
+    return largest_scale(bears)
 
 
 class _Grip:
@@ -181,6 +192,9 @@ class _Grip:
         world: World that the arm is in.
         held: Attachment of the object to the gripper.
         load: Mass and center of it.
+
+    Attributes:
+        force: Commanded force of each pad, or of a cup, N.
     """
 
     def __init__(self, world: World, held: Attachment, load: NominalLoad) -> None:
@@ -188,7 +202,7 @@ class _Grip:
         page = hardware.gripper
         friction = world.objects[held.object].friction
         self._tool = world.robots[held.arm].tool
-        self._force = hardware.commanded.force
+        self.force = hardware.commanded.force
         self._offset = (self._tool.inverse @ load.pose).position
         self._width = hardware.width
         self._cup = None if page.fingers else cup_measures(page, friction)
@@ -197,18 +211,14 @@ class _Grip:
             pad_center = jaw_measures(page, friction).pad_center
             self._offset = self._offset - np.array((0.0, 0.0, pad_center))
 
-    def bears(self, mass: float, turns: np.ndarray, accelerations: Matrix) -> bool:
-        """Whether the commanded force holds a mass that is accelerated so, with `IN_HAND`.
+    def forces_for(self, mass: float, turns: np.ndarray, accelerations: Matrix) -> Vector:
+        """Forces in N that hold a mass that is accelerated so, with `IN_HAND`, of shape (n,).
 
         Args:
             mass: Mass in kg.
             turns: Axes of the tool's link in the world at each sample, of shape (n, 3, 3).
             accelerations: Accelerations of the load's center in the world, of shape (n, 3), m/s².
         """
-        return self.force_for(mass, turns, accelerations) <= self._force
-
-    def force_for(self, mass: float, turns: np.ndarray, accelerations: Matrix) -> float:
-        """Force in N that holds it, with `IN_HAND`; arguments as for `bears`."""
         in_link = np.einsum("nij,ni->nj", turns, mass * (_GRAVITY - accelerations))
         forces = in_link @ self._tool.rotation_matrix
         if self._cup is not None:
@@ -218,7 +228,8 @@ class _Grip:
             needed = pinching_forces(
                 forces, self._offset, closing, self._width, _LEVER_M, self._friction
             )
-        return float((IN_HAND * needed).max())
+        forces_with_margin: Vector = IN_HAND * needed
+        return forces_with_margin
 
 
 def jaw_measures(page: Gripper, friction: float) -> JawMeasures:

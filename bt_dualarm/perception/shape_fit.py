@@ -358,6 +358,9 @@ _NEIGHBORS: Final = np.ones((5, 5), np.uint8)
 _NEIGHBORHOOD: Final = (9, 9)
 """Window in pixels over which the background at an edge is averaged."""
 
+_BESIDE: Final = (3, 3)
+"""Window in pixels over which the object at an edge is averaged."""
+
 _MAX_POINTS: Final = 160
 """Largest number of points of an outline: more add no information."""
 
@@ -485,7 +488,13 @@ def _difference(blob: Blob) -> npt.NDArray[np.float32]:
     ground = total / np.maximum(count, 1.0)[:, :, None]
     away = np.linalg.norm(colors - ground, axis=2).astype(np.float32)
     away[near == 0] = 0.0
-    share = np.minimum(away / np.maximum(cv2.dilate(away, _NEIGHBORS), 1.0), 1.0)
+    # A face in the shade differs less from the ground than a bright face beside it: an edge is at
+    # half the difference of the face next to it.
+    certain = (inside > 0).astype(np.float32)
+    beside = cv2.boxFilter(certain, -1, _BESIDE, normalize=False)
+    face = cv2.boxFilter(away * certain, -1, _BESIDE, normalize=False) / np.maximum(beside, 1.0)
+    whole = np.where(beside > 0.0, face, cv2.dilate(away, _NEIGHBORS))
+    share = np.minimum(away / np.maximum(whole, 1.0), 1.0)
     share[(inside > 0) | (count == 0.0)] = 1.0
     share[near == 0] = 0.0
     return np.asarray(share, dtype=np.float32)

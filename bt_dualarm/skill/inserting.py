@@ -91,7 +91,9 @@ class InsertingPorts(PortModel):
     tolerance: float = port(
         0.003, "largest distance from the bottom at the end", unit="m", ge=1e-4, le=0.05
     )
-    down_speed: Speed = port(0.003, "fraction of the arm's limits where contact is expected")
+    down_speed: Speed = port(
+        0.1, "fraction of the arm's limits where contact is expected, at 2 mm/s at most"
+    )
 
 
 class Inserting:

@@ -168,7 +168,9 @@ class SettingDownPorts(PortModel):
     )
     settle: Duration = port(1.0, "longest time to come to rest", gt=0, le=30)
     speed: Speed = port(0.5, "fraction of the arm's limits up to the descent")
-    down_speed: Speed = port(0.003, "fraction of the arm's limits where contact is expected")
+    down_speed: Speed = port(
+        0.1, "fraction of the arm's limits where contact is expected, at 2 mm/s at most"
+    )
     planner: Planner = port("RRTConnect", "planner to use if the straight path is blocked")
 
 

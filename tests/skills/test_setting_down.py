@@ -72,3 +72,13 @@ def test_a_thing_is_soon_placed(robot: str, longest_s: float) -> None:
     placed = runs[-1]
     assert (placed.skill, placed.status) == ("place", "SUCCESS"), placed.reason
     assert (placed.ended_s or np.inf) - placed.started_s < longest_s
+
+
+@pytest.mark.parametrize("robot", ["ur5", "fr3"])
+def test_an_arm_with_lower_limits_sets_down_on_the_ground(robot: str) -> None:
+    """It let the thing fall from 0.5 mm above: its tool was too slow to tell contact from rest."""
+    file = cycle_time.carry("panda", "robotiq_2f85", "rough", 801)
+    file["arms"]["arm1"] |= {"robot": robot, "limits": {"velocity": 0.3, "acceleration": 0.5}}
+    placed = bt.run(file).arms["arm1"].runs[-1]
+    assert (placed.skill, placed.status) == ("place", "SUCCESS"), placed.reason
+    assert abs(float(placed.metrics["height_off_m"])) < 2e-4
