@@ -98,25 +98,68 @@ def _skills() -> Iterator[Case]:
         yield _file(f"skill {name}", content, REALITIES[len(name) % 3])
 
 
+_CABINET: dict[str, Any] = {
+    "shape": "compound",
+    "fixed": True,
+    "pose": {"xyz": [0.2, -0.9, 0.2]},
+    "parts": {
+        "body": {"shape": "box", "size": [0.3, 0.3, 0.02]},
+        "drawer": {"shape": "box", "size": [0.2, 0.2, 0.1], "pose": {"xyz": [0, 0, 0.1]}},
+    },
+    "joints": {
+        "slide": {
+            "type": "slide",
+            "parts": ["drawer"],
+            "axis": [0, 1, 0],
+            "range": [0, 0.2],
+            "mass": 1,
+        }
+    },
+}
+
+_CELL: dict[str, Any] = {
+    "signals": {"ready": {"type": "boolean", "written_by": ["arm1", "arm2"]}},
+    "rendezvous": {"handover": ["arm1", "arm2"]},
+    "zones": {"bin": {"size": [0.2, 0.2, 0.2], "pose": {"xyz": [0, -0.6, 0.5]}}},
+}
+
+_PARTNERS: dict[str, object] = {
+    "await": {"signal": {"signal": "ready", "value": True}},
+    "in_step": {"in_step": {"with": "arm1", "child": {"wait": 0.3}}},
+    "meet": {"meet": {"at": "handover"}},
+}
+"""What the other arm does where the node needs it."""
+
+
 def _node_types() -> Iterator[Case]:
     """Every node type's example, between two short waits."""
+    cube = {"shape": "box", "size": [0.05] * 3, "mass": 0.1, "color": "red"}
     for name, word in sorted(LANGUAGE.items()):
         if name == "subtree":
             node: object = {"subtree": {"use": "part", "params": {"n": 0.1}}}
         else:
             node = yaml.safe_load(word.example)
+        partner = [{"wait": 0.2}, _PARTNERS.get(name, {"wait": 0.1})]
         content: dict[str, Any] = {
             "params": {"speed": {"type": "number", "default": 0.5}},
             "subtrees": {
                 "part": {"params": {"n": {"type": "number"}}, "tree": {"wait": {"seconds": "{n}"}}}
             },
-            "world": {"scene": "empty", "time_limit": 6.0},
+            "world": {"scene": "table", "time_limit": 6.0},
+            "objects": {"cube": cube | {"pose": {"xyz": [0.4, -0.4, 0.425]}}, "cabinet": _CABINET},
+            "cell": _CELL,
             "arms": {
                 "arm1": {
                     "robot": "ur3",
                     "base": ABOVE,
+                    "camera": {"mount": "wrist"},
                     "tree": {"sequence": [{"wait": 0.1}, {"force_success": {"child": node}}]},
-                }
+                },
+                "arm2": {
+                    "robot": "ur3",
+                    "base": {"xyz": [1.5, 0, 0.4]},
+                    "tree": {"sequence": partner},
+                },
             },
         }
         yield _file(f"node {name}", content, "ideal")
