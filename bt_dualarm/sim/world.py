@@ -742,32 +742,40 @@ off its table. Objects that rest on the ground penetrate it by less."""
 
 
 def deepest_overlap(
-    model: mujoco.MjModel, data: mujoco.MjData, name: str, tolerated: float = MAX_DEPTH
-) -> tuple[str, float] | None:
-    """Find the deepest penetration of an arm or object into another.
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    kind: str,
+    name: str,
+    tolerated: float = MAX_DEPTH,
+) -> OverlapError | None:
+    """Find the deepest penetration of an arm or object into another, or of an arm into itself.
 
     Args:
         model: Compiled model.
         data: Its state, with current contacts.
+        kind: ``"arm"`` or ``"object"``, for the message.
         name: Name of the arm or object.
         tolerated: Depth that is not reported, m.
 
     Returns:
-        Name of the other and the depth in m; None if no depth exceeds the tolerated one.
+        An error that describes it; None if no depth exceeds the tolerated one.
     """
-    worst = None
+    worst: tuple[float, list[str], list[bool]] | None = None
     for geoms, distance in zip(data.contact.geom.tolist(), data.contact.dist, strict=True):
         names = [name_of_geom(model, geom) for geom in geoms]
         own = [part == name or part.startswith(f"{name}/") for part in names]
-        if own[0] != own[1] and -distance > max(tolerated, worst[1] if worst else 0.0):
-            worst = names[own.index(False)], float(-distance)
-    return worst
-
-
-def overlap_error(kind: str, name: str, other: str, depth: float) -> OverlapError:
-    """Error for an arm or object (``kind``) that would penetrate another by ``depth`` in m."""
-    reason = f"{kind} {name!r} would be {1000 * depth:.0f} mm deep in {other}"
-    return OverlapError(name, reason, depth)
+        if any(own) and -distance > max(tolerated, worst[0] if worst else 0.0):
+            worst = float(-distance), names, own
+    if worst is None:
+        return None
+    depth, names, own = worst
+    millimeters = f"{1000 * depth:.0f} mm deep in"
+    if all(own):
+        reason = f"{kind} {name!r} would collide with itself: {names[0]} {millimeters} {names[1]}"
+        return OverlapError(name, reason, depth, name)
+    other = names[own.index(False)]
+    reason = f"{kind} {name!r} would be {millimeters} {other}"
+    return OverlapError(name, reason, depth, other.partition("/")[0])
 
 
 _log = logging.getLogger(__name__)
@@ -858,24 +866,23 @@ class World(HoldingView):
         reported: set[tuple[str, str]] = set()
         for kind, names in (("arm", self.arms), ("object", self.objects)):
             for name in names:
-                inside = deepest_overlap(self.model, self.data, name, tolerated)
-                if inside is not None and (inside[0].partition("/")[0], name) not in reported:
-                    reported.add((name, inside[0].partition("/")[0]))
-                    error = overlap_error(kind, name, *inside)
-                    yield self._with_noise(error, (name, inside[0].partition("/")[0]))
+                error = deepest_overlap(self.model, self.data, kind, name, tolerated)
+                if error is not None and (error.other, name) not in reported:
+                    reported.add((name, error.other))
+                    yield self._with_noise(error)
 
-    def _with_noise(self, error: OverlapError, names: tuple[str, str]) -> OverlapError:
+    def _with_noise(self, error: OverlapError) -> OverlapError:
         """The error, with the objects whose `noise` puts them there with this seed only."""
         moved = [
             name
-            for name in names
+            for name in (error.thing, error.other)
             if name in self.objects
             and any((*self.objects[name].noise.xyz, self.objects[name].noise.yaw))
         ]
         if not moved:
             return error
         text = f"{error}; the noise of {' and '.join(moved)} depends on the seed"
-        return OverlapError(error.thing, text, error.depth)
+        return OverlapError(error.thing, text, error.depth, error.other)
 
     def refuse_overlaps(self) -> None:
         """Raise an `OverlapError` if any arm or object penetrates another."""
@@ -895,10 +902,10 @@ class World(HoldingView):
         self._recompile()
         self._set_initial_posture(name)
         self._refresh()
-        inside = deepest_overlap(self.model, self.data, name)
-        if inside is not None:
+        error = deepest_overlap(self.model, self.data, "arm", name)
+        if error is not None:
             self.remove_arm(name)
-            raise overlap_error("arm", name, *inside)
+            raise error
 
     def remove_arm(self, name: str) -> None:
         """Remove an arm; the objects that it held fall.
@@ -929,10 +936,10 @@ class World(HoldingView):
         for each in self._with_moved(name):
             self._put_object(each, pose or self._poses[each])
         self._recompile()
-        inside = deepest_overlap(self.model, self.data, name)
-        if inside is not None:
+        error = deepest_overlap(self.model, self.data, "object", name)
+        if error is not None:
             self.remove_object(name)
-            raise overlap_error("object", name, *inside)
+            raise error
 
     def remove_object(self, name: str) -> None:
         """Remove an object, even one that an arm holds.
