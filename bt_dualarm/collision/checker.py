@@ -432,7 +432,9 @@ class CollisionChecker:
             model.geom_rbound[geoms],
         )
 
-    def without_new_contacts(self, ends: Iterable[Vector]) -> CollisionChecker:
+    def without_new_contacts(
+        self, ends: Iterable[Vector], start: Vector | None = None
+    ) -> CollisionChecker:
         """Stricter checker for a path: pairs in contact at neither end must not touch in between.
 
         Between two samples of a path, a contact of tolerated depth may become deeper than that. A
@@ -441,14 +443,20 @@ class CollisionChecker:
 
         Args:
             ends: Configurations, each of shape (dof,), rad.
+            start: The one of them at which the arm may touch itself; by default at each. An arm
+                that stays where it touches itself presses against itself.
         """
         strict = copy.copy(self)
+        links = self.moving & ~self._gripping
+        parts = links | self._tool
         strict.least = np.where(self.least == -TOUCH, 0.0, self.least)
         for q in ends:
             self.place(q)
             found = self.data.contact
             # Two boxes that touch have several contacts, of one pair of geoms.
             for pair in np.unique(found.geom[found.dist <= 0.0], axis=0).tolist():
+                if start is not None and q is not start and parts[pair].all() and links[pair].any():
+                    continue
                 first, second = (self._parts_with(geom) for geom in pair)
                 one, other = first[:, None], second
                 strict.least[one, other] = self.least[one, other]

@@ -60,7 +60,8 @@ _TRACKING_NOISE: Final = 2.0
 """Factor of the inertial torque of a deviation from the commanded acceleration."""
 
 _STICTION_SPEED: Final = 0.05
-"""Speed below which dry friction is unknown, rad/s."""
+"""Speed below which dry friction is unknown, rad/s. Its sign would be that of encoder noise, and it
+keeps its value for many windows, which would count as evidence of another friction or weight."""
 
 _MOVING: Final = 0.02
 """Speed of the fastest joint below which windows are skipped, rad/s: the arm may be in contact."""
@@ -182,7 +183,7 @@ class PayloadEstimator:
     def _measurements(
         self, q: Vector, v: Vector, commanded_a: Matrix, a_error: Vector, torque: Vector
     ) -> tuple[Matrix, Vector, Vector]:
-        """Regressor, values and weights of one window, with one row per joint.
+        """Regressor, values and weights of one window, with a row per joint of known friction.
 
         Noise in the regressor would bias masses toward zero (errors in variables). It therefore
         contains nothing measured except q and v: accelerations are those commanded, torques those
@@ -207,9 +208,9 @@ class PayloadEstimator:
         dynamics.update(q, v)
         noise = noise + _DYNAMIC_NOISE * np.abs(dynamics.inertia) @ np.ptp(commanded_a, axis=0)
         noise = np.hypot(noise, _TRACKING_NOISE * dynamics.inertia_times(a_error))
-        stuck = (np.abs(v) < _STICTION_SPEED) & (friction.rise <= 0.0)
-        noise = noise + np.where(stuck, np.maximum(friction.static, friction.coulomb), 0.0)
-        return np.column_stack((*own, *loads)).reshape(dof, -1), values, 1.0 / np.square(noise)
+        stuck = (np.abs(v) < _STICTION_SPEED) & (friction.rise <= 0.0) & (friction.static > 0.0)
+        columns = np.column_stack((*own, *loads)).reshape(dof, -1)
+        return columns[~stuck], values[~stuck], 1.0 / np.square(noise[~stuck])
 
     def _report(self) -> bool:
         """Pass sufficiently accurate masses to the nominal model, if they are new."""

@@ -66,18 +66,21 @@ class LockedJointError(CatalogError):
 
 
 class OverlapError(WorldError):
-    """An arm or object would overlap with another body.
+    """An arm or object would overlap with another body, or an arm with itself.
 
     Args:
         thing: Name of the arm or object.
         reason: One sentence.
         depth: Penetration, m.
+        other: Name of the other arm, object or part of the scene; ``thing`` if an arm overlaps with
+            itself.
     """
 
-    def __init__(self, thing: str, reason: str, depth: float) -> None:
+    def __init__(self, thing: str, reason: str, depth: float, other: str) -> None:
         super().__init__(reason)
         self.thing = thing
         self.depth = depth
+        self.other = other
 
 
 class DivergenceError(WorldError):

@@ -438,7 +438,8 @@ def refuse_contact(checker: CollisionChecker, path: Matrix | Trajectory) -> None
     """Check configurations as they will be sent, every `FINE` meters.
 
     Contacts that exist at neither end are not tolerated in between, however shallow: of a thin
-    obstacle between two checks, either may show no more than a shallow contact.
+    obstacle between two checks, either may show no more than a shallow contact. Neither are
+    contacts of the arm with itself that exist at the end only.
 
     Args:
         checker: Collision checker.
@@ -449,7 +450,8 @@ def refuse_contact(checker: CollisionChecker, path: Matrix | Trajectory) -> None
     """
     radii = checker.radii
     rows = outline(path, radii, FINE) if isinstance(path, Trajectory) else path
-    strict = checker.without_new_contacts((rows[0], rows[-1]))
+    start = rows[0]
+    strict = checker.without_new_contacts((start, rows[-1]), start)
     if is_clear(strict, rows):
         return
     last = rows[0]

@@ -16,7 +16,7 @@ import numpy as np
 
 from bt_dualarm.robots.robot import BodyEntry, OriginEntry, PositionEntry, RobotFile
 from bt_dualarm.robots.urdf import Inertial, KinematicTree, inertial_of, stops_of
-from bt_dualarm.robots.urdf_xml import AttributeReader, Element, Origin
+from bt_dualarm.robots.urdf_xml import ANGLE, AttributeReader, Element, Origin
 from bt_dualarm.spec.problems import Problem, suggestion
 
 _ROUNDING: Final = 1e-4  # rad; data sheets round 2π to 6.2832
@@ -177,8 +177,9 @@ def _ranges(
             message = (
                 f"joint '{name}' turns from {stops.lower:g} to {stops.upper:g} rad in the URDF"
             )
-            hint = "add widens: true to the limit if its source allows more"
             side = "lower" if position.lower[number] < stops.lower - _ROUNDING else "upper"
+            hint = ANGLE.conversion(getattr(position, side)[number])
+            hint = hint or "add widens: true to the limit if its source allows more"
             problems.append(file.problem(("limits", "position", side, number), message, hint))
         yield number, name
 

@@ -220,6 +220,9 @@ _Text: TypeAlias = Annotated[str, Field(min_length=8, max_length=300)]
 _Force: TypeAlias = Annotated[float, Field(gt=0.0, le=5000.0)]
 _Speed: TypeAlias = Annotated[float, Field(gt=0.0, le=2.0)]
 
+_ROUNDING_M: Final = 1e-4
+"""Rounding of lengths in a description, m."""
+
 
 class PartEntry(Value):
     """A part of simple shapes; its mass is distributed evenly over their volumes."""
@@ -229,10 +232,19 @@ class PartEntry(Value):
 
 
 class PadEntry(Value):
-    """Contact pad of a finger: a box in the finger's frame."""
+    """Contact pad of a finger: a box in the finger's frame; its inner face is at y = 0."""
 
     xyz: tuple[_Metres, _Metres, _Metres]
     size: tuple[_Length, _Length, _Length]
+
+    @model_validator(mode="after")
+    def _begins_in_the_middle(self) -> PadEntry:
+        inner = self.xyz[1] - self.size[1] / 2
+        if abs(inner) > _ROUNDING_M:  # the opening of the fingers would not be that of the pads
+            raise ValueError(
+                f"its inner face is at y = {inner:g} m, not at 0: y of xyz is half of that of size"
+            )
+        return self
 
 
 class FingersEntry(Value):
@@ -272,11 +284,23 @@ class SourcedSpan(Value):
         return self
 
 
+class SpeedSpan(SourcedSpan):
+    """A range of speeds in m/s with its source."""
+
+    value: tuple[_Speed, _Speed]
+
+
 class SourcedValue(Value):
     """A number with its source."""
 
     value: Annotated[float, Field(gt=0.0, le=5000.0)]
     source: _Text
+
+
+class LengthValue(SourcedValue):
+    """A length in m with its source."""
+
+    value: Annotated[float, Field(gt=0.0, le=2.0, json_schema_extra={"unit": "m"})]
 
 
 class TactileEntry(Value):
@@ -325,11 +349,11 @@ class GripperEntry(Value):
     palm: PartEntry | str
     fingers: FingersEntry | None = None
     cup: CupEntry | None = None
-    stroke: SourcedValue | None = None
+    stroke: LengthValue | None = None
     force: SourcedSpan
-    speed: SourcedSpan | None = None
+    speed: SpeedSpan | None = None
     payload: SourcedValue
-    resolution: SourcedValue | None = None
+    resolution: LengthValue | None = None
     tactile: TactileEntry | None = None
     friction: Annotated[float, Field(ge=0.0, le=5.0)] = 0.0
     drive_mass: Annotated[float, Field(ge=0.0, le=100.0)] = 0.4

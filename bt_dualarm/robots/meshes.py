@@ -188,7 +188,7 @@ def _assimp() -> Path:
 MAX_TRIANGLES: Final = 200_000
 """Largest number of triangles that MuJoCo accepts in one mesh."""
 
-MAX_EXTENT: Final = 100.0
+MAX_EXTENT: Final = 10.0
 """Largest extent in m of a plausible link."""
 
 MILLIMETERS: Final = 'a mesh in millimeters needs scale="0.001 0.001 0.001"'

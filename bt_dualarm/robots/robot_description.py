@@ -103,14 +103,19 @@ def joint_problems(file: RobotFile, tree: KinematicTree) -> Iterator[Problem]:
     """Report joints that the URDF lacks, that do not move the tool, or are not in order."""
     entry = file.entry
     turning = [name for name, joint in tree.joints.items() if joint.turns]
+    kinds = "joints of an arm are revolute or continuous, and mimic no other joint"
     chain = tree.chain(entry.base_link, entry.tool.link) or ()
     moving = [joint.name for joint in chain if joint.turns]
     hint = f"from base to tool there are: {_listed(moving)}"
     for number, name in enumerate(entry.joints):
         place = ("joints", number)
-        if name not in turning:
-            known = suggestion(name, turning, "movable joint")
-            yield file.problem(place, f"{entry.urdf} has no movable joint '{name}'", known)
+        if name not in tree.joints:
+            known = suggestion(name, turning, "joint")
+            yield file.problem(place, f"{entry.urdf} has no joint '{name}'", known)
+        elif name not in turning:
+            joint = tree.joints[name]
+            what = f"is {joint.kind}" if joint.kind not in TURNING else "mimics another joint"
+            yield file.problem(place, f"joint '{name}' {what}", kinds)
         elif name in entry.joints[:number]:
             yield file.problem(place, f"joint '{name}' is listed twice")
         elif name not in moving:
@@ -170,7 +175,7 @@ def _listed(names: list[str] | tuple[str, ...]) -> str:
 # Joint limits
 
 RANGES: Final[Mapping[str, Range]] = {
-    "velocity": Range(1e-3, 1e3, "rad/s"),
+    "velocity": Range(1e-3, 50.0, "rad/s"),
     "acceleration": Range(1e-3, 1e5, "rad/s²"),
     "jerk": Range(1e-2, 1e7, "rad/s³"),
     "effort": Range(1e-4, 1e6, "N m"),
@@ -227,6 +232,8 @@ def _replaced(
         elif not RANGES[what].holds(limit):
             message = f"{file.entry.urdf} gives {what} {limit:g} for joint '{joint}'"
             hint = f"add {what}: a limit is {RANGES[what]}"
+            if conversion := RANGES[what].conversion(limit):
+                hint = f"{hint}; {conversion}"
             problems.append(file.problem(("limits",), message, hint))
     return urdf
 
@@ -243,7 +250,8 @@ def _per_joint(file: RobotFile, what: str, limit: LimitEntry, problems: list[Pro
     for number, value in enumerate(values):
         if not RANGES[what].holds(value):
             message = f"{what}: must be {RANGES[what]}, not {value:g}"
-            problems.append(file.problem((*place, number), message))
+            hint = RANGES[what].conversion(value)
+            problems.append(file.problem((*place, number), message, hint))
     return np.array(values)
 
 

@@ -16,6 +16,8 @@ import numpy as np
 
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.robots.urdf_xml import (
+    ANGLE,
+    LENGTH,
     AttributeReader,
     DescriptionError,
     Element,
@@ -27,7 +29,7 @@ from bt_dualarm.spec.problems import nearest, suggestion
 
 MASS: Final = Range(0.0, 10_000.0, "kg")
 _MOMENT: Final = Range(-1e6, 1e6, "kg m²")
-_SIZE: Final = Range(0.0, 1000.0, "m", above=True)
+_SIZE: Final = Range(0.0, LENGTH.most, "m", above=True)
 _SCALE: Final = Range(-1e4, 1e4)
 _ROUNDING: Final = 1e-6  # allowed negative moment, as a fraction of the largest principal moment
 _MOMENTS: Final = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
@@ -318,9 +320,14 @@ def stops_of(joint: Joint, reader: AttributeReader) -> Stops:
     if max(-lower, upper) >= _NO_STOP:
         lower = max(lower, -ONE_TURN)
         upper = min(upper, ONE_TURN)
-    if len(reader.problems) == before and not upper - lower >= MIN_SPAN:
+    if len(reader.problems) == before:
         message = f"joint '{joint.name}' turns from {lower:g} to {upper:g} rad"
-        reader.add(element, message, f"'upper' is at least {MIN_SPAN} above 'lower'")
+        if not upper - lower >= MIN_SPAN:
+            reader.add(element, message, f"'upper' is at least {MIN_SPAN} above 'lower'")
+        elif not (ANGLE.holds(lower) and ANGLE.holds(upper)):
+            span = f"{math.radians(lower):.4g} to {math.radians(upper):.4g}"
+            hint = f"in rad: {span}, if degrees are meant; type='continuous' if it has no stops"
+            reader.add(element, message, hint)
     return Stops(lower, upper, velocity, effort)
 
 

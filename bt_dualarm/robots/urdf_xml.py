@@ -250,9 +250,27 @@ class Range:
         """Whether the number is in the range; false for NaN."""
         return self.least < number <= self.most if self.above else self.least <= number <= self.most
 
+    def conversion(self, number: float) -> str:
+        """Hint that a number outside the range may be in another unit; empty if that is no help."""
+        other, factor = _OTHER_UNITS.get(self.unit, ("", math.nan))
+        if not self.holds(number * factor):
+            return ""
+        return f"in {self.unit}: {number * factor:.4g}, if {number:g} {other} are meant"
 
-LENGTH: Final = Range(-1000.0, 1000.0, "m")
-ANGLE: Final = Range(-1000.0, 1000.0, "rad")
+
+_OTHER_UNITS: Final[Mapping[str, tuple[str, float]]] = {
+    "m": ("mm", 1e-3),
+    "rad": ("degrees", math.radians(1.0)),
+    "rad/s": ("degrees/s", math.radians(1.0)),
+    "kg": ("g", 1e-3),
+}
+"""Unit that is often taken for the right one, and its size."""
+
+LENGTH: Final = Range(-10.0, 10.0, "m")
+"""Positions in a robot: beyond them, they are in millimeters."""
+
+ANGLE: Final = Range(-4.0 * math.pi, 4.0 * math.pi, "rad")
+"""Orientations in a robot: beyond them, they are in degrees."""
 
 
 @dataclass(frozen=True)
@@ -374,7 +392,8 @@ class AttributeReader:
         numbers = tuple(float(word) for word in words)
         outside = next((number for number in numbers if not within.holds(number)), None)
         if outside is not None:
-            self.add(element, f"{what}: must be {within}, not {outside:g}", "", attribute)
+            hint = within.conversion(outside)
+            self.add(element, f"{what}: must be {within}, not {outside:g}", hint, attribute)
             return ()
         return numbers
 

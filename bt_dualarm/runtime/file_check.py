@@ -668,6 +668,11 @@ def _overlap(file: TreeFile, source: Source, error: OverlapError) -> Problem:
     """Problem at the pose of the overlapping object, or at its declaration if it has no pose."""
     if error.thing not in file.arms:
         problem = file.thing_problem(source, error.thing, "pose", str(error))
+    elif error.other == error.thing:
+        posture = ("arms", error.thing, "posture")
+        key = posture if source.get(posture) is not None else ("arms", error.thing, "robot")
+        hint = "another posture; or 'exclude' of its description, for links that always overlap"
+        problem = source.problem(key, str(error), hint)
     elif source.get(("arms", error.thing, "base")) is None:
         problem = source.problem(("arms", error.thing), str(error), key=True)
     else:

@@ -1,4 +1,4 @@
-"""Penetration of a spawned object or arm into others."""
+"""Penetration of a spawned object or arm into others, or of an arm into itself."""
 
 from __future__ import annotations
 
@@ -16,29 +16,38 @@ off its table. Objects that rest on the ground penetrate it by less."""
 
 
 def deepest_overlap(
-    model: mujoco.MjModel, data: mujoco.MjData, name: str, tolerated: float = MAX_DEPTH
-) -> tuple[str, float] | None:
-    """Find the deepest penetration of an arm or object into another.
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    kind: str,
+    name: str,
+    tolerated: float = MAX_DEPTH,
+) -> OverlapError | None:
+    """Find the deepest penetration of an arm or object into another, or of an arm into itself.
 
     Args:
         model: Compiled model.
         data: Its state, with current contacts.
+        kind: ``"arm"`` or ``"object"``.
         name: Name of the arm or object.
         tolerated: Depth that is not reported, m.
 
     Returns:
-        Name of the other and the depth in m; None if no depth exceeds the tolerated one.
+        An error that describes it; None if no depth exceeds the tolerated one.
     """
-    worst = None
+    worst: tuple[float, list[str], list[bool]] | None = None
     for geoms, distance in zip(data.contact.geom.tolist(), data.contact.dist, strict=True):
         names = [name_of_geom(model, geom) for geom in geoms]
         own = [part == name or part.startswith(f"{name}/") for part in names]
-        if own[0] != own[1] and -distance > max(tolerated, worst[1] if worst else 0.0):
-            worst = names[own.index(False)], float(-distance)
-    return worst
-
-
-def overlap_error(kind: str, name: str, other: str, depth: float) -> OverlapError:
-    """Error for an arm or object (``kind``) that would penetrate another by ``depth`` in m."""
-    reason = f"{kind} {name!r} would be {1000 * depth:.0f} mm deep in {other}"
-    return OverlapError(name, reason, depth)
+        counts = any(own) and (kind == "arm" or not all(own))
+        if counts and -distance > max(tolerated, worst[0] if worst else 0.0):
+            worst = float(-distance), names, own
+    if worst is None:
+        return None
+    depth, names, own = worst
+    deep = f"{1000 * depth:.0f} mm deep in"
+    if all(own):
+        reason = f"{kind} {name!r} would collide with itself: {names[0]} {deep} {names[1]}"
+        return OverlapError(name, reason, depth, name)
+    other = names[own.index(False)]
+    reason = f"{kind} {name!r} would be {deep} {other}"
+    return OverlapError(name, reason, depth, other.partition("/")[0])

@@ -35,7 +35,7 @@ from bt_dualarm.sim.composition import (
 from bt_dualarm.sim.grippers import Attachment, Attachments
 from bt_dualarm.sim.many import drawn
 from bt_dualarm.sim.passengers import Passenger, Passengers
-from bt_dualarm.sim.penetration import MAX_DEPTH, deepest_overlap, overlap_error
+from bt_dualarm.sim.penetration import MAX_DEPTH, deepest_overlap
 from bt_dualarm.sim.shared_body import shared_bodies
 from bt_dualarm.sim.stepping import Stepping
 from bt_dualarm.sim.world_view import WorldView
@@ -132,24 +132,23 @@ class World(WorldView):
         reported: set[tuple[str, str]] = set()
         for kind, names in (("arm", self.arms), ("object", self.objects)):
             for name in names:
-                inside = deepest_overlap(self.model, self.data, name, tolerated)
-                if inside is not None and (inside[0].partition("/")[0], name) not in reported:
-                    reported.add((name, inside[0].partition("/")[0]))
-                    error = overlap_error(kind, name, *inside)
-                    yield self._with_noise(error, (name, inside[0].partition("/")[0]))
+                error = deepest_overlap(self.model, self.data, kind, name, tolerated)
+                if error is not None and (error.other, name) not in reported:
+                    reported.add((name, error.other))
+                    yield self._with_noise(error)
 
-    def _with_noise(self, error: OverlapError, names: tuple[str, str]) -> OverlapError:
+    def _with_noise(self, error: OverlapError) -> OverlapError:
         """The error, with the objects whose `noise` puts them there with this seed only."""
         moved = [
             name
-            for name in names
+            for name in (error.thing, error.other)
             if name in self.objects
             and any((*self.objects[name].noise.xyz, self.objects[name].noise.yaw))
         ]
         if not moved:
             return error
         text = f"{error}; the noise of {' and '.join(moved)} depends on the seed"
-        return OverlapError(error.thing, text, error.depth)
+        return OverlapError(error.thing, text, error.depth, error.other)
 
     def refuse_overlaps(self) -> None:
         """Raise an `OverlapError` if any arm or object penetrates another."""
@@ -169,10 +168,10 @@ class World(WorldView):
         self._recompile()
         self._set_initial_posture(name)
         self._refresh()
-        inside = deepest_overlap(self.model, self.data, name)
-        if inside is not None:
+        error = deepest_overlap(self.model, self.data, "arm", name)
+        if error is not None:
             self.remove_arm(name)
-            raise overlap_error("arm", name, *inside)
+            raise error
 
     def remove_arm(self, name: str) -> None:
         """Remove an arm; the objects that it held fall.
@@ -203,10 +202,10 @@ class World(WorldView):
         for each in self._with_moved(name):
             self._put_object(each, pose or self._poses[each])
         self._recompile()
-        inside = deepest_overlap(self.model, self.data, name)
-        if inside is not None:
+        error = deepest_overlap(self.model, self.data, "object", name)
+        if error is not None:
             self.remove_object(name)
-            raise overlap_error("object", name, *inside)
+            raise error
 
     def remove_object(self, name: str) -> None:
         """Remove an object, even one that an arm holds.

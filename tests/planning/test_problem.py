@@ -24,6 +24,7 @@ from bt_dualarm.planning.problem import (
 from bt_dualarm.sim.world import World
 from bt_dualarm.trajectory.trajectory import use_of_limits
 from tests.control.walls import ABOVE, LEFT, RIGHT, locked_world, problem_in, walled_world
+from tests.sim.worlds import arm, file_of
 
 IN_THE_WALL = np.deg2rad((0.0, -60.0, 90.0, -120.0, -90.0, 0.0))
 
@@ -204,3 +205,21 @@ def test_a_motion_through_a_wall_is_refused(checker: CollisionChecker) -> None:
     rows = np.linspace(RIGHT, LEFT, 2000)
     with pytest.raises(Failure, match="wall"):
         refuse_contact(checker, rows)
+
+
+def test_an_arm_does_not_stay_where_it_presses_on_itself() -> None:
+    """Not even as shallowly as what it holds may lie on others; from there, it may move away."""
+    world = World(file_of({"arm1": arm("ur5", (0.0, 0.0, 1.0))}))
+    checker = CollisionChecker(world, "arm1")
+    free, folded = np.deg2rad(
+        ((0.0, -90.0, 90.0, 0.0, 90.0, 0.0), (0.0, -90.0, 175.0, 0.0, 90.0, 0.0))
+    )
+    for _ in range(40):  # until only a tolerated contact is left
+        middle = (free + folded) / 2
+        free, folded = (free, middle) if checker.contact(middle) else (middle, folded)
+    folded = free
+    rows = interpolated(np.deg2rad((0.0, -90.0, 90.0, 0.0, 90.0, 0.0)), folded, checker.radii, 0.01)
+    assert checker.contact(folded) is None
+    with pytest.raises(Failure, match="IN_COLLISION: arm1/"):
+        refuse_contact(checker, rows)
+    refuse_contact(checker, rows[::-1])

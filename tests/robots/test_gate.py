@@ -51,11 +51,25 @@ WRONG = {
     "limits as text": (STOPS, '<limit lower="low" upper="2"/>', "low", "not 'low'"),
     "limits upside down": (STOPS, '<limit lower="1" upper="-1"/>', "<limit", "at least 0.05"),
     "no limits": (STOPS, "", ELBOW, "joint 'elbow' lacks a <limit>"),
+    "limits in degrees": (
+        STOPS, STOPS.replace("2", "115"), "<limit", "in rad: -2.007 to 2.007, if degrees are meant"
+    ),
+    "a velocity in degrees": (
+        STOPS, STOPS.replace('velocity="2"', 'velocity="115"'), "acceleration",
+        "in rad/s: 2.007, if 115 degrees/s are meant",
+    ),
+    "an origin in millimeters": (
+        SHIFT, '<origin xyz="0 0 300"/>', "0 0 300", "in m: 0.3, if 300 mm are meant"
+    ),
+    "an origin in degrees": (
+        SHIFT, '<origin rpy="0 0 90"/>', "0 0 90", "in rad: 1.571, if 90 degrees are meant"
+    ),
+    "a shape in millimeters": (SPHERE, '<sphere radius="30"/>', "30", "if 30 mm are meant"),
     "limits of NaN": (STOPS, '<limit lower="nan" upper="1"/>', "nan", "not nan"),
     "an infinite velocity": (
         STOPS, '<limit lower="-1" upper="1" velocity="inf"/>', "inf", "<limit> velocity: must be"
     ),
-    "an origin of NaN": (SHIFT, '<origin xyz="0 nan 0"/>', "0 nan 0", "must be from -1000"),
+    "an origin of NaN": (SHIFT, '<origin xyz="0 nan 0"/>', "0 nan 0", "must be from -10"),
     "an origin of four": (SHIFT, '<origin xyz="0 0 0 0"/>', "0 0 0 0", "not 4"),
     "a circle": ('<parent link="base"/>', '<parent link="lower"/>', "<joint", "closes a cycle"),
     "a joint of its own": (
@@ -80,7 +94,10 @@ WRONG = {
     "an inertia of no body": (
         'iyy="0.01" iyz="0" izz="0.005"', 'iyy="-0.01" iyz="0" izz="0.005"', "<inertia", "impossib"
     ),
-    "a mimic": (STOPS, STOPS + '<mimic joint="slide"/>', "elbow", "no movable joint 'elbow'"),
+    "a prismatic joint": (
+        ELBOW, ELBOW.replace("revolute", "prismatic"), "elbow", "joint 'elbow' is prismatic"
+    ),
+    "a mimic": (STOPS, STOPS + '<mimic joint="slide"/>', "elbow", "joint 'elbow' mimics another"),
     "a template": (FLANGE, '<xacro:arm name="a"/>', "<xacro", "xacro ROBOT.xacro > ROBOT.urdf"),
     "a template's value": (MASS, '<mass value="${mass}"/>', "${mass}", "run xacro on it first"),
     "an entity": ("<robot", '<!DOCTYPE r [<!ENTITY a "b">]><robot', "[<!EN", "document type"),

@@ -91,7 +91,7 @@ BROKEN: dict[str, tuple[str, bytes, str]] = {
     "no triangles": ("a.stl", stl(BOX[:0]), "no triangles"),
     "a NaN": ("a.stl", stl(np.where(BOX.max() == BOX, np.nan, BOX)), "NaN or infinite"),
     "infinite": ("a.stl", stl(np.where(BOX.max() == BOX, np.inf, BOX)), "NaN or infinite"),
-    "huge": ("a.stl", stl(2e3 * BOX), "is 200 m long; the maximum is 100 m"),
+    "in millimeters": ("a.stl", stl(1e3 * BOX), "is 100 m long; the maximum is 10 m"),
     "far away": ("a.stl", stl(BOX + 1e4), " m from its link"),
     "tiny": ("a.stl", stl(1e-5 * BOX), "is no|has no|is only"),
     "a line": ("a.stl", stl(BOX * (1.0, 0.0, 0.0)), "points or lines"),

@@ -45,3 +45,22 @@ def test_an_arm_may_have_a_link_called_pedestal(tmp_path: Path, registry: Regist
     model = World(checked.runnable()).model
     names = [model.body(number).name for number in range(model.nbody)]
     assert {"arm1/pedestal", "arm1/pedestal/"} <= set(names)
+
+
+def test_an_arm_that_begins_in_collision_with_itself_is_an_error(
+    tmp_path: Path, registry: Registry
+) -> None:
+    """Contacts would push it out of its posture, and every motion would begin in a collision."""
+    lowered = URDF.replace('<origin xyz="0 0 0.3" rpy="0 0 0"/>', '<origin xyz="0 0 -0.2"/>')
+    page = PAGE.replace("[0, 30]", "[0, 0]\n  up: [0, 110]")
+    written(tmp_path, lowered, page)
+    tree = TREE.replace("xyz: [2, 0, 0.4]}", "xyz: [2, 0, 0.4]}, posture: up")
+    (tmp_path / "tree.yaml").write_text(tree, encoding="utf-8")
+    (problem,) = check(tmp_path / "tree.yaml", registry.kinds).problems
+    assert (problem.severity, problem.place.line) == ("error", line_of(TREE, "arm1"))
+    assert problem.message == (
+        "arm 'arm1' would collide with itself: arm1/lower 30 mm deep in arm1/base"
+    )
+    assert "'exclude'" in problem.hint
+    written(tmp_path, lowered, page + "exclude: [[base, lower]]\n")
+    assert check(tmp_path / "tree.yaml", registry.kinds).problems == ()
