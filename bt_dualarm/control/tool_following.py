@@ -242,7 +242,7 @@ class ToolFollowing:
         raise Failure(
             "SINGULAR",
             "the other arm's current motion leads this one through a singularity: it "
-            f"would need {needed:.0f} times the speed of its joints",
+            f"would need {needed:.1f} times the speed of its joints",
         )
 
     def _lag(self, path: Trajectory, scale: float, levers: Matrix) -> float:
