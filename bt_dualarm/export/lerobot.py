@@ -180,7 +180,7 @@ def episode_of(record: Record) -> Episode:
     if objects:
         names[OBJECTS] = [f"{thing}.{part}" for thing in objects for part in _POSE]
         columns[OBJECTS] = _objects(record, objects, moments).astype(np.float32)
-    succeeded = record.summary is not None and record.summary.get("outcome") == "SUCCESS"
+    succeeded = _succeeded(record)
     is_last = np.arange(count)[:, None] == count - 1
     columns |= {DONE: is_last, SUCCESS: is_last & succeeded}
     views = {}
@@ -773,7 +773,9 @@ def write_dataset(
 
 
 def _succeeded(record: Record) -> bool:
-    return record.summary is not None and record.summary.get("outcome") == "SUCCESS"
+    """Whether all trees succeeded, and the goals of the file, if it has any, were met."""
+    summary = record.summary or {}
+    return summary.get("outcome") == "SUCCESS" and not summary.get("false_success")
 
 
 def _linked(source: str, target: str) -> None:

@@ -259,6 +259,16 @@ def test_failed_runs_can_be_left_out(
     assert [path.name for path in tmp_path.iterdir()] == ["set"]
 
 
+def test_a_run_that_missed_its_goal_is_no_success(tmp_path: Path) -> None:
+    """Its tree reports SUCCESS; the goal says that the task was not done."""
+    goal = "goal: {far: {tool: arm1, at: {xyz: [2, 0, 1]}, within: 0.1}}\n"
+    record = recorded(tmp_path / "run", SHORT + goal)
+    assert record.summary is not None
+    assert (record.summary["outcome"], record.summary["false_success"]) == ("SUCCESS", True)
+    assert not episode_of(record).succeeded
+    assert export([record.folder], tmp_path / "set", "--only-successes") == 2
+
+
 def test_how_far_it_has_come_is_told_run_by_run(
     runs: list[Path],
     tmp_path: Path,
