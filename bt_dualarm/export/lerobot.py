@@ -14,6 +14,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from secrets import token_hex
+from types import TracebackType
 from typing import Any, Final, TypeAlias
 
 import mujoco
@@ -397,8 +398,13 @@ class DatasetWriter:
     def __enter__(self) -> DatasetWriter:
         return self
 
-    def __exit__(self, *error: object) -> None:
-        self._open.close()
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._open.__exit__(kind, error, trace)
 
     def _next(self, pattern: str) -> int:
         """Number of the first file of a series that does not exist yet."""
@@ -528,8 +534,8 @@ class DatasetWriter:
         if place.writer is None:
             place.path = self._folder / _VIDEO.format(video_key=key, **place.indices)
             place.path.parent.mkdir(parents=True, exist_ok=True)
-            place.writer = Encoder(place.path, (view.width, view.height), FPS, KEY_EVERY)
-            self._open.callback(place.writer.close)
+            encoder = Encoder(place.path, (view.width, view.height), FPS, KEY_EVERY)
+            place.writer = self._open.enter_context(encoder)
         seen = []
         for number, picture in enumerate(view.pictures()):
             place.writer.add(picture)
