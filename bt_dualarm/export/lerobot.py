@@ -267,14 +267,20 @@ def _objects(
 ) -> npt.NDArray[np.float64]:
     """Poses of objects in each frame, of shape (frames, 7 n)."""
     found = np.zeros((len(moments), len(objects), len(_POSE)))
+    model = None
+    data = None
     for number, moment in enumerate(moments):
-        model = record.model(moment.generation)
-        for place, name in enumerate(objects):
-            body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
-            joint = int(model.body_jntadr[body]) if body >= 0 else -1
-            if joint >= 0:
-                address = int(model.jnt_qposadr[joint])
-                found[number, place] = moment.qpos[address : address + len(_POSE)]
+        if model is not record.model(moment.generation) or data is None:
+            model = record.model(moment.generation)
+            data = mujoco.MjData(model)
+            kind = mujoco.mjtObj.mjOBJ_BODY
+            bodies = [mujoco.mj_name2id(model, kind, name) for name in objects]
+        # Not read from the positions of joints: parts of objects move on hinges and slides.
+        data.qpos[:] = moment.qpos
+        mujoco.mj_kinematics(model, data)
+        for place, body in enumerate(bodies):
+            if body >= 0:
+                found[number, place] = [*data.xpos[body], *data.xquat[body]]
             elif number:
                 found[number, place] = found[number - 1, place]
     return found.reshape(len(moments), -1)
