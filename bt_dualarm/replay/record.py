@@ -657,9 +657,14 @@ class Record:
         """Index of the last state at or before a time; 0 for times before the first state.
 
         Raises:
-            ReplayError: The time is outside the record.
+            ReplayError: The time is outside the record, or there is no state.
         """
-        if not len(self.times) or not -_SLACK_S <= time <= self.until + 1.0:
+        if not len(self.times):
+            raise ReplayError(
+                f"{self.folder} contains no state: the run was killed in its first second, or "
+                "nothing could be written"
+            )
+        if not -_SLACK_S <= time <= self.until + 1.0:
             raise ReplayError(
                 f"{time:g} s is outside the record, which goes from 0 to {self.until:.2f} s"
             )

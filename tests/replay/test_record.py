@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -105,6 +106,11 @@ def test_a_time_outside_is_refused(short: Record) -> None:
         short.index_at(99)
     with pytest.raises(ReplayError, match="-1 s is outside"):
         short.index_at(-1)
+
+
+def test_a_run_that_was_killed_in_its_first_second_has_no_state(short: Record) -> None:
+    with pytest.raises(ReplayError, match="contains no state: the run was killed in its first"):
+        replace(short, seconds=()).index_at(0.0)
 
 
 def test_a_run_is_the_same_whether_it_is_recorded_or_not(short: Record) -> None:
