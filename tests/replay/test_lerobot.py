@@ -284,7 +284,8 @@ def test_parts_that_move_on_joints_have_poses_in_the_world(tmp_path: Path) -> No
     rows = [record.index_at(time) for time in times.tolist()]
     tracks = [bt_dualarm.load(record.folder).objects[name] for name in names]
     poses = [np.hstack((track.position, track.quaternion))[rows] for track in tracks]
-    np.testing.assert_allclose(episode.columns[OBJECTS], np.hstack(poses), atol=1e-6)
+    columns = episode.columns[OBJECTS].astype(float)
+    np.testing.assert_allclose(columns, np.hstack(poses), atol=1e-6)
 
 
 def test_a_run_that_missed_its_goal_is_no_success(tmp_path: Path) -> None:
