@@ -661,8 +661,7 @@ class Record:
         """
         if not len(self.times):
             raise ReplayError(
-                f"{self.folder} contains no state: the run was killed in its first second, or "
-                "nothing could be written"
+                f"{self.folder} contains no state: the first second of the run was not written"
             )
         if not -_SLACK_S <= time <= self.until + 1.0:
             raise ReplayError(
