@@ -599,6 +599,8 @@ class Record:
             check_events(events, arms)
         with _errors_name(folder / SUMMARY):
             summary = _summary(folder / SUMMARY, budget)
+        if summary is not None and not os.path.lexists(folder / EVENTS):
+            raise HistoryError(f"{folder} is not complete: there is no {EVENTS} in it")
         return cls(
             folder=folder,
             start=start,

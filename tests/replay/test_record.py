@@ -150,6 +150,14 @@ def test_what_is_no_record_is_refused(tmp_path: Path) -> None:
         Record.read(tmp_path)
 
 
+def test_a_copy_without_its_events_is_refused(short: Record, tmp_path: Path) -> None:
+    """Without them, nothing would seem to have failed."""
+    for name in ("run.history", "summary.json"):
+        (tmp_path / name).write_bytes((short.folder / name).read_bytes())
+    with pytest.raises(HistoryError, match=r"not complete: there is no events\.jsonl in it"):
+        Record.read(tmp_path)
+
+
 def test_a_full_disk_leaves_what_was_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
