@@ -47,6 +47,9 @@ from bt_dualarm.spec.yaml_reader import Data
 _PACKAGE: Final = Path(__file__).parents[1]
 _UNCLOSED: Final[WeakSet[SkillRun]] = WeakSet()
 
+_LONGEST_REASON: Final = 10_000
+"""Characters of a reason that are kept: an exception may have the output of a program in it."""
+
 
 class SkillRun:
     """One run of a skill: its generator, with what it yields, returns and raises checked.
@@ -341,7 +344,7 @@ class Leaf(AcyclicNode):
 
     def _fail(self, code: str, reason: str, numbers: Mapping[str, Number]) -> None:
         self.code = code
-        self.reason = one_line(reason)
+        self.reason = one_line(reason[:_LONGEST_REASON])
         self._let_go()
         self._end(Status.FAILURE, numbers)
 

@@ -432,7 +432,7 @@ def _show_trees(arguments: argparse.Namespace, opened: Run) -> int:
     console = Console(highlight=False, height=_UNFOLDED_HEIGHT)
     symbols = suited_symbols(console, ascii_only=arguments.ascii)
     renderer = opened.renderer or ""
-    console.print(Picture(opened.name, 0.0, None, renderer, opened.views(), symbols))
+    console.print(Picture(opened.name, opened.time, None, renderer, opened.views(), symbols))
     return SUCCEEDED
 
 

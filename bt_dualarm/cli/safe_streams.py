@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 
 
 class SafeStream:
-    """Text stream that ignores write errors (closed, full, no reader) and keeps the first one.
+    r"""Text stream that ignores write errors (closed, full, no reader) and keeps the first one.
+
+    Characters that its encoding lacks, as that of ``LC_ALL=en_US``, are written out: ``\u2265``.
 
     Args:
         stream: The underlying stream.
@@ -32,8 +34,13 @@ class SafeStream:
     def write(self, text: str) -> int:
         """Write the text, or drop it after an error."""
         if self.error is None:
+            shown = self._plain(text) if self._is_plain else text
             try:
-                self._stream.write(self._plain(text) if self._is_plain else text)
+                try:
+                    self._stream.write(shown)
+                except UnicodeEncodeError as error:
+                    known = shown.encode(error.encoding, "backslashreplace")
+                    self._stream.write(known.decode(error.encoding))
             except OSError as error:
                 self._give_up(error)
         return len(text)
@@ -55,7 +62,8 @@ class SafeStream:
                 self._give_up(error)
 
     def _give_up(self, error: OSError) -> None:
-        self.error = error
+        # Its traceback would keep the frames of the command, and with them the run, past the exit.
+        self.error = error.with_traceback(None)
         # Python flushes the stream at its exit, which must not fail again.
         with suppress(OSError, ValueError):
             nowhere = os.open(os.devnull, os.O_WRONLY)

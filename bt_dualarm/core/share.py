@@ -73,7 +73,15 @@ def leftovers(path: Path) -> list[Path]:
 
 def write_text(path: Path, text: str) -> None:
     """Write text in UTF-8, as `write_atomically`."""
-    write_atomically(path, lambda file: file.write(text.encode()))
+    write_atomically(path, lambda file: file.write(encodable(text).encode()))
+
+
+def encodable(text: str) -> str:
+    r"""Returns text that UTF-8 can hold: lone surrogates are written out, as ``\udcff``.
+
+    Python puts them into the name of a file that is not UTF-8; files and parsers refuse them.
+    """
+    return text.encode("utf-8", "backslashreplace").decode()
 
 
 Given = ParamSpec("Given")

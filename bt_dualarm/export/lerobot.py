@@ -14,6 +14,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from secrets import token_hex
+from types import TracebackType
 from typing import Any, Final, TypeAlias
 
 import mujoco
@@ -180,7 +181,7 @@ def episode_of(record: Record) -> Episode:
     if objects:
         names[OBJECTS] = [f"{thing}.{part}" for thing in objects for part in _POSE]
         columns[OBJECTS] = _objects(record, objects, moments).astype(np.float32)
-    succeeded = record.summary is not None and record.summary.get("outcome") == "SUCCESS"
+    succeeded = _succeeded(record)
     is_last = np.arange(count)[:, None] == count - 1
     columns |= {DONE: is_last, SUCCESS: is_last & succeeded}
     views = {}
@@ -266,14 +267,20 @@ def _objects(
 ) -> npt.NDArray[np.float64]:
     """Poses of objects in each frame, of shape (frames, 7 n)."""
     found = np.zeros((len(moments), len(objects), len(_POSE)))
+    model = None
+    data = None
     for number, moment in enumerate(moments):
-        model = record.model(moment.generation)
-        for place, name in enumerate(objects):
-            body = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)
-            joint = int(model.body_jntadr[body]) if body >= 0 else -1
-            if joint >= 0:
-                address = int(model.jnt_qposadr[joint])
-                found[number, place] = moment.qpos[address : address + len(_POSE)]
+        if model is not record.model(moment.generation) or data is None:
+            model = record.model(moment.generation)
+            data = mujoco.MjData(model)
+            kind = mujoco.mjtObj.mjOBJ_BODY
+            bodies = [mujoco.mj_name2id(model, kind, name) for name in objects]
+        # Not read from the positions of joints: parts of objects move on hinges and slides.
+        data.qpos[:] = moment.qpos
+        mujoco.mj_kinematics(model, data)
+        for place, body in enumerate(bodies):
+            if body >= 0:
+                found[number, place] = [*data.xpos[body], *data.xquat[body]]
             elif number:
                 found[number, place] = found[number - 1, place]
     return found.reshape(len(moments), -1)
@@ -397,8 +404,13 @@ class DatasetWriter:
     def __enter__(self) -> DatasetWriter:
         return self
 
-    def __exit__(self, *error: object) -> None:
-        self._open.close()
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._open.__exit__(kind, error, trace)
 
     def _next(self, pattern: str) -> int:
         """Number of the first file of a series that does not exist yet."""
@@ -528,8 +540,8 @@ class DatasetWriter:
         if place.writer is None:
             place.path = self._folder / _VIDEO.format(video_key=key, **place.indices)
             place.path.parent.mkdir(parents=True, exist_ok=True)
-            place.writer = Encoder(place.path, (view.width, view.height), FPS, KEY_EVERY)
-            self._open.callback(place.writer.close)
+            encoder = Encoder(place.path, (view.width, view.height), FPS, KEY_EVERY)
+            place.writer = self._open.enter_context(encoder)
         seen = []
         for number, picture in enumerate(view.pictures()):
             place.writer.add(picture)
@@ -773,7 +785,9 @@ def write_dataset(
 
 
 def _succeeded(record: Record) -> bool:
-    return record.summary is not None and record.summary.get("outcome") == "SUCCESS"
+    """Whether all trees succeeded, and the goals of the file, if it has any, were met."""
+    summary = record.summary or {}
+    return summary.get("outcome") == "SUCCESS" and not summary.get("false_success")
 
 
 def _linked(source: str, target: str) -> None:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import subprocess
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
+from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
-from typing import Final, TypeAlias
+from secrets import token_hex
+from tempfile import TemporaryFile
+from typing import Final, Self, TypeAlias
 
 import mujoco
 import numpy as np
@@ -17,6 +21,7 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
 from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.core.share import write_atomically
 from bt_dualarm.replay.record import Facts, Moment, Record, ReplayError
 from bt_dualarm.replay.timeline import Change, Timeline, TimelineNode
 from bt_dualarm.robots.mjspec import OBJECT_GROUP, SCENE_GROUP, TOOL_SITE
@@ -455,11 +460,11 @@ class Format:
 
     width: int
     height: int
-    fps: float
+    fps: int
 
 
-FILM: Final = Format(1280, 720, 25.0)
-ANIMATION: Final = Format(800, 450, 10.0)
+FILM: Final = Format(1280, 720, 25)
+ANIMATION: Final = Format(800, 450, 10)
 
 
 def write_film(record: Record, path: Path) -> None:
@@ -473,10 +478,11 @@ def write_film(record: Record, path: Path) -> None:
         ReplayError: The record shows no arm or object, or imageio-ffmpeg is not installed.
         OSError: The file cannot be written.
     """
-    beside = path.with_name(f".{path.stem}.half.mp4")
+    # The random part is needed: another process may write the same file.
+    beside = path.with_name(f".{path.stem}.{token_hex(4)}.half.mp4")
     try:
         beside.touch()
-        with closing(Encoder(beside, (FILM.width, FILM.height), FILM.fps)) as film:
+        with Encoder(beside, (FILM.width, FILM.height), FILM.fps) as film:
             for picture in pictures(record, FILM):
                 film.add(picture)
         beside.replace(path)
@@ -485,45 +491,83 @@ def write_film(record: Record, path: Path) -> None:
 
 
 class Encoder:
-    """Encodes images as H.264 (yuv420p), one by one.
+    """Encodes images as H.264 (yuv420p), one by one, in a process of its own.
+
+    An exception in its ``with`` block ends the process, with a file that is not complete.
 
     Args:
         path: File to write, which ends with ``.mp4``.
         size: Width and height in pixels, even.
-        fps: Frames per second.
+        fps: Frames per second, a whole number.
         key_every: Interval of key frames, in frames.
 
     Raises:
         ReplayError: The package imageio-ffmpeg is not installed.
-        OSError: The file cannot be written.
+        OSError: The encoder cannot be started.
     """
 
-    def __init__(self, path: Path, size: tuple[int, int], fps: float, key_every: int = 50) -> None:
+    def __init__(self, path: Path, size: tuple[int, int], fps: int, key_every: int = 50) -> None:
         try:
             import imageio_ffmpeg
         except ImportError as error:
             message = "a film needs the package imageio-ffmpeg (the extra bt_dualarm[export])"
             raise ReplayError(message) from error
-        keys = ["-g", str(key_every)]
-        self._film = imageio_ffmpeg.write_frames(
-            str(path),
-            size,
-            fps=fps,
-            codec="libx264",
-            macro_block_size=2,
-            # It would warn on the terminal if a record that turns out to be invalid has no frame.
-            ffmpeg_log_level="error",
-            output_params=keys,
+        width, height = size
+        images = ("-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(fps))
+        coded = ("-vcodec", "libx264", "-pix_fmt", "yuv420p", "-crf", "25", "-g", str(key_every))
+        program = imageio_ffmpeg.get_ffmpeg_exe()
+        # The prefix, because ffmpeg takes what stands before a colon for a protocol.
+        command = [program, "-v", "error", "-y", *images, "-i", "-", *coded, f"file:{path}"]
+        self._said = TemporaryFile()  # noqa: SIM115 - as long as the process
+        self._process = subprocess.Popen(  # noqa: S603 - the package's program
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=self._said,
+            start_new_session=True,  # Ctrl-C is for this process, which then ends that one
         )
-        self._film.send(None)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
+        if kind is not None:
+            self._process.kill()
+            with suppress(OSError):
+                self.close()
+        else:
+            self.close()
 
     def add(self, picture: Picture) -> None:
-        """Add an image of shape (height, width, 3), red, green, blue."""
-        self._film.send(np.ascontiguousarray(picture).tobytes())
+        """Add an image of shape (height, width, 3), red, green, blue.
+
+        Raises:
+            OSError: The file cannot be written, for instance because the disk is full.
+        """
+        assert self._process.stdin is not None  # noqa: S101 - a pipe
+        try:
+            self._process.stdin.write(np.ascontiguousarray(picture).tobytes())
+        except BrokenPipeError:
+            self.close()  # raises what the process said
 
     def close(self) -> None:
-        """Finish the file; harmless when repeated."""
-        self._film.close()
+        """Finish the file; harmless when repeated.
+
+        Raises:
+            OSError: The file is not complete.
+        """
+        if self._said.closed:
+            return
+        assert self._process.stdin is not None  # noqa: S101 - a pipe
+        with suppress(BrokenPipeError):
+            self._process.stdin.close()
+        code = self._process.wait()
+        with self._said as said:
+            said.seek(0)
+            lines = said.read().decode(errors="replace").splitlines()
+        if code:
+            why = lines[0].rpartition("] ")[2] if lines else f"it ended with {code}"
+            raise OSError(f"the encoder ffmpeg failed: {why}")
 
 
 def write_animation(record: Record, path: Path) -> None:
@@ -538,23 +582,21 @@ def write_animation(record: Record, path: Path) -> None:
         OSError: The file cannot be written there.
     """
     images = [Image.fromarray(picture) for picture in pictures(record, ANIMATION)]
-    beside = path.with_name(f".{path.stem}.half.webp")
-    try:
-        for quality in (70, 55, 40, 25, 10):
-            images[0].save(
-                beside,
-                save_all=True,
-                append_images=images[1:],
-                duration=round(1000 / ANIMATION.fps),
-                loop=0,
-                quality=quality,
-                method=4,
-            )
-            if beside.stat().st_size <= _MOST_BYTES:
-                break
-        beside.replace(path)
-    finally:
-        beside.unlink(missing_ok=True)
+    for quality in (70, 55, 40, 25, 10):
+        content = BytesIO()
+        images[0].save(
+            content,
+            "WEBP",
+            save_all=True,
+            append_images=images[1:],
+            duration=round(1000 / ANIMATION.fps),
+            loop=0,
+            quality=quality,
+            method=4,
+        )
+        if content.tell() <= _MOST_BYTES:
+            break
+    write_atomically(path, lambda file: file.write(content.getbuffer()))
 
 
 def pictures(record: Record, form: Format) -> Iterator[Picture]:

@@ -51,8 +51,8 @@ from bt_dualarm.spec.yaml_reader import MAX_DEPTH, MAX_NODES, with_tuples
 
 # Types of all facts of a record, validated before use: a record may come from an untrusted source.
 # Names follow the rule of tree files, so that no path can be built from them; labels contain
-# no control characters for a terminal. Facts without a type here (ports, values of the blackboard,
-# texts) are any JSON and must be escaped when shown.
+# no control characters for a terminal. Paths, names of metrics, and facts without a type here
+# (ports, values of the blackboard, texts) may have any, and must be escaped when shown.
 
 
 Facts: TypeAlias = dict[str, Any]
@@ -79,7 +79,10 @@ Label: TypeAlias = Annotated[str, StringConstraints(max_length=300), AfterValida
 _Location: TypeAlias = Annotated[
     str, StringConstraints(min_length=1, max_length=8192), AfterValidator(_printable)
 ]
-_Code: TypeAlias = Annotated[str, StringConstraints(pattern=r"^([A-Z][A-Z0-9_]{0,99})?$")]
+_Path: TypeAlias = Annotated[str, StringConstraints(min_length=1, max_length=8192)]
+"""Path of a file, with any characters that a file system allows: no-break spaces, line breaks."""
+
+_Code: TypeAlias = Annotated[str, StringConstraints(pattern=r"^([A-Z][A-Z0-9_]*)?$")]
 _Text: TypeAlias = Annotated[str, StringConstraints(max_length=100_000)]
 _Time: TypeAlias = Annotated[float, Field(ge=0.0, le=LONGEST_S)]
 _Stamp: TypeAlias = Annotated[float, Field(ge=-LONGEST_S, le=LONGEST_S)]
@@ -107,12 +110,12 @@ class _Node(_Facts):
     ]
     name: _NodeName
     ports: _Ports
-    place: _Location
+    place: _Path
     children: list[_Node]
 
 
 class _Skill(_Facts):
-    file: Annotated[str, StringConstraints(max_length=8192), AfterValidator(_printable)]
+    file: _Path | Literal[""]  # empty for a class that was defined interactively
     sha256: Label
 
 
@@ -164,8 +167,8 @@ class _Start(_Facts):
     name: Annotated[
         str, StringConstraints(min_length=1, max_length=LONGEST_NAME), AfterValidator(_printable)
     ]
-    path: _Location
-    texts: Annotated[dict[_Location, str], Field(min_length=1, max_length=1000)]
+    path: _Path
+    texts: Annotated[dict[_Path, str], Field(min_length=1, max_length=1000)]
     params: Annotated[dict[Label, Any], Field(max_length=1000)]
     seed: Annotated[int, Field(ge=0, lt=2**32)]
     renderer: RendererKind | None
@@ -176,7 +179,7 @@ class _Start(_Facts):
     time_limit: Annotated[float, Field(gt=0.0, le=LONGEST_S)]
     objects: Annotated[dict[ThingName, _Object], Field(max_length=1000)]
     arms: Annotated[dict[Name, _ArmFacts], Field(min_length=1, max_length=100)]
-    pages: Annotated[dict[_Location, Label], Field(max_length=1000)]
+    pages: Annotated[dict[_Path, Label], Field(max_length=1000)]
     skills: Annotated[dict[Label, _Skill], Field(max_length=1000)]
     versions: Annotated[dict[Label, Label], Field(max_length=1000)]
     processor: _Processor
@@ -276,7 +279,7 @@ class _Event(_Facts):
     new: StatusName
     code: _Code
     reason: _Text
-    metrics: Annotated[dict[Label, float | int | bool | str | None], Field(max_length=_MOST_PORTS)]
+    metrics: dict[str, float | int | bool | str | None]
 
 
 class _ArmSummary(_Facts):
@@ -596,6 +599,8 @@ class Record:
             check_events(events, arms)
         with _errors_name(folder / SUMMARY):
             summary = _summary(folder / SUMMARY, budget)
+        if summary is not None and not os.path.lexists(folder / EVENTS):
+            raise HistoryError(f"{folder} is not complete: there is no {EVENTS} in it")
         return cls(
             folder=folder,
             start=start,
@@ -654,9 +659,13 @@ class Record:
         """Index of the last state at or before a time; 0 for times before the first state.
 
         Raises:
-            ReplayError: The time is outside the record.
+            ReplayError: The time is outside the record, or there is no state.
         """
-        if not len(self.times) or not -_SLACK_S <= time <= self.until + 1.0:
+        if not len(self.times):
+            raise ReplayError(
+                f"{self.folder} contains no state: the first second of the run was not written"
+            )
+        if not -_SLACK_S <= time <= self.until + 1.0:
             raise ReplayError(
                 f"{time:g} s is outside the record, which goes from 0 to {self.until:.2f} s"
             )

@@ -472,7 +472,7 @@ def resumed(
             past = _repeat_past(record, remade.run, steps, stop, frames)
             if past.steps == steps or stop.asked:
                 return remade.run
-            _raise_unless_frames_explain(record, remade, past, registry)
+            _raise_unless_frames_explain(record, remade, past, registry, changed.options)
         except BaseException:
             remade.run.close()
             raise
@@ -481,7 +481,11 @@ def resumed(
 
 
 def _raise_unless_frames_explain(
-    record: Record, remade: Rerun, past: PastComparison, registry: Registry
+    record: Record,
+    remade: Rerun,
+    past: PastComparison,
+    registry: Registry,
+    options: Mapping[str, object],
 ) -> None:
     """Log a warning if recalled frames may be the reason of a difference.
 
@@ -491,7 +495,7 @@ def _raise_unless_frames_explain(
     time = past.steps * float(record.start["timestep"])
     recalled = any(log.taken for log in remade.run.assembly.frame_logs.values())
     if any(edited(record, remade.trees, time)) or not recalled:
-        raise PastChangedError(_explained(record, remade, past, registry))
+        raise PastChangedError(_explained(record, remade, past, registry, options))
     _log.warning(
         "recorded image results diverge from the run from %.3f s on: images are rendered again",
         time,
@@ -516,7 +520,13 @@ def _repeat_past(
     return past
 
 
-def _explained(record: Record, remade: Rerun, past: PastComparison, registry: Registry) -> str:
+def _explained(
+    record: Record,
+    remade: Rerun,
+    past: PastComparison,
+    registry: Registry,
+    options: Mapping[str, object],
+) -> str:
     found = past.difference
     time = past.steps * float(record.start["timestep"])
     lines = [f"the past is not that of the record: it differs from {time:.3f} s on"]
@@ -524,6 +534,11 @@ def _explained(record: Record, remade: Rerun, past: PastComparison, registry: Re
         lines.append(found.event)
     elif found is not None and found.doing:
         lines.append(f"running then: {', '.join(found.doing)}")
+    for name in ("seed", "duration", "renderer", "reality"):
+        given = options.get(name)
+        if given is not None and given != record.start[name]:
+            was = record.start[name]
+            lines.append(f"{name} is {given}, was {'not given' if was is None else was} then")
     lines += edited(record, remade.trees, time)
     lines += differences(record, registry)
     return "\n  = ".join(lines)

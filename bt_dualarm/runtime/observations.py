@@ -26,6 +26,7 @@ from bt_dualarm.behaviors.report import KeyWritten, StatusChange, TraceEvent
 from bt_dualarm.control.controller import JointController
 from bt_dualarm.core.later import Later
 from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.core.share import encodable
 from bt_dualarm.runtime.arm_runtime import FaultObserver, IdleObserver, Observer, RunView
 from bt_dualarm.runtime.clock import Periodic, exact
 from bt_dualarm.runtime.history_file import Block, HistoryWriter
@@ -567,7 +568,7 @@ class Journal:
         if self._failure is not None or not text:
             return
         try:
-            self._write(text.encode())
+            self._write(encodable(text).encode())
         except OSError as error:
             self._failure = error
             _log.warning("%s is no longer written during the run: %s", self._path.name, error)

@@ -146,7 +146,7 @@ def checked_seed(seed: object) -> int:
     except TypeError:
         number = -1
     if not 0 <= number <= MOST_SEED:
-        raise RunError(f"{seed!r} is not a whole number from 0 to {MOST_SEED}")
+        raise RunError(f"seed: {seed!r} is not a whole number from 0 to {MOST_SEED}")
     return number
 
 

@@ -246,6 +246,8 @@ class RecordFolder:
         except BaseException:
             self.release()
             raise
+        # Skills and notebooks may change the working directory before the record is written.
+        self.path = path.absolute()
 
     def __enter__(self) -> RecordFolder:
         return self

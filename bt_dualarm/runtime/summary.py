@@ -10,6 +10,7 @@ import ctypes
 import hashlib
 import math
 import platform
+import sys
 from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.metadata import version
@@ -18,6 +19,8 @@ from typing import Final, TypedDict
 
 import numpy as np
 
+from bt_dualarm.core.share import encodable
+from bt_dualarm.runtime.history_file import LARGEST_INT
 from bt_dualarm.runtime.outcome import ArmResult, RunResult
 
 # The kind of processor is part of the summary, because the last bits of the results depend on it.
@@ -170,14 +173,17 @@ def _arm(arm: ArmResult) -> dict[str, object]:
 def json_ready(value: object) -> object:
     """A value with types that JSON has: plain Python numbers, rounded to nine decimals.
 
-    Numbers that are not finite become null, because JSON has none.
+    Numbers that are not finite become null, because JSON has none; integers beyond 64 bits become
+    floats, and texts encodable, because readers refuse others.
     """
     if isinstance(value, Mapping):
-        return {str(key): json_ready(item) for key, item in value.items()}
+        return {encodable(str(key)): json_ready(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [json_ready(item) for item in value]
     if hasattr(value, "tolist"):
         return json_ready(value.tolist())
+    if isinstance(value, int) and abs(value) > LARGEST_INT:
+        value = float(value) if abs(value) <= sys.float_info.max else math.inf
     if isinstance(value, float):
         return round(value, 9) if math.isfinite(value) else None
-    return str(value) if isinstance(value, str) else value
+    return encodable(value) if isinstance(value, str) else value

@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from bt_dualarm.core.errors import Failure, InjectedFailure, Number, SkillError
 from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.core.share import encodable
 from bt_dualarm.skill.cell import CellAccess
 from bt_dualarm.spec.node_types import Counterpart, NoPorts, PortModel
 
@@ -67,6 +68,7 @@ STANDARD_FAILURES: Final[Mapping[str, str]] = {
 
 _LONGEST: Final = 60  # characters of a value that a message shows
 _LARGEST: Final = int(sys.float_info.max)
+_LARGEST_INT: Final = 2**63 - 1
 _NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_ .-]{0,59}")
 _BACKWARDS_S: Final = 1e-9  # rounding of summed time steps
 _LEAST_LENGTH: Final = 1e-6  # minimum length of a direction vector
@@ -307,7 +309,9 @@ def plain(found: object) -> dict[str, Number]:
     """The valid metrics, converted to types of JSON."""
     if not isinstance(found, Mapping):
         return {}
-    scalars = {name: _scalar(value) for name, value in found.items() if isinstance(name, str)}
+    scalars = {
+        encodable(name): _scalar(value) for name, value in found.items() if isinstance(name, str)
+    }
     return {name: value for name, value in scalars.items() if _is_number(value)}
 
 
@@ -325,8 +329,14 @@ def _is_number(value: object) -> TypeGuard[Number]:
 
 
 def _scalar(value: object) -> object:
-    """The number in a NumPy scalar or one-element array; anything else unchanged."""
-    return value.item() if isinstance(value, np.generic | np.ndarray) and value.size == 1 else value
+    """The number in a NumPy scalar or one-element array, with types that files can hold."""
+    if isinstance(value, np.generic | np.ndarray) and value.size == 1:
+        value = value.item()
+    if isinstance(value, str):
+        return encodable(value)
+    if isinstance(value, int) and _LARGEST_INT < abs(value) <= _LARGEST:
+        return float(value)
+    return value
 
 
 def _name(skill: Skill) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -185,7 +186,8 @@ def read_file(path: Path) -> pa.Table:
     """
     pa = arrow()
     try:
-        table = pa.parquet.read_table(path, memory_map=False)
+        with pa.OSFile(os.fsencode(path)) as file:  # pyarrow refuses text that is not UTF-8
+            table = pa.parquet.read_table(file)
     except (OSError, pa.ArrowException) as error:
         raise SweepError(f"{path} cannot be read: {str(error).splitlines()[0][:200]}") from error
     missing = [name for name in ("trial", "identity", "outcome") if name not in table.column_names]

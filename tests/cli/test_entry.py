@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import itertools
 import json
 import os
@@ -19,6 +20,7 @@ import pytest
 
 from bt_dualarm.cli import entry
 from bt_dualarm.cli.entry import ProcessEnd
+from bt_dualarm.cli.safe_streams import SafeStream
 from bt_dualarm.runtime.interruption import StopRequest
 from tests.families import some
 from tests.listening import HEEDING, STOPPING, wait_until, wait_until_it_listens
@@ -156,6 +158,27 @@ def test_an_output_that_nobody_reads_changes_nothing(name: str, redirection: str
     done = in_shell(name, f"{redirection}; exit ${{PIPESTATUS[0]}}")
     assert "Traceback" not in done.stderr
     assert done.returncode == CODES[name]
+
+
+def test_a_write_error_keeps_nothing_of_the_command() -> None:
+    """Its traceback would keep a run past the exit, where the libraries complain about leaks."""
+    with open("/dev/full", "w") as full:  # noqa: PTH123 - a device
+        stream = SafeStream(full)
+        stream.write("lost")
+        stream.flush()
+        assert stream.error is not None
+        assert stream.error.__traceback__ is None
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+def test_characters_that_an_encoding_lacks_are_written_out(encoding: str) -> None:
+    written = io.BytesIO()
+    stream = SafeStream(io.TextIOWrapper(written, encoding))
+    stream.write("turns \u2265 1, ")
+    stream.write("90\u00b0\n")
+    stream.flush()
+    degree = "\u00b0" if encoding == "latin-1" else r"\xb0"
+    assert written.getvalue().decode(encoding) == f"turns \\u2265 1, 90{degree}\n"
 
 
 def test_with_closed_streams_a_record_is_whole(tmp_path: Path) -> None:

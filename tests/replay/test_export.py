@@ -13,7 +13,7 @@ from PIL import Image
 
 from bt_dualarm import cli
 from bt_dualarm.export.tables import tables_of
-from bt_dualarm.export.video import FilmPanel, clear_corner, followed, write_animation
+from bt_dualarm.export.video import Encoder, FilmPanel, clear_corner, followed, write_animation
 from bt_dualarm.replay.record import Record
 from tests.replay.runs import SHORT, recorded
 
@@ -77,6 +77,31 @@ def test_a_film_has_25_pictures_a_second(
         with pytest.raises(SystemExit):
             cli.record(["export", str(begun.folder), form, "film.avi"])
         assert f"does not end with {end}" in capsys.readouterr().err
+
+
+def test_a_film_that_does_not_fit_on_the_disk_is_told(tmp_path: Path) -> None:
+    (tmp_path / "full.mp4").symlink_to("/dev/full")
+    encoder = Encoder(tmp_path / "full.mp4", (64, 48), 25)
+    encoder.add(np.zeros((48, 64, 3), np.uint8))
+    with pytest.raises(OSError, match="No space left on device"):
+        encoder.close()
+
+
+def test_an_error_while_a_film_is_made_is_what_is_told(tmp_path: Path) -> None:
+    encoder = Encoder(tmp_path / "film.mp4", (64, 48), 25)
+    with pytest.raises(ZeroDivisionError), encoder:
+        raise ZeroDivisionError
+
+
+def test_a_folder_of_a_film_may_have_a_colon(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To ffmpeg what stands before it is a protocol."""
+    monkeypatch.chdir(tmp_path)
+    Path("12:30").mkdir()
+    with Encoder(Path("12:30/film.mp4"), (64, 48), 25) as film:
+        film.add(np.zeros((48, 64, 3), np.uint8))
+    assert Path("12:30/film.mp4").stat().st_size > 500
 
 
 def test_an_animation_moves_and_is_small(failed: Record, tmp_path: Path) -> None:

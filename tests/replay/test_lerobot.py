@@ -16,7 +16,7 @@ from pyarrow import parquet
 
 import bt_dualarm
 from bt_dualarm import cli
-from bt_dualarm.export.lerobot import episode_of, write_dataset
+from bt_dualarm.export.lerobot import FPS, OBJECTS, episode_of, write_dataset
 from bt_dualarm.export.mcap import messages_of
 from bt_dualarm.export.tables import tables_of
 from bt_dualarm.replay.record import Record, ReplayError
@@ -257,6 +257,45 @@ def test_failed_runs_can_be_left_out(
     assert export(runs[1:2], tmp_path / "none", "--only-successes") == 2
     assert "none of 1 runs succeeded" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == ["set"]
+
+
+CHEST = """\
+  chest:
+    shape: compound
+    mass: 1
+    pose: {xyz: [0.4, -0.4, 0.3]}
+    parts:
+      body: {shape: bin, size: [0.12, 0.07, 0.08], wall: 0.005}
+      lid: {shape: box, size: [0.12, 0.07, 0.006], pose: {xyz: [0, 0, 0.0435]}}
+    joints:
+      hinge:
+        {type: hinge, parts: [lid], axis: [0, -1, 0], anchor: [-0.06, 0, 0.0405], range: [0, 100]}
+"""
+
+
+def test_parts_that_move_on_joints_have_poses_in_the_world(tmp_path: Path) -> None:
+    """The chest falls, and its lid opens as it hits the floor."""
+    text = SHORT.replace("arms:\n", f"{CHEST}arms:\n", 1)
+    record = recorded(tmp_path, text, duration=0.6)
+    episode = episode_of(record)
+    names = [name.removesuffix(".x") for name in episode.names[OBJECTS] if name.endswith(".x")]
+    assert names == ["ball", "chest", "chest.hinge"]
+    times = record.times[0] + np.arange(episode.length) / FPS
+    rows = [record.index_at(time) for time in times.tolist()]
+    tracks = [bt_dualarm.load(record.folder).objects[name] for name in names]
+    poses = [np.hstack((track.position, track.quaternion))[rows] for track in tracks]
+    columns = episode.columns[OBJECTS].astype(float)
+    np.testing.assert_allclose(columns, np.hstack(poses), atol=1e-6)
+
+
+def test_a_run_that_missed_its_goal_is_no_success(tmp_path: Path) -> None:
+    """Its tree reports SUCCESS; the goal says that the task was not done."""
+    goal = "goal: {far: {tool: arm1, at: {xyz: [2, 0, 1]}, within: 0.1}}\n"
+    record = recorded(tmp_path / "run", SHORT + goal)
+    assert record.summary is not None
+    assert (record.summary["outcome"], record.summary["false_success"]) == ("SUCCESS", True)
+    assert not episode_of(record).succeeded
+    assert export([record.folder], tmp_path / "set", "--only-successes") == 2
 
 
 def test_how_far_it_has_come_is_told_run_by_run(

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -15,7 +17,9 @@ import pytest
 
 import bt_dualarm
 from bt_dualarm.replay.record import Record, ReplayError
+from bt_dualarm.replay.rerun import check_record
 from bt_dualarm.runtime.history_file import HistoryError
+from bt_dualarm.skill.registry import Registry
 from tests.families import some
 from tests.faults.test_kill import ENDLESS, PROGRAM
 from tests.replay.runs import PARTS, SHORT, recorded
@@ -104,6 +108,11 @@ def test_a_time_outside_is_refused(short: Record) -> None:
         short.index_at(-1)
 
 
+def test_a_run_that_was_killed_in_its_first_second_has_no_state(short: Record) -> None:
+    with pytest.raises(ReplayError, match="contains no state: the first second of the run was"):
+        replace(short, seconds=()).index_at(0.0)
+
+
 def test_a_run_is_the_same_whether_it_is_recorded_or_not(short: Record) -> None:
     [main, *_] = short.start["texts"]
     plain = bt_dualarm.run(Path(main), seed=4)
@@ -138,6 +147,14 @@ def test_what_is_no_record_is_refused(tmp_path: Path) -> None:
         Record.read(tmp_path)
     (tmp_path / "run.history").write_bytes(b"bt_dualarm history 1\n")
     with pytest.raises(HistoryError, match="the run had barely begun"):
+        Record.read(tmp_path)
+
+
+def test_a_copy_without_its_events_is_refused(short: Record, tmp_path: Path) -> None:
+    """Without them, nothing would seem to have failed."""
+    for name in ("run.history", "summary.json"):
+        (tmp_path / name).write_bytes((short.folder / name).read_bytes())
+    with pytest.raises(HistoryError, match=r"not complete: there is no events\.jsonl in it"):
         Record.read(tmp_path)
 
 
@@ -193,3 +210,51 @@ def test_a_file_is_not_taken_for_a_missing_folder(tmp_path: Path) -> None:
     tree.write_text("bt_dualarm: 1\n")
     with pytest.raises(ReplayError, match="is a file; a record is the folder of bt-run --record"):
         Record.read(tree)
+
+
+class Odd(bt_dualarm.Skill):
+    """Measures, writes, logs and fails with whatever Python allows."""
+
+    class Outputs(bt_dualarm.PortModel):
+        count: int = bt_dualarm.port(..., "a count")
+
+    failures = {"ODD" * 50: "always"}  # noqa: RUF012 - as `Skill` declares it
+    example = "odd"
+
+    def run(self) -> bt_dualarm.Ticks:
+        """Fail at the second tick."""
+        yield
+        logging.getLogger("bt_dualarm.odd").warning("read %s", os.fsdecode(b"caf\xe9.png"))
+        self.output("count", 2**70)
+        self.metrics |= {f"name {number}": number for number in range(1200)}
+        self.metrics["tab\t, no-break space\u00a0, " + "long" * 100] = 2**64
+        self.metrics[os.fsdecode(b"caf\xe9")] = os.fsdecode(b"caf\xe9.png")
+        raise bt_dualarm.Failure("ODD" * 50, "reason " * 100_000)
+
+
+def test_whatever_a_skill_may_say_can_be_read(tmp_path: Path) -> None:
+    """A record that cannot be read is lost."""
+    tree = {
+        "bt_dualarm": 1,
+        "arms": {"arm1": {"robot": "ur5", "tree": {"odd": {"count": "{n}"}}}},
+    }
+    result = bt_dualarm.run(tree, skills=[Odd], record=tmp_path)
+    assert result.arms["arm1"].leaves["odd"].code == "ODD" * 50
+    data = bt_dualarm.load(tmp_path)
+    (failed,) = (event for event in data.events if event["new"] == "FAILURE")
+    assert failed["metrics"]["caf\\udce9"] == "caf\\udce9.png"
+    assert failed["metrics"]["name 1199"] == 1199
+    assert 2.0**64 in failed["metrics"].values()
+    assert failed["reason"].startswith("reason reason")
+    assert [value for _, value in data.blackboard("arm1")["n"]] == [2.0**70]
+    assert "read caf\\udce9.png" in (tmp_path / "run.log").read_text()
+    assert data.summary is not None
+    assert data.summary["arms"]["arm1"]["outcome"] == "FAILURE"
+
+
+@pytest.mark.parametrize(
+    "name", ["no-break\u00a0space", "line\nbreak", os.fsdecode(b"caf\xe9"), "right to left \u202e"]
+)
+def test_the_path_of_the_tree_may_have_any_characters(name: str, tmp_path: Path) -> None:
+    record = recorded(tmp_path / name, duration=0.2)
+    assert check_record(record, Registry.load()).agrees

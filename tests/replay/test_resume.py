@@ -77,6 +77,13 @@ def test_an_included_file_that_changed_counts_from_where_its_past_did(
         assert run.finish().state_sha256 == record.end["state_sha256"]
 
 
+def test_an_option_that_changes_the_past_is_told(short: Record) -> None:
+    changed = Changed(options={"reality": "rough", "seed": short.start["seed"]})
+    with pytest.raises(PastChangedError, match="reality is rough, was not given then") as refused:
+        resumed(short, 0.5, REGISTRY, changed)
+    assert "seed" not in str(refused.value)
+
+
 def test_another_kind_of_node_is_told(short: Record, tmp_path: Path) -> None:
     change = edited(short, tmp_path, "- subtree: {use: aside}", "- wait: {name: aside, seconds: 9}")
     with pytest.raises(

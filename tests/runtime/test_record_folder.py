@@ -14,6 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import bt_dualarm
 from bt_dualarm.runtime.recorder import LOCK, RecordError, RecordFolder
 
 OF_A_RECORD = (
@@ -137,3 +138,16 @@ def test_a_file_is_no_folder(tmp_path: Path) -> None:
         RecordFolder(tmp_path / "out", [])
     with pytest.raises(RecordError, match="Not a directory"):
         RecordFolder(tmp_path / "out" / "below", [])
+
+
+def test_the_working_directory_may_change_during_a_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "elsewhere").mkdir()
+    with bt_dualarm.open("circle", record="out", duration=0.2) as run:
+        run.step(0.1)
+        monkeypatch.chdir(tmp_path / "elsewhere")
+    assert "summary.json" in names(tmp_path / "out")
+    assert LOCK not in names(tmp_path / "out")
+    assert names(tmp_path / "elsewhere") == set()

@@ -95,7 +95,7 @@ def test_what_cannot_be_reset_says_why(tmp_path: Path) -> None:
     with bt.open(TREE) as run:
         run.step(0.1)
         for seed in (-1, 2**32, 0.5, "3"):
-            with pytest.raises(RunError, match="is not a whole number from 0 to 4294967295"):
+            with pytest.raises(RunError, match=r"^seed: .* is not a whole number from 0"):
                 run.reset(seed)  # type: ignore[arg-type]  # what a user may try
         assert run.time == pytest.approx(0.1), "a refused reset changes nothing"
     with pytest.raises(RunError, match="the run is closed"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -80,6 +81,16 @@ def test_many_files_become_one(rows: list[Row], tmp_path: Path) -> None:
     store.merge()
     assert len([*(tmp_path / "rows").iterdir()]) == 1
     assert len(read_rows([tmp_path])) == len(rows)  # type: ignore[arg-type]
+
+
+def test_a_folder_whose_name_is_not_utf8(rows: list[Row], tmp_path: Path) -> None:
+    store = RowStore(tmp_path / os.fsdecode(b"caf\xe9"))
+    for row in rows:
+        store.add([row])
+    store.merge()
+    table = read_rows([tmp_path / os.fsdecode(b"caf\xe9")])
+    assert table is not None
+    assert len(table) == len(rows)
 
 
 def test_a_folder_that_is_no_sweep_is_said(tmp_path: Path) -> None:
