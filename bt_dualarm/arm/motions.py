@@ -184,6 +184,8 @@ class ArmMotions(ArmState):
                 ``TIMED_OUT`` when another arm does not leave it, ``INTERRUPTED``.
         """
         motion = self.begin(trajectory)
+        holders = {one for name in ignore for one in self.world.attachments.holders(name)}
+        motion.tool_keeps_off = holders <= {self.name}  # unless it may touch what another arm holds
         watch = self.watch(motion, ignore)
         while not motion.done:
             yield motion.progress

@@ -59,26 +59,30 @@ class Gap:
 class ArmDistance:
     """Distances of one arm and its payload to the other arms and their payloads.
 
-    Distances between its tool and another arm's payload do not count: the tool grasps it in a
-    handover. Neither do those between an object and the tools of arms that hold it together, or
-    that have consented to that (`Attachments.consent`); between the hands of these arms, the
-    distance that they need not keep is added. Must be rebuilt after the world is recompiled.
+    Distances between an object and the tools of arms that hold it together, or that have consented
+    to that (`Attachments.consent`), do not count; between the hands of these arms, the distance
+    that they need not keep is added. Must be rebuilt after the world is recompiled.
 
     Args:
         world: World whose current state counts; never changed.
         arm: Name of the arm.
+        tool_keeps_off: Whether distances between its tool and another arm's payload count, with
+            `PAYLOAD_APART_M`. They must not if the tool takes something from there, or puts
+            something there.
     """
 
-    def __init__(self, world: World, arm: str) -> None:
+    def __init__(self, world: World, arm: str, *, tool_keeps_off: bool = False) -> None:
         self._world = world
         self._scratch = ScratchModel(world, world.arms)
         self._others = [name for name in world.arms if name != arm]
         own = list(world.arms[arm].geom_ids)
         # A pair counts if a type bit of the own geom is among the affinities of the other's: tools
-        # lack the bit that payloads of other arms answer to.
+        # that may touch payloads of other arms lack the bit that these answer to.
         types, affinities = np.zeros((2, world.model.ngeom), dtype=np.int32)
         types[own] = _LINKS | _HELD
-        types[list(world.arms[arm].tool_geom_ids)] = _LINKS
+        tool = np.array([*world.arms[arm].tool_geom_ids])
+        if not tool_keeps_off:
+            types[tool] = _LINKS
         self._owner = np.full(world.model.ngeom, -1)  # index of the other arm, -1 for none
         for index, name in enumerate(self._others):
             geoms = list(world.arms[name].geom_ids)
@@ -92,6 +96,14 @@ class ArmDistance:
                 affinities[geoms] = _HELD
                 self._owner[geoms] = self._others.index(held.arm)
         self._added = added_distances(world, arm)
+        payloads = np.flatnonzero(affinities == _HELD)
+        if tool_keeps_off and len(payloads):
+            if self._added is None:
+                self._added = np.zeros((world.model.ngeom, world.model.ngeom))
+            pairs = np.ix_(tool, payloads)
+            more = HANDS_APART_M - PAYLOAD_APART_M
+            self._added[pairs] = np.maximum(self._added[pairs], more)
+            self._added[np.ix_(payloads, tool)] = self._added[pairs].T
         self._scratch.compare(types, affinities)
         model = self._scratch.model
         self._is_box = is_box = self._scratch.boxes
@@ -195,6 +207,11 @@ class ArmDistance:
 
 HANDS_APART_M = 0.03
 """Distance that hands keep from each other where they share no object, m: `guard.CLEAR_M`."""
+
+
+PAYLOAD_APART_M = 0.002
+"""Distance that a tool keeps from what another arm holds, m: planned motions keep no more from
+objects."""
 
 
 def added_distances(world: World, arm: str) -> Matrix | None:

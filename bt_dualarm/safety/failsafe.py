@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -51,9 +50,11 @@ class FailSafeCheck:
 
     Attributes:
         others: Names of the arms whose workspace this arm can approach.
+        tool_keeps_off: Whether the tool keeps away from what other arms hold, see `ArmDistance`.
     """
 
     def __init__(self, world: World, arm: str, period: float, reservations: Reservations) -> None:
+        self.tool_keeps_off = False
         self._world = world
         self._arm = arm
         self._period = period
@@ -65,16 +66,18 @@ class FailSafeCheck:
         self._generation = world.generation
         self._stance: _Stance | None = None
         self._hulls = reservations.hulls(world)
+        self._approaches: dict[bool, ClosestApproach] = {}
         self.others = tuple(name for name in world.arms if name != arm and self._meets(name))
 
-    @cached_property
-    def _separation(self) -> ArmDistance:
-        """Distance queries to the other arms, created on first use: a lone arm needs none."""
-        return ArmDistance(self._world, self._arm)
-
-    @cached_property
+    @property
     def _approach(self) -> ClosestApproach:
-        return ClosestApproach(self._arm, self._separation, self._hulls, self._period)
+        """Closest approaches to the other arms, created on first use: a lone arm needs none."""
+        found = self._approaches.get(self.tool_keeps_off)
+        if found is None:
+            separation = ArmDistance(self._world, self._arm, tool_keeps_off=self.tool_keeps_off)
+            found = ClosestApproach(self._arm, separation, self._hulls, self._period)
+            self._approaches[self.tool_keeps_off] = found
+        return found
 
     def present(self, q: Vector, time: float) -> dict[str, Gap]:
         """Distances by other arm at the current set-points; own position of shape (dof,), rad."""
@@ -82,7 +85,7 @@ class FailSafeCheck:
             return {}
         others = {name: other.rows(time, 1)[0] for name, other in self._reserved().items()}
         horizons = dict.fromkeys(self.others, HORIZON)
-        return self._separation.gaps({self._arm: q, **others}, horizons)
+        return self._approach.separation.gaps({self._arm: q, **others}, horizons)
 
     def reserve_trajectory(
         self, q: Matrix, time: float, keep: Mapping[str, float]
@@ -330,13 +333,16 @@ class ClosestApproach:
         separation: Distance queries of the arm.
         hulls: Bounding spheres of all arms, by name.
         period: Seconds between trajectory rows.
+
+    Attributes:
+        separation: The distance queries.
     """
 
     def __init__(
         self, arm: str, separation: ArmDistance, hulls: Mapping[str, BoundingSpheres], period: float
     ) -> None:
         self._arm = arm
-        self._separation = separation
+        self.separation = separation
         self._hulls = hulls
         self._stride = max(round(SAMPLE_S / period), 1)
 
@@ -381,12 +387,12 @@ class ClosestApproach:
 
     def _sample(self, rows: Mapping[str, Matrix], i: int, horizons: Mapping[str, float]) -> _Sample:
         q = {name: trajectory[i] for name, trajectory in rows.items()}
-        gaps = self._separation.gaps(q, horizons)
+        gaps = self.separation.gaps(q, horizons)
         return _Sample(
             gaps,
             {name: min(gap.meters, horizons[name]) for name, gap in gaps.items()},
             q,
-            {name: self._hulls[name].centers(self._separation.data) for name in rows},
+            {name: self._hulls[name].centers(self.separation.data) for name in rows},
         )
 
     def _bounds_between(self, before: _Sample, now: _Sample, own: float) -> dict[str, float]:

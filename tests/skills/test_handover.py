@@ -165,7 +165,8 @@ def test_a_giver_that_stays_near_does_not_undo_the_handover(stage: Stage) -> Non
     """Its wide-open fingers end within the 30 mm that arms keep from each other."""
     give: Tree = {"object": "box", "to": "taker", "at": {"xyz": [0.45, -0.05, 0.45]}}
     giver: Tree = {"robot": "ur3e", "gripper": "panda_hand"}
-    giver["tree"] = {"sequence": [{"grasp": {"object": "box"}}, {"hand_over": give}, "go_home"]}
+    slowly: Tree = {"go_home": {"speed": 0.1}}
+    giver["tree"] = {"sequence": [{"grasp": {"object": "box"}}, {"hand_over": give}, slowly]}
     taker: Tree = {"robot": "ur10e", "gripper": "suction_cup"}
     taker |= {"base": {"xyz": [1.1, 0, 0], "rpy": [0, 0, 180]}}
     taker["tree"] = {"take_over": {"object": "box", "from": "giver"}}
