@@ -6,10 +6,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from bt_dualarm.collision.distance import ArmDistance
+from bt_dualarm.collision.distance import HANDS_APART_M, PAYLOAD_APART_M, ArmDistance
+from bt_dualarm.safety.failsafe import FailSafeCheck, Reservations
 from bt_dualarm.sim.world import World
 from tests.families import some
-from tests.sim.worlds import arm, file_of
+from tests.sim.worlds import arm, box, file_of
 
 HORIZON = 0.1
 
@@ -57,3 +58,50 @@ def test_it_is_that_of_the_nearest_shapes(robot: str, hand: str, other_hand: str
         )
         near += exact < HORIZON
         assert min(found.meters, HORIZON) == pytest.approx(exact, abs=1e-5), found
+
+
+def held_before_the_tool(ahead: float) -> World:
+    """A cube of 50 mm in the far hand of another arm, so far from an arm's fingertips, in m."""
+    arms = {
+        "arm1": arm("ur5", gripper="robotiq_2f85"),
+        "arm2": arm("ur5", (1.6, 0.0, 0.4), 180.0),
+    }
+    world = World(file_of(arms, {"cube": box((0.8, 0.0, 2.0))}))
+    tool = world.arms["arm1"].tool_pose
+    start = world.pose_address("cube")
+    axis = tool.rotation_matrix[:, 2]
+    world.data.qpos[start : start + 3] = tool.position + (ahead + 0.025) * axis
+    world.data.qpos[start + 3 : start + 7] = tool.quaternion
+    mujoco.mj_forward(world.model, world.data)
+    world.attach("arm2", "cube")
+    world.sense()
+    return world
+
+
+def test_a_tool_counts_against_what_another_arm_holds_unless_it_may_touch_that() -> None:
+    """With less distance than hands keep from each other, as it may have to pass by."""
+    world = held_before_the_tool(0.01)
+    may_touch = ArmDistance(world, "arm1").gap({})
+    assert may_touch.second != "cube"
+    keeps_off = ArmDistance(world, "arm1", tool_keeps_off=True).gap({})
+    assert keeps_off.second == "cube"
+    seen_by_its_holder = ArmDistance(world, "arm2").gap({}).meters
+    assert 0.01 < seen_by_its_holder < 0.02
+    allowance = HANDS_APART_M - PAYLOAD_APART_M
+    assert keeps_off.meters == pytest.approx(seen_by_its_holder + allowance, abs=1e-6)
+
+
+def test_a_free_motion_into_what_another_arm_holds_is_not_reserved() -> None:
+    """After a handover, a hand that went home struck the bar in the other hand at 1.3 rad/s."""
+    world = held_before_the_tool(0.05)
+    check = FailSafeCheck(world, "arm1", 0.004, Reservations())
+    q = world.hardware["arm1"].q
+    forward = np.linalg.pinv(world.nominal["arm1"].tool_jacobian_at(q)[:3])
+    step = forward @ (0.08 * world.arms["arm1"].tool_pose.rotation_matrix[:, 2])
+    rows = q + np.linspace(0.0, 1.0, 40)[:, None] * step
+    keep = {"arm2": HANDS_APART_M}
+    assert check.reserve_trajectory(rows, 0.0, keep).clear
+    check.tool_keeps_off = True
+    refused = check.reserve_trajectory(rows, 0.0, keep)
+    assert not refused.clear
+    assert refused.gap.second == "cube"
