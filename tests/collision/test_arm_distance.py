@@ -61,16 +61,16 @@ def test_it_is_that_of_the_nearest_shapes(robot: str, hand: str, other_hand: str
 
 
 def held_before_the_tool(ahead: float) -> World:
-    """A cube of 50 mm in the far hand of another arm, so far from an arm's fingertips, in m."""
+    """A cube of 0.1 m in the far hand of another arm, so far before an arm's tool, in m."""
     arms = {
         "arm1": arm("ur5", gripper="robotiq_2f85"),
         "arm2": arm("ur5", (1.6, 0.0, 0.4), 180.0),
     }
-    world = World(file_of(arms, {"cube": box((0.8, 0.0, 2.0))}))
+    world = World(file_of(arms, {"cube": box((0.8, 0.0, 2.0), 0.1)}))
     tool = world.arms["arm1"].tool_pose
     start = world.pose_address("cube")
     axis = tool.rotation_matrix[:, 2]
-    world.data.qpos[start : start + 3] = tool.position + (ahead + 0.025) * axis
+    world.data.qpos[start : start + 3] = tool.position + (ahead + 0.05) * axis
     world.data.qpos[start + 3 : start + 7] = tool.quaternion
     mujoco.mj_forward(world.model, world.data)
     world.attach("arm2", "cube")
@@ -80,7 +80,7 @@ def held_before_the_tool(ahead: float) -> World:
 
 def test_a_tool_counts_against_what_another_arm_holds_unless_it_may_touch_that() -> None:
     """With less distance than hands keep from each other, as it may have to pass by."""
-    world = held_before_the_tool(0.01)
+    world = held_before_the_tool(0.03)
     may_touch = ArmDistance(world, "arm1").gap({})
     assert may_touch.second != "cube"
     keeps_off = ArmDistance(world, "arm1", tool_keeps_off=True).gap({})
@@ -96,8 +96,8 @@ def test_a_free_motion_into_what_another_arm_holds_is_not_reserved() -> None:
     world = held_before_the_tool(0.05)
     check = FailSafeCheck(world, "arm1", 0.004, Reservations())
     q = world.hardware["arm1"].q
-    forward = np.linalg.pinv(world.nominal["arm1"].tool_jacobian_at(q)[:3])
-    step = forward @ (0.08 * world.arms["arm1"].tool_pose.rotation_matrix[:, 2])
+    forward = world.arms["arm1"].tool_pose.rotation_matrix[:, 2]
+    step = np.linalg.pinv(world.nominal["arm1"].tool_jacobian_at(q)) @ [*(0.08 * forward), 0, 0, 0]
     rows = q + np.linspace(0.0, 1.0, 40)[:, None] * step
     keep = {"arm2": HANDS_APART_M}
     assert check.reserve_trajectory(rows, 0.0, keep).clear
