@@ -7,7 +7,7 @@ Prints::
     grasp: SUCCESS after ... s
     place: SUCCESS after 7.4 s
     located from 3 views, 0.4 mm off
-    held by 5 N at a width of 50.0 mm
+    held by 5 N at a width of 50.1 mm
     placed 0.2 mm from the goal
 """
 
