@@ -171,7 +171,7 @@ class MoveUntilContact(Skill):
             if self._opposing(direction) <= bound:
                 return
             here = self.arm.commanded_tool_pose
-            back = Pose(here.position - _STEP_M * direction, here.quaternion)
+            back = here.shifted(-_STEP_M * direction)
             timed = self.arm.time_path(self.arm.line_on(back), self.ports.speed)
             motion = self.arm.begin(timed, may_touch=True)
             while not motion.done:

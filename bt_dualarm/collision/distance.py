@@ -80,9 +80,8 @@ class ArmDistance:
         # that may touch payloads of other arms lack the bit that these answer to.
         types, affinities = np.zeros((2, world.model.ngeom), dtype=np.int32)
         types[own] = _LINKS | _HELD
-        tool = np.array([*world.arms[arm].tool_geom_ids])
         if not tool_keeps_off:
-            types[tool] = _LINKS
+            types[list(world.arms[arm].tool_geom_ids)] = _LINKS
         self._owner = np.full(world.model.ngeom, -1)  # index of the other arm, -1 for none
         for index, name in enumerate(self._others):
             geoms = list(world.arms[name].geom_ids)
@@ -95,15 +94,7 @@ class ArmDistance:
             else:
                 affinities[geoms] = _HELD
                 self._owner[geoms] = self._others.index(held.arm)
-        self._added = added_distances(world, arm)
-        payloads = np.flatnonzero(affinities == _HELD)
-        if tool_keeps_off and len(payloads):
-            if self._added is None:
-                self._added = np.zeros((world.model.ngeom, world.model.ngeom))
-            pairs = np.ix_(tool, payloads)
-            more = HANDS_APART_M - PAYLOAD_APART_M
-            self._added[pairs] = np.maximum(self._added[pairs], more)
-            self._added[np.ix_(payloads, tool)] = self._added[pairs].T
+        self._added = added_distances(world, arm, tool_keeps_off=tool_keeps_off)
         self._scratch.compare(types, affinities)
         model = self._scratch.model
         self._is_box = is_box = self._scratch.boxes
@@ -214,52 +205,61 @@ PAYLOAD_APART_M = 0.002
 objects."""
 
 
-def added_distances(world: World, arm: str) -> Matrix | None:
-    """What is added to the distances of pairs of geoms of arms that hold an object together, m.
+def added_distances(world: World, arm: str, *, tool_keeps_off: bool) -> Matrix | None:
+    """What is added to the distances of pairs of geoms of one arm and others, m.
 
-    It is infinite between the object and the partner's tool, and what that holds: they may touch.
-    Between the tools it is what `HANDS_APART_M` exceeds the distance that they keep. It is infinite
-    as well between an object and what it was taken from, or is placed on, a tray in another arm's
-    hand.
+    It is infinite between an object that arms hold together and the partner's tool, and what that
+    holds: they may touch. Between their tools it is what `HANDS_APART_M` exceeds the distance that
+    they keep. It is infinite as well between an object and what it was taken from, or is placed on,
+    a tray in another arm's hand. Between the arm's tool and the payloads of others it is what
+    `HANDS_APART_M` exceeds `PAYLOAD_APART_M`.
 
     Args:
         world: World whose current state counts.
         arm: Name of the arm.
+        tool_keeps_off: As for `ArmDistance`.
 
     Returns:
-        Symmetric matrix, of shape (ngeom, ngeom); None if this arm shares nothing.
+        Symmetric matrix, of shape (ngeom, ngeom); None if nothing is added.
     """
-    consents = world.attachments.shared_grasps(arm)
-    shared = {(one.partner, one.object): one.hands_m for one in consents}
-    for thing in world.attachments.attached_to(arm):
-        for other in world.attachments.holders(thing):
+    attachments = world.attachments
+    shared = {(one.partner, one.object): one.hands_m for one in attachments.shared_grasps(arm)}
+    for thing in attachments.attached_to(arm):
+        for other in attachments.holders(thing):
             if other != arm:  # whatever they have consented to, it is in both hands
                 shared.setdefault((other, thing), HANDS_APART_M)
-    taken = world.attachments.on_carriers(arm)
-    if not shared and not taken:
-        return None
-    added = np.zeros((world.model.ngeom, world.model.ngeom))
     own = list(world.arms[arm].tool_geom_ids)
+    pairs: list[tuple[list[int], list[int], float]] = []
     for (partner, thing), hands_m in shared.items():
         if partner not in world.arms or thing not in world.objects:
             continue
         its = list(world.arms[partner].tool_geom_ids)
         geoms = list(world.payload_geoms(thing))
-        payloads = {*world.attachments.attached_to(arm), *world.attachments.attached_to(partner)}
+        payloads = {*attachments.attached_to(arm), *attachments.attached_to(partner)}
         others = [geom for one in payloads - {thing} for geom in world.payload_geoms(one)]
-        for first, second, more in (
+        pairs += [
             (own, its, HANDS_APART_M - hands_m),
             (geoms, its, np.inf),
             (geoms, own, np.inf),
             (geoms, geoms, np.inf),  # what rides on the object
             (geoms, others, np.inf),
-        ):
-            rows = np.ix_(first, second)
-            added[rows] = np.maximum(added[rows], more)
-            added[np.ix_(second, first)] = added[rows].T
-    for thing, carrier in taken:
-        geoms, its = list(world.payload_geoms(thing)), list(world.payload_geoms(carrier))
-        added[np.ix_(geoms, its)] = added[np.ix_(its, geoms)] = np.inf
+        ]
+    for thing, carrier in attachments.on_carriers(arm):
+        pairs.append((list(world.payload_geoms(thing)), list(world.payload_geoms(carrier)), np.inf))
+    if tool_keeps_off:
+        more = HANDS_APART_M - PAYLOAD_APART_M
+        pairs += [
+            (own, list(world.payload_geoms(held.object)), more)
+            for held in attachments
+            if held.arm != arm
+        ]
+    if not pairs:
+        return None
+    added = np.zeros((world.model.ngeom, world.model.ngeom))
+    for first, second, more in pairs:
+        rows = np.ix_(first, second)
+        added[rows] = np.maximum(added[rows], more)
+        added[np.ix_(second, first)] = added[rows].T
     return added
 
 

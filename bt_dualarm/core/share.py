@@ -76,6 +76,10 @@ def write_text(path: Path, text: str) -> None:
     write_atomically(path, lambda file: file.write(encodable(text).encode()))
 
 
+LARGEST_INT: Final = 2**63 - 1
+"""Largest integer that readers of a record accept."""
+
+
 def encodable(text: str) -> str:
     r"""Returns text that UTF-8 can hold: lone surrogates are written out, as ``\udcff``.
 

@@ -28,6 +28,7 @@ import numpy.typing as npt
 from pydantic_core import from_json
 
 from bt_dualarm.core.errors import DualArmError
+from bt_dualarm.core.share import LARGEST_INT
 
 # Untrusted files
 
@@ -36,8 +37,6 @@ MOST_MEMORY: Final = 600 * 2**20
 
 MOST_FILE: Final = 2**30
 """Largest size of one file of a record, bytes."""
-
-LARGEST_INT: Final = 2**63 - 1
 
 _SUSPICIOUS: Final = re.compile(rb"[0-9]{19}|[eE]\+?[0-9]{3}")
 """Pattern of every number that does not fit into 64 bits; strings may match it, too."""

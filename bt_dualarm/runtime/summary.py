@@ -19,8 +19,7 @@ from typing import Final, TypedDict
 
 import numpy as np
 
-from bt_dualarm.core.share import encodable
-from bt_dualarm.runtime.history_file import LARGEST_INT
+from bt_dualarm.core.share import LARGEST_INT, encodable
 from bt_dualarm.runtime.outcome import ArmResult, RunResult
 
 # The kind of processor is part of the summary, because the last bits of the results depend on it.

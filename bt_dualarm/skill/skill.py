@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from bt_dualarm.core.errors import Failure, InjectedFailure, Number, SkillError
 from bt_dualarm.core.pose import Matrix, Vector
-from bt_dualarm.core.share import encodable
+from bt_dualarm.core.share import LARGEST_INT, encodable
 from bt_dualarm.skill.cell import CellAccess
 from bt_dualarm.spec.node_types import Counterpart, NoPorts, PortModel
 
@@ -68,7 +68,6 @@ STANDARD_FAILURES: Final[Mapping[str, str]] = {
 
 _LONGEST: Final = 60  # characters of a value that a message shows
 _LARGEST: Final = int(sys.float_info.max)
-_LARGEST_INT: Final = 2**63 - 1
 _NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_ .-]{0,59}")
 _BACKWARDS_S: Final = 1e-9  # rounding of summed time steps
 _LEAST_LENGTH: Final = 1e-6  # minimum length of a direction vector
@@ -334,7 +333,7 @@ def _scalar(value: object) -> object:
         value = value.item()
     if isinstance(value, str):
         return encodable(value)
-    if isinstance(value, int) and _LARGEST_INT < abs(value) <= _LARGEST:
+    if isinstance(value, int) and LARGEST_INT < abs(value) <= _LARGEST:
         return float(value)
     return value
 
