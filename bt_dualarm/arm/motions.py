@@ -185,7 +185,8 @@ class ArmMotions(ArmState):
         """
         motion = self.begin(trajectory)
         holders = {one for name in ignore for one in self.world.attachments.holders(name)}
-        motion.tool_keeps_off = holders <= {self.name}  # unless it may touch what another arm holds
+        # Unless it may touch something that another arm holds.
+        motion.tool_avoids_payloads = holders <= {self.name}
         watch = self.watch(motion, ignore)
         while not motion.done:
             yield motion.progress

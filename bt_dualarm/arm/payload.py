@@ -34,8 +34,8 @@ UNKNOWN_KG: Final = 1.0
 """Mass in kg that is assumed until it is declared or estimated."""
 
 _HARDLY_MORE: Final = 1.05
-"""Ratio of the force that a motion needs to that at rest up to which it is not slowed, even if the
-grip is too weak for either: no speed would help."""
+"""Ratio of the grip force that a motion needs to the one needed at rest. Up to it the motion is not
+slowed, even if the grip is too weak for both, as slowing would not help."""
 
 _GRAVITY: Final = np.array([0.0, 0.0, -9.81])
 _LEVER_M: Final = 0.005  # effective radius of a pad's torsional friction about its normal

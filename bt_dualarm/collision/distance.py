@@ -66,12 +66,12 @@ class ArmDistance:
     Args:
         world: World whose current state counts; never changed.
         arm: Name of the arm.
-        tool_keeps_off: Whether distances between its tool and another arm's payload count, with
-            `PAYLOAD_APART_M`. They must not if the tool takes something from there, or puts
+        tool_avoids_payloads: Whether distances between its tool and another arm's payload count,
+            with `PAYLOAD_APART_M`. They must not if the tool takes something from there, or puts
             something there.
     """
 
-    def __init__(self, world: World, arm: str, *, tool_keeps_off: bool = False) -> None:
+    def __init__(self, world: World, arm: str, *, tool_avoids_payloads: bool = False) -> None:
         self._world = world
         self._scratch = ScratchModel(world, world.arms)
         self._others = [name for name in world.arms if name != arm]
@@ -80,7 +80,7 @@ class ArmDistance:
         # that may touch payloads of other arms lack the bit that these answer to.
         types, affinities = np.zeros((2, world.model.ngeom), dtype=np.int32)
         types[own] = _LINKS | _HELD
-        if not tool_keeps_off:
+        if not tool_avoids_payloads:
             types[list(world.arms[arm].tool_geom_ids)] = _LINKS
         self._owner = np.full(world.model.ngeom, -1)  # index of the other arm, -1 for none
         for index, name in enumerate(self._others):
@@ -94,7 +94,7 @@ class ArmDistance:
             else:
                 affinities[geoms] = _HELD
                 self._owner[geoms] = self._others.index(held.arm)
-        self._added = added_distances(world, arm, tool_keeps_off=tool_keeps_off)
+        self._added = added_distances(world, arm, tool_avoids_payloads=tool_avoids_payloads)
         self._scratch.compare(types, affinities)
         model = self._scratch.model
         self._is_box = is_box = self._scratch.boxes
@@ -205,7 +205,7 @@ PAYLOAD_APART_M = 0.002
 objects."""
 
 
-def added_distances(world: World, arm: str, *, tool_keeps_off: bool) -> Matrix | None:
+def added_distances(world: World, arm: str, *, tool_avoids_payloads: bool) -> Matrix | None:
     """What is added to the distances of pairs of geoms of one arm and others, m.
 
     It is infinite between an object that arms hold together and the partner's tool, and what that
@@ -217,7 +217,7 @@ def added_distances(world: World, arm: str, *, tool_keeps_off: bool) -> Matrix |
     Args:
         world: World whose current state counts.
         arm: Name of the arm.
-        tool_keeps_off: As for `ArmDistance`.
+        tool_avoids_payloads: As for `ArmDistance`.
 
     Returns:
         Symmetric matrix, of shape (ngeom, ngeom); None if nothing is added.
@@ -246,7 +246,7 @@ def added_distances(world: World, arm: str, *, tool_keeps_off: bool) -> Matrix |
         ]
     for thing, carrier in attachments.on_carriers(arm):
         pairs.append((list(world.payload_geoms(thing)), list(world.payload_geoms(carrier)), np.inf))
-    if tool_keeps_off:
+    if tool_avoids_payloads:
         more = HANDS_APART_M - PAYLOAD_APART_M
         pairs += [
             (own, list(world.payload_geoms(held.object)), more)

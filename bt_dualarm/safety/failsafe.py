@@ -50,11 +50,11 @@ class FailSafeCheck:
 
     Attributes:
         others: Names of the arms whose workspace this arm can approach.
-        tool_keeps_off: Whether the tool keeps away from what other arms hold, see `ArmDistance`.
+        tool_avoids_payloads: Whether the tool avoids what other arms hold, see `ArmDistance`.
     """
 
     def __init__(self, world: World, arm: str, period: float, reservations: Reservations) -> None:
-        self.tool_keeps_off = False
+        self.tool_avoids_payloads = False
         self._world = world
         self._arm = arm
         self._period = period
@@ -72,11 +72,13 @@ class FailSafeCheck:
     @property
     def _approach(self) -> ClosestApproach:
         """Closest approaches to the other arms, created on first use: a lone arm needs none."""
-        found = self._approaches.get(self.tool_keeps_off)
+        found = self._approaches.get(self.tool_avoids_payloads)
         if found is None:
-            separation = ArmDistance(self._world, self._arm, tool_keeps_off=self.tool_keeps_off)
+            separation = ArmDistance(
+                self._world, self._arm, tool_avoids_payloads=self.tool_avoids_payloads
+            )
             found = ClosestApproach(self._arm, separation, self._hulls, self._period)
-            self._approaches[self.tool_keeps_off] = found
+            self._approaches[self.tool_avoids_payloads] = found
         return found
 
     def present(self, q: Vector, time: float) -> dict[str, Gap]:

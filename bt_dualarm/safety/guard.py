@@ -237,7 +237,9 @@ class ArmGuard:
         self._next_check = -np.inf
         self._free_until = -np.inf
         self._looks = 0
-        self._check.tool_keeps_off = isinstance(motion, TrajectorySource) and motion.tool_keeps_off
+        self._check.tool_avoids_payloads = (
+            isinstance(motion, TrajectorySource) and motion.tool_avoids_payloads
+        )
         self._rule = SeparationRule(self._check, self.report, sent, time)
         self._surroundings.begin()
         self._trajectory = None

@@ -348,7 +348,7 @@ class TrajectorySource:
         goal_scale: Time scale that it has, or is changing to.
         most_scale: Largest time scale that the guard may give it: less than 1 if another arm cannot
             keep up.
-        tool_keeps_off: Whether the tool keeps away from what other arms hold.
+        tool_avoids_payloads: Whether the tool avoids what other arms hold.
         waits: Whether it stays at its first set-point until it may begin.
         seconds: Time that it takes together with that of its partner, s; 0 without one.
         partner: Motion of another arm that is to take the same time, if there is one.
@@ -364,7 +364,7 @@ class TrajectorySource:
         self.along_path = along_path
         self.goal_scale = most_scale
         self.most_scale = most_scale
-        self.tool_keeps_off = False
+        self.tool_avoids_payloads = False
         self.waits = False
         self.seconds = 0.0
         self.partner: TrajectorySource | None = None

@@ -83,7 +83,7 @@ def test_a_tool_counts_against_what_another_arm_holds_unless_it_may_touch_that()
     world = held_before_the_tool(0.03)
     may_touch = ArmDistance(world, "arm1").gap({})
     assert may_touch.second != "cube"
-    keeps_off = ArmDistance(world, "arm1", tool_keeps_off=True).gap({})
+    keeps_off = ArmDistance(world, "arm1", tool_avoids_payloads=True).gap({})
     assert keeps_off.second == "cube"
     seen_by_its_holder = ArmDistance(world, "arm2").gap({}).meters
     assert 0.01 < seen_by_its_holder < 0.02
@@ -101,7 +101,7 @@ def test_a_free_motion_into_what_another_arm_holds_is_not_reserved() -> None:
     rows = q + np.linspace(0.0, 1.0, 40)[:, None] * step
     keep = {"arm2": HANDS_APART_M}
     assert check.reserve_trajectory(rows, 0.0, keep).clear
-    check.tool_keeps_off = True
+    check.tool_avoids_payloads = True
     refused = check.reserve_trajectory(rows, 0.0, keep)
     assert not refused.clear
     assert refused.gap.second == "cube"
