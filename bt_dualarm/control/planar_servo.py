@@ -18,7 +18,6 @@ import numpy as np
 
 from bt_dualarm.control.kernel_rows import (
     ANGLE_ERROR,
-    BRAKING_BANDWIDTH,
     DAMPING,
     DISPLACEMENT,
     FADE_JERK,
@@ -163,12 +162,6 @@ class PlanarServo:
         return self._observe_tool(*self._arm, self._followed, self._period, self._work, self._seen)
 
 
-_STOP_STEP_S = 0.005  # of the integration
-_STOP_SHARE = 0.6  # that the acceleration approaches the wanted one by, in one of its steps
-_STOPPED = 0.01  # fraction of the velocity that counts as rest
-_LONGEST_STOP_S = 2.0
-
-
 def stopping_positions(
     kinematics: Kinematics, limits: JointLimits, axes: Matrix, now: SetPoint, count: int
 ) -> Matrix:
@@ -188,6 +181,8 @@ def stopping_positions(
     Returns:
         Array of shape (count, dof), rad.
     """
+    from bt_dualarm.control.servo_kernels import stopping_time
+
     speeds = np.maximum(np.abs(now.v), 1e-9)
     most = float((limits.acceleration / speeds).min())
     jerk = float((limits.jerk / speeds).min())
@@ -195,16 +190,7 @@ def stopping_positions(
     fade = 2.0 * FADE_JERK * plane_limits(kinematics, limits, now.q, axes).jerk / tool_speed
     # All as a fraction of the present velocity.
     rate = float(np.clip(now.v @ now.a / max(float(now.v @ now.v), 1e-18), -most, most))
-    left, passed = 1.0, 0.0
-    for _ in range(round(_LONGEST_STOP_S / _STOP_STEP_S)):
-        if left <= _STOPPED:
-            break
-        gain = min(2.0 * BRAKING_BANDWIDTH, math.sqrt(fade / left))
-        wanted = max(-gain * left, -most)
-        change = jerk * _STOP_STEP_S
-        rate += min(max(_STOP_SHARE * (wanted - rate), -change), change)
-        passed += left * _STOP_STEP_S
-        left += rate * _STOP_STEP_S
+    passed = stopping_time(most, jerk, fade, rate)
     rows: Matrix = now.q + np.linspace(0.0, passed, count)[:, None] * now.v
     return rows
 
@@ -246,7 +232,12 @@ def _chain(kinematics: Kinematics, start: Vector) -> tuple[Matrix, Matrix]:
 
 def warm_up_servo() -> None:
     """Compile the kernels of the servo, by calling them with arrays of the final types."""
-    from bt_dualarm.control.servo_kernels import jerk_bandwidth, observe_tool, servo_step
+    from bt_dualarm.control.servo_kernels import (
+        jerk_bandwidth,
+        observe_tool,
+        servo_step,
+        stopping_time,
+    )
 
     work = np.ones((SERVO_STATE, 1))
     seen = np.ones(OBSERVED)
@@ -258,3 +249,4 @@ def warm_up_servo() -> None:
     goal = np.ones((3, 3))
     servo_step(1.0, 1.0, 1.0, 1.0, True, goal, links, frames, plane, 2, work, seen, state)
     jerk_bandwidth(1.0, 1.0)
+    stopping_time(1.0, 1.0, 1.0, 0.0)

@@ -120,6 +120,13 @@ the loops below make up for the rest.
 _BRAKING_SHARE = 0.3
 """Share per period by which the acceleration approaches the braking one, without a target."""
 
+# Prediction of a stop
+
+_STOP_STEP_S = 0.005  # of the integration
+_STOP_SHARE = 0.6  # by which the acceleration approaches the wanted one in one of its steps
+_STOPPED = 0.01  # fraction of the velocity that counts as rest
+_LONGEST_STOP_S = 2.0
+
 
 @kernel
 def servo_step(
@@ -565,3 +572,29 @@ def _plane_limits(plane: Matrix, followed: int, work: Matrix, seen: Vector) -> N
         per_unit = max(math.hypot(in_plane, work[PLANE_RATES + 2, i]), 1e-6)
         seen[PLANE_LIMITS] = min(seen[PLANE_LIMITS], work[MAX_ACCELERATION, i] / per_unit)
         seen[PLANE_LIMITS + 1] = min(seen[PLANE_LIMITS + 1], work[MAX_JERK, i] / per_unit)
+
+
+@kernel
+def stopping_time(acceleration: float, jerk: float, fade: float, rate: float) -> float:
+    """Distance of a stop by the law of `servo_step`, divided by the present velocity, s.
+
+    All quantities are fractions of the present velocity.
+
+    Args:
+        acceleration: Limit of the acceleration, 1/s.
+        jerk: Limit of the jerk, 1/s².
+        fade: Twice the jerk with which an acceleration may fade, 1/s².
+        rate: Present acceleration, 1/s.
+    """
+    left = 1.0
+    passed = 0.0
+    for _ in range(round(_LONGEST_STOP_S / _STOP_STEP_S)):
+        if left <= _STOPPED:
+            break
+        gain = min(2.0 * BRAKING_BANDWIDTH, math.sqrt(fade / left))
+        wanted = max(-gain * left, -acceleration)
+        change = jerk * _STOP_STEP_S
+        rate += min(max(_STOP_SHARE * (wanted - rate), -change), change)
+        passed += left * _STOP_STEP_S
+        left += rate * _STOP_STEP_S
+    return passed
