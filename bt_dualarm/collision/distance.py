@@ -46,14 +46,21 @@ class Gap:
     """Smallest distance between an arm and another one.
 
     Attributes:
-        meters: Distance; infinite beyond the horizon.
+        meters: Distance that counts; infinite beyond the horizon.
         first: Name of the arm's body, or of an object that it holds.
         second: Name of the other arm's body, or of an object that it holds.
+        added: What this pair need not keep, and is counted in ``meters``, see `added_distances`, m.
     """
 
     meters: float = float("inf")
     first: str = ""
     second: str = ""
+    added: float = 0.0
+
+    @property
+    def true_meters(self) -> float:
+        """Distance between the two bodies; infinite beyond the horizon."""
+        return self.meters - self.added
 
 
 class ArmDistance:
@@ -164,7 +171,7 @@ class ArmDistance:
         if not len(candidates):
             return Gap()
         nearest = int(candidates[distances[candidates].argmin()])
-        return self._between(contact.geom[nearest].tolist(), float(distances[nearest]))
+        return self._between(contact.geom[nearest].tolist(), float(contact.dist[nearest]))
 
     def _measure_boxes(self, gaps: dict[str, Gap], horizons: Mapping[str, float]) -> None:
         """Replace gaps to other arms by those of two boxes, such as fingers, that are nearer.
@@ -183,17 +190,22 @@ class ArmDistance:
                 if least[pair] >= min(nearest, horizon):
                     break
                 first, second = self._boxes[pair].tolist()
-                added = 0.0 if self._added is None else float(self._added[first, second])
+                added = self._added_between(first, second)
                 meters = self._scratch.apart(first, second, horizon - added)
                 if meters + added < min(nearest, horizon):
-                    gaps[name] = self._between([first, second], meters + added)
+                    gaps[name] = self._between([first, second], meters)
+
+    def _added_between(self, first: int, second: int) -> float:
+        """What is added to the distance of two geoms, m."""
+        return 0.0 if self._added is None else float(self._added[first, second])
 
     def _between(self, pair: list[int], meters: float) -> Gap:
-        """Gap between two geoms, of which one is the arm's own."""
+        """Gap between two geoms at a distance in m, of which one is the arm's own."""
+        added = self._added_between(*pair)
         # The arm's own geoms have owner -1, and sort first.
         pair.sort(key=lambda geom: int(self._owner[geom]))
         first, second = (name_of_geom(self._scratch.model, geom) for geom in pair)
-        return Gap(meters, first, second)
+        return Gap(meters + added, first, second, added)
 
 
 HANDS_APART_M = 0.03

@@ -376,7 +376,7 @@ class ClosestApproach:
                 nearer = min(before.gaps[name], now.gaps[name], key=_meters)
                 if between[name] < least:
                     meters = min(between[name], nearer.meters)
-                    smallest[name] = Gap(meters, nearer.first, nearer.second)
+                    smallest[name] = replace(nearer, meters=meters)
                 else:
                     smallest[name] = min(smallest[name], nearer, key=_meters)
             # Between two samples a point is at most half of its motion from the nearer one.

@@ -479,7 +479,7 @@ class SeparationRule:
     def see(self, sent: SetPoint, time: float) -> None:
         """Add the current distances to the report."""
         for gap in self._check.present(sent.q, time).values():
-            self._report.nearest_arm_m = min(self._report.nearest_arm_m, gap.meters)
+            self._report.nearest_arm_m = min(self._report.nearest_arm_m, gap.true_meters)
 
 
 def clearance(present: float, desired: float) -> float:
@@ -490,7 +490,7 @@ def clearance(present: float, desired: float) -> float:
 
 def reason_of(gap: Gap) -> str:
     """Reason for which an arm must stop, as a clause."""
-    near = f"{1e3 * max(gap.meters, 0.0):.0f} mm"
+    near = f"{1e3 * max(gap.true_meters, 0.0):.0f} mm"
     if not gap.first:
         return f"another arm would come to within {near}"
     return f"{gap.first} would come to within {near} of {gap.second}"

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
+
 import mujoco
 import numpy as np
 import pytest
 
 from bt_dualarm.collision.distance import HANDS_APART_M, PAYLOAD_APART_M, ArmDistance
 from bt_dualarm.safety.failsafe import FailSafeCheck, Reservations
+from bt_dualarm.safety.guard import reason_of
 from bt_dualarm.sim.world import World
 from tests.families import some
 from tests.sim.worlds import arm, box, file_of
@@ -89,6 +92,7 @@ def test_a_tool_counts_against_what_another_arm_holds_unless_it_may_touch_that()
     assert 0.01 < seen_by_its_holder < 0.02
     allowance = HANDS_APART_M - PAYLOAD_APART_M
     assert keeps_off.meters == pytest.approx(seen_by_its_holder + allowance, abs=1e-6)
+    assert keeps_off.true_meters == pytest.approx(seen_by_its_holder, abs=1e-6)
 
 
 def test_a_free_motion_into_what_another_arm_holds_is_not_reserved() -> None:
@@ -105,3 +109,6 @@ def test_a_free_motion_into_what_another_arm_holds_is_not_reserved() -> None:
     refused = check.reserve_trajectory(rows, 0.0, keep)
     assert not refused.clear
     assert refused.gap.second == "cube"
+    near = re.search(r"would come to within (\d+) mm of cube", reason_of(refused.gap))
+    assert near is not None
+    assert 1e-3 * int(near.group(1)) <= PAYLOAD_APART_M
