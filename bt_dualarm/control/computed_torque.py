@@ -327,11 +327,6 @@ class StateObserver:
         """Update the estimates with the stored reading."""
         self._observe(self._law, self._state)
 
-    def set_model_acceleration(self, acceleration: Vector) -> None:
-        """Set the acceleration that the next torques produce in the model, (dof,), rad/s²."""
-        self._state[MODEL_A_BEFORE] = self._state[MODEL_A]
-        self._state[MODEL_A] = acceleration
-
     def change_model(self, acceleration: Vector) -> None:
         """Replace the model acceleration of the last torques, of shape (dof,), rad/s².
 

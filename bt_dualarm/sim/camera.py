@@ -326,19 +326,6 @@ class Calibration:
         init=False, default_factory=lambda: np.zeros((2, 0), np.uint8)
     )
 
-    def degraded(self, image: Image, region: Region, stride: int = 1) -> Image:
-        """Add noise and a change of brightness to the exposed region of an image, in place.
-
-        Args:
-            image: Rendered image; it is changed and returned.
-            region: Region that was exposed.
-            stride: Edge in pixels of the blocks that share a color.
-        """
-        left, top, right, bottom = region
-        blocks = np.ascontiguousarray(image[top:bottom:stride, left:right:stride])
-        enter_blocks(image, region, stride, self.degradation(region, stride)(blocks))
-        return image
-
     def degradation(self, region: Region, stride: int = 1) -> Callable[[Image], Image]:
         """Sample the noise and brightness of the next image.
 

@@ -7,7 +7,7 @@ import pytest
 
 from bt_dualarm.control.computed_torque import StateObserver
 from bt_dualarm.control.dynamics import DRIVE_DELAY_S, control_law
-from bt_dualarm.control.kernel_rows import STATE
+from bt_dualarm.control.kernel_rows import MODEL_A, MODEL_A_BEFORE, STATE
 from bt_dualarm.core.pose import Vector
 
 PERIOD = 0.004
@@ -43,7 +43,8 @@ def watched(push: Vector, noise: float, seconds: float) -> tuple[StateObserver, 
         observer.read(joints.q + rng.normal(0.0, noise, len(push)))
         errors.append(observer.v - joints.v)
         asked = 5.0 * np.sin(8.0 * k * PERIOD) * np.ones(len(push))
-        observer.set_model_acceleration(asked)
+        state[MODEL_A_BEFORE] = state[MODEL_A]
+        state[MODEL_A] = asked
         joints.go_on(asked)
     return observer, joints, np.array(errors)
 
