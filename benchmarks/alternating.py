@@ -128,10 +128,10 @@ def main() -> None:
 
 def report(name: str, old: Cost, new: Cost) -> None:
     """Print a line for one pair."""
-    told = f"{name}: process {old.whole_s:.2f} s -> {new.whole_s:.2f} s CPU, "
-    told += f"steps {old.steps_s:.2f} s -> {new.steps_s:.2f} s, "
-    told += f"real-time factor {old.factor:.2f} -> {new.factor:.2f}, "
-    print(told + f"{old.outcome} {new.outcome}", flush=True)
+    text = f"{name}: process {old.whole_s:.2f} s -> {new.whole_s:.2f} s CPU, "
+    text += f"steps {old.steps_s:.2f} s -> {new.steps_s:.2f} s, "
+    text += f"real-time factor {old.factor:.2f} -> {new.factor:.2f}, "
+    print(text + f"{old.outcome} {new.outcome}", flush=True)
 
 
 if __name__ == "__main__":

@@ -192,7 +192,7 @@ def task(kind: str, robot: str, seed: int, reality: str, attempt: int = 0) -> di
     """The tree file of one run; a further attempt is another object at another place."""
     rng = np.random.default_rng([seed, KINDS.index(kind), *([attempt] if attempt else [])])
     far = REACH_M[robot]
-    thing = MAKERS[kind](rng, min(far / 0.75, 1.2))
+    obj = MAKERS[kind](rng, min(far / 0.75, 1.2))
     distance = far * float(rng.uniform(0.7, 0.85))
     bearing = math.radians(float(rng.uniform(-40, 40)))
     height = _BASE_M + far * float(rng.uniform(0.05, 0.45))
@@ -200,11 +200,11 @@ def task(kind: str, robot: str, seed: int, reality: str, attempt: int = 0) -> di
     handle = distance * np.array((math.cos(bearing), math.sin(bearing), 0.0))
     handle[2] = height
     turn = Pose.from_rpy((0, 0, 0), (0, 0, yaw))
-    place = handle - turn.apply(thing.handle)
-    to = round(thing.to, 4)
+    place = handle - turn.apply(obj.handle)
+    to = round(obj.to, 4)
     pose = {"xyz": [round(float(one), 4) for one in place], "rpy": [0, 0, math.degrees(yaw)]}
     body = {"shape": "compound", "mass": 5.0, "fixed": True, "color": "gray", "pose": pose}
-    body |= {"parts": thing.parts, "joints": {"joint": thing.joint}}
+    body |= {"parts": obj.parts, "joints": {"joint": obj.joint}}
     operate = {"object": "thing", "joint": "joint"}
     leaves: list[Any] = [
         {"grasp": {"object": "thing", "part": "handle", "then_to": to}},

@@ -56,8 +56,8 @@ def shipped() -> Iterator[Case]:
         for params in PARAMS.get(path.stem, ({},)):
             for reality in REALITIES:
                 for seed in SEEDS:
-                    told = "".join(f" {key}={value}" for key, value in params.items())
-                    name = f"{path.stem}{told} {reality} seed {seed}"
+                    text = "".join(f" {key}={value}" for key, value in params.items())
+                    name = f"{path.stem}{text} {reality} seed {seed}"
                     yield Case(name, path.stem, seed, reality, params)
 
 

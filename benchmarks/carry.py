@@ -110,13 +110,13 @@ class TrueInternalWrench(IdleObserver):
 
     Attributes:
         world: World of the run.
-        thing: Name of the object.
+        obj: Name of the object.
         shares: Share of the load of each arm, by name.
         samples: Time in s, force in N and moment in N m, largest of all arms.
     """
 
     world: World
-    thing: str
+    obj: str
     shares: dict[str, float]
     samples: list[tuple[float, float, float]] = field(default_factory=list)
     _steps: int = 0
@@ -128,7 +128,7 @@ class TrueInternalWrench(IdleObserver):
     def _look(self) -> None:
         self._steps += 1
         world = self.world
-        if self._steps % EVERY or set(world.attachments.holders(self.thing)) != set(self.shares):
+        if self._steps % EVERY or set(world.attachments.holders(self.obj)) != set(self.shares):
             return
         points, wrenches = self._contacts()
         found = internal_wrenches(list(self.shares.values()), points, wrenches)
@@ -139,7 +139,7 @@ class TrueInternalWrench(IdleObserver):
         """Positions of the tools, and the wrenches of the hands on the object about them."""
         world = self.world
         data = world.data
-        geom = world.object_geom(self.thing)
+        geom = world.object_geom(self.obj)
         bodies = [world.arms[arm] for arm in self.shares]
         points = np.array([data.site_xpos[body.tool_site] for body in bodies])
         wrenches = np.zeros((len(bodies), 6))

@@ -98,10 +98,10 @@ def carry(robot: str, gripper: str, reality: str, seed: int) -> dict[str, Any]:
         "xyz": [float(x[0]), y, _TABLE_M + height / 2],
         "rpy": [0, 0, float(rng.uniform(0, 90))],
     }
-    thing = {"shape": shape, "size": size, "mass": float(rng.uniform(0.1, 0.5)), "pose": pose}
+    obj = {"shape": shape, "size": size, "mass": float(rng.uniform(0.1, 0.5)), "pose": pose}
     at = {"xyz": [float(x[1]), y, _TABLE_M + height / 2]}
     leaves = [{"grasp": {"object": "thing"}}, {"place": {"object": "thing", "at": at}}]
-    return _file("carry", robot, gripper, reality, seed, {"thing": thing}, leaves)
+    return _file("carry", robot, gripper, reality, seed, {"thing": obj}, leaves)
 
 
 def _file(

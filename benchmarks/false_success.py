@@ -200,8 +200,8 @@ def main() -> int:
                     print(f"    {tree} {reality} seed {case['seed']}: {line}", flush=True)
             good = succeeded >= ASKED[reality] * arguments.seeds and not false
             missed |= not good
-            told = f"{succeeded} of {arguments.seeds} succeeded, {false} with a false SUCCESS"
-            print(f"{tree:18} {reality:6} {told}  {'ok' if good else 'MISSED'}", flush=True)
+            text = f"{succeeded} of {arguments.seeds} succeeded, {false} with a false SUCCESS"
+            print(f"{tree:18} {reality:6} {text}  {'ok' if good else 'MISSED'}", flush=True)
         return missed
 
 

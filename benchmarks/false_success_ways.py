@@ -46,7 +46,7 @@ class Way:
     Attributes:
         name: What happens.
         skill: Skill whose leaf is judged.
-        thing: The object, without its pose; with `standing` half its height.
+        obj: The object, without its pose; with `standing` half its height.
         leaves: Leaves of the arm, the one that is judged the last.
         goal: Pose at which the object is to be in the end.
         around: Other objects.
@@ -58,7 +58,7 @@ class Way:
 
     name: str
     skill: str
-    thing: Mapping[str, Any]
+    obj: Mapping[str, Any]
     leaves: Sequence[Mapping[str, Any]]
     goal: Pose
     around: Mapping[str, Any] = field(default_factory=dict)
@@ -69,11 +69,11 @@ class Way:
     lies: tuple[float, float, float] | None = None
 
 
-def standing(thing: Mapping[str, Any]) -> float:
+def standing(obj: Mapping[str, Any]) -> float:
     """Half of the height of an object that stands upright, m."""
-    size = thing["size"]
+    size = obj["size"]
     halves = {"box": 0.5 * size[-1], "cylinder": 0.5 * size[-1], "sphere": size[0]}
-    return float(halves[thing["shape"]])
+    return float(halves[obj["shape"]])
 
 
 def fixed(shape: str, size: Sequence[float], xyz: Sequence[float], **pose: Any) -> dict[str, Any]:
@@ -200,15 +200,15 @@ def pose(x: float, y: float, z: float, *rpy: float) -> Pose:
     return Pose.from_rpy((x, y, z), tuple(np.radians(rpy or (0.0, 0.0, 0.0)).tolist()))
 
 
-def placing(name: str, thing: Mapping[str, Any], goal: Pose, **more: Any) -> Way:
+def placing(name: str, obj: Mapping[str, Any], goal: Pose, **more: Any) -> Way:
     """A thing that is grasped and placed."""
     before = more.pop("before", (GRASP,))
-    return Way(name, "place", thing, (*before, place(goal)), goal, **more)
+    return Way(name, "place", obj, (*before, place(goal)), goal, **more)
 
 
-def on_table(thing: Mapping[str, Any], x: float = GOAL[0], y: float = GOAL[1]) -> Pose:
+def on_table(obj: Mapping[str, Any], x: float = GOAL[0], y: float = GOAL[1]) -> Pose:
     """Upright on the table."""
-    return pose(x, y, TABLE + standing(thing))
+    return pose(x, y, TABLE + standing(obj))
 
 
 def place_ways() -> Iterator[Way]:
@@ -230,11 +230,11 @@ def place_ways() -> Iterator[Way]:
         ramp = fixed("box", [0.15, 0.15, 0.02], (*GOAL, TABLE + 0.05), rpy=[0, slope, 0])
         goal = pose(*GOAL, TABLE + 0.06 / np.cos(np.radians(slope)) + 0.025)
         yield placing(f"level above a slope of {slope:.0f}°", CUBE, goal, around={"ramp": ramp})
-    for slope, thing in ((3.0, BALL), (45.0, CUBE)):
+    for slope, obj in ((3.0, BALL), (45.0, CUBE)):
         ramp = fixed("box", [0.15, 0.15, 0.02], (*GOAL, TABLE + 0.08), rpy=[0, slope, 0])
-        face = pose(*GOAL, TABLE + 0.08, 0, slope, 0) @ pose(0, 0, 0.01 + standing(thing))
-        name = f"{thing['shape']} along a slope of {slope:.0f}°"
-        yield placing(name, thing, face, around={"ramp": ramp})
+        face = pose(*GOAL, TABLE + 0.08, 0, slope, 0) @ pose(0, 0, 0.01 + standing(obj))
+        name = f"{obj['shape']} along a slope of {slope:.0f}°"
+        yield placing(name, obj, face, around={"ramp": ramp})
     for thick, off in ((0.004, 0.0), (0.01, 0.003), (0.02, 0.012)):
         wall = fixed("box", [thick, 0.1, 0.08], (*GOAL, TABLE + 0.04))
         goal = pose(GOAL[0] + off, GOAL[1], TABLE + 0.08 + 0.025)
@@ -290,7 +290,7 @@ def transport_ways() -> Iterator[Way]:
     goal = pose(0.30, -0.40, 0.60)
     to = {"xyz": goal.position.tolist(), "rpy": [0, 0, 0]}
     leaves = (GRASP, {"transport": {"object": THING, "to": to, "speed": 0.3}})
-    for name, thing, deed in (
+    for name, obj, deed in (
         ("slid by 6 mm", CUBE, slid(0.006)),
         ("slid by 15 mm", TALL, slid(0.015)),
         ("slid down by 15 mm", TALL, slid(0.0, 0.015)),
@@ -300,17 +300,17 @@ def transport_ways() -> Iterator[Way]:
         ("fell out", CUBE, moved(0.3, 0.0, 0.2)),
         ("taken away", CUBE, gone),
     ):
-        yield Way(name, "transport", thing, leaves, goal, {}, deed, ("held", 0.7), tolerance=0.005)
+        yield Way(name, "transport", obj, leaves, goal, {}, deed, ("held", 0.7), tolerance=0.005)
 
 
 def detach_ways() -> Iterator[Way]:
     """Let go of, it does not stay."""
 
-    def let_go(name: str, goal: Pose, thing: Mapping[str, Any] = CUBE, **more: Any) -> Way:
+    def let_go(name: str, goal: Pose, obj: Mapping[str, Any] = CUBE, **more: Any) -> Way:
         to = {"xyz": goal.position.tolist(), "quat": goal.quaternion.tolist()}
         leaves = (PICK, {"transport": {"object": THING, "to": to}}, {"detach": {"object": THING}})
         ends = {"gripper": None, "tolerance": 0.01} | more
-        return Way(name, "detach", thing, leaves, goal, **ends)
+        return Way(name, "detach", obj, leaves, goal, **ends)
 
     yield let_go("in the air", pose(0.30, -0.40, 0.55))
     yield let_go("20 mm above the table", pose(0.30, -0.40, TABLE + 0.045))
@@ -436,7 +436,7 @@ class Hand(IdleObserver):
                 return
             goal = world.arms["arm1"].tool_link_pose @ held.relative
         away = true.distance(goal)
-        turn = bt.KnownShape(way.thing["shape"], tuple(way.thing["size"])).angle(true, goal)
+        turn = bt.KnownShape(way.obj["shape"], tuple(way.obj["size"])).angle(true, goal)
         if away > way.tolerance + 1e-3:
             self.lies.append(f"{when}: it is {1e3 * away:.1f} mm away")
         if way.skill != "detach" and turn > np.radians(6.0):
@@ -447,7 +447,7 @@ class Hand(IdleObserver):
 
 def file_of(way: Way) -> dict[str, Any]:
     """The tree file of a way."""
-    where = way.lies or (*START, TABLE + standing(way.thing) + 5e-4)
+    where = way.lies or (*START, TABLE + standing(way.obj) + 5e-4)
     arm: dict[str, Any] = {"robot": "ur5", "base": {"xyz": [0, 0, TABLE]}}
     if way.gripper:
         arm["gripper"] = way.gripper
@@ -457,7 +457,7 @@ def file_of(way: Way) -> dict[str, Any]:
         "bt_dualarm": 1,
         "name": "ways",
         "world": {"scene": "table", "reality": "lab", "seed": 0, "time_limit": 90},
-        "objects": {THING: dict(way.thing) | {"pose": {"xyz": list(where)}}, **way.around},
+        "objects": {THING: dict(way.obj) | {"pose": {"xyz": list(where)}}, **way.around},
         "arms": {"arm1": arm | {"tree": tree}},
     }
 

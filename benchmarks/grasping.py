@@ -92,7 +92,7 @@ class Shaking(IdleObserver):
             self.most = np.maximum(self.most, np.abs(bent) / span**2)
 
 
-def thing(rng: np.random.Generator, cup: bool) -> tuple[dict[str, Any], float]:
+def obj(rng: np.random.Generator, cup: bool) -> tuple[dict[str, Any], float]:
     """A thing as the file declares it, and the height of its center when it stands, m."""
     shape = str(rng.choice(["box", "cylinder"] if cup else SHAPES))
     edges = [float(edge) for edge in rng.uniform(0.045 if cup else 0.02, 0.07, 3)]
@@ -112,7 +112,7 @@ def thing(rng: np.random.Generator, cup: bool) -> tuple[dict[str, Any], float]:
 def task(options: argparse.Namespace, seed: int) -> dict[str, Any]:
     """The tree file of one run."""
     rng = np.random.default_rng(seed)
-    what, height = thing(rng, options.gripper == "suction_cup")
+    what, height = obj(rng, options.gripper == "suction_cup")
     to = [float(rng.uniform(0.20, 0.45)), float(rng.uniform(-0.55, -0.33)), TABLE + height]
     steps = [[way * (i == axis) * STROKE for i in range(3)] for axis in range(3) for way in (1, -1)]
     shaken = [{"move_linear": {"offset": {"xyz": step}, "speed": 1.0}} for step in steps]

@@ -63,10 +63,10 @@ def tool_at_home(robot: str, gripper: str | None) -> Pose:
 
 
 def tree(
-    robot: str, gripper: str | None, thing: str, share: float, then: list[Any]
+    robot: str, gripper: str | None, obj: str, share: float, then: list[Any]
 ) -> dict[str, Any]:
     """A file in which an arm takes a thing from a post, lifts it, and does something else."""
-    shape, size, half = SHAPES[thing]
+    shape, size, half = SHAPES[obj]
     page = None if gripper is None else load_gripper(gripper)
     x, y, z = tool_at_home(robot, gripper).position.tolist()
     middle = z - (half + 0.01 if page is None or page.cup else 0.001)
@@ -145,7 +145,7 @@ def shaken(world: World, seconds: float) -> None:
 def drift(
     robot: str,
     gripper: str,
-    thing: str,
+    obj: str,
     way: str,
     seed: int,
     reality: str,
@@ -155,7 +155,7 @@ def drift(
     """Millimeters by which a thing has crept, and degrees by which it has turned."""
     then = to_and_fro(max(1, round(seconds / 1.6))) if way == "carried" else []
     then = [{"wait": seconds}] if way == "rest" else then
-    file = tree(robot, gripper, thing, share, then)
+    file = tree(robot, gripper, obj, share, then)
     with open_run(file, seed=seed, reality=reality) as run:
         refused = lifted(run)
         if refused:
@@ -209,11 +209,11 @@ def main() -> None:
     """Print both figures."""
     args = arguments()
     each = (
-        (robot, gripper, thing, way, reality, seed)
+        (robot, gripper, obj, way, reality, seed)
         for robot in args.robots
         for gripper in args.grippers
-        for thing in args.shapes
-        if thing != "ball" or load_gripper(gripper).fingers
+        for obj in args.shapes
+        if obj != "ball" or load_gripper(gripper).fingers
         for way in args.ways
         for reality in args.sets
         for seed in range(1, args.seeds + 1)
@@ -222,8 +222,8 @@ def main() -> None:
     words = {"seconds": args.seconds, "share": args.share}
     cases = [{**dict(zip(names, one, strict=True)), **words} for one in each]
     with Campaign(args) as campaign:
-        for case, told in campaign.run(drift, cases):
-            print(*(case[name] for name in names), told, flush=True)
+        for case, text in campaign.run(drift, cases):
+            print(*(case[name] for name in names), text, flush=True)
     # In this process, because it measures CPU time.
     ratios = []
     for _ in range(args.pairs):

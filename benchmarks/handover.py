@@ -168,7 +168,7 @@ class Referee(IdleObserver):
 
     Args:
         run: Run to judge.
-        thing: Name of the object.
+        obj: Name of the object.
 
     Attributes:
         judges: Whether it judges, see `begin`.
@@ -178,9 +178,9 @@ class Referee(IdleObserver):
         touching: Whether the hands have touched each other, or an arm the other.
     """
 
-    def __init__(self, run: Run, thing: str = "bar") -> None:
+    def __init__(self, run: Run, obj: str = "bar") -> None:
         self._run = run
-        self._thing = thing
+        self._object = obj
         self._recent = deque[tuple[float, float]]()
         self._generation = -1
         self._since: float | None = None
@@ -203,7 +203,7 @@ class Referee(IdleObserver):
         for index, name in enumerate(("arm1", "arm2")):
             if name in world.arms:
                 self._owner[list(world.arms[name].geom_ids)] = index
-        self._geom = world.object_geom(self._thing)
+        self._geom = world.object_geom(self._object)
 
     def after_step(self, time: float) -> None:
         """Look at the contacts."""
@@ -219,7 +219,7 @@ class Referee(IdleObserver):
         between = (owners.min(axis=1) >= 0) & (owners[:, 0] != owners[:, 1]) & is_close
         self.touching = self.touching or bool(between.any())
         held = (geoms == self._geom).any(axis=1) & (owners.max(axis=1) >= 0) & is_close
-        height = float(world.object_pose(self._thing).position[2])
+        height = float(world.object_pose(self._object).position[2])
         if held.any() or any(not one.by_gripper for one in world.attachments):
             self._since = None
         else:
@@ -232,9 +232,9 @@ class Referee(IdleObserver):
     def holds(self, arm: str) -> bool:
         """Whether a hand touches the object now."""
         world = self._run.world
-        if arm not in world.arms or not world.attachments.find(arm, self._thing):
+        if arm not in world.arms or not world.attachments.find(arm, self._object):
             return False
-        return world.touches(arm, self._thing)
+        return world.touches(arm, self._object)
 
     def on_forces(self) -> None:
         """Measure the force of the hand of ``arm2`` on the object while both hands touch it."""
@@ -259,7 +259,7 @@ class Referee(IdleObserver):
         if not all(touched):
             self._recent.clear()
             return
-        body = world.object_body(self._thing)
+        body = world.object_body(self._object)
         weight = -world.model.body_mass[body] * world.model.opt.gravity
         share = float(np.clip(forces[1] @ weight / (weight @ weight), 0.0, 1.0))
         self._recent.append((world.time, float(np.linalg.norm(forces[1] - share * weight))))

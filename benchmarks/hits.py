@@ -57,13 +57,13 @@ class Hit:
     Attributes:
         speed: Speed of the tool in m/s.
         felt_s: Seconds until the arm stopped for it; None if it did not.
-        told: Why it stopped.
+        reason: Why it stopped.
         by_link: Whether a switch on a link told it, not the torques.
     """
 
     speed: float
     felt_s: float | None
-    told: str
+    reason: str
     by_link: bool = False
 
 
@@ -95,8 +95,8 @@ class Bench:
             "arms": {"arm1": {"robot": name, "collision": dict(collision), "tree": "succeed"}},
         }
         if ball is not None:
-            thing = {"shape": "sphere", "size": [_RADIUS], "mass": 5.0, "fixed": True}
-            tree["objects"] = {"ball": {**thing, "spawned": False, "pose": {"xyz": ball.tolist()}}}
+            obj = {"shape": "sphere", "size": [_RADIUS], "mass": 5.0, "fixed": True}
+            tree["objects"] = {"ball": {**obj, "spawned": False, "pose": {"xyz": ball.tolist()}}}
         self.world = World(load_tree_file(tree, kinds), seed)
         self.controller = JointController(self.world, "arm1", PERIOD, Reservations())
 

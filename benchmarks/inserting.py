@@ -109,12 +109,12 @@ def task(options: argparse.Namespace, seed: int) -> tuple[dict[str, Any], float]
     rng = np.random.default_rng(seed)
     off = OFF_M * float(np.sqrt(rng.uniform()))
     turn = float(rng.uniform(0.0, 2.0 * np.pi))
-    told = np.array(TOLD)
-    hole = told + off * np.array((np.cos(turn), np.sin(turn)))
+    text = np.array(TOLD)
+    hole = text + off * np.array((np.cos(turn), np.sin(turn)))
     size = [0.01, 0.08] if options.shape == "cylinder" else [0.02, 0.02, 0.08]
     pose = {"xyz": [0.45, -0.40, TABLE + 0.0405], "rpy": [0, 0, 0]}
     peg = {"shape": options.shape, "size": size, "mass": 0.15, "friction": 0.6, "pose": pose}
-    at = {"xyz": [*told.tolist(), TABLE + 0.04], "rpy": [0, 0, 0]}
+    at = {"xyz": [*text.tolist(), TABLE + 0.04], "rpy": [0, 0, 0]}
     leaves = [{"grasp": {"object": "peg"}}, {"insert": {"object": "peg", "at": at, "depth": HIGH}}]
     arm = {"robot": options.robot, "gripper": options.gripper, "base": {"xyz": [0, 0, TABLE]}}
     file = {

@@ -94,13 +94,13 @@ def attached(case: Case, skills: Registry) -> World:
     tool = Kinematics(robot, BASE).forward(robot.postures["home"])
     at = tool @ Pose.from_rpy(case.place)
     place = {"xyz": at.position.tolist(), "quat": at.quaternion.tolist()}
-    thing = {"shape": "box", "size": list(case.size), "mass": case.mass, "pose": place}
+    obj = {"shape": "box", "size": list(case.size), "mass": case.mass, "pose": place}
     base = {"xyz": BASE.position.tolist()}
     tree = {
         "bt_dualarm": 1,
         "name": "loads",
         "world": {"scene": "empty"},
-        "objects": {"load": thing},
+        "objects": {"load": obj},
         "arms": {"arm1": {"robot": case.robot, "base": base, "tree": "succeed"}},
     }
     world = World(load_tree_file(tree, skills.kinds))

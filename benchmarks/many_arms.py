@@ -142,8 +142,8 @@ def _unfounded(leaf: LeafReport, distances: Distances, arm: str) -> bool:
 
 def _why(result: ArmResult) -> str:
     failed = [leaf for leaf in result.runs if leaf.status == "FAILURE"]
-    told = [f"{leaf.skill} at {leaf.ended_s} s {leaf.code}: {leaf.reason}" for leaf in failed]
-    return "; ".join((str(result.outcome), *told))
+    text = [f"{leaf.skill} at {leaf.ended_s} s {leaf.code}: {leaf.reason}" for leaf in failed]
+    return "; ".join((str(result.outcome), *text))
 
 
 def _named(solo: Solo) -> str:

@@ -63,7 +63,7 @@ class Task:
     Attributes:
         name: Name of the task.
         skills: Skill of each arm.
-        thing: Name of the object.
+        obj: Name of the object.
         supports: Names of what it is set down on.
         held_alone: Whether one arm can hold it.
         limit_n: Largest force between the arms, N.
@@ -71,7 +71,7 @@ class Task:
 
     name: str
     skills: dict[str, str]
-    thing: str
+    obj: str
     supports: tuple[str, ...]
     held_alone: bool
     limit_n: float
@@ -165,22 +165,22 @@ def play(task: Task, tree: Tree, skills: Registry, longest_s: float, fault: Faul
     with ExitStack() as stack:
         options = RunOptions(renderer="ray", duration=longest_s)
         run = stack.enter_context(Run(file, skills, options))
-        referee = Referee(run, task.thing)
+        referee = Referee(run, task.obj)
         run.watch(referee)
         run.world.on_forces.append(referee.on_forces)
         if fault is not None and fault.kind == "crash":
             stack.enter_context(crashing(skills, task.skills[fault.arm], fault))
-        lies = float(run.world.object_pose(task.thing).position[2])
+        lies = float(run.world.object_pose(task.obj).position[2])
         pending = fault
         while not run.done:
             run.step(TICK_S)
-            holders = run.world.attachments.holders(task.thing)
+            holders = run.world.attachments.holders(task.obj)
             if holders and not referee.judges:
                 referee.begin()
             if pending is None or run.done or run.time < pending.time_s - 1e-9:
                 continue
             other = ARMS[pending.arm == ARMS[0]]
-            in_air = run.world.object_pose(task.thing).position[2] > lies + RAISED_M
+            in_air = run.world.object_pose(task.obj).position[2] > lies + RAISED_M
             if pending.kind in ("removal", "lost_grip"):
                 excused = not referee.holds(other) or (in_air and not task.held_alone)
             interfere(run.world, task, pending, in_air=bool(in_air))
@@ -207,8 +207,8 @@ def interfere(world: World, task: Task, fault: Fault, *, in_air: bool) -> None:
         for name in task.supports if in_air else ():
             world.model.body_pos[world.object_body(name), 2] -= SUNK_M
     elif fault.kind == "moved_goal":
-        along = world.object_pose(task.thing).rotation_matrix[:, 0]
-        start = world.pose_address(task.thing)
+        along = world.object_pose(task.obj).rotation_matrix[:, 0]
+        start = world.pose_address(task.obj)
         world.data.qpos[start : start + 3] += SLID_M * along
 
 

@@ -110,14 +110,14 @@ class Ground(IdleObserver):
     def _bearing(self) -> float:
         model = self._world.model
         data = self._world.data
-        thing = self._world.object_geom("thing")
+        obj = self._world.object_geom("thing")
         mine = self._world.arms["arm1"].geom_ids
         force = np.zeros(3)
         for i, (one, other) in enumerate(data.contact.geom.tolist()):
-            if thing in (one, other) and not {one, other} & set(mine):
+            if obj in (one, other) and not {one, other} & set(mine):
                 mujoco.mj_contactForce(model, data, i, self._force)
                 frame = data.contact.frame[i].reshape(3, 3)
-                force += (1.0 if other == thing else -1.0) * (self._force[:3] @ frame)
+                force += (1.0 if other == obj else -1.0) * (self._force[:3] @ frame)
         return float(np.linalg.norm(force))
 
 
@@ -185,14 +185,14 @@ def posed(number: int, seed: int, reality: str, again: int = 0, *, tight: bool =
         ground = "table"
     before = BEFORE[int(rng.integers(3))]
     cup = gripper == "suction_cup"
-    thing: dict[str, Any] = {"mass": float(rng.uniform(0.05, 0.4)), "color": "red"}
+    obj: dict[str, Any] = {"mass": float(rng.uniform(0.05, 0.4)), "color": "red"}
     height = float(rng.uniform(0.07, 0.11))
     wide = float(rng.uniform(0.036, 0.05))
     if cup or rng.random() < 0.5:
         deep = float(rng.uniform(0.036, 0.055))
-        thing |= {"shape": "box", "size": [max(deep, 0.045) if cup else deep, wide, height]}
+        obj |= {"shape": "box", "size": [max(deep, 0.045) if cup else deep, wide, height]}
     else:
-        thing |= {"shape": "cylinder", "size": [wide / 2, height]}
+        obj |= {"shape": "cylinder", "size": [wide / 2, height]}
     near, far = REACHES[robot]
     if tight:
         near = 0.8 * far
@@ -232,10 +232,10 @@ def posed(number: int, seed: int, reality: str, again: int = 0, *, tight: bool =
     along = [flat * float(np.cos(bearing)), flat * float(np.sin(bearing)), -down]
     # A side of it faces the arm, there as here.
     face = float(np.degrees(bearing))
-    within = 180.0 if tight and thing["shape"] == "cylinder" else 15.0
+    within = 180.0 if tight and obj["shape"] == "cylinder" else 15.0
     yaw = float(np.degrees(angle)) + float(rng.uniform(-within, within))
     goal = Pose.from_rpy((*there.tolist(), top + height / 2), (0.0, 0.0, np.radians(yaw)))
-    objects["thing"] = thing | {
+    objects["thing"] = obj | {
         "pose": {"xyz": [*start.tolist(), TABLE + height / 2 + 5e-4], "rpy": [0, 0, face]}
     }
     grasp: dict[str, Any] = {"object": "thing", "approach": along}

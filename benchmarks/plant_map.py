@@ -181,8 +181,8 @@ def draw(grids: Mapping[str, Sequence[Sequence[Sequence[Place]]]], seeds: int, p
             axes.set_yticks(range(len(scales.rows)), [f"{one:g}" for one in scales.rows])
             axes.set(xlabel=scales.across, ylabel=scales.up, title=name)
     figure.colorbar(image, ax=panels, label="RMS [mm]")
-    told = f"{seeds} seed{'s' * (seeds > 1)}; framed red: not stable"
-    figure.suptitle(f"circle of 0.1 m at speed 1.0 in lab, worst of {told}", fontsize=11)
+    text = f"{seeds} seed{'s' * (seeds > 1)}; framed red: not stable"
+    figure.suptitle(f"circle of 0.1 m at speed 1.0 in lab, worst of {text}", fontsize=11)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path)
 

@@ -113,13 +113,13 @@ class Puller(IdleObserver):
 def holding_force(world: World, way: np.ndarray) -> float:
     """Force in N that the gripper of the arm holds on to the box with, in a direction, (3,)."""
     hardware = world.grippers["arm1"]
-    thing = world.objects["box"]
+    obj = world.objects["box"]
     page = hardware.gripper
     asked = hardware.commanded.force
     if page.fingers:
-        return 2.0 * max(page.friction, thing.friction) * asked
+        return 2.0 * max(page.friction, obj.friction) * asked
     forces = (world.arms["arm1"].tool_pose.rotation_matrix.T @ way)[None]
-    cup = cup_measures(page, thing.friction)
+    cup = cup_measures(page, obj.friction)
     back = np.array((0.0, 0.0, -1.0))
     return asked / float(suction_forces(forces, np.zeros(3), back, cup)[0])
 

@@ -79,9 +79,9 @@ def main() -> None:
         first = batches[arguments.sets[0]].paces
         for reality, batch in batches.items():
             pace = median(one / other for one, other in zip(batch.paces, first, strict=True))
-            told = ", ".join(f"{name} {1e3 * value:.3f} mm" for name, value in batch.worst.items())
+            text = ", ".join(f"{name} {1e3 * value:.3f} mm" for name, value in batch.worst.items())
             print(
-                f"{tree:18} {reality:6} {batch.succeeded}/{len(first)}  {told}  "
+                f"{tree:18} {reality:6} {batch.succeeded}/{len(first)}  {text}  "
                 f"pace {pace:.2f}  {batch.reason}",
                 flush=True,
             )

@@ -168,7 +168,7 @@ def _lines(found: object) -> list[str]:
 def compare_figures(before: Path) -> None:
     """Print what each benchmark says in turns: the stored state, this one, the stored one again."""
     for name, (module, *arguments) in FIGURES.items():
-        for told, checkout in (("before", before), ("after", ROOT), ("before", before)):
+        for text, checkout in (("before", before), ("after", ROOT), ("before", before)):
             done = subprocess.run(
                 [sys.executable, "-m", module, *arguments],
                 cwd=checkout,
@@ -179,7 +179,7 @@ def compare_figures(before: Path) -> None:
                 check=False,
             )
             last = (done.stdout.strip().splitlines() or ["(nothing)"])[-1]
-            print(f"{name}, {told}: {last}", flush=True)
+            print(f"{name}, {text}: {last}", flush=True)
 
 
 def main() -> int:

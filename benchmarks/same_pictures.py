@@ -178,9 +178,9 @@ def compare(name: str, before: Path, models: Any, requests: Any) -> int:
     pairs = zip(old, new, strict=True)
     different = sum(int((one != other).any(axis=2).sum()) for one, other in pairs)
     lit = sum(int(one.any(axis=2).sum()) for one in old)
-    told = f"{name}: {len(requests)} pictures, {different} of {lit} pixels that are not black"
-    told += f" differ; {np.mean(old_ns) / 1e6:.3f} ms -> {np.mean(new_ns) / 1e6:.3f} ms"
-    print(f"{told}, {np.sum(old_ns) / np.sum(new_ns):.2f} times as fast", flush=True)
+    text = f"{name}: {len(requests)} pictures, {different} of {lit} pixels that are not black"
+    text += f" differ; {np.mean(old_ns) / 1e6:.3f} ms -> {np.mean(new_ns) / 1e6:.3f} ms"
+    print(f"{text}, {np.sum(old_ns) / np.sum(new_ns):.2f} times as fast", flush=True)
     return different
 
 

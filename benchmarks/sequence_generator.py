@@ -471,32 +471,32 @@ class _Author:
         return {}
 
     def _approach_and_attach(self, _: str | None) -> Ports:
-        thing = "cube"
+        obj = "cube"
         if self.held == "cube" and not self.looks and self._rng.uniform() < 0.7:
-            thing = "other"
-        self.held = self.held or thing
-        return {"object": thing, "speed": 1.0}
+            obj = "other"
+        self.held = self.held or obj
+        return {"object": obj, "speed": 1.0}
 
     @property
-    def _thing(self) -> str:
+    def _object(self) -> str:
         """What is in the hand if all went well, else what could be."""
         return self.held or "cube"
 
     @property
     def _thing_half(self) -> float:
-        return self.other_half if self._thing == "other" else self.half_height
+        return self.other_half if self._object == "other" else self.half_height
 
     def _detach(self, _: str | None) -> Ports:
-        thing = self._thing
+        obj = self._object
         self.held = None
-        return {"object": thing}
+        return {"object": obj}
 
     def _transport(self, following: str | None) -> Ports:
         xyz = self._free_xyz() - (0, 0, 0.04)
         if following == "detach":  # it can only stay where it is if something is below it
             xyz[2] = self.surface + self._thing_half + 0.003
         return {
-            "object": self._thing,
+            "object": self._object,
             "to": self._pose(xyz, (0, 0, float(self._rng.uniform(-40, 40)))),
             "speed": self._speed(),
         }
@@ -509,23 +509,23 @@ class _Author:
     def _remove(self, _: str | None) -> Ports:
         if self._rng.uniform() < 0.3:
             return {"arm": "arm2"}
-        thing = str(self._rng.choice(["cube", "other"]))
-        if thing == self.held:
+        obj = str(self._rng.choice(["cube", "other"]))
+        if obj == self.held:
             self.held = None
-        return {"object": thing}
+        return {"object": obj}
 
     def _grasp(self, _: str | None) -> Ports:
-        thing = "cube" if self.held is not None or self._rng.uniform() < 0.85 else "other"
+        obj = "cube" if self.held is not None or self._rng.uniform() < 0.85 else "other"
         if self.held == "cube" and self._rng.uniform() < 0.5:
-            thing = "other"
+            obj = "other"
         if self.looks:
-            thing = "cube"
-        self.held = self.held or thing
-        return {"object": thing, "speed": 1.0}
+            obj = "cube"
+        self.held = self.held or obj
+        return {"object": obj, "speed": 1.0}
 
     def _free_spot(self) -> np.ndarray:
         """A place on the surface where nothing else stands, or as far from all as was found."""
-        others = [self.spots[name] for name in ("cube", "other", "spare") if name != self._thing]
+        others = [self.spots[name] for name in ("cube", "other", "spare") if name != self._object]
         others += [self.hole] if self.inserts else []
         best = self.middle
         farthest = -1.0
@@ -562,7 +562,7 @@ class _Author:
         return {"at": goal, "speed": 1.0}
 
     def _regrasp(self, _: str | None) -> Ports:
-        self.held = self._thing
+        self.held = self._object
         return {"object": self.held, "speed": 1.0}
 
     def _insert(self, _: str | None) -> Ports:

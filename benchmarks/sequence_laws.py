@@ -147,9 +147,9 @@ class Referee(IdleObserver):
             return
         self._look_at_setpoint()
         held = world.attachments.attached_to(ARM)
-        for thing in self._held_before:
-            if thing not in held:
-                self._let_go[thing] = time
+        for obj in self._held_before:
+            if obj not in held:
+                self._let_go[obj] = time
         self._held_before = held
         self._steps_made += 1
         if self._steps_made % _LOOK_EVERY == 0:
@@ -276,16 +276,16 @@ class Referee(IdleObserver):
         data = self.run.world.data
         if self._generation != self.run.world.generation:
             self._bind()
-        for thing in held:
-            if thing not in self.run.world.objects:
+        for obj in held:
+            if obj not in self.run.world.objects:
                 continue
-            geom = self.run.world.object_geom(thing)
+            geom = self.run.world.object_geom(obj)
             for other, name in enumerate(self._names):
-                if name == thing or name.startswith("its ") or not model.geom_contype[other]:
+                if name == obj or name.startswith("its ") or not model.geom_contype[other]:
                     continue
                 gap = mujoco.mj_geomDistance(model, data, geom, other, 2.0 * _NEAR_M, None)
                 if gap < _NEAR_M:
-                    yield thing, name
+                    yield obj, name
 
     def _look_at_contacts(self, time: float) -> None:
         held = self.run.world.attachments.attached_to(ARM)
@@ -322,13 +322,13 @@ class Referee(IdleObserver):
 
     # What is held
 
-    def _gaps(self, thing: str) -> list[float]:
+    def _gaps(self, obj: str) -> list[float]:
         """Distances in m of a thing from each finger, or from the hand where it has none."""
         world = self.run.world
         gripper = world.devices.mounted.get(ARM)
         if gripper is None or not gripper.fingers:
-            return [world.tool_gap(ARM, thing)]
-        geoms = world.object_geoms(thing)
+            return [world.tool_gap(ARM, obj)]
+        geoms = world.object_geoms(obj)
         model = world.model
         gaps = []
         for finger in FINGERS:
@@ -343,8 +343,8 @@ class Referee(IdleObserver):
             )
         return gaps
 
-    def _is_in_hand(self, thing: str) -> bool:
-        return thing in self.run.world.objects and max(self._gaps(thing)) < _IN_HAND_M
+    def _is_in_hand(self, obj: str) -> bool:
+        return obj in self.run.world.objects and max(self._gaps(obj)) < _IN_HAND_M
 
     def _holds_truly(self, change: StatusChange) -> Iterator[str]:
         """What the arm is believed to hold, it holds; and as it is believed to lie in the hand."""
@@ -370,23 +370,18 @@ class Referee(IdleObserver):
         opened = self._now is not None and self._now.skill in ("open_gripper", "release")
         unnamed = self._closed_unnamed or opened
         if not gripped and ARM in world.devices.mounted and not unnamed:
-            for thing, spec in world.objects.items():
-                welded = world.attachments.find(ARM, thing) is not None
-                if (
-                    not spec.is_free
-                    or welded
-                    or self._is_held(thing)
-                    or not self._is_in_hand(thing)
-                ):
+            for obj, spec in world.objects.items():
+                welded = world.attachments.find(ARM, obj) is not None
+                if not spec.is_free or welded or self._is_held(obj) or not self._is_in_hand(obj):
                     continue
-                if not self._rests_on(thing) and self._speed_of(thing) < 0.1:
-                    yield f"after {said} {thing} hangs in the hand and is not believed held"
+                if not self._rests_on(obj) and self._speed_of(obj) < 0.1:
+                    yield f"after {said} {obj} hangs in the hand and is not believed held"
         if len(gripped) > 1:
             yield f"after {said} one gripper is believed to hold {gripped}"
 
-    def _speed_of(self, thing: str) -> float:
+    def _speed_of(self, obj: str) -> float:
         """Speed of a thing in m/s."""
-        return float(np.linalg.norm(self.run.world.object_velocity(thing)[3:]))
+        return float(np.linalg.norm(self.run.world.object_velocity(obj)[3:]))
 
     # The truth of each skill's SUCCESS
 
@@ -484,28 +479,28 @@ class Referee(IdleObserver):
             yield f"nothing was touched: {sorted(self._touched)}"
 
     def _judge_grasp(self, leaf: Ended) -> Iterator[str]:
-        thing = leaf.step.ports["object"]
+        obj = leaf.step.ports["object"]
         if "then_to" in leaf.step.ports:
-            thing = f"{thing}.joint"
-        if not self._is_in_hand(thing):
-            yield f"{thing} is {1e3 * max(self._gaps(thing)):.1f} mm from a finger"
-        if not self._is_held(thing):
-            yield f"{thing} is not among what is held"
-        if self._rests_on(thing) and "lifted_m" in leaf.metrics:
-            yield f"{thing} still lies on {self._rests_on(thing)}"
+            obj = f"{obj}.joint"
+        if not self._is_in_hand(obj):
+            yield f"{obj} is {1e3 * max(self._gaps(obj)):.1f} mm from a finger"
+        if not self._is_held(obj):
+            yield f"{obj} is not among what is held"
+        if self._rests_on(obj) and "lifted_m" in leaf.metrics:
+            yield f"{obj} still lies on {self._rests_on(obj)}"
 
     _judge_regrasp = _judge_grasp
 
-    def _is_held(self, thing: str) -> bool:
+    def _is_held(self, obj: str) -> bool:
         """Whether it is believed held; what comes next may have let go in the very same tick."""
-        return thing in (*self._held_before, *self.run.world.attachments.attached_to(ARM))
+        return obj in (*self._held_before, *self.run.world.attachments.attached_to(ARM))
 
-    def _rests_on(self, thing: str) -> list[str]:
+    def _rests_on(self, obj: str) -> list[str]:
         """What a thing touches besides the hand."""
         world = self.run.world
         if self._generation != world.generation:
             self._bind()
-        geom = world.object_geom(thing)
+        geom = world.object_geom(obj)
         found = []
         contact = world.data.contact
         for first, second in contact.geom[contact.dist <= 0.0].tolist():
@@ -516,42 +511,42 @@ class Referee(IdleObserver):
         return found
 
     def _judge_approach_and_attach(self, leaf: Ended) -> Iterator[str]:
-        thing = leaf.step.ports["object"]
-        if not self._is_held(thing):
-            yield f"{thing} is not attached"
-        gap = self.run.world.tool_gap(ARM, thing)
+        obj = leaf.step.ports["object"]
+        if not self._is_held(obj):
+            yield f"{obj} is not attached"
+        gap = self.run.world.tool_gap(ARM, obj)
         if gap > 0.007:
-            yield f"{thing} is {1e3 * gap:.1f} mm from the tool"
+            yield f"{obj} is {1e3 * gap:.1f} mm from the tool"
 
     def _judge_detach(self, leaf: Ended) -> Iterator[str]:
         yield from self._was_left(leaf.step.ports["object"])
 
-    def _was_left(self, thing: str) -> Iterator[str]:
+    def _was_left(self, obj: str) -> Iterator[str]:
         world = self.run.world
-        if thing in world.attachments.attached_to(ARM):
-            yield f"{thing} is still held"
-        speed = self._speed_of(thing)
+        if obj in world.attachments.attached_to(ARM):
+            yield f"{obj} is still held"
+        speed = self._speed_of(obj)
         if speed > 0.02:
-            yield f"{thing} still moves by {speed:.3f} m/s"
-        if not self._rests_on(thing):
-            yield f"{thing} lies on nothing"
+            yield f"{obj} still moves by {speed:.3f} m/s"
+        if not self._rests_on(obj):
+            yield f"{obj} lies on nothing"
 
     def _judge_place(self, leaf: Ended) -> Iterator[str]:
-        thing = leaf.step.ports.get("object") or next(iter(leaf.begun.held), None)
-        if thing is None:
+        obj = leaf.step.ports.get("object") or next(iter(leaf.begun.held), None)
+        if obj is None:
             yield "nothing was held when it began"
             return
-        yield from self._was_left(thing)
-        yield from self._lies_at(leaf, thing, leaf.step.ports["at"], 0.012, 6.0)
+        yield from self._was_left(obj)
+        yield from self._lies_at(leaf, obj, leaf.step.ports["at"], 0.012, 6.0)
 
     def _lies_at(
-        self, leaf: Ended, thing: str, at: Ports, meters: float, degrees: float
+        self, leaf: Ended, obj: str, at: Ports, meters: float, degrees: float
     ) -> Iterator[str]:
         world = self.run.world
-        pose = world.object_pose(thing)
-        goal = _pose_of(at, leaf.begun.poses[thing])
+        pose = world.object_pose(obj)
+        goal = _pose_of(at, leaf.begun.poses[obj])
         away = pose.distance(goal)
-        spec = world.objects[thing]
+        spec = world.objects[obj]
         if "rpy" in at:
             turn = pose.angle(goal)
             if spec.shape != "box":
@@ -561,12 +556,12 @@ class Referee(IdleObserver):
                 min(1.0, abs(float(pose.rotation_matrix[:, 2] @ goal.rotation_matrix[:, 2])))
             )
         if away > meters or math.degrees(turn) > degrees:
-            yield f"{thing} is {1e3 * away:.1f} mm and {math.degrees(turn):.1f}° from its goal"
+            yield f"{obj} is {1e3 * away:.1f} mm and {math.degrees(turn):.1f}° from its goal"
         for name in ("placed_error_m", "object_error_m", "inserted_error_m"):
-            told = leaf.metrics.get(name)
-            if isinstance(told, float) and abs(told - away) > 0.003:
+            text = leaf.metrics.get(name)
+            if isinstance(text, float) and abs(text - away) > 0.003:
                 self._say(
-                    "bookkeeping", f"{name} says {1e3 * told:.1f} mm; it is {1e3 * away:.1f} mm"
+                    "bookkeeping", f"{name} says {1e3 * text:.1f} mm; it is {1e3 * away:.1f} mm"
                 )
 
     def _judge_insert(self, leaf: Ended) -> Iterator[str]:
@@ -583,15 +578,15 @@ class Referee(IdleObserver):
             yield f"its joint is {hung.spec.in_words(wrong)} from its goal"
 
     def _judge_transport(self, leaf: Ended) -> Iterator[str]:
-        thing = leaf.step.ports["object"]
-        if not self._is_held(thing):
-            yield f"{thing} is not held"
-        yield from self._lies_at(leaf, thing, leaf.step.ports["to"], 0.008, 5.0)
+        obj = leaf.step.ports["object"]
+        if not self._is_held(obj):
+            yield f"{obj} is not held"
+        yield from self._lies_at(leaf, obj, leaf.step.ports["to"], 0.008, 5.0)
 
     def _judge_close_gripper(self, leaf: Ended) -> Iterator[str]:
-        thing = leaf.step.ports.get("object")
-        if thing is not None and not self._is_in_hand(thing):
-            yield f"{thing} is not between the fingers"
+        obj = leaf.step.ports.get("object")
+        if obj is not None and not self._is_in_hand(obj):
+            yield f"{obj} is not between the fingers"
 
     def _judge_open_gripper(self, _: Ended) -> Iterator[str]:
         gripped = self.run.world.attachments.gripped_by(ARM)
@@ -604,7 +599,7 @@ class Referee(IdleObserver):
         world = self.run.world
         wanted = leaf.step.ports.get("object")
         things = [wanted] if wanted else list(world.objects)
-        if not any(self._is_in_hand(thing) for thing in things):
+        if not any(self._is_in_hand(obj) for obj in things):
             yield f"none of {things} is in the hand"
 
     def _judge_spawn(self, leaf: Ended) -> Iterator[str]:
@@ -625,20 +620,20 @@ class Referee(IdleObserver):
 
     # What a camera has seen
 
-    def _seen(self, thing: str) -> Vector:
+    def _seen(self, obj: str) -> Vector:
         """Where a thing is in the true camera: x right, y down, z forward, m."""
         world = self.run.world
         camera = camera_pose(world.data, world.arms[ARM].camera_id)
-        return camera.inverse.apply(world.object_pose(thing).position)
+        return camera.inverse.apply(world.object_pose(obj).position)
 
-    def _is_in_view(self, thing: str) -> Iterator[str]:
-        if thing not in self.run.world.objects:
-            yield f"{thing} is not in the world"
+    def _is_in_view(self, obj: str) -> Iterator[str]:
+        if obj not in self.run.world.objects:
+            yield f"{obj} is not in the world"
             return
-        x, y, z = self._seen(thing).tolist()
+        x, y, z = self._seen(obj).tolist()
         half = math.tan(math.radians(30.0)) * 1.15
         if not (z > 0 and abs(y) < half * z and abs(x) < half * z * 4 / 3):
-            yield f"{thing} is not in the image: at ({x:.2f}, {y:.2f}, {z:.2f}) m from the camera"
+            yield f"{obj} is not in the image: at ({x:.2f}, {y:.2f}, {z:.2f}) m from the camera"
 
     def _judge_look_at(self, leaf: Ended) -> Iterator[str]:
         world = self.run.world
@@ -672,10 +667,10 @@ class Referee(IdleObserver):
     def _judge_calibrate(self, _: Ended) -> Iterator[str]:
         world = self.run.world
         body = world.arms[ARM]
-        told = world.nominal[ARM].camera_pose_at(body.q)
+        text = world.nominal[ARM].camera_pose_at(body.q)
         true = camera_pose(world.data, body.camera_id)
-        away = told.distance(true)
-        turn = math.degrees(told.angle(true))
+        away = text.distance(true)
+        turn = math.degrees(text.angle(true))
         if away > 0.01 or turn > 2.0:
             yield f"the camera is {1e3 * away:.1f} mm and {turn:.2f}° from where it is believed"
 

@@ -58,7 +58,7 @@ class Located:
     views: int
 
 
-def thing(rng: np.random.Generator, shapes: tuple[str, ...]) -> dict[str, Any]:
+def obj(rng: np.random.Generator, shapes: tuple[str, ...]) -> dict[str, Any]:
     """A thing that lies on the table, as a tree file has it, without a place."""
     shape = shapes[int(rng.integers(len(shapes)))]
     edges = rng.uniform(0.02, 0.07, 3).round(4)
@@ -92,7 +92,7 @@ def locate(number: int, reality: str, seed: int, *, by_marker: bool = False) -> 
     """One robot, one thing."""
     rng = np.random.default_rng((seed, number))
     robot = ROBOTS[number % len(ROBOTS)]
-    one = thing(rng, ("box", "box", "cylinder", "sphere"))
+    one = obj(rng, ("box", "box", "cylinder", "sphere"))
     reach = 0.08 if robot == "ur3" else 0.15
     x, y = (middle + float(rng.uniform(-reach, reach)) for middle in MIDDLE)
     if robot == "ur3":
@@ -140,7 +140,7 @@ def sized(number: int, ratio: float, reality: str, seed: int) -> str:
     """What `locate` says of a thing that is larger than declared by a factor: its code."""
     rng = np.random.default_rng((seed, number, 7))
     robot = ROBOTS[number % len(ROBOTS)]
-    declared = thing(rng, ("box", "box", "cylinder", "sphere"))
+    declared = obj(rng, ("box", "box", "cylinder", "sphere"))
     real = declared | {"size": [ratio * edge for edge in declared["size"]], "fixed": True}
     reach = 0.08 if robot == "ur3" else 0.15
     x, y = (middle + float(rng.uniform(-reach, reach)) for middle in MIDDLE)
@@ -197,7 +197,7 @@ def counted(setting: str, number: int, reality: str, seed: int) -> str:
     """What `count` says of some things: right, wrong and why, or the code of its failure."""
     rng = np.random.default_rng((seed, number, 11))
     robot = COUNTING[number % len(COUNTING)]
-    kind = thing(rng, ("box", "cylinder"))
+    kind = obj(rng, ("box", "cylinder"))
     x, y = (middle + float(rng.uniform(-0.08, 0.08)) for middle in MIDDLE)
     angle = float(rng.uniform(-90, 90))
     along = np.array((np.cos(np.radians(angle)), np.sin(np.radians(angle))))
@@ -266,7 +266,7 @@ def picked(number: int, reality: str, seed: int) -> dict[str, str]:
 def pick(number: int, reality: str, seed: int, text: str) -> tuple[str, str]:
     """One pick: placed, picked, lied or failed, and why."""
     rng = np.random.default_rng((seed, number, 1))
-    one = thing(rng, ("box", "box", "cylinder"))
+    one = obj(rng, ("box", "box", "cylinder"))
     x = MIDDLE[0] + float(rng.uniform(-0.22, 0.22))
     y = -0.48 + float(rng.uniform(-0.18, 0.18))
     turn = float(rng.uniform(-90, 90))

@@ -170,10 +170,10 @@ def slowed(view: LiveView, count: int) -> None:
     view.gate.go()
 
 
-def watched(run: Run, stop: StopRequest, trouble: Callable[[LiveView], None]) -> str:
+def watched(run: Run, stop: StopRequest, pending_fault: Callable[[LiveView], None]) -> str:
     """Hash of a run that strangers trouble."""
     with LiveView(run, stop, paused=False) as view:
-        thread = threading.Thread(target=trouble, args=(view,))
+        thread = threading.Thread(target=pending_fault, args=(view,))
         view.gate.set_speed(0.1)
         thread.start()
         sha256 = run.finish().state_sha256
@@ -190,16 +190,16 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=250)
     parser.add_argument("--slow", type=int, help="connections of each kind of slow client")
     arguments = parser.parse_args()
-    trouble = partial(soak, rounds=arguments.rounds)
+    pending_fault = partial(soak, rounds=arguments.rounds)
     if arguments.slow is not None:
-        trouble = partial(slowed, count=arguments.slow)
+        pending_fault = partial(slowed, count=arguments.slow)
     plain = bt_dualarm.run(arguments.tree).state_sha256
     stop = StopRequest()
     with (
         TemporaryDirectory() as folder,
         bt_dualarm.open(arguments.tree, stop=stop, record=Path(folder) / "out") as run,
     ):
-        troubled = watched(run, stop, trouble)
+        troubled = watched(run, stop, pending_fault)
     print("the hash is the same" if troubled == plain else "THE HASH IS ANOTHER")
 
 

@@ -37,7 +37,7 @@ def ours() -> Callable[[], Any]:
     idle = SimpleNamespace(
         enter=lambda anew: None,  # noqa: ARG005 - a leaf calls it by this name
         release=lambda: None,
-        trouble=lambda: None,
+        pending_fault=lambda: None,
     )
     context: Any = SkillContext(
         "busy",

@@ -51,14 +51,14 @@ class Weight:
     """What an arm has found out: kg, and mm of the center."""
 
     true: float
-    told: float
+    estimate: float
     doubt: float
     center_mm: float
 
     @property
     def is_right(self) -> bool:
         """Whether it is within what is asked for."""
-        return abs(self.told - self.true) <= max(0.03 * self.true, 0.02)
+        return abs(self.estimate - self.true) <= max(0.03 * self.true, 0.02)
 
 
 def weighed(
@@ -205,7 +205,7 @@ def line(name: str, arguments: argparse.Namespace, campaign: Campaign) -> str:
     failed = [result["failed"] for result in results if "failed" in result]
     if not found:
         return f"{name:6} {reality}: no weight of {len(failed)} was found" + "".join(failed)
-    errors = np.array([one.told - one.true for one in found])
+    errors = np.array([one.estimate - one.true for one in found])
     shares = np.abs(errors) / np.array([one.true for one in found])
     z = np.abs(errors) / np.maximum([one.doubt for one in found], 1e-9)
     return (

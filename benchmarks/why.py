@@ -36,8 +36,8 @@ def first_cause(mistake: Mistake, folder: Path) -> Cause | None:
         DualArmError: The run is refused before anything moves.
     """
     bt_dualarm.run(mistake.tree, record=folder, duration=mistake.duration)
-    told = stories(Record.read(folder))
-    return told[0].causes[0] if told else None
+    text = stories(Record.read(folder))
+    return text[0].causes[0] if text else None
 
 
 def is_named(mistake: Mistake, cause: Cause | None) -> bool:

@@ -57,8 +57,8 @@ if TYPE_CHECKING:
     from bt_dualarm.grasping.candidates import RankedGrasp as RankedGrasp
     from bt_dualarm.learning.api import gym as gym
     from bt_dualarm.perception.scan import MarkView as MarkView
-    from bt_dualarm.perception.scan import SightedThing as SightedThing
-    from bt_dualarm.perception.scan import SightedThings as SightedThings
+    from bt_dualarm.perception.scan import SightedObject as SightedObject
+    from bt_dualarm.perception.scan import SightedObjects as SightedObjects
     from bt_dualarm.perception.scan import hand_eye as hand_eye
     from bt_dualarm.perception.shape_fit import KnownShape as KnownShape
     from bt_dualarm.planning.path_search import Planner as Planner
@@ -132,8 +132,8 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.path_following import check_arrival as check_arrival
     from bt_dualarm.skill.path_following import follow_curve as follow_curve
     from bt_dualarm.skill.picking import Taking as Taking
+    from bt_dualarm.skill.picking import object_at as object_at
     from bt_dualarm.skill.picking import refuse_too_frail as refuse_too_frail
-    from bt_dualarm.skill.picking import thing_at as thing_at
     from bt_dualarm.skill.picking import twin_at as twin_at
     from bt_dualarm.skill.placing import SettingDown as SettingDown
     from bt_dualarm.skill.placing import SettingDownPorts as SettingDownPorts

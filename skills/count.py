@@ -51,10 +51,10 @@ class Count(Skill):
             raise Failure("NOT_SEEN", "the camera gave no image in time")
         seen.take(picture)
         standing = [
-            standing_of(self.arm.world, seen, thing, ports.height)
+            standing_of(self.arm.world, seen, obj, ports.height)
             if ports.flat and not ports.is_by_marker
             else None
-            for thing in seen.things
+            for obj in seen.objects
         ]
         ratios = [None if one is None else one.other_size for one in standing]
         other = [ratio for ratio in ratios if ratio is not None]

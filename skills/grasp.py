@@ -25,9 +25,9 @@ from bt_dualarm import (
     WantedGrasp,
     grasps_on,
     half_open,
+    object_at,
     port,
     refuse_too_frail,
-    thing_at,
     twin_at,
 )
 
@@ -171,9 +171,9 @@ class Grasp(Skill):
         if self.arm.past_others(self.ports.speed).blockers(refusal):  # it was waited for
             return False
         cause = refusal.__cause__
-        ways = cause.exceptions if isinstance(cause, ExceptionGroup) else ()
-        codes = {one.code for one in ways if isinstance(one, Failure)}
-        return not ways or "IN_COLLISION" in codes
+        attempts = cause.exceptions if isinstance(cause, ExceptionGroup) else ()
+        codes = {one.code for one in attempts if isinstance(one, Failure)}
+        return not attempts or "IN_COLLISION" in codes
 
     def _onward(self, name: str) -> JointPath | None:
         """Path of a part on its joint to where it will be moved, if that is given."""
@@ -224,7 +224,7 @@ class Grasp(Skill):
         width = ports.width
         lies = ports.at.pose
         edges = (ports.depth or width, width, ports.height or width)
-        name = thing_at(self.arm.world, lies.position, 0.5 * float(np.linalg.norm(edges)))
+        name = object_at(self.arm.world, lies.position, 0.5 * float(np.linalg.norm(edges)))
         mass = ports.mass_of(None)
         most_force = ports.most_force or math.inf
         friction = ports.friction or _UNKNOWN_FRICTION

@@ -92,7 +92,7 @@ class HandOver(Skill):
         with JointPart(self.context, label, (arm.name, taker)) as joint:
             yield from joint.meet()
             yield from self._weigh()
-            joint.tell(wish=self._wish())
+            joint.send(wish=self._wish())
             number = 0
             while True:
                 plan = yield from self._present(joint, taker, number)
@@ -107,7 +107,7 @@ class HandOver(Skill):
                         arm, taker, name, self.ports.retreat, self.ports.retreat_speed
                     ):
                         yield 0.8 + 0.2 * (progress or 0.0)
-                joint.tell(clear=True)
+                joint.send(clear=True)
                 self._passengers.refuse_spilled()
                 return
 
@@ -176,7 +176,7 @@ class HandOver(Skill):
         arm = self.arm
         while True:
             yield from self._stand(joint, partial(_is_beyond, joint, taker, number))
-            plan: HandoverPlan = joint.told(taker)["plan"]
+            plan: HandoverPlan = joint.messages(taker)["plan"]
             number = plan.number
             self._passengers = PassengerCheck(arm.world, self.ports.object, [plan.lies])
             try:
@@ -186,14 +186,14 @@ class HandOver(Skill):
                         break
                     yield None if progress is None else 0.4 * progress
                 else:
-                    joint.tell(arrived=number, arrived_s=self.time)
+                    joint.send(arrived=number, arrived_s=self.time)
                     yield from self._stand(joint, partial(_is_there, joint, taker, number))
-                    if joint.told(taker).get("at") == number:
+                    if joint.messages(taker).get("at") == number:
                         return plan
             except Failure as failure:
                 if failure.code not in _MOTIONS:
                     raise
-                joint.tell(refused=(number, f"{failure.code}: {failure.reason}"))
+                joint.send(refused=(number, f"{failure.code}: {failure.reason}"))
             yield from arm.halt()
 
     def _stand(self, joint: JointPart, fulfilled: Callable[[], bool]) -> Iterator[None]:
@@ -212,7 +212,7 @@ class HandOver(Skill):
         """
         arm = self.arm
         name = self.ports.object
-        told = joint.told
+        messages = joint.messages
         sense = LoadSense(arm)
         before = sense.look()
         while not sense.is_settled:
@@ -220,33 +220,33 @@ class HandOver(Skill):
             before = sense.look()
         weight = self._weight(sense, before)
         feels = sense.is_tactile and weight is not None and weight > _FELT_N
-        joint.tell(ready=number, weight_n=weight, feels=feels)
+        joint.send(ready=number, weight_n=weight, feels=feels)
         first = before
         is_pushed = not sense.is_tactile  # the joints detect it too late
         for _ in joint.until(
-            lambda: told(taker).get("grasped") == number or _plan(joint, taker) > number
+            lambda: messages(taker).get("grasped") == number or _plan(joint, taker) > number
         ):
             arm.check()
             before = sense.look()
             if not is_pushed and float(np.linalg.norm(before - first)) > _PUSHED_N:
                 is_pushed = True
-                joint.tell(pushed=number)
+                joint.send(pushed=number)
             yield 0.5
-        if told(taker).get("grasped") != number:
+        if messages(taker).get("grasped") != number:
             return False
         sense = yield from self._until_carried(joint, taker, number, before, weight)
-        if told(taker).get("carries") != number:
+        if messages(taker).get("carries") != number:
             return False
         yield from self._has_become_lighter(joint, sense, before, weight)
-        joint.tell(releasing=True)
+        joint.send(releasing=True)
         # The taker answers that it keeps the object, and does so even if its leaf ends now.
-        for _ in joint.until(lambda: "keeps" in told(taker)):
+        for _ in joint.until(lambda: "keeps" in messages(taker)):
             arm.check()
             yield 0.7
         if taker not in arm.world.arms:
             joint.check()
         yield from let_go_of(arm, name)
-        joint.tell(released=True)
+        joint.send(released=True)
         return True
 
     def _until_carried(
@@ -260,7 +260,7 @@ class HandOver(Skill):
         Returns:
             The load since the last of these steps.
         """
-        told = joint.told
+        messages = joint.messages
         sense = LoadSense(self.arm)
         answered: tuple[int, int] | None = None
         while True:
@@ -268,9 +268,9 @@ class HandOver(Skill):
                 self.arm.check()
                 sense.look()
                 yield 0.6
-            if told(taker).get("raised") == answered:
+            if messages(taker).get("raised") == answered:
                 return sense
-            answered = told(taker)["raised"]
+            answered = messages(taker)["raised"]
             sense = LoadSense(self.arm)
             load = sense.look()
             while not sense.is_settled:
@@ -278,7 +278,7 @@ class HandOver(Skill):
                 joint.check()
                 self.arm.check()
                 load = sense.look()
-            joint.tell(lighter=(answered, _is_lighter(before, load, weight)))
+            joint.send(lighter=(answered, _is_lighter(before, load, weight)))
 
     def _weight(self, sense: LoadSense, load: np.ndarray) -> float | None:
         """Weight of the object, N: from its mass if known, otherwise from the pads.
@@ -333,17 +333,17 @@ def _is_beyond(joint: JointPart, taker: str, number: int) -> bool:
 
 def _is_there(joint: JointPart, taker: str, number: int) -> bool:
     """Whether the taker is at its standoff, or has proposed another plan."""
-    return joint.told(taker).get("at") == number or _plan(joint, taker) > number
+    return joint.messages(taker).get("at") == number or _plan(joint, taker) > number
 
 
 def _has_news(joint: JointPart, taker: str, number: int, answered: tuple[int, int] | None) -> bool:
     """Whether the taker carries the object, has proposed another plan, or asks something new."""
-    told = joint.told(taker)
-    is_decided = told.get("carries") == number or _plan(joint, taker) > number
-    return is_decided or told.get("raised") != answered
+    messages = joint.messages(taker)
+    is_decided = messages.get("carries") == number or _plan(joint, taker) > number
+    return is_decided or messages.get("raised") != answered
 
 
 def _plan(joint: JointPart, taker: str) -> int:
     """Number of the plan that the taker has proposed last; 0 before the first."""
-    plan = joint.told(taker).get("plan")
+    plan = joint.messages(taker).get("plan")
     return 0 if plan is None else int(plan.number)

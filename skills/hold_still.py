@@ -67,8 +67,8 @@ class HoldStill(Skill):
             raise Failure("INVALID_TARGET", f"there is no other arm {partner!r} in the world now")
         yield from arm.think()
         with ExitStack() as shared:
-            for thing in arm.held if partner is not None else ():
-                shared.enter_context(shared_grasp(arm, str(partner), thing, HANDS_APART_M))
+            for obj in arm.held if partner is not None else ():
+                shared.enter_context(shared_grasp(arm, str(partner), obj, HANDS_APART_M))
             yield from self._hold()
         ended = self.time
         while np.abs(arm.setpoint.q - arm.q).max() > _BACK_RAD and self.time - ended < _BACK_S:

@@ -13,7 +13,7 @@ from bt_dualarm import (
     PortModel,
     Pose,
     PoseSpec,
-    SightedThing,
+    SightedObject,
     SightPorts,
     Skill,
     Speed,
@@ -87,13 +87,13 @@ class Locate(Skill):
         self._seen = self.ports.sighted(self.arm, self.context.cell.zones)
         yield from self.arm.come_to_rest()  # the motion of a halted leaf may still be braking
         yield from self._take_image()
-        if not self._seen.things:
+        if not self._seen.objects:
             self._refuse_unseen()
         yield from self._view_from_around()
-        known = [one for one in self._seen.things if self._is_known(one)]
+        known = [one for one in self._seen.objects if self._is_known(one)]
         found = sorted(filter(self._has_its_size, known), key=self._from_base)
         if not found:
-            self._refuse_other_size(known or self._seen.things)
+            self._refuse_other_size(known or self._seen.objects)
             self._refuse_inaccurate()
         self._report(found)
 
@@ -129,46 +129,46 @@ class Locate(Skill):
                 camera = self._next_of(choice, unknown, pending=True)
                 yield from self._take_image()
 
-    def _to_be_seen(self) -> list[SightedThing]:
+    def _to_be_seen(self) -> list[SightedObject]:
         """Objects that are worth another viewpoint; none only if all are accurate enough."""
         shares = _MARKER_SHARES if self.ports.is_by_marker else (1.0, 1.0)
-        return [one for one in self._seen.things if not self._is_known(one, *shares)]
+        return [one for one in self._seen.objects if not self._is_known(one, *shares)]
 
     def _next_of(
-        self, choice: Viewpoints, unknown: list[SightedThing], *, pending: bool = False
+        self, choice: Viewpoints, unknown: list[SightedObject], *, pending: bool = False
     ) -> Pose | None:
         """Next pose of the camera, from which the least known object becomes known."""
-        middle = np.mean([thing.position for thing in unknown], axis=0)
-        least = max(unknown, key=lambda thing: thing.best.sigma_m)
+        middle = np.mean([obj.position for obj in unknown], axis=0)
+        least = max(unknown, key=lambda obj: obj.best.sigma_m)
         expected = self._seen.expected(least)
         return choice.choose(expected, middle, self._viewing_distance(middle), pending=pending)
 
     def _viewing_distance(self, middle: Vector) -> float:
         """Distance of a viewpoint, m: larger than requested to view several objects at once."""
-        apart = max(float(np.linalg.norm(one.position - middle)) for one in self._seen.things)
+        apart = max(float(np.linalg.norm(one.position - middle)) for one in self._seen.objects)
         return max(self.ports.distance, 3.0 * apart, 5.0 * self._seen.shape.extent)
 
-    def _is_known(self, thing: SightedThing, share: float = 1.0, angle_share: float = 1.0) -> bool:
+    def _is_known(self, obj: SightedObject, share: float = 1.0, angle_share: float = 1.0) -> bool:
         """Whether its standard deviations are at most fractions of those requested."""
         ports = self.ports
-        sigma_rad = self._seen.sigma_rad(thing)
-        if thing.best.sigma_m > share * ports.accuracy:
+        sigma_rad = self._seen.sigma_rad(obj)
+        if obj.best.sigma_m > share * ports.accuracy:
             return False
         if sigma_rad > angle_share * ports.angle_accuracy:
             return False
         # All of that assumes the declared size: from one viewpoint, a larger object looks the same
         # as one that is nearer.
-        return self._seen.size_of(thing).is_known
+        return self._seen.size_of(obj).is_known
 
-    def _has_its_size(self, thing: SightedThing) -> bool:
-        return self._seen.other_size(thing) is None
+    def _has_its_size(self, obj: SightedObject) -> bool:
+        return self._seen.other_size(obj) is None
 
-    def _from_base(self, thing: SightedThing) -> float:
+    def _from_base(self, obj: SightedObject) -> float:
         base = self.arm.kinematics.base.position
-        return float(np.linalg.norm(thing.position - base))
+        return float(np.linalg.norm(obj.position - base))
 
-    def _report(self, found: list[SightedThing]) -> None:
-        poses = [self._seen.pose(thing) for thing in found]
+    def _report(self, found: list[SightedObject]) -> None:
+        poses = [self._seen.pose(obj) for obj in found]
         best = found[0].best
         if self.ports.object is not None:
             alike = None if self.ports.is_by_marker else self._seen.shape.canonical
@@ -209,15 +209,15 @@ class Locate(Skill):
             beyond_share=seen.beyond,
         )
 
-    def _refuse_other_size(self, things: list[SightedThing]) -> None:
+    def _refuse_other_size(self, objects: list[SightedObject]) -> None:
         """Fail if one of the objects has a size other than the declared one.
 
         Raises:
             Failure: ``WRONG_SIZE``.
         """
         declared = " by ".join(f"{1e3 * edge:.1f}" for edge in self._seen.shape.size)
-        for thing in things:
-            size = self._seen.other_size(thing)
+        for obj in objects:
+            size = self._seen.other_size(obj)
             if size is None:
                 continue
             measured = " by ".join(f"{1e3 * edge:.1f}" for edge in size.size)
@@ -227,11 +227,11 @@ class Locate(Skill):
                 f"{size.ratio:.3f} ± {size.sigma:.3f} times the declared size",
                 size_ratio=size.ratio,
                 size_sigma=size.sigma,
-                views=len(thing.views) + len(thing.astray),
+                views=len(obj.views) + len(obj.astray),
             )
 
     def _refuse_inaccurate(self) -> None:
-        best = min(self._seen.things, key=lambda one: one.best.sigma_m)
+        best = min(self._seen.objects, key=lambda one: one.best.sigma_m)
         sigma_rad = self._seen.sigma_rad(best)
         size = self._seen.size_of(best)
         raise Failure(

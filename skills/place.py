@@ -15,7 +15,7 @@ from bt_dualarm import (
     Pose,
     SettingDown,
     SettingDownPorts,
-    SightedThings,
+    SightedObjects,
     SightPorts,
     Skill,
     camera_now,
@@ -90,14 +90,14 @@ class Place(Skill):
         yield from setting_down.stays_at(goal)
         passengers.refuse_spilled()
 
-    def _looked_for(self, name: str) -> SightedThings | None:
+    def _looked_for(self, name: str) -> SightedObjects | None:
         """Detector of the object, if the camera has to check; made before anything moves."""
         if not self.ports.look:
             return None
         own_camera(self.arm)
         return SightPorts(object=name).sighted(self.arm)
 
-    def _look(self, looked_for: SightedThings, goal: Pose) -> Iterator[float | None]:
+    def _look(self, looked_for: SightedObjects, goal: Pose) -> Iterator[float | None]:
         """Check with the wrist camera that the object is at its goal.
 
         Raises:
@@ -113,11 +113,11 @@ class Place(Skill):
         picture = yield from still_picture(arm, _PICTURES)
         if picture is not None:
             looked_for.take(picture)
-        if not looked_for.things:
+        if not looked_for.objects:
             raise Failure("NOT_SEEN", f"it was not detected at its goal; {looked_for.others}")
         error, sigma = min(
             (float(np.linalg.norm(one.position - goal.position)), one.best.sigma_m)
-            for one in looked_for.things
+            for one in looked_for.objects
         )
         self.metrics |= {"seen_error_m": error, "sigma_m": sigma}
         if error > self.ports.tolerance + _SIGMAS * sigma:

@@ -12,7 +12,7 @@ from bt_dualarm import (
     Failure,
     PortModel,
     PoseSpec,
-    SightedThings,
+    SightedObjects,
     SightPorts,
     Skill,
     Speed,
@@ -87,14 +87,14 @@ class Scan(Skill):
                     seen.take(picture)
                     hidden = hidden_by_arm(self.arm, picture)
                     self._left.take(picture, seen.shape.extent, hidden)
-                if len(seen.things) >= self.ports.least:
+                if len(seen.objects) >= self.ports.least:
                     self._report(seen, viewpoints)
                     return
             point = self._next(seen)
             if point is None:
                 self._refuse(viewpoints, seen)
 
-    def _next(self, seen: SightedThings) -> Vector | None:
+    def _next(self, seen: SightedObjects) -> Vector | None:
         """Next point to look at; None if there is none."""
         for hint in self._cut_off(seen):
             if all(float(np.linalg.norm(hint - one)) > _NEW_M for one in self._hints):
@@ -102,7 +102,7 @@ class Scan(Skill):
                 return hint
         return self._left.nearest(camera_now(self.arm))
 
-    def _cut_off(self, seen: SightedThings) -> list[Vector]:
+    def _cut_off(self, seen: SightedObjects) -> list[Vector]:
         """Points of the area's plane on the lines of sight to what the last image shows in part."""
         points = []
         for eye, sight in seen.cut_off:
@@ -143,18 +143,18 @@ class Scan(Skill):
             return False
         return found is not None
 
-    def _report(self, seen: SightedThings, places: int) -> None:
-        first = seen.pose(seen.things[0])
+    def _report(self, seen: SightedObjects, places: int) -> None:
+        first = seen.pose(seen.objects[0])
         x, y, z = first.position.tolist()
         a, b, c, d = first.quaternion.tolist()
         self.output("pose", PoseSpec(xyz=(x, y, z), quat=(a, b, c, d)))
-        self.output("count", len(seen.things))
+        self.output("count", len(seen.objects))
         if self.ports.object is not None:
             self.arm.known.saw(self.ports.object, first)
-        self.metrics |= {"found": len(seen.things), "places": places}
+        self.metrics |= {"found": len(seen.objects), "places": places}
 
-    def _refuse(self, viewpoints: int, seen: SightedThings) -> None:
-        found = len(seen.things)
+    def _refuse(self, viewpoints: int, seen: SightedObjects) -> None:
+        found = len(seen.objects)
         if not viewpoints:
             raise Failure("OUT_OF_REACH", "no viewpoint above the area is reachable")
         raise Failure(

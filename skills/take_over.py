@@ -157,7 +157,7 @@ class TakeOver(Skill):
         label = handover_label(name, giver, arm.name)
         with JointPart(self.context, label, (giver, arm.name)) as joint:
             yield from joint.meet()
-            yield from joint.until(lambda: "wish" in joint.told(giver))
+            yield from joint.until(lambda: "wish" in joint.messages(giver))
             try:
                 yield from self._take(joint, giver)
             except Failure as failure:
@@ -165,7 +165,7 @@ class TakeOver(Skill):
                     for _ in self._grip.judge(failure):
                         yield 0.9
                 raise
-            self.metrics["handover_s"] = self.time - float(joint.told(giver)["arrived_s"])
+            self.metrics["handover_s"] = self.time - float(joint.messages(giver)["arrived_s"])
 
     def _take(self, joint: JointPart, giver: str) -> Iterator[float | None]:
         """Choose a place and a grasp, and take the object there; elsewhere if that fails."""
@@ -176,7 +176,7 @@ class TakeOver(Skill):
             arm,
             giver,
             name,
-            joint.told(giver)["wish"],
+            joint.messages(giver)["wish"],
             standoff=ports.standoff,
             margin=ports.margin,
             shake=ports.shake,
@@ -191,7 +191,7 @@ class TakeOver(Skill):
                 yield 0.0
                 continue
             self.metrics |= {"plan": plan.number, "tries": search.tries}
-            joint.tell(plan=plan)
+            joint.send(plan=plan)
             passengers = PassengerCheck(arm.world, name, [plan.lies])
             reason = yield from self._meet_at(joint, giver, plan)
             if not reason:
@@ -216,14 +216,14 @@ class TakeOver(Skill):
     ) -> Generator[float | None, None, str]:
         """Go to the standoff while the giver presents the object; returns why not, or nothing."""
         arm = self.arm
-        told = joint.told
+        messages = joint.messages
 
         def refused() -> str:
-            refusal = told(giver).get("refused")
+            refusal = messages(giver).get("refused")
             return "" if refusal is None or refusal[0] != plan.number else f"{giver}: {refusal[1]}"
 
         def arrived() -> bool:
-            return told(giver).get("arrived") == plan.number or bool(refused())
+            return messages(giver).get("arrived") == plan.number or bool(refused())
 
         try:
             move = arm.past_others(self.ports.speed)
@@ -238,15 +238,15 @@ class TakeOver(Skill):
                 if failure.code not in _HELD_UP and giver not in move.blockers(failure):
                     raise
                 yield from self._go_back(joint, trail, arrived)
-            for _ in joint.until(arrived, makes_way=True):
+            for _ in joint.until(arrived, moves_aside=True):
                 yield from move.make_way()
                 yield 0.3
             if not refused():
                 yield from self._go(joint, plan, lambda: bool(refused()))
             if not refused():
-                joint.tell(at=plan.number)
+                joint.send(at=plan.number)
                 for _ in joint.until(
-                    lambda: told(giver).get("ready") == plan.number or bool(refused())
+                    lambda: messages(giver).get("ready") == plan.number or bool(refused())
                 ):
                     yield 0.3
         except Failure as failure:
@@ -328,24 +328,24 @@ class TakeOver(Skill):
                 lies = tool_pose_of(arm.world, giver) @ object_in_hand(arm, giver, name)
                 self._hold(name, lies, plan.grasp.tool)
                 felt = yield from self._relax(joint)
-                joint.tell(grasped=plan.number)
+                joint.send(grasped=plan.number)
                 yield from self._bear(joint, giver, name, felt, plan.number)
             except Failure as failure:
                 if failure.code not in _ELSEWHERE or self._keeps(joint, giver, promised=False):
                     raise
                 yield from self._let_go(name, out)
                 return f"{arm.name}: {failure.code}: {failure.reason}"
-            joint.tell(carries=plan.number)
-            for _ in joint.until(lambda: "releasing" in joint.told(giver)):
+            joint.send(carries=plan.number)
+            for _ in joint.until(lambda: "releasing" in joint.messages(giver)):
                 self._watch()
                 yield 0.7
-            joint.tell(keeps=True)
+            joint.send(keeps=True)
             keeps = True
             yield 0.7
-            for _ in joint.until(lambda: "released" in joint.told(giver)):
+            for _ in joint.until(lambda: "released" in joint.messages(giver)):
                 self._watch()
                 yield 0.75
-            for _ in joint.until(lambda: "clear" in joint.told(giver)):
+            for _ in joint.until(lambda: "clear" in joint.messages(giver)):
                 self._watch()
                 yield 0.8
         except Failure:
@@ -405,7 +405,7 @@ class TakeOver(Skill):
             arm.refuse_when_held_up(motion, _HELD_UP_S)
             pushes = arm.time - began > _EDGE_S and sense.force() > _PUSHES_N
             # The giver's pads detect a push at once, its joints only later.
-            if joint.told(giver).get("pushed") == number or pushes:
+            if joint.messages(giver).get("pushed") == number or pushes:
                 yield from arm.halt(give_way=True)
                 for _ in arm.relax(stays_compliant=True):
                     yield 0.5
@@ -571,7 +571,7 @@ class TakeOver(Skill):
                 joint.check()
                 yield 0.6
         sense = LoadSense(arm)
-        weight = joint.told(giver).get("weight_n")
+        weight = joint.messages(giver).get("weight_n")
         if not sense.is_tactile:
             yield from self._raise_until_lighter(joint, giver, number)
             return
@@ -631,17 +631,17 @@ class TakeOver(Skill):
 
         Friction in the joints can hide that this arm does not bear what its model says.
         """
-        if not joint.told(giver).get("feels"):
+        if not joint.messages(giver).get("feels"):
             return
         for step in range(_MOST_RAISES + 1):
             if step:
                 yield from self._shift(joint, np.array((0.0, 0.0, _RAISE_M)))
             question = (number, step)
-            joint.tell(raised=question)
+            joint.send(raised=question)
             for _ in joint.until(partial(_has_answered, joint, giver, question)):
                 self._watch()
                 yield 0.65
-            if joint.told(giver)["lighter"][1]:
+            if joint.messages(giver)["lighter"][1]:
                 self.metrics["raised_m"] = step * _RAISE_M
                 return
         raise Failure(
@@ -749,7 +749,7 @@ class TakeOver(Skill):
 
 def _has_answered(joint: JointPart, giver: str, question: tuple[int, int]) -> bool:
     """Whether the giver has said if the object is lighter after a step of a plan."""
-    answer = joint.told(giver).get("lighter")
+    answer = joint.messages(giver).get("lighter")
     return answer is not None and answer[0] == question
 
 

@@ -38,8 +38,8 @@ class WaitFor(Skill):
             seen = ports.sighted(self.arm, self.context.cell.zones)
             if picture is not None:
                 seen.take(picture)
-            most = max(most, len(seen.things))
-            confirmed = confirmed + 1 if len(seen.things) >= ports.least else 0
+            most = max(most, len(seen.objects))
+            confirmed = confirmed + 1 if len(seen.objects) >= ports.least else 0
             if confirmed < ports.confirm and self.time - began > ports.wait:
                 raise Failure(
                     "NOT_SEEN",

@@ -165,9 +165,9 @@ def test_main_job_by_a_weld(bt_run_here: BtRun) -> None:
 CARRYING = ("transport", "circle", "lissajous")
 
 
-def lift(ran: Ran, thing: str, since: float) -> float:
+def lift(ran: Ran, obj: str, since: float) -> float:
     """How far an object rose from a time on, in m, from the record."""
-    heights = ran.samples[f"object_{thing}"][ran.samples["time"] >= since, 2]
+    heights = ran.samples[f"object_{obj}"][ran.samples["time"] >= since, 2]
     return float(np.nanmax(heights) - heights[0])
 
 

@@ -45,13 +45,13 @@ class Arm(ArmMotions):
         if anew and self.camera is not None:
             self.camera.fault = None
 
-    def trouble(self) -> BaseException | None:
+    def pending_fault(self) -> BaseException | None:
         """Return and clear the error of a camera callback, or of this leaf's motion, if any."""
         if self.camera is not None and self.camera.fault is not None:
             fault = self.camera.fault
             self.camera.fault = None
             return fault
-        return super().trouble()
+        return super().pending_fault()
 
     # Gripper, objects and camera
 

@@ -68,8 +68,8 @@ class KnownObjects:
         self._known: dict[str, KnownPose] = {}
         self._unknown: dict[str, str] = {}
         self._declared: dict[str, KnownPose] = {}
-        things = world.declared_objects
-        self._parts = tuple(name for name, thing in things.items() if thing.joint is not None)
+        objects = world.declared_objects
+        self._parts = tuple(name for name, obj in objects.items() if obj.joint is not None)
 
     def pose(self, name: str) -> KnownPose:
         """Estimated pose of a declared object.
@@ -282,11 +282,11 @@ class KnownObjects:
         return self._declared[name]
 
     def _declared_pose(self, name: str) -> Pose:
-        things = self._world.declared_objects
-        hung = things[name].joint
+        objects = self._world.declared_objects
+        hung = objects[name].joint
         if hung is None:
-            return things[name].pose.pose
-        return things[hung.owner].pose.pose @ hung.spec.displacement(hung.spec.start)
+            return objects[name].pose.pose
+        return objects[hung.owner].pose.pose @ hung.spec.displacement(hung.spec.start)
 
     def _stood(
         self,
@@ -307,10 +307,10 @@ class KnownObjects:
             of: How the arm knows one of them.
         """
         world = self._world
-        things = world.declared_objects
-        if not self._parts or not things[name].is_free:
+        objects = world.declared_objects
+        if not self._parts or not objects[name].is_free:
             return known
-        body = body_of(things[name])
+        body = body_of(objects[name])
         center = known.pose.apply(body.center)
         local = known.pose.inverse.turn(_DOWN)
         height = body.solid.reach(local) - float(local @ body.center)
@@ -319,11 +319,11 @@ class KnownObjects:
         for other, pose in poses.items():
             if other == name or world.attachments.find(self._arm, other):
                 continue
-            its = things[other].joint
+            its = objects[other].joint
             if its is not None and its.owner == name:  # its own lid
                 continue
             to_local = pose.inverse
-            gap = body_of(things[other]).ray(to_local.apply(center), to_local.turn(_DOWN)) - height
+            gap = body_of(objects[other]).ray(to_local.apply(center), to_local.turn(_DOWN)) - height
             if -_SINKS_M <= gap < nearest:
                 nearest = gap
                 below = other

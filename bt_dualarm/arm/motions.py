@@ -123,7 +123,7 @@ class ArmMotions(ArmState):
             self._checks_itself = False
             self._raised = self.controller.fault  # that of a motion before this run, if any
 
-    def trouble(self) -> BaseException | None:
+    def pending_fault(self) -> BaseException | None:
         """Return and clear the error of this leaf's motion or stream, if any.
 
         An error of the motion is left to a skill that has called `check` in its last tick: it will
@@ -141,9 +141,9 @@ class ArmMotions(ArmState):
             return None
         try:
             self._check()
-        except RAISED_BY_SKILLS as trouble:
+        except RAISED_BY_SKILLS as pending_fault:
             self.controller.fault = None
-            return trouble
+            return pending_fault
         return None
 
     def release(self) -> None:
@@ -850,7 +850,7 @@ class ArmMotions(ArmState):
         return before.then(motion, self.limits(speed), longest_s, is_allowed)
 
     def slow_path(
-        self, q: Matrix, speed: float, most_m_s: float, brisk: float
+        self, q: Matrix, speed: float, most_m_s: float, acceleration_scale: float
     ) -> tuple[Trajectory, float]:
         """Motion through configurations with a bounded speed of the tool, soon reached.
 
@@ -858,7 +858,7 @@ class ArmMotions(ArmState):
             q: Configurations, of shape (n, dof), rad.
             speed: Fraction of the velocity limits, above 0 to 1.
             most_m_s: Highest speed of the tool, m/s.
-            brisk: Fraction of the acceleration and jerk limits, above 0 to 1.
+            acceleration_scale: Fraction of the acceleration and jerk limits, above 0 to 1.
 
         Returns:
             The motion, and the highest speed of the tool on it, m/s.
@@ -866,7 +866,7 @@ class ArmMotions(ArmState):
         Raises:
             Failure: ``OVERLOADED``.
         """
-        limits = replace(self.limits(brisk), velocity=self.limits(speed).velocity)
+        limits = replace(self.limits(acceleration_scale), velocity=self.limits(speed).velocity)
         motion = time_path(q, limits, self.period)
         top = self._top_speed(motion)
         if top > most_m_s:
@@ -982,14 +982,14 @@ class ArmMotions(ArmState):
             raise contact.failure()
 
     def refuse_collision_along(
-        self, way: Matrix | Trajectory, ignore: frozenset[str] = frozenset()
+        self, path: Matrix | Trajectory, ignore: frozenset[str] = frozenset()
     ) -> None:
         """Check a motion, or configurations of shape (n, dof), rad, before anything moves.
 
         Raises:
             Failure: ``IN_COLLISION`` of the first configuration that touches something.
         """
-        refuse_contact(self.checker(ignore), way)
+        refuse_contact(self.checker(ignore), path)
 
     def first_link_contact(self, rows: Matrix) -> tuple[int, CollisionFailure] | None:
         """First configuration in which a link that is not part of the tool would touch something.

@@ -39,7 +39,7 @@ _UP: Final = np.array((0.0, 0.0, 1.0))
 _GRAVITY: Final = np.array((0.0, 0.0, -9.81))
 
 
-def steepest(world: World, thing: str, one: Passenger) -> float:
+def steepest(world: World, obj: str, one: Passenger) -> float:
     """Tangent of the slope up to which a passenger is carried on a held object.
 
     On a slope it slides if the tangent exceeds its coefficient of friction, and tips if that
@@ -48,13 +48,13 @@ def steepest(world: World, thing: str, one: Passenger) -> float:
 
     Args:
         world: World that both are in.
-        thing: Name of the held object.
+        obj: Name of the held object.
         one: The passenger.
     """
     spec = world.objects[one.object]
-    carrier = body_of(world.objects[thing])
+    carrier = body_of(world.objects[obj])
     # MuJoCo takes the larger coefficient of a pair; it may stand on another passenger.
-    under = [world.objects[name].friction for name in (thing, *_others(world, thing, one))]
+    under = [world.objects[name].friction for name in (obj, *_others(world, obj, one))]
     slides = max(spec.friction, min(under))
     body = body_of(spec)
     center = one.relative.apply(body.center)
@@ -66,24 +66,24 @@ def steepest(world: World, thing: str, one: Passenger) -> float:
     return limit
 
 
-def stands_at(world: World, thing: str, pose: Pose) -> bool:
+def stands_at(world: World, obj: str, pose: Pose) -> bool:
     """Whether all that rides on a held object stays where it is with the object at a pose.
 
     Args:
         world: World that both are in.
-        thing: Name of the held object.
+        obj: Name of the held object.
         pose: Pose of the object in the world, at rest.
     """
-    return all(_stands(world, thing, one, pose) for one in world.passengers_of(thing))
+    return all(_stands(world, obj, one, pose) for one in world.passengers_of(obj))
 
 
-def _stands(world: World, thing: str, one: Passenger, pose: Pose) -> bool:
+def _stands(world: World, obj: str, one: Passenger, pose: Pose) -> bool:
     """Whether a passenger stays where it is on a held object at a pose in the world."""
-    return _tilt(pose, one) <= math.atan(steepest(world, thing, one))
+    return _tilt(pose, one) <= math.atan(steepest(world, obj, one))
 
 
-def _others(world: World, thing: str, one: Passenger) -> Iterator[str]:
-    return (each.object for each in world.passengers_of(thing) if each.object != one.object)
+def _others(world: World, obj: str, one: Passenger) -> Iterator[str]:
+    return (each.object for each in world.passengers_of(obj) if each.object != one.object)
 
 
 def _tilt(pose: Pose, one: Passenger) -> float:
@@ -190,17 +190,17 @@ class PassengerCheck:
 
     Args:
         world: World that it is in.
-        thing: Name of the object.
+        obj: Name of the object.
         goals: Poses of the object in the world to which it will be carried.
     """
 
-    def __init__(self, world: World, thing: str, goals: Sequence[Pose]) -> None:
+    def __init__(self, world: World, obj: str, goals: Sequence[Pose]) -> None:
         self._world = world
-        self._thing = thing
+        self._object = obj
         self._names = [
             one.object
-            for one in world.passengers_of(thing)
-            if all(_stands(world, thing, one, goal) for goal in goals)
+            for one in world.passengers_of(obj)
+            if all(_stands(world, obj, one, goal) for goal in goals)
         ]
 
     def refuse_spilled(self) -> None:
@@ -210,9 +210,9 @@ class PassengerCheck:
             Failure: ``SPILLED``.
         """
         world = self._world
-        if not self._names or self._thing not in world.objects:
+        if not self._names or self._object not in world.objects:
             return
-        left = {one.object for one in world.passengers_of(self._thing, self._names)}
+        left = {one.object for one in world.passengers_of(self._object, self._names)}
         lost = [
             name
             for name in self._names
@@ -222,7 +222,7 @@ class PassengerCheck:
             raise Failure(
                 "SPILLED",
                 f"{' and '.join(lost)} {'is' if len(lost) == 1 else 'are'} no longer on "
-                f"{self._thing!r}",
+                f"{self._object!r}",
                 spilled=len(lost),
             )
 

@@ -111,7 +111,7 @@ class PastOthers:
     def to_line(
         self,
         planning: Planning,
-        way: Callable[[], Matrix | Trajectory],
+        make_path: Callable[[], Matrix | Trajectory],
         touched: frozenset[str] = frozenset(),
     ) -> Iterator[float | None]:
         """Move to the beginning of a path, and wait there until no other arm blocks it.
@@ -121,8 +121,8 @@ class PastOthers:
 
         Args:
             planning: Makes the plan to the beginning, each time.
-            way: Configurations along the path, of shape (n, dof), rad, or the motion along it,
-                after the last plan; only other arms can be in its way.
+            make_path: Returns configurations along the path, of shape (n, dof), rad, or the motion
+                along it, after the last plan; only other arms can be in its way.
             touched: Names of the objects that may be touched along the path.
 
         Raises:
@@ -133,7 +133,7 @@ class PastOthers:
             while True:
                 yield from self._along(planning)
                 start = self.arm.setpoint.q
-                path = way()
+                path = make_path()
 
                 def attempt(
                     start: Vector = start, path: Matrix | Trajectory = path
@@ -373,11 +373,11 @@ class PastOthers:
                 return True
         return False
 
-    def checked(self, way: Matrix | Trajectory, known_free: bool) -> Generator[None, None, None]:
+    def checked(self, path: Matrix | Trajectory, known_free: bool) -> Generator[None, None, None]:
         """Refuse a blocked path; if it is known to be free, only one that an arm blocks.
 
         Args:
-            way: Configurations along the path, of shape (n, dof), rad, or a motion.
+            path: Configurations along the path, of shape (n, dof), rad, or a motion.
             known_free: Whether only another arm can be in the way.
 
         Raises:
@@ -387,7 +387,7 @@ class PastOthers:
         if known_free and not self.arm.controller.neighbors:
             return
         try:
-            self.arm.refuse_collision_along(way, self.ignore)
+            self.arm.refuse_collision_along(path, self.ignore)
         except CollisionFailure as refusal:
             if not known_free or self.may_clear(refusal):
                 raise

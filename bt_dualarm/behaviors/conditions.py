@@ -351,9 +351,9 @@ class Sees(_Leaf):
         if picture is None:
             raise Failure("FALSE", "the camera gave no image in time")
         seen.take(picture)
-        if len(seen.things) < self.ports.least:
-            reason = f"{len(seen.things)} of {self.ports.least} objects are in view"
-            raise Failure("FALSE", reason if seen.things else f"{reason}: {seen.others}")
+        if len(seen.objects) < self.ports.least:
+            reason = f"{len(seen.objects)} of {self.ports.least} objects are in view"
+            raise Failure("FALSE", reason if seen.objects else f"{reason}: {seen.others}")
 
 
 class ObjectAt(_Leaf):
@@ -396,7 +396,7 @@ class ObjectAt(_Leaf):
             picture = yield from still_picture(self.arm, 1)
             if picture is not None:
                 seen.take(picture)
-            found = [thing.position for thing in seen.things]
+            found = [obj.position for obj in seen.objects]
         if not found:
             raise Failure("FALSE", f"{name} is not in view")
         away = min(float(np.linalg.norm(one - np.array(self.ports.at))) for one in found)

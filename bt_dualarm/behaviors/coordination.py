@@ -412,7 +412,7 @@ class InStep(Node):
             self._has_entered = True
             one.has_timeout = False
             shared.traffic.enter_step(arm, self._other, one.action)
-        is_other_done = bool(one.action.told(self._other).get("done"))
+        is_other_done = bool(one.action.messages(self._other).get("done"))
         if is_other_done:
             shared.traffic.alone_in_step(arm)
         elif self._other in one.action.left:
@@ -425,11 +425,11 @@ class InStep(Node):
             if self.children[0].status is not Status.SUCCESS:
                 return self.children[0].status
             self._is_done = True
-            one.action.tell(arm, {"done": True})
+            one.action.send(arm, {"done": True})
             shared.traffic.leave_step(arm)
         shared.await_members(one, (self._other,))
         # What this arm has published becomes visible to both in the same tick.
-        both = is_other_done and one.action.told(arm).get("done")
+        both = is_other_done and one.action.messages(arm).get("done")
         return Status.SUCCESS if both else Status.RUNNING
 
     def stop(self, new_status: Status = Status.INVALID) -> None:

@@ -194,7 +194,7 @@ class HeldArm(Protocol):
     def enter(self, *, anew: bool) -> None:
         """Mark this thread as the one that ticks or halts the leaf; ``anew``: a new run begins."""
 
-    def trouble(self) -> BaseException | None:
+    def pending_fault(self) -> BaseException | None:
         """Returns the fault of a motion that the leaf has started, None if there is none.
 
         It is raised in the skill where it waits, so that no skill has to poll for it.
@@ -266,7 +266,7 @@ class Leaf(AcyclicNode):
                 fault = None
                 self._run = self._start()
             else:
-                fault = self._held_arm.trouble()
+                fault = self._held_arm.pending_fault()
             continues = self._run.step(fault)
         except Failure as failure:
             self._fail(failure.code, failure.reason, failure.numbers)

@@ -246,7 +246,7 @@ class _Loading:
         if scene is not None:
             fixtures = scene.source.get(("fixtures",))
             both = [one for one in (fixtures, objects) if isinstance(one, dict)]
-            objects = {name: thing for one in both for name, thing in one.items()}
+            objects = {name: obj for one in both for name, obj in one.items()}
         libraries = Libraries(FilePath(source.file).parent, source.texts)
         library = libraries.of(source)
         self.problems += libraries.problems
@@ -355,8 +355,8 @@ class _Loading:
                 )
             self.sound = self._what_is_sound(filled, path, scene)
             return None
-        for thing in content.objects.values():
-            thing.look_in(path.parent)
+        for obj in content.objects.values():
+            obj.look_in(path.parent)
         fixtures = _fixtures(scene)
         for name in (
             fixtures.keys() & content.objects.keys() | fixtures.keys() & content.arms.keys()
@@ -386,8 +386,8 @@ class _Loading:
         """Read the images of textures; they are part of the file, and of its record."""
         known: dict[str, Picture] = {}
         seen: set[int] = set()
-        for name, thing in file.objects.items():
-            for path, texture in thing.textures:
+        for name, obj in file.objects.items():
+            for path, texture in obj.textures:
                 if texture.image is None or id(texture) in seen:
                     continue  # members of a group share their texture
                 seen.add(id(texture))
@@ -398,7 +398,7 @@ class _Loading:
                 except ImageError as error:
                     message = f"image {texture.image} {error}"
                     where = (*path, "image")
-                    self.problems.append(file.thing_problem(self.source, name, where, message))
+                    self.problems.append(file.object_problem(self.source, name, where, message))
                     texture.show(NO_PICTURE)  # the check goes on with the color alone
                     continue
                 self._texts[shown] = text
@@ -436,13 +436,13 @@ class _Loading:
             parts[part] = {name: one for name, one in sound.items() if one is not None}
         world = self._sound_one(WorldSpec, filled.get("world", {}), ("world",)) or WorldSpec()
         cell = self._sound_one(CellSpec, filled.get("cell", {}), ("cell",)) or CellSpec()
-        for thing in parts["objects"].values():
-            if isinstance(thing, ObjectSpec):
-                thing.look_in(path.parent)
-        things = {
+        for obj in parts["objects"].values():
+            if isinstance(obj, ObjectSpec):
+                obj.look_in(path.parent)
+        objects = {
             name: one for name, one in parts["objects"].items() if isinstance(one, ObjectSpec)
         }
-        parts["objects"] = {**expanded({**_fixtures(scene), **things})[0]}
+        parts["objects"] = {**expanded({**_fixtures(scene), **objects})[0]}
         fields: dict[str, Any] = {"world": world, "cell": cell, "path": path, **parts}
         return TreeFile.model_construct(name="", **fields)
 

@@ -66,26 +66,26 @@ class Carried:
     relative: Pose
 
 
-def carried_on(world: World, thing: str, link: int, relative: Pose) -> Iterator[Carried]:
+def carried_on(world: World, obj: str, link: int, relative: Pose) -> Iterator[Carried]:
     """An object that moves with a link, and its passengers where they are on it now.
 
     Args:
         world: World in its current state.
-        thing: Name of the object.
+        obj: Name of the object.
         link: Id of the body that carries it.
         relative: Pose of the object in that body.
     """
-    yield Carried(world.pose_address(thing), link, relative)
-    passengers = world.passengers_of(thing)
+    yield Carried(world.pose_address(obj), link, relative)
+    passengers = world.passengers_of(obj)
     if passengers:
-        to_thing = _sensed_pose(world, thing).inverse
+        to_object = _sensed_pose(world, obj).inverse
         for one in passengers:
-            place = to_thing @ _sensed_pose(world, one.object)
+            place = to_object @ _sensed_pose(world, one.object)
             yield Carried(world.pose_address(one.object), link, relative @ place)
 
 
-def _sensed_pose(world: World, thing: str) -> Pose:
-    address = world.pose_address(thing)
+def _sensed_pose(world: World, obj: str) -> Pose:
+    address = world.pose_address(obj)
     pose = world.sensed.qpos[address : address + 7]
     return Pose(pose[:3].copy(), pose[3:].copy())
 
@@ -740,24 +740,24 @@ def _new_rules(
     # may be going to take it, only from contact. What arms share, others may come to as well.
     links = scratch.marks(body.geom_ids - body.tool_geom_ids)
     shared = _shared(world, arm, sharing)
-    lent = scratch.marks(set[int]().union(*(world.payload_geoms(thing) for _, thing, _ in shared)))
+    lent = scratch.marks(set[int]().union(*(world.payload_geoms(obj) for _, obj, _ in shared)))
     apart = links[:, None] | (scratch.marks(held) & ~lent)[:, None] & ~lent
     apart &= carried > 0.0
     keep = np.where(apart, carried, -np.inf)
-    for thing, carrier in world.attachments.on_carriers(arm):
-        rows = np.ix_(*(list(world.payload_geoms(one)) for one in (thing, carrier)))
+    for obj, carrier in world.attachments.on_carriers(arm):
+        rows = np.ix_(*(list(world.payload_geoms(one)) for one in (obj, carrier)))
         keep[rows] = keep.T[rows] = -np.inf
     least = np.maximum(least, np.maximum(keep, keep.T))
     # A held object touches the tool, and other held objects, by design.
     gripping = scratch.marks(body.tool_geom_ids | held)
     payload = scratch.marks(held)
     least[(payload[:, None] | payload) & gripping[:, None] & gripping] = -np.inf
-    for partner, thing, hands_m in shared:
+    for partner, obj, hands_m in shared:
         hands = scratch.marks(world.arms[partner].tool_geom_ids)
         pairs = (hands[:, None] & tool) | (tool[:, None] & hands)
         least[pairs] = np.minimum(least[pairs], hands_m)
-        if world.object_geom(thing) in held:
-            its = scratch.marks(world.payload_geoms(thing))
+        if world.object_geom(obj) in held:
+            its = scratch.marks(world.payload_geoms(obj))
             least[(hands[:, None] & its) | (its[:, None] & hands)] = -np.inf
     if tool_may_touch:
         outside = ~moving
@@ -776,9 +776,9 @@ def _new_rules(
 def _shared(world: World, arm: str, sharing: Sequence[SharedGrasp]) -> list[tuple[str, str, float]]:
     """Partner, object and minimum distance of the hands, m, where two arms share an object."""
     found = [(one.partner, one.object, one.hands_m) for one in sharing]
-    for thing in world.attachments.attached_to(arm):
-        others = set(world.attachments.holders(thing)) - {arm}
-        found += [(other, thing, np.inf) for other in sorted(others)]
+    for obj in world.attachments.attached_to(arm):
+        others = set(world.attachments.holders(obj)) - {arm}
+        found += [(other, obj, np.inf) for other in sorted(others)]
     return [one for one in found if one[0] in world.arms and one[1] in world.objects]
 
 

@@ -236,19 +236,19 @@ def added_distances(world: World, arm: str, *, tool_avoids_payloads: bool) -> Ma
     """
     attachments = world.attachments
     shared = {(one.partner, one.object): one.hands_m for one in attachments.shared_grasps(arm)}
-    for thing in attachments.attached_to(arm):
-        for other in attachments.holders(thing):
+    for obj in attachments.attached_to(arm):
+        for other in attachments.holders(obj):
             if other != arm:  # whatever they have consented to, it is in both hands
-                shared.setdefault((other, thing), HANDS_APART_M)
+                shared.setdefault((other, obj), HANDS_APART_M)
     own = list(world.arms[arm].tool_geom_ids)
     pairs: list[tuple[list[int], list[int], float]] = []
-    for (partner, thing), hands_m in shared.items():
-        if partner not in world.arms or thing not in world.objects:
+    for (partner, obj), hands_m in shared.items():
+        if partner not in world.arms or obj not in world.objects:
             continue
         its = list(world.arms[partner].tool_geom_ids)
-        geoms = list(world.payload_geoms(thing))
+        geoms = list(world.payload_geoms(obj))
         payloads = {*attachments.attached_to(arm), *attachments.attached_to(partner)}
-        others = [geom for one in payloads - {thing} for geom in world.payload_geoms(one)]
+        others = [geom for one in payloads - {obj} for geom in world.payload_geoms(one)]
         pairs += [
             (own, its, HANDS_APART_M - hands_m),
             (geoms, its, np.inf),
@@ -256,8 +256,8 @@ def added_distances(world: World, arm: str, *, tool_avoids_payloads: bool) -> Ma
             (geoms, geoms, np.inf),  # what rides on the object
             (geoms, others, np.inf),
         ]
-    for thing, carrier in attachments.on_carriers(arm):
-        pairs.append((list(world.payload_geoms(thing)), list(world.payload_geoms(carrier)), np.inf))
+    for obj, carrier in attachments.on_carriers(arm):
+        pairs.append((list(world.payload_geoms(obj)), list(world.payload_geoms(carrier)), np.inf))
     if tool_avoids_payloads:
         more = HANDS_APART_M - PAYLOAD_APART_M
         pairs += [

@@ -27,7 +27,7 @@ class GroupChecker:
     Args:
         world: World to check against; never changed.
         parts: Columns of each arm's joints in a configuration of all, by arm; the first one leads.
-        thing: Name of the object.
+        obj: Name of the object.
         grasps: Poses of the tools in the object's frame, by arm.
         margin: Distance to keep from arms that are not of the group, m.
         widths: Openings of the grippers around the object, by arm, m.
@@ -37,7 +37,7 @@ class GroupChecker:
         self,
         world: World,
         parts: Mapping[str, slice],
-        thing: str,
+        obj: str,
         grasps: Mapping[str, Pose],
         margin: float,
         widths: Mapping[str, float],
@@ -46,10 +46,10 @@ class GroupChecker:
         body = world.arms[leader]
         # In the link that carries the tool, in which attachments are given as well.
         relative = world.robots[leader].tool @ grasps[leader].inverse
-        carried = list(carried_on(world, thing, body.tool_body, relative))
+        carried = list(carried_on(world, obj, body.tool_body, relative))
         self._scratch = scratch = ScratchModel(world, list(parts), carried)
         self._columns = [(world.arms[arm].qpos_ids, part) for arm, part in parts.items()]
-        geoms = world.payload_geoms(thing)
+        geoms = world.payload_geoms(obj)
         own = {arm: scratch.marks(world.arms[arm].geom_ids) for arm in parts}
         payload = scratch.marks(geoms)
         self.moving = np.logical_or.reduce([*own.values(), payload])

@@ -39,13 +39,13 @@ class SpringError(WorldError):
     """The spring of a joint is too stiff for the time step.
 
     Args:
-        thing: Name of the object that the joint moves.
+        obj: Name of the object that the joint moves.
         message: The problem.
     """
 
-    def __init__(self, thing: str, message: str) -> None:
-        super().__init__(f"{thing}: {message}")
-        self.thing = thing
+    def __init__(self, obj: str, message: str) -> None:
+        super().__init__(f"{obj}: {message}")
+        self.obj = obj
         self.message = message
 
 
@@ -69,16 +69,16 @@ class OverlapError(WorldError):
     """An arm or object would overlap with another body, or an arm with itself.
 
     Args:
-        thing: Name of the arm or object.
+        obj: Name of the arm or object.
         reason: One sentence.
         depth: Penetration, m.
-        other: Name of the other arm, object or part of the scene; ``thing`` if an arm overlaps with
+        other: Name of the other arm, object or part of the scene; ``obj`` if an arm overlaps with
             itself.
     """
 
-    def __init__(self, thing: str, reason: str, depth: float, other: str) -> None:
+    def __init__(self, obj: str, reason: str, depth: float, other: str) -> None:
         super().__init__(reason)
-        self.thing = thing
+        self.obj = obj
         self.depth = depth
         self.other = other
 

@@ -131,8 +131,8 @@ class InnerCompiler(compiler.CompilerBase):
         builder: Any = compiler.DefaultPassBuilder  # numba has no types
         passes = builder.define_nopython_pipeline(self.state)
         passes.passes = [
-            (InnerLowering if step is typed_passes.NativeLowering else step, told)
-            for step, told in passes.passes
+            (InnerLowering if step is typed_passes.NativeLowering else step, name)
+            for step, name in passes.passes
         ]
         passes._finalized = False
         passes.finalize()

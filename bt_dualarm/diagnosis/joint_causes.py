@@ -101,12 +101,12 @@ class MovedJoint:
         turned = math.cos(moved) * across + math.sin(moved) * np.cross(axis, across)
         return np.asarray(anchor + along + turned, float)
 
-    def resistances(self, speed: float, way: float) -> dict[str, float]:
+    def resistances(self, speed: float, sign: float) -> dict[str, float]:
         """What resists a motion by its source, N or N m; friction first.
 
         Args:
             speed: Largest speed of the motion, rad/s or m/s.
-            way: Sign of the motion.
+            sign: Sign of the motion.
         """
         model, data = self.scene.model, self.scene.data
         joint = self._id
@@ -121,18 +121,18 @@ class MovedJoint:
         stiffness = float(np.atleast_1d(model.jnt_stiffness[joint])[0])
         return {
             "friction": float(model.dof_frictionloss[dof]),
-            "spring": max(way * stiffness * (self.position - rest), 0.0),
+            "spring": max(sign * stiffness * (self.position - rest), 0.0),
             "damping": float(np.atleast_1d(model.dof_damping[dof])[0]) * speed,
-            "weight": max(way * float(static[dof]), 0.0),
+            "weight": max(sign * float(static[dof]), 0.0),
         }
 
-    def told(self, position: float) -> str:
+    def text_of(self, position: float) -> str:
         """Position as text."""
         if self.is_hinge:
             return f"{math.degrees(position):.0f}°"
         return f"{1e3 * position:.0f} mm"
 
-    def obstacles(self, way: float) -> list[str]:
+    def obstacles(self, sign: float) -> list[str]:
         """Bodies that touch the part, and push against its motion; arms are left out."""
         model, data = self.scene.model, self.scene.data
         body = int(model.body(self.name).id)
@@ -148,7 +148,7 @@ class MovedJoint:
                 continue
             # The normal points from the first geom to the second one: out of the part, if first.
             out = contact.frame[:3] * (1.0 if is_first else -1.0)
-            forward = way * self.direction(contact.pos)
+            forward = sign * self.direction(contact.pos)
             size = float(np.linalg.norm(forward))
             if size > 1e-9 and float(out @ forward) > 0.5 * size:
                 found.append(other)
@@ -170,22 +170,22 @@ def joint_causes(e: Evidence) -> Iterator[Cause]:
     ended = MovedJoint(e.scene(e.ended), name)
     to = float(e.ports["to"])
     goal = math.radians(to) if ended.is_hinge else to
-    way = math.copysign(1.0, goal - began.position)
-    where = f"{name} stopped at {ended.told(ended.position)} on its way to {ended.told(goal)}"
-    in_way = _in_the_way(e, name, way)
+    sign = math.copysign(1.0, goal - began.position)
+    where = f"{name} stopped at {ended.text_of(ended.position)} on its way to {ended.text_of(goal)}"
+    in_way = _in_the_way(e, name, sign)
     if in_way:
         sentence = f"{in_way} is in the path of {name}: {where}"
         remedy = f"move {in_way} away, or a `to` before it"
         yield e.cause("IN_THE_WAY", sentence, remedy)
     else:
-        yield from _too_stiff(e, name, way, where)
+        yield from _too_stiff(e, name, sign, where)
     low, high = ended.limits
-    end = high if way > 0.0 else low
+    end = high if sign > 0.0 else low
     is_at_end = abs(ended.position - end) < _AT_END[ended.is_hinge]
     if is_at_end and abs(goal - ended.position) < _AT_END[ended.is_hinge] and not in_way:
         believed = e.numbers.get("joint_rad" if ended.is_hinge else "joint_m")
         is_known = believed is not None and abs(float(believed) - end) < _AT_END[ended.is_hinge]
-        sentence = f"{name} is at the end of its range, {ended.told(end)}"
+        sentence = f"{name} is at the end of its range, {ended.text_of(end)}"
         remedy = "a `to` before the end of the range, or a larger `tolerance`"
         if not is_known:
             sentence += f", and {e.arm} believes it to be elsewhere"
@@ -198,15 +198,15 @@ def joint_causes(e: Evidence) -> Iterator[Cause]:
         yield e.cause("HANDLE_SLIPPED", sentence, remedy)
 
 
-def _in_the_way(e: Evidence, name: str, way: float) -> str:
+def _in_the_way(e: Evidence, name: str, sign: float) -> str:
     """Body that most often pushed against the part in the last second; empty if none did."""
     found: Counter[str] = Counter()
     for scene in e.moments(25, since=max(e.ended - LOOK_BACK_S, e.began)):
-        found.update(set(MovedJoint(scene, name).obstacles(way)))
+        found.update(set(MovedJoint(scene, name).obstacles(sign)))
     return found.most_common(1)[0][0] if found else ""
 
 
-def _too_stiff(e: Evidence, name: str, way: float, where: str) -> Iterator[Cause]:
+def _too_stiff(e: Evidence, name: str, sign: float, where: str) -> Iterator[Cause]:
     """Yields a cause if what the joint resists with is about what the leaf allows."""
     allowed = float(e.ports.get("force", 40.0))
     worst: dict[str, float] = {}
@@ -217,7 +217,7 @@ def _too_stiff(e: Evidence, name: str, way: float, where: str) -> Iterator[Cause
         if joint.is_hinge and tool is not None:
             lever = max(float(np.linalg.norm(joint.direction(tool))), _LEAST_LEVER_M)
         speed = float(e.ports.get("tool_speed", 0.12)) / lever
-        forces = {source: value / lever for source, value in joint.resistances(speed, way).items()}
+        forces = {source: value / lever for source, value in joint.resistances(speed, sign).items()}
         if sum(forces.values()) > sum(worst.values()):
             worst = forces
     needed = sum(worst.values())

@@ -317,7 +317,7 @@ def _moved_part(e: Evidence) -> tuple[str, Vector] | None:
     joint = MovedJoint(e.scene(e.began), moved_name(str(e.ports["object"]), str(e.ports["joint"])))
     to = float(e.ports["to"])
     goal = math.radians(to) if joint.is_hinge else to
-    return f"the part of {joint.name} at {joint.told(goal)}", joint.point_at(tool, goal)
+    return f"the part of {joint.name} at {joint.text_of(goal)}", joint.point_at(tool, goal)
 
 
 def _gap(e: Evidence, point: Vector) -> float | None:

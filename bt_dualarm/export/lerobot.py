@@ -179,7 +179,7 @@ def episode_of(record: Record) -> Episode:
     }
     objects = [name for name, facts in record.start["objects"].items() if not facts.get("fixed")]
     if objects:
-        names[OBJECTS] = [f"{thing}.{part}" for thing in objects for part in _POSE]
+        names[OBJECTS] = [f"{obj}.{part}" for obj in objects for part in _POSE]
         columns[OBJECTS] = _objects(record, objects, moments).astype(np.float32)
     succeeded = _succeeded(record)
     is_last = np.arange(count)[:, None] == count - 1

@@ -230,10 +230,10 @@ def followed(record: Record, times: Sequence[float], aspect: float) -> list[View
     if whole is None:
         raise ReplayError(f"{record.folder} contains nothing to render: no arm, no object")
     knots = np.arange(times[0], times[-1] + _EVERY_S, _EVERY_S)
-    way = np.array([_wanted(_still(record, time), whole, aspect) for time in knots.tolist()])
+    desired = np.array([_wanted(_still(record, time), whole, aspect) for time in knots.tolist()])
     weights = np.exp(-0.5 * ((knots[:, None] - knots[None]) / _CALM_S) ** 2)
-    calm = weights @ way / weights.sum(axis=1, keepdims=True)
-    columns = [np.interp(times, knots, column) for column in calm.T]
+    smoothed = weights @ desired / weights.sum(axis=1, keepdims=True)
+    columns = [np.interp(times, knots, column) for column in smoothed.T]
     return [
         Viewpoint(row[:3], row[3:], whole.fov_deg) for row in np.column_stack(columns).astype(float)
     ]
@@ -361,9 +361,9 @@ class FilmPanel:
         title = font(round(22 / self._scale), bold=True)
         small = font(round(18 / self._scale))
         draw.text((margin, margin), self.record.name, fill=INK, font=title)
-        told = f"{time:.1f} s"
+        label = f"{time:.1f} s"
         right = self.size[0] - margin
-        draw.text((right, margin + title.size // 6), told, fill=FAINT, font=small, anchor="ra")
+        draw.text((right, margin + title.size // 6), label, fill=FAINT, font=small, anchor="ra")
         self._draw_bar(draw, time, margin + round(34 / self._scale), margin, right)
         y = margin + round(52 / self._scale)
         for line in self._lines(time, folded=self._folded):

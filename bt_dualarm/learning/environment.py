@@ -234,7 +234,7 @@ class BehaviorEnv(gymnasium.Env[Any, Any]):
         return found
 
     def _movable(self) -> list[str]:
-        return [name for name, thing in self._file.objects.items() if not thing.fixed]
+        return [name for name, obj in self._file.objects.items() if not obj.fixed]
 
     def _observation(self) -> Observation:
         """Readings of the sensors, clipped to the space."""

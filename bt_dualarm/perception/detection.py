@@ -42,20 +42,20 @@ class ColorlessError(DualArmError):
     """An object has no color by which a camera could distinguish it."""
 
 
-def color_of(thing: ObjectSpec) -> Color:
+def color_of(obj: ObjectSpec) -> Color:
     """The color range of a declared object.
 
     Raises:
         ColorlessError: The object is gray, white, black or nearly so.
     """
-    if isinstance(thing.color, str):
+    if isinstance(obj.color, str):
         try:
-            return Color.named(thing.color)
+            return Color.named(obj.color)
         except ValueError:
-            raise ColorlessError(f"{thing.color} is not a color that a camera can find") from None
-    hue, saturation, value = colorsys.rgb_to_hsv(*thing.rgba[:3])
+            raise ColorlessError(f"{obj.color} is not a color that a camera can find") from None
+    hue, saturation, value = colorsys.rgb_to_hsv(*obj.rgba[:3])
     if saturation < _MIN_SATURATION or value < _MIN_VALUE:
-        red, green, blue = thing.rgba[:3]
+        red, green, blue = obj.rgba[:3]
         written = f"[{red:g}, {green:g}, {blue:g}]"
         raise ColorlessError(f"{written} is too gray or too dark for a camera to find")
     middle = 360.0 * hue

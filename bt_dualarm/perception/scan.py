@@ -1,6 +1,6 @@
 """Scanning: objects of one kind, by color or by marker, in several images; hand-eye calibration.
 
-`SightedThings` detects the objects and associates what it sees of each. Square markers are located
+`SightedObjects` detects the objects and associates what it sees of each. Square markers are located
 by their corners; `hand_eye` calibrates the camera's mount from several views of one.
 """
 
@@ -287,7 +287,7 @@ def _sight(frame: Frame, view: OutlineView) -> tuple[Vector, Vector]:
 
 
 @dataclass(eq=False)
-class SightedThing:
+class SightedObject:
     """One detected object.
 
     Attributes:
@@ -315,7 +315,7 @@ class SightedThing:
         return self.best.scene.position
 
 
-class SightedThings:
+class SightedObjects:
     """Detector of objects of one kind, which accumulates images.
 
     Args:
@@ -344,7 +344,7 @@ class SightedThings:
     ) -> None:
         self._color = color
         self._none_found = none_found
-        self._all: list[SightedThing] = []
+        self._all: list[SightedObject] = []
         self._region: tuple[Pose, Region] | None = None
         self.unlike = 0
         self.others_whole = 0
@@ -355,7 +355,7 @@ class SightedThings:
         self._middle: Vector = np.zeros(3) if middle is None else middle
 
     @classmethod
-    def of_color(cls, color: Color, shape: KnownShape, *, flat: bool = True) -> SightedThings:
+    def of_color(cls, color: Color, shape: KnownShape, *, flat: bool = True) -> SightedObjects:
         """Detector of objects of a color and a shape, which may lie flat on a level surface."""
         seen = ColorFilter(color)
         fitter = ShapeFitter(shape, flat)
@@ -369,14 +369,14 @@ class SightedThings:
     @classmethod
     def of_marker(
         cls, marker: MarkerSpec, middle: Vector | None = None, *, flat: bool = True
-    ) -> SightedThings:
+    ) -> SightedObjects:
         """Detector of objects with a marker; ``middle`` is their center in its frame, (3,), m."""
         fitter = MarkerFitter(SquareCorners("box", (marker.size,)), flat)
         return cls(
             lambda frame: markers_in(frame, marker), fitter, middle, "no such marker is in it"
         )
 
-    def within(self, frame: Pose, region: Region) -> SightedThings:
+    def within(self, frame: Pose, region: Region) -> SightedObjects:
         """Ignore everything outside of a region from now on; returns the detector.
 
         A candidate in an image counts if its line of sight crosses the region, an object if its
@@ -390,7 +390,7 @@ class SightedThings:
         return self
 
     @property
-    def things(self) -> list[SightedThing]:
+    def objects(self) -> list[SightedObject]:
         """Detected objects, in no particular order."""
         if self._region is None:
             return self._all
@@ -429,13 +429,13 @@ class SightedThings:
         area = sum(region.detection.area_px for region in cut)
         self.beyond = area / (frame.width * frame.height)
         self.cut_off = [] if self.is_ground else [_sight(frame, region) for region in cut]
-        seen = list[SightedThing]()
-        for thing in self._all:
-            region = self._of(thing, regions)
+        seen = list[SightedObject]()
+        for obj in self._all:
+            region = self._of(obj, regions)
             if region is not None:
                 regions.remove(region)
-                self._refine(thing, region)
-                seen.append(thing)
+                self._refine(obj, region)
+                seen.append(obj)
         self.unlike = 0
         self.others_whole = 0
         for region in regions:
@@ -446,7 +446,7 @@ class SightedThings:
                 continue
             known = self._known_at(fits[0].scene.position, seen)
             if known is None:
-                known = SightedThing(fits, [region], middle=self._middle)
+                known = SightedObject(fits, [region], middle=self._middle)
                 self._all.append(known)
             else:
                 known.astray.append(region)
@@ -472,41 +472,41 @@ class SightedThings:
             reasons.append("an object extends beyond the image")
         return "; ".join(reasons) or self._none_found
 
-    def pose(self, thing: SightedThing) -> Pose:
+    def pose(self, obj: SightedObject) -> Pose:
         """Pose of an object in the world; of equivalent ones the one with the smallest rotation."""
-        return canonical(thing.best, self._fitter.shape).pose
+        return canonical(obj.best, self._fitter.shape).pose
 
-    def expected(self, thing: SightedThing) -> ExpectedFit:
+    def expected(self, obj: SightedObject) -> ExpectedFit:
         """Accuracy that further images of an object will give."""
-        return ExpectedFit(self._fitter, thing.fits[0].scene, thing.views, thing.middle)
+        return ExpectedFit(self._fitter, obj.fits[0].scene, obj.views, obj.middle)
 
-    def size_of(self, thing: SightedThing) -> SizeFit:
+    def size_of(self, obj: SightedObject) -> SizeFit:
         """Size of an object by all its outlines, if it has the declared proportions."""
-        return self._size_of(thing, None)
+        return self._size_of(obj, None)
 
-    def _size_of(self, thing: SightedThing, edge: int | None) -> SizeFit:
+    def _size_of(self, obj: SightedObject, edge: int | None) -> SizeFit:
         """Size as a whole or in one dimension, cached for all images so far."""
-        views = [*thing.views, *thing.astray]
+        views = [*obj.views, *obj.astray]
         key = len(views), edge
-        if key not in thing.sizes:
-            thing.sizes[key] = self._fitter.size_of(thing.fits[0], views, edge)
-        return thing.sizes[key]
+        if key not in obj.sizes:
+            obj.sizes[key] = self._fitter.size_of(obj.fits[0], views, edge)
+        return obj.sizes[key]
 
-    def other_size(self, thing: SightedThing) -> SizeFit | None:
+    def other_size(self, obj: SightedObject) -> SizeFit | None:
         """The true size of an object that differs from the declared one, as a whole or in one edge.
 
         None if its outlines agree with the declared size, or with no size of this shape.
         """
         edges = len(self.shape.size) if len(self.shape.size) > 1 else 0
         for edge in (None, *range(edges)):
-            size = self._size_of(thing, edge)
+            size = self._size_of(obj, edge)
             if not size.is_declared and size.residual_px <= UNLIKE_PX:
                 return size
         return None
 
-    def sigma_rad(self, thing: SightedThing) -> float:
+    def sigma_rad(self, obj: SightedObject) -> float:
         """Largest standard deviation of the orientation, up to the symmetry of the object, rad."""
-        return thing.best.sigma_rad(self._fitter.shape)
+        return obj.best.sigma_rad(self._fitter.shape)
 
     def _is_other(self, region: OutlineView) -> bool:
         """Whether a candidate is certainly another object: a ball, when boxes are detected."""
@@ -515,26 +515,26 @@ class SightedThings:
         balls = ShapeFitter(KnownShape("sphere", (self.shape.extent,))).first(region)
         return bool(balls) and balls[0].residual_px <= UNLIKE_PX
 
-    def _of(self, thing: SightedThing, regions: list[OutlineView]) -> OutlineView | None:
+    def _of(self, obj: SightedObject, regions: list[OutlineView]) -> OutlineView | None:
         """Candidate at the predicted position of an object, if there is one."""
         if not regions:
             return None
-        seen = project(thing.fits[0].scene, self._fitter.shape, regions[0])
+        seen = project(obj.fits[0].scene, self._fitter.shape, regions[0])
         if seen is None:
             return None
         away = [float(np.linalg.norm(region.middle - seen.middle)) for region in regions]
         nearest = int(np.argmin(away))
         return regions[nearest] if away[nearest] < _ASTRAY_PX + 0.25 * seen.area**0.5 else None
 
-    def _refine(self, thing: SightedThing, region: OutlineView) -> None:
-        fits = self._fitter.again(thing.fits, [*thing.views, region])
+    def _refine(self, obj: SightedObject, region: OutlineView) -> None:
+        fits = self._fitter.again(obj.fits, [*obj.views, region])
         if fits[0].residual_px > UNLIKE_PX:
-            thing.astray.append(region)
+            obj.astray.append(region)
             return
-        thing.fits = fits
-        thing.views.append(region)
+        obj.fits = fits
+        obj.views.append(region)
 
-    def _known_at(self, position: Vector, seen: list[SightedThing]) -> SightedThing | None:
+    def _known_at(self, position: Vector, seen: list[SightedObject]) -> SightedObject | None:
         """Known object nearest to a position, if one is within its extent.
 
         Objects that the same image shows elsewhere (``seen``) are excluded.

@@ -81,18 +81,18 @@ class KnownShape:
     half_turns: tuple[int, ...] = ()
 
     @classmethod
-    def of(cls, thing: ObjectSpec) -> KnownShape:
+    def of(cls, obj: ObjectSpec) -> KnownShape:
         """Shape of a declared object."""
-        if thing.shape in ("box", "cylinder", "capsule", "sphere"):
-            return cls(thing.shape, thing.size)
-        corners = body_of(thing).corners
+        if obj.shape in ("box", "cylinder", "capsule", "sphere"):
+            return cls(obj.shape, obj.size)
+        corners = body_of(obj).corners
         far = float(np.linalg.norm(corners, axis=1).max())
         unit = tuple((x, y, z) for x, y, z in (corners / far).tolist())
-        if thing.shape in ("compound", "mesh"):
-            body = body_of(thing)
+        if obj.shape in ("compound", "mesh"):
+            body = body_of(obj)
             alike = body.hull_half_turns
             return cls("hull", (far,), unit, 1, False, alike != body.half_turns, True, alike)
-        return cls("hull", (far,), unit, *_symmetry(thing))
+        return cls("hull", (far,), unit, *_symmetry(obj))
 
     @cached_property
     def points(self) -> Matrix:
@@ -283,16 +283,16 @@ class KnownShape:
         return [step * _YAW_STEP for step in range(max(round(whole / _YAW_STEP), 1))]
 
 
-def _symmetry(thing: ObjectSpec) -> tuple[int, bool, bool]:
+def _symmetry(obj: ObjectSpec) -> tuple[int, bool, bool]:
     """`KnownShape.fold`, `flips` and `one_way` of a declared object."""
-    if body_of(thing).is_axisymmetric:
-        return 0, thing.shape in ("tube", "cup"), thing.shape == "cup"
-    if thing.shape == "prism":
-        return thing.sides or DEFAULT_SIDES, True, False
-    is_square = abs(thing.size[0] - thing.size[1]) < _SAME
-    if thing.shape == "ellipsoid":
+    if body_of(obj).is_axisymmetric:
+        return 0, obj.shape in ("tube", "cup"), obj.shape == "cup"
+    if obj.shape == "prism":
+        return obj.sides or DEFAULT_SIDES, True, False
+    is_square = abs(obj.size[0] - obj.size[1]) < _SAME
+    if obj.shape == "ellipsoid":
         return (0 if is_square else 2), True, False
-    if thing.shape == "shelf":
+    if obj.shape == "shelf":
         return 1, False, False
     return (4 if is_square else 2), True, True  # a bin, tray or table
 

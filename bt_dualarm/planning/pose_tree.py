@@ -187,5 +187,5 @@ class PoseTrees:
         met, is_reached = other.toward(one.pose(last), through=True)
         if met is None or not is_reached:
             return None
-        ways = one.corners(last), other.corners(met)
-        return Meeting(*(ways if self._is_first else ways[::-1]))
+        paths = one.corners(last), other.corners(met)
+        return Meeting(*(paths if self._is_first else paths[::-1]))

@@ -278,9 +278,9 @@ class RunData:
                     f"{arm.name}.gripper.force_n": arm.gripper.force,
                     f"{arm.name}.gripper.vacuum": arm.gripper.vacuum,
                 }
-        for thing in self.objects.values():
-            found |= _named(f"{thing.name}.position_m.", _AXES, thing.position)
-            found |= _named(f"{thing.name}.", _QUATERNION, thing.quaternion)
+        for obj in self.objects.values():
+            found |= _named(f"{obj.name}.position_m.", _AXES, obj.position)
+            found |= _named(f"{obj.name}.", _QUATERNION, obj.quaternion)
         return Named("signal", found)
 
     def table(self) -> Any:  # Any: pyarrow has no types

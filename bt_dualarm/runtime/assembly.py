@@ -473,7 +473,7 @@ def prepare(file: TreeFile, registry: Registry, options: RunOptions, stop: StopR
             on_fault=on_fault,
         )
         resources.enter_context(closing(assembly))
-        if not all(body_of(thing).is_simple for thing in assembly.world.objects.values()):
+        if not all(body_of(obj).is_simple for obj in assembly.world.objects.values()):
             # Skills need hulls of composed objects, and no tick should wait for this import.
             importlib.import_module("scipy.spatial")
         states = StateLog(assembly.world)

@@ -179,13 +179,13 @@ class Names:
                     self._add((part, name), message, "choose another name", key=True)
 
     def _meshes(self) -> None:
-        for name, thing in self.file.objects.items():
-            if thing.shape == "mesh":
+        for name, obj in self.file.objects.items():
+            if obj.shape == "mesh":
                 try:
-                    refuse_object_mesh(thing.mesh_path, self.file.root, thing.scale)
+                    refuse_object_mesh(obj.mesh_path, self.file.root, obj.scale)
                 except MeshError as error:
-                    message = f"mesh {thing.file} {error.message}"
-                    problem = self.file.thing_problem(self.source, name, "file", message)
+                    message = f"mesh {obj.file} {error.message}"
+                    problem = self.file.object_problem(self.source, name, "file", message)
                     self.problems.append(replace(problem, hint=error.hint))
 
     def _locked(self, path: DataPath, arm: ArmSpec, robot: Robot, gripper: Gripper | None) -> Robot:
@@ -393,14 +393,14 @@ def unknown_places(file: TreeFile, kinds: Mapping[str, NodeType]) -> Iterator[Pr
                     continue
                 relations = (value.get(word) for word in RELATIONS)
                 given = next((one for one in relations if isinstance(one, str)), "")
-                thing = given.partition(".")[0]
-                if thing in moved and thing not in named:
+                obj = given.partition(".")[0]
+                if obj in moved and obj not in named:
                     message = (
-                        f"{node.kind}: {port}: the noise of {thing} moves it by up to "
-                        f"{1e3 * moved[thing]:.0f} mm, and {arm_name} does not look for it"
+                        f"{node.kind}: {port}: the noise of {obj} moves it by up to "
+                        f"{1e3 * moved[obj]:.0f} mm, and {arm_name} does not look for it"
                     )
                     hint = (
-                        f"it assumes the pose in the file: `locate: {{object: {thing}}}` with a "
+                        f"it assumes the pose in the file: `locate: {{object: {obj}}}` with a "
                         "camera before"
                     )
                     problem = node.port_problem((port,), message, hint)
@@ -459,11 +459,11 @@ def _free_axes(node: NodeSpec) -> FreeAxes | None:
     return free if len(free) == len(given) else None
 
 
-def _diagonal(thing: ObjectSpec) -> float:
+def _diagonal(obj: ObjectSpec) -> float:
     """Upper bound of the distance between two points of an object, m."""
-    if thing.shape in ("compound", "mesh"):
-        return float(np.linalg.norm(np.ptp(body_of(thing).corners, axis=0)))
-    return math.hypot(*thing.size)
+    if obj.shape in ("compound", "mesh"):
+        return float(np.linalg.norm(np.ptp(body_of(obj).corners, axis=0)))
+    return math.hypot(*obj.size)
 
 
 @dataclass
@@ -647,10 +647,10 @@ def _problems_of_the_world(file: TreeFile, source: Source, name: str) -> list[Pr
         world = World(file, file.world.seed)
     except RoomError as error:
         hint = "a larger area, a smaller gap, or fewer objects"
-        problem = file.thing_problem(source, f"{error.entry}1", "many", error.message)
+        problem = file.object_problem(source, f"{error.entry}1", "many", error.message)
         return [replace(problem, hint=hint)]
     except SpringError as error:
-        problem = file.thing_problem(source, error.thing, "joints", str(error))
+        problem = file.object_problem(source, error.obj, "joints", str(error))
         return [replace(problem, hint="a softer spring, or a larger mass")]
     except LockedJointError as error:
         return [source.problem(("arms", error.arm, "locked", error.joint), error.message)]
@@ -660,23 +660,23 @@ def _problems_of_the_world(file: TreeFile, source: Source, name: str) -> list[Pr
     return [
         _overlap(file, source, error)
         for error in world.overlaps(SHALLOW_DEPTH)
-        if error.depth > MAX_DEPTH or error.thing in file.objects
+        if error.depth > MAX_DEPTH or error.obj in file.objects
     ]
 
 
 def _overlap(file: TreeFile, source: Source, error: OverlapError) -> Problem:
     """Problem at the pose of the overlapping object, or at its declaration if it has no pose."""
-    if error.thing not in file.arms:
-        problem = file.thing_problem(source, error.thing, "pose", str(error))
-    elif error.other == error.thing:
-        posture = ("arms", error.thing, "posture")
-        key = posture if source.get(posture) is not None else ("arms", error.thing, "robot")
+    if error.obj not in file.arms:
+        problem = file.object_problem(source, error.obj, "pose", str(error))
+    elif error.other == error.obj:
+        posture = ("arms", error.obj, "posture")
+        key = posture if source.get(posture) is not None else ("arms", error.obj, "robot")
         hint = "another posture; or 'exclude' of its description, for links that always overlap"
         problem = source.problem(key, str(error), hint)
-    elif source.get(("arms", error.thing, "base")) is None:
-        problem = source.problem(("arms", error.thing), str(error), key=True)
+    elif source.get(("arms", error.obj, "base")) is None:
+        problem = source.problem(("arms", error.obj), str(error), key=True)
     else:
-        problem = source.problem(("arms", error.thing, "base"), str(error))
+        problem = source.problem(("arms", error.obj, "base"), str(error))
     if error.depth > MAX_DEPTH:
         return problem
     pushed = f"contacts will push it out, by {1000 * error.depth:.0f} mm or farther"

@@ -143,8 +143,8 @@ class Referee(IdleObserver):
             return f"{subject} is {_mm(distance)} from its place, not within {_mm(one.within)}"
         angle = pose.angle(goal)
         if one.object is not None:
-            thing = self._world.objects[one.object]
-            angle = KnownShape.of(thing).angle(pose, goal)
+            obj = self._world.objects[one.object]
+            angle = KnownShape.of(obj).angle(pose, goal)
         if math.degrees(angle) > one.angle:
             return f"{subject} is turned by {math.degrees(angle):.1f}°, not within {one.angle:g}°"
         return ""
@@ -212,9 +212,9 @@ class Referee(IdleObserver):
         if one.force is None or one.tool is None or one.tool not in self._forces:
             return ""
         forces = self._forces[one.tool].forces_n
-        thing = max(forces, key=lambda name: forces[name], default="")
-        if thing and forces[thing] > one.force:
-            return f"{one.tool} has pressed on {thing} with {forces[thing]:.1f} N"
+        obj = max(forces, key=lambda name: forces[name], default="")
+        if obj and forces[obj] > one.force:
+            return f"{one.tool} has pressed on {obj} with {forces[obj]:.1f} N"
         return ""
 
     def _joint_elsewhere(self, one: ConditionSpec) -> str:

@@ -57,7 +57,7 @@ def needed(file: TreeFile) -> tuple[str, ...]:
     names = ["planning", "motion"]
     if any(arm.camera is not None for arm in arms):
         names += ["vision", "cameras"]
-        if any(thing.textures for thing in file.objects.values()):
+        if any(obj.textures for obj in file.objects.values()):
             names.append("textures")
     if any(arm.gripper is not None for arm in arms):
         names.append("grippers")

@@ -691,10 +691,10 @@ class PlanMonitor:
         held = world.carried_by(self._arm)
         states = {name: arm.q for name, arm in world.hardware.items() if name != self._arm}
         for name in world.objects.keys() - held:
-            thing = world.objects[name]
-            if thing.fixed:
+            obj = world.objects[name]
+            if obj.fixed:
                 states[name] = np.zeros(7)
-            elif thing.joint is not None:
+            elif obj.joint is not None:
                 states[name] = np.append(world.joint_position(name), np.zeros(6))
             else:
                 start = world.pose_address(name)

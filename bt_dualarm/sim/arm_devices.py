@@ -176,15 +176,15 @@ class ArmDevices:
             if one.arm not in loads:
                 continue
             known = one.mass_declared and self.errors[one.arm].payload.known
-            thing = objects[one.object]
-            if thing.joint is not None:  # its joint supports it
+            obj = objects[one.object]
+            if obj.joint is not None:  # its joint supports it
                 continue
             upon = [(objects[each.object], each.relative) for each in passengers.of(one.object)]
             if one.borne_at is None:
-                load = NominalLoad.of(one.object, thing, one.relative, known=known, upon=upon)
+                load = NominalLoad.of(one.object, obj, one.relative, known=known, upon=upon)
             else:
                 at = one.relative @ one.borne_at
-                load = NominalLoad.borne_with_others(one.object, thing, at, known=known, upon=upon)
+                load = NominalLoad.borne_with_others(one.object, obj, at, known=known, upon=upon)
             if holders[one.object] > 1 or one.share < 1.0:
                 load = replace(load, share=one.share, alone=False)
             loads[one.arm].append(load)

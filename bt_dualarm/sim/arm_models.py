@@ -64,7 +64,7 @@ class NominalLoad:
     def of(
         cls,
         name: str,
-        thing: ObjectSpec,
+        obj: ObjectSpec,
         pose: Pose,
         *,
         known: bool = True,
@@ -74,29 +74,29 @@ class NominalLoad:
 
         Args:
             name: Name of the object.
-            thing: The object.
+            obj: The object.
             pose: Its pose in the tool link.
             known: Whether the arm knows the masses.
             upon: Objects that ride on it, with their poses in its frame; they count if it does.
         """
         if not known:
             upon = ()
-        gyration = inertia_per_mass(thing)
-        if thing.moved or upon:
-            principal, gyration = principal_with((thing, Pose.identity()), *upon)
+        gyration = inertia_per_mass(obj)
+        if obj.moved or upon:
+            principal, gyration = principal_with((obj, Pose.identity()), *upon)
             pose = pose @ principal
-        elif not body_of(thing).is_simple:
-            pose = pose @ body_of(thing).principal[0]
+        elif not body_of(obj).is_simple:
+            pose = pose @ body_of(obj).principal[0]
         if not known:
             return cls(name, None, None, pose, gyration, mass_declared=False)
-        mass = mass_with(thing, upon)
+        mass = mass_with(obj, upon)
         return cls(name, mass, mass * gyration, pose, gyration)
 
     @classmethod
     def borne_with_others(
         cls,
         name: str,
-        thing: ObjectSpec,
+        obj: ObjectSpec,
         pose: Pose,
         *,
         known: bool = True,
@@ -110,20 +110,20 @@ class NominalLoad:
         gyration = np.full(3, BORNE_GYRATION_M**2)
         if not known:
             return cls(name, None, None, pose, gyration, mass_declared=False)
-        mass = mass_with(thing, upon)
+        mass = mass_with(obj, upon)
         return cls(name, mass, mass * gyration, pose, gyration)
 
 
-def mass_with(thing: ObjectSpec, upon: Sequence[tuple[ObjectSpec, Pose]]) -> float:
+def mass_with(obj: ObjectSpec, upon: Sequence[tuple[ObjectSpec, Pose]]) -> float:
     """Mass of an object with what rides on it, kg."""
-    return thing.total_mass + sum(one.total_mass for one, _ in upon)
+    return obj.total_mass + sum(one.total_mass for one, _ in upon)
 
 
-def inertia_per_mass(thing: ObjectSpec) -> Vector:
+def inertia_per_mass(obj: ObjectSpec) -> Vector:
     """Moments of inertia of a uniform body about its principal axes, for 1 kg, (3,), m²."""
-    body = body_of(thing)
+    body = body_of(obj)
     if body.is_simple:
-        return primitive_inertia(thing.shape, thing.size)
+        return primitive_inertia(obj.shape, obj.size)
     return body.principal[1]
 
 
@@ -138,22 +138,22 @@ def principal_with(*placed: tuple[ObjectSpec, Pose]) -> tuple[Pose, Vector]:
         for 1 kg, of shape (3,), m².
     """
     places = list[Pose]()
-    things = list[ObjectSpec]()
-    for thing, place in placed:
+    objects = list[ObjectSpec]()
+    for obj, place in placed:
         places.append(place)
-        things.append(thing)
-        for one in thing.moved:
+        objects.append(obj)
+        for one in obj.moved:
             hung = one.joint
             start = Pose.identity() if hung is None else hung.spec.displacement(hung.spec.start)
             places.append(place @ start)
-            things.append(one)
-    shares = np.array([one.mass for one in things]) / sum(thing.total_mass for thing, _ in placed)
+            objects.append(one)
+    shares = np.array([one.mass for one in objects]) / sum(obj.total_mass for obj, _ in placed)
     centers = np.array(
-        [place.apply(body_of(one).center) for place, one in zip(places, things, strict=True)]
+        [place.apply(body_of(one).center) for place, one in zip(places, objects, strict=True)]
     )
     center = shares @ centers
     inertia = np.zeros((3, 3))
-    for share, place, one, at in zip(shares, places, things, centers, strict=True):
+    for share, place, one, at in zip(shares, places, objects, centers, strict=True):
         turn = place.rotation_matrix
         away = at - center
         shifted = away @ away * np.eye(3) - np.outer(away, away)  # parallel-axis theorem

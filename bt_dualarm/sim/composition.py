@@ -225,17 +225,17 @@ def marker_dictionary(name: str) -> cv2.aruco.Dictionary:
     return cv2.aruco.getPredefinedDictionary(dictionaries[name])
 
 
-def marker_height(thing: ObjectSpec) -> float:
+def marker_height(obj: ObjectSpec) -> float:
     """Height of an object's marker above its center along its z axis, m."""
-    return 0.5 * thing.size[-1] + 4 * BOARD_M
+    return 0.5 * obj.size[-1] + 4 * BOARD_M
 
 
-def add_marker(body: mujoco.MjsBody, thing: ObjectSpec) -> None:
+def add_marker(body: mujoco.MjsBody, obj: ObjectSpec) -> None:
     """Add the boxes of an object's marker to its body, if it has one."""
-    marker = thing.marker
+    marker = obj.marker
     if marker is None:
         return
-    top = 0.5 * thing.size[-1]
+    top = 0.5 * obj.size[-1]
     half = 0.5 * marker.outer_size
     _box(body, (0.0, 0.0, top + BOARD_M), (half, half, BOARD_M), 0.95)
     for x, y, wide, high in black_parts(marker):
@@ -291,13 +291,13 @@ def _box(
 
 
 def _add_texture(
-    spec: mujoco.MjSpec, geom: mujoco.MjsGeom, thing: ObjectSpec, part: BodyPart
+    spec: mujoco.MjSpec, geom: mujoco.MjsGeom, obj: ObjectSpec, part: BodyPart
 ) -> None:
     """Give the geom of an object's convex part its texture, if it has one."""
-    texture = thing.texture_of(part.name)
+    texture = obj.texture_of(part.name)
     if texture is None:
         return
-    rgba = part.rgba or thing.rgba
+    rgba = part.rgba or obj.rgba
     tile = texture.tile(rgba)
     name = f"{TEXTURE_PREFIX}{tile.name}"
     if spec.texture(name) is None:
@@ -305,8 +305,8 @@ def _add_texture(
     # The image has the colors already; MuJoCo multiplies it by that of the geom.
     geom.material = name
     geom.rgba = (1.0, 1.0, 1.0, rgba[3])
-    frame = thing.parts[part.name].pose.pose if part.name in thing.parts else Pose.identity()
-    body = body_of_part(thing.parts[part.name]) if part.name in thing.parts else body_of(thing)
+    frame = obj.parts[part.name].pose.pose if part.name in obj.parts else Pose.identity()
+    body = body_of_part(obj.parts[part.name]) if part.name in obj.parts else body_of(obj)
     low, high = body.extents(np.eye(3))
     frame = frame @ Pose.from_rpy(tuple(0.5 * (low + high)))
     geom.userdata = user_data(tile.size, high - low, frame)
@@ -340,16 +340,16 @@ within a minute; this tilt, which is 10 nm on a can, it keeps."""
 
 
 def add_object(
-    spec: mujoco.MjSpec, name: str, thing: ObjectSpec, pose: Pose, sampled: LinkFactors
+    spec: mujoco.MjSpec, name: str, obj: ObjectSpec, pose: Pose, sampled: LinkFactors
 ) -> None:
     """Add an object with its sampled mass; body, joint and first geom have its name.
 
     The pose of an object that moves on a joint is that of the object on which it hangs. What hangs
     on an object that is not fixed is a part of its tree, and moves with it.
     """
-    if thing.shape == "cylinder" and abs(abs(pose.rotation_matrix[2, 2]) - 1.0) < _EXACTLY_UPRIGHT:
+    if obj.shape == "cylinder" and abs(abs(pose.rotation_matrix[2, 2]) - 1.0) < _EXACTLY_UPRIGHT:
         pose = pose @ _LEAN
-    hung = thing.joint
+    hung = obj.joint
     parent = spec.worldbody
     place = pose
     if hung is not None:
@@ -362,22 +362,22 @@ def add_object(
     body = parent.add_body(name=name, pos=place.position, quat=place.quaternion)
     if hung is not None:
         _hang(spec, body, hung)
-    elif not thing.fixed:
+    elif not obj.fixed:
         body.add_freejoint(name=name)
-    solid = body_of(thing)
+    solid = body_of(obj)
     total = sum(part.weight for part in solid.parts)
     for index, part in enumerate(solid.parts):
         geom = body.add_geom(
             name=part_geom(name, index),
-            mass=thing.mass * sampled.mass * (part.weight / total),
-            rgba=part.rgba or thing.rgba,
-            friction=(thing.friction, _TORSION, _rolling(part, solid, thing)),
+            mass=obj.mass * sampled.mass * (part.weight / total),
+            rgba=part.rgba or obj.rgba,
+            friction=(obj.friction, _TORSION, _rolling(part, solid, obj)),
             condim=_CONDIM_ROLLING if _can_roll(part, solid) else 3,
             group=OBJECT_GROUP,
         )
-        if not thing.fixed and hung is None:
-            _stiffen(geom, thing.mass * sampled.mass)
-        _add_texture(spec, geom, thing, part)
+        if not obj.fixed and hung is None:
+            _stiffen(geom, obj.mass * sampled.mass)
+        _add_texture(spec, geom, obj, part)
         if not solid.is_simple:  # MuJoCo's compiler need not rotate what is at the origin
             geom.pos = part.pose.position
             geom.quat = part.pose.quaternion
@@ -387,12 +387,12 @@ def add_object(
         else:
             geom.type = GEOM_TYPES[part.kind]
             geom.size = half_sizes(part.kind, part.size)
-    add_marker(body, thing)
-    shift = _stable_center_offset(thing, solid, pose, sampled.shift)
+    add_marker(body, obj)
+    shift = _stable_center_offset(obj, solid, pose, sampled.shift)
     if shift.any():
-        body.mass = thing.mass * sampled.mass
+        body.mass = obj.mass * sampled.mass
         body.ipos = shift
-        body.inertia = body.mass * inertia_per_mass(thing)
+        body.inertia = body.mass * inertia_per_mass(obj)
         if not solid.is_simple:
             principal = solid.principal[0]
             body.ipos = principal.position + shift
@@ -494,35 +494,33 @@ def _can_roll(part: BodyPart, solid: ObjectBody) -> bool:
     return solid.is_axisymmetric or part.kind not in ("box", "hull")
 
 
-def _rolling(part: BodyPart, solid: ObjectBody, thing: ObjectSpec) -> float:
+def _rolling(part: BodyPart, solid: ObjectBody, obj: ObjectSpec) -> float:
     """Coefficient of rolling friction in m, such that balls and cylinders come to rest."""
     if not _can_roll(part, solid):
         return _NO_ROLLING
-    radius = thing.size[0] if thing.size else part.size[0]
+    radius = obj.size[0] if obj.size else part.size[0]
     return _ROLLING * (0.5 * min(part.size) if part.kind == "ellipsoid" else radius)
 
 
-def _stable_center_offset(
-    thing: ObjectSpec, solid: ObjectBody, pose: Pose, shift: Vector
-) -> Vector:
+def _stable_center_offset(obj: ObjectSpec, solid: ObjectBody, pose: Pose, shift: Vector) -> Vector:
     """Restrict a sampled offset of the center of mass, of shape (3,), m, so that nothing rolls off.
 
     An eccentric ball, or an eccentric cylinder or capsule that lies, would roll away from its
     declared pose as soon as the simulation starts. Their offset is restricted to zero, or to the
     axis.
     """
-    if thing.shape in ("sphere", "ellipsoid"):
+    if obj.shape in ("sphere", "ellipsoid"):
         return np.zeros(3)
     lies = abs(float(pose.rotation_matrix[2, 2])) < _UPRIGHT
     return shift * (0, 0, 1) if solid.is_axisymmetric and lies else shift
 
 
-def noisy_pose(name: str, thing: ObjectSpec, seed: int) -> Pose:
+def noisy_pose(name: str, obj: ObjectSpec, seed: int) -> Pose:
     """The declared pose with the object's noise, sampled independently of all other objects."""
     rng = np.random.default_rng([seed, zlib.crc32(name.encode())])
-    shift = rng.uniform(-1, 1, 3) * np.asarray(thing.noise.xyz)
-    turn = rng.uniform(-1, 1) * math.radians(thing.noise.yaw)
-    declared = thing.pose.pose
+    shift = rng.uniform(-1, 1, 3) * np.asarray(obj.noise.xyz)
+    turn = rng.uniform(-1, 1) * math.radians(obj.noise.yaw)
+    declared = obj.pose.pose
     moved = Pose.from_rpy(declared.position + shift, (0, 0, turn))
     return Pose(moved.position, (moved @ Pose(np.zeros(3), declared.quaternion)).quaternion)
 

@@ -41,10 +41,10 @@ class ContactMonitor:
         self.forces_n: dict[str, float] = {}
         self._already = already
 
-    def note(self, thing: str, force_n: float) -> None:
+    def note(self, obj: str, force_n: float) -> None:
         """Record one contact with an object, its normal force in N."""
-        if thing not in self._already and force_n > self.forces_n.get(thing, 0.0):
-            self.forces_n[thing] = force_n
+        if obj not in self._already and force_n > self.forces_n.get(obj, 0.0):
+            self.forces_n[obj] = force_n
 
 
 class Contacts:
@@ -66,7 +66,7 @@ class Contacts:
     def watch(self, arm: str) -> ContactMonitor:
         """Start to monitor an arm that is in the world."""
         monitor = ContactMonitor(
-            arm, frozenset(thing for one, thing, _ in self._foreign_contacts() if one == arm)
+            arm, frozenset(obj for one, obj, _ in self._foreign_contacts() if one == arm)
         )
         self._monitors.append(monitor)
         return monitor
@@ -83,10 +83,10 @@ class Contacts:
         is_bound = self._generation == self._world.generation
         if is_bound and not self._world.devices.touches_foreign:  # the usual case
             return
-        for arm, thing, force in self._foreign_contacts():
+        for arm, obj, force in self._foreign_contacts():
             for monitor in self._monitors:
                 if monitor.arm == arm:
-                    monitor.note(thing, force)
+                    monitor.note(obj, force)
 
     def _foreign_contacts(self) -> list[tuple[str, str, float]]:
         """Arm, object and normal force in N of each contact of an arm with something foreign."""
@@ -110,9 +110,9 @@ class Contacts:
             mujoco.mj_contactForce(model, data, i, force)
             for mine, other in ((0, 1), (1, 0)):
                 arm = self._arms[owners[i, mine]]
-                thing = name_of_geom(model, int(geoms[i, other])).partition("/")[0]
-                if owners[i, mine] != _NO_ARM and thing != arm:  # the pedestal has the arm's name
-                    found.append((arm, thing, float(force[0])))
+                obj = name_of_geom(model, int(geoms[i, other])).partition("/")[0]
+                if owners[i, mine] != _NO_ARM and obj != arm:  # the pedestal has the arm's name
+                    found.append((arm, obj, float(force[0])))
         return found
 
     def _bind(self) -> None:

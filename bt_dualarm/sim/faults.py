@@ -286,8 +286,8 @@ class WorldFaults:
                 self._loosen(fault.object)
             number = list(self._away).index(fault.object)
             self._place(fault.object, Pose.from_rpy((0.0, 0.0, _AWAY_M[0] + number * _AWAY_M[1])))
-        for (arm, thing), since in self._loosened.items():
-            held = world.attachments.find(arm, thing)
+        for (arm, obj), since in self._loosened.items():
+            held = world.attachments.find(arm, obj)
             if held is not None and held.since == since:
                 world.data.eq_active[world.model.equality(held.name).id] = 0
 

@@ -670,13 +670,13 @@ class Attachments:
         """Objects that the arm holds, in the order in which they were attached."""
         return tuple(a.object for a in self._held.values() if a.arm == arm)
 
-    def find(self, arm: str, thing: str) -> Attachment | None:
+    def find(self, arm: str, obj: str) -> Attachment | None:
         """The attachment of this pair, if there is one."""
-        return self._held.get((arm, thing))
+        return self._held.get((arm, obj))
 
-    def holders(self, thing: str) -> tuple[str, ...]:
+    def holders(self, obj: str) -> tuple[str, ...]:
         """Names of the arms that hold an object, in the order in which they took it."""
-        return tuple(a.arm for a in self._held.values() if a.object == thing)
+        return tuple(a.arm for a in self._held.values() if a.object == obj)
 
     def gripped_by(self, arm: str) -> tuple[Attachment, ...]:
         """Objects that the gripper is assumed to hold, in the order of picking."""
@@ -723,20 +723,20 @@ class Attachments:
         self._held[new.arm, new.object] = new
         self._rebind()
 
-    def detach(self, arm: str, thing: str, *, stands: bool = False) -> bool:
+    def detach(self, arm: str, obj: str, *, stands: bool = False) -> bool:
         """Release an object; returns whether it was held.
 
         Args:
             arm: Name of the arm.
-            thing: Name of the object.
+            obj: Name of the object.
             stands: Whether something else supports the object, so that its weight does not fall to
                 an arm that still holds it.
         """
-        held = self._held.pop((arm, thing), None)
+        held = self._held.pop((arm, obj), None)
         if held is None:
             return False
         if not stands:
-            self._leave_all_to_the_last(thing)
+            self._leave_all_to_the_last(obj)
         if held.by_gripper:
             self._rebind()
         else:
@@ -744,44 +744,44 @@ class Attachments:
             self._recompile()
         return True
 
-    def _leave_all_to_the_last(self, thing: str) -> None:
+    def _leave_all_to_the_last(self, obj: str) -> None:
         """Let the only arm that still holds an object bear what nobody else bears any more.
 
         It is still modeled at the grasp, if it was there: a long object may lie on something;
         torques that turn all of it would shake the arm.
         """
-        left = self.holders(thing)
+        left = self.holders(obj)
         if len(left) == 1:
-            key = left[0], thing
+            key = left[0], obj
             self._held[key] = replace(self._held[key], share=1.0)
 
-    def bear(self, arm: str, thing: str, share: float, at: Pose | None = None) -> None:
+    def bear(self, arm: str, obj: str, share: float, at: Pose | None = None) -> None:
         """Set the share of an object's weight that an arm's model bears.
 
         Does nothing if the arm does not hold the object.
 
         Args:
             arm: Name of the arm.
-            thing: Name of the object.
+            obj: Name of the object.
             share: Share, from 0 to 1.
             at: Where it bears its share, in the object's frame; by default at the center of mass.
         """
-        held = self._held.get((arm, thing))
+        held = self._held.get((arm, obj))
         if held is not None and (held.share != share or held.borne_at is not at):
-            self._held[arm, thing] = replace(held, share=share, borne_at=at)
+            self._held[arm, obj] = replace(held, share=share, borne_at=at)
             self._reload(arm)
 
-    def place_on(self, arm: str, thing: str, carrier: str) -> None:
+    def place_on(self, arm: str, obj: str, carrier: str) -> None:
         """Let a held object touch a carrier in another arm's hand; none if that is empty.
 
         Does nothing if the arm does not hold the object.
         """
-        held = self._held.get((arm, thing))
+        held = self._held.get((arm, obj))
         if held is not None and held.carrier != carrier:
-            self._held[arm, thing] = replace(held, carrier=carrier)
+            self._held[arm, obj] = replace(held, carrier=carrier)
             self._rebind()
 
-    def consent(self, arm: str, partner: str, thing: str, hands_m: float) -> None:
+    def consent(self, arm: str, partner: str, obj: str, hands_m: float) -> None:
         """Let a partner hold an object together with an arm, once the partner consents as well.
 
         To be revoked by `dissent`, whatever ends the reason for it.
@@ -789,25 +789,25 @@ class Attachments:
         Args:
             arm: Name of the arm.
             partner: Name of the other arm.
-            thing: Name of the object.
+            obj: Name of the object.
             hands_m: Distance that the hands keep from each other, m.
         """
-        self._consents[arm, partner, thing] = hands_m
-        if (partner, arm, thing) in self._consents:
+        self._consents[arm, partner, obj] = hands_m
+        if (partner, arm, obj) in self._consents:
             self._rebind()
 
-    def dissent(self, arm: str, partner: str, thing: str) -> None:
+    def dissent(self, arm: str, partner: str, obj: str) -> None:
         """Revoke a consent; no effect if there is none."""
-        revoked = self._consents.pop((arm, partner, thing), None)
-        if revoked is not None and (partner, arm, thing) in self._consents:
+        revoked = self._consents.pop((arm, partner, obj), None)
+        if revoked is not None and (partner, arm, obj) in self._consents:
             self._rebind()
 
     def shared_grasps(self, arm: str) -> tuple[SharedGrasp, ...]:
         """Objects that others may hold together with an arm: both sides have consented."""
         return tuple(
-            SharedGrasp(partner, thing, max(hands_m, self._consents[partner, arm, thing]))
-            for (one, partner, thing), hands_m in self._consents.items()
-            if one == arm and (partner, arm, thing) in self._consents
+            SharedGrasp(partner, obj, max(hands_m, self._consents[partner, arm, obj]))
+            for (one, partner, obj), hands_m in self._consents.items()
+            if one == arm and (partner, arm, obj) in self._consents
         )
 
     def forget(self, name: str) -> None:

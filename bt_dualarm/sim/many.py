@@ -69,7 +69,7 @@ def drawn(file: TreeFile, seed: int) -> TreeFile:
     return file.model_copy(update={"objects": objects, "groups": ()})
 
 
-def _varied(thing: ObjectSpec, many: ManySpec, rng: np.random.Generator) -> ObjectSpec:
+def _varied(obj: ObjectSpec, many: ManySpec, rng: np.random.Generator) -> ObjectSpec:
     """An object with a random size and color, if the group has several."""
     changed: dict[str, object] = {}
     if many.sizes is not None:
@@ -77,21 +77,21 @@ def _varied(thing: ObjectSpec, many: ManySpec, rng: np.random.Generator) -> Obje
         changed["size"] = tuple((low + (high - low) * rng.uniform(size=len(low))).tolist())
     if many.colors is not None:
         changed["color"] = many.colors[int(rng.integers(len(many.colors)))]
-    return thing.model_copy(update=changed)
+    return obj.model_copy(update=changed)
 
 
-def _moved(thing: ObjectSpec, place: Pose) -> ObjectSpec:
+def _moved(obj: ObjectSpec, place: Pose) -> ObjectSpec:
     """An object at a pose in the frame of its declared one."""
-    pose = thing.pose.pose @ place
+    pose = obj.pose.pose @ place
     x, y, z = pose.position.tolist()
     a, b, c, d = pose.quaternion.tolist()
-    return thing.model_copy(update={"pose": PoseSpec(xyz=(x, y, z), quat=(a, b, c, d))})
+    return obj.model_copy(update={"pose": PoseSpec(xyz=(x, y, z), quat=(a, b, c, d))})
 
 
-def _grid(things: list[ObjectSpec], many: ManySpec) -> Iterator[Pose]:
+def _grid(objects: list[ObjectSpec], many: ManySpec) -> Iterator[Pose]:
     """Places on a grid around the pose, x first; rows are as far apart as the largest needs."""
     counts = (*(many.grid or ()), 1, 1)[:3]
-    spans = np.array([np.ptp(body_of(thing).corners, axis=0) for thing in things])
+    spans = np.array([np.ptp(body_of(obj).corners, axis=0) for obj in objects])
     steps: Vector = spans.max(axis=0) + many.gap
     if many.spacing is not None:
         given = many.spacing if len(many.spacing) > 1 else many.spacing * len(many.grid or ())
@@ -103,11 +103,11 @@ def _grid(things: list[ObjectSpec], many: ManySpec) -> Iterator[Pose]:
                 yield Pose.from_rpy(tuple((number * steps).tolist()))
 
 
-def _stack(things: list[ObjectSpec]) -> Iterator[Pose]:
+def _stack(objects: list[ObjectSpec]) -> Iterator[Pose]:
     """Places on top of each other, of which the first one is the pose."""
     top: float | None = None
-    for thing in things:
-        heights = body_of(thing).corners[:, 2]
+    for obj in objects:
+        heights = body_of(obj).corners[:, 2]
         low, high = float(heights.min()), float(heights.max())
         place = 0.0 if top is None else top + _STACKED_M - low
         top = place + high
@@ -128,14 +128,14 @@ class _Room:
         self, file: TreeFile, seed: int, objects: dict[str, ObjectSpec], loose: set[str]
     ) -> None:
         spec = composition.scene_spec(file.world)
-        for number, (name, thing) in enumerate(objects.items()):
+        for number, (name, obj) in enumerate(objects.items()):
             if name in loose:
-                free = thing.model_copy(update={"fixed": False})
+                free = obj.model_copy(update={"fixed": False})
                 away = Pose.from_rpy((0.0, 20.0 * number, _FAR_M))
                 composition.add_object(spec, name, free, away, _EXACT)
-            elif thing.spawned:
-                pose = composition.noisy_pose(name, thing, seed)
-                composition.add_object(spec, name, thing, pose, _EXACT)
+            elif obj.spawned:
+                pose = composition.noisy_pose(name, obj, seed)
+                composition.add_object(spec, name, obj, pose, _EXACT)
         try:
             self._model = spec.compile()
         except ValueError as error:
@@ -199,14 +199,14 @@ def _place(file: TreeFile, seed: int, objects: dict[str, ObjectSpec], groups: li
 
 
 def _one_after_the_other(
-    room: _Room, things: list[ObjectSpec], group: Group, rng: np.random.Generator
+    room: _Room, objects: list[ObjectSpec], group: Group, rng: np.random.Generator
 ) -> list[ObjectSpec]:
     """Objects of a group at places that are free; fewer if there is no room for the next one."""
     many = group.many
     found: list[ObjectSpec] = []
-    for name, thing in zip(group.names, things, strict=True):
-        places = _dropped(thing, many, rng) if many.pile else _scattered(thing, many, rng)
-        moved = (_moved(thing, place) for place in places)
+    for name, obj in zip(group.names, objects, strict=True):
+        places = _dropped(obj, many, rng) if many.pile else _scattered(obj, many, rng)
+        moved = (_moved(obj, place) for place in places)
         fits = (one for one in moved if room.takes(name, one.pose.pose, many.gap))
         placed = next(fits, None)
         if placed is None:
@@ -215,9 +215,9 @@ def _one_after_the_other(
     return found
 
 
-def _scattered(thing: ObjectSpec, many: ManySpec, rng: np.random.Generator) -> Iterator[Pose]:
+def _scattered(obj: ObjectSpec, many: ManySpec, rng: np.random.Generator) -> Iterator[Pose]:
     """Random places within the area, with the whole object inside."""
-    corners = body_of(thing).corners
+    corners = body_of(obj).corners
     for _ in range(_TRIES):
         share = rng.uniform(-0.5, 0.5, 2)
         turn = math.radians(float(rng.uniform(-many.yaw, many.yaw)))
@@ -226,10 +226,10 @@ def _scattered(thing: ObjectSpec, many: ManySpec, rng: np.random.Generator) -> I
         yield Pose.from_rpy((x, y, 0.0), (0.0, 0.0, turn))
 
 
-def _dropped(thing: ObjectSpec, many: ManySpec, rng: np.random.Generator) -> Iterator[Pose]:
+def _dropped(obj: ObjectSpec, many: ManySpec, rng: np.random.Generator) -> Iterator[Pose]:
     """A random place within the area at rising heights."""
     x, y = (rng.uniform(-0.5, 0.5, 2) * np.array(many.area)).tolist()
     turn = math.radians(float(rng.uniform(-many.yaw, many.yaw)))
-    step = 0.25 * float(np.ptp(body_of(thing).corners[:, 2])) + many.gap
+    step = 0.25 * float(np.ptp(body_of(obj).corners[:, 2])) + many.gap
     for layer in range(_LAYERS):
         yield Pose.from_rpy((x, y, layer * step), (0.0, 0.0, turn))

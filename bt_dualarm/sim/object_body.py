@@ -342,7 +342,7 @@ _LEVEL_M: Final = 5e-4
 """Difference in height of points on the edge of a wall, m."""
 
 
-def body_of(thing: ObjectSpec) -> ObjectBody:
+def body_of(obj: ObjectSpec) -> ObjectBody:
     """Body of a declared object; computed once for equal shapes."""
     parts = tuple(
         (
@@ -355,12 +355,12 @@ def body_of(thing: ObjectSpec) -> ObjectBody:
             part.color,
             *_key(part),
         )
-        for name, part in thing.parts.items()
+        for name, part in obj.parts.items()
     )
-    if thing.shape == "mesh":
-        state = thing.mesh_path.stat()
-        return _mesh_body(thing.mesh_path, thing.scale, state.st_mtime_ns, state.st_size)
-    return _body(thing.shape, thing.size, thing.wall, _count(thing), parts)
+    if obj.shape == "mesh":
+        state = obj.mesh_path.stat()
+        return _mesh_body(obj.mesh_path, obj.scale, state.st_mtime_ns, state.st_size)
+    return _body(obj.shape, obj.size, obj.wall, _count(obj), parts)
 
 
 def body_of_part(part: PartSpec) -> ObjectBody:

@@ -55,14 +55,14 @@ class Passengers:
         self._upon: dict[str, tuple[Passenger, ...]] = {}
         self._layout: _Layout | None = None
 
-    def of(self, thing: str) -> tuple[Passenger, ...]:
+    def of(self, obj: str) -> tuple[Passenger, ...]:
         """Passengers of a held object that are present, as last looked for."""
-        upon = self._upon.get(thing, ())
+        upon = self._upon.get(obj, ())
         return tuple(one for one in upon if one.object in self._objects)
 
-    def carrier_of(self, thing: str) -> str:
+    def carrier_of(self, obj: str) -> str:
         """Name of the held object on which an object rides, as last looked for; empty if none."""
-        riding = (name for name in self._upon if thing in {one.object for one in self.of(name)})
+        riding = (name for name in self._upon if obj in {one.object for one in self.of(name)})
         return next(riding, "")
 
     def look(
@@ -109,7 +109,7 @@ class Passengers:
         self,
         model: mujoco.MjModel,
         data: mujoco.MjData,
-        thing: str,
+        obj: str,
         held: Iterable[str],
         hands: Collection[int],
         known: Iterable[str] = (),
@@ -119,22 +119,22 @@ class Passengers:
         Args:
             model: Model of the world.
             data: Its state, with current contacts.
-            thing: Name of the object.
+            obj: Name of the object.
             held: Names of the held objects.
             hands: Geoms of the arms' tools.
             known: Objects that rode on it, and do so still if they touch nothing now.
         """
-        if not self._objects[thing].is_free:
+        if not self._objects[obj].is_free:
             return ()
-        layout = _Layout(model, self._objects, tuple({*held, thing}), hands)
-        names = _Touching(layout, data).upon(thing, known, falling=True)
-        return tuple(_passenger(model, data, thing, name) for name in names)
+        layout = _Layout(model, self._objects, tuple({*held, obj}), hands)
+        names = _Touching(layout, data).upon(obj, known, falling=True)
+        return tuple(_passenger(model, data, obj, name) for name in names)
 
 
-def _passenger(model: mujoco.MjModel, data: mujoco.MjData, thing: str, name: str) -> Passenger:
+def _passenger(model: mujoco.MjModel, data: mujoco.MjData, obj: str, name: str) -> Passenger:
     carrier, rider = (
         Pose(data.xpos[body].copy(), data.xquat[body].copy())
-        for body in (model.body(one).id for one in (thing, name))
+        for body in (model.body(one).id for one in (obj, name))
     )
     return Passenger(name, carrier.inverse @ rider, carrier.inverse.turn(np.array((0.0, 0.0, 1.0))))
 
@@ -167,7 +167,7 @@ class _Layout:
         self.objects = objects
         self.held = held
         self.bodies = {
-            name: int(model.body(name).id) for name, thing in objects.items() if thing.is_free
+            name: int(model.body(name).id) for name, obj in objects.items() if obj.is_free
         }
         self.names = {body: name for name, body in self.bodies.items() if name not in held}
         self.trees: npt.NDArray[np.int32] = model.body_rootid[model.geom_bodyid]
@@ -210,15 +210,15 @@ class _Touching:
         # The normal points from the first geom to the second.
         self._upward: Vector = contact.frame[touch][apart][:, 2]
 
-    def upon(self, thing: str, known: Iterable[str], *, falling: bool = False) -> list[str]:
+    def upon(self, obj: str, known: Iterable[str], *, falling: bool = False) -> list[str]:
         """Names of the objects that rest on a free one, or on each other, and on nothing else.
 
         Args:
-            thing: Name of the object.
+            obj: Name of the object.
             known: Objects that rode on it so far: they still do if they touch nothing and are near.
             falling: Whether others that touch nothing, and are about to fall onto it, count.
         """
-        base = self._bodies[thing]
+        base = self._bodies[obj]
         afloat = {body for body in self._names if body not in self._touched and body != base}
         rode = {self._bodies[name] for name in known if name in self._bodies}
         riders = {body for body in rode & afloat if self._is_near(body, base)}

@@ -82,9 +82,9 @@ class World(WorldView):
         self.declared_arms: Mapping[str, ArmSpec] = file.arms
         self.declared_objects: Mapping[str, ObjectSpec] = file.objects
         self._poses = {}
-        for name, thing in file.objects.items():
-            owner = name if thing.joint is None else thing.joint.owner
-            self._poses[name] = noisy_pose(owner, thing, seed)
+        for name, obj in file.objects.items():
+            owner = name if obj.joint is None else obj.joint.owner
+            self._poses[name] = noisy_pose(owner, obj, seed)
         loaded = {name: load_arm(arm, file.root) for name, arm in file.arms.items()}
         self.robots: dict[str, Robot] = {
             name: robot.derated(file.arms[name].limits) for name, (robot, _) in loaded.items()
@@ -141,14 +141,14 @@ class World(WorldView):
         """The error, with the objects whose `noise` puts them there with this seed only."""
         moved = [
             name
-            for name in (error.thing, error.other)
+            for name in (error.obj, error.other)
             if name in self.objects
             and any((*self.objects[name].noise.xyz, self.objects[name].noise.yaw))
         ]
         if not moved:
             return error
         text = f"{error}; the noise of {' and '.join(moved)} depends on the seed"
-        return OverlapError(error.thing, text, error.depth, error.other)
+        return OverlapError(error.obj, text, error.depth, error.other)
 
     def refuse_overlaps(self) -> None:
         """Raise an `OverlapError` if any arm or object penetrates another."""
@@ -222,7 +222,7 @@ class World(WorldView):
         self._recompile()
 
     def attach(
-        self, arm: str, thing: str, seen: Pose | None = None, *, share: float = 1.0
+        self, arm: str, obj: str, seen: Pose | None = None, *, share: float = 1.0
     ) -> Attachment:
         """Weld an object to an arm's tool link; its nominal pose is the one ``seen``, if given.
 
@@ -231,22 +231,22 @@ class World(WorldView):
         Raises:
             WorldError: Arm or object is not present, or the object is fixed.
         """
-        relative = self._estimated_in_tool(arm, thing, seen)
-        pose = self.object_pose(thing)
+        relative = self._estimated_in_tool(arm, obj, seen)
+        pose = self.object_pose(obj)
         link = f"{arm}/{self.robots[arm].tool_link}"
         held = Attachment(
             arm,
-            thing,
+            obj,
             relative,
             self.time,
             bool(seen),
             share=share,
-            carrier=self._passengers.carrier_of(thing),
+            carrier=self._passengers.carrier_of(obj),
         )
         relative = self.arms[arm].tool_link_pose.inverse @ pose
-        return self.attachments.attach(held, link, relative, self._tips_on(arm, thing))
+        return self.attachments.attach(held, link, relative, self._tips_on(arm, obj))
 
-    def _tips_on(self, arm: str, thing: str) -> tuple[str, ...]:
+    def _tips_on(self, arm: str, obj: str) -> tuple[str, ...]:
         """Fingers of an arm that are closed and touch an object with their tips.
 
         Contacts of these fingers with the welded object are ignored: pressed against it, they could
@@ -255,14 +255,14 @@ class World(WorldView):
         gripper = self.devices.grippers.get(arm)
         if gripper is None or not gripper.gripper.fingers:
             return ()
-        if gripper.width > gripper.gripper.closed_width or not self.touches(arm, thing):
+        if gripper.width > gripper.gripper.closed_width or not self.touches(arm, obj):
             return ()
         return tuple(f"{arm}/{finger}" for finger in FINGERS)
 
     def hold(
         self,
         arm: str,
-        thing: str,
+        obj: str,
         pose: Pose,
         most_force: float = math.inf,
         *,
@@ -273,7 +273,7 @@ class World(WorldView):
 
         Args:
             arm: Name of the arm.
-            thing: Name of the object.
+            obj: Name of the object.
             pose: Estimated pose of the object in the world.
             most_force: Largest grip force that it withstands, N.
             mass_declared: Whether the arm may use the declared mass.
@@ -282,10 +282,10 @@ class World(WorldView):
         Raises:
             WorldError: Arm or object is not present, or the object is fixed.
         """
-        relative = self._estimated_in_tool(arm, thing, pose)
+        relative = self._estimated_in_tool(arm, obj, pose)
         held = Attachment(
             arm,
-            thing,
+            obj,
             relative,
             self.time,
             was_seen=True,
@@ -294,18 +294,18 @@ class World(WorldView):
             lay=pose,
             mass_declared=mass_declared,
             share=share,
-            carrier=self._passengers.carrier_of(thing),
+            carrier=self._passengers.carrier_of(obj),
         )
         self.attachments.hold(held)
 
-    def _estimated_in_tool(self, arm: str, thing: str, pose: Pose | None) -> Pose:
+    def _estimated_in_tool(self, arm: str, obj: str, pose: Pose | None) -> Pose:
         """Pose in the tool link, from the encoders, of an object at ``pose``, or its true one."""
         self.arms.require(arm)
-        self.objects.require(thing)
-        if self.objects[thing].fixed:
-            raise WorldError(f"object {thing!r} is fixed: no arm can carry it")
+        self.objects.require(obj)
+        if self.objects[obj].fixed:
+            raise WorldError(f"object {obj!r} is fixed: no arm can carry it")
         link = self.nominal[arm].tool_link_pose_at(self.hardware[arm].q)
-        return link.inverse @ (pose or self.object_pose(thing))
+        return link.inverse @ (pose or self.object_pose(obj))
 
     def payload_geoms(self, name: str) -> set[int]:
         """Ids of the geoms of an object and of all that is carried with it.
@@ -327,25 +327,25 @@ class World(WorldView):
                 if each in self.objects:
                     yield each
 
-    def passengers_of(self, thing: str, known: Iterable[str] = ()) -> tuple[Passenger, ...]:
+    def passengers_of(self, obj: str, known: Iterable[str] = ()) -> tuple[Passenger, ...]:
         """Objects that ride along with one that is held, or would if it were lifted now.
 
         Args:
-            thing: Name of the object.
+            obj: Name of the object.
             known: Objects that rode on it when it was held: they still do if they touch nothing.
         """
-        if self.attachments.holders(thing):
-            return self._passengers.of(thing)
+        if self.attachments.holders(obj):
+            return self._passengers.of(obj)
         held = {one.object for one in self.attachments}
-        return self._passengers.would_ride(self.model, self.data, thing, held, self._hands, known)
+        return self._passengers.would_ride(self.model, self.data, obj, held, self._hands, known)
 
-    def loaded_mass(self, thing: str) -> float:
+    def loaded_mass(self, obj: str) -> float:
         """Mass of an object with what moves on its joints and with its passengers, kg."""
-        return mass_with(self.objects[thing], self.placed_on(thing))
+        return mass_with(self.objects[obj], self.placed_on(obj))
 
-    def placed_on(self, thing: str) -> list[tuple[ObjectSpec, Pose]]:
+    def placed_on(self, obj: str) -> list[tuple[ObjectSpec, Pose]]:
         """The passengers of an object, with their poses in its frame when they were noticed."""
-        upon = self.passengers_of(thing)
+        upon = self.passengers_of(obj)
         return [(self.objects[one.object], one.relative) for one in upon]
 
     def look_for_passengers(self) -> None:
@@ -394,7 +394,7 @@ class World(WorldView):
             if arm.spawned:
                 self._add_arm(name)
         self._compile()
-        hung = {name: thing.joint for name, thing in self.objects.items() if thing.joint}
+        hung = {name: obj.joint for name, obj in self.objects.items() if obj.joint}
         composition.refuse_stiff_springs(self.model, hung)
         self._bind()
         for name in self.arms:
@@ -402,22 +402,22 @@ class World(WorldView):
         self._refresh()
 
     def _add_objects(self, *, fixed: bool) -> None:
-        for name, thing in self._file.objects.items():
-            if thing.spawned and thing.fixed == fixed:
+        for name, obj in self._file.objects.items():
+            if obj.spawned and obj.fixed == fixed:
                 self._put_object(name, self._poses[name])
 
     def _with_moved(self, name: str) -> list[str]:
         """The object, and what moves on its joints."""
         moved = [
             other
-            for other, thing in self._file.objects.items()
-            if thing.joint is not None and thing.joint.owner == name
+            for other, obj in self._file.objects.items()
+            if obj.joint is not None and obj.joint.owner == name
         ]
         return [name, *moved]
 
     def _put_object(self, name: str, pose: Pose) -> None:
-        self.objects[name] = thing = self._file.objects[name]
-        add_object(self._spec, name, thing, pose, self.devices.sampled_object(name))
+        self.objects[name] = obj = self._file.objects[name]
+        add_object(self._spec, name, obj, pose, self.devices.sampled_object(name))
 
     def _compile(self) -> None:
         try:

@@ -93,8 +93,8 @@ class WorldView:
         declared = self.declared_objects.get(name)
         if part is None or declared is None or part in declared.parts:
             return name
-        for other, thing in self.declared_objects.items():
-            if thing.joint is not None and thing.joint.owner == name and part in thing.parts:
+        for other, obj in self.declared_objects.items():
+            if obj.joint is not None and obj.joint.owner == name and part in obj.parts:
                 return other
         return name
 
@@ -151,28 +151,28 @@ class WorldView:
             part: Part of a compound that stands for the whole object.
         """
         pose = self.object_pose(name) if pose is None else pose
-        thing = self.objects[name]
-        if part is not None and part in thing.parts:
-            pose = pose @ thing.parts[part].pose.pose
-            alone = body_of_part(thing.parts[part])
+        obj = self.objects[name]
+        if part is not None and part in obj.parts:
+            pose = pose @ obj.parts[part].pose.pose
+            alone = body_of_part(obj.parts[part])
             away = alone.way_out(direction @ pose.rotation_matrix)
             on_part: Vector = pose.apply(alone.center) + away * direction
             return on_part
-        body = body_of(thing)
+        body = body_of(obj)
         if not body.is_simple:
             along = direction @ pose.rotation_matrix
             out: Vector = pose.apply(body.center) + body.way_out(along) * direction
             return out
         ray = np.abs(direction @ pose.rotation_matrix) + 1e-12
-        if thing.shape == "box":
-            reach = float((0.5 * np.asarray(thing.size) / ray).min())
-        elif thing.shape == "cylinder":
-            radius, length = thing.size
+        if obj.shape == "box":
+            reach = float((0.5 * np.asarray(obj.size) / ray).min())
+        elif obj.shape == "cylinder":
+            radius, length = obj.size
             reach = min(radius / float(np.hypot(ray[0], ray[1])), 0.5 * length / float(ray[2]))
-        elif thing.shape == "capsule":
-            reach = _ray_out_of_capsule(thing.size[0], thing.size[1], ray)
+        elif obj.shape == "capsule":
+            reach = _ray_out_of_capsule(obj.size[0], obj.size[1], ray)
         else:
-            reach = thing.size[0]
+            reach = obj.size[0]
         point: Vector = pose.position + reach * direction
         return point
 
@@ -183,12 +183,12 @@ class WorldView:
 
         None if the surface is above its center of mass. Arguments as those of `surface_point`.
         """
-        thing = self.objects[name]
+        obj = self.objects[name]
         pose = self.object_pose(name) if pose is None else pose
-        body = body_of(thing)
-        if part is not None and part in thing.parts:
-            pose = pose @ thing.parts[part].pose.pose
-            body = body_of_part(thing.parts[part])
+        body = body_of(obj)
+        if part is not None and part in obj.parts:
+            pose = pose @ obj.parts[part].pose.pose
+            body = body_of_part(obj.parts[part])
         if body.is_simple:
             return None
         edge = body.edge(direction @ pose.rotation_matrix)
@@ -201,18 +201,18 @@ class WorldView:
         mujoco.mj_objectVelocity(self.model, self.data, kind, self.object_body(name), velocity, 0)
         return velocity
 
-    def tool_gap(self, arm: str, thing: str) -> float:
+    def tool_gap(self, arm: str, obj: str) -> float:
         """Smallest distance in meters between an arm's tool and an object; negative inside it."""
         self.arms.require(arm)
         return min(
             float(mujoco.mj_geomDistance(self.model, self.data, tool, geom, _MAX_DISTANCE_M, None))
-            for geom in self.object_geoms(thing)
+            for geom in self.object_geoms(obj)
             for tool in self.arms[arm].tool_geom_ids
         )
 
-    def touches(self, arm: str, thing: str) -> bool:
+    def touches(self, arm: str, obj: str) -> bool:
         """Whether an arm's tool and an object are in contact."""
-        geoms = self.object_geoms(thing)
+        geoms = self.object_geoms(obj)
         tool = self.arms[arm].tool_geom_ids
         contact = self.data.contact
         return any(

@@ -232,9 +232,9 @@ class HandForce:
         arm = self._arm
         arm.begin(Trajectory.rest(arm.setpoint.q, arm.period), may_touch=True, compliant=True)
         arm.controller.compliance.soften(_FRICTION_RAD_S)
-        yield from self.calm()
+        yield from self.relax()
 
-    def calm(self) -> Iterator[None]:
+    def relax(self) -> Iterator[None]:
         """Give way, as a soft arm, until little force is left; once per tick."""
         self._last = began = self._arm.time
         while self._arm.time - began < _CALM_S:

@@ -155,17 +155,17 @@ class CarryPlanning:
     Args:
         arm: Arm that leads.
         proposals: What each arm can do, in the order of all joints.
-        thing: Name of the object.
+        obj: Name of the object.
         ports: Ports of the leader.
     """
 
     def __init__(
-        self, arm: Arm, proposals: Mapping[str, Proposal], thing: str, ports: CarryPorts
+        self, arm: Arm, proposals: Mapping[str, Proposal], obj: str, ports: CarryPorts
     ) -> None:
         self._leader = arm.name
         self._world = arm.world
         self._proposals = proposals
-        self._thing = thing
+        self._object = obj
         self._ports = ports
         world = arm.world
         arms = {name: (world.robots[name], world.arms[name].base) for name in proposals}
@@ -182,7 +182,7 @@ class CarryPlanning:
         Raises:
             Failure: ``OUT_OF_REACH`` with the reason of the first attempt, caused by all.
         """
-        held = {name: self._world.attachments.find(name, self._thing) for name in self._proposals}
+        held = {name: self._world.attachments.find(name, self._object) for name in self._proposals}
         if all(held.values()):
             grasps = {
                 name: one.relative.inverse @ self._world.robots[name].tool
@@ -195,7 +195,7 @@ class CarryPlanning:
         if any(held.values()):
             holder = next(name for name, one in held.items() if one is not None)
             raise Failure(
-                "INVALID_TARGET", f"{holder} holds {self._thing!r} already, and the others do not"
+                "INVALID_TARGET", f"{holder} holds {self._object!r} already, and the others do not"
             )
         poses = _poses_of(lies, goals, self._ports)
         refusals: list[Failure] = []
@@ -318,7 +318,7 @@ class CarryPlanning:
         grasps = {name: lies.inverse @ one.tool for name, one in chosen.items()}
         widths = {name: one.grasp.width for name, one in chosen.items()}
         checker = GroupChecker(
-            self._world, self._kinematics.parts, self._thing, grasps, PLANNING_MARGIN_M, widths
+            self._world, self._kinematics.parts, self._object, grasps, PLANNING_MARGIN_M, widths
         )
         planner = CarryPlanner(self._kinematics, grasps, checker, seed=0)
         near = {name: one.q for name, one in self._proposals.items()}
@@ -354,7 +354,7 @@ class CarryPlanning:
 
     def _shares(self, grasps: Mapping[str, Pose]) -> dict[str, float]:
         """Share of the weight that each arm bears with these grasps."""
-        shares = shares_of(self._world.objects[self._thing], grasps.values())
+        shares = shares_of(self._world.objects[self._object], grasps.values())
         return dict(zip(grasps, shares, strict=True))
 
     def _condition(self, path: CarriedPath) -> float:
@@ -391,7 +391,7 @@ class CarryPlanning:
             found[name] = rows[name][::-1].copy()
             checker = CollisionChecker(self._world, name)
             hand = list(self._world.arms[name].tool_geom_ids)
-            its = list(self._world.object_geoms(self._thing))
+            its = list(self._world.object_geoms(self._object))
             checker.least[np.ix_(hand, its)] = checker.least[np.ix_(its, hand)] = -np.inf
             gripper = self._world.grippers.get(name)
             if gripper is not None and gripper.gripper.fingers:
@@ -404,9 +404,9 @@ class CarryPlanning:
         return found
 
 
-def shares_of(thing: ObjectSpec, grasps: Iterable[Pose]) -> list[float]:
+def shares_of(obj: ObjectSpec, grasps: Iterable[Pose]) -> list[float]:
     """Share of an object's weight that each of several grasps, in the object's frame, bears."""
-    center = body_of(thing).center
+    center = body_of(obj).center
     return shares_at([grasp.position - center for grasp in grasps])
 
 

@@ -88,7 +88,7 @@ class Carrying:
         arm: The arm.
         joint: Joint action with the other arms.
         members: Names of all arms, in alphabetical order.
-        thing: Name of the object.
+        obj: Name of the object.
         goals: Poses of the object, as the leaf gives them; empty to follow another arm.
         ports: Ports of the skill.
         metrics: Metrics of the skill, to be filled.
@@ -126,7 +126,7 @@ class Carrying:
         arm: Arm,
         joint: JointPart,
         members: Sequence[str],
-        thing: str,
+        obj: str,
         goals: tuple[PoseSpec, ...],
         ports: CarryPorts,
         metrics: dict[str, Number],
@@ -134,7 +134,7 @@ class Carrying:
         self._arm = arm
         self._joint = joint
         self._members = tuple(members)
-        self._thing = thing
+        self._object = obj
         self._goals = goals
         self._ports = ports
         self._metrics = metrics
@@ -151,11 +151,11 @@ class Carrying:
         yield from self._joint.meet()
         yield from self._propose()
         plan, goals = yield from self._plan()
-        passengers = PassengerCheck(arm.world, self._thing, goals)
+        passengers = PassengerCheck(arm.world, self._object, goals)
         if plan.chosen:
             yield from self._approach(plan)
             yield from self._close(plan)
-        grip = Grip(arm, self._thing)
+        grip = Grip(arm, self._object)
         self._bear(plan)
         yield from self._sync()
         if plan.chosen:
@@ -176,13 +176,13 @@ class Carrying:
         """Announce this arm's capabilities to the others, and wait for them."""
         arm = self._arm
         world = arm.world
-        thing = self._thing
-        if world.objects[thing].fixed:
-            raise Failure("INVALID_TARGET", f"object {thing!r} is fixed: no arm can carry it")
+        obj = self._object
+        if world.objects[obj].fixed:
+            raise Failure("INVALID_TARGET", f"object {obj!r} is fixed: no arm can carry it")
         yield from arm.halt()
         grasps: tuple[tuple[RankedGrasp, ...], ...] = ()
         why_not = None
-        if world.attachments.find(arm.name, thing) is None:
+        if world.attachments.find(arm.name, obj) is None:
             arm.gripper.refuse_full()
             try:
                 grasps = self._grasps_at_sections()
@@ -190,11 +190,11 @@ class Carrying:
                 why_not = failure.with_traceback(None)
         carrying = CarryingArm(world.nominal[arm.name], world.hardware[arm.name], arm.controller)
         mine = Proposal(self._goals, carrying, arm.setpoint.q.copy(), grasps, why_not)
-        self._joint.tell(proposal=mine)
+        self._joint.send(proposal=mine)
         self._proposals[arm.name] = mine
-        yield from self._until(lambda told: "proposal" in told)
+        yield from self._until(lambda messages: "proposal" in messages)
         for other in self._joint.others:
-            self._proposals[other] = self._joint.told(other)["proposal"]
+            self._proposals[other] = self._joint.messages(other)["proposal"]
         self._proposals = {name: self._proposals[name] for name in self._members}
         if mine.why_not is not None:
             raise mine.why_not
@@ -206,30 +206,30 @@ class Carrying:
         if self._ports.mass is not None:
             return self._ports.mass
         estimates = world.nominal[self._arm.name].estimates_payload
-        return None if estimates else world.loaded_mass(self._thing)
+        return None if estimates else world.loaded_mass(self._object)
 
     def _sections(self) -> list[Section]:
         """Sections at which the arms hold the object; of a compound, parts that are far apart."""
         world = self._arm.world
-        solid = world.object_solid(self._thing)
+        solid = world.object_solid(self._object)
         count = len(self._members)
         if isinstance(solid, CompoundSolid):
             found = self._parts_apart(count)
         else:
-            from_world = world.object_pose(self._thing).inverse
+            from_world = world.object_pose(self._object).inverse
             bases = [from_world.apply(world.arms[name].base.position) for name in self._members]
             found = sections(solid, count, self._ports.spread, bases)
         if not found:
             raise Failure(
                 "INVALID_TARGET",
-                f"{self._thing!r} has no {count} ends or parts, far enough apart, at which "
+                f"{self._object!r} has no {count} ends or parts, far enough apart, at which "
                 f"{' and '.join(self._members)} can hold it",
             )
         return found
 
     def _parts_apart(self, count: int) -> list[Section]:
         """Sections that are parts of a compound, such as handles, or of the rim of a hollow one."""
-        body = body_of(self._arm.world.objects[self._thing])
+        body = body_of(self._arm.world.objects[self._object])
         groups: dict[str, tuple[int, ...]] = {}
         for index, part in enumerate(body.parts):
             if not body.graspable or index in body.graspable:
@@ -253,18 +253,18 @@ class Carrying:
         """
         arm = self._arm
         world = arm.world
-        lies = world.object_pose(self._thing)
+        lies = world.object_pose(self._object)
         parts = self._sections()
-        told = self._mass
-        shares = shares_of(world.objects[self._thing], [part.pose for part in parts])
+        mass = self._mass
+        shares = shares_of(world.objects[self._object], [part.pose for part in parts])
         self._refuse_width(parts[0])
         found = []
         refusals: list[Failure] = []
         for part, share in zip(parts, shares, strict=True):
             wanted = WantedGrasp(
-                self._thing,
+                self._object,
                 lies @ part.pose,
-                share * (told or UNKNOWN_KG),
+                share * (mass or UNKNOWN_KG),
                 self._ports.shake,
                 self._ports.margin,
                 section=part.solid,
@@ -297,7 +297,7 @@ class Carrying:
         if width > page.stroke - 2.0 * CLEAR:
             raise Failure(
                 "TOO_WIDE",
-                f"the ends of {self._thing!r} are {1e3 * width:.0f} mm wide; the fingers open to "
+                f"the ends of {self._object!r} are {1e3 * width:.0f} mm wide; the fingers open to "
                 f"{1e3 * page.stroke:.0f} mm",
                 width_m=width,
                 opening_m=page.stroke,
@@ -311,15 +311,15 @@ class Carrying:
         if len(set(asked.values())) > 1:
             raise Failure("INVALID_TARGET", f"{' and '.join(asked)} were given different goals")
         leader = next(iter(asked))
-        lies = self._arm.world.object_pose(self._thing)
+        lies = self._arm.world.object_pose(self._object)
         goals = [goal.pose_from(lies) for goal in asked[leader]]
         if self._arm.name == leader:
-            planning = CarryPlanning(self._arm, self._proposals, self._thing, self._ports)
+            planning = CarryPlanning(self._arm, self._proposals, self._object, self._ports)
             plan = yield from planning.plan(lies, goals, self._sections())
-            self._joint.tell(plan=plan)
+            self._joint.send(plan=plan)
             return plan, goals
-        yield from self._joint.until(lambda: "plan" in self._joint.told(leader), (leader,))
-        return self._joint.told(leader)["plan"], goals
+        yield from self._joint.until(lambda: "plan" in self._joint.messages(leader), (leader,))
+        return self._joint.messages(leader)["plan"], goals
 
     # Grasping and releasing
 
@@ -384,7 +384,7 @@ class Carrying:
                     )
             self._metrics["width_m"] = gripper.width
             lies = arm.tool_pose @ plan.grasps[arm.name].inverse
-            why_not = gripper.why_not(self._thing, lies)
+            why_not = gripper.why_not(self._object, lies)
             if why_not is not None:
                 raise Failure("NOT_GRASPED", why_not, width_m=gripper.width)
             yield from self._sync()
@@ -392,7 +392,7 @@ class Carrying:
             # The object still stands: what is not yet added to the model is not held.
             gripper.command(page.stroke if page.fingers else 1.0)
             raise
-        gripper.hold(self._thing, lies)
+        gripper.hold(self._object, lies)
 
     def _bear(self, plan: CarryPlan) -> None:
         """Add this arm's share of the weight to its model, at its grasp."""
@@ -402,7 +402,7 @@ class Carrying:
         at = plan.grasps[self._arm.name].position - center
         identity = np.array((1.0, 0.0, 0.0, 0.0))
         share = plan.shares[self._arm.name]
-        self._arm.world.attachments.bear(self._arm.name, self._thing, share, Pose(at, identity))
+        self._arm.world.attachments.bear(self._arm.name, self._object, share, Pose(at, identity))
 
     def _release(self, grip: Grip, goal: Pose, in_tool: Pose) -> Iterator[float | None]:
         """Open all grippers, retreat, and check the pose of the object.
@@ -419,18 +419,18 @@ class Carrying:
         yield from self._sync()
         gripper.command(min(gripper.width + 2.0 * _ROOM_M, page.stroke) if page.fingers else 1.0)
         if not page.fingers:
-            gripper.let_go(self._thing, stands=True)
+            gripper.let_go(self._object, stands=True)
         for _ in gripper.until_open():
             yield 0.9
-        gripper.let_go(self._thing, stands=True)
-        left = LeftStanding(arm, self._thing, _STILL_SHARE)
+        gripper.let_go(self._object, stands=True)
+        left = LeftStanding(arm, self._object, _STILL_SHARE)
         yield from self._sync()
         del grip
         tool = arm.commanded_tool_pose
-        retreats = possible_retreats(arm, tool, self._thing, in_tool, self._ports.retreat)
+        retreats = possible_retreats(arm, tool, self._object, in_tool, self._ports.retreat)
         # From another configuration the retreat may differ or not exist: the others move aside.
         move = replace(
-            arm.past_others(self._ports.approach_speed, frozenset({self._thing})), give_way=False
+            arm.past_others(self._ports.approach_speed, frozenset({self._object})), give_way=False
         )
         for progress in move.along(lambda: plan_retreat(move, retreats, self._metrics)):
             left.look()
@@ -442,15 +442,15 @@ class Carrying:
 
     def _score(self, goal: Pose) -> None:
         """Check that the carried object is truly at its goal."""
-        left = LeftStanding(self._arm, self._thing)
+        left = LeftStanding(self._arm, self._object)
         if not left.is_there:
-            raise Failure("DROPPED", f"{self._thing!r} was removed from the world")
+            raise Failure("DROPPED", f"{self._object!r} was removed from the world")
         away, turned = left.away_from(goal)
         self._metrics |= {"placed_error_m": away, "placed_turned_rad": turned}
         if away > self._ports.tolerance or turned > self._ports.angle_tolerance:
             raise Failure(
                 "NOT_REACHED",
-                f"{self._thing!r} is {1e3 * away:.1f} mm and {np.degrees(turned):.1f}° from its "
+                f"{self._object!r} is {1e3 * away:.1f} mm and {np.degrees(turned):.1f}° from its "
                 "goal",
                 placed_error_m=away,
                 placed_turned_rad=turned,
@@ -460,8 +460,8 @@ class Carrying:
         """Wait until all arms have come this far; tells them this arm's set-point."""
         self._phase += 1
         phase = self._phase
-        self._joint.tell(phase=phase, q=self._arm.setpoint.q.copy())
-        yield from self._until(lambda told: told.get("phase", 0) >= phase)
+        self._joint.send(phase=phase, q=self._arm.setpoint.q.copy())
+        yield from self._until(lambda messages: messages.get("phase", 0) >= phase)
 
     def _until(
         self,
@@ -473,14 +473,14 @@ class Carrying:
             has_come: Whether an arm has sent enough.
         """
         for other in self._joint.others:
-            yield from self._joint.until(partial(self._has_told, other, has_come), (other,))
+            yield from self._joint.until(partial(self._has_sent, other, has_come), (other,))
 
-    def _has_told(
+    def _has_sent(
         self,
         other: str,
         has_come: Callable[[Mapping[str, Any]], bool],  # Any: facts by name
     ) -> bool:
-        return has_come(self._joint.told(other))
+        return has_come(self._joint.messages(other))
 
 
 class _Coupled:
@@ -498,7 +498,7 @@ class _Coupled:
         self._joint = carrying._joint
         self._ports = carrying._ports
         self._metrics = carrying._metrics
-        self._thing = carrying._thing
+        self._object = carrying._object
         self._proposals = carrying._proposals
         self._plan = plan
         self._grip = grip
@@ -566,14 +566,14 @@ class _Coupled:
         yield from self._carrying._sync()
         if not self._leads:
             yield from self._joint.until(
-                lambda: getattr(self._joint.told(leader).get("leg"), "number", 0) >= number,
+                lambda: getattr(self._joint.messages(leader).get("leg"), "number", 0) >= number,
                 (leader,),
             )
-            found: _Leg = self._joint.told(leader)["leg"]
+            found: _Leg = self._joint.messages(leader)["leg"]
             return found
         motion = yield from self._planned(poses, speed, slow)
         leg = _Leg(number, motion, compliant)
-        self._joint.tell(leg=leg)
+        self._joint.send(leg=leg)
         return leg
 
     def _planned(
@@ -582,7 +582,7 @@ class _Coupled:
         arm = self._arm
         world = arm.world
         parts = self._kinematics.parts
-        q = {name: self._joint.told(name)["q"] for name in self._joint.others}
+        q = {name: self._joint.messages(name)["q"] for name in self._joint.others}
         q[arm.name] = arm.setpoint.q.copy()
         here = self._object_pose(q)
         # As commanded now: the displacement by internal wrenches is kept.
@@ -590,7 +590,7 @@ class _Coupled:
             name: here.inverse @ world.nominal[name].tool_pose_at(q[name]) for name in parts
         }
         widths = {name: world.grippers[name].width for name in parts if name in world.grippers}
-        checker = GroupChecker(world, parts, self._thing, self._grasps, PLANNING_MARGIN_M, widths)
+        checker = GroupChecker(world, parts, self._object, self._grasps, PLANNING_MARGIN_M, widths)
         planner = CarryPlanner(self._kinematics, self._grasps, checker, seed=0)
         joined = planner.joined(q)
         stops = [here if pose is None else pose for pose in poses]
@@ -654,8 +654,8 @@ class _Coupled:
                 continue
             sense.look(motion.common.parameter.scale)
             if sense.has_touched:
-                self._joint.tell(touched=leg.number)
-                others = [self._joint.told(name).get("touched") for name in self._joint.others]
+                self._joint.send(touched=leg.number)
+                others = [self._joint.messages(name).get("touched") for name in self._joint.others]
                 # One end may touch first: the arms comply, and lower the other end, too.
                 if sense.is_firm or all(number == leg.number for number in others):
                     motion.brake()
@@ -702,7 +702,7 @@ class _Coupled:
             motion.brake()
             raise Failure(
                 "INTERNAL_FORCE",
-                f"the arms press against each other through {self._thing!r} with "
+                f"the arms press against each other through {self._object!r} with "
                 f"{regulator.force_n:.0f} N and {regulator.moment_nm:.1f} N m",
                 internal_force_n=regulator.force_n,
                 internal_moment_nm=regulator.moment_nm,

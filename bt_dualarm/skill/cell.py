@@ -113,18 +113,18 @@ class JointAction:
 
     def __init__(self, members: Sequence[str]) -> None:
         self.members = tuple(members)
-        self._told: dict[str, dict[str, Any]] = {arm: {} for arm in members}
+        self._messages: dict[str, dict[str, Any]] = {arm: {} for arm in members}
         self._new: list[tuple[str, dict[str, Any]]] = []
         self._left: dict[str, str] = {}
         self.changes = 0
 
-    def tell(self, arm: str, facts: Mapping[str, Any]) -> None:  # Any: facts of the skills
+    def send(self, arm: str, facts: Mapping[str, Any]) -> None:  # Any: facts of the skills
         """Send facts to the others, by name; visible from their next tick on."""
         self._new.append((arm, dict(facts)))
 
-    def told(self, arm: str) -> Mapping[str, Any]:  # Any: as in `tell`
+    def messages(self, arm: str) -> Mapping[str, Any]:  # Any: as in `send`
         """Returns the visible messages of an arm so far, by name."""
-        return self._told[arm]
+        return self._messages[arm]
 
     @property
     def left(self) -> Mapping[str, str]:
@@ -135,7 +135,7 @@ class JointAction:
         """Make the messages of this step visible, and which arms have left in it."""
         self.changes += bool(self._new or left)
         for arm, facts in self._new:
-            self._told[arm].update(facts)
+            self._messages[arm].update(facts)
         self._new.clear()
         for arm, why in left.items():
             self._left.setdefault(arm, why)
@@ -149,13 +149,13 @@ class Appointment(CellWait):
         members: Names of all arms of the action.
         action: The action, None until all members have joined.
         awaited: Members that it waits for during the action; none while it acts itself.
-        makes_way: Whether it moves aside for members whose path it blocks while it waits.
+        moves_aside: Whether it moves aside for members whose path it blocks while it waits.
     """
 
     members: tuple[str, ...] = ()
     action: JointAction | None = None
     awaited: tuple[str, ...] = ()
-    makes_way: bool = False
+    moves_aside: bool = False
 
 
 @dataclass(eq=False)
@@ -749,7 +749,7 @@ class CellState:
             return True  # it will see the new value in its next tick
         if isinstance(wait, Appointment) and wait.action is not None:
             is_new = wait.action.changes != wait.seen  # likewise, it will see the new message
-            if wait.makes_way or is_new:
+            if wait.moves_aside or is_new:
                 return True
         others = self.waited_for(wait)
         if not others:

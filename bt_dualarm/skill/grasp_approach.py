@@ -330,8 +330,8 @@ def _refuse_beside(arm: Arm, wanted: WantedGrasp, rows: Matrix, width: float) ->
         Failure: ``IN_COLLISION`` with the object.
     """
     world = arm.world
-    thing = world.objects.get(wanted.name or "")
-    if thing is None or thing.joint is None or wanted.name is None:
+    obj = world.objects.get(wanted.name or "")
+    if obj is None or obj.joint is None or wanted.name is None:
         return
     checker = arm.checker()
     its = _geoms_of_part(world, wanted)

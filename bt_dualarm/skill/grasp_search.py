@@ -90,13 +90,13 @@ class TakingPorts(PortModel):
         """
         return None if self.approach is None else unit_vector(self.approach)
 
-    def mass_of(self, told: float | None) -> float:
+    def mass_of(self, declared: float | None) -> float:
         """Assumed mass, kg.
 
         Args:
-            told: Declared mass, kg; None if the arm may not use it.
+            declared: Declared mass, kg; None if the arm may not use it.
         """
-        return self.mass or told or UNKNOWN_KG
+        return self.mass or declared or UNKNOWN_KG
 
 
 _PULLED_KG = 1.0
@@ -131,7 +131,7 @@ class WantedGrasp:
         most_force: Force of each pad, or of a cup, that the object withstands, N.
         edges: Edges, m, of the box that stands for an undeclared object, of which fingers close
             along the second; None for a declared one.
-        rubs: Coefficient of friction of an undeclared object.
+        undeclared_friction: Coefficient of friction of an undeclared object.
         along: Direction of the straight approach in the world, of unit length, of shape (3,), kept
             within 30°; None for any.
         unlike: Pose of the tool in the object's frame from which the grasp has to differ by at
@@ -154,7 +154,7 @@ class WantedGrasp:
     margin: float
     most_force: float = math.inf
     edges: tuple[float, float, float] | None = None
-    rubs: float = 0.0
+    undeclared_friction: float = 0.0
     along: Vector | None = None
     unlike: Pose | None = None
     section: Solid | None = None
@@ -202,20 +202,20 @@ class WantedGrasp:
         if ports.part is not None and body_of(world.objects[name]).part(ports.part) is None:
             raise Failure("INVALID_TARGET", f"object {name!r} has no part {ports.part!r}")
         hung = world.objects[name].joint
-        told = None if world.nominal[arm.name].estimates_payload else world.loaded_mass(name)
+        declared = None if world.nominal[arm.name].estimates_payload else world.loaded_mass(name)
         if hung is not None:  # its joint supports the weight: the grip must pull it
-            told = _PULLED_KG
+            declared = _PULLED_KG
         return cls(
             name,
             lies or (world.object_pose(name) if hung is None else arm.known.pose(name).pose),
-            ports.mass_of(told),
+            ports.mass_of(declared),
             ports.shake,
             ports.margin,
             ports.most_force or math.inf,
             along=ports.along,
             unlike=unlike,
             part=ports.part,
-            mass_is_assumed=ports.mass is None and told is None,
+            mass_is_assumed=ports.mass is None and declared is None,
         )
 
     @property
@@ -248,13 +248,13 @@ class WantedGrasp:
         """Center of mass in the frame of its shape, of shape (3,), m."""
         if self.section is not None or self.name is None or self.edges is not None:
             return np.zeros(3)
-        thing = world.objects[self.name]
-        if thing.joint is not None:
+        obj = world.objects[self.name]
+        if obj.joint is not None:
             return self._pulled_at(world)
         upon = world.placed_on(self.name)
-        if thing.moved or upon:
-            return principal_with((thing, Pose.identity()), *upon)[0].position
-        return body_of(thing).center
+        if obj.moved or upon:
+            return principal_with((obj, Pose.identity()), *upon)[0].position
+        return body_of(obj).center
 
     def _pulled_at(self, world: World) -> Vector:
         """Point at which something on a joint is pulled, of shape (3,), m.
@@ -273,8 +273,8 @@ class WantedGrasp:
 
     def friction(self, world: World) -> float:
         """Coefficient of friction of the object, as declared or as given by the tree."""
-        told = self.rubs if self.name is None or self.edges else None
-        return world.objects[self.name or ""].friction if told is None else told
+        given = self.undeclared_friction if self.name is None or self.edges else None
+        return world.objects[self.name or ""].friction if given is None else given
 
     @property
     def request(self) -> str:

@@ -136,9 +136,9 @@ class HandoverPlan:
     grasp: Grasp
 
 
-def handover_label(thing: str, giver: str, taker: str) -> str:
+def handover_label(obj: str, giver: str, taker: str) -> str:
     """Returns the displayed name of a handover, the same for both arms."""
-    return f"the handover of {thing!r} from {giver} to {taker}"
+    return f"the handover of {obj!r} from {giver} to {taker}"
 
 
 def tool_pose_of(world: World, arm: str) -> Pose:
@@ -146,19 +146,19 @@ def tool_pose_of(world: World, arm: str) -> Pose:
     return world.nominal[arm].tool_pose_at(world.hardware[arm].q)
 
 
-def object_in_tool(world: World, arm: str, thing: str) -> Pose:
+def object_in_tool(world: World, arm: str, obj: str) -> Pose:
     """Estimated pose of a held object in the arm's tool frame.
 
     Raises:
         Failure: ``PARTNER_GONE``: the arm no longer holds it.
     """
-    held = world.attachments.find(arm, thing)
+    held = world.attachments.find(arm, obj)
     if held is None:
-        raise Failure("PARTNER_GONE", f"{arm} no longer holds {thing!r}")
+        raise Failure("PARTNER_GONE", f"{arm} no longer holds {obj!r}")
     return world.robots[arm].tool.inverse @ held.relative
 
 
-def object_in_hand(arm: Arm, giver: str, thing: str) -> Pose:
+def object_in_hand(arm: Arm, giver: str, obj: str) -> Pose:
     """Pose of an object in the giver's tool frame, as the taker knows it.
 
     As its camera has seen the object in the giver's hand; otherwise by the giver's estimate.
@@ -166,8 +166,8 @@ def object_in_hand(arm: Arm, giver: str, thing: str) -> Pose:
     Raises:
         Failure: ``PARTNER_GONE``: the giver no longer holds it.
     """
-    estimate = object_in_tool(arm.world, giver, thing)
-    seen = arm.known.seen_in_hand(thing, giver)
+    estimate = object_in_tool(arm.world, giver, obj)
+    seen = arm.known.seen_in_hand(obj, giver)
     return estimate if seen is None else arm.world.robots[giver].tool.inverse @ seen
 
 
@@ -181,7 +181,7 @@ class HandoverSearch:
     Args:
         arm: Taker.
         giver: Name of the giver, which holds the object.
-        thing: Name of the object.
+        obj: Name of the object.
         wish: Requirements of the giver.
         standoff: Length of the taker's straight approach, m.
         margin: Safety factor of the taker's grip.
@@ -195,7 +195,7 @@ class HandoverSearch:
         self,
         arm: Arm,
         giver: str,
-        thing: str,
+        obj: str,
         wish: HandoverWish,
         *,
         standoff: float,
@@ -208,20 +208,20 @@ class HandoverSearch:
         self._arm = arm
         self._goal = goal
         self._giver = giver
-        self._thing = thing
+        self._object = obj
         self._wish = wish
         self._standoff = standoff
         world = self._world = arm.world
-        self._in_giver = object_in_hand(arm, giver, thing)
+        self._in_giver = object_in_hand(arm, giver, obj)
         self._giver_q = world.hardware[giver].q.copy()
-        declared = world.objects[thing]
-        self._solid = world.object_solid(thing)
+        declared = world.objects[obj]
+        self._solid = world.object_solid(obj)
         self._alike = turns_alike(declared)
         is_fixed = wish.position is not None and wish.quaternion is not None
         self._each = max(_EACH, _OF_FIXED // len(self._alike)) if is_fixed else _EACH
         self._center = body_of(declared).center
-        told = None if world.nominal[arm.name].estimates_payload else world.loaded_mass(thing)
-        self.mass = mass or wish.mass or told or UNKNOWN_KG
+        known_mass = None if world.nominal[arm.name].estimates_payload else world.loaded_mass(obj)
+        self.mass = mass or wish.mass or known_mass or UNKNOWN_KG
         self._obstructed_at_goal = False
         self._cramped = np.zeros(0)
         self.grasps = self._grasps(margin, shake, most_force)
@@ -242,15 +242,15 @@ class HandoverSearch:
     def find(self) -> Iterator[HandoverPlan | None]:
         """Yields plans, the best first, and None where a tick passes without one."""
         number = 0
-        sharing = (SharedGrasp(self._giver, self._thing, _PLANNED_M),)
+        sharing = (SharedGrasp(self._giver, self._object, _PLANNED_M),)
         margins = dict.fromkeys(self._world.arms, PLANNING_MARGIN_M)
-        thing = frozenset({self._thing})
+        obj = frozenset({self._object})
         absent = frozenset({self._arm.name})
         here = CollisionChecker(self._world, self._giver, margins, absent)
-        back = CollisionChecker(self._world, self._giver, margins, absent | thing)
-        there = CollisionChecker(self._world, self._arm.name, margins, thing, sharing=sharing)
+        back = CollisionChecker(self._world, self._giver, margins, absent | obj)
+        there = CollisionChecker(self._world, self._arm.name, margins, obj, sharing=sharing)
         giver = CollisionChecker(self._world, self._giver, margins)
-        taker = CollisionChecker(self._world, self._arm.name, margins, thing)
+        taker = CollisionChecker(self._world, self._arm.name, margins, obj)
         for checker in (here, taker):  # of the configurations in which the arms wait
             checker.keep_clear(_CLEAR_M)
         found = list[HandoverPlan]()
@@ -326,7 +326,7 @@ class HandoverSearch:
             return None, True
         try:
             for pose, row in ((out, rows[0]), (goal, rows[-1])):
-                arm.refuse_load(self._thing, row, pose @ grasp.tool.inverse)
+                arm.refuse_load(self._object, row, pose @ grasp.tool.inverse)
         except Failure as failure:
             self._note(f"{failure.code} of {arm.name}")
             return None, False
@@ -378,13 +378,13 @@ class HandoverSearch:
         if not self.grasps and self._obstructed_at_goal:
             return Failure(
                 "OUT_OF_REACH",
-                f"no grasp of {arm} on {self._thing!r} beside the hand of {self._giver} leaves it "
+                f"no grasp of {arm} on {self._object!r} beside the hand of {self._giver} leaves it "
                 f"room at `then_at`; {elsewhere}",
             )
         if not self.grasps:
             return Failure(
                 "OUT_OF_REACH",
-                f"no grasp of {arm} on {self._thing!r} leaves the hand of {self._giver} room; "
+                f"no grasp of {arm} on {self._object!r} leaves the hand of {self._giver} room; "
                 f"{elsewhere}",
             )
         if self._suits_none:
@@ -392,14 +392,14 @@ class HandoverSearch:
             assert first is not None  # noqa: S101 - none suits
             return Failure(
                 "OUT_OF_REACH",
-                f"no grasp of {arm} on {self._thing!r} beside the hand of {self._giver} lets it "
+                f"no grasp of {arm} on {self._object!r} beside the hand of {self._giver} lets it "
                 f"set it down at `then_at`: {first.reason}",
                 grasps=len(self.grasps),
             )
         often = sorted(self.reasons, key=lambda reason: (-self.reasons[reason], reason))
         return Failure(
             "OUT_OF_REACH",
-            f"no pose of {self._thing!r} lets {self._giver} present it and {arm} take it: "
+            f"no pose of {self._object!r} lets {self._giver} present it and {arm} take it: "
             f"{', '.join(often[:3]) or 'none is within the reach of both'}",
             tries=self.tries,
             grasps=len(self.grasps),
@@ -411,7 +411,7 @@ class HandoverSearch:
         """Grasps next to the giver's hand, for any direction of gravity."""
         arm = self._arm
         world = self._world
-        friction = world.objects[self._thing].friction
+        friction = world.objects[self._object].friction
         # Gravity may have any direction, so it counts as an acceleration in the worst one.
         load = Load(margin * self.mass, np.zeros(3), shake + GRAVITY, self._center)
         if arm.name not in world.grippers:
@@ -444,10 +444,10 @@ class HandoverSearch:
     ) -> tuple[Grasp, ...]:
         """Grasps with which the hand has room where the object will be set down."""
         world = self._world
-        obstacles = obstacles_around(self._arm, self._thing, goal.position)
+        obstacles = obstacles_around(self._arm, self._object, goal.position)
         free = set[int]()
         roomy = set[int]()
-        for _, alike in poses_alike(world.declared_objects[self._thing], goal):
+        for _, alike in poses_alike(world.declared_objects[self._object], goal):
             order = ranked(grasps, alike, jaw, obstacles, lambda _: 0.0)
             free |= {id(one.grasp) for one in order}
             roomy |= {id(one.grasp) for one in order if one.clearance >= _GOAL_ROOM_M}
@@ -461,7 +461,7 @@ class HandoverSearch:
         sensed = world.sensed
         found = []
         geoms = set(world.arms[self._giver].tool_geom_ids)
-        for one in world.passengers_of(self._thing):
+        for one in world.passengers_of(self._object):
             geoms.update(world.object_geoms(one.object))
         for geom in sorted(geoms):
             matrix = np.eye(4)
@@ -527,7 +527,7 @@ class HandoverSearch:
             others = frozenset(arm.world.arms) - {arm.name}
             self._unsuited[index] = None
             try:
-                refuse_goal(arm, self._thing, goal, grasp.tool, grasp.width, others)
+                refuse_goal(arm, self._object, goal, grasp.tool, grasp.width, others)
             except Failure as failure:
                 # A traceback would keep this frame alive.
                 self._unsuited[index] = failure.with_traceback(None)
@@ -562,7 +562,7 @@ class HandoverSearch:
     def _stands(self, quaternion: Vector) -> bool:
         """Whether what rides on the object stands with an orientation of the giver's tool."""
         lies = Pose(np.zeros(3), quaternion) @ Pose(np.zeros(3), self._in_giver.quaternion)
-        return stands_at(self._world, self._thing, lies)
+        return stands_at(self._world, self._object, lies)
 
     def _positions(self) -> list[tuple[float, Vector]]:
         """Positions of the object and their costs: within comfortable reach of both arms."""
@@ -617,7 +617,7 @@ class HandoverSearch:
             (_DOWN_COST, down),
         ]
         found = [(0.05, now.quaternion)]  # as it is
-        if self._world.passengers_of(self._thing):
+        if self._world.passengers_of(self._object):
             for yaw in _SPINS:
                 spin = Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, float(yaw)))
                 tool = spin @ Pose(np.zeros(3), now.quaternion)
@@ -687,28 +687,28 @@ class LoadSense:
         return len(self._felt) > 1 and self._felt[-1][0] - self._felt[0][0] > 0.7 * _SETTLED_S
 
 
-def let_go_of(arm: Arm, thing: str) -> Iterator[float | None]:
+def let_go_of(arm: Arm, obj: str) -> Iterator[float | None]:
     """Open the gripper around an object that a partner holds, as far as there is room.
 
     Yields once per tick until the hand no longer holds it. A weld is removed at once.
 
     Args:
         arm: Arm that releases the object.
-        thing: Name of the object.
+        obj: Name of the object.
 
     Raises:
         Failure: ``NOT_OPEN``: something blocks the fingers.
     """
-    held = arm.world.attachments.find(arm.name, thing)
+    held = arm.world.attachments.find(arm.name, obj)
     if held is not None and not held.by_gripper:
-        arm.detach(thing)
-        arm.known.forget(thing, "it was handed over")
+        arm.detach(obj)
+        arm.known.forget(obj, "it was handed over")
         return
     gripper = arm.gripper
     # From the command on, the object is the partner's: it stays so if this leaf ends now.
-    gripper.command(_opening(arm, thing) if gripper.page.fingers else 1.0)
-    gripper.let_go(thing)
-    arm.known.forget(thing, "it was handed over")
+    gripper.command(_opening(arm, obj) if gripper.page.fingers else 1.0)
+    gripper.let_go(obj)
+    arm.known.forget(obj, "it was handed over")
     yield from gripper.until_open(0.05)
 
 
@@ -717,12 +717,12 @@ _MOST_OPENING_M: Final = 0.03
 _OPENING_STEP_M: Final = 0.004
 
 
-def _opening(arm: Arm, thing: str) -> float:
+def _opening(arm: Arm, obj: str) -> float:
     """Widest opening up to which the fingers have room, m."""
     gripper = arm.gripper
     now = gripper.width
     least = min(now + _LEAST_OPENING_M, gripper.page.stroke)
-    checker = arm.checker(frozenset({thing}))
+    checker = arm.checker(frozenset({obj}))
     widest = least
     most = min(now + _MOST_OPENING_M, gripper.page.stroke)
     for width in np.arange(least, most + 1e-9, _OPENING_STEP_M):
@@ -739,7 +739,7 @@ _RETREATS_M: Final = (1.0, 0.8, 0.6, 0.45)  # fractions of the requested length,
 
 
 def retreat_from(
-    arm: Arm, partner: str, thing: str, length: float, speed: float
+    arm: Arm, partner: str, obj: str, length: float, speed: float
 ) -> Iterator[float | None]:
     """Retreat straight from an object that the arm has released; yields once per tick.
 
@@ -750,14 +750,14 @@ def retreat_from(
     Args:
         arm: Arm whose gripper is open.
         partner: Name of the arm that holds the object now, and stands still.
-        thing: Name of the object, which the hand may touch.
+        obj: Name of the object, which the hand may touch.
         length: Length of the retreat, m.
         speed: Fraction of the arm's limits, above 0 to 1.
 
     Raises:
         Failure: As motions, if no retreat is possible.
     """
-    ignore = frozenset({thing})
+    ignore = frozenset({obj})
     directions = _retreat_directions(arm, partner)
     first: Failure | None = None
     for waits in (False, True):

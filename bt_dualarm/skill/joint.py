@@ -54,7 +54,7 @@ class JointPart:
         if self._one is None:
             return
         if error is None:
-            self.tell(done=True)
+            self.send(done=True)
         self._cell.part(self._one, _reason(self._leaf, error))
 
     @property
@@ -84,24 +84,24 @@ class JointPart:
         if one.failure is not None:
             raise one.failure
 
-    def tell(self, **facts: Any) -> None:  # Any: facts of the skills
+    def send(self, **facts: Any) -> None:  # Any: facts of the skills
         """Send facts to the other members, by name; visible from their next tick on.
 
         Without effect until all members have joined.
         """
         action = self._appointment.action
         if action is not None:
-            action.tell(self._arm, facts)
+            action.send(self._arm, facts)
 
-    def told(self, member: str) -> Mapping[str, Any]:  # Any: as in `tell`
+    def messages(self, member: str) -> Mapping[str, Any]:  # Any: as in `send`
         """Returns the messages of a member so far, by name."""
         action = self._appointment.action
-        return {} if action is None else action.told(member)
+        return {} if action is None else action.messages(member)
 
     def left(self, member: str) -> str:
         """Returns why a member has left before its part was done, as a clause; otherwise empty."""
         action = self._appointment.action
-        if action is None or action.told(member).get(_DONE):
+        if action is None or action.messages(member).get(_DONE):
             return ""
         return action.left.get(member, "")
 
@@ -121,15 +121,15 @@ class JointPart:
         fulfilled: Callable[[], bool],
         awaited: Sequence[str] = (),
         *,
-        makes_way: bool = False,
+        moves_aside: bool = False,
     ) -> Iterator[None]:
         """Wait for other members during the action; yields once per tick.
 
         Args:
             fulfilled: Whether the wait is over.
             awaited: Names of the members that it depends on; all others by default.
-            makes_way: Whether the caller calls `PastOthers.make_way` in each tick, so that members
-                whose path this arm blocks do not wait forever.
+            moves_aside: Whether the caller calls `PastOthers.make_way` in each tick, so that
+                members whose path this arm blocks do not wait forever.
 
         Raises:
             Failure: ``PARTNER_GONE``; ``DEADLOCK`` if they are waiting for this arm.
@@ -142,11 +142,11 @@ class JointPart:
                     failure = one.failure
                     one.failure = None  # the action continues if the leaf does
                     raise failure
-                one.makes_way = makes_way
+                one.moves_aside = moves_aside
                 self._cell.await_members(one, awaited or self.others)
                 yield
         finally:
-            one.makes_way = False
+            one.moves_aside = False
             self._cell.await_members(one, ())
 
     @property
@@ -168,7 +168,7 @@ def _reason(leaf: str, error: BaseException | None) -> str:
 
 
 @contextmanager
-def shared_grasp(arm: Arm, partner: str, thing: str, hands_m: float = HANDS_M) -> Iterator[None]:
+def shared_grasp(arm: Arm, partner: str, obj: str, hands_m: float = HANDS_M) -> Iterator[None]:
     """Let an arm and a partner hold one object together within a ``with`` block.
 
     It takes effect while both arms are in such a block. Then the hand of one may touch the object
@@ -178,12 +178,12 @@ def shared_grasp(arm: Arm, partner: str, thing: str, hands_m: float = HANDS_M) -
     Args:
         arm: Arm of the leaf.
         partner: Name of the other arm.
-        thing: Name of the object.
+        obj: Name of the object.
         hands_m: Distance that the hands keep from each other, m.
     """
     attachments = arm.world.attachments
-    attachments.consent(arm.name, partner, thing, hands_m)
+    attachments.consent(arm.name, partner, obj, hands_m)
     try:
         yield
     finally:
-        attachments.dissent(arm.name, partner, thing)
+        attachments.dissent(arm.name, partner, obj)

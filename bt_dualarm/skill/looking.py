@@ -18,7 +18,7 @@ from bt_dualarm.collision.support import bearing_ahead
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.perception.detection import ColorFilter, ColorlessError, Detection, color_of, detect
-from bt_dualarm.perception.scan import MarkView, SightedThing, SightedThings
+from bt_dualarm.perception.scan import MarkView, SightedObject, SightedObjects
 from bt_dualarm.perception.shape_fit import SIZE_ROOM, SIZE_SIGMAS, KnownShape, merged
 from bt_dualarm.sim.camera import GuardedCamera
 from bt_dualarm.sim.composition import marker_height
@@ -80,7 +80,7 @@ class SightPorts(PortModel):
         """Whether a marker is to be detected."""
         return self.marker is not None or (self.object is not None and self.by == "marker")
 
-    def sighted(self, arm: Arm, zones: Mapping[str, CellZone] = _NO_ZONES) -> SightedThings:
+    def sighted(self, arm: Arm, zones: Mapping[str, CellZone] = _NO_ZONES) -> SightedObjects:
         """Detector of such objects, by images alone: a declared object need not be in the world.
 
         Args:
@@ -115,12 +115,12 @@ class SightPorts(PortModel):
             frame = arm.known.pose(region.around).pose @ frame
         return frame, region
 
-    def _sighted(self, arm: Arm) -> SightedThings:
+    def _sighted(self, arm: Arm) -> SightedObjects:
         """Detector of such objects anywhere."""
         if self.object is not None:
             return self._like(arm.world.declared_objects[self.object])
         if self.marker is not None:
-            return SightedThings.of_marker(self.marker, flat=self.flat)
+            return SightedObjects.of_marker(self.marker, flat=self.flat)
         if self.shape is None or self.size is None or self.color is None:
             raise Failure("INVALID_TARGET", "a shape needs its size and color")
         wanted = len(SIZES[self.shape])
@@ -128,20 +128,20 @@ class SightPorts(PortModel):
             reason = f"the size of a {self.shape} has {wanted} numbers, not {len(self.size)}"
             raise Failure("INVALID_TARGET", reason)
         shape = KnownShape(self.shape, self.size)
-        return SightedThings.of_color(self.color, shape, flat=self.flat)
+        return SightedObjects.of_color(self.color, shape, flat=self.flat)
 
-    def _like(self, thing: ObjectSpec) -> SightedThings:
+    def _like(self, obj: ObjectSpec) -> SightedObjects:
         """Detector of objects that look like a declared one."""
         if self.by == "marker":
-            if thing.marker is None:
+            if obj.marker is None:
                 raise Failure("INVALID_TARGET", f"object {self.object!r} has no marker")
-            below = np.array((0.0, 0.0, -marker_height(thing)))
-            return SightedThings.of_marker(thing.marker, below, flat=self.flat)
+            below = np.array((0.0, 0.0, -marker_height(obj)))
+            return SightedObjects.of_marker(obj.marker, below, flat=self.flat)
         try:
-            color = self.color or color_of(thing)
+            color = self.color or color_of(obj)
         except ColorlessError as error:
             raise Failure("INVALID_TARGET", f"{error}: give `color`") from error
-        return SightedThings.of_color(color, KnownShape.of(thing), flat=self.flat)
+        return SightedObjects.of_color(color, KnownShape.of(obj), flat=self.flat)
 
     @property
     def ignored(self) -> frozenset[str]:
@@ -437,8 +437,8 @@ def hidden_by_arm(arm: Arm, frame: Frame) -> Mask:
         mujoco.mjMAXVAL,
     )  # fmt: skip
     own = set(world.arms[arm.name].geom_ids)
-    for thing in arm.held:
-        own |= world.payload_geoms(thing)
+    for obj in arm.held:
+        own |= world.payload_geoms(obj)
     mine = np.isin(geoms, list(own)) & (away > _NEAREST_M)
     return mine.reshape(rows, columns)
 
@@ -628,7 +628,7 @@ class Standing:
 
 
 def standing_of(
-    world: World, seen: SightedThings, thing: SightedThing, height: float | None
+    world: World, seen: SightedObjects, obj: SightedObject, height: float | None
 ) -> Standing | None:
     """How a detected object stands on its support; None if no support is known.
 
@@ -639,13 +639,13 @@ def standing_of(
     Args:
         world: World with the declared objects, which plans use as well.
         seen: Detector that has processed the images.
-        thing: One of its objects, which lies flat.
+        obj: One of its objects, which lies flat.
         height: Height of the support in the world, m; by default from the shapes of the world,
             except objects of the color to detect.
     """
     shape = seen.shape
-    fit = thing.best
-    eye = thing.views[0].camera.position
+    fit = obj.best
+    eye = obj.views[0].camera.position
     half = shape.half_height(fit.scene.rotation)
     line = fit.scene.position - np.array((0.0, 0.0, half)) - eye
     away = float(np.linalg.norm(line))

@@ -142,10 +142,10 @@ def _is_free_to_move(move: PastOthers) -> bool:
     arm = move.arm
     world = arm.world
     carriers = {one.carrier for one in world.attachments}
-    for thing in arm.held:
-        if world.objects[thing].joint is not None or len(world.attachments.holders(thing)) > 1:
+    for obj in arm.held:
+        if world.objects[obj].joint is not None or len(world.attachments.holders(obj)) > 1:
             return False
-        if thing in carriers:  # another arm takes something from it, or places it there
+        if obj in carriers:  # another arm takes something from it, or places it there
             return False
     return not move.traffic.followers(arm.name) and not arm.checker(move.ignore).is_touching
 

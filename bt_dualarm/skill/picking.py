@@ -110,7 +110,7 @@ class Taking:
             name = yield from self._close(approach)
             if hangs:
                 hand = HandForce(arm)
-                yield from hand.calm()
+                yield from hand.relax()
                 yield from hand.rest()
                 return approach.ranked
             if not arm.gripper.page.fingers:
@@ -242,8 +242,8 @@ class Taking:
     @property
     def _hangs_on_a_joint(self) -> bool:
         """Whether the object moves on a joint: it is not lifted."""
-        thing = self._arm.world.objects.get(self._wanted.name or "")
-        return thing is not None and self._wanted.edges is None and thing.joint is not None
+        obj = self._arm.world.objects.get(self._wanted.name or "")
+        return obj is not None and self._wanted.edges is None and obj.joint is not None
 
     @property
     def _is_uncertain(self) -> bool:
@@ -400,7 +400,7 @@ class Taking:
         self._metrics["grasp_margin"] = force / max(grasp.force, 1e-9)
         if page.fingers:
             self._metrics["width_error_m"] = gripper.width - grasp.width
-        name = self._wanted.name or thing_at(arm.world, arm.tool_pose.position, _REACHED_M)
+        name = self._wanted.name or object_at(arm.world, arm.tool_pose.position, _REACHED_M)
         width_error = abs(gripper.width - grasp.width)
         why_not: str | None = None
         if since is None or name is None or (page.fingers and width_error > OTHER_WIDTH_M):
@@ -464,7 +464,7 @@ class Taking:
         return None
 
 
-def thing_at(world: World, place: Vector, radius: float) -> str | None:
+def object_at(world: World, place: Vector, radius: float) -> str | None:
     """Name of the movable object at a position, or None.
 
     Args:
@@ -495,8 +495,8 @@ def twin_at(world: World, name: str, place: Vector) -> str:
     wanted = world.declared_objects[name]
     away = {
         other: float(np.linalg.norm(world.object_pose(other).position - place))
-        for other, thing in world.objects.items()
-        if thing.is_free and body_of(thing) is body_of(wanted)
+        for other, obj in world.objects.items()
+        if obj.is_free and body_of(obj) is body_of(wanted)
     }
     nearest = min(away, key=lambda other: (away[other], other != name), default=name)
     body = body_of(wanted)

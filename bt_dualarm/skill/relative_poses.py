@@ -180,8 +180,8 @@ class _Resolver:
     def _body(self, name: str) -> ObjectBody:
         """Shape of an object, or of a part of one, in its own frame."""
         owner, part = self._named(name)
-        thing = self._arm.world.declared_objects[owner]
-        return body_of(thing) if part is None else body_of_part(thing.parts[part])
+        obj = self._arm.world.declared_objects[owner]
+        return body_of(obj) if part is None else body_of_part(obj.parts[part])
 
     def _named(self, name: str) -> tuple[str, str | None]:
         """Name of an object, and of its part that a name stands for."""

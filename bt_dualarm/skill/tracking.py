@@ -546,7 +546,9 @@ class PlaneTracking:
         self._error = error
         doubt = _MEASURED_DEPTH if target_size else _GIVEN_DEPTH
         # In space, one for the directions across the line of sight and one for the depth.
-        self._stillness = [RestDetector(doubt)] if plane else [RestDetector(1.0), RestDetector(1.0)]
+        self._rest_detectors = (
+            [RestDetector(doubt)] if plane else [RestDetector(1.0), RestDetector(1.0)]
+        )
         self._target_size = target_size
         self._watched = 0
         self._last_seen: Sighting | None = None
@@ -600,14 +602,14 @@ class PlaneTracking:
     @property
     def status(self) -> TrackingStatus:
         """What is known of target and tool now."""
-        still = min((one.still_for for one in self._stillness if one.has_moved), default=0.0)
+        still = min((one.still_for for one in self._rest_detectors if one.has_moved), default=0.0)
         return TrackingStatus(
             self._arm.time,
             self.in_view,
             self.arrived,
             is_beyond=self._reference.beyond_since is not None,
             is_waiting=self._waits_since is not None,
-            has_moved=any(one.has_moved for one in self._stillness),
+            has_moved=any(one.has_moved for one in self._rest_detectors),
             still_for=still if self.in_view else 0.0,
             unseen_for=self.unseen_for,
             refused=self._tracker.distractors.reason,
@@ -687,8 +689,8 @@ class PlaneTracking:
         self._watched = len(seen)
         # Lost frames do not mean that the target is absent, though `in_view` turns false meanwhile.
         if not self._tracker.locked:
-            for stillness in self._stillness:
-                stillness.interrupt()
+            for detector in self._rest_detectors:
+                detector.interrupt()
         within_reach = self._reference.beyond_since is None
         if not (self._tracker.locked and within_reach):
             self._error.interrupt()
@@ -717,8 +719,8 @@ class PlaneTracking:
             self._error.know_width(width)
         self._learn_needs()
         for one in new:
-            for stillness, sample in zip(self._stillness, self._looks(one), strict=True):
-                stillness.take(sample)
+            for detector, sample in zip(self._rest_detectors, self._looks(one), strict=True):
+                detector.take(sample)
             now = one
             if self._guessed.share < 1.0:  # it may be from before that was known
                 now = self._guessed.relocate(one)

@@ -92,9 +92,9 @@ def declared_names(source: Source, given: Data) -> Declared:
     objects = sections["object"]
     moved: dict[str, Data] = {}
     placed: dict[str, Data] = {}
-    for name, thing in objects.items() if isinstance(objects, dict) else ():
-        parts = thing.get("parts") if isinstance(thing, dict) else None
-        joints = thing.get("joints") if isinstance(thing, dict) else None
+    for name, obj in objects.items() if isinstance(objects, dict) else ():
+        parts = obj.get("parts") if isinstance(obj, dict) else None
+        joints = obj.get("joints") if isinstance(obj, dict) else None
         sections[_part_of(name)] = parts
         sections[_joint_of(name)] = joints
         for joint, body in joints.items() if isinstance(joints, dict) else ():
@@ -120,16 +120,16 @@ def _single(objects: Data) -> Data:
     if not isinstance(objects, dict):
         return None
     found: dict[str, Data] = {}
-    for name, thing in objects.items():
-        many = thing.get("many") if isinstance(thing, dict) else None
+    for name, obj in objects.items():
+        many = obj.get("many") if isinstance(obj, dict) else None
         if many is None:
-            found[name] = thing
+            found[name] = obj
             continue
         try:
             count = ManySpec.model_validate(with_tuples(many)).count
         except ValidationError:  # reported elsewhere; do not report the names as well
             count = MOST_OF_A_KIND
-        found |= dict.fromkeys(members(name, count), thing)
+        found |= dict.fromkeys(members(name, count), obj)
     return found
 
 
@@ -221,10 +221,10 @@ def check_node(
     for path, refers, name in _names_in(node_type.ports, ports):
         of_an_object = _OF_AN_OBJECT.get(refers.to[0])
         if of_an_object is not None:
-            thing = node.ports.get("object")
-            if thing is None or is_dynamic(thing):
+            obj = node.ports.get("object")
+            if obj is None or is_dynamic(obj):
                 continue  # known only when the node runs
-            refers = Refers((of_an_object(thing),))
+            refers = Refers((of_an_object(obj),))
         names = declared.of(refers.to)
         if name in refers.words and name in names:
             message = f"{node.kind}: '{name}' is a word of the language and a name of the file"

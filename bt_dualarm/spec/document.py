@@ -558,7 +558,7 @@ class ObjectSpec(Value):
     @property
     def total_mass(self) -> float:
         """Mass of the object and of what its joints move, kg."""
-        return self.mass + sum(thing.mass for thing in self._moved)
+        return self.mass + sum(obj.mass for obj in self._moved)
 
     @property
     def is_free(self) -> bool:
@@ -673,34 +673,34 @@ def expanded(
     found: dict[str, ObjectSpec] = {}
     groups: list[Group] = []
     wrong: list[tuple[str, str]] = []
-    for entry, thing in objects.items():
-        if thing.many is None:
-            found |= _split(entry, thing)
+    for entry, obj in objects.items():
+        if obj.many is None:
+            found |= _split(entry, obj)
             continue
-        group = Group(entry, members(entry, thing.many.count), thing.many)
+        group = Group(entry, members(entry, obj.many.count), obj.many)
         groups.append(group)
         for name in group.names:
             if name in objects or name in found:
                 message = f"'{name}' is already the name of an object: rename one of the entries"
                 wrong.append((entry, message))
-            found[name] = thing.model_copy(update={"many": None})
+            found[name] = obj.model_copy(update={"many": None})
     if groups and len(found) > MOST_OBJECTS:
         message = f"with it, the file has {len(found)} objects; at most {MOST_OBJECTS} are allowed"
         wrong.append((groups[-1].entry, message))
     return found, tuple(groups), wrong
 
 
-def _split(name: str, thing: ObjectSpec) -> dict[str, ObjectSpec]:
+def _split(name: str, obj: ObjectSpec) -> dict[str, ObjectSpec]:
     """Returns an object and what its joints move, each an object of its own, by name."""
-    if not thing.joints:
-        return {name: thing}
-    moved = {part for joint in thing.joints.values() for part in joint.parts}
-    stays = {part: spec for part, spec in thing.parts.items() if part not in moved}
-    found = {name: thing.model_copy(update={"parts": stays, "joints": {}})}
-    for key, joint in thing.joints.items():
-        parts = {part: thing.parts[part] for part in joint.parts}
+    if not obj.joints:
+        return {name: obj}
+    moved = {part for joint in obj.joints.values() for part in joint.parts}
+    stays = {part: spec for part, spec in obj.parts.items() if part not in moved}
+    found = {name: obj.model_copy(update={"parts": stays, "joints": {}})}
+    for key, joint in obj.joints.items():
+        parts = {part: obj.parts[part] for part in joint.parts}
         update = {"parts": parts, "joints": {}, "mass": joint.mass, "fixed": False}
-        piece = thing.model_copy(update=update)
+        piece = obj.model_copy(update=update)
         piece.hang(Articulation(name, key, joint))
         found[moved_name(name, key)] = piece
     found[name].carry(tuple(piece for piece in found.values() if piece.joint is not None))
@@ -838,8 +838,8 @@ class TreeFile(TreeContent):
 
     @model_validator(mode="after")
     def _objects_know_their_folder(self) -> Self:
-        for thing in self.objects.values():
-            thing.look_in(self.root)
+        for obj in self.objects.values():
+            obj.look_in(self.root)
         return self
 
     def in_reality(self, reality: Reality) -> TreeFile:
@@ -848,21 +848,21 @@ class TreeFile(TreeContent):
         world = self.world.model_copy(update={"reality": reality})
         return self.model_copy(update={"world": world, "arms": arms})
 
-    def thing_problem(
-        self, source: Source, thing: str, field: str | DataPath, message: str
+    def object_problem(
+        self, source: Source, obj: str, field: str | DataPath, message: str
     ) -> Problem:
         """Returns the problem of an object, or of one of its fields if the file has it.
 
         Args:
             source: Source of the tree file.
-            thing: Name of the object.
+            obj: Name of the object.
             field: Name of the field, or its path in the entry.
             message: The problem.
         """
         field = (field,) if isinstance(field, str) else field
-        joint = self.objects[thing].joint if thing in self.objects else None
-        entries = (group.entry for group in self.groups if thing in group.names)
-        entry = next(entries, thing if joint is None else joint.owner)
+        joint = self.objects[obj].joint if obj in self.objects else None
+        entries = (group.entry for group in self.groups if obj in group.names)
+        entry = next(entries, obj if joint is None else joint.owner)
         where: DataPath = ("objects", entry)
         if entry in self.fixtures and self.scene_source is not None:
             source = self.scene_source

@@ -120,10 +120,10 @@ def _files_of(file: TreeFile) -> Iterator[Path]:
         if isinstance(arm.gripper, str) and is_description_path(arm.gripper):
             gripper = file_below(root, arm.gripper)
             yield from () if gripper is None else (gripper,)
-    for thing in file.objects.values():
+    for obj in file.objects.values():
         # That of a fixture is next to its scene.
-        if thing.file is not None and thing.mesh_path.is_file():
-            yield thing.mesh_path.resolve()
+        if obj.file is not None and obj.mesh_path.is_file():
+            yield obj.mesh_path.resolve()
 
 
 def _files_of_robot(path: Path) -> Iterator[Path]:

@@ -62,10 +62,10 @@ def world() -> World:
         half = 0.5 * fields["size"][-1] if fields["shape"] != "sphere" else fields["size"][0]
         yaw = (25.0, 0.0, 20.0, -20.0, 0.0)[number]
         pose = PoseSpec(xyz=(0.17 + 0.12 * number, -0.40, 0.40 + half), rpy=(0.0, 0.0, yaw))
-        thing = ObjectSpec.model_validate({**fields, "mass": 0.1, "pose": pose})
-        if thing.texture is not None and thing.texture.image is not None:
-            thing.texture.show(label())
-        objects[f"thing{number}"] = thing
+        obj = ObjectSpec.model_validate({**fields, "mass": 0.1, "pose": pose})
+        if obj.texture is not None and obj.texture.image is not None:
+            obj.texture.show(label())
+        objects[f"thing{number}"] = obj
     tree = NodeSpec(kind="succeed", name="succeed", ports={})
     arm = ArmSpec(robot="ur5", base=PoseSpec(xyz=(0.0, 3.0, 0.0)), tree=tree)
     table = WorldSpec(scene="table")

@@ -152,16 +152,16 @@ def test_an_error_is_left_to_a_skill_that_polls_and_raised_in_one_that_does_not(
     bench.first.check()
     bench.first.stream(broken)
     bench.tick()
-    assert bench.first.trouble() is None  # it has polled in its last tick, and will do so now
+    assert bench.first.pending_fault() is None  # it has polled in its last tick, and will do so now
     with pytest.raises(ZeroDivisionError):
         bench.first.check()
     bench.first.check()  # once: whoever handles it may go on
     bench.first.release()
     bench.first.stream(broken)
     bench.tick()
-    assert bench.first.trouble() is None
-    assert isinstance(bench.first.trouble(), ZeroDivisionError)
-    assert bench.first.trouble() is None
+    assert bench.first.pending_fault() is None
+    assert isinstance(bench.first.pending_fault(), ZeroDivisionError)
+    assert bench.first.pending_fault() is None
 
 
 def test_a_leaf_does_not_raise_the_error_of_the_one_before() -> None:

@@ -199,8 +199,8 @@ def test_an_arm_that_never_comes_to_rest_is_not_waited_for_for_ever() -> None:
         assert bench.world.time - began == pytest.approx(HALT_S, abs=0.1)
 
 
-def touches(bench: Bench, thing: str) -> bool:
-    geom = bench.world.object_geom(thing)
+def touches(bench: Bench, obj: str) -> bool:
+    geom = bench.world.object_geom(obj)
     return bool((bench.world.data.contact.geom == geom).any())
 
 

@@ -393,8 +393,8 @@ def test_a_halt_is_told_for_each_running_node(tmp_path: Path) -> None:
     stage.tick()
     stage.events.clear()
     stage.tree.halt()
-    told = [(e.path, e.old, e.new, e.code) for e in stage.events]
-    assert told == [
+    reported = [(e.path, e.old, e.new, e.code) for e in stage.events]
+    assert reported == [
         ("sequence/parallel/act", "RUNNING", "INVALID", "HALTED"),
         ("sequence/parallel/act#2", "RUNNING", "INVALID", "HALTED"),
         ("sequence/parallel", "RUNNING", "INVALID", ""),

@@ -86,7 +86,7 @@ def test_bt_check_says_who_draws_a_picture(
 ) -> None:
     target = tmp_path / f"my tree.{ending}"
     assert cli.check(["pick_and_track", "--graph", str(target)]) == 2
-    told = capsys.readouterr().err
-    assert "must end with one of .dot, .mmd" in told
-    assert f"dot -Tsvg -O '{tmp_path / 'my tree.dot'}'" in told
+    reported = capsys.readouterr().err
+    assert "must end with one of .dot, .mmd" in reported
+    assert f"dot -Tsvg -O '{tmp_path / 'my tree.dot'}'" in reported
     assert not target.exists()

@@ -62,10 +62,10 @@ def test_what_one_tells_is_visible_in_the_next_step() -> None:
     cell.step()
     action = parts["arm1"].action
     assert action is not None
-    action.tell("arm1", {"arrived": True})
-    assert action.told("arm1") == {}
+    action.send("arm1", {"arrived": True})
+    assert action.messages("arm1") == {}
     cell.step()
-    assert action.told("arm1") == {"arrived": True}
+    assert action.messages("arm1") == {"arrived": True}
 
 
 def test_different_actions_do_not_meet() -> None:

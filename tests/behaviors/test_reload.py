@@ -89,14 +89,14 @@ EDITS = {
 
 @pytest.mark.parametrize("edit", EDITS)
 def test_a_sequence_goes_on(tmp_path: Path, edit: str) -> None:
-    after, told = EDITS[edit]
+    after, reported = EDITS[edit]
     stage = Edited(tmp_path, listed("sequence", A, B, C))
     stage.ticked(2)
     seen = len(stage.events)
     stage.change(tmp_path, listed("sequence", *after))
     stage.ticked(8)
     said = [each for each in stage.since(seen) if each != "a INVALID"]
-    assert said == told
+    assert said == reported
     assert stage.status == "SUCCESS"
 
 

@@ -83,7 +83,7 @@ class Stage:
             "Arm",
             SimpleNamespace(
                 release=lambda: self.released.append(path),
-                trouble=lambda: None,
+                pending_fault=lambda: None,
                 touched=lambda _: {},
                 enter=lambda **_: None,
             ),
@@ -143,7 +143,7 @@ class Cells:
         def context(path: str) -> SkillContext:
             nothing = SimpleNamespace(
                 release=lambda: None,
-                trouble=lambda: None,
+                pending_fault=lambda: None,
                 touched=lambda _: {},
                 enter=lambda **_: None,
             )

@@ -58,8 +58,8 @@ def test_a_tool_may_come_near_things() -> None:
     world = World(file_of({"arm1": arm("ur5")}))
     tool = world.arms["arm1"].tool_pose.position
     beside = tool + np.array((0.0, 0.15, 0.0))
-    thing = box((float(beside[0]), float(beside[1]), float(beside[2])), 0.03, fixed=True)
-    world = World(file_of({"arm1": arm("ur5")}, {"thing": thing}))
+    obj = box((float(beside[0]), float(beside[1]), float(beside[2])), 0.03, fixed=True)
+    world = World(file_of({"arm1": arm("ur5")}, {"thing": obj}))
     controller, longer = swung(world, 0.99)
     assert controller.guard["slowed"] == 0
     assert longer < 1.05

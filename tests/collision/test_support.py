@@ -53,10 +53,10 @@ def world() -> Iterator[World]:
         yield run.world
 
 
-def at(world: World, thing: str, x: float, y: float, z: float, *rpy: float) -> Support | None:
+def at(world: World, obj: str, x: float, y: float, z: float, *rpy: float) -> Support | None:
     """The support of a thing there, angles in degrees."""
     pose = Pose.from_rpy((x, y, z), tuple(np.radians(rpy or (0, 0, 0)).tolist()))
-    return support_below(world, thing, pose, ABOVE, BELOW)
+    return support_below(world, obj, pose, ABOVE, BELOW)
 
 
 @pytest.mark.parametrize("dz", [-0.007, 0.0, 0.014])
@@ -72,10 +72,10 @@ def test_a_cube_stands_on_a_table_whatever_height_was_meant(world: World, dz: fl
 @pytest.mark.parametrize("yaw", [0.0, 31.0, 45.0, 118.0])
 @pytest.mark.parametrize(("thing", "half", "pitch"), [("rod", 0.002, 0.0), ("tube", 0.002, 90.0)])
 def test_what_is_long_and_thin_lies_in_any_direction(
-    world: World, thing: str, half: float, pitch: float, yaw: float
+    world: World, obj: str, half: float, pitch: float, yaw: float
 ) -> None:
     """Hardly any ray of a grid along the axes of the world hits it."""
-    found = at(world, thing, 0.25, -0.38, 0.4 + half + 0.002, 0, pitch, yaw)
+    found = at(world, obj, 0.25, -0.38, 0.4 + half + 0.002, 0, pitch, yaw)
     assert found is not None
     assert found.below == pytest.approx(0.002, abs=1e-4)
     assert found.tilt < math.radians(0.1)
@@ -129,13 +129,13 @@ def test_on_a_slope_a_cube_stands_along_it_and_a_ball_rolls(world: World) -> Non
 
 
 def test_what_is_round_stays_where_it_is_level(world: World) -> None:
-    for thing, height, *rpy in (
+    for obj, height, *rpy in (
         ("ball", 0.025),
         ("can", 0.05),
         ("can", 0.025, 90, 0, 30),
         ("pill", 0.02, 90, 0, 30),
     ):
-        found = at(world, str(thing), 0.35, -0.45, 0.4 + float(height), *map(float, rpy))
+        found = at(world, str(obj), 0.35, -0.45, 0.4 + float(height), *map(float, rpy))
         assert found is not None
         assert not found.rolls
         assert found.tilt < math.radians(1)

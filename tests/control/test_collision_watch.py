@@ -62,7 +62,7 @@ def test_what_comes_of_one_change_of_acceleration_adds_to_what_comes_of_the_next
 
 @pytest.mark.parametrize("collision", [{"stop": False}, {"stop": True, "threshold": 1000.0}])
 def test_what_the_file_says_of_hits_is_heeded(collision: dict[str, float]) -> None:
-    assert "COLLISION" not in hit("panda", "lab", 0, KINDS, collision).told.partition(":")[0]
+    assert "COLLISION" not in hit("panda", "lab", 0, KINDS, collision).reason.partition(":")[0]
 
 
 def test_a_motion_that_is_to_touch_something_minds_no_hit() -> None:

@@ -52,13 +52,13 @@ def test_several_loads_are_one_body_with_the_tool() -> None:
 @pytest.mark.parametrize("robot", ["ur5", "panda"])
 def test_a_load_adds_its_weight_at_its_lever(robot: str) -> None:
     """By the principle of virtual work: its weight times the Jacobian of its center."""
-    thing = box((0.0, 0.0, 0.0), mass=2.0)
+    obj = box((0.0, 0.0, 0.0), mass=2.0)
     world = World(file_of({"arm1": arm(robot)}))
     body = world.arms["arm1"]
     nominal = world.nominal["arm1"]
     pose = Pose.from_rpy((0.1, -0.05, 0.2), (0.3, 0.2, 0.1))
     bare = ArmDynamics(nominal).at_rest(body.q)
-    full = ArmDynamics(nominal, [NominalLoad.of("load", thing, pose)]).at_rest(body.q)
+    full = ArmDynamics(nominal, [NominalLoad.of("load", obj, pose)]).at_rest(body.q)
     jacobian = np.zeros((3, world.model.nv))
     center = (body.tool_link_pose @ pose).position
     mujoco.mj_jac(world.model, world.data, jacobian, None, center, body.tool_body)

@@ -20,8 +20,8 @@ from tests.sim.worlds import box, world_with
 def loaded(name: str, mass: float, xyz: tuple[float, float, float]) -> ArmDynamics:
     """Dynamics of a robot with a cube at a place in its tool's link."""
     nominal = world_with(name).nominal["arm1"]
-    thing = box((0, 0, 0), mass=mass)
-    return ArmDynamics(nominal, [NominalLoad.of("load", thing, Pose.from_rpy(xyz))])
+    obj = box((0, 0, 0), mass=mass)
+    return ArmDynamics(nominal, [NominalLoad.of("load", obj, Pose.from_rpy(xyz))])
 
 
 def swing(robot: Robot, seed: int) -> Trajectory:

@@ -46,9 +46,9 @@ class Press:
     forces_n: list[float] = field(default_factory=list)
 
     @classmethod
-    def of(cls, robot: str, limit_n: float, thing: ObjectSpec, **world: object) -> Press:
+    def of(cls, robot: str, limit_n: float, obj: ObjectSpec, **world: object) -> Press:
         declared = arm(robot, force_limit=limit_n)
-        press = cls(World(file_of({"arm1": declared}, {"block": thing}, **world), seed=1))
+        press = cls(World(file_of({"arm1": declared}, {"block": obj}, **world), seed=1))
         press._put_block()
         return press
 

@@ -79,5 +79,5 @@ def test_a_well_kept_arm_that_stands_feels_little(robot: str, most: float) -> No
     arm = Standing(robot, "lab")
     arm.pushed(NOTHING, 50)
     assert np.abs(arm.pushed(NOTHING, 100)[:, :3]).max() < most
-    told = arm.pushed(np.array((0.0, 0.0, -30.0)), 100)[-1, 2]
-    assert told == pytest.approx(-30.0, rel=0.2)
+    estimate = arm.pushed(np.array((0.0, 0.0, -30.0)), 100)[-1, 2]
+    assert estimate == pytest.approx(-30.0, rel=0.2)

@@ -29,7 +29,7 @@ def test_mass_and_center_of_what_nobody_has_weighed(robot: str, seed: int, mass:
     The xArm7 sags at first under what nobody has told it of, and does not do what it meant to.
     """
     found = weighed(robot, "lab", seed, mass, KINDS)
-    assert found.told == pytest.approx(found.true, rel=0.03, abs=0.02), found
+    assert found.estimate == pytest.approx(found.true, rel=0.03, abs=0.02), found
     assert 0.0 < found.doubt < max(0.1 * mass, 0.05)
     assert found.center_mm < 15.0
 
@@ -51,10 +51,10 @@ def test_mass_and_center_of_what_nobody_has_weighed(robot: str, seed: int, mass:
 def test_a_gripper_is_no_part_of_what_it_holds(robot: str, gripper: str) -> None:
     """Grippers weigh 0.2 to 0.9 kg, which the arm knows of; 0.8 kg in them are told as exactly."""
     found = weighed(robot, "lab", 1, 0.8, KINDS, gripper)
-    assert found.told == pytest.approx(found.true, rel=0.03, abs=0.02), found
+    assert found.estimate == pytest.approx(found.true, rel=0.03, abs=0.02), found
     assert found.center_mm < 15.0
     neglected = weighed(robot, "rough", 1, 0.8, KINDS, gripper)
-    assert abs(neglected.told - neglected.true) < 2.0 * neglected.doubt, neglected
+    assert abs(neglected.estimate - neglected.true) < 2.0 * neglected.doubt, neglected
 
 
 def test_a_load_of_unknown_mass_no_longer_costs_the_path() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.core.doubling import DOUBLE, Compiled, started, told
+from tests.core.doubling import DOUBLE, Compiled, reported, started
 
 
 @pytest.fixture
@@ -27,7 +27,7 @@ def folder_of_scripts(within: Path) -> Path:
 def compiled_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Where a process has left the code of that kernel, with the folder of its scripts beside."""
     within = tmp_path_factory.mktemp("compiled")
-    assert told(started(within / "cache", folder_of_scripts(within)))[:2] == (6.0, 0)
+    assert reported(started(within / "cache", folder_of_scripts(within)))[:2] == (6.0, 0)
     return within
 
 

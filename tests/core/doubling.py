@@ -84,7 +84,7 @@ def give_up_rights() -> None:
         libc.prctl(PR_CAPBSET_DROP, right, 0, 0, 0)
 
 
-def told(process: subprocess.Popen[str]) -> tuple[float, int, list[str], Path]:
+def reported(process: subprocess.Popen[str]) -> tuple[float, int, list[str], Path]:
     """Its result, how often code was found, what was logged, the folder of the code."""
     out, err = process.communicate(timeout=300)
     assert process.returncode == 0, err

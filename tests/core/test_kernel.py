@@ -17,7 +17,7 @@ import pytest
 
 from bt_dualarm.core.share import digest_of_code, digest_of_kernels
 from bt_dualarm.runtime.kernels import GROUPS
-from tests.core.doubling import started, told
+from tests.core.doubling import reported, started
 from tests.source import MODULES, ROOT, dotted_name, imports_of
 
 KERNEL_FILES = [path for path in MODULES if "kernel" in path.name]
@@ -27,7 +27,7 @@ CALLED = [path for path in KERNEL_FILES if path.name.endswith("_kernels.py")]
 def test_code_is_compiled_once_and_found_from_anywhere(tmp_path: Path, scripts: Path) -> None:
     """By the next process, from another place of installation too, one that cannot be written."""
     cache = tmp_path / "cache"
-    result, hits, said, place = told(started(cache, scripts))
+    result, hits, said, place = reported(started(cache, scripts))
     assert (result, hits) == (6.0, 0)
     assert len(said) == 1
     assert "once on this machine" in said[0]
@@ -36,7 +36,7 @@ def test_code_is_compiled_once_and_found_from_anywhere(tmp_path: Path, scripts: 
     elsewhere = tmp_path / "elsewhere"
     shutil.copytree(scripts, elsewhere, ignore=shutil.ignore_patterns("__pycache__"))
     elsewhere.chmod(stat.S_IRUSR | stat.S_IXUSR)
-    assert told(started(cache, elsewhere)) == (6.0, 1, [], place)
+    assert reported(started(cache, elsewhere)) == (6.0, 1, [], place)
     elsewhere.chmod(stat.S_IRWXU)
 
 
@@ -46,14 +46,14 @@ def test_python_without_docstrings_finds_the_same_code(tmp_path: Path, scripts: 
     documented = text.replace("(x):\n", '(x):\n    """Twice as much."""\n')
     assert documented != text
     (scripts / "double_kernels.py").write_text(documented)
-    told(started(tmp_path / "cache", scripts))
-    assert told(started(tmp_path / "cache", scripts, "-OO"))[:3] == (6.0, 1, [])
+    reported(started(tmp_path / "cache", scripts))
+    assert reported(started(tmp_path / "cache", scripts, "-OO"))[:3] == (6.0, 1, [])
 
 
 def test_two_processes_may_compile_at_once(tmp_path: Path, scripts: Path) -> None:
     both = [started(tmp_path / "cache", scripts) for _ in range(2)]
-    assert [told(process)[0] for process in both] == [6.0, 6.0]
-    assert told(started(tmp_path / "cache", scripts))[:3] == (6.0, 1, [])
+    assert [reported(process)[0] for process in both] == [6.0, 6.0]
+    assert reported(started(tmp_path / "cache", scripts))[:3] == (6.0, 1, [])
 
 
 def test_kernels_can_be_told_apart_by_the_names_of_their_files() -> None:
@@ -115,7 +115,7 @@ def test_code_of_other_sources_is_removed_after_a_week(tmp_path: Path, scripts: 
         (folder / "doubled.nbc").write_bytes(b"code")
     long_ago = time.time() - 8 * 86_400
     os.utime(old, (long_ago, long_ago))
-    told(started(tmp_path / "cache", scripts))
+    reported(started(tmp_path / "cache", scripts))
     assert not old.exists()
     assert new.exists()
 

@@ -265,10 +265,10 @@ def test_compiled_kernels_do_what_plain_python_does(kernel: Callable[..., Any], 
     arguments = KERNELS[kernel](np.random.default_rng(seed))
     mine = deepcopy(arguments)
     its = deepcopy(arguments)
-    told = kernel(*mine)
+    reported = kernel(*mine)
     meant = plain(kernel)(*its)
-    if told is not None:
-        assert np.asarray(told) == pytest.approx(np.asarray(meant), rel=1e-12, abs=1e-12)
+    if reported is not None:
+        assert np.asarray(reported) == pytest.approx(np.asarray(meant), rel=1e-12, abs=1e-12)
     for one, other in zip(arrays(mine), arrays(its), strict=True):
         assert one == pytest.approx(other, rel=1e-12, abs=1e-12)
 

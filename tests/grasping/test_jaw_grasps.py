@@ -159,11 +159,11 @@ def test_of_what_nothing_is_known_there_are_no_pinches() -> None:
 )
 def test_fingers_do_not_close_on_an_opening(shape: str, size: tuple[float, ...]) -> None:
     """The box around a tray has six sides, the tray only five."""
-    thing = ObjectSpec(shape=shape, size=size, wall=0.003, mass=0.05)  # type: ignore[arg-type]
+    obj = ObjectSpec(shape=shape, size=size, wall=0.003, mass=0.05)  # type: ignore[arg-type]
     lies = Load(0.05, np.array([0.0, -9.81, 0.0]), 0.0, np.zeros(3))
-    found = jaw_grasps(body_of(thing).solid, JAW, lies, 0.8)
+    found = jaw_grasps(body_of(obj).solid, JAW, lies, 0.8)
     assert found
-    solid = body_of(thing).solid
+    solid = body_of(obj).solid
     for one in (one for one in found if one.width > 0.01):  # the others hold a single wall
         for side in (-0.5, 0.5):
             pad = one.tool.apply(np.array([[0.0, side * one.width, JAW.pad_center]]))

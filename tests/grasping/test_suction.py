@@ -57,9 +57,9 @@ STIFF = CupMeasures(radius=0.02, bends=1e-3, most_force=60.0, friction=0.5)
 )
 def test_an_opening_is_no_face(shape: str, size: tuple[float, ...], has_floor: bool) -> None:
     """From above, the cup is put on the floor inside, if there is one."""
-    thing = ObjectSpec(shape=shape, size=size, wall=0.003, mass=0.2)  # type: ignore[arg-type]
+    obj = ObjectSpec(shape=shape, size=size, wall=0.003, mass=0.2)  # type: ignore[arg-type]
     load = Load(0.2, DOWN, 8.0, np.zeros(3))
-    found = cup_grasps(body_of(thing).solid, STIFF, load)
+    found = cup_grasps(body_of(obj).solid, STIFF, load)
     above = [one for one in found if one.tool.rotation_matrix[2, 2] < -0.9]
     heights = {round(float(one.tool.position[2]), 4) for one in above}
     assert heights == ({round(0.003 - 0.5 * size[-1], 4)} if has_floor else set())
@@ -67,8 +67,8 @@ def test_an_opening_is_no_face(shape: str, size: tuple[float, ...], has_floor: b
 
 def test_a_floor_below_a_narrow_opening_is_out_of_reach() -> None:
     """The wrist behind the cup does not fit."""
-    thing = ObjectSpec(shape="cup", size=(0.03, 0.12), wall=0.003, mass=0.2)
-    found = cup_grasps(body_of(thing).solid, STIFF, Load(0.2, DOWN, 8.0, np.zeros(3)))
+    obj = ObjectSpec(shape="cup", size=(0.03, 0.12), wall=0.003, mass=0.2)
+    found = cup_grasps(body_of(obj).solid, STIFF, Load(0.2, DOWN, 8.0, np.zeros(3)))
     assert not [one for one in found if one.tool.rotation_matrix[2, 2] < -0.9]
 
 

@@ -140,8 +140,8 @@ def test_a_cup_seals_where_its_lip_lies_on_a_thing_all_round(
     half = size[0] if shape == "sphere" else size[-1] / 2
     place = tool @ Pose.from_rpy((0.0, 0.0, half - 5e-4), (0.0, 0.0, 0.0))
     pose = PoseSpec(xyz=tuple(place.position.tolist()), quat=tuple(place.quaternion.tolist()))
-    thing = ObjectSpec(shape=shape, size=size, mass=0.1, pose=pose, fixed=True)
-    world = World(file_of({"arm1": arm("ur5", gripper="suction_cup")}, {"thing": thing}))
+    obj = ObjectSpec(shape=shape, size=size, mass=0.1, pose=pose, fixed=True)
+    world = World(file_of({"arm1": arm("ur5", gripper="suction_cup")}, {"thing": obj}))
     hardware = world.grippers["arm1"]
     hardware.command(GripperCommand(0.0, 1.0, 60.0))
     let_run(world, 0.4)

@@ -207,7 +207,7 @@ def _file(
     name: str, stations: Sequence[Station], arms: Tree, objects: Tree | None = None, **world: Any
 ) -> Tree:
     """A tree file of some stations."""
-    things = {name: thing for station in stations for name, thing in station.objects.items()}
+    things = {name: obj for station in stations for name, obj in station.objects.items()}
     seed = stations[0].seed
     return {
         "bt_dualarm": 1,

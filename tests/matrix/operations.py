@@ -363,7 +363,7 @@ def view(cell: Cell) -> None:
                 else:
                     assert "tool" not in arm
             assert {arm["arm"] for arm in now["arms"]} == set(of.record.arms)
-            assert browser.told("log?after=0")["next"] >= len(of.events)
+            assert browser.fetch("log?after=0")["next"] >= len(of.events)
             _has_past(browser, of)
         finally:
             stop.ask()
@@ -383,10 +383,10 @@ def replay_served(cell: Cell) -> None:
         assert (now["kind"], now["until"]) == ("record", pytest.approx(of.record.until, abs=1e-3))
         for generation in of.record.models:
             _has_scene(browser, f"scene?generation={generation}", of)
-        lines = browser.told("log?after=0")["lines"]
+        lines = browser.fetch("log?after=0")["lines"]
         assert len([line for line in lines if "→" in line["text"]]) == len(of.events)
         _has_past(browser, of)
-        last = browser.told(f"at?t={of.record.until}")
+        last = browser.fetch(f"at?t={of.record.until}")
         for arm in last["arms"]:
             if arm["arm"] in of.present:
                 _has_tree(arm, of)
@@ -396,7 +396,7 @@ def replay_served(cell: Cell) -> None:
 
 def _has_scene(browser: Browser, asked: str, of: Recording) -> None:
     """Shapes are on bodies that there are, and every mesh is to be had."""
-    scene = browser.told(asked)
+    scene = browser.fetch(asked)
     generations = of.record.models
     bodies = max(of.record.model(generation).nbody for generation in generations)
     assert scene["shapes"]
@@ -422,7 +422,7 @@ def _has_tree(arm: dict[str, Any], of: Recording) -> None:
 def _has_past(browser: Browser, of: Recording) -> None:
     """Any time can be looked at: poses, signals, pictures, reasons."""
     until = of.record.until
-    _has_signals(browser.told("series"), of)
+    _has_signals(browser.fetch("series"), of)
     for time in (0.0, until / 2, until):
         then = browser.until(f"at?t={time}", lambda then, t=time: abs(then["time"] - t) < 0.03)  # type: ignore[misc]  # the page reads a growing record now and then
         assert np.isfinite(_numbers(then["poses"])).all()
@@ -442,7 +442,7 @@ def _has_past(browser: Browser, of: Recording) -> None:
                 size = of.record.arms[arm]["camera"]["resolution"]
                 assert picture is not None
                 assert list(picture.shape[:2]) == size[::-1]
-    assert "stories" in browser.told("why")
+    assert "stories" in browser.fetch("why")
 
 
 def _numbers(text: str) -> np.ndarray:
@@ -519,24 +519,24 @@ def why(cell: Cell) -> None:
     """``bt-why`` names what decided the run, and at any time what was running then."""
     of = cell.recording
     column = cell.column
-    told = json.loads(said_by("bt-why", of.folder, "--json").out)["stories"]
+    reported = json.loads(said_by("bt-why", of.folder, "--json").out)["stories"]
     text = said_by("bt-why", of.folder)
-    assert text.code == (0 if told else 1)
+    assert text.code == (0 if reported else 1)
     if column.outcome == "SUCCESS":
-        assert told or "every tree succeeded" in text.out
-        for story in told:  # an arm that was removed on purpose: it says by whom
+        assert reported or "every tree succeeded" in text.out
+        for story in reported:  # an arm that was removed on purpose: it says by whom
             assert of.summary["arms"][story["arm"]]["outcome"] == "REMOVED", story
             assert "remove" in " ".join(cause["sentence"] for cause in story["causes"]), story
-    for story in told:
+    for story in reported:
         assert f"{story['leaf']}" in text.out
         assert of.statuses[story["arm"], story["leaf"]] is not None
     if column.failed is not None:
         arm, leaf, code = column.failed
-        assert [(s["arm"], s["leaf"], s["code"]) for s in told[:1]] == [(arm, leaf, code)]
-        assert told[0]["causes"], "a failure has a cause"
+        assert [(s["arm"], s["leaf"], s["code"]) for s in reported[:1]] == [(arm, leaf, code)]
+        assert reported[0]["causes"], "a failure has a cause"
     elif column.outcome != "SUCCESS":
-        assert {story["arm"] for story in told} <= set(of.present)
-        assert told
+        assert {story["arm"] for story in reported} <= set(of.present)
+        assert reported
     for time in (of.record.until / 4, of.record.until / 2):
         then = json.loads(said_by("bt-why", of.folder, f"{time:.3f}", "--json").out)["stories"]
         running = {(s["arm"], s["leaf"]) for s in then if s["status"] == "RUNNING"}
@@ -696,7 +696,7 @@ def csv_tables(cell: Cell) -> None:
 
 
 def _fixed(of: Recording) -> set[str]:
-    return {name for name, thing in of.record.start["objects"].items() if thing.get("fixed")}
+    return {name for name, obj in of.record.start["objects"].items() if obj.get("fixed")}
 
 
 ROWS: Final[dict[str, Callable[[Cell], None]]] = {

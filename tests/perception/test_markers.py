@@ -51,15 +51,15 @@ def test_a_marker_is_found_by_its_number(kind: RendererKind, dictionary: str) ->
         pytest.skip(str(error))
     with bt.open(file(dictionary), renderer="ray") as run:
         frame = Camera("arm1/camera", CameraSpec(), renderer).capture(run.world)
-        thing = run.world.objects["block"]
+        obj = run.world.objects["block"]
         truth = run.world.object_pose("block")
     renderer.close()
-    marker = thing.marker
+    marker = obj.marker
     assert marker is not None
     (view,) = markers_in(frame, marker)
     assert markers_in(frame, MarkerSpec(dictionary=marker.dictionary, id=8, size=0.05)) == []
     best = MarkerFitter(SquareCorners("box", (0.05,)), flat=True).first(view)[0]
-    pose = best.about(np.array((0.0, 0.0, -marker_height(thing)))).pose
+    pose = best.about(np.array((0.0, 0.0, -marker_height(obj)))).pose
     assert pose.distance(truth) < 0.006
     assert np.degrees(pose.angle(truth)) < 3.0
 

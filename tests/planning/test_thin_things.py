@@ -63,13 +63,13 @@ def skin(world: World, q: Vector, rng: np.random.Generator) -> Vector:
 
 def deepest(checker: CollisionChecker, motion: Trajectory) -> float:
     """Meters that the arm is in the thing at most, looked at every half millimeter."""
-    thing = checker.model.geom("thing").id
+    obj = checker.model.geom("thing").id
     worst = 0.0
     for here, there in pairwise(motion.q[::4]):
         for q in interpolated(here, there, checker.radii, 5e-4)[:-1]:
             checker.place(q)
             found = checker.data.contact
-            depths = -found.dist[(found.geom == thing).any(axis=1)]
+            depths = -found.dist[(found.geom == obj).any(axis=1)]
             worst = max(worst, *depths.tolist(), 0.0)
     return worst
 
@@ -77,8 +77,8 @@ def deepest(checker: CollisionChecker, motion: Trajectory) -> float:
 @pytest.mark.parametrize(("shape", "robot"), some(product(SIZES, WIDE), 2))
 def test_what_is_thin_is_not_gone_through(robot: str, shape: str) -> None:
     """Wherever on a link's way it is, and however it lies."""
-    thing = ObjectSpec(shape="box", size=SIZES[shape], mass=1.0, fixed=True, spawned=False)
-    world = World(file_of({"arm1": arm(robot, (0.0, 0.0, 0.6))}, {"thing": thing}))
+    obj = ObjectSpec(shape="box", size=SIZES[shape], mass=1.0, fixed=True, spawned=False)
+    world = World(file_of({"arm1": arm(robot, (0.0, 0.0, 0.6))}, {"thing": obj}))
     rng = np.random.default_rng(WIDE.index(robot))
     refused = 0
     motions = free_motions(world, rng)

@@ -157,11 +157,11 @@ def test_so_do_a_live_page_and_the_terminal(folder: Path) -> None:
 
 
 def test_the_explanation_names_what_the_other_arm_did(folder: Path) -> None:
-    told = {story.arm: story for story in stories(Record.read(folder))}
-    assert told["arm1"].leaf == "sequence/compare"
-    assert told["arm3"].leaf == "sequence/claim"
-    assert told["arm3"].status == "HALTED"
-    cause = told["arm3"].causes[0]
+    reported = {story.arm: story for story in stories(Record.read(folder))}
+    assert reported["arm1"].leaf == "sequence/compare"
+    assert reported["arm3"].leaf == "sequence/claim"
+    assert reported["arm3"].status == "HALTED"
+    cause = reported["arm3"].causes[0]
     assert cause.kind == "OTHER_ARM"
     assert cause.leaf == "selector/claim/wait"
     (meeting,) = stories(Record.read(folder), "selector/meet")

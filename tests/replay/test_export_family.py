@@ -145,10 +145,10 @@ def test_mcap_has_all_joints_grippers_and_shapes(family: Record, tmp_path: Path)
 def _check_glb(content: bytes) -> None:
     """By the specification of glTF 2.0: header, two chunks, accessors within their buffer."""
     assert content[:4] == b"glTF"
-    version, length, told = np.frombuffer(content[4:16], "<u4").tolist()
+    version, length, reported = np.frombuffer(content[4:16], "<u4").tolist()
     assert (version, length, content[16:20]) == (2, len(content), b"JSON")
-    document = json.loads(content[20 : 20 + told])
-    binary = content[20 + told + 8 :]
+    document = json.loads(content[20 : 20 + reported])
+    binary = content[20 + reported + 8 :]
     assert document["buffers"][0]["byteLength"] == len(binary)
     places, indices = document["accessors"]
     cut = document["bufferViews"][1]["byteOffset"]

@@ -15,7 +15,7 @@ bt_dualarm: 1
 name: grips
 world: {{scene: table, time_limit: 20}}
 objects:
-  thing: {{shape: box, size: {size}, mass: 0.2, pose: {{xyz: [0.4, -0.45, {height}]}}}}
+  obj: {{shape: box, size: {size}, mass: 0.2, pose: {{xyz: [0.4, -0.45, {height}]}}}}
 {others}
 arms:
   arm1:
@@ -77,7 +77,7 @@ def test_a_hand_that_does_not_fit_where_it_places_needs_another_grasp(tmp_path: 
     wall = "{shape: box, size: [0.1, 0.02, 0.2], mass: 1, pose: {xyz: [0.2, %g, 0.501]}}"
     walls = f"  north: {wall % -0.38}\n  south: {wall % -0.52}"
     place = "place: {at: {xyz: [0.2, -0.45, 0.45]}}"
-    steps = f"[grasp: {{object: thing, approach: [0, -1, 0]}}, {place}]"
+    steps = f"[grasp: {{object: obj, approach: [0, -1, 0]}}, {place}]"
     cause = why(tmp_path, [0.04, 0.05, 0.1], steps, walls)
     assert cause.kind == "IN_THE_WAY"
     assert cause.remedy.startswith("grasp it otherwise: give `then_at` of `grasp` this goal")

@@ -22,7 +22,7 @@ POST: Tree = {
 """In front of the drawer, beside the handle: 80 mm of its way are free."""
 
 
-def told(
+def causes_of(
     folder: Path,
     *leaves: Any,
     joint: Tree | None = None,
@@ -50,7 +50,7 @@ def told(
     [({"friction": 60}, "friction"), ({"spring": 500}, "spring"), ({"damping": 500}, "damping")],
 )
 def test_joint_that_is_too_stiff(joint: Tree, source: str, tmp_path: Path) -> None:
-    cause = told(tmp_path, PULLS, OPENS, joint=joint)[0]
+    cause = causes_of(tmp_path, PULLS, OPENS, joint=joint)[0]
     assert cause.kind == "TOO_STIFF", cause
     assert "cabinet.slide" in cause.sentence
     assert f"N by {source}" in cause.sentence
@@ -58,35 +58,35 @@ def test_joint_that_is_too_stiff(joint: Tree, source: str, tmp_path: Path) -> No
 
 
 def test_obstacle_in_the_path_of_the_part(tmp_path: Path) -> None:
-    cause = told(tmp_path, {"grasp": {"object": "cabinet", "part": "handle"}}, OPENS, objects=POST)[
-        0
-    ]
+    cause = causes_of(
+        tmp_path, {"grasp": {"object": "cabinet", "part": "handle"}}, OPENS, objects=POST
+    )[0]
     assert cause.kind == "IN_THE_WAY", cause
     assert "post" in cause.sentence
 
 
 def test_goal_beyond_the_range(tmp_path: Path) -> None:
     far: Tree = {"operate": {"object": "cabinet", "joint": "slide", "to": 0.25}}
-    cause = told(tmp_path, PULLS, far)[0]
+    cause = causes_of(tmp_path, PULLS, far)[0]
     assert cause.kind == "OUT_OF_RANGE", cause
     assert "0 to 0.18 m" in cause.sentence
 
 
 def test_grip_that_must_not_be_firm(tmp_path: Path) -> None:
     weak: Tree = {"grasp": PULLS["grasp"] | {"most_force": 20}}
-    cause = told(tmp_path, weak, OPENS, joint={"friction": 30})[0]
+    cause = causes_of(tmp_path, weak, OPENS, joint={"friction": 30})[0]
     assert cause.kind == "WEAK_GRIP", cause
 
 
 def test_handle_that_slides_out_of_the_hand(tmp_path: Path) -> None:
     """Of less friction than the arm assumes: the injected fault comes first, then what it did."""
     fault = {"kind": "reduced_friction", "object": "cabinet.slide", "friction": 0.02, "begin": 4.5}
-    causes = told(tmp_path, PULLS, OPENS, joint={"friction": 25}, faults={"oil": fault})
+    causes = causes_of(tmp_path, PULLS, OPENS, joint={"friction": 25}, faults={"oil": fault})
     assert "HANDLE_SLIPPED" in {cause.kind for cause in causes}, causes
 
 
 def test_nothing_is_held(tmp_path: Path) -> None:
-    cause = told(tmp_path, OPENS)[0]
+    cause = causes_of(tmp_path, OPENS)[0]
     assert cause.kind == "NEVER_ATTACHED", cause
     assert cause.remedy == "grasp: {object: cabinet, then_to: 0.15} before"
 
@@ -95,6 +95,6 @@ def test_end_of_the_motion_is_out_of_reach(tmp_path: Path) -> None:
     """The arm can take the handle, but is too far away to push the drawer shut."""
     grasps: Tree = {"grasp": {"object": "cabinet", "part": "handle"}}
     shuts: Tree = {"operate": {"object": "cabinet", "joint": "slide", "to": 0.0}}
-    cause = told(tmp_path, grasps, shuts, joint={"at": 0.18}, base=(0.0, 0.33, 0.4))[0]
+    cause = causes_of(tmp_path, grasps, shuts, joint={"at": 0.18}, base=(0.0, 0.33, 0.4))[0]
     assert cause.kind == "OUT_OF_REACH", cause
     assert "cabinet.slide at 0 mm" in cause.sentence

@@ -355,14 +355,14 @@ def test_runs_that_do_not_go_together_are_refused(
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     change: tuple[str, str],
-    told: str,
+    reported: str,
 ) -> None:
     """The message names the run and what differs; nothing is left behind."""
     text = SHORT.replace("posture: present", "posture: home").replace(*change)
     other = recorded(tmp_path / "other", text).folder
     assert export([runs[0], other], tmp_path / "set") == 2
     said = capsys.readouterr().err
-    assert told in " ".join(said.split())
+    assert reported in " ".join(said.split())
     assert str(other) in said.replace("\n", "")
     assert [path.name for path in tmp_path.iterdir()] == ["other"]
 
@@ -457,10 +457,10 @@ def test_no_name_in_a_record_leads_out_of_the_folder(
 
 
 def test_several_records_take_lerobot_alone(capsys: pytest.CaptureFixture[str]) -> None:
-    for command, told in (
+    for command, reported in (
         (["a", "b", "--csv", "t"], "several records can only be exported"),
         (["a", "--csv", "t", "--append"], "require --lerobot"),
     ):
         with pytest.raises(SystemExit):
             cli.record(["export", *command])
-        assert told in capsys.readouterr().err
+        assert reported in capsys.readouterr().err

@@ -130,8 +130,8 @@ def test_the_command_tells_it(failed: Record, capsys: pytest.CaptureFixture[str]
     assert "outside the reach of ur5" in out
     assert "to change: bring" in out
     assert cli.why([str(failed.folder), "reach_to_pose", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["stories"][0]["causes"][0]["kind"] == "OUT_OF_REACH"
+    reported = json.loads(capsys.readouterr().out)
+    assert reported["stories"][0]["causes"][0]["kind"] == "OUT_OF_REACH"
 
 
 def test_a_run_that_succeeded_is_code_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -37,24 +37,26 @@ def test_some_arm_has_locked_joints() -> None:
 @pytest.mark.parametrize("name", LOCKED)
 def test_a_joint_stands_at_either_end_of_its_limits(name: str) -> None:
     """Its link moves in its parent's frame by what the joint does."""
-    for joint, told in LOCKED[name].items():
-        if told.follows in LOCKED[name]:
+    for joint, reported in LOCKED[name].items():
+        if reported.follows in LOCKED[name]:
             continue
         ends = []
-        for value in (told.lower, told.upper):
+        for value in (reported.lower, reported.upper):
             moved = load_robot(name, WORLD, {joint: value})
             assert moved.locked[joint].at == value
-            ends.append(moved.model.parts[told.link].pose)
+            ends.append(moved.model.parts[reported.link].pose)
         gone = ends[0].distance(ends[1]), ends[0].angle(ends[1])
-        turned = np.radians(told.upper - told.lower)
+        turned = np.radians(reported.upper - reported.lower)
         expected = (0.0, np.pi - abs(np.pi - turned % (2 * np.pi)))
-        assert gone == pytest.approx(expected if told.turns else (told.upper - told.lower, 0.0))
+        assert gone == pytest.approx(
+            expected if reported.turns else (reported.upper - reported.lower, 0.0)
+        )
 
 
 @pytest.mark.parametrize("name", LOCKED)
 def test_beyond_its_limits_a_joint_is_refused(name: str) -> None:
-    for joint, told in LOCKED[name].items():
-        for value in (told.lower - 0.01, told.upper + 0.01):
+    for joint, reported in LOCKED[name].items():
+        for value in (reported.lower - 0.01, reported.upper + 0.01):
             with pytest.raises(CatalogError, match=f"{joint}.*limits are|{joint}.*follows"):
                 load_robot(name, WORLD, {joint: value})
 

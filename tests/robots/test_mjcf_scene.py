@@ -79,8 +79,8 @@ def test_bodies_are_where_mujoco_would_put_them(cell: Path) -> None:
     data = mujoco.MjData(theirs)
     mujoco.mj_kinematics(theirs, data)
     compared = set()
-    for name, thing in world.objects.items():
-        parts = body_of(thing).parts
+    for name, obj in world.objects.items():
+        parts = body_of(obj).parts
         for geom, part in zip(world.object_geoms(name), parts, strict=True):
             known = part.name or ("can" if name == "can" else name)
             other = theirs.geom(known).id if known != "can" else theirs.body("can").geomadr[0]

@@ -289,7 +289,7 @@ def test_looking_at_a_run_changes_nothing(alone: dict[str, str]) -> None:
             assert run.arms["arm1"].holds == ()
             assert run.world.object_pose("cube").position.shape == (3,)
             assert [child.kind for child in run.trees["arm1"].snapshot().children] == ["track"]
-            assert all(repr(thing) for thing in (run, run.arms, run.trees))
+            assert all(repr(obj) for obj in (run, run.arms, run.trees))
         assert run.result.state_sha256 == alone["seen"]
 
 
@@ -630,8 +630,8 @@ def test_a_run_says_which_robots_of_the_batch_it_had() -> None:
         "arms": {"arm1": {"robot": "ur5", "reality": "ideal", "tree": {"wait": 0.01}}},
     }
     assert bt.run(tree).reality == {"arm1": {}}
-    told = bt.run(tree, reality={"drive": {"delay": 0.002}, "links": {"mass": 0.1}}).reality
-    assert told == {"arm1": {"drive": {"delay": 0.002}, "links": {"mass": {"uniform": 0.1}}}}
+    reported = bt.run(tree, reality={"drive": {"delay": 0.002}, "links": {"mass": 0.1}}).reality
+    assert reported == {"arm1": {"drive": {"delay": 0.002}, "links": {"mass": {"uniform": 0.1}}}}
     assert bt.run(tree, reality="lab").reality["arm1"].keys() >= {"links", "friction", "camera"}
     with pytest.raises(RunError, match="no reality 'lap'; did you mean 'lab'"):
         bt.run(tree, reality="lap")

@@ -102,7 +102,7 @@ def test_an_object_that_contacts_would_push_out_is_warned_of(
 
 
 def test_a_name_that_the_scene_has_already_is_an_error(tmp_path: Path, registry: Registry) -> None:
-    (problem,) = problems_of(tmp_path, registry, thing="floor")
+    (problem,) = problems_of(tmp_path, registry, obj="floor")
     assert problem.severity == "error"
     assert "part of the scene" in problem.message
 

@@ -147,9 +147,9 @@ def test_no_posture_leads_farther_than_what_is_decided_once() -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_spheres_hold_the_arm_and_what_it_holds(seed: int) -> None:
     """Their distance is never more than the true one; no motion leads farther than the bound."""
-    thing = box((0.487, 0.109, 0.79))
+    obj = box((0.487, 0.109, 0.79))
     world = World(
-        file_of({"arm1": arm("ur5"), "arm2": arm("panda", (1.0, 0.0, 0.4), 180.0)}, {"cube": thing})
+        file_of({"arm1": arm("ur5"), "arm2": arm("panda", (1.0, 0.0, 0.4), 180.0)}, {"cube": obj})
     )
     world.attach("arm1", "cube")
     rng = np.random.default_rng(seed)

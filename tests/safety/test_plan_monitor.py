@@ -53,10 +53,10 @@ class Scene:
             self.time += DT
             self.watch.look(self.time)
 
-    def put(self, thing: str, place: tuple[float, float, float]) -> None:
+    def put(self, obj: str, place: tuple[float, float, float]) -> None:
         """Somebody moves an object."""
         model = self.world.model
-        start = int(model.jnt_qposadr[model.body_jntadr[self.world.object_body(thing)]])
+        start = int(model.jnt_qposadr[model.body_jntadr[self.world.object_body(obj)]])
         self.world.data.qpos[start : start + 3] = place
         self.world.sense()
 

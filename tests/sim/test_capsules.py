@@ -18,7 +18,7 @@ PILL = {"shape": "capsule", "size": [0.02, 0.04], "mass": 0.3, "color": "yellow"
 
 @pytest.mark.parametrize("size", [(0.02, 0.04), (0.05, 0.01), (0.01, 0.2)])
 def test_its_inertia_is_that_of_mujoco(size: tuple[float, float]) -> None:
-    thing = ObjectSpec(shape="capsule", size=size, mass=2.0, pose=PoseSpec(xyz=(0, 0, 1)))
+    obj = ObjectSpec(shape="capsule", size=size, mass=2.0, pose=PoseSpec(xyz=(0, 0, 1)))
     spec = mujoco.MjSpec()
     body = spec.worldbody.add_body()
     body.add_freejoint()
@@ -29,7 +29,7 @@ def test_its_inertia_is_that_of_mujoco(size: tuple[float, float]) -> None:
     mujoco.mju_quat2Mat(axes, model.body_iquat[1])
     turned = axes.reshape(3, 3)
     inertia = turned @ np.diag(model.body_inertia[1]) @ turned.T
-    assert np.diag(inertia) == pytest.approx(2.0 * inertia_per_mass(thing), rel=1e-9)
+    assert np.diag(inertia) == pytest.approx(2.0 * inertia_per_mass(obj), rel=1e-9)
 
 
 def test_it_is_taken_where_it_lies_carried_and_set_down() -> None:

@@ -40,12 +40,12 @@ def write_obj(path: Path, triangles: Matrix) -> None:
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def file_with(thing: dict[str, Any], *tree: Any) -> dict[str, Any]:
+def file_with(obj: dict[str, Any], *tree: Any) -> dict[str, Any]:
     return {
         "bt_dualarm": 1,
         "name": "bracket",
         "world": {"scene": "table", "reality": "lab", "time_limit": 90},
-        "objects": {"bracket": {"mass": 0.2, "color": "yellow"} | thing},
+        "objects": {"bracket": {"mass": 0.2, "color": "yellow"} | obj},
         "arms": {
             "arm1": {
                 "robot": "ur5",
@@ -69,9 +69,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_an_angle_is_two_convex_parts(folder: Path) -> None:
-    thing = ObjectSpec(**MESH, mass=0.2)  # type: ignore[arg-type]  # as in a file
-    thing.look_in(folder)
-    body = body_of(thing)
+    obj = ObjectSpec(**MESH, mass=0.2)  # type: ignore[arg-type]  # as in a file
+    obj.look_in(folder)
+    body = body_of(obj)
     assert len(body.parts) == 2
     assert sum(part.weight for part in body.parts) == pytest.approx(39e-6, rel=1e-3)  # m³
     assert body.ray(np.array((0.0, 0.0, 0.02)), np.array((1.0, 0.0, 0.0))) == pytest.approx(0.03)
@@ -130,7 +130,7 @@ def test_what_cannot_be_used_is_an_error(folder: Path, path: str, message: str) 
 def test_a_scale_that_is_wrong_by_a_thousand_is_an_error_with_a_hint(folder: Path) -> None:
     """The file is in millimeters."""
     assert folder
-    thing = {key: value for key, value in MESH.items() if key != "scale"}
-    (problem,) = bt.check(file_with(thing | LIES))
+    obj = {key: value for key, value in MESH.items() if key != "scale"}
+    (problem,) = bt.check(file_with(obj | LIES))
     assert "extends over 80 m" in problem.message
     assert problem.hint == "a mesh in millimeters needs scale: 0.001"

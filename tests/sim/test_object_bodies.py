@@ -43,9 +43,9 @@ def after(world: World, seconds: float, name: str = "thing") -> Pose:
     return world.object_pose(name)
 
 
-def world_of(thing: ObjectSpec, reality: str, seed: int = 0) -> World:
+def world_of(obj: ObjectSpec, reality: str, seed: int = 0) -> World:
     far = arm("ur3", xyz=(5.0, 0.0, 0.0), spawned=False)
-    return World(file_of({"arm1": far}, {"thing": thing}, reality=reality), seed)
+    return World(file_of({"arm1": far}, {"thing": obj}, reality=reality), seed)
 
 
 @pytest.mark.parametrize(

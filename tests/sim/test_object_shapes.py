@@ -79,7 +79,7 @@ def after(world: World, seconds: float, name: str) -> Pose:
 @pytest.mark.parametrize("shape", SHAPES)
 def test_mass_center_and_inertia_are_those_of_mujoco(shape: str) -> None:
     body = body_of(thing_of(shape))
-    model = world_of(thing=thing_of(shape)).model
+    model = world_of(obj=thing_of(shape)).model
     index = model.body("thing").id
     assert model.body_mass[index] == pytest.approx(0.3)
     assert model.body_ipos[index] == pytest.approx(body.center, abs=1e-7)
@@ -93,7 +93,7 @@ def test_mass_center_and_inertia_are_those_of_mujoco(shape: str) -> None:
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_a_sampled_center_of_mass_shifts_that_of_the_body(shape: str) -> None:
-    world = world_of("rough", thing=thing_of(shape))
+    world = world_of("rough", obj=thing_of(shape))
     drawn = world.devices.sampled_object("thing")
     index = world.model.body("thing").id
     shift = np.zeros(3) if shape == "egg" else drawn.shift
@@ -107,7 +107,7 @@ def test_a_sampled_center_of_mass_shifts_that_of_the_body(shape: str) -> None:
 @pytest.mark.parametrize("shape", SHAPES)
 def test_it_stays_where_it_stands(shape: str) -> None:
     """An egg on its end is in balance, but only until it is touched."""
-    world = world_of("lab", thing=standing(shape))
+    world = world_of("lab", obj=standing(shape))
     before = world.object_pose("thing")
     assert after(world, 0.6, "thing").distance(before) < 1e-3
 
@@ -117,7 +117,7 @@ def test_a_ball_falls_into_it(shape: str) -> None:
     """It ends on the floor of the hollow, whatever is beneath: the floor itself under a tube."""
     hollow = standing(shape, fixed=True)
     ball = ObjectSpec(shape="sphere", size=(0.02,), mass=0.05, pose=PoseSpec(xyz=(0.0, 0.0, 0.15)))
-    world = world_of(thing=hollow, ball=ball)
+    world = world_of(obj=hollow, ball=ball)
     end = after(world, 1.0, "ball").position
     wall = {"tray": 0.005, "cup": 0.002, "mug": 0.004, "tube": 0.0}.get(shape, 0.003)
     assert end[2] == pytest.approx(0.02 + wall, abs=1e-3)
@@ -151,9 +151,9 @@ def test_both_sides_of_a_tube_are_open_to_the_camera() -> None:
     )
     shots = {}
     for shape in ("tube", "cup"):
-        thing = standing(shape, color="red", fixed=True)
+        obj = standing(shape, color="red", fixed=True)
         robot = arm("ur3", xyz=(5.0, 0.0, 0.0), camera=camera)
-        world = World(file_of({"arm1": robot}, {"thing": thing}))
+        world = World(file_of({"arm1": robot}, {"thing": obj}))
         exposure = Exposure(world.arms["arm1"].camera_id, 96, 96)
         image = RayRenderer().render(world.model, world.data, exposure).astype(int)
         shots[shape] = image[..., 0] - image[..., 1] > 60
@@ -164,7 +164,7 @@ def test_both_sides_of_a_tube_are_open_to_the_camera() -> None:
 
 @pytest.mark.parametrize("shape", SHAPES)
 def test_ray_kernels_the_page_and_exports_know_every_part(shape: str) -> None:
-    world = world_of(thing=thing_of(shape))
+    world = world_of(obj=thing_of(shape))
     geoms = [*world.object_geoms("thing")]
     _, others = shapes_of(world.model, geoms)
     assert len(others) == (1 if shape == "egg" else 0)  # an ellipsoid is left to MuJoCo's rays
@@ -176,16 +176,16 @@ def test_ray_kernels_the_page_and_exports_know_every_part(shape: str) -> None:
 
 
 def test_a_part_has_its_own_color() -> None:
-    world = world_of(thing=thing_of("mug", color="red"))
+    world = world_of(obj=thing_of("mug", color="red"))
     colors = world.model.geom_rgba[[*world.object_geoms("thing")]]
     assert colors[0][:3] == pytest.approx((0.8, 0.05, 0.05))
     assert colors[-1][:3] == pytest.approx((0.05, 0.15, 0.8))
 
 
-def checker_with(thing: ObjectSpec) -> tuple[CollisionChecker, World]:
+def checker_with(obj: ObjectSpec) -> tuple[CollisionChecker, World]:
     """A checker of a UR5 above an object, which its tool may not touch."""
     robot = arm("ur5", xyz=(0.0, 0.0, 0.4))
-    world = World(file_of({"arm1": robot}, {"thing": thing}))
+    world = World(file_of({"arm1": robot}, {"thing": obj}))
     return CollisionChecker(world, "arm1"), world
 
 
@@ -201,7 +201,7 @@ def test_compiled_checks_of_motions_support_it(shape: str) -> None:
 def test_the_inside_of_a_bin_is_free() -> None:
     """A ball rests on the floor of a bin, not on the hull around it."""
     ball = ObjectSpec(shape="sphere", size=(0.02,), mass=0.05, pose=PoseSpec(xyz=(1, 1, 1)))
-    world = world_of(thing=standing("bin", fixed=True), ball=ball)
+    world = world_of(obj=standing("bin", fixed=True), ball=ball)
     found = support_below(world, "ball", Pose.from_rpy((0.0, 0.0, 0.025)), 0.0, 0.05)
     assert found is not None
     assert found.below == pytest.approx(0.002, abs=1e-4)
@@ -210,9 +210,9 @@ def test_the_inside_of_a_bin_is_free() -> None:
 
 @pytest.mark.parametrize("shape", ["nut", "bin", "bowl", "mug"])
 def test_it_stands_flat_on_a_level_support(shape: str) -> None:
-    thing = standing(shape)
-    world = world_of(thing=thing)
-    x, y, z = thing.pose.pose.position.tolist()
+    obj = standing(shape)
+    world = world_of(obj=obj)
+    x, y, z = obj.pose.pose.position.tolist()
     found = support_below(world, "thing", Pose.from_rpy((x, y, z + 0.01)), 0.0, 0.05)
     assert found is not None
     assert found.below == pytest.approx(0.01, abs=1e-4)
@@ -230,7 +230,7 @@ def test_an_egg_that_leans_would_roll() -> None:
 
 
 def test_it_leaves_nothing_behind_when_it_is_removed() -> None:
-    world = world_of(thing=thing_of("mug"))
+    world = world_of(obj=thing_of("mug"))
     assert world.model.nmesh
     world.remove_object("thing")
     assert world.model.nmesh == 0

@@ -37,8 +37,8 @@ def settled(objects: dict[str, ObjectSpec], steps: int = 100) -> World:
     return world
 
 
-def riders(world: World, thing: str = "tray") -> set[str]:
-    return {one.object for one in world.passengers_of(thing)}
+def riders(world: World, obj: str = "tray") -> set[str]:
+    return {one.object for one in world.passengers_of(obj)}
 
 
 STANDING = {

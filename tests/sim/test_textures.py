@@ -55,10 +55,10 @@ def thing_of(shape: str, texture: dict[str, Any] | None, **fields: Any) -> Objec
     return ObjectSpec.model_validate(data | {"pose": pose, "texture": texture} | fields)
 
 
-def world_of(thing: ObjectSpec, folder: Path | None = None) -> World:
-    file = file_of({"arm1": arm("ur3", xyz=(5.0, 0.0, 0.0))}, {"thing": thing})
+def world_of(obj: ObjectSpec, folder: Path | None = None) -> World:
+    file = file_of({"arm1": arm("ur3", xyz=(5.0, 0.0, 0.0))}, {"thing": obj})
     if folder is not None:
-        thing.look_in(folder)
+        obj.look_in(folder)
     return World(file)
 
 
@@ -140,8 +140,8 @@ def test_a_mesh_is_projected_as_a_whole(tmp_path: Path) -> None:
     """Its convex parts continue one another's pattern, from the middle of its bounding box."""
     write_obj(tmp_path / "bracket.obj", BRACKET)
     texture = {"pattern": "checker", "color": "blue", "size": 0.01}
-    thing = thing_of("mesh", texture, file="bracket.obj", scale=0.001)
-    world = world_of(thing, tmp_path)
+    obj = thing_of("mesh", texture, file="bracket.obj", scale=0.001)
+    world = world_of(obj, tmp_path)
     assert len([*world.object_geoms("thing")]) == 2
     # The side at -y of both plates: 80 x 60 mm with the middle of the bounding box at z = 0.
     places = [(0.035, -0.015, z) for z in (-0.025, -0.015, -0.005, 0.005, 0.015, 0.025)]
@@ -190,8 +190,8 @@ def quarters() -> npt.NDArray[np.uint8]:
 def test_an_image_covers_each_side_or_repeats(tmp_path: Path, size: float | None) -> None:
     """It is upright on the sides; where it is transparent the color shows."""
     texture = {"image": labeled(tmp_path, quarters()), "size": size}
-    thing = thing_of("box", texture, size=(0.12, 0.06, 0.2))
-    world = world_of(thing, tmp_path)
+    obj = thing_of("box", texture, size=(0.12, 0.06, 0.2))
+    world = world_of(obj, tmp_path)
     a, b = (0.03, 0.05) if size is None else (0.01, 0.005)
     places = [(a * x, -0.03, b * z) for z in (1, -1) for x in (-1, 1)]
     expected = [(1, 1, 1), (1, 0, 0), (0, 1, 0), (1, 0.9, 0.05)]
@@ -334,11 +334,11 @@ def test_only_the_looks_of_the_world_change() -> None:
 
 
 def test_what_is_removed_leaves_no_image_behind() -> None:
-    thing = thing_of("box", CHECKER, size=(0.1, 0.1, 0.1))
+    obj = thing_of("box", CHECKER, size=(0.1, 0.1, 0.1))
     elsewhere = {"pose": PoseSpec(xyz=(0.0, -0.5, 0.6))}
-    other = thing.model_copy(update=elsewhere)
+    other = obj.model_copy(update=elsewhere)
     world = World(
-        file_of({"arm1": arm("ur3", xyz=(5.0, 0.0, 0.0))}, {"thing": thing, "other": other})
+        file_of({"arm1": arm("ur3", xyz=(5.0, 0.0, 0.0))}, {"thing": obj, "other": other})
     )
 
     def images() -> list[str]:

@@ -52,8 +52,8 @@ def test_a_gap_is_measured_however_wide() -> None:
 def test_a_surface_point_is_on_the_surface(
     shape: Any, size: tuple[float, ...], reach: float
 ) -> None:
-    thing = ObjectSpec(shape=shape, size=size, mass=1.0, pose=PoseSpec(xyz=(0.5, 0.4, 1.0)))
-    world = World(file_of({"arm1": arm("ur5")}, {"thing": thing}))
+    obj = ObjectSpec(shape=shape, size=size, mass=1.0, pose=PoseSpec(xyz=(0.5, 0.4, 1.0)))
+    world = World(file_of({"arm1": arm("ur5")}, {"thing": obj}))
     point = world.surface_point("thing", np.array([1.0, 0.0, 0.0]))
     assert point == pytest.approx([0.5 + reach, 0.4, 1.0])
 
@@ -61,10 +61,10 @@ def test_a_surface_point_is_on_the_surface(
 @pytest.mark.parametrize("degrees", [0, 10, 30, 45, 60, 89, 90])
 def test_rays_leave_a_capsule_where_mujoco_says(degrees: float) -> None:
     """Out of its side, and out of its ends."""
-    thing = ObjectSpec(
+    obj = ObjectSpec(
         shape="capsule", size=(0.04, 0.1), mass=1.0, pose=PoseSpec(xyz=(0.5, 0.4, 1.0))
     )
-    world = World(file_of({"arm1": arm("ur5")}, {"thing": thing}))
+    world = World(file_of({"arm1": arm("ur5")}, {"thing": obj}))
     angle = np.radians(degrees)
     direction = np.array([np.sin(angle), 0.0, np.cos(angle)])
     point = world.surface_point("thing", direction)

@@ -86,10 +86,10 @@ def test_the_frame_of_the_tool_is_that_of_the_last_set_point(robot: str) -> None
 def test_surfaces_of_two_objects_touch(shape: str) -> None:
     """What is set `on` another ends at its top, whatever their shapes and its orientation."""
     size = {"box": (0.04, 0.06, 0.08), "sphere": (0.03,)}.get(shape, (0.02, 0.08))
-    thing = ObjectSpec(shape=shape, size=size, mass=0.1, pose=PoseSpec(xyz=(2, 2, 2)))  # type: ignore[arg-type]
+    obj = ObjectSpec(shape=shape, size=size, mass=0.1, pose=PoseSpec(xyz=(2, 2, 2)))  # type: ignore[arg-type]
     lying = {"box": 0.02, "sphere": 0.03}.get(shape, 0.02)
     standing = {"box": 0.04, "sphere": 0.03, "capsule": 0.06}.get(shape, 0.04)
-    arm = Bench(slab=turned_box(), thing=thing).first
+    arm = Bench(slab=turned_box(), obj=obj).first
     for rpy, half in (([0, 0, 0], standing), ([0, 90, 0], lying)):
         on = resolved(arm, "of", {"on": "slab", "rpy": rpy}, object="thing")
         assert on.xyz == pytest.approx((0.5, 0.1, 0.52 + half), abs=1e-9)

@@ -166,9 +166,9 @@ def test_an_open_thing_is_attached_at_its_edge(robot: str, shape: str, stage: St
     """The tool went into the void above its floor, and stopped there."""
     size = OPEN[shape]
     pose = {"xyz": [0.40, -0.40, 0.4 + 0.5 * size[-1]], "rpy": [0, 0, 20]}
-    thing = {"shape": shape, "size": size, "mass": 0.3, "pose": pose}
+    obj = {"shape": shape, "size": size, "mass": 0.3, "pose": pose}
     arm = {"robot": robot, "base": {"xyz": [0, 0, 0.4]}}
-    file = Scenario({"thing": thing}, arm=arm, scene="table").file(
+    file = Scenario({"thing": obj}, arm=arm, scene="table").file(
         {"approach_and_attach": {"object": "thing"}}
     )
     play = stage.run(file)
@@ -179,9 +179,9 @@ def test_an_open_thing_is_attached_at_its_edge(robot: str, shape: str, stage: St
 @pytest.mark.parametrize("robot", ["ur5", "panda"])
 def test_what_has_settled_a_little_deeper_is_touched(robot: str, stage: Stage) -> None:
     """It falls by 3 mm after the approach was planned, which ends 2 mm below its surface."""
-    thing = CUBE | {"pose": {"xyz": [0.40, -0.40, 0.428]}}
+    obj = CUBE | {"pose": {"xyz": [0.40, -0.40, 0.428]}}
     arm = {"robot": robot, "base": {"xyz": [0, 0, 0.4]}}
-    file = Scenario({"cube": thing}, arm=arm, scene="table").file(PICK)
+    file = Scenario({"cube": obj}, arm=arm, scene="table").file(PICK)
     play = stage.run(file)
     assert play.arm().outcome == "SUCCESS", play.arm().runs
     assert play.leaf("approach_and_attach").metrics["gap_m"] < 0.0

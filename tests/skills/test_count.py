@@ -32,10 +32,10 @@ def count(
         "kind": {**kind, "mass": 0.1, "color": "red", "spawned": False}
         | {"pose": {"xyz": [5, 5, 5]}}
     }
-    for name, thing in things.items():
-        x, y, below = thing["at"]
+    for name, obj in things.items():
+        x, y, below = obj["at"]
         spec = {**kind, "mass": 0.1, "color": "red", "fixed": True}
-        spec |= {key: value for key, value in thing.items() if key != "at"}
+        spec |= {key: value for key, value in obj.items() if key != "at"}
         half = spec["size"][0] if spec["shape"] == "sphere" else spec["size"][-1] / 2
         pose = {"xyz": [0.38 + x, -0.45 + y, TOP + below + half], "rpy": [0, 0, 15]}
         objects[name] = spec | {"pose": pose}

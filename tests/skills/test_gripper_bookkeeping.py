@@ -186,7 +186,7 @@ def test_the_part_between_the_fingers_is_centered_not_the_whole_object(stage: St
         "post": {"shape": "box", "size": [0.06, 0.06, 0.12]},
         "foot": {"shape": "box", "size": [0.12, 0.03, 0.03], "pose": {"xyz": [0.08, 0.02, -0.045]}},
     }
-    thing = {"shape": "compound", "mass": 0.3, "parts": parts}
+    obj = {"shape": "compound", "mass": 0.3, "parts": parts}
     leaves: list[Tree] = [
         {"open_gripper": {}},
         {"reach_to_pose": {"to": {"xyz": [0.46, -0.403, 0.5], "rpy": [180, 0, 180]}}},
@@ -197,7 +197,7 @@ def test_the_part_between_the_fingers_is_centered_not_the_whole_object(stage: St
         {
             "name": "foot",
             "world": {"scene": "table", "time_limit": 20},
-            "objects": {"thing": thing | {"pose": {"xyz": [0.35, -0.42, 0.4605]}}},
+            "objects": {"thing": obj | {"pose": {"xyz": [0.35, -0.42, 0.4605]}}},
             "arms": {
                 "arm1": {
                     "robot": "ur5",

@@ -150,8 +150,8 @@ def test_put_down_lies_where_it_was_left(stage: Stage) -> None:
 def test_other_shapes_and_weights(shape: str, mass: float, stage: Stage) -> None:
     """From a feather to two kilograms, taken at the top and lifted."""
     size = {"cylinder": [0.03, 0.06], "sphere": [0.03]}[shape]
-    thing = {"shape": shape, "size": size, "mass": mass, "pose": {"xyz": [0.40, -0.45, 0.43]}}
-    play = stage.run(Scenario({"cube": thing}, scene="table").file(PICK, UP))
+    obj = {"shape": shape, "size": size, "mass": mass, "pose": {"xyz": [0.40, -0.45, 0.43]}}
+    play = stage.run(Scenario({"cube": obj}, scene="table").file(PICK, UP))
     assert play.arm().outcome == "SUCCESS", play.arm().runs
     assert play.world.object_pose("cube").position[2] == pytest.approx(0.58, abs=0.005)
 

@@ -275,7 +275,7 @@ def test_arms_that_come_to_stand_in_each_others_way_pass_each_other(stage: Stage
 
 def test_what_is_taken_beside_its_center_is_known_where_it_is(stage: Stage) -> None:
     """The fingers were assumed to close on its center: 45 mm off, it counted as dropped."""
-    thing: Tree = {
+    obj: Tree = {
         "shape": "compound",
         "mass": 0.3,
         "pose": {"xyz": [0.2, -0.42, 0.4605], "rpy": [0, 0, -31]},
@@ -289,7 +289,7 @@ def test_what_is_taken_beside_its_center_is_known_where_it_is(stage: Stage) -> N
         },
     }
     gives = {"sequence": [{"grasp": {"object": "cube", "part": "post"}}, GIVE]}
-    file = file_with(gives, TAKES, objects={"cube": thing})
+    file = file_with(gives, TAKES, objects={"cube": obj})
     for arm, robot, x, yaw in (("arm1", "xarm7", -0.1, 0), ("arm2", "ur10e", 0.75, 180)):
         base = {"xyz": [x, -0.1, 0.4], "rpy": [0, 0, yaw]}
         file["arms"][arm] |= {"robot": robot, "gripper": "robotiq_2f85", "base": base}

@@ -42,9 +42,9 @@ def before_camera(robot: str, tree: Any, shape: str = "cube", **world: Any) -> d
     with bt.open({"bt_dualarm": 1, "name": "place", **file}, renderer="ray") as run:
         view = run.world.nominal["arm1"].camera_pose_at(run.world.hardware["arm1"].q)
     place = view.apply(np.array((0.02, -0.01, AWAY_M))).tolist()
-    thing = {**SHAPES[shape], "mass": 0.1, "fixed": True}
+    obj = {**SHAPES[shape], "mass": 0.1, "fixed": True}
     file["arms"]["arm1"]["tree"] = tree
-    file["objects"] = {"thing": {**thing, "pose": {"xyz": place, "rpy": [0, 0, 20]}}}
+    file["objects"] = {"thing": {**obj, "pose": {"xyz": place, "rpy": [0, 0, 20]}}}
     return file
 
 
@@ -92,8 +92,8 @@ def test_another_size_is_not_the_declared_one(
 ) -> None:
     """A cube of 43 mm was said to be one of 50 mm, 2 to 12 mm from where it was."""
     file = before_camera("ur5", {"locate": {"object": "other"}}, shape, reality=reality)
-    thing = file["objects"]["thing"]
-    other = thing | {"size": [edge / ratio for edge in thing["size"]], "spawned": False}
+    obj = file["objects"]["thing"]
+    other = obj | {"size": [edge / ratio for edge in obj["size"]], "spawned": False}
     file["objects"]["other"] = other | {"pose": {"xyz": [5, 5, 5]}}
     leaf = stage.run(file, seed=3).leaf("locate")
     assert leaf.code == "WRONG_SIZE", leaf.reason
@@ -272,17 +272,17 @@ def test_the_truth_is_read_for_the_score_alone(stage: Stage) -> None:
     assert np.abs(np.diff(sound, axis=0)).max() > 0, "the arm was to move"
 
 
-def on_desk(color: list[float], thing: dict[str, Any]) -> dict[str, Any]:
+def on_desk(color: list[float], obj: dict[str, Any]) -> dict[str, Any]:
     """A thing on a desk of a color, before an arm that looks down on it."""
     desk = {"shape": "box", "size": [0.58, 0.48, 0.01], "mass": 5, "fixed": True, "color": color}
-    height = 0.41 + 0.5 * thing["size"][-1]
+    height = 0.41 + 0.5 * obj["size"][-1]
     look = {"look_at": {"at": {"xyz": [0.35, -0.45, 0.42]}, "distance": 0.4}}
     arm = {"robot": "ur5", "gripper": "robotiq_2f85", "base": {"xyz": [0, 0, 0.4]}, "camera": {}}
     return {
         "world": {"scene": "table", "time_limit": 60, "reality": "lab"},
         "objects": {
             "desk": desk | {"pose": {"xyz": [0.35, -0.5, 0.405]}},
-            "thing": thing | {"mass": 0.3, "pose": {"xyz": [0.35, -0.48, height]}},
+            "thing": obj | {"mass": 0.3, "pose": {"xyz": [0.35, -0.48, height]}},
         },
         "arms": {"arm1": {**arm, "tree": {"sequence": [look, {"locate": {"object": "thing"}}]}}},
     }

@@ -33,13 +33,13 @@ def board(x: float, y: float, z: float) -> dict[str, Any]:
     return {"shape": "box", "size": [0.25, 0.25, 0.02], "mass": 5, "fixed": True, "pose": pose}
 
 
-def in_shelf(yaw: float, thing: dict[str, Any]) -> LeafReport:
+def in_shelf(yaw: float, obj: dict[str, Any]) -> LeafReport:
     """A Panda's `place` in a shelf, of what it has taken from the side, turned by a yaw, °."""
     return placed(
         "panda",
         "panda_hand",
         {
-            "thing": thing | {"pose": {"xyz": [0.40, -0.40, 0.45]}},
+            "thing": obj | {"pose": {"xyz": [0.40, -0.40, 0.45]}},
             "low": board(0.55, 0.1, 0.55),
             "high": board(0.55, 0.1, 0.83),
         },

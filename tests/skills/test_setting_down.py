@@ -52,10 +52,10 @@ def test_a_turn_of_what_is_round_counts_as_far_as_it_is_seen(
     file = task(argparse.Namespace(robot="ur5", gripper="robotiq_2f85", reality="lab"), 3)
     start = [0.40, -0.45, 0.40 + height]
     goal = [0.30, -0.40, 0.40 + height]
-    thing = {"shape": shape, "size": size, "mass": 0.1, "pose": {"xyz": start}}
+    obj = {"shape": shape, "size": size, "mass": 0.1, "pose": {"xyz": start}}
     grasp = {"object": "thing", "at": {"xyz": start, "rpy": [0, 0, 40]}, "most_force": 20}
     place = {"object": "thing", "at": {"xyz": goal, "rpy": [0, 0, 0]}}
-    file["objects"]["thing"] = thing
+    file["objects"]["thing"] = obj
     file["arms"]["arm1"]["tree"] = {"sequence": [{"grasp": grasp}, {"place": place}]}
     leaves = bt.run(file).arms["arm1"].leaves
     placed = leaves["sequence/place"].metrics

@@ -18,7 +18,7 @@ TOP = 0.30
 """Height of the table, m, on which the bases stand, too."""
 
 
-def file_of(robot: str, thing: Tree, leaves: list[Tree | str], reality: str) -> Tree:
+def file_of(robot: str, obj: Tree, leaves: list[Tree | str], reality: str) -> Tree:
     """An arm with a cup at a table with one object."""
     table = {"shape": "box", "size": [2.4, 2.4, TOP], "fixed": True, "color": "gray"}
     arm = {"robot": robot, "gripper": "suction_cup", "base": {"xyz": [0, 0, TOP]}}
@@ -27,7 +27,7 @@ def file_of(robot: str, thing: Tree, leaves: list[Tree | str], reality: str) -> 
         "world": {"scene": "empty", "reality": reality, "time_limit": 60},
         "objects": {
             "table": table | {"pose": {"xyz": [0, 0, 0.5 * TOP]}},
-            "thing": thing | {"color": "red"},
+            "thing": obj | {"color": "red"},
         },
         "arms": {"arm1": arm | {"tree": {"sequence": leaves}}},
     }

@@ -32,13 +32,13 @@ MARKER = {"marker": {"id": 1, "size": 0.03}}
 @cache
 def carried(kind: str, roll: float, *, marked: bool = False) -> LeafReport:
     """A Panda's `transport` under a board of what it has taken from the side."""
-    thing = THINGS[kind] | (MARKER if marked else {})
+    obj = THINGS[kind] | (MARKER if marked else {})
     goal = {"xyz": [0.55, 0.1, 0.63], "rpy": [roll, 0, -90]}
     return placed(
         "panda",
         "panda_hand",
         {
-            "thing": thing | {"pose": {"xyz": [0.40, -0.40, 0.45]}},
+            "thing": obj | {"pose": {"xyz": [0.40, -0.40, 0.45]}},
             "low": board(0.55, 0.1, 0.55),
             "high": board(0.55, 0.1, 0.78),
         },

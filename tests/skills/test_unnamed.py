@@ -15,12 +15,12 @@ PUT = {"place": {"at": {"xyz": [0.25, -0.50, 0.425]}}}
 
 
 def task(*leaves: dict[str, Any], gripper: str = "robotiq_2f85", **cube: Any) -> dict[str, Any]:
-    thing = {"shape": "box", "size": [0.05, 0.05, 0.05], "mass": 0.3, "pose": AT} | cube
+    obj = {"shape": "box", "size": [0.05, 0.05, 0.05], "mass": 0.3, "pose": AT} | cube
     return {
         "bt_dualarm": 1,
         "name": "unnamed",
         "world": {"scene": "table", "reality": "lab", "time_limit": 60},
-        "objects": {"cube": thing},
+        "objects": {"cube": obj},
         "arms": {
             "arm1": {
                 "robot": "ur5",

@@ -56,13 +56,15 @@ def kinds() -> list[NodeType]:
 @pytest.mark.parametrize("kind", kinds(), ids=lambda kind: kind.name)
 def test_no_type_is_left_in_the_words_of_python(kind: NodeType) -> None:
     """What has no words yet would show brackets or dots."""
-    told = describe(kind)
-    assert [port for port in told.ports + told.outputs if set(port.type) & set("[].<_")] == [
+    reported = describe(kind)
+    assert [
+        port for port in reported.ports + reported.outputs if set(port.type) & set("[].<_")
+    ] == [
         port
-        for port in told.ports
+        for port in reported.ports
         if port.name == "relation"  # its choices have underscores
     ]
-    assert all(port.description for port in told.ports + told.outputs)
+    assert all(port.description for port in reported.ports + reported.outputs)
 
 
 def test_children_are_told_by_their_place() -> None:

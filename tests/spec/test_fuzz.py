@@ -50,7 +50,9 @@ def seeds() -> list[Any]:
 
 def build(path: Path, registry: Registry) -> None:
     """Build every tree of an accepted file; nothing is ticked."""
-    arm: Any = SimpleNamespace(release=lambda: None, trouble=lambda: None, enter=lambda **_: None)
+    arm: Any = SimpleNamespace(
+        release=lambda: None, pending_fault=lambda: None, enter=lambda **_: None
+    )
     arm.touched = lambda _: {}
     log = logging.getLogger("fuzz")
     rng = np.random.default_rng(0)

@@ -59,7 +59,7 @@ def cell(tmp_path: Path) -> Path:
 def test_fixtures_are_fixed_objects_and_mounts_are_poses(cell: Path) -> None:
     file = load_tree_file(cell)
     assert [*file.objects] == ["bench", "wall", "rack", "post1", "post2", "cube"]
-    assert [name for name, thing in file.objects.items() if not thing.fixed] == ["cube"]
+    assert [name for name, obj in file.objects.items() if not obj.fixed] == ["cube"]
     world = World(file)
     assert next(world.overlaps(), None) is None
     assert world.arms["arm1"].camera_id >= 0

@@ -96,8 +96,8 @@ def test_both_accept(name: str, tmp_path: Path) -> None:
         ("color: red", False),
     ],
 )
-def test_what_is_fixed_needs_no_mass(thing: str, is_sound: bool, tmp_path: Path) -> None:
-    before = f"objects: {{cube: {{shape: box, size: [0.1, 0.1, 0.1], {thing}}}}}\n"
+def test_what_is_fixed_needs_no_mass(obj: str, is_sound: bool, tmp_path: Path) -> None:
+    before = f"objects: {{cube: {{shape: box, size: [0.1, 0.1, 0.1], {obj}}}}}\n"
     path = task(tmp_path, "look", before)
     assert (not errors(check_file(path, SKILLS))) == is_sound
     assert is_valid(read_file(path).data) == is_sound

@@ -37,14 +37,14 @@ class Browser:
         finally:
             connection.close()
 
-    def told(self, what: str) -> Any:
+    def fetch(self, what: str) -> Any:
         """What is answered, in JSON."""
         status, content = self.ask(what)
         assert status == 200, content
         return json.loads(content)
 
     def now(self) -> dict[str, Any]:
-        found: dict[str, Any] = self.told("now")
+        found: dict[str, Any] = self.fetch("now")
         return found
 
     def press(self, deed: str, value: object = None) -> None:
@@ -54,7 +54,7 @@ class Browser:
     def until(self, what: str, is_so: Callable[[Any], bool]) -> Any:
         """What is answered once it is as it should be."""
         for _ in range(600):
-            found = self.told(what)
+            found = self.fetch(what)
             if is_so(found):
                 return found
             time.sleep(0.05)  # another process looks at the file

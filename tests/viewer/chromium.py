@@ -76,15 +76,15 @@ class Tab:
                 return result
             self._heed(said["method"], said["params"])
 
-    def _heed(self, method: str, told: dict[str, Any]) -> None:
+    def _heed(self, method: str, reported: dict[str, Any]) -> None:
         if method == "Network.requestWillBeSent":
-            self.requests.append(told["request"]["url"])
+            self.requests.append(reported["request"]["url"])
         elif method == "Runtime.exceptionThrown":
-            self.errors.append(str(told["exceptionDetails"]))
-        elif method == "Log.entryAdded" and told["entry"]["level"] == "error":
-            self.errors.append(str(told["entry"]["text"]))
-        elif method == "Runtime.consoleAPICalled" and told["type"] in ("error", "assert"):
-            self.errors.append(str(told["args"]))
+            self.errors.append(str(reported["exceptionDetails"]))
+        elif method == "Log.entryAdded" and reported["entry"]["level"] == "error":
+            self.errors.append(str(reported["entry"]["text"]))
+        elif method == "Runtime.consoleAPICalled" and reported["type"] in ("error", "assert"):
+            self.errors.append(str(reported["args"]))
 
 
 @contextmanager

@@ -137,8 +137,8 @@ def test_a_run_is_shown_held_looked_back_at_and_explained(live: LiveView, tmp_pa
         tab.wait(f"page.live.time > {held} && page.live.held")
         assert tab.value("page.live.time") == pytest.approx(held + 0.002, abs=1e-4)
         click(tab, ".node[title^='selector/reach_to_pose']")  # the other arm may fail later
-        told = tab.wait("document.querySelector('#why .cause')?.textContent")
-        assert "reach" in told
+        reported = tab.wait("document.querySelector('#why .cause')?.textContent")
+        assert "reach" in reported
         click(tab, "[data-panel=boards]")
         assert "goal" in tab.wait("document.querySelector('#boards td + td')?.textContent")
         tab.value("goTo(0.1)")

@@ -72,7 +72,7 @@ def test_a_record_is_shown_at_any_time(failed: Record) -> None:
     with shown(failed.folder) as browser:
         now = browser.now()
         assert (now["kind"], now["until"]) == ("record", pytest.approx(failed.until, abs=1e-3))
-        early, late = (browser.told(f"at?t={time}") for time in (0.3, failed.until))
+        early, late = (browser.fetch(f"at?t={time}") for time in (0.3, failed.until))
         [arm] = early["arms"]
         assert [node["status"] for node in arm["nodes"]] == [
             "RUNNING",
@@ -85,25 +85,25 @@ def test_a_record_is_shown_at_any_time(failed: Record) -> None:
         assert late["arms"][0]["nodes"][-1]["reason"].startswith("INVALID_TARGET: ")
         assert late["arms"][0]["outcome"] == "FAILURE"
         assert not np.allclose(numbers(early["poses"]), numbers(late["poses"]), atol=1e-3)
-        scene = browser.told(f"scene?generation={early['generation']}")
+        scene = browser.fetch(f"scene?generation={early['generation']}")
         assert len(numbers(early["poses"])) > 7 * max(s["body"] for s in scene["shapes"])
 
 
 def test_signals_and_log_go_over_the_whole_record(failed: Record) -> None:
     with shown(failed.folder) as browser:
-        rows = numbers(browser.told("series")["arms"]["arm1"]).reshape(-1, 8)
+        rows = numbers(browser.fetch("series")["arms"]["arm1"]).reshape(-1, 8)
         np.testing.assert_allclose(rows[[0, -1], 0], failed.times[[0, -1]], atol=1e-3)
         assert np.ptp(rows[:, 1:4], axis=0).max() == pytest.approx(0.06, abs=0.01), "aside"
-        lines = browser.told("log?after=0")["lines"]
+        lines = browser.fetch("log?after=0")["lines"]
         assert len([line for line in lines if "→" in line["text"]]) == len(failed.events)
         assert any("FAILURE INVALID_TARGET" in line["text"] for line in lines)
 
 
 def test_reasons_are_those_of_bt_why(failed: Record) -> None:
     with shown(failed.folder) as browser:
-        [story] = browser.told("why?of=arm1:sequence/reach_to_pose")["stories"]
+        [story] = browser.fetch("why?of=arm1:sequence/reach_to_pose")["stories"]
         assert "outside the reach" in story["causes"][0]["sentence"]
-        [running] = browser.told("why?of=arm1:sequence&t=0.3")["stories"]
+        [running] = browser.fetch("why?of=arm1:sequence&t=0.3")["stories"]
         assert (running["status"], running["leaf"]) == ("RUNNING", "sequence/aside/reach_to_pose")
         status, said = browser.ask("why?of=arm1:nonsense")
         assert (status, said.split(b";")[0]) == (400, b"no node is called 'arm1:nonsense'")
@@ -184,12 +184,12 @@ def test_a_run_that_goes_on_is_looked_back_at(tmp_path: Path) -> None:
             held = browser.held()
             [key] = held["arms"][0]["board"]
             assert (key["key"], key["leaf"]) == ("goal", "sequence/set")
-            then = browser.told("at?t=0.5")
+            then = browser.fetch("at?t=0.5")
             assert then["time"] == pytest.approx(0.5, abs=0.02)
             assert then["arms"][0]["nodes"][2]["status"] == "RUNNING"
-            [story] = browser.told(f"why?of=arm1:sequence&t={held['time']}")["stories"]
+            [story] = browser.fetch(f"why?of=arm1:sequence&t={held['time']}")["stories"]
             assert story["status"] == "RUNNING"
-            assert browser.told("log?after=0")["next"] >= 5
+            assert browser.fetch("log?after=0")["next"] >= 5
             browser.press("break", "")
             browser.press("go")
             thread.join(60)
