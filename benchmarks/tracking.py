@@ -29,7 +29,7 @@ from typing import Any, Final
 import numpy as np
 
 from benchmarks.camera_map import draw, survey, table
-from benchmarks.meddling import (
+from benchmarks.disturbances import (
     COVERED_FROM_S,
     TWIN_X_M,
     ages_of_data,

@@ -12,9 +12,9 @@ from bt_dualarm.control.collision_detection import CollisionDetector
 from bt_dualarm.control.computed_torque import ComputedTorque, ForceLimit
 from bt_dualarm.core.errors import (
     RAISED_BY_SKILLS,
+    CollisionDetectedFailure,
     Failure,
     ForceLimitFailure,
-    HitFailure,
     Number,
     TouchFailure,
 )
@@ -38,7 +38,7 @@ from bt_dualarm.trajectory.trajectory import Trajectory
 _AFFECTED: Final = 0.5
 """Fraction of its threshold at which a joint counts as affected by a detected collision."""
 
-CONTACTS = (TouchFailure, ForceLimitFailure, HitFailure)
+CONTACTS = (TouchFailure, ForceLimitFailure, CollisionDetectedFailure)
 """Failures after which an arm retreats, instead of only stopping."""
 
 BACK_OFF_S = 0.1
@@ -441,7 +441,9 @@ def overspeed_failure(robot: Robot, shares: Vector) -> Failure:
     )
 
 
-def collision_failure(robot: Robot, detector: CollisionDetector, jacobian: Matrix) -> HitFailure:
+def collision_failure(
+    robot: Robot, detector: CollisionDetector, jacobian: Matrix
+) -> CollisionDetectedFailure:
     """Failure for a detected collision.
 
     A contact force affects the joints between the base and the contact, not those beyond: the last
@@ -459,7 +461,7 @@ def collision_failure(robot: Robot, detector: CollisionDetector, jacobian: Matri
     force = float(np.linalg.norm(np.linalg.pinv(jacobian.T) @ detector.change))
     torque = float(abs(detector.change[joint]))
     threshold = float(detector.threshold[joint])
-    return HitFailure(
+    return CollisionDetectedFailure(
         f"joint {robot.joints[joint]} felt {torque:.1f} N m that its model does not explain, above "
         f"the threshold of {threshold:.1f} N m: a collision at {robot.joints[last]} or beyond, "
         f"of {force:.0f} N if at the tool",

@@ -211,7 +211,7 @@ class ForceLimitFailure(Failure):
         )
 
 
-class HitFailure(Failure):
+class CollisionDetectedFailure(Failure):
     """A collision was detected from the joint torques: ``COLLISION``.
 
     Args:

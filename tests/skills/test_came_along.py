@@ -5,19 +5,19 @@ from __future__ import annotations
 import pytest
 
 import bt_dualarm as bt
-from benchmarks.false_success_ways import Hand, file_of, ways
+from benchmarks.false_success_cases import Hand, cases, file_of
 
 
 @pytest.mark.parametrize("name", ["sticks to a finger for 2.2 s", "sticks to the cup for 1.3 s"])
 def test_what_came_along_is_held_again(name: str) -> None:
     """The gripper says so, before the referee looks; the next `place` sets it down."""
-    way = next(way for way in ways() if (way.skill, way.name) == ("place", name))
-    file = file_of(way)
-    grasp, place = way.leaves
+    case = next(case for case in cases() if (case.skill, case.name) == ("place", name))
+    file = file_of(case)
+    grasp, place = case.leaves
     tree = {"sequence": [grasp, {"retry": {"times": 2, "child": place}}]}
     file["arms"]["arm1"]["tree"] = tree
     with bt.open(file) as opened:
-        hand = Hand(opened.world, way)
+        hand = Hand(opened.world, case)
         opened.watch(hand)
         result = opened.finish()
     first, second = (leaf for leaf in result.arms["arm1"].runs if leaf.skill == "place")

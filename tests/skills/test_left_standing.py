@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from benchmarks.false_success_ways import Way, play, ways
+from benchmarks.false_success_cases import Case, cases, play
 from tests.families import some
 
 CODES = {
@@ -27,10 +27,12 @@ CHOSEN = [
 
 
 @pytest.mark.parametrize(
-    "way", [way for way in ways() if (way.skill, way.name) in CHOSEN], ids=lambda way: way.name
+    "way",
+    [case for case in cases() if (case.skill, case.name) in CHOSEN],
+    ids=lambda case: case.name,
 )
-def test_what_does_not_stay_is_no_success(way: Way) -> None:
+def test_what_does_not_stay_is_no_success(case: Case) -> None:
     """The leaf fails with the code that says why, however well it went by what the arm senses."""
-    leaf, lies = play(way)
+    leaf, lies = play(case)
     assert not lies
-    assert (leaf.skill, leaf.code) == (way.skill, CODES[way.skill, way.name]), leaf.reason
+    assert (leaf.skill, leaf.code) == (case.skill, CODES[case.skill, case.name]), leaf.reason

@@ -1,7 +1,7 @@
 """What arms make of the mass of things that nobody has weighed.
 
-    python -m benchmarks.weighing [--robots ur5 panda ...] [--set lab] [--seeds 3] [--loads 8]
-                                  [--gripper robotiq_2f85]
+    python -m benchmarks.payload_estimation [--robots ur5 panda ...] [--set lab] [--seeds 3]
+                                            [--loads 8] [--gripper robotiq_2f85]
 
 Every robot of the catalog stands in a posture drawn around its own in which nothing touches,
 swings a little with nothing in its hand, is given a cube of 0.1 to 3 kg, its payload at most, and

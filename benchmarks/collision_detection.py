@@ -1,6 +1,7 @@
 """Hits: how soon an arm feels them, and how often it feels one where nothing is.
 
-    python -m benchmarks.hits [--hits 20] [--free 60] [--robots ur5 panda ...] [--sets lab rough]
+    python -m benchmarks.collision_detection [--hits 20] [--free 60] [--robots ur5 panda ...]
+                                             [--sets lab rough]
 
 An arm moves as fast as its tool is to be, 0.1 to 0.5 m/s, and a fixed ball of 0.1 m is in its way
 that nobody has told it of. Counted is from the first contact in the simulator to the fault of its
@@ -25,7 +26,7 @@ from benchmarks.measured_robots import MEASURED
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.collision.checker import CollisionChecker
 from bt_dualarm.control.controller import JointController
-from bt_dualarm.core.errors import CollisionFailure, HitFailure, OverlapError
+from bt_dualarm.core.errors import CollisionDetectedFailure, CollisionFailure, OverlapError
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.robots.robot_description import load_robot, robot_names
@@ -177,7 +178,9 @@ def _run_into(bench: Bench, motion: Trajectory, speed: float) -> Hit | None:
         bench.controller.update(bench.world.time)
         fault = bench.controller.fault
         if fault is not None or (began is not None and bench.world.time - began > 0.2):
-            felt = isinstance(fault, CollisionFailure | HitFailure) and began is not None
+            felt = (
+                isinstance(fault, CollisionFailure | CollisionDetectedFailure) and began is not None
+            )
             late = bench.world.time - began if began is not None else 0.0
             by_link = isinstance(fault, CollisionFailure)
             return Hit(speed, late if felt else None, str(fault), by_link)
@@ -205,7 +208,7 @@ def free(
             continue
         for _ in bench.moved(motion):
             pass
-        if isinstance(bench.controller.fault, HitFailure):
+        if isinstance(bench.controller.fault, CollisionDetectedFailure):
             alarms.append(str(bench.controller.fault))
         while not bench.controller.at_rest and bench.controller.fault is not None:
             bench.controller.update(bench.world.time)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.hits import Bench, free, hit
+from benchmarks.collision_detection import Bench, free, hit
 from bt_dualarm.control.collision_detection import CollisionDetector
 from bt_dualarm.control.dynamics import ArmDynamics
-from bt_dualarm.core.errors import HitFailure
+from bt_dualarm.core.errors import CollisionDetectedFailure
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.trajectory.set_points import SetPoint
 from tests.plays import STOPPED, Stage
@@ -82,7 +82,7 @@ def test_a_motion_that_is_to_touch_something_minds_no_hit() -> None:
             world.step()
         faults.append(controller.fault)
     assert faults[0] is None
-    assert isinstance(faults[1], HitFailure)
+    assert isinstance(faults[1], CollisionDetectedFailure)
     assert faults[1].numbers["force_n"] == pytest.approx(85, rel=0.6)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from benchmarks.meddling import ages_of_data, covered
+from benchmarks.disturbances import ages_of_data, covered
 from bt_dualarm.skill.registry import Registry
 
 

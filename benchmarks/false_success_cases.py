@@ -1,6 +1,6 @@
 """Ways in which an object does not stay where a skill leaves it: is any of them a SUCCESS?
 
-    python -m benchmarks.false_success_ways [--only place detach ...] [--verbose]
+    python -m benchmarks.false_success_cases [--only place detach ...] [--verbose]
 
 In each way the world, or a hand that reaches into it, sees to it that the object is not, or does
 not stay, where `place`, `detach`, `transport`, `insert` or `regrasp` is to leave it. A SUCCESS is
@@ -40,7 +40,7 @@ GOAL: Final = (0.28, -0.42)
 
 
 @dataclass(frozen=True)
-class Way:
+class Case:
     """One way in which it does not stay.
 
     Attributes:
@@ -200,10 +200,10 @@ def pose(x: float, y: float, z: float, *rpy: float) -> Pose:
     return Pose.from_rpy((x, y, z), tuple(np.radians(rpy or (0.0, 0.0, 0.0)).tolist()))
 
 
-def placing(name: str, obj: Mapping[str, Any], goal: Pose, **more: Any) -> Way:
+def placing(name: str, obj: Mapping[str, Any], goal: Pose, **more: Any) -> Case:
     """A thing that is grasped and placed."""
     before = more.pop("before", (GRASP,))
-    return Way(name, "place", obj, (*before, place(goal)), goal, **more)
+    return Case(name, "place", obj, (*before, place(goal)), goal, **more)
 
 
 def on_table(obj: Mapping[str, Any], x: float = GOAL[0], y: float = GOAL[1]) -> Pose:
@@ -211,7 +211,7 @@ def on_table(obj: Mapping[str, Any], x: float = GOAL[0], y: float = GOAL[1]) -> 
     return pose(x, y, TABLE + standing(obj))
 
 
-def place_ways() -> Iterator[Way]:
+def place_cases() -> Iterator[Case]:
     """Where `place` leaves it, it does not stay."""
     for beyond in (-0.001, 0.004, 0.015, 0.035):
         goal = on_table(CUBE, y=-0.25 + beyond)
@@ -275,7 +275,7 @@ def place_ways() -> Iterator[Way]:
         grasp = {"grasp": {"at": at, "width": 0.04, "height": 0.12, "depth": 0.04}}
         there = {"place": {"at": {"xyz": tall.position.tolist(), "rpy": [0, 0, 0]}}}
         name = f"held {1e3 * off:.0f} mm off its center"
-        yield Way(name, "place", TALL, (grasp, there), tall)
+        yield Case(name, "place", TALL, (grasp, there), tall)
     for across in (0.01, 0.014):
         name = f"slid by {1e3 * across:.0f} mm in the hand"
         yield placing(name, CUBE, goal, deed=slid(across), begins=("held", 1.0))
@@ -285,7 +285,7 @@ def place_ways() -> Iterator[Way]:
     yield placing("turned about the tool", TALL, tall, deed=turned(12, 2), begins=("held", 1.0))
 
 
-def transport_ways() -> Iterator[Way]:
+def transport_cases() -> Iterator[Case]:
     """Carried, it is not where it is to be."""
     goal = pose(0.30, -0.40, 0.60)
     to = {"xyz": goal.position.tolist(), "rpy": [0, 0, 0]}
@@ -300,17 +300,17 @@ def transport_ways() -> Iterator[Way]:
         ("fell out", CUBE, moved(0.3, 0.0, 0.2)),
         ("taken away", CUBE, gone),
     ):
-        yield Way(name, "transport", obj, leaves, goal, {}, deed, ("held", 0.7), tolerance=0.005)
+        yield Case(name, "transport", obj, leaves, goal, {}, deed, ("held", 0.7), tolerance=0.005)
 
 
-def detach_ways() -> Iterator[Way]:
+def detach_cases() -> Iterator[Case]:
     """Let go of, it does not stay."""
 
-    def let_go(name: str, goal: Pose, obj: Mapping[str, Any] = CUBE, **more: Any) -> Way:
+    def let_go(name: str, goal: Pose, obj: Mapping[str, Any] = CUBE, **more: Any) -> Case:
         to = {"xyz": goal.position.tolist(), "quat": goal.quaternion.tolist()}
         leaves = (PICK, {"transport": {"object": THING, "to": to}}, {"detach": {"object": THING}})
         ends = {"gripper": None, "tolerance": 0.01} | more
-        return Way(name, "detach", obj, leaves, goal, **ends)
+        return Case(name, "detach", obj, leaves, goal, **ends)
 
     yield let_go("in the air", pose(0.30, -0.40, 0.55))
     yield let_go("20 mm above the table", pose(0.30, -0.40, TABLE + 0.045))
@@ -324,10 +324,10 @@ def detach_ways() -> Iterator[Way]:
     yield let_go("a ball", rolls, BALL, deed=kicked(0.05), begins=("released", 0.05))
     yield let_go("stuck in the air", pose(0.30, -0.40, 0.55), deed=stuck(60.0))
     held = (GRASP, CARRY, {"detach": {"object": THING}})
-    yield Way("the fingers are shut", "detach", CUBE, held, pose(0.30, -0.40, 0.60))
+    yield Case("the fingers are shut", "detach", CUBE, held, pose(0.30, -0.40, 0.60))
 
 
-def insert_ways() -> Iterator[Way]:
+def insert_cases() -> Iterator[Case]:
     """Put into its hole, or onto the table as into none, it is not in there."""
     goal = pose(0.25, -0.45, TABLE + 0.025)
     at = {"xyz": goal.position.tolist(), "rpy": [0, 0, 0]}
@@ -341,10 +341,10 @@ def insert_ways() -> Iterator[Way]:
         ("turned about the tool", turned(8.0, 2)),
         ("taken away", gone),
     ):
-        yield Way(name, "insert", CUBE, leaves, goal, {}, deed, ("held", 0.8), tolerance=0.0048)
+        yield Case(name, "insert", CUBE, leaves, goal, {}, deed, ("held", 0.8), tolerance=0.0048)
 
 
-def regrasp_ways() -> Iterator[Way]:
+def regrasp_cases() -> Iterator[Case]:
     """Set down to be taken in another way, it does not stay, or is not taken."""
     goal = pose(*START, TABLE + 0.06)
     leaves = (GRASP, {"regrasp": {"object": THING}})
@@ -357,15 +357,15 @@ def regrasp_ways() -> Iterator[Way]:
         ("taken away", gone, ("released", 1.0)),
         ("put far away", moved(0.3, 0.0, 0.05), ("released", 3.0)),
     ):
-        yield Way(name, "regrasp", TALL, leaves, goal, {}, deed, begins, tolerance=0.01)
+        yield Case(name, "regrasp", TALL, leaves, goal, {}, deed, begins, tolerance=0.01)
     edge = {"regrasp": {"object": THING, "at": {"xyz": [0.30, -0.249, TABLE + 0.06]}}}
-    yield Way("at the edge", "regrasp", TALL, (GRASP, edge), goal)
+    yield Case("at the edge", "regrasp", TALL, (GRASP, edge), goal)
 
 
-def ways() -> list[Way]:
+def cases() -> list[Case]:
     """All of them."""
-    makers = (place_ways, transport_ways, detach_ways, insert_ways, regrasp_ways)
-    return [way for maker in makers for way in maker()]
+    makers = (place_cases, transport_cases, detach_cases, insert_cases, regrasp_cases)
+    return [case for maker in makers for case in maker()]
 
 
 class Hand(IdleObserver):
@@ -376,9 +376,9 @@ class Hand(IdleObserver):
         errors: What it has raised itself.
     """
 
-    def __init__(self, world: World, way: Way) -> None:
+    def __init__(self, world: World, case: Case) -> None:
         self._world = world
-        self._way = way
+        self._way = case
         self._since: float | None = None
         self._held = self._done = False
         self._began_s = 0.0
@@ -404,68 +404,68 @@ class Hand(IdleObserver):
             self._done = True
 
     def _act(self, time: float) -> None:
-        way = self._way
+        case = self._way
         world = self._world
-        if way.deed is None or self._done:
+        if case.deed is None or self._done:
             return
         holds = any(one.arm == "arm1" for one in world.attachments)
         if holds and not self._held:
             self._held = True
             self._began_s = time
-        event, delay = way.begins
+        event, delay = case.begins
         if self._since is None and self._held:
             if event == "held" and time - self._began_s >= delay + 0.5:
                 self._since = time
             if event == "released" and not holds:
                 self._since = time + delay
         if self._since is not None and time >= self._since:
-            self._done = way.deed(world)
+            self._done = case.deed(world)
 
     def _judge(self, when: str) -> None:
-        way = self._way
+        case = self._way
         world = self._world
         if THING not in world.objects:
             self.lies.append(f"{when}: it is not there")
             return
         true = world.object_pose(THING)
-        goal = way.goal
-        if way.skill == "regrasp":
+        goal = case.goal
+        if case.skill == "regrasp":
             held = world.attachments.find("arm1", THING)
             if held is None:
                 self.lies.append(f"{when}: it is not held")
                 return
             goal = world.arms["arm1"].tool_link_pose @ held.relative
         away = true.distance(goal)
-        turn = bt.KnownShape(way.obj["shape"], tuple(way.obj["size"])).angle(true, goal)
-        if away > way.tolerance + 1e-3:
+        turn = bt.KnownShape(case.obj["shape"], tuple(case.obj["size"])).angle(true, goal)
+        if away > case.tolerance + 1e-3:
             self.lies.append(f"{when}: it is {1e3 * away:.1f} mm away")
-        if way.skill != "detach" and turn > np.radians(6.0):
+        if case.skill != "detach" and turn > np.radians(6.0):
             self.lies.append(f"{when}: it is turned by {np.degrees(turn):.1f}°")
-        if way.skill == "place" and world.touches("arm1", THING):
+        if case.skill == "place" and world.touches("arm1", THING):
             self.lies.append(f"{when}: the tool touches it")
 
 
-def file_of(way: Way) -> dict[str, Any]:
+def file_of(case: Case) -> dict[str, Any]:
     """The tree file of a way."""
-    where = way.lies or (*START, TABLE + standing(way.obj) + 5e-4)
+    where = case.lies or (*START, TABLE + standing(case.obj) + 5e-4)
     arm: dict[str, Any] = {"robot": "ur5", "base": {"xyz": [0, 0, TABLE]}}
-    if way.gripper:
-        arm["gripper"] = way.gripper
-    *before, last = way.leaves
+    if case.gripper:
+        arm["gripper"] = case.gripper
+    *before, last = case.leaves
     tree = {"sequence": [*before, {"force_success": {"child": last}}, {"wait": {"seconds": 1.2}}]}
     return {
         "bt_dualarm": 1,
         "name": "ways",
         "world": {"scene": "table", "reality": "lab", "seed": 0, "time_limit": 90},
-        "objects": {THING: dict(way.obj) | {"pose": {"xyz": list(where)}}, **way.around},
+        "objects": {THING: dict(case.obj) | {"pose": {"xyz": list(where)}}, **case.around},
         "arms": {"arm1": arm | {"tree": tree}},
     }
 
 
-def play(way: Way) -> tuple[LeafReport, list[str]]:
+def play(case: Case) -> tuple[LeafReport, list[str]]:
     """The judged leaf, or the one that failed before it; and what was false."""
-    with bt.open(file_of(way)) as opened:
-        hand = Hand(opened.world, way)
+    with bt.open(file_of(case)) as opened:
+        hand = Hand(opened.world, case)
         opened.watch(hand)
         result = opened.finish()
     if hand.errors:
@@ -476,8 +476,8 @@ def play(way: Way) -> tuple[LeafReport, list[str]]:
 
 def judged(skill: str, name: str) -> dict[str, Any]:
     """What was said of a way, and what of it was false."""
-    way = next(way for way in ways() if (way.skill, way.name) == (skill, name))
-    leaf, lies = play(way)
+    case = next(case for case in cases() if (case.skill, case.name) == (skill, name))
+    leaf, lies = play(case)
     said = f"{leaf.status} {leaf.code or ''}".strip()
     return {
         "outcome": "FALSE_SUCCESS" if lies else "SUCCESS",
@@ -496,18 +496,18 @@ def main() -> int:
     add_options(parser)
     options = parser.parse_args()
     chosen = [
-        {"skill": way.skill, "name": way.name}
-        for way in ways()
-        if not options.only or any(word in (way.skill, way.name) for word in options.only)
+        {"skill": case.skill, "name": case.name}
+        for case in cases()
+        if not options.only or any(word in (case.skill, case.name) for word in options.only)
     ]
     false = stayed = elsewhere = exceptions = 0
     with Campaign(options) as campaign:
-        for way, found in campaign.run(judged, chosen):
+        for case, found in campaign.run(judged, chosen):
             exceptions += found["code"] == "EXCEPTION"
-            elsewhere += found["skill"] != way["skill"]
+            elsewhere += found["skill"] != case["skill"]
             stayed += found["stayed"]
             false += bool(found["lies"])
-            print(f"{way['skill']:10} {way['name']:36} {found['said']}", flush=True)
+            print(f"{case['skill']:10} {case['name']:36} {found['said']}", flush=True)
             for lie in found["lies"]:
                 print(f"    FALSE: {lie}", flush=True)
         print(

@@ -6,7 +6,7 @@ import pytest
 
 import bt_dualarm
 from benchmarks.path_reality import PERIOD, curves, measured, world_of
-from benchmarks.weighing import swing, weighed
+from benchmarks.payload_estimation import swing, weighed
 from bt_dualarm.arm.payload import PayloadCheck
 from bt_dualarm.control.controller import JointController
 from bt_dualarm.core.errors import Failure
