@@ -27,7 +27,7 @@ CHOSEN = [
 
 
 @pytest.mark.parametrize(
-    "way",
+    "case",
     [case for case in cases() if (case.skill, case.name) in CHOSEN],
     ids=lambda case: case.name,
 )
