@@ -1,4 +1,4 @@
-"""A studio for detection: a camera 0.375 m in front of a colored cube that is moved by hand."""
+"""A scene for detection: a camera 0.375 m in front of a colored cube that tests move."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class Studio:
         self.data.mocap_pos[index] = (x, y, 0.5 + z)
 
     def at(self, time: float) -> Studio:
-        """The same at another time."""
+        """This studio, with another simulation time."""
         self.data.time = time
         return self
 
@@ -70,7 +70,7 @@ StudioMaker = Callable[..., Studio]
 
 @pytest.fixture(scope="module")
 def renderers() -> Iterator[dict[str, Renderer]]:
-    """Those that were created, by kind: a context of OpenGL takes a tenth of a second."""
+    """Renderers created so far, by kind: an OpenGL context takes a tenth of a second."""
     created = dict[str, Renderer]()
     yield created
     for renderer in created.values():
@@ -79,7 +79,7 @@ def renderers() -> Iterator[dict[str, Renderer]]:
 
 @pytest.fixture(params=["ray", "gl"])
 def renderer(request: pytest.FixtureRequest, renderers: dict[str, Renderer]) -> Renderer:
-    """Each renderer in turn, as far as this machine has it."""
+    """Each renderer that this machine has, in turn."""
     kind = request.param
     if kind not in renderers:
         try:

@@ -1,4 +1,4 @@
-"""The kernels of coverage do what OpenCV does, one call after the other, to the last bit."""
+"""Coverage kernels: bit for bit what a sequence of OpenCV calls computes."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ import pytest
 from bt_dualarm.perception.perception_kernels import cover, measure_coverage, weigh
 from tests.plain_kernels import plain
 
-_BESIDE, _ABOUT = (cv2.getStructuringElement(cv2.MORPH_RECT, (n, n)) for n in (3, 5))
+_SQUARE_3, _SQUARE_5 = (cv2.getStructuringElement(cv2.MORPH_RECT, (n, n)) for n in (3, 5))
 
 
 def target(seed: int, most: int) -> tuple[Any, Any, Any]:
-    """Colors, what has the one that is looked for, and an outline that may reach the border."""
+    """An image, a mask of the target's color, and a filled outline that may reach the border."""
     rng = np.random.default_rng(seed)
     height, width = rng.integers(1, most, 2)
     rgb = rng.integers(0, 256, (height, width, 3), dtype=np.uint8)
@@ -27,14 +27,14 @@ def target(seed: int, most: int) -> tuple[Any, Any, Any]:
 
 
 def covered(rgb: Any, filled: Any) -> Any:
-    """Share of each pixel, by OpenCV."""
-    inside = cv2.erode(filled, _BESIDE)
-    near = cv2.dilate(filled, _BESIDE)
+    """Share of each pixel that the target covers, computed by OpenCV."""
+    inside = cv2.erode(filled, _SQUARE_3)
+    near = cv2.dilate(filled, _SQUARE_3)
     target, background = (cv2.mean(rgb, mask)[:3] for mask in (filled, cv2.bitwise_not(near)))
     line = np.subtract(target, background)
     along = line_sums(rgb, line.astype(np.float32))
-    lowest = cv2.erode(along, _ABOUT)
-    highest = cv2.dilate(along, _ABOUT)
+    lowest = cv2.erode(along, _SQUARE_5)
+    highest = cv2.dilate(along, _SQUARE_5)
     share = (along - lowest) / np.maximum(highest - lowest, 1.0)
     share[near == 0] = 0.0
     share[inside > 0] = 1.0
@@ -42,14 +42,14 @@ def covered(rgb: Any, filled: Any) -> Any:
 
 
 def line_sums(rgb: Any, line: Any) -> Any:
-    """As ``cv2.transform``, whether this processor multiplies and adds at once or not."""
+    """Like ``cv2.transform``, with or without fused multiply-add in this processor."""
     red, green, blue = np.moveaxis(rgb.astype(np.float32), 2, 0)
     part = (float(line[0]) * red.astype(float) + line[1] * green).astype(np.float32)
     return (float(line[2]) * blue.astype(float) + part).astype(np.float32)
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_shares_and_moments_are_opencv_s(seed: int) -> None:
+def test_shares_and_moments_equal_those_of_opencv(seed: int) -> None:
     rgb, raw, filled = target(seed, 90)
     expected = covered(rgb, filled)
     share = np.empty(filled.shape, np.float32)
@@ -64,7 +64,7 @@ def test_shares_and_moments_are_opencv_s(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_lines_are_summed_as_opencv_does_but_for_rounding(seed: int) -> None:
+def test_line_sums_equal_those_of_opencv_except_for_rounding(seed: int) -> None:
     rgb, _, _ = target(seed, 60)
     line = np.random.default_rng(seed).normal(0.0, 80.0, 3).astype(np.float32)
     expected = cv2.transform(rgb.astype(np.float32), line[None]).reshape(rgb.shape[:2])
@@ -72,7 +72,7 @@ def test_lines_are_summed_as_opencv_does_but_for_rounding(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_compiled_measures_are_those_of_plain_python(seed: int) -> None:
+def test_compiled_measures_equal_plain_python(seed: int) -> None:
     by_python = plain(measure_coverage)(*target(seed, 24))
     assert measure_coverage(*target(seed, 24)) == by_python
     assert [type(number) for number in by_python] == [float, float, float, int, int]

@@ -20,7 +20,7 @@ YELLOW = ColorFilter(Color.named("yellow"))
 
 
 def painted(region: tuple[int, int, int, int] | None = None, stride: int = 1) -> Frame:
-    """A gray picture of 200 by 100 with one yellow rectangle of 20 by 10 px, center (150, 30)."""
+    """A gray image of 200 by 100 with one yellow rectangle of 20 by 10 px, center (150, 30)."""
     image = np.full((100, 200, 3), 90, np.uint8)
     image[25:35, 140:160] = (240, 215, 15)
     return Frame(1.5, image, Pose.identity(), 0.9, region or (0, 0, 200, 100), stride)
@@ -76,7 +76,7 @@ def printed(rim: int, stride: int = 1) -> Frame:
 
 
 @pytest.mark.parametrize("rim", [1, 2, 3, 6])
-def test_what_a_rim_surrounds_belongs_to_it(rim: int) -> None:
+def test_the_area_inside_a_rim_belongs_to_the_object(rim: int) -> None:
     frame = printed(rim)
     if rim > 1:
         frame.image[60, 130:132] = 90  # a gap
@@ -88,7 +88,7 @@ def test_what_a_rim_surrounds_belongs_to_it(rim: int) -> None:
 
 
 def test_blocks_show_a_rim_with_gaps_as_one_object() -> None:
-    """One sample for each block misses a rim that is thinner, here and there."""
+    """One sample per block misses a thinner rim in places."""
     frame = printed(rim=3, stride=3)
     for at in (45, 51, 69):
         frame.image[at : at + 6, 128:134] = 90
@@ -98,16 +98,16 @@ def test_blocks_show_a_rim_with_gaps_as_one_object() -> None:
     assert found[0].area_px == pytest.approx(1600.0, rel=0.2)
 
 
-def test_what_covers_a_part_from_outside_is_not_filled() -> None:
+def test_an_occlusion_from_outside_is_not_filled() -> None:
     frame = printed(rim=6)
-    frame.image[55:65, 120:150] = 90  # as a finger
+    frame.image[55:65, 120:150] = 90  # a finger, for example
     found = detect_all(frame, YELLOW)
     assert len(found) == 1
     assert found[0].area_px < 1600.0 - 28.0**2
 
 
-def test_separate_objects_stay_so_in_blocks() -> None:
-    """Three around a place where there is none."""
+def test_separate_objects_stay_separate_in_blocks() -> None:
+    """Three objects around an empty spot are not merged."""
     image = np.full((120, 300, 3), 90, np.uint8)
     for x, y in ((130, 40), (160, 40), (145, 66)):
         image[y : y + 18, x : x + 18] = (240, 215, 15)
@@ -144,7 +144,7 @@ def test_mixed_edge_pixels_count_by_their_share() -> None:
     assert found.centroid_px[0] == pytest.approx(expected, abs=0.02)
 
 
-def test_of_several_the_largest_or_the_one_expected() -> None:
+def test_the_largest_or_the_expected_object_is_chosen() -> None:
     frame = painted()
     frame.image[70:90, 20:60] = (240, 215, 15)
     largest = detect(frame, YELLOW)
@@ -164,7 +164,7 @@ def test_red_is_found_on_both_sides_of_the_wrap() -> None:
 
 
 @pytest.mark.parametrize("name", TARGET_COLORS)
-def test_named_colors_are_found_and_told_apart(name: str, make_studio: StudioMaker) -> None:
+def test_named_colors_are_found_and_distinguished(name: str, make_studio: StudioMaker) -> None:
     """A cube painted with the named color is seen by that filter and by no other."""
     studio = make_studio(NAMED_COLORS[name][:3])
     studio.place(0.03, 0.02)
@@ -195,8 +195,8 @@ def test_centroid_noise_is_a_tenth_of_a_pixel(
 
 
 @pytest.mark.parametrize("seed", range(30))
-def test_specks_and_pinholes_are_cleared_as_in_the_whole_picture(seed: int) -> None:
-    """What has the color is looked at without the rest of the picture: that changes nothing."""
+def test_specks_and_pinholes_are_cleared_as_in_the_whole_image(seed: int) -> None:
+    """Filtering only regions of the color has the same result as filtering the whole image."""
     rng = np.random.default_rng(seed)
     image = np.full((60, 80, 3), 90, np.uint8)
     for _ in range(3):

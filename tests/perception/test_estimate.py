@@ -56,30 +56,30 @@ def rms_of_prediction(
 @pytest.mark.parametrize("model", MODELS, ids=["jerk", "oscillator"])
 @pytest.mark.parametrize("curve", [circle(FASTEST_CIRCLE_S), lissajous(2.5)], ids=["circle", "1:2"])
 @pytest.mark.parametrize(("fps", "bound_mm"), [(60.0, 0.45), (30.0, 0.9)])
-def test_prediction_over_one_frame_of_latency(
+def test_prediction_error_over_one_frame_of_latency_is_bounded(
     model: MotionModel, curve: Curve, fps: float, bound_mm: float
 ) -> None:
-    """With 0.05 px of noise at 0.35 m (0.07 mm); the whole chain may have 1.0 and 2.5 mm."""
+    """0.05 px of noise at 0.35 m is 0.07 mm; errors of the whole pipeline may be 1.0 and 2.5 mm."""
     assert rms_of_prediction(model, curve, fps, 0.07e-3, 1.0 / fps) < 1e-3 * bound_mm
 
 
 def test_the_oscillator_learns_the_frequency() -> None:
-    """On a sine it beats a constant jerk by more than a fifth at 30 Hz."""
+    """On a sine at 30 Hz, its error is more than a fifth below that of a constant-jerk model."""
     curve = circle(FASTEST_CIRCLE_S)
-    patient: list[MotionModel] = [ConstantJerk(), Oscillator(jerk_density=3.0)]
-    jerk, swing = (rms_of_prediction(m, curve, 30.0, 0.2e-3, 1 / 30) for m in patient)
+    models: list[MotionModel] = [ConstantJerk(), Oscillator(jerk_density=3.0)]
+    jerk, swing = (rms_of_prediction(m, curve, 30.0, 0.2e-3, 1 / 30) for m in models)
     assert swing < 0.8 * jerk
 
 
-def test_the_frequency_stays_what_an_arm_can_do() -> None:
-    """Filters that let it go have been seen to run away to 1e40 m on a circle at full speed."""
-    restless = Oscillator(jerk_density=0.1, frequency_density=30.0)
+def test_the_frequency_stays_within_what_an_arm_can_do() -> None:
+    """Without this bound, filters diverged to 1e40 m on a circle at full speed."""
+    agile = Oscillator(jerk_density=0.1, frequency_density=30.0)
     for curve in (circle(FASTEST_CIRCLE_S), lissajous(2.5)):
-        assert rms_of_prediction(restless, curve, 30.0, 0.1e-3, 1 / 30) < 5e-3
+        assert rms_of_prediction(agile, curve, 30.0, 0.1e-3, 1 / 30) < 5e-3
 
 
 @pytest.mark.parametrize("model", MODELS, ids=["jerk", "oscillator"])
-def test_the_variance_is_honest(model: MotionModel) -> None:
+def test_the_variance_matches_the_squared_errors(model: MotionModel) -> None:
     """Noise of the declared sigma on a target at rest: squared errors match the variance."""
     rng = np.random.default_rng(1)
     sigma = 1e-3
@@ -90,7 +90,7 @@ def test_the_variance_is_honest(model: MotionModel) -> None:
             estimate.update(frame / 30, rng.normal(0.0, sigma, 2), sigma)
         time = 40 / 30
         ratios.append(estimate.predict(time).position ** 2 / estimate.variance(time))
-    # The filter expects a livelier target than one at rest, so it may err to the safe side.
+    # The filter expects a more agile target than one at rest, so it may err to the safe side.
     assert 0.2 < np.mean(ratios) < 1.3
 
 
@@ -116,7 +116,7 @@ def test_motion_is_a_flow(
 @settings(max_examples=50)
 @pytest.mark.parametrize("model", MODELS, ids=["jerk", "oscillator"])
 def test_the_jacobian_is_the_derivative(model: MotionModel, state: list[float], dt: float) -> None:
-    """Against central differences."""
+    """It equals central differences."""
     state[3] = abs(state[3]) + 0.5
     start = np.array([state])
     step = 1e-5
@@ -166,8 +166,8 @@ def test_a_measurement_older_than_all_is_ignored() -> None:
     assert estimate.predict(1.0).position == pytest.approx(np.zeros(3))
 
 
-def test_an_outlier_surprises() -> None:
-    """A centimeter at a millimeter of noise."""
+def test_an_outlier_has_a_large_surprise() -> None:
+    """A deviation of 1 cm stands out from 1 mm of noise."""
     estimate = TargetEstimate()
     curve = circle(2.0)
     for frame in range(60):
@@ -178,7 +178,7 @@ def test_an_outlier_surprises() -> None:
     assert strays > 25.0
 
 
-def test_an_uncertain_measurement_moves_little() -> None:
+def test_an_uncertain_measurement_has_little_influence() -> None:
     estimate = TargetEstimate()
     for frame in range(30):
         estimate.update(frame / 30, np.zeros(3), 1e-3)
@@ -186,7 +186,7 @@ def test_an_uncertain_measurement_moves_little() -> None:
     assert abs(estimate.predict(1.0).position[1]) < 1e-3
 
 
-def test_nothing_is_predicted_before_the_first_sight() -> None:
+def test_prediction_fails_before_the_first_sighting() -> None:
     estimate = TargetEstimate()
     with pytest.raises(ValueError, match="not been seen"):
         estimate.predict(0.0)

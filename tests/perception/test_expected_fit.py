@@ -1,4 +1,4 @@
-"""What images will tell is known before they are taken."""
+"""Expected fits: the accuracy of a fit is predicted before its images are taken."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LYING = OutlineScene.believed(PLACE, turn_by(np.array((0.0, 0.0, 0.4))))
 
 @pytest.mark.parametrize("name", SHAPES)
 def test_expected_accuracy_is_that_of_the_fit(name: str) -> None:
-    """Within 15 % of what the fit to four images and of its size then states."""
+    """It is within 15 % of what the fit of pose and size to four images then states."""
     shape = SHAPES[name]
     fitter = ShapeFitter(shape)
     views = [seen(LYING, shape, camera) for camera in cameras(4)]
@@ -29,7 +29,7 @@ def test_expected_accuracy_is_that_of_the_fit(name: str) -> None:
     assert found.size[0] == pytest.approx(fitter.size_of(fit, views).sigma, rel=0.15)
 
 
-def test_images_never_tell_less_than_nothing() -> None:
+def test_more_images_never_increase_the_uncertainty() -> None:
     """Whatever the viewpoint, each standard deviation shrinks or stays."""
     shape = SHAPES["brick"]
     views = [seen(LYING, shape, cameras(1)[0])]
@@ -41,7 +41,7 @@ def test_images_never_tell_less_than_nothing() -> None:
         assert np.all(one <= other * (1.0 + 1e-6))
 
 
-def test_a_camera_that_faces_away_tells_nothing() -> None:
+def test_a_camera_that_faces_away_adds_no_information() -> None:
     shape = SHAPES["ball"]
     views = [seen(LYING, shape, cameras(1)[0])]
     expected = ExpectedFit(ShapeFitter(shape), LYING, views, np.zeros(3))
@@ -50,13 +50,13 @@ def test_a_camera_that_faces_away_tells_nothing() -> None:
 
 
 def test_the_middle_of_a_marked_block_is_less_certain_than_its_marker() -> None:
-    """Its rotation is uncertain, and the middle is beside what the images show."""
+    """The block's rotation is uncertain, and its middle is away from what the images show."""
     shape = SHAPES["brick"]
     views = [seen(LYING, shape, cameras(1)[0])]
-    nothing = np.zeros((1, 15, 15))
+    no_information = np.zeros((1, 15, 15))
     near, far = (
         ExpectedFit(ShapeFitter(shape), LYING, views, np.array((0.0, middle, 0.0))).accuracy(
-            nothing
+            no_information
         )
         for middle in (0.0, 1.0)
     )

@@ -20,7 +20,7 @@ FACE = np.array([0.0, -SIDE_M / 2.0, 0.5])
 
 
 def error_mm(studio: Studio, localizer: Localizer, x: float, z: float) -> Vector:
-    """Where the localizer places the front face, from where it is."""
+    """Error of the located position of the front face, of shape (3,), mm."""
     studio.place(x, z)
     frame = studio.camera.capture(studio)
     found = detect(frame, YELLOW)
@@ -30,7 +30,7 @@ def error_mm(studio: Studio, localizer: Localizer, x: float, z: float) -> Vector
     return error
 
 
-def seen_ahead(studio: Studio) -> PlaneOfSizeLocalizer:
+def localizer_after_axial_view(studio: Studio) -> PlaneOfSizeLocalizer:
     """A localizer that knows the depth from half a second of the cube on the camera's axis."""
     localizer = PlaneOfSizeLocalizer(NORMAL, SIDE_M, cube=True)
     for _ in range(30):
@@ -39,17 +39,19 @@ def seen_ahead(studio: Studio) -> PlaneOfSizeLocalizer:
 
 
 @pytest.mark.parametrize("offset", [0.05, 0.07, 0.1])
-def test_flanks_pull_and_the_correction_lets_go(make_studio: StudioMaker, offset: float) -> None:
-    """Without it 1 to 5 mm toward the axis, with it a third of that; 0.1 to 0.7 mm measured."""
+def test_correction_reduces_the_bias_from_visible_flanks(
+    make_studio: StudioMaker, offset: float
+) -> None:
+    """The bias is 1 to 5 mm toward the axis, a third of that corrected; 0.1 to 0.7 mm measured."""
     studio = make_studio()
     bias = error_mm(studio, PlaneLocalizer(FACE, NORMAL), offset, 0.0)[0]
-    left = error_mm(studio, seen_ahead(studio), offset, 0.0)[0]
+    residual = error_mm(studio, localizer_after_axial_view(studio), offset, 0.0)[0]
     assert bias < -0.8
-    assert abs(left) < 0.4 * abs(bias)
+    assert abs(residual) < 0.4 * abs(bias)
 
 
-def test_the_depth_does_not_suffer_off_axis(make_studio: StudioMaker) -> None:
-    """A flank makes the outline larger and the target seem nearer by 2 cm."""
+def test_the_depth_is_accurate_off_axis(make_studio: StudioMaker) -> None:
+    """Uncorrected, a flank makes the outline larger and the target seem nearer by 2 cm."""
     studio = make_studio()
     naive = error_mm(studio, PlaneOfSizeLocalizer(NORMAL, SIDE_M), 0.1, 0.05)[1]
     aware = error_mm(studio, PlaneOfSizeLocalizer(NORMAL, SIDE_M, cube=True), 0.1, 0.05)[1]
@@ -57,14 +59,14 @@ def test_the_depth_does_not_suffer_off_axis(make_studio: StudioMaker) -> None:
     assert abs(aware) < 4.0
 
 
-def test_flanks_in_the_dark_do_not_pull(make_studio: StudioMaker) -> None:
-    """Seen from the axis first, the depth is known; then the area shows that none has color."""
+def test_dark_flanks_cause_no_bias(make_studio: StudioMaker) -> None:
+    """The depth is known from a view on the axis; the area then shows that no flank has color."""
     studio = make_studio(ambient=0.0)
-    error = error_mm(studio, seen_ahead(studio), 0.08, 0.0)
+    error = error_mm(studio, localizer_after_axial_view(studio), 0.08, 0.0)
     assert np.abs(error[[0, 2]]).max() < 0.7
 
 
-def test_on_the_axis_nothing_changes(make_studio: StudioMaker) -> None:
+def test_nothing_is_corrected_on_the_axis(make_studio: StudioMaker) -> None:
     studio = make_studio()
     studio.place(0.01, -0.01)
     frame = studio.camera.capture(studio)
@@ -75,7 +77,7 @@ def test_on_the_axis_nothing_changes(make_studio: StudioMaker) -> None:
     assert corrected.area_px == pytest.approx(found.area_px, rel=1e-4)
 
 
-def test_a_cube_about_the_camera_is_left_as_it_is(make_studio: StudioMaker) -> None:
+def test_a_cube_around_the_camera_is_not_corrected(make_studio: StudioMaker) -> None:
     studio = make_studio()
     frame = studio.camera.capture(studio)
     found = detect(frame, YELLOW)

@@ -1,4 +1,4 @@
-"""A depth that is guessed: corrected where a swing tells it, and by nothing else."""
+"""Guessed depth of a plane: corrected by oscillation of the camera, and by nothing else."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from bt_dualarm.sim.frame import Frame
 
 GUESS_M = 0.35
 FPS = 30
-Way = Callable[[float], tuple[float, float]]
+Path = Callable[[float], tuple[float, float]]
 
 
-def learned(
-    eye: Way, target: Way, depth: float, *, shake_px: float = 0.5, seconds: float = 6
+def estimated_depth(
+    eye: Path, target: Path, depth: float, *, shake_px: float = 0.5, seconds: float = 6
 ) -> float:
-    """The depth that is believed in the end, with a camera on a way before a target on another."""
+    """Depth estimated in the end, for a camera and a target that move on given paths."""
     rng = np.random.default_rng(3)
     ahead = np.array((0.0, 0.0, GUESS_M))
     normal = np.array((0.0, 0.0, 1.0))
@@ -40,7 +40,7 @@ def learned(
     return float(localizer.ahead[2])
 
 
-def swing(size: float, hertz: float) -> Way:
+def swing(size: float, hertz: float) -> Path:
     return lambda time: (size * np.sin(2 * np.pi * hertz * time), 0.0)
 
 
@@ -51,38 +51,40 @@ def rest(_: float) -> tuple[float, float]:
 @pytest.mark.parametrize("depth", [0.14, 0.2, 0.25, 0.3])
 @pytest.mark.parametrize("hertz", [1.2, 2.4, 4.0])
 @pytest.mark.parametrize("size", [0.02, 0.06])
-def test_a_camera_that_swings_finds_a_depth_that_was_too_large(
+def test_oscillation_corrects_a_guess_that_was_too_large(
     depth: float, hertz: float, size: float
 ) -> None:
-    """To the tenth by which the slope has to be below zero."""
-    assert depth * 0.97 < learned(swing(size, hertz), rest, depth) < 1.13 * depth
+    """It is accurate to the tenth by which the slope has to be below zero."""
+    assert depth * 0.97 < estimated_depth(swing(size, hertz), rest, depth) < 1.13 * depth
 
 
-def test_no_depth_below_a_third_of_the_guess_is_believed() -> None:
-    assert learned(swing(0.05, 2.0), rest, 0.08) == pytest.approx(GUESS_M / 3)
+def test_no_depth_below_a_third_of_the_guess_is_accepted() -> None:
+    assert estimated_depth(swing(0.05, 2.0), rest, 0.08) == pytest.approx(GUESS_M / 3)
 
 
 @pytest.mark.parametrize("depth", [0.35, 0.5, 1.0])
 @pytest.mark.parametrize("hertz", [1.2, 4.0])
-def test_one_that_is_right_or_too_small_stays(depth: float, hertz: float) -> None:
-    assert learned(swing(0.06, hertz), rest, depth) == pytest.approx(GUESS_M)
+def test_a_guess_that_is_right_or_too_small_stays(depth: float, hertz: float) -> None:
+    assert estimated_depth(swing(0.06, hertz), rest, depth) == pytest.approx(GUESS_M)
 
 
 @pytest.mark.parametrize("depth", [0.2, 0.35, 0.5])
 @pytest.mark.parametrize("lag", [0.0, 0.05])
 @pytest.mark.parametrize("hertz", [0.2, 0.7])
-def test_a_target_that_is_followed_tells_nothing(depth: float, lag: float, hertz: float) -> None:
-    """On a circle: it moves with the camera, not against it."""
+def test_following_a_target_does_not_change_the_depth(
+    depth: float, lag: float, hertz: float
+) -> None:
+    """On a circle, the target moves with the camera, not against it."""
 
     def circle(time: float) -> tuple[float, float]:
         angle = 2 * np.pi * hertz * time
         return (0.1 * np.cos(angle), 0.1 * np.sin(angle))
 
-    assert learned(lambda time: circle(time - lag), circle, depth) == pytest.approx(GUESS_M)
+    assert estimated_depth(lambda time: circle(time - lag), circle, depth) == pytest.approx(GUESS_M)
 
 
-def test_one_that_comes_toward_a_camera_on_its_way_tells_nothing() -> None:
-    """They meet in the middle, and go on together."""
+def test_meeting_a_target_does_not_change_the_depth() -> None:
+    """They meet in the middle and stay there."""
 
     def eye(time: float) -> tuple[float, float]:
         return (min(0.1, 0.2 * time), 0.0)
@@ -90,13 +92,13 @@ def test_one_that_comes_toward_a_camera_on_its_way_tells_nothing() -> None:
     def target(time: float) -> tuple[float, float]:
         return (max(0.1, 0.2 - 0.2 * time), 0.0)
 
-    assert learned(eye, target, GUESS_M) == pytest.approx(GUESS_M)
+    assert estimated_depth(eye, target, GUESS_M) == pytest.approx(GUESS_M)
 
 
 @pytest.mark.parametrize("past", [0.0, 0.03, 0.1])
 @pytest.mark.parametrize("seconds", [0.1, 0.3])
-def test_a_camera_that_comes_too_far_and_returns_tells_nothing(past: float, seconds: float) -> None:
-    """While the target goes the other way all the time."""
+def test_camera_overshoot_does_not_change_the_depth(past: float, seconds: float) -> None:
+    """The target moves in the opposite direction throughout."""
 
     def eye(time: float) -> tuple[float, float]:
         return (float(np.interp(time, (0, 0.5, 0.5 + seconds), (0, 0.2 + past, 0.2))), 0.0)
@@ -104,15 +106,15 @@ def test_a_camera_that_comes_too_far_and_returns_tells_nothing(past: float, seco
     def target(time: float) -> tuple[float, float]:
         return (0.4 - 0.4 * time, 0.0)
 
-    assert learned(eye, target, GUESS_M, seconds=1.0) == pytest.approx(GUESS_M)
+    assert estimated_depth(eye, target, GUESS_M, seconds=1.0) == pytest.approx(GUESS_M)
 
 
 @pytest.mark.parametrize("far", [0.03, 0.07, 0.15])
 @pytest.mark.parametrize("legs", [(0.0, 0.013, -0.021, -0.012), (0.0, 0.01, -0.05, -0.04)])
-def test_a_camera_that_swings_while_a_target_moves_once_tells_nothing(
+def test_oscillation_while_a_target_moves_once_does_not_change_the_depth(
     far: float, legs: tuple[float, ...]
 ) -> None:
-    """It went the wrong way first: a depth of 0.35 m was taken for 0.14 m, and 15 mm were lost."""
+    """It moved the wrong way first: 0.35 m of depth was taken for 0.14 m, and 15 mm were lost."""
 
     def eye(time: float) -> tuple[float, float]:
         return (float(np.interp(time, (0.0, 0.2, 0.6, 0.9), legs)), 0.0)
@@ -120,11 +122,11 @@ def test_a_camera_that_swings_while_a_target_moves_once_tells_nothing(
     def target(time: float) -> tuple[float, float]:
         return (float(np.interp(time, (0.0, 0.6), (0.0, far))), 0.0)
 
-    assert learned(eye, target, GUESS_M, seconds=2.0) == pytest.approx(GUESS_M)
+    assert estimated_depth(eye, target, GUESS_M, seconds=2.0) == pytest.approx(GUESS_M)
 
 
-def test_what_was_seen_before_lies_on_the_plane_that_is_believed_now() -> None:
-    """At the same place in the image."""
+def test_earlier_sightings_are_relocated_on_the_corrected_plane() -> None:
+    """They keep their position in the image."""
     ahead = np.array((0.1, 0.0, GUESS_M))
     normal = np.array((0.0, 0.0, 1.0))
     localizer = EstimatedPlaneLocalizer(np.zeros(3), ahead, normal)

@@ -1,4 +1,4 @@
-"""Harmonic motion: what repeats is found and predicted; what does not is not taken for it."""
+"""Harmonic motion: periodic motion is detected and predicted, other motion is rejected."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_the_expected_state_is_that_of_the_prediction() -> None:
     assert spread[0] == motion.doubt(t[-1] + 0.3)
 
 
-def test_the_time_at_rest_before_does_not_count() -> None:
+def test_rest_before_the_motion_is_ignored() -> None:
     t = times(1.5)
     rested = np.tile(ellipse(t[:1], 4.0), (60, 1))
     path = seen(np.vstack((rested, ellipse(t, 4.0))))
@@ -65,7 +65,7 @@ def test_the_time_at_rest_before_does_not_count() -> None:
 @pytest.mark.parametrize(
     "what", ["at rest", "half a period", "straight from rest to rest", "two frequencies", "ramp"]
 )
-def test_other_motions_are_not_taken_for_it(what: str) -> None:
+def test_other_motions_are_rejected(what: str) -> None:
     t = times(1.5)
     zero = 0.0 * t
     wave = 0.06 * np.sin(4.0 * t)

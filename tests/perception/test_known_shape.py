@@ -1,4 +1,4 @@
-"""Shapes that are known: which of their turns look alike, and how they may lie."""
+"""Known shapes: which rotations look alike, and initial guesses of the orientation."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def turned(*rpy: float) -> Pose:
         (BALL, turned(10, 20, 30)),
     ],
 )
-def test_turns_that_look_alike_are_one(shape: KnownShape, alike: Pose) -> None:
-    """The angle between them is none, and their canonical poses are the same."""
+def test_rotations_that_look_alike_are_equal(shape: KnownShape, alike: Pose) -> None:
+    """The angle between them is zero, and their canonical poses are the same."""
     one = turned(0, 0, 0)
     assert shape.angle(one, alike) == pytest.approx(0.0, abs=1e-7)
     assert shape.canonical(alike).angle(one) == pytest.approx(0.0, abs=1e-7)
@@ -52,7 +52,7 @@ def test_turns_that_look_alike_are_one(shape: KnownShape, alike: Pose) -> None:
         (CAN, turned(0, 25, 0), 25),
     ],
 )
-def test_other_turns_are_told_by_the_least_angle(
+def test_other_rotations_differ_by_the_smallest_angle(
     shape: KnownShape, other: Pose, angle: float
 ) -> None:
     assert math.degrees(shape.angle(turned(0, 0, 0), other)) == pytest.approx(angle, abs=1e-6)
@@ -60,8 +60,8 @@ def test_other_turns_are_told_by_the_least_angle(
 
 @pytest.mark.parametrize("shape", [CUBE, PLATE, BRICK, CAN, PILL, BALL])
 @pytest.mark.parametrize("flat", [True, False])
-def test_some_guess_is_near_whatever_way_it_lies(shape: KnownShape, flat: bool) -> None:
-    """Within half a step of yaw where it lies flat; within 40° anyhow."""
+def test_some_guess_is_near_every_orientation(shape: KnownShape, flat: bool) -> None:
+    """Within half a step of yaw for a shape that lies flat, within 40° otherwise."""
     rng = np.random.default_rng(3)
     guesses = [Pose.from_matrix(np.block([[axes, np.zeros((3, 1))], [0, 0, 0, 1]]))
                for axes in shape.guesses(flat=flat)]  # fmt: skip
@@ -78,7 +78,7 @@ def test_some_guess_is_near_whatever_way_it_lies(shape: KnownShape, flat: bool) 
         assert nearest < (8.0 if flat else 40.0)
 
 
-def test_the_outline_of_a_ball_is_what_its_tangents_touch() -> None:
+def test_the_outline_of_a_ball_is_where_lines_of_sight_are_tangent() -> None:
     """Every point is on the ball, and the line of sight to it is square to the radius."""
     eye = np.array((0.1, -0.2, 0.3))
     points = BALL.seen_from(eye, np.eye(3))

@@ -66,14 +66,14 @@ def test_a_point_on_the_plane_is_found_again(pose: Pose, local: Vector, tilt: fl
 
 
 @given(poses)
-def test_right_is_the_x_axis_of_the_camera_and_no_longer_than_one(pose: Pose) -> None:
+def test_right_is_the_unit_x_axis_of_the_camera(pose: Pose) -> None:
     right = frame_from(pose).right
     assert right == pytest.approx(pose.rotation_matrix[:, 0], abs=1e-12)
     assert right @ right == pytest.approx(1.0, abs=1e-12)
 
 
 @given(pose=poses, local=ahead)
-def test_a_known_size_tells_the_depth(pose: Pose, local: Vector) -> None:
+def test_a_known_size_determines_the_depth(pose: Pose, local: Vector) -> None:
     frame = frame_from(pose)
     point = pose.apply(local)
     sighting = SizeLocalizer(SIDE_M).locate(seen(frame, point), frame)
@@ -84,7 +84,7 @@ def test_a_known_size_tells_the_depth(pose: Pose, local: Vector) -> None:
 def test_a_cube_that_faces_the_camera_is_located_at_any_depth(
     pose: Pose, across: float, depth: float
 ) -> None:
-    """Its outline has a flank, too, where it is beside the axis of the camera."""
+    """Off the camera's axis, its outline includes a flank."""
     frame = frame_from(pose)
     normal = pose.turn(np.array((0.0, 0.0, 1.0)))
     point = pose.apply(np.array((across, 0.0, depth)))
@@ -108,8 +108,8 @@ def test_a_cube_that_faces_the_camera_is_located_at_any_depth(
 
 @pytest.mark.parametrize("edge", ["bottom", "right"])
 @pytest.mark.parametrize("share", [0.05, 0.2, 0.5, 0.9])
-def test_what_the_image_cuts_off_is_no_farther_away(edge: str, share: float) -> None:
-    """A strip of a target is as wide as the target: its depth is true, and in doubt by a third."""
+def test_a_target_cut_off_by_the_image_is_not_located_farther_away(edge: str, share: float) -> None:
+    """A strip shows the target's full width: the depth is right, with an uncertainty of 30 %."""
     frame = frame_from(Pose.identity())
     edge_px = frame.focal_px * SIDE_M / 0.4
     wide, high = (edge_px, share * edge_px) if edge == "bottom" else (share * edge_px, edge_px)
@@ -125,7 +125,7 @@ def test_what_the_image_cuts_off_is_no_farther_away(edge: str, share: float) -> 
 
 
 def test_depth_is_the_least_certain() -> None:
-    """Looking along +x at 0.35 m: the pixel noise across, and its share of 37 px of side along."""
+    """Looking along +x at 0.35 m: pixel noise across, and its share of a side of 37 px along."""
     pose = Pose.from_rpy((0, 0, 0), (-math.pi / 2, 0, -math.pi / 2))
     frame = frame_from(pose)
     sigma = SizeLocalizer(SIDE_M).locate(seen(frame, np.array([0.35, 0.0, 0.0])), frame).sigma
@@ -134,7 +134,7 @@ def test_depth_is_the_least_certain() -> None:
     assert sigma[0] == pytest.approx(PIXEL_SIGMA * pixel * 0.35 / SIDE_M)
 
 
-def test_a_plane_pins_its_normal() -> None:
+def test_a_plane_determines_the_position_along_its_normal() -> None:
     frame = frame_from(Pose.identity())
     point = np.array([0.0, 0.0, 0.5])
     sigma = PlaneLocalizer(point, np.array([0.0, 0.0, 1.0])).locate(seen(frame, point), frame).sigma
@@ -142,7 +142,7 @@ def test_a_plane_pins_its_normal() -> None:
     assert sigma[0] == pytest.approx(PIXEL_SIGMA * 0.5 / frame.focal_px)
 
 
-def test_a_plane_that_cannot_be_met_is_refused() -> None:
+def test_a_plane_without_intersection_is_refused() -> None:
     frame = frame_from(Pose.identity())
     target = seen(frame, np.array([0.0, 0.0, 0.5]))
     with pytest.raises(LocalizationError, match="along"):
@@ -151,8 +151,8 @@ def test_a_plane_that_cannot_be_met_is_refused() -> None:
         PlaneLocalizer(np.array([0.0, 0.0, -0.5]), np.array([0.0, 0.0, 1.0])).locate(target, frame)
 
 
-def test_the_place_of_a_plane_is_averaged() -> None:
-    """Areas that waver by 4 % move the depth of one image by 2 %, that of the mean much less."""
+def test_the_depth_of_a_plane_is_averaged() -> None:
+    """4 % of noise in the area changes the depth by 2 % in one image, much less in the mean."""
     frame = frame_from(Pose.identity())
     point = np.array([0.02, 0.0, 0.5])
     localizer = PlaneOfSizeLocalizer(np.array([0.0, 0.0, 1.0]), SIDE_M)
@@ -160,16 +160,16 @@ def test_the_place_of_a_plane_is_averaged() -> None:
     depths = []
     for _ in range(90):
         exact = seen(frame, point)
-        wavering = Detection(
+        noisy = Detection(
             **{**vars(exact), "area_px": exact.area_px * (1.0 + rng.normal(0.0, 0.04))}
         )
-        localizer.learn(wavering, frame)
-        depths.append(localizer.locate(wavering, frame).point[2])
+        localizer.learn(noisy, frame)
+        depths.append(localizer.locate(noisy, frame).point[2])
     assert np.std(depths[30:]) < 0.2 * 0.02 * 0.5
     assert np.mean(depths[30:]) == pytest.approx(0.5, rel=0.005)
 
 
-def test_a_target_that_is_cut_off_says_nothing_of_the_plane() -> None:
+def test_a_target_that_is_cut_off_does_not_change_the_plane() -> None:
     frame = frame_from(Pose.identity())
     point = np.array([0.0, 0.0, 0.5])
     localizer = PlaneOfSizeLocalizer(np.array([0.0, 0.0, 1.0]), SIDE_M)
@@ -179,7 +179,7 @@ def test_a_target_that_is_cut_off_says_nothing_of_the_plane() -> None:
     assert localizer.locate(closer, frame).point[2] == pytest.approx(0.5)
 
 
-def test_looking_at_another_thing_does_not_change_the_plane() -> None:
+def test_locating_another_object_does_not_change_the_plane() -> None:
     """Candidates are located to be compared; only the target is learned from."""
     point = np.array([0.0, 0.0, 0.5])
     frame = frame_from(Pose.identity())
@@ -189,8 +189,8 @@ def test_looking_at_another_thing_does_not_change_the_plane() -> None:
     assert localizer.locate(seen(frame, point), frame).point == pytest.approx(point, abs=1e-9)
 
 
-def test_what_was_seen_before_lies_on_the_plane_that_is_known_now() -> None:
-    """A second image that counts as much puts the plane half way, and the first sighting there."""
+def test_earlier_sightings_are_relocated_on_the_updated_plane() -> None:
+    """A second image of equal weight moves the plane, and the first sighting, half way."""
     frame = frame_from(Pose.identity())
     point = np.array([0.04, -0.02, 0.5])
     localizer = PlaneOfSizeLocalizer(np.array([0.0, 0.0, 1.0]), SIDE_M)

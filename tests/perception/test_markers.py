@@ -1,4 +1,4 @@
-"""Markers in pictures of both renderers: found by number, and located by the square's edges."""
+"""Markers in images of both renderers: found by number, and located by the square's edges."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def file(dictionary: str, **marker: Any) -> dict[str, Any]:
     ("kind", "dictionary"), [*product(["ray"], BITS), *product(["gl"], some(BITS, 5))]
 )
 def test_a_marker_is_found_by_its_number(kind: RendererKind, dictionary: str) -> None:
-    """From 0.3 m by one picture: within 2 % of the depth and 3°; another number is not there."""
+    """One image from 0.3 m locates it within 2 % of the depth and 3°; no other number is found."""
     try:
         renderer = choose_renderer(kind).create()
     except RendererError as error:
@@ -66,7 +66,7 @@ def test_a_marker_is_found_by_its_number(kind: RendererKind, dictionary: str) ->
 
 @pytest.mark.parametrize("dictionary", BITS)
 def test_black_parts_stay_within_the_square(dictionary: str) -> None:
-    """And cover all of its border, of which a marker has more than a third of its cells."""
+    """They cover at least its border, which has more than a third of a marker's cells."""
     marker = MarkerSpec.model_validate({"dictionary": dictionary, "id": 3, "size": 0.04})
     parts = np.array(list(black_parts(marker)))
     assert (np.abs(parts[:, :2]) + parts[:, 2:] / 2 <= 0.02 + 1e-12).all()
@@ -75,7 +75,7 @@ def test_black_parts_stay_within_the_square(dictionary: str) -> None:
     assert border < covered / 0.04**2 < 1.0
 
 
-def test_a_marker_weighs_nothing_and_touches_nothing() -> None:
+def test_a_marker_has_no_mass_and_no_contacts() -> None:
     with bt.open(file("aruco_4x4_50"), renderer="ray") as run:
         model = run.world.model
         body = model.body("block")
@@ -95,13 +95,13 @@ def test_a_marker_weighs_nothing_and_touches_nothing() -> None:
     ],
 )
 def test_a_marker_needs_room(shape: str, size: list[float], reason: str) -> None:
-    """Of 45 mm it takes 60 with the white around it."""
+    """A marker of 45 mm takes 60 mm with its white margin."""
     marker = MarkerSpec(id=1, size=0.045)
     with pytest.raises(ValueError, match=reason):
         ObjectSpec(shape=shape, size=tuple(size), mass=0.1, marker=marker)  # type: ignore[arg-type]  # one of the three
 
 
-def test_no_two_turns_of_a_marker_look_alike() -> None:
+def test_no_two_rotations_of_a_marker_look_alike() -> None:
     square: KnownShape = SquareCorners("box", (0.05,))
     turned = Pose.from_rpy((0, 0, 0), (0, 0, np.pi / 2))
     assert square.canonical(turned) is turned

@@ -1,4 +1,4 @@
-"""What the kernels of an oscillator mean: the same functions, read by Python itself."""
+"""Oscillator kernels: compiled, they equal the same functions in plain Python."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ KERNELS: dict[Callable[..., None], tuple[int, ...]] = {swing: (3, 4), differenti
 
 @pytest.mark.parametrize("kernel", KERNELS)
 @pytest.mark.parametrize("dt", [-0.1, 0.0, 0.004, 0.5])
-def test_compiled_kernels_do_what_plain_python_does(kernel: Callable[..., None], dt: float) -> None:
-    """But for rounding; a target without a frequency included."""
+def test_compiled_kernels_equal_plain_python(kernel: Callable[..., None], dt: float) -> None:
+    """Except for rounding, and even for a target without a frequency."""
     state = np.random.default_rng(2).normal(size=(3, 4))
     state[1, 3] = 0.0
-    mine, its = np.empty((2, *KERNELS[kernel]))
-    kernel(state, dt, mine)
-    plain(kernel)(state, dt, its)
-    assert mine == pytest.approx(its, rel=1e-12, abs=1e-12)
+    compiled, by_python = np.empty((2, *KERNELS[kernel]))
+    kernel(state, dt, compiled)
+    plain(kernel)(state, dt, by_python)
+    assert compiled == pytest.approx(by_python, rel=1e-12, abs=1e-12)

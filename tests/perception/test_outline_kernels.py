@@ -1,4 +1,4 @@
-"""What the kernels of outlines mean: the same functions, read by Python itself."""
+"""Outline kernels: compiled, they equal the same functions in plain Python."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from tests.plain_kernels import plain
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_compiled_kernels_do_what_plain_python_does(seed: int) -> None:
+def test_compiled_kernels_equal_plain_python(seed: int) -> None:
     rng = np.random.default_rng(seed)
     points = rng.normal(0.0, 0.05, (8, 3))
     edge = rng.normal(0.0, 20.0, (30, 2))
-    asked = points, np.array((0.02, -0.01, 0.4)), turn_by(rng.normal(0.0, 0.2, 3)), np.eye(3)
+    arguments = points, np.array((0.02, -0.01, 0.4)), turn_by(rng.normal(0.0, 0.2, 3)), np.eye(3)
     pixels = np.empty((2, 8, 2))
     change = np.empty((2, 8, 2, UNKNOWNS))
     depths = [
-        one(*asked, (250.0, 251.0), *out)
+        one(*arguments, (250.0, 251.0), *out)
         for one, out in zip((see, plain(see)), zip(pixels, change, strict=True), strict=True)
     ]
     assert depths[0] == pytest.approx(depths[1], rel=1e-12)
@@ -35,14 +35,14 @@ def test_compiled_kernels_do_what_plain_python_does(seed: int) -> None:
     assert jacobian[0] == pytest.approx(jacobian[1], rel=1e-9, abs=1e-9)
 
 
-def test_a_point_is_as_far_outside_as_the_side_that_it_is_farthest_beyond() -> None:
-    """Of a square of two pixels a side about the middle; its sides move with its corners."""
+def test_outline_error_is_the_largest_distance_beyond_a_side() -> None:
+    """For a square with sides of 2 px around the origin; its sides move with its corners."""
     square = np.array(((1.0, -1.0), (1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0)))
-    ends = np.zeros((4, 2, UNKNOWNS))
+    corner_changes = np.zeros((4, 2, UNKNOWNS))
     edge = np.array(((3.0, 0.0), (0.0, -1.5), (0.5, 0.0)))
-    ends[:, 0, 0] = 1.0  # the first unknown moves the square along x
+    corner_changes[:, 0, 0] = 1.0  # the first unknown moves the square along x
     error = np.empty(3)
     jacobian = np.empty((3, UNKNOWNS))
-    measure_outline(square, ends, edge, 0.0, error, jacobian)
+    measure_outline(square, corner_changes, edge, 0.0, error, jacobian)
     assert error == pytest.approx((2.0, 0.5, -0.5))
     assert jacobian[:, 0] == pytest.approx((-1.0, 0.0, -1.0))

@@ -6,8 +6,8 @@ import pytest
 from bt_dualarm.perception.localization import RunningMean
 
 
-def test_views_alike_make_a_mean_over_the_last() -> None:
-    """Of ten frames: the plain mean until then, a tenth of what each tells from then on."""
+def test_equal_views_are_averaged_over_the_last_frames() -> None:
+    """For ten frames: the plain mean at first, then each new view with a weight of a tenth."""
     memory = RunningMean(1)
     values = np.arange(10.0)
     for value in values:
@@ -19,7 +19,7 @@ def test_views_alike_make_a_mean_over_the_last() -> None:
 
 
 def test_one_good_view_counts_for_more_than_many_poor_ones() -> None:
-    """Thirty that may be wrong by a tenth, alike, are worth no more than the last of them."""
+    """Thirty views with the same possible error of a tenth count for no more than one of them."""
     memory = RunningMean(1)
     for _ in range(30):
         memory.take(np.array([1.08]), 0.1, 30)
@@ -29,7 +29,7 @@ def test_one_good_view_counts_for_more_than_many_poor_ones() -> None:
     assert memory.doubt < 0.004
 
 
-def test_poor_views_do_not_wash_away_a_good_one() -> None:
+def test_poor_views_do_not_outweigh_a_good_one() -> None:
     memory = RunningMean(1)
     memory.take(np.array([1.0]), 0.002, 30)
     for _ in range(30):
@@ -37,7 +37,7 @@ def test_poor_views_do_not_wash_away_a_good_one() -> None:
     assert memory.value == pytest.approx(1.0, abs=0.002)
 
 
-def test_what_was_forgotten_does_not_count() -> None:
+def test_forgotten_views_do_not_count() -> None:
     memory = RunningMean(2)
     memory.take(np.array([1.0, 2.0]), 0.002, 30)
     memory.forget()

@@ -1,4 +1,4 @@
-"""The window about a target holds all places where it may be seen, and little else."""
+"""Search window: it holds all positions where a target may be seen, and little else."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ ALL = Window(None, 3)
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_all_places_that_are_as_far_astray_are_in_it_with_what_is_about_them(seed: int) -> None:
+def test_the_window_holds_every_position_within_the_expected_deviation(seed: int) -> None:
     rng = np.random.default_rng(seed)
     place = rng.normal(0.0, 0.03, 3)
     astray = rng.uniform(0, 0.1)
@@ -23,8 +23,8 @@ def test_all_places_that_are_as_far_astray_are_in_it_with_what_is_about_them(see
     window = window_about(place.tolist(), about, astray, FOCAL_PX, SIZE, ALL)
     assert window.region is not None
     left, top, right, bottom = window.region
-    way = rng.normal(size=2)
-    x, y = place[:2] + astray * way / np.linalg.norm(way)
+    direction = rng.normal(size=2)
+    x, y = place[:2] + astray * direction / np.linalg.norm(direction)
     column = SIZE[0] / 2 + FOCAL_PX * x / place[2]
     row = SIZE[1] / 2 + FOCAL_PX * y / place[2]
     assert left <= column - about
@@ -35,7 +35,7 @@ def test_all_places_that_are_as_far_astray_are_in_it_with_what_is_about_them(see
 
 
 @pytest.mark.parametrize("place", [(0.0, 0.0, -0.4), (0.0, 0.0, 0.01), (2.0, 0.0, 0.4)])
-def test_one_that_is_not_before_the_camera_is_looked_for_elsewhere(
+def test_a_target_out_of_view_is_searched_for_in_the_other_window(
     place: tuple[float, float, float],
 ) -> None:
     assert window_about(place, 20.0, 0.01, FOCAL_PX, SIZE, ALL) is ALL

@@ -1,4 +1,4 @@
-"""Poses from outlines of our own making, so that the truth is known to the last bit."""
+"""Poses fitted to synthetic outlines, of which the true pose is known exactly."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ DOWN = Pose.from_rpy((0, 0, 0), (np.pi, 0.1, 0.2))
 def seen(
     scene: OutlineScene, shape: KnownShape, camera: Pose, noise_px: float = 0.0
 ) -> OutlineView:
-    """The outline that a camera believed to be there would have taken of a scene."""
+    """Outline of a scene, as seen by a camera that is believed to have this pose."""
     detection = Detection(0.0, (0, 0), (0, 0), 100.0, 0.1, (0, 0, 1, 1), 1.0, touches_border=False)
     view = OutlineView(camera, FOCAL_PX, np.zeros((0, 2)), detection)
     projection = project(scene, shape, view)
@@ -64,8 +64,8 @@ def cameras(count: int) -> list[Pose]:
 
 
 @pytest.mark.parametrize("name", SHAPES)
-def test_changes_are_the_derivatives(name: str) -> None:
-    """Of every unknown, against differences."""
+def test_jacobian_equals_finite_differences(name: str) -> None:
+    """Derivatives by every unknown equal finite differences."""
     shape = SHAPES[name]
     rng = np.random.default_rng(1)
     scene = replace(
@@ -75,27 +75,27 @@ def test_changes_are_the_derivatives(name: str) -> None:
         longer=0.01,
     )
     view = seen(scene, shape, cameras(1)[0])
-    off = scene.moved(1e-3 * rng.normal(size=UNKNOWNS))
+    displaced = scene.moved(1e-3 * rng.normal(size=UNKNOWNS))
 
     def error(at: OutlineScene) -> Matrix:
         projection = project(at, shape, view)
         assert projection is not None
         return outline_error(projection, view.edge, at.rim)[0]
 
-    projection = project(off, shape, view)
+    projection = project(displaced, shape, view)
     assert projection is not None
-    change = outline_error(projection, view.edge, off.rim)[1]
+    change = outline_error(projection, view.edge, displaced.rim)[1]
     for unknown in range(UNKNOWNS):
         step = np.zeros(UNKNOWNS)
         step[unknown] = 1e-6
-        slope = (error(off.moved(step)) - error(off.moved(-step))) / 2e-6
+        slope = (error(displaced.moved(step)) - error(displaced.moved(-step))) / 2e-6
         scale = max(float(np.abs(slope).max()), 1.0)
         assert np.median(np.abs(slope - change[:, unknown])) < 2e-3 * scale
 
 
 @pytest.mark.parametrize("name", SHAPES)
-def test_a_pose_is_found_whatever_the_mount(name: str) -> None:
-    """Thirty arms, six views each: as well as they say, though mounts are off by several mm.
+def test_a_pose_is_found_despite_mount_errors(name: str) -> None:
+    """For 30 arms with mount errors of several mm, six views each, errors match the stated sigma.
 
     Ten of them in ``make test``.
     """
@@ -120,10 +120,11 @@ def test_a_pose_is_found_whatever_the_mount(name: str) -> None:
         assert best.residual_px < 0.2
 
 
-def test_doubt_covers_what_one_picture_cannot_tell() -> None:
-    """Of 60 arms the error is about a standard deviation from one place, and less from three.
+def test_uncertainty_covers_the_error_of_a_single_view() -> None:
+    """Errors of 60 arms are about a standard deviation from one viewpoint, less from three.
 
-    Then it is what edges may be off by, more than these are: lenses have no part in them.
+    With three, the stated uncertainty is that of the edges, which are better here than assumed:
+    the synthetic outlines have no lens distortion.
     """
     shape = SHAPES["cube"]
     for count, least in ((1, 0.4), (3, 0.0)):
@@ -144,8 +145,8 @@ def test_doubt_covers_what_one_picture_cannot_tell() -> None:
         assert least < np.mean(shares) < 1.6, count
 
 
-def test_another_shape_leaves_more() -> None:
-    """A ball, a can and a brick are no cube."""
+def test_a_wrong_shape_leaves_a_larger_residual() -> None:
+    """The outlines of a ball, a can and a brick do not fit a cube."""
     for name in ("ball", "can", "brick"):
         scene = OutlineScene.believed(PLACE, np.eye(3))
         views = [seen(scene, SHAPES[name], camera) for camera in cameras(3)]

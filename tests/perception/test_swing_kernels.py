@@ -1,4 +1,4 @@
-"""What the kernels of a swinging camera mean: in plain Python, and by its turns one by one."""
+"""Kernels for an oscillating camera: equal to plain Python, and right for given turns."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LEGS = 3
 
 
 def both(kernel: Callable[..., Any]) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """The kernel, and the kernel as Python reads it."""
+    """The compiled kernel, and its function in plain Python."""
     return kernel, plain(kernel)
 
 
@@ -35,23 +35,23 @@ def begin_of(turns: Indices) -> int:
 
 
 def zigzag(turns: list[float], between: int = 5) -> Matrix:
-    """Places along x, y and z alike from turn to turn, of shape (n, 3), in m."""
+    """Positions on the diagonal of x, y and z from turn to turn, of shape (n, 3), in m."""
     steps = np.arange((len(turns) - 1) * between + 1) / between
     along = np.interp(steps, np.arange(len(turns)), turns)
     return np.outer(along, np.full(3, 3.0**-0.5)) + 0.4
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_spread_is_that_of_matrices(seed: int) -> None:
+def test_spread_equals_the_matrix_formula(seed: int) -> None:
     places = np.random.default_rng(seed).normal(0.3, 0.02, (40, 3))
-    off = places - places.mean(axis=0)
+    deviations = places - places.mean(axis=0)
     for one in both(spread):
         middle = np.empty(3)
         products = np.empty((3, 3))
         diagonal = one(places, middle, products)
         assert diagonal == pytest.approx(np.linalg.norm(np.ptp(places, axis=0)), rel=1e-12)
         assert middle == pytest.approx(places.mean(axis=0), rel=1e-12)
-        assert products == pytest.approx(off.T @ off, rel=1e-9, abs=1e-15)
+        assert products == pytest.approx(deviations.T @ deviations, rel=1e-9, abs=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -59,9 +59,9 @@ def test_spread_is_that_of_matrices(seed: int) -> None:
     [
         ([0.0, 0.02, 0.0], -1),  # two legs
         ([0.0, 0.02, 0.0, 0.02], 0),
-        ([0.0, 0.02, 0.0, 0.02, 0.0], 5),  # of four the last three
+        ([0.0, 0.02, 0.0, 0.02, 0.0], 5),  # the last three of four
         ([0.0, -0.01, 0.01, -0.01, 0.03, 0.0], 10),
-        ([0.0, 0.02, 0.017, 0.03, 0.0, 0.02], 0),  # a step back that is no leg
+        ([0.0, 0.02, 0.017, 0.03, 0.0, 0.02], 0),  # a step back too short for a leg
         ([0.0, 0.003, 0.0, 0.003, 0.0], -1),  # all too short
         ([0.0, 0.0], -1),
     ],
@@ -91,7 +91,7 @@ def test_the_last_swing_is_along_the_longest_axis(turns: list[float], begin: int
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_compiled_turns_are_those_of_plain_python(seed: int) -> None:
+def test_compiled_turns_equal_plain_python(seed: int) -> None:
     rng = np.random.default_rng(seed)
     places = np.cumsum(rng.normal(0.0, 0.004, (60, 3)), axis=0)
     axis = rng.normal(size=3)
@@ -105,20 +105,20 @@ def test_compiled_turns_are_those_of_plain_python(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("against", [-0.8, 0.0, 0.5])
 def test_the_slope_is_that_of_least_squares(seed: int, against: float) -> None:
-    """With as much of it explained as what is left leaves."""
+    """The explained share is one minus the share of the residual."""
     rng = np.random.default_rng(seed)
     eyes = rng.normal(0.2, 0.03, (30, 3))
     places = against * eyes + rng.normal(0.0, 0.01, (30, 3)) + 0.1
-    off = eyes - eyes.mean(axis=0)
+    deviations = eyes - eyes.mean(axis=0)
     moved = places - places.mean(axis=0)
-    slope = float(np.sum(moved * off) / np.sum(off * off))
-    left = float(np.sum((moved - slope * off) ** 2) / np.sum(moved * moved))
+    slope = float(np.sum(moved * deviations) / np.sum(deviations * deviations))
+    unexplained = float(np.sum((moved - slope * deviations) ** 2) / np.sum(moved * moved))
     for one in both(slope_against):
         found = one(eyes, (places - eyes) / 0.35, 0.35)
-        assert found == pytest.approx((slope, 1.0 - left), rel=1e-9, abs=1e-12)
+        assert found == pytest.approx((slope, 1.0 - unexplained), rel=1e-9, abs=1e-12)
 
 
-def test_what_does_not_seem_to_move_explains_nothing() -> None:
+def test_a_target_without_apparent_motion_explains_nothing() -> None:
     eyes = zigzag([0.0, 0.02])
     for one in both(slope_against):
         assert one(eyes, np.zeros_like(eyes), 0.0)[0] == pytest.approx(1.0)

@@ -31,14 +31,14 @@ Path = Callable[[float], tuple[float, ...]]
 def by_rays(
     names: tuple[str, ...], *cases: tuple[Any, ...], one_in: int = 1
 ) -> pytest.MarkDecorator:
-    """Cases of a family by rays; by OpenGL, which takes twice as long, in ``make matrix`` alone.
+    """Parametrize a test, with the ray renderer; with OpenGL as well only in ``make matrix``.
 
-    By that, every test has its target followed that is no family.
+    OpenGL takes twice as long; the tests without such cases always use both renderers.
 
     Args:
-        names: Of the arguments of the test.
+        names: Names of the test's arguments.
         cases: Values of these arguments.
-        one_in: How many cases one stands for that is seen by rays.
+        one_in: How many cases each case stands for that the ray renderer runs.
     """
     by_ray = [("ray", *case) for case in some(cases, one_in)]
     by_gl = [("gl", *case) for case in cases] if WHOLE else []
@@ -75,8 +75,8 @@ def position(path: Path, time: float) -> Vector:
     return moved
 
 
-def test_it_follows_a_circle_by_sight_alone(make_studio: StudioMaker) -> None:
-    """60 Hz with one frame of latency: a prediction to now within 0.6 mm."""
+def test_tracker_follows_a_circle(make_studio: StudioMaker) -> None:
+    """At 60 Hz with one frame of latency, the predicted current position is within 0.6 mm."""
     studio = make_studio(fps=60.0, latency=1.0 / 60.0)
     tracker = TargetTracker(studio.camera, YELLOW, FACE)
     follow(studio, tracker, small_circle, 0.0, 0.5)
@@ -91,7 +91,7 @@ def test_it_follows_a_circle_by_sight_alone(make_studio: StudioMaker) -> None:
 
 
 def test_the_window_shrinks_to_the_target(make_studio: StudioMaker) -> None:
-    """Before the lock all of the image, coarsely; then less than a tenth of it, finely."""
+    """Before the lock, the whole image in blocks; then less than a tenth at full resolution."""
     studio = make_studio(fps=60.0)
     tracker = TargetTracker(studio.camera, YELLOW, FACE)
     frames = follow(studio, tracker, small_circle, 0.0, 0.6)
@@ -104,8 +104,8 @@ def test_the_window_shrinks_to_the_target(make_studio: StudioMaker) -> None:
     assert not tracker.detection.touches_border
 
 
-class Doubtful(PlaneLocalizer):
-    """Locates a target well, and does not trust it from a moment on: it may be covered in part."""
+class UncertainLocalizer(PlaneLocalizer):
+    """Locates a target exactly; after 0.5 s its uncertainty is that of a partly covered one."""
 
     def locate(self, detection: Detection, frame: Frame) -> Sighting:
         sighting = super().locate(detection, frame)
@@ -113,12 +113,12 @@ class Doubtful(PlaneLocalizer):
 
 
 @by_rays(("speed", "share"), (1.0, (0.0, 0.2)), (100.0, (0.3, 1.0)))
-def test_the_window_about_a_target_that_is_in_view_is_small_whatever_the_doubt(
+def test_the_window_of_a_visible_target_stays_small_despite_uncertainty(
     make_studio: StudioMaker, speed: float, share: tuple[float, float]
 ) -> None:
-    """As small as what is in view can go meanwhile, and it stays in view."""
+    """It is as large as the target's possible motion, so that the target stays in view."""
     studio = make_studio(fps=60.0)
-    localizer = Doubtful(FACE.point, FACE.normal)
+    localizer = UncertainLocalizer(FACE.point, FACE.normal)
     settings = TrackerSettings(window_speed=speed)
     tracker = TargetTracker(studio.camera, YELLOW, localizer, settings=settings)
     frames = follow(studio, tracker, small_circle, 0.0, 1.2)
@@ -130,7 +130,7 @@ def test_the_window_about_a_target_that_is_in_view_is_small_whatever_the_doubt(
     assert not tracker.detection.touches_border
 
 
-def test_a_lost_target_is_owned_up_to_and_found_again(make_studio: StudioMaker) -> None:
+def test_a_lost_target_is_reported_and_found_again(make_studio: StudioMaker) -> None:
     """Behind a screen for 0.3 s: still locked after 0.05 s, lost after 0.1 s, then regained."""
     studio = make_studio(fps=60.0)
     tracker = TargetTracker(studio.camera, YELLOW, FACE)
@@ -170,7 +170,7 @@ def cube() -> PlaneOfSizeLocalizer:
     return PlaneOfSizeLocalizer(NORMAL, SIDE_M, cube=True)
 
 
-def test_half_hidden_it_stays_where_its_free_edges_say(make_studio: StudioMaker) -> None:
+def test_a_half_hidden_target_is_located_by_its_free_edges(make_studio: StudioMaker) -> None:
     """A screen slides over the left half in 0.2 s and stays: it shifts the centroid by 12 mm."""
     studio = make_studio(fps=60.0)
     tracker = TargetTracker(studio.camera, YELLOW, cube())
@@ -183,7 +183,9 @@ def test_half_hidden_it_stays_where_its_free_edges_say(make_studio: StudioMaker)
     assert tracker.lost_count == 0
 
 
-def test_half_out_of_the_image_it_stays_where_its_free_edges_say(make_studio: StudioMaker) -> None:
+def test_a_target_half_out_of_the_image_is_located_by_its_free_edges(
+    make_studio: StudioMaker,
+) -> None:
     """It leaves to the right at 0.1 m/s until half of it is cut off, and stays."""
     studio = make_studio(fps=60.0)
     tracker = TargetTracker(studio.camera, YELLOW, cube())
@@ -199,10 +201,10 @@ def test_half_out_of_the_image_it_stays_where_its_free_edges_say(make_studio: St
     assert tracker.predict(2.5).position[0] == pytest.approx(edge, abs=4e-3)
 
 
-def test_one_of_the_same_color_that_stays_beside_it_does_not_drag_it(
+def test_an_object_of_the_same_color_beside_the_target_does_not_shift_it(
     make_studio: StudioMaker,
 ) -> None:
-    """Merged into one outline for two seconds: its centroid is 25 mm off; then the other leaves."""
+    """They form one outline for two seconds, its centroid 25 mm away; then the other leaves."""
     studio = make_studio(fps=60.0)
     tracker = TargetTracker(studio.camera, YELLOW, cube())
     follow(studio, tracker, at_rest, 0.0, 0.5)
@@ -216,10 +218,10 @@ def test_one_of_the_same_color_that_stays_beside_it_does_not_drag_it(
 
 
 @by_rays(("depth",), (-0.055,), (0.08,))
-def test_one_of_the_same_color_that_passes_before_or_behind_it_does_not_steal_it(
+def test_a_passing_object_of_the_same_color_does_not_steal_the_lock(
     depth: float, make_studio: StudioMaker
 ) -> None:
-    """At 0.2 m/s: before it, nothing is seen of the target for a while."""
+    """It passes at 0.2 m/s; in front of the target, it hides it for a while."""
     studio = make_studio(fps=60.0)
     tracker = TargetTracker(studio.camera, YELLOW, cube())
     follow(studio, tracker, small_circle, 0.0, 1.0)
@@ -234,10 +236,10 @@ def test_one_of_the_same_color_that_passes_before_or_behind_it_does_not_steal_it
     assert tracker.predict(3.0).position == pytest.approx(position(small_circle, 3.0), abs=1e-3)
 
 
-def test_a_target_that_was_lost_is_found_again_where_it_should_be(
+def test_a_lost_target_is_found_again_where_it_was(
     make_studio: StudioMaker,
 ) -> None:
-    """Another of its color that is larger comes in meanwhile, and is not taken for it."""
+    """A larger object of its color appears meanwhile and is not taken for the target."""
     studio = make_studio(fps=60.0)
     tracker = TargetTracker(studio.camera, YELLOW, FACE)
     follow(studio, tracker, at_rest, 0.0, 0.5)
@@ -251,7 +253,7 @@ def test_a_target_that_was_lost_is_found_again_where_it_should_be(
 
 
 def swapped(studio: Studio, x: float, y: float = 0.0, seconds: float = 2.5) -> TargetTracker:
-    """One that stands still half a second, and in the same instant is gone and another is there."""
+    """Track a target that rests for half a second, then vanishes just as another one appears."""
     tracker = TargetTracker(studio.camera, YELLOW, FACE)
     follow(studio, tracker, at_rest, 0.0, 0.5)
     studio.place(x, 0.0, "other", y=y)
@@ -261,10 +263,10 @@ def swapped(studio: Studio, x: float, y: float = 0.0, seconds: float = 2.5) -> T
 
 
 @by_rays(("x", "fps"), *product((-0.15, 0.12, 0.18), (20.0, 60.0)))
-def test_what_appears_where_it_cannot_have_come_by_then_is_not_the_target(
+def test_an_object_that_appears_out_of_reach_is_not_the_target(
     x: float, fps: float, make_studio: StudioMaker
 ) -> None:
-    """Nothing goes 12 cm from rest in a tenth of a second; later it is still the other one."""
+    """No target moves 12 cm from rest in a tenth of a second; the object stays rejected later."""
     studio = make_studio(fps=fps)
     tracker = swapped(studio, x)
     assert not tracker.locked
@@ -276,10 +278,8 @@ def test_what_appears_where_it_cannot_have_come_by_then_is_not_the_target(
 
 
 @by_rays(("y",), (-0.15,), (0.25,))
-def test_one_of_another_size_is_not_the_target_however_late(
-    y: float, make_studio: StudioMaker
-) -> None:
-    """Where it was, 1.75 times as wide in the picture or 0.6 times: three seconds after it went."""
+def test_an_object_of_another_size_is_never_the_target(y: float, make_studio: StudioMaker) -> None:
+    """It is where the target was, 1.75 or 0.6 times as wide in the image, up to 3 s later."""
     studio = make_studio(fps=60.0)
     tracker = swapped(studio, 5.0, seconds=1.5)
     studio.place(0.0, 0.0, "other", y=y)
@@ -288,10 +288,10 @@ def test_one_of_another_size_is_not_the_target_however_late(
     assert "times as wide" in tracker.distractors.reason
 
 
-def test_one_that_comes_along_while_it_is_lost_is_followed_as_another(
+def test_an_object_that_arrives_during_a_loss_is_not_the_target(
     make_studio: StudioMaker,
 ) -> None:
-    """From 0.17 m away, at 0.1 m/s, to where the target was: by then it is known not to be it."""
+    """It comes from 0.17 m away at 0.1 m/s to where the target was, a known distractor by then."""
     studio = make_studio(fps=60.0)
     tracker = TargetTracker(studio.camera, YELLOW, FACE)
     follow(studio, tracker, at_rest, 0.0, 0.5)
@@ -304,10 +304,10 @@ def test_one_that_comes_along_while_it_is_lost_is_followed_as_another(
 
 
 @by_rays(("hidden", "last"), (0.2, 2.0), (0.5, 2.0), (0.4, 0.85))
-def test_hidden_while_it_goes_on_it_is_found_again(
+def test_a_target_that_moves_while_hidden_is_found_again(
     make_studio: StudioMaker, hidden: float, last: float
 ) -> None:
-    """Behind a screen at 0.15 m/s: it is where it went, or where it stopped behind it."""
+    """It goes on behind a screen at 0.15 m/s, or stops there."""
     studio = make_studio(fps=60.0)
     tracker = TargetTracker(studio.camera, YELLOW, FACE)
 
@@ -324,8 +324,8 @@ def test_hidden_while_it_goes_on_it_is_found_again(
     assert tracker.predict(1.4).position == pytest.approx(position(going, 1.4), abs=8e-3)
 
 
-def test_what_looks_different_from_elsewhere_is_still_the_target(make_studio: StudioMaker) -> None:
-    """100 mm off axis a third more of a cube is seen, which a plane alone does not know."""
+def test_a_target_that_looks_different_off_axis_is_not_lost(make_studio: StudioMaker) -> None:
+    """100 mm off axis, a third more of a cube is visible, which a plane does not model."""
     studio = make_studio(fps=60.0)
     tracker = TargetTracker(studio.camera, YELLOW, FACE)
 
@@ -343,7 +343,7 @@ def test_what_looks_different_from_elsewhere_is_still_the_target(make_studio: St
     *product(((0.6, 0.8, 0.0), (0.0, 1.0, 0.0)), (-0.08, 0.2), (3.0, 1.5)),
     one_in=3,
 )
-def test_a_cube_of_known_size_that_turns_on_its_way_elsewhere_is_not_lost(
+def test_a_cube_of_known_size_that_moves_and_turns_is_not_lost(
     rate: float, away: float, axis: tuple[float, ...], make_studio: StudioMaker
 ) -> None:
     """At 40 Hz, while it comes nearer or goes away; its outline fits no upright cube meanwhile."""
@@ -364,7 +364,7 @@ def test_a_cube_of_known_size_that_turns_on_its_way_elsewhere_is_not_lost(
     assert np.abs(sideways[[0, 2]]).max() < 0.012
 
 
-def test_a_cube_of_known_size_that_turns_about_the_line_of_sight_is_still_the_target(
+def test_a_cube_of_known_size_that_turns_about_the_line_of_sight_is_not_lost(
     make_studio: StudioMaker,
 ) -> None:
     """Its outline's box becomes a third wider and higher, its area stays: it shows all edges."""
@@ -382,7 +382,7 @@ def test_a_cube_of_known_size_that_turns_about_the_line_of_sight_is_still_the_ta
     assert tracker.predict(2.5).position == pytest.approx(position(small_circle, 2.5), abs=1e-3)
 
 
-def test_a_passing_speck_is_no_loss(make_studio: StudioMaker) -> None:
+def test_a_passing_speck_does_not_count_as_a_loss(make_studio: StudioMaker) -> None:
     studio = make_studio(fps=60.0)
     tracker = TargetTracker(studio.camera, YELLOW, FACE)
     follow(studio, tracker, at_rest, 0.0, 0.01)
@@ -393,7 +393,7 @@ def test_a_passing_speck_is_no_loss(make_studio: StudioMaker) -> None:
     assert tracker.lost_since is None
 
 
-def test_nothing_in_sight_predicts_nothing(make_studio: StudioMaker) -> None:
+def test_prediction_fails_without_a_sighting(make_studio: StudioMaker) -> None:
     studio = make_studio(fps=60.0)
     tracker = TargetTracker(studio.camera, Color.named("green"), FACE)
     follow(studio, tracker, at_rest, 0.0, 0.05)
@@ -411,22 +411,22 @@ def test_an_unknown_plane_is_found_by_the_size(make_studio: StudioMaker) -> None
     assert tracker.predict(0.6).position == pytest.approx(CENTER, abs=3e-3)
 
 
-def test_closing_lets_go_of_the_camera(make_studio: StudioMaker) -> None:
+def test_closing_releases_the_camera(make_studio: StudioMaker) -> None:
     studio = make_studio(fps=60.0)
     tracker = TargetTracker(studio.camera, YELLOW, FACE)
     tracker.close()
     tracker.close()
     assert studio.camera.aim is None
-    assert not studio.camera.due(1000.0), "nobody listens any more"
+    assert not studio.camera.due(1000.0), "no subscriber is left"
 
 
 @by_rays(("offset",), ((0.06, 0.05),), ((-0.07, 0.04),), ((0.0, 0.08),))
-def test_what_is_first_seen_from_aside_is_known_whole_from_ahead(
+def test_a_target_first_seen_off_axis_is_located_exactly_on_the_axis(
     make_studio: StudioMaker, offset: tuple[float, float]
 ) -> None:
-    """Flanks in the dark make its depth wrong by 2 cm, until it comes to the axis; there 0.1 mm.
+    """Dark flanks make its depth wrong by 2 cm until it is on the axis; there 0.1 mm remains.
 
-    By its edges alone, as long as the whole were taken for a part of it, 1 to 5 mm.
+    Taken for partly hidden and located by its edges, it would be 1 to 5 mm off.
     """
     studio = make_studio(fps=30.0, ambient=0.0)
     tracker = TargetTracker(studio.camera, YELLOW, cube())
@@ -444,12 +444,12 @@ def test_what_is_first_seen_from_aside_is_known_whole_from_ahead(
 
 
 @by_rays(("hidden",), (0.1,), (0.3,), (0.5,))
-def test_what_is_first_seen_in_part_is_known_whole_when_it_is(
+def test_a_target_first_seen_in_part_is_located_exactly_when_visible(
     make_studio: StudioMaker, hidden: float
 ) -> None:
-    """For half a second; taken for a smaller cube it would stay 2.5 to 18 mm beside itself.
+    """Hidden for half a second; taken for a smaller cube it would stay 2.5 to 18 mm off.
 
-    One that had seemed 70 mm farther away, or more, is lost and found again meanwhile.
+    A target that seemed farther away by 70 mm or more is lost and found again meanwhile.
     """
     studio = make_studio(fps=30.0)
     tracker = TargetTracker(studio.camera, YELLOW, cube())
@@ -464,10 +464,10 @@ def test_what_is_first_seen_in_part_is_known_whole_when_it_is(
 
 
 @by_rays(("duration",), (1.0,), (2.0,))
-def test_one_that_comes_into_view_is_not_the_target_until_it_is_whole(
+def test_a_target_that_comes_into_view_is_locked_when_it_is_whole(
     make_studio: StudioMaker, duration: float
 ) -> None:
-    """Cut off by the border it would seem to be far away, and to fly toward the camera."""
+    """Cut off by the border, it would seem to be far away and to fly toward the camera."""
     studio = make_studio(fps=60.0)
     tracker = TargetTracker(studio.camera, YELLOW, cube())
 
@@ -484,7 +484,7 @@ def test_one_that_comes_into_view_is_not_the_target_until_it_is_whole(
     assert tracker.predict(end).position == pytest.approx(CENTER, abs=3e-3)
 
 
-def test_one_that_stays_at_the_border_of_the_image_is_the_target_after_a_while(
+def test_a_target_that_stays_at_the_image_border_is_locked_after_a_while(
     make_studio: StudioMaker,
 ) -> None:
     studio = make_studio(fps=60.0)
@@ -497,10 +497,10 @@ def test_one_that_stays_at_the_border_of_the_image_is_the_target_after_a_while(
 
 
 @by_rays(("turned", "depth"), *product((0.4, 0.0), (-0.05, 0.03, 0.06)), one_in=2)
-def test_a_cube_of_known_size_that_comes_to_another_depth_is_located_there(
+def test_a_cube_of_known_size_that_changes_depth_is_located_there(
     make_studio: StudioMaker, depth: float, turned: float
 ) -> None:
-    """It goes there within half a second, while it circles, which its new depth scales."""
+    """It changes depth within half a second while it circles; the depth scales the circle."""
     studio = make_studio(fps=60.0)
     tracker = TargetTracker(studio.camera, YELLOW, cube())
     body = studio.model.body("cube").mocapid[0]
@@ -517,7 +517,7 @@ def test_a_cube_of_known_size_that_comes_to_another_depth_is_located_there(
 
 
 @by_rays(("turn", "duration"), *product((-1.0, 0.5), (0.6, 1.2)))
-def test_a_cube_of_known_size_that_comes_nearer_and_tilts_is_still_the_target(
+def test_a_cube_of_known_size_that_comes_nearer_and_tilts_is_not_lost(
     make_studio: StudioMaker, duration: float, turn: float
 ) -> None:
     """An arm that carries it turns it by 45° to and fro, or by 90°, on its way to the camera."""
@@ -543,10 +543,10 @@ def test_a_cube_of_known_size_that_comes_nearer_and_tilts_is_still_the_target(
     *product((0.3, 0.0), (0.785, 0.4, 0.0), (0.6, 1.2)),
     one_in=5,
 )
-def test_a_cube_of_known_size_that_goes_away_and_tilts_is_still_the_target(
+def test_a_cube_of_known_size_that_goes_away_and_tilts_is_not_lost(
     make_studio: StudioMaker, turned: float, tilt: float, duration: float
 ) -> None:
-    """An arm that brings it to where it is followed carries it away from the camera."""
+    """An arm that brings the cube to where tracking begins carries it away from the camera."""
     studio = make_studio(fps=60.0)
     tracker = TargetTracker(studio.camera, YELLOW, cube())
     body = studio.model.body("cube").mocapid[0]
@@ -565,13 +565,13 @@ def test_a_cube_of_known_size_that_goes_away_and_tilts_is_still_the_target(
 
 
 @by_rays(("offset",), ((0.03, -0.02),), ((0.0, 0.0),), ((-0.05, 0.04),))
-def test_a_depth_that_gets_better_known_is_no_motion(
+def test_a_depth_correction_does_not_count_as_motion(
     make_studio: StudioMaker, offset: tuple[float, float]
 ) -> None:
     """The first, coarse images misjudge the size, and so the depth, of a target at rest.
 
-    Taken for motion of the target that was 0.02 to 0.24 m/s along the normal here, and 2 m/s in
-    noise: the next window was elsewhere, and the target lost as soon as it was found.
+    Taken for motion of the target, this was 0.02 to 0.24 m/s along the normal here, and 2 m/s
+    with noise: the next window missed the target, which was lost as soon as it was found.
     """
     studio = make_studio(fps=60.0)
     tracker = TargetTracker(studio.camera, YELLOW, cube())
@@ -584,8 +584,8 @@ def test_a_depth_that_gets_better_known_is_no_motion(
     assert np.abs(velocities).max() < 1e-6
 
 
-def test_what_the_next_image_shows_replaces_an_unconfirmed_part() -> None:
-    """A coarse image shows a corner of a thin rim, seemingly far away; the next all of it."""
+def test_the_next_image_replaces_an_unconfirmed_partial_view() -> None:
+    """A coarse image shows a corner of a thin rim, seemingly far away; the next shows all of it."""
     camera = SimpleNamespace(subscribe=lambda _: lambda: None, aim=None, findings=[])
     localizer = PlaneOfSizeLocalizer(np.array((0.0, 0.0, 1.0)), 0.05, cube=True)
     tracker = TargetTracker(cast("Any", camera), YELLOW, localizer)

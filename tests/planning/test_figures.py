@@ -1,4 +1,4 @@
-"""The figures of `benchmarks/planning.py`, on fewer problems."""
+"""Results of `benchmarks/planning.py`, on fewer problems."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bt_dualarm.planning.problem import admitted
 from tests.control.walls import LEFT, RIGHT, locked_world, problem_in, walled_world
 
 
-def test_ways_are_found_and_touch_nothing_when_replayed() -> None:
+def test_paths_are_found_and_are_collision_free_in_replay() -> None:
     outcomes, _ = survey(4, seed=2)
     assert all(one.solved for one in outcomes)
     assert any(not one.straight for one in outcomes)
@@ -21,8 +21,8 @@ def test_ways_are_found_and_touch_nothing_when_replayed() -> None:
     assert "100.0 %" in table(outcomes, 0)
 
 
-def test_the_replay_sees_what_a_straight_motion_through_a_thin_wall_touches() -> None:
-    """Independently of the planner's own checks: in the world's model, contacts of its physics."""
+def test_replay_detects_a_motion_through_a_thin_wall() -> None:
+    """It is independent of the planner's checks: it looks for contacts in the world's physics."""
     world = walled_world()
     problem = problem_in(world, RIGHT, LEFT)
     radii = problem.checker.radii
@@ -33,7 +33,7 @@ def test_the_replay_sees_what_a_straight_motion_through_a_thin_wall_touches() ->
     np.testing.assert_array_equal(world.data.qpos, before)
 
 
-def test_a_problem_that_is_not_solved_is_no_success_and_no_crash() -> None:
+def test_an_unsolved_problem_is_reported_as_unsolved() -> None:
     world = locked_world()
     outcome = solve(world, "arm1", problem_in(world, RIGHT, LEFT, checks=100))
     assert not outcome.solved
@@ -41,7 +41,7 @@ def test_a_problem_that_is_not_solved_is_no_success_and_no_crash() -> None:
     assert outcome.replayed == 0
 
 
-def test_a_problem_counts_as_solvable_only_if_somebody_solves_it() -> None:
+def test_a_problem_counts_as_solvable_only_if_a_planner_solves_it() -> None:
     locked = locked_world()
     few = replace(problem_in(locked, RIGHT, LEFT), checks=100)
     assert not is_solvable(locked, "arm1", few)

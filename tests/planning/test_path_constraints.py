@@ -1,4 +1,4 @@
-"""Path constraints: violations, projections, plans that keep them, and honest failures."""
+"""Path constraints: violations, projections, plans that keep them, and failures."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ UP = np.array((0.0, 0.0, 1.0))
 
 
 def constraint(**limits: object) -> PathConstraint:
-    """Of the tool of a UR5 at the origin."""
+    """A constraint for the tool of a UR5 at the origin."""
     fields = {"robot": load_robot("ur5"), "base": Pose.identity(), "in_tool": Pose.identity()}
     return PathConstraint(**{**fields, **limits})  # type: ignore[arg-type]
 
@@ -89,7 +89,7 @@ def test_the_margin_never_excludes_start_or_goal() -> None:
 
 
 def upright(world: World, name: str, problem: PlanningProblem, most_deg: float) -> PathConstraint:
-    """The tool keeps what points up at the start."""
+    """A constraint that keeps upright what points up in the tool at the start."""
     body = world.arms[name]
     start = Kinematics(body.robot, body.base).forward(problem.start)
     cone = Cone("upright", start.inverse.turn(UP), np.radians(most_deg), UP)
@@ -100,14 +100,14 @@ def upright(world: World, name: str, problem: PlanningProblem, most_deg: float) 
 def test_a_plan_keeps_the_tool_upright_at_every_set_point(number: int) -> None:
     world, name, problem = next(itertools.islice(problems(0), number, None))
     keep = upright(world, name, problem, 5.0)
-    given: ConstrainedProblem = pickle.loads(  # noqa: S301 - our own
+    unpickled: ConstrainedProblem = pickle.loads(  # noqa: S301 - our own
         pickle.dumps(ConstrainedProblem(admitted(problem), keep))
     )
-    motion = given.motion()
+    motion = unpickled.motion()
     kinematics = Kinematics(keep.robot, keep.base)
     worst = max(keep.cones[0].angle(kinematics.forward(q)) for q in motion.q)
     assert worst <= np.radians(5.0)
-    assert given.keeps(motion)
+    assert unpickled.keeps(motion)
     assert all(problem.checker.free(q) for q in motion.q[::5])
     goal = kinematics.forward(problem.goals[0])
     assert kinematics.forward(motion.q[-1]).distance(goal) < 1e-5
@@ -115,7 +115,7 @@ def test_a_plan_keeps_the_tool_upright_at_every_set_point(number: int) -> None:
     assert (again.q == motion.q).all()  # one seed, one plan
 
 
-def test_where_no_path_exists_it_says_so() -> None:
+def test_a_missing_path_is_reported() -> None:
     """A wall between start and goal is higher than the tool may go."""
     wall = box((0.5, 0.0, 0.5), fixed=True).model_copy(update={"size": (1.6, 0.02, 1.0)})
     world = World(file_of({"arm1": arm("ur5", xyz=(0.0, 0.0, 0.0))}, {"wall": wall}))
@@ -136,7 +136,7 @@ def test_where_no_path_exists_it_says_so() -> None:
 
 
 def test_a_search_ends_where_all_paths_lead_to_another_configuration() -> None:
-    """Upright, a UR5 does not leave its branch: it searched for as long as it was allowed to."""
+    """Upright, a UR5 cannot leave its branch; the search once went on until its budget ended."""
     world = World(file_of({"arm1": arm("ur5", xyz=(0.0, 0.0, 0.0))}))
     body = world.arms["arm1"]
     kinematics = Kinematics(body.robot, body.base)

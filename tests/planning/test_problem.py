@@ -39,16 +39,16 @@ def checker(world: World) -> CollisionChecker:
     return CollisionChecker(world, "arm1")
 
 
-def test_a_way_that_is_free_is_straight(world: World) -> None:
+def test_a_free_path_is_straight(world: World) -> None:
     motion = straight_motion(problem_in(world, RIGHT, ABOVE))
     assert motion is not None
-    way = (ABOVE - RIGHT) / np.linalg.norm(ABOVE - RIGHT)
-    off = motion.q - RIGHT
-    assert np.abs(off - np.outer(off @ way, way)).max() < 1e-12
+    direction = (ABOVE - RIGHT) / np.linalg.norm(ABOVE - RIGHT)
+    deviations = motion.q - RIGHT
+    assert np.abs(deviations - np.outer(deviations @ direction, direction)).max() < 1e-12
     np.testing.assert_array_equal(motion.q[-1], ABOVE)
 
 
-def test_no_way_leads_through_a_thin_wall(world: World, checker: CollisionChecker) -> None:
+def test_no_path_leads_through_a_thin_wall(world: World, checker: CollisionChecker) -> None:
     """A wall of 10 mm is not stepped through, on any line between corners."""
     problem = problem_in(world, RIGHT, LEFT)
     assert straight_motion(problem) is None
@@ -62,7 +62,7 @@ def test_no_way_leads_through_a_thin_wall(world: World, checker: CollisionChecke
     assert np.all(corners <= problem.limits.upper)
 
 
-def test_one_seed_gives_one_way(world: World) -> None:
+def test_a_seed_determines_the_path(world: World) -> None:
     problem = problem_in(world, RIGHT, LEFT, seed=3)
     first = path_around(problem).corners
     path_around(problem_in(world, LEFT, RIGHT, seed=4))
@@ -72,8 +72,8 @@ def test_one_seed_gives_one_way(world: World) -> None:
 
 
 @pytest.mark.parametrize("planner", PLANNERS)
-def test_every_planner_finds_a_way_and_the_same_one_again(planner: Planner) -> None:
-    """Those that optimize use all their checks, so few are given."""
+def test_every_planner_finds_a_path_and_repeats_it(planner: Planner) -> None:
+    """Planners that optimize use all their checks, so they get few."""
     problem = problem_in(walled_world(), RIGHT, LEFT, planner=planner, checks=4000)
     corners = path_around(problem).corners
     assert is_free(problem.checker, corners)
@@ -81,9 +81,9 @@ def test_every_planner_finds_a_way_and_the_same_one_again(planner: Planner) -> N
 
 
 def test_a_search_that_has_ended_does_not_go_on() -> None:
-    """With nothing left to look at it is over, whatever it looks at then; the next one may.
+    """A search in which no more states are checked is over, even if more follow; the next can run.
 
-    AORRTC goes round for ever once it has a straight way to one of several goals.
+    AORRTC loops forever once it has a straight path to one of several goals.
     """
     budget = Budget(lambda: False)
     budget.limit = 100_000
@@ -99,55 +99,55 @@ def test_a_search_that_has_ended_does_not_go_on() -> None:
 
 def rounds_of(problem: PlanningProblem) -> int:
     """Rounds of its planner, in steps of 16, until it has a free path."""
-    asked = itertools.count()
-    corners = path_around(problem, lambda: next(asked) < 0).corners
+    polls = itertools.count()
+    corners = path_around(problem, lambda: next(polls) < 0).corners
     assert is_free(problem.checker, corners)
-    return 16 * next(asked)
+    return 16 * next(polls)
 
 
 @pytest.mark.parametrize("planner", PLANNERS)
 def test_a_search_for_one_of_several_goals_ends(planner: Planner) -> None:
-    """No way leads to the first one; the straight way to the second one is free."""
+    """No path leads to the first one; the straight path to the second one is free."""
     near = RIGHT + np.array((-0.2, 0.0, 0.0, 0.0, 0.3, 0.0))
     problem = problem_in(locked_world(), RIGHT, LEFT, near, planner=planner, checks=4000)
     assert rounds_of(problem) <= 10_000
 
 
 @pytest.mark.parametrize("goals", [(LEFT,), (LEFT, ABOVE)])
-def test_rounds_in_which_little_is_looked_at_end_a_search_too(goals: tuple[Vector, ...]) -> None:
+def test_rounds_with_few_checks_end_a_search_too(goals: tuple[Vector, ...]) -> None:
     """The first search has a tenth of all checks; BITstar's round counts for four."""
     problem = problem_in(walled_world(), RIGHT, *goals, planner="BITstar", checks=160_000)
     assert rounds_of(problem) <= 4000
 
 
-def test_goals_in_which_the_arm_cannot_stand_are_left_out(world: World) -> None:
+def test_goals_in_collision_are_left_out(world: World) -> None:
     problem = admitted(problem_in(world, RIGHT, IN_THE_WALL, LEFT))
     np.testing.assert_array_equal(problem.goals, [LEFT])
 
 
 @pytest.mark.parametrize("planner", PLANNERS)
-def test_a_search_to_goals_in_contact_only_ends_before_it_begins(
+def test_a_search_with_all_goals_in_collision_does_not_begin(
     world: World, planner: Planner
 ) -> None:
-    """OMPL waits for goals that become free, a hundredth of a second in each round: a minute."""
+    """OMPL would wait for goals to become free, 10 ms in each round: a minute in total."""
     problem = problem_in(world, RIGHT, IN_THE_WALL, planner=planner)
-    asked = itertools.count()
-    budget = Budget(lambda: next(asked) < 0)
+    polls = itertools.count()
+    budget = Budget(lambda: next(polls) < 0)
     arm = ArmChecks(problem.checker, SampledEdges(problem.checker), problem.limits, budget)
     budget.limit = 1000
     assert OmplSearch(arm, problem.start, problem.goals, 1).run(planner, 0.1) is None
-    assert next(asked) == 0
+    assert next(polls) == 0
 
 
-def test_of_several_goals_one_that_has_a_way_is_reached() -> None:
-    """No way leads to the first one; the straight way to the second one is free."""
+def test_the_reachable_one_of_several_goals_is_reached() -> None:
+    """No path leads to the first one; the straight path to the second one is free."""
     near = RIGHT + np.array((-0.2, 0.0, 0.0, 0.0, 0.3, 0.0))
     corners = path_around(problem_in(locked_world(), RIGHT, LEFT, near, checks=3000)).corners
     np.testing.assert_allclose(corners, [RIGHT, near], atol=1e-12)
 
 
 @pytest.mark.parametrize("swapped", [False, True])
-def test_ends_that_touch_are_refused(world: World, swapped: bool) -> None:
+def test_a_start_or_goal_in_collision_is_refused(world: World, swapped: bool) -> None:
     start, goal = (IN_THE_WALL, RIGHT) if swapped else (RIGHT, IN_THE_WALL)
     with pytest.raises(Failure) as caught:
         admitted(problem_in(world, start, goal))
@@ -155,7 +155,7 @@ def test_ends_that_touch_are_refused(world: World, swapped: bool) -> None:
     assert caught.value.numbers["second"] == "wall"
 
 
-def test_an_end_beyond_a_limit_is_refused_by_the_joint_s_name(world: World) -> None:
+def test_a_goal_beyond_a_limit_is_refused_with_the_joint_s_name(world: World) -> None:
     beyond = LEFT.copy()
     beyond[2] = 4.0
     with pytest.raises(Failure, match="elbow_joint") as caught:
@@ -163,7 +163,7 @@ def test_an_end_beyond_a_limit_is_refused_by_the_joint_s_name(world: World) -> N
     assert caught.value.code == "JOINT_LIMIT"
 
 
-def test_where_there_is_no_way_the_failure_says_what_was_tried() -> None:
+def test_a_failed_search_reports_planner_and_checks() -> None:
     problem = problem_in(locked_world(), RIGHT, LEFT, planner="RRT", checks=2000)
     with pytest.raises(Failure) as caught:
         path_around(problem)
@@ -172,15 +172,15 @@ def test_where_there_is_no_way_the_failure_says_what_was_tried() -> None:
     assert 2000 <= int(caught.value.numbers["states"]) < 2100
 
 
-def test_a_search_that_nobody_waits_for_ends_early() -> None:
-    asked: Iterator[int] = itertools.count()
+def test_an_abandoned_search_ends_early() -> None:
+    polls: Iterator[int] = itertools.count()
     with pytest.raises(Failure) as caught:
-        path_around(problem_in(locked_world(), RIGHT, LEFT), lambda: next(asked) > 2)
+        path_around(problem_in(locked_world(), RIGHT, LEFT), lambda: next(polls) > 2)
     assert caught.value.code == "INTERRUPTED"
-    assert next(asked) == 4  # the poll that says so, the fourth, is the last
+    assert next(polls) == 4  # the poll that says so, the fourth, is the last
 
 
-def test_the_motion_around_a_wall_keeps_the_limits_and_touches_nothing(
+def test_the_motion_around_a_wall_is_within_limits_and_collision_free(
     world: World, checker: CollisionChecker
 ) -> None:
     slower = world.arms["arm1"].robot.limits.scaled(0.5)
@@ -190,7 +190,7 @@ def test_the_motion_around_a_wall_keeps_the_limits_and_touches_nothing(
     np.testing.assert_allclose(motion.q[[0, -1]], [RIGHT, LEFT], atol=1e-9)
 
 
-def test_corners_are_rounded_without_touching(world: World, checker: CollisionChecker) -> None:
+def test_corners_are_rounded_without_collision(world: World, checker: CollisionChecker) -> None:
     corners = path_around(problem_in(world, RIGHT, LEFT)).corners
     pieces = rounded(corners, checker.radii, lambda rows: is_free(checker, rows))
     np.testing.assert_array_equal(pieces[0][0], corners[0])
@@ -207,8 +207,8 @@ def test_a_motion_through_a_wall_is_refused(checker: CollisionChecker) -> None:
         refuse_contact(checker, rows)
 
 
-def test_an_arm_does_not_stay_where_it_presses_on_itself() -> None:
-    """Not even as shallowly as what it holds may lie on others; from there, it may move away."""
+def test_a_motion_must_not_end_in_self_contact() -> None:
+    """Not even with the depth that is tolerated for a held object; it may move away, however."""
     world = World(file_of({"arm1": arm("ur5", (0.0, 0.0, 1.0))}))
     checker = CollisionChecker(world, "arm1")
     free, folded = np.deg2rad(

@@ -1,4 +1,4 @@
-"""The process that plans: as good as planning here, and never in anybody's way."""
+"""The planning process: it plans as this process does, and its failures block nothing."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ from tests.control.walls import LEFT, RIGHT, locked_world, problem_in, walled_wo
 ROOT = Path(__file__).parents[2]
 
 ENDLESS = 10**9
-"""Checks that no test waits for."""
+"""A budget of checks that no test waits to see spent."""
 
-PATIENCE_S = 60.0
-"""Seconds on the wall after which a process that should end counts as one that does not."""
+TIMEOUT_S = 60.0
+"""Wall-clock seconds after which a process that should have ended counts as hung."""
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,9 @@ def is_same(one: Trajectory, other: Trajectory) -> bool:
     return one.q.tobytes() == other.q.tobytes() and one.v.tobytes() == other.v.tobytes()
 
 
-def test_it_plans_as_this_process_does_bit_for_bit(planning: PlanningProcess, world: World) -> None:
+def test_plans_equal_those_of_this_process_bit_for_bit(
+    planning: PlanningProcess, world: World
+) -> None:
     """Whatever it has planned before, and in whichever process."""
     there = problem_in(world, RIGHT, LEFT)
     back = problem_in(world, LEFT, RIGHT, seed=5)
@@ -61,7 +63,7 @@ def test_it_plans_as_this_process_does_bit_for_bit(planning: PlanningProcess, wo
     assert is_same(planning.solve(there).result(), here)
 
 
-def test_why_there_is_no_way_comes_across(planning: PlanningProcess) -> None:
+def test_the_reason_for_a_missing_path_is_transmitted(planning: PlanningProcess) -> None:
     problem = problem_in(locked_world(), RIGHT, LEFT, checks=500)
     with pytest.raises(Failure, match="RRTConnect") as caught:
         planning.solve(problem).result()
@@ -98,8 +100,8 @@ def test_a_process_that_dies_fails_its_problem_and_the_next_gets_another(
     assert planning.pid != dead
 
 
-def test_ctrl_c_is_not_for_it(planning: PlanningProcess, world: World) -> None:
-    """It lives in a process group of its own, and turns a deaf ear to the signal itself."""
+def test_ctrl_c_does_not_end_the_process(planning: PlanningProcess, world: World) -> None:
+    """It has its own process group, and ignores the signal itself."""
     planning.solve(problem_in(world, RIGHT, LEFT)).result()
     pid = planning.pid
     assert pid is not None
@@ -109,9 +111,9 @@ def test_ctrl_c_is_not_for_it(planning: PlanningProcess, world: World) -> None:
     assert planning.pid == pid
 
 
-@pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="Linux alone can wait for a stranger")
-def test_it_dies_with_its_parent_in_the_middle_of_a_search() -> None:
-    """The parent is killed, so nothing of it can tidy up; the pipe to its child breaks."""
+@pytest.mark.skipif(not hasattr(os, "pidfd_open"), reason="only Linux can wait for any process")
+def test_the_process_dies_with_its_parent_during_a_search() -> None:
+    """The parent is killed, so it cannot clean up; the pipe to its child breaks."""
     program = textwrap.dedent(
         """
         import os, signal, sys
@@ -130,19 +132,19 @@ def test_it_dies_with_its_parent_in_the_middle_of_a_search() -> None:
     assert parent.returncode == -signal.SIGKILL
     with contextlib.suppress(ProcessLookupError):  # gone already
         child = os.pidfd_open(int(parent.stdout))
-        ended, _, _ = select.select([child], [], [], PATIENCE_S)
+        ended, _, _ = select.select([child], [], [], TIMEOUT_S)
         os.close(child)
         assert ended
 
 
-def test_a_bug_in_it_is_told(planning: PlanningProcess, world: World) -> None:
+def test_an_exception_in_the_planner_is_reported(planning: PlanningProcess, world: World) -> None:
     broken = problem_in(world, RIGHT, LEFT, goals=(np.full(3, np.nan),))
     with pytest.raises(Failure, match="the planner raised ") as caught:
         planning.solve(broken).result()
     assert caught.value.code == "NO_PLAN"
 
 
-def test_where_no_process_can_be_started_the_failure_says_so(
+def test_a_process_that_cannot_be_started_is_reported(
     world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, "executable", "/nowhere/python")
@@ -151,7 +153,7 @@ def test_where_no_process_can_be_started_the_failure_says_so(
     assert caught.value.code == "NO_PLAN"
 
 
-def test_it_starts_with_the_first_problem_and_ends_when_closed(
+def test_the_process_starts_with_the_first_problem_and_ends_when_closed(
     planning: PlanningProcess, world: World
 ) -> None:
     assert PlanningProcess().pid is None
@@ -163,8 +165,8 @@ def test_it_starts_with_the_first_problem_and_ends_when_closed(
         os.kill(pid, 0)
 
 
-def test_an_idle_process_goes_to_one_run_after_the_other(world: World) -> None:
-    """There is one at most, and one that has died meanwhile is not handed on."""
+def test_an_idle_process_is_reused(world: World) -> None:
+    """At most one idle process is kept, and one that has died meanwhile is not reused."""
     problem = problem_in(world, RIGHT, LEFT)
     first, second = PlanningProcess(), PlanningProcess()
     for planning in (first, second):
@@ -204,7 +206,7 @@ def test_a_forked_child_leaves_its_parents_process_alone(world: World) -> None:
 def test_a_process_that_is_stopped_is_not_waited_for(
     planning: PlanningProcess, world: World
 ) -> None:
-    """In the middle of a search, and idle as well; each time the next problem gets another."""
+    """Whether it is searching or idle; each time, the next problem gets another process."""
     problem = problem_in(world, RIGHT, LEFT)
     endless = problem_in(locked_world(), RIGHT, LEFT, checks=ENDLESS)
     for busy in (True, False):
@@ -220,14 +222,14 @@ def test_a_process_that_is_stopped_is_not_waited_for(
         assert planning.pid != stopped
 
 
-def test_a_search_without_an_end_is_given_up(
+def test_an_endless_search_times_out(
     planning: PlanningProcess, world: World, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Were it waited for, this test would not end; its process goes with it."""
+    """Otherwise this test would not end. Its process is replaced as well."""
     pending = planning.solve(problem_in(locked_world(), RIGHT, LEFT, checks=ENDLESS))
     lost = planning.pid
-    with monkeypatch.context() as hurry:
-        hurry.setattr(process, "LONGEST_S", 0.1)
+    with monkeypatch.context() as patched:
+        patched.setattr(process, "LONGEST_S", 0.1)
         with pytest.raises(Failure, match=r"gave no answer for 0\.1 s") as caught:
             pending.result()
     assert caught.value.code == "NO_PLAN"

@@ -1,4 +1,4 @@
-"""Motions that keep a distance from what they need not be near."""
+"""Clearance: motions keep a distance from obstacles that they need not pass closely."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def test_a_motion_that_keeps_its_distance_is_straight() -> None:
     assert straight_motion(admitted(problem_in(world, RIGHT, LEFT))) is not None
 
 
-def test_what_an_end_is_near_to_may_be_as_near_all_the_way() -> None:
+def test_clearance_of_an_end_is_enough_for_the_whole_motion() -> None:
     """The start is over the wall's top already."""
     world = world_with_gap(1e-3, RIGHT, LEFT)
     rows = np.linspace(RIGHT, LEFT, 41)
@@ -79,7 +79,7 @@ def test_what_an_end_is_near_to_may_be_as_near_all_the_way() -> None:
     assert gap(world, motion.q[:: max(len(motion.q) // 400, 1)]) == pytest.approx(1e-3, abs=1e-4)
 
 
-def test_where_there_is_no_room_the_motion_passes_as_near_as_it_must() -> None:
+def test_a_motion_without_alternative_passes_closely() -> None:
     """Only the base can turn: there is no other path."""
     world = world_with_gap(1e-3, RIGHT, LEFT)
     problem = problem_in(world, RIGHT, LEFT, checks=2000)

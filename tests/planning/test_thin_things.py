@@ -1,4 +1,4 @@
-"""A motion that is admitted touches nothing on its way, however thin that is."""
+"""Thin obstacles: an admitted motion touches none of them."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from tests.sim.worlds import WIDE, arm, file_of
 
 THIN = 0.001
 SIZES = {"plate": (THIN, 0.1, 0.1), "wire": (THIN, THIN, 0.2), "speck": (THIN, THIN, THIN)}
-TIMES = 8
+MOTIONS = 8
 GRAZED = 2e-4
-"""Meters that a corner can be cut between two checks: they are up to 8 mm apart."""
+"""Depth in m by which a motion may cut a corner between two checks, which are up to 8 mm apart."""
 
 
 def free_motions(world: World, rng: np.random.Generator) -> Iterator[Trajectory]:
@@ -62,7 +62,7 @@ def skin(world: World, q: Vector, rng: np.random.Generator) -> Vector:
 
 
 def deepest(checker: CollisionChecker, motion: Trajectory) -> float:
-    """Meters that the arm is in the thing at most, looked at every half millimeter."""
+    """Largest depth of the arm in the object, m, checked every half millimeter."""
     obj = checker.model.geom("thing").id
     worst = 0.0
     for here, there in pairwise(motion.q[::4]):
@@ -75,14 +75,14 @@ def deepest(checker: CollisionChecker, motion: Trajectory) -> float:
 
 
 @pytest.mark.parametrize(("shape", "robot"), some(product(SIZES, WIDE), 2))
-def test_what_is_thin_is_not_gone_through(robot: str, shape: str) -> None:
-    """Wherever on a link's way it is, and however it lies."""
+def test_no_motion_goes_through_a_thin_object(robot: str, shape: str) -> None:
+    """Wherever on a link's path the object is, and in any orientation."""
     obj = ObjectSpec(shape="box", size=SIZES[shape], mass=1.0, fixed=True, spawned=False)
     world = World(file_of({"arm1": arm(robot, (0.0, 0.0, 0.6))}, {"thing": obj}))
     rng = np.random.default_rng(WIDE.index(robot))
     refused = 0
     motions = free_motions(world, rng)
-    for _ in range(TIMES):
+    for _ in range(MOTIONS):
         motion = next(motions)
         share = rng.uniform(0.2, 0.8)
         point = skin(world, motion.q[int(share * len(motion))], rng)

@@ -15,11 +15,11 @@ YZ: Axes = (np.array((0.0, 1.0, 0.0)), np.array((0.0, 0.0, 1.0)))
 
 
 FULL_POSES = [name for name in robot_names() if len(load_robot(name).limits.velocity) >= 6]
-"""Robots that take every pose nearby: with five joints the tool's axis cannot be held."""
+"""Robots that reach every pose nearby: with five joints the tool's axis cannot be kept."""
 
 
 @pytest.mark.parametrize("name", FULL_POSES)
-def test_the_tool_draws_the_circle_that_was_asked_for(name: str) -> None:
+def test_the_tool_follows_the_requested_circle(name: str) -> None:
     """Every set-point puts the tool on the circle to a twentieth of a millimeter, within limits."""
     robot = load_robot(name)
     arm = Kinematics(robot, Pose.identity())
@@ -35,7 +35,7 @@ def test_the_tool_draws_the_circle_that_was_asked_for(name: str) -> None:
         assert pose.angle(tool) < 1e-3
 
 
-def test_turns_repeat_the_joints_of_the_first() -> None:
+def test_every_turn_repeats_the_joint_positions_of_the_first() -> None:
     robot = load_robot("panda")
     arm = Kinematics(robot, Pose.identity())
     path = circle(arm.forward(robot.postures["home"]), YZ, 0.05, turns=2)
