@@ -1,4 +1,4 @@
-"""What the tests of all that reads records share."""
+"""Fixtures of the tests that read records."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tests.undrawn import undrawn
 
 
 @pytest.fixture(autouse=True, scope="package")
-def records_without_pictures() -> Iterator[None]:
-    """Nothing that reads records looks at their pictures."""
+def records_without_images() -> Iterator[None]:
+    """Record without rendering camera images, which these tests do not look at."""
     with undrawn():
         yield

@@ -1,4 +1,4 @@
-"""Runs that are recorded for the tests of whatever reads records."""
+"""Recorded runs for the tests that read records."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ arms:
 
 
 def write_short(folder: Path, text: str = SHORT) -> Path:
-    """The tree of one arm that goes aside and back, with its include; path of the file."""
+    """Write the tree of an arm that moves aside and back, with its include; return its path."""
     folder.mkdir(exist_ok=True)
     (folder / "parts.yaml").write_text(PARTS)
     path = folder / "short.yaml"

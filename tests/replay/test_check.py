@@ -1,4 +1,4 @@
-"""A run that is made anew is the same, or it is said at which step and in which number not."""
+"""Record check: a repeated run is the same, or the first different step and number are reported."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> Record:
 
 
 def with_text(record: Record, old: str, new: str) -> Record:
-    """A record whose tree says something else than what was run."""
+    """A record whose tree is not the one that was run."""
     (name, text), *rest = record.start["texts"].items()
     assert old in text
     start = {**record.start, "texts": {name: text.replace(old, new), **dict(rest)}}
@@ -41,7 +41,7 @@ def test_the_same_run_agrees_to_the_last_step_and_hash(short: Record) -> None:
 
 
 def test_another_goal_differs_where_the_leaf_begins(short: Record) -> None:
-    """The goal is a tenth of a micrometre elsewhere: the joints differ from the motion's first."""
+    """The goal is 0.1 µm away: the joints differ from the beginning of the motion."""
     [set_, go] = [
         event["time_s"] for event in short.events if event["path"] == "sequence/reach_to_pose"
     ]
@@ -54,7 +54,7 @@ def test_another_goal_differs_where_the_leaf_begins(short: Record) -> None:
     assert found.difference.doing == ("arm1:sequence", "arm1:sequence/reach_to_pose")
 
 
-def test_another_status_is_told(short: Record) -> None:
+def test_another_event_is_reported(short: Record) -> None:
     found = check_record(with_text(short, "set: {key", "set: {name: other, key"), REGISTRY)
     assert found.difference is not None
     assert found.difference.event == (
@@ -72,7 +72,7 @@ def test_other_objects_differ_in_their_count(short: Record) -> None:
     assert found.difference.numbers[0].name == "count of positions"
 
 
-def test_a_run_that_was_closed_agrees_as_far_as_it_went(tmp_path: Path, short: Record) -> None:
+def test_a_run_that_was_closed_agrees_until_then(tmp_path: Path, short: Record) -> None:
     with bt_dualarm.open(next(iter(short.start["texts"])), record=tmp_path) as run:
         run.step(0.5)
     found = check_record(Record.read(tmp_path), REGISTRY)
@@ -89,7 +89,7 @@ def test_an_include_that_has_changed_since_is_taken_from_the_record(tmp_path: Pa
     assert changed.endswith("parts.yaml, which the tree includes, has changed")
 
 
-def test_the_command_says_so(short: Record, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_reports_agreement(short: Record, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.replay([str(short.folder), "--check"]) == 0
     out = capsys.readouterr().out
     until = f"{short.steps} steps, {short.steps * 0.002:.3f} s"
@@ -98,7 +98,7 @@ def test_the_command_says_so(short: Record, capsys: pytest.CaptureFixture[str]) 
     assert json.loads(capsys.readouterr().out)["agrees"] is True
 
 
-def test_a_difference_is_code_1(
+def test_a_difference_exits_with_code_1(
     short: Record, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     other = recorded(tmp_path, seed=5, reality="lab")
@@ -112,7 +112,9 @@ def test_a_difference_is_code_1(
     assert "→ FAILURE at 0.000 s in the record; now arm1:sequence/set → SUCCESS at 0.000 s" in out
 
 
-def test_without_a_record_it_is_code_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_missing_record_exits_with_code_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert cli.replay([str(tmp_path), "--check"]) == 2
     assert "contains no record" in capsys.readouterr().err
     assert cli.replay([str(tmp_path)]) == 2
@@ -123,7 +125,7 @@ def test_without_a_record_it_is_code_2(tmp_path: Path, capsys: pytest.CaptureFix
 
 
 def test_a_run_that_the_watchdog_ended_agrees_until_then(tmp_path: Path) -> None:
-    """The clock on the wall ended it; made anew, the tick that hung is not waited for."""
+    """The wall clock ended it; the repeated run does not wait for the tick that hung."""
 
     class Hang(bt_dualarm.Skill):
         """Hang within a tick until it is interrupted."""

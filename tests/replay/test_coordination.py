@@ -1,4 +1,4 @@
-"""Arms that wait for each other: what record, page, explanation, replay and resume say of it."""
+"""Arms that wait for each other: in records, web pages, explanations, replay and resume."""
 
 from __future__ import annotations
 
@@ -55,11 +55,11 @@ arms:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The record of a run that ends at its time limit, with two arms at the bin."""
-    place = tmp_path_factory.mktemp("waiting")
-    (place / "waiting.yaml").write_text(TREE)
+    parent = tmp_path_factory.mktemp("waiting")
+    (parent / "waiting.yaml").write_text(TREE)
     with undrawn():
-        bt.run(place / "waiting.yaml", record=place / "record")
-    return place / "record"
+        bt.run(parent / "waiting.yaml", record=parent / "record")
+    return parent / "record"
 
 
 def waiting_at(record: Record, time: float) -> dict[str, str]:
@@ -85,7 +85,7 @@ def test_a_page_of_the_record_shows_who_waits_for_whom(folder: Path) -> None:
 
 
 class Waits:
-    """Observer that keeps after each tick the time, and what nodes wait for on a live page."""
+    """Observer that stores after each tick the time, and what nodes wait for on a live page."""
 
     def __init__(self) -> None:
         self.seen: list[tuple[float, dict[str, str]]] = []
@@ -94,7 +94,7 @@ class Waits:
         """Do nothing."""
 
     def after_ticks(self, run: RunView) -> None:
-        """Keep the sentences."""
+        """Store the sentences."""
         rows = {
             f"{view.name}:{row['path']}": str(row["waiting"])
             for view in run.views()
@@ -111,7 +111,7 @@ class Waits:
 def test_a_page_of_the_record_agrees_with_the_live_one(
     tree: str, seconds: float, tmp_path: Path
 ) -> None:
-    """Also after the wait of a leaf that goes on: the arm that came first carries, too."""
+    """Also after the wait of a leaf that goes on, as that of the arm that came first."""
     live = Waits()
     with undrawn(), bt.open(f"trees/{tree}.yaml", duration=seconds, record=tmp_path / "r") as run:
         run.watch(live)
@@ -124,7 +124,7 @@ def test_a_page_of_the_record_agrees_with_the_live_one(
 
 
 class Views:
-    """Observer that keeps the trees at one time of a run."""
+    """Observer that stores the trees at one time of a run."""
 
     def __init__(self, at: float) -> None:
         self.at = at
@@ -134,7 +134,7 @@ class Views:
         """Do nothing."""
 
     def after_ticks(self, run: RunView) -> None:
-        """Keep the trees."""
+        """Store the trees."""
         if not self.trees and run.time >= self.at:
             self.trees = {view.name: view.tree for view in run.views() if view.tree is not None}
 
@@ -142,7 +142,7 @@ class Views:
         """Do nothing."""
 
 
-def test_so_do_a_live_page_and_the_terminal(folder: Path) -> None:
+def test_a_live_page_and_the_terminal_show_who_waits_for_whom(folder: Path) -> None:
     views = Views(0.3)
     with bt.open(folder.parent / "waiting.yaml", duration=0.4) as run:
         run.watch(views)
@@ -152,8 +152,8 @@ def test_so_do_a_live_page_and_the_terminal(folder: Path) -> None:
     assert (row["path"], row["waiting"]) == ("selector/meet", sentence)
     for width in (120, 44):  # beside its node, and in lines below it
         lines = draw_tree(views.trees["arm2"], 0.3, width, 30, UNICODE)
-        said = " ".join(line.plain.strip(" │") for line in lines)
-        assert sentence in " ".join(said.split())
+        output = " ".join(line.plain.strip(" │") for line in lines)
+        assert sentence in " ".join(output.split())
 
 
 def test_the_explanation_names_what_the_other_arm_did(folder: Path) -> None:
@@ -170,10 +170,10 @@ def test_the_explanation_names_what_the_other_arm_did(folder: Path) -> None:
     assert "arm1 had failed at 0.52 s" in meeting.causes[0].sentence
 
 
-def test_it_is_repeated_and_resumed_to_the_last_bit(folder: Path, tmp_path: Path) -> None:
+def test_the_run_is_repeated_and_resumed_bit_for_bit(folder: Path, tmp_path: Path) -> None:
     assert said_by("bt-replay", folder, "--check").code == 0
     digest = (Record.read(folder).summary or {})["state_sha256"]
     with undrawn():
-        said = said_by("bt-run", "--resume", f"{folder}@0.7", "--record", tmp_path / "again")
-    assert said.code == 1, "one tree fails"
+        output = said_by("bt-run", "--resume", f"{folder}@0.7", "--record", tmp_path / "again")
+    assert output.code == 1, "one tree fails"
     assert (Record.read(tmp_path / "again").summary or {})["state_sha256"] == digest

@@ -1,4 +1,4 @@
-"""A record as arrays: what the simulation had at each recorded time, and errors for the rest."""
+"""A record as arrays: the simulation's values at each recorded time, and helpful errors."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def data(record: Path) -> bt.RunData:
     return bt.load(record)
 
 
-def test_it_has_what_the_simulation_had(data: bt.RunData, record: Path) -> None:
+def test_arrays_have_the_values_of_the_simulation(data: bt.RunData, record: Path) -> None:
     """Tools and objects are where `samples.npz`, which the run writes itself, has them."""
     samples = np.load(record / "samples.npz")
     for name, positions in (
@@ -69,8 +69,8 @@ def test_it_has_what_the_simulation_had(data: bt.RunData, record: Path) -> None:
         known = ~np.isnan(positions[:, 0]) & (data.time < samples["time"][-1])
         sampled = ~np.isnan(samples[name][:, 0])
         assert known.sum() > 5, "there are states to compare"
-        through = CubicSpline(samples["time"][sampled], samples[name][sampled])
-        errors = np.linalg.norm(positions[known] - through(data.time[known]), axis=1)
+        spline = CubicSpline(samples["time"][sampled], samples[name][sampled])
+        errors = np.linalg.norm(positions[known] - spline(data.time[known]), axis=1)
         assert np.median(errors) < 1e-5, "they are samples of the same motion"
         assert errors.max() < 2e-4, "where a motion begins, 10 ms apart"
 
@@ -90,7 +90,7 @@ def test_arrays_have_one_row_for_each_state(data: bt.RunData) -> None:
     assert {len(column) for column in data.signals.values()} == {count}
 
 
-def test_what_is_not_in_the_world_is_unknown(data: bt.RunData) -> None:
+def test_absent_arms_and_objects_are_nan(data: bt.RunData) -> None:
     arm = np.isnan(data.arms["arm2"].q[:, 0])
     assert arm[0]
     assert not arm[-1]
@@ -100,7 +100,7 @@ def test_what_is_not_in_the_world_is_unknown(data: bt.RunData) -> None:
     assert data.arms["arm2"].gripper is None
 
 
-def test_the_gripper_narrows(data: bt.RunData) -> None:
+def test_the_gripper_width_is_recorded(data: bt.RunData) -> None:
     gripper = data.arms["arm1"].gripper
     assert gripper is not None
     assert gripper.kind == "fingers"
@@ -110,7 +110,7 @@ def test_the_gripper_narrows(data: bt.RunData) -> None:
     assert data.signals["arm1.gripper.width_m"] is gripper.width
 
 
-def test_what_trees_did(data: bt.RunData) -> None:
+def test_events_and_blackboard_are_those_of_the_run(data: bt.RunData) -> None:
     assert (data.name, data.seed, data.outcome, data.torn) == ("comings", 0, "SUCCESS", "")
     assert [value for _, value in data.blackboard("arm1")["goal"]] == [3]
     assert data.blackboard("arm2") == {}
@@ -137,7 +137,7 @@ def test_a_table_has_all_signals(data: bt.RunData) -> None:
     )
 
 
-def test_without_pyarrow_there_is_advice(data: bt.RunData, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_pyarrow_is_reported(data: bt.RunData, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(DualArmError, match=r"needs pyarrow: pip install 'bt_dualarm\[export\]'"):
         data.table()
@@ -165,12 +165,12 @@ def test_a_killed_run_has_all_but_its_end(record: Path, tmp_path: Path) -> None:
         ("frames", "there is no arm 'amr1'; did you mean 'arm1'"),
     ],
 )
-def test_unknown_names_get_the_nearest(data: bt.RunData, name: str, message: str) -> None:
+def test_unknown_names_get_a_suggestion(data: bt.RunData, name: str, message: str) -> None:
     with pytest.raises(DualArmError, match=message):
         data.arms["amr1"] if name == "arms" else getattr(data, name)("amr1")
 
 
-def test_what_is_no_record_is_refused(tmp_path: Path) -> None:
+def test_a_folder_without_a_record_is_refused(tmp_path: Path) -> None:
     with pytest.raises(DualArmError, match="there is no folder"):
         bt.load(tmp_path / "nowhere")
     with pytest.raises(DualArmError, match=r"contains no record: there is no run\.history"):

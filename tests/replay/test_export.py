@@ -1,4 +1,4 @@
-"""A record is exported to forms that need nothing of this project: a page, tables."""
+"""Export of records to formats that need nothing of this project: web page, tables, videos."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def failed(tmp_path_factory: pytest.TempPathFactory) -> Record:
     return recorded(tmp_path_factory.mktemp("failed"), FAILING)
 
 
-def test_tables_have_what_the_record_has(failed: Record) -> None:
+def test_tables_have_the_values_of_the_record(failed: Record) -> None:
     tables = dict(tables_of(failed))
     assert set(tables) == {"events.csv", "notes.csv", "arm_arm1.csv", "states_0.csv"}
     events = [*csv.DictReader(tables["events.csv"].splitlines())]
@@ -43,7 +43,7 @@ def test_tables_have_what_the_record_has(failed: Record) -> None:
     assert len(arm[0]) == 25
 
 
-def test_the_command_writes_them(
+def test_the_command_writes_page_and_tables(
     failed: Record, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     page = tmp_path / "a.html"
@@ -55,13 +55,13 @@ def test_the_command_writes_them(
     assert (tables / "events.csv").exists()
 
 
-def test_a_film_has_25_pictures_a_second(
+def test_a_video_has_25_frames_per_second(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    film = tmp_path / "a.mp4"
+    video = tmp_path / "a.mp4"
     begun = recorded(tmp_path / "begun", FAILING, duration=0.25)
-    assert cli.record(["export", str(begun.folder), "--mp4", str(film)]) == 0
-    reader = cv2.VideoCapture(str(film))
+    assert cli.record(["export", str(begun.folder), "--mp4", str(video)]) == 0
+    reader = cv2.VideoCapture(str(video))
     count = reader.get(cv2.CAP_PROP_FRAME_COUNT)
     assert count == pytest.approx(25 * begun.until, abs=1.0)
     assert reader.get(cv2.CAP_PROP_FPS) == 25
@@ -79,7 +79,7 @@ def test_a_film_has_25_pictures_a_second(
         assert f"does not end with {end}" in capsys.readouterr().err
 
 
-def test_a_film_that_does_not_fit_on_the_disk_is_told(tmp_path: Path) -> None:
+def test_a_full_disk_is_reported(tmp_path: Path) -> None:
     (tmp_path / "full.mp4").symlink_to("/dev/full")
     encoder = Encoder(tmp_path / "full.mp4", (64, 48), 25)
     encoder.add(np.zeros((48, 64, 3), np.uint8))
@@ -87,36 +87,36 @@ def test_a_film_that_does_not_fit_on_the_disk_is_told(tmp_path: Path) -> None:
         encoder.close()
 
 
-def test_an_error_while_a_film_is_made_is_what_is_told(tmp_path: Path) -> None:
+def test_an_error_during_encoding_is_raised(tmp_path: Path) -> None:
     encoder = Encoder(tmp_path / "film.mp4", (64, 48), 25)
     with pytest.raises(ZeroDivisionError), encoder:
         raise ZeroDivisionError
 
 
-def test_a_folder_of_a_film_may_have_a_colon(
+def test_the_folder_of_a_video_may_have_a_colon(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """To ffmpeg what stands before it is a protocol."""
+    """To ffmpeg, the part before a colon is a protocol."""
     monkeypatch.chdir(tmp_path)
     Path("12:30").mkdir()
-    with Encoder(Path("12:30/film.mp4"), (64, 48), 25) as film:
-        film.add(np.zeros((48, 64, 3), np.uint8))
+    with Encoder(Path("12:30/film.mp4"), (64, 48), 25) as video:
+        video.add(np.zeros((48, 64, 3), np.uint8))
     assert Path("12:30/film.mp4").stat().st_size > 500
 
 
 def test_an_animation_moves_and_is_small(failed: Record, tmp_path: Path) -> None:
     path = tmp_path / "a.webp"
     write_animation(failed, path)
-    with Image.open(path) as film:
-        assert (film.n_frames, film.size) == (round(10 * failed.until), (800, 450))  # type: ignore[attr-defined]
-        first = np.asarray(film.convert("RGB")).astype(int)
-        film.seek(film.n_frames // 2)  # type: ignore[attr-defined]
-        later = np.asarray(film.convert("RGB")).astype(int)
+    with Image.open(path) as video:
+        assert (video.n_frames, video.size) == (round(10 * failed.until), (800, 450))  # type: ignore[attr-defined]
+        first = np.asarray(video.convert("RGB")).astype(int)
+        video.seek(video.n_frames // 2)  # type: ignore[attr-defined]
+        later = np.asarray(video.convert("RGB")).astype(int)
     assert np.abs(first - later)[:, :550].max() > 60
     assert path.stat().st_size < 3 * 2**20
 
 
-def test_the_panel_marks_what_runs_and_says_why_it_failed(failed: Record) -> None:
+def test_the_panel_highlights_running_and_failed_leaves(failed: Record) -> None:
     """A running leaf is lit, a failed one is red with its reason below it."""
     panel = FilmPanel(failed, (400, 720))
     (end,) = [event["time_s"] for event in failed.events if event["code"] and event["reason"]][:1]
@@ -129,7 +129,7 @@ def test_the_panel_marks_what_runs_and_says_why_it_failed(failed: Record) -> Non
 
 
 def test_the_camera_follows_without_a_jolt(failed: Record) -> None:
-    """It keeps its side, and moves by no more than 0.5 m in a second."""
+    """It keeps its direction, and moves by no more than 0.5 m/s."""
     times = np.arange(0.02, failed.until, 0.04).tolist()
     views = followed(failed, times, 1.2)
     eyes = np.array([view.eye for view in views])
@@ -139,7 +139,7 @@ def test_the_camera_follows_without_a_jolt(failed: Record) -> None:
     assert clear_corner(failed, times, views, 1.2) in {(x, y) for x in (0, 1) for y in (0, 1)}
 
 
-def test_what_cannot_be_written_is_code_2(
+def test_an_impossible_export_exits_with_code_2(
     failed: Record, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert (
@@ -155,7 +155,7 @@ def test_what_cannot_be_written_is_code_2(
 
 
 def test_no_cell_is_a_formula(failed: Record) -> None:
-    """A spreadsheet would run it; numbers stay numbers, and nothing acts on a terminal."""
+    """A spreadsheet would evaluate it; numbers stay numbers, and escape sequences are removed."""
     event = {
         **failed.events[0],
         "path": "@x",

@@ -1,8 +1,8 @@
 """Every export of every robot with every gripper has all joints, fingers, cups and objects.
 
-A run has one robot four times: with each gripper of the catalog, and one more without that is
+A run has the same robot four times: with each gripper of the catalog, and once without gripper,
 spawned and removed while the others close their grippers; one of them fails. Each export is read
-back by the reader of its field.
+back by the usual reader of its format.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ GRIPPERS = {"first": "fingers", "second": "fingers", "third": "suction", "late":
 
 @pytest.fixture(scope="module", params=some(WIDE, 3))
 def family(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Record:
-    """The third arm's cup seals on nothing: the run fails."""
+    """Record of a run that fails: the third arm's cup has nothing to seal on."""
     folder = tmp_path_factory.mktemp(request.param)
     result = bt_dualarm.run(FAMILY.format(robot=request.param), record=folder)
     assert result.outcome == "FAILURE"
@@ -97,8 +97,8 @@ def test_the_record_has_every_gripper_in_every_state(family: Record) -> None:
                 assert state.width == pytest.approx(fingers.sum(), abs=5e-4), "by its encoder"
         last = family.gripper(arm, len(family.times) - 1)
         if last is not None:
-            asked = last.commanded_width, last.commanded_force
-            assert asked == pytest.approx(
+            commanded = last.commanded_width, last.commanded_force
+            assert commanded == pytest.approx(
                 {"first": (0.06, 40), "second": (0.05, 30), "third": (0, 40)}[arm]
             )
 
@@ -134,7 +134,7 @@ def test_mcap_has_all_joints_grippers_and_shapes(family: Record, tmp_path: Path)
         for entity in entities.values():
             for model_ in entity["models"]:
                 _check_glb(base64.b64decode(model_["data"]))
-    assert len(found["/scene/first"]) == len(found["/scene/third"]) == 1, "nothing changes of them"
+    assert len(found["/scene/first"]) == len(found["/scene/third"]) == 1, "they do not change"
     assert found["/scene/late"][-1]["entities"] == [], "it was removed"
     assert found["/scene/late"][-1]["deletions"][0]["type"] == 1
     worlds = [{entity["id"] for entity in m["entities"]} for m in found["/scene/world"]]
@@ -143,20 +143,20 @@ def test_mcap_has_all_joints_grippers_and_shapes(family: Record, tmp_path: Path)
 
 
 def _check_glb(content: bytes) -> None:
-    """By the specification of glTF 2.0: header, two chunks, accessors within their buffer."""
+    """Check against the glTF 2.0 specification: header, two chunks, accessors in their buffer."""
     assert content[:4] == b"glTF"
     version, length, reported = np.frombuffer(content[4:16], "<u4").tolist()
     assert (version, length, content[16:20]) == (2, len(content), b"JSON")
     document = json.loads(content[20 : 20 + reported])
     binary = content[20 + reported + 8 :]
     assert document["buffers"][0]["byteLength"] == len(binary)
-    places, indices = document["accessors"]
+    positions, indices = document["accessors"]
     cut = document["bufferViews"][1]["byteOffset"]
     vertices = np.frombuffer(binary[:cut], "<f4").reshape(-1, 3)
     faces = np.frombuffer(binary[cut:], "<u4")
-    assert (places["count"], indices["count"]) == (len(vertices), len(faces))
+    assert (positions["count"], indices["count"]) == (len(vertices), len(faces))
     assert faces.max() < len(vertices)
-    np.testing.assert_allclose(vertices.min(axis=0), places["min"])
+    np.testing.assert_allclose(vertices.min(axis=0), positions["min"])
 
 
 def test_a_data_set_has_all_joints_grippers_and_objects(family: Record, tmp_path: Path) -> None:
@@ -192,16 +192,16 @@ def test_a_data_set_has_all_joints_grippers_and_objects(family: Record, tmp_path
         assert first is not None
         assert third is not None
         assert states[frame, state.index("first.gripper.width")] == pytest.approx(first.width)
-        asked = actions[frame, action.index("first.gripper.width")]
-        assert asked == pytest.approx(first.commanded_width)
+        commanded = actions[frame, action.index("first.gripper.width")]
+        assert commanded == pytest.approx(first.commanded_width)
         assert actions[frame, action.index("third.gripper.force")] == third.commanded_force
     assert features["observation.environment_state"]["names"][:3] == ["ball.x", "ball.y", "ball.z"]
     poses = np.array(frames["observation.environment_state"].to_pylist())
     np.testing.assert_allclose(poses[-1, :3], [0, -1.5, 0.03], atol=2e-3)
     assert not any(frames["next.success"].to_pylist()), "the run failed"
     assert frames["next.done"].to_pylist() == [False] * (len(poses) - 1) + [True]
-    film = cv2.VideoCapture(str(folder / "videos/observation.images.first/chunk-000/file-000.mp4"))
-    assert film.get(cv2.CAP_PROP_FRAME_COUNT) == info["total_frames"]
+    video = cv2.VideoCapture(str(folder / "videos/observation.images.first/chunk-000/file-000.mp4"))
+    assert video.get(cv2.CAP_PROP_FRAME_COUNT) == info["total_frames"]
 
 
 def test_tables_have_a_file_for_each_gripper(family: Record, tmp_path: Path) -> None:
@@ -232,20 +232,20 @@ arms:
 """
 
 
-def test_a_demonstration_of_a_grasp_shows_when_what_is_held(tmp_path: Path) -> None:
-    """Fingers close on 50 mm, are asked to close further, and let go of what they are said to
-    hold; the object's pose goes up with them."""
+def test_exports_of_a_grasp_show_when_the_object_is_held(tmp_path: Path) -> None:
+    """Fingers stop at 50 mm, commanded to close further, while they are reported to hold the
+    object, which is lifted with them."""
     assert bt_dualarm.run(GRASP, record=tmp_path / "out").outcome == "SUCCESS"
     record = Record.read(tmp_path / "out")
-    (taken, things), (let_go, nothing) = held_over_time(record, "arm1")
-    assert (things, nothing) == (("cube",), ())
+    (taken, held), (released, nothing) = held_over_time(record, "arm1")
+    assert (held, nothing) == (("cube",), ())
     command = ["export", str(record.folder), "--csv", str(tmp_path / "tables")]
     assert cli.record([*command, "--lerobot", str(tmp_path / "set")]) == 0
     rows = [*csv.DictReader((tmp_path / "tables" / "gripper_arm1.csv").read_text().splitlines())]
     for row in rows:
-        during = taken <= float(row["time_s"]) + 1e-9 < let_go
+        during = taken <= float(row["time_s"]) + 1e-9 < released
         assert (row["held"] == "cube") == during
-        if during and float(row["commanded_width_m"]) == 0.0:  # until it is told to let go
+        if during and float(row["commanded_width_m"]) == 0.0:  # until release is commanded
             assert float(row["width_m"]) == pytest.approx(0.05, abs=2e-3)
             assert float(row["force_n"]) == pytest.approx(float(row["commanded_force_n"]), rel=0.3)
     closed = [row for row in rows if row["held"] and float(row["commanded_width_m"]) == 0.0]
@@ -261,8 +261,8 @@ def test_a_demonstration_of_a_grasp_shows_when_what_is_held(tmp_path: Path) -> N
     assert frames["next.success"].to_pylist()[-1] is True
 
 
-def test_pictures_show_every_gripper(family: Record) -> None:
-    """What a film and `scene.png` are drawn by sees fingers, palms and cups."""
+def test_images_show_every_gripper(family: Record) -> None:
+    """The renderer of videos and `scene.png` shows fingers, palms and cups."""
     moment = family.moment(10)
     still = StillRenderer(family.model(moment.generation), moment.qpos, moment.time)
     view = best_viewpoint([still], 880 / 720)

@@ -1,4 +1,4 @@
-"""Why a gripper could not take or set down a thing: no room, no ground, nothing in its hand."""
+"""Why a gripper could not pick or place an object: no room, no ground, nothing in its hand."""
 
 from __future__ import annotations
 
@@ -34,46 +34,46 @@ AROUND = "\n".join(
         ("south", 0.4, -0.505),
     )
 )
-AWAY = f"  beside: {{shape: box, size: {CUBE}, mass: 1, pose: {{xyz: [0.55, -0.45, 0.425]}}}}"
-TAKE = "grasp: {object: thing}"
-HIGH = "place: {object: thing, at: {xyz: [0.25, -0.4, 0.47]}}"
+NEIGHBOR = f"  beside: {{shape: box, size: {CUBE}, mass: 1, pose: {{xyz: [0.55, -0.45, 0.425]}}}}"
+GRASP = "grasp: {object: obj}"
+HIGH = "place: {object: obj, at: {xyz: [0.25, -0.4, 0.47]}}"
 
 
 def why(folder: Path, size: list[float], steps: str, others: str = "") -> Cause:
-    """The first cause that is named."""
+    """The first cause of the run's failure."""
     text = FILE.format(size=size, height=0.4 + size[2] / 2, steps=steps, others=others)
     [story] = stories(recorded(folder, text))
     return story.causes[0]
 
 
-def test_what_stands_beside_a_thing_is_named_the_nearest_first(tmp_path: Path) -> None:
-    cause = why(tmp_path, CUBE, f"[{TAKE}]", AROUND)
+def test_obstacles_next_to_an_object_are_named_nearest_first(tmp_path: Path) -> None:
+    cause = why(tmp_path, CUBE, f"[{GRASP}]", AROUND)
     assert cause.kind == "NO_ROOM"
     assert "next to it is east (3 mm away), " in cause.sentence
     assert cause.remedy == "move east away, or remove it first"
 
 
 @pytest.mark.parametrize("size", [[0.12, 0.12, 0.05], [0.15, 0.1, 0.004]])
-def test_what_lies_flat_and_is_wide(size: list[float], tmp_path: Path) -> None:
-    cause = why(tmp_path, size, f"[{TAKE}]")
+def test_an_object_that_lies_flat_is_too_wide(size: list[float], tmp_path: Path) -> None:
+    cause = why(tmp_path, size, f"[{GRASP}]")
     assert cause.kind == "TOO_WIDE"
     assert "there is no room for fingers around its short side" in cause.sentence
 
 
-def test_a_place_without_ground_below(tmp_path: Path) -> None:
-    cause = why(tmp_path, CUBE, f"[{TAKE}, {HIGH}]")
+def test_a_goal_without_ground_below(tmp_path: Path) -> None:
+    cause = why(tmp_path, CUBE, f"[{GRASP}, {HIGH}]")
     assert cause.kind == "NOTHING_THERE"
     assert "no ground within 15 mm" in cause.sentence
     assert "`at`" in cause.remedy
 
 
-def test_what_was_never_taken_is_to_be_grasped(tmp_path: Path) -> None:
+def test_an_object_that_was_never_grasped(tmp_path: Path) -> None:
     cause = why(tmp_path, CUBE, f"[{HIGH}]")
-    assert (cause.kind, cause.remedy) == ("NEVER_ATTACHED", "grasp: {object: thing} before")
+    assert (cause.kind, cause.remedy) == ("NEVER_ATTACHED", "grasp: {object: obj} before")
 
 
-def test_a_hand_that_does_not_fit_where_it_places_needs_another_grasp(tmp_path: Path) -> None:
-    """Taken from the side, the hand would be in the wall; from above there is room."""
+def test_a_hand_that_does_not_fit_at_the_goal_needs_another_grasp(tmp_path: Path) -> None:
+    """With a grasp from the side, the hand would be in the wall; from above there is room."""
     wall = "{shape: box, size: [0.1, 0.02, 0.2], mass: 1, pose: {xyz: [0.2, %g, 0.501]}}"
     walls = f"  north: {wall % -0.38}\n  south: {wall % -0.52}"
     place = "place: {at: {xyz: [0.2, -0.45, 0.45]}}"
@@ -83,20 +83,22 @@ def test_a_hand_that_does_not_fit_where_it_places_needs_another_grasp(tmp_path: 
     assert cause.remedy.startswith("grasp it otherwise: give `then_at` of `grasp` this goal")
 
 
-def test_no_object_beside_is_blamed_for_an_approach_without_a_grasp(tmp_path: Path) -> None:
-    cause = why(tmp_path, [0.2, 0.2, 0.04], "[grasp: {object: thing, approach: [0, 0, -1]}]", AWAY)
+def test_no_neighbor_is_blamed_for_an_approach_without_a_grasp(tmp_path: Path) -> None:
+    cause = why(
+        tmp_path, [0.2, 0.2, 0.04], "[grasp: {object: obj, approach: [0, 0, -1]}]", NEIGHBOR
+    )
     assert cause.kind == "NO_ROOM"
     assert "within 30° of `approach`" in cause.sentence
     assert "next to it" not in cause.sentence
     assert cause.remedy == "another `approach`, or none"
 
 
-def test_a_mass_that_was_assumed_is_to_be_given(tmp_path: Path) -> None:
-    """The end of a beam bears its 0.2 kg, but not what an arm assumes without a mass."""
-    take = "grasp: {object: thing, approach: [1, 0, 0], margin: 8}"
-    text = FILE.format(size=[0.3, 0.05, 0.05], height=0.425, steps=f"[{take}]", others="")
+def test_the_remedy_for_an_assumed_mass_is_to_give_it(tmp_path: Path) -> None:
+    """A grip at a beam's end holds its 0.2 kg, but not what is assumed without a mass."""
+    grasp = "grasp: {object: obj, approach: [1, 0, 0], margin: 8}"
+    text = FILE.format(size=[0.3, 0.05, 0.05], height=0.425, steps=f"[{grasp}]", others="")
     [story] = stories(recorded(tmp_path, text.replace("table,", "table, reality: rough,")))
     cause = story.causes[0]
     assert cause.kind == "OVERLOADED", cause
-    assert "the leaf assumes 1 kg, as `mass` is not given; thing has 0.2 kg" in cause.sentence
+    assert "the leaf assumes 1 kg, as `mass` is not given; obj has 0.2 kg" in cause.sentence
     assert cause.remedy == "give the leaf the mass: mass: 0.2"

@@ -19,7 +19,7 @@ POST: Tree = {
     "post": {"shape": "box", "size": [0.03, 0.03, 0.06], "mass": 1, "fixed": True}
     | {"pose": {"xyz": [0.36, -0.455, 0.43]}}
 }
-"""In front of the drawer, beside the handle: 80 mm of its way are free."""
+"""In front of the drawer, beside the handle: the drawer can move by 80 mm."""
 
 
 def causes_of(
@@ -79,7 +79,7 @@ def test_grip_that_must_not_be_firm(tmp_path: Path) -> None:
 
 
 def test_handle_that_slides_out_of_the_hand(tmp_path: Path) -> None:
-    """Of less friction than the arm assumes: the injected fault comes first, then what it did."""
+    """An injected fault gives the handle less friction than the arm assumes."""
     fault = {"kind": "reduced_friction", "object": "cabinet.slide", "friction": 0.02, "begin": 4.5}
     causes = causes_of(tmp_path, PULLS, OPENS, joint={"friction": 25}, faults={"oil": fault})
     assert "HANDLE_SLIPPED" in {cause.kind for cause in causes}, causes
@@ -92,7 +92,7 @@ def test_nothing_is_held(tmp_path: Path) -> None:
 
 
 def test_end_of_the_motion_is_out_of_reach(tmp_path: Path) -> None:
-    """The arm can take the handle, but is too far away to push the drawer shut."""
+    """The arm can grasp the handle, but is too far away to push the drawer shut."""
     grasps: Tree = {"grasp": {"object": "cabinet", "part": "handle"}}
     shuts: Tree = {"operate": {"object": "cabinet", "joint": "slide", "to": 0.0}}
     cause = causes_of(tmp_path, grasps, shuts, joint={"at": 0.18}, base=(0.0, 0.33, 0.4))[0]

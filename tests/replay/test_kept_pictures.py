@@ -1,4 +1,4 @@
-"""Pictures that a record keeps on request: as they were exposed, as many as there is room for."""
+"""Recorded frames: images that a record stores on request, as exposed, up to a size limit."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ from bt_dualarm.skill.registry import Registry
 from tests.replay.runs import WATCHING
 
 
-def test_every_picture_is_kept_as_it_was_exposed(tmp_path: Path) -> None:
+def test_every_image_is_stored_as_exposed(tmp_path: Path) -> None:
     with bt_dualarm.open(WATCHING, record=tmp_path / "out", frames=True) as run:
         run.finish()
         arm: Any = run.assembly.arms.present[0]
         last: Frame = arm._camera.camera.latest
     record = Record.read(tmp_path / "out")
-    noted = [(note["stamp"], note["region"]) for note in record.notes if note["kind"] == "frame"]
-    kept = [*recorded_frames(record)]
-    assert [(picture.stamp, [*picture.region]) for picture in kept] == noted
-    assert len({picture.region for picture in kept}) > 1  # a tracker exposes what it needs
-    same = next(picture for picture in kept if picture.stamp == last.stamp)
+    listed = [(note["stamp"], note["region"]) for note in record.notes if note["kind"] == "frame"]
+    stored = [*recorded_frames(record)]
+    assert [(found.stamp, [*found.region]) for found in stored] == listed
+    assert len({found.region for found in stored}) > 1  # a tracker exposes the region that it needs
+    same = next(found for found in stored if found.stamp == last.stamp)
     assert same.image.shape == (120, 160, 3)
-    away = np.abs(same.image.astype(int) - last.image.astype(int))
-    assert away.mean() < 3.0  # JPEG, and a sensor's noise
+    error = np.abs(same.image.astype(int) - last.image.astype(int))
+    assert error.mean() < 3.0  # JPEG, and a sensor's noise
     assert same.whole.startswith(b"\xff\xd8")
-    until = noted[len(noted) // 2][0]
+    until = listed[len(listed) // 2][0]
     changed = Changed(options={"record": tmp_path / "again", "frames": True})
     with resumed(record, until, Registry.load(), changed) as again:
         again.finish()
@@ -48,18 +48,18 @@ def test_every_picture_is_kept_as_it_was_exposed(tmp_path: Path) -> None:
 
 
 def frame(stamp: float) -> Frame:
-    """A picture of 80 by 60 with much in it."""
+    """An image of 80 by 60 px of noise."""
     image = np.random.default_rng(0).integers(0, 255, (60, 80, 3)).astype(np.uint8)
     return Frame(stamp, image, Pose.identity(), 0.9, (0, 0, 80, 60))
 
 
 def read(folder: Path) -> list[float]:
-    """Stamps of the pictures that a folder kept."""
+    """Stamps of the images stored in a folder."""
     record = Record(folder, {"arms": {"arm1": {}}}, (), {}, (), (), None, None, "")
-    return [picture.stamp for picture in recorded_frames(record)]
+    return [found.stamp for found in recorded_frames(record)]
 
 
-def test_there_are_no_more_than_there_is_room_for(
+def test_images_are_stored_up_to_the_size_limit(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     file = PictureFile(tmp_path / "run.frames", most_bytes=20_000)
@@ -72,7 +72,7 @@ def test_there_are_no_more_than_there_is_room_for(
     assert (tmp_path / "run.frames").stat().st_size < 22_000
 
 
-def test_a_full_disk_ends_the_pictures_and_not_the_run(
+def test_a_full_disk_only_ends_the_storing_of_images(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     file = PictureFile(tmp_path / "run.frames")
@@ -90,14 +90,14 @@ def test_a_full_disk_ends_the_pictures_and_not_the_run(
     assert "images are stored up to 0.10 s: No space left on device" in caplog.text
 
 
-def test_what_is_no_file_of_pictures_is_refused(tmp_path: Path) -> None:
+def test_a_file_without_images_is_refused(tmp_path: Path) -> None:
     assert read(tmp_path) == []
     (tmp_path / "run.frames").write_text("something else, longer than the mark of a history")
     with pytest.raises(HistoryError, match="is not the history of a run"):
         read(tmp_path)
 
 
-def test_pictures_need_a_record(capsys: pytest.CaptureFixture[str]) -> None:
+def test_storing_images_needs_a_record(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(RunError, match="give its folder"):
         bt_dualarm.open(WATCHING, frames=True)
     with pytest.raises(SystemExit):

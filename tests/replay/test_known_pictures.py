@@ -1,4 +1,4 @@
-"""What was found in pictures need not be looked for again: nothing of the run changes by that."""
+"""Recorded image results are reused on resume; the run stays the same."""
 
 from __future__ import annotations
 
@@ -55,21 +55,21 @@ def record(tmp_path_factory: pytest.TempPathFactory) -> Record:
     return Record.read(folder)
 
 
-def of_tracking(record: Record) -> float:
-    """A time in s in the middle of the tracking."""
+def tracking_time(record: Record) -> float:
+    """A time in the middle of the tracking, s."""
     frames = [note["time_s"] for note in record.notes if note["kind"] == "look"]
     return float(frames[len(frames) // 2])
 
 
-def test_no_picture_of_before_is_drawn_and_the_record_is_that_of_one_never_interrupted(
+def test_resuming_renders_no_earlier_image_and_yields_the_same_record(
     record: Record, tmp_path: Path
 ) -> None:
-    """Checksums of pictures and answers, too, though they were not made again; and the hash."""
+    """Checksums of images and results that were not computed again are equal, as is the hash."""
     changed = Changed(options={"record": tmp_path / "again"})
-    with resumed(record, of_tracking(record), REGISTRY, changed) as run:
-        sights = run.assembly.frame_logs["arm1"]
+    with resumed(record, tracking_time(record), REGISTRY, changed) as run:
+        frame_log = run.assembly.frame_logs["arm1"]
         frames = [n for n in record.notes if n["kind"] == "frame" and n["time_s"] < run.time]
-        assert (sights.taken, sights.drawn) == (len(frames), 0)
+        assert (frame_log.taken, frame_log.drawn) == (len(frames), 0)
         assert len(frames) > 50
         result = run.finish()
     assert record.end is not None
@@ -77,27 +77,27 @@ def test_no_picture_of_before_is_drawn_and_the_record_is_that_of_one_never_inter
     assert Record.read(tmp_path / "again").notes == record.notes
 
 
-def test_a_question_that_is_not_in_the_record_is_asked_of_the_same_picture(record: Record) -> None:
-    """Pictures that are drawn late are those of their exposure: each answer is the same."""
-    forgotten = [
+def test_a_result_missing_from_the_record_is_computed_from_the_same_image(record: Record) -> None:
+    """Images rendered late are those of their exposure: each result is the same."""
+    remaining = [
         note for note in record.notes if note["kind"] != "found" or note["time_s"] % 0.3 < 0.1
     ]
-    time = of_tracking(record)
-    with resumed(replace(record, notes=tuple(forgotten)), time, REGISTRY, Changed()) as run:
+    time = tracking_time(record)
+    with resumed(replace(record, notes=tuple(remaining)), time, REGISTRY, Changed()) as run:
         assert 0 < run.assembly.frame_logs["arm1"].drawn < run.assembly.frame_logs["arm1"].taken
         result = run.finish()
     assert record.end is not None
     assert result.state_sha256 == record.end["state_sha256"]
 
 
-def test_answers_that_lead_elsewhere_are_dropped_and_all_is_drawn(
+def test_results_that_diverge_are_dropped_and_all_images_are_rendered(
     record: Record, caplog: pytest.LogCaptureFixture
 ) -> None:
     wrong = [note | {"answer": []} if note["kind"] == "found" else note for note in record.notes]
     false = replace(record, notes=tuple(wrong))
     with (
         caplog.at_level(logging.WARNING),
-        resumed(false, of_tracking(record), REGISTRY, Changed()) as run,
+        resumed(false, tracking_time(record), REGISTRY, Changed()) as run,
     ):
         assert run.assembly.frame_logs["arm1"].taken == 0
         result = run.finish()
@@ -106,8 +106,8 @@ def test_answers_that_lead_elsewhere_are_dropped_and_all_is_drawn(
     assert result.state_sha256 == record.end["state_sha256"]
 
 
-def test_another_color_is_looked_for_anew(record: Record, tmp_path: Path) -> None:
+def test_another_color_in_the_past_is_refused(record: Record, tmp_path: Path) -> None:
     tree = tmp_path / "looking.yaml"
     tree.write_text(TREE.replace("track: {color: blue", "track: {color: red"))
     with pytest.raises(PastChangedError, match=r"sequence/track began at .* has another color now"):
-        resumed(record, of_tracking(record), REGISTRY, Changed(tree))
+        resumed(record, tracking_time(record), REGISTRY, Changed(tree))

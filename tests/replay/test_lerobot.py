@@ -1,4 +1,4 @@
-"""A data set of a record is read back as LeRobot's format v3.0 says: files, fields, times."""
+"""LeRobot data sets of records: files, fields and times as in its format v3.0."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from bt_dualarm.replay.record import Record, ReplayError
 from bt_dualarm.runtime.history_file import Block
 from tests.replay.runs import SHORT, WATCHING, recorded
 
-OF_ALL = {
+COMMON_COLUMNS = {
     *("timestamp", "frame_index", "episode_index", "index", "task_index"),
     *("next.done", "next.success"),
 }
-OF_AN_EPISODE = {
+EPISODE_COLUMNS = {
     "success",
     "episode_index",
     "tasks",
@@ -84,11 +84,11 @@ def test_every_file_is_where_the_info_says(dataset: Path) -> None:
     assert (info["total_episodes"], info["total_tasks"], info["splits"]) == (1, 1, {"train": "0:1"})
 
 
-def test_frames_have_what_the_features_say(dataset: Path, watching: Record) -> None:
+def test_frames_match_the_features(dataset: Path, watching: Record) -> None:
     info = info_of(dataset)
     frames = table(dataset, "data/chunk-000/file-000.parquet")
     tabled = {name: f for name, f in info["features"].items() if f["dtype"] != "video"}
-    assert set(frames.column_names) == set(tabled) > OF_ALL
+    assert set(frames.column_names) == set(tabled) > COMMON_COLUMNS
     assert not [name for name in info["features"] if "/" in name]
     count = info["total_frames"]
     assert count == frames.num_rows == int((watching.until - watching.times[0]) * info["fps"]) + 1
@@ -103,18 +103,18 @@ def test_frames_have_what_the_features_say(dataset: Path, watching: Record) -> N
     known = watching.arm_row("arm1", row)
     assert known is not None
     np.testing.assert_allclose(frames["action"][10].as_py(), known[0], atol=1e-6)
-    away = np.subtract(frames["observation.state"][10].as_py(), frames["action"][10].as_py())
-    assert 0 < np.abs(away).max() < 0.02
+    error = np.subtract(frames["observation.state"][10].as_py(), frames["action"][10].as_py())
+    assert 0 < np.abs(error).max() < 0.02
 
 
-def test_the_video_has_a_picture_for_every_frame(dataset: Path) -> None:
+def test_the_video_has_an_image_for_every_frame(dataset: Path) -> None:
     info = info_of(dataset)
     feature = info["features"][CAMERA]
-    film = cv2.VideoCapture(str(dataset / f"videos/{CAMERA}/chunk-000/file-000.mp4"))
-    assert film.get(cv2.CAP_PROP_FRAME_COUNT) == info["total_frames"]
-    assert film.get(cv2.CAP_PROP_FPS) == info["fps"] == feature["info"]["video.fps"]
+    video = cv2.VideoCapture(str(dataset / f"videos/{CAMERA}/chunk-000/file-000.mp4"))
+    assert video.get(cv2.CAP_PROP_FRAME_COUNT) == info["total_frames"]
+    assert video.get(cv2.CAP_PROP_FPS) == info["fps"] == feature["info"]["video.fps"]
     last = None
-    while (read := film.read())[0]:
+    while (read := video.read())[0]:
         last = read[1]
     assert last is not None
     assert list(last.shape) == feature["shape"]
@@ -131,7 +131,7 @@ def test_episodes_tasks_and_statistics_fit_the_frames(dataset: Path) -> None:
         for name in ("chunk_index", "file_index", "from_timestamp", "to_timestamp")
     }
     plain = {name for name in episode if not name.startswith("stats/")}
-    assert plain == OF_AN_EPISODE | videos
+    assert plain == EPISODE_COLUMNS | videos
     assert episode["length"] == episode["dataset_to_index"] == info["total_frames"]
     assert episode[f"videos/{CAMERA}/to_timestamp"] == info["total_frames"] / info["fps"]
     tasks = table(dataset, "meta/tasks.parquet")
@@ -159,7 +159,7 @@ def test_a_record_without_a_camera_has_no_video(tmp_path: Path) -> None:
     assert not (folder / "videos").exists()
 
 
-def test_nothing_is_overwritten_and_nothing_left_half(
+def test_nothing_is_overwritten_or_left_incomplete(
     watching: Record, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "mine").write_text("")
@@ -168,7 +168,7 @@ def test_nothing_is_overwritten_and_nothing_left_half(
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
 
 
-def test_without_pyarrow_it_says_so(
+def test_a_missing_pyarrow_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     record = recorded(tmp_path)
@@ -298,17 +298,17 @@ def test_a_run_that_missed_its_goal_is_no_success(tmp_path: Path) -> None:
     assert export([record.folder], tmp_path / "set", "--only-successes") == 2
 
 
-def test_how_far_it_has_come_is_told_run_by_run(
+def test_progress_is_reported_for_each_run(
     runs: list[Path],
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """To a callback, and by the command on standard error, as there are several."""
-    said: list[tuple[int, Path]] = []
+    """It is passed to a callback, and printed to standard error for several runs."""
+    calls: list[tuple[int, Path]] = []
     done = write_dataset(
-        runs, tmp_path / "a", progress=lambda number, folder: said.append((number, folder))
+        runs, tmp_path / "a", progress=lambda number, folder: calls.append((number, folder))
     )
-    assert said == [*enumerate(runs)]
+    assert calls == [*enumerate(runs)]
     assert (done.episodes, done.failed, done.left_out) == (3, 1, 0)
     assert export(runs, tmp_path / "b") == 0
     assert capsys.readouterr().err.splitlines() == [
@@ -321,7 +321,7 @@ def test_how_far_it_has_come_is_told_run_by_run(
 def test_runs_are_appended(
     runs: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What was there stays as it is, to the byte; what cannot be appended changes nothing."""
+    """Existing data stay the same byte for byte; a refused append changes nothing."""
     folder = tmp_path / "set"
     assert export(runs[:1], folder, "--append") == 2
     assert "there is no data set in it" in capsys.readouterr().err
@@ -341,7 +341,7 @@ def test_runs_are_appended(
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "reported"),
     [
         (("robot: ur5", "robot: ur10"), "its robots are ur10, not ur5"),
         (("robot: ur5", "robot: panda"), "its robots are panda, not ur5"),
@@ -350,7 +350,7 @@ def test_runs_are_appended(
         (("robot: ur5", "robot: ur5\n    gripper: suction_cup"), "ur5 with suction_cup, not ur5"),
     ],
 )
-def test_runs_that_do_not_go_together_are_refused(
+def test_incompatible_runs_are_refused(
     runs: list[Path],
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
@@ -361,14 +361,14 @@ def test_runs_that_do_not_go_together_are_refused(
     text = SHORT.replace("posture: present", "posture: home").replace(*change)
     other = recorded(tmp_path / "other", text).folder
     assert export([runs[0], other], tmp_path / "set") == 2
-    said = capsys.readouterr().err
-    assert reported in " ".join(said.split())
-    assert str(other) in said.replace("\n", "")
+    error = capsys.readouterr().err
+    assert reported in " ".join(error.split())
+    assert str(other) in error.replace("\n", "")
     assert [path.name for path in tmp_path.iterdir()] == ["other"]
 
 
-def test_films_of_many_runs_are_one_after_the_other(watching: Record, tmp_path: Path) -> None:
-    """Each run begins where the one before ended; a file that has grown large is followed."""
+def test_videos_of_several_runs_are_concatenated(watching: Record, tmp_path: Path) -> None:
+    """Each run begins in the video where the one before ended."""
     folder = tmp_path / "set"
     assert export([watching.folder, watching.folder], folder) == 0
     info = info_of(folder)
@@ -380,14 +380,14 @@ def test_films_of_many_runs_are_one_after_the_other(watching: Record, tmp_path: 
     )
     assert second[f"videos/{CAMERA}/from_timestamp"] == length
     assert second[f"videos/{CAMERA}/to_timestamp"] == 2 * length
-    film = cv2.VideoCapture(str(folder / f"videos/{CAMERA}/chunk-000/file-000.mp4"))
-    pictures = []
-    while (read := film.read())[0]:
-        pictures.append(read[1].astype(int))
-    assert len(pictures) == info["total_frames"]
-    half = len(pictures) // 2
-    for place in (0, half - 1):
-        assert np.abs(pictures[place] - pictures[half + place]).mean() < 3, "the same picture"
+    video = cv2.VideoCapture(str(folder / f"videos/{CAMERA}/chunk-000/file-000.mp4"))
+    images = []
+    while (read := video.read())[0]:
+        images.append(read[1].astype(int))
+    assert len(images) == info["total_frames"]
+    half = len(images) // 2
+    for index in (0, half - 1):
+        assert np.abs(images[index] - images[half + index]).mean() < 3, "the same image"
     statistics = json.loads((folder / "meta" / "stats.json").read_text())
     alone = second[f"stats/{CAMERA}/std"]
     np.testing.assert_allclose(statistics[CAMERA]["std"], alone)
@@ -410,14 +410,14 @@ def test_large_files_are_followed_by_new_ones(
         where = {"chunk_index": chunk, "file_index": file, "video_key": CAMERA}
         info = info_of(folder)
         assert table(folder, info["data_path"].format(**where)).num_rows == row["length"]
-        film = cv2.VideoCapture(str(folder / info["video_path"].format(**where)))
-        assert film.get(cv2.CAP_PROP_FRAME_COUNT) == row["length"]
+        video = cv2.VideoCapture(str(folder / info["video_path"].format(**where)))
+        assert video.get(cv2.CAP_PROP_FRAME_COUNT) == row["length"]
 
 
-def test_a_record_that_does_not_know_its_gripper_is_refused(
+def test_a_record_without_gripper_states_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Of an earlier version: other exports have what there is."""
+    """Earlier versions wrote such records; other exports have the rest of the data."""
     record = recorded(tmp_path, SHORT.replace("robot: ur5", "robot: ur5\n    gripper: panda_hand"))
     earlier = replace(record, seconds=tuple(map(_without_grippers, record.seconds)))
     with pytest.raises(ReplayError, match="recorded by an earlier version"):
@@ -456,7 +456,9 @@ def test_no_name_in_a_record_leads_out_of_the_folder(
     assert not [path for path in tmp_path.rglob("*") if "pwned" in path.name]
 
 
-def test_several_records_take_lerobot_alone(capsys: pytest.CaptureFixture[str]) -> None:
+def test_several_records_can_only_be_exported_to_lerobot(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     for command, reported in (
         (["a", "b", "--csv", "t"], "several records can only be exported"),
         (["a", "--csv", "t", "--append"], "require --lerobot"),

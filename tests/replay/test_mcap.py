@@ -1,4 +1,4 @@
-"""What is exported as MCAP has all that the record has, and the package of that name reads it."""
+"""MCAP export: the file has all that the record has, and the mcap package can read it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> Record:
     return recorded(tmp_path_factory.mktemp("short"))
 
 
-def test_it_has_all_events_and_joints_in_their_order(short: Record, tmp_path: Path) -> None:
+def test_the_file_has_all_events_and_joints_in_order(short: Record, tmp_path: Path) -> None:
     path = tmp_path / "short.mcap"
     assert cli.record(["export", str(short.folder), "--mcap", str(path)]) == 0
     with path.open("rb") as file:
@@ -38,10 +38,10 @@ def test_it_has_all_events_and_joints_in_their_order(short: Record, tmp_path: Pa
     assert counts["/status"] == len(short.events)
     assert counts["/arm1/joints"] == len(short.times)
     assert counts["/bodies"] == -(-len(short.times) // 2)
-    said: list[dict[str, Any]] = [
+    statuses: list[dict[str, Any]] = [
         json.loads(message.data) for _, channel, message in found if channel.topic == "/status"
     ]
-    assert said == list(short.events)
+    assert statuses == list(short.events)
     assert summary is not None
     names = {schema.name for schema in summary.schemas.values()}
     assert "foxglove.FrameTransforms" in names
@@ -60,8 +60,8 @@ SPECIFIED = {
 """Fields of docs.foxglove.dev/docs/sdk/schemas that every message of that name has."""
 
 
-def test_every_message_is_as_its_schema_says(tmp_path: Path) -> None:
-    """Pictures, intrinsics and what was found among them; times agree with the messages' own."""
+def test_every_message_matches_its_schema(tmp_path: Path) -> None:
+    """Including images, intrinsics and detections; timestamps agree with the messages' times."""
     assert bt_dualarm.run(WATCHING, record=tmp_path, frames=True).outcome == "SUCCESS"
     record = Record.read(tmp_path)
     messages = messages_of(record)
@@ -84,15 +84,15 @@ def test_every_message_is_as_its_schema_says(tmp_path: Path) -> None:
 def test_joints_are_those_of_the_state_and_of_the_set_point(short: Record) -> None:
     messages = {m.topic: m for m in messages_of(short) if m.time_s == short.times[-1]}
     joints: Any = messages["/arm1/joints"].content["joints"]
-    sent: Any = messages["/arm1/set_point"].content["joints"]
-    assert [joint["name"] for joint in joints] == [joint["name"] for joint in sent]
+    set_points: Any = messages["/arm1/set_point"].content["joints"]
+    assert [joint["name"] for joint in joints] == [joint["name"] for joint in set_points]
     assert len(joints) == 6
-    for now, meant in zip(joints, sent, strict=True):
-        assert now["position"] == pytest.approx(meant["position"], abs=0.01)
-        assert now.keys() == {"name", "position", "velocity", "effort"}
+    for measured, set_point in zip(joints, set_points, strict=True):
+        assert measured["position"] == pytest.approx(set_point["position"], abs=0.01)
+        assert measured.keys() == {"name", "position", "velocity", "effort"}
 
 
-def test_what_is_no_number_is_refused(tmp_path: Path) -> None:
+def test_nan_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="Out of range"):
         write_mcap([Message("/a", "A", 0.0, {"x": float("nan")})], tmp_path / "a.mcap")
     assert [*tmp_path.iterdir()] == []
@@ -101,7 +101,7 @@ def test_what_is_no_number_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("form", "package"), [("--mcap", "mcap.writer"), ("--mp4", "imageio_ffmpeg")]
 )
-def test_without_the_extra_it_says_so(
+def test_a_missing_extra_is_reported(
     short: Record,
     tmp_path: Path,
     form: str,

@@ -1,4 +1,4 @@
-"""A record holds all that is needed to see its run again, however the run ended."""
+"""Records: they hold all that is needed to replay a run, however it ended."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> Record:
     return recorded(tmp_path_factory.mktemp("short"), seed=4)
 
 
-def test_it_has_what_the_run_was_made_from(short: Record) -> None:
+def test_a_record_has_the_sources_of_its_run(short: Record) -> None:
     start = short.start
     assert list(start["texts"].values()) == [SHORT, PARTS]
     assert (short.name, start["seed"], start["timestep"]) == ("short", 4, 0.002)
@@ -49,7 +49,7 @@ def test_it_has_what_the_run_was_made_from(short: Record) -> None:
 
 
 def test_its_states_are_those_that_were_hashed(short: Record) -> None:
-    """The hash of the run can be had from the record: every state is kept, to the last bit."""
+    """The run's hash can be computed from the record: every state is stored exactly."""
     digest = hashlib.sha256()
     for number in range(len(short.times)):
         moment = short.moment(number)
@@ -80,7 +80,7 @@ def test_the_run_can_be_stepped_on_from_a_whole_state(short: Record) -> None:
     assert data.time > last[0]
 
 
-def test_ports_and_keys_are_noted_with_who_and_when(short: Record) -> None:
+def test_ports_and_keys_are_recorded_with_leaf_and_time(short: Record) -> None:
     ports = {note["leaf"]: note for note in short.notes if note["kind"] == "ports"}
     back = ports["sequence/reach_to_pose"]
     assert back["ports"]["offset"]["xyz"] == [0, 0.06, 0], "the key is looked up"
@@ -90,7 +90,7 @@ def test_ports_and_keys_are_noted_with_who_and_when(short: Record) -> None:
     assert written["value"] == {"xyz": [0, 0.06, 0]}
 
 
-def test_set_points_and_torques_are_kept(short: Record) -> None:
+def test_set_points_and_torques_are_recorded(short: Record) -> None:
     row = short.arm_row("arm1", short.index_at(0.5))
     assert row is not None
     q, v, _, torque = row
@@ -101,7 +101,7 @@ def test_set_points_and_torques_are_kept(short: Record) -> None:
     assert short.arm_row("arm2", 0) is None
 
 
-def test_a_time_outside_is_refused(short: Record) -> None:
+def test_a_time_outside_the_record_is_refused(short: Record) -> None:
     with pytest.raises(ReplayError, match=r"99 s is outside the record, which goes from 0 to"):
         short.index_at(99)
     with pytest.raises(ReplayError, match="-1 s is outside"):
@@ -120,7 +120,7 @@ def test_a_run_is_the_same_whether_it_is_recorded_or_not(short: Record) -> None:
     assert plain.state_sha256 == short.summary["state_sha256"]
 
 
-def test_cameras_and_what_they_found_are_noted(tmp_path: Path) -> None:
+def test_camera_frames_and_detections_are_recorded(tmp_path: Path) -> None:
     bt_dualarm.run("visual_tracking", record=tmp_path, duration=3.0)
     record = Record.read(tmp_path)
     frames = [note for note in record.notes if note["kind"] == "frame"]
@@ -140,7 +140,7 @@ def test_cameras_and_what_they_found_are_noted(tmp_path: Path) -> None:
     assert size < 8e5, "the later models share parts with the first: alone each has 0.38 MB"
 
 
-def test_what_is_no_record_is_refused(tmp_path: Path) -> None:
+def test_a_folder_without_a_record_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ReplayError, match="there is no folder"):
         Record.read(tmp_path / "none")
     with pytest.raises(ReplayError, match=r"contains no record: there is no run\.history in it"):
@@ -161,7 +161,7 @@ def test_a_copy_without_its_events_is_refused(short: Record, tmp_path: Path) -> 
 def test_a_full_disk_leaves_what_was_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Half of a block fits: the run goes on, the blocks before can be read, the end says so."""
+    """If half of a block fits, the run goes on, earlier blocks are readable, the end reports it."""
     write = os.write
     blocks = []
 
@@ -232,10 +232,10 @@ class Odd(bt_dualarm.Skill):
         raise bt_dualarm.Failure("ODD" * 50, "reason " * 100_000)
 
 
-def test_whatever_a_skill_may_say_can_be_read(
+def test_any_output_of_a_skill_can_be_read_back(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A record that cannot be read is lost."""
+    """Otherwise the record would be lost."""
     # pytest-xdist cannot send the message that the skill logs.
     monkeypatch.setattr(logging.getLogger("bt_dualarm"), "propagate", False)
     tree = {

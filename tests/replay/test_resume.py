@@ -1,4 +1,4 @@
-"""A run that goes on from a time of a record is the one that was never interrupted."""
+"""Resuming a record from a time yields the run that was never interrupted."""
 
 from __future__ import annotations
 
@@ -55,10 +55,10 @@ def test_a_tree_edited_before_that_time_is_refused_with_its_node(
     assert "arm1:sequence/set began at 0.00 s and has another value now" in str(refused.value)
 
 
-def test_an_included_file_that_changed_counts_from_where_its_past_did(
+def test_a_changed_include_is_refused_if_it_changes_the_past(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """What a comment or a later node says is no matter; the record goes by its own texts."""
+    """Changed comments do not matter; if the file is gone, the recorded text is used."""
     parts = tmp_path / "parts.yaml"
     record = recorded(tmp_path)
     assert record.end is not None
@@ -77,14 +77,14 @@ def test_an_included_file_that_changed_counts_from_where_its_past_did(
         assert run.finish().state_sha256 == record.end["state_sha256"]
 
 
-def test_an_option_that_changes_the_past_is_told(short: Record) -> None:
+def test_an_option_that_changes_the_past_is_refused(short: Record) -> None:
     changed = Changed(options={"reality": "rough", "seed": short.start["seed"]})
     with pytest.raises(PastChangedError, match="reality is rough, was not given then") as refused:
         resumed(short, 0.5, REGISTRY, changed)
     assert "seed" not in str(refused.value)
 
 
-def test_another_kind_of_node_is_told(short: Record, tmp_path: Path) -> None:
+def test_another_node_type_in_the_past_is_refused(short: Record, tmp_path: Path) -> None:
     change = edited(short, tmp_path, "- subtree: {use: aside}", "- wait: {name: aside, seconds: 9}")
     with pytest.raises(
         PastChangedError, match=r"sequence/aside began at 0\.00 s and is a wait now"
@@ -93,13 +93,13 @@ def test_another_kind_of_node_is_told(short: Record, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("time", [0.0001, 99.0])
-def test_a_time_outside_is_refused(short: Record, time: float) -> None:
+def test_a_time_outside_the_record_is_refused(short: Record, time: float) -> None:
     with pytest.raises(ReplayError, match="the record goes from 0 to"):
         resumed(short, time, REGISTRY, Changed())
 
 
 @pytest.mark.parametrize("text", ["out", "out@", "@3", "out@x", "out@-1", "out@inf"])
-def test_a_place_has_a_folder_and_a_time(text: str) -> None:
+def test_a_resume_argument_has_a_folder_and_a_time(text: str) -> None:
     with pytest.raises(ReplayError, match="takes DIR@SECONDS"):
         parse_place(text)
     with pytest.raises(ReplayError, match="a time after 0"):
@@ -107,17 +107,17 @@ def test_a_place_has_a_folder_and_a_time(text: str) -> None:
     assert parse_place("a@b@12.4s") == (Path("a@b"), 12.4)
 
 
-def test_the_command_goes_on(
+def test_the_command_resumes_the_run(
     short: Record, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    place = f"{short.folder}@0.4"
-    assert cli.run(["--resume", place, "--record", str(tmp_path / "again")]) == 0
+    source = f"{short.folder}@0.4"
+    assert cli.run(["--resume", source, "--record", str(tmp_path / "again")]) == 0
     out, err = capsys.readouterr()
     assert f"continued from the past of {short.folder} up to 0.400 s" in err
     assert "SUCCESS  short" in out
     again = Record.read(tmp_path / "again")
     assert again.end == short.end
-    assert cli.run(["--resume", place, "--record", str(short.folder)]) == 2
+    assert cli.run(["--resume", source, "--record", str(short.folder)]) == 2
     assert "--record needs another folder" in capsys.readouterr().err
     assert cli.run(["--resume", f"{tmp_path}@1"]) == 2
     assert "contains no record" in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""A stored model is used only if it refers to nothing that is not there, and does no harm."""
+"""Stored models: one is used only if all its references are valid and it does no harm."""
 
 from __future__ import annotations
 
@@ -71,11 +71,11 @@ DAMAGE = (
     ("body_pos", np.nan), ("body_mass", 1e300), ("cam_resolution", 10**6), ("eq_type", 2**20),
     ("wrap_objid", 10**4), ("mat_texid", 9), ("tex_width", 30_000), ("names_map", 10**6),
 )  # fmt: skip
-"""Fields at which MuJoCo ended the process, or came to no end, and their kin, and wrong values."""
+"""Fields in which a wrong value made MuJoCo crash or hang, and related ones, with such values."""
 
 
-def test_what_refers_to_nothing_is_refused(model: mujoco.MjModel) -> None:
-    """Each is tried in a process of its own, all of them by one that is small: forks take less."""
+def test_invalid_references_are_refused(model: mujoco.MjModel) -> None:
+    """Each is tried in its own process, forked from one small process, which takes less time."""
     contents = []
     for field, value in DAMAGE:
         changed = mujoco.MjModel.from_binary_path("m.mjb", {"m.mjb": content_of(model)})
@@ -83,12 +83,12 @@ def test_what_refers_to_nothing_is_refused(model: mujoco.MjModel) -> None:
         contents.append(content_of(changed))
     complaints = _spawned([(content, ()) for content in contents])
     assert len(complaints) == len(DAMAGE)
-    assert [one for one, said in zip(DAMAGE, complaints, strict=True) if not said] == []
+    assert [one for one, complaint in zip(DAMAGE, complaints, strict=True) if not complaint] == []
     with pytest.raises(ValueError, match=r".+"):
         stored_model(contents[0])
 
 
-def test_a_model_gets_no_terabyte(model: mujoco.MjModel) -> None:
+def test_a_model_that_requests_a_terabyte_is_refused(model: mujoco.MjModel) -> None:
     """The scratch memory that it asks for is the last but one of its 98 sizes."""
     content = bytearray(content_of(model))
     at = 20 + 8 * 96
@@ -99,17 +99,17 @@ def test_a_model_gets_no_terabyte(model: mujoco.MjModel) -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"x" * 100, bytes(range(256)) * 400])
-def test_what_is_no_model_is_refused_and_leaves_no_file(
+def test_an_unreadable_model_is_refused_and_leaves_no_file(
     content: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """MuJoCo would leave MUJOCO_LOG.TXT where the user stands."""
+    """MuJoCo would leave MUJOCO_LOG.TXT in the current folder."""
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ValueError, match="cannot read it"):
         stored_model(content)
     assert not [*tmp_path.iterdir()]
 
 
-def test_a_new_process_says_the_same_as_a_fork(model: mujoco.MjModel) -> None:
+def test_a_new_process_reports_the_same_as_a_fork(model: mujoco.MjModel) -> None:
     good = content_of(model)
     bad = b"x" * 100
     for trials in ([good], [bad, good], [good, bad, good]):
@@ -120,8 +120,8 @@ def test_a_new_process_says_the_same_as_a_fork(model: mujoco.MjModel) -> None:
             assert ("cannot read it" in complaint) is (content is bad)
 
 
-def test_every_index_is_known(model: mujoco.MjModel) -> None:
-    """A field that a new MuJoCo brings has to be thought of: what it may be."""
+def test_valid_values_are_defined_for_every_index_field(model: mujoco.MjModel) -> None:
+    """For a field that a new MuJoCo adds, its valid values have to be defined."""
     from bt_dualarm.replay import stored_model as module
 
     free = {

@@ -1,4 +1,4 @@
-"""Files of a stranger's record are read within limits, or refused in one sentence."""
+"""Untrusted records: their files are read within limits, or refused in one sentence."""
 
 from __future__ import annotations
 
@@ -44,13 +44,13 @@ def test_a_device_is_not_read() -> None:
         b"", b"{", b'"\x1b"', b'{"a": 1} x',
     ],
 )  # fmt: skip
-def test_what_is_no_finite_json_is_refused(text: bytes) -> None:
+def test_invalid_and_non_finite_json_is_refused(text: bytes) -> None:
     with pytest.raises(ValueError, match=r".+"):
         parsed(text, ReadBudget())
 
 
 @pytest.mark.parametrize("text", [b'"1234567890123456789012"', b"1e-300", b"[1.7976e+308]"])
-def test_what_only_looks_large_is_read(text: bytes) -> None:
+def test_json_that_only_looks_large_is_read(text: bytes) -> None:
     assert parsed(text, ReadBudget()) is not None
 
 
@@ -65,8 +65,8 @@ def test_what_only_looks_large_is_read(text: bytes) -> None:
         ('"' + "a" * 300_000 + "\U0001f600" + '"').encode(),
     ],
 )
-def test_memory_is_refused_before_it_is_taken(text: bytes) -> None:
-    """The estimate is no less than what Python really takes."""
+def test_json_that_needs_too_much_memory_is_refused(text: bytes) -> None:
+    """The estimated memory is no less than what Python actually uses."""
     import tracemalloc
 
     tracemalloc.start()

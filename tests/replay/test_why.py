@@ -1,4 +1,4 @@
-"""The planted cause of a failure is named first, with what belongs to it."""
+"""Diagnosis: the planted cause of a failure is named first, with its context."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ arms:
 BACK = 'reach_to_pose: {offset: "{goal}"}'
 FAILING = SHORT.replace(BACK, "reach_to_pose: {offset: {xyz: [3, 0, 0]}}")
 
-TAKEN = [
+SELECTED = [
     mistake
     for one_in, family in ((14, [*mistakes(), *unseen()]), (20, interactions()))
     for chosen in [some(family, one_in)]
@@ -71,17 +71,17 @@ MISTAKES = [
         id=mistake.name.replace(" ", "_"),
         marks=[] if mistake.name in QUICK else [pytest.mark.slow],
     )
-    for mistake in TAKEN
+    for mistake in SELECTED
 ]
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_it_is_named_first(mistake: Mistake, tmp_path: Path) -> None:
+def test_the_planted_mistake_is_named_first(mistake: Mistake, tmp_path: Path) -> None:
     cause = first_cause(mistake, tmp_path)
     assert is_named(mistake, cause), cause
 
 
-def test_there_are_enough_of_them() -> None:
+def test_there_are_at_least_90_mistakes() -> None:
     names = [mistake.name for mistake in (*mistakes(), *unseen(), *interactions())]
     assert len(names) >= 90
     assert len(set(names)) == len(names)
@@ -111,7 +111,7 @@ def test_a_leaf_that_succeeded_can_be_asked_for(failed: Record) -> None:
     assert (story.status, story.leaf) == ("SUCCESS", "sequence/set")
 
 
-def test_a_time_tells_what_was_running_then(failed: Record) -> None:
+def test_a_time_selects_what_was_running_then(failed: Record) -> None:
     [story] = stories(failed, "0.3")
     assert (story.status, story.leaf) == ("RUNNING", "sequence/aside/reach_to_pose")
     assert (story.at_s, story.began_s) == (0.3, 0.0)
@@ -122,7 +122,7 @@ def test_a_time_tells_what_was_running_then(failed: Record) -> None:
     assert story.before != end.before, "the second before that time, not before the end"
 
 
-def test_the_command_tells_it(failed: Record, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_prints_the_story(failed: Record, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.why([str(failed.folder)]) == 0
     out = capsys.readouterr().out
     assert out.startswith("short, seed 0, ")
@@ -134,7 +134,9 @@ def test_the_command_tells_it(failed: Record, capsys: pytest.CaptureFixture[str]
     assert reported["stories"][0]["causes"][0]["kind"] == "OUT_OF_REACH"
 
 
-def test_a_run_that_succeeded_is_code_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_that_succeeded_exits_with_code_1(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     recorded(tmp_path)
     assert cli.why([str(tmp_path / "out")]) == 1
     assert "every tree succeeded" in capsys.readouterr().out
@@ -149,21 +151,23 @@ def test_a_run_that_succeeded_is_code_1(tmp_path: Path, capsys: pytest.CaptureFi
         ("nan", "outside the record"),
     ],
 )
-def test_what_is_not_in_the_record_is_code_2(
+def test_an_unknown_node_or_time_exits_with_code_2(
     failed: Record, about: str, message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert cli.why([str(failed.folder), "--", about]) == 2
     assert message in capsys.readouterr().err
 
 
-def test_what_is_no_record_is_code_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_missing_record_exits_with_code_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert cli.why([str(tmp_path / "none")]) == 2
     assert "there is no folder" in capsys.readouterr().err
     assert cli.why([str(tmp_path)]) == 2
     assert "contains no record" in capsys.readouterr().err
 
 
-def test_a_record_that_was_cut_short_is_told_as_far_as_it_goes(
+def test_a_truncated_record_is_explained_as_far_as_it_goes(
     failed: Record, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for name in ("run.history", "events.jsonl"):
@@ -176,7 +180,7 @@ def test_a_record_that_was_cut_short_is_told_as_far_as_it_goes(
 
 
 @pytest.mark.parametrize(("leaf", "faster"), [("wait: 5", False), (BACK, True)])
-def test_only_of_a_motion_it_says_that_a_faster_one_would_do(
+def test_a_faster_motion_is_suggested_only_for_a_motion(
     leaf: str, faster: bool, tmp_path: Path
 ) -> None:
     late = SHORT.replace(BACK, f"timeout: {{seconds: 0.2, child: {{{leaf}}}}}")
