@@ -21,7 +21,7 @@ from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
 from tests.fuzz import mesh_mutation, page_mutation, urdf_mutation
 from tests.fuzz.seeds import dice_of
-from tests.robots.small_arm import PAGE, URDF
+from tests.robots.small_arm import DESCRIPTION, URDF
 from tests.robots.test_mesh_check import BOX, ascii_stl, obj, stl
 
 TIMES = float(os.environ.get("BT_DUALARM_FUZZ_TIMES", "1"))
@@ -102,7 +102,7 @@ def folder_with_an_arm(folder: Path) -> Path:
 
 
 def page() -> str:
-    return PAGE + (
+    return DESCRIPTION + (
         "srdf: small.srdf\nlocked: {slide: 0.01, hand_joint: 30}\n"
         "cameras:\n  wrist: {link: flange, xyz: [0, 0, 0.1], forward: [0, 0, 1], up: [1, 0, 0]}\n"
         "exclude: [[base, upper]]\ncolors: {default: [1, 1, 1, 1], finger: [0, 0, 0, 1]}\n"
@@ -209,5 +209,5 @@ def test_what_was_ever_found(path: Path, tmp_path: Path, registry: Registry) -> 
     tree = folder_with_an_arm(tmp_path)
     (tmp_path / "small.urdf").write_bytes(path.read_bytes())
     own = path.with_suffix(".yaml")
-    (tmp_path / "small.yaml").write_text(own.read_text() if own.exists() else PAGE)
+    (tmp_path / "small.yaml").write_text(own.read_text() if own.exists() else DESCRIPTION)
     assert accepted(tree, registry) == (path.stem in SOUND)

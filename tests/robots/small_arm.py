@@ -1,4 +1,4 @@
-"""A small arm of two joints, sound in everything, to be made unsound in one thing at a time."""
+"""A small valid arm of two joints, of which tests make one detail invalid at a time."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ URDF = """\
 </robot>
 """
 
-PAGE = """\
+DESCRIPTION = """\
 title: Small arm
 urdf: small.urdf
 base_link: base
@@ -77,10 +77,10 @@ postures:
 NAME = "small.yaml"
 
 
-def written(folder: Path, urdf: str = URDF, page: str = PAGE) -> str:
-    """Write page and URDF into a folder; returns the page's name there."""
+def write_robot(folder: Path, urdf: str = URDF, description: str = DESCRIPTION) -> str:
+    """Write description and URDF into a folder; return the description's file name."""
     (folder / "small.urdf").write_text(urdf, encoding="utf-8")
-    (folder / NAME).write_text(page, encoding="utf-8")
+    (folder / NAME).write_text(description, encoding="utf-8")
     return NAME
 
 

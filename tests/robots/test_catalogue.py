@@ -1,4 +1,4 @@
-"""The catalog: every arm is whole, and a wrong page says where and what is wrong."""
+"""The catalog: every description is complete; errors in one are reported with their position."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from tests.sim.worlds import PAGES, ROBOTS, world_with
 HERE = Path(__file__).parent.parent
 
 
-def test_the_arms_that_must_be_there() -> None:
+def test_required_arms_are_in_the_catalog() -> None:
     assert {"ur5", "panda", "ur10", "ur3", "xarm7"} <= set(robot_names())
     assert len(PAGES) >= 2
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_an_arm_is_whole(name: str) -> None:
+def test_a_description_is_complete(name: str) -> None:
     """All limits are finite and positive, every posture lies within them."""
     robot = load_robot(name, HERE)
     limits = robot.limits
@@ -48,7 +48,7 @@ def test_every_limit_has_its_source_beside_it(name: str) -> None:
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_full_acceleration_is_within_the_efforts_at_home(name: str) -> None:
-    """Limits that the motors cannot follow would be promises that no controller keeps."""
+    """No controller could use accelerations for which the motors are too weak."""
     import mujoco
 
     world = world_with(name)
@@ -62,8 +62,8 @@ def test_full_acceleration_is_within_the_efforts_at_home(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_home_touches_nothing(name: str) -> None:
-    """Neither itself nor its pedestal nor the floor that it stands on."""
+def test_home_is_free_of_contacts(name: str) -> None:
+    """None with itself, its pedestal, or the floor that it stands on."""
     for height in (0.0, 0.4):
         world = world_with(name, xyz=(0.0, 0.0, height))
         assert len(world.data.contact) == 0
@@ -71,22 +71,22 @@ def test_home_touches_nothing(name: str) -> None:
 
 @pytest.mark.parametrize("name", ROBOTS)
 def test_the_tool_points_away_from_the_arm(name: str) -> None:
-    """Tool z leads out of the tool: half a meter along it there is nothing of the arm."""
+    """The tool's z axis points outward: half a meter along it, no link is near."""
     world = world_with(name)
     arm = world.arms["arm1"]
     ahead = arm.tool_pose.apply(np.array([0.0, 0.0, 0.5]))
     bodies = np.unique(world.model.geom_bodyid[list(arm.geom_ids)])
-    away = np.linalg.norm(world.data.xpos[bodies] - ahead, axis=1)
-    assert away.min() > 0.3
+    distances = np.linalg.norm(world.data.xpos[bodies] - ahead, axis=1)
+    assert distances.min() > 0.3
 
 
 PACKAGE = "package://example-robot-data/robots/z1_description"
 
 
-def page_beside_its_urdf(folder: Path, package: str) -> str:
-    """A page with a copy of the URDF, whose meshes are of the given package."""
-    page = (HERE / "robots" / "z1.yaml").read_text().replace("z1_description/urdf/", "")
-    (folder / "z1.yaml").write_text(page)
+def description_with_urdf(folder: Path, package: str) -> str:
+    """Write a description and a copy of its URDF with meshes of a package; return its file name."""
+    description = (HERE / "robots" / "z1.yaml").read_text().replace("z1_description/urdf/", "")
+    (folder / "z1.yaml").write_text(description)
     urdf = (robot_data_dir() / "z1_description" / "urdf" / "z1.urdf").read_text()
     assert PACKAGE in urdf
     (folder / "z1.urdf").write_text(urdf.replace(PACKAGE, package))
@@ -97,18 +97,18 @@ def page_beside_its_urdf(folder: Path, package: str) -> str:
 def test_meshes_of_a_package_are_also_found_where_it_is_installed(
     package: str, tmp_path: Path
 ) -> None:
-    robot = load_robot(page_beside_its_urdf(tmp_path, package), tmp_path)
+    robot = load_robot(description_with_urdf(tmp_path, package), tmp_path)
     shapes = [s for link in robot.model.links for s in robot.model.shapes(link, "visual")]
     meshes = [shape.mesh for shape in shapes if shape.mesh is not None]
     assert meshes
     assert all(mesh.is_file() for mesh in meshes)
 
 
-def test_a_package_that_is_nowhere_is_refused_with_what_to_do(tmp_path: Path) -> None:
-    page = page_beside_its_urdf(tmp_path, "package://my_arm")
+def test_a_missing_package_is_refused_with_a_remedy(tmp_path: Path) -> None:
+    description = description_with_urdf(tmp_path, "package://my_arm")
     remedy = "put the URDF below a folder of that name, or write paths relative to the URDF"
     with pytest.raises(CatalogError, match=rf"no folder 'my_arm' above [\s\S]*{remedy}"):
-        load_robot(page, tmp_path)
+        load_robot(description, tmp_path)
 
 
 CONTINUOUS = """\
@@ -134,8 +134,8 @@ TURNTABLE = """\
 
 
 @pytest.mark.parametrize("limit", ["", '<limit effort="9" velocity="9"/>'])
-def test_a_joint_without_stops_turns_once_either_way(limit: str, tmp_path: Path) -> None:
-    """For the text that PlaCo and MuJoCo get, too; what a URDF leaves out the page may give."""
+def test_a_continuous_joint_is_limited_to_one_turn_either_way(limit: str, tmp_path: Path) -> None:
+    """In the text for PlaCo and MuJoCo, too; a description may give limits that the URDF lacks."""
     (tmp_path / "turntable.yaml").write_text(CONTINUOUS, encoding="utf-8")
     urdf = TURNTABLE.replace("</joint>", f"{limit}</joint>")
     (tmp_path / "turntable.urdf").write_text(urdf, encoding="utf-8")
@@ -155,19 +155,19 @@ def test_speed_scales_the_rates_only() -> None:
         assert (getattr(half, bound) == getattr(limits, bound)).all()
 
 
-def test_an_unknown_robot_names_the_nearest() -> None:
+def test_an_unknown_robot_gets_a_suggestion() -> None:
     with pytest.raises(CatalogError, match=r"no robot 'pnada' .*did you mean 'panda'\?"):
         load_robot("pnada")
 
 
-def test_a_missing_file_names_its_folder_and_the_nearest() -> None:
+def test_a_missing_file_is_reported_with_folder_and_suggestion() -> None:
     with pytest.raises(CatalogError, match=r"no robot file .robots/z2\.yaml. below .*z1\.yaml"):
         load_robot("robots/z2.yaml", HERE)
 
 
 @pytest.mark.parametrize("name", ["../z1.yaml", "robots/../../z1.yaml", "../z2.yaml"])
 def test_a_file_outside_the_root_is_refused_with_the_rule(name: str, tmp_path: Path) -> None:
-    """There, not elsewhere: the name of a page that is as far away would help nobody."""
+    """No file outside the root is suggested, since it would be refused as well."""
     inside = tmp_path / "inside"
     inside.mkdir()
     (tmp_path / "z1.yaml").write_text((HERE / "robots" / "z1.yaml").read_text())
@@ -205,12 +205,12 @@ WRONG = {
 
 
 @pytest.mark.parametrize("what", WRONG)
-def test_a_wrong_page_says_where_and_what(what: str, tmp_path: Path) -> None:
-    """One change makes a good page wrong; the message has file, line and what was expected."""
+def test_an_error_in_a_description_is_reported_with_its_position(what: str, tmp_path: Path) -> None:
+    """One change makes a description invalid; the message has file, line and what was expected."""
     right, wrong, expected = WRONG[what]
-    page = (HERE / "robots" / "z1.yaml").read_text()
-    assert right in page
-    (tmp_path / "z1.yaml").write_text(page.replace(right, wrong, 1))
+    description = (HERE / "robots" / "z1.yaml").read_text()
+    assert right in description
+    (tmp_path / "z1.yaml").write_text(description.replace(right, wrong, 1))
     with pytest.raises(CatalogError) as caught:
         load_robot("z1.yaml", tmp_path)
     message = str(caught.value)
@@ -219,22 +219,22 @@ def test_a_wrong_page_says_where_and_what(what: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"- a list", b"\xff\xfe", b"<robot>", b"a: &x [*x]"])
-def test_what_is_no_page_at_all_is_refused(content: bytes, tmp_path: Path) -> None:
+def test_a_file_that_is_no_description_is_refused(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "broken.yaml").write_bytes(content)
     with pytest.raises(CatalogError, match=r"broken\.yaml"):
         load_robot("broken.yaml", tmp_path)
 
 
 def test_a_urdf_that_is_no_xml_is_refused(tmp_path: Path) -> None:
-    page = (HERE / "robots" / "z1.yaml").read_text().replace("z1_description/urdf/", "")
-    (tmp_path / "z1.yaml").write_text(page)
+    description = (HERE / "robots" / "z1.yaml").read_text().replace("z1_description/urdf/", "")
+    (tmp_path / "z1.yaml").write_text(description)
     (tmp_path / "z1.urdf").write_text("<robot>")
     with pytest.raises(CatalogError, match=r"z1\.urdf"):
         load_robot("z1.yaml", tmp_path)
 
 
 @pytest.mark.parametrize("name", ["loop.yaml", "a\0b.yaml", "x" * 300 + ".yaml", "../up.yaml"])
-def test_a_robot_file_that_leads_nowhere(name: str, tmp_path: Path) -> None:
+def test_an_unreachable_robot_file_is_refused(name: str, tmp_path: Path) -> None:
     inside = tmp_path / "inside"
     inside.mkdir()
     (inside / "loop.yaml").symlink_to(inside / "loop.yaml")
@@ -247,7 +247,9 @@ def test_a_robot_file_that_leads_nowhere(name: str, tmp_path: Path) -> None:
     ("name", "says"),
     [("a\0b.urdf", r"control character U\+0000"), ("a\u200bb.urdf", "cannot be printed")],
 )
-def test_a_description_that_leads_nowhere(name: str, says: str, tmp_path: Path) -> None:
+def test_a_description_with_an_invalid_urdf_path_is_refused(
+    name: str, says: str, tmp_path: Path
+) -> None:
     text = (share_dir("assets") / "robots" / "ur5.yaml").read_text(encoding="utf-8")
     entry = yaml.safe_load(text)
     entry["urdf"] = name

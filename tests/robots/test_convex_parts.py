@@ -1,4 +1,4 @@
-"""Parts of a mesh hold all of it and have a volume each, also where the mesh has holes."""
+"""Convex parts of a mesh: they contain all of it and have volume, even if the mesh has holes."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ ELBOW = shell(((0.0, 0.0, 0.0), (0.1, 0.1, 0.5)), ((0.0, 0.0, 0.5), (0.5, 0.1, 0
 
 
 @pytest.mark.parametrize("seed", some(range(40), 3))
-def test_every_part_has_a_volume_and_all_points_are_held(seed: int) -> None:
-    """Holes are made by leaving out triangles, as broken meshes do."""
+def test_every_part_has_a_volume_and_all_points_are_contained(seed: int) -> None:
+    """The mesh has holes: some triangles are left out, as in broken meshes."""
     rng = np.random.default_rng(seed)
     triangles = ELBOW[rng.random(len(ELBOW)) < rng.uniform(0.4, 1.0)]
     hulls = [scipy.spatial.ConvexHull(part) for part in meshes.convex_parts(triangles)]
@@ -41,7 +41,7 @@ def test_an_elbow_is_cut_at_its_bend() -> None:
 
 
 def volume_of(triangles: np.ndarray) -> float:
-    """Of the convex hull, m³; 0 of what is flat."""
+    """Volume of the convex hull, m³; 0 if it is flat."""
     try:
         return float(scipy.spatial.ConvexHull(triangles.reshape(-1, 3)).volume)
     except (scipy.spatial.QhullError, ValueError):
@@ -49,8 +49,8 @@ def volume_of(triangles: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_no_cut_saves_more_than_the_one_that_is_made(seed: int) -> None:
-    """Every plane is tried here; there, bounds rule most of them out."""
+def test_no_cut_saves_more_than_the_chosen_one(seed: int) -> None:
+    """The test tries every plane; the code rules most of them out by bounds."""
     rng = np.random.default_rng(seed)
     boxes = [(rng.uniform(0, 0.4, 3), rng.uniform(0.02, 0.3, 3)) for _ in range(3)]
     triangles = shell(*((tuple(at), tuple(edges)) for at, edges in boxes))

@@ -78,8 +78,8 @@ def in_mujoco(robot: Robot, q: Matrix) -> tuple[Any, Any]:
 
 
 @pytest.mark.parametrize("name", E_SERIES)
-def test_an_e_series_arm_has_the_kinematics_and_masses_that_its_maker_publishes(name: str) -> None:
-    """To 1 nm for PlaCo and MuJoCo; the center of mass to the 1 µm to which it is written."""
+def test_e_series_kinematics_and_masses_equal_published_values(name: str) -> None:
+    """To 1 nm for PlaCo and MuJoCo; centers of mass are published to 1 µm."""
     robot = load_robot(name)
     q = np.random.default_rng(3).uniform(-3, 3, 6)
     frames = dh_frames(name, q)
@@ -109,7 +109,7 @@ def test_the_added_shapes_are_for_contacts_and_cameras(name: str) -> None:
     assert model.geom_contype[hit[0]] > 0
 
 
-def test_the_fr3_has_the_kinematics_of_the_panda_and_limits_of_its_own() -> None:
+def test_the_fr3_has_the_kinematics_of_the_panda_and_its_own_limits() -> None:
     fr3, panda = load_robot("fr3"), load_robot("panda")
     q = fr3.postures["home"] + np.linspace(-0.3, 0.3, 7)
     poses = [Chain(robot, Pose.identity()).forward(q) for robot in (fr3, panda)]
@@ -119,7 +119,7 @@ def test_the_fr3_has_the_kinematics_of_the_panda_and_limits_of_its_own() -> None
     assert 'upper="4.2094"' in fr3.urdf_text
 
 
-PAGE = """\
+DESCRIPTION = """\
 title: Two joints
 urdf: two.urdf
 base_link: base
@@ -160,9 +160,9 @@ OWN_BODY = "two: {mass: 1, inertia: [0.01, 0.01, 0.01, 0, 0, 0]}"
 """Mass and inertia of the link that has none in the URDF."""
 
 
-def arm(folder: Path, corrections: str, page: str = PAGE, urdf: str = URDF) -> Robot:
+def arm(folder: Path, corrections: str, description: str = DESCRIPTION, urdf: str = URDF) -> Robot:
     (folder / "two.urdf").write_text(urdf, encoding="utf-8")
-    text = f"{page}corrections:\n  source: chosen for this test\n{corrections}"
+    text = f"{description}corrections:\n  source: chosen for this test\n{corrections}"
     (folder / "two.yaml").write_text(text, encoding="utf-8")
     return load_robot("two.yaml", folder)
 
@@ -171,7 +171,7 @@ def tool_of(robot: Robot, *q: float) -> Pose:
     return Chain(robot, Pose.identity()).forward(np.array(q))
 
 
-def test_what_a_correction_leaves_out_stays(tmp_path: Path) -> None:
+def test_a_correction_changes_only_the_fields_that_it_gives(tmp_path: Path) -> None:
     """Position and rotation of moving, fixed and locked joints; a locked joint keeps its value."""
     links = f"  links: {{{OWN_BODY}}}\n"
     plain = arm(tmp_path, links)
@@ -208,28 +208,28 @@ def test_an_added_shape_does_not_replace_shapes_for_images(tmp_path: Path) -> No
 
 
 def test_position_limits_reach_planner_and_solver(tmp_path: Path) -> None:
-    """Of a continuous joint, too, which then has stops; widening needs to be said."""
+    """Also for a continuous joint, which is limited by them; a wider range requires `widens`."""
     position = "  position: {lower: [-1.5, -2], upper: [0.5, 2], source: of this test%s}\n"
-    page = PAGE.replace("postures", position % ", widens: true" + "postures")
-    robot = arm(tmp_path, f"  links: {{{OWN_BODY}}}\n", page)
+    description = DESCRIPTION.replace("postures", position % ", widens: true" + "postures")
+    robot = arm(tmp_path, f"  links: {{{OWN_BODY}}}\n", description)
     assert robot.limits.lower == pytest.approx([-1.5, -2])
     assert robot.limits.upper == pytest.approx([0.5, 2])
     assert 'lower="-1.5"' in robot.urdf_text
     assert 'upper="0.5"' in robot.urdf_text
-    page = PAGE.replace("postures", position % "" + "postures")
+    description = DESCRIPTION.replace("postures", position % "" + "postures")
     with pytest.raises(CatalogError, match=r"two\.yaml:12:22: error: joint 'first' turns from -1"):
-        arm(tmp_path, f"  links: {{{OWN_BODY}}}\n", page)
+        arm(tmp_path, f"  links: {{{OWN_BODY}}}\n", description)
 
 
 @pytest.mark.parametrize("what", ["velocity", "effort"])
-def test_a_limit_above_that_of_the_urdf_must_be_meant(what: str, tmp_path: Path) -> None:
-    """It was lowered to the URDF's once, without a word."""
+def test_a_limit_above_that_of_the_urdf_must_be_explicit(what: str, tmp_path: Path) -> None:
+    """Such a limit was once silently lowered to that of the URDF."""
     old, new = {"velocity": ("1.0", "2.5"), "effort": ("5.0", "12")}[what]
-    page = PAGE.replace(f"{what}: {{value: {old}", f"{what}: {{value: {new}")
+    description = DESCRIPTION.replace(f"{what}: {{value: {old}", f"{what}: {{value: {new}")
     with pytest.raises(CatalogError, match=rf"{what} of joint 'first' is .* in the URDF"):
-        arm(tmp_path, f"  links: {{{OWN_BODY}}}\n", page)
-    page = page.replace(f"value: {new}", f"value: {new}, widens: true")
-    robot = arm(tmp_path, f"  links: {{{OWN_BODY}}}\n", page)
+        arm(tmp_path, f"  links: {{{OWN_BODY}}}\n", description)
+    description = description.replace(f"value: {new}", f"value: {new}, widens: true")
+    robot = arm(tmp_path, f"  links: {{{OWN_BODY}}}\n", description)
     assert getattr(robot.limits, what) == pytest.approx(float(new))
 
 
@@ -250,12 +250,12 @@ WRONG = {
 
 
 @pytest.mark.parametrize("what", WRONG)
-def test_a_wrong_correction_is_named_at_its_line(what: str, tmp_path: Path) -> None:
+def test_a_wrong_correction_is_reported_at_its_line(what: str, tmp_path: Path) -> None:
     wrong, says, hint = WRONG[what]
     with pytest.raises(CatalogError) as caught:
         arm(tmp_path, f"  {wrong}\n")
     message = str(caught.value)
-    line = len(PAGE.splitlines()) + 3
+    line = len(DESCRIPTION.splitlines()) + 3
     assert f"{tmp_path / 'two.yaml'}:{line}:" in message
     assert says in message
     assert hint in message
@@ -268,12 +268,14 @@ def test_a_wrong_correction_is_named_at_its_line(what: str, tmp_path: Path) -> N
         ("lower: [0.5, -1], upper: [0.5, 1]", "joint 'first' turns from 0.5 to 0.5 rad"),
     ],
 )
-def test_wrong_position_limits_are_named_at_their_line(
+def test_wrong_position_limits_are_reported_at_their_line(
     ends: str, says: str, tmp_path: Path
 ) -> None:
-    page = PAGE.replace("postures", f"  position: {{{ends}, source: of this test}}\npostures")
+    description = DESCRIPTION.replace(
+        "postures", f"  position: {{{ends}, source: of this test}}\npostures"
+    )
     with pytest.raises(CatalogError) as caught:
-        arm(tmp_path, f"  links: {{{OWN_BODY}}}\n", page)
+        arm(tmp_path, f"  links: {{{OWN_BODY}}}\n", description)
     assert f"{tmp_path / 'two.yaml'}:12:" in str(caught.value)
     assert says in str(caught.value)
 

@@ -1,4 +1,4 @@
-"""What is wrong with a URDF is said by our reader, with its line, before any library sees it."""
+"""URDF validation: errors are reported with their line before any library reads the file."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from bt_dualarm.robots.mjspec import robot_spec
 from bt_dualarm.robots.robot import Robot
 from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.robots.urdf_xml import MAX_DEPTH, DescriptionError
-from tests.robots.small_arm import PAGE, URDF, line_of, written
+from tests.robots.small_arm import DESCRIPTION, URDF, line_of, write_robot
 
 
-def loaded(folder: Path, urdf: str = URDF, page: str = PAGE) -> Robot:
-    return load_robot(written(folder, urdf, page), folder)
+def loaded(folder: Path, urdf: str = URDF, description: str = DESCRIPTION) -> Robot:
+    return load_robot(write_robot(folder, urdf, description), folder)
 
 
 def compiled(robot: Robot) -> mujoco.MjModel:
     return robot_spec(robot, visuals=True).compile()
 
 
-def test_the_small_arm_is_sound(tmp_path: Path) -> None:
+def test_the_small_arm_is_valid(tmp_path: Path) -> None:
     robot = loaded(tmp_path)
     assert compiled(robot).nv == 2
     tool = Chain(robot, Pose.identity()).forward(0.0 * robot.postures["home"])
@@ -120,8 +120,8 @@ WRONG = {
 
 
 @pytest.mark.parametrize("what", WRONG)
-def test_a_wrong_urdf_says_where_and_what(what: str, tmp_path: Path) -> None:
-    """One change makes a sound URDF wrong; a problem stands at it, and says what is allowed."""
+def test_an_error_in_a_urdf_is_reported_with_its_position(what: str, tmp_path: Path) -> None:
+    """One change makes a valid URDF invalid; a problem is reported there, with what is allowed."""
     right, wrong, mark, expected = WRONG[what]
     assert right in URDF
     last = right in (MASS, STOPS, AXIS, SHIFT, FLANGE)
@@ -129,31 +129,31 @@ def test_a_wrong_urdf_says_where_and_what(what: str, tmp_path: Path) -> None:
     with pytest.raises(DescriptionError) as caught:
         loaded(tmp_path, urdf)
     assert expected in str(caught.value)
-    texts = {str(tmp_path / "small.urdf"): urdf, str(tmp_path / "small.yaml"): PAGE}
-    places = [problem.place for problem in caught.value.problems]
-    assert all(p.text == texts[p.file].split("\n")[p.line - 1] for p in places)
-    assert any(p.text[p.column - 1 :].startswith(mark) for p in places)
+    texts = {str(tmp_path / "small.urdf"): urdf, str(tmp_path / "small.yaml"): DESCRIPTION}
+    positions = [problem.place for problem in caught.value.problems]
+    assert all(p.text == texts[p.file].split("\n")[p.line - 1] for p in positions)
+    assert any(p.text[p.column - 1 :].startswith(mark) for p in positions)
 
 
-def test_every_problem_is_said_at_once(tmp_path: Path) -> None:
-    """Of the page and of its URDF: one look at the file mends them all."""
+def test_all_problems_are_reported_at_once(tmp_path: Path) -> None:
+    """Those of the description and of its URDF, so that all can be mended together."""
     urdf = URDF.replace(MASS, '<mass value="-1"/>').replace(AXIS, '<axis xyz="0 1"/>')
-    page = PAGE.replace("[0, 30]", "[0, 300]").replace("value: 5.0", "value: [5.0]")
-    page += "locked: {slied: 0.01}\ncolors: {flagne: [1, 1, 1, 1]}\n"
+    description = DESCRIPTION.replace("[0, 30]", "[0, 300]").replace("value: 5.0", "value: [5.0]")
+    description += "locked: {slied: 0.01}\ncolors: {flagne: [1, 1, 1, 1]}\n"
     with pytest.raises(DescriptionError) as caught:
-        loaded(tmp_path, urdf, page)
-    places = {(Path(p.place.file).name, p.place.line) for p in caught.value.problems}
-    assert places == {
+        loaded(tmp_path, urdf, description)
+    positions = {(Path(p.place.file).name, p.place.line) for p in caught.value.problems}
+    assert positions == {
         ("small.urdf", line_of(urdf, 'value="-1"')),
         ("small.urdf", line_of(urdf, 'xyz="0 1"')),
-        ("small.yaml", line_of(page, "value: [5.0]")),
-        ("small.yaml", line_of(page, "[0, 300]")),
-        ("small.yaml", line_of(page, "slied")),
-        ("small.yaml", line_of(page, "flagne")),
+        ("small.yaml", line_of(description, "value: [5.0]")),
+        ("small.yaml", line_of(description, "[0, 300]")),
+        ("small.yaml", line_of(description, "slied")),
+        ("small.yaml", line_of(description, "flagne")),
     }
 
 
-def test_a_bomb_of_entities_is_refused_before_it_goes_off(tmp_path: Path) -> None:
+def test_an_entity_bomb_is_refused_before_its_expansion(tmp_path: Path) -> None:
     """A billion laughs: each entity is ten of the one before it."""
     laughs = "".join(f'<!ENTITY l{n} "{f"&l{n - 1};" * 10}">' for n in range(1, 10))
     bomb = f'<!DOCTYPE robot [<!ENTITY l0 "ha">{laughs}]>\n<robot name="&l9;"/>'
@@ -166,33 +166,35 @@ def test_a_bomb_of_entities_is_refused_before_it_goes_off(tmp_path: Path) -> Non
     [b"", b"\xff\xfe<robot/>", b"\0", b"<robot/>", b'<robot name="a">' + b"<a>" * (MAX_DEPTH + 1),
      b'<?xml version="1.0" encoding="klingon"?><robot/>', b"\x1f\x8b\x08", b"<robot", b"&a;"],
 )  # fmt: skip
-def test_what_is_no_urdf_at_all_is_refused(content: bytes, tmp_path: Path) -> None:
-    name = written(tmp_path)
+def test_a_file_that_is_no_urdf_is_refused(content: bytes, tmp_path: Path) -> None:
+    name = write_robot(tmp_path)
     (tmp_path / "small.urdf").write_bytes(content)
     with pytest.raises(DescriptionError, match=r"small\.urdf"):
         load_robot(name, tmp_path)
 
 
 NAMES = ("pedestal", "camera", "mount", "tool", "base_0", "upper_visual_0", "world_to_root")
-"""What a world made of a URDF calls things of its own; links and joints may be called so too."""
+"""Names that a world made from a URDF uses itself; links and joints may have them, too."""
 
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("old", ["finger", "flange_joint", "elbow", "upper"])
-def test_names_of_our_own_collide_with_none(old: str, name: str, tmp_path: Path) -> None:
-    robot = loaded(tmp_path, URDF.replace(f'"{old}"', f'"{name}"'), PAGE.replace(old, name))
+def test_names_in_a_urdf_do_not_collide_with_those_of_the_world(
+    old: str, name: str, tmp_path: Path
+) -> None:
+    robot = loaded(tmp_path, URDF.replace(f'"{old}"', f'"{name}"'), DESCRIPTION.replace(old, name))
     assert compiled(robot).nv == 2
     Chain(robot, Pose.identity()).matrix(robot.postures["home"])
 
 
 @pytest.mark.parametrize("stops", ['lower="-1e16" upper="1e16"', 'lower="-inf" upper="inf"'])
-def test_stops_that_are_nowhere_are_one_turn_away(stops: str, tmp_path: Path) -> None:
+def test_infinite_limits_become_one_turn(stops: str, tmp_path: Path) -> None:
     urdf = URDF.replace(STOPS, f'<limit {stops} velocity="2" effort="20"/>')
     assert loaded(tmp_path, urdf).limits.upper == pytest.approx([2.0, 2 * np.pi])
 
 
 def chained(count: int) -> str:
-    """The arm with so many frames that nobody calls by name, one fixed to the other."""
+    """The arm with a chain of this many unused links, each fixed to the previous one."""
     heavy = '<inertial><mass value="0.001"/><inertia ixx="1e-6" iyy="1e-6" izz="1e-6"/></inertial>'
     links = "".join(f'<link name="f{n}">{heavy}</link>' for n in range(count))
     joints = "".join(
@@ -203,8 +205,8 @@ def chained(count: int) -> str:
     return URDF.replace(FLANGE, FLANGE + links).replace("</robot>", joints + "</robot>")
 
 
-def test_thousands_of_fixed_links_are_no_burden(tmp_path: Path) -> None:
-    """A chain of frames becomes one link, its weight where it was."""
+def test_fixed_links_are_merged(tmp_path: Path) -> None:
+    """A chain of 3000 of them becomes one link with the same mass and center of mass."""
     count = 3000
     model = compiled(loaded(tmp_path, chained(count)))
     assert model.nbody == 5

@@ -1,4 +1,4 @@
-"""Where joints stand that are none of the arm's: an arm of a file may say so."""
+"""Locked joints: joints of a robot that its arm does not move; a tree file may set them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.robots.urdf_xml import DescriptionError
 from bt_dualarm.runtime.file_check import check
 from bt_dualarm.skill.registry import Registry
-from tests.robots.small_arm import PAGE, URDF, line_of, written
+from tests.robots.small_arm import DESCRIPTION, URDF, line_of, write_robot
 from tests.sim.worlds import ROBOTS, WORLD, world_with
 
 KINDS = Registry.load().kinds
@@ -35,40 +35,40 @@ def test_some_arm_has_locked_joints() -> None:
 
 
 @pytest.mark.parametrize("name", LOCKED)
-def test_a_joint_stands_at_either_end_of_its_limits(name: str) -> None:
-    """Its link moves in its parent's frame by what the joint does."""
-    for joint, reported in LOCKED[name].items():
-        if reported.follows in LOCKED[name]:
+def test_a_locked_joint_can_be_at_either_limit(name: str) -> None:
+    """Its link moves in its parent's frame by the range of the joint."""
+    for joint, locked in LOCKED[name].items():
+        if locked.follows in LOCKED[name]:
             continue
-        ends = []
-        for value in (reported.lower, reported.upper):
+        poses = []
+        for value in (locked.lower, locked.upper):
             moved = load_robot(name, WORLD, {joint: value})
             assert moved.locked[joint].at == value
-            ends.append(moved.model.parts[reported.link].pose)
-        gone = ends[0].distance(ends[1]), ends[0].angle(ends[1])
-        turned = np.radians(reported.upper - reported.lower)
+            poses.append(moved.model.parts[locked.link].pose)
+        motion = poses[0].distance(poses[1]), poses[0].angle(poses[1])
+        turned = np.radians(locked.upper - locked.lower)
         expected = (0.0, np.pi - abs(np.pi - turned % (2 * np.pi)))
-        assert gone == pytest.approx(
-            expected if reported.turns else (reported.upper - reported.lower, 0.0)
+        assert motion == pytest.approx(
+            expected if locked.turns else (locked.upper - locked.lower, 0.0)
         )
 
 
 @pytest.mark.parametrize("name", LOCKED)
-def test_beyond_its_limits_a_joint_is_refused(name: str) -> None:
-    for joint, reported in LOCKED[name].items():
-        for value in (reported.lower - 0.01, reported.upper + 0.01):
+def test_a_locked_joint_beyond_its_limits_is_refused(name: str) -> None:
+    for joint, locked in LOCKED[name].items():
+        for value in (locked.lower - 0.01, locked.upper + 0.01):
             with pytest.raises(CatalogError, match=f"{joint}.*limits are|{joint}.*follows"):
                 load_robot(name, WORLD, {joint: value})
 
 
-def test_where_nothing_is_said_a_page_counts() -> None:
-    """The same robot, not one like it: nothing of a run without `locked` changes."""
+def test_the_description_is_the_default() -> None:
+    """It is even the same object: a run without `locked` does not change."""
     assert load_robot("panda", locked={}) is load_robot("panda")
     assert load_robot("panda").locked["panda_finger_joint1"].at == 0.01
 
 
-def test_the_other_finger_goes_with_the_first() -> None:
-    """In the world the hand then is open by both: 80 mm from pad to pad."""
+def test_the_other_finger_follows_the_first() -> None:
+    """In the world, both fingers open the hand: 80 mm from pad to pad."""
     for given, between in ((SHUT, 0.02), (OPEN, 0.08)):
         world = world_with("panda", locked=given)
         data = world.data
@@ -78,27 +78,27 @@ def test_the_other_finger_goes_with_the_first() -> None:
 
 
 def test_a_locked_joint_that_turns_moves_the_tool(tmp_path: Path) -> None:
-    """Degrees, as everywhere in a file: a wrist turned by 30 about x lays the flange aside."""
-    page = written(tmp_path, TURNING)
+    """Values are degrees, as everywhere in a file: 30° about x moves the flange aside."""
+    description = write_robot(tmp_path, TURNING)
     for angle in (0.0, 30.0):
-        robot = load_robot(page, tmp_path, {"slide": angle})
+        robot = load_robot(description, tmp_path, {"slide": angle})
         tool = Chain(robot, Pose.identity()).forward(np.zeros(2))
         turn = np.radians(angle)
         assert tool.position == pytest.approx([0, -0.3 * np.sin(turn), 0.4 + 0.3 * np.cos(turn)])
         assert robot_spec(robot, visuals=False).compile().nv == 2
 
 
-def test_of_the_page_a_joint_keeps_its_value_unless_it_is_given(tmp_path: Path) -> None:
-    page = written(tmp_path, page=PAGE + "locked: {slide: 0.03}\n")
-    assert load_robot(page, tmp_path).locked["slide"].at == 0.03
-    assert load_robot(page, tmp_path, {"slide": 0.0}).locked["slide"].at == 0.0
+def test_a_joint_has_the_value_of_the_description_unless_given(tmp_path: Path) -> None:
+    description = write_robot(tmp_path, description=DESCRIPTION + "locked: {slide: 0.03}\n")
+    assert load_robot(description, tmp_path).locked["slide"].at == 0.03
+    assert load_robot(description, tmp_path, {"slide": 0.0}).locked["slide"].at == 0.0
 
 
-def test_a_page_cannot_lock_a_joint_beyond_its_limits(tmp_path: Path) -> None:
-    """Said at the value, with what is allowed; the default is the page's own business."""
-    text = PAGE + "locked: {slide: 0.05}\n"
+def test_a_description_cannot_lock_a_joint_beyond_its_limits(tmp_path: Path) -> None:
+    """It is reported at the value, with the range that is allowed."""
+    text = DESCRIPTION + "locked: {slide: 0.05}\n"
     with pytest.raises(DescriptionError) as caught:
-        load_robot(written(tmp_path, page=text), tmp_path)
+        load_robot(write_robot(tmp_path, description=text), tmp_path)
     (problem,) = caught.value.problems
     assert (problem.place.line, problem.message, problem.hint) == (
         line_of(text, "0.05}"),
@@ -126,7 +126,7 @@ arms:
   arm7: {robot: panda, base: {xyz: [-4, 0, 0]}, locked: {panda_finger_joint1: wide}, tree: go_home}
 """
 
-SAID = {
+MESSAGES = {
     "0.05}": ("joint 'panda_finger_joint1' cannot be at 0.05 m", "its limits are 0 to 0.04 m"),
     "panda_finger_jiont1": ("there is no locked joint of panda", "did you mean 'panda_finger_jo"),
     "panda_joint1": ("joint 'panda_joint1' is one of the arm's", "locked joints of panda: panda_f"),
@@ -135,17 +135,17 @@ SAID = {
     "panda_finger_joint1: 0.04}\n    tree": ("comes off for panda_hand", "use `open_gripper`"),
     "wide": ("panda_finger_joint1: expected a number", "not text 'wide'"),
 }
-"""What stands where a problem is said to be, with its message and its hint."""
+"""Text at which each problem is reported, with its message and its hint."""
 
 
-@pytest.mark.parametrize("mark", SAID)
-def test_what_is_wrong_is_said_where_it_stands(mark: str) -> None:
-    """With line and column, what was given and what is allowed."""
+@pytest.mark.parametrize("mark", MESSAGES)
+def test_a_mistake_is_reported_at_its_position(mark: str) -> None:
+    """The report has line and column, what was given and what is allowed."""
     text = MISTAKEN
-    if mark != "wide":  # a value of no type comes first, alone
+    if mark != "wide":  # a value of a wrong type is reported first, alone
         text = text[: text.index("  arm7")]
     problems = check(text, KINDS).problems
-    message, hint = SAID[mark]
+    message, hint = MESSAGES[mark]
     line = line_of(text, mark)
     column = text.index(mark) - text.rfind("\n", 0, text.index(mark))
     found = [p for p in problems if (p.place.line, p.place.column) == (line, column)]
@@ -154,15 +154,15 @@ def test_what_is_wrong_is_said_where_it_stands(mark: str) -> None:
     assert hint in f"{found[0].message} {found[0].hint}"
 
 
-def test_sound_ones_are_no_problem() -> None:
+def test_valid_locked_joints_have_no_problems() -> None:
     text = MISTAKEN[: MISTAKEN.index("  arm1")] + (
         "  arm1: {robot: panda, locked: {panda_finger_joint1: 0.04}, tree: go_home}\n"
     )
     assert check(text, KINDS).problems == ()
 
 
-def test_things_fit_between_open_fingers() -> None:
-    """Posts of 25 to 60 mm: with the fingers as the page locks them, none is to be reached."""
+def test_objects_fit_between_open_fingers() -> None:
+    """Posts of 25 to 60 mm: with the fingers as the description locks them, none is reachable."""
     shut = finger_problems(3, SHUT)
     opened = finger_problems(3, OPEN)
     pairs = [(next(shut), next(opened)) for _ in range(12)]
@@ -171,7 +171,7 @@ def test_things_fit_between_open_fingers() -> None:
     assert sum(admits(other) for _, other in pairs) >= 10
 
 
-OTHER = PAGE.replace("joints: [shoulder, elbow]", "joints: [wrist]").replace(
+OTHER = DESCRIPTION.replace("joints: [shoulder, elbow]", "joints: [wrist]").replace(
     "home: [0, 30]", "home: [0]"
 ).replace("tool: {link: flange}", "tool: {link: hand}")  # fmt: skip
 """Description of a second arm of the small robot: one joint beside the first arm."""
@@ -192,8 +192,8 @@ TWO_ARMS = URDF.replace("</robot>", """
 </robot>""")  # fmt: skip
 
 
-def test_arms_of_one_robot_name_each_other(tmp_path: Path) -> None:
-    written(tmp_path, TWO_ARMS, PAGE + "other_arms: [other.yaml]\n")
+def test_an_arm_knows_the_other_arms_of_its_robot(tmp_path: Path) -> None:
+    write_robot(tmp_path, TWO_ARMS, DESCRIPTION + "other_arms: [other.yaml]\n")
     (tmp_path / "other.yaml").write_text(OTHER, encoding="utf-8")
     assert load_robot("small.yaml", tmp_path).other_arms == {"other": frozenset({"hand"})}
     assert load_robot("other.yaml", tmp_path).other_arms == {}
@@ -207,11 +207,11 @@ def test_arms_of_one_robot_name_each_other(tmp_path: Path) -> None:
         ("small.yaml", "'small.yaml' moves joint 'shoulder', too"),
     ],
 )
-def test_another_arm_that_is_none(name: str, says: str, tmp_path: Path) -> None:
-    page = PAGE + f"other_arms: [{name}]\n"
-    written(tmp_path, TWO_ARMS, page)
+def test_an_invalid_other_arm_is_refused(name: str, says: str, tmp_path: Path) -> None:
+    description = DESCRIPTION + f"other_arms: [{name}]\n"
+    write_robot(tmp_path, TWO_ARMS, description)
     with pytest.raises(DescriptionError) as caught:
         load_robot("small.yaml", tmp_path)
     (problem,) = caught.value.problems
     assert says.partition(":")[0] in problem.message
-    assert problem.place.line == line_of(page, "other_arms")
+    assert problem.place.line == line_of(description, "other_arms")

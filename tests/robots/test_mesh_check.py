@@ -1,4 +1,4 @@
-"""What is no mesh is refused before MuJoCo, Qhull and SciPy see it, with the line that names it."""
+"""Mesh checks: broken meshes are refused at their line before MuJoCo, Qhull or SciPy read them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bt_dualarm.robots import meshes
 from bt_dualarm.robots.mjspec import robot_spec
 from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.robots.urdf_xml import DescriptionError
-from tests.robots.small_arm import URDF, line_of, written
+from tests.robots.small_arm import URDF, line_of, write_robot
 
 CORNERS = np.array(list(itertools.product((-0.05, 0.05), repeat=3)))
 BOX: Matrix = CORNERS[scipy.spatial.ConvexHull(CORNERS).simplices]
@@ -45,10 +45,10 @@ def ascii_stl(triangles: Matrix) -> bytes:
     return "\n".join([*lines, "endsolid a"]).encode()
 
 
-def meshes_in_a_world(page: str, folder: Path) -> int:
-    """An arm is compiled as a part of a world: one alone leaves out what is only seen."""
+def meshes_in_a_world(description: str, folder: Path) -> int:
+    """Number of meshes in a world with this arm; an arm compiled alone lacks visual meshes."""
     world = mujoco.MjSpec()
-    child = robot_spec(load_robot(page, folder), visuals=True)
+    child = robot_spec(load_robot(description, folder), visuals=True)
     world.attach(child, prefix="arm1/", frame=world.worldbody.add_frame())
     return int(world.compile().nmesh)
 
@@ -56,7 +56,7 @@ def meshes_in_a_world(page: str, folder: Path) -> int:
 def arm_with(
     folder: Path, mesh: str, content: bytes, tag: str = "collision", scale: str = ""
 ) -> str:
-    """The small arm whose sphere is this mesh; returns the name of its page."""
+    """Write the small arm with this mesh for its sphere; return its description's file name."""
     (folder / mesh).write_bytes(content)
     extra = f' scale="{scale}"' if scale else ""
     geometry = f'<geometry><mesh filename="{mesh}"{extra}/></geometry>'
@@ -65,7 +65,7 @@ def arm_with(
         urdf = URDF.replace(
             '<link name="lower">', f'<link name="lower"><visual>{geometry}</visual>'
         )
-    return written(folder, urdf)
+    return write_robot(folder, urdf)
 
 
 @pytest.mark.parametrize("write", [stl, ascii_stl, obj])
@@ -74,16 +74,16 @@ def test_a_box_is_a_mesh_in_every_format(
     write: Callable[[Matrix], bytes], tag: str, tmp_path: Path
 ) -> None:
     name = f"{write.__name__}_{tag}.{'obj' if write is obj else 'stl'}"
-    page = arm_with(tmp_path, name, write(BOX), tag)
-    assert meshes_in_a_world(page, tmp_path) == 1
+    description = arm_with(tmp_path, name, write(BOX), tag)
+    assert meshes_in_a_world(description, tmp_path) == 1
 
 
-def test_a_plate_can_be_seen_but_not_touched(tmp_path: Path) -> None:
-    page = arm_with(tmp_path, "seen_plate.stl", stl(PLATE), "visual")
-    assert meshes_in_a_world(page, tmp_path) == 1
-    page = arm_with(tmp_path, "touched_plate.stl", stl(PLATE))
+def test_a_plate_can_be_a_visual_but_no_collision_mesh(tmp_path: Path) -> None:
+    description = arm_with(tmp_path, "seen_plate.stl", stl(PLATE), "visual")
+    assert meshes_in_a_world(description, tmp_path) == 1
+    description = arm_with(tmp_path, "touched_plate.stl", stl(PLATE))
     with pytest.raises(DescriptionError, match="is flat: 0 m thick"):
-        load_robot(page, tmp_path)
+        load_robot(description, tmp_path)
 
 
 BROKEN: dict[str, tuple[str, bytes, str]] = {
@@ -107,46 +107,46 @@ BROKEN: dict[str, tuple[str, bytes, str]] = {
 
 @pytest.mark.parametrize("tag", ["collision", "visual"])
 @pytest.mark.parametrize("what", BROKEN)
-def test_a_broken_mesh_is_refused_where_it_is_named(what: str, tag: str, tmp_path: Path) -> None:
+def test_a_broken_mesh_is_refused_at_its_line(what: str, tag: str, tmp_path: Path) -> None:
     name, content, expected = BROKEN[what]
-    page = arm_with(tmp_path, name, content, tag)
+    description = arm_with(tmp_path, name, content, tag)
     with pytest.raises(DescriptionError, match=expected) as caught:
-        load_robot(page, tmp_path)
+        load_robot(description, tmp_path)
     (problem,) = caught.value.problems
     text = (tmp_path / "small.urdf").read_text(encoding="utf-8")
     assert problem.place.line == line_of(text, f'filename="{name}"')
 
 
-def test_a_scale_of_millimeters_that_was_forgotten_is_guessed(tmp_path: Path) -> None:
-    page = arm_with(tmp_path, "millimeters.stl", stl(1e3 * BOX * 20))
+def test_a_missing_scale_of_millimeters_is_suggested(tmp_path: Path) -> None:
+    description = arm_with(tmp_path, "millimeters.stl", stl(1e3 * BOX * 20))
     with pytest.raises(DescriptionError, match=r'needs scale="0\.001 0\.001 0\.001"'):
-        load_robot(page, tmp_path)
-    page = arm_with(tmp_path, "millimeters.stl", stl(1e3 * BOX), scale="0.001 -0.001 0.001")
-    assert meshes_in_a_world(page, tmp_path) == 1
+        load_robot(description, tmp_path)
+    description = arm_with(tmp_path, "millimeters.stl", stl(1e3 * BOX), scale="0.001 -0.001 0.001")
+    assert meshes_in_a_world(description, tmp_path) == 1
 
 
-def test_a_conversion_that_takes_too_long_is_given_up(
+def test_a_conversion_that_takes_too_long_is_aborted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(meshes, "ASSIMP_SECONDS", 0.0)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    page = arm_with(tmp_path, "slow.obj", obj(BOX))
+    description = arm_with(tmp_path, "slow.obj", obj(BOX))
     with pytest.raises(DescriptionError, match=r"mesh slow\.obj takes assimp longer than 0 s"):
-        load_robot(page, tmp_path)
+        load_robot(description, tmp_path)
 
 
-def test_what_was_measured_is_kept_until_the_file_changes(
+def test_extents_are_cached_until_the_file_changes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Read once, in all processes; a file that has changed, or broken leavings, are read anew."""
+    """A mesh is read once for all processes, and again if it changes or its cache is damaged."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     measured: list[Path] = []
 
     def measure(mesh: Path, scale: tuple[float, ...]) -> meshes.Extents:
         measured.append(mesh)
-        return found(mesh, scale)
+        return original(mesh, scale)
 
-    found = meshes._measured
+    original = meshes._measured
     monkeypatch.setattr(meshes, "_measured", measure)
     mesh = tmp_path / "box.stl"
     one = (1.0, 1.0, 1.0)
@@ -162,7 +162,7 @@ def test_what_was_measured_is_kept_until_the_file_changes(
     mesh.write_bytes(stl(np.concatenate((many, 2.0 * BOX))))
     assert extents() == extents() == pytest.approx((0.2, 0.2))
     assert len(measured) == 2
-    for kept in (tmp_path / "cache").rglob("*.json"):
-        kept.write_text("[1")
+    for cached in (tmp_path / "cache").rglob("*.json"):
+        cached.write_text("[1")
     assert extents() == pytest.approx((0.2, 0.2))
     assert len(measured) == 3

@@ -1,4 +1,4 @@
-"""Convex stand-ins of meshes: they hold the mesh, and little besides."""
+"""Convex hulls and parts of meshes: they contain the mesh, and little else."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ MESHES = collision_meshes()
 
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty cache of this test's own."""
+    """An empty cache for this test."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     meshes.mesh_shapes.cache_clear()
     return tmp_path / "cache" / "bt_dualarm"
@@ -52,14 +52,14 @@ def triangles_of(path: Path, scale: tuple[float, ...]) -> Matrix:
     return triangles
 
 
-def standing_out(points: Matrix, hull: Hull) -> Vector:
+def distance_outside(points: Matrix, hull: Hull) -> Vector:
     """How far each point is outside the planes of a hull, meters; negative inside."""
     planes = ConvexHull(hull.vertices).equations
     distances: Vector = (points @ planes[:, :3].T + planes[:, 3]).max(axis=1)
     return distances
 
 
-def on_the_faces(triangles: Matrix, rng: np.random.Generator) -> Matrix:
+def points_on_faces(triangles: Matrix, rng: np.random.Generator) -> Matrix:
     """Corners, and random points of every triangle, of shape (n, 3)."""
     weights = rng.dirichlet(np.ones(3), (len(triangles), 3))
     inner = np.einsum("nkc,ncx->nkx", weights, triangles)
@@ -68,7 +68,7 @@ def on_the_faces(triangles: Matrix, rng: np.random.Generator) -> Matrix:
 
 
 def boxes(*pairs: tuple[tuple[float, float, float], tuple[float, float, float]]) -> Matrix:
-    """Triangles of boxes from corner to corner, of shape (n, 3, 3): a mesh that need not close."""
+    """Triangles of boxes given by two corners, of shape (n, 3, 3); boxes may overlap."""
     found = []
     for low, high in np.array(pairs):
         corners = low + CORNERS * (high - low)
@@ -83,26 +83,26 @@ def volume(points: Matrix) -> float:
 @pytest.mark.parametrize(
     ("path", "scale"), some(MESHES, 4), ids=lambda part: getattr(part, "stem", "")
 )
-def test_outline_and_parts_hold_the_mesh(path: Path, scale: tuple[float, ...]) -> None:
-    """All corners are few, and of the mesh or of a cut; next to nothing stands out."""
+def test_outline_and_parts_contain_the_mesh(path: Path, scale: tuple[float, ...]) -> None:
+    """Corners are few and in the mesh's hull; no more than LOSS_M of the mesh is outside."""
     triangles = triangles_of(path, scale)
     shapes = meshes.mesh_shapes(path, scale)
-    points = on_the_faces(triangles, np.random.default_rng(0))
-    outside = np.min([standing_out(points, part) for part in shapes.parts], axis=0)
+    points = points_on_faces(triangles, np.random.default_rng(0))
+    outside = np.min([distance_outside(points, part) for part in shapes.parts], axis=0)
     assert outside.max() <= LOSS_M
-    assert standing_out(points, shapes.outline).max() <= LOSS_M
+    assert distance_outside(points, shapes.outline).max() <= LOSS_M
     whole = Hull(triangles.reshape(-1, 3), np.zeros((0, 3), int))
     for hull in (shapes.outline, *shapes.parts):
         # Round and large: TIAGo's base, half a meter wide, needs 101 corners, any arm's link 96.
         assert len(hull.vertices) <= 101
         assert hull.triangles.max() < len(hull.vertices)
-        assert standing_out(hull.vertices, whole).max() < 1e-9
+        assert distance_outside(hull.vertices, whole).max() < 1e-9
 
 
 @pytest.mark.parametrize("seed", range(8))
 @pytest.mark.parametrize("kind", ["bent", "thick at its ends", "fork"])
-def test_a_link_that_is_no_convex_body_is_cut_where_it_is_thin(kind: str, seed: int) -> None:
-    """Of what its hull adds to it, most is gone."""
+def test_a_link_that_is_not_convex_is_cut_where_it_is_thin(kind: str, seed: int) -> None:
+    """The cuts remove most of the volume that its hull adds."""
     rng = np.random.default_rng(seed)
     a, b = rng.uniform(0.03, 0.05, 2)
     long = rng.uniform(0.25, 0.4)
@@ -130,7 +130,7 @@ def test_a_link_that_is_no_convex_body_is_cut_where_it_is_thin(kind: str, seed: 
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_convex_body_stays_whole(seed: int) -> None:
+def test_a_convex_body_is_not_cut(seed: int) -> None:
     rng = np.random.default_rng(seed)
     points = rng.normal(size=(40, 3)) * rng.uniform(0.02, 0.2, 3)
     triangles = points[ConvexHull(points).simplices]
@@ -138,14 +138,14 @@ def test_a_convex_body_stays_whole(seed: int) -> None:
     assert volume(part) == pytest.approx(volume(points))
 
 
-def test_what_the_panda_s_makers_made_convex_stays_whole() -> None:
+def test_the_panda_s_convex_meshes_are_not_cut() -> None:
     shipped = [(path, scale) for path, scale in MESHES if "panda_description" in path.parts]
     assert len(shipped) >= 9
     assert {len(meshes.mesh_shapes(*mesh).parts) for mesh in shipped} == {1}
 
 
-def test_the_triangles_of_a_hull_look_outwards() -> None:
-    """Renderers and MuJoCo's volumes take them so: the signed volume is the hull's."""
+def test_the_triangles_of_a_hull_face_outward() -> None:
+    """Renderers and MuJoCo's volumes require it: the signed volume is the hull's."""
     shapes = meshes.mesh_shapes(UR5_BASE, ONE)
     for hull in (shapes.outline, *shapes.parts):
         corners = hull.vertices[hull.triangles]
@@ -155,8 +155,8 @@ def test_the_triangles_of_a_hull_look_outwards() -> None:
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_cameras_see_one_hull_a_mesh_and_contacts_are_of_its_parts(robot: str) -> None:
-    """A ray asks for every shape that is there; nothing is touched that cameras do not see."""
+def test_cameras_use_one_hull_per_mesh_and_contacts_its_parts(robot: str) -> None:
+    """Every ray tests every visible shape, so these are few; contacts are with visible shapes."""
     world = world_with(robot)
     arm = world.arms["arm1"]
     model = world.model
@@ -180,7 +180,7 @@ def test_cameras_see_one_hull_a_mesh_and_contacts_are_of_its_parts(robot: str) -
     assert {int(model.geom_group[geom]) for geom in touching} <= {3, 4}
 
 
-def same(first: MeshShapes, second: MeshShapes) -> bool:
+def are_same(first: MeshShapes, second: MeshShapes) -> bool:
     pairs = zip((first.outline, *first.parts), (second.outline, *second.parts), strict=True)
     return all(
         np.array_equal(a.vertices, b.vertices) and np.array_equal(a.triangles, b.triangles)
@@ -188,29 +188,29 @@ def same(first: MeshShapes, second: MeshShapes) -> bool:
     )
 
 
-def test_they_are_computed_once_and_a_damaged_file_again(
+def test_shapes_are_computed_once_and_again_if_their_file_is_damaged(
     cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The user's cache directory keeps them, to the bit; half a file is none."""
+    """The user's cache directory stores them exactly; half a file does not count."""
     first = meshes.mesh_shapes(UR5_BASE, ONE)
     assert len(first.parts) > 1
-    (kept,) = (cache / "hulls").iterdir()
+    (cached,) = (cache / "hulls").iterdir()
 
     def computed(mesh: Path, scale: tuple[float, ...]) -> None:
         raise AssertionError(mesh)
 
     meshes.mesh_shapes.cache_clear()
-    with monkeypatch.context() as without:
-        without.setattr(meshes, "_computed_hulls", computed)
-        assert same(meshes.mesh_shapes(UR5_BASE, ONE), first)
-    kept.write_bytes(kept.read_bytes()[:100])
+    with monkeypatch.context() as patched:
+        patched.setattr(meshes, "_computed_hulls", computed)
+        assert are_same(meshes.mesh_shapes(UR5_BASE, ONE), first)
+    cached.write_bytes(cached.read_bytes()[:100])
     meshes.mesh_shapes.cache_clear()
-    assert same(meshes.mesh_shapes(UR5_BASE, ONE), first)
-    assert len(kept.read_bytes()) > 100
+    assert are_same(meshes.mesh_shapes(UR5_BASE, ONE), first)
+    assert len(cached.read_bytes()) > 100
 
 
-def test_they_need_no_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where the cache directory cannot be made, they are computed."""
+def test_shapes_need_no_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are computed where the cache directory cannot be created."""
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     meshes.mesh_shapes.cache_clear()

@@ -1,4 +1,4 @@
-"""Meshes: conversions that happen once and whole."""
+"""Mesh conversions: each happens once, and completely or not at all."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ DAE = """<?xml version="1.0"?>
 
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty cache of this test's own."""
+    """An empty cache for this test."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     return tmp_path / "cache" / "bt_dualarm"
 
@@ -49,15 +49,15 @@ def triangle(tmp_path: Path) -> Path:
     return path
 
 
-def test_the_cache_is_where_the_user_wants_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_cache_is_in_xdg_cache_home(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", "/elsewhere")
     assert cache_dir() == Path("/elsewhere/bt_dualarm")
     monkeypatch.delenv("XDG_CACHE_HOME")
     assert cache_dir() == Path.home() / ".cache" / "bt_dualarm"
 
 
-def test_who_has_no_home_has_no_cache(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As in a container with a user that has no account; it cannot be made, and may be asked."""
+def test_a_user_without_home_has_no_cache(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in a container whose user has no account; its path is known but cannot be created."""
 
     def homeless() -> Path:
         raise RuntimeError("Could not determine home directory.")
@@ -69,8 +69,10 @@ def test_who_has_no_home_has_no_cache(monkeypatch: pytest.MonkeyPatch) -> None:
         cache_dir().mkdir(parents=True)
 
 
-def test_what_cannot_be_kept_is_converted_for_the_process(tmp_path: Path, triangle: Path) -> None:
-    """Once."""
+def test_without_a_cache_a_mesh_is_converted_once_per_process(
+    tmp_path: Path, triangle: Path
+) -> None:
+    """The cache folder cannot be created here."""
     (tmp_path / "cache").write_text("no folder")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
@@ -81,7 +83,7 @@ def test_what_cannot_be_kept_is_converted_for_the_process(tmp_path: Path, triang
     assert not converted.is_relative_to(tmp_path)
 
 
-def test_binary_stl_is_taken_as_it_is(cache: Path) -> None:
+def test_binary_stl_is_used_as_it_is(cache: Path) -> None:
     path = robot_data_dir() / "ur_description/meshes/ur5/collision/base.stl"
     assert as_stl(path) == path
     assert not cache.exists()
@@ -118,7 +120,7 @@ def test_a_mesh_is_converted_once(
 def test_an_interrupted_conversion_leaves_nothing(
     cache: Path, triangle: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The program writes half a file and dies: neither its name nor its folder remains."""
+    """The program writes half a file and dies: neither the file nor its folder remains."""
 
     def dies(*arguments: str) -> None:
         Path(arguments[2]).write_bytes(b"half")
@@ -130,7 +132,9 @@ def test_an_interrupted_conversion_leaves_nothing(
     assert list((cache / "meshes").iterdir()) == []
 
 
-def test_what_assimp_cannot_read_is_refused_with_its_words(cache: Path, tmp_path: Path) -> None:
+def test_a_mesh_that_assimp_cannot_read_is_refused_with_its_message(
+    cache: Path, tmp_path: Path
+) -> None:
     path = tmp_path / "broken.dae"
     path.write_text("this is no mesh")
     with pytest.raises(CatalogError, match=r"broken\.dae cannot be read by assimp: .*malformed"):
@@ -152,8 +156,8 @@ def test_ascii_stl_is_converted(cache: Path, tmp_path: Path) -> None:
     assert as_stl(path).is_relative_to(cache)
 
 
-def test_visual_and_collision_meshes_lie_on_each_other(cache: Path) -> None:
-    """Both describe the same link: their bounding boxes agree within a few centimeters."""
+def test_visual_and_collision_meshes_coincide(cache: Path) -> None:
+    """Both describe the same link: their bounding boxes agree within a centimeter."""
     robot = load_robot("ur5")
     for link in ("shoulder_link", "upper_arm_link", "forearm_link", "wrist_3_link"):
         bounds = []

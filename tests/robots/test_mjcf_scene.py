@@ -1,4 +1,4 @@
-"""MJCF scenes: what MuJoCo would make of the file, as objects of a tree; and every refusal."""
+"""MJCF scenes: read as objects of a tree as MuJoCo would read them; and every refusal."""
 
 from __future__ import annotations
 
@@ -135,7 +135,9 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("old", "new", "message", "line"), REFUSED)
-def test_what_a_scene_cannot_have(cell: Path, old: str, new: str, message: str, line: int) -> None:
+def test_an_invalid_scene_is_refused(
+    cell: Path, old: str, new: str, message: str, line: int
+) -> None:
     scene = cell.parent / "scenes" / "cell.xml"
     scene.write_text(SCENE.replace(old, new, 1), encoding="utf-8")
     problems = [one for one in bt.check(cell) if message in one.message]
@@ -153,7 +155,7 @@ def test_what_a_scene_cannot_have(cell: Path, old: str, new: str, message: str, 
         ("scenes/big.xml", "is larger than"),
     ],
 )
-def test_files_are_read_as_safely_as_others(cell: Path, path: str, message: str) -> None:
+def test_unsafe_scene_files_are_refused(cell: Path, path: str, message: str) -> None:
     (cell.parent / "scenes" / "big.xml").write_text(SCENE + " " * 300_000, encoding="utf-8")
     cell.write_text(TREE.replace("scenes/cell.xml", path), encoding="utf-8")
     assert any(message in problem.message for problem in bt.check(cell)), bt.check(cell)
@@ -175,7 +177,7 @@ def test_mesh_is_an_object_of_its_own(cell: Path) -> None:
 
 
 def test_mutants_are_scenes_or_have_problems() -> None:
-    """Words of the file exchanged, doubled, cut and replaced: never another exception."""
+    """Words of the file are exchanged, doubled, cut and replaced: no exception is raised."""
     rng = np.random.default_rng(5)
     words = SCENE.split(" ")
     hostile = ('"nan"', '"1e999"', '""', '"-1"', "<", '"a/b"', '"' + "9" * 400 + '"', "&x;", "\x00")

@@ -1,4 +1,4 @@
-"""A robot of one's own, from its page to a run: what the check passes can be commanded."""
+"""A user's own robot: a description that passes the check can be run."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ arms:
 
 
 @pytest.mark.parametrize("page", PAGES)
-def test_a_page_that_the_check_passes_is_run(
+def test_a_description_that_passes_the_check_is_run(
     page: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Whatever its joints are: those of the Jaco turn without stops; it is shown by its title."""
+    """With any joints: those of the Jaco are continuous. The report shows the robot's title."""
     shutil.copytree(WORLD / "robots", tmp_path / "robots")
     (tmp_path / "reaching.yaml").write_text(TREE % page, encoding="utf-8")
     assert cli.check([str(tmp_path / "reaching.yaml")]) == 0

@@ -1,4 +1,4 @@
-"""What arms reserve is clear of what the others have reserved, so that they never meet."""
+"""Reservations: each is clear of those of the other arms, so that arms never collide."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.sim.worlds import arm, box, file_of
 
 PERIOD = 0.004
 NEAR = np.array((0.0, -0.6, 0.9, -1.9, -1.57, 0.0))
-"""Arms that face each other touch, or nearly, if both are there."""
+"""Joint positions in rad at which two arms that face each other touch, or nearly."""
 
 KEEP = {"arm1": CLEAR_M, "arm2": CLEAR_M}
 
@@ -39,19 +39,19 @@ def deviation_of(arm: str, reservations: Reservations) -> float:
     return reservation.deviation
 
 
-def way(start: Vector, end: Vector, world: World) -> Matrix:
+def path(start: Vector, end: Vector, world: World) -> Matrix:
     return point_to_point(start, end, world.robots["arm1"].limits, PERIOD).q
 
 
-def test_a_way_is_refused_that_leads_into_what_another_arm_has_reserved(
+def test_a_path_into_the_reservation_of_another_arm_is_refused(
     world: World, reservations: Reservations
 ) -> None:
-    """It is where the other one will be that counts, not where it is."""
+    """Where the other arm will be counts, not where it is."""
     first, second = (FailSafeCheck(world, name, PERIOD, reservations) for name in ("arm1", "arm2"))
     home = world.arms["arm1"].q
-    assert first.reserve_trajectory(way(home, NEAR, world), 0.0, KEEP).clear
+    assert first.reserve_trajectory(path(home, NEAR, world), 0.0, KEEP).clear
     before = reservations.of("arm1")
-    verdict = second.reserve_trajectory(way(home, NEAR, world), 0.0, KEEP)
+    verdict = second.reserve_trajectory(path(home, NEAR, world), 0.0, KEEP)
     assert verdict.gap.meters < CLEAR_M
     assert verdict.spare == pytest.approx(verdict.gap.meters - CLEAR_M)
     assert verdict.gap.second.startswith("arm1/")
@@ -60,8 +60,8 @@ def test_a_way_is_refused_that_leads_into_what_another_arm_has_reserved(
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_a_third_arm_says_nothing_of_how_near_two_others_may_come(seed: int) -> None:
-    """Where it may roam, and how near it stood when it began, are matters between it and each."""
+def test_a_third_arm_does_not_change_the_clearance_of_two_others(seed: int) -> None:
+    """Its reserved region and its initial distance matter only between it and each other arm."""
     rng = np.random.default_rng(seed)
     pair = {"arm1": arm("ur5"), "arm2": arm("ur5", (1.1, 0.0, 0.4), 180.0)}
     side = rng.choice((-1.0, 1.0)) * rng.uniform(1.4, 1.8)
@@ -78,18 +78,18 @@ def test_a_third_arm_says_nothing_of_how_near_two_others_may_come(seed: int) -> 
             keep = dict.fromkeys(checks["arm3"].others, CLEAR_M)
             assert checks["arm3"].reserve_region(sent, 0.0, keep, (0.1, 0.05, 0.02)) > 0.0
             assert deviation_of("arm3", reservations) > CLEAR_M
-        first = way(world.arms["arm1"].q, goal, world)
+        first = path(world.arms["arm1"].q, goal, world)
         checks["arm1"].reserve_regardless(first, 0.0)
-        rows = way(world.arms["arm2"].q, NEAR, world)
-        keep = {**KEEP, "arm3": 0.001}  # where it began it was that near, for all that is known
+        rows = path(world.arms["arm2"].q, NEAR, world)
+        keep = {**KEEP, "arm3": 0.001}  # as if it had been that near at the beginning
         verdicts.append(checks["arm2"].reserve_trajectory(rows, 0.0, keep))
     assert verdicts[1] == verdicts[0]
 
 
-def test_a_place_is_free_once_the_other_arm_will_have_left_it(
+def test_a_place_is_free_once_the_other_arm_has_left_it(
     world: World, reservations: Reservations
 ) -> None:
-    """Ways are compared at the same times: an arm that leaves makes room for one that comes."""
+    """Paths are compared at the same times: an arm that leaves makes room for one that comes."""
     first, second = (FailSafeCheck(world, name, PERIOD, reservations) for name in ("arm1", "arm2"))
     home = world.arms["arm2"].q
     limits = world.robots["arm1"].limits
@@ -97,12 +97,12 @@ def test_a_place_is_free_once_the_other_arm_will_have_left_it(
     leaving = point_to_point(NEAR, aside, limits.scaled(0.2), PERIOD)
     first.reserve_regardless(leaving.q, 0.0)
     coming = point_to_point(home, NEAR, limits, PERIOD, 2.0 * leaving.duration)
-    assert not second.reserve_trajectory(way(home, NEAR, world), 0.0, KEEP).clear
+    assert not second.reserve_trajectory(path(home, NEAR, world), 0.0, KEEP).clear
     assert second.reserve_trajectory(coming.q, 0.0, KEEP).clear
 
 
-def test_room_is_only_taken_where_there_is_some(world: World, reservations: Reservations) -> None:
-    """The faster it is the farther an arm gets before it can stop."""
+def test_a_region_is_reserved_only_if_it_is_free(world: World, reservations: Reservations) -> None:
+    """The faster an arm is, the farther it moves before it can stop."""
     own = FailSafeCheck(world, "arm2", PERIOD, reservations)
     still = np.zeros(6)
     here = world.arms["arm2"].q
@@ -114,22 +114,22 @@ def test_room_is_only_taken_where_there_is_some(world: World, reservations: Rese
     assert own.reserve_region(fast, 0.0, KEEP, waits) == 0.0
 
 
-def test_arms_whose_bases_are_too_far_apart_are_not_asked_for_room(
+def test_arms_out_of_each_others_reach_are_not_checked(
     reservations: Reservations,
 ) -> None:
-    """However fast it is, and for however long: it commits itself to no less than it can do."""
+    """At any speed and for any duration; the reservation still covers all that the arm can do."""
     world = World(file_of({"arm1": arm("ur5"), "arm2": arm("ur5", (2.8, 0.0, 0.4), 180.0)}))
     own, other = (FailSafeCheck(world, name, PERIOD, reservations) for name in ("arm1", "arm2"))
     fast = SetPoint(world.arms["arm1"].q, np.full(6, 2.0), np.zeros(6))
     assert own.reserve_region(fast, 0.0, KEEP, (10.0, 0.02)) == 10.0
     assert deviation_of("arm1", reservations) > 2.0
     here = world.arms["arm2"].q
-    assert other.reserve_trajectory(way(here, NEAR, world), 0.0, KEEP).spare == float("inf")
+    assert other.reserve_trajectory(path(here, NEAR, world), 0.0, KEEP).spare == float("inf")
     assert other.present(here, 0.0) == {}
 
 
-def test_no_posture_leads_farther_than_what_is_decided_once() -> None:
-    """What is worked out in one posture holds in all: balls, and how far points are from joints."""
+def test_precomputed_bounds_hold_in_every_posture() -> None:
+    """Balls, and distances of points from joints: computed in one posture, they hold in all."""
     rng = np.random.default_rng(0)
     world = World(file_of({"arm1": arm("ur5"), "arm2": arm("panda", (3.0, 0.0, 0.4), 180.0)}))
     hulls = {name: BoundingSpheres(world, name) for name in world.arms}
@@ -145,8 +145,8 @@ def test_no_posture_leads_farther_than_what_is_decided_once() -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_spheres_hold_the_arm_and_what_it_holds(seed: int) -> None:
-    """Their distance is never more than the true one; no motion leads farther than the bound."""
+def test_spheres_contain_the_arm_and_its_object(seed: int) -> None:
+    """Their distance is never more than the true one; no motion goes farther than the bound."""
     obj = box((0.487, 0.109, 0.79))
     world = World(
         file_of({"arm1": arm("ur5"), "arm2": arm("panda", (1.0, 0.0, 0.4), 180.0)}, {"cube": obj})
@@ -175,12 +175,12 @@ def test_spheres_hold_the_arm_and_what_it_holds(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", some(range(3), 2))
-def test_arms_that_are_sent_anywhere_never_meet(
+def test_arms_with_random_goals_never_collide(
     world: World, reservations: Reservations, seed: int
 ) -> None:
-    """Whatever is begun, stopped or streamed: both head for one place again and again.
+    """Whatever motion is begun, stopped or streamed; both head for one place again and again.
 
-    The gap kept is the guard's, a little less with each motion, less what the servos are off.
+    They keep the guard's distance, slightly less with each motion, minus the error of the servos.
     """
     rng = np.random.default_rng(seed)
     separation = ArmDistance(world, "arm1")
@@ -203,7 +203,7 @@ def test_arms_that_are_sent_anywhere_never_meet(
 
 
 def begin(controller: JointController, world: World, rng: np.random.Generator) -> None:
-    """A motion, or a stream of its set-points, to somewhere near the place that both head for."""
+    """Begin a motion, or a stream of its set-points, to near the place that both head for."""
     start = controller.setpoint
     goal = NEAR + rng.uniform(-0.5, 0.5, 6)
     limits = world.robots["arm1"].limits

@@ -1,4 +1,4 @@
-"""An arm slows down near another one, stops before it, and goes on when the way is free."""
+"""Guard: an arm slows down near another one, stops before it, and goes on when it can."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_arms_that_are_far_apart_are_not_disturbed(stage: Stage) -> None:
 
 
 @pytest.mark.parametrize("speed", [0.3, 1.0])
-def test_arms_that_reach_for_one_place_do_not_meet(stage: Stage, speed: float) -> None:
+def test_arms_that_reach_for_one_place_do_not_collide(stage: Stage, speed: float) -> None:
     """Both move at once, and neither plan knows of the other's motion."""
     skill = (
         f"reach_to_pose: {{to: {{xyz: [0.55, Y, 0.75]}}, speed: {speed}, patience: 2, "
@@ -71,14 +71,14 @@ def test_an_arm_waits_for_another_one_to_leave_its_goal(stage: Stage) -> None:
     assert leaf.ended_s > 4.0
 
 
-def test_an_arm_that_is_near_already_may_come_no_nearer() -> None:
+def test_clearance_is_reduced_for_arms_that_begin_near_each_other() -> None:
     assert clearance(float("inf"), CLEAR_M) == CLEAR_M
     assert clearance(0.02, CLEAR_M) == pytest.approx(0.02 - NEARER_M)
     assert clearance(0.005, CLEAR_M) == 0.005
 
 
-def test_separation_is_the_distance_of_the_arms() -> None:
-    """Two arms mirrored: what one sees of the other is what the other sees of it."""
+def test_separation_is_the_distance_between_the_arms() -> None:
+    """For two mirrored arms, it is the same from either arm."""
     world = World(file_of({"arm1": arm("ur5"), "arm2": arm("ur5", (1.1, 0.0, 0.4), 180.0)}))
     first, second = (ArmDistance(world, name) for name in ("arm1", "arm2"))
     near = {name: np.array((0.0, -0.6, 0.9, -1.9, -1.57, 0.0)) for name in ("arm1", "arm2")}
@@ -89,7 +89,7 @@ def test_separation_is_the_distance_of_the_arms() -> None:
     assert gap.second.startswith("arm2/")
 
 
-def test_two_arms_that_want_each_others_place_make_way(stage: Stage) -> None:
+def test_two_arms_that_swap_places_yield(stage: Stage) -> None:
     """Neither can go first, and both homes are between them."""
     reach = "{reach_to_pose: {to: {xyz: [0.55, Y, 0.75]}, give_way: true, patience: 20}}"
 

@@ -1,4 +1,4 @@
-"""A motion that runs is checked against the world as it becomes."""
+"""Plan monitor: a running motion is checked against the world as it changes."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from tests.control.walls import DT, LEFT, RIGHT, wall
 from tests.sim.worlds import arm, box, file_of
 
 FAR = (0.0, 1.5, 0.3)
-"""Out of reach."""
+"""Position out of reach, m."""
 
 
 AWAY = (0.0, -3.0, 0.4)
 
 
 class Scene:
-    """An arm that moves slowly from right to left, things that can come, and a clock."""
+    """An arm that moves slowly from right to left, objects that can appear, and a clock."""
 
     def __init__(
         self,
@@ -31,151 +31,151 @@ class Scene:
         *,
         standing: bool = False,
     ) -> None:
-        things = {
+        objects = {
             "wall": wall(spawned=standing),
             "cube": box(FAR, fixed=False),
             "far": box((0.0, 1.8, 0.3), fixed=True, spawned=False),
         }
         arms = {"arm1": arm("ur5"), "arm2": arm("ur5", other)}
-        self.world = World(file_of(arms, things))
+        self.world = World(file_of(arms, objects))
         body = self.world.arms["arm1"]
         body.data.qpos[body.qpos_ids] = RIGHT
         self.world.sense()
         limits = body.robot.limits.scaled(speed)
         self.motion = TrajectorySource(point_to_point(RIGHT, LEFT, limits, DT))
-        self.watch = PlanMonitor(self.world, "arm1", self.motion, frozenset())
+        self.monitor = PlanMonitor(self.world, "arm1", self.motion, frozenset())
         self.time = 0.0
 
-    def pass_by(self, seconds: float) -> None:
-        """Let the motion go on; the watch looks when it wants to."""
+    def advance(self, seconds: float) -> None:
+        """Advance the motion; the monitor checks when it is due."""
         for _ in range(round(seconds / DT)):
             self.motion.next(self.time)
             self.time += DT
-            self.watch.look(self.time)
+            self.monitor.look(self.time)
 
     def put(self, obj: str, place: tuple[float, float, float]) -> None:
-        """Somebody moves an object."""
+        """Move an object."""
         model = self.world.model
         start = int(model.jnt_qposadr[model.body_jntadr[self.world.object_body(obj)]])
         self.world.data.qpos[start : start + 3] = place
         self.world.sense()
 
 
-def test_what_stood_there_when_the_motion_was_planned_is_no_matter() -> None:
-    """The plan has dealt with it; that other things move elsewhere makes no difference."""
+def test_obstacles_at_planning_time_do_not_stop_the_motion() -> None:
+    """The plan took it into account; objects that move elsewhere make no difference."""
     scene = Scene(standing=True)
-    scene.pass_by(1.0)
+    scene.advance(1.0)
     scene.put("cube", (0.0, 1.4, 0.3))
-    scene.pass_by(1.0)
+    scene.advance(1.0)
     scene.world.remove_object("wall")
-    scene.pass_by(2 * MONITOR_PERIOD_S)
+    scene.advance(2 * MONITOR_PERIOD_S)
     scene.world.spawn_object("wall")
     with pytest.raises(Failure, match="wall now blocks the path"):
-        scene.pass_by(2 * MONITOR_PERIOD_S)
+        scene.advance(2 * MONITOR_PERIOD_S)
 
 
-def test_a_thin_wall_that_comes_into_the_way_is_seen_within_a_look() -> None:
+def test_a_thin_wall_that_appears_in_the_path_is_detected_within_a_period() -> None:
     scene = Scene()
-    scene.pass_by(0.5)
+    scene.advance(0.5)
     scene.world.spawn_object("wall")
     before = scene.time
     with pytest.raises(Failure, match="wall now blocks the path of arm1/") as caught:
-        scene.pass_by(5.0)
+        scene.advance(5.0)
     assert caught.value.code == "IN_COLLISION"
     assert caught.value.numbers["second"] == "wall"
     assert caught.value.numbers["progress"] == pytest.approx(scene.motion.progress)
     assert scene.time <= before + MONITOR_PERIOD_S
 
 
-def test_what_comes_into_the_far_end_of_the_way_is_seen_before_the_arm_is_there() -> None:
-    """It does not move again when the arm draws near; once is enough."""
+def test_an_object_at_the_far_end_of_the_path_is_detected_in_time() -> None:
+    """The object moves only once, long before the arm is near."""
     scene = Scene(speed=0.05)
-    goal = box_at_the_end(scene)
-    scene.pass_by(0.3)
+    goal = end_of_motion(scene)
+    scene.advance(0.3)
     scene.put("cube", goal)
-    scene.pass_by(1.0)  # the end is farther ahead than a look goes
-    left = scene.motion.trajectory.duration - scene.time
-    assert left > AHEAD_S + 1.0
+    scene.advance(1.0)  # the end is farther ahead than is checked
+    remaining = scene.motion.trajectory.duration - scene.time
+    assert remaining > AHEAD_S + 1.0
     with pytest.raises(Failure, match="cube now blocks the path"):
-        scene.pass_by(left)
+        scene.advance(remaining)
     assert scene.motion.trajectory.duration - scene.time > 0.5
 
 
-def test_what_comes_and_is_not_in_the_way_does_not_matter() -> None:
+def test_an_object_beside_the_path_does_not_matter() -> None:
     scene = Scene(speed=1.0)
-    scene.pass_by(0.3)
+    scene.advance(0.3)
     scene.world.spawn_object("far")
     scene.put("cube", (0.0, 1.4, 0.3))
-    scene.pass_by(scene.motion.trajectory.duration)
+    scene.advance(scene.motion.trajectory.duration)
     assert scene.motion.done
 
 
-def test_an_arm_that_is_held_up_looks_no_farther_and_goes_on() -> None:
-    """Between two looks it has come no farther: what has moved beside it is seen once."""
+def test_a_paused_arm_checks_no_farther_and_can_go_on() -> None:
+    """Between two checks it does not advance; an object that moved beside it is checked once."""
     scene = Scene()
-    scene.pass_by(0.3)
+    scene.advance(0.3)
     body = scene.world.arms["arm1"]
     x, y, z = Kinematics(body.robot, body.base).forward(RIGHT).position.tolist()
     scene.put("cube", (x, y - 0.2, z))  # behind it, within reach
     for _ in range(4):  # the guard sends no new set-points meanwhile
         scene.time += MONITOR_PERIOD_S
-        scene.watch.look(scene.time)
+        scene.monitor.look(scene.time)
     assert not scene.motion.done
     scene.world.spawn_object("wall")
     with pytest.raises(Failure, match="wall now blocks the path"):
-        scene.pass_by(2 * MONITOR_PERIOD_S)
+        scene.advance(2 * MONITOR_PERIOD_S)
 
 
 @pytest.mark.parametrize("speed", [0.01, 0.02])
-def test_an_arm_that_creeps_sees_what_stands_at_the_end_of_its_way(speed: float) -> None:
-    """From look to look it goes on by less than two of the configurations that are checked."""
+def test_a_creeping_arm_detects_an_object_at_the_end_of_its_path(speed: float) -> None:
+    """Between two checks it advances by less than two of the configurations that are checked."""
     scene = Scene(speed)
     scene.motion = TrajectorySource(
         point_to_point(RIGHT, 0.8 * RIGHT, scene.world.robots["arm1"].limits.scaled(speed), DT)
     )
-    scene.watch = PlanMonitor(scene.world, "arm1", scene.motion, frozenset())
+    scene.monitor = PlanMonitor(scene.world, "arm1", scene.motion, frozenset())
     body = scene.world.arms["arm1"]
     goal = Kinematics(body.robot, body.base).forward(0.8 * RIGHT).position
-    scene.pass_by(0.3)
+    scene.advance(0.3)
     scene.put("cube", (float(goal[0]), float(goal[1]), float(goal[2])))
     with pytest.raises(Failure, match="cube now blocks the path"):
-        scene.pass_by(scene.motion.trajectory.duration)
+        scene.advance(scene.motion.trajectory.duration)
 
 
-def test_what_a_moving_arm_holds_moves_with_it() -> None:
-    """It is no obstacle yet: it becomes one with the arm that holds it."""
+def test_an_object_held_by_a_moving_arm_is_no_obstacle_yet() -> None:
+    """It becomes an obstacle only when the arm that holds it stops."""
     scene = Scene(other=(0.8, 0.9, 0.4))
     scene.world.attach("arm2", "cube")
-    scene.watch = PlanMonitor(scene.world, "arm1", scene.motion, frozenset())
+    scene.monitor = PlanMonitor(scene.world, "arm1", scene.motion, frozenset())
     other = scene.world.arms["arm2"]
     body = scene.world.arms["arm1"]
     x, y, z = Kinematics(body.robot, body.base).forward(0.6 * RIGHT + 0.4 * LEFT).position.tolist()
     other.data.qvel[other.dof_ids[0]] = 1.0
     scene.put("cube", (x, y, z))
-    scene.pass_by(0.5)
+    scene.advance(0.5)
     other.data.qvel[other.dof_ids[0]] = 0.0
     scene.world.sense()
     with pytest.raises(Failure, match="cube now blocks the path"):
-        scene.pass_by(0.5)
+        scene.advance(0.5)
 
 
 def test_an_arm_that_passes_by_does_not_matter_but_one_that_stays_does() -> None:
-    """The guard minds arms that move; one that has stopped in the way is an obstacle."""
+    """The guard handles moving arms; one that has stopped in the path is an obstacle."""
     scene = Scene(other=(0.8, 0.0, 0.4))
     other = scene.world.arms["arm2"]
-    scene.pass_by(0.3)
+    scene.advance(0.3)
     other.data.qpos[other.qpos_ids[0]] += np.pi  # toward the first arm
     other.data.qvel[other.dof_ids[0]] = 1.0
     scene.world.sense()
-    scene.pass_by(0.5)
+    scene.advance(0.5)
     other.data.qvel[other.dof_ids[0]] = 0.0
     scene.world.sense()
     with pytest.raises(Failure, match="arm2/"):
-        scene.pass_by(0.5)
+        scene.advance(0.5)
 
 
-def box_at_the_end(scene: Scene) -> tuple[float, float, float]:
-    """Where the tool is at the end of the motion."""
+def end_of_motion(scene: Scene) -> tuple[float, float, float]:
+    """Position of the tool at the end of the motion, m."""
     body = scene.world.arms["arm1"]
     place = Kinematics(body.robot, body.base).forward(LEFT).position
     return float(place[0]), float(place[1]), float(place[2])

@@ -1,4 +1,4 @@
-"""What an arm has reserved is known to the others as long as its controller stands behind it."""
+"""Reservations of an arm: others know them as long as the controller that made them exists."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ def test_rows_are_those_of_their_time_and_the_last_one_stays() -> None:
     assert [one.left(1.0 + late * PERIOD) for late in (0, 3, 4, 99)] == [5, 2, 1, 1]
 
 
-def test_a_controller_does_not_stand_behind_what_an_earlier_one_has_reserved() -> None:
-    """An arm that was removed and comes again is not where it was."""
+def test_a_new_controller_discards_the_reservation_of_an_earlier_one() -> None:
+    """An arm that was removed and is spawned again is not where it was."""
     reservations = Reservations()
     reservations.publish("arm1", reserved(3))
     JointController(world_with("ur5"), "arm1", PERIOD, reservations)

@@ -1,4 +1,4 @@
-"""A trajectory is slowed where something asks for it, and goes on as planned when nothing does."""
+"""Trajectory guard: a motion is slowed on request, and goes on as planned afterward."""
 
 from __future__ import annotations
 
@@ -17,14 +17,12 @@ SLOW_S = 0.7
 """Long enough for the slower speed to be reached and kept for a while."""
 
 AGAIN_S = 0.5
-"""Seconds in which the planned speed is back: a change takes 0.1 to 0.4 s."""
+"""Seconds within which the planned speed is reached again: a change takes 0.1 to 0.4 s."""
 
 
 @pytest.mark.parametrize(("begin", "robot"), some(product((0.2, 0.4), (*WIDE, *PAGES)), 6))
-def test_a_motion_is_as_fast_as_planned_soon_after_nothing_slows_it(
-    robot: str, begin: float
-) -> None:
-    """However long it was slow, wherever on its path it is."""
+def test_a_motion_soon_regains_its_planned_speed(robot: str, begin: float) -> None:
+    """However long it was slowed, and wherever it is on its path."""
     world = world_with(robot)
     whole = drawn(world.robots["arm1"], 0.6)
     motion = TrajectorySource(whole)
@@ -36,7 +34,7 @@ def test_a_motion_is_as_fast_as_planned_soon_after_nothing_slows_it(
     began = begin * whole.duration
 
     def go(seconds: float, scale: float, sent: SetPoint) -> SetPoint:
-        """Go on, asked for a time scale; the guard looks when it wants to."""
+        """Advance with a requested time scale; the guard checks when it is due."""
         due = 0.0
         for step in range(round(seconds / whole.dt)):
             if step * whole.dt >= due:
