@@ -263,8 +263,8 @@ def _summary(name: str) -> RobotSummary:
     from bt_dualarm.robots.robot_description import load_robot
 
     if is_description_path(name):
-        page = Path(name)
-        return robot_summary(load_robot(page.name, page.parent))
+        path = Path(name)
+        return robot_summary(load_robot(path.name, path.parent))
     return robot_summary(load_robot(name))
 
 
@@ -346,10 +346,10 @@ def is_gripper_page(name: str) -> bool:
     import yaml
 
     try:
-        page = yaml.safe_load(Path(name).read_text(encoding="utf-8"))
+        content = yaml.safe_load(Path(name).read_text(encoding="utf-8"))
     except (OSError, ValueError, yaml.YAMLError):
         return False
-    return isinstance(page, dict) and "palm" in page
+    return isinstance(content, dict) and "palm" in content
 
 
 def _load(name: str) -> Gripper:
@@ -357,8 +357,8 @@ def _load(name: str) -> Gripper:
     from bt_dualarm.robots.robot import is_description_path
 
     if is_description_path(name):
-        page = Path(name)
-        return load_gripper(page.name, page.parent)
+        path = Path(name)
+        return load_gripper(path.name, path.parent)
     return load_gripper(name)
 
 
