@@ -50,14 +50,14 @@ class PayloadCheck:
         name: Name of the arm.
 
     Attributes:
-        grip_pace: Time scale, up to 1, to which the grip limited the last motion.
+        grip_speed_scale: Time scale, up to 1, to which the grip limited the last motion.
     """
 
     def __init__(self, world: World, name: str) -> None:
         self._world = world
         self._name = name
         self._loads: tuple[NominalLoad, ...] | None = None
-        self.grip_pace = 1.0
+        self.grip_speed_scale = 1.0
 
     def within_efforts(self, motion: Trajectory) -> Trajectory:
         """Slow a motion to what the joints' efforts, the grip and passengers allow, if necessary.
@@ -70,9 +70,9 @@ class PayloadCheck:
             self._loads = nominal.loads
             self._dynamics = ArmDynamics(nominal, self._loads)
         feasible = within_efforts(motion, nominal.robot, self._dynamics)
-        self.grip_pace = grip_speed_scale(feasible, self._world, self._name)
-        if self.grip_pace < 1.0:
-            feasible = at_scale(feasible, self.grip_pace)
+        self.grip_speed_scale = grip_speed_scale(feasible, self._world, self._name)
+        if self.grip_speed_scale < 1.0:
+            feasible = at_scale(feasible, self.grip_speed_scale)
         return slowed_for_passengers(feasible, self._world, self._name)
 
     def refuse(self, name: str, q: Vector, tool_link: Pose, seen: Pose | None = None) -> None:

@@ -254,10 +254,10 @@ def refuse_goal(
         out = tool @ Pose.from_rpy((0.0, 0.0, -_DESCENT_M))
         try:
             for down, back in islice(arm.lines(above, tool, out), _BRANCHES):
-                hit = closed.first_contact(down)
+                contact = closed.first_contact(down)
                 try:
-                    if hit is not None:
-                        raise hit[1].failure()
+                    if contact is not None:
+                        raise contact[1].failure()
                     arm.refuse_collision_along(back, held)
                 except Failure as failure:
                     first = first or failure.with_traceback(None)  # would keep this frame alive

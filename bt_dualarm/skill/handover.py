@@ -331,8 +331,8 @@ class HandoverSearch:
             self._note(f"{failure.code} of {arm.name}")
             return None, False
         there.move_other(body, giver_q)
-        hit = there.first_contact(rows)
-        near = there.close_boxes(rows[-1]) if hit is None else hit[1]
+        found = there.first_contact(rows)
+        near = there.close_boxes(rows[-1]) if found is None else found[1]
         if near is not None:
             self._note(f"{near.first} at {near.second}")
             return None, False
