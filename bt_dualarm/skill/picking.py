@@ -254,7 +254,7 @@ class Taking:
         return self._arm.world.nominal[self._arm.name].estimates_payload
 
     @property
-    def _brisk(self) -> float:
+    def _free_scale(self) -> float:
         """Fraction of the arm's limits on straight parts on which nothing is touched."""
         ports = self._ports
         return ports.approach_speed if self._is_uncertain else _BRISK * ports.speed
@@ -266,15 +266,15 @@ class Taking:
         """
         arm = self._arm
         ports = self._ports
-        brisk = self._brisk
+        free_scale = self._free_scale
         opening = self._opening_of(approach)
         rows = approach.rows
         count = round((len(rows) - 1) * max(1.0 - self._near_m(approach) / approach.standoff, 0.0))
         if count > 0:
-            far = arm.time_path(rows[: count + 1], brisk)
+            far = arm.time_path(rows[: count + 1], free_scale)
             begin = arm.overlapped(begin, far, ports.speed, 0.5 * far.duration, opening=opening)
-        slow = min(ports.approach_speed, brisk)
-        near, _ = arm.slow_path(rows[count:], slow, _NEAR_M_S, brisk)
+        slow = min(ports.approach_speed, free_scale)
+        near, _ = arm.slow_path(rows[count:], slow, _NEAR_M_S, free_scale)
         touched = frozenset[str]()
         # The hand may touch the object where both motions are on the straight part. It must not cut
         # the corner at the standoff through the object, and never if that does not yield.
@@ -429,7 +429,7 @@ class Taking:
         start = self._arm.commanded_tool_pose
         height = float(arm.world.object_pose(name).position[2])
         up = start.raised(self._ports.lift)
-        move = arm.past_others(self._brisk)
+        move = arm.past_others(self._free_scale)
         since = arm.time  # since when the gripper holds
         errors: list[float | None] = []
         for progress in move.straight(up, known_free=True) if self._ports.lift > 0.0 else ():
