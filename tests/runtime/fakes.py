@@ -1,4 +1,4 @@
-"""Stand-ins for world, tree, controller and camera that write down in which order they act."""
+"""Fakes of world, tree, controller and camera that log the order in which they act."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from bt_dualarm.skill.cell import ActiveNode
 from bt_dualarm.spec.node_types import NodeSpec
 from bt_dualarm.trajectory.set_points import SetPoint
 
-Diary = list[str]
-"""What happened, in order: ``"2 tick arm1"`` is a tick in the third physics step."""
+ActionLog = list[str]
+"""Actions in order: ``"2 tick arm1"`` is a tick in the third physics step."""
 
 
 class FakeWorld:
-    """Counts steps of 10 ms; diverges at a step if told so."""
+    """Counts steps of 10 ms; diverges at step ``diverges_at``, if it is set."""
 
-    def __init__(self, diary: Diary, arms: tuple[str, ...] = ("arm1",)) -> None:
-        self.diary = diary
+    def __init__(self, log: ActionLog, arms: tuple[str, ...] = ("arm1",)) -> None:
+        self.log = log
         self.timestep = 0.01
         self.steps = 0
         self.arms: dict[str, Any] = dict.fromkeys(arms)
@@ -39,7 +39,7 @@ class FakeWorld:
         return self.steps * self.timestep
 
     def write(self, what: str) -> None:
-        self.diary.append(f"{self.steps} {what}")
+        self.log.append(f"{self.steps} {what}")
 
     def look_for_passengers(self) -> None:
         """Nothing is held here."""
@@ -57,7 +57,7 @@ class FakeWorld:
 
 
 class FakeController:
-    """Moves until it is told to stop, and then for some updates more."""
+    """Moves until it is stopped, and for some updates after that."""
 
     def __init__(self, name: str, world: FakeWorld, updates_to_stop: int = 3) -> None:
         self.name = name
@@ -95,7 +95,7 @@ class FakeTree:
     """One leaf that runs a generator: a yield is a tick, its end is SUCCESS, an error escapes."""
 
     def __init__(
-        self, name: str, world: FakeWorld, watch: StatusFeed, script: Iterator[object]
+        self, name: str, world: FakeWorld, feed: StatusFeed, script: Iterator[object]
     ) -> None:
         self.name = name
         self.status: StatusName = "INVALID"
@@ -103,7 +103,7 @@ class FakeTree:
         self._leaf: LeafReport | None = None
         self.halts = 0
         self._world = world
-        self._watch = watch
+        self._feed = feed
         self._script = script
 
     def tick(self) -> None:
@@ -115,10 +115,10 @@ class FakeTree:
         self._become("FAILURE" if verdict == "FAILURE" else "RUNNING" if not verdict else "SUCCESS")
 
     def change(self, spec: NodeSpec) -> None:
-        """Stays as it is."""
+        """Do nothing."""
 
     def active(self) -> Iterator[ActiveNode]:
-        """It waits for nobody."""
+        """The leaf, which waits for no other arm."""
         yield ActiveNode("work", may_be_halted=False)
 
     def halt(self) -> None:
@@ -135,7 +135,7 @@ class FakeTree:
         change = StatusChange(
             self._world.time, self.name, "work", "work", self.status, status, code
         )
-        self._watch.add(change)
+        self._feed.add(change)
         self.status = status
         if self._leaf is not None:
             self._leaf.status = status
@@ -143,8 +143,8 @@ class FakeTree:
                 self._leaf.ended_s = self._world.time
 
 
-class FakeEye:
-    """A picture every 20 ms, delivered 10 ms later."""
+class FakeCamera:
+    """An image every 20 ms, delivered 10 ms later."""
 
     def __init__(self, name: str, world: FakeWorld) -> None:
         self.name = name
@@ -169,19 +169,19 @@ class FakeEye:
             self.on_frame()
 
 
-class Witness:
-    """An observer that remembers."""
+class StatusRecorder:
+    """An observer that records status changes."""
 
     def __init__(self) -> None:
         self.changes: list[str] = []
         self.steps = 0
-        self.looks = 0
+        self.ticks = 0
 
     def on_event(self, change: StatusChange) -> None:
         self.changes.append(f"{change.time:.2f} {change.arm} {change.old}>{change.new}")
 
     def after_ticks(self, run: RunView) -> None:
-        self.looks += 1
+        self.ticks += 1
 
     def after_step(self, time: float) -> None:
         self.steps += 1
@@ -191,54 +191,54 @@ class Stage:
     """A world with fakes for two arms, and a runner over them.
 
     Args:
-        scripts: By arm; see `FakeTree`.
+        scripts: Scripts by arm; see `FakeTree`.
         present: Arms in the world from the start; by default all.
     """
 
     def __init__(
         self, scripts: dict[str, Iterator[object]], present: tuple[str, ...] | None = None
     ) -> None:
-        self.diary: Diary = []
-        self.world: Any = FakeWorld(self.diary, tuple(scripts) if present is None else present)
+        self.log: ActionLog = []
+        self.world: Any = FakeWorld(self.log, tuple(scripts) if present is None else present)
         self.stop = StopRequest()
-        self.witness = Witness()
-        self.observers: list[Observer] = [self.witness]
-        self.watch = StatusFeed()
+        self.recorder = StatusRecorder()
+        self.observers: list[Observer] = [self.recorder]
+        self.feed = StatusFeed()
         self.trees: dict[str, Any] = {}
         self.controllers: dict[str, Any] = {}
-        self.eyes: dict[str, FakeEye] = {}
+        self.cameras: dict[str, FakeCamera] = {}
         self.scripts = scripts
         self.limit = Limit(10.0)
         self.leniency: dict[str, Leniency] = {}
 
     def equip(self, name: str) -> ArmParts:
         world = self.world
-        self.trees[name] = FakeTree(name, world, self.watch, self.scripts[name])
+        self.trees[name] = FakeTree(name, world, self.feed, self.scripts[name])
         controller = self.controllers.setdefault(name, FakeController(name, world))
         return ArmParts(
             robot="fake",
             tree=self.trees[name],
             controller=controller,
-            camera=self.eyes.get(name),
+            camera=self.cameras.get(name),
             tick_period=Fraction(2, 100),
             control_period=Fraction(1, 100),
             monitor=lambda: None,
         )
 
     def run(self) -> RunResult:
-        self.watch.watch(*self.observers)
+        self.feed.watch(*self.observers)
         declared = dict.fromkeys(self.scripts, "fake")
         arms = Arms(declared, self.equip, self.world, self.leniency)
         clock = iter(range(0, 1000, 2))
         conditions = Conditions(self.limit, lambda: next(clock), self.stop)
-        runner = Runner(self.world, arms, self.watch, conditions)
+        runner = Runner(self.world, arms, self.feed, conditions)
         runner.advance()
         assert runner.result is not None
         return runner.result
 
 
 def ticks(count: int, verdict: str = "SUCCESS") -> Iterator[object]:
-    """RUNNING for so many ticks, then the verdict."""
+    """RUNNING for ``count`` ticks, then the verdict."""
     for _ in range(count):
         yield None
     yield verdict

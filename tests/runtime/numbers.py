@@ -1,4 +1,4 @@
-"""Every number that a tree file can hold: trees that give each, and the bounds declared for it."""
+"""Numbers that a tree file can contain: trees with each of them, and their declared bounds."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ CELL: Tree = {
     "zones": {"bin": {"size": [0.1, 0.1, 0.1], "pose": {"xyz": [0.5, 0, 0.2], "rpy": [0, 0, 5]}}},
     "rendezvous": {"there": ["arm1", "arm2"]},
 }
-"""What a second arm shares with the words that need one."""
+"""The cell that a second arm shares, for node types that need one."""
 
 SHARING = ("await", "meet", "claim", "in_step", "arm_near")
-"""Words of files with that cell."""
+"""Node types whose files have that cell."""
 
 PARTNERS: Mapping[str, Tree] = {
     "meet": {"meet": "there"},
     "in_step": {"in_step": {"with": "arm1", "child": "succeed"}},
 }
-"""Trees of the second arm, where it has a part in the word."""
+"""Trees of the second arm, where it takes part in the node."""
 
 _TIMED: Tree = {"begin": 0.1, "until": 5.0, "probability": 0.5}
 _ELBOW: Tree = {"arm": "arm1", "joint": "panda_joint4"}
@@ -276,7 +276,7 @@ FILE: Tree = {
 }
 """A file that gives every number of the world, of objects, arms and cameras."""
 
-WORDS: tuple[Tree, ...] = (
+NODES: tuple[Tree, ...] = (
     {"parallel": {"policy": 1, "children": ["succeed", {"wait": 1.0}]}},
     {"switch": {"value": 1, "cases": {"1": "succeed"}, "default": "succeed"}},
     {"retry": {"times": 3, "delay": 0.05, "child": "fail"}},
@@ -296,14 +296,14 @@ WORDS: tuple[Tree, ...] = (
     {"touching": {"by": "joints", "fingers": 2.0, "joints": 30.0}},
     {"elapsed": {"seconds": 1.0}},
 )
-ON_JOINTS: tuple[Tree, ...] = (
+JOINT_CONDITIONS: tuple[Tree, ...] = (
     {"joint_at": {"object": "cabinet", "joint": "slide", "above": 0.1}},
     {"joint_at": {"object": "cabinet", "joint": "slide", "below": 0.1}},
     {"joint_at": {"object": "cabinet", "joint": "slide", "between": [-1.0, 1.0]}},
 )
-"""Words about a joint of an object."""
+"""Conditions on a joint of an object."""
 _POSE = {"xyz": [0.35, 0.1, 0.55]}
-LOOKED_FOR: tuple[Tree, ...] = (
+TARGETS: tuple[Tree, ...] = (
     {"marker": {"id": 3, "size": 0.03}},
     {
         "marker": {"id": 3, "size": 0.03},
@@ -315,7 +315,7 @@ LOOKED_FOR: tuple[Tree, ...] = (
         "color": {"ranges": [{"hue": [42.0, 70.0], "saturation": [0.4, 1.0], "value": [0.2, 1.0]}]},
     },
 )
-"""What skills may look for."""
+"""Targets that skills may look for."""
 
 FORMS: Mapping[str, tuple[Tree, ...]] = {
     "circle": ({"plane": {"normal": [0.0, 0.0, 1.0]}},),
@@ -414,8 +414,8 @@ FORMS: Mapping[str, tuple[Tree, ...]] = {
         {"arm": "arm2", "offset": {**_POSE, "look_at": [0.35, 0.1, 0]}},
     ),
     "look_at": ({"at": {"xyz": [0.68, 0.11, 0.70]}, "direction": [-1, 0, 0]},),
-    **dict.fromkeys(("scan", "locate", "wait_for"), LOOKED_FOR),
-    "count": tuple(form | {"height": 0.4} for form in LOOKED_FOR),
+    **dict.fromkeys(("scan", "locate", "wait_for"), TARGETS),
+    "count": tuple(form | {"height": 0.4} for form in TARGETS),
     "track": (
         {
             "color": {
@@ -429,8 +429,8 @@ FORMS: Mapping[str, tuple[Tree, ...]] = {
         },
     ),
 }
-"""Ports of skills beside those of their examples and those with a default, such that in all forms
-together every port is given that can hold a number."""
+"""Ports of skills, in addition to their examples and defaults, such that all forms together give
+every port that can hold a number."""
 
 
 @dataclass(frozen=True)
@@ -442,7 +442,7 @@ class Number:
         path: Path of the number in it.
         node: Path of the node of which it is a port; empty where it is a field of the file.
         model: Model of the node's ports, or of the file.
-        skill: Skill in whose scenario the node stands; empty where nothing comes before it.
+        skill: Skill whose scenario contains the node; empty if no node runs before it.
     """
 
     file: Tree
@@ -468,11 +468,11 @@ class Number:
     def owner(self) -> tuple[type[BaseModel], str]:
         """The innermost model with the name of its field."""
         path = self.path[len(self.node) :]
-        if path[0] == "faults":  # a union, of which ``kind`` tells the member
+        if path[0] == "faults":  # a union, whose member is given by ``kind``
             return fault_class(at(self.file, self.path[:2])), str(path[2])
-        for end in reversed(range(len(path))):
-            given = at(self.file, (*self.node, *path[:end]))
-            models = list(models_in(type_at(self.model, path[:end])))
+        for bound in reversed(range(len(path))):
+            given = at(self.file, (*self.node, *path[:bound]))
+            models = list(models_in(type_at(self.model, path[:bound])))
             # Of a union, the member that has all of the fields.
             models.sort(
                 key=lambda model: (
@@ -482,8 +482,8 @@ class Number:
                 )
             )
             for model in models:
-                if path[end] in model.model_fields:
-                    return model, str(path[end])
+                if path[bound] in model.model_fields:
+                    return model, str(path[bound])
         raise LookupError(str(self))
 
     @property
@@ -497,8 +497,8 @@ class Number:
         changed: Tree = with_value(self.file, self.path, value)
         return changed
 
-    def is_taken(self, value: float) -> bool:
-        """Whether the model takes a value."""
+    def is_accepted(self, value: float) -> bool:
+        """Whether the model accepts a value."""
         data = self.set_to(value)
         try:
             if issubclass(self.model, PortModel):
@@ -514,57 +514,59 @@ class Number:
         return True
 
     @cached_property
-    def ends(self) -> tuple[float, float]:
-        """Smallest and largest number that the model takes, to the last bit."""
-        return self.end(-1), self.end(1)
+    def bounds(self) -> tuple[float, float]:
+        """Smallest and largest number that the model accepts, exactly."""
+        return self.bound(-1), self.bound(1)
 
     @cached_property
-    def is_whole(self) -> bool:
-        """Whether only whole numbers may stand there."""
-        return not self.is_taken(self.value + 1e-6) and not self.is_taken(self.value - 1e-6)
+    def is_integer(self) -> bool:
+        """Whether only integers are accepted."""
+        return not self.is_accepted(self.value + 1e-6) and not self.is_accepted(self.value - 1e-6)
 
-    def end(self, sign: int) -> float:
-        """The last number that is taken on the way to the largest, or the smallest, there is.
+    def bound(self, sign: int) -> float:
+        """The last number that is accepted toward the largest, or the smallest, possible one.
 
         Args:
             sign: 1 for the largest, -1 for the smallest.
         """
-        if self.is_whole:
-            return float(_last(self.is_taken, int(self.value), sign * LARGEST_INTEGER))
-        taken = order(self.value)
+        if self.is_integer:
+            return float(_last(self.is_accepted, int(self.value), sign * LARGEST_INTEGER))
+        accepted = order(self.value)
         refused = order(sign * sys.float_info.max)
-        return number(_last(lambda place: self.is_taken(number(place)), taken, refused, rounded))
+        return number(
+            _last(lambda place: self.is_accepted(number(place)), accepted, refused, rounded)
+        )
 
 
 def _last(
-    is_taken: Callable[[int], bool],
-    taken: int,
+    is_accepted: Callable[[int], bool],
+    accepted: int,
     refused: int,
     guess: Callable[[int], int] | None = None,
 ) -> int:
-    """The last whole number that is taken on the way to one that may be refused.
+    """The last integer that is accepted toward one that may be refused.
 
     Args:
-        is_taken: Whether a number is taken.
-        taken: One that is.
-        refused: The last one that may be.
-        guess: Where the end is likely to be, by a number near it; it may be at zero, too.
+        is_taken: Whether a number is accepted.
+        taken: An accepted number.
+        refused: The last number that may be accepted.
+        guess: Returns the likely bound, given a number near it; zero is likely, too.
     """
-    if is_taken(refused):
+    if is_accepted(refused):
         return refused
-    step = 1 if refused > taken else -1
-    looked_at = [] if guess is None else [-step, 0, step]
-    while abs(refused - taken) > 1:
-        middle = (taken + refused) // 2
-        if guess is not None and abs(refused - taken) < NEAR:
-            end = guess(middle)
-            looked_at = [end - step, end, end + step]
+    step = 1 if refused > accepted else -1
+    candidates = [] if guess is None else [-step, 0, step]
+    while abs(refused - accepted) > 1:
+        middle = (accepted + refused) // 2
+        if guess is not None and abs(refused - accepted) < NEAR:
+            bound = guess(middle)
+            candidates = [bound - step, bound, bound + step]
             guess = None
-        for place in (*looked_at, middle):
-            if (place - taken) * step > 0 and (refused - place) * step > 0:
-                taken, refused = (place, refused) if is_taken(place) else (taken, place)
-        looked_at = []
-    return taken
+        for place in (*candidates, middle):
+            if (place - accepted) * step > 0 and (refused - place) * step > 0:
+                accepted, refused = (place, refused) if is_accepted(place) else (accepted, place)
+        candidates = []
+    return accepted
 
 
 NEAR = 2**38
@@ -604,23 +606,23 @@ def number(place: int) -> float:
 
 
 def numbers(registry: Registry) -> Iterator[Number]:
-    """Every number of the file, of the words and of the shipped skills."""
+    """Every number of the file, of the node types and of the shipped skills."""
     for path in _paths(FILE):
         if path != ("bt_dualarm",) and "tree" not in path:
             yield Number(FILE, path, (), TreeContent)
-    for node in WORDS:
-        (word,) = node
-        yield from _of_node(Scenario(), node, LANGUAGE[word].ports, "")
-    for node in ON_JOINTS:
+    for node in NODES:
+        (node_type,) = node
+        yield from _of_node(Scenario(), node, LANGUAGE[node_type].ports, "")
+    for node in JOINT_CONDITIONS:
         yield from _of_node(Scenario(CABINET), node, LANGUAGE["joint_at"].ports, "")
     seeing = SCENARIOS["count"]
     seen: tuple[Tree, ...] = (
-        *({"sees": {**form, "least": 1}} for form in LOOKED_FOR),
+        *({"sees": {**form, "least": 1}} for form in TARGETS),
         {"object_at": {"object": "cube", "at": [0.4, 0.1, 0.4], "within": 0.02}},
     )
     for node in seen:
-        (word,) = node
-        yield from _of_node(seeing, node, LANGUAGE[word].ports, "")
+        (node_type,) = node
+        yield from _of_node(seeing, node, LANGUAGE[node_type].ports, "")
     for name, skill in registry.skills.items():
         example = node_of(skill.example)[name]
         fields = skill.Ports.model_fields.items()
@@ -636,9 +638,9 @@ def numbers(registry: Registry) -> Iterator[Number]:
 
 @cache
 def begin(skill: str) -> float:
-    """Simulated seconds that what comes before a skill takes in its scenario."""
+    """Simulated seconds that the nodes before a skill take in its scenario."""
     one = candidate(skill)
-    # The skill is in the tree, because a partner's may need it, but is never ticked.
+    # The skill is in the tree, because a partner's tree may need it, but is never ticked.
     untouched: Tree = {"selector": [{"succeed": {}}, one.node]}
     ended = one.perform(untouched).result.runs[-1].ended_s
     assert ended is not None
@@ -675,7 +677,7 @@ def _plain(value: object) -> Data:
 def fields_of(model: type[BaseModel]) -> Iterator[tuple[type[BaseModel], str]]:
     """Every field that can hold a number, of a model and of those within it."""
     if model.__name__.startswith("_"):
-        return  # it only stands for what is refused
+        return  # it only marks what is refused
     for name, field in model.model_fields.items():
         for inner in _numbers_in(field.annotation):
             if inner is None:
@@ -685,7 +687,7 @@ def fields_of(model: type[BaseModel]) -> Iterator[tuple[type[BaseModel], str]]:
 
 
 def _numbers_in(annotation: object) -> Iterator[type[BaseModel] | None]:
-    """None for a number that may stand there, a model for one that may."""
+    """Yield None for a number that is allowed, and each model that is allowed."""
     if annotation in (int, float):
         yield None
     elif isinstance(annotation, type) and issubclass(annotation, BaseModel):

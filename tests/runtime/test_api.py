@@ -1,4 +1,4 @@
-"""The front door for Python: what it takes, what it gives, and what it leaves as it was."""
+"""Python API: arguments, results, and isolation of runs from each other and the process."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ SEEN: dict[str, Any] = {
         "arm2": {"robot": "ur3", "base": {"xyz": [0, 1.5, 0]}, "tree": REACH},
     },
 }
-"""A camera with noise and a tracker beside another arm: nearly everything random that there is."""
+"""A camera with noise and a tracker beside another arm: nearly every source of randomness."""
 
 AROUND: dict[str, Any] = {
     "bt_dualarm": 1,
@@ -96,7 +96,7 @@ AROUND: dict[str, Any] = {
         }
     },
 }
-"""An arm that has to plan around a wall, which a process of its own does."""
+"""An arm that has to plan around a wall, in a separate process."""
 
 TREES = {tree["name"]: tree for tree in (ONE, SEEN, AROUND)}
 
@@ -107,14 +107,14 @@ def sha_of(tree: Any, **options: Any) -> str:
 
 @pytest.fixture(scope="module")
 def alone() -> dict[str, str]:
-    """Hashes of runs that have the process for themselves, one after the other."""
+    """Hashes of runs that are alone in the process, one after the other."""
     return {name: sha_of(tree) for name, tree in TREES.items()}
 
 
-# What a run gives
+# Results
 
 
-def test_a_run_tells_what_became_of_it() -> None:
+def test_a_run_returns_its_result() -> None:
     result = bt.run(ONE, params={"seconds": 0.2})
     assert (result.outcome, result.ending) == (bt.Outcome.SUCCESS, bt.Ending.FINISHED)
     assert (result.error, result.at_rest, result.name, result.renderer) == ("", True, "one", None)
@@ -137,7 +137,7 @@ def test_series_are_arrays() -> None:
     assert np.isfinite(planned.values).all()
 
 
-def test_a_leaf_that_ran_twice_speaks_of_the_last_time_and_keeps_both() -> None:
+def test_a_leaf_that_ran_twice_reports_the_last_run_and_keeps_both() -> None:
     twice = {"repeat": {"times": 2, "child": {"wait": {"seconds": 0.1}}}}
     tree = {**ONE, "arms": {"arm1": {"robot": "ur5", "tree": twice}}}
     (leaf,) = bt.run(tree).arms["arm1"].leaves.values()
@@ -155,16 +155,16 @@ def test_a_failed_tree_raises_nothing() -> None:
 
 
 @pytest.mark.usefixtures("without_pictures")
-def test_its_hash_is_that_of_the_record(tmp_path: Path) -> None:
+def test_the_hash_equals_that_of_the_record(tmp_path: Path) -> None:
     result = bt.run(ONE, record=tmp_path / "out")
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["state_sha256"] == result.state_sha256 == sha_of(ONE)
 
 
-# What is taken for a tree
+# Forms of a tree
 
 
-def test_a_tree_is_the_same_whatever_form_it_has(tmp_path: Path, alone: dict[str, str]) -> None:
+def test_a_tree_is_the_same_in_every_form(tmp_path: Path, alone: dict[str, str]) -> None:
     text = json.dumps(ONE, indent=1)
     path = tmp_path / "one.yaml"
     path.write_text(text, encoding="utf-8")
@@ -172,7 +172,9 @@ def test_a_tree_is_the_same_whatever_form_it_has(tmp_path: Path, alone: dict[str
     assert {sha_of(form) for form in forms} == {alone["one"]}
 
 
-def test_a_shipped_tree_goes_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_shipped_tree_is_found_by_its_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     for name in ("circle", "trees/circle.yaml"):
         assert bt.check(name) == ()
@@ -183,12 +185,12 @@ def test_a_shipped_tree_goes_by_its_name(tmp_path: Path, monkeypatch: pytest.Mon
 
 
 @pytest.mark.parametrize("tree", [None, 3, b"bytes", ["arms"]])
-def test_anything_else_is_no_tree(tree: Any) -> None:
+def test_other_types_are_refused_as_trees(tree: Any) -> None:
     with pytest.raises(bt.DualArmError, match="a tree is a path"):
         bt.check(tree)
 
 
-def test_a_check_tells_all_problems_as_objects() -> None:
+def test_a_check_returns_all_problems_as_objects() -> None:
     wrong = json.loads(json.dumps(ONE).replace("ur5", "ur55").replace("offset", "ofset"))
     problems = bt.check(wrong)
     assert [problem.severity for problem in problems] == ["error"] * len(problems)
@@ -197,7 +199,7 @@ def test_a_check_tells_all_problems_as_objects() -> None:
     assert refused.value.problems == problems
 
 
-def test_errors_read_as_those_of_the_command_line(
+def test_errors_equal_those_of_the_command_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from bt_dualarm import cli
@@ -212,10 +214,10 @@ def test_errors_read_as_those_of_the_command_line(
         ("circle", {"skills": ["/no/such/folder"]}, ["--skills", "/no/such/folder"]),
     ):
         assert cli.run([tree, *arguments]) == 2
-        said = capsys.readouterr().err.removeprefix("bt-run: error: ").rstrip("\n")
+        message = capsys.readouterr().err.removeprefix("bt-run: error: ").rstrip("\n")
         with pytest.raises(bt.DualArmError) as refused:
             bt.run(tree, **options)
-        assert str(refused.value) == said
+        assert str(refused.value) == message
 
 
 class Nod(bt.Skill):
@@ -234,13 +236,13 @@ class Nod(bt.Skill):
         self.metrics["nodded"] = self.ports.times
 
 
-def test_skills_of_ones_own_are_classes(tmp_path: Path) -> None:
+def test_user_skills_are_classes(tmp_path: Path) -> None:
     tree = {"bt_dualarm": 1, "arms": {"arm1": {"robot": "ur5", "tree": {"nod": {"times": 3}}}}}
     assert "there is no node or skill 'nod'" in bt.check(tree)[0].message
     assert bt.check(tree, skills=[Nod]) == ()
     (leaf,) = bt.run(tree, skills=[Nod]).arms["arm1"].leaves.values()
     assert leaf.metrics == {"nodded": 3}
-    assert bt.check(tree), "and are not left behind"
+    assert bt.check(tree), "they are not registered permanently"
     with pytest.raises(bt.DualArmError, match="skills are classes derived from Skill"):
         bt.check(tree, skills=[3])  # type: ignore[list-item]  # that is the mistake
 
@@ -259,16 +261,16 @@ def test_skills_of_ones_own_are_classes(tmp_path: Path) -> None:
         max_size=30,
     )
 )
-def test_a_run_is_the_same_whatever_parts_it_is_advanced_in(parts: list[float | Fraction]) -> None:
-    """To the last bit; and no part goes beyond the time that was asked for."""
+def test_a_run_is_the_same_for_any_sequence_of_steps(parts: list[float | Fraction]) -> None:
+    """Bit for bit; and no step goes beyond the requested time."""
     with bt.open(ONE) as run:
-        asked = 0.0
+        requested = 0.0
         for part in parts:
             if run.done:
                 break
             run.step(part)
-            asked += float(part)
-            assert run.done or asked - 0.0021 < run.time < asked + 1e-6
+            requested += float(part)
+            assert run.done or requested - 0.0021 < run.time < requested + 1e-6
         assert run.finish().state_sha256 == sha_of_one()
 
 
@@ -277,8 +279,8 @@ def sha_of_one() -> str:
     return sha_of(ONE)
 
 
-def test_looking_at_a_run_changes_nothing(alone: dict[str, str]) -> None:
-    """Whatever is looked at, after every step."""
+def test_observing_a_run_does_not_change_it(alone: dict[str, str]) -> None:
+    """All of its state is read after every step."""
     with bt.open(SEEN, renderer="ray") as run:
         assert run.time == 0.0
         assert "RUNNING" in repr(run)
@@ -293,7 +295,7 @@ def test_looking_at_a_run_changes_nothing(alone: dict[str, str]) -> None:
         assert run.result.state_sha256 == alone["seen"]
 
 
-def test_a_run_knows_arms_that_are_not_there_yet() -> None:
+def test_a_run_knows_arms_that_are_not_spawned_yet() -> None:
     late = {"robot": "ur3", "base": {"xyz": [0, 1.5, 0]}, "spawned": False, "tree": REACH}
     with bt.open({**ONE, "arms": {**ONE["arms"], "late": late}}) as run:
         arm = run.arms["late"]
@@ -308,13 +310,13 @@ def test_a_run_knows_arms_that_are_not_there_yet() -> None:
 
 
 @pytest.mark.parametrize("name", ["amr1", "", "cube"])
-def test_a_wrong_name_is_told_with_the_right_ones(name: str) -> None:
+def test_an_unknown_name_gets_a_suggestion(name: str) -> None:
     with bt.open(ONE) as run:
         result = run.finish()
-    for things in (run.arms, run.trees, result.arms):
-        assert things.get(name) is None
+    for mappings in (run.arms, run.trees, result.arms):
+        assert mappings.get(name) is None
         with pytest.raises(bt.DualArmError, match=f"there is no arm '{name}'; .*arm1"):
-            _ = things[name]
+            _ = mappings[name]
     with pytest.raises(bt.DualArmError, match="did you mean 'sequence/wait'"):
         _ = result.arms["arm1"].leaves["sequence/wiat"]
 
@@ -345,7 +347,7 @@ def test_options_are_checked_before_anything_is_done(option: str, value: Any) ->
         bt.open("no such tree", **options)
 
 
-def test_what_is_over_stays_over() -> None:
+def test_a_finished_run_stays_finished() -> None:
     with bt.open(ONE) as run:
         with pytest.raises(bt.DualArmError, match=r"the run is not over: it is at 0\.000 s"):
             _ = run.result
@@ -360,7 +362,7 @@ def test_what_is_over_stays_over() -> None:
 
 
 @pytest.mark.usefixtures("without_pictures")
-def test_a_run_that_is_left_early_is_broken_off_where_it_stands(tmp_path: Path) -> None:
+def test_a_run_that_is_left_early_is_closed_as_unfinished(tmp_path: Path) -> None:
     with bt.open(ONE, record=tmp_path) as run:
         run.step(0.1)
     assert run.result.ending is bt.Ending.CLOSED
@@ -371,7 +373,7 @@ def test_a_run_that_is_left_early_is_broken_off_where_it_stands(tmp_path: Path) 
     assert json.loads((tmp_path / "summary.json").read_text())["ending"] == run.result.ending
 
 
-def test_a_run_may_be_asked_to_stop() -> None:
+def test_a_run_can_be_stopped() -> None:
     with bt.open(ONE) as run:
         run.step(0.1)
         run.stop()
@@ -380,7 +382,7 @@ def test_a_run_may_be_asked_to_stop() -> None:
     assert result.sim_time_s < 0.6, "a stop, and not the whole motion"
 
 
-def test_nobody_advances_a_run_from_within() -> None:
+def test_an_observer_cannot_advance_its_run() -> None:
     class Meddler:
         def on_event(self, change: object) -> None: ...
 
@@ -389,27 +391,25 @@ def test_nobody_advances_a_run_from_within() -> None:
         def after_step(self, time: float) -> None:
             with pytest.raises(bt.DualArmError, match="is already being advanced"):
                 run.step(0.1)
-            met.append(time)
+            times.append(time)
 
-    met: list[float] = []
+    times: list[float] = []
     with bt.open(ONE) as run:
         run.watch(Meddler())
         run.step(0.01)
-    assert met
+    assert times
 
 
-# What it leaves as it was
+# Isolation of runs
 
 
-def test_runs_one_after_the_other_do_not_know_of_each_other(alone: dict[str, str]) -> None:
+def test_consecutive_runs_are_independent(alone: dict[str, str]) -> None:
     for name in ("around", "one", "seen", "one"):
         assert sha_of(TREES[name]) == alone[name]
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_runs_that_are_open_at_once_do_not_know_of_each_other(
-    seed: int, alone: dict[str, str]
-) -> None:
+def test_simultaneous_runs_are_independent(seed: int, alone: dict[str, str]) -> None:
     """Steps of several runs, some of them of one tree, in any order."""
     rng = random.Random(seed)  # noqa: S311 - nothing secret
     opened = [bt.open(TREES[name], renderer="ray") for name in ("one", "seen", "around", "one")]
@@ -420,12 +420,12 @@ def test_runs_that_are_open_at_once_do_not_know_of_each_other(
         assert run.result.state_sha256 == alone[run.name]
 
 
-def test_runs_in_threads_do_not_know_of_each_other(alone: dict[str, str], tmp_path: Path) -> None:
-    def played(name: str) -> str:
+def test_runs_in_threads_are_independent(alone: dict[str, str], tmp_path: Path) -> None:
+    def hash_of(name: str) -> str:
         return sha_of(TREES[name], record=tmp_path / f"{name}{threading.get_ident()}")
 
     with ThreadPoolExecutor(3) as pool:
-        assert list(pool.map(played, TREES)) == [alone[name] for name in TREES]
+        assert list(pool.map(hash_of, TREES)) == [alone[name] for name in TREES]
 
 
 class Mutter(bt.Skill):
@@ -444,7 +444,7 @@ class Mutter(bt.Skill):
             yield
 
 
-def test_logs_of_runs_are_kept_apart_and_the_logger_is_as_it_was(tmp_path: Path) -> None:
+def test_logs_of_runs_are_separate_and_the_logger_is_restored(tmp_path: Path) -> None:
     logger = logging.getLogger("bt_dualarm")
     before = logger.level, list(logger.handlers)
     words = ("apple", "pear")
@@ -467,7 +467,7 @@ def test_logs_of_runs_are_kept_apart_and_the_logger_is_as_it_was(tmp_path: Path)
 
 
 def test_nothing_is_printed(capfd: pytest.CaptureFixture[str]) -> None:
-    """Not even of a skill that breaks, or by a logger that nobody has set up."""
+    """Not even for a skill that raises, or by a logger without configuration."""
     tree = {**ONE, "arms": {"arm1": {"robot": "ur5", "tree": {"nod": {}}}}}
     program = f"import bt_dualarm as bt; print(bt.run({tree!r}, skills=[Broken]).outcome)"
     broken = (
@@ -485,8 +485,8 @@ def test_nothing_is_printed(capfd: pytest.CaptureFixture[str]) -> None:
     assert (done.stdout, done.stderr) == ("FAILURE\n", "")
 
 
-def test_what_nobody_closes_cleans_up_before_the_interpreter_ends() -> None:
-    """Afterwards nothing can be imported any more, and Python would print what comes of it."""
+def test_an_unclosed_run_is_cleaned_up_before_the_interpreter_ends() -> None:
+    """Later, nothing can be imported anymore, and Python would print the resulting error."""
     tree = {**ONE, "arms": {"arm1": {"robot": "ur5", "tree": {"nod": {}}}}}
     program = (
         "import bt_dualarm as bt\n"
@@ -513,7 +513,7 @@ def test_what_nobody_closes_cleans_up_before_the_interpreter_ends() -> None:
 def test_an_exception_in_the_block_closes_everything(
     error: type[BaseException], tmp_path: Path
 ) -> None:
-    """The process that plans has ended, the record is written and its folder free."""
+    """The planning process has ended, the record is written and its folder unlocked."""
     pid = None
 
     def break_while_it_plans() -> None:
@@ -533,7 +533,7 @@ def test_an_exception_in_the_block_closes_everything(
 
 
 class Pressed(bt.Skill):
-    """Stands for somebody who presses Ctrl-C while a skill computes, or cleans up."""
+    """Simulates Ctrl-C while a skill computes, or cleans up."""
 
     class Ports(bt.PortModel):
         """When."""
@@ -556,8 +556,8 @@ class Pressed(bt.Skill):
 
 
 @pytest.mark.parametrize("late", [False, True])
-def test_ctrl_c_in_the_middle_of_a_skill_is_not_the_skills(late: bool) -> None:
-    """It leaves as KeyboardInterrupt, not as a failure of the leaf, and the handler is Python's."""
+def test_ctrl_c_during_a_skill_is_no_failure_of_the_skill(late: bool) -> None:
+    """It is raised as KeyboardInterrupt, not a failure of the leaf; the handler stays Python's."""
     tree = {**ONE, "arms": {"arm1": {"robot": "ur5", "tree": {"pressed": {"late": late}}}}}
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
@@ -568,8 +568,8 @@ def test_ctrl_c_in_the_middle_of_a_skill_is_not_the_skills(late: bool) -> None:
         signal.signal(signal.SIGINT, before)
 
 
-def test_ctrl_c_in_the_middle_of_a_run_leaves_no_process() -> None:
-    """Python raises KeyboardInterrupt wherever it is; the run is closed on its way out."""
+def test_ctrl_c_during_a_run_leaves_no_process() -> None:
+    """Python raises KeyboardInterrupt anywhere; the run is closed as it propagates."""
     program = (
         "import os, signal, sys, threading, time\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's & ignores it\n"
@@ -594,10 +594,10 @@ def test_ctrl_c_in_the_middle_of_a_run_leaves_no_process() -> None:
         os.kill(int(done.stdout), 0)
 
 
-# The table of contents
+# The facade
 
 
-def test_the_facade_tells_what_is_there() -> None:
+def test_the_facade_lists_its_contents() -> None:
     assert {"run", "open", "check", "__version__", "Skill"} <= set(dir(bt))
     assert all(hasattr(bt, name) for name in dir(bt))
     assert all(getattr(bt, name).__doc__ for name in ("run", "open", "check", "Run", "RunResult"))
@@ -606,7 +606,7 @@ def test_the_facade_tells_what_is_there() -> None:
         _ = bt.rnu  # type: ignore[attr-defined]  # that is the mistake
 
 
-def test_importing_it_costs_nothing() -> None:
+def test_importing_loads_no_heavy_modules() -> None:
     code = (
         "import sys; before = set(sys.modules); import bt_dualarm; "
         "print(sorted(name for name in set(sys.modules) - before if '.' not in name))"
@@ -622,8 +622,8 @@ def test_the_module_is_bt_run() -> None:
     subprocess.run([*command, "circle", "--display", "quiet"], check=True)
 
 
-def test_a_run_says_which_robots_of_the_batch_it_had() -> None:
-    """An argument holds for all arms, a file for those it names; ideal is nothing to tell."""
+def test_a_result_reports_the_reality_of_each_arm() -> None:
+    """An argument is for all arms, a file's for those that it names; ideal arms report nothing."""
     tree = {
         "bt_dualarm": 1,
         "world": {"scene": "empty", "reality": "rough"},

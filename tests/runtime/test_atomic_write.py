@@ -1,4 +1,4 @@
-"""Files are whole or not there, whoever else writes them at the same time."""
+"""Atomic writes: a file is complete or absent, whoever writes it at the same time."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LONG = 40_000
 
 
 def test_many_writers_of_one_file_at_once(tmp_path: Path) -> None:
-    """None is refused, a reader sees one content whole, and nothing else is left in the folder."""
+    """No writer fails, a reader sees one complete content, and no other file is left behind."""
     path = tmp_path / "tree.yaml"
     contents = [letter * LONG for letter in "abcdefgh"]
     write_text(path, contents[0])
@@ -48,7 +48,7 @@ def test_many_writers_of_one_file_at_once(tmp_path: Path) -> None:
     assert [found.name for found in tmp_path.iterdir()] == [path.name]
 
 
-def test_a_writer_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
+def test_a_writer_that_fails_leaves_the_old_file(tmp_path: Path) -> None:
     path = tmp_path / "tree.yaml"
     write_text(path, "before")
 

@@ -1,4 +1,4 @@
-"""What a run keeps and writes: bounded memory, each thing looked at once, whole on the disk."""
+"""Data of a run: bounded in memory, each item processed once, complete on disk."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from bt_dualarm.runtime.recorder import (
 )
 from tests.runtime.test_record import CHANGE, FallingWorld, Held, View, result
 
-THINGS = ("tool_arm1", "object_cube", "object_ball")
+NAMES = ("tool_arm1", "object_cube", "object_ball")
 
 
 @given(st.integers(1, 6), st.lists(st.integers(), max_size=40))
-def test_first_and_last(each: int, items: list[int]) -> None:
+def test_a_bounded_log_keeps_the_first_and_the_last_items(each: int, items: list[int]) -> None:
     kept: BoundedLog[int] = BoundedLog(each)
     for item in items:
         kept.add(item)
@@ -45,7 +45,7 @@ def test_first_and_last(each: int, items: list[int]) -> None:
         assert kept.left_out == len(items) - 2 * each
 
 
-def test_no_leaf_is_forgotten_and_runs_stay_in_order() -> None:
+def test_every_leaf_is_kept_and_runs_stay_in_order() -> None:
     reports = LeafReports()
     for number in range(5 * MOST_RUNS):
         reports.add(LeafReport("main/often", "circle", "SUCCESS", float(number)))
@@ -61,7 +61,7 @@ def test_no_leaf_is_forgotten_and_runs_stay_in_order() -> None:
 @settings(max_examples=40)
 @given(st.lists(st.integers(1, 30), min_size=1, max_size=30), st.sampled_from((1, 3)))
 def test_a_long_series_is_thinned_evenly(batches: list[int], columns: int) -> None:
-    """However it comes; a short one is whole."""
+    """In any batches; a short series is complete."""
     total = sum(batches)
     time = 0.004 * np.arange(total)
     values = np.random.default_rng(total).normal(size=(total, columns))
@@ -86,7 +86,7 @@ def test_a_long_series_is_thinned_evenly(batches: list[int], columns: int) -> No
 def test_a_growing_file_can_be_read_at_any_moment(
     tmp_path_factory: pytest.TempPathFactory, batches: list[int], shape: tuple[int, ...]
 ) -> None:
-    """Also where the process died after the rows and before the header that counts them."""
+    """Even if the process died after writing the rows and before the header that counts them."""
     path = tmp_path_factory.mktemp("growing") / "one.npy"
     array = GrowingArray(path, shape)
     rng = np.random.default_rng(len(batches))
@@ -103,13 +103,13 @@ def test_a_growing_file_can_be_read_at_any_moment(
 
 
 def samples(seed: int, count: int) -> list[Sample]:
-    """Things come and go."""
+    """Samples in which objects appear and disappear."""
     rng = np.random.default_rng(seed)
     found = []
-    names: tuple[str, ...] = THINGS[:1]
+    names: tuple[str, ...] = NAMES[:1]
     for number in range(count):
         if rng.random() < 0.05:
-            names = tuple(name for name in THINGS if rng.random() < 0.6)
+            names = tuple(name for name in NAMES if rng.random() < 0.6)
         found.append(Sample(0.01 * number, names, rng.normal(size=(len(names), 3))))
     return found
 
@@ -119,7 +119,7 @@ def samples(seed: int, count: int) -> list[Sample]:
 def test_an_archive_has_every_sample(
     tmp_path_factory: pytest.TempPathFactory, seed: int, count: int
 ) -> None:
-    """NaN where a thing was not in the world; the parts are gone once it is there."""
+    """NaN where an object was not in the world; the parts are removed once it is written."""
     folder = tmp_path_factory.mktemp("samples")
     files = SampleFiles(folder / PARTS)
     taken = samples(seed, count)
@@ -134,11 +134,11 @@ def test_an_archive_has_every_sample(
     assert set(archive.files) == {"time"} | {name for sample in taken for name in sample.names}
     for name in archive.files[1:]:
         points = [sample.point(name) for sample in taken]
-        wanted = [np.full(3, np.nan) if point is None else point for point in points]
-        assert np.array_equal(archive[name], wanted, equal_nan=True)
+        expected = [np.full(3, np.nan) if point is None else point for point in points]
+        assert np.array_equal(archive[name], expected, equal_nan=True)
 
 
-def test_parts_have_equally_many_rows_at_any_moment(tmp_path: Path) -> None:
+def test_parts_always_have_equally_many_rows(tmp_path: Path) -> None:
     files = SampleFiles(tmp_path / PARTS)
     for sample in samples(1, 1000):
         files.add(sample)
@@ -157,8 +157,8 @@ class Stage:
 
 @settings(max_examples=40, deadline=None)
 @given(st.integers(0, 10**6))
-def test_a_holding_knows_how_far_it_was_lifted(seed: int) -> None:
-    """As the whole path, looked at afterwards, says: from the first sample of it to the highest."""
+def test_a_holding_reports_how_far_it_was_lifted(seed: int) -> None:
+    """It is that of the complete path: from its first sample to its highest."""
     rng = np.random.default_rng(seed)
     stage: Any = Stage()
     time = []
@@ -186,13 +186,13 @@ def test_a_holding_knows_how_far_it_was_lifted(seed: int) -> None:
         assert one.lifted_m == pytest.approx(held.max() - held[0])
 
 
-def test_an_attachment_that_is_over_is_not_looked_at_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Else a record of many of them takes a time that grows with their square."""
-    looks = []
+def test_an_attachment_that_is_over_is_not_updated_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Otherwise the time for a record would grow with the square of their number."""
+    updates = []
     update = outcome._Lift.update
 
     def counted(self: outcome._Lift, sample: Sample) -> None:
-        looks.append(sample.time)
+        updates.append(sample.time)
         update(self, sample)
 
     monkeypatch.setattr(outcome._Lift, "update", counted)
@@ -202,15 +202,15 @@ def test_an_attachment_that_is_over_is_not_looked_at_again(monkeypatch: pytest.M
         stage.attachments = [Held("arm1", "cube", 0.01 * number)]
         holdings.after_ticks(0.01 * number)
         holdings.sampled(Sample(0.01 * number, ("object_cube",), np.zeros((1, 3))))
-    assert len(looks) <= 2 * 3000
+    assert len(updates) <= 2 * 3000
     assert holdings.left_out == 3000 - 2 * outcome.MOST_HOLDINGS
     assert len(holdings.as_dicts()) == 2 * outcome.MOST_HOLDINGS
 
 
-def test_what_a_recorder_keeps_does_not_grow(
+def test_the_memory_of_a_recorder_does_not_grow(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Ten times as long, no more memory: events, log, samples, holdings, series."""
+    """A run ten times as long needs no more for events, log, samples, holdings and series."""
     monkeypatch.setattr(outcome, "MOST_POINTS", 1 << 10)
     monkeypatch.setattr(outcome, "MOST_SAMPLES", 1 << 8)
     monkeypatch.setattr(outcome, "MOST_HOLDINGS", 10)
@@ -243,7 +243,7 @@ def test_what_a_recorder_keeps_does_not_grow(
     assert peaks[40_000] - peaks[4_000] < 2 * 36_000, "less than two bytes a step"
 
 
-def test_pictures_of_a_long_run_still_have_its_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tracks_of_a_long_run_still_have_its_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(outcome, "MOST_POINTS", 1 << 8)
     world: Any = FallingWorld()
     kept = Tracks(world)
@@ -257,8 +257,8 @@ def test_pictures_of_a_long_run_still_have_its_ends(monkeypatch: pytest.MonkeyPa
     assert kept.positions()["object_cube"].shape == (len(kept.time), 3)
 
 
-def test_a_record_whose_folder_went_away_is_not_complete(tmp_path: Path) -> None:
-    """It was not there to be written to; nothing is said to be whole that is not."""
+def test_a_record_whose_folder_was_deleted_is_not_complete(tmp_path: Path) -> None:
+    """It could not be written to, and is not reported as complete."""
     folder = tmp_path / "out"
     world: Any = FallingWorld()
     taken = RecordFolder(folder, ["arm1"])
@@ -275,7 +275,7 @@ def test_a_record_whose_folder_went_away_is_not_complete(tmp_path: Path) -> None
         taken.path.stat()
 
 
-def test_samples_that_cannot_be_written_are_told_at_the_end(
+def test_samples_that_cannot_be_written_are_reported_at_the_end(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     world: Any = FallingWorld()
@@ -289,14 +289,14 @@ def test_samples_that_cannot_be_written_are_told_at_the_end(
         recorder.write(result(), StopRequest())
 
 
-def test_a_journal_that_failed_says_so_at_the_end(tmp_path: Path) -> None:
+def test_a_failed_journal_is_reported_at_the_end(tmp_path: Path) -> None:
     journal = Journal(tmp_path / "none" / "events.jsonl")
     journal.add("a line\n")
     with pytest.raises(OSError, match="No such file"):
         journal.finish()
 
 
-def test_lines_that_nobody_takes_are_bounded() -> None:
+def test_log_lines_that_are_not_taken_are_bounded() -> None:
     log = LogCapture()
     with log.during():
         for number in range(MOST_LINES + 5):
@@ -306,7 +306,7 @@ def test_lines_that_nobody_takes_are_bounded() -> None:
     assert log.take() == []
 
 
-def test_parts_that_a_killed_run_left_are_taken_away(tmp_path: Path) -> None:
+def test_parts_that_a_killed_run_left_are_removed(tmp_path: Path) -> None:
     with RecordFolder(tmp_path / "out", []) as taken:
         files = SampleFiles(taken.path / PARTS)
         for sample in samples(2, 400):

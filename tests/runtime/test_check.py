@@ -1,4 +1,4 @@
-"""The whole check: what the file says of itself, and the robots, scenes and poses that it names."""
+"""The complete check of a file: its contents, and the robots, scenes and poses that it names."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ bt_dualarm: 1
 name: task
 world: {{scene: {scene}}}
 objects:
-  {thing}: {{shape: box, size: [0.05, 0.05, 0.05], mass: 0.1, pose: {{xyz: [0.4, 0, 0.1]}}}}
+  {obj}: {{shape: box, size: [0.05, 0.05, 0.05], mass: 0.1, pose: {{xyz: [0.4, 0, 0.1]}}}}
 arms:
   arm1:
     robot: {robot}
@@ -27,7 +27,7 @@ arms:
 """
 GOOD = {
     "scene": "empty",
-    "thing": "cube",
+    "obj": "cube",
     "robot": "ur5",
     "posture": "home",
     "mount": "wrist",
@@ -65,7 +65,7 @@ def test_a_good_file_has_no_problems(tmp_path: Path, registry: Registry) -> None
         ),
     ],
 )
-def test_a_name_that_leads_nowhere_is_an_error_with_the_nearest_one(
+def test_an_unknown_name_is_an_error_with_a_suggestion(
     tmp_path: Path, registry: Registry, change: str, given: str, message: str, nearest: str
 ) -> None:
     (problem,) = problems_of(tmp_path, registry, **{change: given})
@@ -73,8 +73,8 @@ def test_a_name_that_leads_nowhere_is_an_error_with_the_nearest_one(
     assert f"'{nearest}'" in problem.hint
 
 
-def test_what_has_no_room_is_said_where_it_is_put(tmp_path: Path, registry: Registry) -> None:
-    """The arm where it has no base of its own, the object at its pose."""
+def test_an_overlap_is_reported_at_its_position(tmp_path: Path, registry: Registry) -> None:
+    """It is reported at an arm that gives no base, and at an object's pose."""
     path = tmp_path / "task.yaml"
     text = FILE.format(**GOOD)
     path.write_text(text.replace("xyz: [0.4, 0, 0.1]", "xyz: [0.0, 0, 0.05]"))
@@ -90,10 +90,10 @@ def test_what_has_no_room_is_said_where_it_is_put(tmp_path: Path, registry: Regi
     ("depth_mm", "severities"),
     [(0.5, []), (2.0, ["warning"]), (4.0, ["warning"]), (6.0, ["error"])],
 )
-def test_an_object_that_contacts_would_push_out_is_warned_of(
+def test_an_object_that_contacts_would_push_out_is_a_warning(
     depth_mm: float, severities: list[str], tmp_path: Path, registry: Registry
 ) -> None:
-    """It may be thrown off its table before anything moves, and the grasp then finds nothing."""
+    """It may be thrown off its table before anything moves, and a grasp then finds nothing."""
     path = tmp_path / "task.yaml"
     text = FILE.format(**GOOD)
     path.write_text(text.replace("xyz: [0.4, 0, 0.1]", f"xyz: [0.4, 0, {0.025 - 1e-3 * depth_mm}]"))
@@ -137,7 +137,7 @@ def test_a_pose_out_of_reach_is_a_warning_and_no_error(
         ("[0.03, 0.04, 0]", "{reach_to_pose: {to: {in_frame: tool, xyz: [0, 0, -0.05]}}}", ""),
     ],
 )
-def test_a_pose_relative_to_what_the_seed_moves_is_a_warning_unless_the_arm_has_looked(
+def test_a_pose_relative_to_a_randomized_object_is_a_warning_unless_located(
     tmp_path: Path, registry: Registry, noise: str, tree: str, words: str
 ) -> None:
     file = FILE.format(**{**GOOD, "tree": tree})
@@ -152,7 +152,7 @@ def test_a_pose_relative_to_what_the_seed_moves_is_a_warning_unless_the_arm_has_
 def test_a_load_beyond_the_payload_is_a_warning(
     tmp_path: Path, registry: Registry, robot: str, most: float
 ) -> None:
-    """Wherever something is carried; what only stands there may weigh what it likes."""
+    """This holds for every object that is carried; others may have any mass."""
     carries = "{transport: {object: cube, to: {xyz: [0.3, 0.1, 0.4]}}}"
     for mass, tree, count in ((most + 0.1, carries, 1), (most, carries, 0), (90, "succeed", 0)):
         file = FILE.replace("mass: 0.1", f"mass: {mass}")
@@ -186,7 +186,7 @@ def test_a_load_beyond_the_payload_is_a_warning(
         ),
     ],
 )
-def test_values_of_joints_are_those_of_the_robot(
+def test_joint_values_must_match_the_robot(
     tmp_path: Path, registry: Registry, tree: str, message: str, hint: str
 ) -> None:
     found = problems_of(tmp_path, registry, tree=tree)
@@ -232,8 +232,8 @@ arms:
 """
 
 
-def test_all_mistakes_are_told_at_once(tmp_path: Path, registry: Registry) -> None:
-    """What a file names outside itself is looked up whatever else is wrong with it."""
+def test_all_mistakes_are_reported_at_once(tmp_path: Path, registry: Registry) -> None:
+    """Names of external files are looked up whatever other mistakes there are."""
     path = tmp_path / "task.yaml"
     path.write_text(MISTAKEN)
     found = [problem.message for problem in check(path, registry.kinds).problems]
@@ -259,9 +259,7 @@ def test_all_mistakes_are_told_at_once(tmp_path: Path, registry: Registry) -> No
     ]
 
 
-def test_what_stands_in_what_is_told_with_mistakes_of_the_trees(
-    tmp_path: Path, registry: Registry
-) -> None:
+def test_overlaps_are_reported_with_mistakes_in_trees(tmp_path: Path, registry: Registry) -> None:
     text = FILE.format(**{**GOOD, "tree": "circel"})
     other = "  ball: {shape: sphere, size: [0.05], mass: 0.1, pose: {xyz: [0.4, 0, 0.1]}}\n"
     third = "  can: {shape: box, size: [0.1, 0.1, 0.1], mass: 1, pose: {xyz: [0.4, 0.07, 0.1]}}\n"
@@ -273,7 +271,9 @@ def test_what_stands_in_what_is_told_with_mistakes_of_the_trees(
     assert all("deep in" in message for message in messages[:2])
 
 
-def test_what_is_wrong_is_raised_where_a_file_is_wanted(tmp_path: Path, registry: Registry) -> None:
+def test_problems_are_raised_where_a_runnable_file_is_needed(
+    tmp_path: Path, registry: Registry
+) -> None:
     path = tmp_path / "task.yaml"
     path.write_text(textwrap.dedent(FILE.format(**{**GOOD, "robot": "ur55"})))
     with pytest.raises(SpecError, match="ur55"):
@@ -281,5 +281,5 @@ def test_what_is_wrong_is_raised_where_a_file_is_wanted(tmp_path: Path, registry
 
 
 @pytest.mark.parametrize("path", sorted(share_dir("trees").rglob("*.yaml")), ids=lambda p: p.stem)
-def test_shipped_trees_are_fine(path: Path, registry: Registry) -> None:
+def test_shipped_trees_have_no_problems(path: Path, registry: Registry) -> None:
     assert check(path, registry.kinds).problems == ()

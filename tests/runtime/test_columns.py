@@ -1,4 +1,4 @@
-"""Arrays come back bit for bit, and little that changes is few bytes."""
+"""Packed arrays: they are restored bit for bit, and data that change little take few bytes."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ ARRAYS = st.sampled_from(["<f8", "<f4", "<u4", "|u1"]).flatmap(
 
 
 @given(ARRAYS)
-def test_an_array_comes_back_bit_for_bit(array: np.ndarray) -> None:
-    how, content = pack(array)
-    again = unpack(how, content)
+def test_an_array_is_restored_bit_for_bit(array: np.ndarray) -> None:
+    header, content = pack(array)
+    again = unpack(header, content)
     assert (again.dtype, again.shape) == (array.dtype, array.shape)
     assert again.tobytes() == array.tobytes()
 
 
-def test_what_stands_still_costs_next_to_nothing() -> None:
+def test_constant_data_take_almost_no_space() -> None:
     """50 states of 40 numbers that do not change: one state, and zeros."""
     row = np.random.default_rng(1).normal(size=40)
     _, content = pack(np.tile(row, (50, 1)))
@@ -43,6 +43,6 @@ def test_other_types_are_refused() -> None:
     [[3], [5], [1 << 40], [-1, -4], [4.0], "4", None, [], [4, 1, 1, 1, 1], [1 << 24, 2], [True]],
 )
 def test_a_wrong_shape_is_refused(shape: Any) -> None:
-    how, content = pack(np.arange(4.0))
+    header, content = pack(np.arange(4.0))
     with pytest.raises(ValueError, match="expected"):
-        unpack({**how, "shape": shape}, content)
+        unpack({**header, "shape": shape}, content)

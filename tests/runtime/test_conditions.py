@@ -1,4 +1,4 @@
-"""Conditions that look with the wrist camera, in a run."""
+"""Conditions that use the wrist camera, in a run."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ arms:
 """
 
 
-def test_what_the_camera_sees() -> None:
-    """The ball is where the last condition asks for it, but out of view: that is not known."""
+def test_conditions_on_what_the_camera_sees() -> None:
+    """The ball is where the last condition expects it, but out of view, so this is unknown."""
     with undrawn():
         result = bt.run(TREE)
     assert result.outcome == "SUCCESS", result.arms["arm1"].leaves

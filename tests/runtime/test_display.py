@@ -1,4 +1,4 @@
-"""What people see, kept as golden texts: ``UPDATE_GOLDEN=1`` writes them anew."""
+"""Terminal display, compared with golden texts; ``UPDATE_GOLDEN=1`` rewrites them."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def printed(console: Console) -> str:
 
 @pytest.mark.parametrize("width", [40, 80, 140])
 @pytest.mark.parametrize("symbols", [UNICODE, ASCII], ids=["unicode", "ascii"])
-def test_the_picture(width: int, symbols: Symbols) -> None:
+def test_the_display_equals_its_golden_text(width: int, symbols: Symbols) -> None:
     console = plain_console(width)
     console.print(Picture("pick_and_track", 12.34, 5.63, "ray", ARMS, symbols))
     text = printed(console)
@@ -115,7 +115,7 @@ def test_the_picture(width: int, symbols: Symbols) -> None:
 
 
 @pytest.mark.parametrize("height", [8, 12, 16])
-def test_a_low_terminal_shows_what_happens_now(height: int) -> None:
+def test_a_low_terminal_shows_the_running_nodes(height: int) -> None:
     console = plain_console(80, height)
     console.print(Picture("pick_and_track", 12.34, 5.63, "ray", ARMS[:1], UNICODE))
     lines = printed(console).splitlines()
@@ -123,7 +123,7 @@ def test_a_low_terminal_shows_what_happens_now(height: int) -> None:
     assert any("circle" in line and "54%" in line for line in lines)
 
 
-def test_what_is_over_is_folded_first() -> None:
+def test_finished_nodes_are_folded_first() -> None:
     lines = [line.plain.rstrip() for line in draw_tree(CARRYING, 12.34, 60, 7, UNICODE)]
     assert not [line for line in lines if "transport" in line]
     assert [line for line in lines if "lissajous" in line]
@@ -153,18 +153,20 @@ NODES = st.recursive(
 
 
 @given(root=NODES, width=st.integers(20, 150), height=st.integers(1, 30))
-def test_no_tree_breaks_out_of_its_place(root: NodeView, width: int, height: int) -> None:
+def test_every_tree_fits_its_lines(root: NodeView, width: int, height: int) -> None:
     lines = draw_tree(root, 10.0, width, height, UNICODE)
     assert 1 <= len(lines) <= height
     assert all("\n" not in line.plain for line in lines)
 
 
 @given(st.lists(st.integers(1, 60), min_size=1, max_size=6), st.integers(1, 80))
-def test_lines_are_shared_so_that_little_trees_are_whole(needs: list[int], there: int) -> None:
-    heights = shared_heights(needs, there)
-    assert sum(heights) <= max(there, 3 * len(needs))
+def test_lines_are_shared_so_that_small_trees_are_complete(
+    needs: list[int], available: int
+) -> None:
+    heights = shared_heights(needs, available)
+    assert sum(heights) <= max(available, 3 * len(needs))
     assert all(height <= need for height, need in zip(heights, needs, strict=True))
-    if sum(needs) <= there:
+    if sum(needs) <= available:
         assert heights == needs
 
 
@@ -182,7 +184,7 @@ def test_the_log_is_a_line_per_change() -> None:
 
 
 @pytest.mark.parametrize(("symbols", "sign"), [(UNICODE, "■"), (ASCII, "#")])
-def test_what_was_halted_is_told_from_what_never_ran(symbols: Symbols, sign: str) -> None:
+def test_halted_nodes_differ_from_nodes_that_never_ran(symbols: Symbols, sign: str) -> None:
     """Both are INVALID: after Ctrl-C all of them looked as if they had not begun."""
     leaves = (
         NodeView("circle", "circle", "INVALID", 10.0, halted=True),
@@ -197,7 +199,7 @@ def test_what_was_halted_is_told_from_what_never_ran(symbols: Symbols, sign: str
 
 
 def test_a_run_that_is_interrupted_shows_what_it_halted() -> None:
-    """What had ended stays as it was."""
+    """Nodes that had ended stay unchanged."""
     view = halted(CARRYING, 12.0)
     assert (view.halted, view.status, view.since) == (True, "INVALID", 12.0)
     attach, _, curves, detach = view.children
@@ -207,7 +209,7 @@ def test_a_run_that_is_interrupted_shows_what_it_halted() -> None:
 
 
 class Run:
-    """A run that stands still."""
+    """A run that does not advance."""
 
     time = 12.34
 
@@ -236,13 +238,13 @@ def test_live_draws_ten_times_a_second_at_most() -> None:
     console = live_terminal()
     clock = Clock()
     with LiveDisplay(console, UNICODE, Caption("task"), clock) as display:
-        for tick in range(1000):  # ten seconds of the wall, a tick each 10 ms
+        for tick in range(1000):  # ten seconds of wall clock, a tick each 10 ms
             clock.now = tick * 0.01
             display.after_ticks(Run())
     assert 95 <= drawn(console).count("pick and show") <= 102
 
 
-def test_live_gives_the_cursor_back_even_when_the_run_breaks() -> None:
+def test_live_restores_the_cursor_even_if_the_run_raises() -> None:
     console = live_terminal()
 
     def break_while_drawing() -> None:
@@ -255,7 +257,7 @@ def test_live_gives_the_cursor_back_even_when_the_run_breaks() -> None:
     assert drawn(console).rindex("\x1b[?25h") > drawn(console).rindex("\x1b[?25l")
 
 
-def test_live_leaves_the_last_state_standing() -> None:
+def test_live_keeps_the_last_state_on_screen() -> None:
     console = live_terminal()
     clock = Clock()
     with LiveDisplay(console, UNICODE, Caption("task"), clock) as display:
@@ -266,8 +268,8 @@ def test_live_leaves_the_last_state_standing() -> None:
     assert "99.9 s" in drawn(console)
 
 
-def test_the_last_picture_leaves_the_pace_to_the_report() -> None:
-    """Two figures for one thing, two lines apart, differed by what stopping the arms took."""
+def test_the_last_frame_leaves_the_real_time_factor_to_the_report() -> None:
+    """Both once showed it, two lines apart, with values that differed by the time to stop arms."""
     console = live_terminal()
     clock = Clock()
     with LiveDisplay(console, UNICODE, Caption("task"), clock) as display:
@@ -297,14 +299,14 @@ def test_the_mode_suits_the_terminal(
     assert suited_mode(console, wish) == mode
 
 
-def test_no_color_takes_the_colors_only() -> None:
+def test_no_color_removes_only_the_colors() -> None:
     console = Console(file=io.StringIO(), force_terminal=True, width=80, _environ={"NO_COLOR": "1"})
     console.print(Picture("task", 1.0, None, "", ARMS, UNICODE))
     assert "\x1b[31m" not in drawn(console)
     assert "\x1b[36m" not in drawn(console)
 
 
-def test_an_encoding_without_the_signs_gets_ascii() -> None:
+def test_an_encoding_without_the_symbols_gets_ascii() -> None:
     latin = Console(file=io.TextIOWrapper(io.BytesIO(), encoding="latin-1"))
     assert suited_symbols(latin, ascii_only=False) is ASCII
     utf8 = Console(file=io.TextIOWrapper(io.BytesIO(), encoding="utf-8"))
@@ -315,14 +317,14 @@ def test_an_encoding_without_the_signs_gets_ascii() -> None:
 def test_every_mode_has_its_display() -> None:
     console = plain_console(80)
     modes: tuple[Mode, ...] = ("live", "log", "quiet")
-    kinds = [type(open_display(m, console, ASCII, Caption("t"), Clock())) for m in modes]
-    assert kinds == [LiveDisplay, LogDisplay, QuietDisplay]
+    types = [type(open_display(m, console, ASCII, Caption("t"), Clock())) for m in modes]
+    assert types == [LiveDisplay, LogDisplay, QuietDisplay]
 
 
-def test_quiet_shows_nothing_of_what_the_others_show(
+def test_quiet_shows_nothing(
     capfd: pytest.CaptureFixture[str],
 ) -> None:
-    said = {}
+    shown = {}
     modes: tuple[Mode, ...] = ("quiet", "log", "live")
     for mode in modes:
         console = live_terminal()
@@ -330,8 +332,8 @@ def test_quiet_shows_nothing_of_what_the_others_show(
             display.on_event(change("INVALID", "RUNNING"))
             display.after_ticks(Run())
             display.after_step(0.0)
-        said[mode] = drawn(console)
-    assert said["quiet"] == ""
-    assert "RUNNING" in said["log"]
-    assert "task" in said["live"]
-    assert capfd.readouterr() == ("", ""), "neither beside the console"
+        shown[mode] = drawn(console)
+    assert shown["quiet"] == ""
+    assert "RUNNING" in shown["log"]
+    assert "task" in shown["live"]
+    assert capfd.readouterr() == ("", ""), "nothing bypasses the console"

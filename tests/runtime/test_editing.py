@@ -1,4 +1,4 @@
-"""A tree file is saved while it is run: what is good is taken up, what is bad is told."""
+"""Hot reload: a tree file that is saved during its run is applied if valid, else reported."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Edited:
         self._saved = 0
 
     def save(self, text: str, part: str = "short.yaml") -> None:
-        """Save the file at a time of its own, and look at it as the thread does."""
+        """Save the file with a modification time of its own, and check it as the thread does."""
         path = self.path.with_name(part)
         path.write_text(text)
         self._saved += 1
@@ -45,7 +45,7 @@ class Edited:
 
 
 def running(run: Run) -> list[NodeView]:
-    """Leaves that run."""
+    """Running leaves."""
     return [leaf for view in run.views() for leaf in _leaves(view.tree) if leaf.status == "RUNNING"]
 
 
@@ -61,7 +61,7 @@ def edited(tmp_path: Path) -> Edited:
 
 
 def test_a_leaf_that_is_unchanged_goes_on(edited: Edited) -> None:
-    """What comes behind it is another: the motion goes on as if nothing had been."""
+    """Only a later leaf has changed: the motion goes on undisturbed."""
     with edited.run as run:
         run.step(0.3)
         [before] = [change.since for change in running(run)]
@@ -73,7 +73,7 @@ def test_a_leaf_that_is_unchanged_goes_on(edited: Edited) -> None:
         assert kinds == ["set", "reach_to_pose", "wait"]
 
 
-def test_a_leaf_that_is_another_is_halted_and_begins_anew(edited: Edited) -> None:
+def test_a_leaf_that_changed_is_halted_and_restarted(edited: Edited) -> None:
     with edited.run as run:
         run.step(0.3)
         edited.save(PARTS.replace("-0.06", "-0.03"), "parts.yaml")
@@ -97,7 +97,7 @@ def test_a_leaf_that_is_another_is_halted_and_begins_anew(edited: Edited) -> Non
         (SHORT.replace("time_limit: 20", "time_limit: 21"), "world: during a run"),
     ],
 )
-def test_what_cannot_be_taken_up_is_told_and_the_run_goes_on(
+def test_an_edit_that_cannot_be_applied_is_reported_and_the_run_goes_on(
     edited: Edited, text: str, said: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     plain = bt_dualarm.run(edited.path).state_sha256
@@ -108,7 +108,7 @@ def test_what_cannot_be_taken_up_is_told_and_the_run_goes_on(
     assert said in caplog.text
 
 
-def test_a_file_that_says_the_same_changes_nothing(edited: Edited) -> None:
+def test_an_equivalent_file_changes_nothing(edited: Edited) -> None:
     plain = bt_dualarm.run(edited.path).state_sha256
     with edited.run as run:
         run.step(0.3)
@@ -118,7 +118,9 @@ def test_a_file_that_says_the_same_changes_nothing(edited: Edited) -> None:
         assert run.finish().state_sha256 == plain
 
 
-def test_a_tree_that_has_ended_stays(edited: Edited, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_tree_that_has_ended_stays_unchanged(
+    edited: Edited, caplog: pytest.LogCaptureFixture
+) -> None:
     with edited.run as run, caplog.at_level(logging.INFO, "bt_dualarm"):
         run.step(0.3)
         run.finish()
@@ -128,8 +130,8 @@ def test_a_tree_that_has_ended_stays(edited: Edited, caplog: pytest.LogCaptureFi
     assert "its tree has ended" in caplog.text
 
 
-def test_the_record_knows_of_the_edit(edited: Edited) -> None:
-    """Its trees are those of the time; it is compared as far as nobody interfered."""
+def test_the_record_contains_the_edit(edited: Edited) -> None:
+    """Its trees are those of each time; the check compares it up to the edit."""
     with edited.run as run:
         run.step(0.3)
         edited.save(LATER)
@@ -146,7 +148,7 @@ def test_the_record_knows_of_the_edit(edited: Edited) -> None:
     assert agreement.until_s == pytest.approx(0.3, abs=0.01)
 
 
-def test_the_file_must_be_right_at_first(tmp_path: Path) -> None:
+def test_the_file_must_be_valid_at_first(tmp_path: Path) -> None:
     edited = Edited(tmp_path)
     with edited.run as run:
         edited.path.write_text("nonsense")
@@ -166,10 +168,10 @@ class Dawdle(Skill):
 '''
 
 
-def test_a_skill_that_is_saved_is_told_once(
+def test_a_skill_that_is_saved_is_reported_once(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Of two in the folder only the one that the tree names; the run goes on with the old one."""
+    """Of two skills in the folder, only the one in the tree; the run goes on with the old code."""
     skills = tmp_path / "own"
     skills.mkdir()
     for name in ("Dawdle", "Idle"):
@@ -186,5 +188,7 @@ def test_a_skill_that_is_saved_is_told_once(
             watch.look()
             run.step(0.1)
         assert run.finish().outcome == "SUCCESS"
-    said = [record.message for record in caplog.records if "was saved" in record.message]
-    assert said == [f"{skills / 'dawdle.py'} was saved: skill code takes effect in the next run"]
+    messages = [record.message for record in caplog.records if "was saved" in record.message]
+    assert messages == [
+        f"{skills / 'dawdle.py'} was saved: skill code takes effect in the next run"
+    ]

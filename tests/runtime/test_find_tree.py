@@ -1,4 +1,4 @@
-"""What is said of a tree file that is not there."""
+"""Suggestions for a tree file that does not exist."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import pytest
 from bt_dualarm.runtime.options import NoSuchTree, find_tree
 
 
-def test_a_file_of_a_similar_name_is_named(tmp_path: Path) -> None:
+def test_a_file_of_a_similar_name_is_suggested(tmp_path: Path) -> None:
     (tmp_path / "cell.yaml").write_text("bt_dualarm: 1\n")
     with pytest.raises(NoSuchTree) as refused:
         find_tree(str(tmp_path / "cell.yml"))
     assert f"did you mean '{tmp_path / 'cell.yaml'}'?" in str(refused.value)
 
 
-def test_without_one_shipped_trees_are_named() -> None:
+def test_otherwise_a_shipped_tree_is_suggested() -> None:
     with pytest.raises(NoSuchTree, match="did you mean 'circle'"):
         find_tree("cirle")

@@ -1,4 +1,4 @@
-"""A run that is over and forgotten is gone at once: Python's search for circles comes late."""
+"""Memory of a run is released with its last reference, before Python's search for cycles."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ arms:
 
 
 @pytest.fixture
-def no_search() -> Iterator[None]:
-    """While this lasts, only what nobody refers to any more is given back."""
+def no_cycle_search() -> Iterator[None]:
+    """Disable the search for reference cycles: only reference counts release memory."""
     gc.collect()
     gc.disable()
     yield
@@ -51,19 +51,21 @@ def no_search() -> Iterator[None]:
 
 
 @pytest.mark.parametrize("tree", [COMING_AND_GOING, "pick_and_track"])
-def test_the_world_of_a_run_is_gone_with_the_run(no_search: None, tree: str) -> None:
+def test_the_world_of_a_run_is_released_with_the_run(no_cycle_search: None, tree: str) -> None:
     with bt.open(tree, duration=6.0, seed=1) as run:
         result = run.finish()
         world = weakref.ref(run.world)
         arms = weakref.ref(run.assembly.arms)
-    assert run.arms["arm1"].outcome is result.arms["arm1"].outcome, "it can be looked at"
+    assert run.arms["arm1"].outcome is result.arms["arm1"].outcome, "it can still be read"
     del run
     assert (world(), arms()) == (None, None)
-    assert result.arms["arm1"].runs, "what it came to stays"
+    assert result.arms["arm1"].runs, "the result stays"
 
 
-def test_so_is_that_of_a_run_that_was_recorded(no_search: None, tmp_path: Path) -> None:
-    """The second one: what the first imports keeps who asked for it, once in a process."""
+def test_the_world_of_a_recorded_run_is_released_with_the_run(
+    no_cycle_search: None, tmp_path: Path
+) -> None:
+    """This is tested for a second run: modules that the first imports keep their importer alive."""
     for name in ("first", "second"):
         with bt.open("circle", duration=0.2, record=tmp_path / name) as run:
             run.finish()
@@ -73,8 +75,8 @@ def test_so_is_that_of_a_run_that_was_recorded(no_search: None, tmp_path: Path) 
     assert (world(), arms()) == (None, None)
 
 
-def test_what_a_run_has_seen_is_gone_with_it(no_search: None) -> None:
-    """A tracker, its camera's callback and all sightings: nobody refers to them any more."""
+def test_sightings_of_a_run_are_released_with_it(no_cycle_search: None) -> None:
+    """Nothing refers to the tracker, its camera's callback, and the sightings anymore."""
 
     def sightings() -> int:
         return sum(isinstance(one, Sighting) for one in gc.get_objects())
@@ -87,7 +89,7 @@ def test_what_a_run_has_seen_is_gone_with_it(no_search: None) -> None:
     assert sightings() == before
 
 
-def test_so_is_that_of_a_run_that_was_never_begun(no_search: None) -> None:
+def test_the_world_of_a_run_that_never_began_is_released(no_cycle_search: None) -> None:
     with bt.open("pick_and_track", seed=1) as run:
         world = weakref.ref(run.world)
     del run

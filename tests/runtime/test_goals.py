@@ -1,4 +1,4 @@
-"""Goals and invariants are judged by the true world, and change nothing in the run."""
+"""Goals and invariants: they are evaluated on the true world, and do not change the run."""
 
 from __future__ import annotations
 
@@ -92,14 +92,14 @@ def result() -> bt.RunResult:
 
 
 @pytest.mark.parametrize("number", range(len(CASES)), ids=lambda n: "_".join(CASES[n][0]))
-def test_a_goal_is_judged_by_the_true_world(number: int, result: bt.RunResult) -> None:
+def test_a_goal_is_evaluated_on_the_true_world(number: int, result: bt.RunResult) -> None:
     goal = result.goals[f"g{number}"]
     reason = CASES[number][1]
     assert goal.met == (not reason), goal.reason
     assert reason in goal.reason
 
 
-def test_goals_change_no_bit_of_the_run(result: bt.RunResult) -> None:
+def test_goals_do_not_change_the_run(result: bt.RunResult) -> None:
     plain = bt.run(TREE)
     assert plain.state_sha256 == result.state_sha256
     assert plain.goals == {}
@@ -141,10 +141,10 @@ def test_bt_why_names_the_goals_that_were_missed(
 ) -> None:
     bt.run(TREE | {"goal": {"far": {"object": "rod", "in_zone": "bin"}}}, record=tmp_path)
     assert why([str(tmp_path)]) == 0
-    said = capsys.readouterr().out
-    assert "every tree succeeded\ngoal far was not met: rod is" in said
+    output = capsys.readouterr().out
+    assert "every tree succeeded\ngoal far was not met: rod is" in output
 
 
 def test_an_invariant_that_holds_ends_nothing() -> None:
-    kept = bt.run(TREE | {"always": {"calm": {"tool": "arm2", "speed": 0.5, "force": 5}}})
-    assert kept.outcome == "SUCCESS"
+    ended = bt.run(TREE | {"always": {"calm": {"tool": "arm2", "speed": 0.5, "force": 5}}})
+    assert ended.outcome == "SUCCESS"

@@ -1,4 +1,4 @@
-"""What a file asks of its grippers is checked against their pages, with line and column."""
+"""Gripper ports in a file are checked against the grippers' descriptions, with line and column."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ arms:
     tree: {sequence: [{close_gripper: {force: 61}}, {close_gripper: {width: 0.3}}]}
 """
 
-SAID = (
+EXPECTED = (
     (7, 14, "there is no gripper 'robotiq_2f58'", "did you mean 'robotiq_2f85'?"),
     (15, 33, "open_gripper: width: panda_hand cannot do 0.09 m", "its width is 0 to 0.08 m"),
     (15, 46, "open_gripper: speed: panda_hand cannot do 0.2 m/s", "its speed is 0.005 to 0.1 m/s"),
@@ -53,13 +53,15 @@ SAID = (
     (21, 15, "holding: arm3 has no gripper", "give arm3 one: gripper: NAME"),
     (26, 47, "close_gripper: force: suction_cup cannot do 61 N", "its force is 5 to 60 N"),
 )
-"""Line, column, message, beginning of the hint: all of them at once."""
+"""Line, column, message, and beginning of the hint of every problem."""
 
 
-def test_every_mistake_is_said_where_it_stands() -> None:
+def test_every_mistake_is_reported_at_its_position() -> None:
     problems = check(MISTAKEN, KINDS).problems
-    said = [(p.place.line, p.place.column, p.message, p.hint) for p in problems]
-    assert [(*row[:3], row[3][: len(SAID[i][3])]) for i, row in enumerate(said)] == list(SAID)
+    found = [(p.place.line, p.place.column, p.message, p.hint) for p in problems]
+    assert [(*row[:3], row[3][: len(EXPECTED[i][3])]) for i, row in enumerate(found)] == list(
+        EXPECTED
+    )
 
 
 @pytest.mark.parametrize(("gripper", "robot"), some(product(gripper_names(), robot_names()), 3))
@@ -78,7 +80,7 @@ arms:
     assert check(text, KINDS).problems == ()
 
 
-def test_a_page_that_is_wrong_is_said_with_its_own_lines(tmp_path: Path) -> None:
+def test_an_error_in_a_description_is_reported_at_its_own_line(tmp_path: Path) -> None:
     (tmp_path / "claw.yaml").write_text(
         "title: Claw\n"
         "tool: {xyz: [0, 0, 0.1]}\n"

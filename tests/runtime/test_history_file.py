@@ -1,4 +1,4 @@
-"""A history is readable up to its last whole block, wherever it was cut or damaged."""
+"""History files: readable up to the last complete block, wherever they are cut or damaged."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def ends(content: bytes) -> list[int]:
     return found
 
 
-def test_blocks_come_back(written: Path) -> None:
+def test_blocks_are_restored(written: Path) -> None:
     history = read_history(written)
     assert history.torn == ""
     assert [block.kind for block in history.blocks] == ["start", "second", "end"]
@@ -57,7 +57,7 @@ def test_blocks_come_back(written: Path) -> None:
 
 
 @given(st.data())
-def test_cut_anywhere_the_whole_blocks_are_left(written: Path, data: st.DataObject) -> None:
+def test_a_cut_file_keeps_its_complete_blocks(written: Path, data: st.DataObject) -> None:
     content = written.read_bytes()
     length = data.draw(st.integers(len(MAGIC), len(content)))
     cut = written.with_name("cut")
@@ -80,7 +80,7 @@ def test_a_damaged_byte_costs_its_block_and_those_after(written: Path, data: st.
     assert history.torn
 
 
-def test_what_is_no_history_is_refused(tmp_path: Path) -> None:
+def test_other_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(HistoryError, match="No such file"):
         read_history(tmp_path / "none")
     (tmp_path / "other").write_text("name: tree\n")
@@ -91,6 +91,6 @@ def test_what_is_no_history_is_refused(tmp_path: Path) -> None:
         read_history(tmp_path / "later")
 
 
-def test_a_file_that_is_there_is_not_overwritten(written: Path) -> None:
+def test_an_existing_file_is_not_overwritten(written: Path) -> None:
     with pytest.raises(FileExistsError):
         HistoryWriter(written).add(BLOCKS[0])

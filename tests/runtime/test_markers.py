@@ -1,4 +1,4 @@
-"""A marker that is looked for and that nothing bears is warned of, with what there is instead."""
+"""Markers that a tree looks for but no object has: a warning names the markers that exist."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ arms:
         ("{id: 7, size: 0.045}", "no object has marker 7 of aruco_4x4_50", "there are 5 of april"),
     ],
 )
-def test_it_is_warned_of(marker: str, message: str, hint: str) -> None:
+def test_a_marker_that_no_object_has_is_a_warning(marker: str, message: str, hint: str) -> None:
     checked = check(FILE.format(marker=marker), KINDS)
     [problem] = checked.problems
     assert problem.severity == "warning"
@@ -54,6 +54,6 @@ def test_it_is_warned_of(marker: str, message: str, hint: str) -> None:
     assert checked.file is not None
 
 
-def test_one_that_something_bears_is_fine() -> None:
+def test_a_marker_of_an_object_is_no_problem() -> None:
     given = "{dictionary: apriltag_36h11, id: 5, size: 0.045}"
     assert not check(FILE.format(marker=given), KINDS).problems

@@ -1,4 +1,4 @@
-"""Runs and results as a notebook shows them: well-formed tables in which no text is markup."""
+"""Runs and results in a notebook: well-formed tables in which all text is escaped."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ TWO: dict[str, Any] = {
 
 
 def parsed(text: str) -> ET.Element:
-    """A table; raises where it is not well-formed."""
+    """Parse a table; raise if it is not well-formed."""
     return ET.fromstring(text)  # noqa: S314 - it is ours
 
 
@@ -90,7 +90,7 @@ def test_a_run_shows_its_nodes_and_a_result_its_leaves() -> None:
     assert caption_of(after).startswith("two, seed 7: FAILURE after ")
 
 
-def test_a_leaf_shows_what_it_measured() -> None:
+def test_a_leaf_shows_its_metrics() -> None:
     result = bt.run({**TWO, "arms": {"left": TWO["arms"]["left"]}})
     (arm,) = result.arms.values()
     report = LeafReport("circle", "circle", "SUCCESS", 0.0, 1.0, metrics={"path_rms_m": 2.5e-5})

@@ -1,4 +1,4 @@
-"""What happens between two frames is noted when it changes, and then only."""
+"""Trace events: an event is recorded when its state changes, and only then."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ PEG: Any = Held("arm1", "peg", False)
 LID: Any = Held("arm2", "lid", True)
 
 
-def test_who_holds_what_is_noted_as_it_changes() -> None:
+def test_holdings_are_recorded_when_they_change() -> None:
     """
-    asked with      | notes
+    held            | events
     nothing         | none
     cube            | arm1 cube
     cube            | none
@@ -30,12 +30,12 @@ def test_who_holds_what_is_noted_as_it_changes() -> None:
     lid             | arm1 nothing
     nothing         | arm2 nothing
     """
-    notes = TraceEvents(clock=lambda: 0.5)
-    noted = []
+    trace = TraceEvents(clock=lambda: 0.5)
+    events = []
     for held in ([], [CUBE], [CUBE], [CUBE, PEG, LID], [LID], []):
-        notes.of_holding(held)
-        noted.append([(n["arm"], n["gripped"], n["welded"]) for n in notes.take()])
-    assert noted == [
+        trace.of_holding(held)
+        events.append([(n["arm"], n["gripped"], n["welded"]) for n in trace.take()])
+    assert events == [
         [],
         [("arm1", ["cube"], [])],
         [],

@@ -1,4 +1,4 @@
-"""What lives come to, and arms: over every mixture of outcomes that a life can have."""
+"""Outcomes of arms and runs, from every mixture of outcomes of an arm's lives."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ def test_a_file_can_let_the_last_life_count(lives: list[Outcome]) -> None:
 
 @given(LIVES)
 def test_a_file_can_forgive_removals_and_nothing_else(lives: list[Outcome]) -> None:
-    left = [life for life in lives if life is not Outcome.REMOVED]
-    wanted = Leniency().outcome_of(left) if left else Outcome.REMOVED
-    assert Leniency(removable=True).outcome_of(lives) is wanted
+    remaining = [life for life in lives if life is not Outcome.REMOVED]
+    expected = Leniency().outcome_of(remaining) if remaining else Outcome.REMOVED
+    assert Leniency(removable=True).outcome_of(lives) is expected
 
 
 @given(st.lists(st.sampled_from(Outcome), max_size=6))
-def test_a_run_succeeds_only_if_an_arm_did_and_none_went_wrong(arms: list[Outcome]) -> None:
-    """That an arm was never spawned is nobody's fault, and nobody's success."""
+def test_a_run_succeeds_only_if_all_spawned_arms_did(arms: list[Outcome]) -> None:
+    """An arm that was never spawned counts neither as a failure nor as a success."""
     good = set(arms) - {Outcome.NOT_SPAWNED} == {Outcome.SUCCESS}
     assert (combined(arms) is Outcome.SUCCESS) == good
     assert (combined(arms) is Outcome.FAILURE) == (Outcome.FAILURE in arms)

@@ -1,4 +1,4 @@
-"""Real time: simulated time never runs ahead of the clock, and does not race to catch up."""
+"""Real-time pacing: simulated time is never ahead of the clock, and does not race to catch up."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Clock:
         self.now += seconds
 
 
-def test_it_waits_for_the_clock() -> None:
+def test_simulated_time_waits_for_the_clock() -> None:
     clock = Clock()
     pacer = RealTime(clock, clock.sleep)
     for step in range(501):
@@ -37,7 +37,7 @@ def test_a_small_delay_is_caught_up() -> None:
     assert abs(clock.now - 101.0) < 0.002
 
 
-def test_a_long_delay_is_not() -> None:
+def test_a_long_delay_is_not_caught_up() -> None:
     clock = Clock()
     pacer = RealTime(clock, clock.sleep)
     pacer.pace(0.0)
@@ -49,7 +49,7 @@ def test_a_long_delay_is_not() -> None:
 
 @given(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=100))
 def test_simulated_time_is_never_ahead_of_the_clock(delays: list[float]) -> None:
-    """Whatever the steps take: by a sleep at most that is not worth it."""
+    """Whatever time the steps take; it may be ahead by 1 ms, for which a sleep is not worth it."""
     clock = Clock()
     pacer = RealTime(clock, clock.sleep)
     pacer.pace(0.0)

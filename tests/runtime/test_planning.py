@@ -1,4 +1,4 @@
-"""Planning in a whole run: beside it, repeatable, and over when the run is."""
+"""Planning in a complete run: concurrent, repeatable, and over when the run is."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ FAR_ARM = {
 
 
 def around(*last: Any) -> dict[str, Any]:
-    """An arm to the left of a wall, and what it does there; going to the right needs a search."""
+    """An arm moves to the left of a wall, then runs ``last``; moving right needs a search."""
     tree = {"sequence": [LEFT, {"spawn": {"object": "wall"}}, *(last or [RIGHT])]}
     arm = {"robot": "ur5", "base": {"xyz": [0, 0, 0.4]}, "tree": tree}
     return {
@@ -46,14 +46,14 @@ def process_of(play: Play) -> int | None:
     return play.opened.assembly.planning.pid
 
 
-def note_processes(play: Play) -> set[int | None]:
+def planning_processes(play: Play) -> set[int | None]:
     """Every process that plans for a run, and None for the time before."""
     seen: set[int | None] = set()
     play.watchers.append(lambda _: seen.add(process_of(play)))
     return seen
 
 
-def test_the_process_that_plans_goes_on_to_the_next_run_and_runs_are_one_to_the_last_bit(
+def test_the_planning_process_is_reused_and_runs_are_bit_identical(
     stage: Stage,
 ) -> None:
     """However long their processes take to start and to search, and whatever they did before."""
@@ -61,7 +61,7 @@ def test_the_process_that_plans_goes_on_to_the_next_run_and_runs_are_one_to_the_
     states = []
     for _ in range(2):
         play = stage.play(around())
-        seen = note_processes(play)
+        seen = planning_processes(play)
         play.run()
         assert [leaf.status for leaf in play.arm().runs] == ["SUCCESS"] * 3
         pids += seen - {None}
@@ -72,7 +72,7 @@ def test_the_process_that_plans_goes_on_to_the_next_run_and_runs_are_one_to_the_
     assert states[0] == states[1]
 
 
-def test_a_run_that_is_asked_to_end_while_it_plans_does(stage: Stage) -> None:
+def test_a_run_can_be_stopped_while_it_plans(stage: Stage) -> None:
     """Ctrl-C goes to the run, which halts the leaf, which abandons its problem."""
     seen: set[int] = set()
     play = stage.play(around())
@@ -96,9 +96,9 @@ def test_a_run_that_is_asked_to_end_while_it_plans_does(stage: Stage) -> None:
 def test_a_process_that_dies_fails_its_leaf_and_nothing_else(
     stage: Stage, arms: dict[str, Any]
 ) -> None:
-    """The other branch plans again, in a new process, and gets there.
+    """The other branch plans again, in a new process, and succeeds.
 
-    An arm that can never be the reason is not waited for.
+    An arm out of reach, which cannot be the reason, is not waited for.
     """
     killed: set[int] = set()
     file = around({"selector": [RIGHT, RIGHT]})

@@ -1,4 +1,4 @@
-"""The kind of a processor: the same while it is, another where numbers are rounded otherwise."""
+"""Processor fingerprint: constant on one processor, another where rounding differs."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ OTHERS = {
 
 
 def elsewhere(**environment: str) -> Processor:
-    """The kind that a process of its own finds."""
+    """The fingerprint that a separate process finds."""
     code = (
         "import json; from bt_dualarm.runtime.summary import processor;"
         "print(json.dumps(processor()))"
@@ -47,12 +47,12 @@ def test_processes_on_one_processor_agree() -> None:
     platform.libc_ver()[0] != "glibc"
     or not {"AVX2", "FMA3"} <= set(HERE["simd"])
     or HERE["blas"] in ("unknown", "Nehalem"),
-    reason="this processor is as old as those that it would play, or cannot play them",
+    reason="this processor is as old as those to emulate, or cannot emulate them",
 )
 @pytest.mark.parametrize("name", OTHERS)
-def test_what_rounds_otherwise_has_another_fingerprint(name: str) -> None:
+def test_different_rounding_has_another_fingerprint(name: str) -> None:
     other = elsewhere(**OTHERS[name])
     assert other != HERE
-    # NumPy's functions of doubles round otherwise only where AVX-512 replaces the C library.
+    # NumPy's functions of doubles round differently only where AVX-512 replaces the C library.
     if name != "fewer SIMD extensions" or "AVX512_SKX" in HERE["simd"]:
         assert other["arithmetic"] != HERE["arithmetic"]

@@ -1,4 +1,4 @@
-"""Every number of the format has a range, and what is within it can be run."""
+"""Numbers of the format: each has a range, and every value within it can be run."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ FIRST = {(one.node[-1:], *one.owner): one for one in reversed(RANGED)}
 """One of each field of a node: coordinates are bounded alike, and so are forms of a skill."""
 
 
-def test_every_number_of_the_format_is_among_them() -> None:
+def test_every_number_of_the_format_is_tested() -> None:
     models: list[type[BaseModel]] = [TreeContent]
-    models += [word.ports for word in LANGUAGE.values()]
+    models += [node_type.ports for node_type in LANGUAGE.values()]
     models += [skill.Ports for skill in REGISTRY.skills.values()]
-    wanted = {field for model in models for field in fields_of(model)}
-    assert wanted - {one.owner for one in NUMBERS} == set()
+    expected = {field for model in models for field in fields_of(model)}
+    assert expected - {one.owner for one in NUMBERS} == set()
 
 
 def test_every_number_has_a_smallest_and_a_largest() -> None:
-    """So large a bound that no one could mean it is none."""
+    """A bound that is too large to be meant does not count."""
     beyond = (-1e10, 1e10)
-    assert [str(one) for one in RANGED if any(one.is_taken(value) for value in beyond)] == []
+    assert [str(one) for one in RANGED if any(one.is_accepted(value) for value in beyond)] == []
 
 
 def test_a_number_out_of_its_range_is_refused_by_name() -> None:
@@ -48,20 +48,20 @@ def test_a_number_out_of_its_range_is_refused_by_name() -> None:
     wrong = {
         str(one): found
         for number, one in enumerate(ranged)
-        if (found := what_passes_beyond(one, number))
+        if (found := undetected_values(one, number))
     }
     assert wrong == {}
 
 
-def what_passes_beyond(one: Number, turn: int) -> list[str]:
+def undetected_values(one: Number, turn: int) -> list[str]:
     """Values out of a number's range that are not refused, or not by its name.
 
-    The first one below or above, in turns; all of them in ``make matrix``. Infinity and NaN, which
-    the reader of files refuses before it knows what they are for, of a few.
+    The first one below or above, in turns; all of them in ``make matrix``. For a few numbers also
+    infinity and NaN, which the file reader refuses before it knows their field.
     """
-    step = 1 if one.is_whole else 0
+    step = 1 if one.is_integer else 0
     beyond = [
-        one.end(sign) + sign * step if step else math.nextafter(one.end(sign), sign * math.inf)
+        one.bound(sign) + sign * step if step else math.nextafter(one.bound(sign), sign * math.inf)
         for sign in ((-1, 1) if WHOLE else (1 - turn % 2 * 2,))
     ]
     if WHOLE or turn % 30 == 0:
@@ -80,20 +80,20 @@ def what_passes_beyond(one: Number, turn: int) -> list[str]:
 
 
 ONE_IN = 23
-"""In ``make test`` one number stands for so many."""
+"""In ``make test``, one of this many numbers is run."""
 
 
 @pytest.mark.parametrize("one", some(FIRST.values(), ONE_IN), ids=str)
-def test_a_number_within_its_range_is_run_or_refused_before(one: Number) -> None:
-    """The smallest, the largest, and those nearest to nothing: no leaf has a bug, no run breaks.
+def test_a_number_within_its_range_runs_or_is_refused_beforehand(one: Number) -> None:
+    """The smallest, the largest, and those nearest to zero: no leaf raises, no run breaks.
 
-    One of these values in turns; each of them in ``make matrix``.
+    One of these values in turn; each of them in ``make matrix``.
     """
-    tiny = [value for value in (5e-324, 1e-9) if one.is_taken(value)]
-    values = [*dict.fromkeys((*one.ends, *tiny))]
+    tiny = [value for value in (5e-324, 1e-9) if one.is_accepted(value)]
+    values = [*dict.fromkeys((*one.bounds, *tiny))]
     turn = [*FIRST.values()].index(one) // ONE_IN % len(values)
     for value in values if WHOLE else values[turn : turn + 1]:
-        checked = check(one.set_to(int(value) if one.is_whole else value), REGISTRY.kinds)
+        checked = check(one.set_to(int(value) if one.is_integer else value), REGISTRY.kinds)
         if checked.file is None:
             assert all(problem.message for problem in checked.problems)
             continue

@@ -1,4 +1,4 @@
-"""What a run leaves behind: whole files, exact fields, nobody else's files touched."""
+"""Recorder: complete files with exact fields, and no other files touched."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ class FallingWorld:
         return int(self.model.body(name).id)
 
     def step(self) -> None:
-        """As the world's steps do, this ends with positions that are up to date."""
+        """Step; like the world's steps, this ends with up-to-date positions."""
         mujoco.mj_step(self.model, self.data)
         mujoco.mj_kinematics(self.model, self.data)
 
@@ -235,7 +235,7 @@ def test_the_events_are_lines_of_json(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("without_pictures")
-def test_samples_are_where_things_were(tmp_path: Path) -> None:
+def test_samples_have_the_positions_of_tools_and_objects(tmp_path: Path) -> None:
     record(tmp_path)
     samples = np.load(tmp_path / "samples.npz")
     time = samples["time"]
@@ -248,7 +248,7 @@ def test_samples_are_where_things_were(tmp_path: Path) -> None:
     assert np.allclose(samples["object_cube"][early, 2], (1.0 - fall)[early], atol=0.0006)
 
 
-def test_a_thing_that_is_gone_is_not_a_number() -> None:
+def test_a_removed_object_is_nan() -> None:
     world: Any = FallingWorld()
     tracks = Tracks(world)
     for step in range(20):
@@ -261,7 +261,7 @@ def test_a_thing_that_is_gone_is_not_a_number() -> None:
 
 
 @pytest.mark.usefixtures("without_pictures")
-def test_equal_runs_hash_alike_and_others_do_not(tmp_path: Path) -> None:
+def test_only_equal_runs_have_equal_hashes(tmp_path: Path) -> None:
     first, again, other = (
         record(tmp_path / str(number), push=push)["state_sha256"]
         for number, push in enumerate((0.0, 0.0, 1e-12))
@@ -288,7 +288,7 @@ def test_last_states_of_another_size_are_left_out(tmp_path: Path) -> None:
     assert np.load(tmp_path / "last.npz")["time"].shape == (1,)
 
 
-def test_plots_are_pictures(tmp_path: Path) -> None:
+def test_plots_are_png_images(tmp_path: Path) -> None:
     record(tmp_path)
     names = sorted(path.name for path in tmp_path.glob("*.png"))
     assert names == ["arm1_plane.png", "arm1_time.png", "overview.png", "scene.png"]
@@ -297,7 +297,7 @@ def test_plots_are_pictures(tmp_path: Path) -> None:
 
 
 def test_the_scene_shows_start_and_end_and_changes_nothing() -> None:
-    """A state that diverged cannot be drawn: then the start stands alone."""
+    """A state that diverged cannot be drawn; then only the start is shown."""
     world: Any = FallingWorld()
     start = StillRenderer.of(world)
     for _ in range(100):
@@ -344,11 +344,11 @@ def curve(leaf: str = "arm1") -> SeriesLog:
     return series
 
 
-def test_a_plane_shows_what_its_own_arm_holds_and_nothing_else() -> None:
-    """Another arm's cube a meter away made a blob of the curve."""
+def test_a_plane_shows_only_objects_held_by_its_own_arm() -> None:
+    """Another arm's cube a meter away once shrank the curve to a blob."""
     time = np.linspace(0.0, 2.0, 21)
-    away = np.column_stack((1.0 + time, time, time))
-    paths = {"object_mine": 0.1 * away, "object_other": away}
+    path = np.column_stack((1.0 + time, time, time))
+    paths = {"object_mine": 0.1 * path, "object_other": path}
     carried = plots._carried([Holding("arm1", "mine", 0.5, 1.5)], time, paths)
     figure: Figure = plots.in_plane(curve().of("arm1"), time, carried, "arm1")
     (axes,) = figure.axes
@@ -365,15 +365,15 @@ def test_a_plane_shows_what_its_own_arm_holds_and_nothing_else() -> None:
     st.floats(0.0, 0.1),
     st.lists(st.floats(0.0, 1.0), min_size=3, max_size=3),
 )
-def test_a_leaf_that_says_its_plane_is_shown_in_it(
-    plane: str, tilt: float, off: float, moved: list[float]
+def test_a_leaf_that_reports_its_plane_is_shown_in_it(
+    plane: str, tilt: float, offset: float, moved: list[float]
 ) -> None:
-    """However far the target moved along which axis, and as the plane leans a little."""
+    """However far the target moves along any axis, and for a slightly tilted plane."""
     normal = np.full(3, tilt)
     normal["xyz".index(next(axis for axis in "xyz" if axis not in plane))] = 1.0
     log = SeriesLog()
     for name in ("target", "tracked"):
-        log.add("arm1", "track", name, [0.0, 1.0], [[0.0, 0.0, off], moved])
+        log.add("arm1", "track", name, [0.0, 1.0], [[0.0, 0.0, offset], moved])
     log.add("arm1", "track", "plane_normal", 1.0, normal)
     (axes,) = plots.in_plane(log.of("arm1"), np.array([0.0, 1.0]), {}, "arm1").axes
     u, v = sorted(plane)
@@ -382,7 +382,7 @@ def test_a_leaf_that_says_its_plane_is_shown_in_it(
 
 
 def test_the_overview_shows_tools_that_stand_still_and_every_base() -> None:
-    """A motion of a millimeter left it empty."""
+    """A motion of a millimeter once left it empty."""
     still = np.tile([0.5, 0.2, 0.3], (4, 1)) + np.linspace(0, 1e-3, 4)[:, None]
     paths = {"tool_arm1": still, "object_cube": still}
     base = np.array([0.0, -0.4, 0.7])
@@ -394,11 +394,11 @@ def test_the_overview_shows_tools_that_stand_still_and_every_base() -> None:
         assert [text.get_text() for text in axes.texts] == ["arm1"]
     legend: Any = figure.axes[0].get_legend()
     labels = [text.get_text() for text in legend.get_texts()]
-    assert labels == ["tool of arm1"], "an object that lies still is no news"
+    assert labels == ["tool of arm1"], "an object at rest is not shown"
 
 
-def test_every_curve_of_the_overview_has_a_color_of_its_own() -> None:
-    """From the seventh on, colors were repeated."""
+def test_every_curve_of_the_overview_has_its_own_color() -> None:
+    """Colors once repeated from the seventh on."""
     ends = np.array([[0.0, 0.0, 0.0], [0.1, 0.1, 0.1]])
     paths = {f"object_part{number}": ends + 0.01 * number for number in range(40)}
     figure: Figure = plots.overview(paths, {})
@@ -409,7 +409,7 @@ def test_every_curve_of_the_overview_has_a_color_of_its_own() -> None:
     sixteen = plots.distinct_colors(16)
     rgb = [[int(color[at : at + 2], 16) for at in (1, 3, 5)] for color in sixteen]
     gaps = [np.abs(np.subtract(a, b)).max() for n, a in enumerate(rgb) for b in rgb[:n]]
-    assert min(gaps) >= 20, "sixteen colors can be told apart"
+    assert min(gaps) >= 20, "sixteen colors can be distinguished"
 
 
 FIXED = """
@@ -427,7 +427,7 @@ FIXED = """
 """
 
 
-def test_the_overview_shows_what_is_fixed() -> None:
+def test_the_overview_shows_fixed_objects() -> None:
     """Table and fixed objects as outlines with their names; neither floor, nor marks, nor cubes."""
     model = mujoco.MjModel.from_xml_string(FIXED)
     fixed = StillRenderer(model, mujoco.MjData(model).qpos.copy(), 0.0).fixed_outlines()
@@ -444,7 +444,9 @@ def test_the_overview_shows_what_is_fixed() -> None:
     assert {text.get_text() for text in above.texts} == {"table", "post", "ball"}
     left, right = above.get_xlim()
     fixed["wall"] = [np.array([[0, 0, 0], [90, 0, 0], [90, 0.1, 2], [0, 0.1, 2]], float)]
-    assert plots.overview({}, {}, fixed).axes[0].get_xlim() == (left, right), "not a dot in a hall"
+    assert plots.overview({}, {}, fixed).axes[0].get_xlim() == (left, right), (
+        "a large object does not shrink the rest"
+    )
 
 
 def test_labels_at_one_point_are_one_label() -> None:
@@ -454,8 +456,8 @@ def test_labels_at_one_point_are_one_label() -> None:
     assert [text.get_text() for text in beside.texts] == ["left, right"]
 
 
-def test_an_error_that_a_leaf_measured_is_not_measured_again() -> None:
-    """Tracking counts in its plane; a distance in space beside it was half as large again."""
+def test_an_error_that_a_leaf_reports_is_not_computed_again() -> None:
+    """Tracking is evaluated in its plane; the distance in space was half as large again."""
     series = curve("track")
     series.add("arm1", "track", "error_in_plane_m", [0.0, 1.0], [0.001, 0.002])
     figure: Figure = plots.over_time(series.of("arm1"), "arm1")
@@ -506,7 +508,7 @@ def test_the_log_keeps_tracebacks(tmp_path: Path) -> None:
     assert "too late" not in text
 
 
-def test_a_full_disk_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_disk_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     world: Any = FallingWorld()
     recorder = Recorder(tmp_path, world, StateLog(world), list)
 
@@ -518,10 +520,10 @@ def test_a_full_disk_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
         recorder.write(result(), StopRequest())
 
 
-def test_a_picture_that_cannot_be_drawn_is_left_out_and_told(
+def test_a_plot_that_cannot_be_drawn_is_left_out_and_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Everything else is written: what a run did is not lost for a plot."""
+    """Everything else is written: no data are lost because of a plot."""
     record(tmp_path / "whole")
 
     def broken(*_: object) -> None:
@@ -530,12 +532,12 @@ def test_a_picture_that_cannot_be_drawn_is_left_out_and_told(
     monkeypatch.setattr(plots, "overview", broken)
     with pytest.raises(RecordError, match=r"overview\.png could not be written: ZeroDivisionError"):
         record(tmp_path / "torn")
-    left = {path.name for path in (tmp_path / "torn").iterdir()}
-    assert left == {path.name for path in (tmp_path / "whole").iterdir()} - {"overview.png"}
+    written = {path.name for path in (tmp_path / "torn").iterdir()}
+    assert written == {path.name for path in (tmp_path / "whole").iterdir()} - {"overview.png"}
     assert "Traceback" in caplog.text
 
 
-def test_json_knows_no_numpy_and_no_infinity() -> None:
+def test_json_has_no_numpy_types_and_no_infinity() -> None:
     assert json_ready({"a": np.float64(0.5), "b": (np.int64(3), float("inf")), "c": True}) == {
         "a": 0.5,
         "b": [3, None],

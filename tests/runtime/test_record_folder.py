@@ -1,4 +1,4 @@
-"""One run at a time has a folder, and nobody else's files are touched."""
+"""Record folders: one run at a time uses a folder, and other files are not touched."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 import bt_dualarm
 from bt_dualarm.runtime.recorder import LOCK, RecordError, RecordFolder
 
-OF_A_RECORD = (
+RECORD_FILES = (
     "summary.json",
     "events.jsonl",
     "samples.npz",
@@ -38,9 +38,9 @@ def names(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
 
 
-def test_an_earlier_record_is_taken_away_and_other_files_stay(tmp_path: Path) -> None:
-    """Plots of its arms too: they would be taken for those of the new run."""
-    for name in (*OF_A_RECORD, "arm2_plane.png", "mine_plane.png", "notes.txt"):
+def test_an_earlier_record_is_removed_and_other_files_stay(tmp_path: Path) -> None:
+    """So are plots of its arms, which would be taken for those of the new run."""
+    for name in (*RECORD_FILES, "arm2_plane.png", "mine_plane.png", "notes.txt"):
         (tmp_path / name).write_text("")
     (tmp_path / "summary.json").write_text(summary("arm1", "arm2"))
     with RecordFolder(tmp_path, ["arm1"]):
@@ -48,11 +48,13 @@ def test_an_earlier_record_is_taken_away_and_other_files_stay(tmp_path: Path) ->
     assert names(tmp_path) == {"mine_plane.png", "notes.txt"}, "nothing of its own stays behind"
 
 
-@pytest.mark.parametrize("name", OF_A_RECORD)
+@pytest.mark.parametrize("name", RECORD_FILES)
 @pytest.mark.parametrize(
     "text", ["", "junk", "[]", "3", "{}", '{"arms": 3}', '{"arms": {"arm1": 0}}', "\xff"]
 )
-def test_what_is_of_no_run_is_not_overwritten(name: str, text: str, tmp_path: Path) -> None:
+def test_a_file_that_is_not_from_a_run_is_not_overwritten(
+    name: str, text: str, tmp_path: Path
+) -> None:
     (tmp_path / name).write_text(text, encoding="latin-1")
     with pytest.raises(RecordError, match=f"{name} exists and is not from a run"):
         RecordFolder(tmp_path, ["arm1"])
@@ -60,7 +62,7 @@ def test_what_is_of_no_run_is_not_overwritten(name: str, text: str, tmp_path: Pa
     assert (tmp_path / name).read_text(encoding="latin-1") == text
 
 
-OTHER_KINDS: dict[str, tuple[Callable[[Path], object], str]] = {
+OTHER_FILES: dict[str, tuple[Callable[[Path], object], str]] = {
     "fifo": (os.mkfifo, "a pipe"),
     "folder": (Path.mkdir, "a folder"),
     "link to a device": (lambda path: path.symlink_to("/dev/zero"), "a symbolic link"),
@@ -68,11 +70,13 @@ OTHER_KINDS: dict[str, tuple[Callable[[Path], object], str]] = {
 }
 
 
-@pytest.mark.parametrize("kind", OTHER_KINDS)
-@pytest.mark.parametrize("name", [LOCK, *OF_A_RECORD])
-def test_what_is_no_file_is_refused_and_not_opened(name: str, kind: str, tmp_path: Path) -> None:
-    """To open a pipe that nobody writes to does not return."""
-    make, words = OTHER_KINDS[kind]
+@pytest.mark.parametrize("kind", OTHER_FILES)
+@pytest.mark.parametrize("name", [LOCK, *RECORD_FILES])
+def test_what_is_no_regular_file_is_refused_and_not_opened(
+    name: str, kind: str, tmp_path: Path
+) -> None:
+    """Opening a pipe without a writer would not return."""
+    make, words = OTHER_FILES[kind]
     make(tmp_path / name)
     with pytest.raises(RecordError, match=f"{name} exists and is {words}, not a regular file"):
         RecordFolder(tmp_path, ["arm1"])
@@ -80,19 +84,19 @@ def test_what_is_no_file_is_refused_and_not_opened(name: str, kind: str, tmp_pat
 
 
 @given(st.text(max_size=20))
-def test_a_summary_leads_nowhere_else(name: str) -> None:
-    """Whatever it calls its arms."""
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place, "record")
+def test_a_summary_does_not_affect_other_folders(name: str) -> None:
+    """Whatever names it gives to its arms."""
+    with tempfile.TemporaryDirectory() as parent:
+        folder = Path(parent, "record")
         folder.mkdir()
-        (Path(place) / "secret_time.png").write_bytes(b"")
+        (Path(parent) / "secret_time.png").write_bytes(b"")
         (folder / "summary.json").write_text(summary("../secret", f"../{name}", name))
         with RecordFolder(folder, [name]):
-            assert (Path(place) / "secret_time.png").exists()
+            assert (Path(parent) / "secret_time.png").exists()
 
 
-def test_a_folder_that_a_killed_run_has_left_is_free(tmp_path: Path) -> None:
-    """Whatever it had written by then; the system has let go of its lock."""
+def test_the_folder_of_a_killed_run_is_free(tmp_path: Path) -> None:
+    """Whatever it had written by then; the system has released its lock."""
     program = (
         "import os, sys; from pathlib import Path; "
         "from bt_dualarm.runtime.recorder import RecordFolder; "
@@ -105,8 +109,8 @@ def test_a_folder_that_a_killed_run_has_left_is_free(tmp_path: Path) -> None:
         assert names(tmp_path) == {LOCK}
 
 
-def test_files_that_a_killed_run_was_writing_are_taken_away(tmp_path: Path) -> None:
-    """Its own only: they are hidden, and nobody else would find them."""
+def test_files_that_a_killed_run_was_writing_are_removed(tmp_path: Path) -> None:
+    """Only its own: they are hidden, and would not be found otherwise."""
     program = (
         "import os, sys; from pathlib import Path; "
         "from bt_dualarm.core.share import write_atomically; "
@@ -121,8 +125,8 @@ def test_files_that_a_killed_run_was_writing_are_taken_away(tmp_path: Path) -> N
     assert [name.partition(".png")[0] for name in left] == [".mine"]
 
 
-def test_a_second_run_is_kept_out_until_the_first_is_over(tmp_path: Path) -> None:
-    """Of two runs into one folder, one was lost without a word."""
+def test_a_second_run_is_refused_until_the_first_is_over(tmp_path: Path) -> None:
+    """Of two runs into one folder, one was once silently lost."""
     with RecordFolder(tmp_path, ["arm1"]):
         for _ in range(2):
             with pytest.raises(RecordError, match="another run is recording there"):

@@ -1,4 +1,4 @@
-"""The last words on a run, kept as golden texts at the widths of real terminals."""
+"""Final report of a run, compared with golden texts at common terminal widths."""
 
 from __future__ import annotations
 
@@ -45,13 +45,13 @@ RESULT = RunResult(
 
 
 @pytest.mark.parametrize("width", [40, 80])
-def test_the_report(width: int) -> None:
+def test_the_report_equals_its_golden_text(width: int) -> None:
     console = plain_console(width)
     console.print(Report("pick_and_track", RESULT, Path("out/first"), UNICODE))
     check_golden(f"report_{width}.txt", printed(console))
 
 
-def test_a_retried_leaf_speaks_once() -> None:
+def test_a_retried_leaf_is_reported_once() -> None:
     first = LeafReport("main/circle", "circle", "FAILURE", 0.0, 1.0, "BUSY", "busy")
     arm = ArmResult("arm1", "ur5", Outcome.SUCCESS, runs=(first, CIRCLE))
     result = RunResult(Ending.FINISHED, 5.0, 1.0, {"arm1": arm}, at_rest=True)
@@ -61,7 +61,7 @@ def test_a_retried_leaf_speaks_once() -> None:
     assert "BUSY" not in printed(console)
 
 
-def test_a_halted_leaf_says_what_it_had_measured() -> None:
+def test_a_halted_leaf_reports_its_metrics() -> None:
     metrics = {"path_rms_m": 0.00012, "turns": 3}
     halted = LeafReport("main/circle", "circle", "INVALID", 0.0, 1.0, "HALTED", metrics=metrics)
     silent = LeafReport("main/wait", "wait", "INVALID", 0.0, 1.0, "HALTED")
@@ -73,11 +73,11 @@ def test_a_halted_leaf_says_what_it_had_measured() -> None:
     assert "wait" not in printed(console)
 
 
-def test_a_tree_that_failed_says_what_a_timeout_halted() -> None:
-    """Else the words on it would be those of a failure that it had dealt with, or none."""
-    dealt_with = LeafReport("main/go", "go", "FAILURE", 0.0, 1.0, "BUSY", "another one moves it")
+def test_a_failed_tree_reports_the_leaf_that_a_timeout_halted() -> None:
+    """Otherwise the report would name a failure that the tree had handled, or none."""
+    handled = LeafReport("main/go", "go", "FAILURE", 0.0, 1.0, "BUSY", "another one moves it")
     halted = LeafReport("main/timeout/wait", "wait", "INVALID", 1.0, 9.0, "HALTED")
-    arm = ArmResult("arm1", "ur5", Outcome.FAILURE, runs=(dealt_with, halted))
+    arm = ArmResult("arm1", "ur5", Outcome.FAILURE, runs=(handled, halted))
     result = RunResult(Ending.FINISHED, 9.0, 1.0, {"arm1": arm}, at_rest=True)
     console = plain_console(80)
     console.print(Report("timed_out", result, None, UNICODE))
@@ -102,11 +102,11 @@ def test_a_tree_that_failed_says_what_a_timeout_halted() -> None:
         ("m", 2.0, "m 2"),
     ],
 )
-def test_numbers_in_words(name: str, value: float | str, words: str) -> None:
+def test_metrics_in_words(name: str, value: float | str, words: str) -> None:
     assert in_words(name, value) == words
 
 
 def test_two_metrics_of_a_leaf_do_not_share_a_name() -> None:
-    """A distance and an angle were both said to be the object's error."""
-    said = [in_words(name, 0.001) for name in ("object_error_m", "object_turned_rad")]
-    assert said == ["object error 1 mm", "object turned 0.0573 deg"]
+    """A distance and an angle were once both called the object's error."""
+    texts = [in_words(name, 0.001) for name in ("object_error_m", "object_turned_rad")]
+    assert texts == ["object error 1 mm", "object turned 0.0573 deg"]

@@ -1,4 +1,4 @@
-"""A run that is reset is a new run of its file; an image of it changes nothing."""
+"""Reset and rendering: a reset run equals a new run of its file; rendering does not change it."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ arms:
 
 @pytest.fixture(scope="module")
 def fresh() -> dict[int, str]:
-    """Hashes of runs of their own, by seed."""
+    """Hashes of new runs, by seed."""
     return {seed: bt.run(TREE, seed=seed).state_sha256 for seed in (3, 4)}
 
 
-def test_a_reset_run_is_a_run_of_its_own(fresh: dict[int, str]) -> None:
-    """However far it had come, and with the seed that it is given, or else with its last one."""
+def test_a_reset_run_equals_a_new_run(fresh: dict[int, str]) -> None:
+    """Whenever it is reset, with the given seed or else with its last one."""
     assert fresh[3] != fresh[4], "the seed matters"
     with bt.open(TREE, seed=4) as run:
         arm = run.arms["arm1"]
@@ -60,7 +60,7 @@ def test_a_reset_run_is_a_run_of_its_own(fresh: dict[int, str]) -> None:
         run.stop()
         assert run.finish().ending is bt.Ending.STOPPED
         run.reset()
-        assert run.finish().state_sha256 == fresh[4], "the stop was of the run before"
+        assert run.finish().state_sha256 == fresh[4], "the stop was for the run before"
 
 
 class Count(IdleObserver):
@@ -86,7 +86,7 @@ def test_observers_stay_and_nothing_is_logged(caplog: pytest.LogCaptureFixture) 
 
 
 @pytest.mark.usefixtures("without_pictures")
-def test_what_cannot_be_reset_says_why(tmp_path: Path) -> None:
+def test_an_impossible_reset_is_refused_with_its_reason(tmp_path: Path) -> None:
     with (
         bt.open(TREE, record=tmp_path / "out") as run,
         pytest.raises(RunError, match="a run with a record cannot be reset"),
@@ -102,7 +102,7 @@ def test_what_cannot_be_reset_says_why(tmp_path: Path) -> None:
         run.reset()
 
 
-def test_an_image_changes_nothing(fresh: dict[int, str]) -> None:
+def test_rendering_does_not_change_a_run(fresh: dict[int, str]) -> None:
     with bt.open(TREE, seed=3) as run:
         while not run.done:
             run.step(0.2)
@@ -118,7 +118,7 @@ def red(image: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
     return np.column_stack([columns, rows])
 
 
-def test_images_are_of_the_world() -> None:
+def test_images_show_the_world() -> None:
     with bt.open(TREE) as run:
         assert run.render().shape == (480, 640, 3)
         assert run.render("arm2").shape == (48, 64, 3), "the size of the camera's images"

@@ -1,4 +1,4 @@
-"""Rules that a run must keep: which states break one, and what is said about it."""
+"""Rules that a run must keep: which states break one, and with which message."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a session makes of file and wishes."""
+"""Runs: how a tree file and options are combined."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def test_the_seed_of_the_command_line_counts(tmp_path: Path, registry: Registry)
         (0.004, Fraction(1, 250)),
     ],
 )
-def test_set_points_come_250_times_a_second_or_a_little_more_often(
+def test_set_points_come_250_times_a_second_or_somewhat_more_often(
     timestep: float, period: Fraction
 ) -> None:
     assert control_period(timestep) == period

@@ -1,4 +1,4 @@
-"""The runner: order, ends, faults, arms that come and go."""
+"""Runner: order of actions, endings, faults, and arms that are spawned and removed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from bt_dualarm.behaviors.report import StatusChange
 from bt_dualarm.runtime.arm_runtime import MOST_LIVES, RunView
 from bt_dualarm.runtime.outcome import Ending, Leniency, Outcome
 from bt_dualarm.runtime.runner import Limit
-from tests.runtime.fakes import FakeController, FakeEye, Stage, ticks
+from tests.runtime.fakes import FakeCamera, FakeController, Stage, ticks
 
 
 def raising(after: int) -> Iterator[object]:
@@ -21,10 +21,10 @@ def raising(after: int) -> Iterator[object]:
 
 def test_the_order_within_a_step_is_fixed() -> None:
     stage = Stage({"arm1": ticks(1), "arm2": ticks(1)})
-    stage.eyes["arm2"] = FakeEye("arm2", stage.world)
+    stage.cameras["arm2"] = FakeCamera("arm2", stage.world)
     stage.run()
-    # tick every 2 steps, control every step, a picture every 2 steps delivered one step later
-    assert stage.diary[:14] == [
+    # tick every 2 steps, control every step, an image every 2 steps delivered one step later
+    assert stage.log[:14] == [
         "0 capture arm2",
         "0 tick arm1",
         "0 tick arm2",
@@ -42,7 +42,7 @@ def test_the_order_within_a_step_is_fixed() -> None:
     ]
 
 
-def test_it_ends_when_every_tree_has_succeeded_and_the_arms_stand_still() -> None:
+def test_a_run_ends_when_every_tree_has_succeeded_and_the_arms_rest() -> None:
     stage = Stage({"arm1": ticks(1), "arm2": ticks(4)})
     result = stage.run()
     assert result.ending is Ending.FINISHED
@@ -53,7 +53,7 @@ def test_it_ends_when_every_tree_has_succeeded_and_the_arms_stand_still() -> Non
     ]
     assert result.at_rest
     assert all(controller.at_rest for controller in stage.controllers.values())
-    assert not [line for line in stage.diary if line == "4 tick arm1"], "ended trees rest"
+    assert not [line for line in stage.log if line == "4 tick arm1"], "ended trees are not ticked"
     assert result.arms["arm1"].clipped_setpoints == 7
     assert (result.wall_time_s, result.real_time_factor) == (2, result.sim_time_s / 2)
 
@@ -84,21 +84,21 @@ def test_an_exception_in_a_frame_callback_fails_that_arm_alone() -> None:
         raise ValueError("in the callback")
 
     stage = Stage({"arm1": ticks(9), "arm2": ticks(5)})
-    eye = stage.eyes["arm1"] = FakeEye("arm1", stage.world)
-    eye.on_frame = broken
+    camera = stage.cameras["arm1"] = FakeCamera("arm1", stage.world)
+    camera.on_frame = broken
     first, second = stage.run().arms.values()
     assert first.fault == "camera raised ValueError: in the callback"
     assert (first.outcome, second.outcome) == (Outcome.FAILURE, Outcome.SUCCESS)
 
 
-def test_the_limit_ends_it_unfinished() -> None:
+def test_the_limit_ends_the_run_unfinished() -> None:
     stage = Stage({"arm1": ticks(1000)})
     stage.limit = Limit(0.1, Ending.DURATION)
     result = stage.run()
     assert (result.ending, result.outcome) == (Ending.DURATION, Outcome.UNFINISHED)
-    assert stage.diary.count("10 step") == 1
-    assert "10 tick arm1" not in stage.diary
-    assert stage.witness.changes == ["0.00 arm1 INVALID>RUNNING", "0.10 arm1 RUNNING>INVALID"]
+    assert stage.log.count("10 step") == 1
+    assert "10 tick arm1" not in stage.log
+    assert stage.recorder.changes == ["0.00 arm1 INVALID>RUNNING", "0.10 arm1 RUNNING>INVALID"]
     assert result.arms["arm1"].ended_s is None
     assert result.at_rest
 
@@ -124,12 +124,12 @@ def test_a_second_request_does_not_wait_for_the_arms() -> None:
     stage.stop.receive(15)
     stage.stop.receive(2)
     result = stage.run()
-    assert stage.diary == []
+    assert stage.log == []
     assert not result.at_rest
     assert stage.stop.exit_code == 143
 
 
-def test_arms_that_never_rest_do_not_hold_the_end_up() -> None:
+def test_arms_that_never_rest_do_not_delay_the_end() -> None:
     stage = Stage({"arm1": ticks(1)})
     stage.controllers["arm1"] = FakeController("arm1", stage.world, updates_to_stop=10**9)
     result = stage.run()
@@ -144,9 +144,9 @@ def test_a_divergence_ends_the_run_with_its_error() -> None:
     result = stage.run()
     assert result.ending is Ending.DIVERGED
     assert result.error == "the simulation diverged at 0.070 s"
-    assert stage.diary[-1] == "7 step", "no step after the divergence"
+    assert stage.log[-1] == "7 step", "no step after the divergence"
     assert not result.at_rest
-    assert stage.witness.changes[-1] == "0.07 arm1 RUNNING>INVALID"
+    assert stage.recorder.changes[-1] == "0.07 arm1 RUNNING>INVALID"
 
 
 def test_a_controller_that_raises_ends_the_run_in_order() -> None:
@@ -170,8 +170,8 @@ def test_an_arm_spawned_by_a_leaf_begins_its_own_tree() -> None:
     stage.scripts["early"] = spawn()
     result = stage.run()
     assert [arm.outcome for arm in result.arms.values()] == [Outcome.SUCCESS, Outcome.SUCCESS]
-    assert stage.diary.index("2 control late") < stage.diary.index("2 step"), "held from the start"
-    assert [line for line in stage.diary if "tick late" in line] == [
+    assert stage.log.index("2 control late") < stage.log.index("2 step"), "held from the start"
+    assert [line for line in stage.log if "tick late" in line] == [
         "3 tick late",
         "5 tick late",
         "7 tick late",
@@ -185,7 +185,7 @@ def test_an_arm_spawned_by_a_leaf_begins_its_own_tree() -> None:
 def test_an_arm_that_is_removed_before_its_tree_has_ended_keeps_the_run_from_success(
     leniency: Leniency, outcome: Outcome
 ) -> None:
-    """Unless the file forgives it."""
+    """Unless the file declares the arm removable."""
     stage = Stage({"arm1": iter(()), "arm2": ticks(1000)})
     stage.leniency["arm2"] = leniency
 
@@ -198,11 +198,11 @@ def test_an_arm_that_is_removed_before_its_tree_has_ended_keeps_the_run_from_suc
     result = stage.run()
     assert [arm.outcome for arm in result.arms.values()] == [Outcome.SUCCESS, Outcome.REMOVED]
     assert result.outcome is outcome
-    assert "0.02 arm2 RUNNING>INVALID" in stage.witness.changes
-    assert not [line for line in stage.diary if line == "2 control arm2"]
+    assert "0.02 arm2 RUNNING>INVALID" in stage.recorder.changes
+    assert not [line for line in stage.log if line == "2 control arm2"]
 
 
-def test_an_arm_that_comes_back_keeps_what_it_did_before() -> None:
+def test_an_arm_that_is_spawned_again_keeps_its_earlier_runs() -> None:
     stage = Stage({"arm1": iter(()), "arm2": ticks(1)})
 
     def replace() -> Iterator[object]:
@@ -224,11 +224,11 @@ def test_an_arm_that_comes_back_keeps_what_it_did_before() -> None:
 
 @pytest.mark.parametrize("lenient", [False, True])
 @pytest.mark.parametrize("first", ["SUCCESS", "FAILURE", "RUNNING", "raises"])
-def test_a_life_that_went_wrong_is_not_forgotten_when_the_arm_is_spawned_anew(
+def test_an_unsuccessful_life_counts_after_the_arm_is_spawned_again(
     first: str, lenient: bool
 ) -> None:
-    """It failed, was cut short or broke: a good end of the next life does not make up for it,
-    unless the file says that the last life counts."""
+    """It failed, was cut short or raised: a successful next life does not make up for it, unless
+    the file lets the last life count."""
     scripts = {"raises": raising(0), "RUNNING": ticks(1000)}
     script = scripts.get(first) or ticks(0, first)
     stage = Stage({"arm1": iter(()), "arm2": script})
@@ -246,17 +246,17 @@ def test_a_life_that_went_wrong_is_not_forgotten_when_the_arm_is_spawned_anew(
     stage.scripts["arm1"] = replace()
     result = stage.run()
     earlier, last = result.arms["arm2"].lives
-    wanted = {"raises": "FAILURE", "RUNNING": "REMOVED"}.get(first, first)
-    assert (earlier.outcome, last.outcome) == (wanted, "SUCCESS")
+    expected = {"raises": "FAILURE", "RUNNING": "REMOVED"}.get(first, first)
+    assert (earlier.outcome, last.outcome) == (expected, "SUCCESS")
     good = lenient or first == "SUCCESS"
     assert (result.outcome is Outcome.SUCCESS) == good
-    assert result.arms["arm2"].outcome == ("SUCCESS" if good else wanted)
+    assert result.arms["arm2"].outcome == ("SUCCESS" if good else expected)
     assert result.arms["arm2"].fault == ("tree raised RuntimeError: boom" * (first == "raises"))
 
 
 @pytest.mark.parametrize("bad", [None, 3, 60])
-def test_no_life_is_forgotten_however_many_there_are(bad: int | None) -> None:
-    """Of those in the middle only the outcome counts; nothing else is kept of them."""
+def test_every_life_counts_however_many_there_are(bad: int | None) -> None:
+    """Of those in the middle, only the outcomes are kept."""
     count = 2 * MOST_LIVES + 30
     stage = Stage({"arm1": iter(()), "arm2": ticks(0)})
 
@@ -281,13 +281,13 @@ def test_no_life_is_forgotten_however_many_there_are(bad: int | None) -> None:
     assert arm.runs_left_out == arm.lives_left_out
 
 
-def test_an_arm_that_nobody_spawned_is_no_failure() -> None:
+def test_an_arm_that_was_never_spawned_is_no_failure() -> None:
     result = Stage({"arm1": ticks(1), "spare": ticks(1)}, present=("arm1",)).run()
     assert [arm.outcome for arm in result.arms.values()] == [Outcome.SUCCESS, Outcome.NOT_SPAWNED]
     assert result.outcome is Outcome.SUCCESS
 
 
-def test_a_run_in_which_nothing_happened_is_no_success() -> None:
+def test_a_run_without_arms_is_no_success() -> None:
     assert Stage({"spare": ticks(1)}, present=()).run().outcome is Outcome.UNFINISHED
 
 
@@ -305,5 +305,5 @@ def test_an_observer_that_raises_is_dropped(caplog: pytest.LogCaptureFixture) ->
     stage = Stage({"arm1": ticks(3)})
     stage.observers.insert(0, Broken())
     assert stage.run().outcome is Outcome.SUCCESS
-    assert stage.witness.changes == ["0.00 arm1 INVALID>RUNNING", "0.06 arm1 RUNNING>SUCCESS"]
+    assert stage.recorder.changes == ["0.00 arm1 INVALID>RUNNING", "0.06 arm1 RUNNING>SUCCESS"]
     assert "observer Broken was dropped" in caplog.text

@@ -1,4 +1,4 @@
-"""A period is kept exactly, whatever the step."""
+"""Periods: kept exactly for any timestep."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_a_period_below_the_step_is_due_at_every_step() -> None:
     assert due_steps(Fraction(1, 10000), exact(0.002), 4) == [0, 1, 2, 3]
 
 
-def test_it_counts_from_its_first_step() -> None:
+def test_a_period_counts_from_its_first_step() -> None:
     assert due_steps(Fraction(3, 100), exact(0.01), 10, first=2) == [2, 5, 8]
 
 
@@ -41,7 +41,7 @@ def test_a_decimal_number_is_read_as_written() -> None:
     assert exact(0.1) == Fraction(1, 10)
 
 
-def test_no_period_is_refused() -> None:
+def test_a_period_of_zero_is_refused() -> None:
     with pytest.raises(ValueError, match="positive"):
         Periodic(Fraction(0), Fraction(1, 500))
 

@@ -1,4 +1,4 @@
-"""Signals are noted, and whoever handled them before gets them back."""
+"""Signals: they become stop requests, and the earlier handlers are restored."""
 
 from __future__ import annotations
 

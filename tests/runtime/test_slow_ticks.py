@@ -1,4 +1,4 @@
-"""Slow ticks are told with their times, and the slowest are kept."""
+"""Slow ticks: they are reported with their times, and the slowest are kept."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The watchdog: what it interrupts, in which thread, and what it leaves alone."""
+"""Watchdog: what it interrupts, in which thread, and what it does not interrupt."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ import bt_dualarm as bt
 from bt_dualarm.core.errors import Overrun
 from bt_dualarm.runtime.interruption import StopRequest, Watchdog
 
-FOR_EVER_S = 60.0
-"""Slept by what is to be interrupted: were it not, its test would fail after that time."""
+ENDLESS_S = 60.0
+"""Duration of code that must be interrupted; otherwise its test would fail after that time."""
 
 
 def sleep() -> None:
-    time.sleep(FOR_EVER_S)
+    time.sleep(ENDLESS_S)
 
 
 def spin() -> None:
-    latest = time.monotonic() + FOR_EVER_S
+    latest = time.monotonic() + ENDLESS_S
     while time.monotonic() < latest:
         pass
 
 
-def watched(dog: Watchdog, act: Callable[[], object]) -> str:
-    """What has interrupted it; empty if nothing has."""
+def interruption_of(dog: Watchdog, act: Callable[[], object]) -> str:
+    """Message of the interruption of a function; empty if there was none."""
     try:
         with dog.awake():
             try:
@@ -43,29 +43,29 @@ def watched(dog: Watchdog, act: Callable[[], object]) -> str:
 
 
 @pytest.mark.parametrize("act", [sleep, spin])
-def test_code_that_has_used_up_its_budget_is_interrupted_where_it_stands(
+def test_code_that_has_used_up_its_budget_is_interrupted(
     act: Callable[[], object],
 ) -> None:
     dog = Watchdog(0.3, StopRequest())
     before = signal.getsignal(signal.SIGURG)
-    sentence = watched(dog, act)
+    sentence = interruption_of(dog, act)
     assert sentence.startswith("the run at test_watchdog.py:")
     assert f", in {act.__name__} has not returned for 0." in sentence
     assert dog.overrun == sentence
     assert signal.getsignal(signal.SIGURG) is before
 
 
-def test_in_another_thread_code_of_python_is_interrupted() -> None:
-    said: list[str] = []
+def test_python_code_in_another_thread_is_interrupted() -> None:
+    messages: list[str] = []
     dog = Watchdog(0.3, StopRequest())
-    thread = threading.Thread(target=lambda: said.append(watched(dog, spin)))
+    thread = threading.Thread(target=lambda: messages.append(interruption_of(dog, spin)))
     thread.start()
     thread.join()
-    assert ", in spin has not returned" in said[0]
+    assert ", in spin has not returned" in messages[0]
 
 
-def test_many_short_ones_are_not_one_long_one() -> None:
-    """Each one starts anew, however many there are."""
+def test_short_calls_do_not_add_up() -> None:
+    """The budget starts again with each of them."""
     dog = Watchdog(0.5, StopRequest())
     with dog.awake():
         for _ in range(8):
@@ -76,18 +76,18 @@ def test_many_short_ones_are_not_one_long_one() -> None:
 
 
 @pytest.mark.parametrize("requests", [1, 2])
-def test_when_the_run_is_to_end_there_is_less_time_and_then_none(
+def test_the_budget_shrinks_with_each_stop_request(
     requests: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("bt_dualarm.runtime.interruption.STOPPING_S", 0.3 if requests == 1 else 1e6)
     stop = StopRequest()
     for _ in range(requests):
         stop.ask()
-    assert watched(Watchdog(float("inf"), stop), sleep)
+    assert interruption_of(Watchdog(float("inf"), stop), sleep)
 
 
-def test_where_no_skill_has_called_it_code_of_the_package_may_take_its_time() -> None:
-    """A controller is not to be left in the middle of its work, on however slow a machine."""
+def test_package_code_that_no_skill_has_called_is_not_interrupted() -> None:
+    """A controller must not be interrupted in its work, even on a slow machine."""
     dog = Watchdog(0.2, StopRequest())
     names: dict[str, Any] = {"dog": dog, "sleep": time.sleep}
     text = "def work():\n    with dog.awake(), dog:\n        sleep(0.8)"
@@ -99,13 +99,13 @@ def test_where_no_skill_has_called_it_code_of_the_package_may_take_its_time() ->
     assert dog.overrun == ""
 
 
-def test_a_debugger_and_a_terminal_may_take_their_time() -> None:
+def test_a_debugger_and_a_terminal_are_not_interrupted() -> None:
     """Code below one of their functions waits for a person."""
     for module in ("bdb", "bt_dualarm.cli.safe_streams"):
         names: dict[str, Any] = {"__name__": module, "sleep": time.sleep}
         exec("def prompt(): sleep(0.8)", names)  # noqa: S102 - a module that waits
         dog = Watchdog(0.2, StopRequest())
-        assert watched(dog, names["prompt"]) == ""
+        assert interruption_of(dog, names["prompt"]) == ""
         assert dog.overrun == ""
 
 
@@ -121,7 +121,7 @@ class Dawdler(bt.Skill):
         yield
 
 
-def test_within_its_budget_a_run_is_the_same_to_the_last_bit() -> None:
+def test_a_run_within_its_budget_is_bit_identical() -> None:
     tree = {
         "bt_dualarm": 1,
         "world": {"scene": "empty"},
@@ -132,7 +132,7 @@ def test_within_its_budget_a_run_is_the_same_to_the_last_bit() -> None:
     assert runs[0].state_sha256 == runs[1].state_sha256
 
 
-def test_from_python_a_run_ends_and_says_why() -> None:
+def test_an_overrun_ends_a_run_from_python_with_its_reason() -> None:
     tree = {
         "bt_dualarm": 1,
         "world": {"scene": "empty"},
