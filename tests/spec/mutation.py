@@ -56,7 +56,7 @@ PIECES = (
 
 
 _DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-"""In C where the wheel has it: writing took as long as checking."""
+"""The dumper in C, if available: with the one in Python, writing took as long as checking."""
 
 
 def mutated(data: Data, dice: random.Random) -> str:

@@ -1,4 +1,4 @@
-"""What a list, a mapping or a text may hold at most is said with what was given."""
+"""Size limits of lists, mappings and texts: errors state the limit and the given size."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Nodes in words: every type, bound and default as an author would write it."""
+"""Descriptions of nodes: every type, bound and default as an author would write it."""
 
 from __future__ import annotations
 
@@ -45,29 +45,29 @@ class Ports(PortModel):
     ],
     ids=lambda expected: expected.name,
 )
-def test_a_port_in_words(expected: PortDescription) -> None:
+def test_description_of_a_port(expected: PortDescription) -> None:
     assert expected in ports_of(Ports)
 
 
-def kinds() -> list[NodeType]:
+def node_types() -> list[NodeType]:
     return [*LANGUAGE.values(), *Registry.load().kinds.values()]
 
 
-@pytest.mark.parametrize("kind", kinds(), ids=lambda kind: kind.name)
-def test_no_type_is_left_in_the_words_of_python(kind: NodeType) -> None:
-    """What has no words yet would show brackets or dots."""
-    reported = describe(kind)
+@pytest.mark.parametrize("kind", node_types(), ids=lambda kind: kind.name)
+def test_no_type_is_described_in_python_notation(kind: NodeType) -> None:
+    """A type without a description would show brackets or dots."""
+    description = describe(kind)
     assert [
-        port for port in reported.ports + reported.outputs if set(port.type) & set("[].<_")
+        port for port in description.ports + description.outputs if set(port.type) & set("[].<_")
     ] == [
         port
-        for port in reported.ports
+        for port in description.ports
         if port.name == "relation"  # its choices have underscores
     ]
-    assert all(port.description for port in reported.ports + reported.outputs)
+    assert all(port.description for port in description.ports + description.outputs)
 
 
-def test_children_are_told_by_their_place() -> None:
+def test_children_are_described_by_their_slot() -> None:
     assert describe(LANGUAGE["if"]).children == {
         "condition": "a node",
         "then": "a node",

@@ -1,4 +1,4 @@
-"""Changing one value in a text: that value, and nothing else."""
+"""Edits of one value in a text: they change that value, and nothing else."""
 
 from __future__ import annotations
 
@@ -70,14 +70,14 @@ EDITS = {
 
 
 @pytest.mark.parametrize("name", EDITS)
-def test_edits(name: str) -> None:
+def test_an_edit_changes_only_its_value(name: str) -> None:
     before, after, path = EDITS[name]
     assert with_value(before, "t.yaml", path, RANGES) == after
 
 
 @pytest.mark.parametrize("name", EDITS)
 @pytest.mark.parametrize("ending", ["\r\n", "\r"])
-def test_ends_of_lines_stay_as_they_are(name: str, ending: str) -> None:
+def test_line_endings_are_kept(name: str, ending: str) -> None:
     before, after, path = EDITS[name]
     changed = with_value(before.replace("\n", ending), "t.yaml", path, RANGES)
     assert changed == after.replace("\n", ending)
@@ -96,7 +96,7 @@ def test_comments_in_a_value_are_not_lost() -> None:
     assert WRITTEN in str(caught.value)
 
 
-def test_an_edit_that_would_touch_more_is_refused() -> None:
+def test_an_edit_that_would_change_more_is_refused() -> None:
     with pytest.raises(SpecError, match="neighbors"):
         with_value("a: |\n  yellow\nb: 1\n", "t.yaml", ("a",), RANGES)
 
@@ -108,13 +108,13 @@ def test_an_edit_that_would_touch_more_is_refused() -> None:
     | st.dictionaries(st.sampled_from("pqr"), inner, max_size=3),
     max_leaves=8,
 ))  # fmt: skip
-def test_flow_text_reads_as_what_was_written(value: object) -> None:
+def test_flow_text_is_read_back_unchanged(value: object) -> None:
     assert read_text(f"a: {flow_text(value)}").data == {"a": value}
 
 
 @pytest.mark.parametrize("name", ["pick_and_track", "experiments/tracking"])
 def test_any_scalar_of_a_shipped_tree_can_be_changed_alone(name: str) -> None:
-    """All lines but its own stay as they are, and of its own what stands around it."""
+    """Its line is unchanged around it, and all other lines are unchanged."""
     text = find_tree(name).read_text(encoding="utf-8")
     source = read_text(text)
     for path, span in source.values.items():

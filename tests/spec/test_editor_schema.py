@@ -1,4 +1,4 @@
-"""The schema that editors use: as the code has it, and named by every shipped tree."""
+"""Schema for editors: it is up to date, and every shipped tree names it."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ TREES = sorted(share_dir("trees").rglob("*.yaml"))
 MODELINE = "# yaml-language-server: $schema="
 
 
-def test_the_schema_is_what_the_code_says() -> None:
-    renew = f"stale: renew it with: bt-skills --schema {SCHEMA}"
+def test_the_schema_is_up_to_date() -> None:
+    hint = f"stale: renew it with: bt-skills --schema {SCHEMA}"
     assert SCHEMA.read_text(encoding="utf-8") == schema_text(
         {**LANGUAGE, **Registry.load().kinds}
-    ), renew
+    ), hint
 
 
 @pytest.mark.parametrize("path", TREES, ids=lambda path: path.stem)

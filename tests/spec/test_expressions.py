@@ -1,4 +1,4 @@
-"""Expressions in ports: their values, units and errors, and what no text can make them do."""
+"""Expressions in ports: values, units and errors; no text can make them do anything else."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from bt_dualarm.spec.values import Duration, PoseSpec
 from bt_dualarm.spec.yaml_reader import LARGEST_INTEGER, Data
 from bt_dualarm.testing import registry_with
 from tests.fuzz.seeds import dice_of
-from tests.spec.writing import found, task, tree_of
+from tests.spec.writing import problems_of, task, tree_of
 
 QUARTER = {"xyz": [0.1, 0.2, 0.3], "quat": [math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]}
 
@@ -106,7 +106,7 @@ def near(a: Data, b: Data) -> bool:
 
 
 @pytest.mark.parametrize(("text", "value"), VALUES)
-def test_value(text: str, value: Data) -> None:
+def test_value_of_an_expression(text: str, value: Data) -> None:
     assert near(value_of(parse(text), KEYS.__getitem__), value)
 
 
@@ -126,7 +126,7 @@ def test_value(text: str, value: Data) -> None:
         ("{n} * 1e15 * 1e15", "'{n} * 1e15 * 1e15' is too large"),
     ],
 )
-def test_no_value(text: str, message: str) -> None:
+def test_an_expression_without_a_value_is_an_error(text: str, message: str) -> None:
     """An operand of the wrong kind is an error of the expression, with the part that is wrong."""
     with pytest.raises(ExpressionError) as caught:
         value_of(parse(text), KEYS.__getitem__)
@@ -168,7 +168,7 @@ TYPES = {
         ("max({r}, 5 cm)", LENGTH),
     ],
 )
-def test_unit(text: str, unit: object) -> None:
+def test_unit_of_an_expression(text: str, unit: object) -> None:
     """A bare number has any unit in a sum and none in a product; an unknown key has any."""
     assert type_of(parse(text), TYPES).dimension == unit
 
@@ -178,7 +178,7 @@ def test_unit(text: str, unit: object) -> None:
     ["{r} + {a}", "{r} > {t}", "{r} * {r} + {r}", "{p}.z + {p}.yaw", "sin({r})", "{p} + {a} * {v}",
      "min({r}, {a})", "{v} + [{t}, {t}, {t}]", "{r} + 5 s", "not {r}", "{r} and true"],
 )  # fmt: skip
-def test_units_that_do_not_fit(text: str) -> None:
+def test_units_that_do_not_match_are_refused(text: str) -> None:
     with pytest.raises(ExpressionError):
         type_of(parse(text), TYPES)
 
@@ -251,12 +251,12 @@ def test_a_condition_may_be_an_expression(tmp_path: Path) -> None:
 
 
 def test_a_guarded_value_is_no_error(tmp_path: Path) -> None:
-    """One of the written values would be refused, but which is there is not known."""
+    """One of the values written would be refused, but it is not known which one is present."""
     text = (
         "sequence: [{set: {key: n, value: 0}}, {force_success: {child: {set: {key: n, value: 1}}}},"
         ' {if: {condition: "{n} > 0", then: {wait: "1 / {n}"}}}]'
     )
-    assert not [one for one in found(task(tmp_path, text)) if one.severity == "error"]
+    assert not [one for one in problems_of(task(tmp_path, text)) if one.severity == "error"]
 
 
 TIMES = int(os.environ.get("BT_DUALARM_FUZZ_TIMES", "1"))
@@ -287,7 +287,7 @@ WORDS = [
 
 
 def random_text(dice: Random) -> str:
-    """Words in any order, or a correct expression with another word in one place."""
+    """Words in any order, or a correct expression with one word replaced."""
     if dice.random() < 0.5:
         return "{n}" + "".join(
             dice.choice(WORDS) + " " * dice.randrange(2) for _ in range(dice.randint(1, 8))
@@ -298,8 +298,8 @@ def random_text(dice: Random) -> str:
 
 
 @pytest.mark.parametrize("chunk", range(2))
-def test_random_texts(chunk: int) -> None:
-    """Nothing but the expression's own errors, within the text; every value is plain YAML data."""
+def test_random_texts_raise_only_expression_errors(chunk: int) -> None:
+    """Only expression errors are raised, at positions in the text; all values are YAML data."""
     dice = dice_of(chunk)
     evaluated = 0
     outside = 0
@@ -332,30 +332,30 @@ def is_data(value: Data) -> bool:
     "text", ["-" * 450 + "{n}", "[" * 90 + "{n}", "{n}" + ".x" * 200,
              "not " * 100 + "{on}", "{n}" + " + 1" * 120, "{n}" * 200]
 )  # fmt: skip
-def test_deep_texts(text: str) -> None:
+def test_deep_texts_are_refused(text: str) -> None:
     """Depth and length are bounded before any recursion."""
     with pytest.raises(ExpressionError):
         parse(text)
 
 
-def test_resolved_leaves_other_texts_alone() -> None:
+def test_resolved_leaves_other_texts_unchanged() -> None:
     plain = ["a{2,3}|{}", "no reference", {"deep": ["{n} + 1", "{word}"]}, 5, None]
     expected = ["a{2,3}|{}", "no reference", {"deep": [4, "red"]}, 5, None]
     assert resolved(plain, KEYS.__getitem__) == expected
 
 
-def test_the_page_has_every_function() -> None:
+def test_the_documentation_has_every_function() -> None:
     page = (Path(__file__).parents[2] / "docs" / "expressions.md").read_text(encoding="utf-8")
     for name, function in FUNCTIONS.items():
         assert f"| `{name}` | {function.description} |" in page
 
 
-def test_conditions_beside_the_ports_are_nodes_around_the_node(tmp_path: Path) -> None:
-    """From the outside in: skip_if, only_if, until, whatever their order in the file."""
+def test_conditions_among_the_ports_become_nodes_around_the_node(tmp_path: Path) -> None:
+    """From the outside in: skip_if, only_if, until, in whatever order the file has them."""
     text = 'wait: {until: "{r} > 1", seconds: 2, name: pause, skip_if: succeed}'
     tree = tree_of(task(tmp_path, text, PARAMS))
-    kinds = [(node.kind, node.name) for node in tree.walk()]
-    assert kinds == [
+    nodes = [(node.kind, node.name) for node in tree.walk()]
+    assert nodes == [
         ("skip_if", "skip_if"),
         ("succeed", "succeed"),
         ("until", "until"),
@@ -365,7 +365,7 @@ def test_conditions_beside_the_ports_are_nodes_around_the_node(tmp_path: Path) -
     assert tree.location.text[tree.location.column - 1 :].startswith("skip_if")
 
 
-def test_a_skill_cannot_have_a_port_of_such_a_name() -> None:
+def test_a_skill_cannot_have_a_port_with_the_name_of_a_condition() -> None:
     class Watch(Skill):
         """Watches."""
 

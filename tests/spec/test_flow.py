@@ -1,4 +1,4 @@
-"""Keys of the blackboard: what the check finds, and what it must not find."""
+"""Blackboard keys: mistakes that the check reports, and correct uses that it accepts."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.spec.writing import found, said, task
+from tests.spec.writing import messages_of, problems_of, task
 
 RIGHT = {
     "written before": """
@@ -77,8 +77,8 @@ RIGHT = {
 
 
 @pytest.mark.parametrize("name", RIGHT)
-def test_right_trees_pass(name: str, tmp_path: Path) -> None:
-    assert said(task(tmp_path, RIGHT[name])) == []
+def test_correct_trees_have_no_problems(name: str, tmp_path: Path) -> None:
+    assert messages_of(task(tmp_path, RIGHT[name])) == []
 
 
 WRONG = {
@@ -162,15 +162,15 @@ WRONG = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_wrong_trees_do_not(name: str, tmp_path: Path) -> None:
+def test_mistakes_are_reported(name: str, tmp_path: Path) -> None:
     tree, expected, hint = WRONG[name]
     path = task(tmp_path, tree)
-    assert said(path) == expected
-    assert any(hint in problem.hint for problem in found(path))
+    assert messages_of(path) == expected
+    assert any(hint in problem.hint for problem in problems_of(path))
 
 
 def test_arms_do_not_share_keys(tmp_path: Path) -> None:
     path = task(tmp_path, "sequence: [{set: {key: x, value: 1}}, {wait: '{x}'}]")
     with path.open("a") as file:
         file.write("  arm2:\n    robot: ur5\n    tree: {wait: '{x}'}\n")
-    assert said(path) == ["e: wait: no node before this one writes '{x}'"]
+    assert messages_of(path) == ["e: wait: no node before this one writes '{x}'"]

@@ -1,4 +1,4 @@
-"""Mutated files: nothing but the project's own errors, in time, and check and builder agree."""
+"""Mutated files: only the project's own errors, in bounded time; check and builder agree."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ from tests.spec.mutation import mutated
 from tests.spec.test_mistakes import FOLDER
 
 FILES = int(os.environ.get("BT_DUALARM_FUZZ_FILES", "1000"))
-"""How many: 8 s of one core; a longer run sets the variable to more, say 160000."""
+"""Number of files, for 8 s of one core; a longer run sets the variable to more, say 160000."""
 
 CHUNKS = 4
-"""So that workers share the work; each has its own seed."""
+"""Test cases, which workers can share; each has its own seed."""
 
 
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -36,7 +36,7 @@ _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 @cache
 def seeds() -> list[Any]:
-    """What is mutated: all shipped trees, and those mistaken files that are YAML."""
+    """Files to mutate: all shipped trees, and those mistaken files that are YAML."""
     found = []
     for path in sorted([*share_dir("trees").rglob("*.yaml"), *FOLDER.glob("*.yaml")]):
         try:
@@ -65,14 +65,16 @@ def build(path: Path, registry: Registry) -> None:
 
 
 LONGEST_S = 5.0
-"""Seconds of the processor for one file: none needs one of them where nothing else runs, and what
-grows without bound needs all of them anywhere."""
+"""CPU seconds for one file: none needs a second on an idle machine, and what grows without bound
+needs more on any machine."""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("chunk", range(CHUNKS))
-def test_mutated_files(chunk: int, tmp_path: Path, registry: Registry) -> None:
-    """No other exception, none that takes long, none that is accepted and then not built."""
+def test_mutated_files_are_built_or_refused_in_time(
+    chunk: int, tmp_path: Path, registry: Registry
+) -> None:
+    """No other exception is raised, no file takes long, and every accepted file can be built."""
     dice = dice_of(chunk)
     data = seeds()
     for module in {module for skill in registry.skills.values() for module in skill.needs}:
@@ -86,7 +88,7 @@ def test_mutated_files(chunk: int, tmp_path: Path, registry: Registry) -> None:
         try:
             problems = check_file(path, registry.kinds)
             assert all(str(problem) for problem in problems)
-            if not errors(problems) and "\narms:" in text:  # without it is one to include
+            if not errors(problems) and "\narms:" in text:  # without arms, it is one to include
                 accepted += 1
                 build(path, registry)
         except Exception as error:

@@ -1,4 +1,4 @@
-"""Joints of compounds: what they split, where their parts are, and every reason to refuse one."""
+"""Joints of compounds: the objects that they make, poses of their parts, and every refusal."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def test_position_is_the_inverse_of_the_displacement(kind: str) -> None:
 
 
 def test_world_has_the_parts_where_the_joint_puts_them() -> None:
-    """In MuJoCo, at the start, with the noise of the object; and the sensor reads the position."""
+    """In MuJoCo, at the start, with the noise of the object; the sensor reads the position."""
     world = world_with(DOOR, seed=3)
     frame = world.object_pose("door")
     assert frame.distance(spec_of(DOOR).pose.pose) > 0.005  # the noise counts for both
@@ -92,7 +92,7 @@ def test_world_has_the_parts_where_the_joint_puts_them() -> None:
 
 
 def test_friction_holds_without_creeping() -> None:
-    """What dry friction can hold does not move by a degree in ten seconds."""
+    """A lid that dry friction can hold does not move by a degree in ten seconds."""
     lid = {"shape": "box", "size": [0.3, 0.2, 0.01]}
     frame = {"shape": "box", "size": [0.3, 0.01, 0.2], "pose": {"xyz": [0, 0.12, 0]}}
     joint: dict[str, Any] = {
@@ -122,8 +122,8 @@ def test_spawned_and_removed_together() -> None:
     assert np.array_equal(world.state(), before)
 
 
-def test_what_hangs_on_an_object_that_is_not_fixed_moves_with_it() -> None:
-    """Wherever it falls; the model of an arm that carries it has the mass and center of both."""
+def test_parts_on_joints_of_a_free_object_move_with_it() -> None:
+    """Also as it falls; the nominal model of a carrying arm has the mass and center of both."""
     world = world_with(DOOR | {"fixed": False})
     body = world.object_body("door")
     assert world.model.body_parentid[world.object_body("door.hinge")] == body
@@ -182,13 +182,13 @@ WRONG_JOINTS = [
 
 
 @pytest.mark.parametrize(("fields", "message"), MISTAKES)
-def test_object_that_cannot_have_joints(fields: dict[str, Any], message: str) -> None:
+def test_object_that_cannot_have_joints_is_refused(fields: dict[str, Any], message: str) -> None:
     with pytest.raises(ValidationError, match=message):
         spec_of(DOOR | fields)
 
 
 @pytest.mark.parametrize(("joints", "message"), WRONG_JOINTS)
-def test_joint_that_is_not_possible(joints: dict[str, Any], message: str) -> None:
+def test_invalid_joint_is_refused(joints: dict[str, Any], message: str) -> None:
     filled = {name: DOOR["joints"]["hinge"] | fields for name, fields in joints.items()}
     with pytest.raises(ValidationError, match=message):
         spec_of(DOOR | {"joints": filled})
@@ -212,7 +212,7 @@ def test_fixtures_of_a_scene_may_have_joints(tmp_path: Path) -> None:
 
 
 def test_position_of_a_joint_may_have_the_unit_of_an_angle() -> None:
-    """As a parameter of the type `angle` has it."""
+    """Like a parameter of the type `angle`."""
     from bt_dualarm.skill.registry import Registry
 
     ports = Registry.load().skills["operate"].Ports
@@ -224,8 +224,8 @@ def test_position_of_a_joint_may_have_the_unit_of_an_angle() -> None:
         ports.model_validate(given | {"to": "5 N"})
 
 
-def test_fault_may_name_what_moves_on_a_joint() -> None:
-    """It can be slippery; it cannot be pushed away, which the message says."""
+def test_fault_may_name_a_part_on_a_joint() -> None:
+    """It can become slippery; it cannot be pushed away, which the message says."""
     import bt_dualarm as bt
 
     def problems(kind: str, **fields: Any) -> list[str]:

@@ -1,4 +1,4 @@
-"""Every word of the language, and every shipped skill, is documented by an example that works."""
+"""Every node type and every shipped skill is documented by an example that works."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ objects:
 
 
 @pytest.mark.parametrize("word", LANGUAGE)
-def test_words(word: str, tmp_path: Path) -> None:
+def test_examples_of_node_types(word: str, tmp_path: Path) -> None:
     """The example passes; each port and output has a description."""
     kind = LANGUAGE[word]
     path = task(tmp_path, kind.example, BEFORE)
@@ -58,7 +58,9 @@ def test_examples_of_shipped_skills(tmp_path: Path) -> None:
         theirs = "succeed"
         if joint is not None:
             theirs = f"{{{joint.kind}: {{object: cube, {joint.its_partner}: arm1}}}}"
-            if joint.partner == joint.its_partner:  # one skill of all, whose example fits each
+            if (
+                joint.partner == joint.its_partner
+            ):  # all arms use one skill, whose example fits each
                 theirs = f"{{{kind.example.replace('arm2', 'arm1')}}}"
         with path.open("a") as file:
             file.write(f"  arm2: {{robot: panda, tree: {theirs}}}\n")

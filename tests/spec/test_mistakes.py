@@ -1,7 +1,7 @@
-"""What the check says of mistaken and hostile files, word for word.
+"""Messages of the check for mistaken and hostile files, word for word.
 
-The texts are beside the files in ``tests/golden/mistakes``. After a change that is meant,
-``python -m tests.spec.test_mistakes`` writes them anew: read every one that changed, aloud.
+The texts are beside the files in ``tests/golden/mistakes``. After an intended change,
+``python -m tests.spec.test_mistakes`` rewrites them: read every one that changed aloud.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ FILES = sorted(FOLDER.glob("*.yaml"))
 
 
 def text_of(file: Path) -> str:
-    """What the check says, with files named as from inside the folder."""
+    """Messages of the check, with file names relative to the folder."""
     before = Path.cwd()
     os.chdir(file.parent)
     try:
@@ -30,11 +30,11 @@ def text_of(file: Path) -> str:
 
 
 @pytest.mark.parametrize("file", FILES, ids=[file.stem for file in FILES])
-def test_text(file: Path) -> None:
+def test_messages_equal_the_golden_text(file: Path) -> None:
     assert text_of(file) == file.with_suffix(".txt").read_text(encoding="utf-8")
 
 
-def test_there_are_enough_and_none_passes() -> None:
+def test_there_are_at_least_60_files_and_none_passes() -> None:
     assert len(FILES) >= 60
     assert all(text_of(file) for file in FILES)
 

@@ -1,4 +1,4 @@
-"""A file mounts a gripper by its name, or by what a parameter of the file is."""
+"""Mounted grippers: given by name, or by the value of a parameter of the file."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ BY_CASES = '{value: "{grasp}", cases: {attach: none, fingers: robotiq_2f85}}'
         (BY_CASES, "fingers", "robotiq_2f85"),
     ],
 )
-def test_gripper_is_what_the_parameter_says(
+def test_gripper_is_selected_by_the_parameter(
     gripper: str, grasp: str, mounted: str | None, tmp_path: Path
 ) -> None:
     path = write(tmp_path, FILE.replace("GRIPPER", gripper))
@@ -50,7 +50,7 @@ def test_gripper_is_what_the_parameter_says(
         ('""', "gripper"),
     ],
 )
-def test_mistakes_are_told_where_they_stand(gripper: str, message: str, tmp_path: Path) -> None:
+def test_mistakes_are_reported_at_their_line(gripper: str, message: str, tmp_path: Path) -> None:
     path = write(tmp_path, FILE.replace("GRIPPER", gripper))
     (problem,) = check_file(path, SKILLS, {"grasp": "welded"})
     assert problem.severity == "error"

@@ -1,4 +1,4 @@
-"""Warnings of what is allowed but can hardly be meant."""
+"""Warnings about trees that are allowed but hardly intended."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bt_dualarm.behaviors.language import LANGUAGE
 from bt_dualarm.behaviors.load import check_file
 from bt_dualarm.spec.checks import outcomes_in
 from bt_dualarm.spec.node_types import Outcomes
-from tests.spec.writing import SKILLS, said, task, tree_of
+from tests.spec.writing import SKILLS, messages_of, task, tree_of
 
 ENDS = {
     "succeed": "S",
@@ -45,7 +45,7 @@ ENDS = {
 
 
 @pytest.mark.parametrize("tree", ENDS)
-def test_how_a_node_can_end(tree: str, tmp_path: Path) -> None:
+def test_possible_outcomes_of_a_node(tree: str, tmp_path: Path) -> None:
     root = tree_of(task(tmp_path, tree))
     assert outcomes_in(root, LANGUAGE)[root] == Outcomes("S" in ENDS[tree], "F" in ENDS[tree])
 
@@ -74,12 +74,12 @@ WARNINGS = {
 
 @pytest.mark.parametrize("tree", WARNINGS)
 def test_warnings(tree: str, tmp_path: Path) -> None:
-    assert said(task(tmp_path, tree)) == [f"w: {message}" for message in WARNINGS[tree]]
+    assert messages_of(task(tmp_path, tree)) == [f"w: {message}" for message in WARNINGS[tree]]
 
 
 def test_more_successes_than_children_is_an_error(tmp_path: Path) -> None:
     path = task(tmp_path, "parallel: {policy: 3, children: [look, look]}")
-    assert said(path) == ["e: parallel: policy: 3 of 2 cannot succeed"]
+    assert messages_of(path) == ["e: parallel: policy: 3 of 2 cannot succeed"]
 
 
 OBJECT = "objects: {cube: {shape: sphere, size: [0.1], mass: 1, spawned: false}}\n"
@@ -97,26 +97,24 @@ OBJECT = "objects: {cube: {shape: sphere, size: [0.1], mass: 1, spawned: false}}
         ),
     ],
 )
-def test_objects_that_nothing_brings(tree: str, expected: list[str], tmp_path: Path) -> None:
-    assert said(task(tmp_path, tree, OBJECT)) == expected
+def test_objects_that_no_leaf_spawns(tree: str, expected: list[str], tmp_path: Path) -> None:
+    assert messages_of(task(tmp_path, tree, OBJECT)) == expected
 
 
 @pytest.mark.parametrize("name", ["spawn", "bring", "unpack"])
 @pytest.mark.parametrize("brings", [True, False])
-def test_what_a_skill_brings_in_is_what_it_declares(
-    name: str, brings: bool, tmp_path: Path
-) -> None:
-    """Whatever it is called: no skill is known to the check by its name."""
+def test_a_skill_spawns_what_it_declares(name: str, brings: bool, tmp_path: Path) -> None:
+    """Whatever its name: the check knows no skill by its name."""
     kind = replace(SKILLS["spawn"], name=name, brings_in=frozenset({"object"} if brings else ()))
     tree = f"sequence: [{{{name}: {{object: cube}}}}, {{look: {{object: cube}}}}]"
     problems = check_file(task(tmp_path, tree, OBJECT), {**SKILLS, name: kind})
     assert bool(problems) is not brings
 
 
-def test_an_arm_that_nothing_brings(tmp_path: Path) -> None:
+def test_an_arm_that_no_leaf_spawns(tmp_path: Path) -> None:
     path = task(tmp_path, "look")
     with path.open("a") as file:
         file.write("  arm2: {robot: ur5, spawned: false, tree: look}\n")
-    assert said(path) == [
+    assert messages_of(path) == [
         "w: arm 'arm2' has spawned: false and no leaf spawns it: its tree never starts"
     ]

@@ -1,4 +1,4 @@
-"""Points of a path from a CSV or SVG file, which may be a stranger's."""
+"""Points of a path from a CSV or SVG file, which may be untrusted."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bt_dualarm.spec.path_file import points_in
 
 
 def svg(data: str, before: str = "", extra: str = "") -> str:
-    """A drawing with one path."""
+    """An SVG drawing with one path."""
     drawing = f'<g {extra}><path d="{data}"/></g>'
     head = '<?xml version="1.0"?>'
     return f'{head}{before}<svg xmlns="http://www.w3.org/2000/svg">{drawing}</svg>'
@@ -28,7 +28,7 @@ def svg(data: str, before: str = "", extra: str = "") -> str:
         "0 0\n0 0\n30\t0\n30 20\n",
     ],
 )
-def test_csv_is_read_as_people_write_it(text: str) -> None:
+def test_common_notations_of_csv_are_read(text: str) -> None:
     assert points_in(text, "a.csv") == [(0, 0), (30, 0), (30, 20)]
 
 
@@ -92,13 +92,13 @@ def test_curves_of_an_svg_path() -> None:
         (svg("M0 0 " + "C1 1 2 2 3 3 " * 200), "a.svg", "more than 2000 points"),
     ],
 )
-def test_what_is_wrong_is_named(text: str, name: str, message: str) -> None:
+def test_mistakes_are_named(text: str, name: str, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         points_in(text, name)
 
 
 def test_mutated_files_are_read_or_refused() -> None:
-    """Nothing but ValueError escapes, and what is read is finite."""
+    """Only ValueError is raised, and every point that is read is finite."""
     dice = random.Random(1)  # noqa: S311 - no secret
     seeds = [
         svg("M 10,50 C 10,20 40,20 50,50 S 90,80 90,50 Q1 2 3 4 T5 6 h3v4z"),
@@ -135,7 +135,7 @@ def problems(folder: Path, file: str) -> str:
 
 
 def test_nothing_outside_the_folder_is_read(tmp_path: Path) -> None:
-    """Neither by its name, nor by a link; nor a pipe, a huge file, or one of another format."""
+    """Neither by its name nor by a link; huge files and other formats are refused, too."""
     folder = tmp_path / "trees"
     folder.mkdir()
     (tmp_path / "out.csv").write_text("0,0\n1,1\n")

@@ -104,13 +104,13 @@ def test_lists_are_tuples_inside() -> None:
     assert validated(Listing, {"items": [1, 2]}) == Listing(items=(1, 2))
 
 
-def test_one_port_alone() -> None:
+def test_one_port_can_be_validated_alone() -> None:
     with pytest.raises(ValidationError):
         validated(only(Ports, "high"), {"high": 3})
     validated(only(Ports, "high"), {"high": 2})
 
 
-def test_units() -> None:
+def test_units_of_ports() -> None:
     assert unit_of(Ports.model_fields["low"]) == "m"
     assert unit_of(Ports.model_fields["turn"]) == "deg"
 
@@ -136,5 +136,5 @@ def test_a_text_with_keys_in_it_is_no_reference() -> None:
     ],
 )
 def test_a_value_in_a_text(value: object, text: str) -> None:
-    """People read it: five digits, and nothing that is not given."""
+    """It is for people: five digits, and no fields that are not given."""
     assert as_text(value) == text

@@ -1,4 +1,4 @@
-"""How a problem is shown."""
+"""Problems: how they are shown, and suggestions."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def test_a_problem_of_the_whole_file_has_no_excerpt() -> None:
     assert str(Problem(Location("t.yaml"), "no such file")) == "t.yaml: error: no such file"
 
 
-def test_long_lines_are_cut_around_the_place() -> None:
+def test_long_lines_are_cut_around_the_position() -> None:
     line = "x" * 300 + "HERE" + "y" * 300
     excerpt = Location("t", 1, 301, 4, line).excerpt.splitlines()
     assert len(excerpt[0]) < 120

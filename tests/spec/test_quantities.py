@@ -1,4 +1,4 @@
-"""Numbers with a unit as text: wherever a number with a unit is expected, and nowhere else."""
+"""Quantities as text: accepted wherever a number with a unit is expected, and nowhere else."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def skills() -> Mapping[str, NodeType]:
     return Registry.load().kinds
 
 
-def test_a_number_with_a_unit_is_the_number_in_the_unit_of_its_place(
+def test_a_quantity_is_converted_to_the_unit_of_its_field(
     skills: Mapping[str, NodeType],
 ) -> None:
     """In objects, arms and ports; beside keys; minus signs with and without quotes."""
@@ -84,7 +84,7 @@ def test_another_quantity_or_a_number_out_of_range_is_an_error(
     assert any(says in str(problem) for problem in loaded.problems)
 
 
-def test_a_subtree_that_no_tree_uses_is_checked_alike(skills: Mapping[str, NodeType]) -> None:
+def test_a_subtree_that_no_tree_uses_is_accepted_too(skills: Mapping[str, NodeType]) -> None:
     subtree = "subtrees: {s: {tree: {circle: {plane: yz, radius: 5 cm}}}}\n"
     assert load(TREE + subtree, skills).file is not None
 
@@ -104,12 +104,12 @@ def test_a_scene_has_numbers_with_a_unit(tmp_path: Path, skills: Mapping[str, No
     assert wall.pose.xyz[0] == pytest.approx(-0.8)
 
 
-def test_editors_accept_what_the_check_accepts(skills: Mapping[str, NodeType]) -> None:
+def test_the_schema_for_editors_accepts_quantities(skills: Mapping[str, NodeType]) -> None:
     schema: Any = json_schema({**LANGUAGE, **skills})
     jsonschema.validate(read_text(TREE, "tree.yaml").data, schema)
 
 
-OF_PARAMETERS = """\
+PARAMETERS_TREE = """\
 bt_dualarm: 1
 params:
   h: {type: number, default: 5 cm, unit: m, range: [0, 0.2]}
@@ -132,7 +132,7 @@ arms:
     [({}, "0.05 [0.01,0,0.02]"), ({"h": "8cm", "v": "[2 cm, 0, 1mm]"}, "0.08 [0.02,0,0.001]")],
 )
 def test_values_of_parameters_with_a_unit(given: Mapping[str, object], logged: str) -> None:
-    loaded = load(OF_PARAMETERS, params=given)
+    loaded = load(PARAMETERS_TREE, params=given)
     assert loaded.file is not None, loaded.problems
     first, second = loaded.file.arms["arm1"].tree.children
     assert str(first.ports["message"]).replace(" ", "") == logged.replace(" ", "")
@@ -141,6 +141,6 @@ def test_values_of_parameters_with_a_unit(given: Mapping[str, object], logged: s
 
 @pytest.mark.parametrize("given", ["5 s", "50 cm", "5"])
 def test_values_of_another_unit_or_beyond_the_range_are_refused(given: str) -> None:
-    loaded = load(OF_PARAMETERS, params={"h": given})
+    loaded = load(PARAMETERS_TREE, params={"h": given})
     assert loaded.file is None
     assert "parameter h: " in str(loaded.problems[0])

@@ -1,4 +1,4 @@
-"""Strict YAML: places of everything, caps, and nothing but SpecError escapes."""
+"""Strict YAML: positions of all values, size limits, and no exception but SpecError."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def complaints(text: str) -> list[str]:
     return [f"{p.place.line}:{p.place.column}: {p.message}" for p in caught.value.problems]
 
 
-def test_data_and_places() -> None:
+def test_data_and_positions() -> None:
     source = read_text("a: 1\nb:\n  - {c: 'x y', d: [2, 3]}\n", "f")
     assert source.data == {"a": 1, "b": [{"c": "x y", "d": [2, 3]}]}
     assert str(source.location(("a",))) == "f:1:4"
@@ -67,18 +67,18 @@ def test_block_text_and_quotes_are_text() -> None:
         ]),
     ],
 )  # fmt: skip
-def test_refused(text: str, expected: list[str]) -> None:
+def test_unsupported_and_ambiguous_yaml_is_refused(text: str, expected: list[str]) -> None:
     assert complaints(text) == expected
 
 
-def test_on_and_no_are_keys_as_they_look() -> None:
+def test_on_and_no_are_text_as_keys() -> None:
     assert read_text("on: 1\nno: 2\n").data == {"on": 1, "no": 2}
 
 
 @pytest.mark.parametrize(
     "text", ["a: [1", "a: b: c", "\ta: 1", "a: 'x", "a: @x", "- a\nb: 1", "a: \x07", 'a: "\\q"']
 )
-def test_what_is_no_yaml_is_placed(text: str) -> None:
+def test_syntax_errors_have_a_position(text: str) -> None:
     """Line and column are within the text."""
     with pytest.raises(SpecError) as caught:
         read_text(text)
@@ -89,12 +89,12 @@ def test_what_is_no_yaml_is_placed(text: str) -> None:
 
 
 CONTROL = [*range(0x09), *range(0x0B, 0x20), *range(0x7F, 0xA0), 0x202E, 0x2066]
-"""What a terminal acts on, and what turns the direction of writing."""
+"""Characters that control a terminal, or that change the direction of writing."""
 
 
 @pytest.mark.parametrize("code", CONTROL, ids=hex)
 @pytest.mark.parametrize("text", ['a: "x{}"', '"x{}": 1', 'a: [1, {{b: "{}"}}]'])
-def test_what_a_terminal_would_act_on_is_in_no_text(code: int, text: str) -> None:
+def test_control_characters_are_refused(code: int, text: str) -> None:
     (message,) = complaints(text.format(f"\\u{code:04x}"))
     assert f"the control character U+{code:04X}" in message
     assert message.isprintable()
@@ -103,12 +103,12 @@ def test_what_a_terminal_would_act_on_is_in_no_text(code: int, text: str) -> Non
 
 
 @pytest.mark.parametrize("text", ["a\tb", "a\nb", "é", "→", "👩\u200d🔧", "עברית"])
-def test_what_people_write_is_text(text: str) -> None:
+def test_ordinary_characters_are_accepted(text: str) -> None:
     assert read_mapping({"a": text}).data == {"a": text}
     assert read_text(f"a: {json.dumps(text, ensure_ascii=False)}").data == {"a": text}
 
 
-def test_caps() -> None:
+def test_size_limits() -> None:
     assert complaints("[" * (MAX_DEPTH + 1))[0].endswith("nested deeper than 64 levels")
     assert read_text("[" * MAX_DEPTH + "]" * MAX_DEPTH).data
     many = "[" + "1," * MAX_NODES + "]"
@@ -116,7 +116,7 @@ def test_caps() -> None:
     assert complaints("[" + "yes, " * 500 + "]")[-1].startswith("1:497")
 
 
-def test_files_that_are_none(tmp_path: Path) -> None:
+def test_unreadable_files_are_refused(tmp_path: Path) -> None:
     cases = {
         tmp_path / "missing.yaml": "no such file",
         tmp_path: "is not a regular file",
@@ -154,7 +154,7 @@ PIECES = [
 
 
 @given(st.lists(st.sampled_from(PIECES), max_size=40).map("".join) | st.text(max_size=60))
-def test_nothing_else_escapes(text: str) -> None:
-    """On any text: data, or a SpecError, whose text is made on the way."""
+def test_any_text_gives_data_or_a_spec_error(text: str) -> None:
+    """Formatting the message of a SpecError raises nothing either."""
     with contextlib.suppress(SpecError):
         read_text(text)

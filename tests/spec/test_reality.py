@@ -1,4 +1,4 @@
-"""What a tree file may say of reality, and what holds for an arm of it."""
+"""Reality in tree files: valid settings, and the errors that result for each arm."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ arms:
 """
 
 
-def held(world: str, arm: str = "ideal") -> tuple[RealityErrors, RealityErrors]:
-    """What holds for an arm that says something, and for one that does not."""
+def errors_of(world: str, arm: str = "ideal") -> tuple[RealityErrors, RealityErrors]:
+    """Errors of an arm with a reality of its own, and of one without."""
     file = load_tree_file(FILE.format(world=world, arm=arm), folder=Path())
     one, other = (
         resolved(file.world.reality, each.reality, REALITY_SETS) for each in file.arms.values()
@@ -45,27 +45,27 @@ def complaint(reality: str) -> str:
 
 
 @pytest.mark.parametrize("name", REALITY_NAMES)
-def test_a_set_holds_for_arms_that_say_nothing(name: str) -> None:
-    assert held(name) == (REALITY_SETS["ideal"], REALITY_SETS[name])
+def test_the_set_of_the_world_is_for_arms_without_one(name: str) -> None:
+    assert errors_of(name) == (REALITY_SETS["ideal"], REALITY_SETS[name])
 
 
 def test_fields_not_given_are_those_of_the_set() -> None:
-    one, other = held("lab", "{set: rough, drive: {delay: 2 ms}}")
+    one, other = errors_of("lab", "{set: rough, drive: {delay: 2 ms}}")
     assert other == REALITY_SETS["lab"]
     assert one.drive.delay == 0.002
     assert one.drive.bandwidth == REALITY_SETS["rough"].drive.bandwidth
     assert one.links == REALITY_SETS["rough"].links
 
 
-def test_an_arm_without_a_set_changes_what_the_world_says() -> None:
-    one, _ = held("{set: lab, encoder: {noise: 0.01}}", "{friction: {present: false}}")
+def test_an_arm_without_a_set_changes_fields_of_the_world() -> None:
+    one, _ = errors_of("{set: lab, encoder: {noise: 0.01}}", "{friction: {present: false}}")
     assert not one.friction.present
     assert one.encoder.noise == 0.01
     assert one.links == REALITY_SETS["lab"].links
 
 
-def test_a_number_is_uniform_and_a_mapping_says_which() -> None:
-    one, _ = held("ideal", "{links: {mass: 0.1, inertia: {normal: 0.02}}}")
+def test_a_number_is_uniform_and_a_mapping_names_the_distribution() -> None:
+    one, _ = errors_of("ideal", "{links: {mass: 0.1, inertia: {normal: 0.02}}}")
     assert one.links.mass == Uncertainty(uniform=0.1)
     assert one.links.inertia == Uncertainty(normal=0.02)
 
@@ -83,7 +83,7 @@ def test_a_number_is_uniform_and_a_mapping_says_which() -> None:
         ("{camera: {rotation: 30}}", "at most 20 deg"),
     ],
 )
-def test_what_makes_no_sense_is_refused_where_it_stands(reality: str, words: str) -> None:
+def test_invalid_settings_are_refused_at_their_line(reality: str, words: str) -> None:
     message = complaint(reality)
     assert ":2:" in message
     assert words in message
@@ -92,7 +92,7 @@ def test_what_makes_no_sense_is_refused_where_it_stands(reality: str, words: str
 @pytest.mark.parametrize(
     "spread", [Uncertainty(), Uncertainty(uniform=0.2), Uncertainty(normal=0.2)]
 )
-def test_one_value_is_the_first_of_several(spread: Uncertainty) -> None:
+def test_one_sample_equals_the_first_of_several(spread: Uncertainty) -> None:
     one = np.random.default_rng(7)
     several = np.random.default_rng(7)
     for _ in range(500):
@@ -100,16 +100,16 @@ def test_one_value_is_the_first_of_several(spread: Uncertainty) -> None:
 
 
 @pytest.mark.parametrize("spread", [Uncertainty(uniform=0.2), Uncertainty(normal=0.2)])
-def test_a_spread_is_about_zero_and_keeps_to_its_bound(spread: Uncertainty) -> None:
-    drawn = spread.draw(np.random.default_rng(0), 20_000)
-    assert abs(drawn.mean()) < 0.005
-    assert 0.95 * spread.most < np.abs(drawn).max() <= spread.most
+def test_samples_are_centered_and_bounded(spread: Uncertainty) -> None:
+    samples = spread.draw(np.random.default_rng(0), 20_000)
+    assert abs(samples.mean()) < 0.005
+    assert 0.95 * spread.most < np.abs(samples).max() <= spread.most
     deviation = 0.2 / np.sqrt(3) if spread.uniform else 0.2
-    assert drawn.std() == pytest.approx(deviation, rel=0.03)
+    assert samples.std() == pytest.approx(deviation, rel=0.03)
 
 
 def test_each_set_is_farther_from_the_model_than_the_one_before() -> None:
-    """Numbers of the sets may be changed; not that rough is rougher."""
+    """Numbers of the sets may change, but rough must stay rougher than lab."""
     lab, rough = (REALITY_SETS[name] for name in ("lab", "rough"))
     assert REALITY_SETS["ideal"] == RealityErrors()
     for group in RealityErrors.model_fields:
@@ -121,7 +121,7 @@ def test_each_set_is_farther_from_the_model_than_the_one_before() -> None:
     assert lab.drive.bandwidth > rough.drive.bandwidth > 0
 
 
-def test_python_is_told_what_is_wrong_with_a_reality() -> None:
+def test_a_reality_from_python_is_checked() -> None:
     assert checked_reality("lab") == "lab"
     assert checked_reality({"set": "lab"}) == RealitySpec(set="lab")
     with pytest.raises(RunError, match="no reality 'lob'; did you mean 'lab'"):

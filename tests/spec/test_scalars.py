@@ -23,7 +23,7 @@ from bt_dualarm.spec.yaml_reader import ScalarError, plain_value
         ("1e", "1e"), ("-home", "-home"), ("...", "..."),
     ],
 )  # fmt: skip
-def test_means_what_it_looks_like(text: str, value: object) -> None:
+def test_a_scalar_means_what_it_looks_like(text: str, value: object) -> None:
     assert plain_value(text) == value
     assert type(plain_value(text)) is type(value)
 
@@ -47,7 +47,7 @@ def test_means_what_it_looks_like(text: str, value: object) -> None:
         ("9" * 5000, "at most 9007199254740992 is allowed"),
     ],
 )
-def test_refused_with_advice(text: str, advice: str) -> None:
+def test_an_ambiguous_scalar_is_refused_with_advice(text: str, advice: str) -> None:
     with pytest.raises(ScalarError) as caught:
         plain_value(text)
     assert caught.value.hint == advice
@@ -60,9 +60,9 @@ def test_every_number_that_python_writes_is_read_back(number: float) -> None:
 
 @given(st.text(alphabet="0123456789.+-eExnatruyslofNY:_~", max_size=8))
 @example("-.5")
-def test_agrees_with_pyyaml_or_is_refused(text: str) -> None:
-    """What is accepted as another type than PyYAML's is a date, or a number of YAML 1.2: in
-    exponent notation, or with a sign before its point.
+def test_a_scalar_agrees_with_pyyaml_or_is_refused(text: str) -> None:
+    """A value that is accepted as another type than PyYAML's is a date, or a number of YAML 1.2:
+    in exponent notation, or with a sign before its point.
     """
     try:
         value = plain_value(text)

@@ -78,7 +78,7 @@ def test_a_run_in_the_cell_succeeds_and_can_be_replayed_without_the_scene(cell: 
     assert check_record(Record.read(cell.parent / "out"), Registry.load()).agrees
 
 
-def test_names_are_those_of_the_scene_too(cell: Path) -> None:
+def test_suggestions_include_names_of_the_scene(cell: Path) -> None:
     cell.write_text(TREE.replace("on: bench", "on: bensh"), encoding="utf-8")
     messages = [str(problem) for problem in bt.check(cell)]
     assert any("bensh" in message and "bench" in message for message in messages), messages
@@ -125,7 +125,7 @@ def test_an_object_within_a_fixture_is_an_error(cell: Path) -> None:
         ("scenes/big.yaml", "is larger than"),
     ],
 )
-def test_scenes_are_read_as_safely_as_other_files(cell: Path, path: str, message: str) -> None:
+def test_unsafe_scene_files_are_refused(cell: Path, path: str, message: str) -> None:
     scenes = cell.parent / "scenes"
     outside = cell.parent.parent / f"{cell.parent.name}_outside.yaml"
     outside.write_text(SCENE, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""The schema and the check agree, but for what the schema cannot say."""
+"""The schema and the check agree, except for what the schema cannot express."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def test_both_accept(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("thing", "is_sound"),
+    ("obj", "is_sound"),
     [
         ("mass: 1", True),
         ("mass: 1, fixed: true", True),
@@ -96,7 +96,7 @@ def test_both_accept(name: str, tmp_path: Path) -> None:
         ("color: red", False),
     ],
 )
-def test_what_is_fixed_needs_no_mass(obj: str, is_sound: bool, tmp_path: Path) -> None:
+def test_a_fixed_object_needs_no_mass(obj: str, is_sound: bool, tmp_path: Path) -> None:
     before = f"objects: {{cube: {{shape: box, size: [0.1, 0.1, 0.1], {obj}}}}}\n"
     path = task(tmp_path, "look", before)
     assert (not errors(check_file(path, SKILLS))) == is_sound
@@ -154,7 +154,7 @@ def test_shipped_trees_pass_both(
     assert validator_of_the_shipped_skills.is_valid(read_file(path).data)
 
 
-def test_the_schema_is_one() -> None:
+def test_the_schema_is_valid() -> None:
     Draft202012Validator.check_schema(SCHEMA)
 
 

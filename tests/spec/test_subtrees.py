@@ -1,4 +1,4 @@
-"""Subtrees and includes: parameters with types, a scope of their own, nothing without end."""
+"""Subtrees and includes: typed parameters, scopes of their own, and no infinite recursion."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 
 from bt_dualarm.behaviors.load import check_file, load_tree_file
 from bt_dualarm.spec.problems import SpecError
-from tests.spec.writing import SKILLS, said, task, tree_of, write
+from tests.spec.writing import SKILLS, messages_of, task, tree_of, write
 
 SUBTREES = """
     subtrees:
@@ -62,12 +62,12 @@ def test_a_parameter_can_be_a_key(tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_mistakes_in_a_use(params: str, expected: str, tmp_path: Path) -> None:
-    assert expected in said(task(tmp_path, use(params), SUBTREES))
+    assert expected in messages_of(task(tmp_path, use(params), SUBTREES))
 
 
 def test_unknown_subtree(tmp_path: Path) -> None:
     path = task(tmp_path, "subtree: {use: paus}", SUBTREES)
-    assert said(path) == ["e: there is no subtree 'paus'"]
+    assert messages_of(path) == ["e: there is no subtree 'paus'"]
     assert check_file(path, SKILLS)[0].hint == "did you mean 'pause'?"
 
 
@@ -96,7 +96,7 @@ def test_keys_of_the_user_are_not_visible_inside(tmp_path: Path) -> None:
 def test_a_mistake_in_a_subtree_is_reported_once_however_often_it_is_used(tmp_path: Path) -> None:
     before = "subtrees: {bad: {tree: {wait: -1}}}\n"
     path = task(tmp_path, "sequence: [{subtree: {use: bad}}, {subtree: {use: bad}}]", before)
-    assert said(path) == ["e: wait: seconds: must be greater than 0 s, not -1"]
+    assert messages_of(path) == ["e: wait: seconds: must be greater than 0 s, not -1"]
 
 
 def test_an_unused_subtree_is_checked_too(tmp_path: Path) -> None:
@@ -104,7 +104,7 @@ def test_an_unused_subtree_is_checked_too(tmp_path: Path) -> None:
         subtrees:
           bad: {params: {o: {type: object}}, tree: {look: {objekt: "{o}"}}}
         """
-    assert said(task(tmp_path, "look", before)) == ["e: look: unknown port 'objekt'"]
+    assert messages_of(task(tmp_path, "look", before)) == ["e: look: unknown port 'objekt'"]
 
 
 @pytest.mark.parametrize(
@@ -116,7 +116,7 @@ def test_an_unused_subtree_is_checked_too(tmp_path: Path) -> None:
 )
 def test_recursion_is_refused(bodies: str, circle: str, tmp_path: Path) -> None:
     path = task(tmp_path, "subtree: {use: a}", f"subtrees: {bodies}\n")
-    assert f"e: subtrees use each other in a cycle: {circle}" in said(path)
+    assert f"e: subtrees use each other in a cycle: {circle}" in messages_of(path)
 
 
 def test_a_bomb_of_subtrees_is_refused(tmp_path: Path) -> None:
@@ -124,13 +124,13 @@ def test_a_bomb_of_subtrees_is_refused(tmp_path: Path) -> None:
     twice = "{{sequence: [{{subtree: {{use: s{0}}}}}, {{subtree: {{use: s{0}}}}}]}}"
     bodies = "".join(f"  s{i}: {{tree: {twice.format(i + 1)}}}\n" for i in range(20))
     path = task(tmp_path, "subtree: {use: s0}", f"subtrees:\n{bodies}  s20: {{tree: succeed}}\n")
-    assert "e: the trees have more than 5000 nodes" in said(path)
+    assert "e: the trees have more than 5000 nodes" in messages_of(path)
 
 
 def test_a_tower_of_subtrees_is_refused(tmp_path: Path) -> None:
     bodies = "".join(f"  s{i}: {{tree: {{subtree: {{use: s{i + 1}}}}}}}\n" for i in range(500))
     path = task(tmp_path, "subtree: {use: s0}", f"subtrees:\n{bodies}  s500: {{tree: succeed}}\n")
-    assert "e: nodes are nested deeper than 64 levels" in said(path)
+    assert "e: nodes are nested deeper than 64 levels" in messages_of(path)
 
 
 LIBRARY = """
@@ -154,7 +154,7 @@ def test_a_library_by_itself_can_be_checked_but_not_run(tmp_path: Path) -> None:
         load_tree_file(path, SKILLS)
 
 
-def test_what_cannot_be_included(tmp_path: Path) -> None:
+def test_invalid_includes_are_refused(tmp_path: Path) -> None:
     inside = tmp_path / "inside"
     write(tmp_path, LIBRARY, "outside.yaml")
     write(inside, "bt_dualarm: 1\narms: {}\n", "task2.yaml")
@@ -166,7 +166,7 @@ def test_what_cannot_be_included(tmp_path: Path) -> None:
         "include: [../outside.yaml, link.yaml, /etc/passwd, missing.yaml, task2.yaml,"
         " other.yaml, circle.yaml, 3, loop.yaml]\n"
     )
-    messages = "\n".join(said(task(inside, "look", include)))
+    messages = "\n".join(messages_of(task(inside, "look", include)))
     for expected in (
         "include: '../outside.yaml' is outside the folder",
         "include: 'link.yaml' is outside the folder",
@@ -182,10 +182,10 @@ def test_what_cannot_be_included(tmp_path: Path) -> None:
         assert expected in messages
 
 
-def test_two_subtrees_of_one_name(tmp_path: Path) -> None:
+def test_two_subtrees_of_one_name_are_refused(tmp_path: Path) -> None:
     write(tmp_path, LIBRARY, "sleep.yaml")
     before = "include: [sleep.yaml]\nsubtrees: {nap: {tree: {wait: 2}}}\n"
-    (message,) = said(task(tmp_path, "subtree: {use: nap}", before))
+    (message,) = messages_of(task(tmp_path, "subtree: {use: nap}", before))
     assert message.startswith("e: subtree 'nap' is already declared in")
 
 
@@ -200,12 +200,12 @@ def test_two_subtrees_of_one_name(tmp_path: Path) -> None:
     ],
 )
 def test_mistakes_in_declarations(before: str, expected: str, tmp_path: Path) -> None:
-    assert expected in said(task(tmp_path, "look", before))
+    assert expected in messages_of(task(tmp_path, "look", before))
 
 
 @pytest.mark.parametrize("default", ["seen", '"{seen}"', "3"])
 def test_a_key_has_no_default(default: str, tmp_path: Path) -> None:
-    """Who writes a key and who reads it would not know of each other."""
+    """Otherwise writers and readers of the key would not know of each other."""
     subtree = f"p: {{params: {{out: {{type: key, default: {default}}}}}, tree: succeed}}"
-    problems = said(task(tmp_path, "look", f"subtrees: {{{subtree}}}\n"))
+    problems = messages_of(task(tmp_path, "look", f"subtrees: {{{subtree}}}\n"))
     assert "e: out: a key has no default: it is given where the subtree is used" in problems

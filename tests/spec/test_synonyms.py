@@ -1,4 +1,4 @@
-"""Words of other libraries of behavior trees lead to ours."""
+"""Names of nodes in other behavior tree libraries lead to ours."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ SYNONYMS = synonyms_in(LANGUAGE.values())
         ("inverte", "did you mean 'inverter'? (load your own skills with --skills DIR)"),
     ],
 )
-def test_hint(given: str, hint: str) -> None:
+def test_hint_for_a_synonym(given: str, hint: str) -> None:
     assert kind_hint(given, LANGUAGE) == hint
 
 
-def test_what_is_like_nothing_is_told_all_names_and_where_skills_come_from() -> None:
+def test_the_hint_for_an_unknown_name_has_all_names_and_the_option_for_skills() -> None:
     hint = kind_hint("frobnicate", {name: NodeType(name, "") for name in ("go", "look")})
     assert hint == "available: go, look (load your own skills with --skills DIR)"
 
 
-def test_every_synonym_is_of_a_word_and_none_is_one() -> None:
+def test_every_synonym_leads_to_a_node_type_and_none_is_one() -> None:
     assert {meant.partition(",")[0] for meant in SYNONYMS.values()} <= LANGUAGE.keys()
     assert not {name.lower() for name in SYNONYMS} & {word.replace("_", "") for word in LANGUAGE}
 
 
-def test_the_page_has_them_all() -> None:
+def test_the_documentation_has_every_synonym() -> None:
     page = PAGE.read_text(encoding="utf-8")
     assert [name for name in SYNONYMS if f"`{name}`" not in page] == []

@@ -1,4 +1,4 @@
-"""A tree means the same and is refused with the same words, whichever way it is given."""
+"""Trees as file, text or mapping: they have the same meaning and the same errors."""
 
 from __future__ import annotations
 
@@ -42,8 +42,8 @@ def registry() -> Registry:
     return Registry.load()
 
 
-def written(loaded: Loaded) -> dict[str, Any]:
-    """All that the file says, with its trees; not where it lies, nor how it is written."""
+def content_of(loaded: Loaded) -> dict[str, Any]:
+    """Content of a file with its trees, without its path and its notation."""
     file = loaded.runnable()
     arms = {"arms": {"__all__": {"tree"}}}
     nodes = [node for arm in file.arms.values() for node in arm.tree.walk()]
@@ -54,18 +54,18 @@ def written(loaded: Loaded) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=[path.stem for path in SHIPPED])
-def test_a_text_and_a_mapping_mean_what_the_file_means(path: Path, registry: Registry) -> None:
+def test_a_text_and_a_mapping_have_the_content_of_the_file(path: Path, registry: Registry) -> None:
     text = path.read_text(encoding="utf-8")
     folder = path.parent
     of_file = load(path, registry.kinds)
     of_text = load(text, registry.kinds, folder=folder)
     of_data = load(read_text(text).data, registry.kinds, folder=folder)
-    assert written(of_file) == written(of_text) == written(of_data)
+    assert content_of(of_file) == content_of(of_text) == content_of(of_data)
     assert of_file.runnable().root == of_text.runnable().root == of_data.runnable().root
 
 
 def readable() -> list[Path]:
-    """Mistaken files that can be given as a mapping, too: which has no name to include itself."""
+    """Mistaken files that can be given as mappings, too, which have no name to include."""
     found = []
     for file in FILES:
         try:
@@ -78,15 +78,15 @@ def readable() -> list[Path]:
 
 
 @pytest.mark.parametrize("file", readable(), ids=lambda file: file.stem)
-def test_a_mapping_is_refused_as_its_file_is(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_mapping_has_the_errors_of_its_file(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(file.parent)
     data = read_text(file.read_text(encoding="utf-8")).data
     of_file = load(Path(file.name), SKILLS)
     of_data = load(data, SKILLS)
-    # Other places that a message names are lines and columns of a file, and keys of a mapping.
-    places = re.compile(rf"(?:<mapping>|{re.escape(file.name)})(?::\d+:\d+| at [^)]*)")
-    assert [places.sub("PLACE", problem.message) for problem in of_data.problems] == [
-        places.sub("PLACE", problem.message).replace(file.name, "<mapping>")
+    # Positions in messages are lines and columns of a file, or keys of a mapping.
+    positions = re.compile(rf"(?:<mapping>|{re.escape(file.name)})(?::\d+:\d+| at [^)]*)")
+    assert [positions.sub("PLACE", problem.message) for problem in of_data.problems] == [
+        positions.sub("PLACE", problem.message).replace(file.name, "<mapping>")
         for problem in of_file.problems
     ]
     for problem in of_data.problems:
@@ -105,7 +105,7 @@ def paths_in(data: Data, path: tuple[str | int, ...] = ()) -> list[tuple[str | i
     return found
 
 
-def test_a_place_in_a_mapping_is_told_by_its_keys() -> None:
+def test_a_position_in_a_mapping_is_given_by_its_keys() -> None:
     tree = {"sequence": [{"wait": 1}, {"go": {"to": {"xyz": [0, 0, 0]}, "near": "far"}}]}
     loaded = load({"bt_dualarm": 1, "arms": {"arm1": {"robot": "ur5", "tree": tree}}}, SKILLS)
     (problem,) = loaded.problems
@@ -122,7 +122,7 @@ class Robot(StrEnum):
     UR5 = "ur5"
 
 
-def test_what_python_has_beside_yaml_is_taken_for_what_it_holds() -> None:
+def test_python_values_are_converted_to_yaml_data() -> None:
     given = {
         "array": np.arange(3),
         "scalar": np.float32(0.5),
@@ -143,8 +143,8 @@ def test_what_python_has_beside_yaml_is_taken_for_what_it_holds() -> None:
     assert yaml.safe_load(yaml.safe_dump(read_mapping(given).data)) == expected
 
 
-def test_the_key_on_is_taken_as_pyyaml_reads_it() -> None:
-    """YAML 1.1 makes true of the word, also where it is a key: `place: {at: {on: tray}}`."""
+def test_the_key_on_is_accepted_as_pyyaml_reads_it() -> None:
+    """YAML 1.1 reads the word as true, even where it is a key: `place: {at: {on: tray}}`."""
     given = yaml.safe_load("place: {at: {on: tray}}")
     assert read_mapping(given).data == {"place": {"at": {"on": "tray"}}}
 
@@ -153,7 +153,7 @@ def nested(levels: int) -> Data:
     return [nested(levels - 1)] if levels else 0
 
 
-def circle() -> list[Any]:
+def cycle() -> list[Any]:
     inner: list[Any] = []
     inner.append(inner)
     return inner
@@ -180,7 +180,7 @@ REFUSED: Mapping[str, tuple[Any, str]] = {
     "half a surrogate pair": ({"a": "\ud800"}, "unpaired surrogate"),
     "half a pair in a key": ({"\ud800": 1}, "unpaired surrogate"),
     "a deep list": ({"a": nested(MAX_DEPTH)}, "nested deeper"),
-    "a circle": ({"a": circle()}, "nested deeper"),
+    "a circle": ({"a": cycle()}, "nested deeper"),
     "many values": ({"a": [0] * MAX_NODES}, "more than"),
     "shared lists": ({"a": bomb()}, "more than"),
     "much text": ({"a": "x" * (MAX_BYTES + 1)}, "Ki characters"),
@@ -188,21 +188,21 @@ REFUSED: Mapping[str, tuple[Any, str]] = {
 
 
 @pytest.mark.parametrize("case", REFUSED)
-def test_what_no_file_can_say_is_refused(case: str) -> None:
+def test_data_that_no_file_can_contain_is_refused(case: str) -> None:
     given, words = REFUSED[case]
     with pytest.raises(SpecError, match=words) as caught:
         read_mapping(given)
     assert all(problem.place.file == "<mapping>" for problem in caught.value.problems)
 
 
-def test_the_caps_themselves_are_allowed() -> None:
-    # The mapping and the list around the values count themselves.
+def test_the_limits_themselves_are_allowed() -> None:
+    # The mapping and the list around the values count as well.
     assert read_mapping({"a": [0] * (MAX_NODES - 2)}).data
     assert read_mapping({"a": nested(MAX_DEPTH - 2)}).data
     assert read_mapping({"a": -LARGEST_INTEGER}).data
 
 
-def test_everything_wrong_with_a_mapping_is_told_in_its_order() -> None:
+def test_all_errors_of_a_mapping_are_reported_in_its_order() -> None:
     with pytest.raises(SpecError) as caught:
         read_mapping({"z": b"", "a": [1, {2}, {"b": float("inf")}]})
     assert [problem.place.keys for problem in caught.value.problems] == ["z", "a[1]", "a[2].b"]
@@ -244,7 +244,7 @@ def test_parameters_are_text_or_data(params: Mapping[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("value", [float("nan"), b"1", {1: 2}, [1], True, None])
-def test_a_parameter_of_a_wrong_type_is_told_once(value: Any) -> None:
+def test_a_parameter_of_a_wrong_type_is_reported_once(value: Any) -> None:
     (problem,) = load(PARAMS, SKILLS, {"height": value}).problems
     assert problem.message.startswith("parameter ")
     assert "height" in problem.message

@@ -1,4 +1,4 @@
-"""What is declared and used nowhere is warned of, once, where it is declared."""
+"""Unused parameters and subtrees: a warning for each, once, where it is declared."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ UNUSED = {
     "MESSAGE": ("hello", "text"),
     "GIVEN": ("1", "number"),
 }
-"""What stands in a place where nothing is used, and the parameter that may stand there."""
+"""For each place in the file: a text without a parameter, and the parameter that fits there."""
 
 
-def warned(folder: Path, **uses: str) -> list[str]:
+def warnings_of(folder: Path, **uses: str) -> list[str]:
     """Warnings of the file with a parameter in some places."""
     text = FILE.replace("TEXT", uses.pop("TEXT", "{p}"))
     for place, (plain, _) in UNUSED.items():
@@ -55,7 +55,7 @@ def warned(folder: Path, **uses: str) -> list[str]:
 
 
 def test_a_subtree_that_a_parameter_can_choose_is_used(tmp_path: Path) -> None:
-    """Whichever is chosen, the others are not told of; one that no choice names is."""
+    """Subtrees that are not chosen are not reported; one that is no choice is."""
     text = """
         bt_dualarm: 1
         params: {way: {type: text, default: high, choices: [high, low]}}
@@ -66,8 +66,8 @@ def test_a_subtree_that_a_parameter_can_choose_is_used(tmp_path: Path) -> None:
     assert [problem.message for problem in problems] == ["nothing uses the subtree 'other'"]
 
 
-def test_every_parameter_that_is_used_nowhere_is_told_where_it_stands(tmp_path: Path) -> None:
-    assert warned(tmp_path) == [
+def test_every_unused_parameter_is_reported_where_it_is_declared(tmp_path: Path) -> None:
+    assert warnings_of(tmp_path) == [
         f"nothing uses the parameter '{name}'" for name in ("number", "text", "vector")
     ]
     (first, *_) = check_file(tmp_path / "task.yaml", SKILLS)
@@ -79,15 +79,15 @@ def test_one_use_anywhere_is_enough(place: str, tmp_path: Path) -> None:
     name = UNUSED[place][1]
     use = f"at {{{name}}}" if place == "MESSAGE" else f'"{{{name}}}"'
     others = {"number", "text", "vector"} - {name}
-    assert warned(tmp_path, **{place: use}) == [
+    assert warnings_of(tmp_path, **{place: use}) == [
         f"nothing uses the parameter '{other}'" for other in sorted(others)
     ]
 
 
 def test_a_subtrees_parameter_is_used_within_it_and_not_outside(tmp_path: Path) -> None:
     given = {"MESSAGE": "{number} {text} {vector}"}
-    assert warned(tmp_path, **given) == []
-    assert warned(tmp_path, **given, TEXT="hello") == ["nothing uses the parameter 'p'"]
+    assert warnings_of(tmp_path, **given) == []
+    assert warnings_of(tmp_path, **given, TEXT="hello") == ["nothing uses the parameter 'p'"]
 
 
 def test_a_name_within_a_subtree_is_not_the_files_parameter(tmp_path: Path) -> None:
@@ -117,7 +117,7 @@ def test_a_subtree_is_used_by_an_arm_and_a_key_without_braces(tmp_path: Path) ->
     assert problem.place.line == 5
 
 
-def test_subtrees_of_a_file_without_arms_are_for_others(tmp_path: Path) -> None:
+def test_subtrees_of_a_file_without_arms_count_as_used(tmp_path: Path) -> None:
     assert check_file(write(tmp_path, SUBTREES), SKILLS) == ()
     unused = SUBTREES.replace("key: out", "key: other")
     messages = [problem.message for problem in check_file(write(tmp_path, unused), SKILLS)]

@@ -75,7 +75,7 @@ def test_durations(given_: object, seconds: float) -> None:
         {"pose": {"xyz": [0, 0, 0], "look_at": [0, 0, 0]}},
     ],
 )  # fmt: skip
-def test_refused(bad: dict[str, object]) -> None:
+def test_invalid_values_are_refused(bad: dict[str, object]) -> None:
     with pytest.raises(ValidationError):
         read(**bad)
 
@@ -122,7 +122,7 @@ def test_named_planes(notation: str, u: tuple[int, ...], v: tuple[int, ...]) -> 
 
 
 @pytest.mark.parametrize("notation", ["xy", "yz", "xz", {"normal": [1, 2, 0]}])
-def test_a_plane_is_written_alike_where_space_is_allowed(notation: object) -> None:
+def test_a_plane_has_the_same_notation_where_space_is_allowed(notation: object) -> None:
     assert read(space=notation).space.plane == read(plane=notation).plane
 
 
@@ -151,7 +151,7 @@ def test_the_whole_color_circle_is_every_hue(hue: tuple[int, int]) -> None:
 
 
 @pytest.mark.parametrize("notation", ["red", [{"hue": [350, 10], "value": [0.25, 1]}]])
-def test_a_color_reads_as_it_is_written(notation: object) -> None:
+def test_a_color_is_read_back_from_its_notation(notation: object) -> None:
     color = Color.model_validate(notation)
     assert Color.model_validate(read_text(color.notation).data) == color
 

@@ -1,4 +1,4 @@
-"""Text from somebody else cannot act on a terminal, and JSON stays what it says."""
+"""Untrusted text: it cannot control a terminal, and JSON keeps its meaning."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from bt_dualarm.spec.node_types import escaped
         ("\U000e0041", "\\udb40\\udc41"),
     ],
 )
-def test_what_a_terminal_would_act_on_is_written_out(text: str, shown: str) -> None:
+def test_control_characters_are_escaped(text: str, shown: str) -> None:
     assert escaped(text) == shown
 
 
 @given(st.text())
-def test_json_says_the_same(text: str) -> None:
+def test_escaped_json_has_the_same_meaning(text: str) -> None:
     plain = json.dumps(text, ensure_ascii=False)
     assert json.loads(escaped(plain)) == text

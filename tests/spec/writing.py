@@ -1,4 +1,4 @@
-"""Files that a test writes, and what the check says of them."""
+"""Files that tests write, and the problems that the check reports of them."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ SKILLS: Mapping[str, NodeType] = {
 
 
 def write(folder: Path, text: str, name: str = "task.yaml") -> Path:
-    """A file with this text, without its common indentation."""
+    """Write a file with this text, without its common indentation."""
     path = folder / name
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(dedent(text).lstrip("\n"))
@@ -63,7 +63,7 @@ def write(folder: Path, text: str, name: str = "task.yaml") -> Path:
 
 
 def task(folder: Path, tree: str, before: str = "") -> Path:
-    """A file with one arm and this tree; line 1 of the tree is line 1 after ``tree:``."""
+    """Write a file with one arm and this tree; its line 1 is the first line after ``tree:``."""
     head = "bt_dualarm: 1\n" + dedent(before).lstrip("\n")
     body = "arms:\n  arm1:\n    robot: ur5\n    tree:\n"
     path = folder / "task.yaml"
@@ -75,10 +75,10 @@ def tree_of(path: Path) -> NodeSpec:
     return load_tree_file(path, SKILLS).arms["arm1"].tree
 
 
-def said(path: Path) -> list[str]:
+def messages_of(path: Path) -> list[str]:
     """Severity's first letter and message of each problem, in the file's order."""
-    return [f"{problem.severity[0]}: {problem.message}" for problem in found(path)]
+    return [f"{problem.severity[0]}: {problem.message}" for problem in problems_of(path)]
 
 
-def found(path: Path) -> tuple[Problem, ...]:
+def problems_of(path: Path) -> tuple[Problem, ...]:
     return check_file(path, SKILLS)
