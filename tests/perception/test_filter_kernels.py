@@ -43,7 +43,7 @@ def test_propagation_equals_the_matrix_formula(dt: float) -> None:
 
 @pytest.mark.parametrize("kernel", [correct, plain(correct)], ids=["compiled", "plain"])
 def test_correction_is_a_kalman_update(kernel: Callable[..., None]) -> None:
-    """Gain P h' / (h P h' + r), for each axis by itself; covariances stay symmetric."""
+    """Gain P h' / (h P h' + r), for each axis separately; covariances stay symmetric."""
     (state, covariance) = target(5)
     position = np.arange(3.0)
     variance = np.full(3, 0.1)

@@ -39,7 +39,7 @@ def world() -> World:
 
 @pytest.fixture(scope="module")
 def planning() -> Iterator[PlanningProcess]:
-    """One for all tests, whatever they do to it: it starts again by itself."""
+    """One for all tests: if a test ends it, it restarts with the next problem."""
     process = PlanningProcess()
     yield process
     process.close()

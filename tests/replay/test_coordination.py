@@ -63,7 +63,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def waiting_at(record: Record, time: float) -> dict[str, str]:
-    """What each node waits for at a time, by arm and path, as the page of a record shows it."""
+    """What each node waits for at a time, by arm and path, as the web page of a record shows it."""
     timeline = Timeline(record)
     return {
         f"{arm}:{row['path']}": str(row["waiting"])

@@ -13,7 +13,7 @@ from bt_dualarm.runtime.history_file import HistoryError, ReadBudget, parsed, re
 
 
 @pytest.mark.parametrize(
-    ("make", "said"),
+    ("make", "expected"),
     [
         (os.mkfifo, "a pipe"),
         (Path.mkdir, "a folder"),
@@ -24,11 +24,11 @@ from bt_dualarm.runtime.history_file import HistoryError, ReadBudget, parsed, re
     ],
 )
 def test_only_regular_files_of_a_size_are_read(
-    make: Callable[[Path], object], said: str, tmp_path: Path
+    make: Callable[[Path], object], expected: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "file"
     make(path)
-    with pytest.raises(HistoryError, match=said):
+    with pytest.raises(HistoryError, match=expected):
         read_regular(path, most=10)
 
 

@@ -244,15 +244,15 @@ def test_an_unreachable_robot_file_is_refused(name: str, tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize(
-    ("name", "says"),
+    ("name", "expected"),
     [("a\0b.urdf", r"control character U\+0000"), ("a\u200bb.urdf", "cannot be printed")],
 )
 def test_a_description_with_an_invalid_urdf_path_is_refused(
-    name: str, says: str, tmp_path: Path
+    name: str, expected: str, tmp_path: Path
 ) -> None:
     text = (share_dir("assets") / "robots" / "ur5.yaml").read_text(encoding="utf-8")
     entry = yaml.safe_load(text)
     entry["urdf"] = name
     (tmp_path / "arm.yaml").write_text(yaml.safe_dump(entry), encoding="utf-8")
-    with pytest.raises(CatalogError, match=says):
+    with pytest.raises(CatalogError, match=expected):
         load_robot("arm.yaml", tmp_path)

@@ -199,7 +199,7 @@ def test_inertias_replace_those_of_the_urdf_or_complete_it(tmp_path: Path) -> No
 
 
 def test_an_added_shape_does_not_replace_shapes_for_images(tmp_path: Path) -> None:
-    """This URDF has only visual shapes, which stand for contacts, too."""
+    """This URDF has only visual shapes, which are used for contacts, too."""
     box = "shapes: [{shape: box, size: [0.1, 0.02, 0.02]}]"
     robot = arm(tmp_path, f"  links: {{{OWN_BODY[:-1]}, {box}}}}}\n")
     assert [shape.kind for shape in robot.model.shapes("one", "collision")] == ["sphere"]
@@ -251,25 +251,25 @@ WRONG = {
 
 @pytest.mark.parametrize("what", WRONG)
 def test_a_wrong_correction_is_reported_at_its_line(what: str, tmp_path: Path) -> None:
-    wrong, says, hint = WRONG[what]
+    wrong, expected, hint = WRONG[what]
     with pytest.raises(CatalogError) as caught:
         arm(tmp_path, f"  {wrong}\n")
     message = str(caught.value)
     line = len(DESCRIPTION.splitlines()) + 3
     assert f"{tmp_path / 'two.yaml'}:{line}:" in message
-    assert says in message
+    assert expected in message
     assert hint in message
 
 
 @pytest.mark.parametrize(
-    ("ends", "says"),
+    ("ends", "expected"),
     [
         ("lower: [-1], upper: [1, 1]", "has 1 values, the arm 2 joints"),
         ("lower: [0.5, -1], upper: [0.5, 1]", "joint 'first' turns from 0.5 to 0.5 rad"),
     ],
 )
 def test_wrong_position_limits_are_reported_at_their_line(
-    ends: str, says: str, tmp_path: Path
+    ends: str, expected: str, tmp_path: Path
 ) -> None:
     description = DESCRIPTION.replace(
         "postures", f"  position: {{{ends}, source: of this test}}\npostures"
@@ -277,7 +277,7 @@ def test_wrong_position_limits_are_reported_at_their_line(
     with pytest.raises(CatalogError) as caught:
         arm(tmp_path, f"  links: {{{OWN_BODY}}}\n", description)
     assert f"{tmp_path / 'two.yaml'}:12:" in str(caught.value)
-    assert says in str(caught.value)
+    assert expected in str(caught.value)
 
 
 def test_corrections_state_their_source() -> None:

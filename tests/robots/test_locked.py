@@ -200,18 +200,18 @@ def test_an_arm_knows_the_other_arms_of_its_robot(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "says"),
+    ("name", "expected"),
     [
         ("nobody.yaml", "'nobody.yaml' cannot be used"),
         ("ur5", "'ur5' is no arm of this robot: its URDF"),
         ("small.yaml", "'small.yaml' moves joint 'shoulder', too"),
     ],
 )
-def test_an_invalid_other_arm_is_refused(name: str, says: str, tmp_path: Path) -> None:
+def test_an_invalid_other_arm_is_refused(name: str, expected: str, tmp_path: Path) -> None:
     description = DESCRIPTION + f"other_arms: [{name}]\n"
     write_robot(tmp_path, TWO_ARMS, description)
     with pytest.raises(DescriptionError) as caught:
         load_robot("small.yaml", tmp_path)
     (problem,) = caught.value.problems
-    assert says.partition(":")[0] in problem.message
+    assert expected.partition(":")[0] in problem.message
     assert problem.place.line == line_of(description, "other_arms")

@@ -91,7 +91,7 @@ def test_binary_stl_is_used_as_it_is(cache: Path) -> None:
 
 @pytest.mark.parametrize("up", ["Z_UP", "Y_UP", "X_UP"])
 def test_a_conversion_keeps_the_vertices(up: str, cache: Path, triangle: Path) -> None:
-    """A URDF takes vertices as they are, whichever axis the file says is up."""
+    """A URDF uses vertices as they are, whichever axis the file declares as up."""
     triangle.write_text(DAE.format(up=up))
     corners = stl_triangles(as_stl(triangle))
     assert corners.shape == (1, 3, 3)

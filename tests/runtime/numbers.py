@@ -579,7 +579,7 @@ def rounded(place: int) -> int:
 
 
 def with_value(data: Data, path: Path, value: Data) -> Data:
-    """The same data with another value at a path; what is beside the path is shared, not copied."""
+    """A copy of data with another value at a path; data beside the path are shared."""
     if not path:
         return value
     changed = copy.copy(data)

@@ -88,7 +88,7 @@ def test_a_leaf_that_changed_is_halted_and_restarted(edited: Edited) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "expected"),
     [
         (SHORT.replace("reach_to_pose", "reach_to_pos"), "did you mean 'reach_to_pose'?"),
         (SHORT.replace("sequence:", "sequence"), "short.yaml:"),
@@ -98,14 +98,14 @@ def test_a_leaf_that_changed_is_halted_and_restarted(edited: Edited) -> None:
     ],
 )
 def test_an_edit_that_cannot_be_applied_is_reported_and_the_run_goes_on(
-    edited: Edited, text: str, said: str, caplog: pytest.LogCaptureFixture
+    edited: Edited, text: str, expected: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     plain = bt_dualarm.run(edited.path).state_sha256
     with edited.run as run, caplog.at_level(logging.INFO, "bt_dualarm"):
         run.step(0.3)
         edited.save(text)
         assert run.finish().state_sha256 == plain
-    assert said in caplog.text
+    assert expected in caplog.text
 
 
 def test_an_equivalent_file_changes_nothing(edited: Edited) -> None:

@@ -109,7 +109,7 @@ def test_goals_do_not_change_the_run(result: bt.RunResult) -> None:
 
 @pytest.mark.usefixtures("without_pictures")
 @pytest.mark.parametrize(
-    ("section", "condition", "said"),
+    ("section", "condition", "expected"),
     [
         ("always", {"object": "cube", "height": [0.3255, 0.4]}, "always rule is violated at 0."),
         ("never", {"object": "cube", "on": "tray"}, "never rule is violated at 0."),
@@ -118,7 +118,7 @@ def test_goals_do_not_change_the_run(result: bt.RunResult) -> None:
 def test_a_violated_invariant_ends_the_run(
     section: str,
     condition: dict[str, object],
-    said: str,
+    expected: str,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -129,9 +129,9 @@ def test_a_violated_invariant_ends_the_run(
     assert ended.ending == bt.Ending.INVARIANT
     assert ended.outcome == "UNFINISHED"
     assert ended.sim_time_s < 0.3
-    assert said in ended.error
+    assert expected in ended.error
     assert why([str(tmp_path)]) == 0
-    assert f"why: the run ended by an invariant: {said}" in capsys.readouterr().out
+    assert f"why: the run ended by an invariant: {expected}" in capsys.readouterr().out
     assert replay([str(tmp_path), "--check"]) == 0
 
 

@@ -49,7 +49,7 @@ def checked(world: Any, *, of_motion: bool = True) -> str:
 
 
 @pytest.mark.parametrize(
-    ("geoms", "said"),
+    ("geoms", "expected"),
     [
         ((1, 2), "left and right touch at 2.000 s"),
         ((3, 0), "left and right touch at 2.000 s"),
@@ -57,10 +57,10 @@ def checked(world: Any, *, of_motion: bool = True) -> str:
         ((1, 4), ""),  # with an object
     ],
 )
-def test_arms_must_not_touch(world: Any, geoms: tuple[int, int], said: str) -> None:
+def test_arms_must_not_touch(world: Any, geoms: tuple[int, int], expected: str) -> None:
     touch(world, *geoms)
-    assert checked(world) == said
-    assert checked(world, of_motion=False) == said
+    assert checked(world) == expected
+    assert checked(world, of_motion=False) == expected
     touch(world, *geoms, distance=1e-4)  # a contact across a gap
     assert checked(world) == ""
 

@@ -59,7 +59,7 @@ def test_arms_that_reach_for_one_place_do_not_collide(stage: Stage, speed: float
 
 
 def test_an_arm_waits_for_another_one_to_leave_its_goal(stage: Stage) -> None:
-    """Arm 1 stands where arm 2 wants to go, and leaves after three seconds."""
+    """Arm 1 blocks the goal of arm 2, and leaves after three seconds."""
     there = "reach_to_pose: {to: {xyz: [0.55, 0, 0.75]}, speed: 1.0}"
     first = f"sequence: [{{{there}}}, {{wait: {{seconds: 3}}}}, {{go_home: {{}}}}]"
     second = f"sequence: [{{wait: {{seconds: 2}}}}, {{{there}}}]"

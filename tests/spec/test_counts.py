@@ -16,7 +16,7 @@ def many(count: int, item: str) -> str:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "expected"),
     [
         (
             "arms: {" + ", ".join(f"a{i}: {{robot: ur5, tree: succeed}}" for i in range(17)) + "}",
@@ -44,6 +44,6 @@ def many(count: int, item: str) -> str:
         ),
     ],
 )
-def test_too_many_and_too_few_are_counted(text: str, said: str) -> None:
+def test_too_many_and_too_few_are_counted(text: str, expected: str) -> None:
     problems = check(HEAD + text, Registry.load().kinds, build=False).problems
-    assert said in [problem.message for problem in problems]
+    assert expected in [problem.message for problem in problems]

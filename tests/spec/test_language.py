@@ -33,19 +33,19 @@ objects:
 """
 
 
-@pytest.mark.parametrize("word", LANGUAGE)
-def test_examples_of_node_types(word: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("node_type", LANGUAGE)
+def test_examples_of_node_types(node_type: str, tmp_path: Path) -> None:
     """The example passes; each port and output has a description."""
-    kind = LANGUAGE[word]
+    kind = LANGUAGE[node_type]
     path = task(tmp_path, kind.example, BEFORE)
-    partner = kind.example if word == "meet" else "wait: 1"
-    if word == "in_step":
+    partner = kind.example if node_type == "meet" else "wait: 1"
+    if node_type == "in_step":
         partner = kind.example.replace("arm2", "arm1")
     with path.open("a") as file:
         file.write(f"  arm2: {{robot: panda, tree: {{sequence: [{{{partner}}}]}}}}\n")
     problems = check_file(path, SKILLS)
     assert not [problem for problem in problems if problem.severity == "error"]
-    assert kind.example.startswith(word)
+    assert kind.example.startswith(node_type)
     assert all(field.description for field in kind.ports.model_fields.values())
     assert all(field.description for field in kind.outputs.model_fields.values())
 

@@ -68,7 +68,7 @@ def test_a_quantity_is_converted_to_the_unit_of_its_field(
 
 
 @pytest.mark.parametrize(
-    ("wrong", "says"),
+    ("wrong", "expected"),
     [
         ("radius: 5 s", "radius: expected a number, not text '5 s'"),
         ("radius: 5 kg", "radius: expected a number, not text '5 kg'"),
@@ -77,11 +77,11 @@ def test_a_quantity_is_converted_to_the_unit_of_its_field(
     ],
 )
 def test_another_quantity_or_a_number_out_of_range_is_an_error(
-    wrong: str, says: str, skills: Mapping[str, NodeType]
+    wrong: str, expected: str, skills: Mapping[str, NodeType]
 ) -> None:
     loaded = load(TREE.replace("radius: 5 cm", wrong), skills)
     assert loaded.file is None
-    assert any(says in str(problem) for problem in loaded.problems)
+    assert any(expected in str(problem) for problem in loaded.problems)
 
 
 def test_a_subtree_that_no_tree_uses_is_accepted_too(skills: Mapping[str, NodeType]) -> None:
