@@ -49,7 +49,7 @@ def test_only_the_exposed_region_counts() -> None:
     assert cut.touches_border
 
 
-def test_an_empty_region_shows_nothing() -> None:
+def test_an_empty_region_has_no_detection() -> None:
     assert detect(painted((50, 50, 50, 60)), YELLOW) is None
 
 

@@ -346,7 +346,7 @@ def test_a_target_that_looks_different_off_axis_is_not_lost(make_studio: StudioM
 def test_a_cube_of_known_size_that_moves_and_turns_is_not_lost(
     rate: float, away: float, axis: tuple[float, ...], make_studio: StudioMaker
 ) -> None:
-    """At 40 Hz, while it comes nearer or goes away; its outline fits no upright cube meanwhile."""
+    """At 40 Hz, it comes nearer or goes away; its outline fits no upright cube meanwhile."""
     studio = make_studio(fps=40.0)
     tracker = TargetTracker(studio.camera, YELLOW, cube())
     body = studio.model.body("cube").mocapid[0]

@@ -208,7 +208,7 @@ def test_a_motion_through_a_wall_is_refused(checker: CollisionChecker) -> None:
 
 
 def test_a_motion_must_not_end_in_self_contact() -> None:
-    """Not even with the depth that is tolerated for a held object; it may move away, however."""
+    """Even the depth that is tolerated for a held object is refused; moving away is allowed."""
     world = World(file_of({"arm1": arm("ur5", (0.0, 0.0, 1.0))}))
     checker = CollisionChecker(world, "arm1")
     free, folded = np.deg2rad(

@@ -68,7 +68,7 @@ def table(folder: Path, name: str) -> Any:
     return parquet.read_table(folder / name)  # type: ignore[no-untyped-call]  # it has none
 
 
-def test_every_file_is_where_the_info_says(dataset: Path) -> None:
+def test_every_file_is_at_the_path_in_the_info(dataset: Path) -> None:
     info = info_of(dataset)
     where = {"chunk_index": 0, "file_index": 0, "video_key": CAMERA}
     files = {path.relative_to(dataset).as_posix() for path in dataset.rglob("*") if path.is_file()}

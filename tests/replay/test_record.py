@@ -158,7 +158,7 @@ def test_a_copy_without_its_events_is_refused(short: Record, tmp_path: Path) -> 
         Record.read(tmp_path)
 
 
-def test_a_full_disk_leaves_what_was_written(
+def test_a_full_disk_keeps_what_was_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     """If half of a block fits, the run goes on, earlier blocks are readable, the end reports it."""

@@ -93,7 +93,7 @@ def failed(tmp_path_factory: pytest.TempPathFactory) -> Record:
     return recorded(tmp_path_factory.mktemp("failed"), FAILING)
 
 
-def test_a_story_has_chain_ports_and_what_was_before(failed: Record) -> None:
+def test_a_story_has_chain_ports_and_preceding_events(failed: Record) -> None:
     [story] = stories(failed)
     assert [(link["path"], link["status"]) for link in story.chain] == [
         ("sequence", "FAILURE"),
@@ -111,7 +111,7 @@ def test_a_leaf_that_succeeded_can_be_asked_for(failed: Record) -> None:
     assert (story.status, story.leaf) == ("SUCCESS", "sequence/set")
 
 
-def test_a_time_selects_what_was_running_then(failed: Record) -> None:
+def test_a_time_selects_the_nodes_running_then(failed: Record) -> None:
     [story] = stories(failed, "0.3")
     assert (story.status, story.leaf) == ("RUNNING", "sequence/aside/reach_to_pose")
     assert (story.at_s, story.began_s) == (0.3, 0.0)

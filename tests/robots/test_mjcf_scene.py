@@ -102,7 +102,7 @@ def test_bodies_are_where_mujoco_would_put_them(cell: Path) -> None:
     assert world.objects["cabinet.hinge"].mass == pytest.approx(0.6)
 
 
-def test_file_is_checked_with_what_is_ignored_and_camera_is_a_mount(cell: Path) -> None:
+def test_ignored_elements_are_warnings_and_a_camera_is_a_mount(cell: Path) -> None:
     (problem,) = bt.check(cell)
     assert problem.severity == "warning"
     assert "<option> is ignored" in problem.message
@@ -161,7 +161,7 @@ def test_unsafe_scene_files_are_refused(cell: Path, path: str, message: str) -> 
     assert any(message in problem.message for problem in bt.check(cell)), bt.check(cell)
 
 
-def test_mesh_is_an_object_of_its_own(cell: Path) -> None:
+def test_a_mesh_is_a_separate_object(cell: Path) -> None:
     """Its file is below the folder of the tree file, and is read by the checks of meshes."""
     mesh = Path(__file__).parents[1] / "runtime" / "bracket.obj"
     (cell.parent / "scenes" / "parts").mkdir()

@@ -198,7 +198,7 @@ def test_halted_nodes_differ_from_nodes_that_never_ran(symbols: Symbols, sign: s
     assert lines[2].endswith(f"{symbols.status['INVALID']} lissajous")
 
 
-def test_a_run_that_is_interrupted_shows_what_it_halted() -> None:
+def test_an_interrupted_run_shows_the_nodes_that_it_halted() -> None:
     """Nodes that had ended stay unchanged."""
     view = halted(CARRYING, 12.0)
     assert (view.halted, view.status, view.since) == (True, "INVALID", 12.0)

@@ -72,9 +72,7 @@ OTHER_FILES: dict[str, tuple[Callable[[Path], object], str]] = {
 
 @pytest.mark.parametrize("kind", OTHER_FILES)
 @pytest.mark.parametrize("name", [LOCK, *RECORD_FILES])
-def test_what_is_no_regular_file_is_refused_and_not_opened(
-    name: str, kind: str, tmp_path: Path
-) -> None:
+def test_an_irregular_file_is_refused_and_not_opened(name: str, kind: str, tmp_path: Path) -> None:
     """Opening a pipe without a writer would not return."""
     make, words = OTHER_FILES[kind]
     make(tmp_path / name)
