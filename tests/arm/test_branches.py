@@ -23,7 +23,7 @@ def computed(numbers: range, asked: list[int]) -> Iterator[int]:
 
 
 @pytest.mark.parametrize(("per_tick", "ticks"), [(1, 4), (2, 2), (3, 1)])
-def test_the_first_possible_branch_is_taken_and_no_later_one_computed(
+def test_first_possible_branch_is_taken_and_no_later_one_computed(
     per_tick: int, ticks: int
 ) -> None:
     asked: list[int] = []
@@ -45,13 +45,13 @@ def test_the_refusal_is_that_of_the_preferred_branch(most: int) -> None:
     assert refused.value.code == "IN_COLLISION"
 
 
-def test_a_search_ends_however_many_branches_there_are() -> None:
+def test_number_of_attempted_branches_is_limited() -> None:
     asked: list[int] = []
     with pytest.raises(Failure, match="branch 1"):
         list(first_possible(computed(range(1, 1000, 5), asked), attempt))
     assert len(asked) == MOST_BRANCHES
 
 
-def test_without_branches_there_is_nothing_to_choose() -> None:
+def test_empty_list_of_branches_is_an_error() -> None:
     with pytest.raises(ValueError, match="no branches"):
         list(first_possible([], attempt))
