@@ -79,8 +79,7 @@ SWEEP = "bt-sweep circle --seeds 0:2 --param speed=0.5:1.0:2 --reality lab --out
 MAIN_JOB_BY_PATH = ".venv/bin/bt-run trees/pick_and_track.yaml"
 
 BEGINNING = "bt-run pick_and_track --duration 1.5 --record begun"
-"""The first 1.5 s of the main job. Their record is read and exported like a whole one, but faster.
-"""
+"""The first 1.5 s of the main job, whose record is read and exported faster than a whole one."""
 
 SHORTER = {
     "bt-replay out --check": "bt-replay begun --check",
