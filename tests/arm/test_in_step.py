@@ -156,16 +156,14 @@ def test_halting_one_arm_stops_its_partner(stage: Stage) -> None:
 
 def test_motion_whose_partner_waits_for_a_later_signal_is_a_deadlock(stage: Stage) -> None:
     """A selector hides the deadlock from the static check of the file."""
-    asks = {"sequence": [reach(0.0, 0.05, 0.0, 0.5), {"signal": "moved"}]}
-    awaits = {
-        "sequence": [{"selector": [{"fail": {}}, {"await": "moved"}]}, reach(0, 0, 0.05, 0.5)]
-    }
+    signals = {"sequence": [reach(0.0, 0.05, 0.0, 0.5), {"signal": "moved"}]}
+    waits = {"sequence": [{"selector": [{"fail": {}}, {"await": "moved"}]}, reach(0, 0, 0.05, 0.5)]}
     arms: Tree = {
-        "arm1": {"robot": "ur5", "tree": step("arm2", asks)},
+        "arm1": {"robot": "ur5", "tree": step("arm2", signals)},
         "arm2": {
             "robot": "ur5",
             "base": {"xyz": [1.6, 0, 0], "rpy": [0, 0, 180]},
-            "tree": step("arm1", awaits),
+            "tree": step("arm1", waits),
         },
     }
     cell = {"signals": {"moved": {"type": "boolean", "written_by": ["arm1"]}}}

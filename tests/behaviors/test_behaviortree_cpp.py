@@ -36,7 +36,7 @@ TABLES = {
         tick | reactive_sequence, condition, action
         1    | R S R
         2    | R R -   # haltChildren of all but the running one
-        3    | R S R   # the action starts anew
+        3    | R S R   # the action starts again
         4    | S S S
         """,
     ),

@@ -52,7 +52,7 @@ TABLES = {
         tick | selector, its three children
         1    | R R - -
         2    | R F F R
-        3    | S - - S   # py_trees clears what was passed over
+        3    | S - - S   # py_trees clears the children that it has passed
         """,
     ),
     "selector: fails when all fail": (
@@ -153,7 +153,7 @@ TABLES = {
         """
         tick | while, condition, child
         1    | R S R
-        2    | R S S   # the condition is not asked while the child runs
+        2    | R S S   # the condition is not ticked while the child runs
         3    | R S R
         4    | R S S
         5    | S F S

@@ -49,15 +49,15 @@ def test_one_cell_writes_its_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize(
-    ("asked", "seen"), [((), ["ray"]), (("--renderer", "both"), ["ray", "gl"])]
+    ("options", "expected"), [((), ["ray"]), (("--renderer", "both"), ["ray", "gl"])]
 )
 def test_renderer_is_ray_unless_another_is_given(
-    asked: tuple[str, ...], seen: list[str], monkeypatch: pytest.MonkeyPatch
+    options: tuple[str, ...], expected: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The choice is the same on every machine, whether OpenGL works there or not."""
     monkeypatch.setattr(renderers, "choose_renderer", lambda kind: kind)
-    cells = cells_of(command_line().parse_args(["--case", "circle", *asked]))
-    assert list(dict.fromkeys(cell.renderer for cell in cells)) == seen
+    cells = cells_of(command_line().parse_args(["--case", "circle", *options]))
+    assert list(dict.fromkeys(cell.renderer for cell in cells)) == expected
 
 
 def test_missing_opengl_is_reported_before_anything_runs(

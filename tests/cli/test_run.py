@@ -140,7 +140,7 @@ def test_runs_with_equal_seeds_are_identical(waiting: Path, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
         (["pick_and_trak"], "did you mean 'pick_and_track'?"),
         (["no/such/file.yaml"], "there is no such file"),
@@ -151,11 +151,11 @@ def test_runs_with_equal_seeds_are_identical(waiting: Path, tmp_path: Path) -> N
     ],
 )
 def test_unusable_argument_is_code_2(
-    arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert cli.run(arguments) == 2
     out, err = capsys.readouterr()
-    assert says in err
+    assert message in err
     assert out == ""
     assert "Traceback" not in err
 
@@ -170,7 +170,7 @@ def test_bad_file_is_code_2_with_the_places_of_its_errors(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
         ([], "no tree file given"),
         (["circle", "--seed", "-1"], "'-1' is not a whole number"),
@@ -184,12 +184,12 @@ def test_bad_file_is_code_2_with_the_places_of_its_errors(
     ],
 )
 def test_wrong_usage_is_code_2(
-    arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as ended:
         cli.run(arguments)
     assert ended.value.code == 2
-    assert says in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
 def test_shipped_trees_are_listed(capsys: pytest.CaptureFixture[str]) -> None:

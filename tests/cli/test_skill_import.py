@@ -90,7 +90,7 @@ def test_monitor_is_not_started_without_files_to_import(monkeypatch: pytest.Monk
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
+    ("line", "message"),
     [
         ("import os; os._exit(0)", "SystemExit: os._exit(0)"),
         ("import sys; sys.exit(0)", "SystemExit: 0"),
@@ -101,11 +101,11 @@ def test_monitor_is_not_started_without_files_to_import(monkeypatch: pytest.Monk
     ],
 )
 def test_skill_file_that_would_end_the_program_is_an_import_error(
-    line: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    line: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Otherwise exit code 0 would mean success."""
     file = tmp_path / "ending.py"
     file.write_text(line + "\n", encoding="utf-8")
     assert cli.check(["circle", "--skills", str(tmp_path)]) == 2
     err = capsys.readouterr().err
-    assert err == f"bt-check: error: {file}: cannot be imported: {said}\n"
+    assert err == f"bt-check: error: {file}: cannot be imported: {message}\n"

@@ -138,7 +138,7 @@ def test_grippers_are_shown_as_json(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "message"),
     [
         ("pnada", "did you mean 'panda'?"),
         ("robot", "did you mean"),
@@ -146,9 +146,11 @@ def test_grippers_are_shown_as_json(capsys: pytest.CaptureFixture[str]) -> None:
         ("no.yaml", "no robot file"),
     ],
 )
-def test_unknown_robot_is_code_2(name: str, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_unknown_robot_is_code_2(
+    name: str, message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert cli.skills([name]) == 2
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
 def test_schema_goes_to_a_file_or_to_the_output(

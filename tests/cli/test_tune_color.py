@@ -67,7 +67,7 @@ def test_tree_is_evaluated_changed_and_checked(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
         (["PHOTO", "--write"], "an image has no ranges"),
         (["PHOTO", "--pick", "80,0"], "pixel 80,0 is outside the image, which is 80x60"),
@@ -82,14 +82,14 @@ def test_tree_is_evaluated_changed_and_checked(
     ],
 )
 def test_impossible_request_is_code_2(
-    arguments: list[str], says: str, photo: str, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], message: str, photo: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert tune_color([photo if word == "PHOTO" else word for word in arguments]) == 2
-    assert says in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
-    ("option", "says"),
+    ("option", "message"),
     [
         (["--hue", "1", "361"], "'361' is not a hue from 0 to 360 degrees"),
         (["--value", "a", "1"], "'a' is not a number from 0 to 1"),
@@ -102,9 +102,9 @@ def test_impossible_request_is_code_2(
     ],
 )
 def test_invalid_option_is_refused_at_once(
-    option: list[str], says: str, capsys: pytest.CaptureFixture[str]
+    option: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as caught:
         tune_color(["x.png", *option])
     assert caught.value.code == 2
-    assert says in capsys.readouterr().err
+    assert message in capsys.readouterr().err

@@ -86,13 +86,13 @@ class Press:
     def _force_n(self) -> float:
         """Norm of the sum of all contact forces between block and arm, N."""
         world = self.world
-        mine = world.arms["arm1"].geom_ids
+        own = world.arms["arm1"].geom_ids
         other = world.object_geom("block")
         total = np.zeros(3)
         one = np.zeros(6)
         for i, contact in enumerate(world.data.contact):
             pair = set(contact.geom.tolist())
-            if other in pair and pair & mine:
+            if other in pair and pair & own:
                 mujoco.mj_contactForce(world.model, world.data, i, one)
                 sign = 1.0 if contact.geom[1] == other else -1.0
                 total += sign * contact.frame.reshape(3, 3).T @ one[:3]

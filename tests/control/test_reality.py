@@ -16,7 +16,8 @@ LIMITS = {"ideal": (0.02, 0.06), "lab": (0.10, 0.30), "rough": (0.30, 1.00)}
 """Largest allowed RMS and maximum error, mm."""
 
 
-def keeps_to_its_plan(robot: str, reality: str, load: str, seed: int) -> None:
+def check_curves(robot: str, reality: str, load: str, seed: int) -> None:
+    """Checks the errors along all curves, and at rest after them."""
     rms, worst = LIMITS[reality]
     for tool, motion, planned in curves(robot):
         world = world_of(robot, tool, reality, load, seed, NODE_TYPES)
@@ -30,7 +31,7 @@ def keeps_to_its_plan(robot: str, reality: str, load: str, seed: int) -> None:
 @pytest.mark.parametrize("reality", LIMITS)
 def test_curves_at_full_speed_are_within_the_limits(robot: str, reality: str) -> None:
     """The robot has sampled friction, masses, drives and encoders."""
-    keeps_to_its_plan(robot, reality, "none", 3)
+    check_curves(robot, reality, "none", 3)
 
 
 def test_arm_with_noisy_encoders_is_at_rest() -> None:
@@ -65,4 +66,4 @@ def test_arm_with_noisy_encoders_is_at_rest() -> None:
 )
 def test_curves_with_a_kilogram_are_within_the_limits(robot: str, reality: str, load: str) -> None:
     for seed in (1, 2):
-        keeps_to_its_plan(robot, reality, load, seed)
+        check_curves(robot, reality, load, seed)

@@ -16,7 +16,7 @@ from bt_dualarm.core.errors import SkillError
 from bt_dualarm.testing import registry_with
 from tests.plays import Stage
 
-DEEDS: dict[str, Callable[[Arm], Any]] = {
+ACTIONS: dict[str, Callable[[Arm], Any]] = {
     "begin": lambda arm: arm.begin(arm.straight_to(arm.setpoint.q + 0.3, 0.5)),
     "follow": lambda arm: next(arm.follow(arm.straight_to(arm.setpoint.q + 0.3, 0.5))),
     "stream": lambda arm: arm.stream(lambda _: arm.setpoint),
@@ -58,7 +58,7 @@ class Threaded(Skill):
 
     def _do(self) -> None:
         with pytest.raises(SkillError):
-            DEEDS[self.ports.deed](self.arm)
+            ACTIONS[self.ports.deed](self.arm)
 
 
 FILE = """
@@ -76,7 +76,7 @@ def own(tmp_path: Path) -> Stage:
     return Stage(tmp_path, registry_with(Threaded))
 
 
-@pytest.mark.parametrize("deed", DEEDS)
+@pytest.mark.parametrize("deed", ACTIONS)
 def test_leaf_that_controls_its_arm_from_a_thread_fails_with_the_reason(
     deed: str, own: Stage
 ) -> None:

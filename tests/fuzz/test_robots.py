@@ -34,7 +34,7 @@ LONGEST_S = 10.0
 """CPU time limit for one mutant, s: on an idle machine none needs two, and unbounded work exceeds
 it on any machine."""
 
-URDFS, PAGES, MESHES = (int(TIMES * count / CHUNKS) for count in (120, 120, 60))
+URDFS, DESCRIPTIONS, MESHES = (int(TIMES * count / CHUNKS) for count in (120, 120, 60))
 
 TREE = """\
 bt_dualarm: 1
@@ -175,7 +175,7 @@ def test_mutated_robot_description_is_refused_or_runs(
         (tmp_path / "small.yaml").write_text(text, encoding="utf-8")
         return text
 
-    assert PAGES > survivors(PAGES, LONGEST_S, tree, mutate, registry) > 0
+    assert DESCRIPTIONS > survivors(DESCRIPTIONS, LONGEST_S, tree, mutate, registry) > 0
 
 
 @pytest.mark.slow

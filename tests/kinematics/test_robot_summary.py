@@ -52,8 +52,8 @@ def test_limits_are_in_degrees() -> None:
 
 
 @pytest.mark.parametrize(
-    ("axis", "said"),
+    ("axis", "name"),
     [((0, 0, -1), "-z"), ((1, 0, 0), "+x"), ((0.6, 0, 0.8), "0.6, 0, 0.8")],
 )
-def test_axis_has_a_short_name(axis: tuple[float, float, float], said: str) -> None:
-    assert direction(axis) == said
+def test_axis_has_a_short_name(axis: tuple[float, float, float], name: str) -> None:
+    assert direction(axis) == name
