@@ -71,7 +71,7 @@ def test_unseen_object_does_not_stand_in_the_drawer() -> None:
 
 @pytest.mark.parametrize("sensor", [True, False])
 def test_known_objects_move_with_the_drawer(sensor: bool) -> None:
-    """By the joint's sensor; without one, by the pose in which the arm left the drawer."""
+    """The joint's sensor counts or, without one, the pose in which the arm left the drawer."""
     world, known = world_of({"cube": box(IN_DRAWER, 0.04)}, sensor=sensor)
     assert known.pose("cube").pose.position == pytest.approx(IN_DRAWER)
     joint = world.model.body_jntadr[world.object_body("cabinet.slide")]

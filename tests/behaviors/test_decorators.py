@@ -275,7 +275,7 @@ def test_rate_keeps_its_phase_when_ticks_are_late(tmp_path: Path) -> None:
 def test_every_failed_attempt_of_a_retry_is_reported(
     times: int, child: str, delay: float, tmp_path: Path
 ) -> None:
-    """Also if successive attempts fail in their first ticks."""
+    """This includes successive attempts that fail in their first ticks."""
     node = child if child == "fail" else f"{{{child}}}"
     stage = Stage(tmp_path, f"retry: {{times: {times}, delay: {delay}, child: {node}}}")
     while stage.tree.status in ("INVALID", "RUNNING"):

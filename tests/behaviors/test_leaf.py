@@ -283,7 +283,7 @@ class Shouter(Skill):
     ports: Ports
 
     def run(self) -> Iterator[None]:
-        """At once."""
+        """Fails at once."""
         yield from ()
         text = "red \x1b[31m,\nbell \x07, \u202eback"
         raise ValueError(text) if self.ports.raises else Failure("LOUD", text)

@@ -22,7 +22,7 @@ LOAD = NominalLoad.of("cube", box((0, 0, 0), mass=0.7), Pose.from_rpy((0.1, 0.2,
 
 @pytest.mark.parametrize(("robot", "loads"), some(product(ROBOTS, [(), (LOAD,)]), 3))
 def test_chain_agrees_with_mujoco(robot: str, loads: tuple[NominalLoad, ...]) -> None:
-    """At random states, with a base that is rotated and away from the origin."""
+    """Compared at random states, with a base that is rotated and away from the origin."""
     nominal = World(file_of({"arm1": arm(robot, (0.3, 0.2, 0.1), 30.0)})).nominal["arm1"]
     dynamics = ArmDynamics(nominal, loads)
     rng = np.random.default_rng(3)
