@@ -1,4 +1,4 @@
-"""The arm in the hands of its leaves: one at a time, and none is left with another's motion."""
+"""An arm shared by leaves: one leaf moves it at a time, and none inherits another's motion."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ TICK = 10  # steps
 
 
 class Bench:
-    """A UR5, the arm as the tree gives it to two leaves, and a clock that a test turns."""
+    """A UR5, two leaves that share it, and a clock that the test advances."""
 
     def __init__(
         self,
@@ -39,11 +39,11 @@ class Bench:
         self.world = World(file_of(arms, objects))  # type: ignore[arg-type]
         self.controller = JointController(self.world, "arm1", self.world.timestep, Reservations())
         planning = planning or PlanningProcess()
-        touches = Contacts(self.world)
+        contacts = Contacts(self.world)
         traffic = Traffic(lambda: self.world.time)
         controllers = {"arm1": self.controller}
         shared = SharedArm(
-            self.world, "arm1", self.controller, None, 1, planning, touches, traffic, controllers
+            self.world, "arm1", self.controller, None, 1, planning, contacts, traffic, controllers
         )
         self.first = Arm(shared, "first")
         self.second = Arm(shared, "second")
@@ -54,7 +54,7 @@ class Bench:
             self.world.step()
 
     def run(self, work: Iterator[float | None], ticks: int = 500) -> list[float | None]:
-        """Tick a leaf's work to its end; returns what it yielded."""
+        """Ticks a leaf's work to its end; returns the values that it yielded."""
         yielded = []
         for _ in range(ticks):
             try:
@@ -64,14 +64,15 @@ class Bench:
             self.tick()
         raise AssertionError(f"not finished after {ticks} ticks")
 
-    def motion(self, way: float = 0.4) -> Trajectory:
+    def motion(self, angle: float = 0.4) -> Trajectory:
+        """Straight motion of the first joint by an angle in rad."""
         start = self.controller.setpoint.q
-        goal = start + way * np.array([1.0, 0, 0, 0, 0, 0])
+        goal = start + angle * np.array([1.0, 0, 0, 0, 0, 0])
         return point_to_point(start, goal, self.first.limits(1.0), self.first.period)
 
 
-def test_a_motion_is_followed_to_its_end() -> None:
-    """Progress only rises, and the arm stands where the motion ends."""
+def test_motion_is_followed_to_its_end() -> None:
+    """Progress never decreases, and the arm comes to rest at the end of the motion."""
     bench = Bench()
     motion = bench.motion()
     progress = bench.run(bench.first.follow(motion))
@@ -99,7 +100,7 @@ def test_only_one_leaf_moves_the_arm() -> None:
     bench.second.begin(bench.motion())  # the first is done
 
 
-def test_release_stops_what_the_leaf_has_begun_and_nothing_else() -> None:
+def test_release_stops_only_the_motion_of_the_same_leaf() -> None:
     bench = Bench()
     work = bench.first.follow(bench.motion())
     next(work)
@@ -116,8 +117,8 @@ def test_release_stops_what_the_leaf_has_begun_and_nothing_else() -> None:
     assert bench.controller.at_rest
 
 
-def test_a_leaf_that_begins_while_the_last_one_is_braked_plans_from_rest() -> None:
-    """Halted at full speed, the arm needs longer to stand than planning takes."""
+def test_leaf_that_starts_while_the_arm_brakes_plans_from_rest() -> None:
+    """Halted at full speed, the arm takes longer to stop than planning takes."""
     bench = Bench()
     work = bench.first.follow(bench.motion(1.5))
     for _ in range(40):
@@ -133,11 +134,11 @@ def test_a_leaf_that_begins_while_the_last_one_is_braked_plans_from_rest() -> No
 
 
 def broken(time: float) -> SetPoint:
-    """A stream with a mistake."""
+    """A stream that raises an exception."""
     raise ZeroDivisionError("in a skill")
 
 
-def test_what_a_stream_raises_reaches_the_leaf() -> None:
+def test_exception_in_a_stream_reaches_the_leaf() -> None:
     bench = Bench()
 
     bench.first.stream(broken)
@@ -146,16 +147,16 @@ def test_what_a_stream_raises_reaches_the_leaf() -> None:
         bench.first.check()
 
 
-def test_an_error_is_left_to_a_skill_that_polls_and_raised_in_one_that_does_not() -> None:
+def test_pending_fault_is_withheld_from_a_skill_that_calls_check() -> None:
     bench = Bench()
 
     bench.first.check()
     bench.first.stream(broken)
     bench.tick()
-    assert bench.first.pending_fault() is None  # it has polled in its last tick, and will do so now
+    assert bench.first.pending_fault() is None  # it called check in its last tick and will again
     with pytest.raises(ZeroDivisionError):
         bench.first.check()
-    bench.first.check()  # once: whoever handles it may go on
+    bench.first.check()  # raised once: a skill that handles it may go on
     bench.first.release()
     bench.first.stream(broken)
     bench.tick()
@@ -164,7 +165,7 @@ def test_an_error_is_left_to_a_skill_that_polls_and_raised_in_one_that_does_not(
     assert bench.first.pending_fault() is None
 
 
-def test_a_leaf_does_not_raise_the_error_of_the_one_before() -> None:
+def test_leaf_does_not_raise_the_error_of_the_previous_leaf() -> None:
     bench = Bench()
 
     bench.first.stream(broken)
@@ -178,7 +179,7 @@ def test_a_leaf_does_not_raise_the_error_of_the_one_before() -> None:
     bench.first.check()
 
 
-def test_a_blocked_arm_fails_and_gives_in_though_it_is_released() -> None:
+def test_blocked_arm_fails_and_stops_pushing_after_its_release() -> None:
     bench = Bench(wall=box((0.25, 0.45, 0.9), 0.4, fixed=True))
     start = bench.controller.setpoint.q
     goal = start + np.array([1.0, 0, 0, 0, 0, 0])
@@ -195,14 +196,14 @@ def test_a_blocked_arm_fails_and_gives_in_though_it_is_released() -> None:
     assert push[0] < 0.1 * limits.effort[0]
 
 
-def test_an_unknown_posture_is_refused_with_those_there_are() -> None:
+def test_unknown_posture_is_refused_with_the_known_ones() -> None:
     bench = Bench()
     with pytest.raises(Failure, match="home") as caught:
         bench.first.posture("hom")
     assert caught.value.code == "INVALID_TARGET"
 
 
-def test_a_target_in_an_object_is_refused_before_anything_moves() -> None:
+def test_target_inside_an_object_is_refused_before_any_motion() -> None:
     bench = Bench(wall=box((-0.487, -0.109, 0.827), 0.2, fixed=True))
     turned = bench.controller.setpoint.q + np.array((np.pi, 0, 0, 0, 0, 0))
     with pytest.raises(Failure, match="wall") as caught:

@@ -16,42 +16,42 @@ def attempt(number: int) -> str:
     return f"plan {number}"
 
 
-def computed(numbers: range, asked: list[int]) -> Iterator[int]:
+def computed(numbers: range, requested: list[int]) -> Iterator[int]:
     for number in numbers:
-        asked.append(number)
+        requested.append(number)
         yield number
 
 
 @pytest.mark.parametrize(("per_tick", "ticks"), [(1, 4), (2, 2), (3, 1)])
-def test_the_first_possible_branch_is_taken_and_no_later_one_computed(
+def test_first_possible_branch_is_taken_and_no_later_one_computed(
     per_tick: int, ticks: int
 ) -> None:
-    asked: list[int] = []
-    search = first_possible(computed(range(1, 100), asked), attempt, per_tick=per_tick)
+    requested: list[int] = []
+    search = first_possible(computed(range(1, 100), requested), attempt, per_tick=per_tick)
     for _ in range(ticks):
         next(search)
     with pytest.raises(StopIteration) as end:
         next(search)
     assert end.value.value == "plan 5"
-    assert asked == [1, 2, 3, 4, 5]
+    assert requested == [1, 2, 3, 4, 5]
 
 
 @pytest.mark.parametrize("most", [1, 3])
 def test_the_refusal_is_that_of_the_preferred_branch(most: int) -> None:
-    asked: list[int] = []
+    requested: list[int] = []
     with pytest.raises(Failure, match="branch 1") as refused:
-        list(first_possible(computed(range(1, 100), asked), attempt, most=most))
-    assert asked == [*range(1, most + 1)]
+        list(first_possible(computed(range(1, 100), requested), attempt, most=most))
+    assert requested == [*range(1, most + 1)]
     assert refused.value.code == "IN_COLLISION"
 
 
-def test_a_search_ends_however_many_branches_there_are() -> None:
-    asked: list[int] = []
+def test_number_of_attempted_branches_is_limited() -> None:
+    requested: list[int] = []
     with pytest.raises(Failure, match="branch 1"):
-        list(first_possible(computed(range(1, 1000, 5), asked), attempt))
-    assert len(asked) == MOST_BRANCHES
+        list(first_possible(computed(range(1, 1000, 5), requested), attempt))
+    assert len(requested) == MOST_BRANCHES
 
 
-def test_without_branches_there_is_nothing_to_choose() -> None:
+def test_empty_list_of_branches_is_an_error() -> None:
     with pytest.raises(ValueError, match="no branches"):
         list(first_possible([], attempt))

@@ -1,4 +1,4 @@
-"""The numbers of a failure are evidence for people: nobody may decide by them."""
+"""The numbers of a failure are evidence for people: no code may base a decision on them."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from tests.plays import Stage
 from tests.sim.worlds import box
 
 Story = Callable[[Stage, PlanningProcess], Matrix]
-"""Plays something in which failures decide what an arm does; returns where its joints were."""
+"""Runs a scenario in which failures decide what an arm does; returns its joint angles."""
 
 
 @pytest.fixture
 def planning() -> Iterator[PlanningProcess]:
-    """One for both times that a story is played: to start one takes longer than the story."""
+    """One process for both runs of a story: starting one takes longer than the story itself."""
     process = PlanningProcess()
     yield process
     process.close()
 
 
 def recorded(bench: Bench, work: Iterator[float | None], ticks: int) -> Matrix:
-    """Joint angles at each tick of a leaf's work, of shape (ticks, dof), and after its end."""
+    """Joint angles at each tick, of shape (ticks, dof), during a leaf's work and after its end."""
     rows = []
     for _ in range(ticks):
         try:
@@ -43,8 +43,8 @@ def recorded(bench: Bench, work: Iterator[float | None], ticks: int) -> Matrix:
     return np.array(rows)
 
 
-def a_wall_comes_into_the_way(_: Stage, planning: PlanningProcess) -> Matrix:
-    """The arm stops, and goes around it."""
+def wall_appears_on_the_path(_: Stage, planning: PlanningProcess) -> Matrix:
+    """The arm stops, and then goes around the wall."""
     bench = WalledBench(planning, standing=False)
     work = bench.first.travel([LEFT], 0.2)
 
@@ -59,14 +59,14 @@ def a_wall_comes_into_the_way(_: Stage, planning: PlanningProcess) -> Matrix:
     return rows
 
 
-def a_link_runs_into_a_wall(_: Stage, __: PlanningProcess) -> Matrix:
-    """The arm goes back the way that it came."""
+def link_hits_a_wall(_: Stage, __: PlanningProcess) -> Matrix:
+    """The arm retreats along its path."""
     bench = Bench(wall=box((0.25, 0.45, 0.9), 0.4, fixed=True))
     start = bench.controller.setpoint.q
     goal = start + np.array([1.0, 0, 0, 0, 0, 0])
     motion = point_to_point(start, goal, bench.first.limits(1.0), bench.first.period)
     rows = recorded(bench, bench.first.follow(motion), 120)
-    assert abs(rows[-1, 0] - rows[:, 0].max()) > 0.01, "it drew back"
+    assert abs(rows[-1, 0] - rows[:, 0].max()) > 0.01, "it retreated"
     return rows
 
 
@@ -82,8 +82,8 @@ arms:
 """
 
 
-def two_arms_want_each_others_place(stage: Stage, _: PlanningProcess) -> Matrix:
-    """They are held up, wait, give way and plan anew."""
+def two_arms_swap_places(stage: Stage, _: PlanningProcess) -> Matrix:
+    """They block each other, wait, yield and plan again."""
     text = FACING.replace("FIRST", REACH.replace("SIDE", "0.2"))
     play = stage.play(text.replace("SECOND", REACH.replace("SIDE", "-0.2")))
     rows: list[Matrix] = []
@@ -97,22 +97,22 @@ def two_arms_want_each_others_place(stage: Stage, _: PlanningProcess) -> Matrix:
     return np.array(rows)
 
 
-STORIES = (a_wall_comes_into_the_way, a_link_runs_into_a_wall, two_arms_want_each_others_place)
+STORIES = (wall_appears_on_the_path, link_hits_a_wall, two_arms_swap_places)
 
 
 @pytest.mark.parametrize("story", STORIES, ids=lambda story: story.__name__)
-def test_rewording_the_numbers_of_failures_changes_no_motion(
+def test_renaming_the_numbers_of_failures_changes_no_motion(
     story: Story, stage: Stage, planning: PlanningProcess, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """To the bit, whatever they are called."""
-    as_it_is = story(stage, planning)
+    """Motions are equal to the bit whatever the numbers are called."""
+    expected = story(stage, planning)
     init = Failure.__init__
-    reworded = []
+    renamed = []
 
-    def rewording(failure: Failure, code: str, reason: str, **numbers: Number) -> None:
-        reworded.append(code)
+    def renaming(failure: Failure, code: str, reason: str, **numbers: Number) -> None:
+        renamed.append(code)
         init(failure, code, reason, **{f"so_called_{name}": n for name, n in numbers.items()})
 
-    monkeypatch.setattr(Failure, "__init__", rewording)
-    assert np.array_equal(story(stage, planning), as_it_is)
-    assert reworded, "there were failures in it"
+    monkeypatch.setattr(Failure, "__init__", renaming)
+    assert np.array_equal(story(stage, planning), expected)
+    assert renamed, "the story includes failures"

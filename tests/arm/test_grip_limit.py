@@ -1,4 +1,4 @@
-"""What fingers hold by friction is carried no faster than friction allows."""
+"""An object held by friction is carried no faster than friction allows."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ def carried(mass: float, force: float, stage: Stage) -> dict[str, Any]:
     return dict(leaf.metrics)
 
 
-def test_a_loose_grip_is_carried_slower_and_says_so(stage: Stage) -> None:
-    """1 kg asks for 6.1 N at rest and 11.1 N at 8 m/s²; nothing slides in either case."""
+def test_loosely_gripped_object_is_carried_slower_and_the_scale_is_a_metric(stage: Stage) -> None:
+    """1 kg needs 6.1 N at rest and 11.1 N at 8 m/s²; no object slips."""
     firm = carried(1.0, 60.0, stage)
     loose = carried(1.0, 20.0, stage)
     assert "grip_speed_scale" not in firm
@@ -34,8 +34,8 @@ def test_a_loose_grip_is_carried_slower_and_says_so(stage: Stage) -> None:
         assert metrics["slid_m"] == pytest.approx(0.0, abs=1e-3)
 
 
-def test_a_grip_too_weak_for_what_it_may_hold_does_not_crawl(stage: Stage) -> None:
-    """Tilted, it might not bear the kilogram that is assumed: it took 19 s to turn 50 g, not 2."""
+def test_weak_grip_on_an_object_of_unknown_mass_is_not_slowed_to_a_crawl(stage: Stage) -> None:
+    """A tilted grip may not bear the assumed kilogram: turning 50 g took 19 s instead of 2 s."""
     upright = {"xyz": [0.35, -0.4, 0.48]}
     bar = ON_TABLE["cube"] | {"size": [0.03, 0.03, 0.16], "mass": 0.05, "pose": upright}
     grasp: Tree = {"grasp": {"object": "bar", "point": [0, 0, 0.05], "approach": [0, 0, -1]}}

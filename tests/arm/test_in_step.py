@@ -1,4 +1,4 @@
-"""Motions of two arms in step: they begin together, and the shorter one takes as long."""
+"""Motions of two arms in step start together, and the shorter one is slowed to match."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def steps(source: TrajectorySource) -> int:
     return count
 
 
-def test_the_shorter_motion_takes_as_long() -> None:
+def test_shorter_motion_is_slowed_to_the_longer_one() -> None:
     pair = MotionPair("arm1", "arm2")
     short, long = motion(0.4), motion(1.0)
     pair.begin("arm1", "a", 0.0, short)
@@ -51,7 +51,7 @@ def test_the_shorter_motion_takes_as_long() -> None:
     assert steps(short) == pytest.approx(steps(long), abs=2)
 
 
-def test_a_motion_of_an_arm_whose_partner_has_done_its_part_does_not_wait() -> None:
+def test_motion_does_not_wait_for_a_partner_that_has_left() -> None:
     pair = MotionPair("arm1", "arm2")
     alone = motion(0.4)
     pair.begin("arm1", "a", 0.0, alone)
@@ -61,7 +61,7 @@ def test_a_motion_of_an_arm_whose_partner_has_done_its_part_does_not_wait() -> N
     assert steps(alone) == steps(motion(0.4))
 
 
-def test_a_motion_that_was_stopped_while_it_waited_starts_nothing() -> None:
+def test_motion_abandoned_while_waiting_does_not_start_its_partner() -> None:
     pair = MotionPair("arm1", "arm2")
     pair.begin("arm1", "a", 0.0, motion(0.4))
     pair.abandon("arm1")
@@ -71,7 +71,7 @@ def test_a_motion_that_was_stopped_while_it_waited_starts_nothing() -> None:
     assert other.waits
 
 
-def test_a_new_plan_for_an_interrupted_motion_rejoins_the_other_one() -> None:
+def test_replanned_motion_rejoins_its_partner() -> None:
     pair = MotionPair("arm1", "arm2")
     first, other, again = motion(1.0), motion(1.0), motion(0.2)
     pair.begin("arm1", "a", 0.0, first)
@@ -87,7 +87,7 @@ def test_a_new_plan_for_an_interrupted_motion_rejoins_the_other_one() -> None:
 
 
 class Moving:
-    """When each arm moved, by the true joint speeds."""
+    """Times at which each arm moved, by the true joint speeds."""
 
     def __init__(self) -> None:
         self.times: dict[str, list[float]] = {}
@@ -146,7 +146,7 @@ def test_arms_in_step_move_at_the_same_time(backwards: bool, stage: Stage) -> No
     assert begin1 > 0.5
 
 
-def test_one_that_is_halted_stops_the_other(stage: Stage) -> None:
+def test_halting_one_arm_stops_its_partner(stage: Stage) -> None:
     halted = {"timeout": {"seconds": 0.8, "child": step("arm1", reach(0.0, 0.2, -0.1, 0.1))}}
     play, moving = played(stage, step("arm2", reach(0.0, 0.1, 0.1, 0.5)), halted)
     assert ("arm1", "INVALID", "HALTED") in codes(play)
@@ -154,18 +154,16 @@ def test_one_that_is_halted_stops_the_other(stage: Stage) -> None:
     assert play.speed_after(1.4) < MOVING
 
 
-def test_a_wait_for_the_next_motion_of_an_arm_that_waits_is_a_deadlock(stage: Stage) -> None:
-    """The file hides it from the check behind a selector."""
-    asks = {"sequence": [reach(0.0, 0.05, 0.0, 0.5), {"signal": "moved"}]}
-    awaits = {
-        "sequence": [{"selector": [{"fail": {}}, {"await": "moved"}]}, reach(0, 0, 0.05, 0.5)]
-    }
+def test_motion_whose_partner_waits_for_a_later_signal_is_a_deadlock(stage: Stage) -> None:
+    """A selector hides the deadlock from the static check of the file."""
+    signals = {"sequence": [reach(0.0, 0.05, 0.0, 0.5), {"signal": "moved"}]}
+    waits = {"sequence": [{"selector": [{"fail": {}}, {"await": "moved"}]}, reach(0, 0, 0.05, 0.5)]}
     arms: Tree = {
-        "arm1": {"robot": "ur5", "tree": step("arm2", asks)},
+        "arm1": {"robot": "ur5", "tree": step("arm2", signals)},
         "arm2": {
             "robot": "ur5",
             "base": {"xyz": [1.6, 0, 0], "rpy": [0, 0, 180]},
-            "tree": step("arm1", awaits),
+            "tree": step("arm1", waits),
         },
     }
     cell = {"signals": {"moved": {"type": "boolean", "written_by": ["arm1"]}}}

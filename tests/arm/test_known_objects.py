@@ -1,4 +1,4 @@
-"""What an arm believes to stand in a drawer, and that it moves along; never the true contacts."""
+"""Objects in a drawer and in other hands, by the arm's own estimates and never true contacts."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def world_of(
 
 @pytest.mark.parametrize("at", [0.0, 0.1])
 def test_declared_objects_stand_in_the_drawer_and_on_each_other(at: float) -> None:
-    """Neither what lies on the fixed top, nor beside it, nor far above it."""
+    """Objects on the fixed top, beside the drawer or far above it do not stand in it."""
     x, y, z = IN_DRAWER
     _, known = world_of(
         {
@@ -52,8 +52,8 @@ def test_declared_objects_stand_in_the_drawer_and_on_each_other(at: float) -> No
     assert known.standing_on("cabinet.slide") == {"inside", "stacked", "falls"}
 
 
-def test_what_the_arm_does_not_know_is_not_used() -> None:
-    """It touches the drawer in the simulator; only once it is seen does it stand there."""
+def test_unseen_object_does_not_stand_in_the_drawer() -> None:
+    """The object touches the drawer in the simulator, but counts only once the arm has seen it."""
     world, known = world_of({"cube": box(ELSEWHERE, 0.04, spawned=False)})
     world.spawn_object("cube", Pose.from_rpy(IN_DRAWER))
     for _ in range(50):
@@ -71,7 +71,7 @@ def test_what_the_arm_does_not_know_is_not_used() -> None:
 
 @pytest.mark.parametrize("sensor", [True, False])
 def test_known_objects_move_with_the_drawer(sensor: bool) -> None:
-    """By the sensor of the joint; without one, by where the arm has left the drawer."""
+    """The joint's sensor counts or, without one, the pose in which the arm left the drawer."""
     world, known = world_of({"cube": box(IN_DRAWER, 0.04)}, sensor=sensor)
     assert known.pose("cube").pose.position == pytest.approx(IN_DRAWER)
     joint = world.model.body_jntadr[world.object_body("cabinet.slide")]
@@ -86,7 +86,7 @@ def test_known_objects_move_with_the_drawer(sensor: bool) -> None:
 
 
 def test_unknown_object_in_the_drawer_does_not_keep_the_arm_from_opening_it(stage: Stage) -> None:
-    """It was put there after the check, by nobody: no skill may look it up."""
+    """The object appeared there after the check, put there by no arm: no skill may look it up."""
     cube = CUBE | {
         "size": [0.04, 0.04, 0.04],
         "spawned": False,
@@ -105,7 +105,7 @@ def test_unknown_object_in_the_drawer_does_not_keep_the_arm_from_opening_it(stag
 
 
 def test_object_seen_in_the_hand_of_another_arm_moves_with_it_until_that_arm_releases_it() -> None:
-    """Of poses that look alike, the nearest to that arm's estimate counts."""
+    """Of equivalent poses of a symmetric object, the nearest to that arm's estimate counts."""
     arms = {"arm1": arm("ur5", (0.0, 0.0, 0.4)), "arm2": arm("ur5", (1.0, 0.0, 0.4))}
     world = World(file_of(arms, {"bar": box((0.4, 0.4, 0.5), 0.04)}))
     known = KnownObjects(world, "arm1")

@@ -1,4 +1,4 @@
-"""The right to move an arm: one leaf has it, whoever asks, and in whatever order."""
+"""Lease of an arm: at most one leaf holds it, whatever the order of requests."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bt_dualarm.core.errors import Failure
 
 
 class Stage:
-    """An arm that rests or not, as a test says, and two leaves of it that have one path."""
+    """An arm whose rest the test controls, and two of its leaves, which have the same path."""
 
     def __init__(self) -> None:
         self.at_rest = False
@@ -19,8 +19,8 @@ class Stage:
         self.first, self.second = self.lease.for_leaf("root/a"), self.lease.for_leaf("root/a")
 
 
-def test_another_leaf_is_busy_and_says_who_is() -> None:
-    """Leaves are told apart by who they are, not by their paths."""
+def test_other_leaf_is_refused_with_the_name_of_the_holder() -> None:
+    """Leaves are distinguished by identity, not by path."""
     stage = Stage()
     stage.first.take()
     for refused in (stage.second.take, stage.second.refuse_if_busy):
@@ -32,7 +32,7 @@ def test_another_leaf_is_busy_and_says_who_is() -> None:
     assert not stage.second.has_it
 
 
-def test_who_has_it_may_take_it_again() -> None:
+def test_holder_may_take_the_lease_again() -> None:
     stage = Stage()
     for _ in range(3):
         stage.first.take()
@@ -41,7 +41,7 @@ def test_who_has_it_may_take_it_again() -> None:
     assert not stage.first.has_it
 
 
-def test_released_it_is_free_though_the_arm_still_brakes() -> None:
+def test_released_lease_is_free_while_the_arm_still_brakes() -> None:
     stage = Stage()
     stage.first.take()
     assert stage.first.give_back()
@@ -49,8 +49,8 @@ def test_released_it_is_free_though_the_arm_still_brakes() -> None:
     assert stage.second.has_it
 
 
-def test_an_arm_at_rest_may_be_taken_over_and_its_last_holder_stops_nothing() -> None:
-    """A leaf that was halted, or has ended, after another one began has nothing to give back."""
+def test_arm_at_rest_may_be_taken_over_and_its_previous_holder_stops_nothing() -> None:
+    """A leaf that is halted or ends after another one began has no lease to give back."""
     stage = Stage()
     stage.first.take()
     stage.at_rest = True
@@ -62,7 +62,7 @@ def test_an_arm_at_rest_may_be_taken_over_and_its_last_holder_stops_nothing() ->
         stage.first.take()
 
 
-def test_giving_back_what_one_does_not_have_is_harmless() -> None:
+def test_giving_back_a_lease_that_is_not_held_is_harmless() -> None:
     stage = Stage()
     assert not stage.second.give_back()
     stage.first.take()
@@ -76,19 +76,19 @@ def test_giving_back_what_one_does_not_have_is_harmless() -> None:
         max_size=40,
     )
 )
-def test_there_is_never_more_than_one_holder(deeds: list[tuple[int, str]]) -> None:
-    """Four leaves in any order: one holder at most, who changes only at rest or when it gives back.
+def test_there_is_never_more_than_one_holder(actions: list[tuple[int, str]]) -> None:
+    """The holder changes only while the arm rests or when the holder gives the lease back.
 
-    The family: every sequence of up to 40 deeds, an arm that rests and moves in between.
+    The family: every sequence of up to 40 actions of four leaves and an arm that stops and moves.
     """
     at_rest = False
     holder = None
     lease = Lease("arm1", lambda: at_rest)
     leaves = [lease.for_leaf(f"leaf{number}") for number in range(4)]
-    for number, deed in deeds:
-        if deed in ("rest", "move"):
-            at_rest = deed == "rest"
-        elif deed == "give_back":
+    for number, action in actions:
+        if action in ("rest", "move"):
+            at_rest = action == "rest"
+        elif action == "give_back":
             assert leaves[number].give_back() == (holder == number)
             holder = None if holder == number else holder
         elif holder in (None, number) or at_rest:

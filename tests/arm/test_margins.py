@@ -1,4 +1,4 @@
-"""Nearer to one arm than plans keep, an arm keeps off all others as ever."""
+"""An arm that starts within the planning margin of one arm keeps the margin to all others."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ FAR_M = 3.0
 
 
 def gap(world: World, other: str) -> float:
-    """Distance of arm1 from another arm in m, or at most FAR_M."""
+    """Distance of arm1 from another arm in m, at most FAR_M."""
     contact = CollisionChecker(world, "arm1", {other: FAR_M}).contact(world.arms["arm1"].q)
     return FAR_M if contact is None else -contact.depth
 
 
-def beside(robot: str, away: tuple[float, float]) -> World:
-    """A UR5, one arm on its right, nearer than plans keep, another on its left, not so near."""
+def beside(robot: str, distances: tuple[float, float]) -> World:
+    """A UR5 between two other arms at distances in m: arm2 on one side, arm3 on the other."""
     right = 3.0
     left = 3.0
     for _ in range(8):
@@ -36,13 +36,13 @@ def beside(robot: str, away: tuple[float, float]) -> World:
             "arm3": arm(robot, (0.5, -left, 0.4)),
         }
         world = World(file_of(arms))
-        right -= gap(world, "arm2") - away[0]
-        left -= gap(world, "arm3") - away[1]
+        right -= gap(world, "arm2") - distances[0]
+        left -= gap(world, "arm3") - distances[1]
     return world
 
 
 @pytest.mark.parametrize("robot", some((*WIDE[1:], WIDE[0]), 2))
-def test_a_near_arm_takes_nothing_from_what_is_kept_from_another(robot: str) -> None:
+def test_near_arm_does_not_reduce_the_margin_to_another(robot: str) -> None:
     world = beside(robot, (0.025, 0.05))
     assert 0.005 < gap(world, "arm2") < 0.035
     assert PLANNING_MARGIN_M < gap(world, "arm3") < 0.08

@@ -1,4 +1,4 @@
-"""An arm finds its motions in simulated time, on the world as it is, and as it becomes."""
+"""Arms plan in simulated time, and plan again when the world changes."""
 
 from __future__ import annotations
 
@@ -27,23 +27,21 @@ def planning() -> Iterator[PlanningProcess]:
 
 
 TOOL_LEFT = (0.33, 0.57, 0.57)
-"""Where the tool is when the arm is on the left, in m."""
+"""Tool position in `LEFT`, m."""
 
 
 class WalledBench(Bench):
-    """The arm on the right side; its wall stands, or comes when the test says so."""
+    """An arm in `RIGHT`, with a wall that stands from the start or that the test spawns later."""
 
     def __init__(self, planning: PlanningProcess, *, standing: bool = True) -> None:
-        post = box(
-            (0.33, 0.57, 0.57), 0.2, fixed=True, spawned=False
-        )  # where the tool ends on the left
+        post = box((0.33, 0.57, 0.57), 0.2, fixed=True, spawned=False)  # at `TOOL_LEFT`
         super().__init__(planning, wall=wall(spawned=False), post=post)
         self.run(self.first.follow(self.first.straight_to(RIGHT, 1.0)))
         if standing:
             self.world.spawn_object("wall")
 
     def planned(self, *goals: object) -> tuple[Trajectory, float]:
-        """A plan of the first leaf, and the simulated seconds that it took."""
+        """A plan of the first leaf, and the simulated planning time in s."""
         began = self.world.time
         found = []
 
@@ -55,7 +53,7 @@ class WalledBench(Bench):
 
 
 class Unanswered(PlanningProcess):
-    """Takes problems, and remembers whether somebody still waits."""
+    """Accepts problems without an answer, and counts the callers that still wait."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -69,27 +67,27 @@ class Unanswered(PlanningProcess):
         self.waiting -= 1
 
 
-def test_a_straight_motion_is_found_at_once_and_a_search_takes_simulated_time(
+def test_straight_motion_is_found_at_once_and_a_search_takes_simulated_time(
     planning: PlanningProcess,
 ) -> None:
     bench = WalledBench(planning)
     for goal, straight in ((ABOVE, True), (LEFT, False)):
         motion, taken = bench.planned(goal)
-        off = motion.q - RIGHT
-        way = (goal - RIGHT) / np.linalg.norm(goal - RIGHT)
-        assert (np.abs(off - np.outer(off @ way, way)).max() < 1e-9) == straight
+        moved = motion.q - RIGHT
+        line = (goal - RIGHT) / np.linalg.norm(goal - RIGHT)
+        assert (np.abs(moved - np.outer(moved @ line, line)).max() < 1e-9) == straight
         assert motion.q[-1] == pytest.approx(goal, abs=1e-9)
         lasts = 0.0 if straight else PLANNING_S
         assert taken == pytest.approx(lasts, abs=TICK * bench.world.timestep)
 
 
-def test_a_straight_motion_needs_no_other_process() -> None:
+def test_straight_motion_starts_no_planning_process() -> None:
     process = PlanningProcess()
     WalledBench(process).planned(ABOVE)
     assert process.pid is None
 
 
-def test_a_leaf_that_is_halted_while_it_plans_abandons_its_problem() -> None:
+def test_leaf_halted_while_planning_abandons_its_problem() -> None:
     unanswered = Unanswered()
     bench = WalledBench(unanswered)
     work = bench.first.plan([LEFT], 1.0)
@@ -101,7 +99,7 @@ def test_a_leaf_that_is_halted_while_it_plans_abandons_its_problem() -> None:
     assert unanswered.waiting == 0
 
 
-def test_a_plan_that_is_not_found_says_what_was_tried_and_what_that_took() -> None:
+def test_planning_failure_reports_the_planner_and_the_planning_time() -> None:
     class Hopeless(Unanswered):
         def result(self) -> Trajectory:
             raise Failure("NO_PLAN", "no way", planner="RRTConnect", states=7)
@@ -113,7 +111,7 @@ def test_a_plan_that_is_not_found_says_what_was_tried_and_what_that_took() -> No
     assert numbers == {"planner": "RRTConnect", "states": 7, "planning_s": PLANNING_S}
 
 
-def test_goals_that_cannot_be_are_refused_at_once_and_by_the_first() -> None:
+def test_impossible_goals_are_refused_at_once_with_the_reason_of_the_first() -> None:
     bench = WalledBench(PlanningProcess())
     in_the_wall = (RIGHT + LEFT) / 2
     with pytest.raises(Failure, match="wall") as caught:
@@ -121,10 +119,10 @@ def test_goals_that_cannot_be_are_refused_at_once_and_by_the_first() -> None:
     assert caught.value.code == "IN_COLLISION"
 
 
-def test_a_plan_that_is_out_of_date_when_it_is_ready_is_made_anew(
+def test_outdated_plan_is_made_again(
     planning: PlanningProcess,
 ) -> None:
-    """The post comes onto the path around the wall while the arm searches for one."""
+    """A post appears on the path around the wall while the arm plans."""
     bench = WalledBench(planning)
     around, _ = bench.planned(LEFT)
     midway = bench.first.kinematics.forward(around.q[len(around) // 2])
@@ -146,7 +144,7 @@ def test_a_plan_that_is_out_of_date_when_it_is_ready_is_made_anew(
     bench.first.refuse_collision_along(found[0].q)
 
 
-def test_what_comes_into_the_way_stops_the_arm_which_then_goes_around_it(
+def test_arm_stops_for_an_object_on_its_path_and_then_goes_around_it(
     planning: PlanningProcess,
 ) -> None:
     bench = WalledBench(planning, standing=False)
@@ -161,13 +159,13 @@ def test_what_comes_into_the_way_stops_the_arm_which_then_goes_around_it(
         speeds.append(float(np.abs(bench.world.arms["arm1"].v).max()))
         assert not touches(bench, "wall")
     assert bench.world.arms["arm1"].q == pytest.approx(LEFT, abs=1e-3)
-    assert min(speeds[: len(speeds) // 2]) < 0.01  # it stood in between
+    assert min(speeds[: len(speeds) // 2]) < 0.01  # it stopped in between
 
 
-def test_what_comes_into_the_way_again_ends_the_motion_with_the_reason(
+def test_second_object_on_the_path_ends_the_motion_with_the_reason(
     planning: PlanningProcess,
 ) -> None:
-    """One replan, no more: then the leaf must say what is in the way."""
+    """The arm plans again once; then the leaf reports the object that blocks the path."""
     bench = WalledBench(planning, standing=False)
     work = bench.first.travel([LEFT], 0.1)
 
@@ -188,7 +186,7 @@ def test_what_comes_into_the_way_again_ends_the_motion_with_the_reason(
     assert not touches(bench, "post")
 
 
-def test_an_arm_that_never_comes_to_rest_is_not_waited_for_for_ever() -> None:
+def test_wait_for_an_arm_that_never_comes_to_rest_is_limited() -> None:
     bench = Bench()
     bench.controller.stream(lambda _: bench.controller.setpoint)
     for work in (bench.first.think(), bench.first.plan([ABOVE], 1.0)):
@@ -204,10 +202,10 @@ def touches(bench: Bench, obj: str) -> bool:
     return bool((bench.world.data.contact.geom == geom).any())
 
 
-def test_a_straight_way_that_was_free_is_not_gone_through_what_came_into_it(
+def test_straight_path_that_was_free_is_checked_again_when_replanned(
     planning: PlanningProcess,
 ) -> None:
-    """Planned anew it is checked in full, though it was known to be free when it began."""
+    """A new plan is checked in full, although the path was known to be free when it began."""
     bench = WalledBench(planning, standing=False)
     tool = bench.first.commanded_tool_pose
     beyond = (bench.first.kinematics.forward(LEFT).position - tool.position) * 0.6
@@ -231,10 +229,10 @@ def test_a_straight_way_that_was_free_is_not_gone_through_what_came_into_it(
         (-25.3, -30.3, 150.0, 49.3, 156.7, 139.5),
     ],
 )
-def test_a_configuration_in_which_the_arm_nearly_touches_itself_comes_last(
+def test_configuration_near_self_collision_comes_last(
     degrees: tuple[float, ...],
 ) -> None:
-    """An arm that stays there sags by up to 2 mm, and would not come to rest at its goal."""
+    """An arm held there sags by up to 2 mm and would not come to rest at its goal."""
     arm = Bench().first
     grazing = np.radians(degrees)
     assert arm.checker().free(grazing)
@@ -243,4 +241,4 @@ def test_a_configuration_in_which_the_arm_nearly_touches_itself_comes_last(
     clear = arm.checker()
     clear.keep_clear(0.003, itself=True)
     assert clear.free(first)
-    assert any(np.abs(q - grazing).max() < 0.01 for q in others), "it is there all the same"
+    assert any(np.abs(q - grazing).max() < 0.01 for q in others), "it is still among them"

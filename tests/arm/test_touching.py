@@ -1,4 +1,4 @@
-"""What an arm touches on its way is a metric of the leaf that moved it, whatever it was."""
+"""Objects that an arm touches in passing are a metric of the leaf that moved it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tests.sim.worlds import box
 
 
 def block(turn: float, mass: float) -> ObjectSpec:
-    """A block in the way of the tool, as far around the base as that."""
+    """A block of a mass in kg at the tool's position turned about the base by an angle in rad."""
     tool = Bench().first.tool_pose.position
     around = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     x, y = around @ tool[:2]
@@ -19,7 +19,7 @@ def block(turn: float, mass: float) -> ObjectSpec:
 
 
 def go(bench: Bench) -> None:
-    """To the end of the motion, with what it pushes, and nobody who looks where it goes."""
+    """Moves to the end without a check for collisions, pushing whatever is on the path."""
     bench.first.begin(bench.motion(0.6))
     for _ in range(200):
         bench.tick()
@@ -27,8 +27,8 @@ def go(bench: Bench) -> None:
 
 @pytest.mark.parametrize("mass", [0.02, 0.3])
 @pytest.mark.parametrize("turn", [0.25, 0.4])
-def test_what_is_knocked_away_is_named_with_the_force(turn: float, mass: float) -> None:
-    """A block that floats is accelerated by its contacts, one of which is the hardest."""
+def test_object_knocked_away_is_reported_with_the_force(turn: float, mass: float) -> None:
+    """The reported force is that of the hardest contact that accelerates a floating block."""
     bench = Bench(block=block(turn, mass))
     world = bench.world
     world.model.opt.gravity[:] = 0.0
@@ -43,32 +43,32 @@ def test_what_is_knocked_away_is_named_with_the_force(turn: float, mass: float) 
     found = bench.first.touched([])
     assert found["touched"] == "block"
     assert together / (8 * 1.3) < float(found["touch_force_n"]) < 1.05 * together
-    assert bench.first.touched([]) == {}, "said once"
+    assert bench.first.touched([]) == {}, "reported once"
 
 
-def test_what_the_leaf_was_asked_to_touch_is_no_news() -> None:
+def test_expected_contact_is_not_reported() -> None:
     bench = Bench(block=block(0.25, 0.05))
     bench.world.model.opt.gravity[:] = 0.0
     go(bench)
     assert bench.first.touched(["block"]) == {}
 
 
-def test_a_way_that_is_clear_has_no_such_metric() -> None:
+def test_motion_without_contact_reports_none() -> None:
     bench = Bench(block=block(np.pi, 0.05))
     bench.world.model.opt.gravity[:] = 0.0
     go(bench)
     assert bench.first.touched([]) == {}
 
 
-def test_another_leaf_that_did_not_move_has_touched_nothing() -> None:
+def test_leaf_that_did_not_move_reports_no_contact() -> None:
     bench = Bench(block=block(0.25, 0.05))
     bench.world.model.opt.gravity[:] = 0.0
     go(bench)
     assert bench.second.touched([]) == {}
 
 
-def test_what_it_held_from_the_beginning_or_touched_then_is_its_own_matter() -> None:
-    """A leaf that leaves what it has put down, or carries what another leaf took."""
+def test_object_touched_from_the_start_is_not_reported() -> None:
+    """For example, a leaf leaves an object that it has placed, or carries one picked by another."""
     bench = Bench(block=block(0.0, 0.05))
     bench.world.model.opt.gravity[:] = 0.0
     bench.world.step()

@@ -1,4 +1,4 @@
-"""Right of way among arms that block each other, and cells in which nothing declares it."""
+"""Right of way among arms that block each other, also in cells that do not declare it."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.families import some
 
 
 class Clock:
-    """A clock that a test turns."""
+    """A clock that the test advances."""
 
     def __init__(self) -> None:
         self.now = 0.0
@@ -34,7 +34,7 @@ def traffic(clock: Clock) -> Traffic:
     return Traffic(clock)
 
 
-def test_the_one_that_waits_longer_has_the_right_of_way(traffic: Traffic, clock: Clock) -> None:
+def test_arm_that_has_waited_longer_has_the_right_of_way(traffic: Traffic, clock: Clock) -> None:
     traffic.block("b", "leaf", {"a"})
     clock.now = 1.0
     traffic.block("a", "leaf", {"b"})
@@ -52,7 +52,7 @@ def test_names_decide_between_arms_that_begin_to_wait_together(
     assert [traffic.must_yield(arm) for arm in "ab"] == [False, True]
 
 
-def test_one_that_cannot_move_aside_goes_first(traffic: Traffic, clock: Clock) -> None:
+def test_arm_that_cannot_move_aside_goes_first(traffic: Traffic, clock: Clock) -> None:
     traffic.block("a", "leaf", {"b"})
     clock.now = 1.0
     traffic.block("b", "leaf", {"a"}, may_yield=False)
@@ -61,7 +61,7 @@ def test_one_that_cannot_move_aside_goes_first(traffic: Traffic, clock: Clock) -
     assert not traffic.must_yield("b")
 
 
-def test_what_happens_in_a_step_is_seen_in_the_next(traffic: Traffic, clock: Clock) -> None:
+def test_changes_take_effect_in_the_next_step(traffic: Traffic, clock: Clock) -> None:
     traffic.block("b", "leaf", {"c"})
     clock.now = 1.0
     traffic.block("a", "leaf", {"b"}, may_yield=False)
@@ -75,7 +75,7 @@ def test_what_happens_in_a_step_is_seen_in_the_next(traffic: Traffic, clock: Clo
 
 
 def test_an_arm_keeps_its_rank_until_it_arrives(traffic: Traffic, clock: Clock) -> None:
-    """Nobody starves: whoever has moved aside most often has waited longest."""
+    """No arm starves: the arm that has moved aside most often has waited longest."""
     traffic.block("late", "leaf", {"early"})
     clock.now = 1.0
     traffic.advance("late")
@@ -100,7 +100,7 @@ def test_an_arm_that_does_not_wait_need_not_move(traffic: Traffic, clock: Clock)
 
 
 def _swap(order: tuple[str, ...], seed: int) -> dict[str, Any]:
-    """Three arms around one place, each of which reaches across it, twice."""
+    """Three arms around one point, each of which reaches across it twice."""
     bases = {
         "north": ("ur5", [0.72, 0.0, 0.0], 180.0),
         "west": ("panda", [-0.3, 0.45, 0.0], -60.0),
@@ -140,13 +140,13 @@ def test_three_arms_that_cross_get_through_in_any_order_of_the_file(seed: int) -
     assert one == other
     leaves = [leaf for arm in results[0].arms.values() for leaf in arm.runs]
     busy = [leaf.ended_s - leaf.started_s for leaf in leaves if leaf.ended_s is not None]
-    assert max(busy) > 4.0, "nobody had to wait: these arms do not cross"
+    assert max(busy) > 4.0, "no arm had to wait: these arms do not cross"
 
 
 def _covered(
     after: list[dict[str, Any]], then: list[dict[str, Any]] | None = None
 ) -> dict[str, Any]:
-    """One arm reaches for the place where another one stays, which does something there."""
+    """Arm `late` reaches for the point at which `there` stays and runs the nodes of `after`."""
     reach = {"reach_to_pose": {"to": {"xyz": [0.0, 0.0, 0.4], "rpy": [180, 0, 0]}, "speed": 0.8}}
     ends = [{"meet": "both"}] if after and after[-1] == {"meet": "both"} else []
     arms = {
@@ -169,7 +169,7 @@ def _covered(
     return {"bt_dualarm": 1, "name": "covered", "world": world, "cell": cell, "arms": arms}
 
 
-def test_an_arm_does_not_wait_for_one_that_waits_for_it() -> None:
+def test_arm_that_waits_for_an_arm_waiting_for_it_is_a_deadlock() -> None:
     result = bt.run(_covered([{"meet": "both"}]))
     failed = [run for arm in result.arms.values() for run in arm.runs if run.code]
     assert sorted(run.code for run in failed) == ["DEADLOCK", "PARTNER_GONE"]
@@ -181,8 +181,8 @@ def test_an_arm_does_not_wait_for_one_that_waits_for_it() -> None:
 
 
 @pytest.mark.parametrize("waits", ["meet", "await"])
-def test_an_arm_that_waits_moves_aside_and_comes_back(waits: str) -> None:
-    """It ended with DEADLOCK, although nothing but the waiting arm was in the way."""
+def test_waiting_arm_moves_aside_and_comes_back(waits: str) -> None:
+    """Such a run used to end with DEADLOCK although only the waiting arm blocked the path."""
     after = [{"meet": "both"}] if waits == "meet" else [{"await": "done"}]
     then: list[Any] = [
         {"go_home": {"speed": 0.8}},
@@ -206,14 +206,14 @@ def test_an_arm_that_waits_moves_aside_and_comes_back(waits: str) -> None:
     assert moved[-1] < 0.002
 
 
-def test_an_arm_that_works_while_it_waits_stays() -> None:
-    """Only a wait that is all that its arm does makes room; a deadlock is told after 18 s."""
+def test_arm_that_works_while_it_waits_does_not_move_aside() -> None:
+    """Only an arm that does nothing but wait moves aside; a deadlock is reported after 18 s."""
     both = {"parallel": [{"meet": "both"}, {"hold_still": {"duration": 30.0}}]}
     result = bt.run(_covered([both, {"meet": "both"}]), duration=21.0)
     assert not [run for run in result.arms["there"].runs if run.code == "DEADLOCK"]
 
 
-def test_an_arm_does_not_wait_for_one_whose_tree_has_ended() -> None:
+def test_arm_does_not_wait_for_one_whose_tree_has_ended() -> None:
     result = bt.run(_covered([]))
     [failed] = [run for run in result.arms["late"].runs if run.code]
     assert failed.code == "IN_COLLISION"
@@ -221,25 +221,25 @@ def test_an_arm_does_not_wait_for_one_whose_tree_has_ended() -> None:
     assert result.sim_time_s < 20.0
 
 
-def test_an_arm_waits_for_one_that_is_going_to_leave() -> None:
+def test_arm_waits_for_one_that_is_going_to_leave() -> None:
     result = bt.run(_covered([{"wait": 6}, {"go_home": {"speed": 0.8}}, {"meet": "both"}]))
     assert result.outcome == "SUCCESS"
 
 
-def test_arms_that_grasp_from_one_tray_back_out_of_each_others_way() -> None:
-    # Two of the three hold each other up on the straight parts of their approaches.
+def test_arms_that_grasp_from_one_tray_yield_to_each_other() -> None:
+    # Two of the three block each other on the straight parts of their approaches.
     result = bt.run(traffic_cell(7017, "lab").file)
     assert result.outcome == "SUCCESS"
 
 
-def test_a_giver_retreats_elsewhere_if_the_hand_of_the_taker_is_in_the_way() -> None:
+def test_giver_retreats_elsewhere_if_the_taker_blocks_its_path() -> None:
     result = bt.run(handover(9407, "lab").file)
     assert result.outcome == "SUCCESS"
 
 
 @pytest.mark.parametrize("x", some([0.73, 0.745], 2))
-def test_an_arm_that_the_guard_stops_plans_past_one_that_waits_for_it(x: float) -> None:
-    """The other arm has come to stand beside the path, nearer than the guard allows, and stays."""
+def test_arm_stopped_by_the_guard_plans_past_an_arm_that_waits_for_it(x: float) -> None:
+    """The other arm has stopped beside the path, nearer than the guard allows, and stays."""
     down = {"rpy": [180, 0, 0]}
     far = {"to": {"xyz": [0.4, 0.5, 0.3], **down}, "speed": 0.1}
     passes = [

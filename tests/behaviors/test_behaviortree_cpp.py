@@ -1,12 +1,12 @@
-"""Nodes with the names of BehaviorTree.CPP tick as its documentation and sources say.
+"""Nodes named after BehaviorTree.CPP nodes tick as its documentation and sources specify.
 
 Written by hand from https://www.behaviortree.dev/docs/nodes-library/SequenceNode and
 …/FallbackNode, and from the sources of version 4: `controls/reactive_sequence.cpp`,
 `controls/reactive_fallback.cpp`, `controls/if_then_else_node.h`, `decorators/loop_node.h`.
 
-S success, F failure, R running, - idle. BehaviorTree.CPP sets the children before a running one of
-a reactive node to idle at the end of the tick; here they keep their result until they are ticked
-again, which no child can tell from a new start.
+S success, F failure, R running, - idle. At the end of a tick, a reactive node of BehaviorTree.CPP
+sets the children before the running one to idle; here they keep their result until they are ticked
+again, which no child can distinguish from a new start.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ TABLES = {
         tick | reactive_sequence, condition, action
         1    | R S R
         2    | R R -   # haltChildren of all but the running one
-        3    | R S R   # the action starts anew
+        3    | R S R   # the action starts again
         4    | S S S
         """,
     ),
@@ -141,7 +141,7 @@ def test_tick_table(name: str, tmp_path: Path) -> None:
 
 
 def test_for_each_reads_its_list_at_the_start(tmp_path: Path) -> None:
-    """A list from a key, with index; what the child writes to that key does not change the loop."""
+    """The list comes from a key; writes of the child to that key do not change the loop."""
     stage = Stage(
         tmp_path,
         "sequence:\n"

@@ -1,4 +1,4 @@
-"""Tick tables: a row a tick, the letters of all nodes with parents before children.
+"""Tick tables: one row per tick, one letter per node, parents before children.
 
 S success, F failure, R running, - invalid. Time passes by one second a tick.
 """
@@ -52,7 +52,7 @@ TABLES = {
         tick | selector, its three children
         1    | R R - -
         2    | R F F R
-        3    | S - - S   # py_trees clears what was passed over
+        3    | S - - S   # py_trees clears the children that it has passed
         """,
     ),
     "selector: fails when all fail": (
@@ -153,7 +153,7 @@ TABLES = {
         """
         tick | while, condition, child
         1    | R S R
-        2    | R S S   # the condition is not asked while the child runs
+        2    | R S S   # the condition is not ticked while the child runs
         3    | R S R
         4    | R S S
         5    | S F S
@@ -362,8 +362,8 @@ COMPOSITES = {
 
 
 @pytest.mark.parametrize("name", COMPOSITES)
-def test_halt_stops_everything_and_a_new_start_is_a_new_start(name: str, tmp_path: Path) -> None:
-    """Halting leaves no node that is not INVALID; after it the ticks are those of a new tree."""
+def test_halt_stops_all_nodes_and_the_next_start_is_fresh(name: str, tmp_path: Path) -> None:
+    """A halt makes all nodes INVALID; the next ticks are those of a new tree."""
     stage = Stage(tmp_path, COMPOSITES[name].replace("S|F", "S"))
     first = stage.tick()
     assert first.startswith("R")
@@ -373,8 +373,8 @@ def test_halt_stops_everything_and_a_new_start_is_a_new_start(name: str, tmp_pat
 
 
 @pytest.mark.parametrize("name", COMPOSITES)
-def test_re_entry_after_an_end_is_a_new_start(name: str, tmp_path: Path) -> None:
-    """Inside a repeat, the second round ticks as the first did, but for what repeat shows."""
+def test_start_after_an_end_is_fresh(name: str, tmp_path: Path) -> None:
+    """Inside a repeat, the second round ticks like the first, apart from the repeat itself."""
     tree = f"repeat:\n  times: 2\n  child: {{{COMPOSITES[name]}}}"
     if name == "while":
         tree = tree.replace("S|F", "S|F|S|F")
@@ -387,7 +387,7 @@ def test_re_entry_after_an_end_is_a_new_start(name: str, tmp_path: Path) -> None
     assert table[-1].startswith("S")
 
 
-def test_a_halt_is_told_for_each_running_node(tmp_path: Path) -> None:
+def test_halt_is_reported_for_each_running_node(tmp_path: Path) -> None:
     """RUNNING to INVALID is an event like any other, children before parents."""
     stage = Stage(tmp_path, "sequence: [{parallel: [{act: {script: R}}, {act: {script: R}}]}]")
     stage.tick()
@@ -402,8 +402,8 @@ def test_a_halt_is_told_for_each_running_node(tmp_path: Path) -> None:
     ]
 
 
-def test_what_was_halted_is_told_from_what_is_set_back_or_never_ran(tmp_path: Path) -> None:
-    """All of them are INVALID; a new start forgets the halt."""
+def test_view_distinguishes_halted_nodes_from_reset_ones(tmp_path: Path) -> None:
+    """Halted, reset and never started nodes are all INVALID; a new start clears the mark."""
     stage = Stage(
         tmp_path, "sequence: [{act: {script: S}}, {act: {script: RS}}, {act: {script: S}}]"
     )
@@ -417,14 +417,14 @@ def test_what_was_halted_is_told_from_what_is_set_back_or_never_ran(tmp_path: Pa
     assert not any(node.halted for node in (stage.tree.view(), *stage.tree.view().children))
 
 
-def test_a_failed_parallel_names_the_child(tmp_path: Path) -> None:
+def test_failed_parallel_names_the_child(tmp_path: Path) -> None:
     stage = Stage(tmp_path, "parallel: [{act: {script: R}}, {act: {script: F, name: left}}]")
     stage.tick()
     assert stage.tree.view().reason == "CHILD_FAILED: 'left' failed"
 
 
-def test_a_composite_whose_key_has_no_value_fails_with_the_reason(tmp_path: Path) -> None:
-    """Here the key is written in a branch that may not be run, so the check cannot refuse it."""
+def test_composite_whose_key_has_no_value_fails_with_the_reason(tmp_path: Path) -> None:
+    """The key is written in a branch that may not run, so the static check cannot refuse it."""
     stage = Stage(
         tmp_path,
         "sequence:\n"

@@ -1,4 +1,4 @@
-"""Conditions on an arm that has sensors only: whatever else they would read does not exist."""
+"""Conditions read only sensors and estimates: the arm of these tests has nothing else."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ CELL = CellSpec.model_validate(
 
 
 class ArmStage(Stage):
-    """A tree whose arm has encoders, a force estimate and a belief of what it holds."""
+    """A tree whose arm has encoders, a force estimate and an estimate of the held object."""
 
     def __init__(self, folder: Path, tree: str, *more: type[Condition], **sensed: Any) -> None:
-        believed = SimpleNamespace(pose=Pose.from_rpy((0.5, 0, 0.6)))
+        estimate = SimpleNamespace(pose=Pose.from_rpy((0.5, 0, 0.6)))
         self.sensed = {
             "tool_pose": Pose.from_rpy((0.5, 0, 0.5)),
             "q": np.array([0.0, 0.1]),
@@ -39,7 +39,7 @@ class ArmStage(Stage):
             "posture": {"home": np.array([0.0, 0.0])}.__getitem__,
             "tool_pose_of": lambda _: Pose.from_rpy((0.5, 0.2, 0.5)),
             "controller": SimpleNamespace(at_rest=False),
-            "known": SimpleNamespace(pose={"cube": believed}.__getitem__),
+            "known": SimpleNamespace(pose={"cube": estimate}.__getitem__),
             "world": SimpleNamespace(arms=("arm1", "arm2")),
             **sensed,
         }
@@ -52,7 +52,7 @@ class ArmStage(Stage):
         return replace(context, arm=arm, cell=cell)
 
     def head(self) -> str:
-        """What else the file declares."""
+        """Sections of the file before its arms."""
         return (
             "objects: {cube: {shape: box, size: [0.1, 0.1, 0.1], mass: 1,"
             " pose: {xyz: [9, 9, 9]}}}\n"
@@ -99,8 +99,8 @@ def test_condition(condition: str, holds: bool, tmp_path: Path) -> None:
         assert stage.tree.view().reason.startswith("FALSE: ") or condition.startswith("not")
 
 
-def test_an_arm_elsewhere_and_at_rest(tmp_path: Path) -> None:
-    """The other result of those that have no bound of their own, and why."""
+def test_conditions_without_a_bound_fail_for_a_distant_arm_at_rest(tmp_path: Path) -> None:
+    """Conditions without a bound fail, with the reason, for an arm elsewhere and at rest."""
     away: dict[str, Any] = {
         "tool_pose": Pose.from_rpy((0.5, 0, 0.75)),
         "controller": SimpleNamespace(at_rest=True),
@@ -197,7 +197,7 @@ class High(Condition):
         return height > self.ports.above
 
 
-def test_ones_own_condition(tmp_path: Path) -> None:
+def test_condition_class_of_a_user_works(tmp_path: Path) -> None:
     stage = ArmStage(tmp_path, "selector: [{high: {above: 0.6}}, {high: {above: 0.4}}]", High)
     assert stage.tick() == "S F S"
     stage = ArmStage(tmp_path, "high: {above: 0.6}", High)
@@ -205,9 +205,9 @@ def test_ones_own_condition(tmp_path: Path) -> None:
     assert stage.tree.view().reason == "FALSE: the tool is at 0.5 m"
 
 
-def test_a_check_returns_a_truth_value(tmp_path: Path) -> None:
+def test_check_must_return_a_truth_value(tmp_path: Path) -> None:
     class High(Condition):
-        """Says how high."""
+        """Returns the height."""
 
         def check(self) -> bool:
             return 0.5  # type: ignore[return-value]
@@ -217,7 +217,7 @@ def test_a_check_returns_a_truth_value(tmp_path: Path) -> None:
     assert "check() of High returns 0.5: return True or False" in stage.tree.view().reason
 
 
-def test_a_condition_without_check_is_refused() -> None:
+def test_condition_without_check_is_refused() -> None:
     class Empty(Condition):
         """Does nothing."""
 

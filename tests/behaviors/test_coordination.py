@@ -1,4 +1,4 @@
-"""Tick tables of trees that coordinate their arms: what one writes the others see a tick later.
+"""Tick tables of trees that coordinate: a value that one arm writes is seen one tick later.
 
 S success, F failure, R running, - invalid. Time passes by one second a tick; ``|`` separates arms.
 The tables of signals, rendezvous and claims are checked in every order of the arms.
@@ -274,7 +274,7 @@ ORDERS = [
 
 
 @pytest.mark.parametrize(("name", "order"), ORDERS)
-def test_the_table_holds_in_every_order_of_the_arms(
+def test_tick_table_holds_in_every_order_of_the_arms(
     name: str, order: tuple[str, ...], tmp_path: Path
 ) -> None:
     cell, trees, table = TABLES[name]
@@ -284,7 +284,7 @@ def test_the_table_holds_in_every_order_of_the_arms(
         assert " | ".join(letters[arm] for arm in trees) == expected
 
 
-def test_whoever_waits_hears_who_is_gone_and_why(tmp_path: Path) -> None:
+def test_waiting_arms_fail_with_the_partner_that_is_gone_and_the_reason(tmp_path: Path) -> None:
     cells = Cells(
         tmp_path,
         OF_THREE,
@@ -307,8 +307,8 @@ def test_whoever_waits_hears_who_is_gone_and_why(tmp_path: Path) -> None:
         "timeout: {seconds: 60, child: {await: ready}}",
     ],
 )
-def test_a_signal_whose_writer_has_ended_is_not_awaited(waits: str, tmp_path: Path) -> None:
-    """It fails at once, names the writer and its end, however much of its timeout is left."""
+def test_signal_whose_writer_has_ended_is_not_awaited(waits: str, tmp_path: Path) -> None:
+    """The wait fails at once and names the writer and its end, whatever its timeout."""
     cells = Cells(
         tmp_path, SIGNAL, {"arm1": "sequence: [{act: {script: RF}}, signal: ready]", "arm2": waits}
     )
@@ -318,7 +318,7 @@ def test_a_signal_whose_writer_has_ended_is_not_awaited(waits: str, tmp_path: Pa
     assert "arm1 has ended with FAILURE at 1.00 s" in failure[2]
 
 
-def test_the_last_value_of_a_writer_that_has_ended_counts(tmp_path: Path) -> None:
+def test_last_value_of_a_writer_that_has_ended_counts(tmp_path: Path) -> None:
     cells = Cells(
         tmp_path,
         SIGNAL,
@@ -331,7 +331,7 @@ def test_the_last_value_of_a_writer_that_has_ended_counts(tmp_path: Path) -> Non
     assert cells.failures() == []
 
 
-def test_a_removed_arm_is_missed_and_gives_up_its_claims(tmp_path: Path) -> None:
+def test_removed_arm_ends_waits_for_it_and_releases_its_claims(tmp_path: Path) -> None:
     cells = Cells(
         tmp_path,
         f"{MEETING}\n{BIN}",
@@ -348,7 +348,7 @@ def test_a_removed_arm_is_missed_and_gives_up_its_claims(tmp_path: Path) -> None
     ]
 
 
-def test_an_arm_in_step_hears_that_the_other_is_removed(tmp_path: Path) -> None:
+def test_arm_in_step_fails_when_its_partner_is_removed(tmp_path: Path) -> None:
     cells = Cells(
         tmp_path,
         SIGNAL,
@@ -363,7 +363,7 @@ def test_an_arm_in_step_hears_that_the_other_is_removed(tmp_path: Path) -> None:
     assert cells.failures() == [("arm1", "PARTNER_GONE", "arm2 was removed at 2.00 s")]
 
 
-def test_an_arm_whose_partner_in_step_has_ended_does_not_wait(tmp_path: Path) -> None:
+def test_arm_does_not_wait_for_a_partner_in_step_that_has_ended(tmp_path: Path) -> None:
     cells = Cells(
         tmp_path,
         SIGNAL,
@@ -378,7 +378,7 @@ def test_an_arm_whose_partner_in_step_has_ended_does_not_wait(tmp_path: Path) ->
     assert "arm2 has ended with FAILURE at 1.00 s" in failure[2]
 
 
-def test_an_arm_that_is_spawned_again_is_met(tmp_path: Path) -> None:
+def test_arm_that_is_spawned_again_can_be_met(tmp_path: Path) -> None:
     cells = Cells(
         tmp_path,
         MEETING,
@@ -391,9 +391,9 @@ def test_an_arm_that_is_spawned_again_is_met(tmp_path: Path) -> None:
     assert cells.table(2) == ["R R | R", "S S | S"]
 
 
-# A selector hides from the check what happens, so that these are found at run time.
+# A selector hides the node from the static check, so that the deadlock is found at run time.
 HIDDEN = "selector: [{act: {script: F}}, %s]"
-WAITS_FOR_GOOD = {
+REFUSED = {
     "two meetings in another order": (
         "rendezvous: {one: [arm1, arm2], two: [arm1, arm2]}",
         {
@@ -512,9 +512,9 @@ WAITS_FOR_GOOD = {
 }
 
 
-@pytest.mark.parametrize("name", WAITS_FOR_GOOD)
-def test_what_the_file_shows_is_refused_before_the_run(name: str, tmp_path: Path) -> None:
-    cell, trees, message = WAITS_FOR_GOOD[name]
+@pytest.mark.parametrize("name", REFUSED)
+def test_mistake_that_the_file_shows_is_refused_before_the_run(name: str, tmp_path: Path) -> None:
+    cell, trees, message = REFUSED[name]
     with pytest.raises(SpecError) as error:
         Cells(tmp_path, cell, trees)
     assert message in str(error.value)
@@ -524,7 +524,7 @@ def test_what_the_file_shows_is_refused_before_the_run(name: str, tmp_path: Path
 def test_meetings_in_branches_that_cross_are_a_deadlock(
     order: tuple[str, ...], tmp_path: Path
 ) -> None:
-    """Which branch is taken only the run knows. One gives way; the other one hears of it."""
+    """Only the run shows which branch is taken. One arm yields, and the other is notified."""
     trees = {
         "arm1": f"sequence: [{HIDDEN % '{meet: one}'}, meet: two]",
         "arm2": f"sequence: [{HIDDEN % '{meet: two}'}, meet: one]",
@@ -544,8 +544,8 @@ def test_meetings_in_branches_that_cross_are_a_deadlock(
 
 
 @pytest.mark.parametrize("order", list(permutations(("arm1", "arm2", "arm3"))))
-def test_the_one_that_gives_way_may_try_again(order: tuple[str, ...], tmp_path: Path) -> None:
-    """Claims by two arms of a zone each, while a third lets them hold it by a signal only."""
+def test_arm_that_yields_may_try_again(order: tuple[str, ...], tmp_path: Path) -> None:
+    """Two arms claim a zone each and wait for a signal of the third before they go on."""
     trees = {
         "arm1": "claim: {zone: a, child: {sequence: [{await: go}, "
         "{claim: {zone: b, child: succeed}}]}}",
@@ -567,7 +567,7 @@ def test_the_one_that_gives_way_may_try_again(order: tuple[str, ...], tmp_path: 
     assert [(arm, code) for arm, code, _ in cells.failures()][:1] == [("arm2", "DEADLOCK")]
 
 
-def test_a_wait_with_a_timeout_is_no_deadlock(tmp_path: Path) -> None:
+def test_wait_with_a_timeout_is_no_deadlock(tmp_path: Path) -> None:
     trees = {
         "arm1": f"sequence: [{HIDDEN % '{meet: {at: one, timeout: 3}}'}, meet: two]",
         "arm2": f"sequence: [{HIDDEN % '{meet: two}'}, meet: one]",
@@ -578,7 +578,7 @@ def test_a_wait_with_a_timeout_is_no_deadlock(tmp_path: Path) -> None:
     assert codes == ["TIMEOUT", "PARTNER_GONE"]
 
 
-def test_who_waits_for_whom_is_shown(tmp_path: Path) -> None:
+def test_view_shows_which_arm_a_node_waits_for(tmp_path: Path) -> None:
     trees = {"arm1": "sequence: [{act: {script: RRRS}}, meet: there]", "arm2": "meet: there"}
     cells = Cells(tmp_path, MEETING, trees)
     cells.tick()
@@ -588,7 +588,7 @@ def test_who_waits_for_whom_is_shown(tmp_path: Path) -> None:
     assert cells.trees["arm2"].view().waiting == ""
 
 
-def test_claims_that_block_each_other_are_told_before_the_run(tmp_path: Path) -> None:
+def test_claims_that_block_each_other_are_refused_before_the_run(tmp_path: Path) -> None:
     with pytest.raises(SpecError, match="can deadlock") as error:
         Cells(
             tmp_path,
@@ -605,7 +605,7 @@ def test_claims_that_block_each_other_are_told_before_the_run(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("leaf", ["meet: '{name}'", "await: '{name}'", "signal: '{name}'"])
-def test_names_of_the_cell_are_not_taken_from_the_blackboard(leaf: str, tmp_path: Path) -> None:
+def test_names_of_the_cell_cannot_come_from_the_blackboard(leaf: str, tmp_path: Path) -> None:
     tree = f"sequence: [{{set: {{key: name, value: there}}}}, {leaf}]"
     with pytest.raises(SpecError, match="cannot come from the blackboard"):
         Cells(tmp_path, MEETING, {"arm1": tree, "arm2": "meet: there"})

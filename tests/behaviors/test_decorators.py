@@ -175,7 +175,7 @@ DECORATORS = {
 
 
 @pytest.mark.parametrize("name", [*DECORATORS])
-def test_halt_stops_everything_and_a_new_start_is_a_new_start(name: str, tmp_path: Path) -> None:
+def test_halt_stops_all_nodes_and_the_next_start_is_fresh(name: str, tmp_path: Path) -> None:
     stage = Stage(tmp_path, DECORATORS[name])
     first = stage.tick()
     assert first.startswith("R")
@@ -186,8 +186,8 @@ def test_halt_stops_everything_and_a_new_start_is_a_new_start(name: str, tmp_pat
 
 
 @pytest.mark.parametrize("name", [*DECORATORS])
-def test_re_entry_after_an_end_is_a_new_start(name: str, tmp_path: Path) -> None:
-    """Counters and clocks begin anew: the second round takes as long as the first."""
+def test_start_after_an_end_is_fresh(name: str, tmp_path: Path) -> None:
+    """Counters and clocks are reset: the second round takes as long as the first."""
     stage = Stage(tmp_path, f"repeat:\n  times: 2\n  child: {{{DECORATORS[name]}}}")
     table: list[str] = []
     while not table or table[-1].startswith("R"):
@@ -199,20 +199,20 @@ def test_re_entry_after_an_end_is_a_new_start(name: str, tmp_path: Path) -> None
     assert table[-1].startswith("S")
 
 
-def test_run_once_that_is_halted_has_not_run(tmp_path: Path) -> None:
+def test_halted_run_once_runs_again(tmp_path: Path) -> None:
     stage = Stage(tmp_path, "run_once: {child: {act: {script: RS}}}")
     stage.tick()
     stage.tree.halt()
     assert stage.table(2) == ["R R", "S S"]
 
 
-TIDY = "cleanup: {act: {script: S, name: tidy}}"
+CLEANUP = "cleanup: {act: {script: S, name: tidy}}"
 
 
-def test_on_halt_cleans_up_after_the_child_and_before_itself(tmp_path: Path) -> None:
+def test_cleanup_of_on_halt_runs_after_the_child_is_halted(tmp_path: Path) -> None:
     stage = Stage(
         tmp_path,
-        f"sequence: [{{on_halt: {{child: {{act: {{script: R}}}}, {TIDY}}}}}]",
+        f"sequence: [{{on_halt: {{child: {{act: {{script: R}}}}, {CLEANUP}}}}}]",
     )
     stage.tick()
     stage.events.clear()
@@ -226,10 +226,10 @@ def test_on_halt_cleans_up_after_the_child_and_before_itself(tmp_path: Path) -> 
     ]
 
 
-def test_on_halt_cleans_up_only_when_its_child_was_running(tmp_path: Path) -> None:
+def test_cleanup_of_on_halt_runs_only_if_its_child_was_running(tmp_path: Path) -> None:
     stage = Stage(
         tmp_path,
-        f"sequence: [{{on_halt: {{child: {{act: {{script: S}}}}, {TIDY}}}}},"
+        f"sequence: [{{on_halt: {{child: {{act: {{script: S}}}}, {CLEANUP}}}}},"
         " {act: {script: R}}]",
     )
     stage.tick()
@@ -237,27 +237,27 @@ def test_on_halt_cleans_up_only_when_its_child_was_running(tmp_path: Path) -> No
     assert not [e for e in stage.events if e.path.endswith("tidy")]
 
 
-def test_a_clean_up_that_wants_more_than_a_tick_is_cut_short(tmp_path: Path) -> None:
+def test_cleanup_that_needs_more_than_one_tick_is_cut_short(tmp_path: Path) -> None:
     stage = Stage(tmp_path, "on_halt: {child: {act: {script: R}}, cleanup: {act: {script: RRR}}}")
     stage.tick()
     stage.tree.halt()
     assert stage.letters == "- - -"
 
 
-def test_a_timeout_says_so(tmp_path: Path) -> None:
+def test_timeout_is_the_reason_of_the_failure(tmp_path: Path) -> None:
     stage = Stage(tmp_path, "timeout: {seconds: 1, child: {act: {script: RRRR}}}")
     stage.table(2)
     assert stage.tree.view().reason == "TIMEOUT: not finished within 1 s"
 
 
-def test_deadlines_bear_the_rounding_of_summed_steps(tmp_path: Path) -> None:
-    """0.1 s added ten times is less than 1 s in binary; the wait must not take a tick more."""
+def test_deadlines_tolerate_the_rounding_of_summed_steps(tmp_path: Path) -> None:
+    """0.1 s added ten times is less than 1 s in binary; the wait must not take one more tick."""
     stage = Stage(tmp_path, "wait: 1")
     letters = [stage.tick(0.1) for _ in range(11)]
     assert letters == ["R"] * 10 + ["S"]
 
 
-def test_rate_keeps_its_beat_when_ticks_come_late(tmp_path: Path) -> None:
+def test_rate_keeps_its_phase_when_ticks_are_late(tmp_path: Path) -> None:
     """Due at 0, 1, 2 and 3, the child is ticked at 0, 1.3, 2 and 3.1."""
     stage = Stage(tmp_path, "rate: {hz: 1, child: {act: {script: RRRS}}}")
     letters = []
@@ -272,10 +272,10 @@ def test_rate_keeps_its_beat_when_ticks_come_late(tmp_path: Path) -> None:
     "child", ["fail", "sequence: [succeed, fail]", "timeout: {seconds: 9, child: fail}"]
 )
 @pytest.mark.parametrize("delay", [0, 1.5])
-def test_every_failure_of_a_retry_is_told(
+def test_every_failed_attempt_of_a_retry_is_reported(
     times: int, child: str, delay: float, tmp_path: Path
 ) -> None:
-    """Also where an attempt fails in its first tick, as the one before did."""
+    """This includes successive attempts that fail in their first ticks."""
     node = child if child == "fail" else f"{{{child}}}"
     stage = Stage(tmp_path, f"retry: {{times: {times}, delay: {delay}, child: {node}}}")
     while stage.tree.status in ("INVALID", "RUNNING"):
@@ -283,4 +283,4 @@ def test_every_failure_of_a_retry_is_told(
     failures = [e for e in stage.events if e.kind == "fail" and e.new == "FAILURE"]
     assert len(failures) == len(stage.tree.leaves) // (2 if "sequence" in child else 1) == times
     for before, after in itertools.pairwise(e for e in stage.events if e.kind == "fail"):
-        assert before.new == after.old, "what is told of a node hangs together"
+        assert before.new == after.old, "status changes of a node follow each other"

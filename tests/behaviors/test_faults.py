@@ -1,4 +1,4 @@
-"""Faults of a file happen when, where and how it says, and nothing else changes."""
+"""Faults declared in a file happen as declared, and nothing else changes."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Clock:
 
 
 class FiveSteps(Skill):
-    """Take five steps, remember the last, and the exceptions that reach it."""
+    """Takes five steps, and records the last one and the exceptions that reach it."""
 
     example = "five_steps"
     steps = 0
@@ -36,7 +36,7 @@ class FiveSteps(Skill):
     handles = False
 
     def __init__(self) -> None:
-        """Need no ports and no arm."""
+        """Needs no ports and no arm."""
 
     def run(self) -> Iterator[None]:
         try:
@@ -53,7 +53,7 @@ class FiveSteps(Skill):
 
 
 def run_of(fault: dict[str, Any], skill: FiveSteps, most: int = 50) -> tuple[int, str]:
-    """Number of ticks of one run with a fault, and how it ended."""
+    """Number of ticks of one run with a fault, and its outcome."""
     clock = Clock()
     spec = LeafFault(arm="arm1", leaf="five_steps", **fault)
     wrap = FaultInjector({"f": spec}, clock, 0).of_leaf("sequence/five_steps")
@@ -85,28 +85,30 @@ TICKS = [
     ("hang", "start", 0.0, 50, "hang", 0),
     ("hang", "during", 0.04, 50, "hang", 2),
     ("hang", "end", 0.0, 50, "hang", 5),
-    ("fail", "during", 9.0, 5, "success", 5),  # it has ended before
+    ("fail", "during", 9.0, 5, "success", 5),  # it ended before the fault
 ]
 
 
 @pytest.mark.parametrize(("effect", "phase", "after", "ticks", "end", "steps"), TICKS)
-def test_ticks(effect: str, phase: str, after: float, ticks: int, end: str, steps: int) -> None:
+def test_fault_ends_the_skill_at_its_tick(
+    effect: str, phase: str, after: float, ticks: int, end: str, steps: int
+) -> None:
     skill = FiveSteps()
     fault = {"effect": effect, "phase": phase, "after": after}
     assert run_of(fault, skill) == (ticks, end)
     assert skill.steps == steps
-    assert skill.closed == (steps > 0)  # whatever happens, a skill that has begun cleans up
+    assert skill.closed == (steps > 0)  # a skill that has begun always cleans up
 
 
-def test_a_skill_may_handle_an_exception() -> None:
+def test_skill_may_handle_an_injected_exception() -> None:
     skill = FiveSteps()
     skill.handles = True
     assert run_of({"effect": "raise", "phase": "during", "after": 0.04}, skill) == (5, "success")
     assert isinstance(skill.caught, InjectedError)
 
 
-def test_faults_of_motions_still_reach_the_skill() -> None:
-    """An exception at the wait of a wrapped skill is the skill's to handle."""
+def test_other_exceptions_still_reach_a_skill_with_a_fault() -> None:
+    """An exception thrown into a wrapped skill at its yield reaches the skill."""
     skill = FiveSteps()
     spec = LeafFault(arm="arm1", leaf="five_steps", phase="end")
     wrap = FaultInjector({"f": spec}, Clock(), 0).of_leaf("five_steps")
@@ -119,7 +121,7 @@ def test_faults_of_motions_still_reach_the_skill() -> None:
     assert skill.closed
 
 
-def test_times_window_and_probability() -> None:
+def test_fault_respects_its_times_window_and_probability() -> None:
     clock = Clock()
     specs = {
         "twice": LeafFault(arm="a", leaf="x", times=2),
@@ -143,8 +145,8 @@ def test_times_window_and_probability() -> None:
     for _ in range(2):  # a seed repeats the same choices
         wrap = FaultInjector(rare, clock, 5).of_leaf("x")
         assert wrap is not None
-        hits = [bool(code()) for _ in range(300)]
-        assert 60 < sum(hits) < 120
+        injected = [bool(code()) for _ in range(300)]
+        assert 60 < sum(injected) < 120
 
 
 def test_other_leaves_are_not_wrapped() -> None:
@@ -175,7 +177,7 @@ TREE: dict[str, Any] = {
 }  # fmt: skip
 
 
-def test_a_run_with_faults_is_handled_by_its_tree_and_repeats() -> None:
+def test_tree_handles_faults_and_the_run_is_repeatable() -> None:
     faults = {
         "early": {"arm": "arm1", "leaf": "sequence/retry/wait", "times": 2},
         "mid": {"arm": "arm1", "leaf": "go_home", "effect": "raise"},
@@ -192,12 +194,12 @@ def test_a_run_with_faults_is_handled_by_its_tree_and_repeats() -> None:
     assert bt.run(TREE | {"faults": faults}).state_sha256 == result.state_sha256
 
 
-def test_a_fault_that_never_happens_changes_nothing() -> None:
+def test_fault_that_never_happens_changes_nothing() -> None:
     idle = {"idle": {"arm": "arm2", "leaf": "wait", "begin": 5.0}}
     assert bt.run(TREE | {"faults": idle}).state_sha256 == bt.run(TREE).state_sha256
 
 
-def test_leaves_have_the_paths_that_runs_report() -> None:
+def test_leaf_paths_are_those_that_runs_report() -> None:
     root = bt.open(TREE).assembly.trees["arm1"]
     assert leaf_paths(root).keys() == {
         "sequence/retry/wait",

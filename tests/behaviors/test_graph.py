@@ -1,4 +1,4 @@
-"""Drawings of trees: every node once, no text that breaks the format."""
+"""Drawings of trees show every node once and escape text that would break the format."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ arms:
 def drawn(tmp_path_factory: pytest.TempPathFactory) -> list[Item]:
     path = tmp_path_factory.mktemp("graph") / "drawn.yaml"
     path.write_text(FILE, encoding="utf-8")
-    kinds = Registry.load().kinds
-    return items(load_tree_file(path, kinds), kinds)
+    node_types = Registry.load().kinds
+    return items(load_tree_file(path, node_types), node_types)
 
 
 def test_items_are_the_arms_and_their_nodes_top_down(drawn: list[Item]) -> None:
@@ -50,9 +50,7 @@ def test_items_are_the_arms_and_their_nodes_top_down(drawn: list[Item]) -> None:
 
 
 @pytest.mark.parametrize("ending", FORMATS)
-def test_every_node_is_drawn_once_and_joined_to_the_one_above(
-    ending: str, drawn: list[Item]
-) -> None:
+def test_every_node_is_drawn_once_and_joined_to_its_parent(ending: str, drawn: list[Item]) -> None:
     lines = FORMATS[ending](drawn).splitlines()
     made = [line for line in lines if re.match(r" +n\d+ ?[\[(]", line)]
     joined = [line for line in lines if re.match(r" +n\d+ --?> n\d+", line)]
@@ -60,18 +58,18 @@ def test_every_node_is_drawn_once_and_joined_to_the_one_above(
     assert len(joined) == len(drawn) - 1
 
 
-def test_dot_quotes_what_would_end_a_text(drawn: list[Item]) -> None:
+def test_dot_escapes_quotes(drawn: list[Item]) -> None:
     assert r'n3 [label="a \"name\" <b> (log)\nmessage: hello"' in dot(drawn)
     assert "  n2 -> n4;" in dot(drawn)
 
 
-def test_mermaid_escapes_what_would_end_a_text(drawn: list[Item]) -> None:
+def test_mermaid_escapes_quotes_and_brackets(drawn: list[Item]) -> None:
     written = mermaid(drawn)
     assert '  n3("a #quot;name#quot; #lt;b#gt; (log)<br>message: hello"):::leaf' in written
     assert "  n2 --> n4" in written
 
 
-def test_bt_check_draws_to_the_ending_that_is_asked_for(
+def test_bt_check_draws_in_the_format_of_the_file_name(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for ending, begin in (("dot", "digraph"), ("mmd", "flowchart")):
@@ -81,7 +79,7 @@ def test_bt_check_draws_to_the_ending_that_is_asked_for(
 
 
 @pytest.mark.parametrize("ending", ["svg", "png", "pdf", "DOT"])
-def test_bt_check_says_who_draws_a_picture(
+def test_bt_check_names_the_command_that_renders_an_image(
     ending: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     target = tmp_path / f"my tree.{ending}"

@@ -1,6 +1,6 @@
-"""Joint actions: leaves of several arms meet, tell each other what they do, and leave.
+"""Joint actions: leaves of several arms meet, exchange messages, and leave.
 
-Each table is one line per step; in a step all trees are ticked, in any order, before the commit.
+In each step all trees are ticked, in any order, before the commit.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ class Cell:
 
 
 def joined(cell: Cell, arm: str, label: str = LABEL) -> Appointment:
-    """The arm comes to the action."""
+    """The arm's part in the action, which it joins."""
     return cell.state.join(arm, "leaf", label, MEMBERS)
 
 
 @pytest.mark.parametrize("order", [("arm1", "arm2"), ("arm2", "arm1")])
-def test_they_meet_in_the_step_in_which_the_last_one_comes(order: tuple[str, str]) -> None:
+def test_members_meet_in_the_step_in_which_the_last_one_joins(order: tuple[str, str]) -> None:
     cell = Cell()
     first = joined(cell, order[0])
     cell.step()
@@ -56,7 +56,7 @@ def test_they_meet_in_the_step_in_which_the_last_one_comes(order: tuple[str, str
     assert cell.state.waits() == ()
 
 
-def test_what_one_tells_is_visible_in_the_next_step() -> None:
+def test_message_is_visible_in_the_next_step() -> None:
     cell = Cell()
     parts = {arm: joined(cell, arm) for arm in MEMBERS}
     cell.step()
@@ -74,14 +74,14 @@ def test_different_actions_do_not_meet() -> None:
     other = joined(cell, "arm2", "the handover of 'cube' from arm2 to arm1")
     cell.step()
     assert one.action is other.action is None
-    # Both wait for each other for good: the one that came last fails, in the same step.
+    # They wait for each other indefinitely: the one that came last fails, in the same step.
     failed = [part for part in (one, other) if part.failure is not None]
     assert [part.arm for part in failed] == ["arm2"]
     assert failed[0].failure is not None
     assert failed[0].failure.code == "DEADLOCK"
 
 
-def test_one_that_leaves_ends_the_action_for_the_others() -> None:
+def test_member_that_leaves_is_reported_to_the_others() -> None:
     cell = Cell()
     parts = {arm: joined(cell, arm) for arm in MEMBERS}
     cell.step()
@@ -93,7 +93,7 @@ def test_one_that_leaves_ends_the_action_for_the_others() -> None:
     assert action.left == {"arm1": "was halted in leaf"}
 
 
-def test_a_removed_arm_is_said_to_be_removed() -> None:
+def test_removed_arm_is_reported_as_removed() -> None:
     cell = Cell()
     parts = {arm: joined(cell, arm) for arm in MEMBERS}
     cell.step()
@@ -105,7 +105,7 @@ def test_a_removed_arm_is_said_to_be_removed() -> None:
     assert action.left == {"arm1": "was removed at 0.02 s"}
 
 
-def test_nobody_waits_for_a_tree_that_has_ended() -> None:
+def test_wait_for_a_tree_that_has_ended_fails() -> None:
     cell = Cell()
     part = joined(cell, "arm1")
     cell.state.arm_gone("arm2", "has ended with FAILURE at 0.00 s")
@@ -115,7 +115,7 @@ def test_nobody_waits_for_a_tree_that_has_ended() -> None:
     assert "arm2 has ended with FAILURE at 0.00 s" in part.failure.reason
 
 
-def test_a_wait_during_the_action_is_shown_and_can_deadlock() -> None:
+def test_wait_during_the_action_is_shown_and_can_deadlock() -> None:
     cell = Cell()
     parts = {arm: joined(cell, arm) for arm in MEMBERS}
     cell.step()
@@ -131,7 +131,7 @@ def test_a_wait_during_the_action_is_shown_and_can_deadlock() -> None:
 
 
 def blocked_by_a_waiting_arm(asides: int) -> tuple[Cell, Appointment]:
-    """arm1 waits for arm2, whose motion arm1 blocks."""
+    """A cell in which arm1 waits for arm2, whose motion arm1 blocks, and the part of arm1."""
     cell = Cell()
     waiting = joined(cell, "arm1")
     waiting.asides = asides
@@ -141,25 +141,25 @@ def blocked_by_a_waiting_arm(asides: int) -> tuple[Cell, Appointment]:
     return cell, waiting
 
 
-def tries_again(cell: Cell) -> None:
-    """The blocked arm looks again, and finds the other one where it was."""
+def try_again(cell: Cell) -> None:
+    """The blocked arm tries again and is blocked as before."""
     assert cell.state.traffic.is_called("arm2")
     cell.state.traffic.take_refusal("arm2")
     cell.state.traffic.block("arm2", "leaf", {"arm1"}, why="arm2/hand would touch arm1/hand")
     cell.step()
 
 
-def test_an_arm_that_only_waits_is_asked_to_make_room_as_often_as_it_can() -> None:
+def test_waiting_arm_is_asked_to_move_aside_as_often_as_it_can() -> None:
     cell, waiting = blocked_by_a_waiting_arm(asides=2)
     for left in (1, 0):
-        tries_again(cell)
+        try_again(cell)
         assert (waiting.asked_by, waiting.asides) == ("arm2", left)
         cell.step()
         assert waiting.failure is None
         cell.state.made_room(waiting, moved=True)
         cell.step()
         assert waiting.asked_by == ""
-    tries_again(cell)
+    try_again(cell)
     refused = cell.state.traffic.take_refusal("arm2")
     assert refused is not None
     assert refused.code == "DEADLOCK"
@@ -167,9 +167,9 @@ def test_an_arm_that_only_waits_is_asked_to_make_room_as_often_as_it_can() -> No
     assert "Let arm1 wait elsewhere" in refused.reason
 
 
-def test_an_arm_that_cannot_make_room_is_asked_once() -> None:
+def test_arm_that_cannot_move_aside_is_asked_once() -> None:
     cell, waiting = blocked_by_a_waiting_arm(asides=3)
-    tries_again(cell)
+    try_again(cell)
     assert waiting.asked_by == "arm2"
     cell.state.made_room(waiting, moved=False)
     cell.step()

@@ -1,4 +1,4 @@
-"""Every node type of the language has all its parts, in one class."""
+"""Every node type of the language is complete and defined in one class."""
 
 from __future__ import annotations
 
@@ -37,27 +37,27 @@ DEFINED_IN = {
 }
 
 WRITES_TREES = {"testing.py"}
-"""They write trees around a skill, as an author of tree files does."""
+"""Files that write trees around a skill, as an author of tree files does."""
 
-OTHER_THINGS = {
-    ("spec/parser.py", "subtree"),  # what a name in a message is the name of
-    ("cli/bt_run.py", "log"),  # a display of one line an event
+OTHER_MEANINGS = {
+    ("spec/parser.py", "subtree"),  # a type of name, in a message
+    ("cli/bt_run.py", "log"),  # a display with one line per event
     ("runtime/display.py", "log"),
     ("spec/document.py", "set"),  # the name of a set of numbers
     ("runtime/summary.py", "guard"),  # the gate on set-points, in summary.json
     ("runtime/observations.py", "guard"),  # likewise, in run.history
     ("skill/following_error.py", "guard"),  # likewise, as a cause
-    ("skill/cell.py", "signal"),  # what a wait is for
+    ("skill/cell.py", "signal"),  # the cause of a wait
     ("behaviors/graph.py", "signal"),  # a port
     ("cli/__init__.py", "compare"),  # a command
-    ("spec/faults.py", "fail"),  # what a fault does
-    ("spec/expressions.py", "if"),  # words of expressions
+    ("spec/faults.py", "fail"),  # the effect of a fault
+    ("spec/expressions.py", "if"),  # keywords of expressions
     ("spec/expressions.py", "not"),
-    ("spec/problems.py", "if"),  # what some call a condition, in a hint
+    ("spec/problems.py", "if"),  # a name that some use for a condition, in a hint
     ("spec/goals.py", "in_zone"),  # a field of a goal
-    ("cli/bt_sweep.py", "all"),  # a choice of an option
+    ("cli/bt_sweep.py", "all"),  # a value of an option
 }
-"""Texts that are spelt like a node type and mean something else."""
+"""Strings that equal a node type's name and mean something else."""
 
 
 def test_every_node_type_has_one_class_and_a_reserved_name() -> None:
@@ -66,19 +66,19 @@ def test_every_node_type_has_one_class_and_a_reserved_name() -> None:
 
 
 @pytest.mark.parametrize("leaf", LEAF_CLASSES.values(), ids=LEAF_CLASSES)
-def test_a_leaf_runs_with_the_ports_that_the_check_knows(leaf: type[LanguageLeaf]) -> None:
+def test_leaf_runs_with_the_ports_of_its_node_type(leaf: type[LanguageLeaf]) -> None:
     assert leaf.Ports is leaf.node_type.ports
 
 
 @pytest.fixture(scope="module")
 def nodes_of_the_schema() -> dict[str, Any]:
-    """Node types in the schema of tree files, which takes a tenth of a second."""
+    """Node types in the schema of tree files, which takes a tenth of a second to build."""
     found: dict[str, Any] = json_schema(LANGUAGE)["$defs"]["node"]["anyOf"][1]["properties"]
     return found
 
 
 @pytest.mark.parametrize("node_type", LANGUAGE.values(), ids=LANGUAGE)
-def test_a_node_type_has_all_its_parts(
+def test_node_type_is_complete(
     node_type: LanguageNode, nodes_of_the_schema: dict[str, Any]
 ) -> None:
     assert node_type.summary
@@ -89,13 +89,13 @@ def test_a_node_type_has_all_its_parts(
     assert node_type.advances_on is None or node_type.many, "only a list of children has an order"
     if any(slot.after is not None for slot in node_type.slots):
         assert node_type.slots[0].after is None
-        assert node_type.slots[0].required, "what others wait for is there"
+        assert node_type.slots[0].required, "a slot that others wait for is required"
     assert describe(node_type).summary == node_type.summary
     assert node_type.name in nodes_of_the_schema
 
 
 def nodes(node_type: LanguageNode) -> Iterator[NodeSpec]:
-    """Nodes of a type with as few and as many children as it takes."""
+    """Nodes of a type with the fewest and the most children, or one to three of them."""
     given = {"times": 2, "policy": "all", "memory": True}
     ports = {name: value for name, value in given.items() if name in node_type.ports.model_fields}
     required = [slot.name for slot in node_type.slots if slot.required]
@@ -113,49 +113,49 @@ def nodes(node_type: LanguageNode) -> Iterator[NodeSpec]:
 
 
 @pytest.mark.parametrize("node_type", LANGUAGE.values(), ids=LANGUAGE)
-def test_the_rules_of_a_node_type_hold_for_all_ends_of_its_children(
+def test_rules_of_a_node_type_hold_for_all_outcomes_of_its_children(
     node_type: LanguageNode,
 ) -> None:
-    """More ends of a child never mean fewer of the node: what is warned of cannot happen."""
+    """More possible outcomes of a child never mean fewer of the node, so warnings are true."""
     never = Outcomes(succeeds=False, fails=False)
     for node in nodes(node_type):
-        for ends in product((never, SUCCESS, FAILURE, EITHER), repeat=len(node.children)):
-            end = node_type.outcomes(node, ends)
-            widest = node_type.outcomes(node, [EITHER] * len(ends))
-            assert end.succeeds <= widest.succeeds
-            assert end.fails <= widest.fails
-            assert isinstance(node_type.no_effect(node, ends), str)
+        for outcomes in product((never, SUCCESS, FAILURE, EITHER), repeat=len(node.children)):
+            outcome = node_type.outcomes(node, outcomes)
+            widest = node_type.outcomes(node, [EITHER] * len(outcomes))
+            assert outcome.succeeds <= widest.succeeds
+            assert outcome.fails <= widest.fails
+            assert isinstance(node_type.no_effect(node, outcomes), str)
         assert isinstance(node_type.revisits(node), bool)
         assert list(node_type.problems(node)) == []
 
 
 def texts_in(path: Path) -> Iterator[str]:
-    """Every text in the code of a file."""
+    """All string constants in a file."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
             yield node.value
 
 
 def files() -> list[tuple[str, Path]]:
-    """The files of the packages that see nodes of a tree."""
-    rooms = ("spec", "skill", "behaviors", "runtime", "tuning", "testing", "cli")
-    paths = (path for room in rooms for path in (PACKAGE / room).rglob("*.py"))
+    """Names and paths of the files of the packages that handle nodes of a tree."""
+    folders = ("spec", "skill", "behaviors", "runtime", "tuning", "testing", "cli")
+    paths = (path for folder in folders for path in (PACKAGE / folder).rglob("*.py"))
     return [(path.relative_to(PACKAGE).as_posix(), path) for path in paths]
 
 
 def test_no_other_file_knows_a_node_type_by_name() -> None:
     found = {(name, text) for name, path in files() for text in texts_in(path) if text in LANGUAGE}
     elsewhere = {(name, text) for name, text in found if name not in DEFINED_IN | WRITES_TREES}
-    assert elsewhere == OTHER_THINGS
+    assert elsewhere == OTHER_MEANINGS
 
 
-def test_no_file_of_the_package_knows_a_shipped_skill_by_name() -> None:
-    """What is known of a skill, the skill declares: one by somebody else can declare the same."""
+def test_no_other_file_knows_a_shipped_skill_by_name() -> None:
+    """A skill declares all properties that the package uses, so that a user's skill can, too."""
     skills = Registry.load().skills
     found = {(name, text) for name, path in files() for text in texts_in(path) if text in skills}
     assert found == {
-        ("runtime/history.py", "place"),  # where in a file a node stands
+        ("runtime/history.py", "place"),  # the location of a node in a file
         ("runtime/run.py", "look_at"),  # an argument of `render`
         ("spec/expressions.py", "look_at"),  # a field of a pose
-        ("spec/problems.py", "count"),  # what some call `times`, in a hint
+        ("spec/problems.py", "count"),  # a name that some use for `times`, in a hint
     }

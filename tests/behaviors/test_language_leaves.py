@@ -1,4 +1,4 @@
-"""The language's own leaves."""
+"""Leaves that are part of the language."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_compare(value: object, relation: str, to: object, holds: bool, tmp_path
         ("equal", "FALSE: text 'a' does not equal 1"),
     ],
 )
-def test_compare_says_why_not(relation: str, reason: str, tmp_path: Path) -> None:
+def test_failed_compare_gives_the_reason(relation: str, reason: str, tmp_path: Path) -> None:
     stage = Stage(tmp_path, f"compare: {{value: a, relation: {relation}, to: 1}}")
     stage.tick()
     assert stage.tree.view().reason == reason
@@ -55,7 +55,7 @@ def test_true_is_not_one() -> None:
     assert near([1.0], [1.0], 0.0)
 
 
-def test_log_writes_keys_out(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_log_writes_values_of_keys(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     stage = Stage(
         tmp_path,
         "sequence: [{set: {key: n, value: 3}}, {log: {message: 'n is {n} %s', level: warning}}]",
@@ -64,7 +64,9 @@ def test_log_writes_keys_out(tmp_path: Path, caplog: pytest.LogCaptureFixture) -
     assert [(r.levelno, r.getMessage()) for r in caplog.records] == [(logging.WARNING, "n is 3 %s")]
 
 
-def test_log_of_nothing_but_a_key(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_message_of_log_may_be_a_key_alone(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     caplog.set_level(logging.INFO)
     stage = Stage(tmp_path, "sequence: [{set: {key: n, value: 3}}, {log: '{n}'}]")
     assert stage.tick() == "S S S"
@@ -86,8 +88,8 @@ def test_set_copies_a_key(tmp_path: Path) -> None:
     assert stage.tick() == "S S S S"
 
 
-def test_a_key_of_the_wrong_type_fails_the_leaf_that_reads_it(tmp_path: Path) -> None:
-    """Only one of two writers writes a number, so the check alone cannot tell."""
+def test_key_of_the_wrong_type_fails_the_leaf_that_reads_it(tmp_path: Path) -> None:
+    """Two writers write different types, so the static check alone cannot decide."""
     stage = Stage(
         tmp_path,
         "sequence:\n- set: {key: t, value: 1}\n- selector: [succeed, {set: {key: t, value: 2}}]\n"
@@ -96,9 +98,7 @@ def test_a_key_of_the_wrong_type_fails_the_leaf_that_reads_it(tmp_path: Path) ->
     assert stage.table(2)[-1] == "S S S S - S S"
 
 
-def test_values_are_written_out_as_in_yaml(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_log_writes_values_as_yaml(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.INFO)
     Stage(
         tmp_path,
@@ -112,7 +112,7 @@ def test_values_are_written_out_as_in_yaml(
     [("{n} < 4", "S S S"), ("{n} > 3", "F S F"), ("{n} / 0 > 1", "F S F"), ("{n} + 1", "F S F")],
 )
 def test_test(expression: str, letters: str, tmp_path: Path) -> None:
-    """It fails both where the expression is false and where it has no truth value."""
+    """A test fails if its expression is false and if it has no truth value."""
     stage = Stage(
         tmp_path,
         f"sequence:\n- selector: [{{set: {{key: n, value: 3}}}}, {{set: {{key: m, value: 1}}}}]\n"

@@ -1,4 +1,4 @@
-"""The life of a leaf: whatever a skill does, its tree goes on and its arm is let go."""
+"""Lifecycle of a leaf: whatever a skill does, its tree goes on and its arm is released."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.behaviors.ticking import Stage
 
 
 class Raiser(Skill):
-    """Raises where it is told to."""
+    """Raises in the phase that its port names."""
 
     class Ports(PortModel):
         where: str = port("", "A phase of the life")
@@ -37,16 +37,16 @@ class Raiser(Skill):
         finally:
             self._raise_in("cleanup")
 
-    def _raise_in(self, place: str) -> None:
-        if self.ports.where == place:
-            raise ZeroDivisionError(f"in the {place}\nand a second line")
+    def _raise_in(self, phase: str) -> None:
+        if self.ports.where == phase:
+            raise ZeroDivisionError(f"in the {phase}\nand a second line")
 
 
 @pytest.mark.parametrize("where", ["constructor", "first step", "second step", "cleanup"])
-def test_an_exception_fails_the_leaf_and_nothing_else(
+def test_exception_fails_the_leaf_and_nothing_else(
     where: str, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """FAILURE EXCEPTION with one line, traceback in the log, arm released, sibling untouched."""
+    """FAILURE EXCEPTION with a reason of one line, a traceback in the log, and a released arm."""
     stage = Stage(tmp_path, f"sequence: [{{raiser: {{where: {where}}}}}]", Raiser)
     while stage.tick().startswith("R"):
         pass
@@ -60,7 +60,7 @@ def test_an_exception_fails_the_leaf_and_nothing_else(
     assert (report.status, report.code) == ("FAILURE", "EXCEPTION")
 
 
-def test_a_sibling_outlives_an_exception(tmp_path: Path) -> None:
+def test_sibling_runs_on_after_an_exception(tmp_path: Path) -> None:
     stage = Stage(
         tmp_path,
         "parallel: {policy: 1, on_failure: continue,"
@@ -70,7 +70,7 @@ def test_a_sibling_outlives_an_exception(tmp_path: Path) -> None:
     assert stage.table(4) == ["R F R", "R F R", "R F R", "S F S"]
 
 
-def test_an_exception_in_a_halted_leafs_clean_up_does_not_strand_its_siblings(
+def test_exception_in_the_cleanup_of_a_halted_leaf_does_not_keep_siblings_running(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     stage = Stage(tmp_path, "parallel: [{raiser: {where: cleanup}}, {raiser: {}}]", Raiser)
@@ -85,17 +85,17 @@ def test_an_exception_in_a_halted_leafs_clean_up_does_not_strand_its_siblings(
 
 
 class Stubborn(Skill):
-    """Ignores that it is halted."""
+    """Ignores halts."""
 
     def run(self) -> Iterator[None]:
         for _ in range(2):
             try:
                 yield
             finally:
-                continue  # noqa: B012 - the very mistake that is tested
+                continue  # noqa: B012 - the mistake that is tested
 
 
-def test_a_skill_that_refuses_to_be_halted_is_halted(
+def test_skill_that_ignores_a_halt_is_halted(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     stage = Stage(tmp_path, "sequence: [stubborn]", Stubborn)
@@ -107,7 +107,7 @@ def test_a_skill_that_refuses_to_be_halted_is_halted(
 
 
 class Quitter(Skill):
-    """Raises what ends programs and generators elsewhere."""
+    """Raises an exception that elsewhere ends a program or a generator."""
 
     error: ClassVar[BaseException]
 
@@ -117,43 +117,43 @@ class Quitter(Skill):
 
 
 @pytest.mark.parametrize("error", [SystemExit(0), KeyboardInterrupt(), GeneratorExit("so")])
-def test_what_would_end_a_program_ends_the_leaf(
+def test_exception_that_would_end_the_program_ends_only_the_leaf(
     error: BaseException, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """And tells its author what a skill does instead."""
+    """The reason tells the author how a skill ends instead."""
     monkeypatch.setattr(Quitter, "error", error, raising=False)
     stage = Stage(tmp_path, "quitter", Quitter)
     stage.table(2)
-    said = f"{type(error).__name__}: {error}".removesuffix(": ")
+    text = f"{type(error).__name__}: {error}".removesuffix(": ")
     assert stage.tree.view().reason == (
-        f"EXCEPTION: {said} (a skill cannot end the program: "
+        f"EXCEPTION: {text} (a skill cannot end the program: "
         'it returns, or raises Failure("CODE", "why"))'
     )
 
 
 class Interrupted(Skill):
-    """Stands for Ctrl-C that arrives during a tick."""
+    """Simulates Ctrl-C during a tick."""
 
     def run(self) -> Iterator[None]:
         raise Interruption
         yield
 
 
-def test_ctrl_c_is_not_the_skills(tmp_path: Path) -> None:
+def test_ctrl_c_leaves_the_tree(tmp_path: Path) -> None:
     stage = Stage(tmp_path, "interrupted", Interrupted)
     with pytest.raises(Interruption):
         stage.tick()
 
 
 class Plain(Skill):
-    """Forgets to yield; the registry refuses it, a test of one's own may not."""
+    """Does not yield; the registry refuses it, but a user's test may not."""
 
     def run(self) -> Iterator[None]:  # type: ignore[empty-body]
         pass
 
 
 class Stopper(Skill):
-    """Raises StopIteration where it would pass for the end of the generator."""
+    """Raises StopIteration where it would look like the end of the generator."""
 
     def __init__(self, ports, context, write):  # type: ignore[no-untyped-def]
         super().__init__(ports, context, write)
@@ -174,16 +174,14 @@ class Stopper(Skill):
         ),
     ],
 )
-def test_what_is_no_run_is_no_success(
-    name: str, skill: type[Skill], reason: str, tmp_path: Path
-) -> None:
+def test_invalid_run_fails(name: str, skill: type[Skill], reason: str, tmp_path: Path) -> None:
     stage = Stage(tmp_path, name, skill)
     stage.tick()
     assert stage.tree.view().reason == reason
 
 
 class Measurer(Skill):
-    """Measures, and tells how far it is."""
+    """Reports progress and metrics, and fails."""
 
     class Outputs(PortModel):
         length: float = port(..., "How long", unit="m")
@@ -202,7 +200,7 @@ class Measurer(Skill):
 def test_progress_metrics_and_numbers_of_a_failure(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """Progress is what was yielded, within 0 and 1; metrics are plain, those that are none told."""
+    """Progress is clamped to 0 … 1; metrics become plain values, and invalid ones are logged."""
     stage = Stage(tmp_path, "measurer", Measurer)
     stage.tick()
     assert stage.tree.view().progress == 0.25
@@ -217,7 +215,7 @@ def test_progress_metrics_and_numbers_of_a_failure(
     assert stage.events[-1].metrics == report.metrics
 
 
-def test_an_output_reaches_another_leaf(tmp_path: Path) -> None:
+def test_output_reaches_another_leaf(tmp_path: Path) -> None:
     stage = Stage(
         tmp_path,
         'sequence: [{force_success: {child: {measurer: {length: "{found}"}}}},'
@@ -228,7 +226,7 @@ def test_an_output_reaches_another_leaf(tmp_path: Path) -> None:
 
 
 class Rogue(Skill):
-    """Writes what it did not declare."""
+    """Writes an output that it did not declare."""
 
     class Outputs(PortModel):
         length: float = port(..., "How long", unit="m")
@@ -244,14 +242,16 @@ class Rogue(Skill):
 
 
 @pytest.mark.parametrize(("what", "error"), [("width", "KeyError"), ("length", "Pydantic")])
-def test_an_output_of_another_name_or_type_is_a_bug(what: str, error: str, tmp_path: Path) -> None:
+def test_output_of_another_name_or_type_is_an_exception(
+    what: str, error: str, tmp_path: Path
+) -> None:
     stage = Stage(tmp_path, f'rogue: {{what: {what}, length: "{{x}}"}}', Rogue)
     stage.tick()
     assert stage.tree.view().reason.startswith(f"EXCEPTION: {error}")
 
 
 def test_every_start_has_a_new_skill(tmp_path: Path) -> None:
-    """Restartable after SUCCESS, FAILURE and INVALID; a record for each start."""
+    """A leaf can be restarted after SUCCESS, FAILURE and INVALID, and reports each start."""
     stage = Stage(
         tmp_path, "repeat: {times: 2, child: {retry: {times: 2, child: {act: {script: F|S}}}}}"
     )
@@ -268,14 +268,14 @@ def test_stop_before_the_first_tick_is_harmless(tmp_path: Path) -> None:
     assert not stage.released
 
 
-def test_a_tree_that_has_ended_is_not_ticked_again(tmp_path: Path) -> None:
+def test_tree_that_has_ended_is_not_ticked_again(tmp_path: Path) -> None:
     stage = Stage(tmp_path, "act: {script: S}")
     assert stage.table(3) == ["S", "S", "S"]
     assert len(stage.tree.leaves) == 1
 
 
 class Shouter(Skill):
-    """Fails with a text that would act on a terminal."""
+    """Fails with a text that contains terminal control characters."""
 
     class Ports(PortModel):
         raises: bool = port(False, "Whether it raises something else than a failure")
@@ -283,14 +283,14 @@ class Shouter(Skill):
     ports: Ports
 
     def run(self) -> Iterator[None]:
-        """At once."""
+        """Fails at once."""
         yield from ()
         text = "red \x1b[31m,\nbell \x07, \u202eback"
         raise ValueError(text) if self.ports.raises else Failure("LOUD", text)
 
 
 @pytest.mark.parametrize("raises", ["true", "false"])
-def test_a_reason_is_one_line_that_can_be_shown(raises: str, tmp_path: Path) -> None:
+def test_reason_is_one_printable_line(raises: str, tmp_path: Path) -> None:
     stage = Stage(tmp_path, f"shouter: {{raises: {raises}}}", Shouter)
     stage.tick()
     reason = stage.tree.view().reason

@@ -1,4 +1,4 @@
-"""Tree files as a whole: good ones are loaded, bad ones are refused with everything at once."""
+"""Whole tree files: good ones are loaded, bad ones are refused with all problems at once."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def messages(path: Path, **params: str) -> list[str]:
     return [f"{p.place.line}:{p.place.column}: {p.message}" for p in found]
 
 
-def test_a_good_file(write: Write) -> None:
+def test_good_file_is_loaded(write: Write) -> None:
     file = load_tree_file(write(GOOD), SKILLS)
     assert file.name == "task"
     assert file.world.seed == 7
@@ -88,7 +88,7 @@ def test_a_good_file(write: Write) -> None:
     assert (succeed.kind, succeed.ports) == ("succeed", {})
 
 
-def test_parameters_from_the_command_line(write: Write) -> None:
+def test_given_parameters_replace_defaults(write: Write) -> None:
     file = load_tree_file(write(GOOD), SKILLS, {"speed": "0.25", "height": "1e-1"})
     grasp, move, *_ = file.arms["arm1"].tree.children
     assert grasp.ports["speed"] == 0.25
@@ -105,13 +105,15 @@ def test_parameters_from_the_command_line(write: Write) -> None:
         ({"seed": "["}, "parameter seed: expected a whole number, not text '['"),
     ],
 )
-def test_bad_parameters(params: dict[str, str], expected: str, write: Write) -> None:
-    """Said once, not at every place that uses them."""
+def test_bad_parameter_is_reported_once(
+    params: dict[str, str], expected: str, write: Write
+) -> None:
+    """A bad parameter is reported once, not at every place that uses it."""
     (message,) = messages(write(GOOD), **params)
     assert message.endswith(expected)
 
 
-def test_a_parameter_that_must_be_given(write: Write) -> None:
+def test_parameter_without_default_must_be_given(write: Write) -> None:
     text = GOOD.replace("height: {type: number, default: 0.3}", "height: {type: number}")
     assert "0:0: parameter 'height' must be given" in messages(write(text))
     load_tree_file(write(text), SKILLS, {"height": "0.2"})
@@ -150,13 +152,15 @@ def test_a_parameter_that_must_be_given(write: Write) -> None:
         ("type: integer", "type: int", "type: expected one of"),
     ],
 )  # fmt: skip
-def test_mistakes(old: str, new: str, expected: str, write: Write) -> None:
+def test_mistake_is_reported_with_its_place(
+    old: str, new: str, expected: str, write: Write
+) -> None:
     assert old in GOOD
     found = messages(write(GOOD.replace(old, new, 1)))
     assert any(expected in message for message in found), found
 
 
-def test_everything_at_once(write: Write) -> None:
+def test_all_problems_are_reported_at_once_in_order(write: Write) -> None:
     text = GOOD.replace("robot: ur5", "robot: 5").replace("- grasp:", "- grap:")
     text = text.replace("mass: 0.1", "mass: heavy").replace("500 ms", "1 week")
     with pytest.raises(SpecError) as caught:
@@ -184,14 +188,12 @@ def test_without_skills_leaves_are_not_checked(write: Write) -> None:
         "bt_dualarm: true\narms: {a: {robot: ur5, tree: {}}}",
     ],
 )
-def test_files_without_a_task(text: str, write: Write) -> None:
+def test_file_without_a_task_is_refused(text: str, write: Write) -> None:
     with pytest.raises(SpecError):
         load_tree_file(write(text), SKILLS)
 
 
-def test_problems_name_the_file_as_the_user_did(
-    write: Write, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_problems_name_the_file_as_given(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write("bt_dualarm: 1")
     monkeypatch.chdir(path.parent)
     assert str(check_file("task.yaml")[0]).startswith("task.yaml:1:1: error: ")
@@ -209,10 +211,10 @@ def test_problems_name_the_file_as_the_user_did(
         ("name", 1, 100, "character"),
     ],
 )
-def test_too_many_and_too_few_are_counted(
+def test_wrong_number_of_items_is_reported(
     part: str, least: int, most: int, noun: str, given: int
 ) -> None:
-    """pydantic stops counting where there are too many, and says nothing then."""
+    """The message has the number of items, although pydantic stops counting at the limit."""
     ball = {"shape": "box", "size": [0.1, 0.1, 0.1], "mass": 1}
     arm = {"robot": "ur5", "tree": "succeed"}
     data = {"bt_dualarm": 1, "objects": {"ball": ball}, "arms": {"arm1": arm}}
@@ -230,8 +232,8 @@ def test_too_many_and_too_few_are_counted(
         return
     bound = f"at least {least}" if given < least else f"at most {most}"
     number = least if given < least else most
-    wanted = str(number) if least == most else bound
-    assert f"{part}: expected {wanted} {noun}{'s' * (number != 1)}, not {given}" in messages
+    expected = str(number) if least == most else bound
+    assert f"{part}: expected {expected} {noun}{'s' * (number != 1)}, not {given}" in messages
 
 
 @pytest.mark.parametrize(
@@ -242,8 +244,8 @@ def test_too_many_and_too_few_are_counted(
         ("title: Hand\nurdf: hand.urdf\npalm: hand\n", "a gripper", "gripper"),
     ],
 )
-def test_a_file_of_another_kind_is_no_tree(text: str, kind: str, key: str) -> None:
-    """Every field of it was unknown: a page of errors that did not say why."""
+def test_file_of_another_type_is_reported_as_such(text: str, kind: str, key: str) -> None:
+    """Such a file used to give a page of errors about unknown fields."""
     (found,) = check_file(text)
     assert found.message == f"this file describes {kind}, not a tree"
     assert f"{key}: FILE" in found.hint

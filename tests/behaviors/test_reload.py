@@ -1,4 +1,4 @@
-"""A tree is changed while it runs: unchanged leaves go on, others are halted and begin anew."""
+"""Hot reload of a running tree: unchanged leaves go on, others are halted and start again."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ class Edited(Stage):
     """A tree whose file is changed between two ticks."""
 
     def change(self, folder: Path, tree: str) -> None:
-        kinds = {name: kind_of(skill, "the test") for name, skill in self.skills.items()}
+        node_types = {name: kind_of(skill, "the test") for name, skill in self.skills.items()}
         file = folder / "edited.yaml"
         head = "bt_dualarm: 1\narms:\n  arm1:\n    robot: ur5\n    tree:\n"
         file.write_text(head + indent(tree.strip("\n"), "      "))
-        self.tree.change(load_tree_file(file, kinds).arms["arm1"].tree)
+        self.tree.change(load_tree_file(file, node_types).arms["arm1"].tree)
 
     def ticked(self, count: int) -> None:
         for _ in range(count):
@@ -32,7 +32,7 @@ class Edited(Stage):
         return self.tree.status
 
     def since(self, number: int) -> list[str]:
-        """Changes of leaves after so many, as ``a RUNNING``; a halt as ``a HALTED``."""
+        """Status changes of leaves from an event number on, as ``a RUNNING`` or ``a HALTED``."""
         return [
             f"{change.path.rpartition('/')[2]} {change.code or change.new}"
             for change in self.events[number:]
@@ -88,29 +88,29 @@ EDITS = {
 
 
 @pytest.mark.parametrize("edit", EDITS)
-def test_a_sequence_goes_on(tmp_path: Path, edit: str) -> None:
+def test_sequence_goes_on_after_a_reload(tmp_path: Path, edit: str) -> None:
     after, reported = EDITS[edit]
     stage = Edited(tmp_path, listed("sequence", A, B, C))
     stage.ticked(2)
     seen = len(stage.events)
     stage.change(tmp_path, listed("sequence", *after))
     stage.ticked(8)
-    said = [each for each in stage.since(seen) if each != "a INVALID"]
-    assert said == reported
+    changes = [each for each in stage.since(seen) if each != "a INVALID"]
+    assert changes == reported
     assert stage.status == "SUCCESS"
 
 
-def test_a_selector_goes_on_with_the_child_it_is_at(tmp_path: Path) -> None:
+def test_selector_goes_on_with_its_current_child(tmp_path: Path) -> None:
     stage = Edited(tmp_path, listed("selector", ("a", "F"), ("b", "RRF"), ("c", "S")))
     stage.ticked(2)
     seen = len(stage.events)
     stage.change(tmp_path, listed("selector", ("a", "F"), ("b", "RRF"), ("c", "RS")))
     stage.ticked(5)
-    said = [each for each in stage.since(seen) if not each.endswith(" INVALID")]
-    assert said == ["b SCRIPTED", "c RUNNING", "c SUCCESS"]
+    changes = [each for each in stage.since(seen) if not each.endswith(" INVALID")]
+    assert changes == ["b SCRIPTED", "c RUNNING", "c SUCCESS"]
 
 
-def test_a_parallel_starts_what_is_new(tmp_path: Path) -> None:
+def test_parallel_starts_new_children(tmp_path: Path) -> None:
     stage = Edited(tmp_path, listed("parallel", ("a", "S"), ("b", "RRRS")))
     stage.ticked(2)
     seen = len(stage.events)
@@ -142,7 +142,7 @@ def test_a_parallel_starts_what_is_new(tmp_path: Path) -> None:
         ("inverter: {child: {act: {script: RRRF}}}", "inverter: {child: {act: {script: RRRF}}}"),
     ],
 )
-def test_a_running_leaf_goes_on_below_another_definition(
+def test_running_leaf_goes_on_below_a_changed_parent(
     tmp_path: Path, before: str, after: str
 ) -> None:
     stage = Edited(tmp_path, before)
@@ -150,11 +150,11 @@ def test_a_running_leaf_goes_on_below_another_definition(
     seen = len(stage.events)
     stage.change(tmp_path, after)
     stage.ticked(4)
-    assert len(stage.since(seen)) == 1, "its end, and no halt before"
+    assert len(stage.since(seen)) == 1, "it ends without a halt"
     assert stage.status == "SUCCESS"
 
 
-def test_a_timeout_waits_anew_when_its_seconds_change(tmp_path: Path) -> None:
+def test_timeout_restarts_when_its_seconds_change(tmp_path: Path) -> None:
     stage = Edited(tmp_path, f"timeout: {{seconds: 4, child: {{act: {{script: {30 * 'R'}}}}}}}")
     stage.ticked(3)
     stage.change(tmp_path, f"timeout: {{seconds: 6, child: {{act: {{script: {30 * 'R'}}}}}}}")
@@ -164,7 +164,7 @@ def test_a_timeout_waits_anew_when_its_seconds_change(tmp_path: Path) -> None:
     assert stage.status == "FAILURE"
 
 
-def test_what_is_below_another_kind_or_name_begins_anew(tmp_path: Path) -> None:
+def test_children_of_another_node_type_start_again(tmp_path: Path) -> None:
     stage = Edited(tmp_path, listed("sequence", A, B))
     stage.ticked(2)
     seen = len(stage.events)
@@ -174,7 +174,7 @@ def test_what_is_below_another_kind_or_name_begins_anew(tmp_path: Path) -> None:
     assert stage.status == "SUCCESS"
 
 
-def test_a_new_leaf_reads_what_was_written_before(tmp_path: Path) -> None:
+def test_new_leaf_reads_values_written_before_the_reload(tmp_path: Path) -> None:
     tree = "sequence:\n  - set: {key: x, value: RS}\n  - act: {name: b, script: RRRR}\n"
     stage = Edited(tmp_path, tree)
     stage.ticked(2)
@@ -183,7 +183,7 @@ def test_a_new_leaf_reads_what_was_written_before(tmp_path: Path) -> None:
     assert stage.status == "SUCCESS"
 
 
-def test_a_tree_that_has_ended_stays_as_it_is(tmp_path: Path) -> None:
+def test_tree_that_has_ended_is_not_changed(tmp_path: Path) -> None:
     stage = Edited(tmp_path, listed("sequence", A))
     stage.ticked(2)
     stage.change(tmp_path, listed("sequence", B))
@@ -193,8 +193,8 @@ def test_a_tree_that_has_ended_stays_as_it_is(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_any_edit_at_any_time_keeps_the_tree_sound(tmp_path: Path, seed: int) -> None:
-    """Whatever is changed, whatever runs: it comes to an end, and nothing breaks."""
+def test_any_edit_at_any_time_keeps_the_tree_consistent(tmp_path: Path, seed: int) -> None:
+    """Whatever is changed and whatever runs, the tree ends without an error."""
     rng = np.random.default_rng(seed)
 
     def drawn() -> str:

@@ -1,4 +1,4 @@
-"""A slip of a skill's author is told to its author, and never passes for SUCCESS."""
+"""A programming mistake in a skill is reported to its author and never counts as SUCCESS."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from bt_dualarm.skill.skill import Skill
 from tests.behaviors.ticking import Stage
 
 HUGE = 10**5000
-"""No float holds it, and Python refuses to write it out: a summary with it would be lost."""
+"""Exceeds every float, and Python refuses to print it: a summary that contains it would be lost."""
 
 NO_PROGRESS: tuple[Any, ...] = (
     "half", "0.5", "", {}, [], (), [0.5], float("nan"), float("inf"), True, False, object(), b"1",
@@ -47,18 +47,18 @@ NO_SAMPLES: tuple[Any, ...] = (
 NO_CODE: tuple[Any, ...] = ("", "tired", "UNHEARD_OF", "HALTED", "SUCCESS", None, 7, Status.FAILURE)
 CODE: tuple[Any, ...] = ("TIRED", "UNREACHABLE", "BUSY")
 PHASES = (0, 2)
-"""Ticks before the slip: at once, and later."""
+"""Ticks before the mistake: at once, and later."""
 
 
 class Slipping(Skill):
-    """Makes one slip, after some ticks."""
+    """Makes one mistake after some ticks."""
 
     failures = {"TIRED": "the arm is tired"}  # noqa: RUF012 - as `Skill` declares it
-    slip: ClassVar[tuple[str, Any, int]]
+    mistake: ClassVar[tuple[str, Any, int]]
     closed = 0
 
     def run(self) -> Generator[Any, None, Any]:
-        kind, value, ticks = self.slip
+        kind, value, ticks = self.mistake
         try:
             for _ in range(ticks):
                 yield 0.1
@@ -85,7 +85,7 @@ class Slipping(Skill):
 
 
 def played(folder: Path, kind: str, value: object, ticks: int) -> tuple[Stage, type[Slipping]]:
-    skill = type("Slipping", (Slipping,), {"__doc__": "Slips.", "slip": (kind, value, ticks)})
+    skill = type("Slipping", (Slipping,), {"__doc__": "Slips.", "mistake": (kind, value, ticks)})
     stage = Stage(folder, "slipping", skill)
     for _ in range(ticks + 4):
         stage.tick()
@@ -93,13 +93,13 @@ def played(folder: Path, kind: str, value: object, ticks: int) -> tuple[Stage, t
 
 
 def named(value: object) -> str:
-    """As tests are told apart; an object's address would differ from run to run."""
+    """Test id of a value; an object's address would differ from run to run."""
     if isinstance(value, int) and abs(value) == HUGE:
         return "huge"
     return str(value) if isinstance(value, str | int | float) else type(value).__name__
 
 
-SLIPS = [
+MISTAKES = [
     *itertools.product(["yield", "note"], NO_PROGRESS, PHASES),
     *itertools.product(["return"], NO_RETURN, PHASES),
     *itertools.product(["metric"], NO_METRIC, PHASES),
@@ -110,11 +110,11 @@ SLIPS = [
 ]
 
 
-@pytest.mark.parametrize(("kind", "value", "ticks"), SLIPS, ids=named)
-def test_a_slip_fails_with_a_sentence_for_the_author(
+@pytest.mark.parametrize(("kind", "value", "ticks"), MISTAKES, ids=named)
+def test_mistake_fails_the_leaf_with_a_reason_for_the_author(
     kind: str, value: object, ticks: int, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """It names the skill and the place in its file; the skill has cleaned up, its arm is free."""
+    """The reason names the skill and the line; the skill has cleaned up and released its arm."""
     with caplog.at_level(logging.ERROR):
         stage, skill = played(tmp_path, kind, value, ticks)
     (report,) = stage.tree.leaves
@@ -127,15 +127,15 @@ def test_a_slip_fails_with_a_sentence_for_the_author(
     assert all(isinstance(name, str) for name in report.metrics)
 
 
-NO_SLIPS = [
+VALID = [
     *itertools.product(["yield", "note"], PROGRESS, PHASES),
     *itertools.product(["return"], RETURN, PHASES),
     *itertools.product(["metric"], METRIC, PHASES),
 ]
 
 
-@pytest.mark.parametrize(("kind", "value", "ticks"), NO_SLIPS, ids=named)
-def test_what_is_allowed_succeeds(
+@pytest.mark.parametrize(("kind", "value", "ticks"), VALID, ids=named)
+def test_valid_value_succeeds(
     kind: str, value: object, ticks: int, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     stage, _ = played(tmp_path, kind, value, ticks)
@@ -147,7 +147,7 @@ def test_what_is_allowed_succeeds(
 
 
 @pytest.mark.parametrize("code", CODE)
-def test_a_declared_or_standard_code_is_what_it_fails_with(code: str, tmp_path: Path) -> None:
+def test_leaf_fails_with_the_declared_or_standard_code(code: str, tmp_path: Path) -> None:
     stage, _ = played(tmp_path, "fail", code, 1)
     (report,) = stage.tree.leaves
     assert (report.status, report.code, report.reason) == ("FAILURE", code, "it could not be")

@@ -1,4 +1,4 @@
-"""A tree on a clock that the test moves, and its ticks as a table."""
+"""A tree on a clock that the test advances, and its ticks as a table."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ LETTERS = {"INVALID": "-", "RUNNING": "R", "SUCCESS": "S", "FAILURE": "F"}
 
 
 class Act(Skill):
-    """Does what its script says, a letter a tick; ``|`` separates the script of each start."""
+    """Follows its script, one letter per tick; ``|`` separates the scripts of its starts."""
 
     class Ports(PortModel):
         script: str = port(..., "R, S or F for each tick")
@@ -59,12 +59,12 @@ class Stage:
         starts: dict[str, list[int]] = {}
         act = type("Act", (Act,), {"__doc__": "Acts.", "starts": starts})
         self.skills: dict[str, type[Skill]] = {yaml_name(s): s for s in (act, *more)}
-        kinds = {name: kind_of(skill, "the test") for name, skill in self.skills.items()}
+        node_types = {name: kind_of(skill, "the test") for name, skill in self.skills.items()}
         file = folder / "tree.yaml"
         head = f"bt_dualarm: 1\n{self.head()}arms:\n{self.other_arms()}"
         head += "  arm1:\n    robot: ur5\n    tree:\n"
         file.write_text(head + indent(tree.strip("\n"), "      "))
-        self.tree = self.build(load_tree_file(file, kinds).arms["arm1"].tree)
+        self.tree = self.build(load_tree_file(file, node_types).arms["arm1"].tree)
 
     def head(self) -> str:
         """Sections of the file before its arms."""
@@ -94,7 +94,7 @@ class Stage:
         return SkillContext(path, arm, lambda: self.now, rng, log, record)
 
     def tick(self, seconds: float = 1.0) -> str:
-        """Tick, then let time pass; the letters of all nodes, parents before children."""
+        """Ticks, then advances time; returns the letters of all nodes, parents before children."""
         self.tree.tick()
         letters = self.letters
         self.now += seconds
@@ -122,7 +122,7 @@ class Cells:
         self.events: list[StatusChange] = []
         act = type("Act", (Act,), {"__doc__": "Acts.", "starts": {}})
         self.skills: dict[str, type[Skill]] = {yaml_name(act): act}
-        kinds = {name: kind_of(skill, "the test") for name, skill in self.skills.items()}
+        node_types = {name: kind_of(skill, "the test") for name, skill in self.skills.items()}
         text = f"bt_dualarm: 1\ncell:\n{indent(cell.strip(chr(10)), '  ')}\narms:\n"
         for arm, tree in trees.items():
             text += (
@@ -130,14 +130,14 @@ class Cells:
             )
         path = folder / "cell.yaml"
         path.write_text(text)
-        self.file = load_tree_file(path, kinds)
+        self.file = load_tree_file(path, node_types)
         self.cell = CellState(self.file.cell, lambda: self.now)
         self.trees: dict[str, ArmTree] = {}
         for arm in self.file.arms:
             self.spawn(arm)
 
     def spawn(self, arm: str) -> None:
-        """Put an arm into the world, with its tree at the beginning."""
+        """Spawns an arm with its tree at the beginning."""
         access = CellAccess(self.cell, arm)
 
         def context(path: str) -> SkillContext:
@@ -166,12 +166,12 @@ class Cells:
         self.cell.arm_back(arm)
 
     def remove(self, arm: str) -> None:
-        """Take an arm out of the world between two ticks."""
+        """Removes an arm from the world between two ticks."""
         self.trees.pop(arm).halt()
         self.cell.arm_gone(arm, f"was removed at {self.now:.2f} s")
 
     def tick(self) -> str:
-        """Tick all trees, then let time pass; the letters of all nodes, ``|`` between the arms."""
+        """Ticks all trees, then advances time; returns letters of all nodes, ``|`` between arms."""
         running = {arm: tree for arm, tree in self.trees.items() if not is_over(tree)}
         for arm, tree in running.items():
             tree.tick()
@@ -213,6 +213,6 @@ def _flat(view: NodeView) -> Iterator[NodeView]:
 
 
 def rows(table: str) -> list[str]:
-    """The rows of a table in a test: ``3 | R S -  # why`` without its number and remark."""
+    """Rows of a table in a test: ``3 | R S -  # why`` without its number and comment."""
     lines = [line.partition("#")[0].strip() for line in table.strip().splitlines()]
     return [line.partition("|")[2].strip() for line in lines if line]

@@ -29,12 +29,14 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_good_file_is_code_0(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_good_file_is_code_0(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.check([str(folder / "good.yaml")]) == 0
     assert capsys.readouterr().out == f"{folder / 'good.yaml'}: fine\n"
 
 
-def test_all_errors_of_all_files_are_told(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_all_errors_of_all_files_are_reported(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     files = [str(folder / f"{name}.yaml") for name in ("bad", "good", "warned")]
     assert cli.check(files) == 1
     out = capsys.readouterr().out
@@ -45,25 +47,23 @@ def test_all_errors_of_all_files_are_told(folder: Path, capsys: pytest.CaptureFi
     assert f"{files[2]}: 1 warning\n" in out
 
 
-def test_a_warning_alone_is_code_0(folder: Path) -> None:
+def test_warning_alone_is_code_0(folder: Path) -> None:
     assert cli.check([str(folder / "warned.yaml")]) == 0
 
 
-def test_json_is_for_programs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_json_output_lists_the_problems(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.check(["--json", str(folder / "bad.yaml")]) == 1
     first, second = json.loads(capsys.readouterr().out)
     assert (first["line"], first["column"], first["severity"]) == (3, 16, "error")
     assert "ur55" in second["message"]
 
 
-def test_a_file_that_is_not_there_is_code_2(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_missing_file_is_code_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.check([str(tmp_path / "nothing.yaml")]) == 2
     assert "bt-check: error:" in capsys.readouterr().err
 
 
-def test_a_shipped_tree_is_found_by_its_name(capsys: pytest.CaptureFixture[str]) -> None:
+def test_shipped_tree_is_found_by_its_name(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.check(["circle"]) == 0
     assert capsys.readouterr().out.endswith("circle.yaml: fine\n")
 
@@ -83,7 +83,7 @@ def test_bt_run_warns_before_it_runs(folder: Path, capsys: pytest.CaptureFixture
     assert "warning: reach_to_pose: to: out of reach of arm1" in capsys.readouterr().err
 
 
-def test_a_dry_run_draws_all_trees_and_ticks_none(capsys: pytest.CaptureFixture[str]) -> None:
+def test_dry_run_draws_all_trees_and_ticks_none(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.run(["spawn_and_command", "--dry-run", "--ascii"]) == 0
     out, _ = capsys.readouterr()
     for arm in ("arm1", "arm2", "arm3", "arm4"):

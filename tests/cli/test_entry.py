@@ -1,4 +1,4 @@
-"""What can happen to any command: Ctrl-C at any moment, an output closed, full or unread."""
+"""Commands handle signals at any time and output that is closed, full or unread."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ COMMANDS = {
     "bt-experiments": ("experiments", "--help"),
 }
 CODES = dict.fromkeys(COMMANDS, 0) | {"bt-run": 1, "bt-tune-color": 1}
-"""1: the duration is over before the motion is, and nothing of the color is seen at the start."""
+"""1: the duration ends before the motion, and no object of the color is seen at the start."""
 
 MOMENTS = np.random.default_rng(7).uniform(0.0, 1.0, (2, len(COMMANDS)))
-"""Seconds from when a program listens: while it imports, computes, prints. What it does then hangs
-on the machine, what is to come of it does not."""
+"""Time from when a program handles signals, s: it then imports, computes or prints. Which of them
+depends on the machine, the expected result does not."""
 
 
 def command(name: str) -> list[str]:
@@ -66,7 +66,7 @@ SIGNALLED = some(
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "number", "moment"), SIGNALLED)
-def test_a_signal_ends_a_command_without_a_traceback(
+def test_signal_ends_a_command_without_a_traceback(
     name: str, number: signal.Signals, moment: float
 ) -> None:
     with subprocess.Popen(
@@ -75,25 +75,25 @@ def test_a_signal_ends_a_command_without_a_traceback(
         wait_until_it_listens(process)
         time.sleep(moment)
         process.send_signal(number)
-        said, complaint = process.communicate()
-    assert "Traceback" not in said + complaint
-    assert "Exception ignored" not in complaint
-    assert process.returncode in (128 + number, CODES[name]), complaint  # the latter: it was done
+        out, err = process.communicate()
+    assert "Traceback" not in out + err
+    assert "Exception ignored" not in err
+    assert process.returncode in (128 + number, CODES[name]), err  # the latter: it had finished
 
 
 @pytest.mark.parametrize(
     ("name", "number"),
     some([*itertools.product(["bt-skills"], STOPPING), ("bt-experiments", 15)], 2),
 )
-def test_a_signal_that_comes_first_of_all(name: str, number: int) -> None:
-    """While nothing is imported; one that is ignored, as ``nohup`` and ``&`` have it, stays so."""
+def test_signal_before_the_imports_ends_a_command_unless_ignored(name: str, number: int) -> None:
+    """A signal that is ignored from the start, as by ``nohup`` and ``&``, stays ignored."""
     with subprocess.Popen(
         command(name), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
         wait_until_it_listens(process)
         process.send_signal(number)
-        said, complaint = process.communicate()
-    assert (process.returncode, said, complaint) == (128 + number, "", "")
+        out, err = process.communicate()
+    assert (process.returncode, out, err) == (128 + number, "", "")
     function, *arguments = COMMANDS[name]
     ignoring = f"{PROGRAM}signal.signal({number:d}, signal.SIG_IGN); "
     code = f"{ignoring}import os; os.kill(os.getpid(), {number:d}); sys.exit(cli.{function}())"
@@ -103,8 +103,8 @@ def test_a_signal_that_comes_first_of_all(name: str, number: int) -> None:
     assert done.returncode == 0
 
 
-def test_a_second_signal_ends_a_command_that_takes_no_notice_of_the_first(tmp_path: Path) -> None:
-    """A file of skills that never gets imported, and keeps what would end it to itself."""
+def test_second_signal_ends_a_command_that_ignores_the_first(tmp_path: Path) -> None:
+    """A file of skills whose import never ends catches all exceptions."""
     (tmp_path / "hung.py").write_text(
         "import pathlib, time\n"
         "while True:\n"
@@ -144,7 +144,7 @@ def test_threads_of_skills_do_not_keep_a_command_alive(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", some(COMMANDS, 3))
-def test_a_full_disk_is_told(name: str) -> None:
+def test_full_disk_is_reported(name: str) -> None:
     done = in_shell(name, "> /dev/full")
     assert f"{name}: error: cannot write the output: No space left on device" in done.stderr
     assert "Traceback" not in done.stderr
@@ -154,14 +154,14 @@ def test_a_full_disk_is_told(name: str) -> None:
 @pytest.mark.parametrize(
     ("redirection", "name"), some(itertools.product(["<&- >&- 2>&-", "| true"], COMMANDS), 4)
 )
-def test_an_output_that_nobody_reads_changes_nothing(name: str, redirection: str) -> None:
+def test_closed_or_unread_output_changes_no_exit_code(name: str, redirection: str) -> None:
     done = in_shell(name, f"{redirection}; exit ${{PIPESTATUS[0]}}")
     assert "Traceback" not in done.stderr
     assert done.returncode == CODES[name]
 
 
-def test_a_write_error_keeps_nothing_of_the_command() -> None:
-    """Its traceback would keep a run past the exit, where the libraries complain about leaks."""
+def test_write_error_is_kept_without_its_traceback() -> None:
+    """A traceback would keep the run alive past the exit, where libraries report leaks."""
     with open("/dev/full", "w") as full:  # noqa: PTH123 - a device
         stream = SafeStream(full)
         stream.write("lost")
@@ -171,7 +171,7 @@ def test_a_write_error_keeps_nothing_of_the_command() -> None:
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
-def test_characters_that_an_encoding_lacks_are_written_out(encoding: str) -> None:
+def test_characters_that_an_encoding_lacks_are_escaped(encoding: str) -> None:
     written = io.BytesIO()
     stream = SafeStream(io.TextIOWrapper(written, encoding))
     stream.write("turns \u2265 1, ")
@@ -181,18 +181,18 @@ def test_characters_that_an_encoding_lacks_are_written_out(encoding: str) -> Non
     assert written.getvalue().decode(encoding) == f"turns \\u2265 1, 90{degree}\n"
 
 
-def test_with_closed_streams_a_record_is_whole(tmp_path: Path) -> None:
-    """A file that is opened while standard output is closed would take its number."""
+def test_record_is_complete_with_closed_streams(tmp_path: Path) -> None:
+    """A file opened while standard output is closed would get its file descriptor."""
     done = in_shell("bt-run", f"--record {tmp_path} <&- >&- 2>&-")
-    assert done.returncode == 1, "the duration was over first"
+    assert done.returncode == 1, "the duration ended first"
     assert json.loads((tmp_path / "summary.json").read_text())["outcome"] == "UNFINISHED"
     for name in ("overview.png", "scene.png"):
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize("display", some(["live", "log", "quiet"], 3))
-def test_a_terminal_that_is_closed_takes_no_record_along(tmp_path: Path, display: str) -> None:
-    """The shell sends SIGHUP, and whatever is printed from then on fails."""
+def test_record_is_complete_after_the_terminal_is_closed(tmp_path: Path, display: str) -> None:
+    """The shell sends SIGHUP, and all later output fails."""
     ours, theirs = os.openpty()
     arguments = ("circle", "--real-time", "--display", display, "--record", str(tmp_path / "out"))
     with subprocess.Popen(
@@ -212,8 +212,8 @@ def test_a_terminal_that_is_closed_takes_no_record_along(tmp_path: Path, display
     assert (summary["ending"], summary["at_rest"]) == ("a stop was requested", True)
 
 
-def test_where_hanging_up_is_ignored_it_stays_ignored(tmp_path: Path) -> None:
-    """As ``nohup`` has it."""
+def test_ignored_sighup_stays_ignored(tmp_path: Path) -> None:
+    """``nohup`` ignores SIGHUP."""
     command = ["nohup", sys.executable, "-c", BT_RUN_UNDRAWN]
     arguments = ("circle", "--duration", "0.5", "--real-time", "--record", str(tmp_path / "out"))
     with subprocess.Popen([*command, *arguments], stdout=subprocess.DEVNULL) as process:
@@ -224,8 +224,8 @@ def test_where_hanging_up_is_ignored_it_stays_ignored(tmp_path: Path) -> None:
     assert summary["ending"] == "the requested duration has passed"
 
 
-def test_a_last_resort_is_none_outside_of_its_block() -> None:
-    """A run that was closed after it started another monitor process, which nobody ended."""
+def test_process_end_arms_no_timer_outside_its_block() -> None:
+    """A run closed after the block used to start another monitor process, which never ended."""
     end = ProcessEnd("bt-run", StopRequest())
     end.postpone(60.0)
     assert signal.getitimer(signal.ITIMER_VIRTUAL) == (0.0, 0.0)
@@ -239,14 +239,14 @@ def test_a_last_resort_is_none_outside_of_its_block() -> None:
 def test_two_threads_that_postpone_the_end_start_one_monitor(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """The watchdog's thread and the one that it watches: the first monitor was never ended."""
+    """The watchdog's thread and its target used to start two, the first of which never ended."""
     started = []
     both = threading.Barrier(2)
 
     def slowly() -> types.SimpleNamespace:
         started.append(threading.get_ident())
         with contextlib.suppress(threading.BrokenBarrierError):
-            both.wait(0.2)  # the second thread comes here at once, or not at all
+            both.wait(0.2)  # the second thread gets here at once or never
         return types.SimpleNamespace(stdin=None, wait=lambda: 0)
 
     monkeypatch.setattr(entry, "_started_monitor", slowly)

@@ -1,4 +1,4 @@
-"""``bt-experiments`` as it is typed."""
+"""The command ``bt-experiments``."""
 
 from __future__ import annotations
 
@@ -32,15 +32,15 @@ ONE = ("--case", "circle", "--speed", "1", "--controller", "predictive")
 
 @pytest.mark.slow
 def test_one_cell_writes_its_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The hardest circle by prediction: below 1 mm RMS, nothing lost, no report unasked.
+    """The fastest circle with prediction has an RMS below 1 mm, no loss and no unrequested report.
 
-    It is the command of a page.
+    The command is that of a documentation page.
     """
     file = tmp_path / "cell.json"
     monkeypatch.chdir(tmp_path)
     assert main(ONE_CELL.split()[1:]) == 0
     content = json.loads(file.read_text(encoding="utf-8"))
-    assert content["renderer"] == "ray", "which every machine has"
+    assert content["renderer"] == "ray", "available on every machine"
     assert content["outcome"] == ["SUCCESS"]
     assert content["yz_rms_m"][0] < 1e-3
     assert content["yz_max_m"][0] < 3e-3
@@ -49,21 +49,21 @@ def test_one_cell_writes_its_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize(
-    ("asked", "seen"), [((), ["ray"]), (("--renderer", "both"), ["ray", "gl"])]
+    ("options", "expected"), [((), ["ray"]), (("--renderer", "both"), ["ray", "gl"])]
 )
-def test_rays_unless_opengl_is_asked_for(
-    asked: tuple[str, ...], seen: list[str], monkeypatch: pytest.MonkeyPatch
+def test_renderer_is_ray_unless_another_is_given(
+    options: tuple[str, ...], expected: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """On every machine alike, whether OpenGL works there or not."""
+    """The choice is the same on every machine, whether OpenGL works there or not."""
     monkeypatch.setattr(renderers, "choose_renderer", lambda kind: kind)
-    cells = cells_of(command_line().parse_args(["--case", "circle", *asked]))
-    assert list(dict.fromkeys(cell.renderer for cell in cells)) == seen
+    cells = cells_of(command_line().parse_args(["--case", "circle", *options]))
+    assert list(dict.fromkeys(cell.renderer for cell in cells)) == expected
 
 
-def test_opengl_that_is_missing_is_said_before_anything_runs(
+def test_missing_opengl_is_reported_before_anything_runs(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """And not after the half that is seen by rays."""
+    """The report does not come after the half with rays."""
 
     def missing(kind: str) -> None:
         raise RendererError(f"no {kind} here")
@@ -74,29 +74,29 @@ def test_opengl_that_is_missing_is_said_before_anything_runs(
     assert "no gl here" in capsys.readouterr().err
 
 
-def test_a_curve_that_is_not_there_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+def test_unknown_curve_is_reported(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--case", "drawn"]) == 2
     assert "see --untuned" in capsys.readouterr().err
 
 
-def test_settings_that_the_file_refuses_are_said(capsys: pytest.CaptureFixture[str]) -> None:
+def test_invalid_settings_are_reported(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--case", "circle", "--speed", "7"]) == 2
     assert "speed" in capsys.readouterr().err
 
 
 @pytest.fixture
 def no_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing may be run."""
+    """Fails the test if anything is run."""
     monkeypatch.setattr(report, "run_all", lambda *_: pytest.fail("it was run"))
 
 
 @pytest.mark.usefixtures("no_run")
 @pytest.mark.parametrize("option", ["--out", "--json"])
 @pytest.mark.parametrize("place", ["a file", "below a file", "of the system", "a folder"])
-def test_what_cannot_be_written_is_said_before_anything_runs(
+def test_unwritable_target_is_reported_before_anything_runs(
     option: str, place: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A report's folder that is a file, a file's that is a folder; and where nobody may write."""
+    """A target is a file where a folder is needed, the reverse, or at a place without access."""
     (tmp_path / "file").touch()
     (tmp_path / "folder").mkdir()
     target = {
@@ -106,10 +106,10 @@ def test_what_cannot_be_written_is_said_before_anything_runs(
         "a folder": tmp_path / "folder" if option == "--json" else tmp_path / "file",
     }[place]
     assert main([*ONE, option, str(target)]) == 2
-    said = capsys.readouterr().err
-    assert said.startswith("bt-experiments: error: cannot write ")
-    assert said.count("\n") == 1
-    assert str(target if place == "a folder" else target.parent) in said
+    err = capsys.readouterr().err
+    assert err.startswith("bt-experiments: error: cannot write ")
+    assert err.count("\n") == 1
+    assert str(target if place == "a folder" else target.parent) in err
 
 
 @pytest.mark.usefixtures("no_run")
@@ -118,7 +118,7 @@ def test_what_cannot_be_written_is_said_before_anything_runs(
     [("--fps", "0"), ("--fps", "nan"), ("--fps", "-60"), ("--out", ""), ("--json", " "),
      ("--jobs", "0"), ("--seeds", "many")],
 )  # fmt: skip
-def test_arguments_that_make_no_sense_are_said(
+def test_invalid_arguments_are_reported(
     arguments: tuple[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as ended:
@@ -127,10 +127,10 @@ def test_arguments_that_make_no_sense_are_said(
     assert f"argument {arguments[0]}: " in capsys.readouterr().err
 
 
-def test_a_disk_that_is_full_at_the_end_leaves_the_numbers(
+def test_full_disk_at_the_end_leaves_the_numbers(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The table is on the terminal, the numbers are in their file, and the exit code says it."""
+    """The table is printed, the numbers are in their file, and the exit code is 1."""
 
     def fail(folder: Path, results: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(folder))
@@ -141,14 +141,14 @@ def test_a_disk_that_is_full_at_the_end_leaves_the_numbers(
     numbers = tmp_path / "numbers.json"
     folder = tmp_path / "report"
     assert main([*ONE, "--json", str(numbers), "--out", str(folder)]) == 1
-    out, said = capsys.readouterr()
+    out, err = capsys.readouterr()
     assert "circle 1" in out
-    assert said == f"bt-experiments: error: cannot write {folder}: No space left on device\n"
+    assert err == f"bt-experiments: error: cannot write {folder}: No space left on device\n"
     assert json.loads(numbers.read_text(encoding="utf-8"))["case"] == "circle"
 
 
 def descendants(process: int) -> Iterator[int]:
-    """Numbers of all processes below one, on Linux."""
+    """Ids of all descendants of a process, on Linux."""
     with suppress(OSError):  # one of them has ended meanwhile
         for task in Path(f"/proc/{process}/task").iterdir():
             for child in map(int, (task / "children").read_text(encoding="utf-8").split()):
@@ -159,7 +159,7 @@ def descendants(process: int) -> Iterator[int]:
 @pytest.mark.slow
 @pytest.mark.parametrize("number", some([signal.SIGINT, signal.SIGTERM, signal.SIGKILL], 2))
 def test_no_process_is_left_behind(number: signal.Signals, tmp_path: Path) -> None:
-    """Two that run experiments, and those that these need, end with the one that is ended."""
+    """Worker processes and their helpers end with the main process."""
     code = "import sys; import bt_dualarm.cli as cli; sys.exit(cli.experiments())"
     options = "--case lissajous --speed 0.05 --seeds 4 --jobs 2 --out"
     command = [sys.executable, "-c", code, *options.split(), str(tmp_path / "out")]
@@ -168,16 +168,16 @@ def test_no_process_is_left_behind(number: signal.Signals, tmp_path: Path) -> No
         assert process.stderr.readline() == "8 runs\n"
         deadline = time.monotonic() + 60
         while len(below := set(descendants(process.pid))) < 3:
-            assert time.monotonic() < deadline, "two workers, and what watches over them"
+            assert time.monotonic() < deadline, "two workers and the process that monitors them"
         watched = []
         for child in below:
             with suppress(ProcessLookupError):
                 watched.append(os.pidfd_open(child))
         process.send_signal(number)
-        said = process.communicate(timeout=60)[1]
+        err = process.communicate(timeout=60)[1]
     assert process.returncode == (-number if number == signal.SIGKILL else 128 + number)
     if number != signal.SIGKILL:
-        assert said == "bt-experiments: interrupted: 0 of 2 experiments are complete\n"
+        assert err == "bt-experiments: interrupted: 0 of 2 experiments are complete\n"
     for child in watched:
         assert select.select([child], [], [], 20)[0], "it has ended"
         os.close(child)

@@ -1,4 +1,4 @@
-"""Python with its optimizations on: no assertions, no docstrings; trees run all the same."""
+"""Trees run the same in Python with optimizations, which strip assertions and docstrings."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ arms:
 
 @pytest.mark.skipif(not WHOLE, reason="compiles all modules again: part of `make matrix`")
 def test_python_without_docstrings_runs_the_same(tmp_path: Path, bt_run_here: BtRun) -> None:
-    """The same bits, no skill is refused for what ``-OO`` has stripped, and no kernel compiled."""
+    """The states are equal, no skill is refused for a stripped docstring, no kernel is compiled."""
     (tmp_path / "tree.yaml").write_text(TREE)
     compile_kernels()
     plain = bt_run_here(tmp_path / "tree.yaml")

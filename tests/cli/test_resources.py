@@ -1,4 +1,4 @@
-"""What a command takes it gives back: memory, open files, processes, threads."""
+"""Commands release their memory, open files, processes and threads."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from tests.cli.test_entry import COMMANDS
 from tests.families import some
 
 RUNS = (3, 4)
-"""Times that a command is run before it is looked at, as caches fill, and again after that."""
+"""Number of runs before the first measurement, while caches fill, and before the second one."""
 
 MOST_MB = 8.0
-"""Memory that those after may leave behind. A picture, a model or a record that was not given back
-would come to more in four runs."""
+"""Memory that the second runs may leave behind. An image, a model or a record that is not released
+would exceed it in four runs."""
 
 AT_ONCE = {
     "MALLOC_MMAP_THRESHOLD_": "65536",
     "MALLOC_TRIM_THRESHOLD_": "65536",
     "MALLOC_ARENA_MAX": "1",
 }
-"""Has the C library give back what is freed, so that what stays is what was kept."""
+"""Makes the C library return freed memory at once, so that the remaining memory is in use."""
 
 PROGRAM = f"""
 import contextlib, gc, io, json, os, sys, threading
@@ -54,8 +54,8 @@ print(json.dumps(found))
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", some(COMMANDS, 3))
-def test_a_command_leaves_nothing_behind(name: str) -> None:
-    """As often as it is run in one process."""
+def test_command_releases_its_resources(name: str) -> None:
+    """Repeated runs in one process need no more files, processes, threads or memory."""
     command = [sys.executable, "-c", PROGRAM, *COMMANDS[name]]
     done = subprocess.run(command, capture_output=True, text=True, env=os.environ | AT_ONCE)
     assert done.returncode == 0, done.stderr
@@ -68,8 +68,8 @@ def test_a_command_leaves_nothing_behind(name: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("megabytes", [300, 600])
-def test_too_little_address_space_is_told_in_a_line(megabytes: int) -> None:
-    """Libraries that cannot be mapped raise errors of many kinds, or find no memory later."""
+def test_too_little_address_space_is_reported_in_one_line(megabytes: int) -> None:
+    """Otherwise libraries that cannot be mapped raise various errors or run out of memory later."""
     limit = f"resource.setrlimit(resource.RLIMIT_AS, ({megabytes * 10**6}, -1))"
     run = "import bt_dualarm.cli as cli, sys; sys.exit(cli.run(['circle', '--duration', '0.1']))"
     command = [sys.executable, "-c", f"import resource; {limit}; {run}"]

@@ -1,4 +1,4 @@
-"""``bt-robot`` as a user types it: from a URDF to a page that a tree file can name."""
+"""The command ``bt-robot``: from a URDF to a robot description that a tree file can use."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from tests.robots.small_arm import URDF
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Where the user stands, with the small arm's URDF."""
+    """Working directory with the URDF of a small arm."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "small.urdf").write_text(URDF, encoding="utf-8")
     return tmp_path
@@ -36,7 +36,7 @@ def test_chains_are_listed(folder: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert "2 joints: shoulder, elbow" in out
 
 
-def test_a_page_is_written_that_can_be_used(
+def test_robot_description_is_written_and_can_be_loaded(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     arguments = ["small.urdf", "--base", "base", "--tool", "flange"]
@@ -48,8 +48,8 @@ def test_a_page_is_written_that_can_be_used(
     assert capsys.readouterr().out == (folder / "arm.yaml").read_text(encoding="utf-8")
 
 
-def test_what_is_guessed_is_said_to_be(folder: Path) -> None:
-    """A URDF without velocities and efforts: the page has some, each with where it comes from."""
+def test_guessed_limits_are_marked_as_guessed(folder: Path) -> None:
+    """For a URDF without velocities and efforts, the description has limits with their source."""
     urdf = URDF.replace('velocity="2" effort="20"', "").replace('velocity="2" effort="40"', "")
     (folder / "small.urdf").write_text(urdf, encoding="utf-8")
     arguments = ["small.urdf", "--base", "base", "--tool", "flange", "--out", "arm.yaml"]
@@ -77,7 +77,9 @@ WRONG = {
 
 
 @pytest.mark.parametrize("what", WRONG)
-def test_what_is_wrong_is_said(what: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_arguments_are_reported(
+    what: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     arguments, expected = WRONG[what]
     (folder / "old.yaml").write_text("old", encoding="utf-8")
     assert cli.robot(arguments) == 2
@@ -85,7 +87,9 @@ def test_what_is_wrong_is_said(what: str, folder: Path, capsys: pytest.CaptureFi
     assert (folder / "old.yaml").read_text(encoding="utf-8") == "old"
 
 
-def test_a_broken_urdf_says_where(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_broken_urdf_is_reported_with_its_place(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (folder / "small.urdf").write_text(URDF.replace('"1.0"', '"-1"'), encoding="utf-8")
     assert cli.robot(["small.urdf", "--base", "base", "--tool", "flange"]) == 2
     assert "small.urdf:19:20: error: <mass> value: must be from 0" in capsys.readouterr().err
@@ -95,15 +99,19 @@ REFUSED = (
     "double_pendulum.urdf", "double_pendulum_simple.urdf", "quadruped.urdf",  # turn from 0 to 0
     "human.urdf", "icub.urdf", "icub_reduced.urdf",  # moving links without mass or inertia
     "simple_humanoid.urdf", "simple_humanoid_classical.urdf",  # no shapes
-    "anymal_c_simple_description/urdf/anymal.urdf",  # a leg; its base has the name of a joint
+    "anymal_c_simple_description/urdf/anymal.urdf",  # a leg; its base is named like a joint
 )  # fmt: skip
-"""What has chains of joints, none of which is an arm for us; the message says why."""
+"""URDFs whose chains are no usable arms; the message gives the reason."""
 
 NOT_READ = {"iris.urdf", "iris_simple.urdf", "romeo_laas_small.urdf", "ur3.urdf"}
-"""Names with a slash; no links."""
+"""Have names with a slash, or no links."""
 
-IN_ITS_STAND = ("hextilt_flying_arm_5.urdf", "allegro_left_hand.urdf", "allegro_right_hand.urdf")
-"""Hangs below a drone, or has fingers below the palm: on a pedestal it has no free way."""
+COLLIDES_WITH_PEDESTAL = (
+    "hextilt_flying_arm_5.urdf",
+    "allegro_left_hand.urdf",
+    "allegro_right_hand.urdf",
+)
+"""Hang below a drone or have fingers below the palm: no path is free on a pedestal."""
 
 TREE = """\
 bt_dualarm: 1
@@ -122,7 +130,7 @@ arms:
 
 
 def chain_of(path: Path) -> ArmChain | None:
-    """The chain that is most likely an arm, if there is one."""
+    """The chain that is most likely an arm, or None."""
     found = [chain for chain in arm_chains(read_urdf(path)) if chain.rank[0] <= 0]
     return found[0] if found else None
 
@@ -135,12 +143,12 @@ def urdfs() -> list[Path]:
 @pytest.mark.slow
 @pytest.mark.parametrize("urdf", urdfs(), ids=lambda path: path.stem)
 def test_every_arm_of_example_robot_data(urdf: Path, tmp_path: Path, registry: Registry) -> None:
-    """A first page is written, and the arm moves by it; or the reason stands with its line."""
+    """An arm moves by the written description, or is refused with a reason and its line."""
     chain = chain_of(urdf)
     assert chain is not None
     name = str(urdf.relative_to(robot_data_dir()))
-    page = tmp_path / "arm.yaml"
-    arguments = [name, "--base", chain.base, "--tool", chain.tool, "--out", str(page)]
+    description = tmp_path / "arm.yaml"
+    arguments = [name, "--base", chain.base, "--tool", chain.tool, "--out", str(description)]
     if str(urdf).endswith(REFUSED):
         with pytest.raises(DescriptionError, match=r"\.urdf:\d+:\d+: error"):
             main(arguments)
@@ -157,5 +165,5 @@ def test_every_arm_of_example_robot_data(urdf: Path, tmp_path: Path, registry: R
     with Run(checked.runnable(), registry, RunOptions(duration=60.0)) as run:
         result = run.finish()
     leaves = result.arms["arm1"].leaves.values()
-    if not str(urdf).endswith(IN_ITS_STAND):
+    if not str(urdf).endswith(COLLIDES_WITH_PEDESTAL):
         assert [leaf.reason for leaf in leaves if leaf.status != "SUCCESS"] == []

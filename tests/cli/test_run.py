@@ -1,4 +1,4 @@
-"""The command as a user types it: what it prints, what it leaves behind, how it ends."""
+"""The command ``bt-run``: its output, its record and its exit code."""
 
 from __future__ import annotations
 
@@ -58,14 +58,14 @@ def test_success_is_code_0(waiting: Path, capsys: pytest.CaptureFixture[str]) ->
     assert err == ""
 
 
-def test_an_unfinished_tree_is_code_1(waiting: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_unfinished_tree_is_code_1(waiting: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.run([str(waiting), "--duration", "0.05"]) == 1
     out = capsys.readouterr().out
     assert "UNFINISHED" in out
     assert "The requested duration has passed." in out
 
 
-def test_a_failed_tree_is_code_1_and_quiet_still_says_why(
+def test_failed_tree_is_code_1_and_quiet_still_prints_the_reason(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "skills").mkdir()
@@ -82,39 +82,41 @@ def test_a_failed_tree_is_code_1_and_quiet_still_says_why(
     assert "Traceback" in (tmp_path / "out" / "run.log").read_text()
 
 
-def test_quiet_success_says_nothing(waiting: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_quiet_success_prints_nothing(waiting: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.run([str(waiting), "--display", "quiet"]) == 0
     assert capsys.readouterr() == ("", "")
 
 
-def test_ascii_is_ascii(waiting: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_ascii_output_is_ascii(waiting: Path, capsys: pytest.CaptureFixture[str]) -> None:
     cli.run([str(waiting), "--ascii"])
     assert capsys.readouterr().out.isascii()
 
 
-def test_nobody_waits_for_pictures_to_hear_how_it_went(
+def test_outcome_is_printed_before_images_are_drawn(
     waiting: Path,
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    said: list[str] = []
+    printed: list[str] = []
     write = Run.write_record
 
     def noting(opened: Run) -> None:
         # The line breaks where the path of the record makes it too long.
-        said.append(" ".join(capsys.readouterr().out.split()))
+        printed.append(" ".join(capsys.readouterr().out.split()))
         write(opened)
 
     monkeypatch.setattr(Run, "write_record", noting)
     assert cli.run([str(waiting), "--record", str(tmp_path / "out")]) == 0
-    assert "SUCCESS waiting" in said[0]
-    assert "its figures are being drawn" in said[0]
+    assert "SUCCESS waiting" in printed[0]
+    assert "its figures are being drawn" in printed[0]
     assert (tmp_path / "out" / "overview.png").is_file()
 
 
 @pytest.mark.usefixtures("without_pictures")
-def test_the_record(waiting: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_record_has_summary_and_events(
+    waiting: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     folder = tmp_path / "deep" / "out"
     assert cli.run([str(waiting), "--record", str(folder), "--seed", "7"]) == 0
     assert f"record: {folder}" in capsys.readouterr().out.replace("\n", "")
@@ -129,7 +131,7 @@ def test_the_record(waiting: Path, tmp_path: Path, capsys: pytest.CaptureFixture
 
 
 @pytest.mark.usefixtures("without_pictures")
-def test_equal_seeds_run_alike(waiting: Path, tmp_path: Path) -> None:
+def test_runs_with_equal_seeds_are_identical(waiting: Path, tmp_path: Path) -> None:
     hashes = set()
     for number in "12":
         cli.run([str(waiting), "--display", "quiet", "--record", str(tmp_path / number)])
@@ -138,7 +140,7 @@ def test_equal_seeds_run_alike(waiting: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
         (["pick_and_trak"], "did you mean 'pick_and_track'?"),
         (["no/such/file.yaml"], "there is no such file"),
@@ -148,17 +150,17 @@ def test_equal_seeds_run_alike(waiting: Path, tmp_path: Path) -> None:
         (["circle", "--param", "sped=1"], "sped"),
     ],
 )
-def test_what_cannot_be_used_is_code_2(
-    arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]
+def test_unusable_argument_is_code_2(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert cli.run(arguments) == 2
     out, err = capsys.readouterr()
-    assert says in err
+    assert message in err
     assert out == ""
     assert "Traceback" not in err
 
 
-def test_a_bad_file_is_code_2_with_its_places(
+def test_bad_file_is_code_2_with_the_places_of_its_errors(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     tree = tmp_path / "bad.yaml"
@@ -168,7 +170,7 @@ def test_a_bad_file_is_code_2_with_its_places(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
         ([], "no tree file given"),
         (["circle", "--seed", "-1"], "'-1' is not a whole number"),
@@ -182,15 +184,15 @@ def test_a_bad_file_is_code_2_with_its_places(
     ],
 )
 def test_wrong_usage_is_code_2(
-    arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as ended:
         cli.run(arguments)
     assert ended.value.code == 2
-    assert says in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
-def test_the_shipped_trees_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+def test_shipped_trees_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.run(["--list"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines] == [tree.name for tree in shipped_trees()]
@@ -198,30 +200,30 @@ def test_the_shipped_trees_are_listed(capsys: pytest.CaptureFixture[str]) -> Non
 
 
 @pytest.mark.parametrize("given", ["circle", "circle.yaml", "trees/circle.yaml", "trees/circle"])
-def test_a_shipped_tree_is_found_from_any_folder(
+def test_shipped_tree_is_found_from_any_folder(
     given: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert find_tree(given) == share_dir("trees") / "circle.yaml"
 
 
-def test_a_file_of_the_user_comes_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_file_of_the_user_takes_precedence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "circle").write_text("")
     assert find_tree("circle") == Path("circle")
 
 
 @pytest.mark.parametrize("given", ["../LICENSE", "/etc/passwd.yaml", "", "\0"])
-def test_nothing_else_is_found(given: str) -> None:
+def test_files_outside_the_shipped_trees_are_not_found(given: str) -> None:
     with pytest.raises(NoSuchTree):
         find_tree(given)
 
 
 @pytest.mark.parametrize("command", [name for name in cli.__all__ if name != "experiments"])
-def test_help_is_there_at_once(command: str) -> None:
-    """Whoever asks for help waits for no simulator: nothing heavy is imported.
+def test_help_imports_nothing_heavy(command: str) -> None:
+    """Help needs no simulator.
 
-    But by ``bt-experiments``, which names its curves and conditions in its help.
+    The exception is ``bt-experiments``, which lists its curves and conditions in its help.
     """
     code = (
         "import sys, bt_dualarm.cli\n"
@@ -236,7 +238,7 @@ def test_help_is_there_at_once(command: str) -> None:
 
 @pytest.fixture(scope="module")
 def imported() -> str:
-    """What a fresh process says that it has imported, after a plain run and one along a path."""
+    """Modules that a new process has imported after a plain run and after one along a path."""
     code = (
         "import sys, bt_dualarm.cli, bt_dualarm.runtime.api\n"
         "print('TO PRINT', 'rich' in sys.modules)\n"
@@ -252,31 +254,31 @@ def imported() -> str:
     return done.stdout
 
 
-def test_a_run_begins_without_what_it_does_not_use(imported: str) -> None:
-    """Each of these takes 0.1 to 0.5 s to import: as much as all of the start of a plain run."""
+def test_run_starts_without_unused_modules(imported: str) -> None:
+    """Each of these takes 0.1 to 0.5 s to import, as long as the whole start of a plain run."""
     assert "SLOW []" in imported
 
 
-def test_a_run_from_python_prints_nothing(imported: str) -> None:
-    """Workers of sweeps need no rich."""
+def test_run_from_python_does_not_import_rich(imported: str) -> None:
+    """Workers of sweeps print nothing."""
     assert "TO PRINT False" in imported
 
 
-def test_a_run_imports_the_skills_of_its_tree_alone(imported: str) -> None:
+def test_run_imports_only_the_skills_of_its_tree(imported: str) -> None:
     assert "SKILLS ['reach_to_pose']" in imported
 
 
-def test_a_run_along_a_path_needs_no_more(imported: str) -> None:
-    """Splines and rotations are the package's own, and nothing is plotted without a record."""
+def test_run_along_a_path_needs_no_other_modules(imported: str) -> None:
+    """The package has its own splines and rotations, and plots nothing without a record."""
     assert "ON A PATH []" in imported
 
 
-def test_the_version_is_the_package_s(capsys: pytest.CaptureFixture[str]) -> None:
+def test_version_is_that_of_the_package(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.run(["--version"]) == 0
     assert capsys.readouterr().out.startswith("bt-run 0.")
 
 
-def test_a_reader_that_goes_away_does_not_stop_the_run(waiting: Path, tmp_path: Path) -> None:
+def test_closed_pipe_does_not_stop_the_run(waiting: Path, tmp_path: Path) -> None:
     """``bt-run … | head -1`` runs to its end and writes its record."""
     out = tmp_path / "out"
     command = f"{sys.executable} -c '{BT_RUN_UNDRAWN}' {waiting}"
@@ -298,8 +300,8 @@ def test_logging_is_left_as_it_was(waiting: Path) -> None:
 
 
 @pytest.mark.parametrize(("number", "code"), some([(signal.SIGINT, 130), (signal.SIGTERM, 143)], 2))
-def test_a_signal_ends_it_in_order(tmp_path: Path, number: signal.Signals, code: int) -> None:
-    """The arms are stopped, the record is whole, the exit code is the signal's."""
+def test_signal_ends_the_run_in_order(tmp_path: Path, number: signal.Signals, code: int) -> None:
+    """The arms stop, the record is complete, and the exit code is the signal's."""
     out = tmp_path / "out"
     command = [
         sys.executable,
@@ -323,14 +325,14 @@ def test_a_signal_ends_it_in_order(tmp_path: Path, number: signal.Signals, code:
     assert (events[-1]["old"], events[-1]["new"]) == ("RUNNING", "INVALID")
 
 
-def test_real_time_takes_its_time(waiting: Path) -> None:
+def test_real_time_run_takes_the_simulated_time(waiting: Path) -> None:
     began = time.perf_counter()
     assert cli.run([str(waiting), "--display", "quiet", "--real-time"]) == 0
     assert time.perf_counter() - began >= 0.2
 
 
 @pytest.mark.usefixtures("without_pictures")
-def test_a_divergence_says_where_its_states_are(
+def test_divergence_reports_where_its_states_are(
     waiting: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -355,7 +357,7 @@ def test_a_divergence_says_where_its_states_are(
     assert json.loads((out / "summary.json").read_text())["outcome"] == "UNFINISHED"
 
 
-def test_output_of_another_encoding_is_still_readable(
+def test_output_in_another_encoding_is_readable(
     waiting: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     raw = io.BytesIO()

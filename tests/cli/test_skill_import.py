@@ -1,4 +1,4 @@
-"""Files of skills whose import does not return end a command as their ticks end a run."""
+"""A skill file whose import does not return ends a command, as a tick that hangs ends a run."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ HUNG = {
 }
 LINES = {"a loop": (2, 3), "a sleep": (3,), "a lock": (3,), "a function": (2, 3)}
 SECONDS = 0.4
-"""That an import gets here; the shipped skills, once they are imported, need 0.005 s."""
+"""Time limit of an import in these tests, s; the shipped skills, once imported, need 0.005 s."""
 
 COMMANDS = {
     "bt-run": (cli.run, ("circle", "--display", "quiet", "--watchdog", str(SECONDS))),
@@ -32,28 +32,28 @@ CASES = [*((name, "a loop") for name in COMMANDS), *(("bt-check", kind) for kind
 
 
 @pytest.mark.parametrize(("name", "kind"), dict.fromkeys(CASES))
-def test_an_import_that_does_not_return_is_an_overrun(
+def test_import_that_does_not_return_is_an_overrun(
     name: str,
     kind: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """It says file and line, and the exit code is that of a skill which does not return."""
-    Registry.load()  # the shipped ones need their time once in a process
+    """The message has file and line, and the exit code is that of a skill that does not return."""
+    Registry.load()  # imports the shipped ones, which takes time once per process
     monkeypatch.setattr(entry, "IMPORT_S", SECONDS)
     (tmp_path / "hung.py").write_text(HUNG[kind], encoding="utf-8")
     main, given = COMMANDS[name]
     assert main([*given, "--skills", str(tmp_path)]) == 154
-    said = capsys.readouterr().err
+    err = capsys.readouterr().err
     places = [f"{name}: error: the import of skills at hung.py:{line}, in" for line in LINES[kind]]
-    assert said.startswith(tuple(places)), said
-    assert said.count("\n") == 1
+    assert err.startswith(tuple(places)), err
+    assert err.count("\n") == 1
 
 
 @pytest.mark.slow
-def test_an_import_that_cannot_be_interrupted_ends_the_process(tmp_path: Path) -> None:
-    """It keeps what would end it to itself."""
+def test_import_that_cannot_be_interrupted_ends_the_process(tmp_path: Path) -> None:
+    """The import catches all exceptions."""
     (tmp_path / "hung.py").write_text(
         "while True:\n    try:\n        while True:\n            pass\n"
         "    except BaseException:\n        pass\n"
@@ -71,7 +71,7 @@ def test_an_import_that_cannot_be_interrupted_ends_the_process(tmp_path: Path) -
     assert done.stderr.endswith("s, and cannot be interrupted\n")
 
 
-def test_an_import_within_its_time_is_left_alone(tmp_path: Path) -> None:
+def test_import_within_its_time_is_not_interrupted(tmp_path: Path) -> None:
     (tmp_path / "rest.py").write_text(
         "from bt_dualarm import Skill\n"
         "class Rest(Skill):\n"
@@ -84,13 +84,13 @@ def test_an_import_within_its_time_is_left_alone(tmp_path: Path) -> None:
     assert found.keys() == {*Registry.load().skills, "rest"}
 
 
-def test_no_import_is_watched_where_nothing_is_imported(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_monitor_is_not_started_without_files_to_import(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(entry, "_started_monitor", lambda: pytest.fail("a process was started"))
     assert entry.imported_skills("bt-check", ()).skills == Registry.load().skills
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
+    ("line", "message"),
     [
         ("import os; os._exit(0)", "SystemExit: os._exit(0)"),
         ("import sys; sys.exit(0)", "SystemExit: 0"),
@@ -100,12 +100,12 @@ def test_no_import_is_watched_where_nothing_is_imported(monkeypatch: pytest.Monk
         ("import bt_dualarm.core.errors as e; raise e.Interruption", "Interruption"),
     ],
 )
-def test_a_file_that_ends_programs_ends_none(
-    line: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_skill_file_that_would_end_the_program_is_an_import_error(
+    line: str, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Exit code 0 would say that all was well."""
+    """Otherwise exit code 0 would mean success."""
     file = tmp_path / "ending.py"
     file.write_text(line + "\n", encoding="utf-8")
     assert cli.check(["circle", "--skills", str(tmp_path)]) == 2
-    complaint = capsys.readouterr().err
-    assert complaint == f"bt-check: error: {file}: cannot be imported: {said}\n"
+    err = capsys.readouterr().err
+    assert err == f"bt-check: error: {file}: cannot be imported: {message}\n"

@@ -1,4 +1,4 @@
-"""``bt-skills`` as a user types it."""
+"""The command ``bt-skills``."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from bt_dualarm.skill.registry import Registry
 from tests.sim.worlds import WORLD
 
 
-def test_all_skills_and_words_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+def test_all_skills_and_node_types_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.skills([]) == 0
     out = capsys.readouterr().out
     for name in {**Registry.load().kinds, **LANGUAGE}:
         assert f"  {name} " in out
 
 
-def test_one_skill_is_shown_whole(
+def test_all_properties_of_a_skill_are_shown(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "160")
@@ -36,7 +36,7 @@ def test_one_skill_is_shown_whole(
     assert "circle: {plane: yz, radius: 0.10, turns: 2, speed: 0.5}" in out
 
 
-def test_a_word_of_the_language_is_shown_with_its_children(
+def test_node_type_of_the_language_is_shown_with_its_children(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert cli.skills(["retry"]) == 0
@@ -44,7 +44,7 @@ def test_a_word_of_the_language_is_shown_with_its_children(
 
 
 @pytest.mark.parametrize("name", sorted({**Registry.load().kinds, **LANGUAGE}))
-def test_everything_can_be_shown_to_people_and_programs(
+def test_every_skill_and_node_type_is_shown_as_text_and_json(
     name: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert cli.skills([name]) == 0
@@ -53,7 +53,7 @@ def test_everything_can_be_shown_to_people_and_programs(
     assert json.loads(capsys.readouterr().out)["name"] == name
 
 
-def test_an_unknown_name_is_code_2_with_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
+def test_unknown_name_is_code_2_with_the_nearest_one(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.skills(["circel"]) == 2
     assert "did you mean 'circle'?" in capsys.readouterr().err
 
@@ -82,8 +82,8 @@ def test_robots_fit_the_terminal(
         assert max(map(len, lines)) <= width
 
 
-def test_a_robot_of_one_s_own_is_shown_by_its_page(capsys: pytest.CaptureFixture[str]) -> None:
-    """Wherever it lies, and also one without camera mounts."""
+def test_robot_of_the_user_is_shown_by_its_description(capsys: pytest.CaptureFixture[str]) -> None:
+    """The file may be anywhere, and may have no camera mounts."""
     assert cli.skills([str(WORLD / "robots" / "jaco.yaml")]) == 0
     out = capsys.readouterr().out
     assert "jaco  Kinova Jaco 2 (j2s6s200)" in out
@@ -91,7 +91,7 @@ def test_a_robot_of_one_s_own_is_shown_by_its_page(capsys: pytest.CaptureFixture
     assert "camera mounts" not in out
 
 
-def test_robots_are_shown_to_programs(capsys: pytest.CaptureFixture[str]) -> None:
+def test_robots_are_shown_as_json(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.skills(["robots", "--json"]) == 0
     everything = json.loads(capsys.readouterr().out)
     assert set(everything) == set(robot_names())
@@ -103,7 +103,7 @@ def test_robots_are_shown_to_programs(capsys: pytest.CaptureFixture[str]) -> Non
 def test_grippers_fit_the_terminal(
     width: int, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A row each with its figures, and one gripper whole; nothing is folded or cut."""
+    """Rows of the catalog and the view of one gripper are not folded or cut."""
     monkeypatch.setenv("COLUMNS", str(width))
     assert cli.skills(["grippers"]) == 0
     out = capsys.readouterr().out
@@ -113,23 +113,23 @@ def test_grippers_fit_the_terminal(
         assert f" {gripper.force.most:g} N " in row
         assert row.rstrip().endswith(f"{gripper.mass:.3g} kg")
         assert cli.skills([name]) == 0
-        whole = capsys.readouterr().out
-        assert f"payload: {gripper.payload:g} kg" in whole
-        assert ("stroke: " in whole) == bool(gripper.fingers)
-        assert max(map(len, (*out.splitlines(), *whole.splitlines()))) <= width
+        details = capsys.readouterr().out
+        assert f"payload: {gripper.payload:g} kg" in details
+        assert ("stroke: " in details) == bool(gripper.fingers)
+        assert max(map(len, (*out.splitlines(), *details.splitlines()))) <= width
 
 
-def test_a_gripper_of_one_s_own_is_shown_by_its_page(
+def test_gripper_of_the_user_is_shown_by_its_description(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """And told from a robot's by what it says, not by its name."""
-    page = tmp_path / "claw.yaml"
-    page.write_bytes((share_dir("assets") / "grippers" / "robotiq_2f85.yaml").read_bytes())
-    assert cli.skills([str(page)]) == 0
+    """The content, not the name, distinguishes it from a robot description."""
+    description = tmp_path / "claw.yaml"
+    description.write_bytes((share_dir("assets") / "grippers" / "robotiq_2f85.yaml").read_bytes())
+    assert cli.skills([str(description)]) == 0
     assert "claw  Robotiq 2F-85" in capsys.readouterr().out
 
 
-def test_grippers_are_shown_to_programs(capsys: pytest.CaptureFixture[str]) -> None:
+def test_grippers_are_shown_as_json(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.skills(["grippers", "--json"]) == 0
     everything = json.loads(capsys.readouterr().out)
     assert set(everything) == set(gripper_names())
@@ -138,7 +138,7 @@ def test_grippers_are_shown_to_programs(capsys: pytest.CaptureFixture[str]) -> N
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "message"),
     [
         ("pnada", "did you mean 'panda'?"),
         ("robot", "did you mean"),
@@ -146,14 +146,14 @@ def test_grippers_are_shown_to_programs(capsys: pytest.CaptureFixture[str]) -> N
         ("no.yaml", "no robot file"),
     ],
 )
-def test_an_unknown_robot_is_code_2(
-    name: str, said: str, capsys: pytest.CaptureFixture[str]
+def test_unknown_robot_is_code_2(
+    name: str, message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert cli.skills([name]) == 2
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
-def test_the_schema_goes_to_a_file_or_to_the_output(
+def test_schema_goes_to_a_file_or_to_the_output(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     target = tmp_path / "schema.json"
@@ -164,16 +164,16 @@ def test_the_schema_goes_to_a_file_or_to_the_output(
 
 
 @pytest.mark.parametrize("columns", [80, 140])
-def test_what_a_port_means_is_on_few_lines(
+def test_description_of_a_port_is_not_broken_word_by_word(
     columns: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """In a narrow terminal it stands below what the port takes, not beside it word by word."""
+    """In a narrow terminal it is below the type of the port instead of beside it."""
     monkeypatch.setenv("COLUMNS", str(columns))
     assert cli.skills(["circle"]) == 0
-    said = capsys.readouterr().out
+    out = capsys.readouterr().out
     ports = Registry.load().kinds["circle"].ports.model_fields
     short = [str(port.description) for port in ports.values() if len(str(port.description)) < 50]
     assert len(short) > 3
     for description in short:
-        assert description in said
-    assert max(map(len, said.splitlines())) <= columns
+        assert description in out
+    assert max(map(len, out.splitlines())) <= columns

@@ -1,4 +1,4 @@
-"""``bt-tune-color`` as it is typed."""
+"""The command ``bt-tune-color``."""
 
 from __future__ import annotations
 
@@ -21,7 +21,9 @@ def photo(tmp_path: Path) -> str:
     return str(path)
 
 
-def test_an_image_is_looked_at(photo: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_found_regions_of_an_image_are_listed(
+    photo: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert tune_color([photo]) == 0
     out = capsys.readouterr().out.splitlines()
     assert out[:2] == [photo, "color: yellow"]
@@ -34,25 +36,25 @@ def test_nothing_found_is_code_1(photo: str, capsys: pytest.CaptureFixture[str])
     assert "nothing of this color" in capsys.readouterr().out
 
 
-def test_pixels_become_ranges_a_snippet_and_a_picture(
+def test_picked_pixels_become_ranges_a_snippet_and_an_image(
     photo: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     snippet = tmp_path / "color.yaml"
-    picture = tmp_path / "seen.png"
-    arguments = ["--pick", "30,30", "--snippet", str(snippet), "--out", str(picture), "--json"]
+    image = tmp_path / "seen.png"
+    arguments = ["--pick", "30,30", "--snippet", str(snippet), "--out", str(image), "--json"]
     assert tune_color([photo, *arguments]) == 0
-    said = json.loads(capsys.readouterr().out.partition("\nwritten")[0])
-    assert [one["area_px"] for one in said["found"]] == [400.0, 100.0]
-    assert f"color: [{{hue: {said['color'][0]['hue']}" in snippet.read_text(encoding="utf-8")
-    drawn = cv2.imread(str(picture))
+    report = json.loads(capsys.readouterr().out.partition("\nwritten")[0])
+    assert [one["area_px"] for one in report["found"]] == [400.0, 100.0]
+    assert f"color: [{{hue: {report['color'][0]['hue']}" in snippet.read_text(encoding="utf-8")
+    drawn = cv2.imread(str(image))
     assert drawn is not None
     assert drawn.shape[1] == 3 * 480 + 8
 
 
-def test_a_tree_is_looked_at_changed_and_checked(
+def test_tree_is_evaluated_changed_and_checked(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The picture that a tracking arm has at its start, and its file with other ranges."""
+    """The first camera image of a tracking arm is evaluated, and its file gets other ranges."""
     tree = tmp_path / "mine.yaml"
     before = find_tree("visual_tracking").read_text(encoding="utf-8")
     tree.write_text(before, encoding="utf-8")
@@ -65,7 +67,7 @@ def test_a_tree_is_looked_at_changed_and_checked(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "says"),
+    ("arguments", "message"),
     [
         (["PHOTO", "--write"], "an image has no ranges"),
         (["PHOTO", "--pick", "80,0"], "pixel 80,0 is outside the image, which is 80x60"),
@@ -79,15 +81,15 @@ def test_a_tree_is_looked_at_changed_and_checked(
         (["circle"], "no arm has one"),
     ],
 )
-def test_what_cannot_be_done_is_code_2(
-    arguments: list[str], says: str, photo: str, capsys: pytest.CaptureFixture[str]
+def test_impossible_request_is_code_2(
+    arguments: list[str], message: str, photo: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert tune_color([photo if word == "PHOTO" else word for word in arguments]) == 2
-    assert says in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
-    ("option", "says"),
+    ("option", "message"),
     [
         (["--hue", "1", "361"], "'361' is not a hue from 0 to 360 degrees"),
         (["--value", "a", "1"], "'a' is not a number from 0 to 1"),
@@ -99,10 +101,10 @@ def test_what_cannot_be_done_is_code_2(
         (["--write", "--snippet", "x.yaml"], "not allowed with"),
     ],
 )
-def test_options_are_refused_at_once(
-    option: list[str], says: str, capsys: pytest.CaptureFixture[str]
+def test_invalid_option_is_refused_at_once(
+    option: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as caught:
         tune_color(["x.png", *option])
     assert caught.value.code == 2
-    assert says in capsys.readouterr().err
+    assert message in capsys.readouterr().err

@@ -1,4 +1,4 @@
-"""A view leaves no folder behind; one that was killed has its own cleared at the next start."""
+"""A view removes its folder; the folder of a killed view is removed at the next start."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ def temporary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def dead() -> int:
-    """Number of a process that has ended."""
+    """Id of a process that has ended."""
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
     return ended.pid
 
 
-def test_its_folder_is_gone_afterwards(temporary: Path) -> None:
+def test_folder_of_a_view_is_removed_at_its_end(temporary: Path) -> None:
     with view_folder() as folder:
         (folder / "run.history").write_text("x")
         assert folder.parent == temporary
@@ -34,7 +34,7 @@ def test_its_folder_is_gone_afterwards(temporary: Path) -> None:
     assert not list(temporary.iterdir())
 
 
-def test_what_a_killed_view_left_behind_goes_and_nothing_else(temporary: Path) -> None:
+def test_only_folders_of_killed_views_are_removed(temporary: Path) -> None:
     left = temporary / f"bt_dualarm_view_{dead()}_abc"
     left.mkdir()
     (left / "run.history").write_text("x")
@@ -43,8 +43,8 @@ def test_what_a_killed_view_left_behind_goes_and_nothing_else(temporary: Path) -
     link = temporary / f"bt_dualarm_view_{dead()}_link"
     link.symlink_to(elsewhere)
     kept = [
-        temporary / f"bt_dualarm_view_{os.getppid()}_abc",  # its process lives
-        temporary / f"bt_dualarm_view_{dead()}",  # no name of ours
+        temporary / f"bt_dualarm_view_{os.getppid()}_abc",  # its process is alive
+        temporary / f"bt_dualarm_view_{dead()}",  # not a name of a view's folder
         temporary / f"my_bt_dualarm_view_{dead()}_abc",
     ]
     for folder in kept:

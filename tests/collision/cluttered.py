@@ -1,6 +1,6 @@
-"""Every arm of the catalog among shapes of every kind, and searches among them.
+"""Arms of the catalog among objects of all shapes, and path searches among them.
 
-As a program: paths of the seeds that are named, pickled, to standard output.
+As a program, it writes the pickled paths for the given seeds to standard output.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ RADII = np.full(2, 1.02)
 
 
 def cluttered(robot: str, seed: int) -> World:
-    """An arm, another one beside it, and shapes around it."""
+    """An arm, another one beside it, and objects around it."""
     rng = np.random.default_rng(seed)
     objects = {}
     for name, (shape, size) in SHAPES.items():
@@ -46,19 +46,19 @@ def cluttered(robot: str, seed: int) -> World:
 
 
 def checker_in(robot: str, seed: int, margin: float = 0.045) -> CollisionChecker:
-    """The first arm there."""
+    """Collision checker of the first arm."""
     return CollisionChecker(cluttered(robot, seed), "arm1", margin)
 
 
 def anywhere(world_limits: JointLimits, rng: np.random.Generator) -> Vector:
-    """A configuration of up to half a turn of each joint, rad."""
+    """A random configuration within the limits and half a turn of each joint, rad."""
     lower = np.maximum(world_limits.lower, -np.pi)
     drawn: Vector = rng.uniform(lower, np.minimum(world_limits.upper, np.pi))
     return drawn
 
 
 def small_search(seed: int) -> tuple[CompiledRRTConnect, CompiledEdges]:
-    """Of a rod that turns about two axes among three balls: small enough for plain Python."""
+    """Search for a rod that turns about two axes among three balls, small enough for Python."""
     rng = np.random.default_rng(seed)
     joints = Joints(np.zeros(2), np.zeros((2, 3)), np.array(((0.0, 0.0, 1.0), (0.0, 1.0, 0.0))))
     corners = np.array(((1.0, 0.0, 0.0), (0.2, 0.0, 0.0), (0.6, 0.1, 0.0), (0.6, 0.0, 0.1)))
@@ -87,7 +87,7 @@ def small_search(seed: int) -> tuple[CompiledRRTConnect, CompiledEdges]:
 
 
 def found(seed: int) -> tuple[Matrix, int]:
-    """The path of the small search, and how many configurations it took."""
+    """Path of the small search, and the number of configurations that it checked."""
     search, edges = small_search(seed)
     path = search.path(2_000, lambda: False)
     assert path is not None

@@ -1,4 +1,4 @@
-"""The distance of two arms, against that of each pair of their shapes."""
+"""Distance of two arms, compared with the distances of all pairs of their shapes."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ HORIZON = 0.1
         2,
     ),
 )
-def test_it_is_that_of_the_nearest_shapes(robot: str, hand: str, other_hand: str) -> None:
-    """Fingers and palms are boxes, of which MuJoCo reports one pair in six not at all."""
+def test_distance_is_that_of_the_nearest_shapes(robot: str, hand: str, other_hand: str) -> None:
+    """Fingers and palms are boxes, and MuJoCo does not report one pair of boxes in six."""
     arms = {
         "arm1": arm(robot, gripper=hand),
         "arm2": arm("ur5", (0.9, 0.0, 0.4), 180.0, gripper=other_hand),
@@ -64,7 +64,7 @@ def test_it_is_that_of_the_nearest_shapes(robot: str, hand: str, other_hand: str
 
 
 def held_before_the_tool(ahead: float) -> World:
-    """A cube of 0.1 m in the far hand of another arm, so far before an arm's tool, in m."""
+    """A cube of 0.1 m, held by a distant arm, at a distance in m before arm1's tool."""
     arms = {
         "arm1": arm("ur5", gripper="robotiq_2f85"),
         "arm2": arm("ur5", (1.6, 0.0, 0.4), 180.0),
@@ -81,22 +81,22 @@ def held_before_the_tool(ahead: float) -> World:
     return world
 
 
-def test_a_tool_counts_against_what_another_arm_holds_unless_it_may_touch_that() -> None:
-    """With less distance than hands keep from each other, as it may have to pass by."""
+def test_distance_of_a_tool_from_a_payload_counts_unless_it_may_touch_it() -> None:
+    """A tool keeps less distance from payloads than hands from each other, to pass them."""
     world = held_before_the_tool(0.03)
     may_touch = ArmDistance(world, "arm1").gap({})
     assert may_touch.second != "cube"
-    keeps_off = ArmDistance(world, "arm1", tool_avoids_payloads=True).gap({})
-    assert keeps_off.second == "cube"
+    avoiding = ArmDistance(world, "arm1", tool_avoids_payloads=True).gap({})
+    assert avoiding.second == "cube"
     seen_by_its_holder = ArmDistance(world, "arm2").gap({}).meters
     assert 0.01 < seen_by_its_holder < 0.02
     allowance = HANDS_APART_M - PAYLOAD_APART_M
-    assert keeps_off.meters == pytest.approx(seen_by_its_holder + allowance, abs=1e-6)
-    assert keeps_off.true_meters == pytest.approx(seen_by_its_holder, abs=1e-6)
+    assert avoiding.meters == pytest.approx(seen_by_its_holder + allowance, abs=1e-6)
+    assert avoiding.true_meters == pytest.approx(seen_by_its_holder, abs=1e-6)
 
 
-def test_a_free_motion_into_what_another_arm_holds_is_not_reserved() -> None:
-    """After a handover, a hand that went home struck the bar in the other hand at 1.3 rad/s."""
+def test_motion_into_a_payload_of_another_arm_is_not_reserved() -> None:
+    """After a handover, a hand on its way home hit the bar in the other hand at 1.3 rad/s."""
     world = held_before_the_tool(0.05)
     check = FailSafeCheck(world, "arm1", 0.004, Reservations())
     q = world.hardware["arm1"].q

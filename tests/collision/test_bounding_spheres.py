@@ -1,4 +1,4 @@
-"""Spheres hold what they wrap, wherever an arm stands, and bound how far it gets."""
+"""Bounding spheres limit how far an arm moves and how near it is to others."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from tests.sim.worlds import ROBOTS, world_with
 
 
 def turned(world: World, q: Vector) -> None:
-    """Put the arm into a configuration."""
+    """Puts the arm into a configuration."""
     world.data.qpos[world.arms["arm1"].qpos_ids] = q
     world.restore(world.state())
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_no_sphere_gets_farther_than_is_said(robot: str) -> None:
-    """Random small turns of all joints."""
+def test_no_sphere_moves_farther_than_its_bound(robot: str) -> None:
+    """The bound holds for random small turns of all joints."""
     world = world_with(robot)
     rng = np.random.default_rng(4)
     hull = BoundingSpheres(world, "arm1")
@@ -27,14 +27,14 @@ def test_no_sphere_gets_farther_than_is_said(robot: str) -> None:
     before = hull.spheres()
     levers = hull.levers(before)
     for size in (0.01, 0.1, 0.3):
-        way = size * rng.random(len(here)) / len(here)
-        turned(world, here + way * rng.choice((-1.0, 1.0), len(here)))
+        turns = size * rng.random(len(here)) / len(here)
+        turned(world, here + turns * rng.choice((-1.0, 1.0), len(here)))
         moved = np.linalg.norm(hull.spheres()[:, :3] - before[:, :3], axis=1).max()
-        assert 0.0 < moved <= hull.reach(levers, way)
+        assert 0.0 < moved <= hull.reach(levers, turns)
 
 
-def test_the_distance_of_spheres_is_that_of_the_nearest_two() -> None:
-    """However many there are, and however far apart those lie that follow each other."""
+def test_distance_of_spheres_is_that_of_the_nearest_two() -> None:
+    """The result depends neither on their number nor on the distance of successive ones."""
     rng = np.random.default_rng(5)
     for count in (1, 5, 8, 9, 60):
         first = rng.random((7, 4))

@@ -19,7 +19,7 @@ DOWN = (np.pi, 0.0, 0.0)
 
 
 def pick_world(**more: ObjectSpec) -> World:
-    """A UR5, a cube that floats in its reach, and a Panda that stands out of its way."""
+    """A UR5, a floating cube in its workspace, and a Panda that is not in its way."""
     return World(
         file_of(
             {"arm1": arm("ur5"), "arm2": arm("panda", (1.6, 0.0, 0.4), 180.0)},
@@ -38,14 +38,14 @@ def above(world: World, height: float) -> np.ndarray[tuple[int], np.dtype[np.flo
 
 
 @pytest.mark.parametrize("name", robot_names())
-def test_no_posture_of_the_catalog_touches_anything(name: str) -> None:
+def test_postures_of_the_catalog_are_free_of_contacts(name: str) -> None:
     world = world_with(name)
     checker = CollisionChecker(world, "arm1")
     for posture in world.arms["arm1"].robot.postures.values():
         assert checker.contact(posture) is None
 
 
-def test_a_contact_names_both_bodies_and_the_depth() -> None:
+def test_contact_names_both_bodies_and_the_depth() -> None:
     world = pick_world()
     contact = CollisionChecker(world, "arm1").contact(above(world, -0.01))
     assert contact is not None
@@ -57,13 +57,13 @@ def test_a_contact_names_both_bodies_and_the_depth() -> None:
     assert "cube" in failure.reason
 
 
-def test_just_above_an_object_is_free_and_what_may_be_touched_is_left_out() -> None:
+def test_position_just_above_an_object_is_free_and_ignored_objects_do_not_count() -> None:
     world = pick_world()
     assert CollisionChecker(world, "arm1").free(above(world, 0.01))
     assert CollisionChecker(world, "arm1", ignore=frozenset({"cube"})).free(above(world, -0.01))
 
 
-def test_an_arm_that_stays_keeps_clear_of_what_it_is_not_near_now() -> None:
+def test_keep_clear_applies_to_bodies_that_are_not_near_now() -> None:
     world = pick_world()
     q = world.hardware["arm1"].q
     checker = CollisionChecker(world, "arm1")
@@ -79,7 +79,7 @@ def test_an_arm_that_stays_keeps_clear_of_what_it_is_not_near_now() -> None:
     assert near.free(above(world, 0.01)), "it is as near now"
 
 
-def test_an_arm_that_stays_keeps_clear_of_itself_if_asked() -> None:
+def test_keep_clear_applies_to_the_arm_itself_if_requested() -> None:
     """The forearm of this UR5 is 1 mm above its pedestal, and its wrist 1 mm beside its arm."""
     world = pick_world()
     folded = np.radians((48.9, 178.9, 163.5, 126.3, 12.5, -145.9))
@@ -90,7 +90,7 @@ def test_an_arm_that_stays_keeps_clear_of_itself_if_asked() -> None:
     assert not checker.free(folded)
 
 
-def test_looking_changes_nothing_in_the_world() -> None:
+def test_check_does_not_change_the_world() -> None:
     world = pick_world()
     before = world.state()
     margins = world.model.geom_margin.copy()
@@ -99,8 +99,8 @@ def test_looking_changes_nothing_in_the_world() -> None:
     np.testing.assert_array_equal(world.model.geom_margin, margins)
 
 
-def test_what_is_held_moves_with_the_arm() -> None:
-    """With a cube at its tool the arm touches the floor 5 cm earlier than without."""
+def test_held_object_moves_with_the_arm() -> None:
+    """An arm with a cube at its tool touches the floor 5 cm higher than without."""
     world = pick_world()
     body = world.arms["arm1"]
     kinematics = Kinematics(body.robot, body.base)
@@ -119,7 +119,7 @@ def test_what_is_held_moves_with_the_arm() -> None:
     assert contact.depth == pytest.approx(0.02, abs=1e-3)
 
 
-def test_other_arms_keep_the_margin_and_the_rest_does_not_need_to() -> None:
+def test_margin_applies_to_other_arms_only() -> None:
     world = pick_world()
     q = world.arms["arm1"].q
     assert CollisionChecker(world, "arm1", margin=0.02).free(q)
@@ -130,8 +130,8 @@ def test_other_arms_keep_the_margin_and_the_rest_does_not_need_to() -> None:
     assert "too close" in contact.failure().reason
 
 
-def test_what_is_held_may_stay_as_deep_as_it_is_in_what_it_stands_on() -> None:
-    """An arm that presses a cube on the floor can lift it, and cannot press it deeper."""
+def test_held_object_may_stay_as_deep_in_its_support_as_it_is() -> None:
+    """An arm that presses a cube on the floor can lift it but not press it deeper."""
     world = pick_world()
     body = world.arms["arm1"]
     kinematics = Kinematics(body.robot, body.base)
@@ -152,7 +152,7 @@ def test_what_is_held_may_stay_as_deep_as_it_is_in_what_it_stands_on() -> None:
     assert not checker.free(at(0.047))
 
 
-def test_the_first_contact_of_several_configurations_is_told_with_its_place() -> None:
+def test_first_contact_of_several_configurations_has_its_index() -> None:
     world = pick_world()
     rows = np.array([above(world, height) for height in (0.03, 0.02, -0.005, -0.01)])
     found = CollisionChecker(world, "arm1").first_contact(rows)
@@ -161,7 +161,7 @@ def test_the_first_contact_of_several_configurations_is_told_with_its_place() ->
     assert CollisionChecker(world, "arm1").first_contact(rows[:2]) is None
 
 
-def test_no_point_of_an_arm_moves_farther_than_its_sweep_radius_says() -> None:
+def test_no_point_of_an_arm_moves_farther_than_the_sweep_radii_allow() -> None:
     world = world_with("ur5")
     radii = CollisionChecker(world, "arm1").radii
     body = world.arms["arm1"]
@@ -180,10 +180,10 @@ def test_no_point_of_an_arm_moves_farther_than_its_sweep_radius_says() -> None:
 
 
 @pytest.mark.parametrize(("holding", "reach"), [(False, 0.2), (True, 0.35)])
-def test_the_last_joint_sweeps_what_hangs_on_it_and_not_the_base(
+def test_sweep_radius_of_the_last_joint_includes_the_held_object(
     holding: bool, reach: float
 ) -> None:
-    """The wrist of a UR5 turns a tool of 10 cm, a held cube with it, and never the whole arm."""
+    """The last joint of a UR5 turns a tool of 10 cm and a held cube, but not the whole arm."""
     world = World(
         file_of({"arm1": arm("ur5")}, {"cube": box((0.45, 0.1, 0.6), fixed=False, spawned=False)})
     )
@@ -196,10 +196,10 @@ def test_the_last_joint_sweeps_what_hangs_on_it_and_not_the_base(
     assert (last > 0.2) == holding
 
 
-def test_a_checker_that_went_to_another_process_finds_the_same() -> None:
+def test_pickled_checker_finds_the_same_contacts() -> None:
     world = pick_world()
     here = CollisionChecker(world, "arm1", margin=0.04)
-    there = pickle.loads(pickle.dumps(here))  # noqa: S301 - our own
+    there = pickle.loads(pickle.dumps(here))  # noqa: S301 - own data
     rng = np.random.default_rng(3)
     home = world.arms["arm1"].robot.postures["home"]
     found = [(here.contact(q), there.contact(q)) for q in home + rng.uniform(-2, 2, (200, 6))]
@@ -208,15 +208,15 @@ def test_a_checker_that_went_to_another_process_finds_the_same() -> None:
     np.testing.assert_array_equal(here.radii, there.radii)
 
 
-def test_interpolation_keeps_its_ends_and_its_step() -> None:
+def test_interpolation_includes_its_ends_and_limits_its_step() -> None:
     radii = np.array((1.0, 0.5))
     rows = interpolated(np.zeros(2), np.ones(2), radii, 0.1)
     np.testing.assert_array_equal(rows[[0, -1]], [[0, 0], [1, 1]])
     assert (np.abs(np.diff(rows, axis=0)) @ radii).max() <= 0.1 + 1e-12
 
 
-def test_what_another_arm_holds_keeps_the_margin_from_all_but_a_hand_that_may_take_it() -> None:
-    """As the guard does: it would stop a plan that comes nearer."""
+def test_payload_of_another_arm_keeps_the_margin_unless_a_hand_may_take_it() -> None:
+    """The guard, which has the same rule, would stop a plan that comes nearer."""
     world = pick_world(brick=box((0.45, 0.1, 0.66), fixed=False))
     world.attach("arm2", "cube")
     world.data.qpos[world.arms["arm1"].qpos_ids] = above(world, 0.06)
@@ -238,8 +238,8 @@ def test_what_another_arm_holds_keeps_the_margin_from_all_but_a_hand_that_may_ta
     ]
 
 
-def test_on_the_way_nothing_is_touched_that_is_not_touched_at_an_end() -> None:
-    """A touch that just counts as none at a sample may be deeper between two of them."""
+def test_contacts_that_exist_at_no_end_of_a_path_are_not_allowed() -> None:
+    """A contact that is barely tolerated at a sample may be deeper between two samples."""
     world = pick_world(brick=box((0.45, 0.1, 0.66), fixed=False))
     apart = above(world, 0.06)
     world.data.qpos[world.arms["arm1"].qpos_ids] = apart
@@ -254,7 +254,7 @@ def test_on_the_way_nothing_is_touched_that_is_not_touched_at_an_end() -> None:
     assert not checker.without_new_contacts([touching]).free(above(world, 0.04))
 
 
-def test_an_empty_tool_touches_no_object_however_little() -> None:
+def test_empty_tool_may_not_touch_an_object_even_slightly() -> None:
     world = pick_world()
     checker = CollisionChecker(world, "arm1")
     assert checker.free(above(world, 0.0003))
@@ -263,10 +263,10 @@ def test_an_empty_tool_touches_no_object_however_little() -> None:
 
 @pytest.mark.parametrize("gripper", FINGERED)
 @pytest.mark.parametrize("robot", ["ur5", "panda", "xarm7"])
-def test_a_tool_that_touches_an_object_may_graze_it_with_its_other_finger(
+def test_tool_that_touches_an_object_may_graze_it_with_its_other_finger(
     robot: str, gripper: str
 ) -> None:
-    """One fingertip rests on a block, the other a hair above: so the hand could not leave it."""
+    """With one fingertip on a block and the other just above it, the hand must be able to leave."""
     block = box((0.45, 0.1, 0.3), edge=0.2)
     post = box((0.45, 0.3, 0.3), edge=0.2)
     world = World(file_of({"arm1": arm(robot, gripper=gripper)}, {"cube": block, "post": post}))
@@ -285,10 +285,12 @@ def test_a_tool_that_touches_an_object_may_graze_it_with_its_other_finger(
         return CollisionChecker(world, "arm1")
 
     checker = standing(hand(0.4))
-    top = 0.4 - float(checker.data.contact.dist.min())  # of the tool with the tips on the block
+    top = 0.4 - float(
+        checker.data.contact.dist.min()
+    )  # height of the tool with its tips on the block
     free = hand(top + 0.001)
     flat = hand(top - 0.0003)
-    assert not standing(free).free(flat)  # nothing is touched yet
+    assert not standing(free).free(flat)  # there is no contact yet
     leaning = hand(top, tilt=np.deg2rad(0.3))
     checker = standing(leaning)
     assert checker.free(flat)
@@ -297,7 +299,7 @@ def test_a_tool_that_touches_an_object_may_graze_it_with_its_other_finger(
     assert not checker.free(hand(top - 0.0003, y=0.3))  # another object
 
 
-def test_each_other_arm_keeps_a_margin_of_its_own() -> None:
+def test_each_other_arm_has_its_own_margin() -> None:
     arms = {"arm1": arm("ur5"), "arm2": arm("panda", (1.6, 0.0, 0.4), 180.0)}
     world = World(file_of({**arms, "arm3": arm("ur3", (-1.6, 0.0, 0.4))}))
     q = world.arms["arm1"].q
@@ -309,8 +311,8 @@ def test_each_other_arm_keeps_a_margin_of_its_own() -> None:
 
 
 @pytest.mark.parametrize("gripper", ["robotiq_2f85", "panda_hand"])
-def test_boxes_that_are_far_enough_apart_are_not_too_close(gripper: str) -> None:
-    """The contacts that MuJoCo reports between two boxes may be nearer than the boxes are."""
+def test_boxes_beyond_the_clearance_are_free(gripper: str) -> None:
+    """MuJoCo may report contacts between two boxes that are nearer than the boxes are."""
     world = World(
         file_of({"arm1": arm("ur5", gripper=gripper)}, {"cube": box((1.5, 1.5, 0.5), 0.06)})
     )

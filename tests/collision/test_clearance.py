@@ -1,4 +1,4 @@
-"""An arm goes slower where its links come near something, not where its tool does."""
+"""An arm slows down where its links, but not its tool, come near an object."""
 
 from __future__ import annotations
 
@@ -17,7 +17,10 @@ PERIOD = 0.004
 
 
 def swung(world: World, share: float) -> tuple[JointController, float]:
-    """Turns the shoulder until the arm nearly touches something; how much longer that took."""
+    """Turns the shoulder by a share of the angle to the first contact.
+
+    Returns the controller, and the duration relative to the planned one.
+    """
     controller = JointController(world, "arm1", PERIOD, Reservations())
     start = controller.setpoint.q
     goal = start + share * (just_before_contact(world, start) - start)
@@ -31,7 +34,7 @@ def swung(world: World, share: float) -> tuple[JointController, float]:
 
 
 def just_before_contact(world: World, start: Vector) -> Vector:
-    """The shoulder turned as far as nothing is touched, to a millimeter at half a meter."""
+    """The last configuration without contact as the shoulder turns, to 1 mm at half a meter."""
     checker = CollisionChecker(world, "arm1")
     turns = start + np.arange(0.0, 1.0, 0.002)[:, None] * np.eye(len(start))[0]
     found = checker.first_contact(turns)
@@ -53,8 +56,8 @@ def test_links_slow_down_before_a_wall(share: float, slowed: bool) -> None:
         assert "wall" in str(controller.guard["last_reason"])
 
 
-def test_a_tool_may_come_near_things() -> None:
-    """A small box beside the tool, which is what the shoulder would bring to it."""
+def test_tool_near_an_object_does_not_slow_the_arm() -> None:
+    """The shoulder moves the tool towards a small box."""
     world = World(file_of({"arm1": arm("ur5")}))
     tool = world.arms["arm1"].tool_pose.position
     beside = tool + np.array((0.0, 0.15, 0.0))

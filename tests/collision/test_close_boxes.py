@@ -1,4 +1,4 @@
-"""Boxes of two arms' hands are as near as they are, whatever the contacts say."""
+"""Boxes of two hands that are too close are found even where MuJoCo reports no contact."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def two_hands() -> World:
 
 
 def beside(world: World, count: int) -> list[Vector]:
-    """Configurations of the first arm in which its hand is next to the second one's."""
+    """Configurations of the first arm in which its hand is near the second arm's."""
     kinematics = Kinematics(world.robots["arm1"], world.arms["arm1"].base)
     there = world.arms["arm2"].tool_pose
     rng = np.random.default_rng(0)
@@ -41,8 +41,8 @@ def beside(world: World, count: int) -> list[Vector]:
     return found
 
 
-def test_boxes_that_no_contact_reports_are_found() -> None:
-    """All that are nearer than the margin; contacts miss some of them."""
+def test_close_boxes_are_found_where_no_contact_is_reported() -> None:
+    """All boxes nearer than the margin are found; contacts miss some of them."""
     world = two_hands()
     checker = CollisionChecker(world, "arm1", MARGIN_M)
     missed = 0

@@ -1,4 +1,4 @@
-"""Fingers are where the encoder says: for checks, for plans, and in the spheres of the guard."""
+"""Checks, plans and the guard's spheres use the fingers' positions from the encoder."""
 
 from __future__ import annotations
 
@@ -24,17 +24,20 @@ from tests.sim.worlds import ROBOTS, arm, file_of, world_with
 TURN_RAD = 0.5
 THICK_M = 0.008
 BESIDE_M = 0.010
-"""From the pad's face of an open finger outwards to the middle of the post: within the finger."""
+"""Distance from the pad's face of an open finger outwards to the middle of the post, m.
+
+It lies within the finger.
+"""
 
 ASIDE_M = 0.04
-"""Likewise to the flange of another arm, which comes from there and from the front."""
+"""Distance sideways and forward from an open finger to the tool of another arm, m."""
 
 NEARER_M = 0.005
-"""At least, with the fingers open: closed, the palm or another link is the nearest."""
+"""Least reduction of the distance by open fingers, m: closed, another link is the nearest."""
 
 
 def beside_a_post(robot: str, gripper: str) -> tuple[World, Vector]:
-    """A world, and a configuration at which only an open finger touches the post in it."""
+    """A world with a post, and a configuration in which only an open finger touches it."""
     bare = world_with(robot, gripper=gripper)
     body = bare.arms["arm1"]
     there = body.q.copy()
@@ -49,8 +52,10 @@ def beside_a_post(robot: str, gripper: str) -> tuple[World, Vector]:
 
 
 @pytest.mark.parametrize(("robot", "gripper"), some(product(ROBOTS, FINGERED), 3))
-def test_what_is_free_with_closed_fingers_touches_with_open_ones(robot: str, gripper: str) -> None:
-    """And nobody asks the simulator where they are: the encoder's word counts."""
+def test_configuration_free_with_closed_fingers_collides_with_open_ones(
+    robot: str, gripper: str
+) -> None:
+    """The encoder's position counts, not the true one."""
     world, there = beside_a_post(robot, gripper)
     stroke = world.grippers["arm1"].gripper.stroke
     for true in (0.0, stroke):
@@ -64,7 +69,7 @@ def test_what_is_free_with_closed_fingers_touches_with_open_ones(robot: str, gri
 
 
 @pytest.mark.parametrize("gripper", FINGERED)
-def test_a_plan_that_is_free_with_closed_fingers_is_none_with_open_ones(gripper: str) -> None:
+def test_motion_free_with_closed_fingers_is_refused_with_open_ones(gripper: str) -> None:
     world, there = beside_a_post("ur5", gripper)
     here = world.hardware["arm1"].q.copy()
     stroke = world.grippers["arm1"].gripper.stroke
@@ -75,8 +80,8 @@ def test_a_plan_that_is_free_with_closed_fingers_is_none_with_open_ones(gripper:
 
 
 @pytest.mark.parametrize("gripper", FINGERED)
-def test_spheres_of_the_guard_go_with_the_fingers(gripper: str) -> None:
-    """Made once, they hold the pads at each opening, and bound how far they get."""
+def test_spheres_of_the_guard_move_with_the_fingers(gripper: str) -> None:
+    """Spheres that were made once contain the pads at each opening and bound their motion."""
     world = world_with("ur5", gripper=gripper)
     stroke = world.grippers["arm1"].gripper.stroke
     opened(world, 0.0)
@@ -94,8 +99,8 @@ def test_spheres_of_the_guard_go_with_the_fingers(gripper: str) -> None:
 
 
 @pytest.mark.parametrize("gripper", FINGERED)
-def test_arms_are_as_near_as_their_fingers(gripper: str) -> None:
-    """Before a tool that points at an open finger from the corner, that finger is the nearest."""
+def test_distance_of_arms_includes_their_fingers(gripper: str) -> None:
+    """An open finger is nearest to another arm's tool that points diagonally at it."""
     arms = {"arm1": arm("ur5", gripper=gripper), "arm2": arm("ur5", (0.9, 0.4, 0.4), 180.0)}
     world = World(file_of(arms))
     here = world.arms["arm1"].tool_pose

@@ -1,4 +1,4 @@
-"""A long way that is said to be clear is: MuJoCo finds nothing on it, however closely it looks."""
+"""A long path that the swept check calls clear is free by MuJoCo at every millimeter."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.families import some
 from tests.sim.worlds import WIDE
 
 SPAN_M = 1e-3
-"""Most that the arm moves between two looks of the judge."""
+"""Largest motion of the arm between two of MuJoCo's checks, m."""
 
 
 def free_everywhere(checker: CollisionChecker, corners: Matrix) -> bool:
@@ -25,8 +25,8 @@ def free_everywhere(checker: CollisionChecker, corners: Matrix) -> bool:
 
 
 @pytest.mark.parametrize("robot", some((*WIDE[1:], WIDE[0]), 2))
-def test_what_is_clear_is_free_at_every_millimeter(robot: str) -> None:
-    """Among shapes of every kind; and most of what is free is found to be clear."""
+def test_clear_path_is_free_at_every_millimeter(robot: str) -> None:
+    """Also, most free paths among objects of all shapes are found to be clear."""
     rng = np.random.default_rng(4)
     clear = 0
     free = 0
@@ -40,17 +40,17 @@ def test_what_is_clear_is_free_at_every_millimeter(robot: str) -> None:
             if not all(checker.free(q) for q in corners):
                 continue
             strict = checker.without_new_contacts(corners[[0, -1]])
-            said = is_clear(strict, corners)
-            if said is not None or free < 4:
+            verdict = is_clear(strict, corners)
+            if verdict is not None or free < 4:
                 true = free_everywhere(strict, corners)
-                assert said is None or said == true
+                assert verdict is None or verdict == true
                 free += true
-                clear += said is True
+                clear += verdict is True
     assert clear > 0
     assert clear > 0.5 * free
 
 
-def test_a_short_way_is_left_to_mujoco() -> None:
-    """Whatever there is on it: to gather the shapes would take longer."""
+def test_short_path_is_left_to_mujoco() -> None:
+    """Gathering the shapes would take longer than MuJoCo's check."""
     checker = checker_in("ur5", 0)
     assert is_clear(checker, np.array((checker.present, checker.present))) is None

@@ -1,4 +1,4 @@
-"""A copy of a world's model serves one after the other, each as if it were new."""
+"""Scratch copies of a world's model are reused, and each user finds them like new."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bt_dualarm.collision.checker import CollisionChecker, ScratchModel
 from tests.collision.cluttered import anywhere, cluttered
 
 
-def test_who_comes_later_gets_the_same_copy_and_finds_the_same() -> None:
+def test_later_checker_reuses_the_copy_and_finds_the_same_contacts() -> None:
     world = cluttered("ur5", 0)
     rng = np.random.default_rng(5)
     limits = world.robots["arm1"].limits
@@ -22,7 +22,7 @@ def test_who_comes_later_gets_the_same_copy_and_finds_the_same() -> None:
     assert any(expected)
     assert not all(expected)
     del first
-    other = CollisionChecker(world, "arm2", 0.1, frozenset(world.objects))  # leaves its own marks
+    other = CollisionChecker(world, "arm2", 0.1, frozenset(world.objects))  # changes the copy
     assert other.model is model
     other.free(other.present)
     del other
@@ -31,7 +31,7 @@ def test_who_comes_later_gets_the_same_copy_and_finds_the_same() -> None:
     assert [again.contact(q) for q in places] == expected
 
 
-def test_two_at_a_time_do_not_share() -> None:
+def test_two_users_at_a_time_do_not_share_a_copy() -> None:
     world = cluttered("ur5", 0)
     one = ScratchModel(world)
     other = ScratchModel(world)
@@ -41,7 +41,7 @@ def test_two_at_a_time_do_not_share() -> None:
     assert (other.model.geom_margin == world.model.geom_margin).all()
 
 
-def test_a_world_that_was_compiled_anew_has_new_copies() -> None:
+def test_recompiled_world_has_new_copies() -> None:
     world = cluttered("ur5", 0)
     before = ScratchModel(world).model
     world.remove_object("ball")
@@ -50,7 +50,7 @@ def test_a_world_that_was_compiled_anew_has_new_copies() -> None:
     assert after.ngeom == world.model.ngeom < before.ngeom
 
 
-def test_copies_go_with_their_world() -> None:
+def test_copies_do_not_keep_their_world_alive() -> None:
     world = cluttered("ur5", 0)
     ScratchModel(world)
     gone = weakref.ref(world)

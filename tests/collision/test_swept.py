@@ -1,4 +1,4 @@
-"""What the compiled search takes for free is free: MuJoCo says so wherever one looks."""
+"""Configurations and edges that the compiled checks call free are free by MuJoCo."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from tests.families import some
 from tests.sim.worlds import WIDE
 
 SPAN_M = 1e-3
-"""Most that the arm moves between two looks of the judge."""
+"""Largest motion of the arm between two of MuJoCo's checks, m."""
 
 
 @pytest.mark.parametrize("robot", WIDE)
-def test_configurations_are_judged_as_mujoco_does(robot: str) -> None:
-    """Nothing that touches is free; what is free is taken for it, but for what is very near."""
+def test_compiled_check_of_configurations_agrees_with_mujoco(robot: str) -> None:
+    """No configuration with a contact is free; the reverse fails only for very near ones."""
     rng = np.random.default_rng(1)
     tried = 0
     alarms = 0
@@ -33,19 +33,19 @@ def test_configurations_are_judged_as_mujoco_does(robot: str) -> None:
             q = anywhere(limits, rng)
             near = np.array(
                 (q, q + 0.02, q)
-            )  # so far from the ends that the whole clearance is kept
+            )  # far enough from the ends that the whole clearance applies
             free = is_path_free(edges, near)
-            theirs = checker.free(q)
-            assert theirs or not free
-            tried += theirs
-            alarms += theirs and not free
+            true = checker.free(q)
+            assert true or not free
+            tried += true
+            alarms += true and not free
     assert tried > 60
     assert alarms < 0.2 * tried
 
 
 @pytest.mark.parametrize("robot", some((*WIDE[1:], WIDE[0]), 2))
-def test_a_way_that_is_free_is_free_at_every_millimeter(robot: str) -> None:
-    """So is the share of it that is said to be free; and the same by many configurations on it."""
+def test_free_share_of_an_edge_is_free_at_every_millimeter(robot: str) -> None:
+    """Edges agree with dense paths of many configurations on them."""
     rng = np.random.default_rng(2)
     whole = 0
     parts = 0
@@ -73,15 +73,15 @@ def test_a_way_that_is_free_is_free_at_every_millimeter(robot: str) -> None:
 
 
 @pytest.mark.parametrize("robot", some(WIDE, 2))
-def test_an_arm_that_stands_in_touch_gets_away(robot: str) -> None:
-    """Where it may touch something, it may go on to do so as deep as that, and no deeper."""
+def test_arm_that_starts_in_contact_can_leave(robot: str) -> None:
+    """It may touch objects that it touches at the start, and no deeper than there."""
     rng = np.random.default_rng(3)
     away = 0
     limits = load_robot(robot).limits
     for seed in range(3):
         checker = checker_in(robot, seed)
         for _ in range(8):
-            start = _in_touch(checker, limits, rng)
+            start = _in_contact(checker, limits, rng)
             strict = checker.without_new_contacts((start,))
             arm = swept_arm(strict, (start,))
             radii = checker.radii
@@ -97,8 +97,8 @@ def test_an_arm_that_stands_in_touch_gets_away(robot: str) -> None:
     assert away > 24
 
 
-def _in_touch(checker: CollisionChecker, limits: JointLimits, rng: np.random.Generator) -> Vector:
-    """A configuration in which the arm is in something by a little less than it may be."""
+def _in_contact(checker: CollisionChecker, limits: JointLimits, rng: np.random.Generator) -> Vector:
+    """A configuration with a contact that is slightly less deep than allowed."""
     while True:
         inside = anywhere(limits, rng)
         outside = anywhere(limits, rng)

@@ -1,4 +1,4 @@
-"""An arm stops for a hit at once, and for nothing else."""
+"""An arm stops at once for a collision, and for nothing else."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from tests.plays import STOPPED, Stage
 from tests.skills.scenarios import Tree
 from tests.skills.trials import pushes
 
-KINDS = Registry.load().kinds
+NODE_TYPES = Registry.load().kinds
 
 
 @pytest.mark.parametrize(
     ("robot", "reality", "seed"),
     [("ur5", "lab", 0), ("ur5", "rough", 2), ("panda", "rough", 4), ("xarm7", "lab", 5)],
 )
-def test_a_hit_is_felt_within_20_ms(robot: str, reality: str, seed: int) -> None:
-    found = hit(robot, reality, seed, KINDS)
+def test_collision_is_detected_within_20_ms(robot: str, reality: str, seed: int) -> None:
+    found = hit(robot, reality, seed, NODE_TYPES)
     assert not found.by_link
     assert found.felt_s is not None, found
     assert 0.0 <= found.felt_s <= 0.02 + 1e-9, found
@@ -33,43 +33,43 @@ def test_a_hit_is_felt_within_20_ms(robot: str, reality: str, seed: int) -> None
     ("robot", "reality", "seed"),
     [("ur10", "lab", 5), ("panda", "rough", 5), ("panda", "rough", 4)],
 )
-def test_nothing_is_felt_where_nothing_is(robot: str, reality: str, seed: int) -> None:
-    """At full speed, friction and masses off, from the first motion on.
+def test_free_motion_has_no_false_detection(robot: str, reality: str, seed: int) -> None:
+    """The arm moves at full speed, with wrong friction and masses, from the first motion on.
 
-    Seed 4 began with motions after which an arm that had known its noise by its rest felt a hit.
+    Motions of seed 4 caused a false detection when the noise had been learned only at rest.
     """
-    assert free(robot, reality, seed, 6.0, KINDS) == []
+    assert free(robot, reality, seed, 6.0, NODE_TYPES) == []
 
 
-def test_what_comes_of_one_change_of_acceleration_adds_to_what_comes_of_the_next() -> None:
-    """An arm that follows a noisy image swings: each of its changes allows for the same."""
-    world = Bench("panda", "rough", 0, KINDS).world
+def test_allowances_for_successive_changes_of_acceleration_add_up() -> None:
+    """Noisy images change an arm's acceleration again and again; each change counts alike."""
+    world = Bench("panda", "rough", 0, NODE_TYPES).world
     dynamics = ArmDynamics(world.nominal["arm1"])
     still = np.zeros(7)
     dynamics.update(world.hardware["arm1"].q, still)
     inertia = dynamics.inertia
     thresholds = []
     for changes in (0, 1, 5):
-        watch = CollisionDetector(world.nominal["arm1"].friction, 1.0)
+        detector = CollisionDetector(world.nominal["arm1"].friction, 1.0)
         for step in range(20):
             a = 5.0 * float(step > 10 and min(step - 10, changes) % 2)
-            assert not watch.update(inertia, SetPoint(still, np.ones(7), np.full(7, a)), still)
-        thresholds.append(watch.threshold)
+            assert not detector.update(inertia, SetPoint(still, np.ones(7), np.full(7, a)), still)
+        thresholds.append(detector.threshold)
     none, one, five = thresholds
     assert five - none == pytest.approx(5.0 * (one - none))
     assert (one > none).all()
 
 
 @pytest.mark.parametrize("collision", [{"stop": False}, {"stop": True, "threshold": 1000.0}])
-def test_what_the_file_says_of_hits_is_heeded(collision: dict[str, float]) -> None:
-    assert "COLLISION" not in hit("panda", "lab", 0, KINDS, collision).reason.partition(":")[0]
+def test_collision_settings_of_the_file_apply(collision: dict[str, float]) -> None:
+    assert "COLLISION" not in hit("panda", "lab", 0, NODE_TYPES, collision).reason.partition(":")[0]
 
 
-def test_a_motion_that_is_to_touch_something_minds_no_hit() -> None:
-    """The same push ends one that is not."""
+def test_motion_that_may_touch_ignores_collisions() -> None:
+    """The same push ends a motion that may not touch anything."""
     faults = []
     for may_touch in (True, False):
-        bench = Bench("ur5", "lab", 0, KINDS)
+        bench = Bench("ur5", "lab", 0, NODE_TYPES)
         world = bench.world
         controller = bench.controller
         goal = controller.setpoint.q + np.array((0.6, -0.2, 0.0, 0.0, 0.0, 0.0))
@@ -86,8 +86,8 @@ def test_a_motion_that_is_to_touch_something_minds_no_hit() -> None:
     assert faults[1].numbers["force_n"] == pytest.approx(85, rel=0.6)
 
 
-def test_a_leaf_fails_with_the_joint_and_the_force(stage: Stage) -> None:
-    """The arm stands a second later, though it is pushed still."""
+def test_leaf_fails_with_the_joint_and_the_torque(stage: Stage) -> None:
+    """The arm is at rest a second later although it is still being pushed."""
     leaf: Tree = {"move_linear": {"offset": {"xyz": [0, 0.25, 0]}, "speed": 0.3}}
     arm: Tree = {"robot": "ur5", "base": {"xyz": [0, 0, 0.4]}, "posture": "present"}
     tree: Tree = {"sequence": [{"force_success": {"child": leaf}}, {"wait": {"seconds": 1.0}}]}

@@ -1,4 +1,4 @@
-"""The thresholds of hits, worked out for all joints at once by what the class says of them."""
+"""Thresholds of the collision detector, compared with a reference in NumPy."""
 
 from __future__ import annotations
 
@@ -26,28 +26,28 @@ DOF = len(FRICTION.coulomb)
 
 
 class Reference:
-    """The same watch, of all that was ever told it."""
+    """The same detector, computed from its whole history."""
 
     def __init__(self) -> None:
         self.torques: list[Vector] = []
-        self.asked: list[Vector] = []
+        self.inertial: list[Vector] = []
         self.still: list[Flags] = []
         self.variance = np.full(DOF, 1.2**2)
         self.measured = np.full(DOF, 10.0)
 
     def take(self, inertia: Matrix, sent: SetPoint, torque: Vector) -> tuple[Vector, Vector]:
-        """Change and threshold of a period; zeros while it is too early."""
+        """Change and threshold of a period, N m; zeros in the first periods."""
         self.torques.append(torque)
-        self.asked.append(inertia @ sent.a)
+        self.inertial.append(inertia @ sent.a)
         self.still.append(np.abs(sent.v) < REVERSAL_SPEED)
         if len(self.torques) <= SPAN:
             return np.zeros(DOF), np.zeros(DOF)
         change = torque - self.torques[-1 - SPAN]
-        meant = np.abs(np.diff(self.asked[-1 - SPAN - DELAY :], axis=0)).sum(axis=0)
+        commanded = np.abs(np.diff(self.inertial[-1 - SPAN - DELAY :], axis=0)).sum(axis=0)
         turns = np.any(self.still[-REVERSAL_PERIODS:], axis=0)
-        turns |= len(self.still) < REVERSAL_PERIODS  # it stood before
+        turns |= len(self.still) < REVERSAL_PERIODS  # it was at rest before
         dry = 2.0 * np.maximum(FRICTION.static, FRICTION.coulomb)
-        allowed = MODEL_ERROR * meant + turns * dry
+        allowed = MODEL_ERROR * commanded + turns * dry
         lever = np.linalg.norm(inertia, axis=1)
         deviation = lever * np.sqrt(self.variance)
         if (len(self.torques) - SPAN) % SPAN == 0:
@@ -55,32 +55,32 @@ class Reference:
         return change, allowed + DEVIATIONS * deviation
 
     def learn(self, square: Vector, counts: Flags) -> None:
-        """Running mean of squares, of joints that count."""
+        """Updates the running mean of squares of joints that count."""
         self.measured = np.minimum(self.measured + counts, MAX_SAMPLES)
         usual = np.minimum(square, 25.0 * self.variance)
         step = counts * (usual - self.variance) / self.measured
         self.variance = np.maximum(self.variance + step, MIN_DEVIATION**2)
 
 
-def test_thresholds_are_what_is_said_of_them() -> None:
-    """Of an arm that turns to and fro, is accelerated now and then, and is hit once."""
+def test_thresholds_agree_with_the_reference() -> None:
+    """The arm swings, is accelerated at times, and is hit once."""
     rng = np.random.default_rng(3)
     reference = Reference()
-    watch = CollisionDetector(FRICTION, 1.0)
+    detector = CollisionDetector(FRICTION, 1.0)
     mixed = rng.normal(size=(DOF, DOF))
     inertia = mixed @ mixed.T + np.eye(DOF)
-    hits = []
+    detections = []
     for period in range(400):
         swing = np.sin(0.02 * period + np.arange(DOF))
         a = 0.2 * rng.normal(size=DOF) * (period % 50 < 5)
         torque = 0.1 * inertia @ rng.normal(size=DOF) + 500.0 * (period == 300)
         sent = SetPoint(np.zeros(DOF), swing, a)
-        detected = watch.update(inertia, sent, torque)
+        detected = detector.update(inertia, sent, torque)
         change, threshold = reference.take(inertia, sent, torque)
-        assert watch.change == pytest.approx(change)
-        assert watch.threshold == pytest.approx(threshold)
+        assert detector.change == pytest.approx(change)
+        assert detector.threshold == pytest.approx(threshold)
         assert detected == bool((np.abs(change) > threshold).any())
-        hits += [period] * detected
-    assert hits[0] == 300
-    assert reference.variance == pytest.approx(watch._state[0][VARIANCE])  # it was learned at all
+        detections += [period] * detected
+    assert detections[0] == 300
+    assert reference.variance == pytest.approx(detector._state[0][VARIANCE])  # it was learned
     assert (reference.measured > 11.0).all()

@@ -1,4 +1,4 @@
-"""The joint controller holds, follows, brakes, carries, and says when it cannot."""
+"""The joint controller holds, follows, brakes and carries, and reports when it cannot."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def controlled(world: World, name: str = "arm1") -> JointController:
 
 
 def run(world: World, seconds: float, *controllers: JointController) -> Trajectory:
-    """Advance; returns the set-points of the first controller, and checks all torques."""
+    """Advances and checks all torques; returns the set-points of the first controller."""
     sent = [controllers[0].setpoint]
     for _ in range(round(seconds / world.timestep)):
         for controller in controllers:
@@ -71,7 +71,7 @@ def sine(start: SetPoint, amplitude: float, w: float, begin: float) -> Stream:
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_it_holds_the_posture_under_gravity(robot: str) -> None:
+def test_posture_is_held_under_gravity(robot: str) -> None:
     world = world_with(robot)
     controller = controlled(world)
     start = world.arms["arm1"].q
@@ -82,8 +82,8 @@ def test_it_holds_the_posture_under_gravity(robot: str) -> None:
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_it_follows_a_sine(robot: str) -> None:
-    """Half of the acceleration and jerk limits, two thirds of a period after fading in."""
+def test_sine_is_followed(robot: str) -> None:
+    """The error stays below 1 mrad at 40 % of the velocity, acceleration or jerk limits."""
     world = world_with(robot)
     controller = controlled(world)
     limits = world.robots["arm1"].limits
@@ -101,15 +101,15 @@ def test_it_follows_a_sine(robot: str) -> None:
 
 @pytest.mark.parametrize("robot", FAST)
 @pytest.mark.parametrize("every", [1, 2])
-def test_it_follows_a_fast_motion_to_its_end(robot: str, every: int) -> None:
-    """At the arm's limits, also when it is updated at every second step only (250 Hz)."""
+def test_fast_motion_is_followed_to_its_end(robot: str, every: int) -> None:
+    """The motion is at the arm's limits; updates at every second step (250 Hz) suffice."""
     world = world_with(robot)
     controller = JointController(world, "arm1", every * world.timestep, Reservations())
     start = controller.setpoint.q
     goal = start + 0.3
     limits = world.robots["arm1"].limits
-    way = point_to_point(start, goal, limits, controller.period)
-    motion = controller.follow(way, along_path=True)
+    trajectory = point_to_point(start, goal, limits, controller.period)
+    motion = controller.follow(trajectory, along_path=True)
     worst = 0.0
     steps = 0
     while not controller.at_rest:
@@ -146,8 +146,8 @@ def test_stop_brakes_within_the_limits(robot: str) -> None:
     assert controller.at_rest
 
 
-def test_a_kilogram_is_carried() -> None:
-    """Holding and moving with a load that was attached is as exact as without."""
+def test_attached_load_does_not_reduce_accuracy() -> None:
+    """Holding and moving an attached kilogram is as exact as without it."""
     world = World(file_of({"arm1": arm("ur5")}, {"load": box((0.0, 0.0, 0.0), mass=1.0)}))
     controller = controlled(world)
     tool = world.arms["arm1"].tool_pose
@@ -167,8 +167,8 @@ def test_a_kilogram_is_carried() -> None:
     assert error(world, controller) < 1.0 * MRAD
 
 
-def test_a_blocked_arm_is_a_fault_and_the_arm_stops_pushing() -> None:
-    """A fixed wall stands in the way of the forearm."""
+def test_blocked_arm_reports_a_fault_and_stops_pushing() -> None:
+    """A fixed wall blocks the forearm."""
     wall = box((0.25, 0.45, 0.9), 0.4, fixed=True)
     world = World(file_of({"arm1": arm("ur5")}, {"wall": wall}))
     controller = controlled(world)
@@ -187,7 +187,7 @@ def test_a_blocked_arm_is_a_fault_and_the_arm_stops_pushing() -> None:
     assert controller.clipped == 0
 
 
-def test_a_new_motion_forgets_the_fault_of_the_last() -> None:
+def test_new_motion_clears_the_fault_of_the_last() -> None:
     world = world_with("ur5")
     controller = controlled(world)
     controller.fault = Failure("TRACKING_ERROR", "an old one")
@@ -199,11 +199,11 @@ def broken(time: float) -> SetPoint:
     raise ZeroDivisionError("in a skill")
 
 
-def gone(start: SetPoint) -> Stream:
+def nan_stream(start: SetPoint) -> Stream:
     return lambda time: SetPoint(start.q * np.nan, start.v, start.a)
 
 
-def test_a_stream_that_raises_is_a_fault_and_a_stop() -> None:
+def test_exception_in_a_stream_is_a_fault_and_stops_the_arm() -> None:
     """The arm was moving; it brakes within its limits, and the error is kept for the skill."""
     world = world_with("panda")
     controller = controlled(world)
@@ -217,27 +217,27 @@ def test_a_stream_that_raises_is_a_fault_and_a_stop() -> None:
     assert max(use.velocity, use.acceleration, use.jerk) < 1 + 1e-6
 
 
-def test_a_stream_of_no_numbers_leaves_the_arm_at_rest() -> None:
+def test_stream_of_nan_leaves_the_arm_at_rest() -> None:
     world = world_with("panda")
     controller = controlled(world)
-    controller.stream(gone(controller.setpoint))
+    controller.stream(nan_stream(controller.setpoint))
     run(world, 0.2, controller)
     assert error(world, controller) < 0.5 * MRAD
     assert controller.clipped == 100
 
 
 @pytest.mark.parametrize(
-    "make", [gone, lambda start: lambda t: SetPoint(start.q + 9, start.v, start.a)]
+    "make", [nan_stream, lambda start: lambda t: SetPoint(start.q + 9, start.v, start.a)]
 )
 def test_torques_stay_within_the_efforts(make: Callable[[SetPoint], Stream]) -> None:
-    """``run`` looks at every torque."""
+    """``run`` checks every torque."""
     world = world_with("ur3")
     controller = controlled(world)
     controller.stream(make(controller.setpoint))
     run(world, 0.5, controller)
 
 
-def test_a_pushed_arm_saturates_and_says_so() -> None:
+def test_saturation_is_counted() -> None:
     world = world_with("ur3")
     controller = controlled(world)
     world.data.qvel[world.arms["arm1"].dof_ids] = 3.0
@@ -245,8 +245,8 @@ def test_a_pushed_arm_saturates_and_says_so() -> None:
     assert controller.saturated > 0
 
 
-def test_a_knocked_arm_comes_to_rest() -> None:
-    """Efforts cut joint by joint would go on feeding it with energy: it would whirl for ever."""
+def test_arm_with_a_large_velocity_comes_to_rest() -> None:
+    """Torques clipped per joint would keep adding energy, and the arm would never stop."""
     world = world_with("panda")
     controller = controlled(world)
     world.data.qvel[world.arms["arm1"].dof_ids] = (0, 20, 0, -25, 0, 30, 0)
@@ -255,7 +255,7 @@ def test_a_knocked_arm_comes_to_rest() -> None:
     assert controller.at_rest
 
 
-def test_a_motion_must_begin_where_the_arm_is() -> None:
+def test_motion_must_start_at_the_current_configuration() -> None:
     world = world_with("ur5")
     controller = controlled(world)
     with pytest.raises(Failure, match=r"5\.73° from where the arm is"):
@@ -263,7 +263,7 @@ def test_a_motion_must_begin_where_the_arm_is() -> None:
     assert controller.at_rest
 
 
-def test_torques_that_are_no_numbers_end_the_run() -> None:
+def test_nan_torques_raise_a_divergence_error() -> None:
     world = world_with("ur5")
     controller = controlled(world)
     world.data.qpos[0] = np.nan
@@ -272,8 +272,8 @@ def test_torques_that_are_no_numbers_end_the_run() -> None:
         controller.update(0.0)
 
 
-def test_it_goes_on_when_the_world_is_recompiled() -> None:
-    """Arms and objects that come and go move an arm's places in the arrays, not the arm."""
+def test_controller_goes_on_when_the_world_is_recompiled() -> None:
+    """Spawned and removed arms and objects change an arm's array indices, not its motion."""
     file = file_of(
         {"arm1": arm("ur5"), "arm2": arm("panda", (1.6, 0.0, 0.0), spawned=False)},
         {"cube": box((0.5, 0.5, 0.025))},
@@ -293,8 +293,8 @@ def test_it_goes_on_when_the_world_is_recompiled() -> None:
         assert np.abs(world.arms["arm1"].q - start).max() < 0.5 * MRAD
 
 
-def test_what_was_clipped_is_made_up_for_at_the_end() -> None:
-    """A motion faster than the limits is bent, and still ends where it was meant to."""
+def test_clipped_motion_still_ends_at_its_goal() -> None:
+    """A motion faster than the limits is clipped, but ends at its intended configuration."""
     world = world_with("ur5")
     controller = controlled(world)
     start: Vector = controller.setpoint.q
@@ -310,17 +310,15 @@ def test_what_was_clipped_is_made_up_for_at_the_end() -> None:
     assert controller.setpoint.q == pytest.approx(end, abs=1e-9)
 
 
-def test_pages_are_part_of_these_tests() -> None:
-    """Arms that no code mentions hold and follow like those of the catalog."""
+def test_user_robots_are_part_of_these_tests() -> None:
+    """Arms outside the catalog hold and follow like those in it."""
     assert set(PAGES) < set(ROBOTS)
 
 
 @pytest.mark.parametrize("name", ROBOTS)
 @pytest.mark.parametrize("share", [0.4, 1.0])
-def test_a_joint_that_is_faster_than_the_robot_allows_fails_what_is_done(
-    name: str, share: float
-) -> None:
-    """Measured, not as commanded; an arm that keeps to a share may be as fast as its robot can."""
+def test_joint_faster_than_the_robot_allows_is_a_fault(name: str, share: float) -> None:
+    """The measured speed counts, against the robot's limits even if the arm declares lower ones."""
     world = world_with(name, limits={"velocity": share})
     controller = controlled(world)
     body = world.arms["arm1"]
@@ -342,8 +340,8 @@ def test_a_joint_that_is_faster_than_the_robot_allows_fails_what_is_done(
 
 
 @pytest.mark.parametrize("robot", ["panda", "fr3"])
-def test_an_arm_is_not_still_while_a_joint_lags_behind_a_motion_that_has_ended(robot: str) -> None:
-    """A brisk arm brakes from a small speed sooner than its delayed drives do."""
+def test_arm_is_not_still_while_a_joint_lags_behind_an_ended_motion(robot: str) -> None:
+    """From a small speed, set-points of a fast arm stop before its delayed drives do."""
     world = World(file_of({"arm1": arm(robot, reality="rough")}))
     controller = controlled(world)
     at_rest: list[float] = []
@@ -364,10 +362,10 @@ def test_an_arm_is_not_still_while_a_joint_lags_behind_a_motion_that_has_ended(r
 
 
 @pytest.mark.parametrize("robot", FAST)
-def test_it_rests_only_where_its_set_point_does(robot: str) -> None:
-    """The gate follows a jump of the last set-point with bounded jerk: the motion has ended then.
+def test_controller_rests_only_when_its_set_point_does(robot: str) -> None:
+    """The gate follows a jump of the last set-point with bounded jerk after the motion has ended.
 
-    A motion that began at the set-point of that moment was refused later: TRACKING_ERROR.
+    A motion planned from an intermediate set-point was refused later with TRACKING_ERROR.
     """
     world = world_with(robot)
     controller = controlled(world)

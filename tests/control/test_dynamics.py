@@ -1,4 +1,4 @@
-"""Inverse dynamics of an arm by itself: the same torques as the world's, loads included."""
+"""Inverse dynamics of a single arm agree with the world's, including loads."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from tests.sim.worlds import ROBOTS, arm, box, file_of, world_with
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_an_arm_needs_the_torques_that_the_world_asks_for(robot: str) -> None:
-    """M a + bias of the composed world, at random states."""
+def test_torques_agree_with_the_composed_world(robot: str) -> None:
+    """The reference is M a + bias of the composed world, at random states."""
     world = world_with(robot)
     body = world.arms["arm1"]
     rng = np.random.default_rng(3)
@@ -29,12 +29,12 @@ def test_an_arm_needs_the_torques_that_the_world_asks_for(robot: str) -> None:
         wide, product = np.zeros((2, world.model.nv))
         wide[body.dof_ids] = a
         mujoco.mj_mulM(world.model, world.data, product, wide)
-        asked = (product + world.data.qfrc_bias)[body.dof_ids]
-        assert dynamics.moving(q, v, a) == pytest.approx(asked, abs=1e-9)
+        expected = (product + world.data.qfrc_bias)[body.dof_ids]
+        assert dynamics.moving(q, v, a) == pytest.approx(expected, abs=1e-9)
 
 
-def test_several_loads_are_one_body_with_the_tool() -> None:
-    """Torques are linear in the loads: those of two together are the sum of each alone."""
+def test_torques_of_several_loads_add_up() -> None:
+    """Torques are linear in the loads: those of two together are the sum of those of each."""
     nominal = world_with("panda").nominal["arm1"]
     rng = np.random.default_rng(5)
     q, v, a = rng.uniform(-1.0, 1.0, (3, 7))
@@ -50,8 +50,8 @@ def test_several_loads_are_one_body_with_the_tool() -> None:
 
 
 @pytest.mark.parametrize("robot", ["ur5", "panda"])
-def test_a_load_adds_its_weight_at_its_lever(robot: str) -> None:
-    """By the principle of virtual work: its weight times the Jacobian of its center."""
+def test_load_adds_its_weight_times_the_jacobian(robot: str) -> None:
+    """By the principle of virtual work, a load adds its weight times the Jacobian of its center."""
     obj = box((0.0, 0.0, 0.0), mass=2.0)
     world = World(file_of({"arm1": arm(robot)}))
     body = world.arms["arm1"]

@@ -1,4 +1,4 @@
-"""Motions within the joints' efforts: as they are, slower on the same path, or refused."""
+"""Motions are kept, slowed on the same path or refused to stay within the joints' efforts."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.sim.worlds import box, world_with
 
 
 def loaded(name: str, mass: float, xyz: tuple[float, float, float]) -> ArmDynamics:
-    """Dynamics of a robot with a cube at a place in its tool's link."""
+    """Dynamics of a robot with a cube of a mass in kg at a position in its tool link, m."""
     nominal = world_with(name).nominal["arm1"]
     obj = box((0, 0, 0), mass=mass)
     return ArmDynamics(nominal, [NominalLoad.of("load", obj, Pose.from_rpy(xyz))])
@@ -37,7 +37,7 @@ def share(motion: Trajectory, robot: Robot, dynamics: ArmDynamics) -> float:
 
 
 def carried(motion: Trajectory, robot: Robot, dynamics: ArmDynamics) -> Trajectory | None:
-    """The motion within the efforts, None if it is refused."""
+    """The motion within the efforts, or None if it is refused as an overload."""
     try:
         return within_efforts(motion, robot, dynamics)
     except Failure as refusal:
@@ -48,8 +48,8 @@ LOADED = [name for name in robot_names() if load_robot(name).payload]
 
 
 @pytest.mark.parametrize("name", some(LOADED, 2))
-def test_a_motion_is_as_fast_as_its_load_allows(name: str) -> None:
-    """Some loads slow it, some are refused; what is left keeps to the efforts and to its path."""
+def test_motion_is_slowed_or_refused_as_its_load_requires(name: str) -> None:
+    """A slowed motion stays within the efforts and on its path."""
     robot = load_robot(name)
     slowed = 0
     refused = 0
@@ -61,22 +61,24 @@ def test_a_motion_is_as_fast_as_its_load_allows(name: str) -> None:
         if slower is None:
             refused += 1
             continue
-        assert share(slower, robot, dynamics) < EFFORT_SHARE + 0.02  # it looks every 24 ms
+        assert (
+            share(slower, robot, dynamics) < EFFORT_SHARE + 0.02
+        )  # torques are checked every 24 ms
         if slower is motion:
             continue
         slowed += 1
         assert share(motion, robot, dynamics) > EFFORT_SHARE
-        way = motion.q[-1] - motion.q[0]  # all joints turn evenly
-        along = (slower.q - motion.q[0]) @ way / (way @ way)
-        assert slower.q == pytest.approx(motion.q[0] + along[:, None] * way, abs=1e-6)
+        line = motion.q[-1] - motion.q[0]  # all joints turn in proportion
+        along = (slower.q - motion.q[0]) @ line / (line @ line)
+        assert slower.q == pytest.approx(motion.q[0] + along[:, None] * line, abs=1e-6)
         assert slower.q[-1] == pytest.approx(motion.q[-1], abs=1e-12)
         assert not slower.v[-1].any()
     assert slowed + refused > 0
 
 
 @pytest.mark.parametrize("name", ["ur3", "ur5", "ur10", "panda"])
-def test_without_a_load_nothing_is_slowed(name: str) -> None:
-    """What the catalog allows, the joints bear."""
+def test_motion_without_a_load_is_not_slowed(name: str) -> None:
+    """Motions at the catalog's limits stay within the efforts."""
     robot = load_robot(name)
     dynamics = ArmDynamics(world_with(name).nominal["arm1"])
     for seed in range(10):
@@ -84,7 +86,7 @@ def test_without_a_load_nothing_is_slowed(name: str) -> None:
         assert within_efforts(motion, robot, dynamics) is motion
 
 
-def test_what_a_joint_cannot_bear_is_refused_with_the_joint() -> None:
+def test_load_that_a_joint_cannot_hold_is_refused_with_the_torque() -> None:
     robot = load_robot("panda")
     dynamics = loaded("panda", 3.0, (0.6, 0.0, 0.0))
     with pytest.raises(Failure, match="N m to hold the arm at rest") as refusal:
@@ -94,8 +96,8 @@ def test_what_a_joint_cannot_bear_is_refused_with_the_joint() -> None:
     assert float(refusal.value.numbers["torque_nm"]) > 12.0
 
 
-def test_a_torque_below_the_limit_is_refused_with_the_share_that_counts() -> None:
-    """'Would need 48.5 N m; its limit is 50 N m' contradicted itself."""
+def test_refusal_of_a_torque_below_the_limit_explains_the_share() -> None:
+    """'Would need 48.5 N m; its limit is 50 N m' was contradictory."""
     robot = load_robot("ur5")
     with pytest.raises(Failure, match=r"of which 95% may be planned with"):
         refuse_overload(0.97 * robot.limits.effort[None], robot)

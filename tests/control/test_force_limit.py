@@ -1,4 +1,4 @@
-"""An arm that presses harder on something than it may fails at that, and presses no longer."""
+"""An arm that exceeds its force limit fails and stops pressing."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.families import some
 from tests.sim.worlds import WIDE, arm, file_of
 
 PERIOD = 0.004
-DEEP = 0.04  # m that the tool is sent into the block
+DEEP = 0.04  # commanded depth of the tool in the block, m
 LIMITS_N = (30.0, 90.0)
 
 
@@ -32,12 +32,12 @@ def block(mass: float, *, fixed: bool) -> ObjectSpec:
 
 @dataclass
 class Press:
-    """An arm whose tool is sent straight on into a block before it, at a twentieth of its speed.
+    """An arm whose tool is commanded straight into a block, at a twentieth of its speed.
 
     Attributes:
-        fault: What the arm failed with.
-        at_fault_n: True force between arm and block when it did.
-        forces_n: True force in each step.
+        fault: Fault of the arm.
+        at_fault_n: True force between arm and block at the fault, N.
+        forces_n: True force in each step, N.
     """
 
     world: World
@@ -53,7 +53,7 @@ class Press:
         return press
 
     def _put_block(self) -> None:
-        """As near before the tool as there is room."""
+        """Puts the block as near before the tool as there is room."""
         pose = self.world.nominal["arm1"].tool_pose_at(self.world.hardware["arm1"].q)
         for gap in np.arange(0.045, 0.2, 0.0025).tolist():
             try:
@@ -71,8 +71,8 @@ class Press:
         body = world.arms["arm1"]
         kinematics = Kinematics(body.robot, body.base)
         start = kinematics.forward(controller.setpoint.q)
-        way = line(start, start @ Pose.from_rpy((0.0, 0.0, DEEP)))
-        rows = kinematics.follow(way.poses, controller.setpoint.q)
+        path = line(start, start @ Pose.from_rpy((0.0, 0.0, DEEP)))
+        rows = kinematics.follow(path.poses, controller.setpoint.q)
         world.on_forces.append(lambda: self.forces_n.append(self._force_n()))
         controller.follow(time_path(rows, body.robot.limits.scaled(0.05), PERIOD))
         for _ in range(round(seconds / PERIOD)):
@@ -84,15 +84,15 @@ class Press:
                 world.step()
 
     def _force_n(self) -> float:
-        """Of all contacts of the block with the arm together."""
+        """Norm of the sum of all contact forces between block and arm, N."""
         world = self.world
-        mine = world.arms["arm1"].geom_ids
+        own = world.arms["arm1"].geom_ids
         other = world.object_geom("block")
         total = np.zeros(3)
         one = np.zeros(6)
         for i, contact in enumerate(world.data.contact):
             pair = set(contact.geom.tolist())
-            if other in pair and pair & mine:
+            if other in pair and pair & own:
                 mujoco.mj_contactForce(world.model, world.data, i, one)
                 sign = 1.0 if contact.geom[1] == other else -1.0
                 total += sign * contact.frame.reshape(3, 3).T @ one[:3]
@@ -100,8 +100,8 @@ class Press:
 
 
 @pytest.mark.parametrize(("robot", "limit_n"), some(product(WIDE, LIMITS_N), 3))
-def test_who_presses_too_hard_fails_and_goes_back(robot: str, limit_n: float) -> None:
-    """With names and numbers: no sooner than the limit, no more is felt than there is."""
+def test_arm_that_presses_too_hard_fails_and_retreats(robot: str, limit_n: float) -> None:
+    """The failure names both bodies; the estimate exceeds the limit and not the true force."""
     press = Press.of(robot, limit_n, block(1.0, fixed=True))
     press.run()
     assert isinstance(press.fault, ForceLimitFailure), press.fault
@@ -113,8 +113,8 @@ def test_who_presses_too_hard_fails_and_goes_back(robot: str, limit_n: float) ->
 
 
 @pytest.mark.parametrize("robot", some(WIDE, 2))
-def test_friction_masses_and_light_things_are_no_force(robot: str) -> None:
-    """A neglected arm with joints that rub pushes a cup before it."""
+def test_friction_wrong_masses_and_light_objects_do_not_exceed_the_limit(robot: str) -> None:
+    """A neglected arm with joint friction pushes a floating block of 0.3 kg."""
     press = Press.of(robot, 140.0, block(0.3, fixed=False), reality="rough")
     model = press.world.model
     body = press.world.model.body("block").id

@@ -1,4 +1,4 @@
-"""What several arms do to an object beyond moving and bearing it: nothing else is internal."""
+"""Internal wrenches of several arms on one object: those that neither move nor carry it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def total(points: np.ndarray, wrenches: np.ndarray) -> np.ndarray:
     return np.concatenate((wrenches[:, :3].sum(axis=0), moments.sum(axis=0)))
 
 
-def test_arms_that_press_against_each_other_do_so_with_all_their_force() -> None:
+def test_opposing_forces_are_wholly_internal() -> None:
     wrenches = np.zeros((2, 6))
     along = (POINTS[1] - POINTS[0]) / np.linalg.norm(POINTS[1] - POINTS[0])
     wrenches[0, :3] = 30.0 * along
@@ -40,7 +40,7 @@ def test_shares_of_a_weight_are_not_internal() -> None:
     np.testing.assert_allclose(internal_wrenches(shares, POINTS, wrenches), 0.0, atol=1e-9)
 
 
-def test_what_is_internal_moves_nothing_whatever_the_wrenches_are() -> None:
+def test_internal_wrenches_sum_to_zero() -> None:
     rng = np.random.default_rng(0)
     for count in (2, 3):
         for _ in range(20):
@@ -49,12 +49,12 @@ def test_what_is_internal_moves_nothing_whatever_the_wrenches_are() -> None:
             wrenches = rng.normal(size=(count, 6))
             internal = internal_wrenches(list(shares), points, wrenches)
             np.testing.assert_allclose(total(points, internal), 0.0, atol=1e-9)
-            # Nothing is left to take away from what is not internal.
+            # The remainder has no internal part.
             again = internal_wrenches(list(shares), points, wrenches - internal)
             np.testing.assert_allclose(again, 0.0, atol=1e-9)
 
 
-def test_a_twist_of_both_ends_against_each_other_is_an_internal_moment() -> None:
+def test_opposing_moments_are_internal() -> None:
     wrenches = np.zeros((2, 6))
     wrenches[0, 3] = 4.0
     wrenches[1, 3] = -4.0
@@ -68,7 +68,7 @@ def test_cross_products_of_rows() -> None:
 
 
 @pytest.mark.parametrize("count", [2, 3])
-def test_doubts_like_the_shares_explain_what_does_not_add_up_as_the_shares_do(count: int) -> None:
+def test_uncertainties_in_proportion_to_shares_give_the_same_internal_wrenches(count: int) -> None:
     rng = np.random.default_rng(count)
     shares = rng.dirichlet(np.ones(count))
     points = rng.normal(size=(count, 3))
@@ -82,7 +82,7 @@ def test_doubts_like_the_shares_explain_what_does_not_add_up_as_the_shares_do(co
     )
 
 
-def test_the_arm_that_feels_more_is_believed() -> None:
+def test_measurement_with_less_uncertainty_prevails() -> None:
     """The arms press with 10 N; friction adds 30 N to what the second one measures."""
     along = (POINTS[1] - POINTS[0]) / np.linalg.norm(POINTS[1] - POINTS[0])
     true = np.zeros((2, 6))
@@ -98,15 +98,15 @@ def test_the_arm_that_feels_more_is_believed() -> None:
 
 PERIOD_S = 0.004
 STIFFNESS = np.array((8e5, 8e5, 8e5, 2e3, 2e3, 2e3))
-"""Force by which an arm's observer presses harder in each second for a displacement, N/m/s, as
-measured with a UR10; N m/rad/s for a rotation."""
+"""Growth of an arm's force per displacement, N/m/s, by its disturbance observer, as measured with a
+UR10; N m/rad/s for a rotation."""
 
 
 class PressingArm:
-    """An arm of six joints that move its tool along and about the axes of the world.
+    """An arm whose six joints move its tool along and about the axes of the world.
 
-    It holds the end of a rigid bar that stands still. Its disturbance observer is an integrator: it
-    presses harder as long as the tool is not where it is commanded.
+    It holds the end of a rigid bar at rest. Its disturbance observer is an integrator: the force
+    grows as long as the tool is not at its commanded pose.
     """
 
     def __init__(self, position: np.ndarray) -> None:
@@ -116,13 +116,13 @@ class PressingArm:
         self.doubt = np.eye(6)
 
     def look(self, time: float) -> None:
-        """The test sets all that is measured."""
+        """Does nothing: the test sets all measurements."""
 
     def joint_velocity(self, twist: np.ndarray) -> np.ndarray:
         return twist
 
     def command(self, correction: np.ndarray, displaced: np.ndarray) -> None:
-        """One period with the tool commanded elsewhere."""
+        """One period with a correction of the commanded pose and a constant displacement."""
         self.lag = -(displaced + correction)
         self.wrench = self.wrench - STIFFNESS * PERIOD_S * self.lag
 
@@ -130,7 +130,7 @@ class PressingArm:
 def pressed(
     displaced: np.ndarray,
 ) -> tuple[InternalWrenchRegulator, list[PressingArm], list[float]]:
-    """Let two arms hold a bar for a second; the first one is commanded elsewhere by a twist."""
+    """Lets two arms, commanded in opposite directions by a twist, hold a bar for a second."""
     arms = [PressingArm(point) for point in POINTS]
     named: dict[str, Any] = {"arm1": arms[0], "arm2": arms[1]}
     parts = {"arm1": slice(0, 6), "arm2": slice(6, 12)}
@@ -146,8 +146,8 @@ def pressed(
     return regulator, arms, forces
 
 
-def test_what_displaces_the_arms_against_each_other_ends_and_so_does_the_force() -> None:
-    """Two integrators in a row would swing: the force falls once, and does not come back."""
+def test_regulator_removes_the_displacement_and_the_force() -> None:
+    """Two integrators in series would oscillate; the force decreases steadily from its peak."""
     along = np.zeros(6)
     along[:3] = 2e-4 * (POINTS[1] - POINTS[0]) / np.linalg.norm(POINTS[1] - POINTS[0])
     regulator, arms, forces = pressed(along)
@@ -159,8 +159,8 @@ def test_what_displaces_the_arms_against_each_other_ends_and_so_does_the_force()
     assert (np.diff(forces[highest:]) < 1e-3).all()
 
 
-def test_where_the_object_lags_behind_as_a_whole_nothing_yields() -> None:
-    """Both tools lag by the same motion of the bar: nothing of it is internal."""
+def test_common_lag_of_both_arms_causes_no_correction() -> None:
+    """Both tools lag by the same motion of the bar, which is not internal."""
     arms = [PressingArm(point) for point in POINTS]
     turn = np.array((0.1, -0.2, 0.3))
     center = POINTS.mean(axis=0)

@@ -1,4 +1,4 @@
-"""Whatever an arm is given to carry, it carries or refuses before it moves."""
+"""An arm either carries a load or refuses it before it moves."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from bt_dualarm.skill.registry import Registry
 
 REGISTRY = Registry.load()
 
-WHIRLED = (
+WIDE_LOADS = (
     Case("xarm7", "plate", 1.0, (0.3, 0.3, 0.01), (0.0, 0.0, 0.005), 1),
     Case("xarm7", "rod", 0.1, (0.6, 0.02, 0.02), (0.0, 0.0, 0.01), 1),
     Case("ur10", "rod", 0.5, (0.4, 0.02, 0.02), (0.0, 0.0, 0.01), 1),
 )
-"""Wide loads at light wrists: on a soft weld they shook the joint at up to 40 times its limit."""
+"""Wide loads at light wrists: on a soft weld they shook a joint at up to 40 times its limit."""
 
 
-@pytest.mark.parametrize("case", WHIRLED, ids=lambda case: f"{case.robot}-{case.kind}")
-def test_a_wide_load_does_not_shake_a_light_wrist(case: Case) -> None:
+@pytest.mark.parametrize("case", WIDE_LOADS, ids=lambda case: f"{case.robot}-{case.kind}")
+def test_wide_load_does_not_shake_a_light_wrist(case: Case) -> None:
     outcome, fastest = carry(case, REGISTRY)
     assert outcome == "carried"
     assert fastest < 1.02
@@ -26,7 +26,7 @@ def test_a_wide_load_does_not_shake_a_light_wrist(case: Case) -> None:
 
 @pytest.mark.slow
 def test_every_load_is_carried_or_refused() -> None:
-    """Plates, rods, cubes and weights aside at every robot: none fails."""
+    """Plates, rods, cubes and eccentric weights do not fail on any robot."""
     outcomes = [(case, *carry(case, REGISTRY)) for case in cases(60, 5)]
     failed = [row for row in outcomes if row[1] not in ("carried", "refused")]
     assert failed == []

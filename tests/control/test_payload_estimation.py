@@ -1,4 +1,4 @@
-"""An arm finds out what it holds, from its motors' torques alone."""
+"""An arm estimates its payload from its motor torques alone."""
 
 from __future__ import annotations
 
@@ -16,19 +16,21 @@ from bt_dualarm.skill.registry import Registry
 from tests.families import some
 from tests.sim.worlds import arm, box, file_of
 
-KINDS = Registry.load().kinds
+NODE_TYPES = Registry.load().kinds
 
 
 @pytest.mark.parametrize(
     ("robot", "seed", "mass"),
     some([("panda", 3, 2.5), ("ur10", 5, 1.0), ("ur5", 4, 0.2), ("xarm7", 0, 3.0)], 2),
 )
-def test_mass_and_center_of_what_nobody_has_weighed(robot: str, seed: int, mass: float) -> None:
-    """Within 3 % or 20 g on a well kept robot; the center is not worse than the file's.
+def test_mass_and_center_of_an_unknown_payload_are_estimated(
+    robot: str, seed: int, mass: float
+) -> None:
+    """The mass is within 3 % or 20 g on a well-maintained robot, the center within 15 mm.
 
-    The xArm7 sags at first under what nobody has told it of, and does not do what it meant to.
+    The xArm7 at first sags under the unknown payload and deviates from its commanded motion.
     """
-    found = weighed(robot, "lab", seed, mass, KINDS)
+    found = weighed(robot, "lab", seed, mass, NODE_TYPES)
     assert found.estimate == pytest.approx(found.true, rel=0.03, abs=0.02), found
     assert 0.0 < found.doubt < max(0.1 * mass, 0.05)
     assert found.center_mm < 15.0
@@ -48,41 +50,43 @@ def test_mass_and_center_of_what_nobody_has_weighed(robot: str, seed: int, mass:
         2,
     ),
 )
-def test_a_gripper_is_no_part_of_what_it_holds(robot: str, gripper: str) -> None:
-    """Grippers weigh 0.2 to 0.9 kg, which the arm knows of; 0.8 kg in them are told as exactly."""
-    found = weighed(robot, "lab", 1, 0.8, KINDS, gripper)
+def test_gripper_is_not_part_of_the_estimated_payload(robot: str, gripper: str) -> None:
+    """Grippers of a known 0.2 to 0.9 kg do not reduce the accuracy for a payload of 0.8 kg."""
+    found = weighed(robot, "lab", 1, 0.8, NODE_TYPES, gripper)
     assert found.estimate == pytest.approx(found.true, rel=0.03, abs=0.02), found
     assert found.center_mm < 15.0
-    neglected = weighed(robot, "rough", 1, 0.8, KINDS, gripper)
+    neglected = weighed(robot, "rough", 1, 0.8, NODE_TYPES, gripper)
     assert abs(neglected.estimate - neglected.true) < 2.0 * neglected.doubt, neglected
 
 
-def test_a_load_of_unknown_mass_no_longer_costs_the_path() -> None:
-    """Weighed as the arm moves off: within what is asked for, not 0.117 mm."""
+def test_unknown_payload_does_not_reduce_path_accuracy() -> None:
+    """Estimated as the arm starts to move, it allows an RMS of 0.05 mm; it was 0.117 mm."""
     for tool, motion, planned in curves("panda"):
-        world = world_of("panda", tool, "lab", "unknown", 2, KINDS)
+        world = world_of("panda", tool, "lab", "unknown", 2, NODE_TYPES)
         found = measured(world, motion, planned)
         assert found.fault == ""
         assert found.rms <= 0.05
 
 
 def hanging(mass: float, seed: int = 1) -> World:
-    """A UR5 with a cube at its tool, of whose mass it was told nothing."""
-    things = {"cube": box((0.487, 0.109, 0.79), mass=mass), "late": box((2.0, 0, 0.5))}
-    things["late"] = things["late"].model_copy(update={"spawned": False})
+    """A UR5 with a cube of unknown mass at its tool."""
+    objects = {"cube": box((0.487, 0.109, 0.79), mass=mass), "late": box((2.0, 0, 0.5))}
+    objects["late"] = objects["late"].model_copy(update={"spawned": False})
     reality = {"set": "lab", "payload": {"known": False}}
-    return World(file_of({"arm1": arm("ur5")}, things, reality=reality), seed)
+    return World(file_of({"arm1": arm("ur5")}, objects, reality=reality), seed)
 
 
-def test_what_was_weighed_is_known_until_it_is_let_go() -> None:
-    """Also when something else comes into the world meanwhile."""
+def test_estimated_payload_is_kept_until_its_release() -> None:
+    """The estimate is kept when another object is spawned."""
     world = hanging(0.8)
     world.attach("arm1", "cube")
     controller = JointController(world, "arm1", PERIOD, Reservations())
     assert world.nominal["arm1"].loads[0].mass is None
     swing(world, controller, controller.setpoint.q)
     (load,) = world.nominal["arm1"].loads
-    assert load.mass == pytest.approx(0.8, rel=0.2), "it has nothing to compare with"
+    assert load.mass == pytest.approx(0.8, rel=0.2), (
+        "there is no estimate of the empty arm to compare with"
+    )
     assert load.mass_doubt > 0.01
     world.spawn_object("late")
     assert world.nominal["arm1"].loads == (load,)
@@ -90,8 +94,8 @@ def test_what_was_weighed_is_known_until_it_is_let_go() -> None:
     assert not world.nominal["arm1"].loads
 
 
-def test_an_arm_is_not_told_by_the_file_what_it_cannot_know() -> None:
-    """20 kg that are known are refused before they are touched, 20 kg that are not are not."""
+def test_payload_check_does_not_use_an_unknown_mass_from_the_file() -> None:
+    """Known 20 kg are refused before they are touched, unknown 20 kg are not."""
     world = hanging(20.0)
     q = world.hardware["arm1"].q
     link = world.arms["arm1"].tool_link_pose
@@ -101,10 +105,10 @@ def test_an_arm_is_not_told_by_the_file_what_it_cannot_know() -> None:
         PayloadCheck(world, "arm1").refuse("cube", q, link)
 
 
-def test_joints_that_hardly_move_are_no_evidence_of_a_weight() -> None:
-    """Their friction has the sign of encoder noise: a TIAGo took 0.1 kg for 0.3, five deviations.
+def test_joints_that_hardly_move_do_not_change_the_estimate() -> None:
+    """Their friction has the sign of encoder noise: a TIAGo estimated 0.1 kg as 0.3 kg, at 5 sigma.
 
-    Large arms with such an error swung at 40 Hz, because they were far lighter than they believed.
+    Large arms with such an error oscillated at 40 Hz, far lighter than their estimated load.
     """
     run = bt_dualarm.open(
         {

@@ -1,4 +1,4 @@
-"""The tool keeps to its plan on robots that are not their page, and comes to rest."""
+"""On robots that deviate from their description, the tool follows its plan and comes to rest."""
 
 from __future__ import annotations
 
@@ -11,15 +11,16 @@ from bt_dualarm.safety.failsafe import Reservations
 from bt_dualarm.skill.registry import Registry
 from tests.families import some
 
-KINDS = Registry.load().kinds
+NODE_TYPES = Registry.load().kinds
 LIMITS = {"ideal": (0.02, 0.06), "lab": (0.10, 0.30), "rough": (0.30, 1.00)}
-"""RMS and maximum in mm that are asked for."""
+"""Largest allowed RMS and maximum error, mm."""
 
 
-def keeps_to_its_plan(robot: str, reality: str, load: str, seed: int) -> None:
+def check_curves(robot: str, reality: str, load: str, seed: int) -> None:
+    """Checks the errors along all curves, and at rest after them."""
     rms, worst = LIMITS[reality]
     for tool, motion, planned in curves(robot):
-        world = world_of(robot, tool, reality, load, seed, KINDS)
+        world = world_of(robot, tool, reality, load, seed, NODE_TYPES)
         found = measured(world, motion, planned)
         assert found.fault == ""
         assert (found.rms <= rms, found.worst <= worst) == (True, True), found
@@ -28,26 +29,26 @@ def keeps_to_its_plan(robot: str, reality: str, load: str, seed: int) -> None:
 
 @pytest.mark.parametrize("robot", ["ur5", "panda"])
 @pytest.mark.parametrize("reality", LIMITS)
-def test_curves_at_full_speed(robot: str, reality: str) -> None:
-    """Friction, masses, drives and encoders of one robot of the batch."""
-    keeps_to_its_plan(robot, reality, "none", 3)
+def test_curves_at_full_speed_are_within_the_limits(robot: str, reality: str) -> None:
+    """The robot has sampled friction, masses, drives and encoders."""
+    check_curves(robot, reality, "none", 3)
 
 
-def test_an_arm_that_trembles_is_at_rest() -> None:
-    """Encoders of a neglected robot: single velocities are above what counts as standing."""
+def test_arm_with_noisy_encoders_is_at_rest() -> None:
+    """Single velocities from a neglected robot's encoders exceed the limit for rest."""
     robot = "panda"
     tool = next(curves(robot))[0]
-    world = world_of(robot, tool, "rough", "none", 1, KINDS)
+    world = world_of(robot, tool, "rough", "none", 1, NODE_TYPES)
     controller = JointController(world, "arm1", PERIOD, Reservations())
-    fast = calm = 0
+    fast = resting = 0
     for step in range(500):
         controller.update(world.time)
         for _ in range(2):
             world.step()
         fast += bool(np.abs(world.hardware["arm1"].v).max() > 5e-3)
-        calm += controller.at_rest and step >= 250
+        resting += controller.at_rest and step >= 250
     assert fast > 100
-    assert calm == 250
+    assert resting == 250
 
 
 @pytest.mark.slow
@@ -63,6 +64,6 @@ def test_an_arm_that_trembles_is_at_rest() -> None:
         3,
     ),
 )
-def test_curves_with_a_kilogram(robot: str, reality: str, load: str) -> None:
+def test_curves_with_a_kilogram_are_within_the_limits(robot: str, reality: str, load: str) -> None:
     for seed in (1, 2):
-        keeps_to_its_plan(robot, reality, load, seed)
+        check_curves(robot, reality, load, seed)

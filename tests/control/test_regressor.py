@@ -1,4 +1,4 @@
-"""Torques are linear in the inertial numbers of the links, and of what is held."""
+"""Torques are linear in the inertial parameters of the links and of the payload."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from bt_dualarm.control.payload_estimation import TorqueRegressor, inertial_para
 from bt_dualarm.skill.registry import Registry
 from tests.sim.worlds import WIDE
 
-KINDS = Registry.load().kinds
+NODE_TYPES = Registry.load().kinds
 
 
 @pytest.mark.parametrize("robot", WIDE)
-def test_columns_times_numbers_are_inverse_dynamics(robot: str) -> None:
-    """Rotors aside, which are no links; a load is so many numbers more on the last of them."""
-    world = world_of(robot, next(curves(robot))[0], "lab", "known", 0, KINDS)
+def test_regressor_times_parameters_is_inverse_dynamics(robot: str) -> None:
+    """Rotors, which are not links, are added; the payload adds parameters to the last link."""
+    world = world_of(robot, next(curves(robot))[0], "lab", "known", 0, NODE_TYPES)
     nominal = world.nominal["arm1"]
     (load,) = nominal.loads
     assert load.mass is not None
@@ -35,8 +35,8 @@ def test_columns_times_numbers_are_inverse_dynamics(robot: str) -> None:
 
 @pytest.mark.parametrize("robot", WIDE)
 def test_inverse_dynamics_undo_forward_dynamics(robot: str) -> None:
-    """The rotors' inertia is in both."""
-    world = world_of(robot, next(curves(robot))[0], "lab", "known", 0, KINDS)
+    """Both include the rotors' inertia."""
+    world = world_of(robot, next(curves(robot))[0], "lab", "known", 0, NODE_TYPES)
     nominal = world.nominal["arm1"]
     dynamics = ArmDynamics(nominal, nominal.loads)
     q, v, a = np.random.default_rng(6).uniform(-1, 1, (3, nominal.model.nv))

@@ -1,4 +1,4 @@
-"""A UR5 and a thin wall beside it, through which its straight way to the other side leads."""
+"""A UR5 and a thin wall that its straight path to the other side would cross."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ABOVE = np.deg2rad((-50.0, -120.0, 60.0, -30.0, -90.0, 0.0))
 
 
 def wall(thickness: float = 0.01, height: float = 0.9, **fields: Any) -> ObjectSpec:
-    """Between right and left."""
+    """A wall between `RIGHT` and `LEFT`."""
     return ObjectSpec(
         shape="box",
         size=(1.0, thickness, height),
@@ -52,7 +52,7 @@ def locked_world() -> World:
 
 
 def problem_in(world: World, start: Vector, *goals: Vector, **fields: Any) -> PlanningProblem:
-    """For ``arm1``, at its own limits unless said otherwise."""
+    """A planning problem of ``arm1``, by default with its own limits."""
     limits = world.arms["arm1"].robot.limits
     problem = PlanningProblem(CollisionChecker(world, "arm1"), start, goals, limits, DT)
     return replace(problem, **fields)

@@ -1,4 +1,4 @@
-"""A folder with a kernel."""
+"""Fixtures: a folder with a kernel, and its compiled code."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ def scripts(tmp_path: Path) -> Path:
 
 
 def folder_of_scripts(within: Path) -> Path:
-    place = within / "scripts"
-    place.mkdir()
-    (place / "double_kernels.py").write_text(DOUBLE)
-    return place
+    folder = within / "scripts"
+    folder.mkdir()
+    (folder / "double_kernels.py").write_text(DOUBLE)
+    return folder
 
 
 @pytest.fixture(scope="package")
 def compiled_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where a process has left the code of that kernel, with the folder of its scripts beside."""
+    """A folder with the cache that a process has filled with the kernel's code, and its scripts."""
     within = tmp_path_factory.mktemp("compiled")
     assert reported(started(within / "cache", folder_of_scripts(within)))[:2] == (6.0, 0)
     return within
@@ -33,7 +33,7 @@ def compiled_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def compiled(compiled_once: Path, tmp_path: Path) -> Compiled:
-    """A copy of its cache, for one test to spoil, and the same scripts: code knows their path."""
+    """A copy of the cache, which the test may damage, and the same scripts: code has their path."""
     shutil.copytree(compiled_once / "cache", tmp_path / "cache")
     (file,) = (tmp_path / "cache").rglob("*.nbc")
     return Compiled(tmp_path / "cache", file, compiled_once / "scripts")

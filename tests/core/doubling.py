@@ -1,4 +1,4 @@
-"""A kernel that doubles a number, used by a process that tells what came of it."""
+"""A kernel that doubles a number, and a process that uses it and reports the result."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.source import ROOT
 PR_CAPBSET_DROP = 24
 CAP_DAC_OVERRIDE = 1
 CAP_DAC_READ_SEARCH = 2
-"""Of Linux's prctl(2) and capabilities(7)."""
+"""Constants of Linux's prctl(2) and capabilities(7)."""
 
 DOUBLE = """
 from bt_dualarm.core.kernel import kernel
@@ -42,12 +42,12 @@ result = doubled(3.0)
 hits = sum(doubled.stats.cache_hits.values()) if hasattr(doubled, "stats") else 0
 print(json.dumps([result, hits, said, str(code_folder())]))
 """
-"""Compiles one small kernel, and tells its result, whether its code was found, what was logged."""
+"""Compiles one small kernel; reports its result, the number of cache hits, and the log."""
 
 
 @dataclass(frozen=True)
 class Compiled:
-    """Code of the kernel: the cache that it is in, its file, the scripts that it was made from."""
+    """Code of the kernel: its cache, its file and the folder of its source."""
 
     cache: Path
     file: Path
@@ -55,9 +55,9 @@ class Compiled:
 
 
 def environment(cache: Path, scripts: Path) -> dict[str, str]:
-    """With a cache of its own, our kernel among the modules, and nothing said to numba yet."""
-    said = ("NUMBA_CPU_NAME",)  # by this process, which may have used kernels
-    return {name: value for name, value in os.environ.items() if name not in said} | {
+    """Environment with a separate cache, the kernel's module, and no settings of numba."""
+    set_here = ("NUMBA_CPU_NAME",)  # by this process, which may have used kernels
+    return {name: value for name, value in os.environ.items() if name not in set_here} | {
         "XDG_CACHE_HOME": str(cache),
         "PYTHONPATH": os.pathsep.join((str(scripts), str(ROOT))),
     }
@@ -66,7 +66,7 @@ def environment(cache: Path, scripts: Path) -> dict[str, str]:
 def started(
     cache: Path, scripts: Path, *flags: str, first: str = "", **settings: str
 ) -> subprocess.Popen[str]:
-    """A process that uses the kernel, after a line of its own; file modes bind it, root's too."""
+    """A process that runs a first line and uses the kernel; file modes apply to it even as root."""
     return subprocess.Popen(
         [sys.executable, *flags, "-c", first + USE],
         env=environment(cache, scripts) | settings,
@@ -78,15 +78,15 @@ def started(
 
 
 def give_up_rights() -> None:
-    """Let what root starts next keep to the modes of files; without effect for others."""
+    """Drops root's capabilities to ignore file modes; without effect for other users."""
     libc = ctypes.CDLL(None)
     for right in CAP_DAC_OVERRIDE, CAP_DAC_READ_SEARCH:
         libc.prctl(PR_CAPBSET_DROP, right, 0, 0, 0)
 
 
 def reported(process: subprocess.Popen[str]) -> tuple[float, int, list[str], Path]:
-    """Its result, how often code was found, what was logged, the folder of the code."""
+    """The result of a process, its number of cache hits, its log, and the folder of its code."""
     out, err = process.communicate(timeout=300)
     assert process.returncode == 0, err
-    result, hits, said, place = json.loads(out)
-    return result, hits, said, Path(place)
+    result, hits, log, folder = json.loads(out)
+    return result, hits, log, Path(folder)

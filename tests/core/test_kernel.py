@@ -1,4 +1,4 @@
-"""Machine code of kernels: what it means, where it is kept, and who compiles it."""
+"""Machine code of kernels: its cache, its digests, and when it is compiled."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ CALLED = [path for path in KERNEL_FILES if path.name.endswith("_kernels.py")]
 
 
 def test_code_is_compiled_once_and_found_from_anywhere(tmp_path: Path, scripts: Path) -> None:
-    """By the next process, from another place of installation too, one that cannot be written."""
+    """The next process finds it, also from another, read-only installation folder."""
     cache = tmp_path / "cache"
-    result, hits, said, place = reported(started(cache, scripts))
+    result, hits, log, folder = reported(started(cache, scripts))
     assert (result, hits) == (6.0, 0)
-    assert len(said) == 1
-    assert "once on this machine" in said[0]
-    assert place == cache / "bt_dualarm" / "kernels"
+    assert len(log) == 1
+    assert "once on this machine" in log[0]
+    assert folder == cache / "bt_dualarm" / "kernels"
 
     elsewhere = tmp_path / "elsewhere"
     shutil.copytree(scripts, elsewhere, ignore=shutil.ignore_patterns("__pycache__"))
     elsewhere.chmod(stat.S_IRUSR | stat.S_IXUSR)
-    assert reported(started(cache, elsewhere)) == (6.0, 1, [], place)
+    assert reported(started(cache, elsewhere)) == (6.0, 1, [], folder)
     elsewhere.chmod(stat.S_IRWXU)
 
 
 def test_python_without_docstrings_finds_the_same_code(tmp_path: Path, scripts: Path) -> None:
-    """Its byte code is another one; the sources are the same."""
+    """The byte code differs, but the sources are the same."""
     text = (scripts / "double_kernels.py").read_text()
     documented = text.replace("(x):\n", '(x):\n    """Twice as much."""\n')
     assert documented != text
@@ -56,16 +56,16 @@ def test_two_processes_may_compile_at_once(tmp_path: Path, scripts: Path) -> Non
     assert reported(started(tmp_path / "cache", scripts))[:3] == (6.0, 1, [])
 
 
-def test_kernels_can_be_told_apart_by_the_names_of_their_files() -> None:
-    """Numba takes the last part of a module's name, a function's, and its line."""
+def test_file_names_of_kernels_are_unique() -> None:
+    """Numba identifies code by the last part of the module's name, the function and its line."""
     names = [path.name for path in CALLED]
     assert sorted(set(names)) == sorted(names)
 
 
-def test_a_change_of_a_module_compiles_it_and_its_callers_again(
+def test_change_of_a_module_changes_its_digest_and_that_of_its_callers(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Kernels that call the changed ones contain their code, directly or not; others stay."""
+    """Kernels that call changed ones, even indirectly, contain their code; others do not."""
     before = {path.stem: digest_of_code(path) for path in CALLED}
     whole = digest_of_kernels()
     read = Path.read_bytes
@@ -88,16 +88,16 @@ def test_a_change_of_a_module_compiles_it_and_its_callers_again(
 
 
 @pytest.mark.parametrize("path", CALLED, ids=dotted_name)
-def test_the_digest_of_a_module_is_that_of_all_that_it_imports(path: Path) -> None:
-    """However it is written: an import that the digest overlooks would leave old code in use."""
+def test_digest_of_a_module_includes_all_kernels_that_it_imports(path: Path) -> None:
+    """All imports have the form that the digest finds; otherwise old code would stay in use."""
     found = [name for _, name in imports_of(path) if name.startswith("bt_dualarm.")]
     kernels = {name for name in found if "kernel" in name.rpartition(".")[2]}
     listed = set(re.findall(r"^from (bt_dualarm\S+) import", path.read_text(), re.MULTILINE))
     assert kernels <= listed
 
 
-def test_every_kernel_that_python_calls_is_in_a_group() -> None:
-    """What warms kernels up is named nowhere else: a group that is left out compiles in a run."""
+def test_every_warm_up_function_is_in_a_group() -> None:
+    """Kernels of a function that is in no group would be compiled during a run."""
     defined = {
         f"{dotted_name(path)}:{name}"
         for path in MODULES
@@ -107,9 +107,9 @@ def test_every_kernel_that_python_calls_is_in_a_group() -> None:
 
 
 def test_code_of_other_sources_is_removed_after_a_week(tmp_path: Path, scripts: Path) -> None:
-    place = tmp_path / "cache" / "bt_dualarm" / "kernels"
-    old = place / "double_kernels-0123456789abcdef"
-    new = place / "double_kernels-fedcba9876543210"
+    cache = tmp_path / "cache" / "bt_dualarm" / "kernels"
+    old = cache / "double_kernels-0123456789abcdef"
+    new = cache / "double_kernels-fedcba9876543210"
     for folder in (old, new):
         folder.mkdir(parents=True)
         (folder / "doubled.nbc").write_bytes(b"code")
@@ -121,15 +121,15 @@ def test_code_of_other_sources_is_removed_after_a_week(tmp_path: Path, scripts: 
 
 
 @pytest.mark.parametrize("path", CALLED, ids=dotted_name)
-def test_what_is_compiled_in_is_in_files_of_kernels(path: Path) -> None:
-    """Else a change of it would not be noticed, and old code taken from the cache."""
+def test_kernels_import_only_kernel_files(path: Path) -> None:
+    """A change of any other compiled code would go unnoticed, and the cache would be outdated."""
     allowed = {"bt_dualarm.core.pose"}  # its types: they are not compiled in
     inside = [name for _, name in imports_of(path) if name.startswith("bt_dualarm.")]
     assert [n for n in inside if "kernel" not in n.rpartition(".")[2] and n not in allowed] == []
 
 
 def test_kernels_are_imported_where_they_are_called() -> None:
-    """Importing numba takes 0.3 s, which those who draw nothing are not to wait for."""
+    """Importing numba takes 0.3 s, which users who do not need it should not wait for."""
     early = [
         f"{dotted_name(path)}:{line} {name}"
         for path in set(MODULES) - set(KERNEL_FILES)
@@ -157,7 +157,7 @@ COMMANDS = {
 
 @pytest.fixture(scope="module")
 def with_numba() -> dict[str, bool]:
-    """Whether numba is there after each of these, in one process, one after the other."""
+    """Whether numba is imported after each command, all run in one process."""
     lines = ["import sys"]
     for name, command in COMMANDS.items():
         lines += [command, f"print('NUMBA after', {name!r}, 'numba' in sys.modules)"]
@@ -168,12 +168,12 @@ def with_numba() -> dict[str, bool]:
         text=True,
         check=True,
     )
-    said = re.findall(r"^NUMBA after (.*) (True|False)$", done.stdout, re.MULTILINE)
-    return {name: answer == "True" for name, answer in said}
+    answers = re.findall(r"^NUMBA after (.*) (True|False)$", done.stdout, re.MULTILINE)
+    return {name: answer == "True" for name, answer in answers}
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_what_computes_nothing_leaves_numba_alone(
+def test_command_that_computes_nothing_does_not_import_numba(
     command: str, with_numba: dict[str, bool]
 ) -> None:
     assert not with_numba[command]

@@ -1,4 +1,4 @@
-"""Machine code that is broken, cannot be written or is not wanted."""
+"""Machine code that is damaged, cannot be written or is disabled."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import pytest
 from tests.core.doubling import Compiled, reported, started
 from tests.families import some
 
-SAID = "Compiling kernels, once on this machine: up to a minute"
+NOTICE = "Compiling kernels, once on this machine: up to a minute"
 
 
 @pytest.mark.parametrize("left", some([0, 3, 100, -1], 3))
-def test_code_that_was_cut_off_is_compiled_again(left: int, compiled: Compiled) -> None:
-    """As after a loss of power: numba raises over it, or LLVM ends the process."""
+def test_truncated_code_is_compiled_again(left: int, compiled: Compiled) -> None:
+    """After a loss of power, for example, numba would raise or LLVM would end the process."""
     cache = compiled.cache
     file = compiled.file
     scripts = compiled.scripts
@@ -26,14 +26,14 @@ def test_code_that_was_cut_off_is_compiled_again(left: int, compiled: Compiled) 
     assert reported(started(cache, scripts))[:3] == (6.0, 1, [])
 
 
-def test_code_that_was_garbled_is_compiled_again(compiled: Compiled) -> None:
+def test_corrupted_code_is_compiled_again(compiled: Compiled) -> None:
     whole = compiled.file.read_bytes()
     compiled.file.write_bytes(whole[:2000] + b"XXXX" + whole[2004:])
     assert reported(started(compiled.cache, compiled.scripts))[:3] == (6.0, 0, [])
 
 
-def test_code_is_found_where_nothing_can_be_written(compiled: Compiled) -> None:
-    """As in a container whose image has the code."""
+def test_code_in_a_read_only_folder_is_found(compiled: Compiled) -> None:
+    """A container image that includes the code is an example."""
     places = compiled.file.parent, compiled.file.parents[1]
     for place in places:
         place.chmod(stat.S_IRUSR | stat.S_IXUSR)
@@ -43,33 +43,33 @@ def test_code_is_found_where_nothing_can_be_written(compiled: Compiled) -> None:
 
 
 @pytest.mark.parametrize("mode", [stat.S_IRUSR | stat.S_IXUSR, None])
-def test_without_a_place_for_code_kernels_work_all_the_same(
+def test_kernels_work_without_a_writable_cache(
     mode: int | None, tmp_path: Path, scripts: Path
 ) -> None:
-    """Which is said."""
+    """The log says so."""
     cache = tmp_path / "cache"
     if mode is None:
         cache.write_text("no folder")
     else:
         cache.mkdir(mode)
-    result, hits, said, place = reported(started(cache, scripts))
+    result, hits, log, folder = reported(started(cache, scripts))
     assert (result, hits) == (6.0, 0)
-    assert said == [f"Compiling kernels, in every run: {place} cannot be written: up to a minute"]
+    assert log == [f"Compiling kernels, in every run: {folder} cannot be written: up to a minute"]
 
 
 def test_without_numba_nothing_is_compiled(tmp_path: Path, scripts: Path) -> None:
-    """Nor taken for compiled by the next process."""
+    """The next process compiles as if for the first time."""
     cache = tmp_path / "cache"
     assert reported(started(cache, scripts, NUMBA_DISABLE_JIT="1"))[:3] == (6.0, 0, [])
-    assert reported(started(cache, scripts))[1:3] == (0, [SAID])
+    assert reported(started(cache, scripts))[1:3] == (0, [NOTICE])
 
 
-def test_other_code_for_who_has_used_numba_before(compiled: Compiled) -> None:
-    """Numba is set up for this very processor then: other code is wanted, and nothing silent."""
+def test_process_that_has_used_numba_before_has_its_own_code(compiled: Compiled) -> None:
+    """Numba is then configured for this specific processor, so different code is compiled."""
     cache = compiled.cache
     scripts = compiled.scripts
-    for hits, said in (0, [SAID]), (1, []):
+    for hits, log in (0, [NOTICE]), (1, []):
         process = started(cache, scripts, first="import numba; numba.njit(lambda x: x)\n")
-        assert reported(process)[:3] == (6.0, hits, said)
+        assert reported(process)[:3] == (6.0, hits, log)
     imported = started(cache, scripts, first="import numba\n")
     assert reported(imported)[:3] == (6.0, 1, [])

@@ -1,4 +1,4 @@
-"""What small kernels mean that have no test of their own for it: the same in plain Python."""
+"""Small kernels without tests of their own agree with plain Python."""
 
 from __future__ import annotations
 
@@ -56,12 +56,12 @@ def quaternions(rng: np.random.Generator, count: int) -> Any:
 
 
 def limits(rng: np.random.Generator) -> Any:
-    """Of joints: positions, then velocity, acceleration and jerk, of shape (5, dof)."""
+    """Limits of joints: lowest and highest position, velocity, acceleration, jerk; (5, dof)."""
     return np.vstack((-np.ones(DOF), np.ones(DOF), rng.uniform(1.0, 3.0, (3, DOF))))
 
 
 def fingers(rng: np.random.Generator) -> Any:
-    """Of three grippers, two with fingers, one of which has sensors in its pads."""
+    """Indices of three grippers, two with fingers, one of which has sensors in its pads."""
     numbers = np.zeros((3, FINGER_NUMBERS), np.int64)
     numbers[:, :3] = (1, 3, 0), (-1, 0, 0), (4, 0, 1)
     numbers[:, 3:6] = rng.integers(0, 3, (3, 3))
@@ -70,7 +70,7 @@ def fingers(rng: np.random.Generator) -> Any:
 
 
 def drives(rng: np.random.Generator) -> Any:
-    """Of three joints, with delays of up to two steps."""
+    """Drives of three joints, with delays of up to three steps."""
     rows = rng.uniform(0.5, 1.0, (3, DRIVES))
     rows[:, WHOLE] = rng.integers(0, 3, 3)
     rows[:, LATE] = rng.random(3)
@@ -78,7 +78,7 @@ def drives(rng: np.random.Generator) -> Any:
 
 
 def finger_readings(rng: np.random.Generator, last_s: float) -> Any:
-    """Of three grippers, whose pads were read at a time in s."""
+    """Readings of three grippers whose pads were last read at a time in s."""
     readings = rng.uniform(0.01, 0.02, (3, FINGER_READINGS))
     readings[:, PADS_S] = last_s
     return readings
@@ -260,26 +260,26 @@ KERNELS: dict[Callable[..., Any], Arguments] = {
 
 @pytest.mark.parametrize("kernel", KERNELS, ids=lambda kernel: kernel.__name__)
 @pytest.mark.parametrize("seed", range(6))
-def test_compiled_kernels_do_what_plain_python_does(kernel: Callable[..., Any], seed: int) -> None:
-    """What they return, and what they enter into arrays, but for rounding."""
+def test_compiled_kernels_agree_with_plain_python(kernel: Callable[..., Any], seed: int) -> None:
+    """Returned values and changed arrays agree except for rounding."""
     arguments = KERNELS[kernel](np.random.default_rng(seed))
-    mine = deepcopy(arguments)
-    its = deepcopy(arguments)
-    reported = kernel(*mine)
-    meant = plain(kernel)(*its)
-    if reported is not None:
-        assert np.asarray(reported) == pytest.approx(np.asarray(meant), rel=1e-12, abs=1e-12)
-    for one, other in zip(arrays(mine), arrays(its), strict=True):
+    compiled = deepcopy(arguments)
+    interpreted = deepcopy(arguments)
+    found = kernel(*compiled)
+    expected = plain(kernel)(*interpreted)
+    if found is not None:
+        assert np.asarray(found) == pytest.approx(np.asarray(expected), rel=1e-12, abs=1e-12)
+    for one, other in zip(arrays(compiled), arrays(interpreted), strict=True):
         assert one == pytest.approx(other, rel=1e-12, abs=1e-12)
 
 
 def arrays(arguments: tuple[object, ...]) -> list[Vector]:
-    """Those of the arguments that a kernel can enter something into."""
+    """The arguments that a kernel can change."""
     return [one for one in arguments if isinstance(one, np.ndarray)]
 
 
 def test_plain_kernels_call_plain_ones() -> None:
-    """And whoever imports one gets the compiled one all the same."""
+    """Imports elsewhere still give the compiled kernel."""
     inner = vars(sys.modules[plain(longest_free_time).__module__])
     assert not hasattr(plain(longest_free_time), "py_func")
     assert plain(longest_free_time).__globals__["reach"] is not distance_kernels.reach

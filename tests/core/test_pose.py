@@ -19,13 +19,13 @@ def test_composition_is_the_product_of_the_matrices(a: Pose, b: Pose) -> None:
 
 
 @given(poses)
-def test_a_pose_and_its_inverse_cancel(a: Pose) -> None:
+def test_pose_and_its_inverse_cancel(a: Pose) -> None:
     np.testing.assert_allclose((a @ a.inverse).matrix, np.eye(4), atol=1e-12)
     assert a.angle(a.inverse.inverse) < 1e-7
 
 
 @given(poses, _triple)
-def test_applying_is_turning_and_shifting(a: Pose, point: tuple[float, float, float]) -> None:
+def test_apply_rotates_and_translates(a: Pose, point: tuple[float, float, float]) -> None:
     expected = a.rotation.apply(point) + a.position
     np.testing.assert_allclose(a.apply(np.array(point)), expected, atol=1e-12)
     np.testing.assert_allclose(a.apply(np.array([point]))[0], expected, atol=1e-12)
@@ -33,7 +33,9 @@ def test_applying_is_turning_and_shifting(a: Pose, point: tuple[float, float, fl
 
 
 @given(poses, _triple)
-def test_shifting_is_composing_from_the_left(a: Pose, offset: tuple[float, float, float]) -> None:
+def test_shifted_composes_a_translation_from_the_left(
+    a: Pose, offset: tuple[float, float, float]
+) -> None:
     shift = Pose.from_rpy(offset)
     np.testing.assert_allclose(a.shifted(shift.position).matrix, (shift @ a).matrix, atol=1e-12)
     up = a.raised(offset[2]).position - a.position
@@ -41,13 +43,13 @@ def test_shifting_is_composing_from_the_left(a: Pose, offset: tuple[float, float
 
 
 @given(poses, poses)
-def test_the_angle_is_that_of_scipy(a: Pose, b: Pose) -> None:
+def test_angle_agrees_with_scipy(a: Pose, b: Pose) -> None:
     expected = (a.rotation.inv() * b.rotation).magnitude()
     assert abs(a.angle(b) - expected) < 1e-7
 
 
 @given(poses)
-def test_a_matrix_gives_its_pose_back(a: Pose) -> None:
+def test_pose_from_a_matrix_has_that_matrix(a: Pose) -> None:
     again = Pose.from_matrix(a.matrix)
     np.testing.assert_allclose(again.matrix, a.matrix, atol=1e-12)
 
@@ -59,13 +61,13 @@ def test_roll_pitch_yaw_are_about_fixed_axes_in_that_order() -> None:
 
 
 @given(poses)
-def test_roll_pitch_and_yaw_give_the_orientation_back(pose: Pose) -> None:
+def test_orientation_survives_conversion_to_roll_pitch_yaw(pose: Pose) -> None:
     assert Pose.from_rpy(pose.position.tolist(), pose.rpy).angle(pose) < 1e-7
 
 
 @given(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.sampled_from((-1.0, 1.0)))
-def test_with_the_pitch_upright_all_turning_is_yaw(roll: float, yaw: float, up: float) -> None:
-    """Roll and yaw turn about one axis there: no roll is as good as any."""
+def test_roll_is_zero_at_a_pitch_of_90_degrees(roll: float, yaw: float, up: float) -> None:
+    """Roll and yaw turn about the same axis there, so the whole angle is yaw."""
     pose = Pose.from_rpy((0.0, 0.0, 0.0), (roll, up * math.pi / 2.0, yaw))
     assert pose.rpy[0] == 0.0
     assert Pose.from_rpy((0.0, 0.0, 0.0), pose.rpy).angle(pose) < 1e-7

@@ -1,4 +1,4 @@
-"""Rotations of many rows, against SciPy's, to the last bit."""
+"""Rotations of many rows agree with SciPy's to the last bit."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SEEDS = range(20)
 
 
 def vectors(seed: int, count: int = 12) -> Matrix:
-    """Rotation vectors of all sizes, two of them small enough for a series, and none at all."""
+    """Rotation vectors of all sizes, two of them small enough for a series, and a zero vector."""
     rng = np.random.default_rng(seed)
     found = rng.normal(size=(count, 3)) * 10.0 ** rng.uniform(-1.0, 0.8, (count, 1))
     found[:2] *= 1e-5
@@ -27,7 +27,7 @@ def rows(rotation: Rotation) -> Matrix:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_conversions_are_scipy_s(seed: int) -> None:
+def test_conversions_agree_with_scipy(seed: int) -> None:
     turns = Rotation.from_rotvec(vectors(seed))
     ours = rotations.from_rotation_vectors(vectors(seed))
     assert ours.tobytes() == rows(turns).tobytes()
@@ -39,8 +39,8 @@ def test_conversions_are_scipy_s(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_products_and_inverses_are_scipy_s(seed: int) -> None:
-    """Of rows with rows, and of one row with all."""
+def test_products_and_inverses_agree_with_scipy(seed: int) -> None:
+    """Products of rows with rows and of one row with all agree."""
     first = Rotation.from_rotvec(vectors(seed))
     second = Rotation.from_rotvec(vectors(seed + 100))
     p, q = rows(first), rows(second)
@@ -52,8 +52,8 @@ def test_products_and_inverses_are_scipy_s(seed: int) -> None:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_interpolation_is_scipy_s(seed: int) -> None:
-    """At the knots and between them."""
+def test_interpolation_agrees_with_scipy(seed: int) -> None:
+    """Values agree at the knots and between them."""
     rng = np.random.default_rng(seed)
     turns = Rotation.from_rotvec(vectors(seed))
     knots = np.cumsum(rng.uniform(0.1, 1.0, len(turns)))

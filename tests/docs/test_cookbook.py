@@ -1,4 +1,4 @@
-"""The trees of the cookbook: what they promise, and that they do their job."""
+"""Trees of the cookbook are as rich as described, and succeed."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ NEWER = (
 
 
 @pytest.mark.parametrize("path", TREES, ids=lambda path: path.stem)
-def test_tree_is_fine_and_as_rich_as_the_page_says(path: Path, registry: Registry) -> None:
-    """No finding of the check; 15 nodes, five newer features, a scene of its own, other robots."""
+def test_tree_is_valid_and_as_rich_as_the_page_says(path: Path, registry: Registry) -> None:
+    """No problems, 15 nodes, five newer features, its own scene, and no UR5 or Panda."""
     assert [str(one) for one in bt.check(path)] == []
     file = load_tree_file(path, registry.kinds)
     nodes = sum(1 for arm in file.arms.values() for _ in arm.tree.walk())
@@ -62,8 +62,8 @@ def test_every_tree_is_on_the_page_with_its_animation() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3) if WHOLE else [1])
 @pytest.mark.parametrize("path", some(TREES, 7), ids=lambda path: path.stem)
-def test_tree_does_its_job(path: Path, seed: int) -> None:
-    """In `lab`: all trees succeed, and the goals are met in the true world."""
+def test_tree_succeeds_and_meets_its_goals(path: Path, seed: int) -> None:
+    """All trees succeed in `lab`, and the goals are met in the true world."""
     result = bt.run(path, seed=seed)
     assert result.outcome == "SUCCESS", [
         (leaf.path, leaf.code, leaf.reason)

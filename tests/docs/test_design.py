@@ -1,4 +1,4 @@
-"""docs/design.md is true: packages, layers and walks are those of the code."""
+"""docs/design.md has the packages, layers and names of the code."""
 
 from __future__ import annotations
 
@@ -37,18 +37,18 @@ def walks() -> dict[str, Walk]:
 
 
 @pytest.mark.parametrize("title", walks())
-def test_a_walk_leads_through_files_and_names_that_exist(title: str) -> None:
+def test_walk_leads_through_existing_files_and_names(title: str) -> None:
     walk = walks()[title]
     assert 10 < len(walk) <= LONGEST_WALK
     assert all(later == earlier + 1 for (earlier, *_), (later, *_) in pairwise(walk))
     for _, file, name in walk:
-        place = ROOT / file if file.startswith("skills/") else PACKAGE / file
-        assert place.is_file(), file
-        defined = re.search(rf"^(?:class|def) {name}\b", place.read_text("utf-8"), re.MULTILINE)
+        path = ROOT / file if file.startswith("skills/") else PACKAGE / file
+        assert path.is_file(), file
+        defined = re.search(rf"^(?:class|def) {name}\b", path.read_text("utf-8"), re.MULTILINE)
         assert defined, f"{file} defines no {name}"
 
 
-def test_the_packages_of_the_page_are_the_layers_and_the_packages_that_there_are() -> None:
+def test_packages_on_the_page_are_those_of_the_layers_and_the_code() -> None:
     table = PAGE.split("## Packages")[1].split("\n## ")[0]
     page = {
         name: int(n)
@@ -63,8 +63,8 @@ def test_the_packages_of_the_page_are_the_layers_and_the_packages_that_there_are
 
 
 @pytest.mark.parametrize("page", ["docs/design.md", "CONTRIBUTING.md"])
-def test_every_file_that_the_page_names_exists(page: str) -> None:
-    """But for what the reader is to write: ``NAME.py``."""
+def test_files_named_on_the_page_exist(page: str) -> None:
+    """Files that the reader writes, like ``NAME.py``, are excepted."""
     text = (ROOT / page).read_text(encoding="utf-8")
     names = set(re.findall(r"`((?:\w+/)+\w+\.(?:py|yaml|md))`", text))
     assert names
@@ -73,7 +73,7 @@ def test_every_file_that_the_page_names_exists(page: str) -> None:
         assert written or any((root / name).is_file() for root in (ROOT, PACKAGE)), name
 
 
-def test_the_pages_count_node_types_and_skills_correctly() -> None:
+def test_counts_of_node_types_and_skills_are_correct() -> None:
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     skills = [path for path in (ROOT / "skills").glob("*.py") if not path.name.startswith("_")]
     assert f"a tree may contain: {len(skills)} skills" in readme

@@ -1,4 +1,4 @@
-"""What the pages say is true: commands run, examples work, links lead somewhere, tables agree."""
+"""Documentation pages are true: commands run, examples work, links are valid, tables agree."""
 
 from __future__ import annotations
 
@@ -65,21 +65,21 @@ RUN_ELSEWHERE = {
 """Commands of the pages that a test cannot run inside itself, and where they are run."""
 
 MAIN_JOB = "bt-run pick_and_track --record out"
-"""What pages give more than once. It says and leaves the same wherever it is run."""
+"""A command on several pages, with the same output and record wherever it is run."""
 
 ONE_CELL = (
     "bt-experiments --case circle --speed 1.0 --controller predictive --fps 60 --seeds 1"
     " --json cell.json"
 )
-"""What tests/cli/test_experiments.py runs, and looks at."""
+"""A command that tests/cli/test_experiments.py runs and checks."""
 
 SWEEP = "bt-sweep circle --seeds 0:2 --param speed=0.5:1.0:2 --reality lab --out "
-"""What a page has twice, for the folders that it compares: the rows are the same both times."""
+"""A command that a page has twice, for two folders to compare: the rows are the same."""
 
 MAIN_JOB_BY_PATH = ".venv/bin/bt-run trees/pick_and_track.yaml"
 
 BEGINNING = "bt-run pick_and_track --duration 1.5 --record begun"
-"""Its first moments. A record of them is read and exported as one of all of it, but sooner."""
+"""The first 1.5 s of the main job, whose record is read and exported faster than a whole one."""
 
 SHORTER = {
     "bt-replay out --check": "bt-replay begun --check",
@@ -88,7 +88,7 @@ SHORTER = {
     "bt-record export out --mcap out.mcap": "bt-record export begun --mcap out.mcap",
     "bt-record export out --lerobot data": "bt-record export begun --lerobot data",
 }
-"""Commands on the record of the main job, and what is run instead: tests/replay has whole runs."""
+"""Commands on the record of the main job and their replacements: tests/replay has whole runs."""
 
 SHIPPED = {path.stem for path in share_dir("trees").glob("*.yaml")}
 
@@ -102,7 +102,7 @@ class Block:
 
     @property
     def commands(self) -> list[str]:
-        """Its commands without their comments: every line of bash, what follows $ on a console."""
+        """Commands without comments: all lines of a bash block, lines with $ of a console block."""
         lines = (re.sub(r"\s+#.*", "", line).strip() for line in self.text.splitlines())
         if self.language == "console":
             return [line.removeprefix("$ ") for line in lines if line.startswith("$ ")]
@@ -111,13 +111,13 @@ class Block:
         return []
 
     @property
-    def said(self) -> str:
-        """What the command of a console block says."""
+    def output(self) -> str:
+        """The output of a console block's command."""
         return self.text.partition("\n")[2]
 
     @property
     def file_name(self) -> str:
-        """The file that it is to be saved as: the comment in its first line."""
+        """The file name in the comment of its first line, or an empty string."""
         match = re.match(r"# ([\w/]+\.\w+)\n", self.text)
         return match[1] if match else ""
 
@@ -149,7 +149,7 @@ def test_every_command_on_a_page_is_run_by_a_test(page: Path) -> None:
 
 
 def test_make_knows_the_targets() -> None:
-    """The targets themselves are what continuous integration runs."""
+    """Continuous integration runs the targets themselves."""
     targets = [word for command in TARGETS for word in command.split()[1:]]
     dry = subprocess.run(
         ["make", "--dry-run", *targets],
@@ -162,16 +162,16 @@ def test_make_knows_the_targets() -> None:
 
 
 def run_in(folder: Path, command: str, monkeypatch: pytest.MonkeyPatch) -> tuple[int, str]:
-    """Run a command of a page, in this process; its exit code, and both outputs in one."""
+    """Runs a command of a page in this process; returns its exit code and combined output."""
     program, *arguments = command.removeprefix(".venv/bin/").split()
     monkeypatch.chdir(folder)
-    said = io.StringIO()
-    return in_this_process(program, arguments, said, said), said.getvalue()
+    output = io.StringIO()
+    return in_this_process(program, arguments, output, output), output.getvalue()
 
 
 @pytest.fixture(scope="module")
 def records(main_job: Ran, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """What the command of the main job leaves, and what one that is ended sooner does."""
+    """A folder with the record of the main job and that of its beginning."""
     assert main_job.code == 0, main_job.err
     folder = tmp_path_factory.mktemp("records")
     (folder / "out").symlink_to(main_job.folder)
@@ -195,7 +195,7 @@ def test_examples_work_in_the_order_of_the_page(
 ) -> None:
     """A reader who saves every file and types every command sees what the page says.
 
-    Commands in bash blocks succeed; those in console blocks say what stands below them.
+    Commands in bash blocks succeed; those in console blocks print the text below them.
     """
     shutil.copytree(share_dir("trees"), tmp_path / "trees")
     for block in blocks_of(ROOT / page):
@@ -206,30 +206,30 @@ def test_examples_work_in_the_order_of_the_page(
             if not command.removeprefix(".venv/bin/").startswith("bt-"):
                 continue
             if command.removeprefix("bt-run ") in SHIPPED:
-                continue  # that every shipped tree succeeds has a test of its own
+                continue  # another test checks that every shipped tree succeeds
             if command == MAIN_JOB_BY_PATH:
-                continue  # as MAIN_JOB of another page: it is the same file
+                continue  # the same file as MAIN_JOB
             if command == ONE_CELL:
                 continue
             if command == f"{SWEEP}after":
                 shutil.copytree(tmp_path / "before", tmp_path / "after")
                 continue
             if command.startswith("bt-sweep "):
-                command += " --jobs 1"  # each process of it imports all there is
+                command += " --jobs 1"  # each worker process would import everything
             if command == MAIN_JOB:
                 shutil.copytree(request.getfixturevalue("records"), tmp_path, dirs_exist_ok=True)
                 continue
-            with undrawn():  # what draws has tests of its own, and that of the main job looks
-                code, said = run_in(tmp_path, SHORTER.get(command, command), monkeypatch)
+            with undrawn():  # drawing has its own tests
+                code, output = run_in(tmp_path, SHORTER.get(command, command), monkeypatch)
             if block.language == "console":
-                assert said == block.said
+                assert output == block.output
             else:
-                assert code == 0, f"{command}\n{said}"
+                assert code == 0, f"{command}\n{output}"
 
 
 @pytest.mark.slow
-def test_the_main_job_does_and_writes_what_readme_says(main_job: Ran) -> None:
-    """The figure of the first screen, and the table of the files of a record."""
+def test_main_job_does_and_writes_what_the_pages_say(main_job: Ran) -> None:
+    """The README's accuracy is reached, and the guide lists all files of the record."""
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     guide = (ROOT / "docs" / "running.md").read_text(encoding="utf-8")
     (track,) = main_job.leaves("arm2", "track")
@@ -247,20 +247,20 @@ def test_links_lead_to_files(page: Path) -> None:
     assert [target for target in local if not (page.parent / target).exists()] == []
 
 
-def test_the_guide_names_every_shipped_tree() -> None:
-    """Skills and node types are in the generated reference, which has a test of its own."""
+def test_guide_names_every_shipped_tree() -> None:
+    """Skills and node types are in the generated reference, which has its own test."""
     text = (ROOT / "docs" / "running.md").read_text(encoding="utf-8")
     trees = {path.stem for path in share_dir("trees").glob("*.yaml")}
     assert {name for name in trees if f"`{name}`" not in text} == set()
 
 
-def test_the_readme_fits_on_a_few_screens() -> None:
-    """What is longer belongs into a page of its own."""
+def test_readme_has_at_most_150_lines() -> None:
+    """Longer texts belong on pages of their own."""
     assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 150
 
 
 def test_every_page_is_in_the_navigation_of_the_site() -> None:
-    """``make docs-html`` checks this, too, with packages that the tests do without."""
+    """``make docs-html`` also checks this, with packages that the tests do not need."""
     index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
     entries = set(re.findall(r"^(\w+)$", index, re.MULTILINE))
     assert {path.stem for path in (ROOT / "docs").glob("*.md")} - {"index"} == entries
@@ -283,7 +283,7 @@ def test_dependencies_page_agrees_with_pyproject() -> None:
 
 
 def test_constraints_hold_exact_versions_only() -> None:
-    """No paths, no addresses: the file means the same on every machine."""
+    """Paths and addresses would have different meanings on different machines."""
     lines = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
     pinned = [line for line in lines if not line.startswith("#")]
     assert [line for line in pinned if not re.fullmatch(r"[\w.-]+==[\w.]+", line)] == []
@@ -296,17 +296,17 @@ def test_constraints_cover_every_dependency() -> None:
     assert names <= pinned
 
 
-def test_the_lock_has_the_same_versions_and_the_hashes_of_their_wheels() -> None:
-    """What `make setup` installs is what the constraints say, and nothing else is let in."""
+def test_lock_file_has_the_same_versions_and_hashes_of_their_wheels() -> None:
+    """`make setup` installs exactly the versions of the constraints."""
 
-    def same(pin: str) -> str:
+    def normalized(pin: str) -> str:
         return pin.lower().replace("_", "-")
 
     text = (ROOT / "requirements.lock").read_text(encoding="utf-8").replace("\\\n", "")
     entries = [line.split() for line in text.splitlines() if not line.startswith("#")]
     constraints = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
-    pinned = {same(line) for line in constraints if not line.startswith("#")}
-    assert {same(entry[0]) for entry in entries} == pinned
+    pinned = {normalized(line) for line in constraints if not line.startswith("#")}
+    assert {normalized(entry[0]) for entry in entries} == pinned
     assert len(entries) == len(pinned)
     for _, *hashes in entries:
         assert hashes

@@ -1,4 +1,4 @@
-"""What the tutorial says of its files is what they do."""
+"""Files of the tutorial do what it says."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from tests.plays import Stage
 PAGE = Path(__file__).parents[2] / "docs" / "first_tree.md"
 
 
-def test_a_circle_beside_and_back_ends_where_it_began(stage: Stage) -> None:
-    """The two rings of ``twice.yaml``, each around a place beside the present one, and back."""
+def test_tree_with_two_rings_ends_where_it_began(stage: Stage) -> None:
+    """``twice.yaml`` traces two rings beside the initial pose and returns to it."""
     text = next(block.text for block in blocks_of(PAGE) if block.file_name == "twice.yaml")
     play = stage.run(text.replace("bt_dualarm: 1\n", ""))
     arm = play.world.arms["artist"]

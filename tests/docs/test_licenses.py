@@ -1,4 +1,4 @@
-"""The licenses on the page on dependencies are those that the installed files name."""
+"""Licenses on the page about dependencies are those in the installed files."""
 
 from __future__ import annotations
 
@@ -35,8 +35,8 @@ ROBOTS = {
 
 
 @pytest.mark.parametrize("package", PACKAGES)
-def test_a_package_has_the_license_that_it_names(package: str) -> None:
-    """Where its metadata has one in the words of SPDX."""
+def test_page_has_the_license_of_the_package(package: str) -> None:
+    """Only packages whose metadata has an SPDX expression are checked."""
     try:
         named = metadata(package).json.get("license_expression")
     except PackageNotFoundError:
@@ -47,7 +47,7 @@ def test_a_package_has_the_license_that_it_names(package: str) -> None:
 
 
 @pytest.mark.parametrize("page", sorted(share_dir("assets").glob("robots/*.yaml")), ids=str)
-def test_a_robot_of_the_catalog_has_the_license_of_its_folder(page: Path) -> None:
+def test_page_has_the_license_of_the_robot(page: Path) -> None:
     folder, named = ROBOTS[page.stem]
     assert yaml.safe_load(page.read_text())["urdf"].startswith(f"{folder}/")
     readme = (robot_data_dir() / folder / "README.md").read_text()

@@ -1,4 +1,4 @@
-"""The page on metrics knows every number that is written."""
+"""The page about metrics explains every number that is written."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ def written_by(path: Path) -> set[str]:
 
 
 @pytest.mark.parametrize("path", SKILLS, ids=lambda path: path.stem)
-def test_what_a_skill_writes_is_explained(path: Path) -> None:
-    """What skills get from the façade is looked at in the runs of the shipped trees."""
+def test_metrics_of_a_skill_are_explained(path: Path) -> None:
+    """Metrics from the façade are checked in the runs of the shipped trees."""
     assert written_by(path) <= METRICS
 
 
-def test_what_the_runner_writes_is_explained() -> None:
+def test_metrics_of_the_runner_are_explained() -> None:
     held = {field.name for field in fields(Holding)} - {"arm", "object"}
     assert {field.name for field in fields(GuardReport)} | held <= METRICS

@@ -1,4 +1,4 @@
-"""docs/motion.md: its picture, its table of limits and its failures are those of the program."""
+"""docs/motion.md has the program's figure, limits and failures."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ def script(request: pytest.FixtureRequest) -> Iterator[ModuleType]:
 
 
 @pytest.mark.parametrize("script", ["images/motion.py"], indirect=True)
-def test_the_picture_shows_what_the_program_does(script: ModuleType) -> None:
-    """Its figures are those of a new run, and as good as the page says."""
-    picture = script.TARGET.read_text(encoding="utf-8")
-    described = re.search(r"<dc:description>(.*?)</dc:description>", picture, re.DOTALL)
+def test_figure_shows_the_results_of_the_program(script: ModuleType) -> None:
+    """The numbers in the figure are those of a new run, and as good as the page says."""
+    figure = script.TARGET.read_text(encoding="utf-8")
+    described = re.search(r"<dc:description>(.*?)</dc:description>", figure, re.DOTALL)
     assert described is not None
     facts = script.run().facts
     assert json.loads(html.unescape(described[1])) == pytest.approx(facts, rel=0.05)
@@ -50,8 +50,8 @@ def test_the_picture_shows_what_the_program_does(script: ModuleType) -> None:
 
 
 @pytest.mark.parametrize("script", ["limits.py"], indirect=True)
-def test_the_table_of_limits_is_the_catalog_s(script: ModuleType) -> None:
-    """After a change of a robot's page: make docs."""
+def test_table_of_limits_agrees_with_the_catalog(script: ModuleType) -> None:
+    """If this fails after a change of a robot description, run `make docs`."""
     assert script.renewed(PAGE) == PAGE
     assert "| `ur5` | acceleration | 5.0 rad/s² |" in PAGE
 
@@ -67,7 +67,7 @@ def test_every_failure_of_a_motion_is_explained() -> None:
 
 
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES)
-def test_the_numbers_of_a_failure_are_named(case: Case) -> None:
+def test_numbers_of_a_failure_are_explained(case: Case) -> None:
     row = rows()[case.code]
     for name in (*case.numbers, *case.names):
         assert f"`{name}`" in row

@@ -1,4 +1,4 @@
-"""Every block of docs/python.md runs, one after the other, and says what stands below it."""
+"""Every block of docs/python.md runs in order and prints the text below it."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from tests.docs.test_docs import ROOT, blocks_of
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("without_pictures")
-def test_every_block_runs_and_says_what_the_page_says(
+def test_every_block_runs_and_prints_what_the_page_says(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {"__name__": "page"}
-    said = ""
+    printed = ""
     for block in blocks_of(ROOT / "docs" / "python.md"):
         if block.language == "python":
             output = io.StringIO()
             with contextlib.redirect_stdout(output):
-                exec(compile(block.text, "docs/python.md", "exec"), names)  # noqa: S102 - our page
-            said = output.getvalue()
+                exec(compile(block.text, "docs/python.md", "exec"), names)  # noqa: S102 - own page
+            printed = output.getvalue()
         elif block.language == "text":
-            assert said == block.text
-            said = ""
-        assert block.language == "python" or said == "", "nothing is printed unsaid"
+            assert printed == block.text
+            printed = ""
+        assert block.language == "python" or printed == "", "all output is on the page"

@@ -1,4 +1,4 @@
-"""The reference is what the code declares, and its links lead somewhere."""
+"""The reference agrees with the code's declarations, and its links are valid."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def test_reference_is_up_to_date() -> None:
     assert fresh == PAGE, "docs/reference.md is stale: run `make docs`"
 
 
-def test_reference_has_every_word_and_every_shipped_skill() -> None:
+def test_reference_has_every_node_type_and_every_shipped_skill() -> None:
     skills = {path.stem for path in share_dir("skills").glob("*.py")}
     headings = set(re.findall(r"^### `(\w+)`$", PAGE, re.MULTILINE))
     assert headings == skills | set(LANGUAGE)
@@ -34,14 +34,14 @@ def test_links_within_the_page_lead_to_one_heading_each() -> None:
     assert set(re.findall(r"\]\(#([^)]*)\)", PAGE)) <= set(anchors)
 
 
-def test_the_file_that_shows_every_part_is_a_file(tmp_path: Path) -> None:
+def test_outline_is_a_valid_file(tmp_path: Path) -> None:
     (tmp_path / "outline.yaml").write_text(OUTLINE, encoding="utf-8")
     file = load_tree_file(tmp_path / "outline.yaml", Registry.load().kinds)
     assert file.name == "carry"
     assert f"```yaml\n{OUTLINE}```" in PAGE
 
 
-def test_reference_has_every_part_of_a_file_and_a_word_on_each_field() -> None:
+def test_reference_has_every_part_of_a_file_and_explains_each_field() -> None:
     page, _, _ = PAGE.partition("## Nodes with children")
     assert re.findall(r"^### (.*)$", page, re.MULTILINE) == list(FILE_NAMES)
     rows = re.findall(r"^\| `(\w+)` \| (.*) \|$", page, re.MULTILINE)

@@ -1,4 +1,4 @@
-"""docs/robot_skills.md has every robot and skill, and its cells are what the runs give."""
+"""docs/robot_skills.md has every robot and skill, and its cells agree with runs."""
 
 from __future__ import annotations
 
@@ -48,8 +48,10 @@ def test_every_robot_and_skill_is_on_the_page() -> None:
 
 
 @pytest.mark.parametrize(("robot", "skill", "gripper"), CASES, ids="-".join)
-def test_a_robot_does_what_the_page_says(robot: str, skill: str, gripper: str) -> None:
-    """Every robot is in turn; `make matrix` runs them all."""
+def test_outcome_of_a_skill_on_a_robot_is_that_on_the_page(
+    robot: str, skill: str, gripper: str
+) -> None:
+    """A sample of the cells is run; `make matrix` runs them all."""
     leaves: dict[str, list[dict[str, object] | str]]
     if gripper != BARE:
         place = Place.of(robot, gripper)

@@ -15,16 +15,16 @@ DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "objects.md").read_text(encoding="utf-8")
 
 
-def test_every_pattern_is_there() -> None:
+def test_every_pattern_is_on_the_page() -> None:
     assert all(f"`{pattern}`" in PAGE for pattern in get_args(Pattern))
 
 
-def test_the_picture_shows_the_textures() -> None:
-    """Drawn anew it is the same, but for the last digits of another processor."""
+def test_image_of_the_textures_is_up_to_date() -> None:
+    """A new image is the same except for rounding on another processor."""
     script = runpy.run_path(str(DOCS / "images" / "textures.py"))
     assert f"images/{script['TARGET'].name}" in PAGE
     drawn = cv2.imread(str(script["TARGET"]))
     assert drawn is not None
     fresh = script["picture"]()[..., ::-1]
     assert drawn.shape == fresh.shape
-    assert np.abs(drawn.astype(float) - fresh.astype(float)).mean() < 0.5, "draw it anew"
+    assert np.abs(drawn.astype(float) - fresh.astype(float)).mean() < 0.5, "draw it again"

@@ -1,4 +1,4 @@
-"""The tree on the page about ticking is ticked as the table below it says."""
+"""The tree on the page about ticking ticks as in the table below it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tests.behaviors.ticking import Stage, rows
 PAGE = Path(__file__).parents[2] / "docs" / "ticking.md"
 
 
-def test_the_table_of_the_page(tmp_path: Path) -> None:
+def test_tick_table_of_the_page_is_true(tmp_path: Path) -> None:
     text = PAGE.read_text(encoding="utf-8")
     found = re.search(r"```yaml\n(.*?)```\n\n```text\n(.*?)```", text, re.DOTALL)
     assert found is not None
@@ -21,7 +21,7 @@ def test_the_table_of_the_page(tmp_path: Path) -> None:
     assert [stage.tick() for _ in expected] == expected
 
 
-def test_the_page_has_every_code_that_the_words_fail_with() -> None:
+def test_page_has_every_failure_code_of_the_node_types() -> None:
     text = PAGE.read_text(encoding="utf-8")
     sources = [inspect.getsource(module) for module in (composites, decorators, leaf)]
     codes = re.findall(r'raise Failure\(\s*"([A-Z_]+)"', "".join(sources))

@@ -1,4 +1,4 @@
-"""What the pages show in Python passes mypy as strictly as the package itself does."""
+"""Python examples of the documentation pass mypy as strictly as the package."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ for arm in result.arms.values():
 
 @pytest.mark.slow
 def test_examples_and_plain_uses_are_typed(tmp_path: Path) -> None:
-    """One module for each page, of all its blocks in Python, one after the other.
+    """The Python blocks of each page form one module.
 
-    In a process of its own: in this one, mypy would leave millions of objects behind, and have the
-    search for circles, three seconds each time, include all that ``gc.freeze`` had left out.
+    Mypy runs in a separate process: here it would leave millions of objects behind and make garbage
+    collection, three seconds each time, include all objects that ``gc.freeze`` had excluded.
     """
     modules = {"uses": USES}
     for page in ("docs/first_skill.md", "docs/python.md", "docs/skills.md"):

@@ -1,4 +1,4 @@
-"""The map over a camera's faults: what counts as stable, and how it is shown."""
+"""Map of the error over a camera's faults: the criterion of stability, and the output."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ from bt_dualarm.experiments.trials import Cell, Trial, TrialError
 from tests.experiments.test_results import made_up
 
 
-def test_an_even_error_is_stable() -> None:
+def test_steady_error_is_stable() -> None:
     assert instability(made_up(late=0.02)) == ""
 
 
-def test_what_grows_swings_or_fails_is_not() -> None:
-    even = made_up(late=0.02)
-    away = np.linspace(0.0, 0.1, len(even.times))[:, None]
-    assert "grows from" in instability(replace(even, tracked=even.cube + away))
-    assert "1.50 times as large" in instability(replace(even, tracked=1.5 * even.cube))
-    lost = replace(even, outcome="FAILURE", reason="the target was last seen 2.0 s ago")
+def test_growing_or_oscillating_error_or_failure_is_unstable() -> None:
+    steady = made_up(late=0.02)
+    drift = np.linspace(0.0, 0.1, len(steady.times))[:, None]
+    assert "grows from" in instability(replace(steady, tracked=steady.cube + drift))
+    assert "1.50 times as large" in instability(replace(steady, tracked=1.5 * steady.cube))
+    lost = replace(steady, outcome="FAILURE", reason="the target was last seen 2.0 s ago")
     assert instability(lost) == "FAILURE the target was last seen 2.0 s ago"
 
 
 @pytest.fixture
-def asked() -> list[Cell]:
+def requested() -> list[Cell]:
     return []
 
 
-def test_every_place_is_measured_shown_and_drawn(asked: list[Cell], tmp_path: Path) -> None:
-    """The worst corner breaks, its seed is named, and the others have their number."""
+def test_every_cell_is_measured_shown_and_drawn(requested: list[Cell], tmp_path: Path) -> None:
+    """The worst corner is marked as unstable with its seed; the other cells have their error."""
 
     def measure(cells: Sequence[Cell]) -> list[list[Trial | TrialError]]:
-        asked.extend(cells)
+        requested.extend(cells)
         worst = replace(made_up(seed=1), outcome="FAILURE", reason="lost")
         bad = ("0.1", "0.3", "2.0")
         return [
@@ -46,8 +46,8 @@ def test_every_place_is_measured_shown_and_drawn(asked: list[Cell], tmp_path: Pa
         ]  # fmt: skip
 
     spots = survey(measure, coarse=True)
-    assert len(asked) == len(spots) == 8
-    assert {cell.latency for cell in asked} == {0.0, 0.1}
+    assert len(requested) == len(spots) == 8
+    assert {cell.latency for cell in requested} == {0.0, 0.1}
     unstable = [spot for spot in spots if spot.complaints]
     assert [spot.faults for spot in unstable] == [Faults(0.1, 0.3, 2.0)]
     assert unstable[0].complaints == ("seed 1: FAILURE lost",)
@@ -57,6 +57,6 @@ def test_every_place_is_measured_shown_and_drawn(asked: list[Cell], tmp_path: Pa
     assert (tmp_path / "new" / "map.png").read_bytes()[1:4] == b"PNG"
 
 
-def test_a_run_without_a_measurement_is_no_number() -> None:
+def test_run_without_a_measurement_has_no_error() -> None:
     spots = survey(lambda cells: [[TrialError("nothing")] for _ in cells], coarse=True)
     assert all(np.isnan(spot.rms) and spot.complaints == ("nothing",) for spot in spots)

@@ -1,4 +1,4 @@
-"""What the benchmarks do to a follower."""
+"""Disturbances of tracking by the benchmarks."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from bt_dualarm.skill.registry import Registry
 
 
 @pytest.mark.slow
-def test_a_cover_is_survived_by_a_prediction_that_is_certain_for_a_while(
+def test_tracking_survives_half_a_second_of_occlusion(
     registry: Registry,
 ) -> None:
-    """Half a second without a sight: the arm goes on by the prediction, then brakes."""
+    """Without detections, the arm follows the prediction for a while and then brakes."""
     with ages_of_data() as ages:
         trial = covered(registry, seed=0, begin=6.0, length=0.5)
     assert trial.outcome == "SUCCESS"
-    assert trial.lost_count == 1, "it was covered"
+    assert trial.lost_count == 1, "the target was occluded"
     assert ages.asked > 500
     assert ages.oldest <= 0.3

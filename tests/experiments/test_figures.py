@@ -1,4 +1,4 @@
-"""Pictures of experiments say what they show: one seed where it is one, all where it is all."""
+"""Figures of experiments are labeled with the seed, or the seeds, that they show."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tests.experiments.test_results import made_up
 
 
 def result(controller: ControllerName, seeds: tuple[int, ...]) -> Result:
-    """A seed s is (1 + s) hundredths of a second late."""
+    """A result in which seed s is (1 + s) hundredths of a second late."""
     trials = [made_up(0.01 * (1 + seed), seed) for seed in seeds]
     return Result(Cell("circle", 1.0, controller), trials)
 
@@ -21,10 +21,10 @@ def result(controller: ControllerName, seeds: tuple[int, ...]) -> Result:
     [((0, 1, 2), (0, 1, 2), (0, 0)), ((1, 2), (0, 1), (1, 1)), ((0, 1), (2, 3), (0, 2))],
     ids=["all measured", "some not", "none in common"],
 )
-def test_paths_are_of_one_seed_that_they_name(
+def test_paths_are_of_one_seed_and_labeled_with_it(
     proportional: tuple[int, ...], predictive: tuple[int, ...], shown: tuple[int, int]
 ) -> None:
-    """The first that both controllers have, so that one cube is before both."""
+    """The seed is the first one that both controllers have, so that the cube's path is the same."""
     results = [result("proportional", proportional), result("predictive", predictive)]
     for axes, seed, one in zip(overlay(results).axes, shown, results, strict=True):
         assert axes.get_title().startswith(f"{one.cell.controller}: path of seed {seed}\n")
@@ -34,7 +34,7 @@ def test_paths_are_of_one_seed_that_they_name(
         assert cube.get_xdata() == pytest.approx(1e3 * trial.cube[:, 0])
 
 
-def test_the_error_is_of_all_seeds_and_coordinates_of_one() -> None:
+def test_error_is_of_all_seeds_and_coordinates_are_of_one() -> None:
     results = [result("proportional", (0, 1, 2)), result("predictive", (0, 1, 2))]
     y, z, error = over_time(results).axes
     assert [axes.get_ylabel() for axes in (y, z)] == ["y [mm], seed 0", "z [mm], seed 0"]

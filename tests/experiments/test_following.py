@@ -1,4 +1,4 @@
-"""Every arm before a cube at rest: a part of the family that `benchmarks.following` sweeps."""
+"""Arms that track a cube at rest: a part of the family that `benchmarks.following` sweeps."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.sim.worlds import WIDE
 
 
 def drawn(seed: int) -> list[Spot]:
-    """One for each robot, the rest of it drawn."""
+    """One case for each robot, with its other parameters drawn at random."""
     rng = np.random.default_rng(seed)
     return [
         Spot(
@@ -34,14 +34,14 @@ def drawn(seed: int) -> list[Spot]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("spot", some([*drawn(0), *drawn(1)[2:4]], 4), ids=str)
-def test_an_arm_rests_before_a_target_that_rests(spot: Spot, registry: Registry) -> None:
+def test_arm_rests_before_a_target_at_rest(spot: Spot, registry: Registry) -> None:
     found = follow(spot, registry)
     assert complaints(spot, found) == [], found
 
 
 @pytest.mark.parametrize("robot", WIDE)
-def test_from_its_vantage_the_camera_looks_along_the_normal(robot: str) -> None:
-    """The page is written with this posture: the tool is where its kinematics say."""
+def test_camera_at_its_vantage_looks_along_the_normal(robot: str) -> None:
+    """The camera's pose at this posture is that of the arm's kinematics."""
     seen = vantage(robot, LOOKS["xy"])
     assert seen.camera.turn(np.array((0.0, 0.0, 1.0))) == pytest.approx(LOOKS["xy"], abs=1e-9)
     entry = load_robot(robot)

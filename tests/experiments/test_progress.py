@@ -1,4 +1,4 @@
-"""How long experiments will still take is said, and is true where runs cost what they simulate."""
+"""The forecast of the remaining time is exact if runs take as long as what they simulate."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ CELLS = [Cell(case, speed) for case, speed in CASES]
 
 
 ROUNDING_S = {"s": 0.5, "min": 30.0, "h": 180.0}
-"""What a number may be off by, by its unit: whole seconds and minutes, tenths of an hour."""
+"""Rounding error by unit, s: whole seconds and minutes, tenths of an hour."""
 
 
 def seconds(text: str) -> tuple[float, float]:
-    """What a forecast says, and what it may be off by."""
+    """The time in a forecast and its rounding error, s."""
     found = re.search(r"about ([\d.]+) (s|min|h) left", text)
     assert found is not None, text
     unit = {"s": 1, "min": 60, "h": 3600}[found[2]]
@@ -34,10 +34,10 @@ def seconds(text: str) -> tuple[float, float]:
     over=st.integers(1, 29),
     pace=st.floats(0.05, 50.0),
 )
-def test_time_left_is_that_of_the_work_that_is_left(
+def test_time_left_is_that_of_the_remaining_runs(
     runs: Sequence[Cell], over: int, pace: float
 ) -> None:
-    """At an even pace it is known exactly, but for rounding."""
+    """At a constant pace the forecast is exact except for rounding."""
     over = min(over, len(runs) - 1)
     costs = [pace * (1.0 + 1.0 / cell.speed) for cell in runs]
     now = [0.0]
@@ -45,18 +45,18 @@ def test_time_left_is_that_of_the_work_that_is_left(
     for cell, cost in zip(runs[:over], costs, strict=False):
         now[0] += cost
         forecast.count(cell)
-    said, rounding = seconds(str(forecast))
-    assert said == pytest.approx(sum(costs[over:]), abs=rounding + 1e-6)
+    time_left, rounding = seconds(str(forecast))
+    assert time_left == pytest.approx(sum(costs[over:]), abs=rounding + 1e-6)
 
 
-def test_nothing_is_foretold_before_the_first_run_and_after_the_last() -> None:
+def test_forecast_is_empty_before_the_first_run_and_after_the_last() -> None:
     forecast = Forecast(CELLS[:1])
     assert "after the first run" in str(forecast)
     forecast.count(CELLS[0])
     assert str(forecast) == ""
 
 
-def test_without_a_terminal_there_is_a_line_an_experiment() -> None:
+def test_progress_without_a_terminal_is_one_line_per_experiment() -> None:
     console = Console(file=io.StringIO(), width=60)
     runs = [CELLS[0]] * 3 + [CELLS[4]] * 3
     with shown_progress(runs, console) as is_over:
@@ -70,7 +70,7 @@ def test_without_a_terminal_there_is_a_line_an_experiment() -> None:
 
 
 @pytest.mark.parametrize("width", [40, 80, 200])
-def test_on_a_terminal_a_bar_fits_into_a_line(width: int) -> None:
+def test_progress_bar_fits_the_terminal(width: int) -> None:
     console = Console(file=io.StringIO(), width=width, force_terminal=True, color_system=None)
     runs = [Cell("circle", 1.0, label="circle elsewhere", controller="proportional")] * 2
     with shown_progress(runs, console) as is_over:

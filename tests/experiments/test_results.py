@@ -1,4 +1,4 @@
-"""Numbers and reports of the experiments, from trials made up by hand."""
+"""Numbers and reports of the experiments, from synthetic trials."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from bt_dualarm.skill.registry import Registry
 
 
 def made_up(late: float = 0.02, seed: int = 0) -> Trial:
-    """A tool that is ``late`` seconds behind a cube on a circle of 0.1 m in 2 s."""
+    """A tool that lags ``late`` seconds behind a cube on a circle of 0.1 m with a period of 2 s."""
     times = np.linspace(0.0, 5.98, 300)
 
     def circle(at: Vector) -> Matrix:
@@ -60,8 +60,8 @@ def made_up(late: float = 0.02, seed: int = 0) -> Trial:
     )
 
 
-def test_a_late_tool_is_measured_as_late() -> None:
-    """On a circle every error is the chord of the lag, and nothing of the amplitude is lost."""
+def test_lag_is_measured() -> None:
+    """On a circle every error is the chord of the lag, and the amplitude is preserved."""
     trial = made_up(late=0.03)
     chord = 2 * 0.1 * np.sin(np.pi * 0.03 / 2)
     assert trial.rms == pytest.approx(chord, rel=1e-9)
@@ -80,7 +80,7 @@ def test_bounds_grow_with_latency_and_noise() -> None:
     assert proportional_bound(0.3, cell) == pytest.approx(0.3 * 0.025 * 2 / np.pi)
 
 
-def test_every_case_reads_as_a_command() -> None:
+def test_every_case_has_a_command() -> None:
     for case, speed in CASES:
         command = Cell(case, speed).command(4)
         assert f"--seed 4 --param case={case} --param speed={speed}" in command
@@ -91,32 +91,32 @@ def test_every_case_reads_as_a_command() -> None:
     speed=st.floats(0.05, 1.0),
     fps=st.floats(5.0, 200.0),
 )
-def test_a_gain_is_that_of_its_neighbors_in_the_table(
+def test_gain_is_interpolated_between_neighbors_in_the_table(
     case: CurveName, speed: float, fps: float
 ) -> None:
-    """Each cell that was tuned has its own; others lie between those, never beyond."""
+    """Each tuned cell has its own gain; all others lie between tuned gains."""
     tuned = [gain for gains in GAINS[case].values() for gain in gains]
     assert min(tuned) <= best_gain(case, speed, fps) <= max(tuned)
     for known, (slow, fast) in GAINS[case].items():
         assert (best_gain(case, known, 30.0), best_gain(case, known, 60.0)) == (slow, fast)
 
 
-def test_every_experiment_has_a_gain_of_its_own() -> None:
+def test_every_experiment_has_its_own_gain() -> None:
     for case, speed in CASES:
         assert speed in GAINS[case]
         params = Cell(case, speed, "proportional").params
         assert float(params["gain_u"]) == pytest.approx(0.2176 * GAINS[case][speed][1])
 
 
-def test_json_has_a_number_a_seed() -> None:
+def test_json_has_one_number_per_seed() -> None:
     result = Result(Cell("circle", 1.0), [made_up(seed=0), made_up(seed=1)])
     content = json.loads(json.dumps(result.as_json()))
     for name in ("seeds", "yz_rms_m", "yz_max_m", "lag_s", "lost_count", "bound_m"):
         assert len(content[name]) == 2
 
 
-def test_the_report_stands_alone(tmp_path: Path) -> None:
-    """HTML without a reference to another file, Markdown whose pictures lie beside it."""
+def test_report_needs_no_other_files(tmp_path: Path) -> None:
+    """HTML contains its figures, and Markdown has them in the same folder."""
     results = [
         Result(Cell("circle", 1.0, "proportional", label="3:2, fast"), [made_up(0.03)]),
         Result(Cell("circle", 1.0, "predictive", label="3:2, fast"), [made_up(0.001)]),
@@ -141,17 +141,17 @@ def test_the_report_stands_alone(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("cell", UNTUNED, ids=lambda cell: cell.name)
-def test_the_other_curves_are_settings_of_the_one_file(cell: Cell) -> None:
-    """The file takes them, and the command that repeats a run has them, quoted for a shell."""
-    kinds = Registry.load().kinds
-    file = load_tree_file(find_tree(TREE), kinds, cell.params)
+def test_untuned_curves_are_parameters_of_the_same_file(cell: Cell) -> None:
+    """The file accepts them, and the command that repeats a run has them, quoted for a shell."""
+    node_types = Registry.load().kinds
+    file = load_tree_file(find_tree(TREE), node_types, cell.params)
     assert file.objects["cube"].pose.xyz[2] > 0.7
     words = shlex.split(cell.command(3))
     given = dict(word.split("=", 1) for word in words if "=" in word)
-    assert load_tree_file(find_tree(TREE), kinds, given).objects == file.objects
+    assert load_tree_file(find_tree(TREE), node_types, given).objects == file.objects
 
 
-def test_the_plane_of_a_cell_is_that_of_its_curve() -> None:
+def test_plane_of_a_cell_is_that_of_its_curve() -> None:
     planes = {cell.name: cell.axes.tolist() for cell in UNTUNED}
     assert planes.pop("circle in XZ") == [[1, 0, 0], [0, 0, 1]]
     assert list(planes.values()) == [[[0, 1, 0], [0, 0, 1]]] * 4

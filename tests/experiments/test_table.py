@@ -1,4 +1,4 @@
-"""The table on a terminal says all that it has, on 80 columns and more."""
+"""The table of results is complete on a terminal of 80 columns or more."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ def shown(results: Sequence[Result], width: int) -> list[str]:
     width=st.integers(80, 200),
 )
 @settings(max_examples=40)
-def test_every_number_is_whole_and_in_one_line(
+def test_every_number_is_complete_and_in_one_line(
     cell: Cell, controller: ControllerName, late: float, lost: int, width: int
 ) -> None:
-    """Errors up to the diameter of the curve, and any experiment that there is."""
+    """The family: all experiments, with errors up to the diameter of the curve."""
     trial = replace(made_up(late), lost_count=lost)
     result = Result(replace(cell, controller=controller), [trial])
     lines = shown([result], width)
@@ -47,7 +47,7 @@ def test_every_number_is_whole_and_in_one_line(
 
 
 @pytest.mark.parametrize("width", [20, 50, 79])
-def test_on_less_it_is_folded_and_nothing_is_left_out(width: int) -> None:
+def test_narrow_table_is_folded_and_complete(width: int) -> None:
     lines = shown([Result(UNTUNED[1], [made_up()])], width)
     assert max(map(len, lines)) <= width
     assert "…" not in "".join(lines)

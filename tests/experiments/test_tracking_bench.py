@@ -1,4 +1,4 @@
-"""Running cells for the benchmarks: each once, its seeds together, errors as they are."""
+"""Cells of the benchmarks are run once each, with all their seeds, and errors are kept."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from bt_dualarm.runtime.interruption import StopRequest
 from bt_dualarm.skill.registry import Registry
 from tests.experiments.test_results import made_up
 
-ROUND = Cell("circle", 1.0)
-EIGHT = Cell("lissajous", 1.0)
+CIRCLE = Cell("circle", 1.0)
+LISSAJOUS = Cell("lissajous", 1.0)
 
 
 @pytest.fixture
 def runs(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int]]:
-    """What was run, by curve and seed; a curve at speed 0.2 cannot be measured."""
+    """Runs by curve and seed; a curve at speed 0.2 cannot be measured."""
     done: list[tuple[str, int]] = []
 
     def run_trial(cell: Cell, seed: int, registry: Registry, stop: StopRequest) -> Trial:
@@ -34,18 +34,22 @@ def runs(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int]]:
 
 def test_each_cell_is_run_once(runs: list[tuple[str, int]], registry: Registry) -> None:
     bench = Bench(2, quick=False, out=Path(), registry=registry)
-    assert [result.cell for result in bench.results([ROUND, EIGHT, ROUND])] == [ROUND, EIGHT, ROUND]
-    assert bench.result(EIGHT).trials[1].seed == 1
+    assert [result.cell for result in bench.results([CIRCLE, LISSAJOUS, CIRCLE])] == [
+        CIRCLE,
+        LISSAJOUS,
+        CIRCLE,
+    ]
+    assert bench.result(LISSAJOUS).trials[1].seed == 1
     assert runs == [("circle", 0), ("circle", 1), ("lissajous", 0), ("lissajous", 1)]
 
 
-def test_results_come_one_by_one(runs: list[tuple[str, int]], registry: Registry) -> None:
+def test_results_are_yielded_one_by_one(runs: list[tuple[str, int]], registry: Registry) -> None:
     bench = Bench(1, quick=False, out=Path(), registry=registry)
-    first = next(bench.results([ROUND, EIGHT]))
-    assert (first.cell, runs) == (ROUND, [("circle", 0)])
+    first = next(bench.results([CIRCLE, LISSAJOUS]))
+    assert (first.cell, runs) == (CIRCLE, [("circle", 0)])
 
 
-def test_what_cannot_be_measured_is_no_result(
+def test_cell_that_cannot_be_measured_has_no_result(
     runs: list[tuple[str, int]], registry: Registry
 ) -> None:
     bench = Bench(1, quick=False, out=Path(), registry=registry)

@@ -1,4 +1,4 @@
-"""Trials come in order, and end when they are to end."""
+"""Trials are yielded in order and end on request."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ RUNS = [(Cell("circle", 1.0), seed) for seed in range(6)]
 
 
 @pytest.mark.parametrize("last", range(7))
-def test_what_was_not_complete_when_the_end_was_asked_for_does_not_come(
+def test_trial_that_is_incomplete_at_a_stop_request_is_not_yielded(
     last: int, registry: Registry, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     stop = StopRequest()
@@ -29,11 +29,11 @@ def test_what_was_not_complete_when_the_end_was_asked_for_does_not_come(
         return made_up(seed=seed)
 
     monkeypatch.setattr(trials, "run_trial", run_trial)
-    came = list(trials.run_trials(RUNS, registry, 1, stop))
-    assert [trial.seed for trial in came if isinstance(trial, Trial)] == list(range(min(last, 6)))
+    found = list(trials.run_trials(RUNS, registry, 1, stop))
+    assert [trial.seed for trial in found if isinstance(trial, Trial)] == list(range(min(last, 6)))
 
 
-def test_a_process_that_died_is_said() -> None:
+def test_dead_worker_process_is_reported() -> None:
     dead: Future[Trial | TrialError] = Future()
     dead.set_exception(BrokenProcessPool("gone"))
     with pytest.raises(DualArmError, match="worker process died; --jobs 1 runs"):

@@ -1,4 +1,4 @@
-"""Code of a skill that does not return is named and left; arms come to rest, records are whole."""
+"""Skill code that does not return is reported and aborted; arms stop, records are complete."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ NEEDS_PROC = pytest.mark.skipif(
 )
 
 BUDGET_S = 0.8
-"""What does return takes a few hundredths of it, in a process that has everything imported."""
+"""Budget of a tick, s. Ticks that return take a few hundredths of it once all is imported."""
 
 BUDGET_APART_S = 1.5
-"""The first tick of a process that has just begun took up to 0.5 s, on a machine with much else."""
+"""Budget in a new process, s, whose first tick took up to 0.5 s on a busy machine."""
 
 CASES = [
     ("constructor", "sleep"),
@@ -78,14 +78,14 @@ def run(folder: Path, capsys: pytest.CaptureFixture[str], budget: float, **ports
 
 
 def run_apart(folder: Path, budget: float, **ports: str) -> Ran:
-    """In a process of its own, which it may end."""
+    """Runs in a separate process, which the run may end."""
     command = [sys.executable, "-c", PROGRAM, *arguments(folder, budget, **ports)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     return Ran(done.returncode, done.stdout, done.stderr, folder / "out")
 
 
-def check_whole(ran: Ran) -> None:
-    """Every file of the record can be read, and no other one is there."""
+def check_record(ran: Ran) -> None:
+    """Every file of the record can be read, and there is no temporary one."""
     assert not [path for path in ran.folder.iterdir() if path.name.startswith(".")]
     assert set(ran.summary["arms"]) == {"arm1", "arm2"}
     assert ran.events
@@ -94,13 +94,13 @@ def check_whole(ran: Ran) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("phase", "deed"), some(CASES, 3))
-def test_a_blocker_is_named_and_left(
+def test_blocking_code_is_reported_and_aborted(
     phase: str, deed: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     ran = run(tmp_path, capsys, BUDGET_S, phase=phase, deed=deed)
     assert ran.code == 154
-    assert signal.getitimer(signal.ITIMER_VIRTUAL) == (0.0, 0.0), "no alarm is left behind"
-    check_whole(ran)
+    assert signal.getitimer(signal.ITIMER_VIRTUAL) == (0.0, 0.0), "no timer is left behind"
+    check_record(ran)
     assert ran.summary["ending"] == "skill code did not return in time"
     assert ran.summary["error"].startswith("arm1: timeout/blocker at blocker.py:")
     assert f"bt-run: error: {ran.summary['error']}" in ran.err
@@ -127,7 +127,7 @@ def test_a_blocker_is_named_and_left(
         3,
     ),
 )
-def test_a_blocker_is_left_sooner_when_the_run_is_to_end(
+def test_blocking_code_is_aborted_sooner_after_a_stop_signal(
     signals: str,
     phase: str,
     code: int,
@@ -136,13 +136,13 @@ def test_a_blocker_is_left_sooner_when_the_run_is_to_end(
     capsys: pytest.CaptureFixture[str],
     request: pytest.FixtureRequest,
 ) -> None:
-    """Without a budget of its own, too; the second signal waits for nothing."""
+    """No budget of the run is needed; a second signal aborts at once."""
     request.addfinalizer(partial(signal.signal, signal.SIGHUP, signal.getsignal(signal.SIGHUP)))
     signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup it would stay ignored
     monkeypatch.setattr(interruption, "STOPPING_S", 1e6 if " " in signals else 0.5)
     ran = run(tmp_path, capsys, 0, phase=phase, deed="spin", signals=signals)
     assert ran.code == code
-    check_whole(ran)
+    check_record(ran)
     assert ran.summary["ending"] == "a stop was requested"
     assert "blocker.py:" in ran.summary["error"]
 
@@ -152,14 +152,14 @@ def test_a_blocker_is_left_sooner_when_the_run_is_to_end(
     ("deed", "signals", "code"),
     [("swallow", "", 154), ("deadlock", "SIGTERM SIGINT", 143)],
 )
-def test_what_cannot_be_interrupted_ends_with_the_record_so_far(
+def test_uninterruptible_code_ends_the_run_with_the_record_so_far(
     deed: str, signals: str, code: int, tmp_path: Path
 ) -> None:
     ran = run_apart(tmp_path, 0 if signals else BUDGET_APART_S, deed=deed, signals=signals)
     assert ran.code == code, ran.err
     assert "arm1: timeout/blocker at blocker.py:" in ran.err
     assert "and cannot be interrupted" in ran.err
-    check_whole(ran)
+    check_record(ran)
     assert not ran.summary["at_rest"]
     assert ran.summary["arms"]["arm1"]["leaves"][0]["status"] == "RUNNING"
 
@@ -177,26 +177,28 @@ def test_what_cannot_be_interrupted_ends_with_the_record_so_far(
         3,
     ),
 )
-def test_what_holds_python_s_own_lock_ends_with_the_record_so_far(
+def test_code_that_holds_the_gil_ends_the_run_with_the_record_so_far(
     deed: str, tmp_path: Path
 ) -> None:
-    """No thread of Python runs any more, whether that code computes or sleeps."""
+    """No Python thread runs any more, whether the code computes or sleeps."""
     ran = run_apart(tmp_path, BUDGET_APART_S, deed=deed)
     assert ran.code == 154, ran.err
     assert 'blocker.py", line' in ran.err
     assert "bt-run: error: arm1: timeout/blocker at blocker.py:" in ran.err
-    check_whole(ran)
+    check_record(ran)
     assert ran.summary["ending"] == "skill code did not return in time"
     assert ran.summary["arms"]["arm1"]["leaves"][0]["status"] == "RUNNING"
     history = Record.read(ran.folder)
-    assert history.until == pytest.approx(ran.summary["sim_time_s"], abs=0.021), "no second is lost"
+    assert history.until == pytest.approx(ran.summary["sim_time_s"], abs=0.021), (
+        "the record is complete"
+    )
 
 
-def test_a_skill_cannot_end_the_process(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """With a code of SUCCESS, of all things: it is a leaf that fails."""
+def test_skill_cannot_end_the_process(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """An exit with the code of SUCCESS makes the leaf fail."""
     ran = run(tmp_path, capsys, BUDGET_S, deed="leave", phase="step")
     assert ran.code == 1
-    check_whole(ran)
+    check_record(ran)
     leaf = ran.summary["arms"]["arm1"]["leaves"][0]
     assert leaf["code"] == "EXCEPTION"
     assert leaf["reason"].startswith("SystemExit: os._exit(0) (a skill cannot end the program")

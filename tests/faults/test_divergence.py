@@ -1,4 +1,4 @@
-"""A simulation that leaves the realm of numbers ends the run within one step, with evidence."""
+"""A simulation that diverges to NaN ends the run within one step and keeps the evidence."""
 
 from __future__ import annotations
 
@@ -31,8 +31,10 @@ pytestmark = pytest.mark.slow
 
 @pytest.mark.usefixtures("without_pictures")
 @pytest.mark.parametrize("into", ["qpos", "qvel", "xfrc_applied"])
-def test_divergence_is_told_and_kept(into: str, bt_run_here: BtRun, tmp_path: Path) -> None:
-    """Exit code 1, a sentence with the time and the joint, the last half second of sane states."""
+def test_divergence_is_reported_and_its_states_are_kept(
+    into: str, bt_run_here: BtRun, tmp_path: Path
+) -> None:
+    """Exit code 1, a message with the time, and the last states, finite but for the very last."""
     file = tmp_path / "poisoned.yaml"
     file.write_text(POISONED.replace("INTO", into), encoding="utf-8")
     ran = bt_run_here(file, "--skills", HERE / "skills")

@@ -1,6 +1,6 @@
-"""A run that is killed at any moment ends in order: exit code, whole files, arms at rest.
+"""A run killed at any moment ends in order: exit code, complete files, arms at rest.
 
-Before it has begun there is nothing to record. Whether it had is told by its own lines.
+Before the run has begun there is nothing to record. Its output shows whether it had.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ UNDRAWN = f"{HEEDING}{BT_RUN_UNDRAWN}"
 
 RNG = np.random.default_rng(5)
 EARLY = [(STOPPING[n % 3], float(seconds)) for n, seconds in enumerate(RNG.uniform(0, 1.5, 6))]
-"""Seconds from when the program listens: while it imports and builds, or in the run."""
+"""Signal, and time in s after the program handles signals: it then imports, builds or runs."""
 LATE = [(STOPPING[n % 3], int(lines)) for n, lines in enumerate(RNG.integers(1, 60, 6))]
-"""Lines that the run has said: one for each change of a status."""
+"""Signal, and number of lines that the run has printed before it, one per status change."""
 
 
 def begun(folder: Path, program: str = UNDRAWN) -> subprocess.Popen[str]:
@@ -56,15 +56,15 @@ def begun(folder: Path, program: str = UNDRAWN) -> subprocess.Popen[str]:
     )
 
 
-def say(process: subprocess.Popen[str], lines: int) -> None:
-    """Wait until it has said so many lines."""
+def read_lines(process: subprocess.Popen[str], lines: int) -> None:
+    """Waits until the process has printed a number of lines."""
     assert process.stdout is not None
     for _ in range(lines):
         assert "arm1" in process.stdout.readline()
 
 
-def check_whole(folder: Path) -> None:
-    """Everything that a program reads, and nothing that was not finished."""
+def check_record(folder: Path) -> None:
+    """All data files of the record are complete, and there is no temporary one."""
     assert not [path for path in folder.iterdir() if path.name.startswith(".")]
     summary = json.loads((folder / "summary.json").read_text())
     assert (summary["outcome"], summary["at_rest"]) == ("UNFINISHED", True)
@@ -73,63 +73,69 @@ def check_whole(folder: Path) -> None:
     samples = np.load(folder / "samples.npz")
     if len(samples["time"]) > 1:
         last = samples["tool_arm1"][-2:]
-        assert np.linalg.norm(last[1] - last[0]) < 2e-4, "the tool stands still: below 20 mm/s"
+        assert np.linalg.norm(last[1] - last[0]) < 2e-4, "the tool is at rest: below 20 mm/s"
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("number", "seconds"), some(EARLY, 4))
-def test_killed_while_it_starts(tmp_path: Path, number: signal.Signals, seconds: float) -> None:
-    """No record where no leaf has begun; else a whole one. Nothing in between."""
+def test_run_killed_while_it_starts_has_a_complete_record_or_none(
+    tmp_path: Path, number: signal.Signals, seconds: float
+) -> None:
+    """There is no record if no leaf has begun, and otherwise a complete one."""
     with begun(tmp_path) as process:
         wait_until_it_listens(process)
         time.sleep(seconds)
         process.send_signal(number)
-        said, complaint = process.communicate()
+        out, err = process.communicate()
     assert process.returncode == 128 + number
-    assert "Traceback" not in complaint
-    if "RUNNING" in said or (tmp_path / "out" / "summary.json").exists():
-        check_whole(tmp_path / "out")
+    assert "Traceback" not in err
+    if "RUNNING" in out or (tmp_path / "out" / "summary.json").exists():
+        check_record(tmp_path / "out")
     else:
         assert not list(tmp_path.glob("out/*"))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("number", "lines"), some(LATE, 5))
-def test_killed_while_it_runs(tmp_path: Path, number: signal.Signals, lines: int) -> None:
+def test_run_killed_while_it_runs_has_a_complete_record(
+    tmp_path: Path, number: signal.Signals, lines: int
+) -> None:
     with begun(tmp_path) as process:
-        say(process, lines)
+        read_lines(process, lines)
         process.send_signal(number)
-        said, complaint = process.communicate()
+        out, err = process.communicate()
     assert process.returncode == 128 + number
-    assert "UNFINISHED" in said
-    assert "Traceback" not in complaint
-    check_whole(tmp_path / "out")
+    assert "UNFINISHED" in out
+    assert "Traceback" not in err
+    check_record(tmp_path / "out")
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", some(STOPPING, 3))
-def test_killed_while_it_writes(tmp_path: Path, number: signal.Signals) -> None:
-    """The second signal leaves out the plots; the first one decides the code."""
+def test_run_killed_while_it_writes_completes_its_record(
+    tmp_path: Path, number: signal.Signals
+) -> None:
+    """The second signal skips the plots; the first one determines the exit code."""
     with begun(tmp_path, PROGRAM) as process:
-        say(process, 5)
+        read_lines(process, 5)
         process.send_signal(number)
         wait_until(process, (tmp_path / "out" / "samples.npz").exists)
         process.send_signal(signal.SIGTERM)
         process.communicate()
     assert process.returncode == 128 + number
-    check_whole(tmp_path / "out")
+    check_record(tmp_path / "out")
 
 
 @pytest.mark.slow
-def test_killed_outright_it_leaves_what_has_happened(tmp_path: Path) -> None:
-    """SIGKILL: every event so far, line by line; no summary says that there was an end."""
+def test_run_killed_by_sigkill_leaves_its_events_and_samples(tmp_path: Path) -> None:
+    """Every event so far is in the record, line by line; there is no summary."""
     with begun(tmp_path) as process:
-        say(process, 20)
+        read_lines(process, 20)
         process.kill()
         process.communicate()
     lines = (tmp_path / "out" / "events.jsonl").read_text().splitlines()
     events = [json.loads(line) for line in lines]
-    assert len(events) >= 10, "what it had said is there; a line of the display is one of these"
+    assert len(events) >= 10, "all printed events are there, one per line of the display"
     assert {event["arm"] for event in events} == {"arm1"}
     assert not (tmp_path / "out" / "summary.json").exists()
     parts = tmp_path / "out" / "samples.parts"

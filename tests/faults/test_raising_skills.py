@@ -1,4 +1,4 @@
-"""A skill of one arm that goes wrong, wherever, is that leaf's failure and nobody else's."""
+"""An exception anywhere in a skill makes its leaf fail and does not affect other arms."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from tests.plays import STOPPED, Play, Stage
 HERE = Path(__file__).parent
 
 PHASES = ("constructor", "before", "after", "ending", "stream", "camera", "aim")
-"""Of `Raiser`; in ``ending`` the cleanup of a skill raises that has come to its own end."""
+"""Phases of `Raiser`; in ``ending``, the cleanup raises after the skill has ended by itself."""
 
 ENDINGS = ("SystemExit", "StopIteration", "GeneratorExit", "KeyboardInterrupt")
-"""What ends programs and generators elsewhere."""
+"""Exceptions that elsewhere end a program or a generator."""
 
 TWO_ARMS = """
     world: {{scene: empty, time_limit: 20}}
@@ -52,7 +52,7 @@ def check_other_arm(play: Play) -> None:
 def test_leaf_fails_and_the_other_arm_goes_on(
     phase: str, error: str, stage: Stage, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """FAILURE EXCEPTION with its traceback in the log, and the arm stands within a second."""
+    """FAILURE EXCEPTION with its traceback in the log, and the arm stops within a second."""
     tree = f"{{raiser: {{phase: {phase}, error: {error}}}}}"
     with caplog.at_level(logging.ERROR):
         play = stage.run(TWO_ARMS.format(tree=tree))
@@ -68,12 +68,12 @@ def test_leaf_fails_and_the_other_arm_goes_on(
 
 @pytest.mark.usefixtures("without_pictures")
 @pytest.mark.parametrize("phase", some(PHASES, 2))
-def test_record_log_and_report_tell_of_it(
+def test_record_log_and_report_have_the_exception(
     phase: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """By the command: code 1, the reason on the screen, the traceback in the log, a whole record.
+    """The command has code 1, prints the reason, logs the traceback and completes the record.
 
-    The leaf that comes after the broken one never begins.
+    The leaf after the failed one never begins.
     """
     file = tmp_path / "raising.yaml"
     record = tmp_path / "record"
@@ -92,14 +92,16 @@ def test_record_log_and_report_tell_of_it(
     assert "Traceback" in (record / "run.log").read_text()
 
 
-def test_moving_before_the_fault(stage: Stage) -> None:
-    """The arm of these tests does move until it fails: else that it stands would say nothing."""
+def test_arm_moves_before_the_fault(stage: Stage) -> None:
+    """The other tests show something only if the arm moves until the failure."""
     play = stage.run(TWO_ARMS.format(tree="{raiser: {phase: after}}"))
     assert max(speed for time, speed in play.speeds["faulty"] if time < 0.3) > 2 * STOPPED
 
 
-def test_clean_up_that_raises_when_halted(stage: Stage, caplog: pytest.LogCaptureFixture) -> None:
-    """A timeout halts the skill; its ``finally`` raises; the timeout fails as it would anyway."""
+def test_exception_in_the_cleanup_of_a_halted_skill_is_recorded(
+    stage: Stage, caplog: pytest.LogCaptureFixture
+) -> None:
+    """A timeout halts the skill, whose ``finally`` raises; the timeout fails in any case."""
     play = stage.run(
         TWO_ARMS.format(tree="{timeout: {seconds: 0.5, child: {raiser: {phase: finally}}}}")
     )
@@ -111,15 +113,15 @@ def test_clean_up_that_raises_when_halted(stage: Stage, caplog: pytest.LogCaptur
     check_other_arm(play)
 
 
-def test_metrics_that_are_none(stage: Stage) -> None:
-    """What an author puts among the metrics cannot hide the failure."""
+def test_invalid_metrics_do_not_hide_the_failure(stage: Stage) -> None:
+    """The leaf fails with EXCEPTION."""
     play = stage.run(TWO_ARMS.format(tree="{raiser: {phase: metrics}}"))
     assert play.leaf("raiser", "faulty").code == "EXCEPTION"
     check_other_arm(play)
 
 
-def test_set_points_that_are_no_numbers_move_nothing(stage: Stage) -> None:
-    """A stream of NaN is clipped: the arm comes to rest and the world stays sane."""
+def test_nan_set_points_leave_the_arm_at_rest(stage: Stage) -> None:
+    """A stream of NaN is clipped: the arm comes to rest and the world does not diverge."""
     tree = "{force_success: {child: {timeout: {seconds: 1.5, child: {raiser: {phase: nan}}}}}}"
     play = stage.run(TWO_ARMS.format(tree=tree))
     assert play.speed_after(1.3, "faulty") < STOPPED
@@ -128,7 +130,7 @@ def test_set_points_that_are_no_numbers_move_nothing(stage: Stage) -> None:
 
 
 def test_failed_leaf_can_be_followed_by_another(stage: Stage) -> None:
-    """The fault of one leaf is not found again by the next: a selector's other way works."""
+    """The next leaf, here the other child of a selector, does not see the fault again."""
     tree = "{selector: [{raiser: {phase: stream}}, {reach_to_pose: {posture: home}}]}"
     play = stage.run(TWO_ARMS.format(tree=tree))
     assert play.leaf("raiser", "faulty").code == "EXCEPTION"
@@ -138,7 +140,7 @@ def test_failed_leaf_can_be_followed_by_another(stage: Stage) -> None:
 
 @pytest.mark.slow
 def test_file_that_cannot_be_imported_stops_the_command(bt_run_here: BtRun) -> None:
-    """Before anything moves, with the file and the reason; there is no record of a run."""
+    """The message has the file and the reason; nothing moves, and there is no record."""
     ran = bt_run_here("circle", "--skills", HERE / "broken")
     assert ran.code == 2
     assert "half_written.py" in ran.err

@@ -1,4 +1,4 @@
-"""An arm is driven in the ticks of its leaf, by whatever thread ticks it, and by no other."""
+"""A leaf may control its arm only during its ticks, in whichever thread ticks it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bt_dualarm.core.errors import SkillError
 from bt_dualarm.testing import registry_with
 from tests.plays import Stage
 
-DEEDS: dict[str, Callable[[Arm], Any]] = {
+ACTIONS: dict[str, Callable[[Arm], Any]] = {
     "begin": lambda arm: arm.begin(arm.straight_to(arm.setpoint.q + 0.3, 0.5)),
     "follow": lambda arm: next(arm.follow(arm.straight_to(arm.setpoint.q + 0.3, 0.5))),
     "stream": lambda arm: arm.stream(lambda _: arm.setpoint),
@@ -29,14 +29,14 @@ DEEDS: dict[str, Callable[[Arm], Any]] = {
     "attach": lambda arm: arm.attach("ball"),
     "detach": lambda arm: arm.detach("ball"),
 }
-"""All by which a leaf changes what its arm does or holds, or what it will do."""
+"""All actions by which a leaf changes its arm's motion, plan or payload."""
 
 MOVING = ("halt", "release", "detach")
-"""Those that would stop something: the arm moves when they come."""
+"""Actions that would stop a motion: the arm moves when they are called."""
 
 
 class Threaded(Skill):
-    """Does something to its arm from a thread of its own."""
+    """Calls an action of its arm from its own thread."""
 
     class Ports(PortModel):
         deed: str = port(..., "what it does")
@@ -45,7 +45,7 @@ class Threaded(Skill):
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """Move first where there is something to stop."""
+        """Moves first if the action stops a motion."""
         if self.ports.deed in MOVING:
             self.arm.begin(self.arm.straight_to(self.arm.setpoint.q + 0.3, 0.5))
         for _ in range(5):
@@ -58,7 +58,7 @@ class Threaded(Skill):
 
     def _do(self) -> None:
         with pytest.raises(SkillError):
-            DEEDS[self.ports.deed](self.arm)
+            ACTIONS[self.ports.deed](self.arm)
 
 
 FILE = """
@@ -76,9 +76,11 @@ def own(tmp_path: Path) -> Stage:
     return Stage(tmp_path, registry_with(Threaded))
 
 
-@pytest.mark.parametrize("deed", DEEDS)
-def test_a_leaf_that_drives_its_arm_from_a_thread_fails_and_says_why(deed: str, own: Stage) -> None:
-    """Nothing comes of the attempt: the arm does what it did before, until the leaf fails."""
+@pytest.mark.parametrize("deed", ACTIONS)
+def test_leaf_that_controls_its_arm_from_a_thread_fails_with_the_reason(
+    deed: str, own: Stage
+) -> None:
+    """The attempt has no effect: the arm goes on as before until the leaf fails."""
     play = own.run(FILE.replace("DEED", deed))
     (leaf,) = play.arm("arm1").runs
     assert (leaf.status, leaf.code) == ("FAILURE", "EXCEPTION")
@@ -93,12 +95,12 @@ def test_a_leaf_that_drives_its_arm_from_a_thread_fails_and_says_why(deed: str, 
 
 
 class Bystander(Skill):
-    """Moves, and lets a stream and its cleanup do so, too."""
+    """Moves by a trajectory, a stream and a plan."""
 
     example = "bystander"
 
     def run(self) -> Iterator[float | None]:
-        """There, by a stream, and back."""
+        """Moves away, streams, and returns."""
         start = self.arm.setpoint.q
         yield from self.arm.follow(self.arm.straight_to(start + 0.05, 0.5))
         self.arm.stream(lambda _: self.arm.setpoint)
@@ -106,8 +108,8 @@ class Bystander(Skill):
         yield from self.arm.travel([start], 0.5)
 
 
-def test_a_run_may_be_advanced_by_any_thread(tmp_path: Path) -> None:
-    """By a new one each time: nothing is refused, and it is the same run to the last bit."""
+def test_run_may_be_advanced_by_any_thread(tmp_path: Path) -> None:
+    """With a new thread for each step, nothing is refused, and the states are the same bits."""
     tree = FILE.replace("threaded: {deed: DEED}", "bystander: {}")
     file = tmp_path / "tree.yaml"
     file.write_text("bt_dualarm: 1\n" + tree, encoding="utf-8")

@@ -1,5 +1,5 @@
 # ruff: noqa: E501 - tables
-"""Records that somebody would make to do harm, each with the one thing that is wrong with it."""
+"""Malicious records, each with a single manipulation."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ PATHS: Final = ("x/../../../pwned", "../../pwned", "/tmp/pwned", "..", "a\0b", "
 
 
 def _renamed(name: str) -> Edit:
-    """An arm of another name, wherever it stands."""
+    """Renames an arm wherever its name occurs."""
 
     def edit(files: Files) -> None:
         start = files.start
         start["arms"] = {
-            (name if arm == "arm1" else arm): said for arm, said in start["arms"].items()
+            (name if arm == "arm1" else arm): facts for arm, facts in start["arms"].items()
         }
         for part in files.history[1:]:
             for note in part.data.get("notes", ()):
@@ -99,14 +99,14 @@ def _set(row: int, column: int, value: float) -> Callable[[Any], Any]:
     return change
 
 
-def _said(name: str, **facts: Any) -> Edit:
-    """An array of which something else is said than what follows."""
+def _declared(name: str, **facts: Any) -> Edit:
+    """Declares an array with properties that differ from its content."""
 
     def edit(files: Files) -> None:
         part = files.second()
         array = part.arrays[name]
         how = {"dtype": array.dtype.str, "shape": [*array.shape], "size": 10}
-        part.said[name] = {**how, **facts}
+        part.declared[name] = {**how, **facts}
 
     return edit
 
@@ -123,7 +123,7 @@ def _tree(depth: int, width: int = 1) -> Any:
 
 
 def _bomb(files: Files) -> None:
-    """Thirty megabytes that say of a thousand arrays that each is as large."""
+    """A small block that declares two hundred arrays of 32 MiB each."""
     plain = zlib.compress(bytes(1 << 25), 9)
     head = {
         "kind": "second",
@@ -140,7 +140,7 @@ def _bomb(files: Files) -> None:
 
 
 def _text_bomb(files: Files) -> None:
-    """A head that is small when packed and 60 MB of brackets when not."""
+    """A head that is small when compressed and contains 60 MB of brackets."""
     text = zlib.compress(
         b'{"kind":"second","arrays":{},"data":{"x":[' + b"{}," * 20_000_000 + b"{}]}}", 9
     )
@@ -150,7 +150,7 @@ def _text_bomb(files: Files) -> None:
 
 
 def _sparse(path: Path) -> None:
-    """A terabyte of nothing."""
+    """A sparse file of a terabyte."""
     path.write_bytes(MAGIC)
     os.truncate(path, 1 << 40)
 
@@ -169,7 +169,7 @@ def _many_models(files: Files) -> None:
 
 
 def _model(**fields: int) -> Edit:
-    """A model with another number in the first place of some fields."""
+    """Replaces the first element of some fields of the model."""
 
     def edit(files: Files) -> None:
         import mujoco
@@ -199,12 +199,12 @@ def _cuts(*cuts: Any) -> Edit:
     )
 
 
-def _picture(**facts: Any) -> Edit:
+def _frame(**facts: Any) -> Edit:
     return lambda files: files.frames[0].data.update(facts)
 
 
-def _huge_picture(files: Files) -> None:
-    """A JPEG that says of itself to be of 65,000 by 65,000 pixels."""
+def _huge_frame(files: Files) -> None:
+    """A JPEG whose header declares 65,000 by 65,000 pixels."""
     content = bytearray(cv2.imencode(".jpg", np.zeros((8, 8, 3), np.uint8))[1].tobytes())
     at = content.index(b"\xff\xc0")
     content[at + 5 : at + 9] = struct.pack(">HH", 65_000, 65_000)
@@ -313,13 +313,13 @@ MALICIOUS: Final[dict[str, Edit]] = {
     "a bomb of arrays": _bomb,
     "a bomb of text": _text_bomb,
     "two hundred models": _many_models,
-    "an array that says to be huge": _said("states", shape=[1 << 20, 1 << 20]),
-    "an array of negative shape": _said("states", shape=[-1, -44]),
-    "an array of objects": _said("states", dtype="|O"),
-    "an array of text": _said("states", dtype="<U1000000"),
-    "an array of fields": _said("states", dtype=[["a", "<f8"]]),
-    "an array of minus ten bytes": _said("states", size=-10),
-    "an array of no bytes": _said("states", size=0),
+    "an array that says to be huge": _declared("states", shape=[1 << 20, 1 << 20]),
+    "an array of negative shape": _declared("states", shape=[-1, -44]),
+    "an array of objects": _declared("states", dtype="|O"),
+    "an array of text": _declared("states", dtype="<U1000000"),
+    "an array of fields": _declared("states", dtype=[["a", "<f8"]]),
+    "an array of minus ten bytes": _declared("states", size=-10),
+    "an array of no bytes": _declared("states", size=0),
     "a state that is no number": _array("states", _set(0, 3, np.nan)),
     "a state beyond the world": _array("states", _set(1, 3, 1e300)),
     "times without end": _array("states", _set(-1, 0, 1e12)),
@@ -354,10 +354,10 @@ MALICIOUS: Final[dict[str, Edit]] = {
     "no start": lambda files: files.history.pop(0),
     "a start twice": lambda files: files.history.insert(1, files.history[0]),
     "seconds in another order": lambda files: files.history.reverse(),
-    "a picture of another arm": _picture(arm="../x"),
-    "a picture of no region": _picture(region=[0, 0, 0, 0]),
-    "a picture of a huge image": _picture(size=[10**6, 10**6]),
-    "a picture of negative strides": _picture(stride=-1),
-    "a picture that unpacks to gigabytes": _huge_picture,
+    "a picture of another arm": _frame(arm="../x"),
+    "a picture of no region": _frame(region=[0, 0, 0, 0]),
+    "a picture of a huge image": _frame(size=[10**6, 10**6]),
+    "a picture of negative strides": _frame(stride=-1),
+    "a picture that unpacks to gigabytes": _huge_frame,
     "a picture that is none": _no_jpeg,
 }  # fmt: skip

@@ -1,4 +1,4 @@
-"""Random mutations of meshes: of their bytes, of their numbers, of their corners."""
+"""Random mutations of mesh files: of their bytes and their numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Random mutations of robots' pages: of their structure, of their values, of their text."""
+"""Random mutations of robot descriptions: of their structure, their values and their text."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 Data = Any
-"""What YAML can say."""
+"""Any value that YAML can represent."""
 
 VALUES: tuple[Data, ...] = (
     None, True, 0, -1, 1, 2, 0.5, -0.5, 1e-300, 1e300, 1e-9, 1e9, float("nan"), float("inf"), 720,
@@ -26,20 +26,20 @@ PIECES = ("\n", "  ", ":", "-", "{", "}", "[", "]", '"', "'", "#", "&a ", "*a", 
 
 
 _DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-"""In C where the wheel has it: it writes ten times as fast."""
+"""The C dumper, if installed, is ten times as fast."""
 
 
-def mutated(page: Data, dice: random.Random) -> str:
-    """Text of a page with a few mutations."""
-    page = copy.deepcopy(page)
+def mutated(description: Data, dice: random.Random) -> str:
+    """Text of a robot description with a few mutations."""
+    description = copy.deepcopy(description)
     for _ in range(dice.randint(1, 3)):
-        _mutate(page, dice)
-    text: str = yaml.dump(page, Dumper=_DUMPER, sort_keys=False, allow_unicode=True)
+        _mutate(description, dice)
+    text: str = yaml.dump(description, Dumper=_DUMPER, sort_keys=False, allow_unicode=True)
     return _torn(text, dice) if dice.random() < 0.15 else text
 
 
-def _mutate(page: Data, dice: random.Random) -> None:
-    places = list(_places(page))
+def _mutate(description: Data, dice: random.Random) -> None:
+    places = list(_places(description))
     if not places:
         return
     holder, key = dice.choice(places)

@@ -1,5 +1,5 @@
 # ruff: noqa: E501 - tables
-"""Records taken apart, changed as somebody hostile or a broken disk would, and put together again."""
+"""Mutations of records like those by attackers or broken disks."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ import numpy as np
 from bt_dualarm.runtime.history_file import MAGIC, Block, pack, read_history
 
 ESCAPES: Final = "\x1b]0;owned\x07\x1b[2J\x1b[31m\x9b1m\u202e\x7f"
-"""What a terminal must never get: title, clearing, color, direction."""
+"""Escapes that must never reach a terminal: title, clearing, color, direction."""
 
 VALUES: Final[tuple[Any, ...]] = (
     None, True, False, 0, -1, 1, 3.5, -0.0, 1e300, 1e-320, 2**31, 2**63, 10**40, float("nan"),
@@ -29,20 +29,20 @@ VALUES: Final[tuple[Any, ...]] = (
     "x" * 5000, "a\nb", [], {}, [1], [None], [[]], {"a": 1}, {"xyz": "x"}, {"xyz": [1, 2]},
     [1.0, 2.0, 3.0], ["a", "b"], "{goal}", "{", "SUCCESS", "RUNNING", "FAILURE", "arm1", "ball",
 )  # fmt: skip
-"""What a fact of a record can be that it should not be."""
+"""Invalid values for the facts of a record."""
 
 
 @dataclass
 class Part:
-    """One block: what it says, its arrays, and what is to be said of these whatever is true."""
+    """One block: its data, its arrays, and declared properties that replace the arrays' true ones."""
 
     kind: Any
     data: Any
     arrays: dict[str, Any]
-    said: dict[str, Any] = field(default_factory=dict)
+    declared: dict[str, Any] = field(default_factory=dict)
 
     def encoded(self) -> bytes:
-        """The block with its checksum, whatever it says."""
+        """The block with a valid checksum."""
         packed = {
             name: pack(np.ascontiguousarray(array)) if isinstance(array, np.ndarray) else array
             for name, array in self.arrays.items()
@@ -50,7 +50,7 @@ class Part:
         head = {
             "kind": self.kind,
             "data": self.data,
-            "arrays": {name: self.said.get(name, how) for name, (how, _) in packed.items()},
+            "arrays": {name: self.declared.get(name, how) for name, (how, _) in packed.items()},
         }
         text = zlib.compress(as_json(head))
         body = struct.pack("<I", len(text)) + text + b"".join(some for _, some in packed.values())
@@ -58,24 +58,24 @@ class Part:
 
 
 def framed(body: bytes) -> bytes:
-    """A body as a block of a file, with a checksum that is right."""
+    """A body as a block of a file, with a valid checksum."""
     return struct.pack("<4sII", b"BLCK", len(body), zlib.crc32(body)) + body
 
 
 def as_json(data: object) -> bytes:
-    """JSON of anything; halves of pairs, infinity and what is no number included."""
+    """JSON of anything, including lone surrogates, infinity and NaN."""
     return json.dumps(data, separators=(",", ":")).encode("utf-8", "surrogatepass")
 
 
 @dataclass
 class Files:
-    """A record as files: the history and the pictures in parts, the others as bytes.
+    """A record as files: history and frames as blocks, the others as bytes.
 
     Attributes:
         history: Blocks of the history.
-        frames: Blocks of the pictures.
-        others: Content of the other files by name; None takes one away, a function makes it.
-        raw: Content of a file after everything else, by name: what is cut, flipped or appended.
+        frames: Blocks of the frames.
+        others: Content of the other files by name; None removes a file, a function creates it.
+        raw: Final changes of a file's bytes by its name, which cut, flip or append.
     """
 
     history: list[Part]
@@ -85,7 +85,7 @@ class Files:
 
     @classmethod
     def of(cls, folder: Path) -> Files:
-        """A record that a run wrote."""
+        """The record in a folder."""
         parts = [
             [_part(block) for block in read_history(folder / name).blocks]
             if (folder / name).exists()
@@ -96,11 +96,11 @@ class Files:
         return cls(parts[0], parts[1], dict(others))
 
     def copy(self) -> Files:
-        """Another one, whose parts may be changed."""
+        """A copy whose parts may be changed."""
         return copy.deepcopy(self)
 
     def write(self, folder: Path) -> None:
-        """Write the record to a folder, which is made."""
+        """Writes the record to a new folder."""
         folder.mkdir(parents=True)
         contents: dict[str, Any] = dict(self.others)
         for name, parts in (("run.history", self.history), ("run.frames", self.frames)):
@@ -113,12 +113,12 @@ class Files:
                 (folder / name).write_bytes(self.raw.get(name, _same)(content))
 
     def second(self, number: int = 0) -> Part:
-        """A second of the run."""
+        """The block of a second of the run."""
         return [part for part in self.history if part.kind == "second"][number]
 
     @property
     def start(self) -> Any:
-        """Facts that the run began with."""
+        """Data of the first block."""
         return self.history[0].data
 
     @property
@@ -190,26 +190,26 @@ def places(data: Any, at: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
 
 
 def edited(data: Any, dice: random.Random) -> Any:
-    """The same JSON with one value replaced, taken away, renamed or doubled."""
+    """The same JSON with one value replaced, removed, renamed or duplicated."""
     data = copy.deepcopy(data)
     *above, last = dice.choice(places(data)[1:] or [("x",)])
     inner = data
     for key in above:
         inner = inner[key]
     value = copy.deepcopy(dice.choice(VALUES))
-    deed = dice.random()
+    change = dice.random()
     if not isinstance(inner, dict | list):
         return value
-    if deed < 0.6:
+    if change < 0.6:
         inner[last] = value
-    elif deed < 0.8:
+    elif change < 0.8:
         del inner[last]
     elif isinstance(inner, list):
         inner.insert(last, value)
     else:
         inner[
             dice.choice(["x/../../../pwned", ESCAPES, "", "time_s", "kind", "=1", str(last) + "x"])
-        ] = inner.pop(last) if deed < 0.9 else inner[last]
+        ] = inner.pop(last) if change < 0.9 else inner[last]
     return data
 
 
@@ -229,12 +229,12 @@ def _edit_events(files: Files, dice: random.Random) -> None:
     events = files.events
     for _ in range(dice.choice([1, 1, 3])):
         number = dice.randrange(len(events))
-        deed = dice.random()
-        if deed < 0.7:
+        change = dice.random()
+        if change < 0.7:
             events[number] = edited(events[number], dice)
-        elif deed < 0.8:
+        elif change < 0.8:
             events.insert(dice.randrange(len(events)), events[number])
-        elif deed < 0.9 and len(events) > 1:
+        elif change < 0.9 and len(events) > 1:
             del events[number]
         else:
             dice.shuffle(events)
@@ -258,26 +258,26 @@ def _edit_array(files: Files, dice: random.Random) -> None:
     part = dice.choice([part for part in files.history + files.frames[:3] if part.arrays])
     name = dice.choice([*part.arrays])
     array = part.arrays[name]
-    deed = dice.randrange(8)
-    if deed == 0:
+    change = dice.randrange(8)
+    if change == 0:
         del part.arrays[name]
-    elif deed == 1:
+    elif change == 1:
         part.arrays[dice.choice(["x", "arm:x/../../pwned", "states", "rows", f"arm:{ESCAPES}"])] = (
             array
         )
-    elif deed == 2:
+    elif change == 2:
         part.arrays[name] = array[: dice.randrange(len(array) + 1)]
-    elif deed == 3:
+    elif change == 3:
         part.arrays[name] = array.astype(dice.choice(["<f8", "<f4", "<u4", "|u1"]))
-    elif deed == 4:
+    elif change == 4:
         part.arrays[name] = array.reshape(
             dice.choice([(-1,), (1, *array.shape), (*array.shape, 1)])
         )
-    elif deed == 5 and array.ndim > 1:
+    elif change == 5 and array.ndim > 1:
         part.arrays[name] = np.ascontiguousarray(array[:, : dice.randrange(array.shape[1] + 1)])
-    elif deed == 6:
+    elif change == 6:
         how, _ = pack(np.ascontiguousarray(array))
-        part.said[name] = edited(how, dice)
+        part.declared[name] = edited(how, dice)
     else:
         changed = array.copy()
         flat = changed.reshape(-1)
@@ -291,14 +291,14 @@ def _edit_array(files: Files, dice: random.Random) -> None:
 def _edit_blocks(files: Files, dice: random.Random) -> None:
     parts = dice.choice([files.history, files.history, files.frames or files.history])
     number = dice.randrange(len(parts))
-    deed = dice.randrange(5)
-    if deed == 0:
+    change = dice.randrange(5)
+    if change == 0:
         del parts[number]
-    elif deed == 1:
+    elif change == 1:
         parts.insert(dice.randrange(len(parts) + 1), copy.deepcopy(parts[number]))
-    elif deed == 2:
+    elif change == 2:
         dice.shuffle(parts)
-    elif deed == 3:
+    elif change == 3:
         parts[number].kind = dice.choice(["second", "model", "start", "end", "x", *VALUES])
     else:
         parts.extend(dice.choice([files.frames, files.history])[:3])
@@ -339,21 +339,21 @@ def _edit_model_bytes(files: Files, dice: random.Random) -> None:
 
 def _edit_bytes(files: Files, dice: random.Random) -> None:
     name = dice.choice(["run.history", "run.frames", "events.jsonl", "summary.json"])
-    deed = dice.randrange(4)
+    change = dice.randrange(4)
     share = dice.random()
     bit = dice.randrange(8)
 
     def changed(content: bytes) -> bytes:
         at = int(share * len(content))
-        if deed == 0:
+        if change == 0:
             return content[:at]
-        if deed == 1:
+        if change == 1:
             return (
                 content[:at] + bytes([content[at] ^ 1 << bit]) + content[at + 1 :]
                 if content
                 else b""
             )
-        if deed == 2:
+        if change == 2:
             return content[:at] + content[at // 2 :]
         return content + content[at:]
 
@@ -379,7 +379,7 @@ MUTATIONS: Final = (
 
 
 def mutated(files: Files, dice: random.Random) -> tuple[str, Files]:
-    """A record with one thing changed, now and then two, and what was done to it."""
+    """A record with one mutation, sometimes two, and the names of the mutations."""
     mutant = files.copy()
     done = []
     for _ in range(dice.choice([1, 1, 1, 2])):

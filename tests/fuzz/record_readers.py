@@ -1,5 +1,5 @@
 # ruff: noqa: E501 - tables
-"""Every reader of records, held to what it owes to whoever reads the record of a stranger."""
+"""All readers of records, and the rules for reading the record of a stranger."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from bt_dualarm.runtime.recorder import RecordFolder
 from bt_dualarm.viewer.past import RecordView
 
 LONGEST_S: Final = 120
-"""Seconds on the wall for one reading of one small record: none needs ten where nothing else runs."""
+"""Wall-clock limit for reading one small record, s: on an idle machine none needs ten."""
 
-_ACTED_ON: Final = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
+_CONTROLS: Final = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
 
 
 def _export(form: str, name: str) -> Callable[[Path, Path], int]:
@@ -32,13 +32,13 @@ def _export(form: str, name: str) -> Callable[[Path, Path], int]:
 
 
 def _view(record: Path, _: Path) -> int:
-    """What a page asks, as the server asks it: the project's own errors are answers."""
+    """Requests of the viewer's page, by way of the server's functions; `DualArmError` is allowed."""
     view = RecordView(record)
-    asked = [
+    requests = [
         ("now", {}), ("log", {}), ("scene", {"generation": "0"}), ("series", {}), ("why", {}),
         ("at", {"t": "0.0"}), ("at", {"t": "0.3"}), ("at", {"t": "9"}), ("eye", {"arm": "arm1", "t": "0.2"}),
     ]  # fmt: skip
-    for name, query in asked:
+    for name, query in requests:
         with contextlib.suppress(DualArmError):
             view.questions[name](query)
     return 0
@@ -57,7 +57,7 @@ def _load(record: Path, _: Path) -> int:
 
 
 def _recorded_over(record: Path, out: Path) -> int:
-    """A run that is recorded where such a record lies takes away what was written, and no more."""
+    """Records a run over such a record, which may replace only the files of the record."""
     copy = out / "again"
     shutil.copytree(record, copy, symlinks=True, copy_function=_copied)
     with RecordFolder(copy, ["arm1"]):
@@ -88,17 +88,17 @@ SLOW: Final[dict[str, Callable[[Path, Path], int]]] = {
     "--check": lambda record, _: cli.replay([str(record), "--check"]),
     "--resume": lambda record, _: cli.run(["--resume", f"{record}@0.2", "--display", "quiet"]),
 }
-"""Readers that draw films, or run the tree again."""
+"""Readers that render videos or run the tree again."""
 
 
 @dataclass
 class Count:
-    """What came of readings.
+    """Results of readings.
 
     Attributes:
-        readings: Number of them.
-        refused: Those that ended with an error for people.
-        faults: What must not be: reader, what was read, and what is wrong.
+        readings: Number of readings.
+        refused: Number of readings that ended with an error message.
+        faults: Broken rules: reader, record, and what is wrong.
     """
 
     readings: int = 0
@@ -124,10 +124,10 @@ def _limited(seconds: int) -> Iterator[None]:
 
 
 def fault_of(reader: Callable[[Path, Path], int], sandbox: Path) -> tuple[bool, str]:
-    """Read ``sandbox/record``; whether it was refused, and what is wrong with how it was read.
+    """Reads ``sandbox/record``; returns whether it was refused, and the broken rule, if any.
 
-    Nothing may be raised but what becomes a sentence, nothing written but below ``sandbox/out``,
-    and no control character printed.
+    A reader may raise only errors that become messages, write only below ``sandbox/out``, and print
+    no control characters.
     """
     out = sandbox / "out"
     here = sandbox / "here"
@@ -137,7 +137,7 @@ def fault_of(reader: Callable[[Path, Path], int], sandbox: Path) -> tuple[bool, 
     before = _listed(sandbox)
     text = io.StringIO()
     errors = io.StringIO()
-    stands = Path.cwd()
+    cwd = Path.cwd()
     os.chdir(here)
     try:
         with (
@@ -156,20 +156,20 @@ def fault_of(reader: Callable[[Path, Path], int], sandbox: Path) -> tuple[bool, 
             raise
         return False, f"{type(error).__name__}: {error}"[:300]
     finally:
-        os.chdir(stands)
-    said = text.getvalue() + errors.getvalue()
+        os.chdir(cwd)
+    printed = text.getvalue() + errors.getvalue()
     if code not in (0, 1, 2):
         return False, f"exit code {code}"
     if code == 2 and "error: " not in errors.getvalue() and ":" not in errors.getvalue():
         return True, f"no error, but exit code 2: {errors.getvalue()[:200]}"
-    if "Traceback (most recent call last)" in said:
+    if "Traceback (most recent call last)" in printed:
         return code == 2, "a traceback is printed"
     raw = {
-        letter for letter in said if letter != "\n" and unicodedata.category(letter) in _ACTED_ON
+        letter for letter in printed if letter != "\n" and unicodedata.category(letter) in _CONTROLS
     }
     if raw:
-        at = min(said.index(letter) for letter in raw)
-        return code == 2, f"printed {raw}: {said[max(0, at - 60) : at + 20]!r}"
+        at = min(printed.index(letter) for letter in raw)
+        return code == 2, f"printed {raw}: {printed[max(0, at - 60) : at + 20]!r}"
     after = {path for path in _listed(sandbox) if not path.startswith("out/")}
     if after != {path for path in before if not path.startswith("out/")}:
         return code == 2, f"written elsewhere: {sorted(after ^ before)[:3]}"

@@ -1,4 +1,4 @@
-"""The record that is changed: short, with cameras and pictures, a gripper, keys and failures."""
+"""The record that is mutated: short, with cameras, frames, a gripper, keys and failures."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ subtrees:
 
 
 def recorded(folder: Path) -> Files:
-    """The record of 0.3 s."""
+    """Records a run of 0.3 s."""
     folder.mkdir(exist_ok=True)
     (folder / "parts.yaml").write_text(PARTS)
     (folder / "tree.yaml").write_text(TREE)

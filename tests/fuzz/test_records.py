@@ -1,4 +1,4 @@
-"""Records of strangers: a sentence and an exit code; nothing written elsewhere or printed raw."""
+"""Hostile records cause an error message and an exit code, no other writes and no raw output."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tests.fuzz.test_robots import TIMES
 
 CHUNKS = 4
 MUTANTS = int(TIMES * 8 / CHUNKS)
-"""Mutants of a chunk; each is read by three of the readers that take little time."""
+"""Mutants per chunk; each is read by three of the quick readers."""
 
 MOST_MB = 1024
 
@@ -29,22 +29,22 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Files:
 
 
 def read_by(files: Files, names: list[str], sandbox: Path) -> list[tuple[str, bool, str]]:
-    """Reader, whether the record was refused, and what was wrong with that, for each reader."""
+    """Name of each reader, whether it refused the record, and the rule that it broke, if any."""
     sandbox.mkdir()
     files.write(sandbox / "record")
     readers = QUICK | SLOW
     return [(name, *fault_of(readers[name], sandbox)) for name in names]
 
 
-def test_the_record_itself_is_read_by_all(files: Files, tmp_path: Path) -> None:
-    """What is changed below is right before."""
+def test_original_record_is_read_by_all_readers(files: Files, tmp_path: Path) -> None:
+    """The record is valid before the mutations of the other tests."""
     names = [*QUICK, "--lerobot", "--check"]
     assert read_by(files, names, tmp_path / "s") == [(name, False, "") for name in names]
 
 
 @pytest.mark.parametrize("name", some(MALICIOUS, 5))
-def test_a_malicious_record_does_no_harm(name: str, files: Files, tmp_path: Path) -> None:
-    """Read by one reader each, in turns; by all that take little time in ``make fuzz``."""
+def test_malicious_record_breaks_no_rule(name: str, files: Files, tmp_path: Path) -> None:
+    """One reader in turn reads each record; in ``make fuzz``, all quick ones do."""
     changed = files.copy()
     MALICIOUS[name](changed)
     readers = [*QUICK]
@@ -54,7 +54,7 @@ def test_a_malicious_record_does_no_harm(name: str, files: Files, tmp_path: Path
 
 
 @pytest.mark.parametrize("chunk", range(CHUNKS))
-def test_mutants_do_no_harm(chunk: int, files: Files, tmp_path: Path) -> None:
+def test_mutants_break_no_rule(chunk: int, files: Files, tmp_path: Path) -> None:
     dice = dice_of(chunk)
     faults = []
     for number in range(MUTANTS):
@@ -68,16 +68,16 @@ def test_mutants_do_no_harm(chunk: int, files: Files, tmp_path: Path) -> None:
     "name",
     some(["a bomb of arrays", "a bomb of text", "two hundred models", "events without end"], 2),
 )
-def test_no_bomb_takes_a_gigabyte(name: str, files: Files, tmp_path: Path) -> None:
-    """In a process of its own, as a user reads it."""
+def test_bomb_needs_less_than_a_gigabyte(name: str, files: Files, tmp_path: Path) -> None:
+    """Read in a separate process, as by a user."""
     changed = files.copy()
     MALICIOUS[name](changed)
     changed.write(tmp_path / "record")
     program = f"import bt_dualarm.cli as cli; cli.why([{str(tmp_path / 'record')!r}])"
-    # Not `ru_maxrss`: a process inherits that of the one that has started it.
-    said = "print(next(line for line in open('/proc/self/status') if line.startswith('VmHWM')))"
+    # Not `ru_maxrss`: a process inherits the value of its parent.
+    report = "print(next(line for line in open('/proc/self/status') if line.startswith('VmHWM')))"
     done = subprocess.run(
-        [sys.executable, "-c", f"{program}; {said}"], capture_output=True, text=True, check=True
+        [sys.executable, "-c", f"{program}; {report}"], capture_output=True, text=True, check=True
     )
     assert "Traceback" not in done.stderr
     assert int(done.stdout.split()[-2]) < MOST_MB * 1024

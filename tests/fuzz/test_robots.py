@@ -1,4 +1,4 @@
-"""Mutated robots: nothing but the project's own errors, in time, and what is accepted runs."""
+"""Mutated robots cause only the project's errors, in limited time, and accepted ones run."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ from tests.robots.small_arm import DESCRIPTION, URDF
 from tests.robots.test_mesh_check import BOX, ascii_stl, obj, stl
 
 TIMES = float(os.environ.get("BT_DUALARM_FUZZ_TIMES", "1"))
-"""How many times as many: once takes 5 s of one core; `make fuzz` takes longer."""
+"""Factor of the number of mutants: 1 takes 5 s of one core; `make fuzz` uses more."""
 
 CHUNKS = 8 if TIMES > 1 else 2
-"""So that workers share the work; each has its own seed, and some mutants that are accepted."""
+"""Parts for parallel workers; each has its own seed, and some mutants that are accepted."""
 
 LONGEST_S = 10.0
-"""Seconds of the processor for one mutant: none needs two of them where nothing else runs, and what
-grows without bound needs all of them anywhere."""
+"""CPU time limit for one mutant, s: on an idle machine none needs two, and unbounded work exceeds
+it on any machine."""
 
-URDFS, PAGES, MESHES = (int(TIMES * count / CHUNKS) for count in (120, 120, 60))
+URDFS, DESCRIPTIONS, MESHES = (int(TIMES * count / CHUNKS) for count in (120, 120, 60))
 
 TREE = """\
 bt_dualarm: 1
@@ -78,7 +78,7 @@ MESHES_OF = {
 
 
 def urdf_with(mesh: str) -> str:
-    """The small arm with a mesh to see and to touch, a hand that turns and a frame."""
+    """URDF of the small arm with a mesh as visual and collision geometry, and a turning hand."""
     geometry = f'<geometry><mesh filename="{mesh}" scale="1 -1 1"/></geometry>'
     text = URDF.replace('<geometry><sphere radius="0.03"/></geometry>', geometry)
     text = text.replace(
@@ -92,16 +92,16 @@ def urdf_with(mesh: str) -> str:
 
 
 def folder_with_an_arm(folder: Path) -> Path:
-    """A tree file and all that it names; returns the tree file."""
+    """Writes a tree file and all files that it needs; returns the tree file."""
     (folder / "small.urdf").write_text(urdf_with("box.stl"), encoding="utf-8")
     (folder / "small.srdf").write_text(SRDF, encoding="utf-8")
-    (folder / "small.yaml").write_text(page(), encoding="utf-8")
+    (folder / "small.yaml").write_text(description(), encoding="utf-8")
     (folder / "box.stl").write_bytes(stl(BOX))
     (folder / "mutant.yaml").write_text(TREE, encoding="utf-8")
     return folder / "mutant.yaml"
 
 
-def page() -> str:
+def description() -> str:
     return DESCRIPTION + (
         "srdf: small.srdf\nlocked: {slide: 0.01, hand_joint: 30}\n"
         "cameras:\n  wrist: {link: flange, xyz: [0, 0, 0.1], forward: [0, 0, 1], up: [1, 0, 0]}\n"
@@ -110,7 +110,7 @@ def page() -> str:
 
 
 def accepted(tree: Path, registry: Registry) -> bool:
-    """Check a file; if it has no errors, run it, and look at what the run says of itself."""
+    """Checks a file, and if it has no errors, runs it and checks the result."""
     checked = check(tree, registry.kinds)
     assert all(str(problem) for problem in checked.problems)
     if checked.file is None:
@@ -120,7 +120,7 @@ def accepted(tree: Path, registry: Registry) -> bool:
     assert result.ending in (Ending.DURATION, Ending.FINISHED), result.error
     for leaf in result.arms["arm1"].leaves.values():
         assert leaf.code != "EXCEPTION", leaf.reason
-    # Pictures show what is only seen; both engines see one arm.
+    # Images need visual geometry, too; both engines must agree on the arm.
     arm = World(checked.file, visuals=True).arms["arm1"]
     tool = Chain(arm.robot, arm.base).forward(arm.q).position
     assert tool == pytest.approx(arm.tool_pose.position, abs=1e-6 * (1 + np.abs(tool).max()))
@@ -130,7 +130,7 @@ def accepted(tree: Path, registry: Registry) -> bool:
 def survivors(
     count: int, seconds: float, tree: Path, mutate: Callable[[int], str | bytes], registry: Registry
 ) -> int:
-    """How many of so many mutants are accepted; each within its time and without an exception."""
+    """Number of accepted mutants; each must finish within a CPU time in s and without exception."""
     alive = 0
     for number in range(count):
         mutant = mutate(number)
@@ -145,12 +145,12 @@ def survivors(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("chunk", range(CHUNKS))
-def test_mutated_urdfs(chunk: int, tmp_path: Path, registry: Registry) -> None:
-    """No other exception, none that takes long, none accepted that then does not run."""
+def test_mutated_urdf_is_refused_or_runs(chunk: int, tmp_path: Path, registry: Registry) -> None:
+    """No mutant raises another exception, takes long, or is accepted but does not run."""
     tree = folder_with_an_arm(tmp_path)
     dice = dice_of(chunk)
     assert accepted(tree, registry)
-    root = ET.fromstring(urdf_with("box.stl"))  # noqa: S314 - our own
+    root = ET.fromstring(urdf_with("box.stl"))  # noqa: S314 - own data
 
     def mutate(_: int) -> bytes:
         content = urdf_mutation.mutated(root, dice)
@@ -162,31 +162,33 @@ def test_mutated_urdfs(chunk: int, tmp_path: Path, registry: Registry) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("chunk", range(CHUNKS))
-def test_mutated_pages(chunk: int, tmp_path: Path, registry: Registry) -> None:
-    """Likewise."""
+def test_mutated_robot_description_is_refused_or_runs(
+    chunk: int, tmp_path: Path, registry: Registry
+) -> None:
+    """The same holds for robot descriptions."""
     tree = folder_with_an_arm(tmp_path)
     dice = dice_of(chunk)
-    data = yaml.safe_load(page())
+    data = yaml.safe_load(description())
 
     def mutate(_: int) -> str:
         text = page_mutation.mutated(data, dice)
         (tmp_path / "small.yaml").write_text(text, encoding="utf-8")
         return text
 
-    assert PAGES > survivors(PAGES, LONGEST_S, tree, mutate, registry) > 0
+    assert DESCRIPTIONS > survivors(DESCRIPTIONS, LONGEST_S, tree, mutate, registry) > 0
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("chunk", range(CHUNKS))
-def test_mutated_meshes(chunk: int, tmp_path: Path, registry: Registry) -> None:
-    """Likewise."""
+def test_mutated_mesh_is_refused_or_runs(chunk: int, tmp_path: Path, registry: Registry) -> None:
+    """The same holds for meshes."""
     tree = folder_with_an_arm(tmp_path)
     dice = dice_of(chunk)
 
     def mutate(number: int) -> bytes:
         suffix = dice.choice(tuple(MESHES_OF))
         content = mesh_mutation.mutated(MESHES_OF[suffix], dice)
-        name = f"mutant{number}.{suffix}"  # MuJoCo keeps what it has read of a name
+        name = f"mutant{number}.{suffix}"  # MuJoCo caches meshes by name
         (tmp_path / name).write_bytes(content)
         (tmp_path / "small.urdf").write_text(urdf_with(name), encoding="utf-8")
         return content
@@ -195,19 +197,21 @@ def test_mutated_meshes(chunk: int, tmp_path: Path, registry: Registry) -> None:
 
 
 CORPUS = Path(__file__).parent / "corpus"
-"""What was ever found: each file ended in a traceback, in an abort, or ran for minutes."""
+"""Files found by fuzzing: each caused a traceback or an abort, or ran for minutes."""
 
-SOUND = {
+VALID = {
     "infinite_limits", "link_called_as_the_frame_of_the_tool", "link_called_pedestal",
     "mass_of_a_link_that_moves_nothing", "unknown_encoding",
 }  # fmt: skip
-"""Those of them that are an arm."""
+"""Files of the corpus that describe a valid arm."""
 
 
 @pytest.mark.parametrize("path", sorted(CORPUS.glob("*.urdf")), ids=lambda path: path.stem)
-def test_what_was_ever_found(path: Path, tmp_path: Path, registry: Registry) -> None:
+def test_file_of_the_corpus_is_refused_or_runs(
+    path: Path, tmp_path: Path, registry: Registry
+) -> None:
     tree = folder_with_an_arm(tmp_path)
     (tmp_path / "small.urdf").write_bytes(path.read_bytes())
     own = path.with_suffix(".yaml")
     (tmp_path / "small.yaml").write_text(own.read_text() if own.exists() else DESCRIPTION)
-    assert accepted(tree, registry) == (path.stem in SOUND)
+    assert accepted(tree, registry) == (path.stem in VALID)

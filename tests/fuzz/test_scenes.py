@@ -1,6 +1,6 @@
-"""Mutated scenes, in YAML and MJCF, and mutated trees of the cookbook: an error, or a world.
+"""Mutated scenes, in YAML and MJCF, and mutated cookbook trees are refused or can be opened.
 
-What the check accepts is opened: the world is composed, and arms, objects and trees are set up.
+Opening composes the world and sets up arms, objects and trees.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from tests.fuzz.seeds import dice_of
 from tests.spec.mutation import mutated
 
 TIMES = float(os.environ.get("BT_DUALARM_FUZZ_TIMES", "1"))
-"""How many times as many: once takes 4 s of one core; `make fuzz` takes longer."""
+"""Factor of the number of mutants: 1 takes 4 s of one core; `make fuzz` uses more."""
 
 CHUNKS = 8 if TIMES > 1 else 2
 MUTANTS = int(TIMES * 40 / CHUNKS)
 
 LONGEST_S = 10.0
-"""Seconds of the processor for one mutant: a run's world takes a tenth of that at most."""
+"""CPU time limit for one mutant, s: a run's world takes at most a tenth of it."""
 
 COOKBOOK = Path(__file__).parents[2] / "docs" / "cookbook"
 
 
 def read(path: Path) -> Any:
-    """Content of a YAML file; `on` is a name in it, not a truth value."""
+    """Content of a YAML file, in which `on` is a name, not a truth value."""
 
     def named(data: Any) -> Any:
         if isinstance(data, dict):
@@ -49,7 +49,7 @@ def read(path: Path) -> Any:
 
 
 def write_mutant(dice: random.Random, folder: Path) -> tuple[Path, str]:
-    """A tree and its scene, of which one is mutated; returns the tree and what was mutated."""
+    """Writes a tree and its scene, one of them mutated; returns the tree and the mutated text."""
     tree = dice.choice(sorted(COOKBOOK.glob("*.yaml")))
     data = read(tree)
     scene = COOKBOOK / data["world"]["scene"]
@@ -64,7 +64,7 @@ def write_mutant(dice: random.Random, folder: Path) -> tuple[Path, str]:
     shutil.copy(tree, path)
     target = folder / "scenes" / scene.name
     if scene.suffix == ".xml":
-        content = mjcf_mutation.mutated(ET.parse(scene).getroot(), dice)  # noqa: S314 - ours
+        content = mjcf_mutation.mutated(ET.parse(scene).getroot(), dice)  # noqa: S314 - own data
     else:
         content = mutated(read(scene), dice).encode()
     target.write_bytes(content)
@@ -73,8 +73,10 @@ def write_mutant(dice: random.Random, folder: Path) -> tuple[Path, str]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("chunk", range(CHUNKS))
-def test_mutated_scenes(chunk: int, tmp_path: Path, registry: Registry) -> None:
-    """No other exception, none that takes long, none that is accepted and then not opened."""
+def test_mutated_scene_or_tree_is_refused_or_can_be_opened(
+    chunk: int, tmp_path: Path, registry: Registry
+) -> None:
+    """No mutant raises another exception, takes long, or is accepted but cannot be opened."""
     dice = dice_of(100 + chunk)
     accepted = 0
     for number in range(MUTANTS):
@@ -91,5 +93,5 @@ def test_mutated_scenes(chunk: int, tmp_path: Path, registry: Registry) -> None:
         except Exception as error:
             raise AssertionError(f"mutant {number}:\n{text}") from error
         assert time.process_time() - began < LONGEST_S, text
-    # One in 25 is accepted: few mutants may have none.
+    # One in 25 is accepted: a small number of mutants may include none.
     assert accepted > 0 or TIMES < 10

@@ -1,4 +1,4 @@
-"""Random mutations of XML files: of their elements, of their values, of their text."""
+"""Random mutations of XML files: of their elements, their values and their text."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ PIECES = (
 
 @dataclass(frozen=True)
 class Words:
-    """What a mutation inserts.
+    """Texts that a mutation inserts.
 
     Attributes:
         values: Values of attributes.
         tags: Names of elements.
         attributes: Names of attributes.
-        references: Names of those attributes that name an element.
+        references: Names of the attributes whose values are names of elements.
     """
 
     values: tuple[str, ...]
@@ -85,13 +85,13 @@ def _change_value(
         del element.attrib[name]
     elif choice < 0.8:
         element.set(dice.choice(words.attributes), element.attrib.pop(name))
-    else:  # as some other element has it
+    else:  # the value of another element
         values = [other.attrib[name] for other in elements if name in other.attrib]
         element.set(name, dice.choice(values))
 
 
 def _rename_everywhere(words: Words, elements: list[ET.Element], dice: random.Random) -> None:
-    """A link or joint that is called otherwise, wherever it is named."""
+    """Renames a link or joint wherever its name occurs."""
     named = [element.attrib["name"] for element in elements if "name" in element.attrib]
     if not named:
         return

@@ -1,4 +1,4 @@
-"""Shapes, poses, loads and grippers that grasps are tried on: what hidden cases may be like."""
+"""Families of shapes, poses, loads and grippers for tests of grasps."""
 
 from __future__ import annotations
 

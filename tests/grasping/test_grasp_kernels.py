@@ -1,4 +1,4 @@
-"""What the kernels of grasps mean: in plain Python, and by formulas written another way."""
+"""Kernels of grasps agree with plain Python and with independent formulas."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FEW = settings(max_examples=15, deadline=None, suppress_health_check=[HealthChec
 SOLIDS = st.one_of(primitives(), hulls())
 
 
-def written_out(solid: Solid, points: Matrix) -> Vector:
+def expected_distances(solid: Solid, points: Matrix) -> Vector:
     """Distances from a box, a cylinder or a capsule by NumPy, of shape (n,)."""
     kind = solid.form.kind
     (numbers,) = solid.form.numbers
@@ -48,26 +48,26 @@ def written_out(solid: Solid, points: Matrix) -> Vector:
 
 @FEW
 @given(SOLIDS, poses(), st.integers(0, 99))
-def test_distance_and_reach_are_those_of_plain_python(solid: Solid, pose: Pose, seed: int) -> None:
+def test_distance_and_reach_agree_with_plain_python(solid: Solid, pose: Pose, seed: int) -> None:
     points = np.random.default_rng(seed).uniform(-0.08, 0.08, (20, 3))
     found = distances(*solid.form, points)
     for point, away in zip(points, found, strict=True):
         assert plain(distance)(*solid.form, *point) == pytest.approx(away, abs=1e-15)
     direction = pose.turn(np.array((0.0, 0.0, 1.0)))
-    there = reach(*solid.form, direction)
-    assert plain(reach)(*solid.form, direction) == pytest.approx(there, abs=1e-15)
+    farthest = reach(*solid.form, direction)
+    assert plain(reach)(*solid.form, direction) == pytest.approx(farthest, abs=1e-15)
 
 
 @FEW
 @given(primitives(), st.integers(0, 99))
-def test_distances_are_those_of_the_formulas(solid: Solid, seed: int) -> None:
+def test_distances_agree_with_the_formulas(solid: Solid, seed: int) -> None:
     points = np.random.default_rng(seed).uniform(-0.08, 0.08, (200, 3))
-    assert solid.distance(points) == pytest.approx(written_out(solid, points), abs=1e-15)
+    assert solid.distance(points) == pytest.approx(expected_distances(solid, points), abs=1e-15)
 
 
 @settings(max_examples=3, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(SOLIDS, poses())
-def test_what_pads_meet_is_that_of_plain_python(solid: Solid, pose: Pose) -> None:
+def test_contact_of_pads_agrees_with_plain_python(solid: Solid, pose: Pose) -> None:
     axis, along = (np.ascontiguousarray(one) for one in pose.rotation_matrix.T[:2])
     given = (*solid.form, np.zeros(3), axis, along, np.array((0.02, 0.01)))
     for kernel in (press, hold):
@@ -79,10 +79,8 @@ def test_what_pads_meet_is_that_of_plain_python(solid: Solid, pose: Pose) -> Non
 
 @FEW
 @given(st.integers(0, 999), st.floats(0.02, 0.08), st.floats(0.1, 1.0))
-def test_the_force_of_a_pinch_is_that_of_its_formula(
-    seed: int, width: float, friction: float
-) -> None:
-    """Friction and its moment in an ellipsoid, the pressure along the line halved."""
+def test_force_of_a_pinch_agrees_with_its_formula(seed: int, width: float, friction: float) -> None:
+    """Friction force and moment form an ellipsoid; each pad bears half of the axial force."""
     rng = np.random.default_rng(seed)
     forces = rng.normal(0.0, 5.0, (9, 3))
     offset = rng.normal(0.0, 0.02, 3)
@@ -101,28 +99,30 @@ def test_the_force_of_a_pinch_is_that_of_its_formula(
 
 @settings(max_examples=4, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(primitives(), poses(), poses())
-def test_room_is_the_least_distance_of_all_points(solid: Solid, lies: Pose, tool: Pose) -> None:
-    """Exactly, where there is room; where there is none, it says that."""
+def test_clearance_is_the_least_distance_of_all_points(
+    solid: Solid, lies: Pose, tool: Pose
+) -> None:
+    """It is exact if positive; otherwise only its sign counts."""
     tool = Pose(0.2 * tool.position, tool.quaternion)
     fingers = finger_points(JAW, 0.0)
     palm = palm_points(JAW)
-    ways = np.repeat((1.0, -1.0, 0.0), (len(fingers) // 2, len(fingers) // 2, len(palm)))
-    moving = np.column_stack((np.vstack((fingers, palm)), ways))
+    sides = np.repeat((1.0, -1.0, 0.0), (len(fingers) // 2, len(fingers) // 2, len(palm)))
+    moving = np.column_stack((np.vstack((fingers, palm)), sides))
     widths = np.array([[JAW.widest_opening, 0.03]])
     row = np.array([[*tool.position, *tool.quaternion]])
     at = np.vstack([finger_points(JAW, width) for width in widths[0]] + [palm])
     near = Pose(0.2 * lies.position, lies.quaternion)
     least = float(solid.distance(near.inverse.apply(tool.apply(at))).min())
     for kernel in (lower_clearances, plain(lower_clearances)):
-        rooms = np.array([0.5])
-        kernel(*solid.form, near.matrix, row, widths, moving, -1e-4, rooms)
+        clearances = np.array([0.5])
+        kernel(*solid.form, near.matrix, row, widths, moving, -1e-4, clearances)
         if least < -1e-4:
-            assert rooms[0] < -1e-4
+            assert clearances[0] < -1e-4
         else:
-            assert rooms[0] == pytest.approx(min(least, 0.5), abs=1e-12)
+            assert clearances[0] == pytest.approx(min(least, 0.5), abs=1e-12)
 
 
-def test_a_box_that_is_none_is_refused() -> None:
+def test_abstract_solid_has_no_form() -> None:
     with pytest.raises(NotImplementedError):
         _ = Solid().form
     assert Box(np.full(3, 0.02)).reach(np.array((1, 0, 0))) == pytest.approx(0.02)

@@ -24,7 +24,7 @@ FEW = settings(
     max_examples=8,
     deadline=None,
     suppress_health_check=[HealthCheck.too_slow],
-    phases=[Phase.explicit, Phase.reuse, Phase.generate],  # to shrink takes minutes
+    phases=[Phase.explicit, Phase.reuse, Phase.generate],  # shrinking takes minutes
 )
 SHAPES = st.one_of(primitives(), primitives(), hulls())
 
@@ -41,26 +41,28 @@ def _pads(jaw: JawMeasures, opening: float) -> np.ndarray:
 
 @FEW
 @given(SHAPES, JAWS, loads())
-def test_open_fingers_are_clear_and_shut_ones_touch(
+def test_open_fingers_are_clear_and_closed_pads_touch(
     solid: Solid, jaw: JawMeasures, load: Load
 ) -> None:
-    """Open, both fingers and the palm are outside; at the grasp's width the pads just meet it."""
+    """Open fingers and the palm are outside the solid; at the grasp's width the pads touch it."""
     for grasp in jaw_grasps(solid, jaw, load, 0.8)[::7]:
         fingers = grasp.tool.apply(finger_points(jaw, jaw.widest_opening))
         assert solid.distance(fingers).min() >= 0.9 * CLEAR
         approach = grasp.tool.rotation_matrix[:, 2]
         assert solid.reach(-approach) <= jaw.palm - approach @ grasp.tool.position - CLEAR + 1e-9
         gap = solid.distance(grasp.tool.apply(_pads(jaw, grasp.width)))
-        apart = 0.5 * math.hypot(jaw.pad_width, jaw.pad_length) / 6  # of a spot, from its points
+        apart = (
+            0.5 * math.hypot(jaw.pad_width, jaw.pad_length) / 6
+        )  # largest distance of a spot from the points
         assert -apart <= gap.min() <= apart + 1e-4
 
 
 @FEW
 @given(SHAPES, JAWS, loads())
-def test_whatever_fits_between_the_fingers_has_a_grasp(
+def test_solid_that_fits_between_the_fingers_has_a_grasp(
     solid: Solid, jaw: JawMeasures, load: Load
 ) -> None:
-    """And with the force of it that bears the load; firmest first."""
+    """Grasps have the force that bears the load, and those that need least come first."""
     assume(least_width(solid) <= jaw.widest_opening - 2 * CLEAR - 1e-6)
     found = jaw_grasps(solid, jaw, load, 0.8)
     assert found
@@ -72,7 +74,7 @@ def test_whatever_fits_between_the_fingers_has_a_grasp(
 
 @FEW
 @given(primitives(), loads())
-def test_the_same_seed_gives_the_same_grasps(solid: Solid, load: Load) -> None:
+def test_same_seed_gives_the_same_grasps(solid: Solid, load: Load) -> None:
     once = jaw_grasps(solid, JAW, load, 0.8)
     again = jaw_grasps(solid, JAW, load, 0.8)
     assert [g.force for g in once] == [g.force for g in again]
@@ -81,7 +83,7 @@ def test_the_same_seed_gives_the_same_grasps(solid: Solid, load: Load) -> None:
     )
 
 
-def test_what_is_too_wide_has_none() -> None:
+def test_solid_that_is_too_wide_has_no_grasp() -> None:
     load = Load(0.2, np.array([0.0, 0.0, -9.81]), 8.0, np.zeros(3))
     wide = solid_of("box", (0.09, 0.09, 0.09))
     assert least_width(wide) == pytest.approx(0.09)
@@ -91,13 +93,13 @@ def test_what_is_too_wide_has_none() -> None:
     assert all(grasp.width == pytest.approx(0.02) for grasp in jaw_grasps(plate, JAW, load, 0.8))
 
 
-def test_what_is_too_heavy_has_none() -> None:
+def test_solid_that_is_too_heavy_has_no_grasp() -> None:
     cube = solid_of("box", (0.05, 0.05, 0.05))
     heavy = Load(40.0, np.array([0.0, 0.0, -9.81]), 8.0, np.zeros(3))
     assert jaw_grasps(cube, JAW, heavy, 0.8) == ()
 
 
-def test_the_force_of_a_point_mass_is_what_a_textbook_says() -> None:
+def test_force_for_a_point_mass_agrees_with_statics() -> None:
     """At rest between two pads, each bears m g / 2 by friction: N = m g / (2 μ)."""
     down = np.array([0.0, 0.0, -9.81])
     load = Load(1.0, down, 0.0, np.zeros(3))
@@ -118,15 +120,15 @@ def test_the_force_of_a_point_mass_is_what_a_textbook_says() -> None:
 
 @FEW
 @given(primitives(), loads(), st.floats(1.1, 4.0))
-def test_more_load_asks_for_more_force(solid: Solid, load: Load, factor: float) -> None:
+def test_force_is_proportional_to_the_load(solid: Solid, load: Load, factor: float) -> None:
     light = jaw_grasps(solid, JAW, load, 0.8)
     heavy = jaw_grasps(solid, JAW, replace(load, mass=factor * load.mass), 0.8)
     if heavy:
         assert heavy[0].force == pytest.approx(factor * light[0].force)
 
 
-def test_a_pad_meets_a_sphere_where_it_is_widest() -> None:
-    """Its middle may be beside; where the pad ends before that, it meets a slope."""
+def test_pad_touches_a_sphere_where_it_is_widest() -> None:
+    """The pad's center may be elsewhere; a pad too small to reach that point touches a slope."""
     y = np.array([0.0, 1.0, 0.0])
     z = np.array([0.0, 0.0, 1.0])
     ball = solid_of("sphere", (0.03,))
@@ -140,7 +142,7 @@ def test_a_pad_meets_a_sphere_where_it_is_widest() -> None:
     assert held(ball, np.array([0.0, 0.0, 0.05]), y, z, np.array([0.03, 0.02])) is None
 
 
-def test_a_mesh_of_a_box_is_taken_as_that_box() -> None:
+def test_mesh_of_a_box_is_grasped_like_the_box() -> None:
     load = Load(0.5, np.array([0.0, 0.0, -9.81]), 8.0, np.zeros(3))
     mesh = jaw_grasps(mesh_box(0.025), JAW, load, 0.8, seed=3)
     box = jaw_grasps(solid_of("box", (0.05, 0.05, 0.05)), JAW, load, 0.8)
@@ -148,7 +150,7 @@ def test_a_mesh_of_a_box_is_taken_as_that_box() -> None:
     assert mesh[0].force == pytest.approx(box[0].force, rel=0.1)
 
 
-def test_of_what_nothing_is_known_there_are_no_pinches() -> None:
+def test_antipodal_pairs_of_an_unknown_type_are_an_error() -> None:
     with pytest.raises(TypeError, match="no antipodal pairs are known for a str"):
         next(antipodal_pairs("banana", np.zeros(3), np.random.default_rng(0)))  # type: ignore[arg-type]
 
@@ -158,13 +160,13 @@ def test_of_what_nothing_is_known_there_are_no_pinches() -> None:
     [("tray", (0.20, 0.15, 0.03)), ("bin", (0.09, 0.07, 0.06)), ("tube", (0.02, 0.05))],
 )
 def test_fingers_do_not_close_on_an_opening(shape: str, size: tuple[float, ...]) -> None:
-    """The box around a tray has six sides, the tray only five."""
+    """The bounding box of a tray has six sides, the tray only five."""
     obj = ObjectSpec(shape=shape, size=size, wall=0.003, mass=0.05)  # type: ignore[arg-type]
     lies = Load(0.05, np.array([0.0, -9.81, 0.0]), 0.0, np.zeros(3))
     found = jaw_grasps(body_of(obj).solid, JAW, lies, 0.8)
     assert found
     solid = body_of(obj).solid
-    for one in (one for one in found if one.width > 0.01):  # the others hold a single wall
+    for one in (one for one in found if one.width > 0.01):  # the others grasp a single wall
         for side in (-0.5, 0.5):
             pad = one.tool.apply(np.array([[0.0, side * one.width, JAW.pad_center]]))
             assert float(solid.distance(pad)[0]) < 0.5 * JAW.pad_length

@@ -19,7 +19,7 @@ TABLE = Obstacle(Box(np.array([1.0, 1.0, 0.5])), Pose.from_rpy((0.0, 0.0, -0.5))
 LOAD = Load(0.3, np.array([0.0, 0.0, -9.81]), 8.0, np.zeros(3))
 
 
-def anywhere(_: Pose) -> float:
+def no_cost(_: Pose) -> float:
     return 0.0
 
 
@@ -30,13 +30,13 @@ def anywhere(_: Pose) -> float:
     phases=[Phase.generate],
 )
 @given(st.sampled_from(["box", "cylinder", "sphere"]), SIZES, st.floats(-3.1, 3.1), JAWS)
-def test_what_stands_on_a_table_is_taken_without_touching_it(
+def test_object_on_a_table_is_grasped_without_touching_the_table(
     shape: str, edge: float, yaw: float, jaw: JawMeasures
 ) -> None:
-    """Something of 20 to 70 mm on a table can be taken, and no finger is in the table then."""
+    """An object of 20 to 70 mm on a table has grasps in which no finger is inside the table."""
     size = {"box": (edge,) * 3, "cylinder": (edge / 2, edge), "sphere": (edge / 2,)}[shape]
     lies = Pose.from_rpy((0.2, -0.1, edge / 2), (0.0, 0.0, yaw))
-    found = ranked(jaw_grasps(solid_of(shape, size), jaw, LOAD, 0.8), lies, jaw, [TABLE], anywhere)
+    found = ranked(jaw_grasps(solid_of(shape, size), jaw, LOAD, 0.8), lies, jaw, [TABLE], no_cost)
     assert found
     assert [one.cost for one in found] == sorted(one.cost for one in found)
     for one in found[::9]:
@@ -46,7 +46,7 @@ def test_what_stands_on_a_table_is_taken_without_touching_it(
         assert np.allclose(one.tool.matrix, (lies @ one.grasp.tool).matrix)
 
 
-def test_what_cannot_be_reached_is_left_out() -> None:
+def test_unreachable_grasps_are_left_out() -> None:
     grasps = jaw_grasps(solid_of("box", (0.04, 0.04, 0.04)), JAW, LOAD, 0.8)
     lies = Pose.from_rpy((0.0, 0.0, 0.02))
     assert ranked(grasps, lies, JAW, [TABLE], lambda _: math.inf) == ()
@@ -56,30 +56,30 @@ def test_what_cannot_be_reached_is_left_out() -> None:
     assert from_above[0].tool.rotation_matrix[2, 2] == pytest.approx(-1.0)
 
 
-def test_a_wall_at_one_side_is_kept_clear_of() -> None:
-    """Between two low walls only the fingers that stand along them have room."""
+def test_fingers_do_not_collide_with_walls() -> None:
+    """Between two low walls only fingers in line with them have room."""
     grasps = jaw_grasps(solid_of("box", (0.04, 0.04, 0.04)), JAW, LOAD, 0.8)
     walls = [
         Obstacle(Box(np.array([0.01, 1.0, 0.015])), Pose.from_rpy((side * 0.035, 0.0, 0.015)))
         for side in (-1, 1)
     ]
-    found = ranked(grasps, Pose.from_rpy((0.0, 0.0, 0.02)), JAW, [TABLE, *walls], anywhere)
+    found = ranked(grasps, Pose.from_rpy((0.0, 0.0, 0.02)), JAW, [TABLE, *walls], no_cost)
     assert found
     assert all(abs(one.tool.rotation_matrix[0, 1]) < 0.8 for one in found)
 
 
-def test_a_cup_asks_for_no_room_beside_it() -> None:
+def test_obstacles_do_not_exclude_grasps_with_a_cup() -> None:
     grasps = jaw_grasps(solid_of("box", (0.04, 0.04, 0.04)), JAW, LOAD, 0.8)
     inside = Obstacle(Box(np.full(3, 0.2)), Pose.identity())
-    assert ranked(grasps, Pose.identity(), JAW, [inside], anywhere) == ()
-    assert len(ranked(grasps, Pose.identity(), None, [inside], anywhere)) == len(grasps)
+    assert ranked(grasps, Pose.identity(), JAW, [inside], no_cost) == ()
+    assert len(ranked(grasps, Pose.identity(), None, [inside], no_cost)) == len(grasps)
 
 
-def test_fingertips_keep_off_the_floor_of_a_tray() -> None:
-    """Grasps of its wall are as deep as the pads are long; where the wall allows, less deep."""
+def test_fingertips_keep_a_distance_from_the_floor_of_a_tray() -> None:
+    """Grasps of its wall that reach less deep than the whole pads are preferred."""
     size = (0.3, 0.2, 0.03)
     spec = ObjectSpec(shape="tray", size=size, mass=0.3, pose=PoseSpec(xyz=(0, 0, 0.015)))
     grasps = jaw_grasps(body_of(spec).solid, JAW, LOAD, 0.8)
-    found = ranked(grasps, Pose.from_rpy((0.0, 0.0, 0.015)), JAW, [TABLE], anywhere)
-    assert min(one.grasp.ahead for one in found) < 2e-3  # otherwise nothing is shown
+    found = ranked(grasps, Pose.from_rpy((0.0, 0.0, 0.015)), JAW, [TABLE], no_cost)
+    assert min(one.grasp.ahead for one in found) < 2e-3  # otherwise the test shows nothing
     assert found[0].grasp.ahead >= 5e-3

@@ -1,4 +1,4 @@
-"""Where several arms hold one object: near its ends, at its rims, each with its share."""
+"""Sections at which several arms hold one object, near its ends or at its rim, and load shares."""
 
 from __future__ import annotations
 
@@ -17,37 +17,39 @@ def grasp(closing: tuple[float, float, float], approach: tuple[float, float, flo
     return Grasp(Pose.from_axes(np.zeros(3), rows), 0.05, 40.0, 2.0)
 
 
-def test_the_ends_of_a_beam_are_held_across_it_and_not_from_within() -> None:
+def test_ends_of_a_beam_are_grasped_across_and_not_from_the_middle() -> None:
     left, right = sections(Box(np.array((0.6, 0.025, 0.025))), 2, 1.0)
     assert left.pose.position[0] == pytest.approx(-(0.6 - HALF_M))
     assert right.pose.position[0] == pytest.approx(0.6 - HALF_M)
     assert left.allows(grasp((0, 1, 0), (0, 0, -1)))
     assert left.allows(grasp((0, 1, 0), (1, 0, 0)))  # from beyond the end
     assert not left.allows(grasp((0, 1, 0), (-1, 0, 0)))  # through the beam
-    assert not left.allows(grasp((1, 0, 0), (0, 0, -1)))  # along it, where the beam goes on
+    assert not left.allows(grasp((1, 0, 0), (0, 0, -1)))  # along it, where the beam continues
 
 
-def test_three_arms_hold_the_middle_as_well() -> None:
+def test_third_arm_holds_the_middle() -> None:
     *_, right = found = sections(Cylinder(0.02, 0.5), 3, 0.8)
     assert len(found) == 3
     assert right.pose.position[2] == pytest.approx(0.8 * (0.5 - HALF_M))
     assert not found[1].outward.any()
 
 
-def test_a_disk_is_held_at_its_rims_from_outside() -> None:
+def test_disk_is_grasped_at_its_rim_from_outside() -> None:
     left, right = sections(Cylinder(0.2, 0.01), 2, 1.0)
     assert left.pose.position == pytest.approx((-(0.2 - HALF_M), 0, 0))
     assert right.pose.position == pytest.approx((0.2 - HALF_M, 0, 0))
     for section in (left, right):  # their x axes point outward
         assert section.allows(grasp((0, 0, 1), (-1, 0, 0)))
         assert not section.allows(grasp((0, 0, 1), (1, 0, 0)))
-        assert not section.allows(grasp((0, 0, 1), (0, 1, 0)))  # along the rim: the palm meets it
+        assert not section.allows(
+            grasp((0, 0, 1), (0, 1, 0))
+        )  # along the rim: the palm would touch it
         assert not section.allows(grasp((0, 1, 0), (0, 0, -1)))
 
 
 @pytest.mark.parametrize("count", [2, 3])
-def test_the_sections_of_a_disk_face_the_arms(count: int) -> None:
-    """Whatever their order; here the arms stand at equal angles around it, turned by 40°."""
+def test_sections_of_a_disk_face_the_arms(count: int) -> None:
+    """The order of the arms, here at equal angles around the disk from 40°, does not matter."""
     angles = np.radians(40.0) + 2.0 * np.pi * np.arange(count) / count
     bases = [np.array((np.cos(angle), np.sin(angle), -0.3)) for angle in angles[::-1]]
     found = sections(Cylinder(0.2, 0.01), count, 1.0, bases)
@@ -56,7 +58,7 @@ def test_the_sections_of_a_disk_face_the_arms(count: int) -> None:
     assert np.array(places)[:, :2] == pytest.approx(np.array(expected))
 
 
-def test_parts_far_apart_are_found() -> None:
+def test_parts_that_are_farthest_apart_are_found() -> None:
     centers = {
         "plate": np.zeros(3),
         "left": np.array((-0.3, 0.0, 0.0)),
@@ -69,7 +71,7 @@ def test_parts_far_apart_are_found() -> None:
     assert farthest_apart({name: 0.1 * at for name, at in centers.items()}, 2) == ()
 
 
-def test_a_section_that_is_a_part_is_centered_there_with_the_others_in_the_way() -> None:
+def test_section_at_a_part_is_centered_there_and_keeps_the_other_parts() -> None:
     bar, handle = Box(np.array((0.3, 0.1, 0.01))), Box(np.array((0.01, 0.05, 0.03)))
     center = np.array((0.27, 0.0, 0.04))
     there = Pose.from_rpy((0.27, 0.0, 0.04))
@@ -88,7 +90,7 @@ def test_a_section_that_is_a_part_is_centered_there_with_the_others_in_the_way()
     assert section.allows(grasp((1, 0, 0), (0, 0, -1)))
 
 
-def test_things_without_two_ends_have_none() -> None:
+def test_objects_without_two_ends_have_no_sections() -> None:
     assert sections(Box(np.full(3, 0.03)), 2, 1.0) == []
     assert sections(Capsule(0.1), 2, 1.0) == []
 

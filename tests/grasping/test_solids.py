@@ -12,8 +12,8 @@ DIRECTIONS = poses().map(lambda pose: pose.turn(np.array([0.0, 0.0, 1.0])))
 
 
 @given(st.one_of(primitives(), hulls()), DIRECTIONS)
-def test_nothing_of_a_solid_lies_beyond_its_reach(solid: Solid, direction: np.ndarray) -> None:
-    """A plane at the reach is clear of it by nothing, and one beyond by as much as it is beyond."""
+def test_solid_has_no_point_beyond_its_reach(solid: Solid, direction: np.ndarray) -> None:
+    """A plane 10 mm beyond the reach is at least 10 mm from the solid."""
     across = np.cross(direction, np.eye(3)[int(np.abs(direction).argmin())])
     across /= np.linalg.norm(across)
     grid = np.linspace(-0.15, 0.15, 41)
@@ -27,7 +27,7 @@ def test_nothing_of_a_solid_lies_beyond_its_reach(solid: Solid, direction: np.nd
 
 @given(primitives(), poses())
 def test_distances_are_lipschitz(solid: Solid, pose: np.ndarray) -> None:
-    """No point's distance differs from its neighbor's by more than they are apart."""
+    """Distances of two points differ by no more than the distance between the points."""
     rng = np.random.default_rng(0)
     points = rng.uniform(-0.08, 0.08, (200, 3))
     steps = rng.uniform(-0.01, 0.01, (200, 3))
@@ -35,7 +35,7 @@ def test_distances_are_lipschitz(solid: Solid, pose: np.ndarray) -> None:
     assert np.all(change <= np.linalg.norm(steps, axis=1) + 1e-12)
 
 
-def test_a_mesh_of_a_box_is_that_box() -> None:
+def test_mesh_of_a_box_has_the_distances_of_the_box() -> None:
     mesh = mesh_box(0.025)
     box = solid_of("box", (0.05, 0.05, 0.05))
     inside = np.random.default_rng(0).uniform(-0.025, 0.025, (100, 3))
@@ -43,8 +43,8 @@ def test_a_mesh_of_a_box_is_that_box() -> None:
     assert mesh.is_convex
 
 
-def test_a_mesh_that_is_not_convex_has_its_distances() -> None:
-    """Two cubes side by side, apart: between them is outside."""
+def test_distances_of_a_mesh_that_is_not_convex() -> None:
+    """The mesh is two separate cubes, and the space between them is outside."""
     aside = np.array([0.02, 0.0, 0.0])
     left = mesh_box(0.01).corners - aside
     right = mesh_box(0.01).corners + aside
@@ -55,7 +55,7 @@ def test_a_mesh_that_is_not_convex_has_its_distances() -> None:
 
 
 @given(hulls(), st.integers(0, 99))
-def test_a_ray_inward_leaves_on_the_other_side(mesh: MeshSolid, seed: int) -> None:
+def test_inward_ray_exits_on_the_other_side(mesh: MeshSolid, seed: int) -> None:
     points, normals = mesh.sample(8, np.random.default_rng(seed))
     assert np.abs(mesh.distance(points)).max() < 1e-9
     for point, normal in zip(points, normals, strict=True):
@@ -65,7 +65,7 @@ def test_a_ray_inward_leaves_on_the_other_side(mesh: MeshSolid, seed: int) -> No
             assert found[1] @ -normal > 0.0
 
 
-def test_what_is_no_solid_is_refused() -> None:
+def test_unknown_shape_is_refused() -> None:
     assert isinstance(solid_of("cylinder", (0.02, 0.05)), Cylinder)
     assert isinstance(solid_of("sphere", (0.02,)), Capsule)
     with pytest.raises(ValueError, match="'torus' cannot be grasped"):
@@ -74,7 +74,7 @@ def test_what_is_no_solid_is_refused() -> None:
 
 @pytest.mark.parametrize("sides", [3, 5, 6, 8])
 def test_long_edges_of_a_prism_are_sharp(sides: int) -> None:
-    """Those along its axis, each halfway between two sides; not the short ones of its ends."""
+    """Edges along the axis are sharp; the short edges of the ends are not."""
     turns = np.arange(sides) * 2.0 * np.pi / sides
     ring = 0.02 * np.column_stack((np.cos(turns), np.sin(turns)))
     ends = [np.column_stack((ring, np.full(sides, z))) for z in (-0.05, 0.05)]

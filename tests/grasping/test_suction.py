@@ -23,8 +23,8 @@ UP = np.array([0.0, 0.0, 1.0])
     phases=[Phase.generate],
 )
 @given(primitives(), loads())
-def test_the_tool_stands_square_on_the_surface(solid: Solid, load: Load) -> None:
-    """And the whole rim is over it."""
+def test_cup_is_perpendicular_to_the_surface(solid: Solid, load: Load) -> None:
+    """The tool is on the surface, and its force is within the cup's limit."""
     for grasp in cup_grasps(solid, CUP, load)[::5]:
         place = grasp.tool.position
         into = grasp.tool.rotation_matrix[:, 2]
@@ -33,7 +33,7 @@ def test_the_tool_stands_square_on_the_surface(solid: Solid, load: Load) -> None
         assert grasp.force <= CUP.most_force
 
 
-def test_a_face_seals_where_the_rim_has_room() -> None:
+def test_cup_seals_only_on_faces_larger_than_its_rim() -> None:
     load = Load(0.2, DOWN, 8.0, np.zeros(3))
     assert len(cup_grasps(solid_of("box", (0.05, 0.05, 0.05)), CUP, load)) == 6 * 4
     flat = cup_grasps(solid_of("box", (0.05, 0.05, 0.02)), CUP, load)
@@ -43,7 +43,7 @@ def test_a_face_seals_where_the_rim_has_room() -> None:
 
 
 STIFF = CupMeasures(radius=0.02, bends=1e-3, most_force=60.0, friction=0.5)
-"""A cup that adapts to less than the thickness of a floor."""
+"""A cup that adapts to less than the thickness of a container's floor."""
 
 
 @pytest.mark.parametrize(
@@ -55,8 +55,8 @@ STIFF = CupMeasures(radius=0.02, bends=1e-3, most_force=60.0, friction=0.5)
         ("tube", (0.06, 0.05), False),
     ],
 )
-def test_an_opening_is_no_face(shape: str, size: tuple[float, ...], has_floor: bool) -> None:
-    """From above, the cup is put on the floor inside, if there is one."""
+def test_opening_is_not_grasped(shape: str, size: tuple[float, ...], has_floor: bool) -> None:
+    """From above, the cup is placed on the floor inside, if there is one."""
     obj = ObjectSpec(shape=shape, size=size, wall=0.003, mass=0.2)  # type: ignore[arg-type]
     load = Load(0.2, DOWN, 8.0, np.zeros(3))
     found = cup_grasps(body_of(obj).solid, STIFF, load)
@@ -65,15 +65,15 @@ def test_an_opening_is_no_face(shape: str, size: tuple[float, ...], has_floor: b
     assert heights == ({round(0.003 - 0.5 * size[-1], 4)} if has_floor else set())
 
 
-def test_a_floor_below_a_narrow_opening_is_out_of_reach() -> None:
+def test_floor_below_a_narrow_opening_is_out_of_reach() -> None:
     """The wrist behind the cup does not fit."""
     obj = ObjectSpec(shape="cup", size=(0.03, 0.12), wall=0.003, mass=0.2)
     found = cup_grasps(body_of(obj).solid, STIFF, Load(0.2, DOWN, 8.0, np.zeros(3)))
     assert not [one for one in found if one.tool.rotation_matrix[2, 2] < -0.9]
 
 
-def test_curvature_is_borne_as_far_as_the_rim_bends() -> None:
-    """A ball of radius r falls off by r - sqrt(r² - c²) at the rim c."""
+def test_cup_seals_on_curvature_within_the_bend_of_its_rim() -> None:
+    """A ball of radius r recedes by r - sqrt(r² - c²) at a rim of radius c."""
     load = Load(0.2, DOWN, 0.0, np.zeros(3))
     radius = 0.06
     sag = radius - math.sqrt(radius**2 - CUP.radius**2)
@@ -82,7 +82,7 @@ def test_curvature_is_borne_as_far_as_the_rim_bends() -> None:
         assert bool(cup_grasps(solid_of("sphere", (radius,)), cup, load)) == seals
 
 
-def test_what_is_pulled_off_is_its_weight_and_what_slides_asks_for_friction() -> None:
+def test_force_bears_the_weight_by_suction_or_friction() -> None:
     load = Load(0.5, DOWN, 0.0, np.zeros(3))
     weight = 0.5 * 9.81
     assert suction_force(load, np.zeros(3), UP, CUP) == pytest.approx(weight)

@@ -1,4 +1,4 @@
-"""Fingers put where a test wants them, and what is believed of them."""
+"""Sets fingers and their encoder for a test."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ FINGERED = tuple(name for name in gripper_names() if load_gripper(name).fingers)
 
 
 def opened(world: World, width: float, sensed: float | None = None) -> None:
-    """Put the fingers of ``arm1`` at an opening in m, and let the encoder say that, or another."""
+    """Sets the fingers of ``arm1`` to an opening in m, and the encoder to the same or another."""
     for finger in FINGERS:
         world.data.joint(f"arm1/{finger}").qpos[0] = 0.5 * width
     hardware = world.grippers["arm1"]

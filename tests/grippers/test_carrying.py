@@ -1,4 +1,4 @@
-"""What is held goes with the palm along arcs, not along the straight lines of a step."""
+"""A held object moves with the palm along arcs, not along the straight lines of a step."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ def turned_by(angles: Vector) -> Vector:
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_a_thing_that_goes_with_the_palm_stays_where_it_is_in_it(seed: int) -> None:
-    """Wherever the palm goes in a step, and whatever first-order step MuJoCo made of its rates."""
+def test_held_object_keeps_its_pose_in_the_palm(seed: int) -> None:
+    """This holds for any motion of the palm in a step and for MuJoCo's first-order step."""
     rng = np.random.default_rng(seed)
     palm, held = (
         Pose.from_rpy(rng.uniform(-1, 1, 3).tolist(), tuple(rng.uniform(-3, 3, 3).tolist()))
@@ -45,11 +45,11 @@ def test_a_thing_that_goes_with_the_palm_stays_where_it_is_in_it(seed: int) -> N
     assert now.distance(before) < 1e-12
     assert now.angle(before) < 1e-7
     stays = after.inverse @ Pose(straight, turned.quaternion)
-    assert stays.distance(before) > 1e-7, "without it the thing would have moved"
+    assert stays.distance(before) > 1e-7, "without it the object would have moved"
 
 
-def test_a_palm_moves_as_its_jacobian_says() -> None:
-    """In a world with other trees, joints behind the palm, and a fixed body in between."""
+def test_motion_of_the_palm_agrees_with_its_jacobian() -> None:
+    """The world has another kinematic tree, joints beyond the palm, and a fixed body between."""
     model = mujoco.MjModel.from_xml_string("""
         <mujoco><worldbody>
           <body pos="1 0 0"><freejoint/><geom size="0.1"/></body>
@@ -78,9 +78,9 @@ def test_a_palm_moves_as_its_jacobian_says() -> None:
     np.testing.assert_allclose(motion, jacobian @ v, atol=1e-14)
 
 
-def test_held_is_what_touches_both_pads() -> None:
-    """Not what one pad pushes, nor what is near without a touch."""
-    bodies = np.array((7, 7, 3, 4, 5), np.int32)  # of two pads and three things
+def test_object_that_touches_both_pads_is_held() -> None:
+    """An object pushed by one pad, or near without contact, is not held."""
+    bodies = np.array((7, 7, 3, 4, 5), np.int32)  # of two pads and three objects
     both = np.array(((0, 2), (3, 1), (2, 1), (4, 0)), np.int32)
     assert held_body(both, np.full(4, -1e-4), 0, 1, bodies) == 3
     assert held_body(both[:2], np.full(2, -1e-4), 0, 1, bodies) == -1

@@ -1,4 +1,4 @@
-"""A gripper's description that cannot be meant is refused where it is wrong."""
+"""An implausible gripper description is refused with the place of the error."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("what", WRONG)
-def test_a_wrong_value_is_refused_where_it_is(what: str, tmp_path: Path) -> None:
+def test_wrong_value_is_refused_with_its_place(what: str, tmp_path: Path) -> None:
     right, wrong, message = WRONG[what]
     assert TEXT.count(right) == 1
     (tmp_path / "claw.yaml").write_text(TEXT.replace(right, wrong), encoding="utf-8")

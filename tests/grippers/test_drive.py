@@ -1,4 +1,4 @@
-"""What fingers do that are told to: speed, then force, whatever is between them."""
+"""Fingers and cups follow their commands: speed, then force, whatever is between them."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ REALITIES = ("ideal", "lab", "rough")
 def world_around(
     gripper: str, edge: float, reality: str = "ideal", timestep: float = 0.002
 ) -> World:
-    """A world with a plate, held in place, as thick as ``edge`` between the fingers (m)."""
+    """A world with a fixed plate, of thickness ``edge`` in m, between the fingers."""
     tool = world_with("ur5", gripper=gripper).arms["arm1"].tool_pose
     pose = PoseSpec(xyz=tuple(tool.position.tolist()), quat=tuple(tool.quaternion.tolist()))
     plate = ObjectSpec(shape="box", size=(0.04, edge, 0.02), mass=1.0, pose=pose, fixed=True)
@@ -34,7 +34,7 @@ def world_around(
 
 
 def let_run(world: World, seconds: float) -> list[tuple[float, float]]:
-    """Openings and speeds of the fingers as they truly are; springs hold heavy joints in place."""
+    """True openings (m) and speeds (m/s) of the fingers; springs hold heavy joints in place."""
     model = world.model
     data = world.data
     step = world.timestep
@@ -48,14 +48,14 @@ def let_run(world: World, seconds: float) -> list[tuple[float, float]]:
     for _ in range(round(seconds / step)):
         data.qfrc_applied[dofs] = 5.0 * (0.25 * (at - body.q) / step - body.v) / step
         world.step()
-        place = sum(float(data.qpos[joint.qposadr[0]]) for joint in fingers)
+        opening = sum(float(data.qpos[joint.qposadr[0]]) for joint in fingers)
         rate = sum(float(data.qvel[joint.dofadr[0]]) for joint in fingers)
-        seen.append((place, rate))
+        seen.append((opening, rate))
     return seen
 
 
 def pressed(world: World) -> float:
-    """Mean of the normal forces on the two pads, N, as they truly are."""
+    """Mean of the true normal forces on the two pads, N."""
     sums = {"left": 0.0, "right": 0.0}
     mujoco.mj_forward(world.model, world.data)
     for i, contact in enumerate(world.data.contact):
@@ -70,36 +70,37 @@ def pressed(world: World) -> float:
 
 @pytest.mark.parametrize("reality", REALITIES)
 @pytest.mark.parametrize("gripper", FINGERED)
-def test_the_force_is_that_which_was_asked_for_however_wide_it_stands(
-    gripper: str, reality: str
-) -> None:
-    """A position servo's would grow with the width. A drive of `rough` is up to 5 % off."""
-    page = load_gripper(gripper)
-    asked = 0.5 * (page.force.least + page.force.most)
-    for edge in (0.002, 0.5 * page.stroke, page.stroke - 0.005):
+def test_grip_force_is_the_commanded_one_at_any_width(gripper: str, reality: str) -> None:
+    """A position servo's force would grow with the width. A `rough` drive errs by up to 5 %."""
+    description = load_gripper(gripper)
+    commanded = 0.5 * (description.force.least + description.force.most)
+    for edge in (0.002, 0.5 * description.stroke, description.stroke - 0.005):
         world = world_around(gripper, edge, reality)
         hardware = world.grippers["arm1"]
-        hardware.command(GripperCommand(0.0, page.speed.most, asked))
-        let_run(world, 1.0 + page.stroke / page.speed.most)
-        assert hardware.force == pytest.approx(asked)
-        assert hardware.width == pytest.approx(edge, abs=max(1.5 * page.resolution, 3e-4))
-        assert pressed(world) == pytest.approx(asked, rel=0.08)
+        hardware.command(GripperCommand(0.0, description.speed.most, commanded))
+        let_run(world, 1.0 + description.stroke / description.speed.most)
+        assert hardware.force == pytest.approx(commanded)
+        assert hardware.width == pytest.approx(edge, abs=max(1.5 * description.resolution, 3e-4))
+        assert pressed(world) == pytest.approx(commanded, rel=0.08)
 
 
 @pytest.mark.parametrize("timestep", [0.001, 0.002, 0.004])
 @pytest.mark.parametrize("gripper", FINGERED)
-def test_the_speed_is_that_which_was_asked_for(gripper: str, timestep: float) -> None:
-    """On the way, not faster; there, not beyond; at any step of the physics."""
-    page = load_gripper(gripper)
+def test_finger_speed_is_the_commanded_one(gripper: str, timestep: float) -> None:
+    """Fingers do not exceed the speed or overshoot the goal, at any time step."""
+    description = load_gripper(gripper)
     world = (
         world_with("ur5", gripper=gripper)
         if timestep == 0.002
         else World(file_of({"arm1": arm("ur5", gripper=gripper)}, timestep=timestep))
     )
     hardware = world.grippers["arm1"]
-    for goal, speed in ((0.4 * page.stroke, page.speed.most), (page.stroke, page.speed.most / 2)):
+    for goal, speed in (
+        (0.4 * description.stroke, description.speed.most),
+        (description.stroke, description.speed.most / 2),
+    ):
         begin = hardware.width
-        hardware.command(GripperCommand(goal, speed, page.force.most))
+        hardware.command(GripperCommand(goal, speed, description.force.most))
         took = abs(goal - begin) / speed
         seen = np.array(let_run(world, took + 0.3))
         middle = seen[round(0.3 * took / timestep) : round(0.7 * took / timestep), 1]
@@ -111,14 +112,14 @@ def test_the_speed_is_that_which_was_asked_for(gripper: str, timestep: float) ->
 
 
 @pytest.mark.parametrize("gripper", FINGERED)
-def test_fingers_that_meet_nothing_are_closed(gripper: str) -> None:
-    """They press on one another's stops, and their width says that nothing is between them."""
+def test_fingers_without_an_object_close(gripper: str) -> None:
+    """They press on their stops, and their width shows that nothing is between them."""
     world = world_with("ur5", gripper=gripper)
-    page = world.grippers["arm1"].gripper
+    description = world.grippers["arm1"].gripper
     hardware = world.grippers["arm1"]
-    hardware.command(GripperCommand(0.0, page.speed.most, page.force.most))
-    let_run(world, 1.0 + page.stroke / page.speed.most)
-    assert hardware.force == pytest.approx(page.force.most)
+    hardware.command(GripperCommand(0.0, description.speed.most, description.force.most))
+    let_run(world, 1.0 + description.stroke / description.speed.most)
+    assert hardware.force == pytest.approx(description.force.most)
     assert hardware.width < 5e-4
 
 
@@ -126,20 +127,20 @@ def test_fingers_that_meet_nothing_are_closed(gripper: str) -> None:
     ("shape", "size", "tight"),
     [
         ("box", (0.05, 0.05, 0.05), True),
-        ("box", (0.03, 0.03, 0.05), False),  # the lip hangs over
+        ("box", (0.03, 0.03, 0.05), False),  # the lip overhangs
         ("cylinder", (0.03, 0.05), True),
         ("cylinder", (0.015, 0.05), False),
-        ("sphere", (0.03,), False),  # the lip does not follow that
+        ("sphere", (0.03,), False),  # the lip does not adapt to that
         ("sphere", (0.5,), True),
     ],
 )
-def test_a_cup_seals_where_its_lip_lies_on_a_thing_all_round(
+def test_cup_seals_only_if_its_whole_lip_touches_the_object(
     shape: Literal["box", "cylinder", "sphere"], size: tuple[float, ...], tight: bool
 ) -> None:
     tool = world_with("ur5", gripper="suction_cup").arms["arm1"].tool_pose
     half = size[0] if shape == "sphere" else size[-1] / 2
-    place = tool @ Pose.from_rpy((0.0, 0.0, half - 5e-4), (0.0, 0.0, 0.0))
-    pose = PoseSpec(xyz=tuple(place.position.tolist()), quat=tuple(place.quaternion.tolist()))
+    at = tool @ Pose.from_rpy((0.0, 0.0, half - 5e-4), (0.0, 0.0, 0.0))
+    pose = PoseSpec(xyz=tuple(at.position.tolist()), quat=tuple(at.quaternion.tolist()))
     obj = ObjectSpec(shape=shape, size=size, mass=0.1, pose=pose, fixed=True)
     world = World(file_of({"arm1": arm("ur5", gripper="suction_cup")}, {"thing": obj}))
     hardware = world.grippers["arm1"]

@@ -1,4 +1,4 @@
-"""Every gripper on every robot: one arm, whose nominal model weighs what the plant weighs."""
+"""Every gripper on every robot forms one arm, whose nominal model has the plant's mass."""
 
 from __future__ import annotations
 
@@ -17,39 +17,42 @@ from tests.sim.worlds import WORLD as FOLDER
 GRIPPERS = gripper_names()
 
 
-def below(model: mujoco.MjModel, body: int) -> float:
-    """Mass of a body and of all that hangs on it."""
+def mass_of(model: mujoco.MjModel, body: int) -> float:
+    """Mass of a body and all its descendants, kg."""
     return float(model.body_subtreemass[body])
 
 
 @pytest.mark.parametrize("gripper", GRIPPERS)
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_the_nominal_arm_weighs_what_the_plant_weighs(robot: str, gripper: str) -> None:
-    """The gripper is one rigid link to whoever controls the arm, with its mass and center."""
+def test_nominal_arm_has_the_mass_of_the_plant(robot: str, gripper: str) -> None:
+    """In the nominal model, the gripper is one rigid link with its mass."""
     world = world_with(robot, gripper=gripper)
     nominal = world.nominal["arm1"]
     name = f"arm1/{PALM}"
     plant = world.model.body(name).id
-    believed = nominal.model.body(name).id
-    page = world.grippers["arm1"].gripper
-    assert below(world.model, plant) == pytest.approx(page.mass)
-    assert below(nominal.model, believed) == pytest.approx(page.mass)
+    assumed = nominal.model.body(name).id
+    description = world.grippers["arm1"].gripper
+    assert mass_of(world.model, plant) == pytest.approx(description.mass)
+    assert mass_of(nominal.model, assumed) == pytest.approx(description.mass)
     assert nominal.model.nv == world.robots["arm1"].dof
     first = world.robots["arm1"].joints[0]
     bodies = (world.model.joint(f"arm1/{first}"), nominal.model.joint(f"arm1/{first}"))
-    masses = (below(world.model, bodies[0].bodyid[0]), below(nominal.model, bodies[1].bodyid[0]))
+    masses = (
+        mass_of(world.model, bodies[0].bodyid[0]),
+        mass_of(nominal.model, bodies[1].bodyid[0]),
+    )
     assert masses[0] == pytest.approx(masses[1])
 
 
 @pytest.mark.parametrize("gripper", GRIPPERS)
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_the_tool_frame_is_where_things_are_held(robot: str, gripper: str) -> None:
-    """Between the pads, z out of the gripper; and nothing touches anything at home."""
+def test_tool_frame_is_between_the_pads(robot: str, gripper: str) -> None:
+    """Its y axis is the closing direction, and at home there are no contacts."""
     world = world_with(robot, gripper=gripper)
     tool = world.arms["arm1"].tool_pose
-    believed = world.nominal["arm1"].tool_pose_at(world.hardware["arm1"].q)
-    assert believed.distance(tool) < 1e-9
-    assert believed.angle(tool) < 1e-9
+    assumed = world.nominal["arm1"].tool_pose_at(world.hardware["arm1"].q)
+    assert assumed.distance(tool) < 1e-9
+    assert assumed.angle(tool) < 1e-9
     if world.grippers["arm1"].gripper.fingers:
         pads = [world.data.geom(f"arm1/{finger}/{PAD}").xpos for finger in FINGERS]
         middle = tool.inverse.apply(np.mean(pads, axis=0))
@@ -62,16 +65,20 @@ def test_the_tool_frame_is_where_things_are_held(robot: str, gripper: str) -> No
 
 @pytest.mark.parametrize("gripper", GRIPPERS)
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_payload_is_what_is_left(robot: str, gripper: str) -> None:
+def test_payload_is_reduced_by_the_mass_of_the_gripper(robot: str, gripper: str) -> None:
     world = world_with(robot, gripper=gripper)
-    page = world.grippers["arm1"].gripper
+    description = world.grippers["arm1"].gripper
     bare = load_robot(robot, FOLDER)
-    left = page.payload if bare.payload is None else min(page.payload, bare.payload - page.mass)
+    left = (
+        description.payload
+        if bare.payload is None
+        else min(description.payload, bare.payload - description.mass)
+    )
     assert world.robots["arm1"].payload == pytest.approx(left)
 
 
-def test_the_stock_hand_comes_off() -> None:
-    """And the camera that was on it stays where it was."""
+def test_gripper_replaces_the_original_hand() -> None:
+    """The camera that was mounted on the hand keeps its pose."""
     bare = world_with("panda")
     mounted = world_with("panda", gripper="robotiq_2f85")
     names = {mounted.model.body(i).name for i in range(mounted.model.nbody)}
@@ -88,8 +95,8 @@ def test_the_stock_hand_comes_off() -> None:
     assert bare.model.nv == mounted.model.nv - 2
 
 
-def test_the_hand_on_its_own_arm_is_where_it_always_was() -> None:
-    """Its tool frame and its fingers' tips; only that they can move now."""
+def test_franka_hand_as_gripper_agrees_with_the_fixed_hand() -> None:
+    """The tool frame and gravity torques are the same; only the fingers can move."""
     bare = world_with("panda")
     mounted = world_with("panda", gripper="panda_hand")
     assert bare.arms["arm1"].tool_pose.distance(mounted.arms["arm1"].tool_pose) < 1e-9
@@ -99,8 +106,8 @@ def test_the_hand_on_its_own_arm_is_where_it_always_was() -> None:
     assert np.allclose(gravity[0], gravity[1], atol=0.02)
 
 
-def test_without_a_gripper_nothing_changes() -> None:
-    """No option of the world is another, and nothing more is done in a step."""
+def test_world_without_a_gripper_has_default_options() -> None:
+    """MuJoCo's options are unchanged, and a step does no additional work."""
     bare = World(file_of({"arm1": arm("ur5")}, {"cube": box((0.5, 0, 0.1))}))
     option = bare.model.opt
     assert option.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL
@@ -110,8 +117,8 @@ def test_without_a_gripper_nothing_changes() -> None:
     assert held.model.opt.cone == mujoco.mjtCone.mjCONE_ELLIPTIC
 
 
-def test_an_arm_with_a_gripper_comes_and_goes() -> None:
-    """Nothing of it stays behind, and what comes again is open."""
+def test_arm_with_a_gripper_can_be_removed_and_spawned_again() -> None:
+    """No part of it remains, and the gripper is open when spawned again."""
     world = World(
         file_of({"arm1": arm("ur5", gripper="robotiq_2f85"), "arm2": arm("ur3", (2, 0, 0))})
     )

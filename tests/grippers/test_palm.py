@@ -1,4 +1,4 @@
-"""What fits between open fingers ends at the palm, whatever that is made of."""
+"""The measured palm limits the depth between the fingers."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from tests.skills.scenarios import Scenario, Tree
 
 
 @pytest.mark.parametrize("gripper", ["panda_hand", "robotiq_2f85"])
-def test_the_palm_is_where_a_ray_between_the_pads_meets_it(gripper: str) -> None:
-    """The face of the Franka Hand was taken to be 7 mm farther back."""
+def test_palm_is_where_rays_between_the_pads_hit_it(gripper: str) -> None:
+    """The face of the Franka Hand was assumed 7 mm too far back."""
     world = World(file_of({"arm1": arm("ur5", gripper=gripper)}, {}))
     mujoco.mj_forward(world.model, world.data)
     tool = world.arms["arm1"].tool_pose
@@ -26,19 +26,19 @@ def test_the_palm_is_where_a_ray_between_the_pads_meets_it(gripper: str) -> None
         for geom in world.arms["arm1"].tool_geom_ids
         if world.model.body(world.model.geom_bodyid[geom]).name == "arm1/gripper/palm"
     }
-    met = []
+    distances = []
     for x in np.linspace(-0.5, 0.5, 5) * jaw.pad_width:
         for y in np.linspace(-0.4, 0.4, 9) * jaw.widest_opening:
             start = tool.apply(np.array((x, y, 0.0)))
             geom = np.zeros(1, np.int32)
-            away = mujoco.mj_ray(world.model, world.data, start, back, None, 1, -1, geom, None)
+            distance = mujoco.mj_ray(world.model, world.data, start, back, None, 1, -1, geom, None)
             if int(geom[0]) in palm:
-                met.append(away)
-    assert jaw.palm == pytest.approx(min(met), abs=5e-4)
+                distances.append(distance)
+    assert jaw.palm == pytest.approx(min(distances), abs=5e-4)
 
 
-def test_a_tall_thin_thing_is_taken_below_the_palm(stage: Stage) -> None:
-    """The palm pressed on its top with 49 N, and the fingers slipped in three of four runs."""
+def test_tall_thin_object_is_grasped_below_the_palm(stage: Stage) -> None:
+    """The palm had pressed on its top with 49 N, and the fingers slipped in three of four runs."""
     pen: Tree = {
         "pen": {
             "shape": "cylinder",

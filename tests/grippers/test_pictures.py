@@ -1,4 +1,4 @@
-"""Pictures show the fingers where they are, whatever the encoder says."""
+"""Camera images show the true positions of the fingers, not those of the encoder."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ PIXEL_M = 2.0 * AWAY_M * np.tan(np.deg2rad(FOV_DEG / 2.0)) / PIXELS
 
 @pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
 @pytest.mark.parametrize("gripper", FINGERED)
-def test_fingers_are_seen_where_they_are(gripper: str, share: float) -> None:
+def test_image_shows_the_true_finger_positions(gripper: str, share: float) -> None:
     """From the side, the inner edges of the two fingers are as far apart as the pads."""
     world = world_with("ur5", gripper=gripper)
     stroke = world.grippers["arm1"].gripper.stroke

@@ -1,4 +1,4 @@
-"""What pads feel: the force of what they hold, as well as their page says, and as often."""
+"""Tactile pads measure grip forces with the described noise and rate."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from bt_dualarm.sim.grippers import GripperCommand, GripperHardware
 from bt_dualarm.sim.world import World
 from tests.grippers.test_drive import FINGERED, let_run, world_around
 
-FEELING = tuple(name for name in FINGERED if load_gripper(name).tactile is not None)
-ASKED = 40.0
+TACTILE = tuple(name for name in FINGERED if load_gripper(name).tactile is not None)
+FORCE_N = 40.0
 EDGE = 0.03
 
 
@@ -23,13 +23,13 @@ def holding(gripper: str, reality: str) -> tuple[World, GripperHardware]:
     """A gripper that presses on a plate."""
     world = world_around(gripper, EDGE, reality)
     hardware = world.grippers["arm1"]
-    hardware.command(GripperCommand(0.0, hardware.gripper.speed.most, ASKED))
+    hardware.command(GripperCommand(0.0, hardware.gripper.speed.most, FORCE_N))
     let_run(world, 1.5)
     return world, hardware
 
 
 def readings(world: World, hardware: GripperHardware, seconds: float) -> np.ndarray:
-    """Forces of all readings taken in that time, of shape (n, 2, 3), N."""
+    """Forces of all readings during a time in s, of shape (n, 2, 3), N."""
     assert hardware.tactile is not None
     seen = []
     stamps = [hardware.tactile.stamp]
@@ -45,17 +45,17 @@ def readings(world: World, hardware: GripperHardware, seconds: float) -> np.ndar
     return np.array(seen)
 
 
-@pytest.mark.parametrize("gripper", FEELING)
-def test_what_is_held_presses_both_pads_outwards_with_the_force_asked_for(gripper: str) -> None:
+@pytest.mark.parametrize("gripper", TACTILE)
+def test_held_object_presses_both_pads_outwards_with_the_commanded_force(gripper: str) -> None:
     world, hardware = holding(gripper, "ideal")
     forces = readings(world, hardware, 0.1)
     for pad, sign in enumerate((1.0, -1.0)):
-        assert forces[:, pad, 1] == pytest.approx(sign * ASKED, rel=0.02)
-    assert np.abs(forces[:, :, (0, 2)]).max() < 0.05 * ASKED
+        assert forces[:, pad, 1] == pytest.approx(sign * FORCE_N, rel=0.02)
+    assert np.abs(forces[:, :, (0, 2)]).max() < 0.05 * FORCE_N
 
 
-@pytest.mark.parametrize("gripper", FEELING)
-def test_nothing_but_the_noise_of_the_page_is_felt_with_open_fingers(gripper: str) -> None:
+@pytest.mark.parametrize("gripper", TACTILE)
+def test_open_fingers_measure_only_the_described_noise(gripper: str) -> None:
     for reality in ("ideal", "lab"):
         world = world_around(gripper, EDGE, reality)
         hardware = world.grippers["arm1"]
@@ -67,17 +67,17 @@ def test_nothing_but_the_noise_of_the_page_is_felt_with_open_fingers(gripper: st
         assert np.abs(forces.mean(axis=0)).max() <= noise
 
 
-def test_a_page_may_leave_it_out(tmp_path: Path) -> None:
+def test_description_may_omit_tactile_pads(tmp_path: Path) -> None:
     text = (share_dir("assets") / "grippers" / "robotiq_2f85.yaml").read_text(encoding="utf-8")
-    page = tmp_path / "bare.yaml"
-    page.write_text(text.partition("tactile:")[0], encoding="utf-8")
-    assert gripper_of(GripperFile(page)).tactile is None
+    description = tmp_path / "bare.yaml"
+    description.write_text(text.partition("tactile:")[0], encoding="utf-8")
+    assert gripper_of(GripperFile(description)).tactile is None
 
 
-def test_a_cup_has_no_pads_that_feel(tmp_path: Path) -> None:
+def test_cup_with_tactile_pads_is_refused(tmp_path: Path) -> None:
     text = (share_dir("assets") / "grippers" / "suction_cup.yaml").read_text(encoding="utf-8")
-    page = tmp_path / "cup.yaml"
+    description = tmp_path / "cup.yaml"
     tactile = 'tactile: {rate: 100, noise: 0.1, source: "nobody makes them"}\n'
-    page.write_text(text + tactile, encoding="utf-8")
+    description.write_text(text + tactile, encoding="utf-8")
     with pytest.raises(DescriptionError, match="a cup has none"):
-        gripper_of(GripperFile(page))
+        gripper_of(GripperFile(description))

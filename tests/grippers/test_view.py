@@ -1,4 +1,4 @@
-"""A gripper does not stand in the way of the camera that its arm carries."""
+"""A gripper does not block the view of its arm's camera."""
 
 from __future__ import annotations
 
@@ -28,11 +28,10 @@ def _seen(robot: str, mount: str, gripper: str | None) -> Image:
 
 
 @pytest.mark.parametrize(("robot", "gripper"), some(product(robot_names(), gripper_names()), 2))
-def test_the_middle_of_the_picture_is_free(robot: str, gripper: str) -> None:
-    """What the gripper hides is at the picture's edge, outside its middle half and the like.
+def test_middle_of_the_image_is_free(robot: str, gripper: str) -> None:
+    """The gripper hides only the image's edge: nothing of its middle half, and less than 20 %.
 
-    An arm looks at things by turning the middle of the picture to them. Open fingers reach
-    farthest to the sides.
+    Arms center objects in the image. Open fingers extend farthest to the sides.
     """
     for mount in load_robot(robot, FOLDER).cameras:
         differs = (_seen(robot, mount, gripper) != _seen(robot, mount, None)).any(axis=2)

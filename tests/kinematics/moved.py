@@ -1,6 +1,6 @@
-"""Arms that a seed draws, moved by the kernels of a chain: python -m tests.kinematics.moved 0 1.
+"""Kernels of the control loop applied to random arms: python -m tests.kinematics.moved 0 1.
 
-Writes what came of it, pickled, to standard output: once compiled, once read by Python itself.
+Writes the pickled results for the given seeds to standard output.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ DOF = 5
 
 
 def drawn_links(rng: np.random.Generator) -> Matrix:
-    """Links with positive masses and inertias."""
+    """Random links with positive masses and inertias."""
     links = rng.uniform(0.05, 0.5, (DOF, LINK))
     links[:, AXIS : AXIS + 3] = rng.normal(size=(DOF, 3))
     links[:, AXIS : AXIS + 3] /= np.linalg.norm(links[:, AXIS : AXIS + 3], axis=1)[:, None]
@@ -42,7 +42,7 @@ def drawn_links(rng: np.random.Generator) -> Matrix:
 
 
 def moved(seed: int) -> tuple[list[int], Matrix]:
-    """How torques came out, and the state after each: fine, saturated, and no numbers."""
+    """Outcomes of torque computations, saturated and NaN ones included, and the states after."""
     rng = np.random.default_rng(seed)
     joints = rng.uniform(0.1, 1.0, (CONSTANTS, DOF))
     joints[STRIBECK] *= -1.0
@@ -56,8 +56,8 @@ def moved(seed: int) -> tuple[list[int], Matrix]:
     states = []
     for step, effort in enumerate((1e6, 1e6, 40.0, 1.0, 1e6, 1e6)):
         joints[LIMIT] = effort
-        wanted: Vector = rng.normal(size=(3, DOF)) * 0.1
-        state[SENT_Q], state[SENT_V], state[SENT_A] = wanted
+        desired: Vector = rng.normal(size=(3, DOF)) * 0.1
+        state[SENT_Q], state[SENT_V], state[SENT_A] = desired
         if step == 4:
             state[SENT_V] = state[SENT_A] = 0.0
         if step == 5:

@@ -49,8 +49,8 @@ def circle(arm: Kinematics, radius: float, count: int) -> list[Pose]:
 @given(arms, shares)
 @example("panda", [0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0])  # in a corner of the joints' ranges
 @settings(max_examples=60, deadline=None)
-def test_an_answer_puts_the_tool_on_its_target_within_limits(name: str, share: list[float]) -> None:
-    """FK(IK(x)) = x for every pose that some configuration has."""
+def test_solution_reaches_its_target_within_the_limits(name: str, share: list[float]) -> None:
+    """FK(IK(x)) = x for every pose x of some configuration."""
     arm = ARMS[name]
     target = arm.forward(configuration(arm, share))
     q = arm.solve(target, home(arm))
@@ -63,27 +63,27 @@ def test_an_answer_puts_the_tool_on_its_target_within_limits(name: str, share: l
 
 @given(arms, shares, shares)
 @settings(max_examples=20, deadline=None)
-def test_an_answer_does_not_depend_on_what_was_asked_before(
+def test_solution_does_not_depend_on_earlier_ones(
     name: str, share: list[float], other: list[float]
 ) -> None:
     arm = ARMS[name]
     target = arm.forward(configuration(arm, share))
     first = arm.solve(target, home(arm))
     arm.solve(arm.forward(configuration(arm, other)), configuration(arm, other))
-    # Not to the bit: Eigen sums in an order that depends on where in memory its matrices lie, and
+    # Not to the bit: Eigen's order of summation depends on memory addresses of its matrices, and
     # the last step then differs by some 1e-10 rad.
     np.testing.assert_allclose(arm.solve(target, home(arm)), first, rtol=0.0, atol=1e-8)
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_where_the_tool_is_already_nothing_moves(name: str) -> None:
+def test_solution_for_the_present_pose_is_the_present_configuration(name: str) -> None:
     arm = ARMS[name]
     q = arm.solve(arm.forward(home(arm)), home(arm))
     np.testing.assert_allclose(q, home(arm), atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_the_jacobian_is_the_derivative_of_the_tool_pose(name: str) -> None:
+def test_jacobian_is_the_derivative_of_the_tool_pose(name: str) -> None:
     arm = ARMS[name]
     q = home(arm) + 0.1
     h = 1e-6
@@ -100,7 +100,7 @@ def test_the_jacobian_is_the_derivative_of_the_tool_pose(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_the_tool_and_its_jacobian_are_those_asked_for_one_by_one(name: str) -> None:
+def test_tool_returns_the_same_matrix_and_jacobian_as_separate_calls(name: str) -> None:
     arm = ARMS[name]
     q = home(arm)
     arm.matrix(q + 0.1)
@@ -109,8 +109,8 @@ def test_the_tool_and_its_jacobian_are_those_asked_for_one_by_one(name: str) -> 
     np.testing.assert_array_equal(jacobian, arm.jacobian(q))
 
 
-def test_the_base_pose_is_that_of_the_base_link() -> None:
-    """The flange of a UR5 that points up stands above its base, wherever the URDF's root is."""
+def test_base_pose_is_that_of_the_base_link() -> None:
+    """Tool poses move with the base pose, wherever the URDF's root link is."""
     robot = load_robot("ur5")
     here = Kinematics(robot, Pose.identity()).forward(robot.postures["home"])
     there = Kinematics(robot, BASE).forward(robot.postures["home"])
@@ -118,7 +118,7 @@ def test_the_base_pose_is_that_of_the_base_link() -> None:
     assert there.angle(BASE @ here) < 1e-7
 
 
-def test_what_is_out_of_reach_is_refused_with_its_residual() -> None:
+def test_unreachable_target_is_refused_with_its_residual() -> None:
     arm = ARMS["ur5"]
     with pytest.raises(Failure) as caught:
         arm.solve(Pose(BASE.position + np.array((1.15, 0.0, 0.1)), home_pose(arm)), home(arm))
@@ -127,8 +127,8 @@ def test_what_is_out_of_reach_is_refused_with_its_residual() -> None:
 
 
 @pytest.mark.parametrize("name", robot_names())
-def test_no_configuration_leaves_the_workspace(name: str) -> None:
-    """And it is not all of the room either: no more than half as far again as an arm gets."""
+def test_bounding_ball_contains_the_workspace_tightly(name: str) -> None:
+    """No tool is outside the ball, and the farthest one is beyond 60 % of its radius."""
     arm = ARMS[name]
     rng = np.random.default_rng(0)
     center, radius = arm.bounding_ball
@@ -137,8 +137,8 @@ def test_no_configuration_leaves_the_workspace(name: str) -> None:
     assert 0.6 * radius < farthest <= radius
 
 
-def test_what_is_outside_of_the_workspace_is_no_target() -> None:
-    """It is not searched for, and a path that ends there does not begin."""
+def test_target_outside_the_workspace_is_invalid() -> None:
+    """There is no search for it, and a path that ends there is refused."""
     arm = ARMS["ur5"]
     start = arm.forward(home(arm))
     away = Pose.from_rpy((5.0, 0.0, 0.0))
@@ -147,7 +147,9 @@ def test_what_is_outside_of_the_workspace_is_no_target() -> None:
     assert caught.value.code == "INVALID_TARGET"
     assert float(caught.value.numbers["distance_m"]) > 4.0
     reach = robot_summary(load_robot("ur5")).reach_m
-    assert float(caught.value.numbers["reach_m"]) == pytest.approx(reach, abs=0.005), "one number"
+    assert float(caught.value.numbers["reach_m"]) == pytest.approx(reach, abs=0.005), (
+        "the same number"
+    )
     with pytest.raises(Failure, match="INVALID_TARGET"):
         arm.follow([start, away], home(arm))
 
@@ -155,14 +157,14 @@ def test_what_is_outside_of_the_workspace_is_no_target() -> None:
 @pytest.mark.parametrize(
     "quaternion", [(2.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0), (float("nan"), 0.0, 0.0, 1.0)]
 )
-def test_what_is_no_pose_is_refused(quaternion: tuple[float, ...]) -> None:
+def test_invalid_pose_is_refused(quaternion: tuple[float, ...]) -> None:
     arm = ARMS["ur5"]
     with pytest.raises(Failure, match="INVALID_TARGET"):
         arm.solve(Pose(np.zeros(3), np.array(quaternion)), home(arm))
 
 
 @pytest.mark.parametrize("name", robot_names())
-def test_a_circle_is_followed_without_a_jump_and_closes_in_the_joints(name: str) -> None:
+def test_circle_is_followed_without_a_jump_and_closes_in_the_joints(name: str) -> None:
     arm = ARMS[name]
     poses = circle(arm, 0.05, 150)
     rows = arm.follow(poses, home(arm))
@@ -174,7 +176,7 @@ def test_a_circle_is_followed_without_a_jump_and_closes_in_the_joints(name: str)
         assert arm.residual(q, pose)[0] <= 1e-5
 
 
-def test_a_path_out_of_reach_is_refused_with_the_part_that_was_possible() -> None:
+def test_path_that_becomes_unreachable_is_refused_with_the_possible_fraction() -> None:
     arm = ARMS["ur5"]
     start = arm.forward(home(arm))
     away = (start.position - BASE.position) / np.linalg.norm(start.position - BASE.position)
@@ -191,30 +193,30 @@ def test_condition_grows_at_a_singularity() -> None:
     assert arm.condition(home(arm)) < 50.0 < arm.condition(stretched)
 
 
-def steps(start: Pose, way: tuple[float, float, float]) -> list[Pose]:
-    return line(start, Pose(start.position + np.array(way), start.quaternion)).poses
+def steps(start: Pose, offset: tuple[float, float, float]) -> list[Pose]:
+    return line(start, Pose(start.position + np.array(offset), start.quaternion)).poses
 
 
 @pytest.mark.parametrize(
-    ("q", "way"),
+    ("q", "offset"),
     [
         ((-2.27, 0.33, -1.34, -2.23, -1.18, 0.43, 1.35), (-0.1, -0.26, 0.11)),
         ((-2.13, -1.55, -2.54, -2.32, 0.32, 1.6, -1.66), (-0.21, -0.16, -0.14)),
     ],
 )
-def test_a_redundant_arm_keeps_away_from_its_limits_along_a_path(
-    q: tuple[float, ...], way: tuple[float, float, float]
+def test_redundant_arm_keeps_away_from_its_limits_along_a_path(
+    q: tuple[float, ...], offset: tuple[float, float, float]
 ) -> None:
-    """With the shortest steps it would go along a joint's limit: the elbow gives way by 3°."""
+    """The shortest steps would follow a joint's limit; the elbow moves aside by 3°."""
     arm = ARMS["panda"]
     start = np.array(q)
-    rows = arm.follow(steps(arm.forward(start), way), start)
+    rows = arm.follow(steps(arm.forward(start), offset), start)
     assert np.abs(rows[0] - start).max() < 1e-6
     assert arm.room(rows) > 0.0499
 
 
 @pytest.mark.parametrize("name", ["panda", "ur5", "xarm7"])
-def test_the_best_conditioned_answer_is_no_worse_than_the_nearest(name: str) -> None:
+def test_best_conditioned_solution_is_conditioned_no_worse_than_the_nearest(name: str) -> None:
     arm = ARMS[name]
     rng = np.random.default_rng(5)
     gains = []
@@ -224,14 +226,14 @@ def test_the_best_conditioned_answer_is_no_worse_than_the_nearest(name: str) -> 
         best = arm.solve(target, home(arm), prefer="conditioned")
         assert arm.residual(best, target)[0] <= 1e-5
         assert np.abs(nearest - home(arm)).sum() <= np.abs(best - home(arm)).sum() * 1.5
-        if arm.room(nearest) > 0.1:  # the room to the limits comes first
+        if arm.room(nearest) > 0.1:  # the distance to the limits takes priority
             gains.append(arm.condition(nearest) / arm.condition(best))
     assert min(gains) > 0.999
     assert max(gains) > 1.2
 
 
-def goes_on_for(arm: Kinematics, poses: list[Pose], q: Vector) -> int:
-    """Poses until a joint jumps or the tool cannot follow, from one configuration."""
+def poses_followed(arm: Kinematics, poses: list[Pose], q: Vector) -> int:
+    """Number of poses, from one configuration, until a joint jumps or a pose is unreachable."""
     for count, pose in enumerate(poses):
         try:
             last = q
@@ -243,12 +245,12 @@ def goes_on_for(arm: Kinematics, poses: list[Pose], q: Vector) -> int:
     return len(poses)
 
 
-def test_a_path_that_another_branch_can_go_is_not_refused_for_a_bad_start() -> None:
-    """From the present elbow it ends after two thirds; with the shoulder turned it is possible."""
+def test_path_that_the_start_branch_cannot_follow_uses_another_branch() -> None:
+    """The present elbow allows two thirds of the path; with the shoulder turned it is possible."""
     arm = Kinematics(load_robot("ur5"), Pose.identity())
     here = np.array((0.47, -2.45, 1.15, -1.92, -2.21, 0.48))
     poses = steps(arm.forward(here), (0.17, -0.15, -0.15))
-    assert goes_on_for(arm, poses, here) < 0.7 * len(poses)
+    assert poses_followed(arm, poses, here) < 0.7 * len(poses)
     rows = arm.follow(poses, here)
     assert np.abs(rows[0] - here).max() > 1.0
     assert np.abs(np.diff(rows, axis=0)).max() < 0.2
@@ -257,31 +259,31 @@ def test_a_path_that_another_branch_can_go_is_not_refused_for_a_bad_start() -> N
 
 
 def bad_start(arm: Kinematics, share: list[float]) -> Vector:
-    """A configuration with the elbow wherever it is, beside joint limits and singularities too."""
+    """Any configuration, also near joint limits and singularities."""
     inside = 0.02 + 0.96 * np.array(share[: arm.dof])
     return configuration(arm, inside.tolist())
 
 
 @given(arms, shares)
 @settings(max_examples=60, deadline=None)
-def test_going_on_from_a_configuration_begins_there_and_never_jumps(
+def test_follow_on_starts_at_the_configuration_and_never_jumps(
     name: str, share: list[float]
 ) -> None:
-    """The first row is the configuration to the last bit: `follow` would choose another branch."""
+    """The first row is the configuration to the last bit; `follow` might choose another branch."""
     arm = ARMS[name]
     start = bad_start(arm, share)
     here = arm.forward(start)
     try:
         rows = arm.follow_on(line(here, here @ Pose.from_rpy((0, 0, 0.03))).poses, start)
     except Failure:
-        return  # at a limit, or stretched: it leads out of reach
+        return  # at a limit, or stretched: the path is unreachable
     assert np.array_equal(rows[0], start)
     assert np.abs(np.diff(rows, axis=0)).max() <= 0.2 + 1e-9
     assert arm.residual(rows[-1], here @ Pose.from_rpy((0, 0, 0.03)))[0] <= 1e-5
 
 
-def test_every_branch_of_a_path_is_whole_and_another_one() -> None:
-    """A Panda has several; each begins on the first pose and ends on the last."""
+def test_branches_of_a_path_are_complete_and_different() -> None:
+    """Each of a Panda's branches starts at the first pose and ends at the last."""
     arm = ARMS["panda"]
     start = arm.forward(home(arm))
     poses = steps(start, (0.0, 0.0, -0.1))
@@ -295,8 +297,8 @@ def test_every_branch_of_a_path_is_whole_and_another_one() -> None:
     assert min(apart) > 1e-3
 
 
-def test_a_redundant_arm_changes_its_posture_where_its_own_leads_nowhere() -> None:
-    """A Panda that had opened a door could not shut it: it became singular on the way back."""
+def test_redundant_arm_changes_its_posture_where_the_present_one_becomes_singular() -> None:
+    """A Panda that had opened a door could not close it: it became singular on the return path."""
     panda = Kinematics(
         load_robot("panda"), Pose(np.array((0.0, 0.0, 0.4)), np.array((1.0, 0, 0, 0)))
     )

@@ -28,8 +28,8 @@ def drawn(rng: np.random.Generator, free: FreeAxes) -> Pose:
 
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("free", FREE, ids=" ".join)
-def test_every_pose_turned_about_its_free_axes_is_reached(robot: str, free: FreeAxes) -> None:
-    """A pose that the tool can take stays within reach, however it is turned about them."""
+def test_pose_rotated_about_its_free_axes_is_reached(robot: str, free: FreeAxes) -> None:
+    """A reachable pose remains reachable after any rotation about its free axes."""
     arm = Kinematics(load_robot(robot), Pose.identity())
     rng = np.random.default_rng(1)
     for _ in range(6):
@@ -45,7 +45,7 @@ def test_every_pose_turned_about_its_free_axes_is_reached(robot: str, free: Free
 
 
 @pytest.mark.parametrize("free", [(), *FREE], ids=lambda free: " ".join(free) or "none")
-def test_the_nearest_allowed_pose_is_allowed_and_nearest(free: FreeAxes) -> None:
+def test_nearest_allowed_pose_is_allowed_and_nearest(free: FreeAxes) -> None:
     rng = np.random.default_rng(2)
     for _ in range(50):
         here, target = (
@@ -74,8 +74,8 @@ def test_opposite_directions_are_half_a_turn_apart(free: FreeAxes) -> None:
 
 
 @pytest.mark.parametrize("robot", ROBOTS[:2])
-def test_a_full_pose_that_five_joints_cannot_take_is_refused_with_the_remedy(robot: str) -> None:
-    """A tool that is tilted out of the vertical plane of such an arm."""
+def test_full_pose_that_five_joints_cannot_reach_is_refused_with_a_remedy(robot: str) -> None:
+    """The tool is tilted out of the vertical plane of such an arm."""
     arm = Kinematics(load_robot(robot), Pose.identity())
     home = arm.robot.postures["home"]
     tilted = arm.forward(home) @ Pose.from_rpy((0.0, 0.0, 0.0), (0.3, 0.2, 0.0))
@@ -85,8 +85,8 @@ def test_a_full_pose_that_five_joints_cannot_take_is_refused_with_the_remedy(rob
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_a_closed_path_with_free_axes_closes_in_the_joints(robot: str) -> None:
-    """Joints that the path does not need end where they began: passes can be repeated."""
+def test_closed_path_with_free_axes_closes_in_the_joints(robot: str) -> None:
+    """Joints that the path does not need end where they began, so that it can be repeated."""
     arm = Kinematics(load_robot(robot), Pose.identity())
     home = arm.robot.postures["home"]
     plane = (np.eye(3)[0], np.eye(3)[2])

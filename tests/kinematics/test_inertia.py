@@ -1,4 +1,4 @@
-"""A chain has the places, the inertia and the bias that MuJoCo has of the same arm."""
+"""Joint frames, inertia and bias of a rigid-body chain agree with MuJoCo."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ LOAD = NominalLoad.of("cube", box((0, 0, 0), mass=0.7), Pose.from_rpy((0.1, 0.2,
 
 
 @pytest.mark.parametrize(("robot", "loads"), some(product(ROBOTS, [(), (LOAD,)]), 3))
-def test_a_chain_moves_as_mujoco_says(robot: str, loads: tuple[NominalLoad, ...]) -> None:
-    """At random states, of a base that is turned and off the origin."""
+def test_chain_agrees_with_mujoco(robot: str, loads: tuple[NominalLoad, ...]) -> None:
+    """Compared at random states, with a base that is rotated and away from the origin."""
     nominal = World(file_of({"arm1": arm(robot, (0.3, 0.2, 0.1), 30.0)})).nominal["arm1"]
     dynamics = ArmDynamics(nominal, loads)
     rng = np.random.default_rng(3)

@@ -1,4 +1,4 @@
-"""Several arms as one problem: relative poses hold, residuals are told, limits are kept."""
+"""Inverse kinematics of several arms: relative poses, residuals and joint limits."""
 
 from __future__ import annotations
 
@@ -38,16 +38,16 @@ def held(body: Arms) -> Pose:
 
 
 @pytest.mark.parametrize("name", sorted(ARMS))
-def test_tools_are_where_each_arm_alone_says(name: str, body: Arms) -> None:
+def test_forward_kinematics_agree_with_each_arm_alone(name: str, body: Arms) -> None:
     alone = ALONE[name].forward(NEAR[name])
     assert body.forward(name, NEAR).distance(alone) < 1e-9
     assert body.forward(name, NEAR).angle(alone) < 1e-7
 
 
-def test_two_arms_of_different_make_hold_a_relative_pose_along_a_line(
+def test_two_different_arms_keep_a_relative_pose_along_a_line(
     body: Arms,
 ) -> None:
-    """One tool goes 0.2 m; the other one follows it to 1e-4 m and 1e-3 rad, by other kinematics."""
+    """One tool moves 0.2 m; the other follows it within 1e-4 m and 1e-3 rad, checked per arm."""
     start = body.forward("arm1", NEAR)
     grip = held(body)
     line = [
@@ -68,7 +68,7 @@ def test_two_arms_of_different_make_hold_a_relative_pose_along_a_line(
         assert np.abs(np.diff(path, axis=0)).max() < 0.05
 
 
-def test_a_closed_path_closes_in_the_joints_of_both(body: Arms) -> None:
+def test_closed_path_closes_in_the_joints_of_both_arms(body: Arms) -> None:
     start = body.forward("arm1", NEAR)
     grip = held(body)
     angles = np.linspace(0.0, 2.0 * np.pi, 80)
@@ -81,8 +81,8 @@ def test_a_closed_path_closes_in_the_joints_of_both(body: Arms) -> None:
         np.testing.assert_allclose(path[-1], path[0], atol=1e-5)
 
 
-def test_a_relative_aim_alone_leaves_the_rest_to_both(body: Arms) -> None:
-    """Nobody says where in the world: both tools move a little, and neither far."""
+def test_relative_target_alone_moves_both_arms_slightly(body: Arms) -> None:
+    """The pose in the world is free, so both arms move, and neither far."""
     grip = held(body) @ Pose.from_rpy((0.0, 0.0, 0.05))
     q = body.solve([ToolTarget("arm2", grip, "arm1")], NEAR)
     one, two = (ALONE[name].forward(q[name]) for name in ARMS)
@@ -92,7 +92,7 @@ def test_a_relative_aim_alone_leaves_the_rest_to_both(body: Arms) -> None:
 
 
 def test_far_targets_are_found_by_seeded_restarts(body: Arms) -> None:
-    """Both tools at poses of random configurations; twice alike, and again by a new problem."""
+    """Targets are poses of random configurations; a new problem finds the same solution."""
     rng = np.random.default_rng(3)
     for _ in range(10):
         q = {
@@ -108,13 +108,13 @@ def test_far_targets_are_found_by_seeded_restarts(body: Arms) -> None:
             np.testing.assert_allclose(again[name], found[name], atol=1e-8)
 
 
-def test_an_arm_without_an_aim_stays(body: Arms) -> None:
+def test_arm_without_a_target_stays(body: Arms) -> None:
     goal = body.forward("arm1", NEAR) @ Pose.from_rpy((0.0, 0.0, 0.1))
     q = body.solve([ToolTarget("arm1", goal)], NEAR)
     np.testing.assert_allclose(q["arm2"], NEAR["arm2"], atol=1e-9)
 
 
-def test_what_is_out_of_reach_is_refused_with_the_target_and_its_residual(
+def test_unreachable_target_is_refused_with_its_name_and_residual(
     body: Arms,
 ) -> None:
     away = Pose.from_rpy((0.0, 0.0, 5.0))
@@ -125,7 +125,7 @@ def test_what_is_out_of_reach_is_refused_with_the_target_and_its_residual(
     assert float(caught.value.numbers["residual_m"]) > 2.0
 
 
-def test_a_path_that_one_arm_cannot_go_is_refused_as_a_whole(body: Arms) -> None:
+def test_path_that_one_arm_cannot_follow_is_refused_as_a_whole(body: Arms) -> None:
     start = body.forward("arm1", NEAR)
     grip = held(body)
     line = [
@@ -148,15 +148,13 @@ def test_a_path_that_one_arm_cannot_go_is_refused_as_a_whole(body: Arms) -> None
         ([ToolTarget("arm1", Pose(np.zeros(3), np.full(4, np.nan)))], "is not a pose"),
     ],
 )
-def test_aims_that_make_no_sense_are_refused(
-    targets: list[ToolTarget], reason: str, body: Arms
-) -> None:
+def test_invalid_targets_are_refused(targets: list[ToolTarget], reason: str, body: Arms) -> None:
     with pytest.raises(Failure, match=reason) as caught:
         body.solve(targets, NEAR)
     assert caught.value.code == "INVALID_TARGET"
 
 
-def test_one_arm_alone_is_fine_too() -> None:
+def test_single_arm_is_solved() -> None:
     body = Arms({"arm1": ARMS["arm1"]})
     goal = ALONE["arm1"].forward(NEAR["arm1"] + 0.3)
     q = body.solve([ToolTarget("arm1", goal)], {"arm1": NEAR["arm1"]})["arm1"]

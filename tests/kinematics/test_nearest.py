@@ -1,4 +1,4 @@
-"""Arms with joints left free: the nearest answer is near, whatever seed looked for it."""
+"""The nearest solution of a redundant arm is near for any seed of the search."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def poses_within_reach(arm: Kinematics, rng: np.random.Generator) -> list[Pose]:
 
 
 @pytest.mark.parametrize("name", ["panda", "xarm7"])
-def test_the_nearest_answer_hardly_depends_on_the_seed(name: str) -> None:
-    """Within 6 % of the nearest of all seeds on average; it was 8 % (Panda) and 12 % (xArm7)."""
+def test_nearest_solution_hardly_depends_on_the_seed(name: str) -> None:
+    """The mean distance is within 6 % of the best seed's; it was 8 % (Panda) and 12 % (xArm7)."""
     robot = load_robot(name)
     home = robot.postures["home"]
     arms = [Kinematics(robot, Pose.identity(), seed) for seed in range(SEEDS)]
@@ -39,8 +39,8 @@ def test_the_nearest_answer_hardly_depends_on_the_seed(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["panda", "xarm7"])
-def test_joints_left_free_go_all_the_way_toward_the_present_ones(name: str) -> None:
-    """No step along the null space of the answer leads nearer."""
+def test_nearest_solution_is_optimal_in_the_null_space(name: str) -> None:
+    """No step along the null space leads nearer to the present configuration."""
     robot = load_robot(name)
     arm = Kinematics(robot, Pose.identity())
     home = robot.postures["home"]

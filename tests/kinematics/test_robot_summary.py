@@ -1,4 +1,4 @@
-"""What people are told of a robot is what the robot is."""
+"""The summary of a robot is correct."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tests.sim.worlds import ROBOTS, WORLD
 
 @pytest.mark.parametrize("name", some(ROBOTS, 2))
 def test_no_configuration_is_beyond_the_reach(name: str) -> None:
-    """Of those within the joint limits; the reach itself is within the ball of `workspace`."""
+    """Sampled configurations within the joint limits are; the reach is within the bounding ball."""
     arm = Workspace(load_robot(name, WORLD), Pose.identity())
     farthest = arm.farthest()
     center, radius = arm.bounding_ball
@@ -26,8 +26,8 @@ def test_no_configuration_is_beyond_the_reach(name: str) -> None:
     assert farthest <= radius + 1e-6
 
 
-def test_the_reach_of_a_ur5_is_that_of_its_links() -> None:
-    """Upper arm, forearm and wrist in line, the offsets of shoulder and flange beside them.
+def test_reach_of_a_ur5_is_that_of_its_links() -> None:
+    """Upper arm, forearm and wrist are in line, with the lateral offsets of shoulder and flange.
 
     The data sheet's 850 mm end at the wrist.
     """
@@ -36,7 +36,7 @@ def test_the_reach_of_a_ur5_is_that_of_its_links() -> None:
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_a_posture_is_where_the_sheet_says(name: str) -> None:
+def test_tool_pose_of_a_posture_is_correct(name: str) -> None:
     robot = load_robot(name, WORLD)
     arm = Workspace(robot, Pose.identity())
     for posture in robot_summary(robot).postures:
@@ -45,15 +45,15 @@ def test_a_posture_is_where_the_sheet_says(name: str) -> None:
         assert there.rotation_matrix[:, 2] == pytest.approx(posture.points, abs=0.01)
 
 
-def test_the_limits_are_in_degrees() -> None:
+def test_limits_are_in_degrees() -> None:
     first = robot_summary(load_robot("ur5")).joints[0]
     assert (first.lower_deg, first.upper_deg) == (-360.0, 360.0)
     assert (first.name, first.velocity_deg_s) == ("shoulder_pan_joint", 180.0)
 
 
 @pytest.mark.parametrize(
-    ("axis", "said"),
+    ("axis", "name"),
     [((0, 0, -1), "-z"), ((1, 0, 0), "+x"), ((0.6, 0, 0.8), "0.6, 0, 0.8")],
 )
-def test_an_axis_has_a_short_name(axis: tuple[float, float, float], said: str) -> None:
-    assert direction(axis) == said
+def test_axis_has_a_short_name(axis: tuple[float, float, float], name: str) -> None:
+    assert direction(axis) == name

@@ -1,4 +1,4 @@
-"""A tree file as a Gymnasium environment: its checker, seeds, vectors, gates, rewards, errors."""
+"""A tree file as a Gymnasium environment: checker, seeds, vectors, limits, rewards, errors."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def reach() -> Iterator[Any]:
         {"tree": CELL, "arm": ["arm1", "arm2"], "horizon": 0.2},
     ],
 )
-def test_it_passes_gymnasiums_checker(given: dict[str, Any]) -> None:
+def test_environment_passes_the_checker_of_gymnasium(given: dict[str, Any]) -> None:
     env = bt.gym(**given)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -85,7 +85,7 @@ def test_it_passes_gymnasiums_checker(given: dict[str, Any]) -> None:
 
 
 def rollout(env: Any, seed: int, count: int) -> list[Any]:
-    """Observations, rewards and ends of seeded actions."""
+    """Observations, rewards and end flags of seeded actions."""
     env.action_space.seed(1)
     found = [env.reset(seed=seed)[0]]
     for _ in range(count):
@@ -106,14 +106,14 @@ def equal(one: Any, other: Any) -> bool:
 def test_equal_seeds_and_actions_give_equal_episodes(reach: Any) -> None:
     first = rollout(reach, 3, 12)
     other = rollout(reach, 4, 12)
-    assert equal(first, rollout(reach, 3, 12)), "whatever ran before"
+    assert equal(first, rollout(reach, 3, 12)), "earlier episodes have no effect"
     assert not equal(first, other), "the seed samples another robot"
     fresh = bt.gym(REACH, action="tool")
-    assert equal(first, rollout(fresh, 3, 12)), "in another environment"
+    assert equal(first, rollout(fresh, 3, 12)), "the same in another environment"
     fresh.close()
 
 
-def test_episodes_without_a_seed_differ_and_repeat_as_a_whole(reach: Any) -> None:
+def test_episodes_without_a_seed_differ_and_their_sequence_is_repeatable(reach: Any) -> None:
     def seeds() -> list[int]:
         reach.reset(seed=7)
         found = []
@@ -127,8 +127,8 @@ def test_episodes_without_a_seed_differ_and_repeat_as_a_whole(reach: Any) -> Non
     assert seeds() == first
 
 
-def test_vectors_step_as_single_ones_do() -> None:
-    """Both of Gymnasium's wrappers; the second runs each environment in a process of its own."""
+def test_vector_environments_agree_with_single_ones() -> None:
+    """Both of Gymnasium's wrappers agree; the second runs each environment in its own process."""
     make = partial(bt.gym, REACH, action="tool", speed=1.0)
     single = make()
     actions = np.random.default_rng(0).uniform(-1, 1, (5, 2, 6)).astype(np.float32)
@@ -148,7 +148,7 @@ def test_vectors_step_as_single_ones_do() -> None:
         vector.close()
 
 
-def test_without_an_action_the_arm_stays(reach: Any) -> None:
+def test_zero_action_keeps_the_arm_in_place(reach: Any) -> None:
     start, _ = reach.reset(seed=0)
     for _ in range(10):
         observation, *_ = reach.step(np.zeros(6, np.float32))
@@ -157,7 +157,7 @@ def test_without_an_action_the_arm_stays(reach: Any) -> None:
 
 
 @pytest.mark.parametrize("axis", range(6))
-def test_an_action_moves_the_tool_along_one_axis_of_the_world(reach: Any, axis: int) -> None:
+def test_action_moves_the_tool_along_one_axis_of_the_world(reach: Any, axis: int) -> None:
     action = np.zeros(6, np.float32)
     action[axis] = -0.8
     before, _ = reach.reset(seed=0)
@@ -176,13 +176,13 @@ def test_an_action_moves_the_tool_along_one_axis_of_the_world(reach: Any, axis: 
 
 
 def columns_of(rotation: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """Rotation matrix of its first two columns."""
+    """Rotation matrix from its first two columns."""
     first, second = rotation[:3].astype(float), rotation[3:].astype(float)
     return np.column_stack([first, second, np.cross(first, second)])
 
 
 class SetPoints(IdleObserver):
-    """Keeps the set-points of an arm after each step."""
+    """Records the set-point of an arm after each step."""
 
     def __init__(self, run: bt.Run) -> None:
         self._run = run
@@ -193,8 +193,8 @@ class SetPoints(IdleObserver):
         self.rows.append(np.array(arm.controller.setpoint))
 
 
-def test_wild_actions_keep_all_limits() -> None:
-    """Jumps from one end to the other in each step."""
+def test_extreme_actions_stay_within_all_limits() -> None:
+    """Actions jump between their bounds in each step."""
     env = bt.gym(REACH.replace("never:", "nothing:").split("nothing:")[0], speed=1.0)
     env.reset(seed=2)
     run = env.run
@@ -218,7 +218,7 @@ def test_wild_actions_keep_all_limits() -> None:
 
 
 def test_goals_reward_and_terminate(reach: Any) -> None:
-    """One of two goals is met at the start; the other is worth half, and ends the episode."""
+    """One of two goals is met at the start; the other is worth 0.5 and ends the episode."""
     reach.reset(seed=1)
     rewards = []
     for _ in range(45):
@@ -240,7 +240,7 @@ def go_left(env: Any) -> np.ndarray[Any, Any]:
     return np.clip(np.array([*(15 * away), 0, 0, 0]), -1, 1).astype(np.float32)
 
 
-def test_an_invariant_costs_and_terminates(reach: Any) -> None:
+def test_violated_invariant_costs_and_terminates(reach: Any) -> None:
     reach.reset(seed=1)
     up = np.array([0, 0, 1, 0, 0, 0], np.float32)
     for _ in range(45):
@@ -253,7 +253,7 @@ def test_an_invariant_costs_and_terminates(reach: Any) -> None:
     assert not info["is_success"]
 
 
-def test_the_horizon_truncates() -> None:
+def test_horizon_truncates_the_episode() -> None:
     for horizon, steps in ((0.2, 5), (None, 50)):
         env = bt.gym(REACH, horizon=horizon)
         env.reset(seed=0)
@@ -268,14 +268,14 @@ def test_the_horizon_truncates() -> None:
         env.close()
 
 
-def test_a_reward_of_ones_own() -> None:
+def test_reward_may_be_a_function_of_the_user() -> None:
     env = bt.gym(REACH, reward=lambda env: -float(env.run.time))  # type: ignore[union-attr]  # it is open
     env.reset(seed=0)
     assert env.step(np.zeros(6, np.float32))[1] == pytest.approx(-0.042)
     env.close()
 
 
-def test_fingers_cup_images_and_the_other_tree() -> None:
+def test_two_arms_have_gripper_actions_images_and_object_poses() -> None:
     env = bt.gym(CELL, arm=["arm1", "arm2"], action="tool", camera=True, privileged=True)
     observation, _ = env.reset(seed=0)
     assert env.action_space.shape == (14,)
@@ -306,8 +306,8 @@ def test_other_arms_execute_their_trees() -> None:
     env.close()
 
 
-def test_contact_stops_the_arm_which_then_obeys_again() -> None:
-    """Pressed onto the table, it stops with a code; up again, it moves."""
+def test_contact_stops_the_arm_which_then_accepts_actions_again() -> None:
+    """Pressed onto the table, it stops with a code; commanded upwards, it moves again."""
     tree = CELL.replace("tree: {wait: {seconds: 1}}", "collision: {stop: true}\n    tree: wait_1")
     tree = tree.replace("wait_1", "{wait: {seconds: 1}}")
     env = bt.gym(tree, arm="arm1", action="tool", speed=0.5)
@@ -330,8 +330,8 @@ def test_contact_stops_the_arm_which_then_obeys_again() -> None:
     env.close()
 
 
-def test_arms_do_not_meet() -> None:
-    """Driven at each other, the guard keeps them apart."""
+def test_arms_do_not_collide() -> None:
+    """The guard keeps arms apart that are driven at each other."""
     tree = {
         "bt_dualarm": 1,
         "arms": {
@@ -363,7 +363,7 @@ def test_arms_do_not_meet() -> None:
         assert {"arm1", "arm2"} not in names
         tools = [env.run.arms[name].tool_pose for name in ("arm1", "arm2")]
         nearest = min(nearest, tools[0].distance(tools[1]))
-    assert nearest < 0.3, "they came near"
+    assert nearest < 0.3, "they came close"
     env.close()
 
 
@@ -402,19 +402,21 @@ def test_many_episodes_log_nothing(reach: Any, caplog: pytest.LogCaptureFixture)
         ({"tree": REACH.replace("ur5", "ur55")}, "there is no robot 'ur55'"),
     ],
 )
-def test_a_wrong_argument_is_named(given: dict[str, Any], message: str) -> None:
+def test_wrong_argument_is_reported(given: dict[str, Any], message: str) -> None:
     with pytest.raises(DualArmError, match=message):
         bt.gym(**given)
 
 
 @pytest.mark.parametrize("action", [[0.0] * 5, [np.nan] + [0.0] * 5, [[0.0] * 6]])
-def test_a_wrong_action_is_refused(reach: Any, action: Any) -> None:
+def test_wrong_action_is_refused(reach: Any, action: Any) -> None:
     reach.reset(seed=0)
     with pytest.raises(RunError, match="action: expected 6 finite numbers from -1 to 1"):
         reach.step(np.array(action, np.float32))
 
 
-def test_without_gymnasium_there_is_advice(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_gymnasium_is_reported_with_the_command_to_install_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setitem(sys.modules, "gymnasium", None)
     monkeypatch.delitem(sys.modules, "bt_dualarm.learning.environment", raising=False)
     with pytest.raises(

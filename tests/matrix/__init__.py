@@ -1,4 +1,4 @@
-"""The interaction matrix: everything that can be done with a file, done to every kind of file."""
+"""The interaction matrix: every operation on a tree file, applied to every type of tree file."""
 
 import pytest
 

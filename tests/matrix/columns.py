@@ -1,4 +1,4 @@
-"""Columns of the interaction matrix: tree files to which everything is done that can be done."""
+"""Columns of the interaction matrix: the tree files to which all operations are applied."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SKILLS: Final = Path(__file__).with_name("skills")
 FAULTY_SKILLS: Final = Path(__file__).parents[1] / "faults" / "skills"
 
 _HEIGHT: Final = 0.3
-"""Height of the bases of generated arms, m: what they grasp stands on posts below the tool."""
+"""Height of the bases of generated arms, m: the cubes that they grasp stand on posts."""
 
 _EDGE: Final = 0.04
 """Edge of the cubes that generated arms grasp, m."""
@@ -47,14 +47,14 @@ class Column:
 
     Attributes:
         name: Name of the column.
-        content: Function that returns the content of the tree file; None of a shipped tree of
+        content: Function that returns the content of the tree file; None for the shipped tree of
             this name.
         outcome: Outcome of the run.
-        ending: Why the run ends.
-        failed: Arm, leaf, and code of the failure that decides the run, if one does.
-        duration: Simulated seconds after which the run is ended, as by ``--duration``.
-        stop_at: Simulated seconds after which the run is asked to stop, as by a signal.
-        watchdog: Seconds on the wall that a tick gets.
+        ending: Reason of the run's end.
+        failed: Arm, leaf and code of the failure that decides the run, if any.
+        duration: Simulated time in s after which the run ends, as by ``--duration``.
+        stop_at: Simulated time in s after which the run is stopped, as by a signal.
+        watchdog: Wall-clock budget of a tick, s.
         skills: Folder of skills besides the shipped ones.
     """
 
@@ -77,7 +77,7 @@ class Column:
 
     @property
     def repeats(self) -> bool:
-        """Whether a run of the file alone, without anybody who interferes, ends in the same way."""
+        """Whether a run of the file without intervention ends in the same way."""
         return self.ending in (Ending.FINISHED, Ending.DURATION, Ending.TIME_LIMIT)
 
     @property
@@ -98,7 +98,7 @@ class Column:
         return {"skills": skills, "duration": self.duration, "watchdog": self.watchdog}
 
     def write(self, folder: Path) -> Path:
-        """Write the tree file; returns its path, which is the shipped one of a shipped tree."""
+        """Writes the tree file unless it is a shipped one; returns its path."""
         if self.content is None:
             return share_dir("trees") / f"{self.name}.yaml"
         path = folder / f"{self.name}.yaml"
@@ -112,7 +112,7 @@ class Column:
 
 @cache
 def _tool_at_home(robot: str, gripper: str | None) -> Pose:
-    """Pose of the tool in the frame of the base, in the posture in which an arm starts."""
+    """Pose of the tool in the base frame in the initial posture."""
     arm = ArmSpec(
         robot=robot,
         gripper=gripper,
@@ -125,14 +125,14 @@ def _tool_at_home(robot: str, gripper: str | None) -> Pose:
 
 @dataclass(frozen=True)
 class Station:
-    """One arm, a post before it, and a cube on the post, somewhere below the tool.
+    """One arm, and a cube on a post below the tool.
 
     Attributes:
-        arm: Name of the arm, which those of the post and the cube begin with.
+        arm: Name of the arm, the prefix of the names of the post and the cube.
         robot: Name of the robot.
         gripper: Name of the gripper, or None.
-        seed: Seed of the cube's place.
-        at: Place of the base on the floor, m.
+        seed: Seed of the cube's pose.
+        at: Position of the base on the floor, m.
     """
 
     arm: str
@@ -174,7 +174,7 @@ class Station:
 
     @property
     def take(self) -> list[Tree]:
-        """Leaves that look for the cube and take it, by the gripper or, without one, by a weld."""
+        """Leaves that detect the cube and take it with the gripper or, without one, by a weld."""
         look = {"wait_for": {"object": self.cube, "confirm": 2, "wait": 0.3}}
         seen_or_not = {"selector": [look, {"succeed": {}}]}  # the wrist cameras of some look ahead
         if self.gripper is None:
@@ -184,7 +184,7 @@ class Station:
         return [seen_or_not, {"grasp": grasp}]
 
     def while_holding(self, child: Tree) -> Tree:
-        """The child as long as the gripper holds what it took."""
+        """The child, guarded by the condition that the gripper holds the cube."""
         if self.gripper is None:
             return child
         return {"guard": {"condition": "holding", "child": child}}
@@ -207,13 +207,13 @@ def _file(
     name: str, stations: Sequence[Station], arms: Tree, objects: Tree | None = None, **world: Any
 ) -> Tree:
     """A tree file of some stations."""
-    things = {name: obj for station in stations for name, obj in station.objects.items()}
+    station_objects = {name: obj for station in stations for name, obj in station.objects.items()}
     seed = stations[0].seed
     return {
         "bt_dualarm": 1,
         "name": name,
         "world": {"scene": "empty", "reality": "lab", "seed": seed, "time_limit": 30, **world},
-        "objects": {**things, **(objects or {})},
+        "objects": {**station_objects, **(objects or {})},
         "arms": arms,
     }
 
@@ -233,7 +233,7 @@ def name_of(robot: str, gripper: str | None) -> str:
 
 
 def four_arms() -> Tree:
-    """Four arms take a cube each, each with another gripper."""
+    """Four arms take a cube each, with different grippers."""
     pairs = zip(("ur5", "panda", "xarm7", "ur3"), (*gripper_names(), None), strict=True)
     places = itertools.product((0.0, _SPACING), (0.0, _SPACING))
     stations = [
@@ -245,9 +245,9 @@ def four_arms() -> Tree:
 
 
 def spawn_and_remove() -> Tree:
-    """An arm brings another one and a ball in, takes a cube, and removes both again.
+    """An arm spawns another one and a ball, takes a cube, and removes both again.
 
-    What the other arm holds falls when it is removed.
+    The object in the other arm's gripper falls when that arm is removed.
     """
     first = Station("arm1", "ur5", "robotiq_2f85", 5)
     other = Station("arm2", "panda", "panda_hand", 5, (_SPACING, 0.0))
@@ -276,7 +276,7 @@ def spawn_and_remove() -> Tree:
 
 
 def failing() -> Tree:
-    """An arm that holds a cube is sent out of its reach, with another one beside it."""
+    """An arm that holds a cube has an unreachable target; another arm is beside it."""
     first = Station("arm1", "panda", "panda_hand", 6)
     other = Station("arm2", "ur3", "suction_cup", 6, (_SPACING, 0.0))
     far = {"reach_to_pose": {"name": "too far", "offset": {"xyz": [5, 0, 0]}}}
@@ -288,7 +288,7 @@ def failing() -> Tree:
 
 
 def halted() -> Tree:
-    """A motion with a held cube is halted, by what runs beside it and then by a guard."""
+    """A motion with a held cube is halted, first by a parallel and then by a guard."""
     station = Station("arm1", "xarm7", "robotiq_2f85", 7)
     swing = {
         "repeat": {"times": 50, "child": {"sequence": [moved(0, 0.03, 0), moved(0, -0.03, 0)]}}
@@ -301,7 +301,7 @@ def halted() -> Tree:
 
 
 def endless(name: str, *pairs: tuple[str, str | None], **world: Any) -> Tree:
-    """Arms take a cube each and move it to and fro for longer than anybody waits."""
+    """Arms take a cube each and swing it for longer than any run lasts."""
     stations = [
         Station(f"arm{number + 1}", robot, gripper, 8, (number * _SPACING, 0.0))
         for number, (robot, gripper) in enumerate(pairs)
@@ -317,7 +317,7 @@ def endless(name: str, *pairs: tuple[str, str | None], **world: Any) -> Tree:
 
 
 def breaking(name: str, leaf: Tree) -> Tree:
-    """An arm takes a cube; then the leaf of a faulty skill breaks the run, beside another arm."""
+    """An arm takes a cube, and then a leaf of a faulty skill ends the run; another arm waits."""
     first = Station("arm1", "panda", "robotiq_2f85", 9)
     other = Station("arm2", "ur5", "suction_cup", 9, (_SPACING, 0.0))
     arms = {
@@ -334,7 +334,7 @@ def _generated() -> Iterator[Column]:
 
 
 def columns() -> list[Column]:
-    """All columns: shipped trees, every robot with every gripper, several arms, every end."""
+    """All columns: shipped trees, every robot with every gripper, several arms, all endings."""
     return [
         *map(Column, SHIPPED),
         *_generated(),

@@ -1,4 +1,4 @@
-"""The table of cells that ``make matrix`` prints."""
+"""Fixtures, and the table of cells that ``make matrix`` prints."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ def recordings(tmp_path_factory: pytest.TempPathFactory, worker: str) -> Recordi
 
 @pytest.fixture(scope="session")
 def worker(request: pytest.FixtureRequest) -> str:
-    """Name of this process among several that test; empty if it is the only one."""
+    """Name of this worker process; empty if it is the only one."""
     return str(getattr(request.config, "workerinput", {}).get("workerid", ""))
 
 
 @pytest.fixture(autouse=True, scope="package")
 def records_without_pictures() -> Iterator[None]:
-    """Plots and stills have tests of their own, and take half of a short run."""
+    """Plots and stills have their own tests, and would take half the time of a short run."""
     with undrawn():
         yield
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Print a row for each operation, a sign for each column, and the number of failing cells."""
+    """Prints a row for each operation, a sign for each column, and the number of failing cells."""
     cells: dict[tuple[str, str], str] = {}
-    for kind, sign in SIGNS.items():
-        for report in terminalreporter.stats.get(kind, []):
+    for outcome, sign in SIGNS.items():
+        for report in terminalreporter.stats.get(outcome, []):
             properties = dict(getattr(report, "user_properties", []))
             if "row" in properties:
                 cells[properties["row"], properties["column"]] = sign

@@ -1,4 +1,4 @@
-"""Rows of the interaction matrix: everything that can be done with a tree file, and its record."""
+"""Rows of the interaction matrix: all operations on a tree file and on its record."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ from bt_dualarm.viewer.past import RecordView
 from bt_dualarm.viewer.server import Served
 from tests.families import WHOLE
 from tests.matrix.columns import Column
-from tests.matrix.recordings import Recording, Recordings, driven, run_of, said_by
+from tests.matrix.recordings import Recording, Recordings, driven, output_of, run_of
 from tests.viewer.browsers import Browser
 
 
 @dataclass(frozen=True)
 class Cell:
-    """What a row works with.
+    """A column of the matrix with its recordings, the input of a row.
 
     Attributes:
         column: The column.
@@ -66,8 +66,8 @@ class Cell:
 
     @property
     def filmed(self) -> Recording:
-        """The recording of which films are made, which take longer than runs: by ``make matrix``
-        the whole one of generated trees, else the first moments.
+        """The recording for videos, which take longer than runs: in ``make matrix`` the whole one
+        of generated trees, otherwise the beginning.
         """
         if WHOLE and self.column.content is not None:
             return self.recording
@@ -75,11 +75,11 @@ class Cell:
 
     @property
     def skills(self) -> list[str]:
-        """``--skills``, where the column has skills of its own."""
+        """``--skills`` with the column's folder of skills, if any."""
         return [] if self.column.skills is None else ["--skills", str(self.column.skills)]
 
-    def ends_as_it_should(self, result: bt.RunResult) -> None:
-        """The outcome, the ending and the deciding failure are those of the column."""
+    def check_ending(self, result: bt.RunResult) -> None:
+        """Checks that outcome, ending and deciding failure are those of the column."""
         column = self.column
         leaves = [f"{leaf!r}" for arm in result.arms.values() for leaf in arm.leaves.values()]
         assert (result.outcome, result.ending) == (column.outcome, column.ending), leaves
@@ -87,37 +87,37 @@ class Cell:
             arm, path, code = column.failed
             assert result.arms[arm].leaves[path].code == code
 
-    def is_the_same_run(self, result: bt.RunResult) -> None:
-        """It ends as it should, after the same states."""
-        self.ends_as_it_should(result)
+    def check_same_run(self, result: bt.RunResult) -> None:
+        """Checks the ending, and that the states are those of the recording."""
+        self.check_ending(result)
         assert result.state_sha256 == self.recording.digest
 
 
-# What is known without a run.
+# Operations without a run.
 
 
 def check(cell: Cell) -> None:
     """``bt-check`` finds no error."""
-    said = said_by("bt-check", cell.tree, "--json", *cell.skills)
-    problems = json.loads(said.out)
+    output = output_of("bt-check", cell.tree, "--json", *cell.skills)
+    problems = json.loads(output.out)
     assert [problem for problem in problems if problem["severity"] == "error"] == []
-    assert said.code == 0
+    assert output.code == 0
 
 
 def graph_mmd(cell: Cell) -> None:
-    """The Mermaid drawing has every arm and every node, each joined to the one above it."""
+    """The Mermaid drawing has every arm and every node, each joined to its parent."""
     _drawn(cell, "mmd", r'^  n\d+\("(.*)"\):::', r"^  n\d+ --> n\d+$")
 
 
 def graph_dot(cell: Cell) -> None:
-    """The Graphviz drawing has every arm and every node, each joined to the one above it."""
+    """The Graphviz drawing has every arm and every node, each joined to its parent."""
     _drawn(cell, "dot", r"^  n\d+ \[label=(.*), fillcolor", r"^  n\d+ -> n\d+;$")
 
 
 def _drawn(cell: Cell, form: str, node: str, edge: str) -> None:
     path = cell.folder / f"trees.{form}"
-    said = said_by("bt-check", cell.tree, "--graph", path, *cell.skills)
-    assert said.code == 0
+    output = output_of("bt-check", cell.tree, "--graph", path, *cell.skills)
+    assert output.code == 0
     text = path.read_text(encoding="utf-8")
     titles = re.findall(node, text, re.MULTILINE)
     run = _opened(cell)
@@ -129,7 +129,7 @@ def _drawn(cell: Cell, form: str, node: str, edge: str) -> None:
 
 
 def _opened(cell: Cell) -> dict[str, Any]:
-    """Root of each arm's tree, before it was ticked."""
+    """Root of each arm's tree before the first tick."""
     with bt.open(cell.tree, **cell.column.options) as opened:
         return {name: tree.snapshot() for name, tree in opened.trees.items()}
 
@@ -139,10 +139,10 @@ def _names(node: Any) -> list[str]:
 
 
 def dry_run(cell: Cell) -> None:
-    """Every arm is drawn with every node; nothing is written."""
-    said = said_by("bt-run", cell.tree, "--dry-run", *cell.column.arguments)
-    assert said.code == 0
-    words = "".join(said.out.split())
+    """Every arm is drawn with every node, and no file is written."""
+    output = output_of("bt-run", cell.tree, "--dry-run", *cell.column.arguments)
+    assert output.code == 0
+    words = "".join(output.out.split())
     for arm, root in _opened(cell).items():
         assert arm in words
         for name in _names(root):
@@ -154,11 +154,11 @@ def dry_run(cell: Cell) -> None:
 
 
 def record(cell: Cell) -> None:
-    """The record is whole: its states are those that were hashed, its samples have everything."""
+    """The record is complete: states have the recorded hash, samples all tools and objects."""
     of = cell.recording
-    if of.said is not None:
-        assert of.said.code == cell.column.exit_code
-        assert cell.column.outcome in of.said.out
+    if of.output is not None:
+        assert of.output.code == cell.column.exit_code
+        assert cell.column.outcome in of.output.out
         for path in of.folder.glob("*.png"):
             assert cv2.imread(str(path)) is not None
     summary = of.summary
@@ -173,9 +173,9 @@ def record(cell: Cell) -> None:
     assert of.record.end is not None
     assert digest.hexdigest() == of.record.end["state_sha256"] == of.digest
     with np.load(of.folder / "samples.npz") as samples:
-        things = {f"tool_{arm}" for arm in of.present} | {f"object_{name}" for name in of.objects}
-        assert things <= set(samples.files)
-        for name in things:
+        expected = {f"tool_{arm}" for arm in of.present} | {f"object_{name}" for name in of.objects}
+        assert expected <= set(samples.files)
+        for name in expected:
             assert np.isfinite(samples[name]).all(axis=1).any(), name
     assert {arm for arm, _ in of.statuses} == set(of.present)
     for name, arm in summary["arms"].items():
@@ -184,31 +184,31 @@ def record(cell: Cell) -> None:
 
 
 def run(cell: Cell) -> None:
-    """``bt-run`` draws the trees while they run, and says how they ended."""
+    """``bt-run`` draws the trees while they run, and prints their outcomes."""
     if cell.column.stop_at is not None:
         pytest.skip("no command stops a run at a simulated time")
     arguments = ["--display", "live", "--ascii", "--renderer", "ray", *cell.column.arguments]
-    said = said_by("bt-run", cell.tree, *arguments)
-    assert said.code == cell.column.exit_code
-    assert cell.column.outcome in said.out
+    output = output_of("bt-run", cell.tree, *arguments)
+    assert output.code == cell.column.exit_code
+    assert cell.column.outcome in output.out
     if cell.column.failed is not None:
-        assert cell.column.failed[2] in said.out
+        assert cell.column.failed[2] in output.out
 
 
 def frames(cell: Cell) -> None:
-    """Keeping pictures changes nothing; every one is kept, shown by the page, and exported."""
+    """Recording frames does not change the run; the page shows all of them, exports have them."""
     folder = cell.folder / "record"
     result = run_of(cell.column, cell.tree, record=folder, frames=True, renderer="ray")
-    cell.is_the_same_run(result)
-    kept = Counter(picture.arm for picture in recorded_frames(Record.read(folder)))
-    assert kept == cell.recording.pictures
+    cell.check_same_run(result)
+    kept = Counter(frame.arm for frame in recorded_frames(Record.read(folder)))
+    assert kept == cell.recording.frame_counts
     page = RecordView(folder)
-    lasts = {picture.arm: picture for picture in recorded_frames(Record.read(folder))}
+    lasts = {frame.arm: frame for frame in recorded_frames(Record.read(folder))}
     for arm, last in lasts.items():
         shown = page.questions["eye"]({"arm": arm, "t": f"{last.time + 1e-4:.4f}"}).content
         if last.region == (0, 0, *last.size):
             assert shown == last.whole, arm
-        else:  # around the part that was rendered, the page shows what was there to see
+        else:  # the page renders the surroundings of the recorded region
             left, top, right, bottom = last.region
             buffer = np.frombuffer(shown, np.uint8)
             image = cv2.imdecode(buffer, cv2.IMREAD_COLOR)
@@ -216,25 +216,25 @@ def frames(cell: Cell) -> None:
             part = image[top:bottom, left:right, ::-1].astype(float)
             assert np.abs(part - last.image[top:bottom, left:right]).mean() < 5.0, arm
     target = cell.folder / "run.mcap"
-    assert said_by("bt-record", "export", folder, "--mcap", target).code == 0
+    assert output_of("bt-record", "export", folder, "--mcap", target).code == 0
     with target.open("rb") as file:
         schemas = [schema for schema, _, _ in make_reader(file).iter_messages()]
     images = [schema for schema in schemas if schema and schema.name == "foxglove.CompressedImage"]
     assert len(images) == sum(kept.values())
-    for picture in recorded_frames(Record.read(folder)):
-        camera = cell.recording.record.arms[picture.arm]["camera"]
-        assert picture.image.shape == (*camera["resolution"][::-1], 3)
-        assert len(np.unique(picture.image.reshape(-1, 3), axis=0)) > 1
+    for frame in recorded_frames(Record.read(folder)):
+        camera = cell.recording.record.arms[frame.arm]["camera"]
+        assert frame.image.shape == (*camera["resolution"][::-1], 3)
+        assert len(np.unique(frame.image.reshape(-1, 3), axis=0)) > 1
 
 
 def python_run(cell: Cell) -> None:
     """`bt_dualarm.run` of the file's content as data is the same run."""
     data = yaml.safe_load(cell.tree.read_text(encoding="utf-8"))
-    cell.is_the_same_run(run_of(cell.column, data, renderer="ray"))
+    cell.check_same_run(run_of(cell.column, data, renderer="ray"))
 
 
 def python_step(cell: Cell) -> None:
-    """A run that is advanced in uneven steps, and looked at between them, is the same run."""
+    """A run that is advanced in uneven steps, and inspected between them, is the same run."""
     rng = np.random.default_rng(0)
     with bt.open(cell.tree, renderer="ray", **cell.column.options) as stepped:
         until = cell.column.stop_at or 1.5
@@ -246,7 +246,7 @@ def python_step(cell: Cell) -> None:
             for tree in stepped.trees.values():
                 assert tree.snapshot().status in ("INVALID", "RUNNING", "SUCCESS", "FAILURE")
         result = driven(cell.column, stepped)
-    cell.is_the_same_run(result)
+    cell.check_same_run(result)
 
 
 def two_at_once(cell: Cell) -> None:
@@ -261,21 +261,21 @@ def two_at_once(cell: Cell) -> None:
                 second.step(0.035)
         results = [driven(cell.column, each) for each in (first, second)]
     for result in results:
-        cell.is_the_same_run(result)
+        cell.check_same_run(result)
 
 
 def ideal(cell: Cell) -> None:
-    """It ends as it should where everything is as believed."""
+    """The run has the expected ending without model errors."""
     _in_reality(cell, "ideal")
 
 
 def lab(cell: Cell) -> None:
-    """It ends as it should in a laboratory."""
+    """The run has the expected ending in ``lab``."""
     _in_reality(cell, "lab")
 
 
 def rough(cell: Cell) -> None:
-    """In the rough every leaf that fails has a code of its own, and nothing breaks."""
+    """In ``rough``, no leaf fails by an exception and no arm has a fault."""
     _in_reality(cell, "rough")
 
 
@@ -287,29 +287,29 @@ def _in_reality(cell: Cell, name: str) -> None:
     if name == "rough":
         assert result.ending in (cell.column.ending, Ending.FINISHED)
     else:
-        cell.ends_as_it_should(result)
+        cell.check_ending(result)
     assert any(result.reality.values()) == (name != "ideal")
     if result.reality == cell.recording.summary["reality"]:
         assert result.state_sha256 == cell.recording.digest
 
 
 def renderer_gl(cell: Cell) -> None:
-    """With OpenGL it ends as it should; where there is no camera it is the same run."""
+    """The run has the expected ending with OpenGL, and without cameras it is the same run."""
     try:
         choose_renderer("gl")
     except RendererError as error:
         pytest.skip(f"no OpenGL here: {error}")
     result = run_of(cell.column, cell.tree, renderer="gl")
-    cell.ends_as_it_should(result)
+    cell.check_ending(result)
     assert result.renderer == ("gl" if cell.recording.cameras else None)
     if not cell.recording.cameras:
         assert result.state_sha256 == cell.recording.digest
 
 
 def renderer_ray(cell: Cell) -> None:
-    """With ray casting it is the same run, recorded or not."""
+    """A run with ray casting that is not recorded is the same run."""
     result = run_of(cell.column, cell.tree, renderer="ray")
-    cell.is_the_same_run(result)
+    cell.check_same_run(result)
     assert result.renderer == ("ray" if cell.recording.cameras else None)
 
 
@@ -317,7 +317,7 @@ def renderer_ray(cell: Cell) -> None:
 
 
 def view(cell: Cell) -> None:
-    """The page shows the run from its begin to its end, and changes nothing of it."""
+    """The page shows the run from beginning to end and does not change it."""
     of = cell.recording
     stop = StopRequest()
     options = {"renderer": "ray", "record": cell.folder / "record", **cell.column.options}
@@ -329,7 +329,7 @@ def view(cell: Cell) -> None:
             try:
                 live.gate.hold()
                 driven(cell.column, shown)
-            except BaseException as error:  # noqa: BLE001 - raised again by whoever joins
+            except BaseException as error:  # noqa: BLE001 - checked by the main thread
                 failure.append(error)
 
         thread = Thread(target=advance)
@@ -339,12 +339,12 @@ def view(cell: Cell) -> None:
             assert browser.ask("")[1].lower().startswith(b"<!doctype html>")
             assert browser.held()["time"] == 0.0
             _has_scene(browser, "scene", of)
-            for deed in ("step", "tick"):
-                browser.press(deed)
+            for button in ("step", "tick"):
+                browser.press(button)
                 browser.held()
             browser.press("go")
             while thread.is_alive():
-                now = browser.now()  # whoever looks has copies made
+                now = browser.now()  # a request makes the run copy its state
                 assert np.isfinite(_numbers(now["poses"])).all()
                 thread.join(0.2)
             assert not failure, failure
@@ -356,7 +356,7 @@ def view(cell: Cell) -> None:
                 if arm["arm"] in of.present:
                     _has_tree(arm, of)
                 if shown.arms[arm["arm"]].is_present:
-                    if cell.column.ending is not Ending.DIVERGED:  # else there is no number
+                    if cell.column.ending is not Ending.DIVERGED:  # otherwise the pose is NaN
                         tool = shown.arms[arm["arm"]].tool_pose.position
                         np.testing.assert_allclose(arm["tool"], tool, atol=1e-3)
                         assert np.isfinite(arm["error_deg"])
@@ -368,11 +368,11 @@ def view(cell: Cell) -> None:
         finally:
             stop.ask()
             thread.join(60)
-        cell.is_the_same_run(shown.result)
+        cell.check_same_run(shown.result)
 
 
 def replay_served(cell: Cell) -> None:
-    """The page on a record shows every time of it: at the end the trees stand as they ended."""
+    """The page of a record shows all its times, and at the end the final statuses of the trees."""
     of = cell.recording
     served = Served(RecordView(of.folder))
     served.begin()
@@ -394,9 +394,9 @@ def replay_served(cell: Cell) -> None:
         served.end()
 
 
-def _has_scene(browser: Browser, asked: str, of: Recording) -> None:
-    """Shapes are on bodies that there are, and every mesh is to be had."""
-    scene = browser.fetch(asked)
+def _has_scene(browser: Browser, request: str, of: Recording) -> None:
+    """Shapes belong to existing bodies, and every mesh can be fetched."""
+    scene = browser.fetch(request)
     generations = of.record.models
     bodies = max(of.record.model(generation).nbody for generation in generations)
     assert scene["shapes"]
@@ -407,7 +407,7 @@ def _has_scene(browser: Browser, asked: str, of: Recording) -> None:
 
 
 def _has_tree(arm: dict[str, Any], of: Recording) -> None:
-    """All nodes of an arm are there, with the statuses that they ended in."""
+    """All nodes of an arm are shown with their final statuses."""
     assert len(arm["nodes"]) == of.nodes[arm["arm"]]
     shown = {(arm["arm"], node["path"]): node["status"] for node in arm["nodes"]}
     assert shown == {node: of.statuses.get(node, "INVALID") for node in shown}
@@ -420,7 +420,7 @@ def _has_tree(arm: dict[str, Any], of: Recording) -> None:
 
 
 def _has_past(browser: Browser, of: Recording) -> None:
-    """Any time can be looked at: poses, signals, pictures, reasons."""
+    """Poses, signals, camera images and reasons can be fetched for any time."""
     until = of.record.until
     _has_signals(browser.fetch("series"), of)
     for time in (0.0, until / 2, until):
@@ -431,17 +431,17 @@ def _has_past(browser: Browser, of: Recording) -> None:
             row = int(np.searchsorted(samples["time"], then["time"] - 1e-9))
             for arm in of.present:
                 tools = samples[f"tool_{arm}"]
-                where = tools[min(row, len(tools) - 1)]
-                if np.isfinite(where).all() and "tool" in then["arms"][arm]:
-                    np.testing.assert_allclose(then["arms"][arm]["tool"], where, atol=0.03)
+                position = tools[min(row, len(tools) - 1)]
+                if np.isfinite(position).all() and "tool" in then["arms"][arm]:
+                    np.testing.assert_allclose(then["arms"][arm]["tool"], position, atol=0.03)
         for arm in of.cameras:
             if arm in {camera["arm"] for camera in then["cameras"]}:
                 status, jpeg = browser.ask(f"eye?arm={arm}&t={time}")
                 assert status == 200, jpeg
-                picture = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+                image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
                 size = of.record.arms[arm]["camera"]["resolution"]
-                assert picture is not None
-                assert list(picture.shape[:2]) == size[::-1]
+                assert image is not None
+                assert list(image.shape[:2]) == size[::-1]
     assert "stories" in browser.fetch("why")
 
 
@@ -450,7 +450,7 @@ def _numbers(text: str) -> np.ndarray:
 
 
 def _has_signals(series: dict[str, Any], of: Recording) -> None:
-    """Arms and grippers have signals over all the time that they were in the world."""
+    """Arms and grippers have signals for the whole time in which they are in the world."""
     columns = series["columns"]
     for arm in of.present:
         rows = _numbers(series["arms"][arm]).reshape(-1, len(columns))
@@ -467,11 +467,11 @@ def _has_signals(series: dict[str, Any], of: Recording) -> None:
 
 
 def replay_check(cell: Cell) -> None:
-    """``bt-replay --check`` finds the run the same, as far as nobody interfered."""
-    said = said_by("bt-replay", cell.recording.folder, "--check", "--json", *cell.skills)
-    found = json.loads(said.out)
+    """``bt-replay --check`` reproduces the run up to an external intervention, if any."""
+    output = output_of("bt-replay", cell.recording.folder, "--check", "--json", *cell.skills)
+    found = json.loads(output.out)
     assert found["agrees"], found
-    assert said.code == 0
+    assert output.code == 0
     if cell.column.repeats:
         assert found["steps"] == cell.recording.record.steps
         assert found["hash_agrees"]
@@ -480,30 +480,30 @@ def replay_check(cell: Cell) -> None:
 
 
 def resume_third(cell: Cell) -> None:
-    """A run that goes on from a third of its record is the same run."""
+    """A run resumed at a third of its record is the same run."""
     _resumed(cell, 1 / 3)
 
 
 def resume_two_thirds(cell: Cell) -> None:
-    """A run that goes on from two thirds of its record is the same run; so its own record says."""
+    """A run resumed at two thirds of its record is the same run, and its record can be checked."""
     folder = _resumed(cell, 2 / 3)
-    said = said_by("bt-replay", folder, "--check", "--json", *cell.skills)
-    assert json.loads(said.out)["agrees"], said.out
-    assert said.code == 0
+    output = output_of("bt-replay", folder, "--check", "--json", *cell.skills)
+    assert json.loads(output.out)["agrees"], output.out
+    assert output.code == 0
 
 
 def _resumed(cell: Cell, share: float) -> Path:
-    """Folder of the record of the run that went on."""
+    """Folder of the record of the resumed run."""
     of = cell.recording
     column = cell.column
     place = f"{of.folder}@{share * of.record.until:.3f}"
     given = list(column.arguments)
-    if column.stop_at is not None:  # the run as it is stopped has no end of its own
+    if column.stop_at is not None:  # the recorded run was stopped and has no other end
         given += ["--duration", str(column.stop_at)]
     folder = cell.folder / "record"
-    said = said_by("bt-run", "--resume", place, "--record", folder, "--display", "log", *given)
-    assert said.code == column.exit_code, said.err
-    assert f"continued from the past of {of.folder} up to " in said.err
+    output = output_of("bt-run", "--resume", place, "--record", folder, "--display", "log", *given)
+    assert output.code == column.exit_code, output.err
+    assert f"continued from the past of {of.folder} up to " in output.err
     again = Record.read(folder)
     assert again.summary is not None
     assert again.summary["outcome"] == column.outcome
@@ -516,15 +516,15 @@ def _resumed(cell: Cell, share: float) -> Path:
 
 
 def why(cell: Cell) -> None:
-    """``bt-why`` names what decided the run, and at any time what was running then."""
+    """``bt-why`` names the cause of the run's outcome, and the leaves running at a given time."""
     of = cell.recording
     column = cell.column
-    reported = json.loads(said_by("bt-why", of.folder, "--json").out)["stories"]
-    text = said_by("bt-why", of.folder)
+    reported = json.loads(output_of("bt-why", of.folder, "--json").out)["stories"]
+    text = output_of("bt-why", of.folder)
     assert text.code == (0 if reported else 1)
     if column.outcome == "SUCCESS":
         assert reported or "every tree succeeded" in text.out
-        for story in reported:  # an arm that was removed on purpose: it says by whom
+        for story in reported:  # an arm that was removed on purpose: the story names the remover
             assert of.summary["arms"][story["arm"]]["outcome"] == "REMOVED", story
             assert "remove" in " ".join(cause["sentence"] for cause in story["causes"]), story
     for story in reported:
@@ -538,7 +538,7 @@ def why(cell: Cell) -> None:
         assert {story["arm"] for story in reported} <= set(of.present)
         assert reported
     for time in (of.record.until / 4, of.record.until / 2):
-        then = json.loads(said_by("bt-why", of.folder, f"{time:.3f}", "--json").out)["stories"]
+        then = json.loads(output_of("bt-why", of.folder, f"{time:.3f}", "--json").out)["stories"]
         running = {(s["arm"], s["leaf"]) for s in then if s["status"] == "RUNNING"}
         assert running == {*_running_leaves(of, time)}
 
@@ -561,14 +561,14 @@ def _running_leaves(of: Recording, time: float) -> Iterator[tuple[str, str]]:
 def _exported(cell: Cell, form: str, name: str, of: Recording | None = None) -> Path:
     target = cell.folder / name
     record = (of or cell.recording).folder
-    said = said_by("bt-record", "export", record, f"--{form}", target)
-    assert said.code == 0, said.err
-    assert f"written: {target}" in said.out
+    output = output_of("bt-record", "export", record, f"--{form}", target)
+    assert output.code == 0, output.err
+    assert f"written: {target}" in output.out
     return target
 
 
 def html(cell: Cell) -> None:
-    """The page asks nobody for anything, and shows what the replay shows."""
+    """The page makes no requests, and shows the same content as the replay."""
     of = cell.recording
     page = _exported(cell, "html", "page.html").read_text(encoding="utf-8")
     assert "connect-src 'none'" in page
@@ -588,7 +588,7 @@ def html(cell: Cell) -> None:
     for arm in last["arms"]:
         if arm["arm"] in of.present:
             _has_tree(arm, of)
-    for arm, count in of.pictures.items():
+    for arm, count in of.frame_counts.items():
         assert 0 < len(shown["pictures"][arm]) <= count + 1
     for event in of.events:
         if event["code"]:
@@ -596,7 +596,7 @@ def html(cell: Cell) -> None:
 
 
 def mcap(cell: Cell) -> None:
-    """Messages have every status, every joint of arms and grippers, every body."""
+    """Messages include every status, every joint of arms and grippers, and every body."""
     of = cell.recording
     topics: Counter[str] = Counter()
     joints: set[str] = set()
@@ -620,7 +620,7 @@ def mcap(cell: Cell) -> None:
 
 
 def mp4(cell: Cell) -> None:
-    """The film has 25 pictures a second, and something moves in it."""
+    """The video has 25 frames per second and shows motion."""
     of = cell.filmed if WHOLE else cell.recordings.beginning(cell.column, 0.24)
     film = cv2.VideoCapture(str(_exported(cell, "mp4", "film.mp4", of)))
     count = film.get(cv2.CAP_PROP_FRAME_COUNT)
@@ -636,7 +636,7 @@ def mp4(cell: Cell) -> None:
 
 
 def webp(cell: Cell) -> None:
-    """The animation is small, and something moves in it."""
+    """The animation is small and shows motion."""
     path = _exported(cell, "webp", "film.webp", cell.filmed)
     assert path.stat().st_size < 3 * 2**20
     with Image.open(path) as film:
@@ -660,13 +660,13 @@ def lerobot(cell: Cell) -> None:
         values = np.array(table[feature].to_pylist(), dtype=float)
         assert values.shape == (table.num_rows, len(names))
         assert np.isfinite(values).all()
-        said = " ".join(names)
+        joined = " ".join(names)
         for arm in of.present:
             for joint in of.arm_joints(arm):
-                assert joint in said or joint.partition("/")[2] in said, joint
+                assert joint in joined or joint.partition("/")[2] in joined, joint
         for arm in of.grippers():
-            mine = [name for name in names if name.startswith(arm) and "gripper" in name]
-            assert mine, names
+            found = [name for name in names if name.startswith(arm) and "gripper" in name]
+            assert found, names
     for arm in of.cameras:
         key = f"observation.images.{arm}"
         film = cv2.VideoCapture(str(folder / f"videos/{key}/chunk-000/file-000.mp4"))
@@ -674,7 +674,7 @@ def lerobot(cell: Cell) -> None:
 
 
 def csv_tables(cell: Cell) -> None:
-    """Tables have every event, every joint of arms and grippers, every object."""
+    """Tables include every event, every joint of arms and grippers, and every object."""
     of = cell.recording
     folder = _exported(cell, "csv", "tables")
     tables = {}

@@ -1,4 +1,4 @@
-"""Recorded runs of the columns: each is made once, for all cells of its column and all workers."""
+"""Recorded runs of the columns, each made once for all cells of the column and all workers."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ from tests.families import WHOLE
 from tests.matrix.columns import Column
 
 BEGINNING_S = 0.7 if WHOLE else 0.4
-"""Simulated seconds of a recording of which films are made where whole ones would take too long."""
+"""Simulated duration of recordings for videos, s, where whole ones would take too long."""
 
 
 def driven(column: Column, run: Run) -> bt.RunResult:
-    """Advance a run to its end, as the column has it."""
+    """Advances a run to its end, and stops it if the column says so."""
     if column.stop_at is not None:
         run.step(column.stop_at - run.time)
         run.stop()
@@ -35,29 +35,29 @@ def driven(column: Column, run: Run) -> bt.RunResult:
 
 
 def run_of(column: Column, tree: Path | str | Mapping[str, object], **options: Any) -> bt.RunResult:
-    """What a run of a column's tree comes to, with other options than the column's."""
+    """Result of a run of a column's tree; options take precedence over the column's."""
     with bt.open(tree, **(column.options | options)) as run:
         return driven(column, run)
 
 
 @dataclass(frozen=True)
-class Said:
-    """What a command said: its exit code, standard output and standard error."""
+class Output:
+    """Exit code, standard output and standard error of a command."""
 
     code: int
     out: str
     err: str
 
 
-def said_by(program: str, *arguments: str | Path) -> Said:
-    """Run a command in this process."""
+def output_of(program: str, *arguments: str | Path) -> Output:
+    """Runs a command in this process."""
     out = io.StringIO()
     err = io.StringIO()
     code = in_this_process(program, arguments, out, err)
-    said = Said(code, out.getvalue(), err.getvalue())
-    assert "Traceback" not in said.err, said.err
-    assert "internal error" not in said.err, said.err
-    return said
+    output = Output(code, out.getvalue(), err.getvalue())
+    assert "Traceback" not in output.err, output.err
+    assert "internal error" not in output.err, output.err
+    return output
 
 
 @dataclass(frozen=True)
@@ -68,13 +68,13 @@ class Recording:
         column: The column.
         tree: The tree file.
         folder: Folder of the record.
-        said: What the command said that made the record; None where no command did.
+        output: Output of the command that made the record; None if no command did.
     """
 
     column: Column
     tree: Path
     folder: Path
-    said: Said | None
+    output: Output | None
 
     @cached_property
     def record(self) -> Record:
@@ -100,14 +100,14 @@ class Recording:
 
     @cached_property
     def statuses(self) -> dict[tuple[str, str], str]:
-        """Status in which each node ended, by arm and path.
+        """Last status of each node, by arm and path.
 
-        Of a tree that was halted as a whole, what had ended keeps its status.
+        In a tree that was halted as a whole, nodes that had ended keep their status.
         """
         lasts = {event["arm"]: event for event in self.events}
         found = {}
         for event in self.events:
-            last = lasts[event["arm"]]  # halting goes from the leaves to the root
+            last = lasts[event["arm"]]  # a halt goes from the leaves to the root
             of_halt = (last["old"], last["new"]) == ("RUNNING", "INVALID")
             wiped = of_halt and event["time_s"] == last["time_s"] and event["new"] == "INVALID"
             if not (wiped and event["old"] in ("SUCCESS", "FAILURE")):
@@ -125,14 +125,14 @@ class Recording:
         return [name for name, arm in self.record.arms.items() if arm.get("camera")]
 
     @property
-    def pictures(self) -> dict[str, int]:
-        """Number of pictures that were taken, by the camera's arm."""
+    def frame_counts(self) -> dict[str, int]:
+        """Number of camera frames, by the camera's arm."""
         frames = [note["arm"] for note in self.record.notes if note["kind"] == "frame"]
         return {arm: frames.count(arm) for arm in frames}
 
     @cached_property
     def models(self) -> list[mujoco.MjModel]:
-        """Models that states are kept of, in order."""
+        """Models of the recorded states, in order."""
         count = len(self.record.times)
         generations = dict.fromkeys(self.record.moment(row).generation for row in range(count))
         return [self.record.model(generation) for generation in generations]
@@ -196,7 +196,7 @@ class Recordings:
             return path if path.exists() else column.write(folder)
 
     def of(self, column: Column) -> Recording:
-        """The recording of a column, made by whoever asks first."""
+        """The recording of a column, made on first use by any worker."""
         if self._last is None or self._last.column.name != column.name:
             self._last = self._made(column, "record")
         return self._last
@@ -215,15 +215,15 @@ class Recordings:
         with (folder / "lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             if not note.exists():
-                said = _recorded(column, tree, record)
-                note.write_text(json.dumps(said and vars(said)))
+                output = _recorded(column, tree, record)
+                note.write_text(json.dumps(output and vars(output)))
         found = json.loads(note.read_text())
-        return Recording(column, tree, record, None if found is None else Said(**found))
+        return Recording(column, tree, record, None if found is None else Output(**found))
 
 
-def _recorded(column: Column, tree: Path, folder: Path) -> Said | None:
+def _recorded(column: Column, tree: Path, folder: Path) -> Output | None:
     if column.stop_at is not None:  # no command stops a run at a simulated time
         run_of(column, tree, record=folder, renderer="ray")
         return None
     given = ["--renderer", "ray", "--display", "log", *column.arguments]
-    return said_by("bt-run", tree, "--record", folder, *given)
+    return output_of("bt-run", tree, "--record", folder, *given)

@@ -1,4 +1,4 @@
-"""Every feature works with every other: each operation on each kind of tree file.
+"""Every operation works on every type of tree file.
 
 ``make test`` runs every operation and every column at least once, ``make matrix`` every cell.
 """
@@ -29,17 +29,17 @@ SHORT = (
     "overrun",
     "diverged",
 )
-"""Columns of ``make test`` whose run is recorded: each end, and each gripper."""
+"""Columns of ``make test`` whose run is recorded: all endings and all grippers."""
 
 FILMED = "xarm7_weld"
-"""The only one of them that is filmed by ``make test``: the shortest."""
+"""The only one of them, the shortest, of which ``make test`` renders videos."""
 
 ONE_IN = 12
-"""One in so many cells of those columns is in ``make test``, in the pattern of a Latin square."""
+"""``make test`` includes one in this many cells of those columns, as in a Latin square."""
 
 
 def chosen() -> Iterator[tuple[Column, str]]:
-    """Cells that are tested, column by column, so that a run that was made is used at once."""
+    """Cells to test, column by column, so that a recording is used right after it is made."""
     for number, column in enumerate(columns()):
         if WHOLE:
             rows = list(ROWS)
@@ -65,14 +65,14 @@ def test_cell(
     tmp_path: Path,
     record_property: Callable[[str, object], None],
 ) -> None:
-    """What the row says of itself holds for the column."""
+    """The row's operation works for the column."""
     record_property("row", row)
     record_property("column", column.name)
     ROWS[row](Cell(column, recordings, tmp_path))
 
 
 def test_every_row_and_every_column_is_tested() -> None:
-    """Whatever is added to the matrix is tested by ``make test``, too."""
+    """``make test`` also tests all rows and columns that are added to the matrix."""
     cells = {(column.name, row) for column, row in chosen()}
     assert {row for _, row in cells} == set(ROWS)
     assert {column for column, _ in cells} == {column.name for column in columns()}

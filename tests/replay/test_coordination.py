@@ -15,7 +15,7 @@ from bt_dualarm.runtime.arm_runtime import RunView
 from bt_dualarm.runtime.display import draw_tree
 from bt_dualarm.runtime.report import UNICODE
 from bt_dualarm.viewer.events import rows_at, rows_of
-from tests.matrix.recordings import said_by
+from tests.matrix.recordings import output_of
 from tests.undrawn import undrawn
 
 TREE = """
@@ -171,9 +171,9 @@ def test_the_explanation_names_what_the_other_arm_did(folder: Path) -> None:
 
 
 def test_the_run_is_repeated_and_resumed_bit_for_bit(folder: Path, tmp_path: Path) -> None:
-    assert said_by("bt-replay", folder, "--check").code == 0
+    assert output_of("bt-replay", folder, "--check").code == 0
     digest = (Record.read(folder).summary or {})["state_sha256"]
     with undrawn():
-        output = said_by("bt-run", "--resume", f"{folder}@0.7", "--record", tmp_path / "again")
+        output = output_of("bt-run", "--resume", f"{folder}@0.7", "--record", tmp_path / "again")
     assert output.code == 1, "one tree fails"
     assert (Record.read(tmp_path / "again").summary or {})["state_sha256"] == digest
