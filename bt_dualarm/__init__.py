@@ -327,7 +327,7 @@ _CONTENTS: Final = {
     "CarryPorts": "skill.carry_planning:CarryPorts",
     "JointPart": "skill.joint:JointPart",
     "refuse_too_frail": "skill.picking:refuse_too_frail",
-    "thing_at": "skill.picking:thing_at",
+    "object_at": "skill.picking:object_at",
     "twin_at": "skill.picking:twin_at",
     "TouchSense": "skill.grip:TouchSense",
     "MarkView": "perception.scan:MarkView",
@@ -361,8 +361,8 @@ _CONTENTS: Final = {
     "own_camera": "skill.looking:own_camera",
     "still_picture": "skill.looking:still_picture",
     "KnownShape": "perception.shape_fit:KnownShape",
-    "SightedThing": "perception.scan:SightedThing",
-    "SightedThings": "perception.scan:SightedThings",
+    "SightedObject": "perception.scan:SightedObject",
+    "SightedObjects": "perception.scan:SightedObjects",
 }
 
 __all__ = ["__version__", *_CONTENTS]

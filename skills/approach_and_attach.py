@@ -116,11 +116,11 @@ class ApproachAndAttach(Skill):
         if arm.name not in arm.world.grippers:
             return
         gripper = arm.gripper
-        if not gripper.page.fingers or gripper.held or gripper.holding:
+        if not gripper.description.fingers or gripper.held or gripper.holding:
             return
         # What was let go of may still be between them: not what is to be attached.
         yield from make_room(arm, self.ports.approach_speed, 0.0, frozenset({self._name}))
-        gripper.command(0.0, force=gripper.page.force.least)
+        gripper.command(0.0, force=gripper.description.force.least)
         try:
             for progress in gripper.until_open():
                 yield 0.1 * progress
@@ -270,10 +270,10 @@ class ApproachAndAttach(Skill):
         arm = self.arm
         if arm.name not in arm.world.grippers:
             return 0.0
-        page = arm.gripper.page
+        description = arm.gripper.description
         farthest = 0.0
-        for finger in page.fingers:
-            pad = page.tool.inverse @ finger.pose @ finger.pad.pose
+        for finger in description.fingers:
+            pad = description.tool.inverse @ finger.pose @ finger.pad.pose
             reach = 0.5 * float(np.abs(pad.rotation_matrix[2]) @ np.array(finger.pad.size))
             farthest = max(farthest, float(pad.position[2]) + reach)
         return farthest

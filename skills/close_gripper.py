@@ -112,12 +112,12 @@ class CloseGripper(Skill):
     def _closed(self) -> bool:
         gripper = self.arm.gripper
         goal = max(self.ports.width, gripper.closed_width)
-        return gripper.at_rest and gripper.width <= goal + gripper.page.resolution + 1e-3
+        return gripper.at_rest and gripper.width <= goal + gripper.description.resolution + 1e-3
 
     def _refuse(self) -> None:
         gripper = self.arm.gripper
         numbers = {"width_m": gripper.width, "force_n": gripper.force}
-        if not gripper.page.fingers:
+        if not gripper.description.fingers:
             raise Failure("EMPTY", "the cup does not seal", vacuum=gripper.vacuum)
         if self._closed():
             raise Failure("EMPTY", "the fingers closed on nothing", **numbers)

@@ -131,8 +131,10 @@ class Grasp(Skill):
         if name is not None and lies is not None:
             name = self.metrics["taken"] = twin_at(self.arm.world, name, lies.position)
         wanted = WantedGrasp.named(self.arm, name, self.ports, lies) if name else self._unnamed()
-        if self.ports.open_to is not None and not gripper.page.fingers:
-            raise Failure("INVALID_TARGET", f"{gripper.page.name} has no fingers to `open_to`")
+        if self.ports.open_to is not None and not gripper.description.fingers:
+            raise Failure(
+                "INVALID_TARGET", f"{gripper.description.name} has no fingers to `open_to`"
+            )
         wanted = replace(
             wanted,
             point=None if self.ports.point is None else np.array(self.ports.point),

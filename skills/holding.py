@@ -27,7 +27,7 @@ class Holding(Skill):
         if not gripper.holding:
             raise Failure(
                 "NOT_HOLDING",
-                f"{gripper.page.name} holds nothing: {self._sensed()}",
+                f"{gripper.description.name} holds nothing: {self._sensed()}",
                 width_m=gripper.width,
                 force_n=gripper.force,
             )
@@ -39,7 +39,7 @@ class Holding(Skill):
 
     def _sensed(self) -> str:
         gripper = self.arm.gripper
-        if not gripper.page.fingers:
+        if not gripper.description.fingers:
             return f"its cup has {gripper.vacuum:.0%} of its vacuum"
         force = abs(gripper.force)
         return f"its fingers are {1e3 * gripper.width:.1f} mm apart and press with {force:.0f} N"

@@ -37,9 +37,15 @@ class OpenGripper(Skill):
         """Open, wait until the fingers are there, detach what they held."""
         gripper = self.arm.gripper
         ports = self.ports
-        page = gripper.page
+        description = gripper.description
         # A cup releases at any width but 0.
-        goal = ports.width if ports.width is not None else page.stroke if page.fingers else 1.0
+        goal = (
+            ports.width
+            if ports.width is not None
+            else description.stroke
+            if description.fingers
+            else 1.0
+        )
         gripper.command(goal, ports.speed, ports.force)
         yield from gripper.until_open()
         gripper.forget_released()

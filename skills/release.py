@@ -28,8 +28,12 @@ class Release(Skill):
     def run(self) -> Iterator[float | None]:
         """Open a little, or release the vacuum, and verify that nothing is held any more."""
         gripper = self.arm.gripper
-        page = gripper.page
-        goal = min(gripper.width + self.ports.width, page.stroke) if page.fingers else 1.0
+        description = gripper.description
+        goal = (
+            min(gripper.width + self.ports.width, description.stroke)
+            if description.fingers
+            else 1.0
+        )
         gripper.command(goal, self.ports.speed)
         yield from gripper.until_open(self.ports.settle)
         gripper.forget_released()

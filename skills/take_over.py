@@ -378,7 +378,7 @@ class TakeOver(Skill):
 
     def _open(self) -> None:
         gripper = self.arm.gripper
-        gripper.command(gripper.page.stroke if gripper.page.fingers else 1.0)
+        gripper.command(gripper.description.stroke if gripper.description.fingers else 1.0)
 
     def _approach(
         self, joint: JointPart, giver: str, number: int, goal: Pose
@@ -432,7 +432,7 @@ class TakeOver(Skill):
     @property
     def _has_fingers(self) -> bool:
         arm = self.arm
-        return arm.name in arm.world.grippers and bool(arm.gripper.page.fingers)
+        return arm.name in arm.world.grippers and bool(arm.gripper.description.fingers)
 
     def _press(self, joint: JointPart, goal: Pose, along: np.ndarray) -> Iterator[float | None]:
         """Press a cup on slowly, beyond the estimated face, until contact."""
@@ -456,15 +456,15 @@ class TakeOver(Skill):
                 raise Failure("NOT_GRASPED", f"the tool is {1e3 * gap:.0f} mm from {name!r}")
             return
         gripper = arm.gripper
-        page = gripper.page
+        description = gripper.description
         grasp = plan.grasp
-        needed = grasp.force if page.fingers else page.force.most
+        needed = grasp.force if description.fingers else description.force.most
         most = self.ports.most_force or math.inf
-        force = min(page.force.clipped(self.ports.force or needed), most)
-        gentle = min(page.force.least, force) if page.fingers else force
+        force = min(description.force.clipped(self.ports.force or needed), most)
+        gentle = min(description.force.least, force) if description.fingers else force
         gripper.command(force=gentle)
-        yield from self._until_holding(joint, yields=bool(page.fingers))
-        if page.fingers:
+        yield from self._until_holding(joint, yields=bool(description.fingers))
+        if description.fingers:
             error = abs(gripper.width - grasp.width)
             if error > _WIDTH_M:
                 raise Failure(
@@ -475,7 +475,7 @@ class TakeOver(Skill):
                     expected_m=grasp.width,
                 )
         gripper.command(force=force)
-        yield from self._until_holding(joint, yields=bool(page.fingers))
+        yield from self._until_holding(joint, yields=bool(description.fingers))
         self.metrics |= {"width_m": gripper.width, "grip_force_n": force}
         self.metrics["grasp_margin"] = force / max(grasp.force, 1e-9)
 
@@ -578,8 +578,8 @@ class TakeOver(Skill):
         if weight is None or weight < _FELT_N:
             return
         # Because of the pads' gain errors, the grip force appears as a load, too.
-        page = arm.gripper.page
-        gain = 0.0 if page.tactile is None else page.tactile.gain
+        description = arm.gripper.description
+        gain = 0.0 if description.tactile is None else description.tactile.gain
         axis = arm.tool_pose.rotation_matrix[:, 1]
         along = 2.0 * gain * arm.gripper.commanded.force
         doubt = along * abs(float(axis[2]))

@@ -91,8 +91,8 @@ class Transport(Skill):
         if kept is not None:
             motion = kept.through(motion, self.metrics)
         self.metrics |= yield from held_through(arm, motion)
-        if held.by_gripper and arm.grip_pace < 1.0:
-            self.metrics["grip_pace"] = arm.grip_pace
+        if held.by_gripper and arm.grip_speed_scale < 1.0:
+            self.metrics["grip_speed_scale"] = arm.grip_speed_scale
         self._report_mass(name)
         self._verify(name, goal)
         passengers.refuse_spilled()

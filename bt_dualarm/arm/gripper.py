@@ -69,7 +69,7 @@ class ArmGripper:
         self._known = known
 
     @property
-    def page(self) -> Gripper:
+    def description(self) -> Gripper:
         """Description of the gripper: stroke, force, speed, tool frame."""
         return self._hardware.gripper
 
@@ -111,7 +111,7 @@ class ArmGripper:
         sensors = self._hardware.tactile
         if sensors is not None:
             return float(np.linalg.norm(sensors.forces, axis=1).max())
-        if self.page.fingers and not (self.at_rest and self.width > self.closed_width):
+        if self.description.fingers and not (self.at_rest and self.width > self.closed_width):
             return 0.0
         return max(self.force, 0.0)
 
@@ -128,12 +128,12 @@ class ArmGripper:
     @property
     def at_rest(self) -> bool:
         """Whether the fingers are at rest; always true for a cup."""
-        return abs(self.speed) < max(_REST_MPS, _REST_STEPS * self.page.resolution / SPEED_S)
+        return abs(self.speed) < max(_REST_MPS, _REST_STEPS * self.description.resolution / SPEED_S)
 
     @property
     def closed_width(self) -> float:
         """Opening, m, below which nothing is between the fingers."""
-        return self.page.closed_width
+        return self.description.closed_width
 
     @property
     def holding(self) -> bool:
@@ -143,14 +143,14 @@ class ArmGripper:
         holds when it is commanded to suck and has built up the commanded force.
         """
         presses = self.force >= _PRESSING * self.commanded.force
-        if not self.page.fingers:
+        if not self.description.fingers:
             return self.commanded.width <= 0.0 and presses
         return self.at_rest and presses and self.width > self.closed_width
 
     @property
     def is_lost(self) -> bool:
         """Whether the held object is lost: from the sensors, fingers have shut or the cup leaks."""
-        return is_lost(self.page, self.width, self.vacuum, self.commanded.force)
+        return is_lost(self.description, self.width, self.vacuum, self.commanded.force)
 
     def until_decided(self) -> Iterator[None]:
         """Wait until the sensors confirm or refute the believed hold; once per tick.
@@ -188,13 +188,13 @@ class ArmGripper:
             SkillError: The calling thread is not the one that ticks the leaf.
         """
         self._lease.refuse_other_threads()
-        page = self.page
-        _refuse_beyond(page, width, speed, force)
+        description = self.description
+        _refuse_beyond(description, width, speed, force)
         self._hardware.command(
             GripperCommand(
                 0.0 if width is None else width,
-                page.speed.most if speed is None else speed,
-                page.force.most if force is None else force,
+                description.speed.most if speed is None else speed,
+                description.force.most if force is None else force,
             )
         )
 
@@ -213,10 +213,10 @@ class ArmGripper:
         """
         began = self._world.time
         asked = self.commanded
-        if not self.page.fingers and asked.width > 0.0:
+        if not self.description.fingers and asked.width > 0.0:
             for name in self.held:
                 self.let_go(name)
-        travel = abs(asked.width - self.width) if self.page.fingers else 0.0
+        travel = abs(asked.width - self.width) if self.description.fingers else 0.0
         longest = _TIMEOUT_S + 2.0 * travel / max(asked.speed, 1e-3) + settle
         since: float | None = None
         while True:
@@ -231,10 +231,10 @@ class ArmGripper:
 
     @property
     def _is_open(self) -> bool:
-        if not self.page.fingers:
+        if not self.description.fingers:
             return self.vacuum < _NO_VACUUM
         error = abs(self.width - self.commanded.width)
-        return self.at_rest and error <= _OPEN_M + self.page.resolution
+        return self.at_rest and error <= _OPEN_M + self.description.resolution
 
     def between_the_pads(self, pose: Pose, meant: Pose | None = None) -> Pose:
         """Estimated pose of an object after the pads have closed on it, which centers it.
@@ -247,7 +247,7 @@ class ArmGripper:
         Returns:
             The pose, shifted along the closing direction; unchanged for a cup.
         """
-        if not self.page.fingers:
+        if not self.description.fingers:
             return pose
         q = self._world.hardware[self._arm].q
         tool = self._world.nominal[self._arm].tool_pose_at(q)
@@ -267,10 +267,10 @@ class ArmGripper:
             The pose; None for a convex object, whose center pads close on, and for a cup.
         """
         declared = self._world.objects[name]
-        if not self.page.fingers or declared.shape not in ("compound", "mesh"):
+        if not self.description.fingers or declared.shape not in ("compound", "mesh"):
             return None
         in_tool = self._pose_in_tool(pose)
-        points = self._between_pads(jaw_measures(self.page, declared.friction))
+        points = self._between_pads(jaw_measures(self.description, declared.friction))
         distances = self._world.object_solid(name).distance(in_tool.inverse.apply(points))
         inside = points[distances < 0.0, 1]
         if inside.size == 0:
@@ -289,7 +289,7 @@ class ArmGripper:
             np.linspace(-0.5, 0.5, count) * length
             for count, length in (
                 (_PAD_POINTS, jaw.pad_width),
-                (round(self.page.stroke / _CHORD_M) + 1, self.page.stroke),
+                (round(self.description.stroke / _CHORD_M) + 1, self.description.stroke),
                 (_PAD_POINTS, jaw.pad_length),
             )
         )
@@ -311,10 +311,10 @@ class ArmGripper:
         declared = self._world.objects[name]
         solid = self._world.object_solid(name)
         in_tool = self._pose_in_tool(pose)
-        if not self.page.fingers:
+        if not self.description.fingers:
             away = float(solid.distance(in_tool.inverse.apply(np.zeros((1, 3))))[0])
             return _too_far(name, away, "cup")
-        points = self._between_pads(jaw_measures(self.page, declared.friction))
+        points = self._between_pads(jaw_measures(self.description, declared.friction))
         distances = solid.distance(in_tool.inverse.apply(points))
         too_far = _too_far(name, float(distances.min()), "pads")
         if too_far is not None:
@@ -367,10 +367,18 @@ class ArmGripper:
         held = self.held
         if held and held != (wanted,):
             other = next(name for name in held if name != wanted)
-            raise self._full(f"{self.page.name} holds {other!r}: `place` or `release` it first")
+            raise self._full(
+                f"{self.description.name} holds {other!r}: `place` or `release` it first"
+            )
         if self.holding and not held:
-            what = f"something {1e3 * self.width:.1f} mm wide" if self.page.fingers else "something"
-            raise self._full(f"{self.page.name} holds {what} without a name: `release` it first")
+            what = (
+                f"something {1e3 * self.width:.1f} mm wide"
+                if self.description.fingers
+                else "something"
+            )
+            raise self._full(
+                f"{self.description.name} holds {what} without a name: `release` it first"
+            )
 
     def refuse_full(self, wanted: str | None = None) -> None:
         """Like `refuse_other`; also checks that nothing is attached to the tool.
@@ -396,7 +404,7 @@ class ArmGripper:
 
     def forget_released(self) -> None:
         """Detach the released object, unless the sensors still show something in the gripper."""
-        felt = self.page.fingers and self.force > _FELT * self.page.force.least
+        felt = self.description.fingers and self.force > _FELT * self.description.force.least
         if self.is_lost or not (self.holding or felt):
             for name in self.held:
                 self.let_go(name)
@@ -422,14 +430,14 @@ class ArmGripper:
         return self._world.grippers[self._arm]
 
 
-def has_slipped(page: Gripper, moved: float) -> bool:
+def has_slipped(description: Gripper, moved: float) -> bool:
     """Whether a change of the opening, m, shows that the object has slid between the pads."""
-    return moved > max(_SLID_M, _SLID_STEPS * page.resolution)
+    return moved > max(_SLID_M, _SLID_STEPS * description.resolution)
 
 
-def gives(page: Gripper, shrunk: float) -> bool:
+def gives(description: Gripper, shrunk: float) -> bool:
     """Whether a decrease of the opening, m, shows that the object is slipping out."""
-    return shrunk > max(_GIVES_M, _GIVES_STEPS * page.resolution)
+    return shrunk > max(_GIVES_M, _GIVES_STEPS * description.resolution)
 
 
 def leaks(vacuum: float, most: float) -> bool:
@@ -437,18 +445,18 @@ def leaks(vacuum: float, most: float) -> bool:
     return vacuum < _LEAKS * most
 
 
-def is_lost(page: Gripper, width: float, vacuum: float, force: float) -> bool:
+def is_lost(description: Gripper, width: float, vacuum: float, force: float) -> bool:
     """Whether the fingers have shut, or the cup does not seal.
 
     Args:
-        page: Description of the gripper.
+        description: Description of the gripper.
         width: Measured opening, m.
         vacuum: Measured fraction of the full vacuum.
         force: Commanded force, N.
     """
-    if page.fingers:
-        return width <= page.closed_width
-    return vacuum < _SEALS * force / page.force.most
+    if description.fingers:
+        return width <= description.closed_width
+    return vacuum < _SEALS * force / description.force.most
 
 
 def _too_far(name: str, away: float, what: str) -> str | None:
@@ -458,21 +466,21 @@ def _too_far(name: str, away: float, what: str) -> str | None:
 
 
 def _refuse_beyond(
-    page: Gripper, width: float | None, speed: float | None, force: float | None
+    description: Gripper, width: float | None, speed: float | None, force: float | None
 ) -> None:
     """Check that a command is within the gripper's range."""
-    ranges = [("force", force, page.force.least, page.force.most, "N")]
-    if page.fingers:
+    ranges = [("force", force, description.force.least, description.force.most, "N")]
+    if description.fingers:
         ranges = [
-            ("width", width, 0.0, page.stroke, "m"),
-            ("speed", speed, page.speed.least, page.speed.most, "m/s"),
+            ("width", width, 0.0, description.stroke, "m"),
+            ("speed", speed, description.speed.least, description.speed.most, "m/s"),
             *ranges,
         ]
     for what, given, least, most, unit in ranges:
         if given is not None and not least - 1e-9 <= given <= most + 1e-9:
             raise Failure(
                 "INVALID_TARGET",
-                f"{what} {given:g} {unit}: {page.name} can do {least:g} to {most:g} {unit}",
+                f"{what} {given:g} {unit}: {description.name} can do {least:g} to {most:g} {unit}",
                 asked=given,
                 least=least,
                 most=most,

@@ -150,7 +150,7 @@ class ArmMotions(ArmState):
         """Stop the motion that this leaf has begun; harmless otherwise."""
         if self._lease.give_back():
             self._begun = None
-            self._shared.traffic.lead_no_more(self.name)
+            self._shared.traffic.stop_leading(self.name)
             self._shared.traffic.abandon_motion(self.name)
             if self.is_present:
                 self.controller.stop()
@@ -226,7 +226,7 @@ class ArmMotions(ArmState):
             along_path=along_path,
             may_touch=may_touch,
             compliant=compliant,
-            most_scale=self._shared.traffic.pace(self.name, trajectory),
+            most_scale=self._shared.traffic.time_scale_of(self.name, trajectory),
         )
         self._shared.traffic.begin_motion(self.name, self._lease.leaf, motion)
         self._checks_itself = True  # also if the motion ends before the first call of `check`
@@ -345,12 +345,12 @@ class ArmMotions(ArmState):
             lambda motion: refuse_contact(self.checker(frozenset({leader})), motion),
         )
         self.stream(following)
-        traffic.lead(self.name, leader, following.pace)
+        traffic.lead(self.name, leader, following.time_scale_of)
         motion = self._shared.controllers[leader].motion
         if isinstance(motion, TrajectorySource):  # already running
             row = round(motion.parameter.s / motion.trajectory.dt)
             left = motion.trajectory.piece(row, len(motion.trajectory))
-            motion.cap(min(motion.most_scale, following.pace(left)))
+            motion.cap(min(motion.most_scale, following.time_scale_of(left)))
         return following
 
     def tool_pose_of(self, other: str) -> Pose:
@@ -569,7 +569,7 @@ class ArmMotions(ArmState):
         """
         self._lease.refuse_other_threads()
         self._begun = None
-        self._shared.traffic.lead_no_more(self.name)
+        self._shared.traffic.stop_leading(self.name)
         self._shared.traffic.abandon_motion(self.name)
         if give_way:
             self.controller.compliance.soften()
@@ -936,9 +936,9 @@ class ArmMotions(ArmState):
         return self._shared.carrying.within_efforts(motion)
 
     @property
-    def grip_pace(self) -> float:
+    def grip_speed_scale(self) -> float:
         """Speed scale, up to 1, to which the grip's friction limited the last motion."""
-        return self._shared.carrying.grip_pace
+        return self._shared.carrying.grip_speed_scale
 
     def planned_tool_positions(self, trajectory: Trajectory) -> Matrix:
         """Positions of the tool in the world at a motion's set-points, of shape (n, 3), m."""

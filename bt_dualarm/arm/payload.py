@@ -50,14 +50,14 @@ class PayloadCheck:
         name: Name of the arm.
 
     Attributes:
-        grip_pace: Time scale, up to 1, to which the grip limited the last motion.
+        grip_speed_scale: Time scale, up to 1, to which the grip limited the last motion.
     """
 
     def __init__(self, world: World, name: str) -> None:
         self._world = world
         self._name = name
         self._loads: tuple[NominalLoad, ...] | None = None
-        self.grip_pace = 1.0
+        self.grip_speed_scale = 1.0
 
     def within_efforts(self, motion: Trajectory) -> Trajectory:
         """Slow a motion to what the joints' efforts, the grip and passengers allow, if necessary.
@@ -70,9 +70,9 @@ class PayloadCheck:
             self._loads = nominal.loads
             self._dynamics = ArmDynamics(nominal, self._loads)
         feasible = within_efforts(motion, nominal.robot, self._dynamics)
-        self.grip_pace = grip_speed_scale(feasible, self._world, self._name)
-        if self.grip_pace < 1.0:
-            feasible = at_scale(feasible, self.grip_pace)
+        self.grip_speed_scale = grip_speed_scale(feasible, self._world, self._name)
+        if self.grip_speed_scale < 1.0:
+            feasible = at_scale(feasible, self.grip_speed_scale)
         return slowed_for_passengers(feasible, self._world, self._name)
 
     def refuse(self, name: str, q: Vector, tool_link: Pose, seen: Pose | None = None) -> None:
@@ -156,18 +156,20 @@ def grip_force_for(world: World, held: Attachment, load: NominalLoad, shake: flo
     return float(_Grip(world, held, load).forces_for(mass, turns, accelerations).max())
 
 
-def min_grip_force(page: Gripper, friction: float, load: NominalLoad) -> float:
+def min_grip_force(description: Gripper, friction: float, load: NominalLoad) -> float:
     """Minimum force in N of each pad, or of a cup, that holds a load at rest, with `IN_HAND`.
 
     Only the mass counts: the estimate of the center is too uncertain for a bound.
 
     Args:
-        page: Description of the gripper.
+        description: Description of the gripper.
         friction: Coefficient of friction.
         load: Load; the force is 0 if its mass is unknown.
     """
     weight = -_GRAVITY[2] * (load.borne or 0.0)
-    share = 2.0 * friction if page.fingers else 1.0  # two pads bear by friction, a cup by suction
+    share = (
+        2.0 * friction if description.fingers else 1.0
+    )  # two pads bear by friction, a cup by suction
     return float(IN_HAND * weight / max(share, 1e-9))
 
 
@@ -199,16 +201,16 @@ class _Grip:
 
     def __init__(self, world: World, held: Attachment, load: NominalLoad) -> None:
         hardware = world.grippers[held.arm]
-        page = hardware.gripper
+        description = hardware.gripper
         friction = world.objects[held.object].friction
         self._tool = world.robots[held.arm].tool
         self.force = hardware.commanded.force
         self._offset = (self._tool.inverse @ load.pose).position
         self._width = hardware.width
-        self._cup = None if page.fingers else cup_measures(page, friction)
-        self._friction = max(page.friction, friction)
-        if page.fingers:
-            pad_center = jaw_measures(page, friction).pad_center
+        self._cup = None if description.fingers else cup_measures(description, friction)
+        self._friction = max(description.friction, friction)
+        if description.fingers:
+            pad_center = jaw_measures(description, friction).pad_center
             self._offset = self._offset - np.array((0.0, 0.0, pad_center))
 
     def forces_for(self, mass: float, turns: np.ndarray, accelerations: Matrix) -> Vector:
@@ -232,15 +234,15 @@ class _Grip:
         return forces_with_margin
 
 
-def jaw_measures(page: Gripper, friction: float) -> JawMeasures:
+def jaw_measures(description: Gripper, friction: float) -> JawMeasures:
     """Measures of two fingers that decide where they can grasp.
 
     Args:
-        page: Description of the gripper.
+        description: Description of the gripper.
         friction: Coefficient of friction of the object.
     """
-    finger = page.fingers[0]
-    in_tool = page.tool.inverse @ finger.pose
+    finger = description.fingers[0]
+    in_tool = description.tool.inverse @ finger.pose
     pad = in_tool @ finger.pad.pose
     width, thickness, length = finger.pad.size
     corners = [_corners(in_tool @ one.pose, one) for one in (finger.pad, *finger.part.collision)]
@@ -249,31 +251,31 @@ def jaw_measures(page: Gripper, friction: float) -> JawMeasures:
     outside = float(np.abs(points[:, 1]).max()) if len(points) > 8 else thickness + _THICK_M
     return JawMeasures(
         least_opening=0.0,
-        widest_opening=page.stroke,
+        widest_opening=description.stroke,
         pad_length=length,
         pad_width=width,
-        palm=_palm_depth(page),
+        palm=_palm_depth(description),
         tip=float(points[:, 2].max()),
         thickness=outside,
-        least_force=page.force.least,
-        most_force=page.force.most,
-        friction=max(page.friction, friction),
+        least_force=description.force.least,
+        most_force=description.force.most,
+        friction=max(description.friction, friction),
         pad_center=float(pad.position[2]),
     )
 
 
 @cache
-def _palm_depth(page: Gripper) -> float:
+def _palm_depth(description: Gripper) -> float:
     """Distance from the tool frame back to what an object between open pads would meet, m.
 
     That is the origin of the fingers, or what the palm's shapes have before it between the pads:
     the face of a Franka Hand is 7 mm nearer.
     """
-    finger = page.fingers[0]
-    between = 0.5 * np.array((finger.pad.size[0], page.stroke))
-    depth = -float((page.tool.inverse @ finger.pose).position[2])
-    for shape in page.palm.collision:
-        in_tool = page.tool.inverse @ shape.pose
+    finger = description.fingers[0]
+    between = 0.5 * np.array((finger.pad.size[0], description.stroke))
+    depth = -float((description.tool.inverse @ finger.pose).position[2])
+    for shape in description.palm.collision:
+        in_tool = description.tool.inverse @ shape.pose
         points = _corners(in_tool, shape)
         if points is None and shape.mesh is not None:
             parts = mesh_shapes(shape.mesh, shape.size).parts
@@ -287,23 +289,23 @@ def _palm_depth(page: Gripper) -> float:
     return depth
 
 
-def cup_measures(page: Gripper, friction: float) -> CupMeasures:
+def cup_measures(description: Gripper, friction: float) -> CupMeasures:
     """Measures of a suction cup that decide where it can grasp.
 
     Args:
-        page: Description of the gripper.
+        description: Description of the gripper.
         friction: Coefficient of friction of the object.
 
     Raises:
         ValueError: It has no cup.
     """
-    if page.cup is None:
-        raise ValueError(f"{page.name} has no cup")
+    if description.cup is None:
+        raise ValueError(f"{description.name} has no cup")
     return CupMeasures(
-        radius=page.cup.radius,
+        radius=description.cup.radius,
         bends=1e-3,
-        most_force=page.force.most,
-        friction=max(page.friction, friction),
+        most_force=description.force.most,
+        friction=max(description.friction, friction),
     )
 
 

@@ -250,11 +250,11 @@ class SlipResponse:
 
         They are wider open than around the object and no longer press; a cup has no vacuum.
         """
-        page = hardware.gripper
+        description = hardware.gripper
         taken = self._taken
         now = self._world.time
-        if page.fingers:
-            wider = has_slipped(page, hardware.width - taken.width)
+        if description.fingers:
+            wider = has_slipped(description, hardware.width - taken.width)
             has_left = wider and hardware.force < _PRESSES * hardware.commanded.force
         else:
             has_left = hardware.vacuum < _NO_VACUUM

@@ -206,17 +206,17 @@ class Traffic:
         for _, pair in {id(pair): (arm, pair) for arm, (_, pair) in self._pairs.items()}.values():
             pair.start()
 
-    def lead(self, arm: str, leader: str, pace: Callable[[Trajectory], float]) -> None:
-        """Record that an arm follows another one's tool, until `lead_no_more`.
+    def lead(self, arm: str, leader: str, scale_of: Callable[[Trajectory], float]) -> None:
+        """Record that an arm follows another one's tool, until `stop_leading`.
 
         Args:
             arm: Name of the follower.
             leader: Name of the arm that it follows.
-            pace: Time scale, above 0 to 1, at which it can keep up with a motion of that arm.
+            scale_of: Time scale, above 0 to 1, at which it can keep up with a motion of that arm.
         """
-        self._leaders[arm] = leader, pace
+        self._leaders[arm] = leader, scale_of
 
-    def lead_no_more(self, arm: str) -> None:
+    def stop_leading(self, arm: str) -> None:
         """Record that an arm follows no other one any more."""
         self._leaders.pop(arm, None)
 
@@ -235,10 +235,10 @@ class Traffic:
                 return found - {arm}
             found |= more
 
-    def pace(self, arm: str, motion: Trajectory) -> float:
+    def time_scale_of(self, arm: str, motion: Trajectory) -> float:
         """Time scale, above 0 to 1, at which all direct followers of an arm can keep up."""
-        paces = (pace(motion) for leader, pace in self._leaders.values() if leader == arm)
-        return min(paces, default=1.0)
+        scales = (scale_of(motion) for leader, scale_of in self._leaders.values() if leader == arm)
+        return min(scales, default=1.0)
 
     def _visible(self) -> dict[str, BlockedArm]:
         return self._before if self._changed_at == self._clock() else self._blocked

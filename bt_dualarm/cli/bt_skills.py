@@ -40,7 +40,7 @@ Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class JointSheet:
+class JointSummary:
     """A joint; degrees and degrees per second."""
 
     name: str
@@ -50,7 +50,7 @@ class JointSheet:
 
 
 @dataclass(frozen=True)
-class LockedSheet:
+class LockedJointSummary:
     """A locked joint, and the positions that a tree file may set.
 
     Attributes:
@@ -67,7 +67,7 @@ class LockedSheet:
 
 
 @dataclass(frozen=True)
-class PostureSheet:
+class PostureSummary:
     """A posture: an angle per joint, and the resulting pose of the tool in the base link frame.
 
     Attributes:
@@ -81,7 +81,7 @@ class PostureSheet:
 
 
 @dataclass(frozen=True)
-class MountSheet:
+class MountSummary:
     """A camera mount: position and viewing direction in its link."""
 
     name: str
@@ -110,10 +110,10 @@ class RobotSummary:
     center_m: Triple
     reach_m: float
     payload_kg: float | None
-    joints: tuple[JointSheet, ...]
-    postures: tuple[PostureSheet, ...]
-    cameras: tuple[MountSheet, ...]
-    locked: tuple[LockedSheet, ...]
+    joints: tuple[JointSummary, ...]
+    postures: tuple[PostureSummary, ...]
+    cameras: tuple[MountSummary, ...]
+    locked: tuple[LockedJointSummary, ...]
 
 
 def robot_summary(robot: Robot) -> RobotSummary:
@@ -136,15 +136,15 @@ def robot_summary(robot: Robot) -> RobotSummary:
         reach_m=round(reach(robot), 2),
         payload_kg=robot.payload,
         joints=tuple(
-            JointSheet(name, *row) for name, row in zip(robot.joints, joints, strict=True)
+            JointSummary(name, *row) for name, row in zip(robot.joints, joints, strict=True)
         ),
         postures=tuple(_posture(arm, name, q) for name, q in robot.postures.items()),
         cameras=tuple(
-            MountSheet(name, mount.link, _triple(mount.pose.position), _ahead(mount.pose))
+            MountSummary(name, mount.link, _triple(mount.pose.position), _ahead(mount.pose))
             for name, mount in robot.cameras.items()
         ),
         locked=tuple(
-            LockedSheet(name, joint.at, joint.lower, joint.upper, joint.unit, joint.follows)
+            LockedJointSummary(name, joint.at, joint.lower, joint.upper, joint.unit, joint.follows)
             for name, joint in robot.locked.items()
         ),
     )
@@ -163,9 +163,9 @@ def numbers(values: Iterable[float]) -> str:
     return ", ".join(f"{value:g}" for value in values)
 
 
-def _posture(arm: Workspace, name: str, q: Vector) -> PostureSheet:
+def _posture(arm: Workspace, name: str, q: Vector) -> PostureSummary:
     tool = arm.forward(q)
-    return PostureSheet(name, tuple(map(_degrees, q)), _triple(tool.position), _ahead(tool))
+    return PostureSummary(name, tuple(map(_degrees, q)), _triple(tool.position), _ahead(tool))
 
 
 def _ahead(pose: Pose) -> Triple:
@@ -263,8 +263,8 @@ def _summary(name: str) -> RobotSummary:
     from bt_dualarm.robots.robot_description import load_robot
 
     if is_description_path(name):
-        page = Path(name)
-        return robot_summary(load_robot(page.name, page.parent))
+        path = Path(name)
+        return robot_summary(load_robot(path.name, path.parent))
     return robot_summary(load_robot(name))
 
 
@@ -341,15 +341,15 @@ def _tool(gripper: Gripper) -> str:
     return f"at ({x:.3f}, {y:.3f}, {z:.3f}) m from the flange, z pointing out of the gripper"
 
 
-def is_gripper_page(name: str) -> bool:
+def is_gripper_description(name: str) -> bool:
     """Whether a file describes a gripper: only grippers have a palm."""
     import yaml
 
     try:
-        page = yaml.safe_load(Path(name).read_text(encoding="utf-8"))
+        content = yaml.safe_load(Path(name).read_text(encoding="utf-8"))
     except (OSError, ValueError, yaml.YAMLError):
         return False
-    return isinstance(page, dict) and "palm" in page
+    return isinstance(content, dict) and "palm" in content
 
 
 def _load(name: str) -> Gripper:
@@ -357,8 +357,8 @@ def _load(name: str) -> Gripper:
     from bt_dualarm.robots.robot import is_description_path
 
     if is_description_path(name):
-        page = Path(name)
-        return load_gripper(page.name, page.parent)
+        path = Path(name)
+        return load_gripper(path.name, path.parent)
     return load_gripper(name)
 
 
@@ -463,7 +463,7 @@ def _show_of_catalog(name: str, others: Mapping[str, NodeType], *, as_json: bool
         list_robots(as_json=as_json)
     elif name == _GRIPPERS:
         list_grippers(as_json=as_json)
-    elif name in gripper_names() or (is_description_path(name) and is_gripper_page(name)):
+    elif name in gripper_names() or (is_description_path(name) and is_gripper_description(name)):
         show_gripper(name, as_json=as_json)
     elif is_description_path(name) or name in robot_names():
         show_robot(name, as_json=as_json)

@@ -181,7 +181,7 @@ class ToolFollowing:
         self.behind_joint = self._chain.joints[worst]
         return sent
 
-    def pace(self, motion: Trajectory) -> float:
+    def time_scale_of(self, motion: Trajectory) -> float:
         """Time scale, above 0 to 1, at which the follower can keep up with a motion of the other.
 
         If there is none, the reason is in `refusal`, and the follower slows the other no more.
@@ -191,13 +191,13 @@ class ToolFollowing:
         """
         if self.refusal is None:
             try:
-                return self._possible_pace(motion)
+                return self._possible_time_scale(motion)
             except Failure as refusal:
                 self.refusal = refusal.with_traceback(None)
         return 1.0
 
-    def _possible_pace(self, motion: Trajectory) -> float:
-        """As `pace`.
+    def _possible_time_scale(self, motion: Trajectory) -> float:
+        """As `time_scale_of`.
 
         Raises:
             Failure: ``UNREACHABLE`` or ``SINGULAR``; as ``refuse``.

@@ -253,9 +253,13 @@ class BehaviorEnv(gymnasium.Env[Any, Any]):
             found[f"{first}tool_rotation"] = tool.rotation_matrix[:, :2].T.ravel()
             if name in world.grippers:
                 gripper = world.grippers[name]
-                page = gripper.gripper
-                opening = gripper.width / page.stroke if page.fingers else gripper.vacuum
-                found[f"{first}gripper"] = np.array([opening, gripper.force / page.force.most])
+                description = gripper.gripper
+                opening = (
+                    gripper.width / description.stroke if description.fingers else gripper.vacuum
+                )
+                found[f"{first}gripper"] = np.array(
+                    [opening, gripper.force / description.force.most]
+                )
             key = f"{first}image"
             if key in self._boxes:
                 frame = self._sticks[name].frame

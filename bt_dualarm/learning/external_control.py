@@ -209,11 +209,11 @@ class ExternalControl(Skill):
             return
         self.stick.grip = None
         gripper = self.arm.gripper
-        page = gripper.page
-        if not page.fingers:
+        description = gripper.description
+        if not description.fingers:
             width = None if grip < 0.5 else 1.0
         else:
-            width = grip * page.stroke
+            width = grip * description.stroke
             width = None if width <= gripper.closed_width else width
         commanded = gripper.commanded.width
         if abs((0.0 if width is None else width) - commanded) > 1e-9:

@@ -287,20 +287,20 @@ class Carrying:
 
     def _refuse_width(self, part: Section) -> None:
         """Check that the fingers open around the ends of the object."""
-        page = self._arm.gripper.page
-        if not page.fingers or isinstance(part.solid, CompoundSolid):
+        description = self._arm.gripper.description
+        if not description.fingers or isinstance(part.solid, CompoundSolid):
             return
         across = [axis for axis in np.eye(3) if abs(float(axis @ part.axis)) < 0.5]
         if part.closing is not None:
             across = [part.closing]
         width = min(part.solid.reach(axis) + part.solid.reach(-axis) for axis in across)
-        if width > page.stroke - 2.0 * CLEAR:
+        if width > description.stroke - 2.0 * CLEAR:
             raise Failure(
                 "TOO_WIDE",
                 f"the ends of {self._object!r} are {1e3 * width:.0f} mm wide; the fingers open to "
-                f"{1e3 * page.stroke:.0f} mm",
+                f"{1e3 * description.stroke:.0f} mm",
                 width_m=width,
-                opening_m=page.stroke,
+                opening_m=description.stroke,
             )
 
     def _plan(self) -> Generator[None, None, tuple[CarryPlan, list[Pose]]]:
@@ -361,12 +361,14 @@ class Carrying:
         """Close all grippers, and add the object to all models at once."""
         arm = self._arm
         gripper = arm.gripper
-        page = gripper.page
+        description = gripper.description
         chosen = plan.chosen[arm.name].grasp
-        force = page.force.most
-        if page.fingers and self._mass is not None:
-            force = page.force.clipped(chosen.force)
-        gripper.command(force=force, speed=page.speed.least if not page.fingers else None)
+        force = description.force.most
+        if description.fingers and self._mass is not None:
+            force = description.force.clipped(chosen.force)
+        gripper.command(
+            force=force, speed=description.speed.least if not description.fingers else None
+        )
         self._metrics["grip_force_n"] = force
         began = arm.time
         since: float | None = None
@@ -390,7 +392,7 @@ class Carrying:
             yield from self._sync()
         except (Failure, GeneratorExit):
             # The object still stands: what is not yet added to the model is not held.
-            gripper.command(page.stroke if page.fingers else 1.0)
+            gripper.command(description.stroke if description.fingers else 1.0)
             raise
         gripper.hold(self._object, lies)
 
@@ -414,11 +416,13 @@ class Carrying:
         """
         arm = self._arm
         gripper = arm.gripper
-        page = gripper.page
+        description = gripper.description
         yield from arm.relax()
         yield from self._sync()
-        gripper.command(min(gripper.width + 2.0 * _ROOM_M, page.stroke) if page.fingers else 1.0)
-        if not page.fingers:
+        gripper.command(
+            min(gripper.width + 2.0 * _ROOM_M, description.stroke) if description.fingers else 1.0
+        )
+        if not description.fingers:
             gripper.let_go(self._object, stands=True)
         for _ in gripper.until_open():
             yield 0.9

@@ -244,7 +244,7 @@ def refuse_goal(
     """
     held = absent | {name}
     closed = arm.checker(held)
-    has_fingers = arm.name in arm.world.grippers and arm.gripper.page.fingers
+    has_fingers = arm.name in arm.world.grippers and arm.gripper.description.fingers
     if has_fingers:
         closed.open_fingers(width)
     first: Failure | None = None
@@ -254,10 +254,10 @@ def refuse_goal(
         out = tool @ Pose.from_rpy((0.0, 0.0, -_DESCENT_M))
         try:
             for down, back in islice(arm.lines(above, tool, out), _BRANCHES):
-                hit = closed.first_contact(down)
+                contact = closed.first_contact(down)
                 try:
-                    if hit is not None:
-                        raise hit[1].failure()
+                    if contact is not None:
+                        raise contact[1].failure()
                     arm.refuse_collision_along(back, held)
                 except Failure as failure:
                     first = first or failure.with_traceback(None)  # would keep this frame alive
@@ -337,8 +337,8 @@ def _refuse_beside(arm: Arm, wanted: WantedGrasp, rows: Matrix, width: float) ->
     its = _geoms_of_part(world, wanted)
     checker.least[its, :] = checker.least[:, its] = -np.inf
     refuse_contact(checker, rows)
-    page = arm.gripper.page
-    for opening in np.linspace(page.stroke, width, _OPENINGS) if page.fingers else ():
+    description = arm.gripper.description
+    for opening in np.linspace(description.stroke, width, _OPENINGS) if description.fingers else ():
         checker.open_fingers(float(opening))
         contact = checker.contact(rows[-1])
         if contact is not None:
@@ -361,14 +361,21 @@ def _refuse_other_parts(arm: Arm, wanted: WantedGrasp, rows: Matrix, width: floa
     """
     world = arm.world
     name = wanted.name
-    page = arm.gripper.page
-    if name is None or wanted.edges is not None or wanted.section is not None or not page.fingers:
+    description = arm.gripper.description
+    if (
+        name is None
+        or wanted.edges is not None
+        or wanted.section is not None
+        or not description.fingers
+    ):
         return
     if not world.objects[name].is_free or len(body_of(world.objects[name]).parts) < 2:
         return
     checker = arm.checker(frozenset(world.objects.keys() - {name}))
     checker.move_object(name, wanted.lies)
-    for opening in np.linspace(page.stroke, min(width + 2.0 * CLEAR, page.stroke), _PASSING):
+    for opening in np.linspace(
+        description.stroke, min(width + 2.0 * CLEAR, description.stroke), _PASSING
+    ):
         checker.open_fingers(float(opening))
         refuse_contact(checker, rows)
 

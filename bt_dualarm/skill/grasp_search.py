@@ -318,7 +318,7 @@ def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
     try:
         return _grasps_on(arm, wanted, obstacles, on_edges=False)
     except Failure as failure:
-        if arm.gripper.page.fingers and wanted.point is None:
+        if arm.gripper.description.fingers and wanted.point is None:
             with suppress(Failure):
                 return _grasps_on(arm, wanted, obstacles, on_edges=True)
         raise failure.with_traceback(None) from None
@@ -339,22 +339,22 @@ def half_open(arm: Arm, wanted: WantedGrasp) -> WantedGrasp | None:
     Returns:
         The specification; None if its opening is given, or the fingers would open as wide.
     """
-    page = arm.gripper.page
-    if not page.fingers or wanted.opening is not None:
+    description = arm.gripper.description
+    if not description.fingers or wanted.opening is not None:
         return None
     try:
         widths = [one.grasp.width for one in _grasps_on(arm, wanted, (), on_edges=False)]
     except Failure:
         return None
     opening = min(widths) + 2.0 * _BESIDE_M
-    return replace(wanted, opening=opening) if opening < page.stroke else None
+    return replace(wanted, opening=opening) if opening < description.stroke else None
 
 
 def _grasps_on(
     arm: Arm, wanted: WantedGrasp, obstacles: Sequence[Obstacle], *, on_edges: bool
 ) -> tuple[RankedGrasp, ...]:
     """Grasps as `grasps_on`, beside obstacles, of faces or of edges."""
-    page = arm.gripper.page
+    description = arm.gripper.description
     solid = wanted.solid(arm.world)
     friction = wanted.friction(arm.world)
     # Rotations of a round object about its axis are equivalent: grasps are generated relative to
@@ -366,8 +366,8 @@ def _grasps_on(
     _refuse_weight(arm, wanted)
     point = None if wanted.point is None else symmetry.inverse.apply(wanted.point)
     jaw: JawMeasures | None = None
-    if page.fingers:
-        jaw = jaw_measures(page, friction)
+    if description.fingers:
+        jaw = jaw_measures(description, friction)
         jaw = replace(jaw, most_force=min(jaw.most_force, wanted.most_force))
         if wanted.opening is not None:
             jaw = replace(jaw, widest_opening=min(jaw.widest_opening, wanted.opening))
@@ -378,7 +378,7 @@ def _grasps_on(
         if jaw is not None:
             found = jaw_grasps(solid, jaw, load, jaw.friction, point=point, on_edges=on_edges)
         else:
-            cup = cup_measures(page, friction)
+            cup = cup_measures(description, friction)
             cup = replace(cup, most_force=min(cup.most_force, wanted.most_force))
             found = cup_grasps(solid, cup, load, point=point)
         if not found:
@@ -419,7 +419,7 @@ def _grasps_on(
             if free(bearing(replace(load, mass=_LIGHT_KG))[0], obstacles):
                 raise Failure(
                     "TOO_HEAVY",
-                    f"the grasps with which {page.name} bears {wanted.weight} of "
+                    f"the grasps with which {description.name} bears {wanted.weight} of "
                     f"{wanted.label} have no room beside {' and '.join(worst)}",
                     mass_kg=wanted.mass,
                     grasps=len(found),
@@ -536,11 +536,12 @@ def _rotation_cost(tool: Pose, here: Pose) -> float:
 
 
 def _refuse_weight(arm: Arm, wanted: WantedGrasp) -> None:
-    most = arm.gripper.page.payload
+    gripper = arm.gripper.description
+    most = gripper.payload
     if wanted.mass > most:
         raise Failure(
             "TOO_HEAVY",
-            f"{wanted.label} weighs {wanted.weight}; {arm.gripper.page.name} may hold {most:g} kg",
+            f"{wanted.label} weighs {wanted.weight}; {gripper.name} may hold {most:g} kg",
             mass_kg=wanted.mass,
             payload_kg=most,
         )
@@ -563,25 +564,25 @@ def _no_grasp(
 ) -> Failure:
     """Failure that states why there is no grasp, or none at a point: the mass or the shape."""
     light = Load(_LIGHT_KG, np.array([0.0, 0.0, -GRAVITY]), 0.0, np.zeros(3))
-    page = arm.gripper.page
+    description = arm.gripper.description
     friction = wanted.friction(arm.world)
     where = "" if point is None else " at `point`"
     for_light: tuple[Grasp, ...]
     if jaw is None:
-        for_light = cup_grasps(solid, cup_measures(page, friction), light, point=point)
+        for_light = cup_grasps(solid, cup_measures(description, friction), light, point=point)
     else:
         for_light = jaw_grasps(solid, jaw, light, jaw.friction, point=point)
     if for_light:
         return Failure(
             "TOO_HEAVY",
-            f"no grasp of {page.name}{where} bears {wanted.weight} of {wanted.label} with "
-            f"{min(page.force.most, wanted.most_force):g} N and friction {friction:g}",
+            f"no grasp of {description.name}{where} bears {wanted.weight} of {wanted.label} with "
+            f"{min(description.force.most, wanted.most_force):g} N and friction {friction:g}",
             mass_kg=wanted.mass,
-            force_n=min(page.force.most, wanted.most_force),
+            force_n=min(description.force.most, wanted.most_force),
             friction=friction,
         )
     if jaw is None:
-        wide = 2e3 * cup_measures(page, friction).radius
+        wide = 2e3 * cup_measures(description, friction).radius
         reason = (
             f"{wanted.label} has no face on which the cup seals{where}: "
             f"it needs a flat one {wide:.0f} mm wide"

@@ -47,12 +47,12 @@ class Grip:
         """
         gripper = self._arm.gripper
         if gripper.is_lost:
-            fingers = gripper.page.fingers
+            fingers = gripper.description.fingers
             how = "is no longer between the fingers" if fingers else "came off the cup"
             raise self._failure("DROPPED", how)
-        if gripper.page.fingers:
+        if gripper.description.fingers:
             moved = abs(self._settled_width() - self.width)
-            if has_slipped(gripper.page, moved):
+            if has_slipped(gripper.description, moved):
                 raise self._failure("SLIPPED", f"slips: the fingers moved {1e3 * moved:.1f} mm")
 
     def firm_for(self, force_n: float) -> float:
@@ -66,14 +66,14 @@ class Grip:
         """
         gripper = self._arm.gripper
         declared = self._arm.world.objects[self._name]
-        page = gripper.page
-        if not page.fingers:
+        description = gripper.description
+        if not description.fingers:
             return force_n  # contact presses the object onto the cup
-        friction = 2.0 * max(page.friction, declared.friction)  # two pads
+        friction = 2.0 * max(description.friction, declared.friction)  # two pads
         needed = _FIRM * force_n / max(friction, 1e-3)
         held = self._arm.world.attachments.find(self._arm.name, self._name)
         most = math.inf if held is None else held.most_force
-        firm = min(page.force.clipped(needed), most)
+        firm = min(description.force.clipped(needed), most)
         if firm > gripper.commanded.force:
             gripper.command(force=firm)
         return min(force_n, gripper.commanded.force * friction / _FIRM)
@@ -264,9 +264,9 @@ def make_room(
     Raises:
         Failure: ``IN_COLLISION`` with what is next to the fingers, if no retreat helps; as motions.
     """
-    page = arm.gripper.page
-    to = page.stroke if opening is None else opening
-    if not page.fingers or abs(arm.gripper.width - to) < _OPEN_M:
+    description = arm.gripper.description
+    to = description.stroke if opening is None else opening
+    if not description.fingers or abs(arm.gripper.width - to) < _OPEN_M:
         return
     beside = _beside(arm, arm.setpoint.q, to, ignore)
     if beside is None:

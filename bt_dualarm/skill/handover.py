@@ -331,8 +331,8 @@ class HandoverSearch:
             self._note(f"{failure.code} of {arm.name}")
             return None, False
         there.move_other(body, giver_q)
-        hit = there.first_contact(rows)
-        near = there.close_boxes(rows[-1]) if hit is None else hit[1]
+        found = there.first_contact(rows)
+        near = there.close_boxes(rows[-1]) if found is None else found[1]
         if near is not None:
             self._note(f"{near.first} at {near.second}")
             return None, False
@@ -417,13 +417,13 @@ class HandoverSearch:
         if arm.name not in world.grippers:
             spot = CupMeasures(_TOUCH_RADIUS_M, 1e-3, math.inf, 1.0)
             return cup_grasps(self._solid, spot, load)
-        page = world.grippers[arm.name].gripper
-        if not page.fingers:
-            cup = cup_measures(page, friction)
+        description = world.grippers[arm.name].gripper
+        if not description.fingers:
+            cup = cup_measures(description, friction)
             most = min(cup.most_force, most_force)
             cup = CupMeasures(cup.radius, cup.bends, most, cup.friction)
             return cup_grasps(self._solid, cup, load)
-        jaw = jaw_measures(page, friction)
+        jaw = jaw_measures(description, friction)
         jaw = replace(jaw, palm=jaw.palm - _PALM_M)
         lies = world.nominal[self._giver].tool_pose_at(self._giver_q) @ self._in_giver
         grasps: tuple[Grasp, ...] = ()
@@ -706,7 +706,7 @@ def let_go_of(arm: Arm, obj: str) -> Iterator[float | None]:
         return
     gripper = arm.gripper
     # From the command on, the object is the partner's: it stays so if this leaf ends now.
-    gripper.command(_opening(arm, obj) if gripper.page.fingers else 1.0)
+    gripper.command(_opening(arm, obj) if gripper.description.fingers else 1.0)
     gripper.let_go(obj)
     arm.known.forget(obj, "it was handed over")
     yield from gripper.until_open(0.05)
@@ -721,10 +721,10 @@ def _opening(arm: Arm, obj: str) -> float:
     """Widest opening up to which the fingers have room, m."""
     gripper = arm.gripper
     now = gripper.width
-    least = min(now + _LEAST_OPENING_M, gripper.page.stroke)
+    least = min(now + _LEAST_OPENING_M, gripper.description.stroke)
     checker = arm.checker(frozenset({obj}))
     widest = least
-    most = min(now + _MOST_OPENING_M, gripper.page.stroke)
+    most = min(now + _MOST_OPENING_M, gripper.description.stroke)
     for width in np.arange(least, most + 1e-9, _OPENING_STEP_M):
         checker.open_fingers(float(width))
         if checker.contact(arm.setpoint.q) is not None:

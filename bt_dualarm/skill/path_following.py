@@ -194,7 +194,7 @@ def follow_curve(
     Returns:
         ``path_rms_m`` and ``path_max_m`` of executed against planned tool positions at equal
         times, ``duration_s``, and ``shortest_s``: the smallest duration under velocity and
-        acceleration limits alone (TOPP-RA). ``grip_pace`` if the grip limits the speed. With
+        acceleration limits alone (TOPP-RA). ``grip_speed_scale`` if the grip limits the speed. With
         ``tool_speed`` also ``ramp_s``, the duration of the start and of the end.
 
     Raises:
@@ -219,7 +219,7 @@ def follow_curve(
         "shortest_s": plan.shortest_s,
     }
     if plan.grip_scale < 1.0:
-        metrics["grip_pace"] = plan.grip_scale
+        metrics["grip_speed_scale"] = plan.grip_scale
     if plan.ramp_s is not None:
         metrics["ramp_s"] = plan.ramp_s
     leave = plan.exit
@@ -327,7 +327,7 @@ class _Plan:
                 asked_m_s=asked,
                 fastest_m_s=fastest,
             )
-        grip_scale = arm.grip_pace
+        grip_scale = arm.grip_speed_scale
         leave = None
         if end is not None and not _is_at(path.end, end):
             leave = _straight(arm, motion.end, end, speed, path.free)

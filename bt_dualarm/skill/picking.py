@@ -113,7 +113,7 @@ class Taking:
                 yield from hand.relax()
                 yield from hand.rest()
                 return approach.ranked
-            if not arm.gripper.page.fingers:
+            if not arm.gripper.description.fingers:
                 yield from arm.relax()  # so that the cup's contact force does not act on the lift
         except Failure:
             if self._entered is not None:
@@ -141,12 +141,12 @@ class Taking:
             opening: Opening of the fingers, m; by default the widest.
         """
         gripper = arm.gripper
-        fingers = gripper.page.fingers
-        wide = opening if opening is not None and fingers else gripper.page.stroke
+        fingers = gripper.description.fingers
+        wide = opening if opening is not None and fingers else gripper.description.stroke
         gripper.command(wide if fingers else 1.0)
         began = arm.time
         travel = abs(wide - gripper.width)
-        while arm.time - began < 1.0 + travel / max(gripper.page.speed.most, 1e-3):
+        while arm.time - began < 1.0 + travel / max(gripper.description.speed.most, 1e-3):
             if gripper.at_rest and abs(gripper.width - wide) < 2e-3:
                 break
             yield
@@ -161,8 +161,8 @@ class Taking:
         try:
             for _ in arm.halt():
                 yield 1.0
-            fingers = arm.gripper.page.fingers
-            arm.gripper.command(arm.gripper.page.stroke if fingers else 1.0)
+            fingers = arm.gripper.description.fingers
+            arm.gripper.command(arm.gripper.description.stroke if fingers else 1.0)
             if not fingers:
                 yield from arm.relax()  # the retreat is stiff, so it must begin without contact
             yield from approach.back_out(arm, self._ports.approach_speed)
@@ -254,7 +254,7 @@ class Taking:
         return self._arm.world.nominal[self._arm.name].estimates_payload
 
     @property
-    def _brisk(self) -> float:
+    def _free_scale(self) -> float:
         """Fraction of the arm's limits on straight parts on which nothing is touched."""
         ports = self._ports
         return ports.approach_speed if self._is_uncertain else _BRISK * ports.speed
@@ -266,15 +266,15 @@ class Taking:
         """
         arm = self._arm
         ports = self._ports
-        brisk = self._brisk
+        free_scale = self._free_scale
         opening = self._opening_of(approach)
         rows = approach.rows
         count = round((len(rows) - 1) * max(1.0 - self._near_m(approach) / approach.standoff, 0.0))
         if count > 0:
-            far = arm.time_path(rows[: count + 1], brisk)
+            far = arm.time_path(rows[: count + 1], free_scale)
             begin = arm.overlapped(begin, far, ports.speed, 0.5 * far.duration, opening=opening)
-        slow = min(ports.approach_speed, brisk)
-        near, _ = arm.slow_path(rows[count:], slow, _NEAR_M_S, brisk)
+        slow = min(ports.approach_speed, free_scale)
+        near, _ = arm.slow_path(rows[count:], slow, _NEAR_M_S, free_scale)
         touched = frozenset[str]()
         # The hand may touch the object where both motions are on the straight part. It must not cut
         # the corner at the standoff through the object, and never if that does not yield.
@@ -290,23 +290,23 @@ class Taking:
         The less they open, the less there is to close later. Plans are for fingers as wide as they
         open: they stay so beside what cannot yield.
         """
-        page = self._arm.gripper.page
-        if not page.fingers or self._seen is not None or self._hangs_on_a_joint:
+        description = self._arm.gripper.description
+        if not description.fingers or self._seen is not None or self._hangs_on_a_joint:
             return None
         wide = approach.ranked.grasp.width + 2.0 * _ROOM_M
-        return min(wide, self._wanted.opening or page.stroke, page.stroke)
+        return min(wide, self._wanted.opening or description.stroke, description.stroke)
 
     def _near_m(self, approach: GraspApproach) -> float:
         """Distance from the grasp within which the gripper may touch the object, m."""
         arm = self._arm
-        page = arm.gripper.page
-        if not page.fingers:
+        description = arm.gripper.description
+        if not description.fingers:
             return _CLEAR_M
         solid = self._wanted.solid(arm.world)
         in_tool = approach.ranked.grasp.tool.inverse
         back = in_tool.rotation_matrix.T @ np.array((0.0, 0.0, -1.0))
         nearest = float(in_tool.position[2]) - solid.reach(back)
-        tip = jaw_measures(page, self._wanted.friction(arm.world)).tip
+        tip = jaw_measures(description, self._wanted.friction(arm.world)).tip
         return max(tip - nearest, 0.0) + _CLEAR_M
 
     def _enter(
@@ -340,7 +340,7 @@ class Taking:
                 yield from arm.halt(give_way=True)
                 yield from arm.relax()
                 break
-        if not arm.gripper.page.fingers:
+        if not arm.gripper.description.fingers:
             yield from self._press(approach, along)
         remaining = float((approach.ranked.tool.position - arm.tool_pose.position) @ along)
         self._metrics["approach_force_n"] = sense.most
@@ -382,9 +382,11 @@ class Taking:
         gripper = self._arm.gripper
         grasp = approach.ranked.grasp
         arm = self._arm
-        page = gripper.page
+        description = gripper.description
         force = self._force(grasp.force)
-        gripper.command(force=force, speed=page.speed.least if not page.fingers else None)
+        gripper.command(
+            force=force, speed=description.speed.least if not description.fingers else None
+        )
         began = arm.time
         since = None
         try:
@@ -394,16 +396,16 @@ class Taking:
                 if since is None and arm.time - began > _CLOSING_S:
                     break
         except GeneratorExit:  # halted: release what is not attached yet
-            gripper.command(page.stroke if page.fingers else 1.0)
+            gripper.command(description.stroke if description.fingers else 1.0)
             raise
         self._metrics |= {"width_m": gripper.width, "grip_force_n": force}
         self._metrics["grasp_margin"] = force / max(grasp.force, 1e-9)
-        if page.fingers:
+        if description.fingers:
             self._metrics["width_error_m"] = gripper.width - grasp.width
         name = self._wanted.name or object_at(arm.world, arm.tool_pose.position, _REACHED_M)
         width_error = abs(gripper.width - grasp.width)
         why_not: str | None = None
-        if since is None or name is None or (page.fingers and width_error > OTHER_WIDTH_M):
+        if since is None or name is None or (description.fingers and width_error > OTHER_WIDTH_M):
             why_not = _NOT_IT
         elif self._seen is None:
             is_gone = name not in arm.world.objects  # removed meanwhile
@@ -416,10 +418,10 @@ class Taking:
         return name
 
     def _force(self, needed: float) -> float:
-        page = self._arm.gripper.page
-        if not page.fingers:
-            needed = page.force.most  # a vacuum does not crush the object
-        return min(page.force.clipped(self._ports.force or needed), self._wanted.most_force)
+        description = self._arm.gripper.description
+        if not description.fingers:
+            needed = description.force.most  # a vacuum does not crush the object
+        return min(description.force.clipped(self._ports.force or needed), self._wanted.most_force)
 
     def _lift(self, name: str, grip: Grip) -> Iterator[float]:
         """Lift the object a little: what is held keeps the fingers apart."""
@@ -427,7 +429,7 @@ class Taking:
         start = self._arm.commanded_tool_pose
         height = float(arm.world.object_pose(name).position[2])
         up = start.raised(self._ports.lift)
-        move = arm.past_others(self._brisk)
+        move = arm.past_others(self._free_scale)
         since = arm.time  # since when the gripper holds
         errors: list[float | None] = []
         for progress in move.straight(up, known_free=True) if self._ports.lift > 0.0 else ():
@@ -515,7 +517,7 @@ def refuse_too_frail(arm: Arm, what: str, bears: float | None) -> None:
     Raises:
         Failure: ``INVALID_TARGET`` with both forces.
     """
-    least = arm.gripper.page.force.least
+    least = arm.gripper.description.force.least
     if (bears or math.inf) < least:
         reason = f"{what} bears {bears:g} N; the gripper's minimum force is {least:g} N"
         raise Failure("INVALID_TARGET", reason, most_force_n=bears or 0.0, least_n=least)

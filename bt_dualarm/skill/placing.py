@@ -59,15 +59,15 @@ def came_along(
         Whether something is in the gripper.
     """
     gripper = arm.gripper
-    page = arm.gripper.page
+    description = arm.gripper.description
     if held.object not in arm.world.objects or not is_beyond(arm, held.object, lies):
         return False
-    if page.fingers:
+    if description.fingers:
         goal = max(width - _NARROWER_M, 0.0)
-        if width - goal <= _MET_M + page.resolution:
+        if width - goal <= _MET_M + description.resolution:
             return False  # too thin to be detected
-        gripper.command(goal, force=page.force.least)
-        lasts = _FEELS_S + 2.0 * (gripper.width - goal) / page.speed.most
+        gripper.command(goal, force=description.force.least)
+        lasts = _FEELS_S + 2.0 * (gripper.width - goal) / description.speed.most
     else:
         gripper.command(0.0, force=min(gripper.commanded.force, held.most_force))
         goal = 0.0
@@ -75,15 +75,19 @@ def came_along(
     began = arm.time
     since = arm.time
     while True:
-        is_open = bool(page.fingers) and gripper.width > goal + _MET_M
+        is_open = bool(description.fingers) and gripper.width > goal + _MET_M
         if arm.time - began > (lasts + _BOUNCES_S if is_open else lasts):
             return is_open
-        if page.fingers and gripper.at_rest and gripper.width <= goal + page.resolution:
+        if (
+            description.fingers
+            and gripper.at_rest
+            and gripper.width <= goal + description.resolution
+        ):
             return False
         if not gripper.holding:
             since = arm.time
         elif arm.time - since >= _LASTS_S:
-            return not page.fingers or is_open
+            return not description.fingers or is_open
         yield 1.0
 
 
@@ -638,7 +642,7 @@ class SettingDown:
         """
         arm = self._arm
         gripper = arm.gripper
-        fingers = gripper.page.fingers
+        fingers = gripper.description.fingers
         self._open(width)
         apart = width + 2.0 * _APART_M
         for _ in gripper.until_open():
@@ -705,8 +709,10 @@ class SettingDown:
     def _open(self, width: float) -> None:
         """Command the fingers to leave `_ROOM_M` on each side of an object of a width, m."""
         gripper = self._arm.gripper
-        page = gripper.page
-        gripper.command(min(width + 2.0 * _ROOM_M, page.stroke) if page.fingers else 1.0)
+        description = gripper.description
+        gripper.command(
+            min(width + 2.0 * _ROOM_M, description.stroke) if description.fingers else 1.0
+        )
 
     def _refuse_sticking(self) -> None:
         """Attach an object that sticks to the gripper again, and fail."""
@@ -716,7 +722,7 @@ class SettingDown:
         pose = arm.tool_pose @ self._in_tool
         if gripper.why_not(name, pose) is None:
             gripper.hold(name, pose, self._held.most_force, mass_declared=self._held.mass_declared)
-        met = "the fingers have met" if gripper.page.fingers else "the cup seals on"
+        met = "the fingers have met" if gripper.description.fingers else "the cup seals on"
         raise Failure(
             "NOT_PLACED",
             f"{name!r} stuck to the gripper: {met} it again",

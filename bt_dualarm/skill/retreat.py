@@ -35,10 +35,12 @@ def _distance_beyond(arm: Arm, name: str, in_tool: Pose) -> float:
         The distance; negative if the object reaches between the fingers.
     """
     declared = arm.world.objects[name]
-    page = arm.gripper.page
+    description = arm.gripper.description
     back = in_tool.rotation_matrix.T @ np.array((0.0, 0.0, -1.0))
     nearest = float(in_tool.position[2]) - arm.world.object_solid(name).reach(back)
-    return nearest - (jaw_measures(page, declared.friction).tip if page.fingers else 0.0)
+    return nearest - (
+        jaw_measures(description, declared.friction).tip if description.fingers else 0.0
+    )
 
 
 _SPARE_M: Final = 0.005  # by which a shorter retreat is longer than the object requires
@@ -82,7 +84,7 @@ def possible_retreats(
     found = [RetreatTo(tool @ Pose.from_rpy((0.0, 0.0, -asked)), asked)]
     comes_free = -float(axes[2, 2])
     if (
-        arm.gripper.page.fingers
+        arm.gripper.description.fingers
         and _COMES_FREE < comes_free < _VERTICAL
         and abs(axes[2, 1]) < _HORIZONTAL
     ):

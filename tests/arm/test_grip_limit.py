@@ -25,11 +25,11 @@ def test_a_loose_grip_is_carried_slower_and_says_so(stage: Stage) -> None:
     """1 kg asks for 6.1 N at rest and 11.1 N at 8 m/s²; nothing slides in either case."""
     firm = carried(1.0, 60.0, stage)
     loose = carried(1.0, 20.0, stage)
-    assert "grip_pace" not in firm
+    assert "grip_speed_scale" not in firm
     light = carried(0.1, 20.0, stage)
-    assert "grip_pace" not in light
+    assert "grip_speed_scale" not in light
     heavy = carried(2.2, 20.0, stage)
-    assert 0.1 < heavy["grip_pace"] < 0.9
+    assert 0.1 < heavy["grip_speed_scale"] < 0.9
     for metrics in (firm, loose, light, heavy):
         assert metrics["slid_m"] == pytest.approx(0.0, abs=1e-3)
 

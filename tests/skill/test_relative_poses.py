@@ -131,7 +131,7 @@ def test_a_held_object_is_known_from_the_hand_that_holds_it(gripper: str) -> Non
     half = 0.025 * np.abs(in_hand.rotation_matrix[2]).sum()
     kept = resolved(arm, "held", {"on": "slab"})
     assert kept.xyz[2] == pytest.approx(0.52 + half, abs=1e-4)  # servo error
-    arm.gripper.command(arm.gripper.page.stroke or 1.0)
+    arm.gripper.command(arm.gripper.description.stroke or 1.0)
     arm.gripper.let_go("cube")
     assert arm.known.pose("cube").by == "felt"
     assert arm.known.pose("cube").pose.distance(in_hand) < 1e-9
