@@ -1,4 +1,4 @@
-"""The package's own source as data: its rooms, its modules, and what each of them imports."""
+"""The package's own source as data: its modules, and what each of them imports."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def is_module(dotted: str) -> bool:
 
 
 def imports_of(path: Path) -> Iterator[tuple[int, str]]:
-    """Line and absolute dotted name of everything that a file imports, wherever it does so."""
+    """Line and absolute dotted name of everything that a file imports, at any level."""
     for node in ast.walk(parsed(path)):
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name) for alias in node.names)

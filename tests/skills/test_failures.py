@@ -59,4 +59,4 @@ def test_failure_is_truthful(
     assert ended is not None
     assert play.speed_after(ended + 1.0) < STOPPED
     if not trial.moves:
-        assert play.ways["arm1"] < STILL_RAD
+        assert play.joint_travel["arm1"] < STILL_RAD

@@ -195,7 +195,7 @@ def test_motion_fails_with_its_reason_and_metrics(
         assert str(leaf.metrics[name]).startswith(beginning)
     assert leaf.ended_s is not None
     if not case.moves:
-        assert play.ways["arm1"] < STILL_RAD
+        assert play.joint_travel["arm1"] < STILL_RAD
         assert play.speed_after(0.0) < STOPPED
     assert play.speeds["arm1"][-1][1] < STOPPED
 

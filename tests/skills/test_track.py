@@ -207,7 +207,7 @@ def test_other_objects_do_not_distract_from_the_target(controller: str, stage: S
     play.run()
     leaf = play.leaf("track")
     assert leaf.status == "SUCCESS", leaf.reason
-    assert play.ways["arm1"] < 0.05, "the target was at rest"
+    assert play.joint_travel["arm1"] < 0.05, "the target was at rest"
 
 
 def lost_at(time: float) -> tuple[tuple[float, Deed], ...]:

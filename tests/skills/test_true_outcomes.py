@@ -62,9 +62,7 @@ def test_detach_of_an_object_stuck_to_the_tool_fails(stage: Stage) -> None:
 
     def glue(world: World) -> None:
         held = world.attachments.find("arm1", "cube")
-        if held is not None and "glue" not in {
-            equality.name for equality in world._spec.equalities
-        }:
+        if held is not None and "glue" not in {one.name for one in world._spec.equalities}:
             weld = world._spec.equality(held.name)
             add_weld(world._spec, "glue", weld.name1, weld.name2, held.relative)
             world._recompile()
