@@ -1,4 +1,4 @@
-"""A record as one file is the page of `bt-replay`, with the same answers in it."""
+"""A record exported as one file is the page of `bt-replay`, and gives the same answers."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ run(text, asked).then(said => console.log(JSON.stringify(said)));
 
 
 def kept(page: str) -> Json:
-    """The record in a page."""
+    """Record embedded in a page."""
     [text] = RECORD.findall(page)
     found: Json = json.loads(zlib.decompress(base64.b64decode(text)))
     return found
@@ -53,7 +53,7 @@ def failed(tmp_path_factory: pytest.TempPathFactory) -> Record:
 
 
 def answers(record: Record, page: Path, *asked: str) -> Json:
-    """What the page's own script answers."""
+    """Answers of the page's own script."""
     node = shutil.which("node")
     if node is None:
         pytest.skip("there is no node to run the page's script")
@@ -69,8 +69,8 @@ def answers(record: Record, page: Path, *asked: str) -> Json:
     return said
 
 
-def test_it_is_the_page_of_the_replay_and_asks_nobody(failed: Record) -> None:
-    """Only what it may ask, and the record in it, differ; text of a tree cannot end a script."""
+def test_file_is_the_replay_page_and_connects_nowhere(failed: Record) -> None:
+    """Only its content policy and the embedded record differ."""
     page = html_of(failed)
     served = whole_page()
     assert "connect-src 'none'" in page
@@ -81,8 +81,8 @@ def test_it_is_the_page_of_the_replay_and_asks_nobody(failed: Record) -> None:
     assert kept(page) == json.loads(json.dumps(json_ready(page_data(failed))))
 
 
-def test_it_answers_what_the_server_answers(failed: Record, tmp_path: Path) -> None:
-    """At every state that it has, at times between them, and of every node."""
+def test_file_gives_the_same_answers_as_the_server(failed: Record, tmp_path: Path) -> None:
+    """At every state, and for every node."""
     view = RecordView(failed.folder)
     times = [moment["time"] for moment in page_data(failed)["moments"]]
     assert {round(float(event["time_s"]), 4) for event in failed.events} <= {*times}
@@ -101,8 +101,8 @@ def test_it_answers_what_the_server_answers(failed: Record, tmp_path: Path) -> N
     assert said["mesh"] in {len(mesh) for mesh in view.past.looks(0).meshes.values()}
 
 
-def test_it_tells_what_a_node_waited_for(failed: Record, tmp_path: Path) -> None:
-    """Of a node that ran at the time that is shown; of one that never ran, that it never did."""
+def test_file_explains_a_running_node(failed: Record, tmp_path: Path) -> None:
+    """An unknown node has no answer."""
     asked = ["why?of=arm1:sequence&t=0.3", "why?of=0.3", "why?of=arm1:nonsense"]
     said = answers(failed, tmp_path / "page.html", *asked)
     running, then, none = said["found"]
@@ -111,7 +111,7 @@ def test_it_tells_what_a_node_waited_for(failed: Record, tmp_path: Path) -> None
     assert none == "this page has no answer to that"
 
 
-def test_it_has_the_pictures_of_the_cameras(tmp_path: Path) -> None:
+def test_file_contains_camera_images(tmp_path: Path) -> None:
     record = recorded(tmp_path, WATCHING)
     said = answers(record, tmp_path / "page.html", "now")
     kind, _, text = str(said["eye"]).partition(",")
