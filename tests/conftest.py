@@ -124,13 +124,13 @@ def main_job(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRe
     folder.mkdir(exist_ok=True)
     with (folder / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        note = folder / "note.json"
-        if not note.exists():
+        result = folder / "note.json"
+        if not result.exists():
             output = io.StringIO()
             arguments = ["pick_and_track", "--renderer", "ray", "--record", str(folder / "out")]
             code = in_this_process("bt-run", arguments, output, output)
-            note.write_text(json.dumps((code, output.getvalue())), encoding="utf-8")
-    code, text = json.loads(note.read_text(encoding="utf-8"))
+            result.write_text(json.dumps((code, output.getvalue())), encoding="utf-8")
+    code, text = json.loads(result.read_text(encoding="utf-8"))
     return Ran(code, text, text, folder / "out")
 
 

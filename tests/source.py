@@ -24,7 +24,7 @@ def dotted_name(path: Path) -> str:
 
 
 def room_of(dotted: str) -> str:
-    """The folder that a module lies in, without the package's name; a root module is a room."""
+    """Folder of a module relative to the package; the name of the module for a root module."""
     place = ROOT.joinpath(*dotted.split("."))
     inside = dotted.split(".")[1:] if place.is_dir() else dotted.split(".")[1:-1]
     return ".".join(inside) or dotted.rpartition(".")[2]

@@ -57,15 +57,15 @@ def required_by(wheel: Path) -> dict[str, Distribution]:
     """Installed distributions that a wheel requires, directly or indirectly, by name."""
     found: dict[str, Distribution] = {}
     (metadata,) = (path for path in zipfile.Path(wheel).iterdir() if "dist-info" in path.name)
-    wanted = list(PathDistribution(metadata).requires or ())
-    while wanted:
-        line = wanted.pop()
+    requirements = list(PathDistribution(metadata).requires or ())
+    while requirements:
+        line = requirements.pop()
         name = re.split(r"[^\w.-]", line)[0].lower()
         if name in found or "extra ==" in line:
             continue
         with suppress(PackageNotFoundError):  # for another system; otherwise pip will report it
             found[name] = distribution(name)
-            wanted += found[name].requires or ()
+            requirements += found[name].requires or ()
     return found
 
 

@@ -174,8 +174,8 @@ def lift(ran: Ran, obj: str, since: float) -> float:
 def tracking_error(ran: Ran, begin: float, end: float) -> float:
     """RMS error of the Panda's tool to the cube in the YZ plane without the mean offset, m."""
     during = (ran.samples["time"] >= begin) & (ran.samples["time"] <= end)
-    away = (ran.samples["tool_arm2"] - ran.samples["object_cube"])[during, 1:]
-    return float(np.sqrt(np.mean(((away - away.mean(axis=0)) ** 2).sum(axis=1))))
+    offsets = (ran.samples["tool_arm2"] - ran.samples["object_cube"])[during, 1:]
+    return float(np.sqrt(np.mean(((offsets - offsets.mean(axis=0)) ** 2).sum(axis=1))))
 
 
 def check_visual_tracking(ran: Ran) -> None:

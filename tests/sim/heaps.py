@@ -34,8 +34,8 @@ def heap(seed: int) -> tuple[Any, Any]:
         size = 'mesh="rock"' if kind == "mesh" else f'size="{numbers(rng.uniform(0.05, 0.2, 3))}"'
         appearance = rng.choice(["", 'material="tiles"', 'material="steel"'])
         appearance = appearance or f'rgba="{numbers(rng.random(3))} 1"'
-        place = f'pos="{numbers(rng.uniform(-0.4, 0.4, 3))}" quat="{numbers(rng.normal(size=4))}"'
-        geoms.append(f'<geom type="{kind}" {size} {appearance} {place}/>')
+        pose = f'pos="{numbers(rng.uniform(-0.4, 0.4, 3))}" quat="{numbers(rng.normal(size=4))}"'
+        geoms.append(f'<geom type="{kind}" {size} {appearance} {pose}/>')
     model = mujoco.MjModel.from_xml_string(f"""
 <mujoco>
   <asset>
@@ -60,7 +60,7 @@ def heap(seed: int) -> tuple[Any, Any]:
     return model, data
 
 
-def drawn(seed: int) -> tuple[Any, Any, Any]:
+def rendered(seed: int) -> tuple[Any, Any, Any]:
     """Geoms and distances hit by rays, and an image with a window and blocks."""
     model, data = heap(seed)
     fan = fan_of(Viewpoint(np.array((1.2, 0.3, 0.5)), np.zeros(3), 45.0), WIDTH, HEIGHT)
@@ -70,4 +70,4 @@ def drawn(seed: int) -> tuple[Any, Any, Any]:
 
 
 if __name__ == "__main__":
-    sys.stdout.buffer.write(pickle.dumps([drawn(int(seed)) for seed in sys.argv[1:]]))
+    sys.stdout.buffer.write(pickle.dumps([rendered(int(seed)) for seed in sys.argv[1:]]))

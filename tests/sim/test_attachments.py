@@ -58,8 +58,8 @@ def swing(world: World, seconds: float, controller: JointController) -> dict[str
         controller.update(world.time)
         world.step()
         for held in world.attachments:
-            away = relative(world, held.object).distance(held.relative)
-            deviations[held.object] = max(deviations[held.object], away)
+            deviation = relative(world, held.object).distance(held.relative)
+            deviations[held.object] = max(deviations[held.object], deviation)
     return deviations
 
 

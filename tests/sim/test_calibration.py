@@ -120,9 +120,9 @@ def test_noise_is_rounded_to_levels_and_clipped(noise: float) -> None:
     found = Calibration(lambda _: Pose.identity(), 1.0, noise=noise, rng=np.random.default_rng(5))
     rng = np.random.default_rng(5)
     Uncertainty().draw(rng, 1)  # of the brightness, which does not vary here
-    drawn = np.rint(noise * rng.standard_normal(count + 2**18, dtype=np.float32))
+    noise_levels = np.rint(noise * rng.standard_normal(count + 2**18, dtype=np.float32))
     begin = int(rng.integers(2**18))
-    expected = drawn[begin : begin + count].reshape(shape)
+    expected = noise_levels[begin : begin + count].reshape(shape)
     degrade = found.degradation((0, 0, 20, 10))
     black, white = (degrade(np.full(shape, level, np.uint8)).astype(float) for level in (0, 255))
     assert (black == expected.clip(0, 255)).all()

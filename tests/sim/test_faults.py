@@ -97,11 +97,11 @@ def test_frozen_joint_moves_again_afterwards() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "port", "value", "share"),
+    ("kind", "port", "value", "fraction"),
     [("weak_joint", "strength", 0.3, 0.3), ("saturated_drive", "limit", 0.01, None)],
 )
 def test_faulty_drive_delivers_less_torque(
-    kind: str, port: str, value: float, share: float | None
+    kind: str, port: str, value: float, fraction: float | None
 ) -> None:
     with opened(of_joint(kind, begin=0.01, **{port: value}), 0.05) as run:
         arm = run.world.arms["arm1"]
@@ -111,7 +111,7 @@ def test_faulty_drive_delivers_less_torque(
         run.world.data.ctrl[motor] = 0.5 * effort
         run.world.step()
         applied = float(run.world.data.actuator_force[motor])
-        expected = 0.5 * share if share is not None else value
+        expected = 0.5 * fraction if fraction is not None else value
         assert applied == pytest.approx(expected * effort)
         assert commanded != 0.0
         run.step(1.2)
@@ -237,9 +237,9 @@ def test_probability_is_sampled_by_seed_and_name() -> None:
             run.step(0.002)
             return not run.assembly.faults.is_idle
 
-    drawn = [happened(seed) for seed in range(12)]
-    assert drawn == [happened(seed) for seed in range(12)]
-    assert 0 < sum(drawn) < 12
+    outcomes = [happened(seed) for seed in range(12)]
+    assert outcomes == [happened(seed) for seed in range(12)]
+    assert 0 < sum(outcomes) < 12
 
 
 def test_fault_that_never_begins_changes_nothing() -> None:

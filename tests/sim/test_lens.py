@@ -62,14 +62,14 @@ def test_region_is_distorted_as_in_the_whole_image(region: Region, stride: int) 
     part = Exposure(0, WIDTH, HEIGHT, region, stride)
     left, top, right, bottom = glass.widened(part).region or (1, 1, 1, 1)
     assert left % stride == top % stride == 0
-    drawn = np.zeros_like(image)
-    drawn[top:bottom, left:right] = image[top:bottom, left:right]
+    source = np.zeros_like(image)
+    source[top:bottom, left:right] = image[top:bottom, left:right]
     expected = np.zeros_like(image)
     inside = slice(region[1], region[3]), slice(region[0], region[2])
     corners = glass.distorted(image, WHOLE)[inside][::stride, ::stride]
     height, width = expected[inside].shape[:2]
     expected[inside] = corners.repeat(stride, axis=0).repeat(stride, axis=1)[:height, :width]
-    np.testing.assert_array_equal(glass.distorted(drawn, part), expected)
+    np.testing.assert_array_equal(glass.distorted(source, part), expected)
 
 
 def test_image_is_black_where_the_distortion_is_not_invertible() -> None:

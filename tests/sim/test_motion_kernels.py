@@ -52,12 +52,12 @@ def by_mujoco(model: Any, data: Any, body: int) -> float:
     mujoco.mj_objectVelocity(model, data, kinds.mjOBJ_CAMERA, 0, own, 1)
     mujoco.mj_objectVelocity(model, data, kinds.mjOBJ_XBODY, body, its, 0)
     axes = data.cam_xmat[0].reshape(3, 3)
-    place: Vector = (data.xpos[body] - data.cam_xpos[0]) @ axes
-    along = its[3:] @ axes - own[3:] - np.cross(own[:3], place)
-    if place[2] > 0.0:
+    position: Vector = (data.xpos[body] - data.cam_xpos[0]) @ axes
+    along = its[3:] @ axes - own[3:] - np.cross(own[:3], position)
+    if position[2] > 0.0:
         return 0.0
-    pixels = [along[i] - place[i] * along[2] / place[2] for i in range(2)]
-    return float(FOCAL_PX * np.hypot(*pixels) / -place[2])
+    pixels = [along[i] - position[i] * along[2] / position[2] for i in range(2)]
+    return float(FOCAL_PX * np.hypot(*pixels) / -position[2])
 
 
 @pytest.mark.parametrize("kernel", [fastest, plain(fastest)])

@@ -93,6 +93,6 @@ def test_only_rolling_objects_keep_their_center_of_mass() -> None:
     """Standing cylinders have the sampled center of mass, lying ones only along their axis."""
     for kind, kept in ((ball, (0, 0, 0)), (lying, (0, 0, 1)), (standing, (1, 1, 1))):
         world = world_of(kind(0.03), "rough")
-        drawn = world.devices.sampled_object("thing").shift
+        shift = world.devices.sampled_object("thing").shift
         body = mujoco.mj_name2id(world.model, mujoco.mjtObj.mjOBJ_BODY, "thing")
-        assert world.model.body_ipos[body] == pytest.approx(drawn * kept)
+        assert world.model.body_ipos[body] == pytest.approx(shift * kept)

@@ -94,12 +94,12 @@ def test_mass_center_and_inertia_agree_with_mujoco(shape: str) -> None:
 @pytest.mark.parametrize("shape", SHAPES)
 def test_sampled_center_of_mass_shifts_that_of_the_body(shape: str) -> None:
     world = world_of("rough", thing=object_of(shape))
-    drawn = world.devices.sampled_object("thing")
+    sampled = world.devices.sampled_object("thing")
     index = world.model.body("thing").id
-    shift = np.zeros(3) if shape == "egg" else drawn.shift
+    shift = np.zeros(3) if shape == "egg" else sampled.shift
     body = body_of(object_of(shape))
     assert world.model.body_ipos[index] == pytest.approx(body.center + shift, abs=1e-7)
-    expected = 0.3 * drawn.mass * body.principal[1]
+    expected = 0.3 * sampled.mass * body.principal[1]
     if shape != "egg":
         assert np.sort(world.model.body_inertia[index]) == pytest.approx(np.sort(expected))
 
@@ -171,8 +171,8 @@ def test_ray_kernels_browser_view_and_exports_include_every_part(shape: str) -> 
     exported = [one for one in drawn_shapes(world.model, {}) if one.body == "thing"]
     assert len(exported) == len(geoms)
     view = visual_meshes(world.model, {}).shapes
-    drawn = [one for one in view if one["body"] == world.object_body("thing")]
-    assert len(drawn) == len(geoms)
+    sampled = [one for one in view if one["body"] == world.object_body("thing")]
+    assert len(sampled) == len(geoms)
 
 
 def test_part_has_its_own_color() -> None:

@@ -55,8 +55,8 @@ def hidden_m(points: Matrix, lamp: Matrix) -> Matrix:
     toward = lamp - points
     toward = toward / np.linalg.norm(toward, axis=-1, keepdims=True)
     along = ((BALL - points) * toward).sum(axis=-1)
-    aside = np.linalg.norm(BALL - points - along[..., None] * toward, axis=-1)
-    return np.where(along > 0, RADIUS - aside, -np.inf)
+    miss = np.linalg.norm(BALL - points - along[..., None] * toward, axis=-1)
+    return np.where(along > 0, RADIUS - miss, -np.inf)
 
 
 @pytest.mark.parametrize(
@@ -68,30 +68,30 @@ def test_ground_is_dark_where_a_ball_hides_the_lamp(
 ) -> None:
     """It agrees with the closed form up to two pixels at an edge (10 to 20 mm each)."""
     lamp = np.array(place)
-    form, said = (SUN, -lamp) if distant else (LAMP, lamp)
-    lights = form.format(place=" ".join(map(str, said)), casts="true")
-    picture, plain, points, ground = painted(lights, finer)
+    form, parameter = (SUN, -lamp) if distant else (LAMP, lamp)
+    lights = form.format(place=" ".join(map(str, parameter)), casts="true")
+    image, plain, points, ground = painted(lights, finer)
     ball = cv2.dilate((~ground).astype(np.uint8), np.ones((2 * finer + 1,) * 2, np.uint8)) > 0
     deep = hidden_m(points, 1e4 * lamp if distant else lamp)
-    change = plain.astype(int) - picture
+    change = plain.astype(int) - image
     dark = ~ball & (deep > 0.02 * finer)
     lit = ~ball & (deep < -0.02 * finer)
     assert dark.sum() > 150
     assert lit.sum() > 10_000
     assert change[dark].min() > 40
-    np.testing.assert_array_equal(picture[lit], plain[lit])
+    np.testing.assert_array_equal(image[lit], plain[lit])
 
 
 def test_surface_facing_the_lamp_has_no_shadow() -> None:
     """No shadow acne: the ball's side toward the lamp is as without shadows."""
-    picture, plain, points, _ = painted(LAMP.format(place="0.3 -0.4 2", casts="true"))
+    image, plain, points, _ = painted(LAMP.format(place="0.3 -0.4 2", casts="true"))
     normals = (points - BALL) / RADIUS
     lamp = np.array((0.3, -0.4, 2.0))
     facing = (normals * (lamp - points)).sum(axis=-1) / np.linalg.norm(lamp - points, axis=-1)
     on_ball = np.abs(np.linalg.norm(points - BALL, axis=-1) - RADIUS) < 1e-6
     lit = on_ball & (facing > 0.2)
     assert lit.sum() > 400
-    np.testing.assert_array_equal(picture[lit], plain[lit])
+    np.testing.assert_array_equal(image[lit], plain[lit])
 
 
 @pytest.mark.parametrize(
@@ -100,18 +100,18 @@ def test_surface_facing_the_lamp_has_no_shadow() -> None:
     ids=["casts none", "no lamp"],
 )
 def test_image_without_shadows_equals_that_of_cameras(lights: str) -> None:
-    picture, plain, _, _ = painted(lights)
-    np.testing.assert_array_equal(picture, plain)
+    image, plain, _, _ = painted(lights)
+    np.testing.assert_array_equal(image, plain)
 
 
 def test_two_lamps_cast_separate_shadows() -> None:
     """Where one lamp is hidden, the light of the other one remains."""
     lamps = np.array(((0.6, -0.4, 2.0), (-0.6, 0.3, 2.0)))
     both = "".join(LAMP.format(place=" ".join(map(str, lamp)), casts="true") for lamp in lamps)
-    picture, plain, points, ground = painted(both)
+    image, plain, points, ground = painted(both)
     first, second = ((hidden_m(points, lamp) > 0.02) & ground for lamp in lamps)
     for one, other in ((first, second), (second, first)):
         alone = one & ~other
         assert alone.sum() > 200
-        change = plain[alone].astype(int) - picture[alone]
+        change = plain[alone].astype(int) - image[alone]
         assert 40 < np.median(change) < 110, "about half of 255, reduced by oblique incidence"

@@ -42,9 +42,9 @@ def test_link_masses_deviate_within_the_declared_range(robot: str, reality: str)
     true = masses(world.model)
     nominal_values = masses(world.nominal["arm1"].model)
     assert true.keys() >= nominal_values.keys()
-    shares = np.array([true[name] / nominal_values[name] - 1 for name in nominal_values])
+    deviations = np.array([true[name] / nominal_values[name] - 1 for name in nominal_values])
     most = REALITY_SETS[reality].links.mass.most
-    assert 0.2 * most < np.abs(shares).max() <= most + 1e-9
+    assert 0.2 * most < np.abs(deviations).max() <= most + 1e-9
     assert masses(real(robot, 1, reality).model) == true
     assert masses(real(robot, 2, reality).model) != true
     ideal = masses(real(robot, 1, "ideal").model)
@@ -71,9 +71,9 @@ def test_nominal_arm_equals_the_plant_in_ideal_reality(robot: str) -> None:
         sensed = world.hardware["arm1"]
         dynamics.update(sensed.q, sensed.v)
         wide, push = np.zeros((2, world.model.nv))
-        push[body.dof_ids] = meant = rng.uniform(-5, 5, len(limits.lower))
+        push[body.dof_ids] = torque = rng.uniform(-5, 5, len(limits.lower))
         mujoco.mj_mulM(world.model, world.data, wide, push)
-        np.testing.assert_array_equal(dynamics.inertia_times(meant), wide[body.dof_ids])
+        np.testing.assert_array_equal(dynamics.inertia_times(torque), wide[body.dof_ids])
         np.testing.assert_array_equal(dynamics.bias, world.data.qfrc_bias[body.dof_ids])
         tool = nominal.tool_pose_at(sensed.q)
         np.testing.assert_array_equal(tool.position, body.tool_pose.position)
@@ -104,14 +104,14 @@ def test_joint_friction_follows_the_sampled_model(robot: str, seed: int) -> None
 @pytest.mark.parametrize("robot", ["ur5", "ur10", "xarm7"])
 def test_joint_sticks_below_its_static_friction(robot: str) -> None:
     """Without gravity, 0.8 times the static friction moves nothing in 0.2 s, 1.5 times does."""
-    for share, moves in ((0.8, False), (1.5, True)):
+    for factor, moves in ((0.8, False), (1.5, True)):
         world = real(robot)
         world.model.opt.gravity[:] = 0.0
         mujoco.mj_step1(world.model, world.data)
         friction = world.devices.sampled["arm1"].friction
         body = world.arms["arm1"]
         before = body.q
-        world.data.qfrc_applied[body.dof_ids[-1]] = share * friction.static[-1]
+        world.data.qfrc_applied[body.dof_ids[-1]] = factor * friction.static[-1]
         for _ in range(100):
             world.step()
         turned = np.abs(body.q - before)
@@ -170,10 +170,10 @@ def test_camera_deviates_from_its_calibration(mount: str | PoseSpec) -> None:
 def test_lens_deviates_from_its_calibration(reality: str) -> None:
     """The distortion is sampled by the seed within its declared range; an ideal lens has none."""
     spread = REALITY_SETS[reality].camera
-    drawn = [
+    distortions = [
         real("ur5", seed, reality, camera={}).devices.sampled["arm1"].distortion for seed in (1, 2)
     ]
-    for k1, k2 in drawn:
+    for k1, k2 in distortions:
         assert abs(k1) <= spread.k1.most
         assert abs(k2) <= spread.k2.most
-    assert (drawn[0] == drawn[1]) == (reality == "ideal")
+    assert (distortions[0] == distortions[1]) == (reality == "ideal")

@@ -83,11 +83,11 @@ class Poison:
         wanted: Predicate of the names of arrays; all by default.
     """
 
-    def __init__(self, world: World, wanted: Callable[[str], bool] = lambda _: True) -> None:
+    def __init__(self, world: World, selects: Callable[[str], bool] = lambda _: True) -> None:
         self.names: set[str] = set()
         self.truth: list[Numbers] = []
         self._world = world
-        self._wanted = wanted
+        self._wanted = selects
         self._step = world.step
         self._saved: list[tuple[Numbers, Numbers]] = []
         self._rng = np.random.default_rng(0)
@@ -117,11 +117,11 @@ class Poison:
             array[which] = part * self._rng.uniform(0.5, 2.0) + self._rng.uniform(0.1, 0.5)
 
 
-def states_of(reality: str, wanted: Callable[[str], bool] | None) -> tuple[Matrix, set[str]]:
+def states_of(reality: str, selects: Callable[[str], bool] | None) -> tuple[Matrix, set[str]]:
     """True states at every step of 1.2 s, and names of falsified arrays; none for ``None``."""
     tree = TREE.replace("REALITY", reality)
     with bt.open(tree, renderer="ray") as run:
-        poison = Poison(run.world, wanted or (lambda _: False))
+        poison = Poison(run.world, selects or (lambda _: False))
         run.step(1.2)
         return np.array(poison.truth), poison.names
 

@@ -138,9 +138,9 @@ def test_both_renderers_agree(
 ) -> None:
     """Centers within 0.5 px and areas within 2 %."""
     ray = moments(RayRenderer().render(*scene, Exposure(0, *size)), *YELLOW)
-    drawn = moments(GlRenderer(context).render(*scene, Exposure(0, *size)), *YELLOW)
-    assert ray[1:] == pytest.approx(drawn[1:], abs=0.5)
-    assert ray[0] == pytest.approx(drawn[0], rel=0.02)
+    gl = moments(GlRenderer(context).render(*scene, Exposure(0, *size)), *YELLOW)
+    assert ray[1:] == pytest.approx(gl[1:], abs=0.5)
+    assert ray[0] == pytest.approx(gl[0], rel=0.02)
 
 
 def test_colors_of_both_renderers_agree(
@@ -148,9 +148,9 @@ def test_colors_of_both_renderers_agree(
 ) -> None:
     """Flat surfaces have the same color within an eighth of the range; highlights may differ."""
     ray = RayRenderer().render(*scene, Exposure(0, 160, 120))
-    drawn = GlRenderer(context).render(*scene, Exposure(0, 160, 120))
+    gl = GlRenderer(context).render(*scene, Exposure(0, 160, 120))
     x, y = (round(value) for value in moments(ray, *YELLOW)[1:])
-    assert ray[y, x].astype(int) == pytest.approx(drawn[y, x].astype(int), abs=32)
+    assert ray[y, x].astype(int) == pytest.approx(gl[y, x].astype(int), abs=32)
 
 
 @given(
@@ -229,11 +229,11 @@ def test_geom_groups_are_rendered_separately(scene: tuple[Any, Any], renderer: R
     """Group 3 is for simulated cameras, group 2 for images for users."""
     loop = renderer.render(*scene, Exposure(0, 80, 60))
     people = (SCENE_GROUP, OBJECT_GROUP, VISUAL_GROUP)
-    picture = renderer.render(*scene, Exposure(0, 80, 60, groups=people))
+    image = renderer.render(*scene, Exposure(0, 80, 60, groups=people))
     assert moments(loop, *BLUE)[0] > 0.0
     assert moments(loop, *RED)[0] == 0.0
-    assert moments(picture, *RED)[0] > 0.0
-    assert moments(picture, *BLUE)[0] == 0.0
+    assert moments(image, *RED)[0] > 0.0
+    assert moments(image, *BLUE)[0] == 0.0
 
 
 def test_recompiled_model_is_rendered(scene: tuple[Any, Any], renderer: Renderer) -> None:

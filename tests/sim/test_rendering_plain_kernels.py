@@ -10,7 +10,7 @@ import sys
 import numpy as np
 import pytest
 
-from tests.sim.heaps import drawn
+from tests.sim.heaps import rendered
 from tests.source import ROOT
 
 SEEDS = range(4)
@@ -23,10 +23,10 @@ def test_compiled_kernels_agree_with_plain_python() -> None:
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, check=False)
     assert done.returncode == 0, done.stderr.decode()
     met = set()
-    for seed, (geoms, distances, picture) in zip(SEEDS, pickle.loads(done.stdout), strict=True):  # noqa: S301
-        mine = drawn(seed)
+    for seed, (geoms, distances, image) in zip(SEEDS, pickle.loads(done.stdout), strict=True):  # noqa: S301
+        mine = rendered(seed)
         assert (mine[0] == geoms).all()
         assert mine[1] == pytest.approx(distances, rel=1e-12)
-        assert (mine[2] == picture).all()
+        assert (mine[2] == image).all()
         met |= set(np.unique(geoms))
     assert met == set(range(-1, 9))  # the background, the floor, and each shape of a heap

@@ -149,18 +149,18 @@ def test_arms_of_one_body_carry_one_object() -> None:
 
 
 @pytest.mark.parametrize(
-    ("joint", "says"),
+    ("joint", "message"),
     [
         ("right_s0", "'right_s0' is moved by two, another arm of the same robot"),
         ("head_pan", "'head_pan' is at 10 degrees, but for two, another arm of the same robot"),
     ],
 )
-def test_locking_a_shared_or_foreign_joint_is_refused(joint: str, says: str) -> None:
+def test_locking_a_shared_or_foreign_joint_is_refused(joint: str, message: str) -> None:
     file = file_with(one={"locked": {joint: 10}})
     with pytest.raises(LockedJointError, match="one: "):
         bt.open(file)
     (problem,) = check(file, Registry.load().kinds).problems
-    assert says in problem.message
+    assert message in problem.message
 
 
 def test_joint_of_the_body_has_one_position() -> None:

@@ -25,7 +25,7 @@ def sample(
     return FollowingSample(stamp, target, target, predicted)
 
 
-def judged(
+def judge_errors(
     error: Callable[[float], float], seconds: float, fps: int, noise: float = 0.0
 ) -> tuple[FollowingError, Failure | None, float]:
     """The judge after these seconds, its failure, if any, and the time of its end."""
@@ -47,7 +47,7 @@ def swing(amplitude: float, hertz: float) -> Callable[[float], float]:
 @pytest.mark.parametrize("start", [0.02, 0.1, 1.0])
 def test_any_decreasing_error_is_allowed_before_arrival(start: float, fps: int) -> None:
     """The error may decrease slowly: half of it remains after a second."""
-    judge, failure, _ = judged(lambda time: start * 0.5**time, 10.0, fps)
+    judge, failure, _ = judge_errors(lambda time: start * 0.5**time, 10.0, fps)
     assert failure is None
     assert judge.arrived
     assert float(judge.metrics()["seen_max_m"]) <= BOUND_M * 1.5
@@ -65,7 +65,7 @@ def test_any_decreasing_error_is_allowed_before_arrival(start: float, fps: int) 
     ],
 )
 def test_follower_that_does_not_approach_fails(error: Callable[[float], float], fps: int) -> None:
-    judge, failure, at = judged(error, 10.0, fps)
+    judge, failure, at = judge_errors(error, 10.0, fps)
     assert failure is not None
     assert failure.code == "NOT_FOLLOWING"
     assert "10.0 mm" in str(failure)
@@ -80,7 +80,7 @@ def test_follower_that_has_arrived_must_stay_near(
     late: Callable[[float], float], noise: float, fps: int
 ) -> None:
     """Any growing error fails within 1.5 s, above twice the bound."""
-    judge, failure, at = judged(
+    judge, failure, at = judge_errors(
         lambda time: 0.0 if time < 3.0 else late(time - 3.0), 9.0, fps, noise
     )
     assert judge.arrived
@@ -92,13 +92,13 @@ def test_follower_that_has_arrived_must_stay_near(
 @pytest.mark.parametrize("fps", RATES)
 @pytest.mark.parametrize("error", [lambda _: 0.009, swing(0.01, 2.4), swing(0.009, 0.5)])
 def test_errors_within_the_bound_do_not_fail(error: Callable[[float], float], fps: int) -> None:
-    judge, failure, _ = judged(error, 20.0, fps)
+    judge, failure, _ = judge_errors(error, 20.0, fps)
     assert failure is None
     assert judge.arrived
 
 
 def test_follower_must_arrive_anew_after_an_interruption() -> None:
-    judge, _, _ = judged(lambda _: 0.0, 2.0, 60)
+    judge, _, _ = judge_errors(lambda _: 0.0, 2.0, 60)
     assert judge.arrived
     judge.interrupt()
     assert not judge.arrived
@@ -108,13 +108,13 @@ def test_follower_must_arrive_anew_after_an_interruption() -> None:
 
 
 def test_metrics_are_empty_before_arrival() -> None:
-    assert judged(lambda _: 0.02, 1.0, 60)[0].metrics() == {"max_error_m": BOUND_M}
+    assert judge_errors(lambda _: 0.02, 1.0, 60)[0].metrics() == {"max_error_m": BOUND_M}
 
 
 @pytest.mark.parametrize("fps", RATES)
 def test_total_error_counts_in_the_end(fps: int) -> None:
     """15 mm RMS is below twice the bound in each second, but above the bound in total."""
-    judge, failure, _ = judged(
+    judge, failure, _ = judge_errors(
         lambda time: 0.0 if time < 1.0 else swing(0.015 * 2**0.5, 1.0)(time), 9.0, fps
     )
     assert failure is None
@@ -124,10 +124,10 @@ def test_total_error_counts_in_the_end(fps: int) -> None:
 
 
 def test_errors_count_from_arrival_or_timeout() -> None:
-    arrived = judged(lambda time: 0.2 * 0.1**time, 4.0, 60)[0]
+    arrived = judge_errors(lambda time: 0.2 * 0.1**time, 4.0, 60)[0]
     assert arrived.counts_from is not None
     assert 10.5 < arrived.counts_from < 12.0
-    slow = judged(lambda time: 1.0 * 0.5**time, 4.0, 60)[0]
+    slow = judge_errors(lambda time: 1.0 * 0.5**time, 4.0, 60)[0]
     assert slow.counts_from == pytest.approx(10.0 + PATIENCE_S, abs=0.05)
     assert not slow.arrived
 
@@ -143,7 +143,7 @@ def test_target_out_of_reach_does_not_count_before_arrival() -> None:
 
 def test_time_without_the_target_counts_as_error() -> None:
     """5 s without error, then 1 s with 50 mm: 20 mm in total, by occlusion."""
-    judge, failure, _ = judged(lambda _: 0.0, 5.5, 60)
+    judge, failure, _ = judge_errors(lambda _: 0.0, 5.5, 60)
     assert failure is None
     judge.interrupt()
     stamps = np.linspace(15.5, 16.48, 50)
@@ -162,7 +162,7 @@ def test_time_without_the_target_counts_as_error() -> None:
 )
 def test_loss_after_lagging_behind_is_not_an_occlusion(by_images: bool, cause: ErrorCause) -> None:
     """The error exceeded the bound in the last three images before the target left the view."""
-    judge, failure, _ = judged(lambda _: 0.001, 5.0, 60)
+    judge, failure, _ = judge_errors(lambda _: 0.001, 5.0, 60)
     assert failure is None
     for frame, error in enumerate((0.012, 0.02, 0.03)):
         judge.take(sample(15.0 + frame / 60, error, by_images=by_images))
@@ -223,7 +223,7 @@ def test_default_bound_is_a_fifth_of_the_width(width: float, bound: float) -> No
 
 def after_losses(error: Callable[[float], float]) -> FollowingError:
     """A judge after an arrival and twenty losses, each followed by 0.5 s in view."""
-    judge, _, _ = judged(lambda _: 0.0, 2.0, 60)
+    judge, _, _ = judge_errors(lambda _: 0.0, 2.0, 60)
     assert judge.arrived
     for round_ in range(20):
         judge.interrupt()

@@ -35,9 +35,9 @@ def test_search_proceeds_outward_from_the_center(radius: float, pitch: float) ->
     assert np.linalg.norm(found, axis=1).max() <= radius + 1e-8
     apart = np.linalg.norm(found[:, None] - found, axis=2) + np.eye(len(found))
     assert apart.min() > 0.5 * pitch
-    away = np.linalg.norm(first_pass(radius, pitch), axis=1)
+    distances = np.linalg.norm(first_pass(radius, pitch), axis=1)
     ring = pitch * (1.0 - np.cos(np.pi / 6.0)) * (1.0 + radius / pitch)
-    assert (away >= np.maximum.accumulate(away) - ring - 1e-9).all()
+    assert (distances >= np.maximum.accumulate(distances) - ring - 1e-9).all()
 
 
 @given(pitch=pitches, angle=st.floats(0.0, 2.0 * np.pi), fraction=st.floats(0.0, 1.0))

@@ -50,7 +50,7 @@ def turned_box() -> ObjectSpec:
 
 
 @pytest.mark.parametrize(
-    ("given", "wanted"),
+    ("given", "expected"),
     [
         ({"above": "slab", "by": 0.1}, (0.5, 0.1, 0.62)),
         ({"on": "slab"}, (0.5, 0.1, 0.52)),
@@ -64,11 +64,11 @@ def turned_box() -> ObjectSpec:
 )
 @pytest.mark.parametrize("port", ["tool", "point"])
 def test_relative_pose_of_a_tool_is_that_of_a_point(
-    port: str, given: Data, wanted: tuple[float, ...]
+    port: str, given: Data, expected: tuple[float, ...]
 ) -> None:
     bench = Bench(slab=turned_box())
     pose = resolved(bench.first, port, given)
-    assert pose.xyz == pytest.approx(wanted, abs=1e-9)
+    assert pose.xyz == pytest.approx(expected, abs=1e-9)
     assert not pose.is_oriented  # the skill keeps the current one
 
 

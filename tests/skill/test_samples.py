@@ -76,9 +76,9 @@ MISFITS = [
 ]
 
 
-@pytest.mark.parametrize(("time", "values", "says"), MISFITS)
-def test_invalid_samples_are_refused_with_a_message(time: Any, values: Any, says: str) -> None:
-    with pytest.raises(SkillError, match=says) as caught:
+@pytest.mark.parametrize(("time", "values", "message"), MISFITS)
+def test_invalid_samples_are_refused_with_a_message(time: Any, values: Any, message: str) -> None:
+    with pytest.raises(SkillError, match=message) as caught:
         Samples.of("planned", time, values)
     assert str(caught.value).startswith("record('planned')")
 
@@ -86,8 +86,8 @@ def test_invalid_samples_are_refused_with_a_message(time: Any, values: Any, says
 def test_series_keeps_its_order_and_dimension() -> None:
     log = SeriesLog()
     log.add("arm1", "leaf", "planned", 1.0, [0, 0, 0])
-    for time, values, says in ((2.0, 1.0, "points, as they were"), (0.5, [0, 0, 0], "1.000 s")):
-        with pytest.raises(SkillError, match=says):
+    for time, values, message in ((2.0, 1.0, "points, as they were"), (0.5, [0, 0, 0], "1.000 s")):
+        with pytest.raises(SkillError, match=message):
             log.add("arm1", "leaf", "planned", time, values)
     log.add("arm1", "leaf", "planned", 2.0, [0, 0, 1])
     assert len(log.of("arm1")["leaf"]["planned"].time) == 2

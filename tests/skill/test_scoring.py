@@ -76,7 +76,7 @@ def test_memory_is_bounded_and_paths_are_thinned_evenly(monkeypatch: pytest.Monk
     score, _ = followed(COUNT)
     assert len(score.times) < 500 + 3 * OVERLAP
     steps = np.round(np.diff(score.times) / PERIOD_S)
-    thinned = steps[:200]  # more than half of the path is thinned, whatever its length
+    thinned = steps[:200]  # more than half of the path is thinned, for any length
     assert (thinned == thinned[0]).all()
     assert thinned[0] > 1
 

@@ -15,8 +15,8 @@ def test_search_stays_within_its_start_or_radius(
     start: np.ndarray, center: np.ndarray, radius: float, elapsed: float
 ) -> None:
     """Every position is nearer to the center than the start, or within the radius."""
-    away = float(np.linalg.norm(Spiral(start, center, radius).position(elapsed) - center))
-    assert away <= max(radius, float(np.linalg.norm(start - center))) + 1e-9
+    distance = float(np.linalg.norm(Spiral(start, center, radius).position(elapsed) - center))
+    assert distance <= max(radius, float(np.linalg.norm(start - center))) + 1e-9
 
 
 @given(start=points, center=points, radius=st.floats(0.001, 0.2), elapsed=st.floats(0.0, 20.0))

@@ -1,4 +1,4 @@
-"""Tracking ends within a bounded time, whatever the images show."""
+"""Tracking ends within a bounded time for any images."""
 
 from __future__ import annotations
 
@@ -239,8 +239,8 @@ def test_failure_reports_that_the_target_was_out_of_view() -> None:
     def watch() -> None:
         for number in range(1, 1000):
             time = number * TICK_S
-            there = not 2.0 < time < 3.5 + 0.5 * TICK_S
-            end.is_over(TrackingStatus(time, in_view=there, arrived=there))
+            in_view = not 2.0 < time < 3.5 + 0.5 * TICK_S
+            end.is_over(TrackingStatus(time, in_view=in_view, arrived=in_view))
 
     with pytest.raises(Failure, match=r"out of view for 1\.5 s of that") as caught:
         watch()

@@ -118,7 +118,7 @@ STANDING = {"robot": "ur5", "base": {"xyz": [1.3, 0, 0.40], "rpy": [0, 0, 180]}}
 BESIDE_ANOTHER: Tree = {
     "arm2": STANDING | {"removable": True, "tree": {"sequence": [{"wait": {"seconds": 25}}]}}
 }
-"""Another arm that stands on the other side and does nothing."""
+"""Another, idle arm on the opposite side."""
 
 ON_SHELF: Tree = {
     "shelf": WALL | {"spawned": True, "size": [0.2, 0.2, 0.2], "pose": {"xyz": [0.35, -0.4, 0.1]}},

@@ -41,9 +41,9 @@ PLATES = [
     ("ur5e", (0.2, 0.07)),  # in another branch
     ("ur5e", (0.0, -0.21)),  # in none
     *(
-        (robot, (round(away * math.cos(bearing), 3), round(away * math.sin(bearing), 3)))
+        (robot, (round(distance * math.cos(bearing), 3), round(distance * math.sin(bearing), 3)))
         for robot in ("ur10", "xarm7", "panda")
-        for away in (0.21, 0.25)
+        for distance in (0.21, 0.25)
         for bearing in (-1.57, 0.0, 0.34)
     ),
 ]

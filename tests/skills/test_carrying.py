@@ -165,8 +165,8 @@ def test_a_tray_is_carried_by_its_handles() -> None:
     to = {"xyz": [0.04, -0.45, 0.7], "rpy": [0, 0, 8]}
     with bt.open(file_of(TOGETHER | {"to": to}, follows(), beam=beam)) as run:
         result = run.finish()
-        lies = run.world.object_pose("beam")
-        held = [lies.inverse.apply(run.arms[arm].tool_pose.position) for arm in ("arm1", "arm2")]
+        pose = run.world.object_pose("beam")
+        held = [pose.inverse.apply(run.arms[arm].tool_pose.position) for arm in ("arm1", "arm2")]
     assert result.outcome == "SUCCESS", leaf(result).reason
     assert leaf(result).metrics["placed_error_m"] < 2e-3
     for tool, side in zip(held, (-0.32, 0.32), strict=True):
@@ -240,17 +240,17 @@ def test_different_grasps_are_tried_where_the_best_ones_are_similar() -> None:
 def test_tilt_of_one_hand_does_not_shift_the_estimated_object_pose() -> None:
     """One hand turns by 2 degrees at the end of a tray: an 8 mm error if its rotation counted."""
     grasps = [Pose.from_rpy((side * 0.22, 0.0, 0.015), (np.pi, 0.0, 0.3)) for side in (-1, 1)]
-    lies = Pose.from_rpy((0.1, -0.4, 0.6), (0.02, -0.05, 0.4))
-    tools = [lies @ grasp for grasp in grasps]
+    pose = Pose.from_rpy((0.1, -0.4, 0.6), (0.02, -0.05, 0.4))
+    tools = [pose @ grasp for grasp in grasps]
     found = pose_held(tools, grasps)
-    assert found.distance(lies) < 1e-9
-    assert found.angle(lies) < 1e-6
+    assert found.distance(pose) < 1e-9
+    assert found.angle(pose) < 1e-6
     tools[1] = tools[1] @ Pose.from_rpy((0.0, 0.0, 0.0), (0.0, np.radians(2.0), 0.0))
     found = pose_held(tools, grasps)
-    assert found.distance(lies) < 1e-4
+    assert found.distance(pose) < 1e-4
     for end in (-0.22, 0.22):
         assert (
-            np.linalg.norm(found.apply(np.array((end, 0, 0))) - lies.apply(np.array((end, 0, 0))))
+            np.linalg.norm(found.apply(np.array((end, 0, 0))) - pose.apply(np.array((end, 0, 0))))
             < 3e-4
         )
 

@@ -64,7 +64,7 @@ S15 = 0.2588190
 
 @pytest.mark.parametrize("kind", [CUBE, CAN], ids=["cubes", "cans"])
 class TestEachKind:
-    """Boxes and cylinders alike."""
+    """Tests with boxes and with cylinders."""
 
     @pytest.mark.parametrize("number", [0, 1, 2])
     def test_separate_objects_are_counted(

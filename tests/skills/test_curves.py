@@ -29,10 +29,10 @@ def executed(stage: Stage, node: Tree) -> tuple[Play, Pose, list[Pose]]:
     start = play.world.arms["arm1"].tool_pose
     poses: list[Pose] = []
 
-    def note(world: World) -> None:
+    def record(world: World) -> None:
         poses.append(world.arms["arm1"].tool_pose)
 
-    play.watchers.append(note)
+    play.watchers.append(record)
     play.run()
     (leaf,) = play.arm().runs
     assert leaf.status == "SUCCESS", leaf.reason
@@ -83,9 +83,9 @@ def test_lissajous_follows_its_formula(stage: Stage) -> None:
     )
     t = np.linspace(0, 2 * np.pi, 4000)
     curve = np.stack((0.08 * np.sin(t), 0.05 * np.sin(2 * t)), axis=1)
-    away = np.linalg.norm(points[::2, None, :] - curve[None], axis=2)
-    assert away.min(axis=1).max() < NEAR
-    assert away.min(axis=0).max() < 2e-3
+    distances = np.linalg.norm(points[::2, None, :] - curve[None], axis=2)
+    assert distances.min(axis=1).max() < NEAR
+    assert distances.min(axis=0).max() < 2e-3
     assert np.abs(height).max() < NEAR
 
 

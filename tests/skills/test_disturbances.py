@@ -105,14 +105,14 @@ class Case:
         scenario: World in which it succeeds if undisturbed.
         claim: Condition that its SUCCESS asserts.
         disturbances: What others may do to the object.
-        shares: Moments of disturbance, as fractions of the leaf's duration, besides the last ticks.
+        fractions: Moments of disturbance, as fractions of the leaf's duration, besides the last ticks.
     """
 
     node: Tree
     scenario: Scenario
     claim: Callable[[World], bool]
     disturbances: tuple[Deed, ...]
-    shares: tuple[float, ...] = ()
+    fractions: tuple[float, ...] = ()
 
 
 PRESENT = Scenario(BELOW, scene="table")
@@ -170,7 +170,7 @@ def test_success_is_true_when_reported(skill: str, number: int, stage: Stage) ->
     assert baseline.status == "SUCCESS", baseline.reason
     assert baseline.ended_s is not None
     length = baseline.ended_s - baseline.started_s
-    moments = [baseline.started_s + share * length for share in case.shares]
+    moments = [baseline.started_s + fraction * length for fraction in case.fractions]
     moments += [baseline.ended_s - steps * STEP for steps in LAST if steps * STEP < length]
     if not WHOLE and len(moments) > 3:
         moments = moments[number % 2 :: 2]
@@ -180,11 +180,13 @@ def test_success_is_true_when_reported(skill: str, number: int, stage: Stage) ->
         play = stage.play(case.scenario.file(case.node), deeds=deeds)
         true: list[bool] = []
 
-        def note(change: StatusChange, world: World = play.world, true: list[bool] = true) -> None:
+        def record_claim(
+            change: StatusChange, world: World = play.world, true: list[bool] = true
+        ) -> None:
             if change.kind == skill and change.new == "SUCCESS":
                 true.append(case.claim(world))
 
-        play.on_event = note  # type: ignore[method-assign]
+        play.on_event = record_claim  # type: ignore[method-assign]
         play.run()
         successes += len(true)
         leaf = play.leaves(skill)[-1]

@@ -108,8 +108,8 @@ def test_repeated_circle_that_ends_at_its_center_does_not_drift() -> None:
         with bt.open(TREE % tree) as run:
             start = run.arms["arm1"].tool_pose
             assert run.finish().outcome is bt.Outcome.SUCCESS
-            away = run.arms["arm1"].tool_pose.distance(start)
-        assert away == pytest.approx(moved, abs=1e-3)
+            drift = run.arms["arm1"].tool_pose.distance(start)
+        assert drift == pytest.approx(moved, abs=1e-3)
 
 
 def test_check_does_not_warn_of_skills_without_a_declared_shift() -> None:

@@ -36,8 +36,8 @@ class Transform:
 
     def error_m(self, since: float, until: float) -> float:
         """Largest distance from the transform at the beginning of an interval."""
-        there = np.array([one.position for time, one in self.poses if since <= time <= until])
-        return float(np.linalg.norm(there - there[0], axis=1).max())
+        positions = np.array([one.position for time, one in self.poses if since <= time <= until])
+        return float(np.linalg.norm(positions - positions[0], axis=1).max())
 
 
 def pair(leader: str, follower: str, *leaves: Tree, follow: Tree | None = None) -> dict[str, Any]:

@@ -93,7 +93,7 @@ TO = {"xyz": [0.2, 0.1, 0.1], "rpy": [90, 0, 0]}
 
 
 @pytest.mark.parametrize(
-    ("free", "says"),
+    ("free", "message"),
     [
         (["rx", "rz"], "leave one of rx and rz free, or all of rx, ry, rz"),
         (["rz", "rz"], "names rz, rz: each once"),
@@ -102,10 +102,10 @@ TO = {"xyz": [0.2, 0.1, 0.1], "rpy": [90, 0, 0]}
     ],
 )
 @pytest.mark.parametrize("kind", ["reach_to_pose", "move_linear"])
-def test_invalid_free_axes_are_refused(kind: str, free: Any, says: str) -> None:
+def test_invalid_free_axes_are_refused(kind: str, free: Any, message: str) -> None:
     (problem,) = bt_dualarm.check(file_with("so101", {kind: {"to": TO, "free": free}}))
     assert problem.severity == "error"
-    assert says in str(problem)
+    assert message in str(problem)
 
 
 def test_free_axes_and_keep_exclude_each_other() -> None:

@@ -21,8 +21,8 @@ def test_gripper_approaches_along_the_requested_direction(approach: list[float])
         result = run.finish()
         along = run.world.arms["arm1"].tool_pose.rotation_matrix[:, 2]
     assert result.outcome == "SUCCESS"
-    wanted = np.array(approach) / np.linalg.norm(approach)
-    assert along @ wanted > np.cos(np.radians(30.0))
+    expected = np.array(approach) / np.linalg.norm(approach)
+    assert along @ expected > np.cos(np.radians(30.0))
 
 
 def failure_of(**ports: Any) -> tuple[str, str]:

@@ -53,8 +53,8 @@ def _task(axis: int, robot: str, gripper: str, then_at: dict[str, Any] | None) -
 def test_grasp_leaves_room_for_the_fingers_at_the_goal(robot: str, gripper: str) -> None:
     at = {"xyz": [*GOAL]}
     beside = {"beside": "one", "side": "-y", "by": WALLS}
-    wanted = [bt.run(_task(axis, robot, gripper, at)) for axis in (0, 1)]
-    assert [run.outcome for run in wanted] == ["SUCCESS", "SUCCESS"]
+    planned = [bt.run(_task(axis, robot, gripper, at)) for axis in (0, 1)]
+    assert [run.outcome for run in planned] == ["SUCCESS", "SUCCESS"]
     unplanned = (bt.run(_task(axis, robot, gripper, None)) for axis in (1, 0))
     assert any(run.outcome == "FAILURE" for run in unplanned), "these goals suit any grasp"
     relative = bt.run(_task(1, robot, gripper, beside))

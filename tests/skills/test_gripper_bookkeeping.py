@@ -95,11 +95,11 @@ def test_grasp_halted_while_closing_can_be_retried(stage: Stage) -> None:
     play = stage.play(scene().file(GRASP))
     closing: list[float] = []
 
-    def note(world: World) -> None:
+    def record_closing(world: World) -> None:
         if world.grippers["arm1"].commanded.width == 0.0 and not closing:
             closing.append(world.time)
 
-    play.watchers.append(note)
+    play.watchers.append(record_closing)
     play.run()
     halted: Tree = {"timeout": {"seconds": closing[0] + 0.1, "child": GRASP}}
     play = stage.run(scene().file({"selector": [halted, GRASP]}))

@@ -24,13 +24,13 @@ def test_attaching_does_not_move_the_object(stage: Stage) -> None:
     start = play.world.object_pose("cube").position
     heights: list[float] = []
 
-    def note(world: World) -> None:
+    def record(world: World) -> None:
         held = world.attachments.find("arm1", "cube")
         if held is not None and not heights:
             assert np.linalg.norm(world.object_pose("cube").position - start) < 1e-3
             heights.append(world.arms["arm1"].tool_pose.position[2])
 
-    play.watchers.append(note)
+    play.watchers.append(record)
     play.run()
     assert play.world.attachments.attached_to("arm1") == ("cube",)
     tool = play.world.arms["arm1"].tool_pose.position[2] - heights[0]
@@ -142,8 +142,8 @@ def test_detached_object_stays_where_it_was_put_down(stage: Stage) -> None:
     play = stage.run(TABLE.file(PICK, CARRY, down, LET_GO, UP, {"wait": {"seconds": 0.5}}))
     assert play.arm().outcome == "SUCCESS", play.arm().runs
     assert len(play.world.attachments) == 0
-    place = play.world.object_pose("cube").position
-    assert place == pytest.approx((0.25, -0.5, 0.425), abs=0.003)
+    position = play.world.object_pose("cube").position
+    assert position == pytest.approx((0.25, -0.5, 0.425), abs=0.003)
 
 
 @pytest.mark.parametrize(("shape", "mass"), some(product(["cylinder", "sphere"], [0.01, 2.0]), 3))
@@ -180,10 +180,10 @@ def test_tilted_cube_is_attached_without_a_detour(tilt: float, stage: Stage) -> 
     start = play.world.arms["arm1"].q
     farthest = [0.0]
 
-    def note(world: World) -> None:
+    def record(world: World) -> None:
         farthest.append(float(np.abs(world.arms["arm1"].q - start).max()))
 
-    play.watchers.append(note)
+    play.watchers.append(record)
     play.run()
     assert play.arm().runs[0].status == "SUCCESS", play.arm().runs[0].reason
     assert max(farthest) < np.radians(30)

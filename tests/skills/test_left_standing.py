@@ -33,6 +33,6 @@ CHOSEN = [
 )
 def test_object_that_does_not_stay_is_a_failure(case: Case) -> None:
     """The leaf fails with the code of the cause, however good the measurements of the arm are."""
-    leaf, lies = play(case)
-    assert not lies
+    leaf, false_successes = play(case)
+    assert not false_successes
     assert (leaf.skill, leaf.code) == (case.skill, CODES[case.skill, case.name]), leaf.reason

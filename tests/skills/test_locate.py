@@ -218,7 +218,7 @@ def test_wait_for_waits_for_an_object_not_yet_spawned(stage: Stage) -> None:
 def test_removed_object_is_not_seen(
     skill: str, status: str, code: str, found: int | None, stage: Stage
 ) -> None:
-    """`count` finds 0, and `locate` fails; neither is an error of the name."""
+    """`count` finds 0, and `locate` fails, after looking."""
     tree = {"sequence": [{"remove": {"object": "thing"}}, {skill: {"object": "thing"}}]}
     leaf = stage.run(before_camera("panda", tree, reality="lab")).leaf(skill)
     assert (leaf.status, leaf.code, leaf.metrics.get("found")) == (status, code, found)

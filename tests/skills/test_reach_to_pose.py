@@ -30,11 +30,11 @@ def reached(stage: Stage, node: Tree, scenario: Scenario = SCENARIO) -> tuple[Pl
 def test_absolute_pose(speed: float, stage: Stage) -> None:
     node = {"to": {"xyz": [0.4, 0.2, 0.6], "rpy": [180, 0, 30]}, "speed": speed}
     play, _, end = reached(stage, node)
-    wanted = Pose.from_rpy((0.4, 0.2, 0.6), (np.pi, 0.0, np.pi / 6))
-    assert end.distance(wanted) < 1e-3
-    assert end.angle(wanted) < np.deg2rad(0.5)
+    expected = Pose.from_rpy((0.4, 0.2, 0.6), (np.pi, 0.0, np.pi / 6))
+    assert end.distance(expected) < 1e-3
+    assert end.angle(expected) < np.deg2rad(0.5)
     metrics = play.leaf("reach_to_pose").metrics
-    assert float(metrics["position_error_m"]) == pytest.approx(end.distance(wanted), abs=2e-4)
+    assert float(metrics["position_error_m"]) == pytest.approx(end.distance(expected), abs=2e-4)
 
 
 def test_goal_without_orientation_keeps_it(stage: Stage) -> None:

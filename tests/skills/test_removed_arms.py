@@ -90,21 +90,21 @@ def partners_of(skill: str) -> list[tuple[str, str]]:
 
 
 REMOVED = [
-    (skill, *one, share)
+    (skill, *one, fraction)
     for skill in ("carry_together", "hand_over", "operate", "place", "insert", "track")
     for one in partners_of(skill)
-    for share in (0.002, 0.06, 0.3, 0.55, 0.83, 0.97)
+    for fraction in (0.002, 0.06, 0.3, 0.55, 0.83, 0.97)
 ]
 
 
-@pytest.mark.parametrize(("skill", "kind", "name", "share"), some(REMOVED, 6))
+@pytest.mark.parametrize(("skill", "kind", "name", "fraction"), some(REMOVED, 6))
 def test_partner_or_object_of_a_skill_can_be_removed(
-    skill: str, kind: str, name: str, share: float, stage: Stage
+    skill: str, kind: str, name: str, fraction: float, stage: Stage
 ) -> None:
     """No skill of any arm ends in an exception, whenever the removal happens."""
     leaf = candidate(skill).example_run
     take = World.remove_arm if kind == "arm" else World.remove_object
-    at = max(leaf.started_s + share * ((leaf.ended_s or 0.0) - leaf.started_s), 0.01)
+    at = max(leaf.started_s + fraction * ((leaf.ended_s or 0.0) - leaf.started_s), 0.01)
     file = SCENARIOS[skill].file(node_of(stage.registry.skills[skill].example))
     play = stage.run(file, deeds=[(at, partial(take, name=name))])
     assert play.result is not None

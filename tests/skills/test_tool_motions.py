@@ -95,8 +95,8 @@ def test_rotate_tool_keeps_the_point_in_place(stage: Stage) -> None:
     tip = np.array((0.0, 0.0, 0.1))
     start = tool(play.world)
     poses = path_of(play)
-    away = [np.linalg.norm(pose.apply(tip) - start.apply(tip)) for pose in poses]
-    assert max(away) < 3e-4
+    distances = [np.linalg.norm(pose.apply(tip) - start.apply(tip)) for pose in poses]
+    assert max(distances) < 3e-4
     turn = start.inverse @ tool(play.world)
     assert np.degrees(turn.rotation.as_rotvec()) == pytest.approx((0, 25, 0), abs=0.05)
 
@@ -118,9 +118,9 @@ def test_move_through_rounds_corners_within_the_blend_and_does_not_stop(stage: S
     poses = np.array([pose.position for pose in path_of(play)])
     assert poses[-1] == pytest.approx((0.6, 0.0, 0.65), abs=NEAR)
     for corner in ((0.6, 0.2, 0.8), (0.6, 0.0, 0.8)):
-        away = np.linalg.norm(poses - corner, axis=1)
-        nearest = int(np.argmin(away))
-        assert away[nearest] < 0.03
+        distances = np.linalg.norm(poses - corner, axis=1)
+        nearest = int(np.argmin(distances))
+        assert distances[nearest] < 0.03
         assert np.linalg.norm(poses[nearest + 1] - poses[nearest]) > 1e-5  # in one step of 2 ms
 
 

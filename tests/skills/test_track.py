@@ -512,12 +512,12 @@ def test_until_still_waits_for_a_motion_and_its_end(
     camera: dict[str, Any], size: float, stage: Stage
 ) -> None:
     """Noise is not taken for a motion; the end is detected as soon as images show it."""
-    began = 2.5
+    start = 2.5
     length = 0.5
     rest = 1.0
-    shown = began + length + camera.get("latency", 0.0)
+    shown = start + length + camera.get("latency", 0.0)
     node: Tree = {"track": {"until_still": rest, "score": "cube"}}
-    leaf = follow(stage, node, scenario(camera), moved_once(size, began, length)).leaf("track")
+    leaf = follow(stage, node, scenario(camera), moved_once(size, start, length)).leaf("track")
     assert leaf.status == "SUCCESS", leaf.reason
     assert leaf.ended_s == pytest.approx(shown + rest, abs=0.25)
 
@@ -677,10 +677,10 @@ def test_of_two_objects_the_one_of_the_right_size_is_tracked(stage: Stage) -> No
     small = CUBE | {"size": [0.03] * 3, "fixed": True, "pose": {"xyz": [0.68, 0.11, 0.62]}}
     node: Tree = {"track": {"duration": 2.0, "score": "cube", "target_size": 0.05}}
 
-    def aside(_: float) -> Vector:
+    def above(_: float) -> Vector:
         return np.array((0.0, 0.0, 0.1))
 
-    leaf = follow(stage, node, scenario({"fov": 70}, small=small), aside).leaf("track")
+    leaf = follow(stage, node, scenario({"fov": 70}, small=small), above).leaf("track")
     assert leaf.status == "SUCCESS", leaf.reason
     assert float(leaf.metrics["true_rms_m"]) < 2e-3
     assert leaf.metrics["similar_objects"] == 0

@@ -38,7 +38,7 @@ def run(
     timestep: float = 0.002,
     beside: str = "[2, 0, 0]",
 ) -> Play:
-    """Play these leaves of one arm beside a cube."""
+    """Run leaves of one arm beside a cube."""
     return stage.run(
         ONE_ARM.format(leaves=leaves, cube=cube, tick_hz=tick_hz, timestep=timestep, beside=beside)
     )

@@ -176,10 +176,10 @@ def test_items_can_be_accessed_by_number_in_any_order() -> None:
         begun.append(0)
         return (n * n for n in count())
 
-    drawn = Drawn(begin)
-    assert [drawn[n] for n in (0, 3, 3, 5)] == [0, 9, 9, 25]
+    items = Drawn(begin)
+    assert [items[n] for n in (0, 3, 3, 5)] == [0, 9, 9, 25]
     assert len(begun) == 1
-    assert [drawn[n] for n in (2, 4)] == [4, 16]
+    assert [items[n] for n in (2, 4)] == [4, 16]
     assert len(begun) == 2
 
 

@@ -75,11 +75,11 @@ def test_killed_worker_loses_no_trial_and_trials_may_fork(address: str, tmp_path
     (skills / "preempt.py").write_text(SKILL)
     tree = TREE.replace("PREEMPT", f"{{preempt: {{once: {tmp_path / 'killed'}}}}}")
     given: dict[str, Any] = {"seeds": 3, "skills": [skills]}
-    there = bt.sweep(tree, out=tmp_path / "there", dask=address, **given)
+    on_cluster = bt.sweep(tree, out=tmp_path / "there", dask=address, **given)
     assert (tmp_path / "killed").exists()
-    assert there.table["outcome"].to_pylist() == ["SUCCESS"] * 3
-    here = bt.sweep(tree, out=tmp_path / "here", jobs=1, **given)
-    assert there.sha256 == here.sha256
+    assert on_cluster.table["outcome"].to_pylist() == ["SUCCESS"] * 3
+    locally = bt.sweep(tree, out=tmp_path / "here", jobs=1, **given)
+    assert on_cluster.sha256 == locally.sha256
 
 
 def test_persistent_cluster_reads_a_changed_tree_again(address: str, tmp_path: Path) -> None:

@@ -222,9 +222,9 @@ def test_report_shows_causes_and_parameters_of_failures(manifest: Manifest, tmp_
     write_report(tmp_path, result.table, "<b>guess.yaml")
     page = (tmp_path / "report.html").read_text()
     text = (tmp_path / "report.md").read_text()
-    for said in (f"records/{cause.identity}", "--param x=1.0 --seed 0 --reality lab"):
-        assert said in page
-        assert said in text
+    for expected in (f"records/{cause.identity}", "--param x=1.0 --seed 0 --reality lab"):
+        assert expected in page
+        assert expected in text
     assert "<b>guess" not in page
     assert "it is \\| too far away" in text
     assert "66.7 %" in page
@@ -325,12 +325,12 @@ def test_command_that_repeats_a_trial_has_all_its_options(tmp_path: Path) -> Non
         for one in (tmp_path / "out" / "report.md").read_text().splitlines()
         if one.startswith("bt-run")
     ]
-    words = shlex.split(line)
-    assert words[:4] == ["bt-run", str(file), "--param", "axis=[0, 0, 1]"]
-    assert words[4:] == [
+    arguments = shlex.split(line)
+    assert arguments[:4] == ["bt-run", str(file), "--param", "axis=[0, 0, 1]"]
+    assert arguments[4:] == [
         "--seed", "0", "--duration", "3", "--skills", str(tmp_path),
         "--faults", str(tmp_path / "out" / "faults.yaml"),
     ]  # fmt: skip
-    assert checked_faults(load(file).file, Path(words[-1])).keys() == {"slow"}  # type: ignore[arg-type]
+    assert checked_faults(load(file).file, Path(arguments[-1])).keys() == {"slow"}  # type: ignore[arg-type]
     write_report(tmp_path / "out", result.table, "<text>")
     assert "bt-run" not in (tmp_path / "out" / "report.md").read_text()

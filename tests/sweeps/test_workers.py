@@ -77,10 +77,10 @@ def test_dask_gives_the_same_rows(tmp_path: Path) -> None:
     """Trials run in children of Dask's workers."""
     pytest.importorskip("distributed")
     trials = {"params": {"speed": [0.5, 1.0]}, "seeds": 1, "reality": "lab", "audit": 1.0}
-    there = bt.sweep("circle", out=tmp_path / "dask", dask="local:2", **trials)  # type: ignore[arg-type]
-    here = bt.sweep("circle", out=tmp_path / "here", jobs=1, **trials)  # type: ignore[arg-type]
-    assert there.sha256 == here.sha256
-    assert there.progress.audited == here.progress.audited == 2
+    on_cluster = bt.sweep("circle", out=tmp_path / "dask", dask="local:2", **trials)  # type: ignore[arg-type]
+    locally = bt.sweep("circle", out=tmp_path / "here", jobs=1, **trials)  # type: ignore[arg-type]
+    assert on_cluster.sha256 == locally.sha256
+    assert on_cluster.progress.audited == locally.progress.audited == 2
 
 
 def test_missing_scheduler_is_an_error(tmp_path: Path) -> None:

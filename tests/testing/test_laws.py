@@ -82,7 +82,7 @@ def test_correct_skill_obeys_every_law(law: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("skill", "law", "said"),
+    ("skill", "law", "message"),
     [
         (Mute, "declaration is complete", "its example does not begin with 'mute'"),
         (Mute, "numeric ports declare a unit", "ports without a unit: length"),
@@ -93,7 +93,7 @@ def test_correct_skill_obeys_every_law(law: str) -> None:
     ],
     ids=lambda value: value if isinstance(value, str) else yaml_name(value),
 )
-def test_broken_law_is_reported(skill: type[Skill], law: str, said: str) -> None:
+def test_broken_law_is_reported(skill: type[Skill], law: str, message: str) -> None:
     OnlyOnce.starts.clear()
-    with pytest.raises(BrokenLawError, match=said):
+    with pytest.raises(BrokenLawError, match=message):
         LAWS[law](candidate(skill))

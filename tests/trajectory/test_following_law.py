@@ -48,8 +48,8 @@ def sampled(gains: Gains, period: float) -> Matrix:
 def test_sampled_system_has_the_requested_poles(w: float, p: float, period: float) -> None:
     """Compared by polynomials, as multiple roots are accurate to half of the digits only."""
     gains = pole_gains((w, w, p), period)
-    wanted = np.poly(np.exp(-np.array((w, w, p)) * period))
-    assert np.poly(sampled(gains, period)) == pytest.approx(wanted, abs=1e-9)
+    expected = np.poly(np.exp(-np.array((w, w, p)) * period))
+    assert np.poly(sampled(gains, period)) == pytest.approx(expected, abs=1e-9)
     assert min(gains) > 0.0
 
 
@@ -70,7 +70,7 @@ def test_error_of_the_slack_does_not_exceed_the_jerk_limit(w: float, jerk: float
 
 
 def followed(
-    place: Vector, reach: PlaneLimits, bandwidth: float, noise: float, seconds: float
+    target: Vector, reach: PlaneLimits, bandwidth: float, noise: float, seconds: float
 ) -> Matrix:
     """Errors along three axes, of shape (n, 3), of a limited point that follows a noisy target."""
     rng = np.random.default_rng(0)
@@ -80,15 +80,15 @@ def followed(
     a = np.zeros(3)
     errors = []
     for _ in range(round(seconds / PERIOD)):
-        error = place + noise * rng.normal(size=3) - p
+        error = target + noise * rng.normal(size=3) - p
         goal = closing_velocity(error, gains, reach, 6.5 * SLACK)
-        wanted = fading_acceleration(goal - v, gains.b, reach.jerk)
-        wanted *= min(1.0, reach.acceleration / max(float(np.linalg.norm(wanted)), 1e-12))
-        step = gains.f * (wanted - a)
+        expected = fading_acceleration(goal - v, gains.b, reach.jerk)
+        expected *= min(1.0, reach.acceleration / max(float(np.linalg.norm(expected)), 1e-12))
+        step = gains.f * (expected - a)
         a = a + step * min(1.0, reach.jerk * PERIOD / max(float(np.linalg.norm(step)), 1e-12))
         p = p + v * PERIOD + 0.5 * a * PERIOD**2
         v = v + a * PERIOD
-        errors.append(place - p)
+        errors.append(target - p)
     return np.array(errors)
 
 

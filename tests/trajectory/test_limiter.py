@@ -32,7 +32,7 @@ def at_rest(q: Vector) -> SetPoint:
 
 def sent_for(limiter: SetPointLimiter, stream: Iterable[SetPoint]) -> Trajectory:
     """Output of the limiter for a stream."""
-    sent = [limiter.sent, *(limiter.send(wanted) for wanted in stream)]
+    sent = [limiter.sent, *(limiter.send(point) for point in stream)]
     q, v, a = (np.array([getattr(point, name) for point in sent]) for name in ("q", "v", "a"))
     return Trajectory(PERIOD, q, v, a)
 

@@ -90,8 +90,8 @@ def test_lazy_set_points_are_identical_bit_for_bit(
         for i in (0, len(whole) - 1, len(whole) // 2, len(whole) // 2 + 1, 3):
             assert all(map(np.array_equal, lazy.set_point(i), whole.set_point(i)))
         times = np.sort(np.random.default_rng(0).uniform(-0.1, whole.duration + 0.1, 70))
-        places = np.column_stack((times, np.full(70, 0.7), np.full(70, 0.1)))
-        slower = sampled_at(lazy, places), sampled_at(whole, places)
+        parameters = np.column_stack((times, np.full(70, 0.7), np.full(70, 0.1)))
+        slower = sampled_at(lazy, parameters), sampled_at(whole, parameters)
         assert all(np.array_equal(*(getattr(one, kind) for one in slower)) for kind in "qva")
         at = float(times[30])
         assert all(map(np.array_equal, lazy.at(at), whole.at(at)))
@@ -129,7 +129,7 @@ def test_memory_does_not_depend_on_the_duration(motion: Motion) -> None:
     st.sampled_from(MOTIONS), st.sampled_from(ROBOTS), st.floats(-6.0, -2.0), st.floats(0.0, 1.0)
 )
 def test_long_motion_respects_its_limits_everywhere(
-    motion: Motion, name: str, exponent: float, place: float
+    motion: Motion, name: str, exponent: float, fraction: float
 ) -> None:
     """Up to the rounding of time: after weeks, a step is a difference of large times."""
     robot = load_robot(name)
@@ -137,7 +137,7 @@ def test_long_motion_respects_its_limits_everywhere(
     planned = motion(robot.postures["home"], limits)
     last = len(planned) - 1
     most = 1.0 + 1e-9 + float(np.spacing(planned.duration)) / DT
-    for first in (0, round(place * last), max(last - 2000, 0)):
+    for first in (0, round(fraction * last), max(last - 2000, 0)):
         piece = planned.piece(first, min(first + 2000, len(planned)))
         use = use_of_limits(piece, limits)
         assert max(use.velocity, use.acceleration, use.jerk) <= most

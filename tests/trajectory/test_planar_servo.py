@@ -54,13 +54,15 @@ class Follower:
         self.start = POSTURES.get(self.robot, robot.postures["home"])
         self.origin = self.kinematics.matrix(self.start)
 
-    def follow(self, place: TargetOf, seconds: float, bandwidth: float = BANDWIDTH) -> Trajectory:
+    def follow(
+        self, position: TargetOf, seconds: float, bandwidth: float = BANDWIDTH
+    ) -> Trajectory:
         """Sent set-points; ``gate`` counts the clipped ones."""
         still = np.zeros_like(self.start)
         start = SetPoint(self.start, still, still)
 
         def target(time: float, _: Vector) -> PlaneTarget | None:
-            return place(time)
+            return position(time)
 
         servo = PlanarServo(
             self.kinematics, self.limits, PERIOD, start, self.axes, target, bandwidth
@@ -103,15 +105,15 @@ def circle(radius: float, period: float) -> Callable[[float], PlaneTarget]:
     w = 2 * np.pi / period
 
     def at(time: float) -> PlaneTarget:
-        place = radius * np.array([np.cos(w * time), np.sin(w * time)])
-        turned = np.array([-place[1], place[0]])
-        return PlaneTarget(place, w * turned, -w * w * place)
+        position = radius * np.array([np.cos(w * time), np.sin(w * time)])
+        turned = np.array([-position[1], position[0]])
+        return PlaneTarget(position, w * turned, -w * w * position)
 
     return at
 
 
-def at_rest(place: Vector) -> PlaneTarget:
-    return PlaneTarget(place, np.zeros(2), np.zeros(2))
+def at_rest(position: Vector) -> PlaneTarget:
+    return PlaneTarget(position, np.zeros(2), np.zeros(2))
 
 
 @ROBOTS
@@ -120,8 +122,8 @@ def test_servo_follows_a_circle(robot: str) -> None:
     follower = Follower(robot)
     target = circle(0.1, 4.0)
     motion = follower.follow(target, 6.0)
-    wanted = np.array([target(i * PERIOD).position for i in range(len(motion))])
-    error = np.linalg.norm(follower.displacement(motion)[:, 1:] - wanted, axis=1)
+    expected = np.array([target(i * PERIOD).position for i in range(len(motion))])
+    error = np.linalg.norm(follower.displacement(motion)[:, 1:] - expected, axis=1)
     assert error[round(2.0 / PERIOD) :].max() < 0.1 * MM
     follower.assert_held(motion)
     follower.assert_within_limits(motion)
@@ -143,20 +145,20 @@ def test_servo_does_not_overspeed_with_little_spare_acceleration() -> None:
     def position_at(time: float) -> Vector:
         leg = int(np.clip(np.searchsorted(begins, time) - 1, 0, len(lengths) - 1))
         done = np.clip((time - begins[leg]) / durations[leg], 0.0, 1.0)
-        share = done**3 * (10.0 - 15.0 * done + 6.0 * done**2)
-        place: Vector = (1.0 - share) * corners[leg] + share * corners[leg + 1]
-        return place
+        progress = done**3 * (10.0 - 15.0 * done + 6.0 * done**2)
+        position: Vector = (1.0 - progress) * corners[leg] + progress * corners[leg + 1]
+        return position
 
     def known(time: float) -> PlaneTarget:
         before, at, after = (position_at(time - age + step * PERIOD) for step in (-1, 0, 1))
         velocity = (after - before) / (2.0 * PERIOD)
         acceleration = (after - 2.0 * at + before) / PERIOD**2
-        place = at + age * velocity + 0.5 * age**2 * acceleration
-        return PlaneTarget(place, velocity + age * acceleration, acceleration)
+        position = at + age * velocity + 0.5 * age**2 * acceleration
+        return PlaneTarget(position, velocity + age * acceleration, acceleration)
 
     motion = follower.follow(known, float(begins[-1]) + 0.5, 100.0)
-    wanted = np.array([position_at(i * PERIOD) for i in range(len(motion))])
-    error = np.linalg.norm(follower.displacement(motion)[:, 1:] - wanted, axis=1)
+    expected = np.array([position_at(i * PERIOD) for i in range(len(motion))])
+    error = np.linalg.norm(follower.displacement(motion)[:, 1:] - expected, axis=1)
     assert np.sqrt(np.mean(error**2)) < 8.8 * MM
     follower.assert_within_limits(motion)
 
@@ -171,13 +173,13 @@ def test_servo_follows_a_helix_in_space(robot: str) -> None:
 
     def target(time: float) -> PlaneTarget:
         angle = w * time + phases
-        place = sizes * (np.sin(angle) - np.sin(phases))
-        return PlaneTarget(place, w * sizes * np.cos(angle), -w * w * sizes * np.sin(angle))
+        position = sizes * (np.sin(angle) - np.sin(phases))
+        return PlaneTarget(position, w * sizes * np.cos(angle), -w * w * sizes * np.sin(angle))
 
     follower = Follower(robot, axes=axes)
     motion = follower.follow(target, 6.0)
-    wanted = np.array([target(i * PERIOD).position for i in range(len(motion))])
-    error = np.linalg.norm(follower.displacement(motion) @ axes.T - wanted, axis=1)
+    expected = np.array([target(i * PERIOD).position for i in range(len(motion))])
+    error = np.linalg.norm(follower.displacement(motion) @ axes.T - expected, axis=1)
     assert error[round(2.0 / PERIOD) :].max() < 0.1 * MM
     turns = follower.poses(motion)[:, :3, :3] @ follower.origin[:3, :3].T
     assert np.trace(turns, axis1=1, axis2=2).min() > 3.0 - 1e-6
@@ -189,12 +191,12 @@ def test_servo_follows_a_helix_in_space(robot: str) -> None:
 def test_servo_catches_up_without_overshoot(robot: str, speed: float) -> None:
     """A resting target 0.15 m away is approached fast, with less than 1 mm of overshoot."""
     follower = Follower(robot, speed)
-    place = np.array([0.12, -0.09])
-    motion = follower.follow(lambda _: at_rest(place), 4.0)
+    position = np.array([0.12, -0.09])
+    motion = follower.follow(lambda _: at_rest(position), 4.0)
     moved = follower.displacement(motion)[:, 1:]
-    assert np.linalg.norm(moved[-1] - place) < 0.1 * MM
-    along = moved @ place / np.linalg.norm(place)
-    assert along.max() < np.linalg.norm(place) + 1.0 * MM
+    assert np.linalg.norm(moved[-1] - position) < 0.1 * MM
+    along = moved @ position / np.linalg.norm(position)
+    assert along.max() < np.linalg.norm(position) + 1.0 * MM
     follower.assert_held(motion)
     follower.assert_within_limits(motion)
 
@@ -268,17 +270,17 @@ def test_no_arm_oscillates_in_front_of_a_resting_target(
     """
     rng = np.random.default_rng(5)
     follower = Follower(robot, speed, axes)
-    place = np.array([0.008, -0.006])
+    position = np.array([0.008, -0.006])
 
     def seen(_: float) -> PlaneTarget:
         return PlaneTarget(
-            place + rng.normal(0, 5e-5, 2), rng.normal(0, 1e-3, 2), rng.normal(0, 1e-2, 2)
+            position + rng.normal(0, 5e-5, 2), rng.normal(0, 1e-3, 2), rng.normal(0, 1e-2, 2)
         )
 
     motion = follower.follow(seen, 5.0, 200.0)
-    error = follower.displacement(motion) @ axes.T - place
+    error = follower.displacement(motion) @ axes.T - position
     assert np.abs(error[round(4.0 / PERIOD) :]).max() < 0.2 * MM
-    assert (error @ place).max() / np.linalg.norm(place) < 0.3 * MM, "it must not overshoot"
+    assert (error @ position).max() / np.linalg.norm(position) < 0.3 * MM, "it must not overshoot"
     follower.assert_held(motion)
     follower.assert_within_limits(motion)
 

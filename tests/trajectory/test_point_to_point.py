@@ -67,9 +67,9 @@ def test_timing_does_not_leave_the_path(arm: str, seed: int, speed: float) -> No
     """Every set-point lies on the curve at any speed."""
     path = smooth_path(LIMITS[arm], seed, 0.3)
     motion = time_path(path, LIMITS[arm].scaled(speed), DT, closed=True)
-    share = np.linspace(0.0, 1.0, len(path))
+    fraction = np.linspace(0.0, 1.0, len(path))
     path[-1] = path[0]
-    dense = cubic_spline(share, path, closed=True)(np.linspace(0.0, 1.0, 20_001))
+    dense = cubic_spline(fraction, path, closed=True)(np.linspace(0.0, 1.0, 20_001))
     distance, _ = cKDTree(dense).query(motion.q[::10])
     assert (
         distance.max() < 1e-3
@@ -79,8 +79,8 @@ def test_timing_does_not_leave_the_path(arm: str, seed: int, speed: float) -> No
 def test_timed_path_is_little_longer_than_the_bound_without_jerk_limits() -> None:
     limits = LIMITS["ur5"]
     path = smooth_path(limits, 4, 0.2, harmonics=1)
-    share = np.linspace(0.0, 1.0, len(path))
-    shortest = TimeOptimal(cubic_spline(share, path), limits).fastest.duration
+    fraction = np.linspace(0.0, 1.0, len(path))
+    shortest = TimeOptimal(cubic_spline(fraction, path), limits).fastest.duration
     motion = time_path(path, limits, DT, closed=True)
     assert shortest < motion.duration < 1.25 * shortest
 
@@ -91,16 +91,16 @@ def test_bound_is_returned_with_the_motion(monkeypatch: pytest.MonkeyPatch) -> N
     solved = list[Vector]()
     solve = TimeOptimal.profile
 
-    def recorded(optimal: TimeOptimal, share: Vector) -> Profile:
-        solved.append(share.copy())
-        return solve(optimal, share)
+    def recorded(optimal: TimeOptimal, fraction: Vector) -> Profile:
+        solved.append(fraction.copy())
+        return solve(optimal, fraction)
 
     path = smooth_path(limits, 4, 0.2)
     shortest = TimeOptimal(spline_through(path, limits, closed=False), limits).fastest.duration
     monkeypatch.setattr(TimeOptimal, "profile", recorded)
     motion, bound = timed_path(path, limits, DT)
     assert bound == shortest < motion.duration
-    assert len({share.tobytes() for share in solved}) == len(solved) > 1
+    assert len({fraction.tobytes() for fraction in solved}) == len(solved) > 1
 
 
 def test_half_the_speed_takes_longer() -> None:
@@ -127,9 +127,9 @@ def test_path_of_zero_length_is_one_set_point(count: int) -> None:
 
 def test_arm_stops_where_a_path_reverses() -> None:
     """A line there and back takes twice as long as the line."""
-    there = np.linspace(np.zeros(6), np.full(6, 0.5), 40)
-    once = time_path(there, LIMITS["ur5"], DT)
-    both = time_path(np.vstack((there, there[::-1])), LIMITS["ur5"], DT)
+    one_way = np.linspace(np.zeros(6), np.full(6, 0.5), 40)
+    once = time_path(one_way, LIMITS["ur5"], DT)
+    both = time_path(np.vstack((one_way, one_way[::-1])), LIMITS["ur5"], DT)
     assert both.duration == pytest.approx(2 * once.duration)
     assert use_of_limits(both, LIMITS["ur5"]).within
     np.testing.assert_allclose(both.q.max(axis=0), 0.5)
@@ -211,11 +211,11 @@ def test_goal_outside_the_limits_is_refused(value: float) -> None:
 @given(arms, seeds, speeds, st.floats(0.0, 1.0))
 @settings(max_examples=40, deadline=None)
 def test_stop_at_any_time_of_a_motion_respects_the_limits(
-    arm: str, seed: int, speed: float, share: float
+    arm: str, seed: int, speed: float, fraction: float
 ) -> None:
     limits = LIMITS[arm].scaled(speed)
     motion = point_to_point(*configurations(limits, seed), limits, DT)
-    q, v, a = motion.at(share * motion.duration)
+    q, v, a = motion.at(fraction * motion.duration)
     braking = stop(q, v, a, limits, DT)
     use = use_of_limits(braking, limits)
     assert max(use.velocity, use.acceleration, use.jerk) <= 1.0 + 1e-9

@@ -62,7 +62,7 @@ def test_damaged_image_is_read_or_refused(
 
 
 @pytest.mark.parametrize(
-    ("content", "says"),
+    ("content", "message"),
     [
         (None, "cannot be read: No such file"),
         (b"", "is not an image"),
@@ -72,11 +72,13 @@ def test_damaged_image_is_read_or_refused(
     ],
     ids=["none", "empty", "another", "huge", "large"],
 )
-def test_invalid_image_file_is_an_error(content: bytes | None, says: str, tmp_path: Path) -> None:
+def test_invalid_image_file_is_an_error(
+    content: bytes | None, message: str, tmp_path: Path
+) -> None:
     path = tmp_path / "photo.png"
     if content is not None:
         path.write_bytes(content)
-    with pytest.raises(ImageFileError, match=says):
+    with pytest.raises(ImageFileError, match=message):
         read_image(path)
 
 
@@ -88,11 +90,11 @@ def test_endless_file_is_not_opened(tmp_path: Path) -> None:
     folder.mkdir()
     with sparse.open("wb") as file:
         file.truncate(300 * 1024 * 1024)
-    for path, says in (
+    for path, message in (
         (pipe, "is a pipe or a device"),
         (device, "is a pipe or a device"),
         (folder, "cannot be read: Is a directory"),
         (sparse, "has 300 MiB, at most 256 MiB are read"),
     ):
-        with pytest.raises(ImageFileError, match=says):
+        with pytest.raises(ImageFileError, match=message):
             read_image(path)

@@ -36,8 +36,8 @@ class Browser:
         connection.close()
         return answer.status, answer.headers.get_content_type(), content
 
-    def post(self, path: str, asked: object) -> tuple[int, Any]:
-        body = json.dumps(asked).encode()
+    def post(self, path: str, data: object) -> tuple[int, Any]:
+        body = json.dumps(data).encode()
         status, _, content = self.request("POST", path, body, "application/json")
         return status, json.loads(content)
 
@@ -65,9 +65,9 @@ def test_page_and_image_are_served(browser: Browser) -> None:
     assert (status, kind) == (200, "text/html")
     assert b"http://" not in page
     assert b"https://" not in page
-    status, kind, picture = browser.request("GET", "/image.png")
+    status, kind, png = browser.request("GET", "/image.png")
     assert (status, kind) == (200, "image/png")
-    image = cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR)
+    image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
     assert image is not None
     assert (cv2.cvtColor(image, cv2.COLOR_BGR2RGB) == two_squares()).all()
 
@@ -81,8 +81,8 @@ def test_clicked_color_is_saved(browser: Browser, saved: Path) -> None:
     assert status == 200
     assert [one["centroid_px"] for one in seen["found"]] == [[30.0, 30.0], [65.0, 15.0]]
     assert seen["mask"].startswith("data:image/png;base64,")
-    status, said = browser.post("/save", {"color": seen["color"]})
-    assert (status, said) == (200, {"said": f"written: {saved}"})
+    status, reply = browser.post("/save", {"color": seen["color"]})
+    assert (status, reply) == (200, {"said": f"written: {saved}"})
     assert f"color: {seen['notation']}\n" in saved.read_text(encoding="utf-8")
 
 
@@ -102,7 +102,7 @@ def test_slider_values_are_applied(browser: Browser) -> None:
 
 
 @pytest.mark.parametrize(
-    ("path", "asked", "says"),
+    ("path", "content", "message"),
     [
         ("/look", {"color": [{"hue": [1, 999]}]}, "hue: must be at most 360 deg, not 999"),
         ("/look", {"color": [{"hue": [1, 2], "value": [1, 0]}]}, "swap the two"),
@@ -113,11 +113,11 @@ def test_slider_values_are_applied(browser: Browser) -> None:
     ],
 )
 def test_invalid_request_is_refused_with_a_reason(
-    browser: Browser, path: str, asked: object, says: str
+    browser: Browser, path: str, content: object, message: str
 ) -> None:
-    status, said = browser.post(path, asked)
+    status, reply = browser.post(path, content)
     assert status == 400
-    assert says in said["error"]
+    assert message in reply["error"]
 
 
 def test_requests_of_other_sites_are_refused(browser: Browser, saved: Path) -> None:

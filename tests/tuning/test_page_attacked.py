@@ -46,15 +46,15 @@ REQUESTS = ANYTHING | st.fixed_dictionaries(
 )
 
 
-@given(asked=REQUESTS, path=st.sampled_from(["/begin", "/look", "/click"]))
+@given(data=REQUESTS, path=st.sampled_from(["/begin", "/look", "/click"]))
 @settings(max_examples=250, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_every_request_gets_a_response(
-    browser: Browser, caplog: pytest.LogCaptureFixture, asked: object, path: str
+    browser: Browser, caplog: pytest.LogCaptureFixture, data: object, path: str
 ) -> None:
     """The response is a result or an error in strict JSON, without a traceback in the log."""
     with caplog.at_level(logging.ERROR):
         status, kind, content = browser.request(
-            "POST", path, json.dumps(asked).encode(), "application/json"
+            "POST", path, json.dumps(data).encode(), "application/json"
         )
     assert (status in (200, 400), kind) == (True, "application/json")
     answer = json.loads(content, parse_constant=pytest.fail)
@@ -69,8 +69,8 @@ def test_every_request_gets_a_response(
 )
 def test_invalid_json_is_refused(browser: Browser, body: bytes) -> None:
     status, _, content = browser.request("POST", "/look", body, "application/json")
-    said = json.loads(content)["error"]
-    assert (status, said) == (400, "a request must be JSON with finite numbers and valid text")
+    reply = json.loads(content)["error"]
+    assert (status, reply) == (400, "a request must be JSON with finite numbers and valid text")
 
 
 @pytest.mark.parametrize("length", ["", "-1", "1e3", "65537", "9" * 5000, "٣"])
@@ -108,8 +108,8 @@ def test_concurrent_saves_all_succeed(tmp_path: Path) -> None:
         return str(tuning.save({"color": [{"hue": [hue, hue + 10]}]})["said"])
 
     with ThreadPoolExecutor(8) as pool:
-        said = list(pool.map(save, range(16)))
-    assert {reply.rpartition(":")[0].partition(":")[0] for reply in said} == {"written"}
+        replies = list(pool.map(save, range(16)))
+    assert {reply.rpartition(":")[0].partition(":")[0] for reply in replies} == {"written"}
     tree = load_tree_file(path, registry.kinds).arms["arm1"].tree
     (color,) = tree.ports["color"]
     assert color["hue"][0] in range(16)

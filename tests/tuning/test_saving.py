@@ -68,9 +68,9 @@ def test_color_is_saved_at_its_leaf(name: str, tmp_path: Path, registry: Registr
     before, after = HOMES[name]
     path = write(tmp_path, before)
     color = Color.named("red") if name == "a name again" else SAVED
-    said = IntoTree(path, "arm1", None, registry)(color)
+    message = IntoTree(path, "arm1", None, registry)(color)
     assert path.read_text(encoding="utf-8") == TREE % after
-    assert said.startswith(f"written: {path}:")
+    assert message.startswith(f"written: {path}:")
     assert errors(check(path, registry.kinds).problems) == ()
 
 
@@ -86,20 +86,20 @@ def test_color_is_saved_in_its_parameter(tmp_path: Path, registry: Registry) -> 
 
 
 @pytest.mark.parametrize(
-    ("tree", "says"),
+    ("tree", "reason"),
     [
         ('      track: {color: "{word}"}', "the parameter 'word', which is not a color but a text"),
         ("      subtree: {use: watch}", "this color is '{what}', a parameter of the subtree"),
     ],
 )
 def test_color_without_a_single_location_is_refused(
-    tree: str, says: str, tmp_path: Path, registry: Registry
+    tree: str, reason: str, tmp_path: Path, registry: Registry
 ) -> None:
     path = write(tmp_path, tree)
     before = path.read_bytes()
     with pytest.raises(SpecError) as caught:
         IntoTree(path, "arm1", None, registry)(SAVED)
-    assert says in str(caught.value)
+    assert reason in str(caught.value)
     assert f"{path}:" in str(caught.value)
     assert path.read_bytes() == before
 

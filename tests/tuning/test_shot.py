@@ -78,15 +78,15 @@ def test_absent_arm_has_no_shot(file: TreeFile, registry: Registry) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "says"),
+    ("name", "message"),
     [
         (None, r"several arms have one \(arm1, arm2\); give --arm NAME"),
         ("arm3", "there is no arm 'arm3': did you mean"),
     ],
 )
-def test_camera_must_be_unambiguous(name: str | None, says: str, file: TreeFile) -> None:
+def test_camera_must_be_unambiguous(name: str | None, message: str, file: TreeFile) -> None:
     assert camera_arm(file, "arm1") == "arm1"
-    with pytest.raises(ShotError, match=says):
+    with pytest.raises(ShotError, match=message):
         camera_arm(file, name)
 
 

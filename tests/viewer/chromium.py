@@ -57,8 +57,8 @@ class Tab:
     def hover(self, what: str) -> None:
         """Move the mouse to the center of the first element that matches a selector."""
         box = f"document.querySelector({what!r}).getBoundingClientRect()"
-        place = self.value(f"(b => [b.x + b.width / 2, b.y + b.height / 2])({box})")
-        self._call("Input.dispatchMouseEvent", type="mouseMoved", x=place[0], y=place[1])
+        center = self.value(f"(b => [b.x + b.width / 2, b.y + b.height / 2])({box})")
+        self._call("Input.dispatchMouseEvent", type="mouseMoved", x=center[0], y=center[1])
 
     def picture(self, path: Path) -> None:
         """Write a screenshot of the page as PNG."""
@@ -66,8 +66,8 @@ class Tab:
 
     def _call(self, method: str, **parameters: object) -> dict[str, Any]:
         self._number += 1
-        asked = {"id": self._number, "method": method, "params": parameters}
-        self._socket.send(json.dumps(asked))
+        command = {"id": self._number, "method": method, "params": parameters}
+        self._socket.send(json.dumps(command))
         while True:
             response = json.loads(self._socket.recv(timeout=_TIMEOUT_S))
             if response.get("id") == self._number:

@@ -105,21 +105,21 @@ def test_reasons_are_those_of_bt_why(failed: Record) -> None:
         assert "outside the reach" in story["causes"][0]["sentence"]
         [running] = browser.fetch("why?of=arm1:sequence&t=0.3")["stories"]
         assert (running["status"], running["leaf"]) == ("RUNNING", "sequence/aside/reach_to_pose")
-        status, said = browser.ask("why?of=arm1:nonsense")
-        assert (status, said.split(b";")[0]) == (400, b"no node is called 'arm1:nonsense'")
+        status, reply = browser.ask("why?of=arm1:nonsense")
+        assert (status, reply.split(b";")[0]) == (400, b"no node is called 'arm1:nonsense'")
 
 
 @pytest.mark.parametrize(
-    "asked",
+    "question",
     [
         *("at", "at?t=x", "at?t=-1", "at?t=nan", "at?t=1e99", "at?a=1&b=1&c=1&d=1&e=1"),
         *("mesh?name=x", "scene", "scene?generation=77", "eye?arm=arm1&t=0", "eye?t=0"),
         f"why?of={'x' * 600}",
     ],
 )
-def test_invalid_request_is_refused(failed: Record, asked: str) -> None:
+def test_invalid_request_is_refused(failed: Record, question: str) -> None:
     with shown(failed.folder) as browser:
-        assert browser.ask(asked)[0] == 400
+        assert browser.ask(question)[0] == 400
         assert browser.ask("do", {"deed": "go"})[0] == 400
         assert browser.ask("elsewhere")[0] == 403
 
@@ -138,11 +138,11 @@ def test_camera_image_is_rendered_again(tmp_path: Path) -> None:
     bt_dualarm.run(SEEING, record=tmp_path / "out")
     view = RecordView(tmp_path / "out")
     content = view.questions["eye"]({"arm": "arm1", "t": "0.5"}).content
-    picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
-    assert picture is not None
+    image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
+    assert image is not None
     [camera] = json.loads(view.questions["at"]({"t": "0.5"}).content)["cameras"]
-    assert picture.shape[:2] == tuple(camera["size"][::-1])
-    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 20
+    assert image.shape[:2] == tuple(camera["size"][::-1])
+    assert len(np.unique(image.reshape(-1, 3), axis=0)) > 20
 
 
 def test_recorded_camera_images_are_shown(tmp_path: Path) -> None:
@@ -152,7 +152,7 @@ def test_recorded_camera_images_are_shown(tmp_path: Path) -> None:
     for name, frames in (("kept", True), ("drawn", False)):
         bt_dualarm.run(tree, record=tmp_path / name, frames=frames, reality="rough")
         record = Record.read(tmp_path / name)
-        stamp = next(note["stamp"] for note in record.notes if note["kind"] == "frame")
+        stamp = next(event["stamp"] for event in record.notes if event["kind"] == "frame")
         view = RecordView(tmp_path / name)
         shown.append(view.questions["eye"]({"arm": "arm1", "t": f"{stamp}"}).content)
     [kept, *_] = recorded_frames(Record.read(tmp_path / "kept"))
@@ -214,9 +214,9 @@ def test_command_serves_the_page_until_it_is_interrupted(failed: Record) -> None
     command = [sys.executable, "-c", program, str(failed.folder)]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
-        said = process.stderr.readline()
-        assert said.startswith("serving until Ctrl-C: http://127.0.0.1:")
-        assert Browser(said.split()[-1]).now()["name"] == "short"
+        reply = process.stderr.readline()
+        assert reply.startswith("serving until Ctrl-C: http://127.0.0.1:")
+        assert Browser(reply.split()[-1]).now()["name"] == "short"
         process.send_signal(2)
         assert process.wait(30) == 130
 

@@ -79,8 +79,8 @@ def grasped(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any, Any, A
     ):
         view.gate.set_speed(None)
         run.finish()
-        said = tuple(answer_of(view, what) for what in ("series", "now", "log"))
-    return (folder, *said)
+        answers = tuple(answer_of(view, what) for what in ("series", "now", "log"))
+    return (folder, *answers)
 
 
 def test_signals_are_sampled_without_requests(grasped: tuple[Path, Any, Any, Any]) -> None:
@@ -146,7 +146,7 @@ def test_whole_image_is_shown_if_only_a_region_was_exposed(tmp_path: Path) -> No
     with bt_dualarm.open(TRACKING, record=tmp_path / "out") as run:
         pictures = Pictures(run.world, lambda: True)
 
-        def look(arm: str, frame: Frame) -> None:
+        def record(arm: str, frame: Frame) -> None:
             pictures.take(arm, frame)
             content = np.frombuffer(pictures.jpeg(arm) or b"", np.uint8)
             whole = cv2.imdecode(content, cv2.IMREAD_COLOR_RGB)
@@ -154,7 +154,7 @@ def test_whole_image_is_shown_if_only_a_region_was_exposed(tmp_path: Path) -> No
             shown.append((frame, whole.astype(np.uint8)))
 
         assert run.open_record is not None
-        run.open_record.trace.frame_readers.append(look)
+        run.open_record.trace.frame_readers.append(record)
         assert run.finish().state_sha256 == plain
     parts = [pair for pair in shown if pair[0].region != (0, 0, 160, 120)]
     assert len(parts) > 5
@@ -174,12 +174,12 @@ def test_viewer_waits_until_the_page_is_closed(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr("bt_dualarm.viewer.server.time.monotonic", lambda: clock[0])
     viewers = Viewers()
     assert not viewers.is_anyone_there
-    for says, seconds in (
+    for report, seconds in (
         (partial(viewers.asked, ""), 2.0),
         (viewers.fetched, 10.0),
         (partial(viewers.asked, "one"), 600.0),
     ):
-        says()
+        report()
         clock[0] += seconds - 0.1
         assert viewers.is_anyone_there
         clock[0] += 0.2

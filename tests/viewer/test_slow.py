@@ -51,15 +51,15 @@ def browser() -> Iterator[Browser]:
 
 def partial_requests(browser: Browser) -> Mapping[str, bytes]:
     """Data that a slow client sends before it stalls."""
-    place = browser.place
-    head = f"Host: 127.0.0.1:{place.port}\r\n".encode()
-    post = f"POST {place.path}do HTTP/1.1\r\n".encode() + head
+    address = browser.place
+    head = f"Host: 127.0.0.1:{address.port}\r\n".encode()
+    post = f"POST {address.path}do HTTP/1.1\r\n".encode() + head
     return {
         "nothing": b"",
         "half a request line": b"GET /",
-        "half a head": f"GET {place.path}now HTTP/1.1\r\n".encode() + head,
+        "half a head": f"GET {address.path}now HTTP/1.1\r\n".encode() + head,
         "half a body": post + b"Content-Type: application/json\r\nContent-Length: 99\r\n\r\n{",
-        "takes nothing": f"GET {place.path}large HTTP/1.1\r\n".encode() + head + b"\r\n",
+        "takes nothing": f"GET {address.path}large HTTP/1.1\r\n".encode() + head + b"\r\n",
     }
 
 
@@ -77,10 +77,10 @@ def test_slow_clients_do_not_block_others(browser: Browser, how: str) -> None:
         browser.now()  # earlier connections have been accepted by now
         took = []
         for _ in range(20):
-            began = time.monotonic()
+            start = time.monotonic()
             assert browser.now() == {"kind": "fake"}
             browser.press("go")
-            took.append(time.monotonic() - began)
+            took.append(time.monotonic() - start)
         assert np.median(took) < 1.0
         assert active_count() - threads <= 8
 
@@ -155,15 +155,15 @@ def test_exception_is_logged_but_not_served(
 def test_invalid_http_is_refused(browser: Browser, head: bytes) -> None:
     with socket.create_connection(("127.0.0.1", browser.place.port or 0), timeout=10) as one:
         one.sendall(head)
-        said = one.recv(1000)
-    assert said.startswith((b"HTTP/1.1 400 ", b"HTTP/1.1 403 "))
+        reply = one.recv(1000)
+    assert reply.startswith((b"HTTP/1.1 400 ", b"HTTP/1.1 403 "))
 
 
 def test_ambiguous_request_is_refused(browser: Browser) -> None:
     """With two hosts, two lengths, a chunked body, or another origin."""
-    place = browser.place
-    line = f"POST {place.path}do HTTP/1.1\r\n"
-    host = f"Host: 127.0.0.1:{place.port}\r\n"
+    address = browser.place
+    line = f"POST {address.path}do HTTP/1.1\r\n"
+    host = f"Host: 127.0.0.1:{address.port}\r\n"
     kind = "Content-Type: application/json\r\n"
     body = json.dumps({"deed": "go"})
     length = f"Content-Length: {len(body)}\r\n"
@@ -176,6 +176,6 @@ def test_ambiguous_request_is_refused(browser: Browser) -> None:
         (line + host + kind + "Transfer-Encoding: chunked\r\n", b"403"),
         (line + host + kind, b"400"),
     ):
-        with socket.create_connection(("127.0.0.1", place.port or 0), timeout=10) as one:
+        with socket.create_connection(("127.0.0.1", address.port or 0), timeout=10) as one:
             one.sendall(f"{head}\r\n{body}".encode())
             assert one.recv(1000).split(b" ")[1] == status, head

@@ -230,9 +230,9 @@ def test_command_prints_the_address_and_waits(tree: Path) -> None:
     command = [sys.executable, "-c", program, str(tree), "--view", "--display", "quiet"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
-        said = process.stderr.readline()
-        assert said.startswith("waiting for Go at http://127.0.0.1:")
-        browser = Browser(said.split()[-1])
+        reply = process.stderr.readline()
+        assert reply.startswith("waiting for Go at http://127.0.0.1:")
+        browser = Browser(reply.split()[-1])
         assert browser.ask("")[1].decode() == whole_page()
         browser.press("speed", None)
         browser.press("go")
@@ -251,8 +251,8 @@ def test_file_saved_while_the_run_is_held_is_reloaded(tree: Path) -> None:
             browser.held()
             text = tree.read_text()
             tree.write_text(text.replace("reach_to_pose", "reach"))
-            said = browser.until("log?after=0", lambda log: "saved with errors" in str(log))
-            assert "there is no node or skill" in str(said)
+            reply = browser.until("log?after=0", lambda log: "saved with errors" in str(log))
+            assert "there is no node or skill" in str(reply)
             tree.write_text(
                 text.replace('reach_to_pose: {offset: "{goal}"}', "wait: {seconds: 0.1}")
             )
