@@ -74,7 +74,7 @@ def test_velocity_of_a_ramp_is_exact(window: float, cutoff: float) -> None:
 
 
 def test_differenced_velocity_lags_by_half_its_window() -> None:
-    """On a parabola, the difference is the velocity of half a window ago: no encoder does better."""
+    """On a parabola it is the velocity of half a window ago; no encoder can do better."""
     one = encoders(window=0.004)
     for k in range(20):
         one.read(np.array([(k * STEP) ** 2]), np.zeros(1), k * STEP)

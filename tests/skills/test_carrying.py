@@ -145,16 +145,14 @@ def test_different_goals_are_refused_and_either_arm_may_lead() -> None:
     ],
     ids=["no partner", "another object", "itself", "two goals"],
 )  # fmt: skip
-def test_the_check_finds_a_leaf_that_never_gets_a_partner(
-    ports: Tree, partner: Tree, message: str
-) -> None:
+def test_check_finds_a_leaf_without_a_partner(ports: Tree, partner: Tree, message: str) -> None:
     cube = {"shape": "box", "size": [0.04, 0.04, 0.04], "mass": 0.1, "pose": {"xyz": [1, 1, 1]}}
     with pytest.raises(bt.SpecError) as raised:
         bt.run(file_of(TOGETHER | ports, partner, cube=cube))
     assert message in str(raised.value)
 
 
-def test_a_tray_is_carried_by_its_handles() -> None:
+def test_tray_is_carried_by_its_handles() -> None:
     """They are the parts farthest from each other; the plate between them is an obstacle."""
     beam = {"shape": "compound", "mass": 2.5, "pose": {"xyz": [0, -0.45, 0.535]}}
     beam["parts"] = {

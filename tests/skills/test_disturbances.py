@@ -105,7 +105,7 @@ class Case:
         scenario: World in which it succeeds if undisturbed.
         claim: Condition that its SUCCESS asserts.
         disturbances: What others may do to the object.
-        fractions: Moments of disturbance, as fractions of the leaf's duration, besides the last ticks.
+        fractions: Further moments of disturbance, as fractions of the leaf's duration.
     """
 
     node: Tree

@@ -126,7 +126,7 @@ def test_every_robot_locates_a_marker(robot: str, reality: str, stage: Stage) ->
     assert np.degrees(turned) < 0.5
 
 
-def test_an_object_without_a_marker_is_refused(stage: Stage) -> None:
+def test_object_without_a_marker_is_refused(stage: Stage) -> None:
     file = before_camera("ur5", {"locate": {"object": "thing", "by": "marker"}})
     leaf = stage.run(file).leaf("locate")
     assert (leaf.code, leaf.reason) == ("INVALID_TARGET", "object 'thing' has no marker")

@@ -10,7 +10,7 @@ from tests.undrawn import undrawn
 
 
 @pytest.fixture(autouse=True, scope="package")
-def records_without_plots() -> Iterator[None]:
+def records_without_pictures() -> Iterator[None]:
     """Record without plots, which the browser views do not use."""
     with undrawn():
         yield
