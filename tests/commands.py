@@ -1,4 +1,4 @@
-"""Commands as they look from outside: in this process, and what a run of ``bt-run`` leaves."""
+"""Running the commands in this process, and the results of ``bt-run``."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from bt_dualarm import cli
 
 @dataclass(frozen=True)
 class Ran:
-    """What a finished process said and left behind.
+    """Output and record of a finished process.
 
     Attributes:
         code: Its exit code.
         out: What it wrote to standard output.
         err: What it wrote to standard error.
-        folder: Of ``--record``.
+        folder: Folder of ``--record``.
     """
 
     code: int
@@ -50,7 +50,7 @@ class Ran:
             return {name: archive[name] for name in archive.files}
 
     def leaves(self, arm: str, skill: str) -> list[dict[str, Any]]:
-        """Reports of all runs of leaves of one kind."""
+        """Reports of all runs of leaves with a skill."""
         return [leaf for leaf in self.summary["arms"][arm]["leaves"] if leaf["skill"] == skill]
 
     def _text(self, name: str) -> str:
@@ -58,21 +58,21 @@ class Ran:
 
 
 BtRun: TypeAlias = Callable[..., Ran]
-"""Takes the arguments of ``bt-run``."""
+"""Function that takes the arguments of ``bt-run``."""
 
 
 def in_this_process(program: str, arguments: Sequence[str | Path], out: TextIO, err: TextIO) -> int:
-    """The exit code of a command; a fresh process would import for a second what is here already.
+    """Run a command and return its exit code, without the second of imports of a fresh process.
 
     Args:
         program: Name of the command, such as ``bt-run``.
         arguments: As typed after it.
-        out: Takes its standard output.
-        err: Takes its standard error.
+        out: Stream for its standard output.
+        err: Stream for its standard error.
     """
     command = getattr(cli, program.removeprefix("bt-").replace("-", "_"))
     with redirect_stdout(out), redirect_stderr(err):
         try:
             return int(command([str(argument) for argument in arguments]))
-        except SystemExit as ended:  # --help, or arguments that are wrong
+        except SystemExit as ended:  # --help, or invalid arguments
             return int(ended.code or 0)

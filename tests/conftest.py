@@ -1,4 +1,4 @@
-"""What tests of several packages share: the command as users type it, and runs in this process."""
+"""Fixtures shared by several packages: the command as users type it, and runs in this process."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tests.commands import BtRun, Ran, in_this_process
 from tests.plays import Stage
 from tests.undrawn import BT_RUN_UNDRAWN, undrawn
 
-# A first example may import what is imported when it is asked for, on a machine with other work.
+# A first example may trigger lazy imports, on a busy machine.
 settings.register_profile("unhurried", deadline=None)
 settings.load_profile("unhurried")
 
@@ -32,10 +32,10 @@ BYTE_CODE = "PYTHONPYCACHEPREFIX"
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Watch the memory; where Python may not write byte code beside the sources, keep it.
+    """Watch the memory; cache byte code elsewhere if Python may not write it beside the sources.
 
-    A few hundred of the tests start a fresh process; compiling what it imports takes longer than
-    all else that most of these do.
+    A few hundred of the tests start a fresh process; most of these would spend more time on
+    compiling imports than on anything else.
     """
     config.pluginmanager.register(Memory(), "memory of the tests")
     if sys.dont_write_bytecode and BYTE_CODE not in os.environ:
@@ -47,9 +47,9 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def link_byte_code(packages: Path, prefix: Path) -> None:
-    """Byte code that was installed with packages, where Python looks for it by a prefix.
+    """Link the byte code installed with packages to where Python looks for it with a prefix.
 
-    It looks nowhere else then, and would compile them anew: 2 to 4 s for each that starts first.
+    It looks nowhere else then, and would recompile the packages: 2 to 4 s for the first process.
     """
     ending = f".{sys.implementation.cache_tag}.pyc"
     for folder, below, names in os.walk(packages):
@@ -63,32 +63,32 @@ def link_byte_code(packages: Path, prefix: Path) -> None:
 
 
 OBJECTS = 100_000
-"""New objects after which Python looks for circles: as the commands have it. A run leaves none."""
+"""New objects after which Python collects cyclic garbage, as in the commands. A run leaves none."""
 
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_finish() -> None:
-    """Look no more for circles among what is imported and collected: all of it stays."""
-    keep_what_is_there()
+    """Exclude imported modules and collected tests from garbage collection: all of them stay."""
+    freeze_objects()
     gc.set_threshold(OBJECTS)
 
 
-def keep_what_is_there() -> None:
-    """Break up circles that nobody needs, and look for none among the rest any more."""
+def freeze_objects() -> None:
+    """Collect cyclic garbage, and exclude the remaining objects from later collections."""
     gc.collect()
     gc.freeze()
 
 
 GROWTH = 128 * 2**20
-"""Bytes by which a process may have grown when it is to give back what its tests have freed."""
+"""Growth of a process after which it returns freed memory to the system, bytes."""
 
 
 class Memory:
-    """What a process of tests holds, and gives back: the C library keeps most of it for later.
+    """Returns freed memory of a test process to the system; the C library would keep most of it.
 
-    Of 689 MB after eleven runs that were recorded it kept 276; of 1,700 MB after eighty cells of
-    the matrix, which are one module, 640. What is left by then are caches and what modules share:
-    looking through it once more, each time, would take half a second.
+    Of 689 MB after eleven recorded runs, 276 MB were in use; of 1,700 MB after eighty cells of the
+    matrix, which are one module, 640 MB. The rest are caches and data of modules: searching them
+    for garbage would take half a second each time.
     """
 
     def __init__(self) -> None:
@@ -96,16 +96,16 @@ class Memory:
         self._after_trim = 0
 
     def pytest_runtest_logfinish(self) -> None:
-        """Give back, where a test has made the process larger."""
+        """Return memory if the tests have enlarged the process."""
         if self._trim is not None and self._resident() > self._after_trim + GROWTH:
-            keep_what_is_there()
+            freeze_objects()
             self._trim(0)
             self._after_trim = self._resident()
 
     def _resident(self) -> int:
         try:
             pages = Path("/proc/self/statm").read_text(encoding="ascii").split()[1]
-        except OSError:  # only Linux has it
+        except OSError:  # Linux only
             return 0
         return int(pages) * os.sysconf("SC_PAGESIZE")
 
@@ -118,38 +118,38 @@ def registry() -> Registry:
 
 @pytest.fixture(scope="session")
 def main_job(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Ran:
-    """The shipped main job with its pictures, run once for all tests of all workers."""
+    """The shipped main job with its plots, run once for all tests of all workers."""
     base = tmp_path_factory.getbasetemp()
     folder = (base.parent if hasattr(request.config, "workerinput") else base) / "main_job"
     folder.mkdir(exist_ok=True)
     with (folder / "lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        note = folder / "note.json"
-        if not note.exists():
-            said = io.StringIO()
+        result = folder / "note.json"
+        if not result.exists():
+            output = io.StringIO()
             arguments = ["pick_and_track", "--renderer", "ray", "--record", str(folder / "out")]
-            code = in_this_process("bt-run", arguments, said, said)
-            note.write_text(json.dumps((code, said.getvalue())), encoding="utf-8")
-    code, text = json.loads(note.read_text(encoding="utf-8"))
+            code = in_this_process("bt-run", arguments, output, output)
+            result.write_text(json.dumps((code, output.getvalue())), encoding="utf-8")
+    code, text = json.loads(result.read_text(encoding="utf-8"))
     return Ran(code, text, text, folder / "out")
 
 
 @pytest.fixture
 def without_pictures() -> Iterator[None]:
-    """Records of this process have no pictures."""
+    """Records of this process have no plots."""
     with undrawn():
         yield
 
 
 @pytest.fixture
 def stage(tmp_path: Path, registry: Registry) -> Stage:
-    """Makes plays of the text of tree files."""
+    """Factory of plays from tree files."""
     return Stage(tmp_path, registry)
 
 
 @pytest.fixture
 def bt_run(tmp_path: Path) -> BtRun:
-    """Runs ``bt-run`` in a fresh process, without its pictures, and reads what it left behind."""
+    """Runs ``bt-run`` in a fresh process, without plots, and returns its results."""
     folders = (tmp_path / f"record{count}" for count in itertools.count(1))
 
     def run(*arguments: str | Path) -> Ran:
@@ -169,7 +169,7 @@ def bt_run(tmp_path: Path) -> BtRun:
 
 @pytest.fixture
 def bt_run_here(tmp_path: Path) -> BtRun:
-    """Runs ``bt-run`` in this process, which has imported all of it, and likewise."""
+    """Runs ``bt-run`` in this process, which has imported all of it, and returns its results."""
     folders = (tmp_path / f"record_here{count}" for count in itertools.count(1))
 
     def run(*arguments: str | Path) -> Ran:

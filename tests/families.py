@@ -1,4 +1,4 @@
-"""Families of like cases: ``make test`` has some of each, ``make matrix`` has all of them."""
+"""Families of similar cases: ``make test`` runs some of each, ``make matrix`` runs all."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import TypeVar
 
 ALL = "BT_DUALARM_MATRIX"
-"""Environment variable that ``make matrix`` sets; it tests every file that names this module."""
+"""Environment variable that ``make matrix`` sets; it runs every file that imports this module."""
 
 WHOLE = os.environ.get(ALL) == "all"
 
@@ -15,10 +15,10 @@ Case = TypeVar("Case")
 
 
 def some(cases: Iterable[Case], one_in: int) -> list[Case]:
-    """Every so-many-th case, from the first on; every case where ``make matrix`` asks.
+    """Every `one_in`-th case, starting with the first; in ``make matrix`` every case.
 
     Args:
-        cases: Cases that differ in degree: each behavior has to be among those that are taken.
-        one_in: How many cases one stands for.
+        cases: Cases that differ in degree only: the selected ones must cover each behavior.
+        one_in: Number of cases that one represents.
     """
     return [*cases][:: 1 if WHOLE else one_in]

@@ -1,4 +1,4 @@
-"""The names that the page on metrics explains."""
+"""The names that docs/metrics.md explains."""
 
 from __future__ import annotations
 

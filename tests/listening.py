@@ -1,4 +1,4 @@
-"""Processes that are to be sent signals: no sooner than they can take them."""
+"""Helpers for sending signals to processes once their handlers are installed."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ HEEDING = (
     "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
     "signal.signal(signal.SIGHUP, signal.SIG_DFL); "
 )
-"""Begin of a program that heeds signals, whatever the shell behind the tests has it ignore."""
+"""Start of a program that handles signals, even if the calling shell makes it ignore them."""
 
 
 def wait_until(process: subprocess.Popen[Any], holds: Callable[[], bool]) -> None:
-    """However slow the machine is; not if the process ends before."""
+    """Wait for a condition, without a timeout; fail if the process ends before."""
     while not holds():
-        assert process.poll() is None, f"it has ended with {process.returncode}"
+        assert process.poll() is None, f"the process has ended with {process.returncode}"
         time.sleep(0.002)
 
 
 def wait_until_it_listens(process: subprocess.Popen[Any]) -> None:
-    """Its own handlers of signals stand; Python has one for Ctrl-C only."""
+    """Wait until the process has installed its handlers; Python itself has one for Ctrl-C only."""
     wait_until(process, lambda: _handles(process.pid, (signal.SIGTERM, signal.SIGHUP)))
 
 

@@ -1,4 +1,4 @@
-"""Kernels as Python reads them: what their machine code is held against."""
+"""Kernels in plain Python, as a reference for their machine code."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from bt_dualarm.core import kernel as compiling
 
 
 def plain(kernel: Callable[..., Any]) -> Callable[..., Any]:
-    """The same kernel, and all that it calls, as Python reads it; ``py_func`` is itself alone."""
+    """The same kernel, and all that it calls, in plain Python; ``py_func`` covers only itself."""
     found: Callable[..., Any] = getattr(_plain_module(kernel.__module__), kernel.__name__)
     return found
 
 
 @cache
 def _plain_module(name: str) -> ModuleType:
-    """A module of kernels of which nothing is compiled, beside the one that everybody has."""
+    """An uncompiled copy of a module of kernels, beside the regular one."""
     with _kernels_forgotten(), _decorator_off():
         return importlib.import_module(name)
 
@@ -38,19 +38,19 @@ def _decorator_off() -> Iterator[None]:
 
 @contextmanager
 def _kernels_forgotten() -> Iterator[None]:
-    """Modules of kernels are imported anew meanwhile."""
+    """Within the context, modules of kernels are imported anew."""
     before = {name: sys.modules.pop(name) for name in _kernel_modules()}
     try:
         yield
     finally:
         for name in _kernel_modules():
             del sys.modules[name]
-            room, _, last = name.rpartition(".")
-            delattr(sys.modules[room], last)
+            package, _, last = name.rpartition(".")
+            delattr(sys.modules[package], last)
         for name, module in before.items():
             sys.modules[name] = module
-            room, _, last = name.rpartition(".")
-            setattr(sys.modules[room], last, module)
+            package, _, last = name.rpartition(".")
+            setattr(sys.modules[package], last, module)
 
 
 def _kernel_modules() -> list[str]:

@@ -1,4 +1,4 @@
-"""A tree file played in this process, with hands that may reach into the world while it runs."""
+"""Tree files run in this process, with interventions in the running world."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
 
 Deed = Callable[[World], None]
-"""What somebody does to the running world."""
+"""Intervention in the running world."""
 
 STOPPED = 0.02
-"""Joint speed in rad/s below which an arm stands."""
+"""Joint speed below which an arm counts as at rest, rad/s."""
 
 
 @dataclass
@@ -34,10 +34,10 @@ class Play(IdleObserver):
     """One run of one file, observed step by step.
 
     Attributes:
-        opened: The run, not begun yet, or over.
-        deeds: Done once each, at the first step at or after their simulated time in seconds.
-        changes: Of the status of all nodes.
-        errors: What a deed has raised.
+        opened: The run, not started yet, or finished.
+        deeds: Interventions, each at the first step at or after its simulated time in s.
+        changes: Status changes of all nodes.
+        errors: Exceptions of interventions and watchers.
     """
 
     opened: Run
@@ -50,7 +50,7 @@ class Play(IdleObserver):
 
     @property
     def world(self) -> World:
-        """The world, as it is now."""
+        """The current world."""
         return self.opened.world
 
     def run(self) -> RunResult:
@@ -63,11 +63,11 @@ class Play(IdleObserver):
         return self.result
 
     def on_event(self, change: StatusChange) -> None:
-        """Keep it."""
+        """Record a status change."""
         self.changes.append(change)
 
     def after_step(self, time: float) -> None:
-        """Do what is due, and look at the arms; an observer that raises would be dropped."""
+        """Run due interventions and record the arms; an observer that raises would be dropped."""
         try:
             self._look(time)
         except Exception as error:  # noqa: BLE001 - raised again when the run is over
@@ -83,7 +83,7 @@ class Play(IdleObserver):
 
     @property
     def speeds(self) -> dict[str, list[tuple[float, float]]]:
-        """Times and largest joint speed in rad/s, by arm, at every step."""
+        """Time and largest joint speed in rad/s at every step, by arm."""
         speeds = {}
         for name, seen in self._seen.items():
             times, _, velocities = zip(*seen, strict=True)
@@ -91,37 +91,37 @@ class Play(IdleObserver):
         return speeds
 
     @property
-    def ways(self) -> dict[str, float]:
-        """Largest way of a joint from its start in rad, by arm."""
+    def joint_travel(self) -> dict[str, float]:
+        """Largest distance of a joint from its start in rad, by arm."""
         return {
             name: float(np.abs(np.array([q for _, q, _ in seen]) - seen[0][1]).max())
             for name, seen in self._seen.items()
         }
 
     def arm(self, name: str = "arm1") -> ArmResult:
-        """What an arm did."""
+        """Result of an arm."""
         assert self.result is not None
         return self.result.arms[name]
 
     def leaves(self, skill: str, arm: str = "arm1") -> list[LeafReport]:
-        """All runs of the leaves of one kind."""
+        """All runs of the leaves with a skill."""
         return [leaf for leaf in self.arm(arm).runs if leaf.skill == skill]
 
     def leaf(self, skill: str, arm: str = "arm1") -> LeafReport:
-        """The only run of the only leaf of one kind."""
+        """The only run of the only leaf with a skill."""
         (leaf,) = self.leaves(skill, arm)
         return leaf
 
     def speed_after(self, time: float, arm: str = "arm1") -> float:
-        """Largest joint speed in rad/s at any step from ``time`` on."""
+        """Largest joint speed in rad/s at any step from ``time`` on, or 0 without one."""
         return max((speed for at, speed in self.speeds[arm] if at >= time), default=0.0)
 
 
 class Stage:
-    """Makes plays of the text of tree files.
+    """Factory of plays from tree files.
 
     Args:
-        folder: For the files.
+        folder: Folder for the files.
         registry: The skills.
     """
 
@@ -138,11 +138,11 @@ class Stage:
         duration: float | None = None,
         deeds: Iterable[tuple[float, Deed]] = (),
     ) -> Play:
-        """Check the file and assemble its world; nothing has moved yet.
+        """Check the file and assemble its world, without running it.
 
         Args:
-            content: YAML, indented as it may stand in a test; or what it would be read as.
-            seed: Of everything random.
+            content: YAML, which may be indented; or the parsed content.
+            seed: Seed of the run.
             duration: Simulated seconds after which the run ends.
             deeds: As in `Play`, in the order of their times.
         """
@@ -155,14 +155,14 @@ class Stage:
         return Play(Run(file, self.registry, options), list(deeds))
 
     def run(self, content: str | dict[str, Any], **options: Any) -> Play:
-        """As ``play``, and run it to its end."""
+        """Like ``play``, but run to the end."""
         play = self.play(content, **options)
         play.run()
         return play
 
 
 def _as_yaml(content: dict[str, Any]) -> str:
-    """Without the aliases that equal parts of it would become."""
+    """Dump YAML without aliases for identical parts."""
     return yaml.safe_dump(json.loads(json.dumps(content)), sort_keys=False)
 
 

@@ -1,4 +1,4 @@
-"""The package's own source as data: its rooms, its modules, and what each of them imports."""
+"""The package's own source as data: its modules, and what each of them imports."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def dotted_name(path: Path) -> str:
 
 
 def room_of(dotted: str) -> str:
-    """The folder that a module lies in, without the package's name; a root module is a room."""
+    """Folder of a module relative to the package; the name of the module for a root module."""
     place = ROOT.joinpath(*dotted.split("."))
     inside = dotted.split(".")[1:] if place.is_dir() else dotted.split(".")[1:-1]
     return ".".join(inside) or dotted.rpartition(".")[2]
@@ -36,7 +36,7 @@ def is_module(dotted: str) -> bool:
 
 
 def imports_of(path: Path) -> Iterator[tuple[int, str]]:
-    """Line and absolute dotted name of everything that a file imports, wherever it does so."""
+    """Line and absolute dotted name of everything that a file imports, at any level."""
     for node in ast.walk(parsed(path)):
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name) for alias in node.names)

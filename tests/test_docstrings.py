@@ -1,4 +1,4 @@
-"""Laws of the docstrings: rooms have a map, entries begin with a noun, and each says something."""
+"""Laws of docstrings: packages name their first module, entries begin with a noun."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ ENTRY = re.compile(r"^ {4,}(?P<names>\*{0,2}\w+(?:, \*{0,2}\w+)*): (?P<first>\w+
 SECTION = re.compile(r"^\s*(?:Args|Attributes):\n((?:(?:\s{4,}.*)?\n)*)", re.MULTILINE)
 
 GENITIVES = {"Of", "From", "To", "In", "For", "By", "With", "At", "On"}
-"""A word that leans on a noun that is not there."""
+"""First words of genitive fragments, which lack their noun."""
 
 DOCUMENTED = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
-ROOMS = [path for path in MODULES if path.name == "__init__.py" and path.parent != PACKAGE]
+PACKAGES = [path for path in MODULES if path.name == "__init__.py" and path.parent != PACKAGE]
 
 
 def docstrings(path: Path) -> Iterator[tuple[str, str]]:
@@ -29,23 +29,23 @@ def docstrings(path: Path) -> Iterator[tuple[str, str]]:
 
 
 def entries(text: str) -> Iterator[tuple[str, str]]:
-    """What is described in the sections of arguments and attributes, and its first word."""
+    """Names and first words of the entries in sections of arguments and attributes."""
     for section in SECTION.findall(text + "\n"):
         yield from ((entry["names"], entry["first"]) for entry in ENTRY.finditer(section))
 
 
 def test_entries_begin_with_a_noun() -> None:
-    leaning = [
+    fragments = [
         f"{dotted_name(path)}: {owner}.{name}: {first} …"
         for path in (*MODULES, *SKILLS)
         for owner, text in docstrings(path)
         for name, first in entries(text)
         if first in GENITIVES
     ]
-    assert leaning == []
+    assert fragments == []
 
 
-def test_no_docstring_is_a_word() -> None:
+def test_no_docstring_is_a_single_word() -> None:
     single = [
         f"{dotted_name(path)}: {owner}"
         for path in (*MODULES, *SKILLS)
@@ -55,9 +55,9 @@ def test_no_docstring_is_a_word() -> None:
     assert single == []
 
 
-def test_packages_say_which_module_to_open_first() -> None:
-    for path in ROOMS:
+def test_packages_name_the_module_to_open_first() -> None:
+    for path in PACKAGES:
         text = ast.get_docstring(parsed(path)) or ""
         named = re.search(r"^Open first: `(\w+)`", text, re.MULTILINE)
-        assert named, f"{path}: say which module: Open first: `name`"
+        assert named, f"{path}: name a module: Open first: `name`"
         assert (path.parent / f"{named[1]}.py").is_file(), path

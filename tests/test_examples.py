@@ -1,4 +1,4 @@
-"""Every example runs, prints what its docstring shows, and writes only where it was told to."""
+"""Every example runs, prints what its docstring shows, and writes only to its folder."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FOLDER = ROOT / "examples"
 SCRIPTS = sorted(FOLDER.glob("*.py"))
 NOTEBOOK = FOLDER / "tour.ipynb"
 LOOKED_AT = ("plot_a_record", "camera_images")
-"""Examples that look at the pictures of a record, or make some."""
+"""Examples that use the plots of a record, or make some."""
 
 
 def shown_output(script: Path) -> str:
@@ -34,7 +34,7 @@ def shown_output(script: Path) -> str:
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Empty folder for an example, which works in another empty one and is to leave that alone."""
+    """Empty folder for an example, which runs in another empty folder that must stay empty."""
     out = tmp_path / "out"
     elsewhere = tmp_path / "elsewhere"
     for each in (out, elsewhere):
@@ -45,7 +45,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
-def test_an_example_prints_what_its_docstring_shows(
+def test_example_prints_what_its_docstring_shows(
     script: Path,
     folder: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -62,15 +62,17 @@ def test_an_example_prints_what_its_docstring_shows(
 
 
 @pytest.mark.usefixtures("folder")
-def test_the_tour_runs_from_its_first_cell_to_its_last() -> None:
-    """As Jupyter runs it: one namespace; the last expression of a cell is what it shows."""
+def test_tour_notebook_runs_completely() -> None:
+    """Like in Jupyter, cells share one namespace, and show the value of their last expression."""
     mpl.use("agg")  # no window, whatever display there is
     names: dict[str, Any] = {"__name__": "__main__"}  # Any: whatever the cells define
     shown = []
     for number, cell in enumerate(json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]):
         if cell["cell_type"] != "code":
             continue
-        assert (cell["outputs"], cell["execution_count"]) == ([], None), "kept without outputs"
+        assert (cell["outputs"], cell["execution_count"]) == ([], None), (
+            "the notebook must be stored without outputs"
+        )
         body = ast.parse("".join(cell["source"]))
         last = body.body.pop() if isinstance(body.body[-1], ast.Expr) else None
         # Without `dont_inherit` the cells would be under this file's `from __future__`.
@@ -81,7 +83,7 @@ def test_the_tour_runs_from_its_first_cell_to_its_last() -> None:
             value = eval(expression, names)  # noqa: S307 - as above
             show = getattr(value, "_repr_html_", None)
             shown.append((show() if callable(show) else None) or repr(value))
-    assert sum("<table" in text for text in shown) >= 2, "a run and a result as tables"
+    assert sum("<table" in text for text in shown) >= 2, "a run and a result are shown as tables"
     assert list(Path.cwd().iterdir()) == []
 
 
@@ -95,6 +97,6 @@ def test_examples_are_numbered_short_and_listed() -> None:
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
-def test_an_example_uses_the_facade_alone(script: Path) -> None:
+def test_example_uses_only_the_public_interface(script: Path) -> None:
     ours = {name for _, name in imports_of(script) if name.split(".")[0] in ("bt_dualarm", "tests")}
     assert ours == {"bt_dualarm"}

@@ -1,4 +1,4 @@
-"""Laws of the source that no linter states; those of its layers are contracts in pyproject.toml."""
+"""Laws of the source that no linter checks; those of layers are contracts in pyproject.toml."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tests.source import MODULES, PACKAGE, SKILLS, parsed
 
 
 def calls_and_raises(path: Path) -> Iterator[tuple[int, str]]:
-    """Line and name of everything that a file calls or raises, as it is written."""
+    """Line and source text of everything that a file calls or raises."""
     for node in ast.walk(parsed(path)):
         if isinstance(node, ast.Call):
             yield node.lineno, ast.unparse(node.func)
@@ -18,8 +18,8 @@ def calls_and_raises(path: Path) -> Iterator[tuple[int, str]]:
             yield node.lineno, ast.unparse(node.exc)
 
 
-def test_only_the_command_line_asks_and_raises_the_end_of_the_process() -> None:
-    """Ruff's rules on printing and exiting do not know these built-in names."""
+def test_only_the_command_line_reads_input_and_exits() -> None:
+    """Ruff's rules on printing and exiting do not cover these built-in names."""
     found = [
         f"{path}:{line}: {name}"
         for path in (*MODULES, *SKILLS)

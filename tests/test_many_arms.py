@@ -1,4 +1,4 @@
-"""The benchmarks of many arms, in small: arms that cannot meet do not disturb one another."""
+"""Small versions of the benchmarks of many arms: distant arms do not disturb one another."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize("seed", some((1, 0, 2), 3))
-def test_arms_end_as_alone_where_they_cannot_meet(seed: int, registry: Registry) -> None:
-    """And none touches another, or is refused for one that it did not come near."""
+def test_arms_that_cannot_meet_end_as_alone(seed: int, registry: Registry) -> None:
+    """No arm touches another, or is refused because of an arm that it was not near."""
     finding = judged(seed, registry)
     assert finding.wrong == []
 
 
-def test_arms_can_meet_where_the_path_of_one_comes_near_the_other() -> None:
-    """However far apart they stand at first."""
+def test_arms_can_meet_if_the_path_of_one_comes_near_the_other() -> None:
+    """Regardless of their distance at the start."""
     folded = np.array([load_robot("ur10").postures["home"]])
     stretched = np.array([[turn, *np.zeros(5)] for turn in (0.0, np.pi)])
     stands, reaches = (
@@ -45,6 +45,6 @@ def test_arms_can_meet_where_the_path_of_one_comes_near_the_other() -> None:
 
 
 @pytest.mark.parametrize("place", places(1, seed=0), ids=str)
-def test_the_main_job_is_done_beside_a_third_arm(place: Place, registry: Registry) -> None:
-    """More than a meter away, whatever it does, it matters to nobody."""
+def test_main_job_succeeds_beside_a_third_arm(place: Place, registry: Registry) -> None:
+    """More than a meter away, the third arm does not affect the others."""
     assert failures(run_beside(place, registry)) == []

@@ -1,4 +1,4 @@
-"""The wheel carries everything, and runs where no checkout is near."""
+"""The wheel contains everything, and runs without a checkout."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ pytestmark = pytest.mark.slow
 
 
 OWN = {"PYTHONPATH", "PYTHONPYCACHEPREFIX"}
-"""Set for the tests: their packages, and a place for byte code."""
+"""Variables set for the tests: paths of packages and byte code."""
 
 
 def run(*command: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
     """Run a program to its end in an environment without this project's own variables."""
     environment = {name: value for name, value in os.environ.items() if name not in OWN}
-    environment["PYTHONDONTWRITEBYTECODE"] = "1"  # packages that are linked to are not its own
+    environment["PYTHONDONTWRITEBYTECODE"] = "1"  # linked packages belong to another environment
     return subprocess.run(
         [str(part) for part in command],
         cwd=cwd,
@@ -54,38 +54,40 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def required_by(wheel: Path) -> dict[str, Distribution]:
-    """What a wheel requires, and what that requires, as it is installed here, by name."""
+    """Installed distributions that a wheel requires, directly or indirectly, by name."""
     found: dict[str, Distribution] = {}
     (metadata,) = (path for path in zipfile.Path(wheel).iterdir() if "dist-info" in path.name)
-    wanted = list(PathDistribution(metadata).requires or ())
-    while wanted:
-        line = wanted.pop()
+    requirements = list(PathDistribution(metadata).requires or ())
+    while requirements:
+        line = requirements.pop()
         name = re.split(r"[^\w.-]", line)[0].lower()
         if name in found or "extra ==" in line:
             continue
-        with suppress(PackageNotFoundError):  # for another system; if not, pip will say so
+        with suppress(PackageNotFoundError):  # for another system; otherwise pip will report it
             found[name] = distribution(name)
-            wanted += found[name].requires or ()
+            requirements += found[name].requires or ()
     return found
 
 
 @pytest.fixture
 def scratch_venv(wheel: Path, tmp_path: Path) -> Path:
-    """A fresh virtual environment that has what the wheel requires, and nothing else.
+    """A fresh virtual environment that contains the wheel's requirements, and nothing else.
 
-    It is linked from this one: to unpack the same versions again, over a gigabyte, took 20 s.
+    They are linked from this environment: unpacking the same versions, over a gigabyte, took 20 s.
     """
     folder = tmp_path / "venv"
-    venv.create(folder)  # this environment's pip fills it: one of its own takes as long again
+    venv.create(
+        folder
+    )  # filled by this environment's pip: installing another one takes as long again
     (site,) = folder.glob("lib/python*/site-packages")
     for package in required_by(wheel).values():
         for top in {path.parts[0] for path in package.files or ()} - {"..", "__pycache__"}:
-            if not (site / top).exists():  # some share a folder
+            if not (site / top).exists():  # some packages share a folder
                 (site / top).symlink_to(str(package.locate_file(top)))
     return folder / "bin"
 
 
-def test_the_wheel_carries_every_shared_file(wheel: Path) -> None:
+def test_wheel_contains_every_shared_file(wheel: Path) -> None:
     packed = set(zipfile.ZipFile(wheel).namelist())
     expected = {
         f"bt_dualarm/_share/{kind}/{path.relative_to(share_dir(kind)).as_posix()}"
@@ -97,23 +99,23 @@ def test_the_wheel_carries_every_shared_file(wheel: Path) -> None:
     assert "bt_dualarm/py.typed" in packed
 
 
-def test_the_wheel_carries_nothing_else(wheel: Path) -> None:
-    """No tests, no build leftovers, nothing beside the package that could shadow another."""
+def test_wheel_contains_nothing_else(wheel: Path) -> None:
+    """No tests, no build artifacts, no other top-level package that could shadow another."""
     tops = {name.split("/")[0] for name in zipfile.ZipFile(wheel).namelist()}
     assert {top for top in tops if not top.endswith(".dist-info")} == {"bt_dualarm"}
 
 
-def test_an_installed_wheel_runs_a_shipped_tree_from_an_empty_folder(
+def test_installed_wheel_runs_a_shipped_tree_from_an_empty_folder(
     wheel: Path, scratch_venv: Path, tmp_path: Path
 ) -> None:
-    """As README says: install with pip and no checkout, then run by name.
+    """As in README: install with pip and without a checkout, then run by name.
 
-    What it requires is there, in versions that satisfy it and one another: pip says so.
+    pip confirms that all requirements are installed in compatible versions.
     """
     empty = tmp_path / "elsewhere"
     empty.mkdir()
     into = ("--python", scratch_venv / "python")
-    # Byte code is for what is imported, not for all of what is installed.
+    # Compile only what is imported, not all that is installed.
     options = ("--quiet", "--no-compile", "--no-index", "--constraint", ROOT / "constraints.txt")
     installed = run(sys.executable, "-m", "pip", *into, "install", *options, wheel, cwd=empty)
     assert installed.returncode == 0, installed.stderr
@@ -136,7 +138,7 @@ def test_an_installed_wheel_runs_a_shipped_tree_from_an_empty_folder(
     assert {path.name for path in empty.iterdir()} == {"out"}
 
 
-def test_the_source_distribution_has_the_examples(tmp_path: Path) -> None:
+def test_source_distribution_contains_the_examples(tmp_path: Path) -> None:
     built = run(sys.executable, "-m", "hatchling", "build", "-t", "sdist", "-d", tmp_path, cwd=ROOT)
     assert built.returncode == 0, built.stderr
     (file,) = tmp_path.glob("*.tar.gz")

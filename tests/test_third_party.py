@@ -1,4 +1,4 @@
-"""A skill by others: installed into a fresh environment, used from YAML, held to the laws."""
+"""A third-party skill: installed into a fresh environment, used from YAML, checked by the laws."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ TREE = """
         tree: {nod: {depth: 0.08}}
 """
 TRAP = "from pathlib import Path\nPath(__file__ + ' sprung').touch()\n"
-"""Leaves a trace as soon as somebody imports it."""
+"""Source of a module that creates a file when it is imported."""
 
 
 def write(folder: Path, name: str, text: str) -> Path:
@@ -100,12 +100,12 @@ def run(*command: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture(scope="module")
 def python(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """A fresh environment with the package in it; the rest is that of this environment."""
+    """A fresh environment with the package; everything else comes from this environment."""
     folder = tmp_path_factory.mktemp("environment")
     venv.create(folder / "venv")
     python = folder / "venv" / "bin" / "python"
     site = run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))", cwd=folder)
-    # `addsitedir` heeds the files of an editable install, too, which a plain path does not.
+    # `addsitedir` also processes the files of an editable install, unlike a plain path.
     here = sysconfig.get_path("purelib")
     link = f"import site; site.addsitedir({here!r})\n"
     (Path(site.stdout.strip()) / "parent.pth").write_text(link, encoding="utf-8")
@@ -119,19 +119,19 @@ def python(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 
 def bt_run(python: Path | str, *arguments: str | Path, cwd: Path) -> tuple[int, str]:
-    """As the script ``bt-run`` does it: what lies in ``cwd`` is not on Python's path (-P)."""
+    """Run like the script ``bt-run``: ``cwd`` is not on Python's path (-P)."""
     code = "from bt_dualarm.cli import run; raise SystemExit(run())"
     done = run(python, "-P", "-c", code, *arguments, "--display", "log", cwd=cwd)
     return done.returncode, done.stdout
 
 
-def test_an_installed_skill_is_used_from_yaml(python: Path, tmp_path: Path) -> None:
-    code, said = bt_run(python, write(tmp_path, "tree.yaml", TREE), cwd=tmp_path)
-    assert code == 0, said
-    assert "nod" in said
+def test_installed_skill_can_be_used_from_yaml(python: Path, tmp_path: Path) -> None:
+    code, output = bt_run(python, write(tmp_path, "tree.yaml", TREE), cwd=tmp_path)
+    assert code == 0, output
+    assert "nod" in output
 
 
-def test_an_installed_skill_is_held_to_the_laws(python: Path, tmp_path: Path) -> None:
+def test_installed_skill_passes_the_laws(python: Path, tmp_path: Path) -> None:
     test = write(tmp_path, "test_nod.py", PACKAGE["test_nod.py"])
     done = run(python, "-m", "pytest", "-q", "-p", "no:cacheprovider", test, cwd=tmp_path)
     assert done.returncode == 0, done.stdout
@@ -142,33 +142,33 @@ TRAPS = ("nod.py", "tree.py", "circle.py", "yaml.py", "conftest.py")
 
 @pytest.fixture(scope="module")
 def among_traps(python: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a tree that was run with all of these files beside it."""
+    """Folder of a tree that was run with all `TRAPS` beside it."""
     folder = tmp_path_factory.mktemp("traps")
     for name in TRAPS:
         write(folder, name, TRAP)
-    code, said = bt_run(python, write(folder, "tree.yaml", TREE), cwd=folder)
-    assert code == 0, said
+    code, output = bt_run(python, write(folder, "tree.yaml", TREE), cwd=folder)
+    assert code == 0, output
     return folder
 
 
 @pytest.mark.parametrize("name", TRAPS)
 def test_nothing_beside_a_tree_is_executed(among_traps: Path, name: str) -> None:
-    """Not by the tree's name, nor by a skill's, nor by that of a module that is imported."""
+    """Neither a file named like the tree, nor like a skill, nor like an imported module."""
     assert (among_traps / name).exists()
     assert not (among_traps / f"{name} sprung").exists()
 
 
-def test_a_folder_is_executed_only_when_the_user_names_it(python: Path, tmp_path: Path) -> None:
-    """The trap of the other test does spring."""
+def test_folder_is_imported_only_if_the_user_names_it(python: Path, tmp_path: Path) -> None:
+    """This shows that the traps of the other test work."""
     tree = write(tmp_path, "tree.yaml", TREE)
     write(tmp_path, "trap.py", TRAP)
-    code, said = bt_run(python, tree, "--skills", tmp_path, cwd=tmp_path)
-    assert (code, "trap.py: has no subclass of Skill" in said) == (2, True), said
+    code, output = bt_run(python, tree, "--skills", tmp_path, cwd=tmp_path)
+    assert (code, "trap.py: has no subclass of Skill" in output) == (2, True), output
     assert (tmp_path / "trap.py sprung").exists()
 
 
-def test_without_the_package_the_skill_is_unknown(tmp_path: Path) -> None:
-    """What the other tests use is the installed package, and nothing that lies about."""
-    code, said = bt_run(sys.executable, write(tmp_path, "tree.yaml", TREE), cwd=tmp_path)
+def test_skill_is_unknown_without_the_package(tmp_path: Path) -> None:
+    """So the other tests use the installed package, and not some file."""
+    code, output = bt_run(sys.executable, write(tmp_path, "tree.yaml", TREE), cwd=tmp_path)
     assert code == 2
-    assert "there is no node or skill 'nod'" in said
+    assert "there is no node or skill 'nod'" in output

@@ -1,4 +1,4 @@
-"""Every shipped tree does its job through the command that a user types."""
+"""Every shipped tree succeeds with the command that a user types."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tests.undrawn import undrawn
 TREES = sorted(path.stem for path in share_dir("trees").glob("*.yaml"))
 MAIN_JOB = "pick_and_track"
 DRAWN = {*some(TREES, 5), MAIN_JOB}
-"""Those of which the pictures are drawn, too."""
+"""Trees whose plots are drawn, too."""
 
 RUN_FIELDS = {
     "outcome": str,
@@ -65,7 +65,7 @@ pytestmark = pytest.mark.slow
 def test_shipped_tree_succeeds(
     name: str, bt_run_here: BtRun, request: pytest.FixtureRequest
 ) -> None:
-    """Exit code 0, every tree SUCCESS, a complete record, and no set-point that broke a limit."""
+    """Exit code 0, every tree SUCCESS, a complete record, and no clipped set-point."""
     if name == MAIN_JOB:
         ran = request.getfixturevalue("main_job")
     else:
@@ -85,7 +85,7 @@ def test_shipped_tree_succeeds(
 
 
 def check_summary(ran: Ran) -> None:
-    """Every field there is, of its type, and the metrics of each skill."""
+    """Check the types of all fields, and the metrics of each skill."""
     check_types(ran.summary, RUN_FIELDS)
     assert ran.summary["renderer"] in ("ray", None)
     assert len(ran.summary["state_sha256"]) == 64
@@ -106,7 +106,7 @@ def check_types(item: dict[str, Any], fields: dict[str, type]) -> None:
 
 
 def check_events(ran: Ran) -> None:
-    """Each node's changes form a chain that begins at INVALID, in the order of time."""
+    """Check that each node's changes form a chain from INVALID, in order of time."""
     times = [event["time_s"] for event in ran.events]
     assert times == sorted(times)
     last: dict[tuple[str, str], str] = {}
@@ -118,7 +118,7 @@ def check_events(ran: Ran) -> None:
 
 
 def check_pick_and_track(ran: Ran) -> None:
-    """The cube was taken and lifted, the Panda followed it on both curves and never lost it."""
+    """Check that the cube was grasped, lifted, carried by friction, and tracked on both curves."""
     check_job(ran)
     assert not ran.leaves("arm1", "approach_and_attach")
     (taken,) = ran.leaves("arm1", "grasp")
@@ -129,7 +129,7 @@ def check_pick_and_track(ran: Ran) -> None:
 
 
 def check_job(ran: Ran) -> None:
-    """It is held from the pick to the end, and both curves are followed."""
+    """Check that the cube is held from the pick to the end, and tracked on both curves."""
     (held,) = ran.summary["attachments"]
     assert (held["arm"], held["object"], held["released_s"]) == ("arm1", "cube", None)
     assert held["lifted_m"] >= 0.2
@@ -138,7 +138,7 @@ def check_job(ran: Ran) -> None:
 
 
 def check_both_curves(ran: Ran) -> None:
-    """The Panda followed the cube on both curves and never lost it."""
+    """Check that the Panda tracked the cube on both curves and never lost it."""
     (track,) = ran.leaves("arm2", "track")
     assert track["metrics"]["yz_rms_m"] <= 0.005
     assert track["metrics"]["lost_count"] == 0
@@ -146,11 +146,11 @@ def check_both_curves(ran: Ran) -> None:
         (curve,) = ran.leaves("arm1", skill)
         assert track["started_s"] < curve["started_s"] < curve["ended_s"] < track["ended_s"]
         assert curve["metrics"]["path_rms_m"] < 0.001
-        assert follows(ran, curve["started_s"] + 1.0, curve["ended_s"]) <= 0.005
+        assert tracking_error(ran, curve["started_s"] + 1.0, curve["ended_s"]) <= 0.005
 
 
-def test_main_job_by_a_weld(bt_run_here: BtRun) -> None:
-    """A magnetic tool does it, too; then the arm has no gripper."""
+def test_main_job_succeeds_with_a_weld(bt_run_here: BtRun) -> None:
+    """A magnetic tool works, too; then the arm has no gripper."""
     with undrawn():
         ran = bt_run_here(
             "trees/pick_and_track.yaml", "--param", "grasp=attach", "--param", "speed=1.0"
@@ -166,16 +166,16 @@ CARRYING = ("transport", "circle", "lissajous")
 
 
 def lift(ran: Ran, obj: str, since: float) -> float:
-    """How far an object rose from a time on, in m, from the record."""
+    """Rise of an object after a time in m, from the record."""
     heights = ran.samples[f"object_{obj}"][ran.samples["time"] >= since, 2]
     return float(np.nanmax(heights) - heights[0])
 
 
-def follows(ran: Ran, begin: float, end: float) -> float:
-    """RMS in m of the Panda's tool against the cube in the YZ plane, but for a constant offset."""
+def tracking_error(ran: Ran, begin: float, end: float) -> float:
+    """RMS error of the Panda's tool to the cube in the YZ plane without the mean offset, m."""
     during = (ran.samples["time"] >= begin) & (ran.samples["time"] <= end)
-    away = (ran.samples["tool_arm2"] - ran.samples["object_cube"])[during, 1:]
-    return float(np.sqrt(np.mean(((away - away.mean(axis=0)) ** 2).sum(axis=1))))
+    offsets = (ran.samples["tool_arm2"] - ran.samples["object_cube"])[during, 1:]
+    return float(np.sqrt(np.mean(((offsets - offsets.mean(axis=0)) ** 2).sum(axis=1))))
 
 
 def check_visual_tracking(ran: Ran) -> None:
@@ -185,7 +185,7 @@ def check_visual_tracking(ran: Ran) -> None:
 
 
 def check_pick_and_transport(ran: Ran) -> None:
-    """The cube was carried across the table and lies where it was put, on the table."""
+    """Check that the cube was carried across the table and rests at its goal."""
     (held,) = ran.summary["attachments"]
     assert held["released_s"] is not None
     end = ran.samples["object_cube"][-1]
@@ -193,7 +193,7 @@ def check_pick_and_transport(ran: Ran) -> None:
 
 
 def check_spawn_and_command(ran: Ran) -> None:
-    """Arms that came later are in the record only from then on; the ball is gone at the end."""
+    """Check that spawned arms are recorded from their start on, and the ball is gone at the end."""
     assert {arm["robot"] for arm in ran.summary["arms"].values()} == {
         "ur5",
         "panda",
@@ -206,16 +206,16 @@ def check_spawn_and_command(ran: Ran) -> None:
 
 
 def check_peg_in_hole(ran: Ran) -> None:
-    """The search went beside where it was told the hole is; the peg hung in the fingers before."""
+    """Check that the search found the hole away from its declared position, at low forces."""
     (leaf,) = ran.leaves("arm1", "insert")
     assert leaf["metrics"]["search_places"] > 1
-    assert 3e-4 < leaf["metrics"]["inserted_error_m"] < 1.1e-3, "as far as the hole is off"
+    assert 3e-4 < leaf["metrics"]["inserted_error_m"] < 1.1e-3, "the error of the declared position"
     assert leaf["metrics"]["push_n"] < 25.0
     assert leaf["ended_s"] - leaf["started_s"] < 12.0
 
 
 def check_assembly(ran: Ran) -> None:
-    """The bar stood still while the peg went in beside it, and lies elsewhere at the end."""
+    """Check that the bar rested while the peg was inserted, and that both end at their goals."""
     (hold,) = ran.leaves("holder", "hold_still")
     assert hold["metrics"]["held_moved_m"] < 1e-3
     (insert,) = ran.leaves("inserter", "insert")
@@ -237,10 +237,10 @@ CHECKS = {
 
 
 @pytest.mark.usefixtures("without_pictures")
-def test_seed_decides_everything(bt_run: BtRun, bt_run_here: BtRun) -> None:
-    """A fresh process and one that has run others, one seed: the same states, bit for bit.
+def test_runs_are_determined_by_the_seed(bt_run: BtRun, bt_run_here: BtRun) -> None:
+    """With one seed, a fresh process and one that has run others reach the same state, bit for bit.
 
-    Another seed: others.
+    Another seed gives another state.
     """
     runs = [
         how("trees/pick_and_track.yaml", "--duration", "2", "--seed", str(seed))

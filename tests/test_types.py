@@ -1,4 +1,4 @@
-"""Law of the types: a signature says `Any` only of what is any value, and says why."""
+"""Law of types: every `Any` in a signature has its reason in a comment."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from tests.source import MODULES, SKILLS, dotted_name, parsed
 
 
 def types_of(function: ast.FunctionDef | ast.AsyncFunctionDef) -> Iterator[ast.expr]:
-    """The types of a function's arguments and of what it returns."""
+    """Annotations of a function's arguments and result."""
     given = function.args
     arguments = [*given.posonlyargs, *given.args, given.vararg, *given.kwonlyargs, given.kwarg]
     declared = [argument.annotation for argument in arguments if argument is not None]
     yield from (annotation for annotation in [*declared, function.returns] if annotation)
 
 
-def test_any_value_has_its_reason_beside_it() -> None:
+def test_any_in_a_signature_has_a_comment() -> None:
     bare = [
         f"{dotted_name(path)}:{annotation.lineno}: {function.name}"
         for path in (*MODULES, *SKILLS)

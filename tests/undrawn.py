@@ -1,4 +1,4 @@
-"""Records without their pictures, for tests that do not look at them: they take half of a run."""
+"""Records without plots, for tests that do not use them: plots take half of the time of a run."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from bt_dualarm.runtime import plots
 plots.files_of = lambda *_: iter(())
 sys.exit(run())
 """
-"""What ``python -c`` takes to be ``bt-run`` without pictures."""
+"""Program for ``python -c`` that is ``bt-run`` without plots."""
 
 
 @contextmanager
 def undrawn() -> Iterator[None]:
-    """No picture is drawn meanwhile, by this process.
+    """Within the context, this process draws no plots.
 
-    That they are drawn is for tests/runtime/test_record.py and tests/test_trees.py.
+    tests/runtime/test_record.py and tests/test_trees.py check that they are drawn otherwise.
     """
     from bt_dualarm.runtime import plots
 

@@ -89,7 +89,7 @@ def test_leaf_that_controls_its_arm_from_a_thread_fails_with_the_reason(
     assert "from thread 'a thread of its own'" in leaf.reason
     assert leaf.ended_s == pytest.approx(0.12, abs=0.021), "at the next tick"
     if deed not in MOVING:
-        assert play.ways["arm1"] < 2e-3
+        assert play.joint_travel["arm1"] < 2e-3
     assert not play.world.attachments
     assert play.arm("arm2").outcome == "SUCCESS"
 

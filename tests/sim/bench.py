@@ -1,4 +1,4 @@
-"""Sensors and drives of arms on a bench: no plant, only what their joints are at."""
+"""Sensors and drives of arms on a bench: without a plant, joint states are set directly."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ARM = "arm"
 
 @dataclass(frozen=True)
 class Joints:
-    """An arm whose joints lie in all arrays at the same places."""
+    """An arm whose joints have the same indices in all arrays."""
 
     qpos_ids: Any
     dof_ids: Any
@@ -30,11 +30,11 @@ class Joints:
 
 
 class Bench:
-    """Arms whose encoders read, and whose drives get, what they are told.
+    """Arms whose joint states are set and whose drives get given commands.
 
     Args:
-        sensed: What the encoders do to what they read, by arm.
-        driven: What the drives do to a torque, their gain and their efforts, by arm.
+        sensed: Errors of the encoders, by arm.
+        driven: Errors, gains and effort limits of the drives, by arm.
     """
 
     def __init__(
@@ -45,50 +45,50 @@ class Bench:
         self.drives = Drives(driven, self._parts, STEP)
         n = sum(len(one.effort) for one in driven.values())
         self._true: Any = SimpleNamespace(qpos=np.zeros(n), qvel=np.zeros(n), ctrl=np.zeros(n))
-        self._here: dict[str, Joints] = {}
+        self._present: dict[str, Joints] = {}
         self.hardware: dict[str, ArmHardware] = {}
         self._connect()
 
     def begin(self, name: str, seed: int = 0) -> None:
-        """Have an arm come."""
+        """Add an arm."""
         part = self._parts[name]
         ids = np.arange(part.start, part.stop)
-        self._here[name] = Joints(ids, ids, ids, self._true)
+        self._present[name] = Joints(ids, ids, ids, self._true)
         self.encoders.begin(name, np.random.default_rng(seed))
         self.drives.begin(name)
         self.hardware[name] = ArmHardware(self.encoders, part, self.drives, name)
-        self.hardware[name].connect(self._here[name])
+        self.hardware[name].connect(self._present[name])
         self._connect()
 
     def _connect(self) -> None:
-        self.encoders.connect(self._true, self._here)
-        self.drives.connect(self._here)
+        self.encoders.connect(self._true, self._present)
+        self.drives.connect(self._present)
 
     def read(self, time: float) -> None:
-        """Have the encoders read."""
+        """Let the encoders take readings."""
         read_joints(*self.encoders.begin_reading(time))
         self.encoders.end_reading(time)
 
     def drive(self) -> None:
-        """Have the drives apply their torques for a step."""
+        """Let the drives apply their torques for a step."""
         apply_torques(*self.drives.begin_step(), self._true.ctrl)
 
     def place(self, name: str, q: Vector, v: Vector) -> None:
-        """Say where an arm is, and how fast; each of shape (dof,)."""
+        """Set joint positions and velocities of an arm, each of shape (dof,)."""
         self._true.qpos[self._parts[name]] = q
         self._true.qvel[self._parts[name]] = v
 
     def torque(self, name: str) -> Vector:
-        """What the joints of an arm get, of shape (dof,)."""
+        """Torques that the joints of an arm get, of shape (dof,)."""
         torque: Vector = self._true.ctrl[self._parts[name]].copy()
         return torque
 
 
 class BenchEncoders:
-    """Encoders of one arm that read what they are told.
+    """Encoders of one arm that read given joint states.
 
     Args:
-        errors: What they do to it.
+        errors: Errors of the encoders.
         dof: Number of joints.
         seed: Seed of the noise.
     """
@@ -111,10 +111,10 @@ class BenchEncoders:
 
 
 class BenchDrives:
-    """Drives of one arm whose motors are looked at.
+    """Drives of one arm, with access to the motor torques.
 
     Args:
-        errors: What they do to a torque.
+        errors: Errors of the drives.
         gain: Factor of each joint's torque, of shape (dof,).
         effort: Effort limits, of shape (dof,), N m.
     """
@@ -124,7 +124,7 @@ class BenchDrives:
         self._bench.begin(ARM)
 
     def passed(self, torque: Vector) -> Vector:
-        """What the joints get in the step after a command."""
+        """Torques that the joints get in the step after a command."""
         self._bench.hardware[ARM].command(torque)
         self._bench.drive()
         return self._bench.torque(ARM)

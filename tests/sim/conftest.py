@@ -11,7 +11,7 @@ from tests.sim.worlds import arm, box, file_of
 
 @pytest.fixture
 def file() -> TreeFile:
-    """A UR5 and a Panda (not there yet), a cube and a ball (not there yet)."""
+    """A UR5 and a Panda (not spawned yet), a cube and a ball (not spawned yet)."""
     ball = ObjectSpec(
         shape="sphere", size=(0.03,), mass=0.1, pose=PoseSpec(xyz=(0.5, 0.6, 0.2)), spawned=False
     )

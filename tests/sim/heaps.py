@@ -1,6 +1,6 @@
 """Heaps of every shape under every kind of light, small enough for kernels in plain Python.
 
-As a program: pictures of the seeds that are named, pickled, to standard output.
+As a program, it writes the pickled images of the given seeds to standard output.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _ROCK = "  ".join(" ".join(f"{value:.4f}" for value in corner) for corner in _CO
 
 
 def heap(seed: int) -> tuple[Any, Any]:
-    """A heap on a tiled floor of some size: colored, of a material, or textured shapes."""
+    """A heap of colored or textured shapes on a finite tiled floor."""
     rng = np.random.default_rng(seed)
 
     def numbers(values: Any) -> str:
@@ -32,10 +32,10 @@ def heap(seed: int) -> tuple[Any, Any]:
     geoms = []
     for kind in _KINDS:
         size = 'mesh="rock"' if kind == "mesh" else f'size="{numbers(rng.uniform(0.05, 0.2, 3))}"'
-        looks = rng.choice(["", 'material="tiles"', 'material="steel"'])
-        looks = looks or f'rgba="{numbers(rng.random(3))} 1"'
-        place = f'pos="{numbers(rng.uniform(-0.4, 0.4, 3))}" quat="{numbers(rng.normal(size=4))}"'
-        geoms.append(f'<geom type="{kind}" {size} {looks} {place}/>')
+        appearance = rng.choice(["", 'material="tiles"', 'material="steel"'])
+        appearance = appearance or f'rgba="{numbers(rng.random(3))} 1"'
+        pose = f'pos="{numbers(rng.uniform(-0.4, 0.4, 3))}" quat="{numbers(rng.normal(size=4))}"'
+        geoms.append(f'<geom type="{kind}" {size} {appearance} {pose}/>')
     model = mujoco.MjModel.from_xml_string(f"""
 <mujoco>
   <asset>
@@ -60,8 +60,8 @@ def heap(seed: int) -> tuple[Any, Any]:
     return model, data
 
 
-def drawn(seed: int) -> tuple[Any, Any, Any]:
-    """Geoms and distances that rays meet, and a picture with a window and blocks of its own."""
+def rendered(seed: int) -> tuple[Any, Any, Any]:
+    """Geoms and distances hit by rays, and an image with a window and blocks."""
     model, data = heap(seed)
     fan = fan_of(Viewpoint(np.array((1.2, 0.3, 0.5)), np.zeros(3), 45.0), WIDTH, HEIGHT)
     hits = RayScene(model, (0,)).trace(data, fan)
@@ -70,4 +70,4 @@ def drawn(seed: int) -> tuple[Any, Any, Any]:
 
 
 if __name__ == "__main__":
-    sys.stdout.buffer.write(pickle.dumps([drawn(int(seed)) for seed in sys.argv[1:]]))
+    sys.stdout.buffer.write(pickle.dumps([rendered(int(seed)) for seed in sys.argv[1:]]))

@@ -1,6 +1,6 @@
-"""What sensors, drives and friction make of a motion: python -m tests.sim.passed 0 1.
+"""Outputs of sensors, drives and friction for a motion: python -m tests.sim.passed 0 1.
 
-Writes it, pickled, to standard output: once compiled, once read by Python itself.
+They are written to standard output, pickled, to compare compiled kernels with plain Python.
 """
 
 from __future__ import annotations

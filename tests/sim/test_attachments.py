@@ -1,4 +1,4 @@
-"""Attachments: welds that hold, many at once, through everything that happens to the world."""
+"""Attachments: several welds at once hold through all changes of the world."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from bt_dualarm.trajectory.set_points import SetPoint
 from tests.sim.worlds import arm, box, file_of
 
 HELD = 0.0002
-"""Meters by which a held object may stray: a tenth of what a placement tolerates."""
+"""Allowed deviation of a held object, m: a tenth of the tolerance of a placement."""
 
 
 @pytest.fixture
 def world() -> World:
-    """A UR5 with two cubes at its tool, a Panda to come."""
+    """A UR5 with two cubes at its tool, and a Panda that is not spawned yet."""
     file = file_of(
         {"arm1": arm("ur5"), "arm2": arm("panda", (1.6, 0.0, 0.0), 180.0, spawned=False)},
         {"cube": box((0, 0, 0), spawned=False), "block": box((0, 0, 0), mass=0.5, spawned=False)},
@@ -31,12 +31,12 @@ def world() -> World:
 
 
 def relative(world: World, name: str, arm_name: str = "arm1") -> Pose:
-    """The object in the arm's tool link."""
+    """Pose of the object in the frame of the arm's tool link."""
     return world.arms[arm_name].tool_link_pose.inverse @ world.object_pose(name)
 
 
 def swing(world: World, seconds: float, controller: JointController) -> dict[str, float]:
-    """Move all joints to and fro; returns how far each held object strays in meters."""
+    """Move all joints back and forth; returns the largest deviation of each held object, m."""
     start = controller.setpoint
     begin = world.time
     w = 5.0
@@ -53,14 +53,14 @@ def swing(world: World, seconds: float, controller: JointController) -> dict[str
         )
 
     controller.stream(at)
-    strayed = {held.object: 0.0 for held in world.attachments}
+    deviations = {held.object: 0.0 for held in world.attachments}
     for _ in range(round(seconds / world.timestep)):
         controller.update(world.time)
         world.step()
         for held in world.attachments:
-            away = relative(world, held.object).distance(held.relative)
-            strayed[held.object] = max(strayed[held.object], away)
-    return strayed
+            deviation = relative(world, held.object).distance(held.relative)
+            deviations[held.object] = max(deviations[held.object], deviation)
+    return deviations
 
 
 def test_welds_hold_while_the_arm_moves(world: World) -> None:
@@ -70,10 +70,10 @@ def test_welds_hold_while_the_arm_moves(world: World) -> None:
         world.attach("arm1", name)
     assert world.attachments.attached_to("arm1") == ("cube", "block")
     before = world.object_pose("cube").position
-    strayed = swing(world, 0.6, controller)
+    deviations = swing(world, 0.6, controller)
     assert world.object_pose("cube").distance(Pose(before, np.array([1.0, 0, 0, 0]))) > 0.05
-    assert strayed.keys() == {"cube", "block"}
-    assert max(strayed.values()) < HELD
+    assert deviations.keys() == {"cube", "block"}
+    assert max(deviations.values()) < HELD
     for held in world.attachments:
         assert relative(world, held.object).angle(held.relative) < 0.005
 
@@ -104,7 +104,7 @@ def test_detaching_twice_is_detaching_once(world: World) -> None:
     assert world.model.neq == 0
 
 
-def test_a_detached_object_falls_and_can_be_taken_again(world: World) -> None:
+def test_detached_object_falls_and_can_be_attached_again(world: World) -> None:
     controller = JointController(world, "arm1", world.timestep, Reservations())
     world.attach("arm1", "cube")
     world.attachments.detach("arm1", "cube")
@@ -113,12 +113,12 @@ def test_a_detached_object_falls_and_can_be_taken_again(world: World) -> None:
         controller.update(world.time)
         world.step()
     assert world.object_pose("cube").position[2] < height - 0.03
-    held = world.attach("arm1", "cube")  # where it is now
+    held = world.attach("arm1", "cube")  # at its current pose
     assert held.relative.distance(relative(world, "cube")) < 1e-12
 
 
-def test_the_relative_pose_survives_what_else_happens(world: World) -> None:
-    """Each change recompiles the model, and MuJoCo then computes welds anew from the start pose."""
+def test_relative_pose_survives_other_changes_of_the_world(world: World) -> None:
+    """Each change recompiles the model, and MuJoCo then recomputes welds from the initial pose."""
     controller = JointController(world, "arm1", world.timestep, Reservations())
     held = world.attach("arm1", "cube")
     swing(world, 0.2, controller)  # away from the posture of the compilation
@@ -150,7 +150,7 @@ def test_removing_a_held_object_is_safe(world: World) -> None:
     assert world.model.neq == 1
 
 
-def test_removing_the_arm_lets_go(world: World) -> None:
+def test_removing_the_arm_detaches_the_object(world: World) -> None:
     world.attach("arm1", "cube")
     world.remove_arm("arm1")
     assert len(world.attachments) == world.model.neq == 0
@@ -163,7 +163,7 @@ def test_removing_the_arm_lets_go(world: World) -> None:
 
 
 def test_two_arms_may_hold_one_object(world: World) -> None:
-    """A pair is what is attached, not an object."""
+    """An attachment is a pair of arm and object."""
     world.spawn_arm("arm2")
     world.attach("arm1", "cube")
     world.attach("arm2", "cube")
@@ -172,8 +172,8 @@ def test_two_arms_may_hold_one_object(world: World) -> None:
     assert world.attachments.attached_to("arm2") == ("cube",)
 
 
-def test_a_held_object_does_not_rub_against_the_tool(world: World) -> None:
-    """It was sunk half a millimeter into the cup: the weld, not a contact, says where it is."""
+def test_attached_object_has_no_contact_with_the_tool(world: World) -> None:
+    """It penetrated the cup by 0.5 mm: the weld determines its pose, not the contact."""
     world.remove_object("cube")
     tool = world.arms["arm1"].tool_pose
     world.spawn_object("cube", tool @ Pose.from_rpy((0.0, 0.0, 0.0245)))

@@ -29,7 +29,7 @@ SCENE = """
 
 
 class Recorder:
-    """A renderer that notes what it was asked for."""
+    """A renderer that records its requests."""
 
     name = "recorder"
 
@@ -57,27 +57,27 @@ def camera(**fields: Any) -> tuple[Camera, Recorder]:
 
 
 def stamps(fps: float, steps: int, timestep: float) -> list[float]:
-    """When a camera exposes in a run of physics steps."""
+    """Times of the exposures in a number of physics steps."""
     stage = world()
-    (eye, _) = camera(fps=fps, resolution=(16, 16))
-    eye.subscribe(lambda _: None)
+    (cam, _) = camera(fps=fps, resolution=(16, 16))
+    cam.subscribe(lambda _: None)
     taken = []
     for step in range(steps):
         stage.data.time = step * timestep
-        if eye.due(stage.data.time):
-            taken.append(eye.capture(stage).stamp)
+        if cam.due(stage.data.time):
+            taken.append(cam.capture(stage).stamp)
     return taken
 
 
-def test_60_hz_on_steps_of_2_ms() -> None:
+def test_60_hz_exposures_with_steps_of_2_ms() -> None:
     """Exposures fall on the first step at or after k / 60: 0, 16.7, 33.3, 50 ms."""
     assert stamps(60.0, 26, 0.002) == pytest.approx([0.0, 0.018, 0.034, 0.05])
 
 
 @given(fps=st.floats(1.0, 500.0), timestep=st.sampled_from([0.0005, 0.001, 0.002, 0.005]))
 @settings(max_examples=30, deadline=None)
-def test_one_exposure_a_period(fps: float, timestep: float) -> None:
-    """At most one a step, each within one step after its k / fps, none left out or doubled."""
+def test_one_exposure_per_period(fps: float, timestep: float) -> None:
+    """At most one per step, each within one step after k / fps, none omitted or repeated."""
     taken = np.array(stamps(fps, 200, timestep))
     index = np.floor(taken * fps + 1e-6)
     assert (np.diff(index) >= 1).all()
@@ -86,129 +86,129 @@ def test_one_exposure_a_period(fps: float, timestep: float) -> None:
         assert (np.diff(index) == 1).all()
 
 
-def test_nobody_listening_nothing_due() -> None:
-    eye, _ = camera()
-    assert not eye.due(1.0)
-    unsubscribe = eye.subscribe(lambda _: None)
-    assert eye.due(1.0)
+def test_no_exposure_is_due_without_subscribers() -> None:
+    cam, _ = camera()
+    assert not cam.due(1.0)
+    unsubscribe = cam.subscribe(lambda _: None)
+    assert cam.due(1.0)
     unsubscribe()
     unsubscribe()
-    assert not eye.due(1.0)
+    assert not cam.due(1.0)
 
 
-def test_a_late_listener_gets_one_frame_not_a_backlog() -> None:
+def test_late_subscriber_gets_one_frame_without_a_backlog() -> None:
     stage = world()
-    (eye, _) = camera(fps=10.0)
-    eye.subscribe(lambda _: None)
+    (cam, _) = camera(fps=10.0)
+    cam.subscribe(lambda _: None)
     stage.data.time = 5.03
-    assert eye.due(5.03)
-    eye.capture(stage)
-    assert not eye.due(5.09)
-    assert eye.due(5.1)
+    assert cam.due(5.03)
+    cam.capture(stage)
+    assert not cam.due(5.09)
+    assert cam.due(5.1)
 
 
 def test_frames_arrive_after_their_latency_in_order() -> None:
     stage = world()
-    (eye, _) = camera(fps=100.0, latency=0.025)
+    (cam, _) = camera(fps=100.0, latency=0.025)
     got: list[Frame] = []
-    eye.subscribe(got.append)
+    cam.subscribe(got.append)
     for time in (0.0, 0.01, 0.02, 0.03):
         stage.data.time = time
-        eye.capture(stage)
-    assert eye.deliver(0.02) == []
-    assert eye.latest is None
-    delivered = eye.deliver(0.045)
+        cam.capture(stage)
+    assert cam.deliver(0.02) == []
+    assert cam.latest is None
+    delivered = cam.deliver(0.045)
     assert [frame.stamp for frame in delivered] == [0.0, 0.01, 0.02]
     assert got == delivered
-    assert eye.latest is delivered[-1]
-    assert [frame.stamp for frame in eye.deliver(0.055)] == [0.03]
+    assert cam.latest is delivered[-1]
+    assert [frame.stamp for frame in cam.deliver(0.055)] == [0.03]
 
 
-def test_a_listener_may_leave_while_it_is_called() -> None:
+def test_subscriber_may_unsubscribe_while_it_is_called() -> None:
     stage = world()
-    (eye, _) = camera()
+    (cam, _) = camera()
     seen: list[Frame] = []
 
     def once(frame: Frame) -> None:
         seen.append(frame)
-        leave()
+        unsubscribe()
 
-    leave = eye.subscribe(once)
+    unsubscribe = cam.subscribe(once)
     other: list[Frame] = []
-    eye.subscribe(other.append)
-    eye.capture(stage)
-    eye.capture(stage)
-    eye.deliver(0.0)
+    cam.subscribe(other.append)
+    cam.capture(stage)
+    cam.capture(stage)
+    cam.deliver(0.0)
     assert len(seen) == 1
     assert len(other) == 2
 
 
-def test_the_pose_is_that_of_the_stamp() -> None:
-    """mj_step leaves body poses of before the step; a camera must not be a step behind."""
+def test_pose_of_a_frame_is_that_of_its_stamp() -> None:
+    """mj_step leaves the body poses of before the step; a camera must not lag by a step."""
     stage = world()
-    (eye, _) = camera()
+    (cam, _) = camera()
     stage.data.qvel[0] = 1.0
     for _ in range(50):
         mujoco.mj_step(stage.model, stage.data)
-    frame = eye.capture(stage)
+    frame = cam.capture(stage)
     assert frame.stamp == pytest.approx(0.1)
     assert frame.pose.position == pytest.approx([stage.data.qpos[0], -1.0, 1.0], abs=1e-12)
 
 
-def test_the_pose_has_z_forward_and_y_down() -> None:
+def test_camera_frame_has_z_forward_and_y_down() -> None:
     stage = world()
-    (eye, _) = camera()
-    pose = eye.capture(stage).pose
+    (cam, _) = camera()
+    pose = cam.capture(stage).pose
     assert pose.rotation.apply((1, 0, 0)) == pytest.approx([1, 0, 0], abs=1e-12)
     assert pose.rotation.apply((0, 1, 0)) == pytest.approx([0, 0, -1], abs=1e-12)
     assert pose.rotation.apply((0, 0, 1)) == pytest.approx([0, 1, 0], abs=1e-12)
 
 
-def test_the_aim_is_asked_with_the_pose_of_the_exposure() -> None:
+def test_aim_is_called_with_the_pose_of_the_exposure() -> None:
     stage = world()
-    (eye, recorder) = camera(resolution=(80, 60))
-    asked = []
+    (cam, recorder) = camera(resolution=(80, 60))
+    calls = []
 
     def aim(stamp: float, pose: Any, width: int, height: int) -> Window:
-        asked.append((stamp, pose.position[0], width, height))
+        calls.append((stamp, pose.position[0], width, height))
         return Window((-5, 10, 30, 99), 3)
 
-    eye.aim = aim
+    cam.aim = aim
     stage.data.qpos[0] = 0.25
     stage.data.time = 0.5
-    frame = eye.capture(stage)
-    assert asked == [(0.5, 0.25, 80, 60)]
+    frame = cam.capture(stage)
+    assert calls == [(0.5, 0.25, 80, 60)]
     assert recorder.regions == [(0, 9, 30, 60)]
     assert recorder.strides == [3]
     assert frame.region == (0, 9, 30, 60)
     assert frame.stride == 3
 
 
-def test_a_camera_that_is_gone_is_named() -> None:
-    eye = Camera("arm9/camera", CameraSpec(), Recorder())
+def test_error_names_a_missing_camera() -> None:
+    cam = Camera("arm9/camera", CameraSpec(), Recorder())
     with pytest.raises(WorldError, match="arm9/camera"):
-        eye.capture(world())
+        cam.capture(world())
 
 
-def test_frames_get_lost_as_often_as_declared() -> None:
-    """A third of 300, within three standard deviations, and the same ones for the same seed."""
+def test_frames_are_dropped_at_the_declared_rate() -> None:
+    """A third of 300, within three standard deviations, and identically for the same seed."""
 
     def delivered(seed: int) -> list[float]:
         spec = CameraSpec(fps=100.0, resolution=(16, 16), drop=1.0 / 3.0)
-        eye = Camera("arm/camera", spec, Recorder(), np.random.default_rng(seed))
+        cam = Camera("arm/camera", spec, Recorder(), np.random.default_rng(seed))
         stage = world()
         for step in range(300):
             stage.data.time = 0.01 * step
-            eye.capture(stage)
-        return [frame.stamp for frame in eye.deliver(10.0)]
+            cam.capture(stage)
+        return [frame.stamp for frame in cam.deliver(10.0)]
 
     assert len(delivered(1)) == pytest.approx(200, abs=3 * (300 * 2 / 9) ** 0.5)
     assert delivered(1) == delivered(1)
     assert delivered(1) != delivered(2)
 
 
-def test_a_shake_moves_the_image_and_nothing_else() -> None:
-    """A point on the axis appears ``noise`` pixels off in x and in y; the pose is not told."""
+def test_shake_moves_the_image_but_not_the_pose() -> None:
+    """A point on the axis deviates by ``noise`` pixels in x and y; the reported pose does not."""
     stage = world()
     focal = 120.0 / np.tan(np.radians(30.0))
     seen = []
@@ -219,8 +219,8 @@ def test_a_shake_moves_the_image_and_nothing_else() -> None:
             seen.append((focal * forward[0] / forward[1], focal * forward[2] / forward[1]))
             return np.zeros((240, 320, 3), np.uint8)
 
-    eye = Camera("arm/camera", CameraSpec(noise=2.0), Axis(), np.random.default_rng(0))
-    poses = [eye.capture(stage).pose for _ in range(400)]
+    cam = Camera("arm/camera", CameraSpec(noise=2.0), Axis(), np.random.default_rng(0))
+    poses = [cam.capture(stage).pose for _ in range(400)]
     assert np.std(seen, axis=0) == pytest.approx([2.0, 2.0], rel=0.1)
     assert np.mean(seen, axis=0) == pytest.approx([0.0, 0.0], abs=0.4)
     assert {tuple(pose.position) for pose in poses} == {tuple(poses[0].position)}

@@ -1,4 +1,4 @@
-"""Capsules as things of the world: their mass, their pictures, how they are found and taken."""
+"""Capsules as objects: their inertia, detection, handling and markers."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ PILL = {"shape": "capsule", "size": [0.02, 0.04], "mass": 0.3, "color": "yellow"
 
 
 @pytest.mark.parametrize("size", [(0.02, 0.04), (0.05, 0.01), (0.01, 0.2)])
-def test_its_inertia_is_that_of_mujoco(size: tuple[float, float]) -> None:
+def test_inertia_of_a_capsule_agrees_with_mujoco(size: tuple[float, float]) -> None:
     obj = ObjectSpec(shape="capsule", size=size, mass=2.0, pose=PoseSpec(xyz=(0, 0, 1)))
     spec = mujoco.MjSpec()
     body = spec.worldbody.add_body()
@@ -32,9 +32,9 @@ def test_its_inertia_is_that_of_mujoco(size: tuple[float, float]) -> None:
     assert np.diag(inertia) == pytest.approx(2.0 * inertia_per_mass(obj), rel=1e-9)
 
 
-def test_it_is_taken_where_it_lies_carried_and_set_down() -> None:
-    """Found by sight, by its color and shape; nobody tells where it is."""
-    lies = {"xyz": [0.41, -0.43, 0.42], "rpy": [0, 90, 25]}
+def test_capsule_is_located_grasped_carried_and_placed() -> None:
+    """It is located by its color and shape alone."""
+    pose = {"xyz": [0.41, -0.43, 0.42], "rpy": [0, 90, 25]}
     tree: list[dict[str, Any]] = [
         {"scan": {"object": "pill", "center": [0.40, -0.45, 0.40], "width": 0.1, "depth": 0.1}},
         {"locate": {"object": "pill", "pose": "{pose}", "score": "pill"}},
@@ -47,7 +47,7 @@ def test_it_is_taken_where_it_lies_carried_and_set_down() -> None:
         "bt_dualarm": 1,
         "name": "pill",
         "world": {"scene": "table", "reality": "lab", "time_limit": 90},
-        "objects": {"pill": PILL | {"pose": lies}},
+        "objects": {"pill": PILL | {"pose": pose}},
         "arms": {
             "arm1": {
                 "robot": "ur5",
@@ -65,7 +65,7 @@ def test_it_is_taken_where_it_lies_carried_and_set_down() -> None:
     assert float(leaves["sequence/place"].metrics["placed_error_m"]) < 0.005
 
 
-def test_it_has_no_face_for_a_marker() -> None:
+def test_marker_on_a_capsule_is_refused() -> None:
     marker = {"dictionary": "aruco_4x4_50", "id": 1, "size": 0.02}
     file = {
         "bt_dualarm": 1,

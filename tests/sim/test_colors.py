@@ -1,4 +1,4 @@
-"""The colors of arms: who looks for a named color must not take an arm for the target."""
+"""Colors of arms and targets: a search for a named color must not find an arm."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ TARGETS = ("red", "orange", "yellow", "green", "blue")
 
 
 @pytest.mark.parametrize("robot", robot_names())
-def test_no_part_of_an_arm_has_the_color_of_a_target(robot: str) -> None:
-    """The blue joints of a UR5 were once followed instead of a blue cube."""
+def test_no_part_of_an_arm_has_a_target_color(robot: str) -> None:
+    """The blue joints of a UR5 were once tracked instead of a blue cube."""
     model = world_with(robot).model
     for geom in range(model.ngeom):
         material = int(model.geom_matid[geom])
@@ -25,12 +25,12 @@ def test_no_part_of_an_arm_has_the_color_of_a_target(robot: str) -> None:
             pixel = np.round(255 * light * rgba[:3]).astype(np.uint8)[None, None]
             taken = [name for name in TARGETS if ColorFilter(Color.named(name)).mask(pixel).any()]
             body = model.body(int(model.geom_bodyid[geom])).name
-            assert not taken, f"{body} is {taken[0]} to a camera"
+            assert not taken, f"{body} looks {taken[0]} to a camera"
 
 
 @pytest.mark.parametrize("name", TARGETS)
-def test_an_object_of_a_named_color_has_that_color_only(name: str) -> None:
-    """In the shade as in full light."""
+def test_object_of_a_named_color_matches_only_that_color(name: str) -> None:
+    """In the shade and in full light."""
     for light in (0.4, 0.7, 1.0):
         pixel = np.round(255 * light * np.array(NAMED_COLORS[name])).astype(np.uint8)[None, None]
         taken = [other for other in TARGETS if ColorFilter(Color.named(other)).mask(pixel).any()]

@@ -1,4 +1,4 @@
-"""What a world is made of: where objects begin, by the seed and their own names."""
+"""Composition of a world: initial poses by seed and name, and contacts of thin cylinders."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ def noisy(xyz: Place = (0.5, 0.4, 0.2), **fields: Any) -> ObjectSpec:
     return box(xyz, noise=NoiseSpec(xyz=(0.1, 0.2, 0.0), yaw=45.0), **fields)
 
 
-def test_noise_depends_on_the_seed_and_the_name_alone() -> None:
-    """Other objects, their order and when it arrives change nothing."""
+def test_noise_depends_only_on_seed_and_name() -> None:
+    """Other objects, their order and the time of spawning have no influence."""
     alone = file_of({"arm1": arm("ur5")}, {"cube": noisy()})
     others = {"a": noisy(), "cube": noisy(spawned=False), "z": noisy()}
     among = World(file_of({"arm1": arm("ur5")}, others), seed=7)
@@ -36,19 +36,19 @@ def test_noise_stays_within_its_widths() -> None:
     file = file_of({"arm1": arm("ur5")}, {name: noisy(spawned=False) for name in names})
     world = World(file, seed=1)
     poses = {}
-    for name in names:  # one after the other: they would be inside one another
+    for name in names:  # one after the other, as they would overlap
         world.spawn_object(name)
         poses[name] = world.object_pose(name)
         world.remove_object(name)
-    away = np.array([pose.position for pose in poses.values()]) - (0.5, 0.4, 0.2)
-    assert (np.abs(away) <= (0.1, 0.2, 1e-12)).all()
-    assert (np.ptp(away, axis=0)[:2] > (0.1, 0.2)).all()
+    offsets = np.array([pose.position for pose in poses.values()]) - (0.5, 0.4, 0.2)
+    assert (np.abs(offsets) <= (0.1, 0.2, 1e-12)).all()
+    assert (np.ptp(offsets, axis=0)[:2] > (0.1, 0.2)).all()
     turns = [pose.angle(Pose.identity()) for pose in poses.values()]
     assert np.radians(30.0) < max(turns) <= np.radians(45.0)
 
 
-def test_a_cylinder_that_barely_touches_a_box_is_not_found_deep_beside_it() -> None:
-    """The pose in which a pot on the edge of a stove was thrown aside, 0.1 µm in it."""
+def test_barely_touching_cylinder_has_no_deep_contact() -> None:
+    """In this pose, with 0.1 µm of penetration, a pot at the edge of a stove was thrown aside."""
     spec = composition.scene_spec(WorldSpec(scene="empty"))
     stove = spec.worldbody.add_body(pos=[0.5, 0.3, 0.832])
     stove.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=[0.175, 0.14, 0.01])

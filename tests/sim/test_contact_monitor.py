@@ -1,4 +1,4 @@
-"""Contacts of arms are noticed in the step in which they occur, in each generation of a world."""
+"""Contacts of arms are detected in the step in which they occur, in each generation of a world."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ STEPS = 60
 
 
 def hit(world: World) -> list[bool]:
-    """Throw the box at the last link from above; whether both touch, in each step."""
+    """Throw the box at the last link from above; returns whether they touch in each step."""
     mine = world.arms["arm1"].geom_ids
     above = world.data.geom_xpos[max(mine)] + np.array((0.0, 0.0, 0.25))
     world.spawn_object("box", Pose(above, np.array((1.0, 0.0, 0.0, 0.0))))
@@ -22,19 +22,19 @@ def hit(world: World) -> list[bool]:
     other = world.object_geom("box")
     touching: list[bool] = []
 
-    def look() -> None:
+    def record() -> None:
         pairs = [set(pair) for pair in world.data.contact.geom.tolist()]
         touching.append(any(other in pair and not pair.isdisjoint(mine) for pair in pairs))
 
-    world.on_forces.append(look)
+    world.on_forces.append(record)
     for _ in range(STEPS):
         world.step()
-    world.on_forces.remove(look)
+    world.on_forces.remove(record)
     return touching
 
 
-def test_a_contact_is_noticed_again_after_the_world_has_changed() -> None:
-    """The box comes, hits the arm, goes, and comes again: each time in a new generation."""
+def test_contact_is_detected_again_after_a_recompilation() -> None:
+    """The box is spawned, hits the arm, is removed, and spawned again, in new generations."""
     world = World(file_of({"arm1": arm("ur5")}, {"box": box((0.0, 0.0, 2.0), spawned=False)}))
     contacts = Contacts(world)
     for _ in range(2):
@@ -45,8 +45,8 @@ def test_a_contact_is_noticed_again_after_the_world_has_changed() -> None:
         world.remove_object("box")
 
 
-def test_a_step_knows_whether_an_arm_touches_anything_foreign() -> None:
-    """Only with a monitor, which says what is foreign, and only while there is a contact."""
+def test_step_reports_contact_with_foreign_objects() -> None:
+    """Only with a monitor, which defines what is foreign, and only during contact."""
     world = World(file_of({"arm1": arm("ur5")}, {"box": box((0.0, 0.0, 2.0), spawned=False)}))
     assert any(hit(world))
     assert not world.devices.touches_foreign
@@ -56,6 +56,6 @@ def test_a_step_knows_whether_an_arm_touches_anything_foreign() -> None:
     noticed: list[bool] = []
     world.on_forces.append(lambda: noticed.append(world.devices.touches_foreign))
     touching = hit(world)
-    # In the first step after a change the monitor looks itself.
+    # In the first step after a change, the monitor checks contacts itself.
     assert noticed[1:] == touching[1:]
     assert any(touching)

@@ -1,4 +1,4 @@
-"""The edge of something open, at which a tool touches it."""
+"""The edge of an open container, at which a tool touches it."""
 
 from __future__ import annotations
 
@@ -21,9 +21,7 @@ UP = np.array([0.0, 0.0, 1.0])
         ("bowl", [0.08, 0.04], 0.070, 0.080),
     ],
 )
-def test_it_is_within_the_wall_and_on_top(
-    shape: str, size: list[float], near: float, far: float
-) -> None:
+def test_edge_is_on_top_of_the_wall(shape: str, size: list[float], near: float, far: float) -> None:
     edge = body_of(
         ObjectSpec.model_validate({"shape": shape, "size": tuple(size), "mass": 1})
     ).edge(UP)
@@ -34,12 +32,12 @@ def test_it_is_within_the_wall_and_on_top(
 
 
 @pytest.mark.parametrize("shape", ["table", "shelf", "prism"])
-def test_what_has_a_top_has_no_edge(shape: str) -> None:
+def test_closed_top_has_no_edge(shape: str) -> None:
     size = (0.05, 0.1) if shape == "prism" else (0.3, 0.2, 0.4)
     body = body_of(ObjectSpec.model_validate({"shape": shape, "size": size, "mass": 1}))
     assert body.edge(UP) is None
 
 
-def test_upside_down_a_cup_is_closed() -> None:
+def test_upside_down_cup_has_no_edge() -> None:
     body = body_of(ObjectSpec.model_validate({"shape": "cup", "size": (0.04, 0.09), "mass": 1}))
     assert body.edge(-UP) is None

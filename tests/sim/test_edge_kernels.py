@@ -1,4 +1,4 @@
-"""Which cells of a row lie on the inner side of planes through the eye."""
+"""Kernel that finds the cells of a row on the inner side of planes through the camera center."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ CENTER = (9.5, 7.25)
 
 
 def rays(within: Any) -> Any:
-    """A ray through a place within each cell, places of shape (2, rows, columns), 0 to 1."""
+    """Rays through positions `within` each cell, of shape (2, rows, columns), 0 to 1."""
     rows, columns = np.indices((ROWS, COLUMNS)) + within
     x = SPACING * (columns - CENTER[0])
     y = SPACING * (CENTER[1] - rows)
@@ -27,8 +27,11 @@ def rays(within: Any) -> Any:
 
 @given(seed=st.integers(0, 100_000), flat=st.sampled_from([1.0, 1e-8, 1e-10, 0.0]))
 @settings(max_examples=60, deadline=None)
-def test_no_cell_is_left_out_and_none_is_taken_for_sure_that_is_not(seed: int, flat: float) -> None:
-    """For rays anywhere in their cells, borders included, whatever the planes."""
+def test_stretch_bounds_the_inner_cells(seed: int, flat: float) -> None:
+    """No inner cell is outside the stretch, and no outer one in its sure part.
+
+    This holds for any planes, and for rays anywhere in their cells, including borders.
+    """
     rng = np.random.default_rng(seed)
     normals = rng.normal(size=(3, 3)) * (1.0, 1.0, 0.3)
     normals[:, 0] *= flat
@@ -44,7 +47,7 @@ def test_no_cell_is_left_out_and_none_is_taken_for_sure_that_is_not(seed: int, f
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_plane_that_stands_across_the_rows_cuts_them_in_two(side: float) -> None:
+def test_plane_across_the_rows_splits_them(side: float) -> None:
     edge = crossing(SPACING, CENTER, side, 0.0, 0.0)
     begin, sure, unsure, end = stretch(0, COLUMNS, 3, edge, edge, edge)
     kept = (0, 0, 9, 10) if side > 0.0 else (9, 10, COLUMNS, COLUMNS)

@@ -1,4 +1,4 @@
-"""Injected faults change the simulated world as they say, while they are active, and repeat."""
+"""Injected faults change the simulated world as declared, only while active, and repeatably."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ TREE: dict[str, Any] = {
 
 
 def fault(kind: str, begin: float = 0.5, until: float = 1.0, **ports: Any) -> dict[str, Any]:
-    """The one fault of a run, under the name ``x``."""
+    """The only fault of a run, named ``x``."""
     return {"x": {"kind": kind, "begin": begin, "until": until, **ports}}
 
 
@@ -74,7 +74,7 @@ def pan(run: Run) -> float:
     return float(run.arms["arm1"].q[0])
 
 
-def test_a_frozen_joint_does_not_move_until_its_end() -> None:
+def test_frozen_joint_does_not_move_until_the_fault_ends() -> None:
     with opened(of_joint("frozen_joint", until=0.8), 0.52) as run:
         held = pan(run)
         run.step(0.26)
@@ -85,8 +85,8 @@ def test_a_frozen_joint_does_not_move_until_its_end() -> None:
     assert [round(event.time, 3) for event in result.faults] == [0.5, 0.8]
 
 
-def test_a_frozen_joint_moves_again_afterwards() -> None:
-    """Nothing of the fault remains in the model: friction, its solver, its damping."""
+def test_frozen_joint_moves_again_afterwards() -> None:
+    """No change of the model remains: friction loss and solver parameters."""
     with opened(of_joint("frozen_joint", begin=0.1, until=0.104), 0.2) as run:
         model = run.world.model
         dof = int(run.world.arms["arm1"].dof_ids[0])
@@ -97,10 +97,12 @@ def test_a_frozen_joint_moves_again_afterwards() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "port", "value", "share"),
+    ("kind", "port", "value", "fraction"),
     [("weak_joint", "strength", 0.3, 0.3), ("saturated_drive", "limit", 0.01, None)],
 )
-def test_a_drive_delivers_less(kind: str, port: str, value: float, share: float | None) -> None:
+def test_faulty_drive_delivers_less_torque(
+    kind: str, port: str, value: float, fraction: float | None
+) -> None:
     with opened(of_joint(kind, begin=0.01, **{port: value}), 0.05) as run:
         arm = run.world.arms["arm1"]
         effort = float(run.world.robots["arm1"].limits.effort[0])
@@ -109,7 +111,7 @@ def test_a_drive_delivers_less(kind: str, port: str, value: float, share: float 
         run.world.data.ctrl[motor] = 0.5 * effort
         run.world.step()
         applied = float(run.world.data.actuator_force[motor])
-        expected = 0.5 * share if share is not None else value
+        expected = 0.5 * fraction if fraction is not None else value
         assert applied == pytest.approx(expected * effort)
         assert commanded != 0.0
         run.step(1.2)
@@ -123,7 +125,7 @@ def readings(run: Run) -> Vector:
     return np.array((hardware.q[0], hardware.v[0]))
 
 
-def test_a_stuck_encoder_repeats_its_reading() -> None:
+def test_stuck_encoder_repeats_its_reading() -> None:
     with opened(of_joint("stuck_encoder", until=0.6), 0.502) as run:
         held = readings(run)
         run.step(0.03)
@@ -134,13 +136,13 @@ def test_a_stuck_encoder_repeats_its_reading() -> None:
         assert readings(run)[0] == pytest.approx(pan(run))
 
 
-def test_an_encoder_behind_a_play_lags_by_half_of_it() -> None:
+def test_encoder_with_backlash_lags_by_half_of_it() -> None:
     with opened(of_joint("loose_joint", begin=0.0, until=0.5, play=2.0), 0.45) as run:
         assert pan(run) - readings(run)[0] == pytest.approx(np.radians(1.0), abs=1e-6)
 
 
-def test_faults_overlap_and_leave_nothing_behind() -> None:
-    """The one that began first ends first: neither restores the value of the other."""
+def test_overlapping_faults_are_undone_independently() -> None:
+    """The first to begin ends first: neither restores the value set by the other."""
     both = {
         "one": of_joint("weak_joint", begin=0.1, until=0.3, strength=0.5)["x"],
         "other": of_joint("weak_joint", begin=0.2, until=0.4, strength=0.5)["x"],
@@ -154,7 +156,7 @@ def test_faults_overlap_and_leave_nothing_behind() -> None:
         assert gains == [0.25, 0.5, 1.0]
 
 
-def test_a_parameter_outlives_a_recompiled_world() -> None:
+def test_fault_survives_a_recompilation() -> None:
     with opened(of_joint("weak_joint", begin=0.1, strength=0.5), 0.2) as run:
         generation = run.world.generation
         run.world.remove_object("can")
@@ -166,7 +168,7 @@ def test_a_parameter_outlives_a_recompiled_world() -> None:
         assert float(run.world.model.actuator_gainprm[motor, 0]) == 1.0
 
 
-def test_a_pushed_object_accelerates_and_slides_to_rest() -> None:
+def test_pushed_object_accelerates_and_slides_to_rest() -> None:
     push = fault("pushed_object", until=0.7, object="cube", force=[3.0, 0.0, 0.0])
     with opened(push, 0.5) as run:
         start = run.world.object_pose("cube").position
@@ -180,7 +182,7 @@ def test_a_pushed_object_accelerates_and_slides_to_rest() -> None:
         assert not run.world.data.xfrc_applied.any()
 
 
-def test_swapped_objects_stand_where_the_other_stood() -> None:
+def test_swapped_objects_exchange_their_positions() -> None:
     swap = fault("swapped_object", object="cube", other="can")
     with opened(swap, 0.6) as run:
         cube = run.world.object_pose("cube").position
@@ -191,7 +193,7 @@ def test_swapped_objects_stand_where_the_other_stood() -> None:
         assert run.world.object_pose("cube").position == pytest.approx((1, 1, 0.03), abs=2e-3)
 
 
-def test_a_removed_object_is_gone_and_comes_back() -> None:
+def test_removed_object_disappears_and_returns() -> None:
     with opened(fault("removed_object", object="cube"), 0.7) as run:
         assert run.world.object_pose("cube").position[2] > 10.0
         assert np.abs(run.world.object_velocity("cube")).max() < 0.1  # it does not fall
@@ -199,7 +201,7 @@ def test_a_removed_object_is_gone_and_comes_back() -> None:
         assert run.world.object_pose("cube").position == pytest.approx((1, 1, 0.03), abs=2e-3)
 
 
-def test_a_slippery_object_slides_farther() -> None:
+def test_slippery_object_slides_farther() -> None:
     push = {"push": fault("pushed_object", 0.1, 0.2, object="cube", force=[4.0, 0, 0])["x"]}
     slip = {"slip": fault("reduced_friction", 0.0, 5.0, object="cube", friction=0.05)["x"]}
     reached = []
@@ -217,7 +219,7 @@ def test_no_plan_fails_with_its_code_and_names_the_fault() -> None:
     assert (leaf.code, "the fault 'x'" in leaf.reason) == ("NO_PLAN", True)
 
 
-def test_the_tree_of_an_absent_partner_does_not_tick() -> None:
+def test_tree_of_an_absent_partner_does_not_tick() -> None:
     late = bt.run(TREE, faults=fault("absent_partner", 0.0, 2.0, arm="arm1"))
     usual = bt.run(TREE)
     assert late.outcome == usual.outcome == "SUCCESS"
@@ -227,7 +229,7 @@ def test_the_tree_of_an_absent_partner_does_not_tick() -> None:
     assert never.outcome == "UNFINISHED"
 
 
-def test_probability_is_drawn_by_seed_and_name() -> None:
+def test_probability_is_sampled_by_seed_and_name() -> None:
     rare = fault("absent_partner", 0.0, 0.1, arm="arm1", probability=0.4)
 
     def happened(seed: int) -> bool:
@@ -235,17 +237,17 @@ def test_probability_is_drawn_by_seed_and_name() -> None:
             run.step(0.002)
             return not run.assembly.faults.is_idle
 
-    drawn = [happened(seed) for seed in range(12)]
-    assert drawn == [happened(seed) for seed in range(12)]
-    assert 0 < sum(drawn) < 12
+    outcomes = [happened(seed) for seed in range(12)]
+    assert outcomes == [happened(seed) for seed in range(12)]
+    assert 0 < sum(outcomes) < 12
 
 
-def test_a_fault_that_never_begins_changes_nothing() -> None:
+def test_fault_that_never_begins_changes_nothing() -> None:
     late = of_joint("frozen_joint", begin=100.0, until=200.0)
     assert bt.run(TREE, faults=late).state_sha256 == bt.run(TREE).state_sha256
 
 
-def test_faults_given_beside_the_file_are_those_in_it() -> None:
+def test_faults_given_as_an_argument_equal_those_in_the_file() -> None:
     faults = of_joint("weak_joint", strength=0.5)
     inside = bt.run(TREE | {"faults": faults})
     assert bt.run(TREE, faults=faults).state_sha256 == inside.state_sha256
@@ -253,7 +255,7 @@ def test_faults_given_beside_the_file_are_those_in_it() -> None:
         bt.open(TREE | {"faults": faults}, faults=faults)
 
 
-def test_unknown_names_beside_the_file_are_located(tmp_path: Path) -> None:
+def test_unknown_names_in_a_fault_file_are_located(tmp_path: Path) -> None:
     file = tmp_path / "f.yaml"
     file.write_text("faults:\n  x: {kind: weak_joint, arm: arm1, joint: shoulder_pan}\n")
     with pytest.raises(DualArmError, match=r"f\.yaml:2:43: error: there is no joint of arm1"):
@@ -261,7 +263,7 @@ def test_unknown_names_beside_the_file_are_located(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("without_pictures")
-def test_a_record_of_faults_replays_resumes_and_explains(tmp_path: Path) -> None:
+def test_record_of_faults_can_be_replayed_resumed_and_explained(tmp_path: Path) -> None:
     faults = of_joint("frozen_joint", begin=0.5, until=3.0)
     result = bt.run(TREE, faults=faults, record=tmp_path / "r")
     assert result.outcome == "FAILURE"
@@ -281,8 +283,8 @@ def test_a_record_of_faults_replays_resumes_and_explains(tmp_path: Path) -> None
 
 
 @pytest.mark.usefixtures("without_pictures")
-def test_a_fault_of_an_object_elsewhere_explains_nothing(tmp_path: Path) -> None:
-    """Honest: a fault that was active but unrelated is no cause."""
+def test_unrelated_fault_is_not_reported_as_a_cause(tmp_path: Path) -> None:
+    """An active fault of an uninvolved object explains nothing."""
     tree = TREE | {"arms": {"arm1": TREE["arms"]["arm1"] | {"tree": {"fail": "on purpose"}}}}
     bt.run(tree, faults=fault("removed_object", 0.0, 5.0, object="can"), record=tmp_path / "r")
     causes = stories(Record.read(tmp_path / "r"))[0].causes

@@ -1,4 +1,4 @@
-"""An exposure: its pixels, its rays, its axes."""
+"""Frames: their pixels, rays and axes."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ def frame_of(width: int, height: int, rpy: tuple[float, float, float] = (0, 0, 0
     return Frame(0.0, image, pose, FOV_RAD, (0, 0, width, height))
 
 
-def test_a_ray_leads_through_its_pixel() -> None:
-    """Bottom edge in the middle: half the field of view down, and y points down."""
+def test_ray_passes_through_its_pixel() -> None:
+    """The center of the bottom edge is half the field of view down, and y points down."""
     frame = frame_of(80, 60)
     assert frame.ray((40.0, 30.0)) == pytest.approx([0, 0, 1], abs=1e-12)
     assert frame.ray((40.0, 60.0)) == pytest.approx([0, np.tan(FOV_RAD / 2), 1], abs=1e-12)
@@ -32,8 +32,10 @@ def test_a_ray_leads_through_its_pixel() -> None:
     x=st.floats(0.0, 80.0),
     y=st.floats(0.0, 60.0),
 )
-def test_a_ray_is_seen_at_its_pixel(rpy: tuple[float, float, float], x: float, y: float) -> None:
-    """Whatever the pose: a point on the ray, brought into the camera, falls on the pixel."""
+def test_point_on_a_ray_projects_to_its_pixel(
+    rpy: tuple[float, float, float], x: float, y: float
+) -> None:
+    """For any pose, a point on the ray, in the camera frame, projects to the pixel."""
     frame = frame_of(80, 60, rpy)
     point = frame.pose.position + 0.7 * frame.ray((x, y))
     local = frame.world_in_camera.apply(point)

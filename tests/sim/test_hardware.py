@@ -1,4 +1,4 @@
-"""Sensors and drives do to readings and torques what the file says, and nothing else."""
+"""Sensors and drives change readings and torques exactly as declared."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def drives(gain: tuple[float, float] = (1.0, 1.0), **errors: Any) -> BenchDrives
 
 
 def response(drive: BenchDrives, torques: list[Vector]) -> Vector:
-    """What the first joint gets of torques for it, one a step."""
+    """Torques that the first joint gets for commands, one per step."""
     return np.array([drive.passed(torque)[0] for torque in torques])
 
 
@@ -35,7 +35,7 @@ def impulse(steps: int) -> list[Vector]:
     return [np.array([10.0 * (k == 0), 0.0]) for k in range(steps)]
 
 
-def test_an_exact_encoder_says_what_is_so() -> None:
+def test_exact_encoder_reads_true_values() -> None:
     exact = encoders(2)
     q = np.array([0.1, -2.0])
     v = np.array([1.0, 2.0])
@@ -44,7 +44,7 @@ def test_an_exact_encoder_says_what_is_so() -> None:
     assert (exact.v == v).all()
 
 
-def test_readings_are_whole_steps() -> None:
+def test_readings_are_multiples_of_the_resolution() -> None:
     coarse = encoders(resolution=0.1)
     step = math.radians(0.1)
     for q in np.linspace(-1, 1, 50):
@@ -53,7 +53,7 @@ def test_readings_are_whole_steps() -> None:
         assert abs(coarse.q[0] - q) <= 0.5 * step + 1e-12
 
 
-def test_noise_has_the_deviation_that_is_given() -> None:
+def test_noise_has_the_given_deviation() -> None:
     noisy = encoders(2, noise=0.01)
     read = []
     for k in range(5000):
@@ -65,23 +65,23 @@ def test_noise_has_the_deviation_that_is_given() -> None:
 
 @pytest.mark.parametrize("window", [0.002, 0.004, 0.01])
 @pytest.mark.parametrize("cutoff", [0.0, 50.0])
-def test_the_velocity_of_a_ramp_is_found(window: float, cutoff: float) -> None:
-    """Exactly, once the window and five time constants of the filter are over."""
+def test_velocity_of_a_ramp_is_exact(window: float, cutoff: float) -> None:
+    """After the window and five time constants of the filter."""
     one = encoders(window=window, cutoff=cutoff)
     for k in range(100):
         one.read(np.array([0.3 * k * STEP]), np.array([99.0]), k * STEP)
     assert one.v[0] == pytest.approx(0.3, rel=1e-6)
 
 
-def test_a_differenced_velocity_lags_by_half_its_window() -> None:
-    """On a parabola the difference is the velocity of half a window ago: no encoder does better."""
+def test_differenced_velocity_lags_by_half_its_window() -> None:
+    """On a parabola it is the velocity of half a window ago; no encoder can do better."""
     one = encoders(window=0.004)
     for k in range(20):
         one.read(np.array([(k * STEP) ** 2]), np.zeros(1), k * STEP)
     assert one.v[0] == pytest.approx(2 * (19 * STEP - 0.002))
 
 
-def test_a_second_reading_of_one_moment_replaces_the_first() -> None:
+def test_second_reading_at_the_same_time_replaces_the_first() -> None:
     once = encoders(window=0.004, cutoff=50.0)
     twice = encoders(window=0.004, cutoff=50.0)
     for k in range(10):
@@ -93,21 +93,21 @@ def test_a_second_reading_of_one_moment_replaces_the_first() -> None:
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.001, 0.002, 0.003, 0.007])
-def test_a_torque_comes_after_its_delay(delay: float) -> None:
-    """Its impulse is whole, and its center as late as is said."""
+def test_torque_arrives_after_its_delay(delay: float) -> None:
+    """The impulse is preserved, and its center is delayed as declared."""
     got = response(drives(delay=delay, gain=(1.0, 1.0)), [np.zeros(2), *impulse(20)])
     times = np.arange(-1, 20) * STEP
     assert got.sum() == pytest.approx(10.0)
     assert got @ times / got.sum() == pytest.approx(delay)
 
 
-def test_a_slow_drive_follows_as_a_first_order_lag() -> None:
+def test_slow_drive_responds_as_a_first_order_lag() -> None:
     got = response(drives(bandwidth=20.0), [np.zeros(2), *[np.array([10.0, 0.0])] * 50])
     times = np.arange(51) * STEP
     assert got == pytest.approx(10 * (1 - np.exp(-2 * math.pi * 20.0 * times)))
 
 
-def test_torques_are_whole_quanta_of_the_effort() -> None:
+def test_torques_are_multiples_of_the_quantum() -> None:
     drive = drives(quantum=0.01)
     for torque in np.linspace(-20, 20, 37):
         got = drive.passed(np.array([torque, 0.0]))[0]
@@ -115,21 +115,21 @@ def test_torques_are_whole_quanta_of_the_effort() -> None:
         assert abs(got - torque) <= 0.75 + 1e-9
 
 
-def test_a_gain_is_the_joint_s_own_and_no_motor_gives_more_than_its_effort() -> None:
+def test_each_joint_has_its_gain_and_effort_limit() -> None:
     drive = drives(gain=(1.1, 0.8))
     assert drive.passed(np.array([10.0, 10.0])) == pytest.approx([11.0, 8.0])
     assert drive.passed(np.array([149.0, -28.0])) == pytest.approx([150.0, -22.4])
 
 
-def test_ideal_drives_let_a_torque_through_at_once() -> None:
+def test_ideal_drives_pass_torques_at_once() -> None:
     world = World(file_of({"arm1": arm("ur5")}))
     torque: Vector = np.linspace(0.0, 5.0, 6)
     world.hardware["arm1"].command(torque)
     assert (world.data.ctrl == torque).all()
 
 
-def test_readings_are_those_of_the_moment_they_were_taken_at() -> None:
-    """Between two of them they lie on a line; before and after what is kept, at its ends."""
+def test_readings_are_interpolated_between_their_times() -> None:
+    """Outside of the kept interval, the reading is that of its nearer end."""
     world = World(file_of({"arm1": arm("ur5")}))
     hardware = world.hardware["arm1"]
     body = world.arms["arm1"]
@@ -145,7 +145,7 @@ def test_readings_are_those_of_the_moment_they_were_taken_at() -> None:
     assert hardware.q_at(times[-1] + 1.0) == pytest.approx(body.q)
 
 
-def test_two_arms_of_one_seed_are_two_robots() -> None:
+def test_two_arms_with_one_seed_differ() -> None:
     arms = {"arm1": arm("ur5"), "arm2": arm("ur5", (2.0, 0.0, 0.4))}
     world = World(file_of(arms, reality="lab"))
     one, other = (world.devices.sampled[name] for name in arms)
@@ -165,8 +165,8 @@ DRIVEN = {
 }
 
 
-def course(names: set[str]) -> dict[str, list[Vector]]:
-    """Readings and torques of arms on a bench, one of which comes after 300 steps."""
+def simulated(names: set[str]) -> dict[str, list[Vector]]:
+    """Readings and torques of arms on a bench, one of which is added after 300 steps."""
     bench = Bench(SENSED, DRIVEN)
     rng = np.random.default_rng(1)
     seen: dict[str, list[Vector]] = {name: [] for name in names}
@@ -181,7 +181,7 @@ def course(names: set[str]) -> dict[str, list[Vector]]:
             bench.hardware[name].command(truth[2])
         bench.drive()
         bench.read(k * STEP)
-        if k % 5 == 0:  # again at this moment, as after a recompilation
+        if k % 5 == 0:  # again at the same time, as after a recompilation
             bench.read(k * STEP)
         for name, one_arm in bench.hardware.items():
             seen[name].append(np.concatenate((one_arm.q, one_arm.v, bench.torque(name))))
@@ -189,15 +189,15 @@ def course(names: set[str]) -> dict[str, list[Vector]]:
 
 
 @pytest.mark.parametrize("name", SENSED)
-def test_an_arm_senses_and_is_driven_as_if_it_were_alone(name: str) -> None:
-    """To the last bit, whatever the windows and delays of the others, and whenever it comes."""
-    together = course(set(SENSED))[name]
-    alone = course({name})[name]
+def test_sensors_and_drives_of_arms_are_independent(name: str) -> None:
+    """Bit for bit, for any windows and delays of the others, and any time of its addition."""
+    together = simulated(set(SENSED))[name]
+    alone = simulated({name})[name]
     np.testing.assert_array_equal(together, alone)
     assert np.std(together, axis=0).min() > 0.0
 
 
-def test_readings_before_an_arm_came_are_not_its_own() -> None:
+def test_arm_has_no_readings_from_before_its_addition() -> None:
     bench = Bench(SENSED, DRIVEN)
     bench.begin("early")
     for k in range(10):

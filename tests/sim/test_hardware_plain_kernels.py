@@ -1,4 +1,4 @@
-"""What the kernels of sensors and drives mean: the same functions, read by Python itself."""
+"""Compiled kernels of sensors and drives agree with the same functions in plain Python."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from tests.source import ROOT
 SEEDS = range(2)
 
 
-def test_compiled_kernels_do_what_plain_python_does() -> None:
-    """Numbers are the same but for rounding."""
+def test_compiled_kernels_agree_with_plain_python() -> None:
+    """Numbers agree up to rounding."""
     command = [sys.executable, "-m", "tests.sim.passed", *map(str, SEEDS)]
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, check=False)
@@ -31,8 +31,8 @@ def test_compiled_kernels_do_what_plain_python_does() -> None:
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_joints_rub_as_their_friction_says(robot: str) -> None:
-    """Dry friction and damping together are the torque of the page, at any velocity."""
+def test_simulated_joint_friction_follows_the_model(robot: str) -> None:
+    """Dry friction and damping add up to the torque of the robot description, at any velocity."""
     friction = world_with(robot).robots["arm1"].friction
     rows = rows_of(friction)
     dof = len(friction.coulomb)

@@ -1,4 +1,4 @@
-"""Contacts of light objects: as stiff as those of heavier ones."""
+"""Contacts of light objects are as stiff as those of heavier ones."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 import bt_dualarm as bt
 
 PRESSED_N = 20.0
-"""About the force with which an arm presses what it holds on a support before it feels that."""
+"""Approximate force of an arm that presses its held object on a support, before detection, N."""
 
 
 def _cube_on_plate(mass: float) -> dict[str, Any]:
@@ -29,8 +29,8 @@ def _cube_on_plate(mass: float) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("mass", [0.0016, 0.005, 0.01, 0.3])
-def test_what_is_pressed_on_its_support_hardly_sinks_in(mass: float) -> None:
-    """A cube of 1.6 g sank in by 2.5 mm: fingers slid along it, and no arm felt the support."""
+def test_pressed_object_hardly_penetrates_its_support(mass: float) -> None:
+    """A cube of 1.6 g penetrated by 2.5 mm: fingers slid along it, and no arm felt the support."""
     with bt.open(_cube_on_plate(mass)) as run:
         run.step(0.5)
         rests = run.world.object_pose("cube").position

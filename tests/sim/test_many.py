@@ -1,4 +1,4 @@
-"""Many objects from one entry: their names, places, sizes and colors, and what the seed changes."""
+"""Many objects from one entry: names, positions, sizes and colors, and the effect of the seed."""
 
 from __future__ import annotations
 
@@ -38,33 +38,33 @@ def loaded(**objects: str) -> TreeFile:
 CUBE = "shape: box, size: [0.04, 0.04, 0.04], mass: 0.1, pose: {xyz: [0.8, 0, 0.02]}"
 
 
-def places(world: World) -> np.ndarray:
+def positions(world: World) -> np.ndarray:
     return np.array([world.object_pose(name).position for name in world.objects])
 
 
-def test_a_grid_is_around_its_pose_x_first() -> None:
+def test_grid_is_centered_at_its_pose_with_x_first() -> None:
     world = World(loaded(cube=f"{{{CUBE}, many: {{grid: [3, 2], spacing: [0.1, 0.2]}}}}"))
     assert [*world.objects] == [f"cube{i}" for i in range(1, 7)]
     expected = [(0.8 + dx, dy, 0.02) for dy in (-0.1, 0.1) for dx in (-0.1, 0.0, 0.1)]
-    assert places(world) == pytest.approx(np.array(expected))
+    assert positions(world) == pytest.approx(np.array(expected))
 
 
-def test_a_grid_without_spacing_keeps_the_gap() -> None:
+def test_grid_without_spacing_keeps_the_gap() -> None:
     world = World(loaded(cube=f"{{{CUBE}, many: {{grid: [2], gap: 0.03}}}}"))
-    assert np.diff(places(world)[:, 0]) == pytest.approx(0.07)
+    assert np.diff(positions(world)[:, 0]) == pytest.approx(0.07)
 
 
-def test_a_stack_stands() -> None:
+def test_stack_is_stable() -> None:
     world = World(
         loaded(
             cube=f"{{{CUBE}, many: {{stack: 4, sizes: [[0.04, 0.04, 0.02], [0.05, 0.05, 0.05]]}}}}"
         )
     )
     assert next(world.overlaps(), None) is None
-    before = places(world)
+    before = positions(world)
     for _ in range(500):
         world.step()
-    assert places(world) == pytest.approx(before, abs=2e-3)
+    assert positions(world) == pytest.approx(before, abs=2e-3)
     heights = [world.objects[f"cube{i}"].size[2] for i in range(1, 5)]
     assert before[3, 2] - before[0, 2] == pytest.approx(
         sum(heights) - 0.5 * (heights[0] + heights[3]), abs=1e-3
@@ -77,7 +77,7 @@ SCATTERED = f"{{{CUBE}, many: {{scatter: 12, area: [0.5, 0.4], gap: 0.02, colors
 @pytest.mark.parametrize("seed", range(3))
 def test_scattered_objects_keep_their_gap_within_the_area(seed: int) -> None:
     world = World(loaded(cube=SCATTERED), seed)
-    found = places(world)
+    found = positions(world)
     assert (np.abs(found[:, :2] - (0.8, 0.0)) <= (0.25 - 0.02, 0.2 - 0.02)).all()
     geoms = [world.object_geom(name) for name in world.objects]
     gaps = [
@@ -89,19 +89,19 @@ def test_scattered_objects_keep_their_gap_within_the_area(seed: int) -> None:
     assert {world.objects[name].color for name in world.objects} == {"red", "blue"}
 
 
-def test_the_seed_and_the_entry_alone_determine_the_places() -> None:
+def test_positions_depend_only_on_seed_and_entry() -> None:
     file = loaded(cube=SCATTERED)
-    first = places(World(file, 1))
-    assert places(World(file, 1)) == pytest.approx(first, abs=0.0)
-    assert np.abs(places(World(file, 2)) - first).max() > 0.05
+    first = positions(World(file, 1))
+    assert positions(World(file, 1)) == pytest.approx(first, abs=0.0)
+    assert np.abs(positions(World(file, 2)) - first).max() > 0.05
     more = loaded(
         cube=SCATTERED, ball="{shape: sphere, size: [0.02], mass: 1, pose: {xyz: [2, 2, 1]}}"
     )
-    assert places(World(more, 1))[:12] == pytest.approx(first, abs=0.0)
+    assert positions(World(more, 1))[:12] == pytest.approx(first, abs=0.0)
 
 
-def test_scattered_objects_leave_room_for_others() -> None:
-    """A wall in the middle of the area stays free, and so does a tray below."""
+def test_scattered_objects_avoid_other_objects() -> None:
+    """They overlap neither a wall in the middle of the area nor a tray below."""
     fixed = "mass: 1, fixed: true"
     wall = f"{{shape: box, size: [0.02, 0.4, 0.3], {fixed}, pose: {{xyz: [0.8, 0, 0.15]}}}}"
     tray = f"{{shape: tray, size: [0.5, 0.4, 0.01], {fixed}, pose: {{xyz: [0.8, 0, 0.005]}}}}"
@@ -113,7 +113,7 @@ def test_scattered_objects_leave_room_for_others() -> None:
     assert np.abs(np.array(found) - 0.8).min() > 0.03 + 0.02 - 1e-3
 
 
-def test_a_pile_comes_to_rest_in_a_bin() -> None:
+def test_pile_comes_to_rest_in_a_bin() -> None:
     bin_ = (
         "{shape: bin, size: [0.3, 0.3, 0.15], mass: 1, fixed: true, pose: {xyz: [0.8, 0, 0.075]}}"
     )
@@ -127,7 +127,7 @@ def test_a_pile_comes_to_rest_in_a_bin() -> None:
     assert (found[:, 2] > 0.02).all()
 
 
-def test_the_count_may_be_a_parameter_and_leaves_name_members() -> None:
+def test_count_may_be_a_parameter() -> None:
     text = file_of(
         "{spawn: {object: cube2}}", cube=f"{{{CUBE}, spawned: false, many: {{grid: ['{{n}}']}}}}"
     )
@@ -137,7 +137,7 @@ def test_the_count_may_be_a_parameter_and_leaves_name_members() -> None:
 
 
 @pytest.mark.usefixtures("without_pictures")
-def test_a_run_records_what_was_drawn_and_repeats(tmp_path: Any) -> None:
+def test_sampled_objects_are_recorded_and_repeatable(tmp_path: Any) -> None:
     text = file_of("{wait: 0.2}", cube=SCATTERED)
     runs = [bt.run(text, seed=5, record=tmp_path / f"{i}") for i in range(2)]
     assert runs[0].outcome == "SUCCESS"
@@ -148,7 +148,7 @@ def test_a_run_records_what_was_drawn_and_repeats(tmp_path: Any) -> None:
     assert {one["color"] for one in objects[0].values()} == {"red", "blue"}
 
 
-def test_no_room_is_an_error_of_its_entry() -> None:
+def test_lack_of_room_is_an_error_of_the_entry() -> None:
     (problem,) = bt.check(file_of(cube=SCATTERED.replace("[0.5, 0.4]", "[0.1, 0.1]")))
     assert problem.place.line == 7
     assert "of 12 objects found room in 0.1 m by 0.1 m" in problem.message

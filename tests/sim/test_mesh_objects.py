@@ -1,4 +1,4 @@
-"""Objects from files: meshes below the folder of the tree, decomposed, checked and bounded."""
+"""Objects from mesh files: located below the tree's folder, decomposed, checked and limited."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def box_mesh(size: tuple[float, float, float], center: tuple[float, float, float
 
 
 BRACKET = np.vstack((box_mesh((80, 30, 10), (0, 0, -25)), box_mesh((10, 30, 50), (35, 0, 5))))
-"""An angle of two plates, in millimeters."""
+"""An L-shaped bracket of two plates, in millimeters."""
 
 
 def write_obj(path: Path, triangles: Matrix) -> None:
@@ -58,7 +58,7 @@ def file_with(obj: dict[str, Any], *tree: Any) -> dict[str, Any]:
 
 
 MESH = {"shape": "mesh", "file": "parts/bracket.obj", "scale": 0.001}
-LIES = {"pose": {"xyz": [0.40, -0.40, 0.4305], "rpy": [0, 0, 30]}}
+AT_REST = {"pose": {"xyz": [0.40, -0.40, 0.4305], "rpy": [0, 0, 30]}}
 
 
 @pytest.fixture
@@ -68,7 +68,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def test_an_angle_is_two_convex_parts(folder: Path) -> None:
+def test_bracket_is_decomposed_into_two_convex_parts(folder: Path) -> None:
     obj = ObjectSpec(**MESH, mass=0.2)  # type: ignore[arg-type]  # as in a file
     obj.look_in(folder)
     body = body_of(obj)
@@ -77,7 +77,7 @@ def test_an_angle_is_two_convex_parts(folder: Path) -> None:
     assert body.ray(np.array((0.0, 0.0, 0.02)), np.array((1.0, 0.0, 0.0))) == pytest.approx(0.03)
 
 
-def test_the_decomposition_is_computed_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_decomposition_is_cached(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = meshes.object_hulls(folder / "parts" / "bracket.obj", 0.00099)
 
     def refuse(*_: object) -> None:
@@ -89,14 +89,14 @@ def test_the_decomposition_is_computed_once(folder: Path, monkeypatch: pytest.Mo
 
 
 @pytest.mark.usefixtures("without_pictures")
-def test_it_is_picked_carried_set_down_and_replayed(folder: Path) -> None:
+def test_mesh_object_is_picked_carried_placed_and_replayed(folder: Path) -> None:
     goal = {"xyz": [0.25, -0.50, 0.4305]}
     tree = [
         {"grasp": {"object": "bracket"}},
         {"transport": {"to": {"xyz": [0.30, -0.45, 0.60]}}},
         {"place": {"at": goal}},
     ]
-    result = bt.run(file_with(MESH | LIES, *tree), record=folder / "out")
+    result = bt.run(file_with(MESH | AT_REST, *tree), record=folder / "out")
     leaves = result.arms["arm1"].leaves
     assert result.outcome == "SUCCESS", {n: (one.code, one.reason) for n, one in leaves.items()}
     assert float(leaves["sequence/place"].metrics["placed_error_m"]) < 0.005
@@ -117,20 +117,20 @@ def test_it_is_picked_carried_set_down_and_replayed(folder: Path) -> None:
         ("parts/flat.obj", "mm thick"),
     ],
 )
-def test_what_cannot_be_used_is_an_error(folder: Path, path: str, message: str) -> None:
+def test_unusable_mesh_file_is_an_error(folder: Path, path: str, message: str) -> None:
     outside = folder.parent / f"{folder.name}_outside.obj"
     write_obj(outside, BRACKET)
     (folder / "parts" / "link.obj").symlink_to(outside)
     (folder / "parts" / "text.stl").write_text("a bracket", encoding="utf-8")
     write_obj(folder / "parts" / "flat.obj", BRACKET * (1, 1, 0))
-    found = bt.check(file_with(MESH | {"file": path} | LIES))
+    found = bt.check(file_with(MESH | {"file": path} | AT_REST))
     assert any(message in problem.message for problem in found), found
 
 
-def test_a_scale_that_is_wrong_by_a_thousand_is_an_error_with_a_hint(folder: Path) -> None:
+def test_scale_wrong_by_a_factor_of_1000_is_an_error_with_a_hint(folder: Path) -> None:
     """The file is in millimeters."""
     assert folder
     obj = {key: value for key, value in MESH.items() if key != "scale"}
-    (problem,) = bt.check(file_with(obj | LIES))
+    (problem,) = bt.check(file_with(obj | AT_REST))
     assert "extends over 80 m" in problem.message
     assert problem.hint == "a mesh in millimeters needs scale: 0.001"

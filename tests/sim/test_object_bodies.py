@@ -1,4 +1,4 @@
-"""Objects as bodies: what is round stays where the file has it, and comes to rest."""
+"""Objects as bodies: round objects stay where they are declared, and come to rest."""
 
 from __future__ import annotations
 
@@ -52,8 +52,8 @@ def world_of(obj: ObjectSpec, reality: str, seed: int = 0) -> World:
     ("kind", "radius", "reality"),
     some(product([ball, lying, standing], RADII, ["ideal", "lab", "rough"]), 2),
 )
-def test_what_is_round_stays_where_the_file_has_it(kind: Kind, radius: float, reality: str) -> None:
-    """Within 1 mm for 2 s, whatever seed has drawn its mass and center."""
+def test_round_object_stays_where_it_is_declared(kind: Kind, radius: float, reality: str) -> None:
+    """Within 1 mm for 2 s, for any sampled mass and center of mass."""
     for seed in range(2):
         world = world_of(kind(radius), reality, seed)
         before = world.object_pose("thing")
@@ -61,8 +61,8 @@ def test_what_is_round_stays_where_the_file_has_it(kind: Kind, radius: float, re
 
 
 @pytest.mark.parametrize("yaw", some([-20.6384, 0.0, 117.0], 2))
-def test_an_upright_can_stands_for_a_minute(yaw: float) -> None:
-    """Rounding errors of an exactly upright one make MuJoCo lose its contacts with the floor."""
+def test_upright_can_stands_for_a_minute(yaw: float) -> None:
+    """Rounding errors of an exactly upright can make MuJoCo lose its contacts with the floor."""
     radius = 0.029878281602216544
     pose = PoseSpec(xyz=(0.24661, -0.218896, 0.035364), rpy=(0.0, 0.0, yaw))
     can = ObjectSpec(
@@ -77,22 +77,22 @@ def test_an_upright_can_stands_for_a_minute(yaw: float) -> None:
 @pytest.mark.parametrize("reality", ["ideal", "rough"])
 @pytest.mark.parametrize("radius", RADII)
 @pytest.mark.parametrize("kind", [ball, lying])
-def test_what_rolls_comes_to_rest(kind: Kind, radius: float, reality: str) -> None:
-    """At 0.05 m/s within 25 mm and 2 s: a real one of wood has about as much resistance."""
+def test_rolling_object_comes_to_rest(kind: Kind, radius: float, reality: str) -> None:
+    """From 0.05 m/s within 25 mm and 2 s: about the rolling resistance of real wood."""
     world = world_of(kind(radius), reality)
     across = world.object_pose("thing").rotation_matrix[:, 2] if kind is lying else np.eye(3)[1]
     joint = world.data.joint("thing")
     joint.qvel[:3] = 0.05 * np.cross(across, (0, 0, 1))
-    began = world.object_pose("thing")
-    went = after(world, 2.0).distance(began)
-    assert 1e-3 < went < 0.025
+    start = world.object_pose("thing")
+    distance = after(world, 2.0).distance(start)
+    assert 1e-3 < distance < 0.025
     assert np.linalg.norm(world.object_velocity("thing")) < 1e-3
 
 
-def test_only_what_can_roll_keeps_its_center() -> None:
-    """Boxes and standing cylinders have the center that was drawn, a lying one along its axis."""
+def test_only_rolling_objects_keep_their_center_of_mass() -> None:
+    """Standing cylinders have the sampled center of mass, lying ones only along their axis."""
     for kind, kept in ((ball, (0, 0, 0)), (lying, (0, 0, 1)), (standing, (1, 1, 1))):
         world = world_of(kind(0.03), "rough")
-        drawn = world.devices.sampled_object("thing").shift
+        shift = world.devices.sampled_object("thing").shift
         body = mujoco.mj_name2id(world.model, mujoco.mjtObj.mjOBJ_BODY, "thing")
-        assert world.model.body_ipos[body] == pytest.approx(drawn * kept)
+        assert world.model.body_ipos[body] == pytest.approx(shift * kept)

@@ -1,4 +1,4 @@
-"""Objects of every shape as bodies: mass, contacts, images, distances, what is in the way."""
+"""Objects of every shape: inertia, contacts, images, distances, supports and collision checks."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ SHAPES: dict[str, dict[str, Any]] = {
 HOLLOW = ("bin", "tray", "tube", "cup", "bowl", "mug")
 
 
-def thing_of(shape: str, xyz: tuple[float, float, float] = (0, 0, 0.5), **more: Any) -> ObjectSpec:
+def object_of(shape: str, xyz: tuple[float, float, float] = (0, 0, 0.5), **more: Any) -> ObjectSpec:
     data = SHAPES[shape] | {"mass": 0.3, "pose": {"xyz": [*xyz], "rpy": [0, 0, 0]}} | more
     return ObjectSpec.model_validate(with_tuples(data))
 
@@ -66,8 +66,8 @@ def world_of(reality: str = "ideal", seed: int = 0, **objects: ObjectSpec) -> Wo
 
 def standing(shape: str, **more: Any) -> ObjectSpec:
     """An object of this shape on the floor."""
-    low = body_of(thing_of(shape)).corners[:, 2].min()
-    return thing_of(shape, (0.0, 0.0, -float(low)), **more)
+    low = body_of(object_of(shape)).corners[:, 2].min()
+    return object_of(shape, (0.0, 0.0, -float(low)), **more)
 
 
 def after(world: World, seconds: float, name: str) -> Pose:
@@ -77,9 +77,9 @@ def after(world: World, seconds: float, name: str) -> Pose:
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_mass_center_and_inertia_are_those_of_mujoco(shape: str) -> None:
-    body = body_of(thing_of(shape))
-    model = world_of(obj=thing_of(shape)).model
+def test_mass_center_and_inertia_agree_with_mujoco(shape: str) -> None:
+    body = body_of(object_of(shape))
+    model = world_of(thing=object_of(shape)).model
     index = model.body("thing").id
     assert model.body_mass[index] == pytest.approx(0.3)
     assert model.body_ipos[index] == pytest.approx(body.center, abs=1e-7)
@@ -87,37 +87,37 @@ def test_mass_center_and_inertia_are_those_of_mujoco(shape: str) -> None:
     mujoco.mju_quat2Mat(axes, model.body_iquat[index])
     turn = axes.reshape(3, 3)
     inertia = turn @ np.diag(model.body_inertia[index]) @ turn.T
-    # MuJoCo keeps corners of meshes as 32-bit numbers.
+    # MuJoCo stores mesh vertices as 32-bit numbers.
     assert inertia == pytest.approx(0.3 * body.inertia, abs=1e-6 * np.trace(inertia))
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_a_sampled_center_of_mass_shifts_that_of_the_body(shape: str) -> None:
-    world = world_of("rough", obj=thing_of(shape))
-    drawn = world.devices.sampled_object("thing")
+def test_sampled_center_of_mass_shifts_that_of_the_body(shape: str) -> None:
+    world = world_of("rough", thing=object_of(shape))
+    sampled = world.devices.sampled_object("thing")
     index = world.model.body("thing").id
-    shift = np.zeros(3) if shape == "egg" else drawn.shift
-    body = body_of(thing_of(shape))
+    shift = np.zeros(3) if shape == "egg" else sampled.shift
+    body = body_of(object_of(shape))
     assert world.model.body_ipos[index] == pytest.approx(body.center + shift, abs=1e-7)
-    expected = 0.3 * drawn.mass * body.principal[1]
+    expected = 0.3 * sampled.mass * body.principal[1]
     if shape != "egg":
         assert np.sort(world.model.body_inertia[index]) == pytest.approx(np.sort(expected))
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_it_stays_where_it_stands(shape: str) -> None:
-    """An egg on its end is in balance, but only until it is touched."""
-    world = world_of("lab", obj=standing(shape))
+def test_standing_object_stays_in_place(shape: str) -> None:
+    """An egg on its end balances, but only until it is touched."""
+    world = world_of("lab", thing=standing(shape))
     before = world.object_pose("thing")
     assert after(world, 0.6, "thing").distance(before) < 1e-3
 
 
 @pytest.mark.parametrize("shape", HOLLOW)
-def test_a_ball_falls_into_it(shape: str) -> None:
-    """It ends on the floor of the hollow, whatever is beneath: the floor itself under a tube."""
+def test_ball_falls_into_a_hollow_object(shape: str) -> None:
+    """It ends on the inner floor, or on the ground inside of a tube."""
     hollow = standing(shape, fixed=True)
     ball = ObjectSpec(shape="sphere", size=(0.02,), mass=0.05, pose=PoseSpec(xyz=(0.0, 0.0, 0.15)))
-    world = world_of(obj=hollow, ball=ball)
+    world = world_of(thing=hollow, ball=ball)
     end = after(world, 1.0, "ball").position
     wall = {"tray": 0.005, "cup": 0.002, "mug": 0.004, "tube": 0.0}.get(shape, 0.003)
     assert end[2] == pytest.approx(0.02 + wall, abs=1e-3)
@@ -125,9 +125,9 @@ def test_a_ball_falls_into_it(shape: str) -> None:
 
 
 @pytest.mark.parametrize("shape", ["bin", "tray", "tube", "cup", "mug"])
-def test_a_hole_is_as_wide_as_the_file_says(shape: str) -> None:
-    """Rays from the axis meet the inner face of the wall at its radius or half its edge."""
-    body = body_of(thing_of(shape))
+def test_hole_has_the_declared_width(shape: str) -> None:
+    """Rays from the axis hit the inner face of the wall at its radius or half of its edge."""
+    body = body_of(object_of(shape))
     size = SHAPES[shape].get("size", [0.04, 0.09])
     wall = {"tray": 0.005, "cup": 0.002, "mug": 0.004}.get(shape, 0.003)
     height = 0.9 * 0.5 * size[-1]
@@ -137,8 +137,8 @@ def test_a_hole_is_as_wide_as_the_file_says(shape: str) -> None:
     assert found == pytest.approx(inner, abs=1e-9)
 
 
-def test_both_sides_of_a_tube_are_open_to_the_camera() -> None:
-    """Seen from above, the middle is the floor; that of a cup of the same size is the cup."""
+def test_camera_sees_through_a_tube() -> None:
+    """Seen from above, the center of the tube is the ground; that of a cup is the cup."""
     camera = CameraSpec.model_validate(
         with_tuples(
             {
@@ -163,45 +163,45 @@ def test_both_sides_of_a_tube_are_open_to_the_camera() -> None:
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_ray_kernels_the_page_and_exports_know_every_part(shape: str) -> None:
-    world = world_of(obj=thing_of(shape))
+def test_ray_kernels_browser_view_and_exports_include_every_part(shape: str) -> None:
+    world = world_of(thing=object_of(shape))
     geoms = [*world.object_geoms("thing")]
     _, others = shapes_of(world.model, geoms)
     assert len(others) == (1 if shape == "egg" else 0)  # an ellipsoid is left to MuJoCo's rays
     exported = [one for one in drawn_shapes(world.model, {}) if one.body == "thing"]
     assert len(exported) == len(geoms)
-    page = visual_meshes(world.model, {}).shapes
-    drawn = [one for one in page if one["body"] == world.object_body("thing")]
-    assert len(drawn) == len(geoms)
+    view = visual_meshes(world.model, {}).shapes
+    sampled = [one for one in view if one["body"] == world.object_body("thing")]
+    assert len(sampled) == len(geoms)
 
 
-def test_a_part_has_its_own_color() -> None:
-    world = world_of(obj=thing_of("mug", color="red"))
+def test_part_has_its_own_color() -> None:
+    world = world_of(thing=object_of("mug", color="red"))
     colors = world.model.geom_rgba[[*world.object_geoms("thing")]]
     assert colors[0][:3] == pytest.approx((0.8, 0.05, 0.05))
     assert colors[-1][:3] == pytest.approx((0.05, 0.15, 0.8))
 
 
 def checker_with(obj: ObjectSpec) -> tuple[CollisionChecker, World]:
-    """A checker of a UR5 above an object, which its tool may not touch."""
+    """A collision checker of a UR5 in a world with an object."""
     robot = arm("ur5", xyz=(0.0, 0.0, 0.4))
     world = World(file_of({"arm1": robot}, {"thing": obj}))
     return CollisionChecker(world, "arm1"), world
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_compiled_checks_of_motions_support_it(shape: str) -> None:
+def test_compiled_motion_checks_support_every_shape(shape: str) -> None:
     """No `UnknownShapeError`, which would leave planning to the slower OMPL."""
-    checker, world = checker_with(thing_of(shape, (0.9, 0.4, 0.5), fixed=True))
+    checker, world = checker_with(object_of(shape, (0.9, 0.4, 0.5), fixed=True))
     arm_with = swept_arm(checker, [checker.present])
     geoms = len(world.object_geoms("thing"))
     assert len(arm_with.shapes.ranges) >= geoms
 
 
-def test_the_inside_of_a_bin_is_free() -> None:
-    """A ball rests on the floor of a bin, not on the hull around it."""
+def test_inside_of_a_bin_is_free() -> None:
+    """A ball rests on the floor of a bin, not on its convex hull."""
     ball = ObjectSpec(shape="sphere", size=(0.02,), mass=0.05, pose=PoseSpec(xyz=(1, 1, 1)))
-    world = world_of(obj=standing("bin", fixed=True), ball=ball)
+    world = world_of(thing=standing("bin", fixed=True), ball=ball)
     found = support_below(world, "ball", Pose.from_rpy((0.0, 0.0, 0.025)), 0.0, 0.05)
     assert found is not None
     assert found.below == pytest.approx(0.002, abs=1e-4)
@@ -209,9 +209,9 @@ def test_the_inside_of_a_bin_is_free() -> None:
 
 
 @pytest.mark.parametrize("shape", ["nut", "bin", "bowl", "mug"])
-def test_it_stands_flat_on_a_level_support(shape: str) -> None:
+def test_standing_object_is_flat_on_a_level_support(shape: str) -> None:
     obj = standing(shape)
-    world = world_of(obj=obj)
+    world = world_of(thing=obj)
     x, y, z = obj.pose.pose.position.tolist()
     found = support_below(world, "thing", Pose.from_rpy((x, y, z + 0.01)), 0.0, 0.05)
     assert found is not None
@@ -220,7 +220,7 @@ def test_it_stands_flat_on_a_level_support(shape: str) -> None:
     assert not found.rolls
 
 
-def test_an_egg_that_leans_would_roll() -> None:
+def test_tilted_egg_would_roll() -> None:
     world = world_of(egg=standing("egg"))
     for roll, rolls in ((0.0, False), (0.3, True)):
         pose = Pose.from_rpy((0.0, 0.0, 0.06), (roll, 0.0, 0.0))
@@ -229,13 +229,13 @@ def test_an_egg_that_leans_would_roll() -> None:
         assert found.rolls == rolls
 
 
-def test_it_leaves_nothing_behind_when_it_is_removed() -> None:
-    world = world_of(obj=thing_of("mug"))
+def test_removed_object_leaves_no_meshes() -> None:
+    world = world_of(thing=object_of("mug"))
     assert world.model.nmesh
     world.remove_object("thing")
     assert world.model.nmesh == 0
     world.spawn_object("thing")
-    assert len(world.object_geoms("thing")) == len(body_of(thing_of("mug")).parts)
+    assert len(world.object_geoms("thing")) == len(body_of(object_of("mug")).parts)
 
 
 def file_with(tree: list[Any], objects: dict[str, Any], **arm_fields: Any) -> dict[str, Any]:
@@ -260,14 +260,14 @@ CAMERA = {"mount": "wrist", "resolution": [320, 240], "fov": 60, "fps": 30}
 
 
 @pytest.mark.parametrize("shape", some(["cup", "mug"], 2))
-def test_it_is_found_by_its_outline_picked_and_set_down(shape: str) -> None:
-    """Nobody tells where it is; a cup may be upside down for all that its outline shows."""
-    low = -float(body_of(thing_of(shape)).corners[:, 2].min())
+def test_hollow_object_is_located_picked_and_placed(shape: str) -> None:
+    """The pose comes from its outline alone, in which a cup may be upside down."""
+    low = -float(body_of(object_of(shape)).corners[:, 2].min())
     own = SHAPES[shape] | {"mass": 0.2, "color": "yellow"}
     if shape == "mug":
         handle = MUG["parts"]["handle"] | {"color": "yellow"}
         own = own | {"parts": MUG["parts"] | {"handle": handle}}
-    lies = {"xyz": [0.41, -0.43, 0.4 + low], "rpy": [0, 0, 25]}
+    start = {"xyz": [0.41, -0.43, 0.4 + low], "rpy": [0, 0, 25]}
     tree: list[Any] = [
         {"scan": {"object": "it", "center": [0.40, -0.45, 0.40], "width": 0.1, "depth": 0.1}},
         {"locate": {"object": "it", "pose": "{pose}", "score": "it"}},
@@ -275,14 +275,14 @@ def test_it_is_found_by_its_outline_picked_and_set_down(shape: str) -> None:
         {"transport": {"to": {"xyz": [0.30, -0.45, 0.60]}}},
         {"place": {"at": {"xyz": [0.25, -0.50, 0.4 + low]}}},
     ]
-    result = bt.run(file_with(tree, {"it": own | {"pose": lies}}, camera=CAMERA))
+    result = bt.run(file_with(tree, {"it": own | {"pose": start}}, camera=CAMERA))
     leaves = result.arms["arm1"].leaves
     assert result.outcome == "SUCCESS", {n: (one.code, one.reason) for n, one in leaves.items()}
     assert float(leaves["sequence/locate"].metrics["located_error_m"]) < 0.003
     assert float(leaves["sequence/place"].metrics["placed_error_m"]) < 0.005
 
 
-def test_a_part_is_grasped_and_nothing_else() -> None:
+def test_grasp_of_a_part_uses_that_part() -> None:
     mug = MUG | {"mass": 0.2, "pose": {"xyz": [0.41, -0.43, 0.4455], "rpy": [0, 0, -90]}}
     tree = [{"grasp": {"object": "mug", "part": "handle"}}]
     with bt.open(file_with(tree, {"mug": mug})) as run:
@@ -290,10 +290,10 @@ def test_a_part_is_grasped_and_nothing_else() -> None:
         world = run.world
         tool = world.object_pose("mug").inverse.apply(world.arms["arm1"].tool_pose.position)
     assert result.outcome == "SUCCESS"
-    assert tool[0] > 0.04  # beside the cup, whose radius that is
+    assert tool[0] > 0.04  # beside the cup, which has this radius
 
 
-def test_an_unknown_part_is_an_error_with_the_nearest_name() -> None:
+def test_unknown_part_is_an_error_with_the_nearest_name() -> None:
     mug = MUG | {"mass": 0.2, "pose": {"xyz": [0.41, -0.43, 0.4455]}}
     tree = [{"grasp": {"object": "mug", "part": "handel"}}]
     (problem,) = bt.check(file_with(tree, {"mug": mug}))

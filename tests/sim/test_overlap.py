@@ -1,4 +1,4 @@
-"""A world in which things are inside one another is refused before it begins."""
+"""A world with overlapping bodies is refused before the run."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from bt_dualarm.sim.world import World
 from tests.sim.worlds import arm, box, file_of
 
 
-def test_a_world_in_which_two_arms_are_in_one_place_is_refused() -> None:
+def test_overlapping_arms_are_refused() -> None:
     file = file_of({"arm1": arm("ur5", (0.0, 0.0, 0.0)), "arm2": arm("panda", (0.1, 0.0, 0.0))})
     with pytest.raises(WorldError, match=r"arm 'arm1' would be \d+ mm deep in arm2/"):
         World(file).refuse_overlaps()
 
 
-def test_a_world_in_which_an_object_is_in_the_floor_is_refused() -> None:
+def test_object_in_the_floor_is_refused() -> None:
     file = file_of({"arm1": arm("ur5")}, {"cube": box((0.5, 0.4, 0.0))})
     with pytest.raises(WorldError, match=r"object 'cube' would be \d+ mm deep in floor"):
         World(file).refuse_overlaps()

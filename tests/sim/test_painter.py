@@ -1,4 +1,4 @@
-"""Pictures for people have the shadows that lamps cast, and are else what cameras see."""
+"""Images for users have shadows, and otherwise equal what cameras see."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ SUN = '<light dir="{place}" type="directional" diffuse=".5 .5 .5"/>'
 
 
 def painted(lights: str, finer: int = 1) -> tuple[Image, Image, Matrix, npt.NDArray[np.bool_]]:
-    """Picture, the same without shadows, what rays meet, and whether that is the ground."""
+    """Image, the same without shadows, points hit by rays, and whether these are on the ground."""
     model = mujoco.MjModel.from_xml_string(SCENE.format(lights=lights))
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
@@ -45,53 +45,53 @@ def painted(lights: str, finer: int = 1) -> tuple[Image, Image, Matrix, npt.NDAr
     hits = RayScene(model, LOOP_GROUPS).trace(data, fan)
     plain = Shading(model).colors(data, fan, hits)
     rays = np.einsum("ij,jrc->rci", fan.axes, fan.rays)
-    away = np.where(hits.geoms < 0, 0.0, hits.distances)  # of the sky: the eye itself
-    places = fan.eye + rays * away[..., None]
-    return ScenePainter(model).draw(data, VIEW, SIZE, finer), plain, places, hits.geoms == 0
+    distances = np.where(hits.geoms < 0, 0.0, hits.distances)  # for the sky: the eye itself
+    points = fan.eye + rays * distances[..., None]
+    return ScenePainter(model).draw(data, VIEW, SIZE, finer), plain, points, hits.geoms == 0
 
 
-def hidden_m(places: Matrix, lamp: Matrix) -> Matrix:
-    """How deep in the shadow of the ball points lie: by the closed form, negative outside, m."""
-    toward = lamp - places
+def hidden_m(points: Matrix, lamp: Matrix) -> Matrix:
+    """Depth of points in the shadow of the ball by the closed form, negative outside, m."""
+    toward = lamp - points
     toward = toward / np.linalg.norm(toward, axis=-1, keepdims=True)
-    along = ((BALL - places) * toward).sum(axis=-1)
-    aside = np.linalg.norm(BALL - places - along[..., None] * toward, axis=-1)
-    return np.where(along > 0, RADIUS - aside, -np.inf)
+    along = ((BALL - points) * toward).sum(axis=-1)
+    miss = np.linalg.norm(BALL - points - along[..., None] * toward, axis=-1)
+    return np.where(along > 0, RADIUS - miss, -np.inf)
 
 
 @pytest.mark.parametrize(
     ("place", "distant", "finer"),
     some(product([(0.3, -0.4, 2.0), (-0.5, 0.2, 1.5), (0.1, 0.0, 3.0)], [False, True], [1, 2]), 3),
 )
-def test_the_ground_is_dark_where_a_ball_hides_the_lamp(
+def test_ground_is_dark_where_a_ball_hides_the_lamp(
     place: tuple[float, float, float], distant: bool, finer: int
 ) -> None:
-    """By the closed form, but for two pixels at an edge (10 to 20 mm each)."""
+    """It agrees with the closed form up to two pixels at an edge (10 to 20 mm each)."""
     lamp = np.array(place)
-    form, said = (SUN, -lamp) if distant else (LAMP, lamp)
-    lights = form.format(place=" ".join(map(str, said)), casts="true")
-    picture, plain, places, ground = painted(lights, finer)
+    form, parameter = (SUN, -lamp) if distant else (LAMP, lamp)
+    lights = form.format(place=" ".join(map(str, parameter)), casts="true")
+    image, plain, points, ground = painted(lights, finer)
     ball = cv2.dilate((~ground).astype(np.uint8), np.ones((2 * finer + 1,) * 2, np.uint8)) > 0
-    deep = hidden_m(places, 1e4 * lamp if distant else lamp)
-    change = plain.astype(int) - picture
+    deep = hidden_m(points, 1e4 * lamp if distant else lamp)
+    change = plain.astype(int) - image
     dark = ~ball & (deep > 0.02 * finer)
     lit = ~ball & (deep < -0.02 * finer)
     assert dark.sum() > 150
     assert lit.sum() > 10_000
     assert change[dark].min() > 40
-    np.testing.assert_array_equal(picture[lit], plain[lit])
+    np.testing.assert_array_equal(image[lit], plain[lit])
 
 
-def test_a_surface_that_sees_the_lamp_has_no_shadow_on_it() -> None:
-    """Neither stripes nor spots: the ball's side toward the lamp is as without shadows."""
-    picture, plain, places, _ = painted(LAMP.format(place="0.3 -0.4 2", casts="true"))
-    normals = (places - BALL) / RADIUS
+def test_surface_facing_the_lamp_has_no_shadow() -> None:
+    """No shadow acne: the ball's side toward the lamp is as without shadows."""
+    image, plain, points, _ = painted(LAMP.format(place="0.3 -0.4 2", casts="true"))
+    normals = (points - BALL) / RADIUS
     lamp = np.array((0.3, -0.4, 2.0))
-    facing = (normals * (lamp - places)).sum(axis=-1) / np.linalg.norm(lamp - places, axis=-1)
-    on_ball = np.abs(np.linalg.norm(places - BALL, axis=-1) - RADIUS) < 1e-6
+    facing = (normals * (lamp - points)).sum(axis=-1) / np.linalg.norm(lamp - points, axis=-1)
+    on_ball = np.abs(np.linalg.norm(points - BALL, axis=-1) - RADIUS) < 1e-6
     lit = on_ball & (facing > 0.2)
     assert lit.sum() > 400
-    np.testing.assert_array_equal(picture[lit], plain[lit])
+    np.testing.assert_array_equal(image[lit], plain[lit])
 
 
 @pytest.mark.parametrize(
@@ -99,19 +99,19 @@ def test_a_surface_that_sees_the_lamp_has_no_shadow_on_it() -> None:
     [LAMP.format(place="0.3 -0.4 2", casts="false"), ""],
     ids=["casts none", "no lamp"],
 )
-def test_without_a_shadow_it_is_what_cameras_see(lights: str) -> None:
-    picture, plain, _, _ = painted(lights)
-    np.testing.assert_array_equal(picture, plain)
+def test_image_without_shadows_equals_that_of_cameras(lights: str) -> None:
+    image, plain, _, _ = painted(lights)
+    np.testing.assert_array_equal(image, plain)
 
 
-def test_of_two_lamps_each_casts_its_own_shadow() -> None:
-    """Where one is hidden, the other one's light is left."""
+def test_two_lamps_cast_separate_shadows() -> None:
+    """Where one lamp is hidden, the light of the other one remains."""
     lamps = np.array(((0.6, -0.4, 2.0), (-0.6, 0.3, 2.0)))
     both = "".join(LAMP.format(place=" ".join(map(str, lamp)), casts="true") for lamp in lamps)
-    picture, plain, places, ground = painted(both)
-    first, second = ((hidden_m(places, lamp) > 0.02) & ground for lamp in lamps)
+    image, plain, points, ground = painted(both)
+    first, second = ((hidden_m(points, lamp) > 0.02) & ground for lamp in lamps)
     for one, other in ((first, second), (second, first)):
         alone = one & ~other
         assert alone.sum() > 200
-        change = plain[alone].astype(int) - picture[alone]
-        assert 40 < np.median(change) < 110, "half of 255, less what falls aslant"
+        change = plain[alone].astype(int) - image[alone]
+        assert 40 < np.median(change) < 110, "about half of 255, reduced by oblique incidence"

@@ -1,4 +1,4 @@
-"""Which objects ride on a held one: those that rest on it, on each other, and on nothing else."""
+"""Passengers of a held object rest on it or on each other, and on nothing else."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ STANDING = {
 
 
 @pytest.mark.parametrize("steps", [0, 100])
-def test_what_stands_in_it_rides_along_also_on_each_other(steps: int) -> None:
-    """At the beginning of a run, nothing touches yet: it is about to fall."""
+def test_objects_that_rest_on_it_are_passengers(steps: int) -> None:
+    """Even at the start of a run, when objects do not touch yet, but are about to fall."""
     lifted = {name: one.model_copy() for name, one in STANDING.items()}
     for name, gap in (("cube", 0.0005), ("upper", 0.001)):
         x, y, z = lifted[name].pose.xyz or (0.0, 0.0, 0.0)
@@ -60,12 +60,12 @@ def test_what_stands_in_it_rides_along_also_on_each_other(steps: int) -> None:
     assert riders(world) == {"cube", "upper"}
     assert riders(world, "cube") == {"upper"}
     assert riders(world, "upper") == riders(world, "beside") == set()
-    assert riders(world, "table") == set()  # fixed: nobody lifts it
+    assert riders(world, "table") == set()  # fixed, so it is not lifted
     assert world.loaded_mass("tray") == pytest.approx(0.5 + 0.1 + 0.1)
 
 
-def test_what_something_else_bears_as_well_does_not_ride() -> None:
-    """A board lies across the tray's rim and a block on the table; a cube lies on the board."""
+def test_object_with_another_support_is_no_passenger() -> None:
+    """A board lies across the tray's rim and a block on the table, with a cube on the board."""
     rim = TOP + 0.03
     across = box((0.72, 0.0, rim + 0.005)).model_copy(update={"size": (0.30, 0.05, 0.01)})
     world = settled(
@@ -80,12 +80,12 @@ def test_what_something_else_bears_as_well_does_not_ride() -> None:
     assert riders(world, "board") == {"cube"}
 
 
-def test_what_hangs_in_the_air_above_it_does_not_ride() -> None:
+def test_object_in_the_air_above_it_is_no_passenger() -> None:
     world = settled({"tray": tray(), "high": box((0.5, 0.0, FLOOR + 0.06), 0.03)}, 0)
     assert riders(world) == set()
 
 
-def test_a_held_object_keeps_what_bounces_and_loses_what_falls_off() -> None:
+def test_bouncing_passenger_is_kept_and_fallen_one_lost() -> None:
     world = settled({"tray": tray(), "cube": box((0.45, 0.0, FLOOR + 0.02), 0.04)})
     world.attach("arm1", "tray")
     assert [one.object for one in world.passengers_of("tray")] == ["cube"]
@@ -97,14 +97,14 @@ def test_a_held_object_keeps_what_bounces_and_loses_what_falls_off() -> None:
     def move_cube(to: Pose) -> None:
         world.data.qpos[address : address + 7] = (*to.position, *to.quaternion)
         world.step()
-        world.data.time += 0.1  # of two looks within that time, the second one does nothing
+        world.data.time += 0.1  # a second update within that time does nothing
         world.look_for_passengers()
 
     move_cube(held @ Pose.from_rpy((-0.05, 0.0, 0.035)))  # 5 cm above its floor
     assert riders(world) == {"cube"}
     generation = world.generation
     move_cube(held @ Pose.from_rpy((-0.05, 0.0, 0.034)))
-    assert world.generation == generation  # nothing has changed: nothing is bound anew
+    assert world.generation == generation  # no change, so no recompilation
     move_cube(Pose.from_rpy((0.75, 0.0, TOP + 0.02)))
     assert riders(world) == set()
     assert world.generation > generation
@@ -114,7 +114,7 @@ def test_a_held_object_keeps_what_bounces_and_loses_what_falls_off() -> None:
     assert riders(world) == set()
 
 
-def test_an_arm_that_knows_the_masses_bears_all_of_it() -> None:
+def test_load_of_an_arm_includes_passengers_of_known_mass() -> None:
     world = settled(STANDING)
     alone = World(file_of({"arm1": arm("ur5", (0.0, 0.0, 0.4))}, {"tray": tray()}))
     for one in (world, alone):
@@ -127,7 +127,7 @@ def test_an_arm_that_knows_the_masses_bears_all_of_it() -> None:
     assert center[0] == pytest.approx(expected, abs=1e-3)
 
 
-def test_what_another_arm_holds_rides_on_nothing() -> None:
+def test_object_held_by_another_arm_is_no_passenger() -> None:
     file = file_of(
         {"arm1": arm("ur5", (0.0, 0.0, 0.4)), "arm2": arm("panda", (1.3, 0.0, 0.4), 180.0)},
         {"table": TABLE, **STANDING},
@@ -143,8 +143,8 @@ def test_what_another_arm_holds_rides_on_nothing() -> None:
     assert riders(world) == {"cube", "upper"}
 
 
-def test_what_rides_on_it_does_not_bear_it() -> None:
-    """A plate in the air with something heavier on it: their contact was taken for a support."""
+def test_passenger_does_not_count_as_a_support() -> None:
+    """A plate in the air with a heavier block on it: their contact was taken for a support."""
     plate = box((0, 0, 0), spawned=False).model_copy(update={"size": (0.16, 0.16, 0.02)})
     file = file_of(
         {"arm1": arm("ur5", (0.0, 0.0, 0.4))},
@@ -164,7 +164,7 @@ def test_what_rides_on_it_does_not_bear_it() -> None:
     assert not stands_without(cast("Arm", SimpleNamespace(world=world, name="arm1")), "plate")
 
 
-def test_what_was_taken_from_a_held_tray_may_be_near_it() -> None:
+def test_object_taken_from_a_held_tray_may_be_near_it() -> None:
     file = file_of(
         {"arm1": arm("ur5", (0.0, 0.0, 0.4)), "arm2": arm("panda", (1.3, 0.0, 0.4), 180.0)},
         {"table": TABLE, **STANDING},

@@ -1,4 +1,4 @@
-"""The plant is another robot than its page: by how much the seed says, and nobody is told."""
+"""The plant deviates from the robot description as sampled by the seed, unknown to the arm."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.sim.worlds import ROBOTS, arm, box, file_of
 
 
 def real(robot: str, seed: int = 0, reality: str = "lab", **fields: Any) -> World:
-    """A robot of the batch, its links no heavier than the seed says."""
+    """A world with one robot, sampled by a seed."""
     return World(file_of({"arm1": arm(robot, **fields)}, reality=reality), seed)
 
 
@@ -37,24 +37,26 @@ def true_rotors(world: World) -> Vector:
 
 
 @pytest.mark.parametrize(("robot", "reality"), some(product(ROBOTS, ["lab", "rough"]), 3))
-def test_links_are_as_far_from_their_page_as_is_said(robot: str, reality: str) -> None:
+def test_link_masses_deviate_within_the_declared_range(robot: str, reality: str) -> None:
     world = real(robot, 1, reality)
     true = masses(world.model)
-    page = masses(world.nominal["arm1"].model)
-    assert true.keys() >= page.keys()
-    shares = np.array([true[name] / page[name] - 1 for name in page])
+    nominal_values = masses(world.nominal["arm1"].model)
+    assert true.keys() >= nominal_values.keys()
+    deviations = np.array([true[name] / nominal_values[name] - 1 for name in nominal_values])
     most = REALITY_SETS[reality].links.mass.most
-    assert 0.2 * most < np.abs(shares).max() <= most + 1e-9
+    assert 0.2 * most < np.abs(deviations).max() <= most + 1e-9
     assert masses(real(robot, 1, reality).model) == true
     assert masses(real(robot, 2, reality).model) != true
     ideal = masses(real(robot, 1, "ideal").model)
     assert (true_rotors(world) > 0).all()
-    assert {name: ideal[name] for name in page} == pytest.approx(page, rel=1e-12)
+    assert {name: ideal[name] for name in nominal_values} == pytest.approx(
+        nominal_values, rel=1e-12
+    )
 
 
 @pytest.mark.parametrize("robot", ROBOTS)
-def test_the_nominal_arm_is_the_plant_where_reality_is_ideal(robot: str) -> None:
-    """The same inertia, bias and tool pose, to the last bit, in random states."""
+def test_nominal_arm_equals_the_plant_in_ideal_reality(robot: str) -> None:
+    """Inertia, bias and tool pose agree bit for bit, in random states."""
     world = real(robot, reality="ideal")
     nominal = world.nominal["arm1"]
     body = world.arms["arm1"]
@@ -69,16 +71,16 @@ def test_the_nominal_arm_is_the_plant_where_reality_is_ideal(robot: str) -> None
         sensed = world.hardware["arm1"]
         dynamics.update(sensed.q, sensed.v)
         wide, push = np.zeros((2, world.model.nv))
-        push[body.dof_ids] = meant = rng.uniform(-5, 5, len(limits.lower))
+        push[body.dof_ids] = torque = rng.uniform(-5, 5, len(limits.lower))
         mujoco.mj_mulM(world.model, world.data, wide, push)
-        np.testing.assert_array_equal(dynamics.inertia_times(meant), wide[body.dof_ids])
+        np.testing.assert_array_equal(dynamics.inertia_times(torque), wide[body.dof_ids])
         np.testing.assert_array_equal(dynamics.bias, world.data.qfrc_bias[body.dof_ids])
         tool = nominal.tool_pose_at(sensed.q)
         np.testing.assert_array_equal(tool.position, body.tool_pose.position)
 
 
-def rubbed(world: World, v: Vector) -> Vector:
-    """Torque with which the plant's joints are braked at velocities, beside gravity, N m."""
+def friction_torque(world: World, v: Vector) -> Vector:
+    """Braking torque of the plant's joints at given velocities, without gravity, N m."""
     body = world.arms["arm1"]
     world.data.qvel[body.dof_ids] = v
     world.devices.update_friction()
@@ -89,27 +91,27 @@ def rubbed(world: World, v: Vector) -> Vector:
 
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("seed", range(2))
-def test_joints_rub_as_the_drawn_friction_says(robot: str, seed: int) -> None:
-    """Within 1 %, at velocities at which it does not stop a joint within a step of physics."""
+def test_joint_friction_follows_the_sampled_model(robot: str, seed: int) -> None:
+    """Within 1 %, at velocities at which friction does not stop a joint within a physics step."""
     world = real(robot, seed)
     friction = world.devices.sampled["arm1"].friction
     rng = np.random.default_rng(seed)
     for speed in (0.5, 2.0):
         v = speed * rng.choice([-1.0, 1.0], world.robots["arm1"].dof)
-        assert rubbed(world, v) == pytest.approx(friction.torque(v), rel=0.01, abs=1e-3)
+        assert friction_torque(world, v) == pytest.approx(friction.torque(v), rel=0.01, abs=1e-3)
 
 
 @pytest.mark.parametrize("robot", ["ur5", "ur10", "xarm7"])
-def test_what_is_dry_sticks_under_less_than_its_level(robot: str) -> None:
-    """Without gravity, a torque of 0.8 of the level moves nothing in 0.2 s, one of 1.5 does."""
-    for share, moves in ((0.8, False), (1.5, True)):
+def test_joint_sticks_below_its_static_friction(robot: str) -> None:
+    """Without gravity, 0.8 times the static friction moves nothing in 0.2 s, 1.5 times does."""
+    for factor, moves in ((0.8, False), (1.5, True)):
         world = real(robot)
         world.model.opt.gravity[:] = 0.0
         mujoco.mj_step1(world.model, world.data)
         friction = world.devices.sampled["arm1"].friction
         body = world.arms["arm1"]
         before = body.q
-        world.data.qfrc_applied[body.dof_ids[-1]] = share * friction.static[-1]
+        world.data.qfrc_applied[body.dof_ids[-1]] = factor * friction.static[-1]
         for _ in range(100):
             world.step()
         turned = np.abs(body.q - before)
@@ -120,21 +122,21 @@ def test_what_is_dry_sticks_under_less_than_its_level(robot: str) -> None:
 
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("reality", ["lab", "rough"])
-def test_friction_is_the_page_s_as_well_as_that_is_known(robot: str, reality: str) -> None:
+def test_friction_deviates_within_its_declared_uncertainty(robot: str, reality: str) -> None:
     world = real(robot, 3, reality)
     spread = REALITY_SETS[reality].friction
     limits = world.robots["arm1"].limits
     true = world.devices.sampled["arm1"].friction
-    page = world.nominal["arm1"].friction
-    assert page.uncertainty == spread.coulomb.most
-    assert (true.coulomb <= page.coulomb * (1 + spread.coulomb.most) + 1e-9).all()
+    nominal_values = world.nominal["arm1"].friction
+    assert nominal_values.uncertainty == spread.coulomb.most
+    assert (true.coulomb <= nominal_values.coulomb * (1 + spread.coulomb.most) + 1e-9).all()
     assert (np.maximum(true.static, true.coulomb) <= spread.most * limits.effort + 1e-9).all()
-    assert true.coulomb != pytest.approx(page.coulomb)
+    assert true.coulomb != pytest.approx(nominal_values.coulomb)
     none = real(robot, reality="ideal").nominal["arm1"].friction
     assert not none.torque(np.ones(len(limits.lower))).any()
 
 
-def test_what_is_held_is_as_heavy_as_the_seed_says_and_known_or_not() -> None:
+def test_mass_of_a_held_object_is_sampled_and_known_only_in_lab() -> None:
     for reality, known in (("lab", True), ("rough", False)):
         file = file_of(
             {"arm1": arm("ur5")}, {"cube": box((0.487, 0.109, 0.79), mass=0.5)}, reality=reality
@@ -149,29 +151,29 @@ def test_what_is_held_is_as_heavy_as_the_seed_says_and_known_or_not() -> None:
 
 
 @pytest.mark.parametrize("mount", ["wrist", PoseSpec(xyz=(1.0, 0.0, 1.0))])
-def test_a_camera_is_not_where_its_calibration_has_it(mount: str | PoseSpec) -> None:
+def test_camera_deviates_from_its_calibration(mount: str | PoseSpec) -> None:
     camera = {"mount": mount}
     for reality in ("ideal", "lab", "rough"):
         world = real("ur5", 2, reality, camera=camera)
         body = world.arms["arm1"]
         spread = REALITY_SETS[reality].camera
-        believed = world.nominal["arm1"].camera_pose_at(body.q)
+        nominal = world.nominal["arm1"].camera_pose_at(body.q)
         true = camera_pose(world.data, body.camera_id)
-        assert true.distance(believed) <= np.sqrt(3) * spread.position.most + 1e-9
-        assert true.angle(believed) <= np.radians(np.sqrt(3) * spread.rotation.most) + 1e-6
+        assert true.distance(nominal) <= np.sqrt(3) * spread.position.most + 1e-9
+        assert true.angle(nominal) <= np.radians(np.sqrt(3) * spread.rotation.most) + 1e-6
         if reality != "ideal":
-            assert true.distance(believed) > 1e-4
+            assert true.distance(nominal) > 1e-4
             assert world.model.cam_fovy[body.camera_id] != 50.0
 
 
 @pytest.mark.parametrize("reality", ["ideal", "lab", "rough"])
-def test_a_lens_is_not_quite_what_its_calibration_says(reality: str) -> None:
-    """It is drawn with the seed, as far off as is said; an ideal one is exact."""
+def test_lens_deviates_from_its_calibration(reality: str) -> None:
+    """The distortion is sampled by the seed within its declared range; an ideal lens has none."""
     spread = REALITY_SETS[reality].camera
-    drawn = [
+    distortions = [
         real("ur5", seed, reality, camera={}).devices.sampled["arm1"].distortion for seed in (1, 2)
     ]
-    for k1, k2 in drawn:
+    for k1, k2 in distortions:
         assert abs(k1) <= spread.k1.most
         assert abs(k2) <= spread.k2.most
-    assert (drawn[0] == drawn[1]) == (reality == "ideal")
+    assert (distortions[0] == distortions[1]) == (reality == "ideal")

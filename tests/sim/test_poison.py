@@ -1,8 +1,8 @@
-"""Nobody reads the truth: a plant that is poisoned whenever sensors were read behaves the same.
+"""The true state is never read: a plant whose state is falsified between steps behaves the same.
 
-What could be read is found by looking: every array of numbers in MuJoCo's state, and what of the
-model says how heavy and how stiff an arm is. Between two steps of physics, while trees are ticked
-and controllers compute, all of it is nonsense; the step itself gets the truth back.
+The falsified data are all numeric arrays of MuJoCo's state, and the masses, inertias and friction
+of arms in its model. Between two physics steps, while trees tick and controllers compute, all of
+them are wrong; the step itself gets the true values back.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ OF_THE_MODEL = (
     "body_mass", "body_inertia", "body_ipos", "body_iquat", "body_subtreemass", "body_invweight0",
     "dof_armature", "dof_damping", "dof_frictionloss", "dof_M0", "dof_invweight0", "cam_fovy",
 )  # fmt: skip
-"""What is drawn of a plant, or follows from it. Shapes and lengths are those of the page."""
+"""Sampled quantities of a plant, and derived ones. Geometry is that of the robot description."""
 
 COMMANDED = frozenset({"ctrl", "act", "act_dot"})
-"""What controllers write."""
+"""Arrays that controllers write."""
 
 TREE = """\
 bt_dualarm: 1
@@ -54,7 +54,7 @@ arms:
 
 
 def floats(owner: Any, names: Iterator[str]) -> Iterator[tuple[str, Numbers]]:
-    """Arrays of numbers among the attributes of these names, as views."""
+    """Nonempty numeric arrays among the named attributes, as views."""
     for name in names:
         value = getattr(owner, name, None)
         if isinstance(value, np.ndarray) and value.dtype == np.float64 and value.size:
@@ -62,7 +62,7 @@ def floats(owner: Any, names: Iterator[str]) -> Iterator[tuple[str, Numbers]]:
 
 
 def rows_of_arms(model: mujoco.MjModel) -> dict[int, npt.NDArray[np.int64]]:
-    """By the length of an array: which of its rows are an arm's; objects lie where they lie."""
+    """Rows of arms in an array, by the length of the array; those of objects are not falsified."""
     arm_bodies = [i for i in range(model.nbody) if "/" in model.body(i).name]
     dofs = np.flatnonzero(np.isin(model.dof_bodyid, arm_bodies))
     joints = np.flatnonzero(np.isin(model.jnt_bodyid, arm_bodies))
@@ -76,18 +76,18 @@ def rows_of_arms(model: mujoco.MjModel) -> dict[int, npt.NDArray[np.int64]]:
 
 
 class Poison:
-    """Replaces `World.step` by one that poisons what it leaves behind.
+    """Replaces `World.step` by one that falsifies the state after each step.
 
     Args:
         world: World to poison.
-        wanted: Which arrays, by name; all by default.
+        wanted: Predicate of the names of arrays; all by default.
     """
 
-    def __init__(self, world: World, wanted: Callable[[str], bool] = lambda _: True) -> None:
+    def __init__(self, world: World, selects: Callable[[str], bool] = lambda _: True) -> None:
         self.names: set[str] = set()
         self.truth: list[Numbers] = []
         self._world = world
-        self._wanted = wanted
+        self._wanted = selects
         self._step = world.step
         self._saved: list[tuple[Numbers, Numbers]] = []
         self._rng = np.random.default_rng(0)
@@ -117,29 +117,29 @@ class Poison:
             array[which] = part * self._rng.uniform(0.5, 2.0) + self._rng.uniform(0.1, 0.5)
 
 
-def course(reality: str, wanted: Callable[[str], bool] | None) -> tuple[Matrix, set[str]]:
-    """Truth at every step of 1.2 s, and what was poisoned; ``None`` poisons nothing."""
+def states_of(reality: str, selects: Callable[[str], bool] | None) -> tuple[Matrix, set[str]]:
+    """True states at every step of 1.2 s, and names of falsified arrays; none for ``None``."""
     tree = TREE.replace("REALITY", reality)
     with bt.open(tree, renderer="ray") as run:
-        poison = Poison(run.world, wanted or (lambda _: False))
+        poison = Poison(run.world, selects or (lambda _: False))
         run.step(1.2)
         return np.array(poison.truth), poison.names
 
 
 @pytest.mark.parametrize("reality", ["ideal", "lab"])
-def test_a_poisoned_truth_changes_nothing(reality: str) -> None:
-    """Plans, guards, controllers of two arms near each other: to the last bit."""
-    sound, _ = course(reality, None)
-    poisoned, names = course(reality, lambda _: True)
+def test_falsified_true_state_changes_nothing(reality: str) -> None:
+    """Plans, guards and controllers of two arms near each other are identical, bit for bit."""
+    sound, _ = states_of(reality, None)
+    poisoned, names = states_of(reality, lambda _: True)
     assert {"qpos", "qvel", "xpos", "site_xpos", "geom_xpos", "qfrc_bias", *OF_THE_MODEL} <= names
     assert len(names) > 50
     np.testing.assert_array_equal(poisoned, sound)
-    assert np.abs(np.diff(sound[:, -13:], axis=0)).max() > 0.1, "the arms were to move"
+    assert np.abs(np.diff(sound[:, -13:], axis=0)).max() > 0.1, "the arms should have moved"
 
 
-def test_poison_would_be_noticed() -> None:
-    """Encoders that read the poison make another motion: the test above can fail."""
-    sound, _ = course("ideal", None)
+def test_reading_the_falsified_state_would_be_noticed() -> None:
+    """Encoders that read the falsified state change the motion: the test above can fail."""
+    sound, _ = states_of("ideal", None)
     with bt.open(TREE.replace("REALITY", "ideal"), renderer="ray") as run:
         poison = Poison(run.world, lambda name: name == "qpos")
         spoil = poison.spoil
@@ -154,8 +154,8 @@ def test_poison_would_be_noticed() -> None:
     assert np.abs(read - sound[: len(read)]).max() > 1e-3
 
 
-def test_what_is_known_of_a_picture_is_not_the_truth() -> None:
-    """Its pose is by encoders and calibration, whatever the plant's camera has."""
+def test_pose_of_an_image_is_not_the_true_one() -> None:
+    """It comes from encoders and calibration, not from the plant's camera."""
     with bt.open(TREE.replace("REALITY", "lab"), renderer="ray") as run:
         run.step(0.1)
         known = calibration_of(run.world, "arm2", 3)

@@ -1,4 +1,4 @@
-"""MuJoCo's own ray casting is the oracle of the closed forms."""
+"""Closed forms of ray casting agree with MuJoCo's own ray casting."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ ROCK = np.random.default_rng(2).normal(size=(24, 3)) * (0.1, 0.15, 0.08)
 
 
 def model_of(*geoms: dict[str, Any]) -> tuple[Any, Any]:
-    """A model of geoms at rest; meshes are convex hulls of ROCK unless they bring a mesh."""
+    """Model and data of geoms; meshes are the convex hull of ROCK."""
     spec = mujoco.MjSpec()
     spec.add_mesh(
         name="rock", uservert=ROCK.ravel(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX,
@@ -89,16 +89,16 @@ SHAPES = {
 angles = st.floats(-3.1, 3.1)
 
 
-@given(azimuth=angles, height=st.floats(-0.8, 0.8), roll=angles, off=st.floats(-0.2, 0.2))
+@given(azimuth=angles, height=st.floats(-0.8, 0.8), roll=angles, offset=st.floats(-0.2, 0.2))
 @settings(max_examples=25, deadline=None)
 @pytest.mark.parametrize("kind", SHAPES)
-def test_each_shape_is_met_where_mujoco_meets_it(
-    kind: str, azimuth: float, height: float, roll: float, off: float
+def test_rays_hit_each_shape_as_in_mujoco(
+    kind: str, azimuth: float, height: float, roll: float, offset: float
 ) -> None:
-    """Same geom, distance and normal for every ray, from anywhere around."""
+    """Every ray has the same geom, distance and normal, from any viewpoint."""
     model, data = model_of({**SHAPES[kind], "quat": (0.8, 0.2, 0.5, 0.1), "pos": (0.1, 0.2, 0.3)})
     eye = np.array([0.1 + np.cos(azimuth), 0.2 + np.sin(azimuth), 0.3 + height])
-    fan = fan_toward(np.array([0.1, 0.2 + off, 0.3 + off]), eye, roll)
+    fan = fan_toward(np.array([0.1, 0.2 + offset, 0.3 + offset]), eye, roll)
     scene = RayScene(model, (0,))
     assert scene._others is None
     assert_same(scene.trace(data, fan), by_mujoco(model, data, fan))
@@ -107,8 +107,8 @@ def test_each_shape_is_met_where_mujoco_meets_it(
 @given(seed=st.integers(0, 10_000))
 @settings(max_examples=25, deadline=None)
 @pytest.mark.parametrize("kind", ["sphere", "cylinder", "capsule", "box", "mesh"])
-def test_what_reaches_behind_the_eye_is_met_where_mujoco_meets_it(kind: str, seed: int) -> None:
-    """Close to the eye, on any side of it."""
+def test_rays_hit_shapes_that_extend_behind_the_eye_as_in_mujoco(kind: str, seed: int) -> None:
+    """Shapes close to the eye, on any side of it."""
     rng = np.random.default_rng(seed)
     direction = rng.normal(size=3)
     place = direction / np.linalg.norm(direction) * rng.uniform(0.3, 0.45)
@@ -133,7 +133,7 @@ def surrounds(model: Any, data: Any, fan: Fan) -> bool:
     return all(out)
 
 
-def test_what_reaches_behind_the_eye_beside_it_needs_no_ray() -> None:
+def test_shape_beside_the_eye_needs_no_rays() -> None:
     fan = fan_toward(np.zeros(3), (0.0, 0.0, 1.0))
     corners = box(np.full(3, 0.1)).corners
 
@@ -149,8 +149,8 @@ def test_what_reaches_behind_the_eye_beside_it_needs_no_ray() -> None:
 
 @given(seed=st.integers(0, 10_000))
 @settings(max_examples=25, deadline=None)
-def test_the_nearest_of_many_wins(seed: int) -> None:
-    """A heap of shapes, one of them without a closed form, over a floor."""
+def test_nearest_of_many_shapes_is_hit(seed: int) -> None:
+    """A heap of shapes, one of them without a closed form, above a floor."""
     rng = np.random.default_rng(seed)
     kinds = ["sphere", "cylinder", "box", "mesh", "capsule", "egg", "box", "cylinder"]
     egg = {"type": mujoco.mjtGeom.mjGEOM_ELLIPSOID, "size": (0.08, 0.15, 0.1)}
@@ -165,7 +165,7 @@ def test_the_nearest_of_many_wins(seed: int) -> None:
     assert_same(scene.trace(data, fan), by_mujoco(model, data, fan))
 
 
-def test_a_mesh_with_a_dent_is_left_to_mujoco() -> None:
+def test_nonconvex_mesh_is_left_to_mujoco() -> None:
     spec = mujoco.MjSpec()
     cube = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float)
     dented = np.vstack([cube, [[0.0, 0.0, 0.2]]])
@@ -184,7 +184,7 @@ def test_a_mesh_with_a_dent_is_left_to_mujoco() -> None:
     assert_same(scene.trace(data, fan), by_mujoco(model, data, fan))
 
 
-def test_what_is_transparent_or_in_another_group_is_not_met() -> None:
+def test_transparent_geoms_and_other_groups_are_not_hit() -> None:
     ball = SHAPES["sphere"]
     model, data = model_of({**ball, "rgba": (1, 0, 0, 0)}, {**ball, "group": 4})
     fan = fan_toward(np.zeros(3), (1.0, 0.0, 0.0))
@@ -193,20 +193,20 @@ def test_what_is_transparent_or_in_another_group_is_not_met() -> None:
 
 
 @pytest.mark.parametrize("kind", [PLANE, SPHERE, CYLINDER, CAPSULE])
-def test_inside_and_outside(kind: int) -> None:
-    """A camera within a shape looks through it, as in OpenGL."""
+def test_contains_tells_inside_from_outside(kind: int) -> None:
+    """It serves cameras inside of a shape, which see through it, as in OpenGL."""
     size = np.array([0.1, 0.2, 0.0])
     assert contains(kind, size, np.array([0.02, 0.01, -0.01]))
     assert not contains(kind, size, np.array([0.5, 0.5, 0.5]))
 
 
-def test_a_capsule_ends_in_balls() -> None:
+def test_capsule_has_spherical_ends() -> None:
     size = np.array([0.1, 0.2, 0.0])
     assert contains(CAPSULE, size, np.array([0.0, 0.0, -0.29]))
     assert not contains(CAPSULE, size, np.array([0.09, 0.0, -0.29]))
 
 
-def test_a_camera_inside_its_housing_looks_out() -> None:
+def test_camera_inside_its_housing_sees_through_it() -> None:
     model, data = model_of(
         {**SHAPES["sphere"], "pos": (1.0, 0.0, 0.0)}, {**SHAPES["box"], "pos": (0, 0, 0)}
     )

@@ -87,43 +87,43 @@ RED = ((0, 100, 40), (5, 255, 255))
 BLUE = ((115, 150, 40), (125, 255, 255))
 
 
-def test_ray_never_asks_for_gl() -> None:
+def test_ray_renderer_never_opens_opengl() -> None:
     choice = choose_renderer("ray", find_context=lambda: pytest.fail("asked for OpenGL"))
     assert choice.create().name == "ray"
     assert "ray casting" in choice.message
 
 
-def test_auto_falls_back_with_advice() -> None:
+def test_auto_falls_back_to_rays_with_advice() -> None:
     choice = choose_renderer("auto", find_context=no_context)
     assert choice.create().name == "ray"
     assert GL_PACKAGES in choice.message
     assert "libEGL.so.1" in choice.message
 
 
-def test_gl_insists() -> None:
+def test_gl_fails_without_a_context() -> None:
     with pytest.raises(RendererError, match="libegl1 and libgl1") as caught:
         choose_renderer("gl", find_context=no_context)
     assert "libEGL.so.1 not found" in str(caught.value)
 
 
-def test_unknown_kind_names_the_choices() -> None:
+def test_unknown_renderer_error_names_the_choices() -> None:
     with pytest.raises(RendererError, match=r"'vulkan'.*'auto', 'gl' and 'ray'"):
         choose_renderer("vulkan")  # type: ignore[arg-type]
 
 
-def test_gl_is_taken_where_it_works(context: renderers.GlContext) -> None:
+def test_gl_is_chosen_where_it_works(context: renderers.GlContext) -> None:
     choice = choose_renderer("auto", find_context=lambda: context)
     assert choice.create().name == "gl"
     assert context.platform in choice.message
 
 
-def test_opening_gl_leaves_the_choice_of_others_alone(context: renderers.GlContext) -> None:
+def test_opening_gl_does_not_set_mujoco_gl(context: renderers.GlContext) -> None:
     """A wrong MUJOCO_GL would break ``import mujoco`` in every child process."""
     assert context is not None
     assert "MUJOCO_GL" not in os.environ
 
 
-def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_error_names_missing_libraries(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(name: str) -> Any:
         raise OSError(name)
 
@@ -138,17 +138,19 @@ def test_both_renderers_agree(
 ) -> None:
     """Centers within 0.5 px and areas within 2 %."""
     ray = moments(RayRenderer().render(*scene, Exposure(0, *size)), *YELLOW)
-    drawn = moments(GlRenderer(context).render(*scene, Exposure(0, *size)), *YELLOW)
-    assert ray[1:] == pytest.approx(drawn[1:], abs=0.5)
-    assert ray[0] == pytest.approx(drawn[0], rel=0.02)
+    gl = moments(GlRenderer(context).render(*scene, Exposure(0, *size)), *YELLOW)
+    assert ray[1:] == pytest.approx(gl[1:], abs=0.5)
+    assert ray[0] == pytest.approx(gl[0], rel=0.02)
 
 
-def test_colors_agree(scene: tuple[Any, Any], context: renderers.GlContext) -> None:
-    """Flat surfaces have the same color within an eighth of the scale; highlights may differ."""
+def test_colors_of_both_renderers_agree(
+    scene: tuple[Any, Any], context: renderers.GlContext
+) -> None:
+    """Flat surfaces have the same color within an eighth of the range; highlights may differ."""
     ray = RayRenderer().render(*scene, Exposure(0, 160, 120))
-    drawn = GlRenderer(context).render(*scene, Exposure(0, 160, 120))
+    gl = GlRenderer(context).render(*scene, Exposure(0, 160, 120))
     x, y = (round(value) for value in moments(ray, *YELLOW)[1:])
-    assert ray[y, x].astype(int) == pytest.approx(drawn[y, x].astype(int), abs=32)
+    assert ray[y, x].astype(int) == pytest.approx(gl[y, x].astype(int), abs=32)
 
 
 @given(
@@ -158,10 +160,10 @@ def test_colors_agree(scene: tuple[Any, Any], context: renderers.GlContext) -> N
     height=st.integers(0, 90),
 )
 @settings(max_examples=25, deadline=None)
-def test_a_region_shows_what_the_whole_shows(
+def test_region_equals_that_of_the_whole_image(
     scene: tuple[Any, Any], left: int, top: int, width: int, height: int
 ) -> None:
-    """Inside the region the image is that of the whole, outside it is black."""
+    """Outside of the region, the image is black."""
     renderer = RayRenderer()
     whole = renderer.render(*scene, Exposure(0, 80, 60))
     region = (left, top, left + width, top + height)
@@ -172,20 +174,20 @@ def test_a_region_shows_what_the_whole_shows(
     assert not part.any()
 
 
-def test_a_region_drawn_by_gl_shows_what_the_whole_shows(
+def test_region_rendered_by_gl_equals_that_of_the_whole_image(
     scene: tuple[Any, Any], context: renderers.GlContext
 ) -> None:
     renderer = GlRenderer(context)
     whole = renderer.render(*scene, Exposure(0, 80, 60)).astype(int)
     part = renderer.render(*scene, Exposure(0, 80, 60, (11, 7, 64, 39))).astype(int)
-    # Rounding of the narrowed view may move an edge by a sample of a pixel.
+    # Rounding of the narrowed view may move an edge by one sample of a pixel.
     assert np.abs(part[7:39, 11:64] - whole[7:39, 11:64]).mean() < 1.0
     part[7:39, 11:64] = 0
     assert not part.any()
 
 
-def test_blocks_share_a_color(scene: tuple[Any, Any], renderer: Renderer) -> None:
-    """Stride 3 in an image whose sides are no multiples of it."""
+def test_pixels_of_a_block_share_a_color(scene: tuple[Any, Any], renderer: Renderer) -> None:
+    """Stride 3 in an image whose sides are not multiples of it."""
     image = renderer.render(*scene, Exposure(0, 80, 61, stride=3))
     blocks = image[:60, :78].reshape(20, 3, 26, 3, 3)
     assert (blocks == blocks[:, :1, :, :1]).all()
@@ -194,7 +196,7 @@ def test_blocks_share_a_color(scene: tuple[Any, Any], renderer: Renderer) -> Non
 
 @pytest.mark.parametrize("stride", [1, 4])
 @pytest.mark.parametrize("region", [None, (12, 8, 61, 50), (90, 8, 95, 50)])
-def test_blocks_alone_make_the_image(
+def test_image_can_be_rebuilt_from_its_blocks(
     scene: tuple[Any, Any], renderer: Renderer, region: Region | None, stride: int
 ) -> None:
     exposure = Exposure(0, 80, 60, region, stride)
@@ -208,14 +210,14 @@ def test_blocks_alone_make_the_image(
         assert (exposure.image_of(blocks) == image).all()
 
 
-def test_blocks_keep_centroids(scene: tuple[Any, Any], renderer: Renderer) -> None:
+def test_blocks_preserve_centroids(scene: tuple[Any, Any], renderer: Renderer) -> None:
     fine = moments(renderer.render(*scene, Exposure(0, 320, 240)), *YELLOW)
     coarse = moments(renderer.render(*scene, Exposure(0, 320, 240, stride=3)), *YELLOW)
     assert coarse[1:] == pytest.approx(fine[1:], abs=0.5)
 
 
-def test_a_region_of_blocks_lies_on_their_grid(scene: tuple[Any, Any], renderer: Renderer) -> None:
-    """A region that cuts through blocks shows the same blocks as the whole."""
+def test_region_of_blocks_lies_on_their_grid(scene: tuple[Any, Any], renderer: Renderer) -> None:
+    """A region that cuts through blocks shows the same blocks as the whole image."""
     whole = renderer.render(*scene, Exposure(0, 80, 60, stride=4)).astype(int)
     part = renderer.render(*scene, Exposure(0, 80, 60, (10, 7, 61, 50), stride=4)).astype(int)
     assert np.abs(part[7:50, 10:61] - whole[7:50, 10:61]).mean() < 1.0
@@ -223,19 +225,19 @@ def test_a_region_of_blocks_lies_on_their_grid(scene: tuple[Any, Any], renderer:
     assert not part.any()
 
 
-def test_geom_groups_are_kept_apart(scene: tuple[Any, Any], renderer: Renderer) -> None:
-    """Group 3 is for the loop, group 2 for pictures."""
+def test_geom_groups_are_rendered_separately(scene: tuple[Any, Any], renderer: Renderer) -> None:
+    """Group 3 is for simulated cameras, group 2 for images for users."""
     loop = renderer.render(*scene, Exposure(0, 80, 60))
     people = (SCENE_GROUP, OBJECT_GROUP, VISUAL_GROUP)
-    picture = renderer.render(*scene, Exposure(0, 80, 60, groups=people))
+    image = renderer.render(*scene, Exposure(0, 80, 60, groups=people))
     assert moments(loop, *BLUE)[0] > 0.0
     assert moments(loop, *RED)[0] == 0.0
-    assert moments(picture, *RED)[0] > 0.0
-    assert moments(picture, *BLUE)[0] == 0.0
+    assert moments(image, *RED)[0] > 0.0
+    assert moments(image, *BLUE)[0] == 0.0
 
 
-def test_a_new_model_is_noticed(scene: tuple[Any, Any], renderer: Renderer) -> None:
-    """After a recompilation the model is another object; nothing of the old one may show."""
+def test_recompiled_model_is_rendered(scene: tuple[Any, Any], renderer: Renderer) -> None:
+    """After a recompilation, nothing of the old model may be visible."""
     before = renderer.render(*scene, Exposure(0, 80, 60))
     model = mujoco.MjModel.from_xml_string(SCENE.replace("1 .85 0 1", "0 .85 0 1"))
     data = mujoco.MjData(model)
@@ -245,15 +247,19 @@ def test_a_new_model_is_noticed(scene: tuple[Any, Any], renderer: Renderer) -> N
     assert moments(after, *YELLOW)[0] == 0.0
 
 
-def test_larger_images_than_the_model_foresees(scene: tuple[Any, Any], renderer: Renderer) -> None:
-    """MuJoCo's own buffer is 640 by 480."""
+def test_images_larger_than_the_offscreen_buffer_are_rendered(
+    scene: tuple[Any, Any], renderer: Renderer
+) -> None:
+    """MuJoCo's default buffer is 640 by 480."""
     renderer.render(*scene, Exposure(0, 80, 60))
     image = renderer.render(*scene, Exposure(0, 800, 500, (380, 200, 420, 240)))
     assert image.shape == (500, 800, 3)
     assert image[200:240, 380:420].any()
 
 
-def test_close_may_be_repeated(scene: tuple[Any, Any], renderer: Renderer) -> None:
+def test_renderer_can_be_closed_twice_and_reused(
+    scene: tuple[Any, Any], renderer: Renderer
+) -> None:
     renderer.render(*scene, Exposure(0, 80, 60))
     renderer.close()
     renderer.close()
@@ -262,7 +268,7 @@ def test_close_may_be_repeated(scene: tuple[Any, Any], renderer: Renderer) -> No
 
 @given(fovy=st.floats(10.0, 120.0), stride=st.integers(1, 4))
 @settings(max_examples=20, deadline=None)
-def test_each_ray_passes_through_its_block(fovy: float, stride: int) -> None:
+def test_ray_passes_through_its_block(fovy: float, stride: int) -> None:
     width = 16
     height = 12
     rays = camera_rays(width, height, fovy, stride)

@@ -1,4 +1,4 @@
-"""Robots with several arms: two arms of a file at one base are one robot, with one torso."""
+"""Robots with several arms: two arms of a file at the same base are one robot with one torso."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ def file_with(**arms: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def shapes_of(run: bt.Run, prefix: str) -> set[str]:
-    """Names of the geoms whose names begin so."""
+    """Names of geoms with a prefix."""
     model = run.world.model
     names = {model.geom(number).name for number in range(model.ngeom)}
     return {name for name in names if name.startswith(prefix)}
 
 
 @pytest.mark.parametrize("gripper", [None, "suction_cup"])
-def test_what_both_arms_share_is_in_the_world_once(gripper: str | None) -> None:
+def test_shared_body_is_in_the_world_once(gripper: str | None) -> None:
     with bt.open(file_with(one={"gripper": gripper})) as run:
         world = run.world
         assert {"torso_0", "pedestal_0"} <= {
@@ -60,8 +60,8 @@ def test_what_both_arms_share_is_in_the_world_once(gripper: str | None) -> None:
 
 
 @pytest.mark.parametrize("name", ["one", "two"])
-def test_an_arm_cannot_go_through_the_body(name: str) -> None:
-    """Alone or with the other arm; the message names the link of the body."""
+def test_arm_avoids_the_body(name: str) -> None:
+    """Alone or with the other arm; the message names the torso."""
     inside = {"xyz": [0.03, 0.0, 0.25], "in_frame": "base"}
     tree = {"reach_to_pose": {"to": inside, "free": ["rx", "ry", "rz"]}}
     file = file_with(**{name: {"tree": tree}})
@@ -72,8 +72,8 @@ def test_an_arm_cannot_go_through_the_body(name: str) -> None:
         assert "torso" in failed.reason, failed.reason
 
 
-def test_at_different_bases_they_are_two_robots() -> None:
-    """Each with a body of its own, and its other arm folded."""
+def test_arms_at_different_bases_are_two_robots() -> None:
+    """Each has its own body, with the other arm folded."""
     with bt.open(file_with(two={"base": {"xyz": [0, 2.0, 0.93]}})) as run:
         assert not shapes_of(run, BODY)
         assert shapes_of(run, "one/torso")
@@ -81,7 +81,7 @@ def test_at_different_bases_they_are_two_robots() -> None:
         assert shapes_of(run, "one/right_wrist")
 
 
-def test_an_arm_comes_and_goes_and_the_body_stays() -> None:
+def test_body_stays_when_an_arm_is_spawned_and_removed() -> None:
     steps = [{"spawn": {"arm": "two"}}, {"wait": 0.1}, {"remove": {"arm": "two"}}, {"wait": 0.1}]
     file = file_with(one={"tree": {"sequence": steps}}, two={"spawned": False, "removable": True})
     with bt.open(file) as run:
@@ -92,8 +92,8 @@ def test_an_arm_comes_and_goes_and_the_body_stays() -> None:
         assert not shapes_of(run, "two/")
 
 
-def test_each_arm_is_an_obstacle_for_the_other() -> None:
-    """They cross in front of the body without a contact, or fail."""
+def test_arms_of_one_body_avoid_each_other() -> None:
+    """They cross in front of the body without contact, or fail."""
     crossed = {}
     for name, side in (("one", -1.0), ("two", 1.0)):
         pose = {"xyz": [0.55, side * 0.12, 0.15], "rpy": [180, 0, 0], "in_frame": "base"}
@@ -107,7 +107,7 @@ def test_each_arm_is_an_obstacle_for_the_other() -> None:
             self.run = run
 
         def after_step(self, time: float) -> None:
-            """Note the contacts."""
+            """Record contacts."""
             world = self.run.world
             own = {name: world.arms[name].geom_ids for name in ("one", "two")}
             for one, other in world.data.contact.geom.tolist():
@@ -120,7 +120,7 @@ def test_each_arm_is_an_obstacle_for_the_other() -> None:
     assert not touching
 
 
-def test_the_two_arms_carry_one_object() -> None:
+def test_arms_of_one_body_carry_one_object() -> None:
     both = {"gripper": "suction_cup"}
     pose = {"xyz": [0.6, 0.0, -0.06], "in_frame": "base"}
     board = {"shape": "box", "size": [0.1, 0.6, 0.02], "mass": 0.6}
@@ -149,22 +149,22 @@ def test_the_two_arms_carry_one_object() -> None:
 
 
 @pytest.mark.parametrize(
-    ("joint", "says"),
+    ("joint", "message"),
     [
         ("right_s0", "'right_s0' is moved by two, another arm of the same robot"),
         ("head_pan", "'head_pan' is at 10 degrees, but for two, another arm of the same robot"),
     ],
 )
-def test_joints_of_the_body_and_of_the_other_arm(joint: str, says: str) -> None:
+def test_locking_a_shared_or_foreign_joint_is_refused(joint: str, message: str) -> None:
     file = file_with(one={"locked": {joint: 10}})
     with pytest.raises(LockedJointError, match="one: "):
         bt.open(file)
     (problem,) = check(file, Registry.load().kinds).problems
-    assert says in problem.message
+    assert message in problem.message
 
 
-def test_a_joint_of_the_body_has_one_position() -> None:
-    """Given for both arms; a finger of an arm is its own."""
+def test_joint_of_the_body_has_one_position() -> None:
+    """It is given for both arms; a finger belongs to one arm only."""
     both = {"locked": {"head_pan": 10}}
     with bt.open(file_with(one=both, two=both)) as run:
         model = run.world.model

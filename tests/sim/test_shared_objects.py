@@ -1,4 +1,4 @@
-"""One object in two hands: attachments, loads, distances and what is left when one lets go."""
+"""One object in two hands: attachments, loads, distances, and the release by one of them."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ HANDS_M = 0.006
 
 @pytest.fixture
 def world() -> World:
-    """Two UR5 whose tools are at the two ends of one bar."""
+    """Two UR5s and a bar at the tool of the first."""
     return world_of("ideal")
 
 
 def world_of(reality: str) -> World:
-    """The two arms in a reality; in `rough` they do not know masses."""
+    """The two arms in a reality; in `rough` masses are unknown to them."""
     world = World(
         file_of(
             {"arm1": arm("ur5"), "arm2": arm("ur5", (1.1, 0.0, 0.4), 180.0)},
@@ -39,7 +39,7 @@ def world_of(reality: str) -> World:
     return world
 
 
-def test_both_arms_hold_it_until_one_lets_go(world: World) -> None:
+def test_both_arms_hold_the_object_until_one_releases_it(world: World) -> None:
     for name in ("arm1", "arm2"):
         world.attach(name, "bar")
     held = world.attachments
@@ -54,13 +54,13 @@ def test_both_arms_hold_it_until_one_lets_go(world: World) -> None:
     assert world.object_pose("bar").distance(before) < 1e-3
 
 
-def test_each_bears_its_share_and_the_last_one_everything(world: World) -> None:
+def test_each_arm_bears_its_share_and_the_last_one_everything(world: World) -> None:
     for name in ("arm1", "arm2"):
         world.hold(name, "bar", world.object_pose("bar"))
     generation = world.generation
     world.attachments.bear("arm1", "bar", 0.7)
     world.attachments.bear("arm2", "bar", 0.3)
-    assert world.generation == generation  # nothing but the loads has changed
+    assert world.generation == generation  # only the loads have changed
     assert [world.nominal[name].loads[0].borne for name in ("arm1", "arm2")] == [0.7, 0.3]
     assert not world.nominal["arm1"].loads[0].alone
     world.attachments.detach("arm1", "bar")
@@ -69,7 +69,7 @@ def test_each_bears_its_share_and_the_last_one_everything(world: World) -> None:
     assert (load.borne, load.alone) == (1.0, True)
 
 
-def test_the_share_of_a_removed_arm_falls_to_the_other(world: World) -> None:
+def test_share_of_a_removed_arm_passes_to_the_other(world: World) -> None:
     for name in ("arm1", "arm2"):
         world.hold(name, "bar", world.object_pose("bar"))
         world.attachments.bear(name, "bar", 0.5)
@@ -79,9 +79,9 @@ def test_the_share_of_a_removed_arm_falls_to_the_other(world: World) -> None:
 
 
 @pytest.mark.parametrize("leaves", ["detach", "remove"])
-def test_the_last_one_bears_everything_at_its_grasp(world: World, leaves: str) -> None:
-    """With the inertia of a long object at its center, the arm would shake: it answers each error
-    with torques that turn all of it, which may lie on something."""
+def test_last_arm_bears_everything_at_its_grasp(world: World, leaves: str) -> None:
+    """With the inertia of a long object at its center, the arm would oscillate: it would answer
+    each error with torques for the whole object, which may rest on a support."""
     at = {"arm1": Pose.from_rpy((-0.4, 0.0, 0.0)), "arm2": Pose.from_rpy((0.4, 0.0, 0.0))}
     for name, grasp in at.items():
         world.hold(name, "bar", world.object_pose("bar"))
@@ -97,7 +97,7 @@ def test_the_last_one_bears_everything_at_its_grasp(world: World, leaves: str) -
     assert load.inertia == pytest.approx(shared.inertia)
 
 
-def test_the_weight_of_an_object_that_stands_falls_to_nobody(world: World) -> None:
+def test_weight_of_a_supported_object_passes_to_no_arm(world: World) -> None:
     for name in ("arm1", "arm2"):
         world.hold(name, "bar", world.object_pose("bar"))
         world.attachments.bear(name, "bar", 0.5)
@@ -108,8 +108,8 @@ def test_the_weight_of_an_object_that_stands_falls_to_nobody(world: World) -> No
 
 
 @pytest.mark.parametrize("estimated", [None, 1.1])
-def test_a_shared_object_of_unknown_mass_is_modeled_at_the_grasp(estimated: float | None) -> None:
-    """Else grip and torques would have to bear the moment of all of it, far from the hand."""
+def test_shared_object_of_unknown_mass_is_modeled_at_the_grasp(estimated: float | None) -> None:
+    """Otherwise grip and torques would have to bear the moment of the whole, distant object."""
     world = world_of("rough")
     for name in ("arm1", "arm2"):
         world.hold(name, "bar", world.object_pose("bar"))
@@ -124,7 +124,7 @@ def test_a_shared_object_of_unknown_mass_is_modeled_at_the_grasp(estimated: floa
     assert load.gyration == pytest.approx(BORNE_GYRATION_M**2)
 
 
-def test_consent_counts_only_while_both_have_given_it(world: World) -> None:
+def test_consent_requires_both_arms(world: World) -> None:
     held = world.attachments
     held.consent("arm1", "arm2", "bar", HANDS_M)
     assert held.shared_grasps("arm1") == held.shared_grasps("arm2") == ()
@@ -139,7 +139,7 @@ def test_consent_counts_only_while_both_have_given_it(world: World) -> None:
 
 
 def bring_near(world: World) -> None:
-    """Moves arm2's tool to where it points at arm1's from the side, from about 2 cm away."""
+    """Move arm2's tool to point at arm1's from the side, from about 2 cm away."""
     beside = world.arms["arm1"].tool_pose.position + np.array((0.05, 0.0, -0.03))
     target = Pose.from_rpy(tuple(beside), (0.0, -np.pi / 2, 0.0))
     solver = Kinematics(world.robots["arm2"], world.arms["arm2"].base, 0)
@@ -148,7 +148,7 @@ def bring_near(world: World) -> None:
     world._refresh()
 
 
-def test_hands_may_come_near_each_other_at_a_shared_object_only(world: World) -> None:
+def test_hands_may_be_near_each_other_only_at_a_shared_object(world: World) -> None:
     world.remove_object("bar")
     bring_near(world)
     world.spawn_object("bar", world.arms["arm1"].tool_pose @ Pose.from_rpy((0.0, 0.3, 0.0)))
@@ -160,7 +160,7 @@ def test_hands_may_come_near_each_other_at_a_shared_object_only(world: World) ->
     held.consent("arm1", "arm2", "bar", HANDS_M)
     held.consent("arm2", "arm1", "bar", HANDS_M)
     for name in world.arms:
-        # What the guard compares with its 30 mm is 24 mm more between the hands, as they keep 6 mm.
+        # The guard requires 30 mm, but the hands keep 6 mm, so their gap counts as 24 mm larger.
         gap = ArmDistance(world, name).gap(here).meters
         assert before < gap <= before + CLEAR_M - HANDS_M + 1e-9
         assert CollisionChecker(world, name, CLEAR_M).contact(here[name]) is None
@@ -168,7 +168,7 @@ def test_hands_may_come_near_each_other_at_a_shared_object_only(world: World) ->
     assert ArmDistance(world, "arm1").gap(here).meters == pytest.approx(before)
 
 
-def test_an_object_in_both_hands_is_no_obstacle_between_them(world: World) -> None:
+def test_object_in_both_hands_is_no_obstacle_between_them(world: World) -> None:
     bring_near(world)
     here = {name: world.hardware[name].q for name in world.arms}
     for name in ("arm1", "arm2"):

@@ -1,4 +1,4 @@
-"""What moves while the shutter is open is smeared about where it was at the stamp."""
+"""Motion blur is centered at the position at the time of the stamp."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ SCENE = f"""
 
 
 class Counting(RayRenderer):
-    """A renderer that counts its pictures."""
+    """A renderer that counts its images."""
 
     count = 0
 
@@ -54,7 +54,7 @@ class Counting(RayRenderer):
 
 
 def render(exposure_s: float, **speeds: tuple[float, ...]) -> tuple[Image, int]:
-    """What the camera sees of bodies with these velocities, and of how many pictures that is."""
+    """Camera image of bodies with given velocities, and the number of rendered images."""
     model = mujoco.MjModel.from_xml_string(SCENE)
     data = mujoco.MjData(model)
     for name, velocity in speeds.items():
@@ -65,18 +65,18 @@ def render(exposure_s: float, **speeds: tuple[float, ...]) -> tuple[Image, int]:
     known = Calibration(lambda _: Pose.identity(), math.radians(FOV_DEG), exposure_s=exposure_s)
     renderer = Counting()
     spec: Any = CameraSpec(resolution=(WIDTH, HEIGHT), fov=FOV_DEG)
-    eye = Camera("arm/camera", spec, renderer, calibration=known)
+    camera = Camera("arm/camera", spec, renderer, calibration=known)
     world: Any = SimpleNamespace(model=model, data=data)
-    frame = eye.capture(world)
+    frame = camera.capture(world)
     assert (data.qpos == before).all()
     return frame.image, renderer.count
 
 
 def lit(image: Image) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Share of the cube's color in each column, over the rows in the middle."""
+    """Fraction of the cube's color in each column, averaged over the middle rows."""
     row = image[HEIGHT // 2 - 5 : HEIGHT // 2 + 5, :, 0].mean(axis=0)
-    share: np.ndarray[Any, np.dtype[np.float64]] = row / row.max()
-    return share
+    fraction: np.ndarray[Any, np.dtype[np.float64]] = row / row.max()
+    return fraction
 
 
 SIDEWAYS = (0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -86,20 +86,20 @@ SIDEWAYS = (0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
     "speeds",
     [
         {"cube": SIDEWAYS},
-        {"arm1_hand": tuple(-v for v in SIDEWAYS)},  # the camera moves, not the cube
-        {"arm1_hand": (0, 0, 0, 0, 0.5 / DEPTH_M, 0)},  # it turns
+        {"arm1_hand": tuple(-v for v in SIDEWAYS)},  # the camera moves instead of the cube
+        {"arm1_hand": (0, 0, 0, 0, 0.5 / DEPTH_M, 0)},  # the camera rotates
     ],
     ids=["cube", "camera", "turn"],
 )
-def test_an_edge_is_as_wide_as_it_moves_and_lies_where_it_was(speeds: Any) -> None:
-    """A smeared edge is a ramp as wide as the speed in pixels times the time."""
+def test_blurred_edge_is_as_wide_as_its_motion_and_centered(speeds: Any) -> None:
+    """A blurred edge is a ramp as wide as the speed in pixels times the exposure time."""
     sharp, once = render(0.0, **speeds)
     blurred, several = render(0.034, **speeds)
     moved = 0.034 * 0.5 / DEPTH_M * FOCAL_PX
     assert (once, several) == (1, 1 + math.ceil(moved))
     before = lit(sharp)
     after = lit(blurred)
-    width = 3.0 * (after * (1.0 - after)).sum()  # of two ramps, each with a sixth of its width
+    width = 3.0 * (after * (1.0 - after)).sum()  # sum over two ramps, each a sixth of its width
     assert width == pytest.approx(moved, abs=0.5)
     assert 3.0 * (before * (1.0 - before)).sum() < 1.5
     columns = np.arange(WIDTH)
@@ -112,16 +112,16 @@ def test_an_edge_is_as_wide_as_it_moves_and_lies_where_it_was(speeds: Any) -> No
     "speeds",
     [
         {},
-        {"cube": SIDEWAYS, "arm1_hand": SIDEWAYS},  # both alike: it stays where it is in the image
+        {"cube": SIDEWAYS, "arm1_hand": SIDEWAYS},  # same velocity: it does not move in the image
         {"arm1_finger": SIDEWAYS},
     ],
     ids=["still", "alike", "a link"],
 )
-def test_where_no_thing_moves_across_it_a_picture_is_drawn_once(speeds: Any) -> None:
+def test_image_without_moving_objects_is_rendered_once(speeds: Any) -> None:
     image, count = render(0.02, **speeds)
     assert count == 1
     np.testing.assert_array_equal(image, render(0.0, **speeds)[0])
 
 
-def test_a_fast_thing_is_drawn_so_often_and_no_more() -> None:
+def test_number_of_subimages_is_limited() -> None:
     assert render(0.1, cube=(2.0, 0, 0, 0, 0, 0))[1] == MAX_SUBIMAGES

@@ -1,4 +1,4 @@
-"""Textures: one projection for every shape and renderer, images read safely, and nothing else."""
+"""Textures: one projection for every shape and renderer, and safely read images."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ CHECKER = {"pattern": "checker", "color": "blue"}
 AT = (0.5, -0.4, 0.6)
 
 
-def thing_of(shape: str, texture: dict[str, Any] | None, **fields: Any) -> ObjectSpec:
+def object_of(shape: str, texture: dict[str, Any] | None, **fields: Any) -> ObjectSpec:
     data: dict[str, Any] = {"shape": shape, "mass": 0.1, "color": "yellow", "fixed": True}
     pose = PoseSpec(xyz=AT, rpy=fields.pop("rpy", (0.0, 0.0, 0.0)))
     return ObjectSpec.model_validate(data | {"pose": pose, "texture": texture} | fields)
@@ -63,7 +63,7 @@ def world_of(obj: ObjectSpec, folder: Path | None = None) -> World:
 
 
 def colors_at(world: World, points: Matrix, normal: Vector) -> Matrix:
-    """Colors of points of the object's frame, seen along a normal from 0.5 m, of shape (n, 3).
+    """Colors of points in the object's frame, seen along a normal from 0.5 m, of shape (n, 3).
 
     They are divided by the brightest channel, so that light does not matter.
     """
@@ -76,8 +76,8 @@ def colors_at(world: World, points: Matrix, normal: Vector) -> Matrix:
     shading = Shading(world.model)
     for point in points:
         target = pose.apply(point)
-        off = np.array((1e-5, 2e-5, 0.0))  # a viewpoint cannot look straight down
-        eye = target + 0.5 * pose.rotation_matrix @ normal + off
+        shift = np.array((1e-5, 2e-5, 0.0))  # a viewpoint cannot look straight down
+        eye = target + 0.5 * pose.rotation_matrix @ normal + shift
         fan = fan_of(Viewpoint(eye, target, 0.01), 1, 1)
         pixel = shading.colors(still, fan, scene.trace(still, fan))[0, 0].astype(float)
         found.append(pixel / max(pixel.max(), 1.0))
@@ -92,9 +92,9 @@ def is_blue(world: World, points: list[tuple[float, float, float]], normal: Vect
 X, Y, Z = np.eye(3)
 
 
-def test_a_checker_on_a_box_begins_in_the_middle_of_each_side() -> None:
-    """Squares of 2 cm meet in the middle; the one to the upper left has the second color."""
-    world = world_of(thing_of("box", CHECKER, size=(0.1, 0.1, 0.1), rpy=(10.0, 20.0, 30.0)))
+def test_checker_on_a_box_starts_at_the_center_of_each_side() -> None:
+    """Squares of 2 cm meet at the center; the upper left one has the second color."""
+    world = world_of(object_of("box", CHECKER, size=(0.1, 0.1, 0.1), rpy=(10.0, 20.0, 30.0)))
     for normal, right, up in (
         (X, Y, Z),
         (-X, -Y, Z),
@@ -110,9 +110,9 @@ def test_a_checker_on_a_box_begins_in_the_middle_of_each_side() -> None:
         assert is_blue(world, corners, normal) == [True, False, True, False, True, False, True]
 
 
-def test_stripes_are_upright_on_a_cylinder() -> None:
+def test_stripes_are_vertical_on_a_cylinder() -> None:
     stripes = {"pattern": "stripes", "color": "blue", "size": 0.01}
-    world = world_of(thing_of("cylinder", stripes, size=(0.05, 0.2)))
+    world = world_of(object_of("cylinder", stripes, size=(0.05, 0.2)))
     for height in (-0.08, 0.0, 0.08):
         places = [(np.sqrt(0.05**2 - y**2), y, height) for y in (-0.015, -0.005, 0.005, 0.015)]
         assert is_blue(world, places, X) == [True, False, True, False]
@@ -122,7 +122,7 @@ def test_stripes_are_upright_on_a_cylinder() -> None:
 
 def test_dots_on_a_sphere_are_round_where_it_faces_an_axis() -> None:
     dots = {"pattern": "dots", "color": "blue", "size": 0.04}
-    world = world_of(thing_of("sphere", dots, size=(0.1,)))
+    world = world_of(object_of("sphere", dots, size=(0.1,)))
     for normal, right, up in ((X, Y, Z), (-Y, X, Z), (Z, X, Y)):
         for out, expected in (
             (0.0, True),
@@ -136,14 +136,14 @@ def test_dots_on_a_sphere_are_round_where_it_faces_an_axis() -> None:
             assert is_blue(world, places, normal) == [expected] * 2, (normal, out)
 
 
-def test_a_mesh_is_projected_as_a_whole(tmp_path: Path) -> None:
-    """Its convex parts continue one another's pattern, from the middle of its bounding box."""
+def test_texture_is_projected_on_a_mesh_as_a_whole(tmp_path: Path) -> None:
+    """Its convex parts share one pattern, from the center of its bounding box."""
     write_obj(tmp_path / "bracket.obj", BRACKET)
     texture = {"pattern": "checker", "color": "blue", "size": 0.01}
-    obj = thing_of("mesh", texture, file="bracket.obj", scale=0.001)
+    obj = object_of("mesh", texture, file="bracket.obj", scale=0.001)
     world = world_of(obj, tmp_path)
     assert len([*world.object_geoms("thing")]) == 2
-    # The side at -y of both plates: 80 x 60 mm with the middle of the bounding box at z = 0.
+    # The side at -y of both plates: 80 x 60 mm with the center of the bounding box at z = 0.
     places = [(0.035, -0.015, z) for z in (-0.025, -0.015, -0.005, 0.005, 0.015, 0.025)]
     assert is_blue(world, places, -Y) == [False, True, False, True, False, True]
     along = [(x, -0.015, -0.025) for x in (-0.035, -0.025, -0.015, 0.015, 0.025, 0.035)]
@@ -162,8 +162,8 @@ PARTS = {
 }
 
 
-def test_a_part_has_its_own_texture_in_its_own_frame_or_that_of_the_compound() -> None:
-    world = world_of(thing_of("compound", CHECKER, parts=PARTS))
+def test_part_has_its_own_texture_or_that_of_the_compound() -> None:
+    world = world_of(object_of("compound", CHECKER, parts=PARTS))
     body = [(-0.01, 0.04, 0.02), (0.01, 0.04, 0.02)]
     assert is_blue(world, body, Z) == [True, False]
     # The lid is turned by 90°: its stripes change along the compound's y axis.
@@ -187,10 +187,10 @@ def quarters() -> npt.NDArray[np.uint8]:
 
 
 @pytest.mark.parametrize("size", [None, 0.04])
-def test_an_image_covers_each_side_or_repeats(tmp_path: Path, size: float | None) -> None:
-    """It is upright on the sides; where it is transparent the color shows."""
+def test_image_covers_each_side_or_repeats(tmp_path: Path, size: float | None) -> None:
+    """It is upright on the sides; the color shows through transparent pixels."""
     texture = {"image": labeled(tmp_path, quarters()), "size": size}
-    obj = thing_of("box", texture, size=(0.12, 0.06, 0.2))
+    obj = object_of("box", texture, size=(0.12, 0.06, 0.2))
     world = world_of(obj, tmp_path)
     a, b = (0.03, 0.05) if size is None else (0.01, 0.005)
     places = [(a * x, -0.03, b * z) for z in (1, -1) for x in (-1, 1)]
@@ -214,9 +214,11 @@ SHAPES: tuple[tuple[str, dict[str, Any]], ...] = (
 
 
 @pytest.mark.parametrize(("shape", "fields"), SHAPES, ids=[name for name, _ in SHAPES])
-def test_triangles_and_rays_show_the_same(shape: str, fields: dict[str, Any]) -> None:
-    """What OpenGL and exports draw: coordinates of the image at triangles, against the kernel's."""
-    world = world_of(thing_of(shape, CHECKER, **fields, rpy=(20.0, 10.0, 40.0)))
+def test_texture_coordinates_of_triangles_agree_with_rays(
+    shape: str, fields: dict[str, Any]
+) -> None:
+    """OpenGL and exports use coordinates of the image at triangles, the ray caster a kernel."""
+    world = world_of(object_of(shape, CHECKER, **fields, rpy=(20.0, 10.0, 40.0)))
     skins = skins_of(world.model)
     assert skins is not None
     for skin, geom in enumerate(skins.geoms.tolist()):
@@ -229,7 +231,7 @@ def test_triangles_and_rays_show_the_same(shape: str, fields: dict[str, Any]) ->
         assert (np.einsum("ij,ikj->ik", areas, surface.normals) > -1e-12).all()
         corners = image_coordinates(skins, skin, surface)
         turn = skins.turns[skin]
-        # A little inside of the corners, where no texel ends.
+        # Slightly inside of the corners, where no texel ends.
         for weights in ((0.5, 0.3, 0.2), (0.9, 0.07, 0.03), (0.1, 0.2, 0.7)):
             points = np.einsum("k,nkj->nj", weights, surface.points) @ turn.T + skins.shifts[skin]
             normals = surface.normals.mean(axis=1) @ turn.T
@@ -253,7 +255,7 @@ def images_of(world: World, size: tuple[int, int] = (160, 120)) -> Image:
 
 @pytest.fixture(scope="module")
 def opengl() -> Iterator[Renderer]:
-    """OpenGL, as far as this machine has it."""
+    """OpenGL, if this machine has it."""
     try:
         renderer = choose_renderer("gl").create()
     except RendererError as error:
@@ -263,13 +265,11 @@ def opengl() -> Iterator[Renderer]:
 
 
 @pytest.mark.parametrize(("shape", "fields"), some(SHAPES, 3))
-def test_opengl_shows_the_same_as_rays(
-    shape: str, fields: dict[str, Any], opengl: Renderer
-) -> None:
+def test_opengl_agrees_with_rays(shape: str, fields: dict[str, Any], opengl: Renderer) -> None:
     camera = {"mount": PoseSpec(xyz=(0.5, -0.8, 0.85), rpy=(-122.0, 0.0, 0.0)), "fov": 25}
     files = file_of(
         {"arm1": arm("ur3", xyz=(5.0, 0.0, 0.0), camera=camera | {"resolution": (320, 240)})},
-        {"thing": thing_of(shape, CHECKER, **fields, rpy=(0.0, 0.0, 25.0))},
+        {"thing": object_of(shape, CHECKER, **fields, rpy=(0.0, 0.0, 25.0))},
     )
     world = World(files)
     shots = []
@@ -285,8 +285,8 @@ def test_opengl_shows_the_same_as_rays(
     assert wrong.sum() < 0.04 * (blue | yellow).sum()  # pixels on edges
 
 
-def test_pictures_for_people_and_the_page_have_it() -> None:
-    world = world_of(thing_of("capsule", CHECKER, size=(0.04, 0.08)))
+def test_textures_appear_in_images_for_users_and_the_browser_view() -> None:
+    world = world_of(object_of("capsule", CHECKER, size=(0.04, 0.08)))
     image = images_of(world).astype(int)
     assert (image[..., 2] - image[..., 0] > 40).sum() > 200
     assert (image[..., 0] - image[..., 2] > 40).sum() > 200
@@ -299,13 +299,13 @@ def test_pictures_for_people_and_the_page_have_it() -> None:
     pixels = np.asarray(PIL.Image.open(io.BytesIO(content)))
     assert pixels.shape == (2, 2, 3)
     assert pixels[0, 0] == pytest.approx(255 * np.array(BLUE), abs=1)
-    # The upper half ball is 4 cm above the middle.
+    # The upper hemisphere is 4 cm above the center.
     place = np.array(drawn[1]["texture"]["place"]).reshape(4, 4).T
     assert place @ (0, 0, 1, 1) == pytest.approx((0, 0, 0.08, 1), abs=1e-6)
 
 
-def test_the_exported_model_has_the_image_and_its_coordinates() -> None:
-    world = world_of(thing_of("box", CHECKER, size=(0.1, 0.1, 0.1)))
+def test_exported_model_contains_the_image_and_its_coordinates() -> None:
+    world = world_of(object_of("box", CHECKER, size=(0.1, 0.1, 0.1)))
     (shape,) = [one for one in drawn_shapes(world.model, {}) if one.body == "thing"]
     assert shape.textured is not None
     content = textured_glb(shape.textured)
@@ -318,23 +318,23 @@ def test_the_exported_model_has_the_image_and_its_coordinates() -> None:
     places = np.frombuffer(views[2], "<f4").reshape(-1, 2)
     assert (places.min(), places.max()) == pytest.approx((-0.75, 1.75))  # 5 squares of 2 cm
     assert image[0, 0] == pytest.approx(255 * np.array(BLUE), abs=1)
-    # Without a texture nothing changes: a primitive.
-    plain = world_of(thing_of("box", None, size=(0.1, 0.1, 0.1)))
+    # Without a texture the shape stays a primitive.
+    plain = world_of(object_of("box", None, size=(0.1, 0.1, 0.1)))
     (shape,) = [one for one in drawn_shapes(plain.model, {}) if one.body == "thing"]
     assert shape.textured is None
     assert plain.model.nuser_geom == 0
 
 
-def test_only_the_looks_of_the_world_change() -> None:
-    plain = world_of(thing_of("cup", None, size=(0.05, 0.1))).model
-    textured = world_of(thing_of("cup", CHECKER, size=(0.05, 0.1))).model
+def test_textures_change_only_the_appearance() -> None:
+    plain = world_of(object_of("cup", None, size=(0.05, 0.1))).model
+    textured = world_of(object_of("cup", CHECKER, size=(0.05, 0.1))).model
     for name in ("qpos0", "body_mass", "body_inertia", "geom_pos", "geom_quat", "geom_size",
                  "geom_friction", "mesh_vert", "geom_contype", "geom_conaffinity"):  # fmt: skip
         assert (getattr(plain, name) == getattr(textured, name)).all(), name
 
 
-def test_what_is_removed_leaves_no_image_behind() -> None:
-    obj = thing_of("box", CHECKER, size=(0.1, 0.1, 0.1))
+def test_removed_object_leaves_no_image() -> None:
+    obj = object_of("box", CHECKER, size=(0.1, 0.1, 0.1))
     elsewhere = {"pose": PoseSpec(xyz=(0.0, -0.5, 0.6))}
     other = obj.model_copy(update=elsewhere)
     world = World(
@@ -352,9 +352,9 @@ def test_what_is_removed_leaves_no_image_behind() -> None:
     assert not images()
 
 
-def test_a_marker_stays_on_top() -> None:
+def test_marker_stays_above_the_texture() -> None:
     plain, textured = (
-        world_of(thing_of("box", texture, size=(0.1, 0.1, 0.1), marker={"id": 3, "size": 0.05}))
+        world_of(object_of("box", texture, size=(0.1, 0.1, 0.1), marker={"id": 3, "size": 0.05}))
         for texture in (None, CHECKER)
     )
     places = [(x, y, 0.0504) for x, y in itertools.product((-0.03, -0.01, 0.01, 0.03), repeat=2)]
@@ -362,7 +362,7 @@ def test_a_marker_stays_on_top() -> None:
     assert one == pytest.approx(other, abs=1e-9)
 
 
-# Records, and files of strangers
+# Records, and untrusted files
 
 
 def tree_with(texture: dict[str, Any]) -> dict[str, Any]:
@@ -382,7 +382,9 @@ def tree_with(texture: dict[str, Any]) -> dict[str, Any]:
 
 
 @pytest.mark.usefixtures("without_pictures")
-def test_a_record_needs_no_image_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_record_can_be_replayed_without_the_image_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     file = tmp_path / labeled(tmp_path, quarters())
     results = [bt.run(tree_with({"image": "label.png"}), record=name) for name in ("a", "b")]
@@ -398,7 +400,7 @@ def test_a_record_needs_no_image_file(tmp_path: Path, monkeypatch: pytest.Monkey
     assert (image_of(skins, 0)[:2, :4] == 255).all()
 
 
-def test_another_image_is_another_trial(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_changed_image_is_another_trial(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
     def identity() -> dict[str, str]:
@@ -428,7 +430,7 @@ def test_another_image_is_another_trial(tmp_path: Path, monkeypatch: pytest.Monk
         ("../label.png", "is not below the folder"),
     ],
 )
-def test_an_image_that_cannot_be_used_is_an_error_with_its_place(
+def test_unusable_image_is_an_error_with_its_location(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, message: str
 ) -> None:
     folder = tmp_path / "own"
@@ -455,7 +457,7 @@ def test_an_image_that_cannot_be_used_is_an_error_with_its_place(
     assert found[0].place.keys == "objects.box.texture.image"
 
 
-def test_all_images_together_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_total_size_of_images_is_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     tree = tree_with({"pattern": "dots"})
     for number in range(9):
@@ -468,9 +470,9 @@ def test_all_images_together_are_bounded(tmp_path: Path, monkeypatch: pytest.Mon
     assert "with it, the images have 9.0 million pixels" in problem.message
 
 
-def test_a_damaged_texture_in_a_record_is_none() -> None:
-    """User data of a geom may be any numbers: sizes of zero would divide by zero."""
-    world = world_of(thing_of("box", CHECKER, size=(0.1, 0.1, 0.1)))
+def test_damaged_texture_in_a_record_is_harmless() -> None:
+    """User data of a geom may be any numbers; sizes of zero would divide by zero."""
+    world = world_of(object_of("box", CHECKER, size=(0.1, 0.1, 0.1)))
     model = world.model
     geom = model.geom("thing").id
     good = model.geom_user[geom].copy()
@@ -493,7 +495,7 @@ def stored(model: mujoco.MjModel) -> bytes:
     return content.tobytes()
 
 
-def test_a_tile_is_as_large_as_its_squares() -> None:
+def test_size_of_a_tile_follows_from_its_pattern() -> None:
     for pattern, cells in (("checker", (2, 2)), ("stripes", (2, 1)), ("dots", (1, 1))):
         texture = TextureSpec.model_validate({"pattern": pattern, "size": 0.03})
         size = texture.tile(YELLOW).size

@@ -1,4 +1,4 @@
-"""Pictures that were taken and not delivered yet: bounded in memory, whatever a file asks for."""
+"""Images in transit are limited in memory, for any camera declaration."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ SIZES = st.tuples(st.integers(16, 1920), st.integers(16, 1920))
 
 @settings(max_examples=200)
 @given(SIZES, st.floats(0.1, 1000.0), st.floats(0.0, 10.0))
-def test_what_is_accepted_fits_and_what_is_refused_does_not(
+def test_latency_is_refused_exactly_if_its_images_do_not_fit(
     size: tuple[int, int], fps: float, latency: float
 ) -> None:
-    """What the refusal allows is accepted."""
-    under_way_mb = latency * fps * size[0] * size[1] * 3e-6
+    """The latency that the message allows is accepted."""
+    in_transit_mb = latency * fps * size[0] * size[1] * 3e-6
     try:
         CameraSpec(resolution=size, fps=fps, latency=latency)
     except ValidationError as error:
-        assert under_way_mb > MOST_UNDER_WAY_MB
-        (said,) = error.errors()
-        assert said["loc"] == ("latency",)
-        allowed = re.search(r"here (\d+) ms", said["msg"])
+        assert in_transit_mb > MOST_UNDER_WAY_MB
+        (detail,) = error.errors()
+        assert detail["loc"] == ("latency",)
+        allowed = re.search(r"here (\d+) ms", detail["msg"])
         assert allowed
         CameraSpec(resolution=size, fps=fps, latency=int(allowed[1]) * 1e-3)
     else:
-        assert under_way_mb <= MOST_UNDER_WAY_MB
+        assert in_transit_mb <= MOST_UNDER_WAY_MB
 
 
 @pytest.mark.parametrize("fps", [30.0, 333.0, 1000.0])
-def test_no_more_is_kept_than_was_counted(fps: float) -> None:
-    """One more at most: the picture of the moment itself."""
+def test_number_of_kept_images_agrees_with_the_check(fps: float) -> None:
+    """At most one more is kept: the current image."""
     spec = CameraSpec(resolution=(16, 16), fps=fps, latency=0.1)
     camera = Camera("arm/camera", spec, Recorder())
     seen = world()
@@ -56,7 +56,7 @@ def test_no_more_is_kept_than_was_counted(fps: float) -> None:
     assert 0.9 * 0.1 * fps <= most <= 0.1 * fps + 1
 
 
-def test_the_check_says_where_and_what_is_allowed(tmp_path: Path) -> None:
+def test_check_reports_location_and_allowed_latency(tmp_path: Path) -> None:
     file = tmp_path / "fast.yaml"
     file.write_text(
         "bt_dualarm: 1\n"
@@ -67,8 +67,8 @@ def test_the_check_says_where_and_what_is_allowed(tmp_path: Path) -> None:
         "    tree: {wait: 1}\n"
     )
     (problem,) = check_file(file, Registry.load().kinds)
-    said, allowed = str(problem).splitlines()[0].split("; ")
-    assert said.endswith(
+    detail, allowed = str(problem).splitlines()[0].split("; ")
+    assert detail.endswith(
         "fast.yaml:5:34: error: latency: 10 s at 1000 Hz keep 10000 images of 320 x 240 px "
         "in transit, 2304 MB"
     )

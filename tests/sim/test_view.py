@@ -1,4 +1,4 @@
-"""What can be measured in a world."""
+"""Measurements in a world: gaps, contacts and surface points."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bt_dualarm.spec.values import PoseSpec
 from tests.sim.worlds import arm, box, file_of
 
 
-def test_the_tool_touches_what_lies_against_it() -> None:
+def test_tool_touches_an_adjacent_object() -> None:
     world = World(file_of({"arm1": arm("ur5")}, {"cube": box((0.5, 0.4, 0.025))}))
     tool = world.arms["arm1"].tool_pose
     world.remove_object("cube")
@@ -28,14 +28,14 @@ def test_the_tool_touches_what_lies_against_it() -> None:
     assert world.touches("arm1", "cube")
 
 
-def test_a_gap_is_measured_however_wide() -> None:
-    """It grows as the object goes away, and does not stop at a meter."""
+def test_wide_gaps_are_measured() -> None:
+    """The gap increases with the distance beyond a meter."""
     world = World(file_of({"arm1": arm("ur5")}, {"cube": box((0.5, 0.4, 0.025))}))
     tool = world.arms["arm1"].tool_pose
     gaps = []
-    for away in (0.7, 2.7, 12.7, 80.7):
+    for distance in (0.7, 2.7, 12.7, 80.7):
         world.remove_object("cube")
-        world.spawn_object("cube", Pose.from_rpy((away, 0.0, 0.0), (0, 0, 0)) @ tool)
+        world.spawn_object("cube", Pose.from_rpy((distance, 0.0, 0.0), (0, 0, 0)) @ tool)
         gaps.append(world.tool_gap("arm1", "cube"))
     assert np.diff(gaps) == pytest.approx([2.0, 10.0, 68.0], rel=1e-3)
 
@@ -49,9 +49,7 @@ def test_a_gap_is_measured_however_wide() -> None:
         ("sphere", (0.12,), 0.12),
     ],
 )
-def test_a_surface_point_is_on_the_surface(
-    shape: Any, size: tuple[float, ...], reach: float
-) -> None:
+def test_surface_point_is_on_the_surface(shape: Any, size: tuple[float, ...], reach: float) -> None:
     obj = ObjectSpec(shape=shape, size=size, mass=1.0, pose=PoseSpec(xyz=(0.5, 0.4, 1.0)))
     world = World(file_of({"arm1": arm("ur5")}, {"thing": obj}))
     point = world.surface_point("thing", np.array([1.0, 0.0, 0.0]))
@@ -59,8 +57,8 @@ def test_a_surface_point_is_on_the_surface(
 
 
 @pytest.mark.parametrize("degrees", [0, 10, 30, 45, 60, 89, 90])
-def test_rays_leave_a_capsule_where_mujoco_says(degrees: float) -> None:
-    """Out of its side, and out of its ends."""
+def test_rays_leave_a_capsule_as_in_mujoco(degrees: float) -> None:
+    """Through its side and through its ends."""
     obj = ObjectSpec(
         shape="capsule", size=(0.04, 0.1), mass=1.0, pose=PoseSpec(xyz=(0.5, 0.4, 1.0))
     )

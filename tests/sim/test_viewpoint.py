@@ -1,4 +1,4 @@
-"""Pictures for people show all that matters, whatever the scene."""
+"""Viewpoints of images for users show all moving bodies of any scene."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def still(ball: str) -> StillRenderer:
 
 
 @given(POINTS, st.floats(0.0, 7.0))
-def test_every_point_is_inside_the_picture(points: Matrix, azimuth: float) -> None:
+def test_every_point_is_inside_the_image(points: Matrix, azimuth: float) -> None:
     direction = np.array([np.cos(azimuth), np.sin(azimuth), 0.5])
     spread = np.vstack((points, points[0] + (0.0, 0.0, 0.1)))
     x, y = fitted(spread, direction, 40.0, 4 / 3).pixels(spread, 640, 480).T
@@ -43,8 +43,8 @@ def test_every_point_is_inside_the_picture(points: Matrix, azimuth: float) -> No
     assert y.max() <= 480
 
 
-def test_a_picture_is_upright() -> None:
-    """Seen from +x: y to the right, z upwards, what is looked at in the middle."""
+def test_image_is_upright() -> None:
+    """Seen from +x, y is to the right, z up, and the target at the center."""
     view = Viewpoint(np.array([2.0, 0, 0]), np.zeros(3), 90.0)
     points = np.array([[0, 0, 0], [0, 1, 0], [0, 0, 1.0]])
     assert view.pixels(points, 200, 100) == pytest.approx(
@@ -52,8 +52,8 @@ def test_a_picture_is_upright() -> None:
     )
 
 
-def test_what_is_hidden_from_one_side_is_looked_at_from_another() -> None:
-    """The ball lies behind a screen for an eye at positive x."""
+def test_viewpoint_avoids_occlusion() -> None:
+    """The ball is behind a screen for an eye at positive x."""
     view = best_viewpoint([still(".4 0 .05")], 4 / 3)
     assert view is not None
     assert view.eye[0] < view.look_at[0] or abs(view.eye[1]) > view.eye[0]
@@ -61,7 +61,7 @@ def test_what_is_hidden_from_one_side_is_looked_at_from_another() -> None:
     assert image.shape == (120, 160, 3)
 
 
-def test_what_fell_out_of_the_world_does_not_make_the_rest_tiny() -> None:
+def test_fallen_object_does_not_enlarge_the_view() -> None:
     near, far = (
         best_viewpoint([still("1 0 .04"), still(ball)], 4 / 3) for ball in ("1 0 .04", "1 0 -500")
     )
@@ -70,6 +70,6 @@ def test_what_fell_out_of_the_world_does_not_make_the_rest_tiny() -> None:
     assert far.eye == pytest.approx(near.eye)
 
 
-def test_nothing_to_see_is_no_view() -> None:
+def test_empty_world_has_no_viewpoint() -> None:
     model = mujoco.MjModel.from_xml_string("<mujoco/>")
     assert best_viewpoint([StillRenderer(model, model.qpos0.copy(), 0.0)], 1.0) is None

@@ -1,4 +1,4 @@
-"""The world: what comes and goes leaves the rest alone, and nothing diverges unnoticed."""
+"""The world: spawning and removal do not affect the rest, and divergence is detected."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ def state_of(world: World) -> State:
 
 
 def assert_equal(state: State, other: State) -> None:
-    """Bit for bit, for every joint of the first."""
+    """Assert equality bit for bit, for every joint of the first state."""
     for name, parts in state.items():
         for part, same in zip(parts, other[name], strict=True):
             assert part.tobytes() == same.tobytes(), name
 
 
 def assert_close(state: State, other: State) -> None:
-    """Within rounding, for every joint of both: the solver adds up in another order."""
+    """Assert equality within rounding for every joint, as the solver adds up in another order."""
     assert state.keys() == other.keys()
     for name, parts in state.items():
         for part, same in zip(parts, other[name], strict=True):
@@ -50,7 +50,7 @@ def steps(world: World, count: int) -> None:
 
 
 def four() -> TreeFile:
-    """Two UR5 and a Panda, of which two arrive later; a cube on the ground, a ball in the air."""
+    """Two UR5s and a Panda, two of them spawned later; a cube on the ground, a ball in the air."""
     ball = ObjectSpec(
         shape="sphere", size=(0.03,), mass=0.1, pose=PoseSpec(xyz=(0.5, 0.6, 2.0)), spawned=False
     )
@@ -64,8 +64,8 @@ def four() -> TreeFile:
     )
 
 
-def test_what_comes_and_goes_leaves_the_rest_bit_for_bit() -> None:
-    """The arms swing without a controller, the cube rests: everything has a state of its own."""
+def test_spawning_and_removal_preserve_other_states_bit_for_bit() -> None:
+    """Arms without a controller swing, and the cube rests, so that states differ."""
     world = World(four())
     world.data.ctrl[:] = np.arange(6.0)
     changes: list[tuple[Callable[[str], None], str]] = [
@@ -89,8 +89,8 @@ def test_what_comes_and_goes_leaves_the_rest_bit_for_bit() -> None:
         after = state_of(world)
         assert world.time == time
         assert world.generation == generation + 1
-        stays = {joint for joint in before if joint.split("/")[0] != name}
-        assert_equal({joint: before[joint] for joint in stays}, after)
+        remaining = {joint for joint in before if joint.split("/")[0] != name}
+        assert_equal({joint: before[joint] for joint in remaining}, after)
         assert any(joint.split("/")[0] == name for joint in after) == (
             name in world.arms or name in world.objects
         )
@@ -98,7 +98,7 @@ def test_what_comes_and_goes_leaves_the_rest_bit_for_bit() -> None:
     assert set(world.objects) == {"cube"}
 
 
-def test_torques_are_kept_while_others_come_and_go() -> None:
+def test_torques_are_kept_when_other_arms_are_spawned() -> None:
     world = World(four())
     world.data.ctrl[:] = np.arange(1.0, 7.0)
     world.spawn_arm("arm3")
@@ -107,8 +107,8 @@ def test_torques_are_kept_while_others_come_and_go() -> None:
     assert (world.data.ctrl[world.arms["arm3"].actuator_ids] == 0).all()
 
 
-def test_the_order_of_spawning_does_not_matter() -> None:
-    """Any order of arrival, then some steps: equal joint states."""
+def test_order_of_spawning_does_not_matter() -> None:
+    """After some steps, joint states are equal for any order."""
     states = []
     for order in itertools.permutations(("arm2", "arm3")):
         world = World(four())
@@ -120,7 +120,7 @@ def test_the_order_of_spawning_does_not_matter() -> None:
         assert_close(states[0], state)
 
 
-def test_spawned_early_or_late_an_arm_starts_equally() -> None:
+def test_initial_state_does_not_depend_on_the_time_of_spawning() -> None:
     early = four()
     late = early.arms["arm3"]
     whole = early.model_copy(
@@ -131,14 +131,14 @@ def test_spawned_early_or_late_an_arm_starts_equally() -> None:
     second.spawn_arm("arm3")
     for part in ("q", "v"):
         assert (getattr(first.arms["arm3"], part) == getattr(second.arms["arm3"], part)).all()
-    away = first.arms["arm3"].tool_pose
-    assert second.arms["arm3"].tool_pose.distance(away) < 1e-12
+    expected = first.arms["arm3"].tool_pose
+    assert second.arms["arm3"].tool_pose.distance(expected) < 1e-12
     assert first.model.ngeom == second.model.ngeom
     assert first.model.nexclude == second.model.nexclude
 
 
-def test_no_ghost_stays_behind() -> None:
-    """Coming and going ten times leaves as many parts as before."""
+def test_removal_leaves_nothing_behind() -> None:
+    """After ten cycles of spawning and removal, the model has as many parts as before."""
     world = World(four())
     parts = ("nbody", "ngeom", "njnt", "nu", "nexclude", "nmesh", "nsite", "neq", "ncam", "nnames")
     before = [getattr(world.model, part) for part in parts]
@@ -150,7 +150,7 @@ def test_no_ghost_stays_behind() -> None:
     assert [getattr(world.model, part) for part in parts] == before
 
 
-def test_two_arms_of_a_kind_have_names_and_places_of_their_own() -> None:
+def test_two_arms_of_one_type_have_separate_names_and_indices() -> None:
     world = World(four())
     world.spawn_arm("arm2")
     one = world.arms["arm1"]
@@ -164,8 +164,8 @@ def test_two_arms_of_a_kind_have_names_and_places_of_their_own() -> None:
     assert relative.distance(two.base.inverse @ two.tool_pose) < 1e-9
 
 
-def test_an_arm_keeps_to_its_share_of_the_robots_limits() -> None:
-    """Of its own: another arm of the same kind keeps all of them."""
+def test_limits_of_an_arm_are_scaled_by_its_shares() -> None:
+    """Another arm of the same type keeps the full limits."""
     some = LimitShares(velocity=0.5, jerk=0.25)
     world = World(file_of({"arm1": arm("panda", limits=some), "arm2": arm("panda", (2, 0, 0.4))}))
     derated, whole = (world.robots[name].limits for name in ("arm1", "arm2"))
@@ -176,7 +176,7 @@ def test_an_arm_keeps_to_its_share_of_the_robots_limits() -> None:
     assert (whole.jerk == load_robot("panda").limits.jerk).all()
 
 
-def test_an_arm_stands_where_its_base_says(file: TreeFile) -> None:
+def test_arm_stands_at_its_base(file: TreeFile) -> None:
     world = World(file)
     world.spawn_arm("arm2")
     for name, body in world.arms.items():
@@ -191,7 +191,7 @@ ABSURD = [("qvel", 1e6), ("qfrc_applied", 1e12)]  # a finite torque of a motor i
 
 @pytest.mark.parametrize(("what", "value"), NOT_FINITE + ABSURD)
 def test_divergence_is_caught_within_one_step(what: str, value: float, file: TreeFile) -> None:
-    """One number is none, or absurd: the next step says so and names the joint."""
+    """If one number is not finite or absurd, the next step raises an error that names the joint."""
     world = World(file)
     index = {"qpos": 7 + 2, "qvel": 6 + 2, "ctrl": 2, "qfrc_applied": 6 + 2}[what]
     getattr(world.data, what)[index] = value
@@ -199,10 +199,10 @@ def test_divergence_is_caught_within_one_step(what: str, value: float, file: Tre
         world.step()
 
 
-def test_nothing_is_written_where_the_user_stands(
+def test_divergence_writes_no_file_to_the_current_folder(
     file: TreeFile, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """MuJoCo would leave MUJOCO_LOG.TXT there."""
+    """MuJoCo would write MUJOCO_LOG.TXT there."""
     monkeypatch.chdir(tmp_path)
     for what in ("qvel", "qpos", "ctrl"):
         world = World(file)
@@ -212,37 +212,37 @@ def test_nothing_is_written_where_the_user_stands(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_state_is_restored_bit_for_bit() -> None:
-    """Contacts, warm starts and all: the way from there is the same again."""
+def test_restored_state_evolves_identically() -> None:
+    """Including contacts and warm starts, bit for bit."""
     world = World(four())
     world.spawn_object("ball", Pose.from_rpy((0.5, 0.4, 0.12)))
     steps(world, 40)
     state = world.state()
-    ways = []
+    trajectories = []
     for _ in range(2):
         world.restore(state)
         assert world.state().tobytes() == state.tobytes()
-        way = []
+        trajectory = []
         for _ in range(100):
             world.step()
-            way.append(world.state().tobytes())
-        ways.append(way)
-    assert ways[0] == ways[1]
+            trajectory.append(world.state().tobytes())
+        trajectories.append(trajectory)
+    assert trajectories[0] == trajectories[1]
 
 
-def test_the_pictures_world_has_the_same_state(file: TreeFile) -> None:
-    """Visual meshes add shapes, not joints, masses or contacts: states can be moved over."""
+def test_world_with_visual_meshes_has_the_same_state(file: TreeFile) -> None:
+    """Visual meshes add shapes, but no joints, masses or contacts: states can be transferred."""
     plain = World(file)
-    pictures = World(file, visuals=True)
-    for world in (plain, pictures):
+    visual = World(file, visuals=True)
+    for world in (plain, visual):
         world.spawn_arm("arm2")
-    assert pictures.model.ngeom > plain.model.ngeom
-    assert pictures.model.body_mass == pytest.approx(plain.model.body_mass)
-    pictures.restore(plain.state())
-    assert_equal(state_of(plain), state_of(pictures))
+    assert visual.model.ngeom > plain.model.ngeom
+    assert visual.model.body_mass == pytest.approx(plain.model.body_mass)
+    visual.restore(plain.state())
+    assert_equal(state_of(plain), state_of(visual))
     steps(plain, 20)
-    steps(pictures, 20)
-    assert_close(state_of(plain), state_of(pictures))
+    steps(visual, 20)
+    assert_close(state_of(plain), state_of(visual))
 
 
 REFUSED: dict[str, tuple[Callable[[World], object], str]] = {
@@ -262,7 +262,7 @@ REFUSED: dict[str, tuple[Callable[[World], object], str]] = {
 
 
 @pytest.mark.parametrize("what", REFUSED)
-def test_what_is_refused_changes_nothing(what: str, file: TreeFile) -> None:
+def test_refused_change_has_no_effect(what: str, file: TreeFile) -> None:
     action, message = REFUSED[what]
     world = World(file)
     model = world.model
@@ -274,7 +274,7 @@ def test_what_is_refused_changes_nothing(what: str, file: TreeFile) -> None:
 
 
 def test_declarations_are_checked_before_anything_runs() -> None:
-    """Also those of arms and objects that arrive later."""
+    """Including those of arms and objects that are spawned later."""
     with pytest.raises(WorldError, match=r"no posture 'hom' of robot 'ur5'.*did you mean 'home'"):
         World(file_of({"arm1": arm("ur5", posture="hom", spawned=False)}))
     with pytest.raises(WorldError, match=r"no camera mount 'head'.*there are: wrist"):
@@ -287,14 +287,14 @@ def test_declarations_are_checked_before_anything_runs() -> None:
         World(file_of({"arm1": arm("ur5")}, scene="tabel"))
 
 
-def test_a_falling_object_has_the_velocity_of_gravity(file: TreeFile) -> None:
+def test_falling_object_accelerates_with_gravity(file: TreeFile) -> None:
     world = World(file)
     world.spawn_object("ball", Pose.from_rpy((0.5, 0.6, 2.0)))
     steps(world, 100)
     assert world.object_velocity("ball")[5] == pytest.approx(-9.81 * 0.2, rel=1e-6)
 
 
-def test_a_camera_comes_and_goes_with_its_arm(file: TreeFile) -> None:
+def test_camera_is_spawned_and_removed_with_its_arm(file: TreeFile) -> None:
     world = World(file)
     assert world.arms["arm1"].camera_id == -1
     world.spawn_arm("arm2")
@@ -305,7 +305,7 @@ def test_a_camera_comes_and_goes_with_its_arm(file: TreeFile) -> None:
     assert world.model.ncam == 0
 
 
-def test_a_camera_that_stands_in_the_world_goes_with_its_arm() -> None:
+def test_fixed_camera_is_removed_with_its_arm() -> None:
     fixed = CameraSpec(mount=PoseSpec(xyz=(1.0, 0.0, 1.0), look_at=(0.0, 0.0, 0.5)))
     world = World(file_of({"arm1": arm("ur5", camera=fixed)}))
     assert world.model.ncam == 1
@@ -321,7 +321,7 @@ def test_access_to_an_absent_arm_or_object_raises_a_failure() -> None:
     world = World(file_of(arms, boxes))
     world.remove_object("cube")
     world.remove_arm("arm2")
-    asked: dict[str, tuple[Callable[[], object], ...]] = {
+    accesses: dict[str, tuple[Callable[[], object], ...]] = {
         "NOT_THERE": (lambda: world.objects["cube"], lambda: world.object_pose("cube")),
         "PARTNER_GONE": (
             lambda: world.arms["arm2"],
@@ -329,9 +329,9 @@ def test_access_to_an_absent_arm_or_object_raises_a_failure() -> None:
             lambda: world.nominal["arm2"],
         ),
     }
-    for code, asks in asked.items():
-        for ask in asks:
+    for code, functions in accesses.items():
+        for access in functions:
             with pytest.raises(AbsentError, match=r"in the world.*\(there are: \w+\)") as caught:
-                ask()
+                access()
             assert caught.value.code == code
     assert world.objects.get("cube") is None

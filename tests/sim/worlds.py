@@ -1,4 +1,4 @@
-"""Short ways to declare worlds in Python."""
+"""Helpers to declare worlds in Python."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from bt_dualarm.spec.node_types import NodeSpec
 from bt_dualarm.spec.values import PoseSpec
 
 WORLD = Path(__file__).parents[1]
-"""The folder below which the pages of further robots lie."""
+"""Folder that contains the descriptions of further robots."""
 
 PAGES = tuple(f"robots/{path.name}" for path in sorted((WORLD / "robots").glob("*.yaml")))
-"""Catalog pages beside this file, of arms that no code mentions."""
+"""Robot descriptions of the tests, which no code mentions by name."""
 
 ROBOTS = (*robot_names(), *PAGES)
-"""Every arm: those of the catalog and those beside this file."""
+"""Every arm of the catalog and of the tests."""
 
 WIDE = ("panda", "ur10", "ur3", "ur5", "xarm7")
-"""Arms on their own that go everywhere before them with the tool pointing down: a test whose
-motions need that takes these, and so does one that would take too long over all of them."""
+"""Single arms that reach everywhere in front of them with the tool pointing down, for tests whose
+motions need that, and for tests that would take too long with all robots."""
 
 Place = tuple[float, float, float]
 
 
 def arm(robot: str, xyz: Place = (0.0, 0.0, 0.4), yaw: float = 0.0, **fields: Any) -> ArmSpec:
-    """An arm whose base stands at ``xyz`` (m), turned by ``yaw`` (degrees)."""
-    tree = NodeSpec(kind="succeed", name="succeed", ports={})  # the world never looks at it
+    """An arm with its base at ``xyz`` (m), rotated by ``yaw`` (degrees)."""
+    tree = NodeSpec(kind="succeed", name="succeed", ports={})  # not used by the world
     return ArmSpec(robot=robot, base=PoseSpec(xyz=xyz, rpy=(0.0, 0.0, yaw)), tree=tree, **fields)
 
 
 def box(xyz: Place, edge: float = 0.05, **fields: Any) -> ObjectSpec:
-    """A cube of 100 g unless said otherwise."""
+    """A cube, by default of 100 g."""
     fields = {"mass": 0.1} | fields
     return ObjectSpec(shape="box", size=(edge, edge, edge), pose=PoseSpec(xyz=xyz), **fields)
 

@@ -1,4 +1,4 @@
-"""Directions of a file: their length says nothing, but there must be one."""
+"""Direction vectors of any nonzero length are accepted."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from bt_dualarm import Failure, unit_vector
 
 
 @pytest.mark.parametrize("length", [1e-3, 1.0, 1e6])
-def test_the_length_of_a_direction_says_nothing(length: float) -> None:
-    """Of every length the same vector comes out."""
+def test_length_of_a_direction_does_not_matter(length: float) -> None:
+    """The unit vector is the same for every length."""
     found = unit_vector((0.0, 0.6 * length, -0.8 * length))
     np.testing.assert_allclose(found, (0.0, 0.6, -0.8), atol=1e-12)
 
 
-def test_a_direction_without_length_is_refused() -> None:
-    """Nothing is divided by nothing."""
+def test_zero_vector_is_refused_as_a_direction() -> None:
+    """It cannot be normalized."""
     with pytest.raises(Failure, match="zero vector") as refusal:
         unit_vector((0.0, 0.0, 0.0))
     assert refusal.value.code == "INVALID_TARGET"

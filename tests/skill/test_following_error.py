@@ -1,4 +1,4 @@
-"""When a follower has arrived, and when what it sees is no following any more."""
+"""`FollowingError`: when a follower has arrived, when it fails, and for which cause."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ RATES = (5, 15, 60, 200)
 def sample(
     stamp: float, error: float, noise: Vector | float = 0.0, *, by_images: bool = False
 ) -> FollowingSample:
-    """A sighting of a target that moves by that error, ahead of a tool that does not move."""
+    """A sample of a target that has moved by an error, with a tool at rest."""
     target = np.array((error, 0.0)) + noise
     predicted = np.zeros(2) if by_images else target
     return FollowingSample(stamp, target, target, predicted)
 
 
-def judged(
+def judge_errors(
     error: Callable[[float], float], seconds: float, fps: int, noise: float = 0.0
 ) -> tuple[FollowingError, Failure | None, float]:
-    """The judge after these seconds, or what it failed with, and when."""
+    """The judge after these seconds, its failure, if any, and the time of its end."""
     judge = FollowingError(BOUND_M, PATIENCE_S)
     rng = np.random.default_rng(fps)
     for stamp in np.arange(10.0, 10.0 + seconds, 1.0 / fps).tolist():
@@ -45,9 +45,9 @@ def swing(amplitude: float, hertz: float) -> Callable[[float], float]:
 
 @pytest.mark.parametrize("fps", RATES)
 @pytest.mark.parametrize("start", [0.02, 0.1, 1.0])
-def test_on_its_way_any_error_is_allowed(start: float, fps: int) -> None:
-    """Slowly: half of it remains after a second."""
-    judge, failure, _ = judged(lambda time: start * 0.5**time, 10.0, fps)
+def test_any_decreasing_error_is_allowed_before_arrival(start: float, fps: int) -> None:
+    """The error may decrease slowly: half of it remains after a second."""
+    judge, failure, _ = judge_errors(lambda time: start * 0.5**time, 10.0, fps)
     assert failure is None
     assert judge.arrived
     assert float(judge.metrics()["seen_max_m"]) <= BOUND_M * 1.5
@@ -57,15 +57,15 @@ def test_on_its_way_any_error_is_allowed(start: float, fps: int) -> None:
 @pytest.mark.parametrize(
     "error",
     [
-        lambda _: 0.02,  # a tool that does not move
-        lambda time: 0.1 * time,  # a target that runs away
-        swing(0.03, 2.4),  # more than the bound by twice
+        lambda _: 0.02,  # a tool at rest
+        lambda time: 0.1 * time,  # a target that moves away
+        swing(0.03, 2.4),  # three times the bound
         swing(0.03, 0.9),
-        lambda time: max(0.1 - 0.1 * time, 0.02),  # it stops on the way
+        lambda time: max(0.1 - 0.1 * time, 0.02),  # it stops before it arrives
     ],
 )
-def test_what_comes_no_nearer_fails(error: Callable[[float], float], fps: int) -> None:
-    judge, failure, at = judged(error, 10.0, fps)
+def test_follower_that_does_not_approach_fails(error: Callable[[float], float], fps: int) -> None:
+    judge, failure, at = judge_errors(error, 10.0, fps)
     assert failure is not None
     assert failure.code == "NOT_FOLLOWING"
     assert "10.0 mm" in str(failure)
@@ -76,11 +76,11 @@ def test_what_comes_no_nearer_fails(error: Callable[[float], float], fps: int) -
 @pytest.mark.parametrize("fps", RATES)
 @pytest.mark.parametrize("noise", [0.0, 2e-3])
 @pytest.mark.parametrize("late", [swing(0.05, 2.4), swing(0.05, 0.6), lambda time: 0.05 * time])
-def test_who_has_arrived_has_to_stay(
+def test_follower_that_has_arrived_must_stay_near(
     late: Callable[[float], float], noise: float, fps: int
 ) -> None:
-    """Whatever it is that grows: within a second and a half of twice the allowed error."""
-    judge, failure, at = judged(
+    """Any growing error fails within 1.5 s, above twice the bound."""
+    judge, failure, at = judge_errors(
         lambda time: 0.0 if time < 3.0 else late(time - 3.0), 9.0, fps, noise
     )
     assert judge.arrived
@@ -91,14 +91,14 @@ def test_who_has_arrived_has_to_stay(
 
 @pytest.mark.parametrize("fps", RATES)
 @pytest.mark.parametrize("error", [lambda _: 0.009, swing(0.01, 2.4), swing(0.009, 0.5)])
-def test_within_the_bound_it_stays(error: Callable[[float], float], fps: int) -> None:
-    judge, failure, _ = judged(error, 20.0, fps)
+def test_errors_within_the_bound_do_not_fail(error: Callable[[float], float], fps: int) -> None:
+    judge, failure, _ = judge_errors(error, 20.0, fps)
     assert failure is None
     assert judge.arrived
 
 
-def test_out_of_view_it_has_to_arrive_anew() -> None:
-    judge, _, _ = judged(lambda _: 0.0, 2.0, 60)
+def test_follower_must_arrive_anew_after_an_interruption() -> None:
+    judge, _, _ = judge_errors(lambda _: 0.0, 2.0, 60)
     assert judge.arrived
     judge.interrupt()
     assert not judge.arrived
@@ -107,14 +107,14 @@ def test_out_of_view_it_has_to_arrive_anew() -> None:
     assert not judge.arrived
 
 
-def test_who_never_arrived_has_no_figures() -> None:
-    assert judged(lambda _: 0.02, 1.0, 60)[0].metrics() == {"max_error_m": BOUND_M}
+def test_metrics_are_empty_before_arrival() -> None:
+    assert judge_errors(lambda _: 0.02, 1.0, 60)[0].metrics() == {"max_error_m": BOUND_M}
 
 
 @pytest.mark.parametrize("fps", RATES)
-def test_the_error_over_all_time_counts_in_the_end(fps: int) -> None:
-    """15 mm RMS in each second is not twice the bound, but more than the bound in all."""
-    judge, failure, _ = judged(
+def test_total_error_counts_in_the_end(fps: int) -> None:
+    """15 mm RMS is below twice the bound in each second, but above the bound in total."""
+    judge, failure, _ = judge_errors(
         lambda time: 0.0 if time < 1.0 else swing(0.015 * 2**0.5, 1.0)(time), 9.0, fps
     )
     assert failure is None
@@ -123,16 +123,16 @@ def test_the_error_over_all_time_counts_in_the_end(fps: int) -> None:
         judge.refuse_above_bound()
 
 
-def test_errors_count_from_the_arrival_or_from_the_end_of_the_patience() -> None:
-    arrived = judged(lambda time: 0.2 * 0.1**time, 4.0, 60)[0]
+def test_errors_count_from_arrival_or_timeout() -> None:
+    arrived = judge_errors(lambda time: 0.2 * 0.1**time, 4.0, 60)[0]
     assert arrived.counts_from is not None
     assert 10.5 < arrived.counts_from < 12.0
-    slow = judged(lambda time: 1.0 * 0.5**time, 4.0, 60)[0]
+    slow = judge_errors(lambda time: 1.0 * 0.5**time, 4.0, 60)[0]
     assert slow.counts_from == pytest.approx(10.0 + PATIENCE_S, abs=0.05)
     assert not slow.arrived
 
 
-def test_a_target_that_waits_out_of_reach_costs_nothing_before_the_arrival() -> None:
+def test_target_out_of_reach_does_not_count_before_arrival() -> None:
     judge = FollowingError(BOUND_M, PATIENCE_S)
     for frame in range(300):
         judge.take(sample(frame / 60, 0.5)._replace(within_reach=False))
@@ -141,9 +141,9 @@ def test_a_target_that_waits_out_of_reach_costs_nothing_before_the_arrival() -> 
     assert judge.rms == 0.0
 
 
-def test_time_without_the_target_counts() -> None:
-    """Five seconds without an error, then one with 50 mm: 20 mm in all, by occlusion."""
-    judge, failure, _ = judged(lambda _: 0.0, 5.5, 60)
+def test_time_without_the_target_counts_as_error() -> None:
+    """5 s without error, then 1 s with 50 mm: 20 mm in total, by occlusion."""
+    judge, failure, _ = judge_errors(lambda _: 0.0, 5.5, 60)
     assert failure is None
     judge.interrupt()
     stamps = np.linspace(15.5, 16.48, 50)
@@ -152,7 +152,7 @@ def test_time_without_the_target_counts() -> None:
     for frame in range(60):
         judge.take(sample(16.5 + frame / 60, 0.04 * 0.9**frame))
     assert judge.arrived
-    assert judge.cause is ErrorCause.OCCLUSION, "the return to the target counts as well"
+    assert judge.cause is ErrorCause.OCCLUSION, "the return to the target also counts as occlusion"
     with pytest.raises(Failure, match="not in view"):
         judge.refuse_above_bound()
 
@@ -160,11 +160,9 @@ def test_time_without_the_target_counts() -> None:
 @pytest.mark.parametrize(
     ("by_images", "cause"), [(False, ErrorCause.SPEED), (True, ErrorCause.LATENCY)]
 )
-def test_a_target_that_was_lost_because_it_was_not_followed_was_not_hidden(
-    by_images: bool, cause: ErrorCause
-) -> None:
-    """Already out of bounds in the last three images that showed it, it left the view."""
-    judge, failure, _ = judged(lambda _: 0.001, 5.0, 60)
+def test_loss_after_lagging_behind_is_not_an_occlusion(by_images: bool, cause: ErrorCause) -> None:
+    """The error exceeded the bound in the last three images before the target left the view."""
+    judge, failure, _ = judge_errors(lambda _: 0.001, 5.0, 60)
     assert failure is None
     for frame, error in enumerate((0.012, 0.02, 0.03)):
         judge.take(sample(15.0 + frame / 60, error, by_images=by_images))
@@ -184,9 +182,7 @@ def test_a_target_that_was_lost_because_it_was_not_followed_was_not_hidden(
         (0.5, False, ErrorCause.SPEED),
     ],
 )
-def test_the_cause_is_what_the_error_is_due_to(
-    need: float, by_images: bool, cause: ErrorCause
-) -> None:
+def test_cause_of_the_error_is_reported(need: float, by_images: bool, cause: ErrorCause) -> None:
     judge = FollowingError(BOUND_M, PATIENCE_S)
     judge.need = (0.2, need)
     judge.limit = lambda: 1.2
@@ -202,7 +198,7 @@ def test_the_cause_is_what_the_error_is_due_to(
     assert "1.2 m/s²" in failure.value.reason
 
 
-def test_a_tool_that_trembles_before_a_target_at_rest_says_so() -> None:
+def test_oscillating_tool_in_front_of_a_resting_target_is_reported_as_jitter() -> None:
     judge = FollowingError(BOUND_M, PATIENCE_S)
 
     def swings() -> None:
@@ -216,7 +212,7 @@ def test_a_tool_that_trembles_before_a_target_at_rest_says_so() -> None:
 
 
 @pytest.mark.parametrize(("width", "bound"), [(0.05, 0.01), (0.004, 2e-3)])
-def test_the_bound_is_a_fifth_of_the_width_unless_it_is_given(width: float, bound: float) -> None:
+def test_default_bound_is_a_fifth_of_the_width(width: float, bound: float) -> None:
     by_size = FollowingError(None, PATIENCE_S)
     by_size.know_width(width)
     assert by_size.bound == pytest.approx(bound)
@@ -225,9 +221,9 @@ def test_the_bound_is_a_fifth_of_the_width_unless_it_is_given(width: float, boun
     assert given.bound == BOUND_M
 
 
-def blinking(error: Callable[[float], float]) -> FollowingError:
-    """A judge after an arrival and twenty losses, each with half a second in view before it."""
-    judge, _, _ = judged(lambda _: 0.0, 2.0, 60)
+def after_losses(error: Callable[[float], float]) -> FollowingError:
+    """A judge after an arrival and twenty losses, each followed by 0.5 s in view."""
+    judge, _, _ = judge_errors(lambda _: 0.0, 2.0, 60)
     assert judge.arrived
     for round_ in range(20):
         judge.interrupt()
@@ -237,22 +233,22 @@ def blinking(error: Callable[[float], float]) -> FollowingError:
     return judge
 
 
-def test_who_loses_the_target_again_and_again_does_not_do_so_forever() -> None:
-    """It swings by 0.1 m; only time in view counts."""
+def test_repeated_losses_fail_eventually() -> None:
+    """The target oscillates by 0.1 m; only time in view counts."""
     with pytest.raises(Failure, match=r"for 2\.\d s in view") as caught:
-        blinking(swing(0.1, 1.0))
+        after_losses(swing(0.1, 1.0))
     assert caught.value.code == "NOT_FOLLOWING"
 
 
-def test_who_comes_nearer_between_losses_may_go_on() -> None:
-    judge = blinking(lambda time: 0.5 * 0.8**time)
+def test_repeated_losses_are_allowed_while_the_error_decreases() -> None:
+    judge = after_losses(lambda time: 0.5 * 0.8**time)
     for frame in range(60):
         judge.take(sample(40.0 + frame / 60, 0.0))
     assert judge.arrived
 
 
 @pytest.mark.parametrize("slowed", [False, True])
-def test_a_target_beside_which_the_guard_slows_the_arm_is_not_too_fast(slowed: bool) -> None:
+def test_lag_due_to_the_guard_is_not_blamed_on_speed(slowed: bool) -> None:
     judge = FollowingError(BOUND_M, PATIENCE_S)
     judge.need = (0.1, 0.2)
     judge.limit = lambda: 2.0

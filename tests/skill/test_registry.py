@@ -1,4 +1,4 @@
-"""Finding skills, and refusing those that are badly made, with the file's name."""
+"""The registry finds skills, and refuses invalid ones with the name of the file."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ GOOD = '''
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder of the user; no skill is shipped or installed."""
+    """A user's folder, without any shipped or installed skills."""
     shipped = tmp_path / "shipped"
     shipped.mkdir()
     monkeypatch.setattr(registry, "share_dir", lambda _: shipped)
@@ -60,11 +60,11 @@ def complaints(folder: Path, text: str, name: str = "wave.py") -> list[str]:
         ("Move2D", "move2_d"),
     ],
 )
-def test_names(name: str, yaml: str) -> None:
+def test_yaml_names_of_classes(name: str, yaml: str) -> None:
     assert yaml_name(type(name, (Skill,), {})) == yaml
 
 
-def test_a_good_skill(folder: Path) -> None:
+def test_valid_skill_is_registered(folder: Path) -> None:
     (folder / "wave.py").write_text(dedent(GOOD))
     (folder / "_shared.py").write_text("raise RuntimeError('not a skill file')")
     found = Registry.load([folder])
@@ -101,11 +101,11 @@ def test_a_good_skill(folder: Path) -> None:
          "wave.py: cannot be imported: ZeroDivisionError: division by zero"),
     ],
 )  # fmt: skip
-def test_mistakes_of_authors(old: str, new: str, complaint: str, folder: Path) -> None:
+def test_invalid_skill_is_refused(old: str, new: str, complaint: str, folder: Path) -> None:
     assert complaints(folder, GOOD.replace(old, new, 1)) == [complaint]
 
 
-def test_a_port_and_an_output_of_one_name(folder: Path) -> None:
+def test_port_and_output_of_the_same_name_are_refused(folder: Path) -> None:
     text = GOOD.replace(
         "failures =",
         'class Outputs(PortModel):\n            angle: float = port(0, "It")\n\n        failures =',
@@ -115,12 +115,12 @@ def test_a_port_and_an_output_of_one_name(folder: Path) -> None:
     ]
 
 
-def test_two_skills_of_one_name(folder: Path) -> None:
+def test_two_skills_of_the_same_name_are_refused(folder: Path) -> None:
     (folder / "a.py").write_text(dedent(GOOD))
     assert complaints(folder, GOOD) == ["wave.py: skill 'wave_once' is already in a.py"]
 
 
-def test_folders_of_the_user(folder: Path) -> None:
+def test_skills_are_loaded_from_user_folders(folder: Path) -> None:
     more = folder / "more"
     more.mkdir()
     (more / "wave.py").write_text(dedent(GOOD))
@@ -129,10 +129,8 @@ def test_folders_of_the_user(folder: Path) -> None:
         Registry.load([folder / "none"])
 
 
-def test_what_is_installed_meanwhile_is_found(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """And is gone when it is removed: the metadata of packages are read again then."""
+def test_newly_installed_skill_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It disappears when it is uninstalled: package metadata is read again on each load."""
     monkeypatch.syspath_prepend(tmp_path)
     before = Registry.load().skills.keys()
     assert "wave_once" not in before
@@ -148,7 +146,9 @@ def test_what_is_installed_meanwhile_is_found(
     assert Registry.load().skills.keys() == before
 
 
-def test_installed_packages(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_skills_are_loaded_from_installed_packages(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """An entry point names a class or a module; a broken one is named."""
     (folder / "their_skills.py").write_text(dedent(GOOD))
     monkeypatch.syspath_prepend(folder)
@@ -171,8 +171,8 @@ def test_installed_packages(folder: Path, monkeypatch: pytest.MonkeyPatch) -> No
         Registry.load()
 
 
-def test_a_shipped_skill_is_imported_when_it_is_read(folder: Path) -> None:
-    """Its file has its name; a damaged one is named by whoever reads it, not at each start."""
+def test_shipped_skill_is_imported_on_first_access(folder: Path) -> None:
+    """Its file has its name; a damaged file is reported on access, not at each start."""
     shipped = folder / "shipped"
     (shipped / "wave_once.py").write_text(dedent(GOOD))
     (shipped / "damaged.py").write_text("1 / 0")

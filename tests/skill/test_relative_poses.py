@@ -1,4 +1,4 @@
-"""Poses relative to objects: resolved by what the arm knows, between surfaces, never by truth."""
+"""Relative poses are resolved between surfaces, from the arm's knowledge, never from the truth."""
 
 from __future__ import annotations
 
@@ -44,13 +44,13 @@ def resolved(arm: Arm, port: str, value: Data, **others: Data) -> PoseSpec:
 
 
 def turned_box() -> ObjectSpec:
-    """A box 0.2 by 0.1 by 0.04 m, turned by 90°: its edges along x and y are exchanged."""
+    """A box of 0.2 by 0.1 by 0.04 m, rotated by 90°: its edges along x and y are exchanged."""
     pose = PoseSpec(xyz=(0.5, 0.1, 0.5), rpy=(0.0, 0.0, 90.0))
     return ObjectSpec(shape="box", size=(0.2, 0.1, 0.04), mass=0.1, pose=pose, fixed=True)
 
 
 @pytest.mark.parametrize(
-    ("given", "wanted"),
+    ("given", "expected"),
     [
         ({"above": "slab", "by": 0.1}, (0.5, 0.1, 0.62)),
         ({"on": "slab"}, (0.5, 0.1, 0.52)),
@@ -63,15 +63,17 @@ def turned_box() -> ObjectSpec:
     ],
 )
 @pytest.mark.parametrize("port", ["tool", "point"])
-def test_a_tool_counts_as_a_point(port: str, given: Data, wanted: tuple[float, ...]) -> None:
+def test_relative_pose_of_a_tool_is_that_of_a_point(
+    port: str, given: Data, expected: tuple[float, ...]
+) -> None:
     bench = Bench(slab=turned_box())
     pose = resolved(bench.first, port, given)
-    assert pose.xyz == pytest.approx(wanted, abs=1e-9)
+    assert pose.xyz == pytest.approx(expected, abs=1e-9)
     assert not pose.is_oriented  # the skill keeps the current one
 
 
 @pytest.mark.parametrize("robot", robot_names())
-def test_the_frame_of_the_tool_is_that_of_the_last_set_point(robot: str) -> None:
+def test_tool_frame_is_that_of_the_last_set_point(robot: str) -> None:
     bench = Bench(robot=robot)
     tool = bench.first.commanded_tool_pose
     step = Pose.from_rpy((0.01, 0.02, 0.03), (0.0, 0.0, np.pi / 2))
@@ -84,19 +86,19 @@ def test_the_frame_of_the_tool_is_that_of_the_last_set_point(robot: str) -> None
 
 @pytest.mark.parametrize("shape", ["box", "cylinder", "capsule", "sphere"])
 def test_surfaces_of_two_objects_touch(shape: str) -> None:
-    """What is set `on` another ends at its top, whatever their shapes and its orientation."""
+    """An object `on` another rests on its top, for any shape and orientation."""
     size = {"box": (0.04, 0.06, 0.08), "sphere": (0.03,)}.get(shape, (0.02, 0.08))
     obj = ObjectSpec(shape=shape, size=size, mass=0.1, pose=PoseSpec(xyz=(2, 2, 2)))  # type: ignore[arg-type]
     lying = {"box": 0.02, "sphere": 0.03}.get(shape, 0.02)
     standing = {"box": 0.04, "sphere": 0.03, "capsule": 0.06}.get(shape, 0.04)
-    arm = Bench(slab=turned_box(), obj=obj).first
+    arm = Bench(slab=turned_box(), thing=obj).first
     for rpy, half in (([0, 0, 0], standing), ([0, 90, 0], lying)):
         on = resolved(arm, "of", {"on": "slab", "rpy": rpy}, object="thing")
         assert on.xyz == pytest.approx((0.5, 0.1, 0.52 + half), abs=1e-9)
         assert on.is_oriented
         beside = {"beside": "slab", "side": "+x", "by": 0.01, "rpy": rpy}
         x, y, z = resolved(arm, "of", beside, object="thing").xyz
-        assert (y, z) == pytest.approx((0.1, 0.48 + half), abs=1e-9)  # both stand on one level
+        assert (y, z) == pytest.approx((0.1, 0.48 + half), abs=1e-9)  # both rest on the same level
         assert x > 0.55 + 0.01 + 0.019
 
 
@@ -109,8 +111,8 @@ def test_surfaces_of_two_objects_touch(shape: str) -> None:
         ("bowl", (0.05, 0.04)),
     ],
 )
-def test_on_something_hollow_is_on_its_inner_floor(shape: str, size: tuple[float, ...]) -> None:
-    """Above it is above the rim, which is at half the height of 0.04 m over the origin."""
+def test_on_a_hollow_object_is_on_its_inner_floor(shape: str, size: tuple[float, ...]) -> None:
+    """`above` refers to the rim, which is half the height of 0.04 m above the origin."""
     pose = PoseSpec(xyz=(0.5, 0.1, 0.5), rpy=(0.0, 0.0, 30.0))
     hollow = ObjectSpec(shape=shape, size=size, mass=0.1, pose=pose, wall=0.004)  # type: ignore[arg-type]
     arm = Bench(hollow=hollow).first
@@ -119,7 +121,7 @@ def test_on_something_hollow_is_on_its_inner_floor(shape: str, size: tuple[float
 
 
 @pytest.mark.parametrize("gripper", ["robotiq_2f85", "panda_hand", "suction_cup"])
-def test_a_held_object_is_known_from_the_hand_that_holds_it(gripper: str) -> None:
+def test_pose_of_a_held_object_follows_the_hand(gripper: str) -> None:
     arm = Bench(gripper=gripper, slab=turned_box(), cube=box((0.3, 0.4, 0.5))).first
     in_hand = arm.tool_pose @ Pose.from_rpy((0.0, 0.0, 0.02), (0.0, 0.0, 0.0))
     arm.gripper.hold("cube", in_hand)
@@ -127,7 +129,7 @@ def test_a_held_object_is_known_from_the_hand_that_holds_it(gripper: str) -> Non
     assert (known.by, known.pose.distance(in_hand) < 1e-9) == ("held", True)
     on = resolved(arm, "held", {"on": "slab", "rpy": [0, 0, 0]})
     assert on.xyz == pytest.approx((0.5, 0.1, 0.545), abs=1e-9)
-    # Without an orientation the current one counts, with which a tilted cube reaches lower.
+    # Without an orientation the current one is kept; a tilted cube extends farther down.
     half = 0.025 * np.abs(in_hand.rotation_matrix[2]).sum()
     kept = resolved(arm, "held", {"on": "slab"})
     assert kept.xyz[2] == pytest.approx(0.52 + half, abs=1e-4)  # servo error
@@ -137,14 +139,14 @@ def test_a_held_object_is_known_from_the_hand_that_holds_it(gripper: str) -> Non
     assert arm.known.pose("cube").pose.distance(in_hand) < 1e-9
 
 
-def test_an_object_is_where_the_file_declares_it_not_where_it_is() -> None:
+def test_declared_pose_is_used_not_the_true_one() -> None:
     noise = NoiseSpec(xyz=(0.05, 0.05, 0.0))
     bench = Bench(cube=box((0.3, 0.4, 0.5), noise=noise))
     assert bench.world.object_pose("cube").position != pytest.approx((0.3, 0.4, 0.5), abs=1e-3)
     assert resolved(bench.first, "tool", {"on": "cube"}).xyz == pytest.approx((0.3, 0.4, 0.525))
 
 
-def test_the_latest_knowledge_counts() -> None:
+def test_latest_known_pose_is_used() -> None:
     arm = Bench(cube=box((0.3, 0.4, 0.5))).first
     arm.known.saw("cube", Pose.from_rpy((0.1, 0.2, 0.3)))
     assert resolved(arm, "tool", {"in_frame": "cube"}).xyz == pytest.approx((0.1, 0.2, 0.3))
@@ -153,7 +155,7 @@ def test_the_latest_knowledge_counts() -> None:
     assert found.metrics == {"known_by": "seen", "known_for_s": 0.0}
 
 
-def test_what_the_arm_does_not_know_is_a_failure_with_the_reason() -> None:
+def test_unknown_pose_is_a_failure_with_a_reason() -> None:
     bench = Bench(
         gripper="robotiq_2f85",
         cube=box((0.3, 0.4, 0.5)),
@@ -179,7 +181,7 @@ def test_what_the_arm_does_not_know_is_a_failure_with_the_reason() -> None:
     assert resolved(arm, "tool", {"in_frame": "cube"}).xyz == (0.0, 0.0, 0.0)
 
 
-def test_beyond_the_largest_pose_is_a_failure() -> None:
+def test_pose_beyond_100_m_is_a_failure() -> None:
     arm = Bench(cube=box((0.3, 0.4, 0.5))).first
     with pytest.raises(Failure, match="more than 100 m away"):
         resolved(arm, "tool", {"on": "cube", "xyz": [100, 0, 0]})
@@ -199,12 +201,12 @@ def test_beyond_the_largest_pose_is_a_failure() -> None:
         {"above": "cube", "look_at": [0, 0, 0]},
     ],
 )
-def test_contradictory_poses_are_refused(given: Data) -> None:
+def test_contradictory_relative_poses_are_refused(given: Data) -> None:
     with pytest.raises(ValidationError):
         validated(Ports, {"tool": given})
 
 
-def test_the_check_knows_where_the_bases_are() -> None:
+def test_check_warns_of_unreachable_poses_relative_to_a_base() -> None:
     tree = {
         "bt_dualarm": 1,
         "objects": {"cube": {"shape": "box", "size": [0.1, 0.1, 0.1], "mass": 1}},
@@ -226,8 +228,8 @@ def test_the_check_knows_where_the_bases_are() -> None:
     assert warning.severity == "warning"
 
 
-def test_a_run_resolves_when_the_leaf_starts(stage: Stage) -> None:
-    """The second leaf is relative to the tool where the first has left it; the trace says where."""
+def test_relative_pose_is_resolved_when_the_leaf_starts(stage: Stage) -> None:
+    """The pose of the second leaf is relative to the tool pose at the end of the first."""
     scenario = Scenario(objects={"cube": {
         "shape": "box", "size": [0.1, 0.1, 0.1], "mass": 1, "fixed": True,
         "pose": {"xyz": [0.4, 0.2, 0.5]},
@@ -245,7 +247,7 @@ def test_a_run_resolves_when_the_leaf_starts(stage: Stage) -> None:
     assert "known_by" not in play.leaf("move_linear").metrics
 
 
-def test_an_object_that_is_never_spawned_is_warned_of(tmp_path) -> None:  # type: ignore[no-untyped-def]
+def test_check_warns_of_an_object_that_is_never_spawned(tmp_path) -> None:  # type: ignore[no-untyped-def]
     path = tmp_path / "task.yaml"
     path.write_text(
         "bt_dualarm: 1\n"

@@ -1,4 +1,4 @@
-"""Samples either fit, and can be drawn, or are refused at the call with a sentence."""
+"""Recorded samples are valid, and can be plotted, or are refused at the call with a message."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ ODD: st.SearchStrategy[Any] = st.sampled_from(
     [None, "1.0", "soon", b"x", {}, [[1.0], [1.0, 2.0]], [None], object(), 1j, [1, "two"], True]
 )
 GIVEN = SHAPES.flatmap(lambda shape: arrays.arrays(float, shape, elements=NUMBERS)) | ODD
-"""Numbers of many shapes, some of them not finite, and what is no number."""
+"""Arrays of many shapes, some of them with non-finite numbers, and values of other types."""
 
 
 @given(NAMES | st.just("") | ODD, GIVEN, GIVEN)
-def test_what_is_recorded_fits_or_is_refused(name: Any, time: Any, values: Any) -> None:
-    """No other exception leaves the call, and what is kept is finite and in order."""
+def test_samples_are_valid_or_refused(name: Any, time: Any, values: Any) -> None:
+    """No other exception is raised, and kept samples are finite and in order of time."""
     try:
         samples = Samples.of(name, time, values)
     except SkillError:
@@ -57,7 +57,9 @@ FITTING = [
 
 
 @pytest.mark.parametrize(("time", "values", "shape"), FITTING)
-def test_numbers_and_points_alone_and_in_rows(time: Any, values: Any, shape: Any) -> None:
+def test_scalars_and_points_are_accepted_alone_and_in_rows(
+    time: Any, values: Any, shape: Any
+) -> None:
     assert Samples.of("error_m", time, values).values.shape == shape
 
 
@@ -74,26 +76,26 @@ MISFITS = [
 ]
 
 
-@pytest.mark.parametrize(("time", "values", "says"), MISFITS)
-def test_a_misfit_is_named_with_what_is_allowed(time: Any, values: Any, says: str) -> None:
-    with pytest.raises(SkillError, match=says) as caught:
+@pytest.mark.parametrize(("time", "values", "message"), MISFITS)
+def test_invalid_samples_are_refused_with_a_message(time: Any, values: Any, message: str) -> None:
+    with pytest.raises(SkillError, match=message) as caught:
         Samples.of("planned", time, values)
     assert str(caught.value).startswith("record('planned')")
 
 
-def test_a_series_goes_on_where_it_ended_and_stays_what_it_was() -> None:
+def test_series_keeps_its_order_and_dimension() -> None:
     log = SeriesLog()
     log.add("arm1", "leaf", "planned", 1.0, [0, 0, 0])
-    for time, values, says in ((2.0, 1.0, "points, as they were"), (0.5, [0, 0, 0], "1.000 s")):
-        with pytest.raises(SkillError, match=says):
+    for time, values, message in ((2.0, 1.0, "points, as they were"), (0.5, [0, 0, 0], "1.000 s")):
+        with pytest.raises(SkillError, match=message):
             log.add("arm1", "leaf", "planned", time, values)
     log.add("arm1", "leaf", "planned", 2.0, [0, 0, 1])
     assert len(log.of("arm1")["leaf"]["planned"].time) == 2
 
 
 @pytest.mark.parametrize("seed", some(range(4), 2))
-def test_whatever_was_kept_can_be_drawn(seed: int) -> None:
-    """Nothing that was accepted at the call can break the pictures at the end of a run."""
+def test_kept_samples_can_be_plotted(seed: int) -> None:
+    """No accepted sample can break the plots at the end of a run."""
     rng = np.random.default_rng(seed)
     log = SeriesLog()
     for number in range(10):
@@ -109,11 +111,11 @@ def test_whatever_was_kept_can_be_drawn(seed: int) -> None:
         FigureCanvasAgg(figure).print_figure(io.BytesIO())
 
 
-def test_a_skill_that_measures_hundreds_of_things_gets_a_picture() -> None:
-    """A figure has no more rows than a picture can hold."""
+def test_hundreds_of_series_fit_in_one_plot() -> None:
+    """The number of rows of a figure is limited."""
     log = SeriesLog()
     for number in range(300):
         log.add("arm1", "leaf", f"force{number}_N", 0.0, 1.0)
     figure = over_time(log.of("arm1"), "arm1")
     width, height = figure.get_size_inches() * figure.dpi
-    assert max(width, height) < 2**16, "what matplotlib can draw"
+    assert max(width, height) < 2**16, "the limit of matplotlib"

@@ -1,4 +1,4 @@
-"""The base class that authors of skills meet."""
+"""The base class of skills, as their authors use it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def make(written: list[tuple[str, Any]] | None = None) -> Skill:
     return Skill(NoPorts(), context, lambda *item: (written or []).append(item))
 
 
-def test_what_a_skill_finds_in_its_hands() -> None:
+def test_skill_exposes_its_context() -> None:
     skill = make()
     assert skill.arm is skill.context.arm
     assert skill.time == 1.5
@@ -31,16 +31,16 @@ def test_what_a_skill_finds_in_its_hands() -> None:
     assert skill.metrics == {}
 
 
-def test_the_base_has_no_behaviour() -> None:
+def test_base_class_has_no_behavior() -> None:
     with pytest.raises(NotImplementedError):
         next(iter(make().run()))
 
 
-def test_outputs_go_where_the_leaf_says() -> None:
+def test_outputs_are_passed_to_the_leaf() -> None:
     written: list[tuple[str, Any]] = [("first", 0)]
     make(written).output("length", 2.0)
     assert written[-1] == ("length", 2.0)
 
 
-def test_standard_failures_are_codes_with_a_meaning() -> None:
+def test_standard_failures_are_codes_with_a_description() -> None:
     assert all(code.isupper() and meaning for code, meaning in STANDARD_FAILURES.items())

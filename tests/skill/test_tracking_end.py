@@ -1,4 +1,4 @@
-"""Tracking ends within a bounded time, whatever the images show."""
+"""Tracking ends within a bounded time for any images."""
 
 from __future__ import annotations
 
@@ -46,13 +46,13 @@ def longest(conditions: EndConditions) -> float:
 
 
 def ended(conditions: EndConditions, statuses: Iterator[TrackingStatus]) -> tuple[str, float]:
-    """The code with which it ended, ``SUCCESS`` without one, and when."""
+    """Code of the end, or ``SUCCESS``, and its time."""
     end = TrackingEnd(conditions, FollowingError(0.01, conditions.lost_timeout), 0.0)
     time = 0.0
     try:
         for status in statuses:
             time = status.time
-            assert time <= longest(conditions), "it does not end"
+            assert time <= longest(conditions), "tracking does not end"
             if end.is_over(status):
                 return "SUCCESS", time
     except Failure as failure:
@@ -64,7 +64,7 @@ Make = Callable[[np.random.Generator, float], TrackingStatus]
 
 
 def anything(rng: np.random.Generator, time: float) -> TrackingStatus:
-    """Any status, even impossible ones, that alone would end nothing."""
+    """Any status, even an impossible one, that alone would not end tracking."""
     in_view, arrived, is_beyond, is_waiting, has_moved = (rng.random(5) < 0.5).tolist()
     return TrackingStatus(
         time, in_view, arrived, is_beyond=is_beyond, is_waiting=is_waiting, has_moved=has_moved
@@ -82,7 +82,7 @@ def changing(period: float) -> Make:
 
 
 def between(*seconds: float) -> Make:
-    """In turn for these times: followed, in view, unseen, out of reach, waited for."""
+    """In turn for these durations: followed, in view, unseen, out of reach, waited for."""
     kinds = (
         TrackingStatus(0.0, in_view=True, arrived=True),
         TrackingStatus(0.0, in_view=True, arrived=False),
@@ -109,20 +109,20 @@ def between(*seconds: float) -> Make:
         between(0.0, 0.3, 0.2, 0.0, 0.0),  # never in view for long enough
         between(0.0, 0.05, 2.9, 0.0, 0.0),  # hardly ever in view
         between(0.0, 0.3, 0.0, 5.9, 0.0),  # within reach for moments
-        between(0.0, 0.0, 0.0, 0.3, 4.9),  # comes into view out of reach, and goes
+        between(0.0, 0.0, 0.0, 0.3, 4.9),  # comes into view out of reach, and disappears
         between(0.1, 29.0, 0.8, 5.9, 0.0),  # followed just before each timeout
         between(0.5, 0.0, 0.4, 0.0, 0.0),
     ],
 )
-def test_it_ends(make: Make, conditions: EndConditions) -> None:
+def test_tracking_ends_within_its_bound(make: Make, conditions: EndConditions) -> None:
     for seed in range(5):
         rng = np.random.default_rng(seed)
         code, _ = ended(conditions, (make(rng, TICK_S * tick) for tick in count(1)))
         assert code in CODES | {"SUCCESS"}
 
 
-def test_with_neither_end_what_is_not_followed_ends() -> None:
-    """A followed target is followed on; one that is not, within its time."""
+def test_tracking_without_end_conditions_ends_if_the_target_is_not_followed() -> None:
+    """Tracking continues while the target is followed, and otherwise fails after a timeout."""
     end = TrackingEnd(BY_NEITHER, FollowingError(0.01, 3.0), 0.0)
     assert end.progress is None
     for tick in range(1, 20001):
@@ -135,7 +135,7 @@ def test_with_neither_end_what_is_not_followed_ends() -> None:
     assert raised.value.code == "NOT_FOLLOWING"
 
 
-def test_the_code_says_what_kept_it_from_following() -> None:
+def test_failure_code_states_the_cause() -> None:
     rng = np.random.default_rng(0)
     for make, expected in (
         (between(0.0, 0.3, 0.2, 0.0, 0.0), "NOT_FOLLOWING"),
@@ -152,7 +152,7 @@ def test_the_code_says_what_kept_it_from_following() -> None:
     assert ended(BY_REST, moving)[0] == "NOT_STILL"
 
 
-def test_a_target_that_is_followed_and_rests_is_a_success() -> None:
+def test_following_a_target_until_it_rests_is_a_success() -> None:
     followed = (
         TrackingStatus(time, in_view=True, arrived=True, has_moved=time > 2.0, still_for=time - 3.0)
         for time in (TICK_S * tick for tick in count(1))
@@ -167,7 +167,7 @@ def test_a_target_that_is_followed_and_rests_is_a_success() -> None:
 
 
 def scene(name: str, rng: np.random.Generator) -> Iterator[Vector | None]:
-    """Distances of detections from the image center, of shape (2,), m; None without one."""
+    """Offsets of detections from the image center, of shape (2,), m; None without a detection."""
     spot = np.zeros(2)
     for frame in count():
         time = FRAME_S * frame
@@ -190,7 +190,7 @@ def scene(name: str, rng: np.random.Generator) -> Iterator[Vector | None]:
 
 
 def watched(name: str, conditions: EndConditions) -> Iterator[TrackingStatus]:
-    """What the monitors make of a scene: three sightings in a row are a target, as in a tracker.
+    """Statuses from the monitors for a scene; as in a tracker, three sightings make a target.
 
     Raises:
         Failure: ``NOT_FOLLOWING``.
@@ -198,19 +198,19 @@ def watched(name: str, conditions: EndConditions) -> Iterator[TrackingStatus]:
     error = FollowingError(0.01, conditions.lost_timeout)
     rest = RestDetector(1.0)
     in_row, last = 3, 0.0
-    for frame, away in enumerate(scene(name, np.random.default_rng(7)), start=1):
+    for frame, offset in enumerate(scene(name, np.random.default_rng(7)), start=1):
         stamp = FRAME_S * frame
-        if away is not None:
+        if offset is not None:
             in_row += 1
         elif stamp - last > 0.1:
             in_row = 0
             error.interrupt()
             rest.interrupt()
         locked = in_row >= 3
-        if locked and away is not None:
+        if locked and offset is not None:
             last = stamp
-            error.take(FollowingSample(stamp, away, away, np.zeros(2)))
-            rest.take(RestSample(stamp, away, np.zeros(2), 1.0, 1e-3))
+            error.take(FollowingSample(stamp, offset, offset, np.zeros(2)))
+            rest.take(RestSample(stamp, offset, np.zeros(2), 1.0, 1e-3))
         yield TrackingStatus(
             stamp,
             in_view=locked,
@@ -225,22 +225,22 @@ def watched(name: str, conditions: EndConditions) -> Iterator[TrackingStatus]:
 @pytest.mark.parametrize(
     "name", ["noise", "jumping", "flickering", "rarely", "drifting", "shaking", "nothing"]
 )
-def test_it_ends_by_what_the_monitors_make_of_images(name: str, conditions: EndConditions) -> None:
+def test_tracking_ends_with_real_monitors(name: str, conditions: EndConditions) -> None:
     code, _ = ended(conditions, watched(name, conditions))
     assert code in CODES | {"SUCCESS"}
     if name in {"noise", "flickering", "rarely", "nothing"}:
         assert code != "SUCCESS"
 
 
-def test_a_target_that_was_away_and_came_back_may_have_moved() -> None:
-    """No image shows a fast motion that leaves the image and ends where it began."""
+def test_failure_reports_that_the_target_was_out_of_view() -> None:
+    """A fast motion could have left the image and returned unseen."""
     end = TrackingEnd(BY_REST, FollowingError(0.01, BY_REST.lost_timeout), 0.0)
 
     def watch() -> None:
         for number in range(1, 1000):
             time = number * TICK_S
-            there = not 2.0 < time < 3.5 + 0.5 * TICK_S
-            end.is_over(TrackingStatus(time, in_view=there, arrived=there))
+            in_view = not 2.0 < time < 3.5 + 0.5 * TICK_S
+            end.is_over(TrackingStatus(time, in_view=in_view, arrived=in_view))
 
     with pytest.raises(Failure, match=r"out of view for 1\.5 s of that") as caught:
         watch()

@@ -1,4 +1,4 @@
-"""Each shipped skill on trial, for all tests of a process: its example is played once."""
+"""One conformance candidate for each shipped skill, cached: its example runs once a process."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ REGISTRY: Final = Registry.load()
 
 
 class Once(Candidate):
-    """A skill whose example is run once: only one law is about what it does the second time."""
+    """A candidate whose example runs once; only one law needs a second run."""
 
     @functools.cached_property
     def run_twice(self) -> ArmResult:
-        """Result of the arm with the leaf run once, at the path at which it would be run twice."""
+        """Result of the arm with the leaf run once, in the tree that would run it twice."""
         file = twice(self.node, "example twice")
         file["repeat"]["times"] = 1
         return self.perform(file).result
@@ -26,11 +26,11 @@ class Once(Candidate):
 
 @functools.cache
 def candidate(name: str, again: bool = False) -> Candidate:
-    """Kept, because it knows what its example does and how long that takes.
+    """Candidate of a skill, cached because it keeps the results and duration of its example.
 
     Args:
         name: Name of the skill.
-        again: Whether its example is run a second time.
+        again: Whether its example runs a second time.
     """
     assert name in SCENARIOS, f"tests/skills/scenarios.py lacks a scenario for {name}"
     return (Candidate if again else Once)(name, REGISTRY, SCENARIOS[name])

@@ -1,4 +1,4 @@
-"""A small world for each skill in which its example does its job."""
+"""A small world for each skill in which its example succeeds."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ HOLE: Tree = {
         ("back", 0.0, 0.036, (0.052, 0.02)),
     )
 }
-"""Four walls, 12 mm high, around a place 1 mm wider on each side than the cube."""
+"""Four walls, 12 mm high, around a gap 1 mm wider on each side than the cube."""
 
 CABINET: Tree = {
     "cabinet": {
@@ -109,7 +109,7 @@ BEAM: Tree = {
 }
 CARRIER = GRIPPING | {"base": {"xyz": [-0.55, 0, 0.40]}}
 CARRIES: Tree = {"carry_together": {"object": "beam", "with": ["arm1"]}}
-"""Of the partner, which follows; it tries again if the other arm does."""
+"""Leaf of the partner, which follows; it retries if the other arm does."""
 PARTNER = GRIPPING | {
     "base": {"xyz": [0.55, 0, 0.40]},
     "tree": {"force_success": {"child": {"retry": {"times": 3, "child": CARRIES}}}},
@@ -118,14 +118,14 @@ STANDING = {"robot": "ur5", "base": {"xyz": [1.3, 0, 0.40], "rpy": [0, 0, 180]}}
 BESIDE_ANOTHER: Tree = {
     "arm2": STANDING | {"removable": True, "tree": {"sequence": [{"wait": {"seconds": 25}}]}}
 }
-"""Another arm that stands on the other side and does nothing."""
+"""Another, idle arm on the opposite side."""
 
 ON_SHELF: Tree = {
     "shelf": WALL | {"spawned": True, "size": [0.2, 0.2, 0.2], "pose": {"xyz": [0.35, -0.4, 0.1]}},
     "cube": CUBE
     | {"size": [0.16, 0.035, 0.035], "mass": 0.3, "pose": {"xyz": [0.35, -0.4, 0.2175]}},
 }
-"""A bar that has room for two hands."""
+"""A bar that is long enough for two hands."""
 
 GIVER: Tree = {"robot": "ur5", "gripper": "robotiq_2f85", "base": {"xyz": [0, 0, 0]}}
 TAKER: Tree = {
@@ -186,4 +186,4 @@ SCENARIOS = {
     "count": Scenario(TARGET, arm=LOOKING),
     "scan": Scenario(ON_TABLE, arm=ABOVE_TABLE, scene="table"),
 }
-"""By skill. A new skill needs one: the conformance tests say so."""
+"""Scenario of each skill. A new skill needs one: the conformance tests fail without it."""

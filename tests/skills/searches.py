@@ -1,4 +1,4 @@
-"""Searches for a way that does not exist, where it is not the search that is tried."""
+"""Short path searches for tests in which no path exists and the search is not under test."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import pytest
 from bt_dualarm.arm import motions, past_others
 
 SOON_GIVEN_UP: Final = 20_000
-"""Configurations that a search may look at: a tenth, and of the seconds that it takes, too. One of
-``reach_to_pose`` may look at all (`test_failures`)."""
+"""Configurations that a search may check: a tenth of the default, which takes a tenth of the time.
+One test of ``reach_to_pose`` uses the default (`test_failures`)."""
 
 
 def give_up_soon(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let every search of the test look at so many."""
+    """Limit every search of the test to `SOON_GIVEN_UP` configurations."""
     for module in (motions, past_others):
         monkeypatch.setattr(module, "CHECKS", SOON_GIVEN_UP)

@@ -1,4 +1,4 @@
-"""What `approach_and_attach` leaves behind: fingers that open, and an arm that is free."""
+"""After `approach_and_attach`, the fingers open, and the arm is free to move."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from tests.skills.scenarios import CUBE, GRIPPING, ON_TABLE, PICK, Scenario, Tre
 
 
 @pytest.mark.parametrize("gripper", ["robotiq_2f85", "panda_hand"])
-def test_fingers_by_whose_tips_a_thing_hangs_open(gripper: str, stage: Stage) -> None:
-    """They are shut to be a tip; pressed on what is welded to the hand, they stuck half-way."""
+def test_fingers_open_while_an_object_is_attached_to_their_tips(gripper: str, stage: Stage) -> None:
+    """They shut to form a tip; pressed against the object welded to the hand, they jammed."""
     arm = GRIPPING | {"gripper": gripper}
     release: Tree = {"release": {"width": 0.02}}
     file = Scenario(ON_TABLE, arm=arm, scene="table").file(PICK, release, {"open_gripper": {}})
@@ -26,8 +26,8 @@ def test_fingers_by_whose_tips_a_thing_hangs_open(gripper: str, stage: Stage) ->
     assert play.world.attachments.attached_to("arm1") == ("cube",)
 
 
-def test_what_was_detached_touches_the_fingers_again(stage: Stage) -> None:
-    """Only the weld lets the tips slide on it: afterwards fingers grasp it as anything else."""
+def test_detached_object_collides_with_the_fingers_again(stage: Stage) -> None:
+    """Only a weld disables contact with the tips: afterwards fingers grasp it as any object."""
     up: Tree = {"move_linear": {"offset": {"xyz": [0, 0, 0.1]}}}
     grasp: Tree = {"grasp": {"object": "cube"}}
     file = Scenario(ON_TABLE, arm=GRIPPING, scene="table").file(
@@ -39,15 +39,13 @@ def test_what_was_detached_touches_the_fingers_again(stage: Stage) -> None:
 
 
 @pytest.mark.parametrize("robot", ["ur5", "panda"])
-def test_after_a_touch_that_was_none_of_the_object_the_arm_is_free(
-    robot: str, stage: Stage
-) -> None:
-    """It came down on what had taken the object's place, and stayed on it."""
+def test_arm_can_move_after_it_touched_the_wrong_object(robot: str, stage: Stage) -> None:
+    """It came down on another object at that location, and stayed in contact with it."""
     other = {"other": CUBE | {"pose": {"xyz": [0.25, -0.45, 0.425]}}}
 
     def swap(world: World) -> None:
-        for name, way in (("cube", -0.15), ("other", 0.15)):
-            world.data.qpos[world.pose_address(name)] += way
+        for name, shift in (("cube", -0.15), ("other", 0.15)):
+            world.data.qpos[world.pose_address(name)] += shift
 
     arm = {"robot": robot, "base": {"xyz": [0, 0, 0.4]}}
     aside: Tree = {"reach_to_pose": {"offset": {"xyz": [0, 0.05, 0.05]}}}
@@ -71,10 +69,11 @@ def test_after_a_touch_that_was_none_of_the_object_the_arm_is_free(
         5,
     ),
 )
-def test_a_thing_on_a_table_is_touched_lightly(
+def test_contact_force_on_an_object_on_a_table_is_small(
     robot: str, gripper: str, reality: str, stage: Stage
 ) -> None:
-    """A stiff arm pressed it down with up to 70 N, and without joint friction might never rest."""
+    """A stiff arm pressed on it with up to 70 N, and without joint friction might never come to
+    rest."""
     top = 0.05
     table = {"shape": "box", "size": [0.4, 0.3, 0.02], "mass": 50, "fixed": True}
     play = stage.play(
@@ -91,7 +90,7 @@ def test_a_thing_on_a_table_is_touched_lightly(
     pressed = [0.0]
     force = np.empty(6)
 
-    def look() -> None:
+    def record_force() -> None:
         pairs = world.data.contact.geom.tolist()
         cube = world.object_geom("cube")
         tool = world.arms["arm1"].tool_geom_ids
@@ -100,7 +99,7 @@ def test_a_thing_on_a_table_is_touched_lightly(
                 mujoco.mj_contactForce(world.model, world.data, number, force)
                 pressed[0] = max(pressed[0], float(force[0]))
 
-    world.on_forces.append(look)
+    world.on_forces.append(record_force)
     play.run()
     assert play.arm().outcome == "SUCCESS", play.arm().runs
     assert 0.0 < pressed[0] < 20.0
@@ -113,14 +112,14 @@ def test_a_thing_on_a_table_is_touched_lightly(
         ("panda", (-0.530, -0.052), (-0.392, 0.029, 30.4), (0.035, -0.380, -0.924)),
     ],
 )
-def test_beside_a_wall_every_branch_is_tried(
+def test_every_ik_branch_is_tried_beside_a_wall(
     robot: str,
     place: tuple[float, float],
     wall: tuple[float, float, float],
     direction: tuple[float, float, float],
     stage: Stage,
 ) -> None:
-    """In the first branch of each turn of the tool, the arm hits the wall: OUT_OF_REACH."""
+    """In the first branch of each tool rotation, the arm hits the wall: OUT_OF_REACH."""
     fixed = {"shape": "box", "mass": 20, "fixed": True}
     x, y = place
     stand = fixed | {"size": [0.12, 0.12, 0.3], "pose": {"xyz": [x, y, 0.15]}}
@@ -153,17 +152,17 @@ OPEN = {
 }
 
 
-BY_TURNS = [
+ALTERNATING = [
     (robot, shape)
     for number, shape in enumerate(OPEN)
     for robot in (("ur5", "panda") if number % 2 == 0 else ("panda", "ur5"))
 ]
-"""One in two: every shape, and both robots."""
+"""Pairs of which half are tested: every shape, and both robots."""
 
 
-@pytest.mark.parametrize(("robot", "shape"), some(BY_TURNS, 2))
-def test_an_open_thing_is_attached_at_its_edge(robot: str, shape: str, stage: Stage) -> None:
-    """The tool went into the void above its floor, and stopped there."""
+@pytest.mark.parametrize(("robot", "shape"), some(ALTERNATING, 2))
+def test_open_container_is_attached_at_its_rim(robot: str, shape: str, stage: Stage) -> None:
+    """The tool moved into the empty space above its floor, and stopped there."""
     size = OPEN[shape]
     pose = {"xyz": [0.40, -0.40, 0.4 + 0.5 * size[-1]], "rpy": [0, 0, 20]}
     obj = {"shape": shape, "size": size, "mass": 0.3, "pose": pose}
@@ -177,7 +176,7 @@ def test_an_open_thing_is_attached_at_its_edge(robot: str, shape: str, stage: St
 
 
 @pytest.mark.parametrize("robot", ["ur5", "panda"])
-def test_what_has_settled_a_little_deeper_is_touched(robot: str, stage: Stage) -> None:
+def test_object_that_settled_after_planning_is_touched(robot: str, stage: Stage) -> None:
     """It falls by 3 mm after the approach was planned, which ends 2 mm below its surface."""
     obj = CUBE | {"pose": {"xyz": [0.40, -0.40, 0.428]}}
     arm = {"robot": robot, "base": {"xyz": [0, 0, 0.4]}}

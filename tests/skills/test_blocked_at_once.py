@@ -1,4 +1,4 @@
-"""A motion that another arm blocks in the period in which it begins is planned again."""
+"""A motion that another arm blocks in its first control period is planned again."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ LEAVES = (
 )
 
 
-def test_each_skill_goes_on_after_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The failure was raised past the code that waits and plans again, and ended the leaf.
+def test_each_skill_continues_after_its_motion_is_blocked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The failure bypassed the code that waits and replans, and ended the leaf.
 
-    Every other motion is blocked: what is planned instead of it is not.
+    Every other motion is blocked; the replanned motion is not.
     """
     advance = TrajectoryGuard.advance
     motions = list[TrajectoryGuard]()

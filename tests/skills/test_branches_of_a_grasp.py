@@ -1,4 +1,4 @@
-"""Branches of the inverse kinematics in which something is grasped."""
+"""Branches of the inverse kinematics in which an object is grasped."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ COOKBOOK = Path(__file__).parents[2] / "docs" / "cookbook"
 
 
 class Grasps(IdleObserver):
-    """How the attempts to grasp something have ended."""
+    """Records the outcomes of grasp attempts."""
 
     def __init__(self) -> None:
         self.ended: list[str] = []
@@ -27,8 +27,8 @@ class Grasps(IdleObserver):
             self.ended.append(change.new)
 
 
-def test_another_branch_is_tried_if_the_first_one_is_blocked() -> None:
-    """Whether the handle counted as out of reach depended on the branch that the seed found."""
+def test_another_ik_branch_is_tried_if_the_first_is_blocked() -> None:
+    """Whether the handle counted as out of reach depended on the branch found with the seed."""
     grasps = Grasps()
     with bt.open(COOKBOOK / "toolbox.yaml", seed=9) as run:
         run.watch(grasps)
@@ -41,17 +41,17 @@ PLATES = [
     ("ur5e", (0.2, 0.07)),  # in another branch
     ("ur5e", (0.0, -0.21)),  # in none
     *(
-        (robot, (round(away * math.cos(bearing), 3), round(away * math.sin(bearing), 3)))
+        (robot, (round(distance * math.cos(bearing), 3), round(distance * math.sin(bearing), 3)))
         for robot in ("ur10", "xarm7", "panda")
-        for away in (0.21, 0.25)
+        for distance in (0.21, 0.25)
         for bearing in (-1.57, 0.0, 0.34)
     ),
 ]
 
 
 @pytest.mark.parametrize(("robot", "at"), [*PLATES[:2], *some(PLATES[2:], 6)])
-def test_what_is_lifted_does_not_touch_the_arm(robot: str, at: tuple[float, float]) -> None:
-    """A wide plate next to the base is grasped so that its lift is free, or not at all."""
+def test_lifted_object_does_not_touch_the_arm(robot: str, at: tuple[float, float]) -> None:
+    """A wide plate next to the base is grasped only where its lift is collision-free."""
     plate = {"shape": "box", "size": [0.22, 0.22, 0.01], "pose": {"xyz": [0, 0, 0.005]}}
     grip = {"shape": "box", "size": [0.02, 0.08, 0.03], "pose": {"xyz": [0, 0, 0.025]}}
     lid = {"shape": "compound", "mass": 0.25, "parts": {"plate": plate, "grip": grip}}

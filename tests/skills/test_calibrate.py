@@ -1,4 +1,4 @@
-"""The camera is believed where it is, once the arm has looked at a still mark from around it."""
+"""`calibrate` corrects the camera mount from views of a still mark from several sides."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from tests.families import some
 
 
 @pytest.mark.parametrize(("reality", "seed"), [("lab", 1), ("rough", 0)])
-def test_the_mount_is_corrected_by_what_is_seen(reality: str, seed: int) -> None:
-    """Against the simulator: aim and turn are a fifth of what they were, at least."""
+def test_calibration_reduces_the_mount_error(reality: str, seed: int) -> None:
+    """Compared with the simulator: errors of aim and rotation fall to a fifth at most."""
     before, after, leaf = calibrated("panda", reality, seed)
     assert leaf.status == "SUCCESS", leaf.reason
     assert before.aim_mm > 1.0
@@ -25,8 +25,8 @@ def test_the_mount_is_corrected_by_what_is_seen(reality: str, seed: int) -> None
 
 
 @pytest.mark.parametrize(("robot", "reality"), some(product(["xarm7", "ur3"], ["lab", "rough"]), 4))
-def test_where_places_are_out_of_reach_others_stand_in(robot: str, reality: str) -> None:
-    """From a tilted base, a mark near the rim of what the arm reaches: from five places only."""
+def test_unreachable_viewpoints_are_replaced(robot: str, reality: str) -> None:
+    """From a tilted base, a mark near the limit of the workspace has only five reachable views."""
     near = 0.45 if robot == "xarm7" else 0.38
     mark = {"xyz": [near, 0.1, 0.5]}
     ball = {"shape": "sphere", "size": [0.02], "mass": 0.1, "color": "orange", "fixed": True}

@@ -1,4 +1,4 @@
-"""What sticks to the hand as it goes back from `place` is felt, held again, and can be placed."""
+"""An object that sticks to the hand as it retreats in `place` is detected and placed again."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from benchmarks.false_success_cases import Hand, cases, file_of
 
 
 @pytest.mark.parametrize("name", ["sticks to a finger for 2.2 s", "sticks to the cup for 1.3 s"])
-def test_what_came_along_is_held_again(name: str) -> None:
-    """The gripper says so, before the referee looks; the next `place` sets it down."""
+def test_object_stuck_to_the_gripper_counts_as_held_again(name: str) -> None:
+    """The gripper reports it before the referee checks; the next `place` sets it down."""
     case = next(case for case in cases() if (case.skill, case.name) == ("place", name))
     file = file_of(case)
     grasp, place = case.leaves

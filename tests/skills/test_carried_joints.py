@@ -1,4 +1,4 @@
-"""A box with a lid that an arm carries: the lid is part of its load, and opens where it stands."""
+"""An arm carries a box with a lid: the lid is part of its load, and opens at the destination."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def file_of(*leaves: Tree | str, **chest: object) -> Tree:
 
 
 @pytest.mark.usefixtures("without_pictures")
-def test_a_chest_is_carried_shut_and_opened_where_it_stands(tmp_path: Path) -> None:
-    """Recorded and replayed; the arm knows by the sensor and its hand where the lid is."""
+def test_chest_is_carried_shut_and_opened_where_it_is_placed(tmp_path: Path) -> None:
+    """The run replays identically; the arm infers the lid angle from joint sensor and hand."""
     file = file_of(TAKE, {"place": {"at": THERE}}, SHUT, KNOB, OPEN, "release")
     file |= {
         "bt_dualarm": 1,
@@ -61,8 +61,8 @@ def test_a_chest_is_carried_shut_and_opened_where_it_stands(tmp_path: Path) -> N
     assert np.linalg.norm(shift[1] - shift[0]) > 0.05  # its frame turned about the hinge
 
 
-def test_a_lid_is_part_of_what_the_arm_carries(stage: Stage) -> None:
-    """For the model of its load and for its collisions: a board in the lid would be hit by it."""
+def test_lid_is_part_of_the_carried_load(stage: Stage) -> None:
+    """The lid counts in the load model and in collision checks: it collides with a board."""
     file = file_of(TAKE)
     file["objects"]["board"] = {
         "shape": "box",
@@ -83,13 +83,13 @@ def test_a_lid_is_part_of_what_the_arm_carries(stage: Stage) -> None:
     assert {contact.first, contact.second} == {"chest.hinge", "board"}
 
 
-def test_a_chest_that_slides_is_no_longer_known(stage: Stage) -> None:
-    """Its lid is too stiff for a light chest; hand and sensor together tell that it slid."""
+def test_pose_of_a_chest_that_slid_is_unknown(stage: Stage) -> None:
+    """The lid is too stiff for a light chest; hand and sensor together show that it slid."""
     chest = copy.deepcopy(CHEST["chest"])
     chest["joints"]["hinge"] |= {"friction": 0.6}
-    tried: Tree = {"force_success": {"child": OPEN}}
+    attempt: Tree = {"force_success": {"child": OPEN}}
     beside: Tree = {"in_frame": "chest", "xyz": [-0.05, 0, 0.3], "rpy": [180, 0, 0]}
-    play = stage.run(file_of(KNOB, tried, {"reach_to_pose": {"to": beside}}, **chest))
+    play = stage.run(file_of(KNOB, attempt, {"reach_to_pose": {"to": beside}}, **chest))
     slid = play.world.object_pose("chest").distance(Pose.from_rpy((0.40, -0.40, 0.44)))
     assert slid > 0.01
     assert float(play.leaf("operate").metrics["object_moved_m"]) > 0.01

@@ -1,4 +1,4 @@
-"""Carrying together: faults of a partner, obstacles, the order of the arms, goals."""
+"""`carry_together`: faults of a partner, obstacles, the order of the arms, goals."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ CLOSES_S = 3.9
 """Just before both hands touch the beam, s."""
 
 AT_S = 8.5
-"""When a fault comes, s: both arms carry the beam then."""
+"""Time of a fault, s: both arms carry the beam then."""
 
 
 def file_of(ports: Tree, partner: Tree | None = None, **objects: Tree) -> dict[str, Any]:
@@ -54,7 +54,7 @@ def follows(**ports: Any) -> Tree:
 
 
 @pytest.mark.parametrize("fault", ["halt", "removal", "loss"])
-def test_when_one_arm_fails_the_other_stops_with_it_and_says_why(fault: str) -> None:
+def test_partner_stops_and_reports_the_cause_when_one_arm_fails(fault: str) -> None:
     partner: Tree = follows()
     if fault == "halt":
         partner = {"sequence": [after(AT_S, partner), {"wait": {"seconds": 10}}]}
@@ -91,7 +91,7 @@ def test_when_one_arm_fails_the_other_stops_with_it_and_says_why(fault: str) -> 
     assert "arm2" in found.reason
 
 
-def test_an_obstacle_is_gone_around() -> None:
+def test_arms_carry_around_an_obstacle() -> None:
     ceiling = {"shape": "box", "size": [0.3, 0.12, 0.04], "mass": 5, "fixed": True}
     ceiling["pose"] = {"xyz": [0, -0.45, 0.74]}
     to = {"xyz": [0.0, -0.45, 0.85], "rpy": [0, 0, 0]}
@@ -101,8 +101,8 @@ def test_an_obstacle_is_gone_around() -> None:
     assert "touched" not in leaf(result).metrics
 
 
-def test_the_order_of_the_arms_does_not_matter() -> None:
-    """Bit for bit until both hands touch the beam.
+def test_result_does_not_depend_on_the_order_of_the_arms() -> None:
+    """Tool poses are identical bit for bit until both hands touch the beam.
 
     From then on MuJoCo solves the contacts in another order, to 1e-8, and the pads slip elsewhere:
     the tools differ by some 10 µm, and the end of a motion by some control periods.
@@ -110,7 +110,7 @@ def test_the_order_of_the_arms_does_not_matter() -> None:
     results = []
     tools = []
     for names in (("arm1", "arm2"), ("arm2", "arm1")):
-        # Whether the beam is set down is up to the arm with the goal.
+        # The arm with the goal decides whether the beam is set down.
         file = file_of(TOGETHER, follows(set_down=True))
         file["arms"] = {name: file["arms"][name] for name in names}
         with bt.open(file) as run:
@@ -145,17 +145,15 @@ def test_different_goals_are_refused_and_either_arm_may_lead() -> None:
     ],
     ids=["no partner", "another object", "itself", "two goals"],
 )  # fmt: skip
-def test_the_check_finds_a_leaf_that_never_gets_a_partner(
-    ports: Tree, partner: Tree, message: str
-) -> None:
+def test_check_finds_a_leaf_without_a_partner(ports: Tree, partner: Tree, message: str) -> None:
     cube = {"shape": "box", "size": [0.04, 0.04, 0.04], "mass": 0.1, "pose": {"xyz": [1, 1, 1]}}
     with pytest.raises(bt.SpecError) as raised:
         bt.run(file_of(TOGETHER | ports, partner, cube=cube))
     assert message in str(raised.value)
 
 
-def test_a_tray_is_carried_by_its_handles() -> None:
-    """They are the parts farthest from each other; the plate between them is in the way."""
+def test_tray_is_carried_by_its_handles() -> None:
+    """They are the parts farthest from each other; the plate between them is an obstacle."""
     beam = {"shape": "compound", "mass": 2.5, "pose": {"xyz": [0, -0.45, 0.535]}}
     beam["parts"] = {
         "plate": {"shape": "box", "size": [0.7, 0.3, 0.02], "pose": {"xyz": [0, 0, -0.025]}},
@@ -165,16 +163,16 @@ def test_a_tray_is_carried_by_its_handles() -> None:
     to = {"xyz": [0.04, -0.45, 0.7], "rpy": [0, 0, 8]}
     with bt.open(file_of(TOGETHER | {"to": to}, follows(), beam=beam)) as run:
         result = run.finish()
-        lies = run.world.object_pose("beam")
-        held = [lies.inverse.apply(run.arms[arm].tool_pose.position) for arm in ("arm1", "arm2")]
+        pose = run.world.object_pose("beam")
+        held = [pose.inverse.apply(run.arms[arm].tool_pose.position) for arm in ("arm1", "arm2")]
     assert result.outcome == "SUCCESS", leaf(result).reason
     assert leaf(result).metrics["placed_error_m"] < 2e-3
     for tool, side in zip(held, (-0.32, 0.32), strict=True):
         assert tool[0] == pytest.approx(side, abs=5e-3)
 
 
-def test_an_arm_out_of_reach_is_named() -> None:
-    """A problem with all arms spreads its error: the first arm would be blamed."""
+def test_arm_that_cannot_reach_is_named() -> None:
+    """Solving for all arms at once spreads the error: the first arm would be blamed."""
     partner = copy.deepcopy(PARTNER) | {"tree": follows()}
     partner["base"] = {"xyz": [1.6, 0, 0.4]}
     file = file_of(TOGETHER)
@@ -185,8 +183,8 @@ def test_an_arm_out_of_reach_is_named() -> None:
 
 
 @pytest.mark.parametrize("which", some(["arm1", "arm2"], 2))
-def test_hands_that_close_while_one_arm_is_halted_open_again(which: str) -> None:
-    """They did not count as holding the beam, and were too full to try again (GRIPPER_FULL)."""
+def test_hands_reopen_if_one_arm_is_halted_while_they_close(which: str) -> None:
+    """They did not count as holding the beam, so a retry failed with GRIPPER_FULL."""
     trees = {"arm1": {"carry_together": {**TOGETHER, "speed": 1.0}}, "arm2": follows()}
     touched = {"until": {"touching": {"by": "fingers"}}}
     for arm, tree in trees.items():
@@ -201,8 +199,8 @@ def test_hands_that_close_while_one_arm_is_halted_open_again(which: str) -> None
         assert second.status == "SUCCESS", second.reason
 
 
-def test_grasps_of_another_kind_are_tried_where_the_best_ones_are_all_alike() -> None:
-    """The four best grasps of each hand differ by millimeters; with none the path is possible."""
+def test_different_grasps_are_tried_where_the_best_ones_are_similar() -> None:
+    """The four best grasps of each hand differ by millimeters; none of them allows the path."""
 
     def arm(robot: str, x: float, y: float, yaw: float, leaf: Tree) -> Tree:
         base = {"xyz": [x, y, 0.4], "rpy": [0, 0, yaw]}
@@ -234,31 +232,31 @@ def test_grasps_of_another_kind_are_tried_where_the_best_ones_are_all_alike() ->
         tree = run.trees["arm1"]
         while tree.status != "FAILURE" and np.abs(run.arms["arm1"].q - start).max() < 0.1:
             run.step(0.1)
-        assert tree.status == "RUNNING", "it has a plan, which it begins to execute"
+        assert tree.status == "RUNNING", "it has a plan and begins to execute it"
 
 
-def test_a_hand_that_tilts_does_not_move_what_two_hands_hold() -> None:
-    """One of them is turned by 2 degrees at the end of a tray: 8 mm, if its rotation counted."""
+def test_tilt_of_one_hand_does_not_shift_the_estimated_object_pose() -> None:
+    """One hand turns by 2 degrees at the end of a tray: an 8 mm error if its rotation counted."""
     grasps = [Pose.from_rpy((side * 0.22, 0.0, 0.015), (np.pi, 0.0, 0.3)) for side in (-1, 1)]
-    lies = Pose.from_rpy((0.1, -0.4, 0.6), (0.02, -0.05, 0.4))
-    tools = [lies @ grasp for grasp in grasps]
+    pose = Pose.from_rpy((0.1, -0.4, 0.6), (0.02, -0.05, 0.4))
+    tools = [pose @ grasp for grasp in grasps]
     found = pose_held(tools, grasps)
-    assert found.distance(lies) < 1e-9
-    assert found.angle(lies) < 1e-6
+    assert found.distance(pose) < 1e-9
+    assert found.angle(pose) < 1e-6
     tools[1] = tools[1] @ Pose.from_rpy((0.0, 0.0, 0.0), (0.0, np.radians(2.0), 0.0))
     found = pose_held(tools, grasps)
-    assert found.distance(lies) < 1e-4
+    assert found.distance(pose) < 1e-4
     for end in (-0.22, 0.22):
         assert (
-            np.linalg.norm(found.apply(np.array((end, 0, 0))) - lies.apply(np.array((end, 0, 0))))
+            np.linalg.norm(found.apply(np.array((end, 0, 0))) - pose.apply(np.array((end, 0, 0))))
             < 3e-4
         )
 
 
-def test_arms_retreat_otherwise_where_the_hand_cannot_go_straight_back(
+def test_arms_retreat_differently_where_a_straight_retreat_is_impossible(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """As after `place`: the object stands, but the arms would end with a failure."""
+    """As after `place`: the object is placed, but the skill would end with a failure."""
 
     def beyond_reach(*arguments: Any) -> list[RetreatTo]:
         found = possible_retreats(*arguments)

@@ -1,4 +1,4 @@
-"""Arms and objects that come and go while other arms work."""
+"""Arms and objects are spawned and removed while other arms work."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ LEAVES = {
 
 
 @pytest.mark.parametrize("order", list(itertools.permutations(("ball", "box", "arm"))), ids=str)
-def test_in_any_order(order: tuple[str, ...], stage: Stage) -> None:
-    """Everything is there, at rest where it was declared, and the second arm's tree has run."""
+def test_arms_and_objects_spawn_in_any_order(order: tuple[str, ...], stage: Stage) -> None:
+    """Everything is present and at rest where declared, and the second arm's tree has run."""
     leaves = ", ".join([*(LEAVES[name] for name in order), "{wait: {seconds: 2}}"])
     play = stage.run(TWO.replace("LEAVES", leaves))
     assert play.arm("arm1").outcome == "SUCCESS"
@@ -44,7 +44,7 @@ def test_in_any_order(order: tuple[str, ...], stage: Stage) -> None:
     assert play.world.object_pose("ball").position[2] == pytest.approx(0.03, abs=2e-3)
 
 
-def test_an_arm_that_comes_later_begins_its_tree_then(stage: Stage) -> None:
+def test_spawned_arm_starts_its_tree_when_it_appears(stage: Stage) -> None:
     play = stage.run(TWO.replace("LEAVES", "{wait: {seconds: 0.5}}, {spawn: {arm: arm2}}"))
     (leaf,) = play.arm("arm2").runs
     assert leaf.started_s == pytest.approx(0.5, abs=0.05)
@@ -53,15 +53,15 @@ def test_an_arm_that_comes_later_begins_its_tree_then(stage: Stage) -> None:
     assert spawn.status == "SUCCESS"
 
 
-def test_one_that_never_comes_does_not_hold_the_run_up(stage: Stage) -> None:
+def test_arm_that_is_never_spawned_does_not_delay_the_end(stage: Stage) -> None:
     play = stage.run(TWO.replace("LEAVES", "{wait: {seconds: 0.1}}"))
     assert play.arm("arm2").outcome == "NOT_SPAWNED"
     assert play.result is not None
     assert play.result.outcome == "SUCCESS"
 
 
-def test_coming_and_going_again(stage: Stage) -> None:
-    """The same object and the same arm, twice each; its tree runs anew."""
+def test_object_and_arm_can_be_spawned_and_removed_twice(stage: Stage) -> None:
+    """The arm's tree runs anew each time."""
     again = [LEAVES["ball"], LEAVES["gone"]] * 2
     arm = ["{spawn: {arm: arm2}}", "{wait: {seconds: 1}}", "{remove: {arm: arm2}}"] * 2
     play = stage.run(TWO.replace("LEAVES", ", ".join(again + arm)))
@@ -71,8 +71,8 @@ def test_coming_and_going_again(stage: Stage) -> None:
     assert set(play.world.arms) == {"arm1"}
 
 
-def test_a_moving_arm_does_not_feel_that_others_come_and_go(stage: Stage) -> None:
-    """The model is compiled anew in the middle of a motion: same path, to a hundredth of a mm."""
+def test_spawning_others_does_not_disturb_a_moving_arm(stage: Stage) -> None:
+    """The model is recompiled in the middle of a motion; the path agrees to 0.01 mm."""
 
     def path(leaves: str) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
         text = TWO.replace("arm2:", "arm2:\n    camera: null", 0).replace("LEAVES", leaves)
@@ -120,8 +120,8 @@ arms:
 """
 
 
-def test_removing_the_arm_that_another_one_tracks(stage: Stage) -> None:
-    """What it held falls; the one that follows loses its target, holds, and says so."""
+def test_tracking_fails_when_the_arm_that_holds_the_target_is_removed(stage: Stage) -> None:
+    """The held object falls; the tracking arm stops and fails with LOST."""
     removed = 6.0
     play = stage.play(
         TRACKED.replace("FIXED", "false"), deeds=((removed, lambda w: w.remove_arm("arm1")),)

@@ -1,4 +1,4 @@
-"""What every registered skill keeps to, whoever wrote it."""
+"""Laws that every registered skill obeys, whoever wrote it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.skills.candidates import REGISTRY, candidate
 
 SKILLS = dict(REGISTRY.skills)
 REPEATED = "starts again after success"
-"""The law for which an example is run twice."""
+"""The law for which an example runs twice."""
 
 HALTS = [law for law in LAWS if " when halted at " in law]
 AGAIN = [law for law in LAWS if law.startswith("starts again ")]
@@ -26,15 +26,15 @@ CASES = sorted(
         *some(product(sorted(SKILLS), NEVER), 4),
     }
 )
-"""Skill and law, skill by skill; each of the moments at which some skill is halted, and each way in
-which it starts again, in turns; one in four skills that is never ticked."""
+"""Pairs of skill and law. Moments of halting and kinds of restart are spread over the skills; one
+skill in four is checked for the law of a skill that is never ticked."""
 
 
 @pytest.mark.parametrize(("name", "law"), CASES)
-def test_every_skill_keeps_to_every_law(name: str, law: str) -> None:
+def test_every_skill_obeys_every_law(name: str, law: str) -> None:
     LAWS[law](candidate(name, again=(name, REPEATED) in CASES))
 
 
-def test_every_skill_class_is_of_the_facade() -> None:
-    """Shipped skills have no privileges: they are subclasses of the one public base."""
+def test_every_skill_is_a_subclass_of_the_public_base() -> None:
+    """Shipped skills have no privileges over a user's own."""
     assert all(issubclass(skill, Skill) for skill in SKILLS.values())

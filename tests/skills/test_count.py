@@ -1,4 +1,4 @@
-"""What is counted is there, so many times; where a picture cannot tell, it is said."""
+"""`count` finds the true number of objects, or fails with AMBIGUOUS."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bt_dualarm.behaviors.report import LeafReport
 from tests.families import some
 from tests.plays import Stage
 
-Things: TypeAlias = dict[str, dict[str, Any]]
+Objects: TypeAlias = dict[str, dict[str, Any]]
 CUBE = {"shape": "box", "size": [0.04, 0.04, 0.04]}
 CAN = {"shape": "cylinder", "size": [0.02, 0.05]}
 TOP = 0.4
@@ -20,19 +20,20 @@ TOP = 0.4
 def count(
     stage: Stage,
     kind: dict[str, Any],
-    things: Things,
+    specs: Objects,
     reality: str = "lab",
     **ports: Any,
 ) -> LeafReport:
-    """What `count` says of red things of a kind, each but for what is said of it, on a table.
+    """Report of `count` for red objects of a kind on a table.
 
-    Their places are by x and y from the middle of the picture, and by what is below them.
+    `specs` overrides keys of each object. `at` is its x and y from the image center and the height
+    below it.
     """
     objects: dict[str, Any] = {
         "kind": {**kind, "mass": 0.1, "color": "red", "spawned": False}
         | {"pose": {"xyz": [5, 5, 5]}}
     }
-    for name, obj in things.items():
+    for name, obj in specs.items():
         x, y, below = obj["at"]
         spec = {**kind, "mass": 0.1, "color": "red", "fixed": True}
         spec |= {key: value for key, value in obj.items() if key != "at"}
@@ -53,7 +54,7 @@ def count(
 
 
 def beside(kind: dict[str, Any]) -> float:
-    """Distance in m of the middles of two that touch, turned by 15° as they are: side by side."""
+    """Distance in m between the centers of two objects that touch, both turned by 15°."""
     return float(kind["size"][0] * (1 if kind["shape"] == "box" else 2))
 
 
@@ -63,48 +64,50 @@ S15 = 0.2588190
 
 @pytest.mark.parametrize("kind", [CUBE, CAN], ids=["cubes", "cans"])
 class TestEachKind:
-    """Boxes and cylinders alike."""
+    """Tests with boxes and with cylinders."""
 
     @pytest.mark.parametrize("number", [0, 1, 2])
-    def test_those_apart_are_counted(self, kind: dict[str, Any], number: int, stage: Stage) -> None:
-        places: Things = {"a": {"at": (0.05, 0.02, 0)}, "b": {"at": (-0.05, -0.02, 0)}}
+    def test_separate_objects_are_counted(
+        self, kind: dict[str, Any], number: int, stage: Stage
+    ) -> None:
+        places: Objects = {"a": {"at": (0.05, 0.02, 0)}, "b": {"at": (-0.05, -0.02, 0)}}
         leaf = count(stage, kind, dict(list(places.items())[:number]))
         assert (leaf.status, leaf.metrics["found"]) == ("SUCCESS", number), leaf.reason
 
     @pytest.mark.parametrize("reality", ["lab", "rough"])
-    def test_two_that_touch_are_not_counted_as_none(
+    def test_two_objects_that_touch_are_ambiguous(
         self, kind: dict[str, Any], reality: str, stage: Stage
     ) -> None:
-        """They make one patch; another one, apart, is certain."""
+        """They form one color blob; a third, separate object is counted with certainty."""
         far = beside(kind)
-        things: Things = {"a": {"at": (0, 0, 0)}, "b": {"at": (far * C15, far * S15, 0)}}
-        leaf = count(stage, kind, things | {"c": {"at": (-0.08, -0.03, 0)}}, reality)
+        specs: Objects = {"a": {"at": (0, 0, 0)}, "b": {"at": (far * C15, far * S15, 0)}}
+        leaf = count(stage, kind, specs | {"c": {"at": (-0.08, -0.03, 0)}}, reality)
         assert (leaf.code, leaf.metrics["found"], leaf.metrics["unlike"]) == ("AMBIGUOUS", 1, 1)
 
     @pytest.mark.parametrize(("aside", "reality"), some(product([0.0, 0.08], ["lab", "rough"]), 3))
-    def test_one_on_another_is_not_counted_as_one(
+    def test_stacked_objects_are_not_counted_as_one(
         self, kind: dict[str, Any], aside: float, reality: str, stage: Stage
     ) -> None:
-        """From above they look like one that is nearer; from aside, like nothing known."""
-        things: Things = {
+        """From above they look like one nearer object; from the side, like no known shape."""
+        specs: Objects = {
             name: {"at": (aside, 0, z * kind["size"][-1])} for z, name in enumerate("ab")
         }
-        leaf = count(stage, kind, things, reality)
+        leaf = count(stage, kind, specs, reality)
         assert (leaf.code, leaf.metrics["found"]) == ("AMBIGUOUS", 0), leaf.reason
 
     @pytest.mark.parametrize(("ratio", "reality"), some(product([0.75, 1.3], ["lab", "rough"]), 3))
-    def test_another_size_is_not_counted(
+    def test_object_of_another_size_is_not_counted(
         self, kind: dict[str, Any], ratio: float, reality: str, stage: Stage
     ) -> None:
-        """One picture tells it by the table on which it stands; with `others` it is left out."""
+        """One image shows the size, given the height of the table; `others` ignores the object."""
         size = [ratio * edge for edge in kind["size"]]
-        things: Things = {
+        specs: Objects = {
             "a": {"at": (0.05, 0.02, 0)},
             "other": {"at": (-0.05, -0.02, 0), "size": size},
         }
-        leaf = count(stage, kind, things, reality)
+        leaf = count(stage, kind, specs, reality)
         assert (leaf.code, leaf.metrics["other_size"]) == ("AMBIGUOUS", 1), leaf.reason
-        leaf = count(stage, kind, things, reality, others=True)
+        leaf = count(stage, kind, specs, reality, others=True)
         assert (leaf.status, leaf.metrics["found"]) == ("SUCCESS", 1)
 
 
@@ -114,25 +117,25 @@ LOW = [
     {"shape": "cylinder", "size": [0.02, 0.01]},
     {"shape": "box", "size": [0.04, 0.04, 0.01]},
 ]
-"""Cans and plates of which two on one another are no higher than a cube."""
+"""Cans and plates that are no higher than a cube when two are stacked."""
 
 
 @pytest.mark.parametrize(("kind", "reality"), some(product(LOW, ["lab", "rough"]), 3))
-def test_low_ones_on_one_another_are_not_counted_as_one(
+def test_stacked_low_objects_are_not_counted_as_one(
     kind: dict[str, Any], reality: str, stage: Stage
 ) -> None:
-    """Straight from above: the upper one is nearer by less than one picture shows."""
-    things: Things = {name: {"at": (0, 0, z * kind["size"][-1])} for z, name in enumerate("ab")}
-    leaf = count(stage, kind, things, reality)
+    """Seen from straight above, the upper one is nearer by less than one image can resolve."""
+    specs: Objects = {name: {"at": (0, 0, z * kind["size"][-1])} for z, name in enumerate("ab")}
+    leaf = count(stage, kind, specs, reality)
     assert (leaf.code, leaf.metrics["found"]) == ("AMBIGUOUS", 0), leaf.reason
 
 
 @pytest.mark.parametrize("reality", ["lab", "rough"])
-def test_a_low_one_is_counted_where_the_picture_tells_or_somebody_says(
+def test_low_object_is_counted_if_resolvable_or_declared_unstacked(
     reality: str, stage: Stage
 ) -> None:
-    """21 mm are enough for one picture; of 10 mm it takes somebody who knows."""
-    alone: Things = {"a": {"at": (0.02, 0.01, 0)}}
+    """One image resolves a height of 21 mm; 10 mm needs ``stacked: false``."""
+    alone: Objects = {"a": {"at": (0.02, 0.01, 0)}}
     leaf = count(stage, LOW[0], alone, reality)
     assert (leaf.status, leaf.metrics["found"]) == ("SUCCESS", 1), leaf.reason
     leaf = count(stage, LOW[2], alone, reality)
@@ -142,44 +145,44 @@ def test_a_low_one_is_counted_where_the_picture_tells_or_somebody_says(
     assert (leaf.status, leaf.metrics["found"]) == ("SUCCESS", 1), leaf.reason
 
 
-def test_what_is_half_covered_is_in_doubt(stage: Stage) -> None:
+def test_half_covered_object_is_ambiguous(stage: Stage) -> None:
     cover = {"size": [0.06, 0.06, 0.01], "color": "blue", "at": (0.045, 0, 0.041)}
     leaf = count(stage, CUBE, {"a": {"at": (0, 0, 0)}, "cover": cover})
     assert (leaf.code, leaf.metrics["found"]) == ("AMBIGUOUS", 0)
 
 
-def test_a_ball_is_no_cube_nor_several(stage: Stage) -> None:
+def test_ball_is_not_counted_as_cubes(stage: Stage) -> None:
     ball = {"shape": "sphere", "size": [0.03], "at": (0.06, 0, 0)}
     leaf = count(stage, CUBE, {"a": {"at": (-0.04, 0, 0)}, "ball": ball})
     assert (leaf.status, leaf.metrics["found"], leaf.metrics["unlike"]) == ("SUCCESS", 1, 1)
 
 
 @pytest.mark.parametrize("height", [None, 0.43])
-def test_what_stands_on_something_declared_is_counted(height: float | None, stage: Stage) -> None:
+def test_object_on_a_declared_block_is_counted(height: float | None, stage: Stage) -> None:
     """A cube on a blue block 30 mm high."""
     block = {"size": [0.1, 0.1, 0.03], "color": "blue", "at": (0, 0, 0)}
     leaf = count(stage, CUBE, {"block": block, "a": {"at": (0, 0, 0.03)}}, height=height)
     assert (leaf.status, leaf.metrics["found"]) == ("SUCCESS", 1), leaf.reason
 
 
-def test_a_wrong_height_makes_doubt(stage: Stage) -> None:
-    """The height that is given counts, not that of the table."""
+def test_wrong_height_makes_the_count_ambiguous(stage: Stage) -> None:
+    """The given height overrides that of the table."""
     leaf = count(stage, CUBE, {"a": {"at": (0, 0, 0)}}, height=0.34)
     assert (leaf.code, leaf.metrics["other_size"]) == ("AMBIGUOUS", 1)
 
 
-def test_region_limits_what_counts(stage: Stage) -> None:
-    """What is elsewhere neither counts nor makes the count ambiguous."""
-    things: Things = {
+def test_region_limits_the_count(stage: Stage) -> None:
+    """Objects outside it are not counted and do not make the count ambiguous."""
+    specs: Objects = {
         "inside": {"at": (0.05, 0.02, 0)},
         "outside": {"at": (-0.06, -0.02, 0)},
         "other": {"at": (-0.03, 0.07, 0), "shape": "sphere", "size": [0.02]},
         "on it": {"at": (-0.03, 0.07, 0.03)},
     }
-    things["on_it"] = things.pop("on it")
+    specs["on_it"] = specs.pop("on it")
     region = {"size": [0.08, 0.1, 0.1], "pose": {"xyz": [0.43, -0.43, TOP + 0.03]}}
-    everywhere = count(stage, CUBE, things)
+    everywhere = count(stage, CUBE, specs)
     assert everywhere.code == "AMBIGUOUS", everywhere
-    leaf = count(stage, CUBE, things, region=region)
+    leaf = count(stage, CUBE, specs, region=region)
     assert (leaf.status, leaf.metrics["found"]) == ("SUCCESS", 1), leaf.reason
     assert leaf.metrics["unlike"] == 0

@@ -1,4 +1,4 @@
-"""A suction cup is pressed on by an arm that gives way: nothing builds up while it stands there."""
+"""A compliant arm presses a suction cup on: no control effort builds up while it is in contact."""
 
 from __future__ import annotations
 
@@ -12,10 +12,8 @@ from tests.matrix.columns import taking
     ("robot", "reality", "seed"),
     [("xarm7", "ideal", 2), ("xarm7", "ideal", 3), ("panda", "rough", 0)],
 )
-def test_a_cup_that_is_pressed_on_lifts_and_does_not_slide(
-    robot: str, reality: str, seed: int
-) -> None:
-    """The controller made up for the contact ever more, until the rim slid and a joint spun."""
+def test_pressed_suction_cup_lifts_without_sliding(robot: str, reality: str, seed: int) -> None:
+    """The controller compensated ever more for the contact, until the rim slid and a joint spun."""
     file = taking(robot, "suction_cup", seed)
     file["world"]["reality"] = reality
     result = bt_dualarm.run(file)

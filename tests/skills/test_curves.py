@@ -1,4 +1,4 @@
-"""Circles and Lissajous curves as the tool really drew them."""
+"""Circles, Lissajous curves and drawings as the tool executed them."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ PLANES = {name: Plane.model_validate(name) for name in ("yz", "xz", "xy")}
 Points = npt.NDArray[np.float64]
 
 
-def drawn(stage: Stage, node: Tree) -> tuple[Play, Pose, list[Pose]]:
-    """The play, where the tool was, and where it has been while the curve was followed."""
+def executed(stage: Stage, node: Tree) -> tuple[Play, Pose, list[Pose]]:
+    """The play, the tool pose at the start, and tool poses along the executed curve."""
     play = stage.play(Scenario(arm=PRESENTING).file(node))
     start = play.world.arms["arm1"].tool_pose
     poses: list[Pose] = []
 
-    def note(world: World) -> None:
+    def record(world: World) -> None:
         poses.append(world.arms["arm1"].tool_pose)
 
-    play.watchers.append(note)
+    play.watchers.append(record)
     play.run()
     (leaf,) = play.arm().runs
     assert leaf.status == "SUCCESS", leaf.reason
@@ -48,7 +48,7 @@ def in_plane(points: Points, plane: Plane) -> tuple[Points, Points]:
 @pytest.mark.parametrize("plane", ["yz", "xz", "xy"])
 def test_circle_is_round_flat_and_keeps_the_orientation(plane: str, stage: Stage) -> None:
     node: Tree = {"circle": {"plane": plane, "radius": 0.06, "turns": 2, "speed": 1.0}}
-    play, start, poses = drawn(stage, node)
+    play, start, poses = executed(stage, node)
     points = np.array([pose.position for pose in poses]) - start.position
     flat, height = in_plane(points, PLANES[plane])
     assert np.abs(height).max() < NEAR
@@ -57,16 +57,16 @@ def test_circle_is_round_flat_and_keeps_the_orientation(plane: str, stage: Stage
     assert np.abs(radius[on_it:] - 0.06).max() < NEAR
     angle = np.unwrap(np.arctan2(flat[on_it:, 1], flat[on_it:, 0]))
     assert angle[-1] - angle[0] == pytest.approx(4 * np.pi, abs=0.02)
-    assert np.diff(angle).min() > -1e-4, "it never turns back"
+    assert np.diff(angle).min() > -1e-4, "it never reverses"
     assert max(pose.angle(start) for pose in poses) < 2e-3
     metrics = play.arm().runs[0].metrics
     assert 0.0 < float(metrics["path_rms_m"]) <= float(metrics["path_max_m"]) < NEAR
 
 
-def test_clockwise_and_from_the_circle(stage: Stage) -> None:
-    """It starts where the tool is, without a way to the start, and goes round the other way."""
+def test_circle_can_start_at_its_rim_and_run_clockwise(stage: Stage) -> None:
+    """It starts at the tool pose, without a motion to the start, and turns the other way."""
     node: Tree = {"circle": {"radius": 0.05, "start": "from", "direction": "clockwise"}}
-    _, start, poses = drawn(stage, node)
+    _, start, poses = executed(stage, node)
     flat, _ = in_plane(np.array([pose.position for pose in poses]) - start.position, PLANES["yz"])
     center = np.array((-0.05, 0.0))
     assert np.abs(np.hypot(*(flat - center).T) - 0.05).max() < NEAR
@@ -74,26 +74,26 @@ def test_clockwise_and_from_the_circle(stage: Stage) -> None:
     assert quarter[1] < 0.0
 
 
-def test_lissajous_is_the_curve_of_its_formula(stage: Stage) -> None:
-    """Every point drawn lies on it, and all of it is drawn: 0.08 sin t, 0.05 sin 2t."""
+def test_lissajous_follows_its_formula(stage: Stage) -> None:
+    """Every executed point lies on the curve, and all of it is covered: 0.08 sin t, 0.05 sin 2t."""
     node: Tree = {"lissajous": {"amplitudes": [0.08, 0.05], "frequencies": [1, 2], "speed": 1.0}}
-    _, start, poses = drawn(stage, node)
+    _, start, poses = executed(stage, node)
     points, height = in_plane(
         np.array([pose.position for pose in poses]) - start.position, PLANES["yz"]
     )
     t = np.linspace(0, 2 * np.pi, 4000)
     curve = np.stack((0.08 * np.sin(t), 0.05 * np.sin(2 * t)), axis=1)
-    away = np.linalg.norm(points[::2, None, :] - curve[None], axis=2)
-    assert away.min(axis=1).max() < NEAR
-    assert away.min(axis=0).max() < 2e-3
+    distances = np.linalg.norm(points[::2, None, :] - curve[None], axis=2)
+    assert distances.min(axis=1).max() < NEAR
+    assert distances.min(axis=0).max() < 2e-3
     assert np.abs(height).max() < NEAR
 
 
 def test_more_speed_takes_less_time_within_the_limits(stage: Stage) -> None:
-    """A share s of velocity, acceleration and jerk: twice the share, clearly faster."""
+    """`speed` scales velocity, acceleration and jerk; doubling it clearly shortens the curve."""
     times = []
     for speed in (0.25, 0.5, 1.0):
-        play, _, _ = drawn(stage, {"circle": {"speed": speed}})
+        play, _, _ = executed(stage, {"circle": {"speed": speed}})
         leaf = play.arm().runs[0]
         times.append(float(leaf.metrics["duration_s"]))
         assert play.arm().clipped_setpoints == 0
@@ -109,13 +109,13 @@ def test_more_speed_takes_less_time_within_the_limits(stage: Stage) -> None:
     ],
     ids=["circle", "lissajous"],
 )
-def test_at_full_speed_a_curve_is_exact_and_nearly_as_short_as_can_be(
+def test_full_speed_curve_is_accurate_and_nearly_time_optimal(
     node: Tree, payload: bool, stage: Stage
 ) -> None:
-    """Twice the errors that were measured, and 1.1 of TOPP-RA's bound; with 1 kg or without.
+    """Limits are twice the measured errors and 1.1 times TOPP-RA's bound; with 1 kg or without.
 
-    A servo that compared velocities of different instants was 0.08 mm off, in RMS; one that held
-    the acceleration of a set-point until the next one 0.006 mm.
+    A servo that compared velocities of different instants had an RMS error of 0.08 mm; one that
+    held the acceleration of a set-point until the next one 0.006 mm.
     """
     place = {"xyz": [0.70, 0.109, 0.70]}
     weight = {"shape": "box", "size": [0.05, 0.05, 0.05], "mass": 1.0, "pose": place}
@@ -135,11 +135,11 @@ def test_at_full_speed_a_curve_is_exact_and_nearly_as_short_as_can_be(
         assert play.world.attachments.attached_to("arm1") == ("payload",)
 
 
-def test_a_drawn_curve_goes_through_its_points_and_closes(stage: Stage) -> None:
-    """Each point is passed in every round, in the plane, without a turn of the tool."""
+def test_drawing_passes_through_its_points_and_closes(stage: Stage) -> None:
+    """Each round passes every point, in the plane, with a constant orientation of the tool."""
     points = [[0.08, 0.0], [0.0, 0.06], [-0.05, 0.01], [0.02, -0.07]]
     node: Tree = {"draw": {"points": points, "repeats": 2, "speed": 1.0}}
-    _, start, poses = drawn(stage, node)
+    _, start, poses = executed(stage, node)
     flat, height = in_plane(
         np.array([pose.position for pose in poses]) - start.position, PLANES["yz"]
     )
@@ -152,18 +152,18 @@ def test_a_drawn_curve_goes_through_its_points_and_closes(stage: Stage) -> None:
     assert np.hypot(*(flat[-1] - points[0])) < NEAR
 
 
-def test_from_the_first_point_of_an_open_curve(stage: Stage) -> None:
+def test_open_drawing_starts_at_its_first_point(stage: Stage) -> None:
     node: Tree = {
         "draw": {"points": [[0.1, 0.1], [0.1, 0.15], [0.15, 0.2]], "start": "from", "closed": False}
     }
-    _, start, poses = drawn(stage, node)
+    _, start, poses = executed(stage, node)
     flat, _ = in_plane(np.array([pose.position for pose in poses]) - start.position, PLANES["yz"])
     assert np.hypot(*flat[0]) < NEAR
     assert flat[-1] == pytest.approx((0.05, 0.1), abs=NEAR)
 
 
 POINTS = [[0.05, 0.0], [0.0, 0.04], [-0.03, 0.01], [0.02, -0.05]]
-BACK: dict[str, Tree] = {
+RETURNING: dict[str, Tree] = {
     "a circle": {"circle": {"radius": 0.05}},
     "an arc": {"circle": {"radius": 0.05, "turns": 0.3, "begin": 60, "direction": "clockwise"}},
     "a leaning circle": {"circle": {"radius": 0.04, "tilt": 20}},
@@ -173,7 +173,7 @@ BACK: dict[str, Tree] = {
     "a drawing": {"draw": {"points": POINTS}},
     "an open drawing": {"draw": {"points": POINTS, "closed": False}},
 }
-"""Curves that are left where they end, unless they are told to come back to their middle."""
+"""Curves that end away from their center, unless ``end: center`` is set."""
 
 
 def ending_at(node: Tree, plane: str, end: str) -> Tree:
@@ -183,13 +183,13 @@ def ending_at(node: Tree, plane: str, end: str) -> Tree:
 
 @pytest.mark.parametrize(
     ("node", "plane"),
-    some(zip(BACK.values(), cycle(PLANES), strict=False), 2),
-    ids=some(BACK, 2),
+    some(zip(RETURNING.values(), cycle(PLANES), strict=False), 2),
+    ids=some(RETURNING, 2),
 )
-def test_a_curve_that_comes_back_to_its_middle_can_be_repeated_for_ever(
+def test_curve_that_ends_at_its_center_can_be_repeated_without_drift(
     node: Tree, plane: str, stage: Stage
 ) -> None:
-    """After each of two times the tool is where it was, turned as it was."""
+    """After two repetitions the tool has its initial pose."""
     node = ending_at(node, plane, "center")
     play = stage.play(Scenario(arm=PRESENTING).file({"repeat": {"times": 2, "child": node}}))
     start = play.world.arms["arm1"].tool_pose
@@ -201,16 +201,16 @@ def test_a_curve_that_comes_back_to_its_middle_can_be_repeated_for_ever(
 
 
 @pytest.mark.parametrize("end", ["rim", "center"])
-def test_a_circle_from_its_rim_ends_where_it_says(end: str, stage: Stage) -> None:
+def test_circle_from_its_rim_ends_at_the_declared_point(end: str, stage: Stage) -> None:
     node: Tree = {"circle": {"radius": 0.05, "start": "from", "end": end, "speed": 1.0}}
-    _, start, poses = drawn(stage, node)
+    _, start, poses = executed(stage, node)
     middle = start.position - (0.0, 0.05, 0.0)  # it begins at angle 0 of the plane yz
     goal = start.position if end == "rim" else middle
     assert np.linalg.norm(poses[-1].position - goal) < NEAR
 
 
-def test_a_way_back_that_is_not_free_is_refused_before_anything_moves(stage: Stage) -> None:
-    """All of it or nothing: the circle goes around a post that stands in its middle."""
+def test_blocked_return_path_is_refused_before_any_motion(stage: Stage) -> None:
+    """The whole curve is checked first: the circle goes around a post at its center."""
     place = {"xyz": [0.66, 0.109, 0.70]}
     post = {"shape": "sphere", "size": [0.02], "mass": 1, "fixed": True, "spawned": False}
     before: tuple[Tree, ...] = (
@@ -243,10 +243,10 @@ def test_a_way_back_that_is_not_free_is_refused_before_anything_moves(stage: Sta
         ),
     ],
 )
-def test_beside_walls_every_branch_is_tried(
+def test_every_ik_branch_is_tried_beside_walls(
     robot: str, pose: Tree, curve: Tree, walls: list[tuple[float, float, float]], stage: Stage
 ) -> None:
-    """In the branch in which the arm is, some link would hit a wall on the curve."""
+    """In the current branch of the arm, some link would hit a wall on the curve."""
     fixed = {"shape": "box", "size": [0.04, 0.25, 0.4], "mass": 20, "fixed": True}
     tree: Tree = {"sequence": [{"reach_to_pose": {"to": pose}}, {"circle": curve}]}
     file: Tree = {
@@ -262,10 +262,8 @@ def test_beside_walls_every_branch_is_tried(
 
 
 @pytest.mark.parametrize("robot", some(["xarm7", "ur10"], 2))
-def test_what_stands_between_the_tool_and_the_curve_is_gone_around(
-    robot: str, stage: Stage
-) -> None:
-    """The straight way to the start was the only one where that was near: IN_COLLISION."""
+def test_obstacle_between_tool_and_curve_is_avoided(robot: str, stage: Stage) -> None:
+    """For a near start, only the straight path to it was tried: IN_COLLISION."""
     post: Tree = {"shape": "cylinder", "size": [0.006, 0.1], "mass": 1, "fixed": True}
     tree: Tree = {
         "sequence": [

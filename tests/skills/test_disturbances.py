@@ -1,4 +1,4 @@
-"""A skill looks in the very tick in which it says SUCCESS: what others have done before counts."""
+"""A skill checks its result in the tick of its SUCCESS, so earlier disturbances count."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ BELOW: Tree = {
     | {"spawned": True, "size": [0.1, 0.1, 0.3], "pose": {"xyz": [0.487, 0.109, 0.55]}},
     "cube": CUBE | {"pose": {"xyz": [0.487, 0.109, 0.725]}},
 }
-"""A cube right below the tool: no way is spent on getting there."""
+"""A cube right below the tool, so that the motion to it is short."""
 
 ELSEWHERE = Pose.from_rpy((-0.5, -0.45, 0.425))
 GOAL = (0.4, 0.0, 0.85)
@@ -44,37 +44,37 @@ LET_GO: Tree = {"detach": {"object": "cube"}}
 
 
 def take_out(world: World) -> None:
-    """Of the world."""
+    """Remove the cube from the world."""
     if "cube" in world.objects:
         world.remove_object("cube")
 
 
 def bring(world: World) -> None:
-    """Back to where it was declared."""
+    """Spawn the cube again where it was declared."""
     if "cube" not in world.objects:
         world.spawn_object("cube")
 
 
 def swap(world: World) -> None:
-    """For another one of the same name, elsewhere."""
+    """Replace the cube by another one of the same name, elsewhere."""
     take_out(world)
     world.spawn_object("cube", ELSEWHERE)
 
 
 def tear_off(world: World) -> None:
-    """Out of the tool."""
+    """Detach the cube from the tool."""
     world.attachments.detach("arm1", "cube")
 
 
 def carry_off(world: World) -> None:
-    """Out of the tool, if it is there, and far away."""
+    """Detach the cube, if it is error, and move it far away."""
     tear_off(world)
     if "cube" in world.objects:
         steals("cube")(world)
 
 
 def weld(world: World) -> None:
-    """To the tool, wherever that is."""
+    """Attach the cube to the tool, wherever that is."""
     if "cube" in world.objects:
         world.attach("arm1", "cube")
 
@@ -84,8 +84,8 @@ def is_held(world: World) -> bool:
 
 
 def is_carried(world: World) -> bool:
-    there = is_held(world) and world.object_pose("cube").position - GOAL
-    return there is not False and float(np.linalg.norm(there)) < 0.005
+    error = is_held(world) and world.object_pose("cube").position - GOAL
+    return error is not False and float(np.linalg.norm(error)) < 0.005
 
 
 def rests(world: World) -> bool:
@@ -98,21 +98,21 @@ def rests(world: World) -> bool:
 
 @dataclass(frozen=True)
 class Case:
-    """A skill that names a thing.
+    """A skill with an object, and disturbances of it.
 
     Attributes:
         node: Leaf with the skill.
-        scenario: World in which it succeeds if nobody meddles.
-        claim: What its SUCCESS says.
-        meddlings: What others may do to the thing.
-        shares: Moments, as shares of the leaf's time; the last ticks come in any case.
+        scenario: World in which it succeeds if undisturbed.
+        claim: Condition that its SUCCESS asserts.
+        disturbances: What others may do to the object.
+        fractions: Further moments of disturbance, as fractions of the leaf's duration.
     """
 
     node: Tree
     scenario: Scenario
     claim: Callable[[World], bool]
-    meddlings: tuple[Deed, ...]
-    shares: tuple[float, ...] = ()
+    disturbances: tuple[Deed, ...]
+    fractions: tuple[float, ...] = ()
 
 
 PRESENT = Scenario(BELOW, scene="table")
@@ -149,8 +149,8 @@ LAST = (1, TICK - 1, *(TICK * ticks + 1 for ticks in some(range(1, 12), 11)))
 
 
 @functools.cache
-def unmeddled(skill: str) -> LeafReport:
-    """The leaf's run in which nobody meddles."""
+def undisturbed(skill: str) -> LeafReport:
+    """Report of the leaf without a disturbance."""
     case = CASES[skill]
     alone = Candidate(skill, REGISTRY, case.scenario)
     return alone.perform(case.node).leaves(skill)[-1]
@@ -158,36 +158,38 @@ def unmeddled(skill: str) -> LeafReport:
 
 @pytest.mark.parametrize(
     ("skill", "number"),
-    [(skill, number) for skill, case in CASES.items() for number in range(len(case.meddlings))],
+    [(skill, number) for skill, case in CASES.items() for number in range(len(case.disturbances))],
 )
-def test_what_is_said_is_true_when_it_is_said(skill: str, number: int, stage: Stage) -> None:
-    """Whatever a meddler does to the thing, in the first, the last and other ticks of the leaf.
+def test_success_is_true_when_reported(skill: str, number: int, stage: Stage) -> None:
+    """Under each disturbance of the object, in the first, the last and other ticks of the leaf.
 
-    Meddlers take turns with every other moment; in ``make matrix`` each has all of them.
+    Disturbances share the moments, every other one each; in ``make matrix`` each has all of them.
     """
     case = CASES[skill]
-    calm = unmeddled(skill)
-    assert calm.status == "SUCCESS", calm.reason
-    assert calm.ended_s is not None
-    length = calm.ended_s - calm.started_s
-    moments = [calm.started_s + share * length for share in case.shares]
-    moments += [calm.ended_s - steps * STEP for steps in LAST if steps * STEP < length]
+    baseline = undisturbed(skill)
+    assert baseline.status == "SUCCESS", baseline.reason
+    assert baseline.ended_s is not None
+    length = baseline.ended_s - baseline.started_s
+    moments = [baseline.started_s + fraction * length for fraction in case.fractions]
+    moments += [baseline.ended_s - steps * STEP for steps in LAST if steps * STEP < length]
     if not WHOLE and len(moments) > 3:
         moments = moments[number % 2 :: 2]
-    said = 0
+    successes = 0
     for moment in moments:
-        deeds = [(moment, case.meddlings[number])]
+        deeds = [(moment, case.disturbances[number])]
         play = stage.play(case.scenario.file(case.node), deeds=deeds)
         true: list[bool] = []
 
-        def note(change: StatusChange, world: World = play.world, true: list[bool] = true) -> None:
+        def record_claim(
+            change: StatusChange, world: World = play.world, true: list[bool] = true
+        ) -> None:
             if change.kind == skill and change.new == "SUCCESS":
                 true.append(case.claim(world))
 
-        play.on_event = note  # type: ignore[method-assign]
+        play.on_event = record_claim  # type: ignore[method-assign]
         play.run()
-        said += len(true)
+        successes += len(true)
         leaf = play.leaves(skill)[-1]
-        assert all(true), f"{leaf.status} though it is not so, {calm.ended_s - moment:.3f} s before"
+        assert all(true), f"false SUCCESS, disturbed {baseline.ended_s - moment:.3f} s before"
         assert leaf.status == "SUCCESS" or leaf.code != "EXCEPTION", leaf.reason
-    assert said < len(moments), "the meddler does make it fail"
+    assert successes < len(moments), "the disturbance makes it fail at some moment"

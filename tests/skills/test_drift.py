@@ -1,4 +1,4 @@
-"""A repeated curve returns to where it began, or the check says how far it does not."""
+"""A repeated curve returns to its start, or the check reports by how much it drifts."""
 
 from __future__ import annotations
 
@@ -48,10 +48,10 @@ CURVES = [
 
 
 @pytest.mark.parametrize("curve", CURVES)
-def test_what_a_curve_declares_is_where_its_path_ends(
+def test_declared_shift_of_a_curve_matches_its_path(
     curve: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The declaration that the check reads, against the path that the skill would follow."""
+    """The declaration is what the check reads; the path is what the skill would follow."""
     found: list[float] = []
 
     def along(skill: Any, path: CartesianPath, *, to_center: bool = False, **_: Any) -> Any:
@@ -78,7 +78,7 @@ def test_what_a_curve_declares_is_where_its_path_ends(
         ("while: {condition: {compare: {value: 1, to: 1}}, child: circle}", "100 mm"),
         ("repeat: {times: forever, child: {repeat: {times: 2, child: circle}}}", "100 mm"),
         ("repeat: {times: 2, child: {circle: {start: from, turns: 0.25}}}", "141 mm"),
-        # It returns, something else moves the arm, or the file does not tell.
+        # It returns, something else moves the arm, or the shift is not known statically.
         ("repeat: {times: 3, child: {circle: {end: center}}}", ""),
         ("repeat: {times: 3, child: {circle: {start: from}}}", ""),
         ("repeat: {times: 3, child: {sequence: [circle, go_home]}}", ""),
@@ -92,7 +92,7 @@ def test_what_a_curve_declares_is_where_its_path_ends(
         ),
     ],
 )
-def test_the_check_warns_of_what_drifts(tree: str, message: str) -> None:
+def test_check_warns_of_drift(tree: str, message: str) -> None:
     warnings = [problem for problem in bt.check(TREE % tree) if "repetition" in problem.message]
     assert [problem.severity for problem in warnings] == ["warning"] * bool(message)
     for problem in warnings:
@@ -100,20 +100,20 @@ def test_the_check_warns_of_what_drifts(tree: str, message: str) -> None:
         assert "the tool back" in problem.hint
 
 
-def test_a_repeated_circle_that_ends_in_its_center_comes_back() -> None:
-    """Executed, not only declared; and one that ends on its rim drifts as far as it was said."""
+def test_repeated_circle_that_ends_at_its_center_does_not_drift() -> None:
+    """Executed, not only declared; a circle that ends on its rim drifts by the declared shift."""
     for end, moved in (("center", 0.0), ("rim", 0.06)):
         circle = f"circle: {{radius: 0.03, speed: 1.0, end: {end}}}"
         tree = f"repeat: {{times: 2, child: {{{circle}}}}}"
         with bt.open(TREE % tree) as run:
             start = run.arms["arm1"].tool_pose
             assert run.finish().outcome is bt.Outcome.SUCCESS
-            away = run.arms["arm1"].tool_pose.distance(start)
-        assert away == pytest.approx(moved, abs=1e-3)
+            drift = run.arms["arm1"].tool_pose.distance(start)
+        assert drift == pytest.approx(moved, abs=1e-3)
 
 
-def test_skills_that_do_not_tell_are_not_warned_of() -> None:
-    """All but the curves; a skill of one's own may declare it."""
+def test_check_does_not_warn_of_skills_without_a_declared_shift() -> None:
+    """Only the curves declare one; a user's skill may, too."""
 
     class Creep(bt.Skill):
         """Move a little to one side."""

@@ -1,4 +1,4 @@
-"""A camera that turns to face its target, in space."""
+"""`track` with a camera that turns to face its target."""
 
 from __future__ import annotations
 
@@ -36,17 +36,17 @@ FACING: Tree = {
 
 
 def around(time: float) -> Vector:
-    """By 30° around the vertical through the origin, in 4 s, after a second at rest."""
-    share = min(1.0, max(0.0, (time - 1.0) / 4.0))
-    angle = math.radians(30.0) * share**3 * (10 - 15 * share + 6 * share**2)
+    """Displacement by 30° around the vertical through the origin, in 4 s, after 1 s at rest."""
+    progress = min(1.0, max(0.0, (time - 1.0) / 4.0))
+    angle = math.radians(30.0) * progress**3 * (10 - 15 * progress + 6 * progress**2)
     x, y, z = CENTER
     c, s = math.cos(angle), math.sin(angle)
     moved: Vector = np.array((x * c - y * s, x * s + y * c, z)) - CENTER
     return moved
 
 
-def test_a_facing_camera_turns_with_a_target_around_the_arm(stage: Stage) -> None:
-    """It aims within a tenth of a degree; the tool turns by what the target has moved around."""
+def test_facing_camera_turns_with_a_target_around_the_arm(stage: Stage) -> None:
+    """The camera aims within 0.1°; the tool turns along with the target."""
     play = stage.play(WHERE.file({"track": FACING}))
     play.watchers.append(carried(around))
     tools = []
@@ -61,7 +61,7 @@ def test_a_facing_camera_turns_with_a_target_around_the_arm(stage: Stage) -> Non
     assert play.arm().clipped_setpoints == 0
 
 
-def test_a_target_that_a_facing_camera_loses_is_searched_for(stage: Stage) -> None:
+def test_facing_camera_searches_for_a_lost_target(stage: Stage) -> None:
     """The arm stops, searches across the last line of sight, and fails."""
     ports = FACING | {"lost_timeout": 2.0}
     play = stage.play(WHERE.file({"track": ports}), deeds=lost_at(3.0))
@@ -73,15 +73,15 @@ def test_a_target_that_a_facing_camera_loses_is_searched_for(stage: Stage) -> No
     assert play.speed_after((leaf.ended_s or 0.0) + 1.0) < 0.01
 
 
-def test_a_camera_faces_its_target_in_space_only(stage: Stage) -> None:
-    """In a plane the orientation is kept: the check says so, where it is."""
+def test_facing_requires_a_free_plane(stage: Stage) -> None:
+    """In a plane the orientation is constant: the check reports the contradiction."""
     with pytest.raises(SpecError, match="orientation: facing needs plane: free"):
         stage.play(WHERE.file({"track": FACING | {"plane": "yz"}}))
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_the_orientation_follows_from_the_position(seed: int) -> None:
-    """A camera that is where it should be sees the target ahead; rates are derivatives."""
+def test_facing_orientation_follows_from_the_position(seed: int) -> None:
+    """A camera at its target position sees the object straight ahead; rates are derivatives."""
     rng = np.random.default_rng(seed)
     up = np.array((*rng.normal(0.0, 0.2, 1), -1.0, *rng.normal(0.0, 0.2, 1)))
     facing = Facing(0.5, up / np.linalg.norm(up), 0.3)

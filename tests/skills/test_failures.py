@@ -1,4 +1,4 @@
-"""Every failure that a skill declares does happen, is told, and leaves the arm standing."""
+"""Every declared failure of a skill occurs, is reported, and leaves the arm at rest."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ DECLARED = {
     (name, code) for name, skill in Registry.load().skills.items() for code in skill.failures
 }
 
-DEAR = ("carry_together", "hand_over", "insert", "operate", "regrasp", "take_over", "lissajous")
-"""Skills whose trials take longer than those of others with the same codes."""
+SLOW = ("carry_together", "hand_over", "insert", "operate", "regrasp", "take_over", "lissajous")
+"""Skills whose trials take longer than those of others with the same code."""
 
 CODES = sorted({code for _, code in TRIALS})
-IN_TURN = sorted(sorted(TRIALS, reverse=True), key=lambda trial: trial[0] in DEAR)
+ORDERED = sorted(sorted(TRIALS, reverse=True), key=lambda trial: trial[0] in SLOW)
 CASES = [
-    (skill, code) for code in CODES for skill in some((n for n, one in IN_TURN if one == code), 16)
+    (skill, code) for code in CODES for skill in some((n for n, one in ORDERED if one == code), 16)
 ]
-"""Every code, of one in sixteen of the skills that declare it; of all in ``make matrix``."""
+"""Every code, for one in sixteen of the skills that declare it; for all in ``make matrix``."""
 
-STANDS_RAD = 2e-3
-"""Servo noise and the sag of the first moments, well below any motion."""
+STILL_RAD = 2e-3
+"""Limit above servo noise and the initial sag, well below any motion."""
 
 
-def test_every_declared_code_has_its_trial() -> None:
+def test_every_declared_code_has_a_trial() -> None:
     assert TRIALS.keys() == DECLARED
 
 
@@ -37,10 +37,10 @@ def test_every_declared_code_has_its_trial() -> None:
 def test_failure_is_truthful(
     skill: str, code: str, stage: Stage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The code, a sentence, and an arm that stands a second later; unmoved where so promised.
+    """The leaf reports code and reason; the arm rests a second later, unmoved where promised.
 
-    An arm that is to stay where it is tries again and fails alike: nothing of the first time is
-    left to trip over.
+    Where the arm must not move, a retry fails with the same code: the first failure leaves no
+    state behind.
     """
     if code == "NO_PLAN" and skill != "reach_to_pose":
         give_up_soon(monkeypatch)
@@ -59,4 +59,4 @@ def test_failure_is_truthful(
     assert ended is not None
     assert play.speed_after(ended + 1.0) < STOPPED
     if not trial.moves:
-        assert play.ways["arm1"] < STANDS_RAD
+        assert play.joint_travel["arm1"] < STILL_RAD

@@ -1,4 +1,4 @@
-"""A tool keeps a transform to that of another arm, which slows down to what the follower can do."""
+"""A tool keeps its transform to the tool of another arm, which slows down for the follower."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.plays import Play, Stage
 from tests.skills.scenarios import Tree
 
 BEGIN_S = 0.6
-"""Time at which the other arm begins to move."""
+"""Time at which the other arm begins to move, s."""
 
 FAST: tuple[Tree, ...] = (
     {"wait": {"seconds": BEGIN_S}},
@@ -23,12 +23,12 @@ FAST: tuple[Tree, ...] = (
 
 
 class Transform:
-    """The true pose of the second tool in the first one at each step."""
+    """True pose of the second tool in the frame of the first one at each step."""
 
     def __init__(self) -> None:
         self.poses: list[tuple[float, Pose]] = []
 
-    def look(self, world: World) -> None:
+    def record(self, world: World) -> None:
         arms = world.arms
         if {"arm1", "arm2"} <= arms.keys():
             seen = arms["arm1"].tool_pose.inverse @ arms["arm2"].tool_pose
@@ -36,8 +36,8 @@ class Transform:
 
     def error_m(self, since: float, until: float) -> float:
         """Largest distance from the transform at the beginning of an interval."""
-        there = np.array([one.position for time, one in self.poses if since <= time <= until])
-        return float(np.linalg.norm(there - there[0], axis=1).max())
+        positions = np.array([one.position for time, one in self.poses if since <= time <= until])
+        return float(np.linalg.norm(positions - positions[0], axis=1).max())
 
 
 def pair(leader: str, follower: str, *leaves: Tree, follow: Tree | None = None) -> dict[str, Any]:
@@ -57,16 +57,16 @@ def pair(leader: str, follower: str, *leaves: Tree, follow: Tree | None = None) 
 def followed(stage: Stage, file: dict[str, Any]) -> tuple[Play, Transform]:
     play = stage.play(file)
     transform = Transform()
-    play.watchers.append(transform.look)
+    play.watchers.append(transform.record)
     play.run()
     return play, transform
 
 
 @pytest.mark.parametrize(("leader", "follower"), [("ur5", "panda"), ("panda", "ur5")])
-def test_the_tool_stays_within_a_millimeter_at_full_speed(
+def test_tool_follows_within_a_millimeter_at_full_speed(
     leader: str, follower: str, stage: Stage
 ) -> None:
-    """Also if the leader has 75 times the jerk of the follower."""
+    """Even if the leader has 75 times the jerk limit of the follower."""
     play, transform = followed(stage, pair(leader, follower, *FAST))
     leaf = play.leaf("follow_tool", arm="arm2")
     assert (leaf.status, leaf.code) == ("SUCCESS", ""), leaf.reason
@@ -74,7 +74,7 @@ def test_the_tool_stays_within_a_millimeter_at_full_speed(
     assert leaf.metrics["follow_max_m"] < 1e-3
 
 
-def test_the_order_of_the_arms_does_not_matter(stage: Stage) -> None:
+def test_result_does_not_depend_on_the_order_of_the_arms(stage: Stage) -> None:
     file = pair("ur5", "xarm7", *FAST)
     backwards = {**file, "arms": dict(reversed(file["arms"].items()))}
     ends = []
@@ -87,8 +87,8 @@ def test_the_order_of_the_arms_does_not_matter(stage: Stage) -> None:
     assert max(error for _, error in ends) < 1e-3
 
 
-def test_what_cannot_be_followed_fails_before_it_begins(stage: Stage) -> None:
-    """The follower stays where it is instead of being dragged to the end of its reach."""
+def test_motion_that_cannot_be_followed_fails_at_its_start(stage: Stage) -> None:
+    """The follower stays where it is instead of being dragged to the limit of its workspace."""
     far = {"move_joints": {"by": {"shoulder_pan_joint": 120}, "speed": 0.5}}
     play, _ = followed(stage, pair("ur5", "ur3", {"wait": {"seconds": BEGIN_S}}, far))
     leaf = play.leaf("follow_tool", arm="arm2")
@@ -103,8 +103,8 @@ def test_arms_do_not_follow_each_other(stage: Stage) -> None:
     assert play.leaf("follow_tool", arm="arm1").code == "INVALID_TARGET"
 
 
-def test_a_follower_that_was_halted_slows_nobody(stage: Stage) -> None:
-    """The other arm then moves as fast as if it were alone."""
+def test_halted_follower_does_not_slow_the_leader(stage: Stage) -> None:
+    """The leader then moves as fast as if it were alone."""
     file = pair("panda", "ur5", *FAST)
     alone = {**file, "arms": {"arm1": file["arms"]["arm1"]}}
     (follow,) = file["arms"]["arm2"]["tree"]["sequence"]
@@ -117,7 +117,7 @@ def test_a_follower_that_was_halted_slows_nobody(stage: Stage) -> None:
 
 
 @pytest.mark.parametrize("moves", [True, False])
-def test_who_waits_for_its_follower_rests_for_it(moves: bool, stage: Stage) -> None:
+def test_following_ends_when_the_leader_waits_at_rest(moves: bool, stage: Stage) -> None:
     """With `until_still`, following ends by itself once the other arm has moved: no deadlock."""
     leaves = (*FAST[: 2 if moves else 1], {"await": "near"})
     file = pair("ur5", "ur5", *leaves, follow={"until_still": 0.5})

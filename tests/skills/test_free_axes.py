@@ -1,4 +1,4 @@
-"""Skills with free axes of the tool: what five joints can do, and what six do not need."""
+"""Skills with free axes of the tool, for arms with five joints and with six."""
 
 from __future__ import annotations
 
@@ -30,24 +30,24 @@ def played(file: dict[str, Any], **options: Any) -> Run:
     return run
 
 
-OUT: dict[str, Any] = {
+TARGETS: dict[str, Any] = {
     "so100": {"plane": "xz", "step": [0.03, -0.03, 0.05], "there": [0.10, -0.18, 0.05]},
     "so101": {"plane": "yz", "step": [0.03, 0.03, 0.05], "there": [0.17, 0.10, 0.05]},
 }
 
 
 @pytest.mark.usefixtures("without_pictures")
-@pytest.mark.parametrize("robot", some(OUT, 2))
-def test_five_joints_do_all_that_leaves_them_enough_freedom(robot: str, tmp_path: Path) -> None:
-    """Lines, curves and poses out of the vertical plane of the arm; and the same again."""
-    out = OUT[robot]
-    x, y, z = out["there"]
+@pytest.mark.parametrize("robot", some(TARGETS, 2))
+def test_five_joints_execute_motions_with_enough_free_axes(robot: str, tmp_path: Path) -> None:
+    """Lines, curves and poses outside the vertical plane of the arm."""
+    target = TARGETS[robot]
+    x, y, z = target["there"]
     file = file_with(
         robot,
         {"reach_to_pose": {"to": {"xyz": [x, y, z], "rpy": [180, 0, 70]}, "free": ["rz"]}},
         "go_home",
-        {"move_linear": {"offset": {"xyz": out["step"]}, "free": ALL}},
-        {"circle": {"plane": out["plane"], "radius": 0.03, "free": ALL, "end": "center"}},
+        {"move_linear": {"offset": {"xyz": target["step"]}, "free": ALL}},
+        {"circle": {"plane": target["plane"], "radius": 0.03, "free": ALL, "end": "center"}},
         {"move_through": {"poses": [{"xyz": [x, y, z + 0.05]}, {"xyz": [x, y, z]}], "free": ALL}},
         {"follow_path": {"points": [[0, 0], [20, 0], [20, 20]], "plane": "xy", "free": ALL}},
         "go_home",
@@ -64,8 +64,8 @@ def test_five_joints_do_all_that_leaves_them_enough_freedom(robot: str, tmp_path
 
 
 @pytest.mark.parametrize("robot", ["ur5", "panda"])
-def test_a_free_axis_spares_the_arm_a_turn(robot: str) -> None:
-    """Of all allowed orientations the nearest is taken: the tool does not turn about its axis."""
+def test_free_axis_avoids_a_rotation_of_the_tool(robot: str) -> None:
+    """The nearest of the allowed orientations is used: the tool does not turn about its axis."""
     moved = []
     for free in (None, ["rz"]):
         leaf: dict[str, Any] = {"offset": {"xyz": [0, 0.05, 0], "rpy": [0, 0, 120]}}
@@ -79,7 +79,7 @@ def test_a_free_axis_spares_the_arm_a_turn(robot: str) -> None:
     assert spared < 0.5
 
 
-def test_without_free_axes_nothing_moves_and_the_leaf_says_what_helps() -> None:
+def test_missing_free_axis_fails_without_motion_and_is_suggested() -> None:
     file = file_with(
         "so101", {"move_linear": {"offset": {"xyz": [0, 0.05, 0], "rpy": [20, 30, 0]}}}
     )
@@ -89,11 +89,11 @@ def test_without_free_axes_nothing_moves_and_the_leaf_says_what_helps() -> None:
 
 
 TO = {"xyz": [0.2, 0.1, 0.1], "rpy": [90, 0, 0]}
-"""A point that the tool of an SO-101 reaches, and an orientation that it cannot have there."""
+"""A point that the tool of an SO-101 reaches, with an orientation that is impossible there."""
 
 
 @pytest.mark.parametrize(
-    ("free", "says"),
+    ("free", "message"),
     [
         (["rx", "rz"], "leave one of rx and rz free, or all of rx, ry, rz"),
         (["rz", "rz"], "names rz, rz: each once"),
@@ -102,21 +102,21 @@ TO = {"xyz": [0.2, 0.1, 0.1], "rpy": [90, 0, 0]}
     ],
 )
 @pytest.mark.parametrize("kind", ["reach_to_pose", "move_linear"])
-def test_what_cannot_be_left_free(kind: str, free: Any, says: str) -> None:
+def test_invalid_free_axes_are_refused(kind: str, free: Any, message: str) -> None:
     (problem,) = bt_dualarm.check(file_with("so101", {kind: {"to": TO, "free": free}}))
     assert problem.severity == "error"
-    assert says in str(problem)
+    assert message in str(problem)
 
 
-def test_free_axes_do_not_go_with_limits_along_the_path() -> None:
+def test_free_axes_and_keep_exclude_each_other() -> None:
     leaf = {"to": TO, "free": ["rz"], "keep": {"upright": 5}}
     (problem,) = bt_dualarm.check(file_with("so101", {"move_linear": leaf}))
     assert "give at most one of: free, keep" in str(problem)
 
 
 @pytest.mark.parametrize("robot", ["so101", "ur5"])
-def test_the_check_knows_what_five_joints_cannot_do(robot: str) -> None:
-    """And proposes what helps; a point alone they reach, and six joints the whole pose."""
+def test_check_warns_of_poses_that_five_joints_cannot_reach(robot: str) -> None:
+    """It suggests a free axis. With free rotation, or with six joints, there is no warning."""
     problems = bt_dualarm.check(file_with(robot, {"reach_to_pose": {"to": TO}}))
     assert bool(problems) == (robot == "so101")
     for problem in problems:

@@ -1,4 +1,4 @@
-"""From where a gripper comes to what it takes, where the tree says so."""
+"""Grasps with an approach direction that the tree prescribes."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ TALL: dict[str, Any] = {"size": [0.04, 0.04, 0.20], "pose": {"xyz": [0.40, -0.45
 
 
 @pytest.mark.parametrize("approach", [[0, 0, -2], [0, -1, 0]])
-def test_it_comes_along_the_way_that_is_asked_for(approach: list[float]) -> None:
+def test_gripper_approaches_along_the_requested_direction(approach: list[float]) -> None:
     tree = {"grasp": {"object": "cube", "approach": approach}}
     with bt.open(task(tree, **TALL)) as run:
         result = run.finish()
         along = run.world.arms["arm1"].tool_pose.rotation_matrix[:, 2]
     assert result.outcome == "SUCCESS"
-    wanted = np.array(approach) / np.linalg.norm(approach)
-    assert along @ wanted > np.cos(np.radians(30.0))
+    expected = np.array(approach) / np.linalg.norm(approach)
+    assert along @ expected > np.cos(np.radians(30.0))
 
 
-def said(**ports: Any) -> tuple[str, str]:
+def failure_of(**ports: Any) -> tuple[str, str]:
     return failure({"grasp": {"object": "cube"} | ports}, **TALL)
 
 
-def test_what_cannot_be_is_refused_before_moving() -> None:
-    """From below there is the table; a way without a length is none."""
-    assert said(approach=[0, 0, 1])[0] == "OUT_OF_REACH"
-    assert said(approach=[0, 0, 0])[0] == "INVALID_TARGET"
+def test_impossible_approach_is_refused_before_any_motion() -> None:
+    """From below the table blocks the approach; a zero vector is no direction."""
+    assert failure_of(approach=[0, 0, 1])[0] == "OUT_OF_REACH"
+    assert failure_of(approach=[0, 0, 0])[0] == "INVALID_TARGET"
     flat = failure(
         {"grasp": {"object": "cube", "approach": [0, 0, -1]}},
         size=[0.2, 0.2, 0.04],
@@ -42,8 +42,8 @@ def test_what_cannot_be_is_refused_before_moving() -> None:
     assert "no grasp of 'cube' within 30° of `approach` is possible; " in flat[1]
 
 
-def test_what_is_too_heavy_for_grasps_of_the_requested_kind_is_called_heavy() -> None:
-    """The hand can take a beam by its end, but such a grip does not bear this weight."""
+def test_object_too_heavy_for_the_requested_grasps_fails_with_too_heavy() -> None:
+    """The hand can grasp the beam at its end, but such a grasp does not bear its weight."""
     code, reason = failure(
         {"grasp": {"object": "cube", "approach": [1, 0, 0]}},
         size=[0.3, 0.05, 0.05],
@@ -54,8 +54,8 @@ def test_what_is_too_heavy_for_grasps_of_the_requested_kind_is_called_heavy() ->
     assert "no grasp of 'cube' within 30° of `approach` bears 4 kg; " in reason
 
 
-def test_what_leaves_no_room_for_the_gripper_is_named() -> None:
-    """A tube around it, and a post that is far enough away."""
+def test_obstacle_that_leaves_no_room_for_the_gripper_is_named() -> None:
+    """The tube around the object is named, the post that is far enough away is not."""
     file = task({"grasp": {"object": "cube", "approach": [0, -1, 0]}}, **TALL)
     fixed = {"mass": 1, "fixed": True}
     file["objects"] |= {
@@ -71,8 +71,8 @@ def test_what_leaves_no_room_for_the_gripper_is_named() -> None:
 
 
 @pytest.mark.parametrize("seed", [0, 3])
-def test_friction_near_a_singular_posture_is_no_touch(seed: int, stage: Stage) -> None:
-    """Of a cube straight before a UR5 104 and 111 N were felt where nothing was touched."""
+def test_friction_near_a_singular_posture_is_not_taken_for_contact(seed: int, stage: Stage) -> None:
+    """For a cube straight in front of a UR5, 104 and 111 N were estimated without any contact."""
     look = {"at": {"xyz": [0, 0.42, 0.025]}, "distance": 0.5, "direction": [0, 1, -1.5]}
     steps = [
         {"look_at": {**look, "lean": 15}},

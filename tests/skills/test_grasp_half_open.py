@@ -1,4 +1,4 @@
-"""Between neighbors, fingers open only as far as the object needs."""
+"""Between neighboring objects, fingers open only as far as the object needs."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ GRASP: Tree = {"grasp": {"object": "cube"}}
 
 
 def between(gap: float, robot: str, gripper: str, *leaves: Tree) -> Tree:
-    """A cube of 40 mm with a wall at so many m from each of its sides."""
-    off = 0.02 + gap + 0.01
+    """A cube of 40 mm with a wall at a gap of `gap` m from each of its sides."""
+    offset = 0.02 + gap + 0.01
     walls: dict[str, Any] = {
         name: WALL
         | {"spawned": True, "size": [*size, 0.06]}
         | {"pose": {"xyz": [AT[0] + x, AT[1] + y, TOP + 0.03]}}
         for name, x, y, size in (
-            ("front", off, 0.0, (0.02, 0.2)),
-            ("back", -off, 0.0, (0.02, 0.2)),
-            ("left", 0.0, off, (0.03, 0.02)),
-            ("right", 0.0, -off, (0.03, 0.02)),
+            ("front", offset, 0.0, (0.02, 0.2)),
+            ("back", -offset, 0.0, (0.02, 0.2)),
+            ("left", 0.0, offset, (0.03, 0.02)),
+            ("right", 0.0, -offset, (0.03, 0.02)),
         )
     }
     cube = CUBE | {"size": [0.04] * 3, "pose": {"xyz": [*AT, TOP + 0.02]}}
@@ -44,7 +44,7 @@ PAIRS = [
 
 
 @pytest.mark.parametrize(("robot", "gripper", "gap"), some(PAIRS, 2))
-def test_neighbors_leave_no_room_to_open_wide(
+def test_fingers_open_half_between_near_walls(
     robot: str, gripper: str, gap: float, stage: Stage
 ) -> None:
     leaf = stage.run(between(gap, robot, gripper)).leaf("grasp")
@@ -53,7 +53,7 @@ def test_neighbors_leave_no_room_to_open_wide(
     assert leaf.metrics["lifted_m"] > 0.03
 
 
-def test_they_open_wide_where_they_can(stage: Stage) -> None:
+def test_fingers_open_fully_where_there_is_room(stage: Stage) -> None:
     leaf = stage.run(between(0.06, "ur5", "robotiq_2f85")).leaf("grasp")
     assert leaf.status == "SUCCESS", leaf.reason
     assert "opening_m" not in leaf.metrics
@@ -62,10 +62,10 @@ def test_they_open_wide_where_they_can(stage: Stage) -> None:
 @pytest.mark.parametrize(
     ("gap", "ports"), [(0.015, {}), (0.028, {"open_to": 0.08}), (0.028, {"most_force": 1.0})]
 )
-def test_the_reason_is_that_of_open_fingers(
+def test_failure_reports_the_reason_for_fully_open_fingers(
     gap: float, ports: dict[str, float], stage: Stage
 ) -> None:
-    """Too near even so; an opening that the tree gives; another reason than the neighbors."""
+    """Walls too near for half-open fingers, a given opening, and a reason other than the walls."""
     grasp = {"grasp": {"object": "cube", **ports}}
     leaf = stage.run(between(gap, "ur5", "robotiq_2f85", grasp)).leaf("grasp")
     assert leaf.code == ("INVALID_TARGET" if "most_force" in ports else "OUT_OF_REACH")
@@ -74,8 +74,8 @@ def test_the_reason_is_that_of_open_fingers(
         assert "no room around 'cube'" in leaf.reason
 
 
-def test_placed_between_them_again(stage: Stage) -> None:
-    """The tree may grasp, carry and set down there."""
+def test_object_is_grasped_and_placed_between_near_walls(stage: Stage) -> None:
+    """The half-open fingers also have room to release the object there."""
     here = {"place": {"object": "cube", "at": {"xyz": [*AT, TOP + 0.02]}}}
     play = stage.run(between(0.034, "ur5", "robotiq_2f85", GRASP, here))
     assert play.leaf("grasp").metrics["opening_m"] == pytest.approx(0.052)
@@ -83,8 +83,8 @@ def test_placed_between_them_again(stage: Stage) -> None:
 
 
 @pytest.mark.skipif(not WHOLE, reason="one minute of waiting takes 10 s of CPU")
-def test_another_arm_is_waited_for_once(stage: Stage) -> None:
-    """Fingers that are half open would have no room beside it either."""
+def test_blocking_arm_is_waited_for_only_once(stage: Stage) -> None:
+    """Half-open fingers would have no room beside the other arm either."""
     stays = [
         {"reach_to_pose": {"to": {"xyz": [*AT, TOP + 0.14], "rpy": [180, 0, 0]}}},
         {"wait": {"seconds": 100.0}},

@@ -1,4 +1,4 @@
-"""Where on an object it is grasped, how far the fingers open for it, and what the gripper feels."""
+"""Grasp point on the object, opening of the fingers, and the weight that the gripper measures."""
 
 from __future__ import annotations
 
@@ -27,16 +27,17 @@ LOAD = Load(0.3, np.array((0.0, 0.0, -9.81)), 4.0, np.zeros(3))
     ],
     ids=["box", "cylinder", "capsule"],
 )
-def test_the_pads_close_at_the_point(solid: Solid, point: Vector) -> None:
-    """Along the line on which they close it does not matter where."""
+def test_pads_close_at_the_given_point(solid: Solid, point: Vector) -> None:
+    """Deviations along the closing direction do not count."""
     found = jaw_grasps(solid, JAW, LOAD, JAW.friction, point=point)
     assert found
-    off = []
+    deviations = []
     for grasp in found:
         across = grasp.tool.rotation_matrix[:, 1]
         offset = point - grasp.tool.position
-        off.append(float(np.linalg.norm(offset - (offset @ across) * across)))
-    assert min(off) < (0.005 if isinstance(solid, Box) else 0.0151)  # a round one at its axis
+        deviations.append(float(np.linalg.norm(offset - (offset @ across) * across)))
+    # A round object is grasped at its axis.
+    assert min(deviations) < (0.005 if isinstance(solid, Box) else 0.0151)
 
 
 BAR = {"shape": "box", "size": [0.04, 0.16, 0.04], "mass": 0.3}
@@ -61,10 +62,10 @@ def picking(
     )
     widths: list[float] = []
 
-    def look(world) -> None:  # type: ignore[no-untyped-def]
+    def record_width(world) -> None:  # type: ignore[no-untyped-def]
         widths.append(world.grippers["arm1"].width)
 
-    play.watchers.append(look)
+    play.watchers.append(record_width)
     play.run()
     leaf = play.leaf("grasp")
     held = play.world.attachments.find("arm1", "bar")
@@ -79,7 +80,7 @@ def picking(
     ("robot", "gripper"),
     [("ur5", "robotiq_2f85"), ("panda", "panda_hand"), ("xarm7", "suction_cup")],
 )
-def test_an_object_is_held_where_the_file_says(robot: str, gripper: str, stage: Stage) -> None:
+def test_object_is_held_at_the_given_point(robot: str, gripper: str, stage: Stage) -> None:
     found = picking(stage, gripper, robot, {"point": [0, 0.05, 0]})
     leaf = found["leaf"]
     assert leaf.status == "SUCCESS", leaf.reason
@@ -88,7 +89,7 @@ def test_an_object_is_held_where_the_file_says(robot: str, gripper: str, stage: 
     assert ("width_error_m" in leaf.metrics) == (gripper != "suction_cup")
 
 
-def test_the_fingers_open_no_wider_than_asked(stage: Stage) -> None:
+def test_fingers_open_no_wider_than_requested(stage: Stage) -> None:
     found = picking(stage, "robotiq_2f85", "ur5", {"open_to": 0.055})
     assert found["leaf"].status == "SUCCESS", found["leaf"].reason
     assert found["widest"] < 0.058
@@ -104,7 +105,7 @@ def test_the_fingers_open_no_wider_than_asked(stage: Stage) -> None:
         ("suction_cup", {"point": [0, 0.05, 0], "mass": 1.9}, "TOO_HEAVY", "at `point` bears"),
     ],
 )
-def test_what_is_not_possible_is_refused_with_the_reason(
+def test_impossible_grasp_is_refused_with_its_reason(
     gripper: str, ports: Tree, code: str, reason: str, stage: Stage
 ) -> None:
     leaf = picking(stage, gripper, "ur5", ports)["leaf"]
@@ -113,7 +114,7 @@ def test_what_is_not_possible_is_refused_with_the_reason(
 
 
 @pytest.mark.parametrize("gripper", ["robotiq_2f85", "suction_cup"])
-def test_a_weight_other_than_declared_is_felt(gripper: str, stage: Stage) -> None:
+def test_deviation_from_the_declared_weight_is_measured(gripper: str, stage: Stage) -> None:
     """The true mass deviates from the declared one, joints have no friction."""
     found = picking(stage, gripper, "ur5", {}, {"payload": {"mass": 0.4}})
     leaf = found["leaf"]
@@ -124,8 +125,8 @@ def test_a_weight_other_than_declared_is_felt(gripper: str, stage: Stage) -> Non
     assert float(leaf.metrics["weight_error_n"]) == pytest.approx(true_n - 0.3 * 9.81, abs=0.15)
 
 
-def test_a_grasp_from_which_the_object_cannot_be_lifted_is_not_chosen(stage: Stage) -> None:
-    """The arm closed on the object, and only then found that the lift led out of its workspace."""
+def test_grasp_is_refused_if_the_lift_leaves_the_workspace(stage: Stage) -> None:
+    """The gripper closed first, and only then did the lift fail."""
     objects = {"bar": {**BAR, "pose": {"xyz": [0.35, -0.72, 0.42]}}}
     arm = {"robot": "ur5", "gripper": "robotiq_2f85", "base": {"xyz": [0, 0, 0.4]}}
     tree = {"grasp": {"object": "bar", "approach": [0, 0, -1], "lift": 0.5}}
@@ -137,8 +138,8 @@ def test_a_grasp_from_which_the_object_cannot_be_lifted_is_not_chosen(stage: Sta
 
 
 @pytest.mark.parametrize("y", [-0.1, 0.1])
-def test_a_part_on_a_joint_is_pulled_where_it_is_held(y: float, stage: Stage) -> None:
-    """The drawer's rails bear what a weight beside the hand would turn."""
+def test_articulated_part_can_be_grasped_off_center(y: float, stage: Stage) -> None:
+    """The drawer's rails bear the load that would otherwise twist the handle in the hand."""
     rail = {"shape": "box", "size": [0.02, 0.02, 0.02]}
     slide = {"type": "slide", "parts": ["handle"], "axis": [0, 1, 0], "range": [0, 0.1]}
     drawer = {

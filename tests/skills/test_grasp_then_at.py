@@ -1,4 +1,4 @@
-"""A grasp that suits the place where the object will be set down."""
+"""Grasps chosen to suit the pose at which the object will be placed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ WALLS = 0.012  # room beside the object, m: fingers do not fit
 
 
 def _task(axis: int, robot: str, gripper: str, then_at: dict[str, Any] | None) -> dict[str, Any]:
-    """Pick a block and place it between two walls, which leave no room along one of its axes."""
+    """Task to place a block between two walls, which leave no room for fingers along one axis."""
     objects: dict[str, Any] = {
         "block": {
             "shape": "box",
@@ -25,10 +25,10 @@ def _task(axis: int, robot: str, gripper: str, then_at: dict[str, Any] | None) -
             "pose": {"xyz": [0.45, -0.2, SIZE[2] / 2]},
         }
     }
-    away = SIZE[axis] / 2 + WALLS + 0.01
+    distance = SIZE[axis] / 2 + WALLS + 0.01
     for name, side in (("one", 1.0), ("other", -1.0)):
         xyz = [*GOAL]
-        xyz[axis] += side * away
+        xyz[axis] += side * distance
         size = [0.05, 0.05, 0.06]
         size[axis] = 0.02
         objects[name] = {
@@ -50,18 +50,18 @@ def _task(axis: int, robot: str, gripper: str, then_at: dict[str, Any] | None) -
 @pytest.mark.parametrize(
     ("robot", "gripper"), some([("panda", "panda_hand"), ("ur5", "robotiq_2f85")], 2)
 )
-def test_the_grasp_leaves_the_fingers_room_at_the_goal(robot: str, gripper: str) -> None:
+def test_grasp_leaves_room_for_the_fingers_at_the_goal(robot: str, gripper: str) -> None:
     at = {"xyz": [*GOAL]}
     beside = {"beside": "one", "side": "-y", "by": WALLS}
-    wanted = [bt.run(_task(axis, robot, gripper, at)) for axis in (0, 1)]
-    assert [run.outcome for run in wanted] == ["SUCCESS", "SUCCESS"]
-    anyhow = (bt.run(_task(axis, robot, gripper, None)) for axis in (1, 0))
-    assert any(run.outcome == "FAILURE" for run in anyhow), "any grasp suits these goals"
+    planned = [bt.run(_task(axis, robot, gripper, at)) for axis in (0, 1)]
+    assert [run.outcome for run in planned] == ["SUCCESS", "SUCCESS"]
+    unplanned = (bt.run(_task(axis, robot, gripper, None)) for axis in (1, 0))
+    assert any(run.outcome == "FAILURE" for run in unplanned), "these goals suit any grasp"
     relative = bt.run(_task(1, robot, gripper, beside))
     assert relative.outcome == "SUCCESS"
 
 
-def test_a_goal_that_no_grasp_allows_is_refused_before_anything_moves() -> None:
+def test_goal_that_no_grasp_allows_is_refused_before_any_motion() -> None:
     result = bt.run(_task(1, "panda", "panda_hand", {"xyz": [1.5, 0.0, GOAL[2]]}))
     (leaf,) = result.arms["arm1"].runs
     assert (leaf.skill, leaf.code) == ("grasp", "OUT_OF_REACH")

@@ -1,4 +1,4 @@
-"""What a grasp depends on, and what is left after one that failed: the next one may succeed."""
+"""Grasps of equivalent objects are alike, and a failed grasp leaves the arm able to retry."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ GRASP: Tree = {"grasp": {"object": "cube"}}
 
 
 @pytest.mark.parametrize("shape", ["cylinder", "sphere"])
-def test_how_something_round_is_turned_does_not_matter(shape: str, stage: Stage) -> None:
-    """Of six azimuths about the can's own axis none was in reach, or one, by its yaw."""
+def test_grasp_does_not_depend_on_the_yaw_of_a_round_object(shape: str, stage: Stage) -> None:
+    """Six azimuths were tried in the can's own frame: its yaw decided whether one was in reach."""
     size, z = ([0.025, 0.08], 0.44) if shape == "cylinder" else ([0.025], 0.425)
     tools = []
     for yaw in (0.0, 17.0, 49.0):
@@ -29,14 +29,14 @@ def test_how_something_round_is_turned_does_not_matter(shape: str, stage: Stage)
     assert all(tools[0].distance(one) < 1e-3 and tools[0].angle(one) < 0.01 for one in tools)
 
 
-def test_a_grasp_waits_for_what_it_has_dropped() -> None:
-    """Planned while the cube bounced, it came down 5 mm beside the middle and lost the cube."""
+def test_grasp_waits_for_a_dropped_object_to_come_to_rest() -> None:
+    """Planned while the cube bounced, the grasp was 5 mm wrong center and lost the cube."""
     leaves = play(710190, 3, "lab", ("release", "grasp", "circle")).leaves
     assert [status for skill, status, _, _ in leaves if skill == "grasp"] == ["SUCCESS"] * 2
 
 
-def test_of_twins_the_one_is_taken_that_was_seen(stage: Stage) -> None:
-    """The cube that is named is elsewhere: it stays an obstacle, and is not said to be held."""
+def test_of_two_identical_objects_the_located_one_is_grasped(stage: Stage) -> None:
+    """The named cube is elsewhere: it remains an obstacle, and is not reported as held."""
     twin = {"twin": CUBE | {"pose": {"xyz": [0.25, -0.45, 0.425]}}}
     at = {"xyz": [0.2505, -0.45, 0.425]}
     grasp: Tree = {"grasp": {"object": "cube", "at": at}}
@@ -50,18 +50,18 @@ def test_of_twins_the_one_is_taken_that_was_seen(stage: Stage) -> None:
 
 
 ASIDE = {"robotiq_2f85": 0.05, "panda_hand": 0.035}
-"""Meters by which the cube is believed to be beside its place, so that a finger meets it."""
+"""Error of the assumed cube position, m, with which a finger comes down on the cube."""
 
 
 @pytest.mark.parametrize(
     ("robot", "gripper"), some(product(["ur5", "panda"], ["robotiq_2f85", "panda_hand"]), 3)
 )
-def test_a_grasp_succeeds_after_one_that_ran_into_something(
+def test_grasp_succeeds_after_one_that_hit_the_object(
     robot: str, gripper: str, stage: Stage
 ) -> None:
-    """It came down on the cube with a finger: the arm goes back out, where a plan may begin."""
-    off = {"xyz": [0.40, -0.45 + ASIDE[gripper], 0.405], "rpy": [0, 0, 0]}
-    blind: Tree = {"grasp": {"object": "cube", "at": off, "approach": [0, 0, -1]}}
+    """After a finger hits the cube, the arm retreats to where a plan can start."""
+    wrong = {"xyz": [0.40, -0.45 + ASIDE[gripper], 0.405], "rpy": [0, 0, 0]}
+    blind: Tree = {"grasp": {"object": "cube", "at": wrong, "approach": [0, 0, -1]}}
     arm = GRIPPING | {"robot": robot, "gripper": gripper, "force_limit": 25}
     file = Scenario(ON_TABLE, arm=arm, scene="table").file({"selector": [blind, GRASP]})
     play = stage.run(file)
@@ -72,8 +72,8 @@ def test_a_grasp_succeeds_after_one_that_ran_into_something(
 
 
 @pytest.mark.parametrize("seed", some([0, 1], 2))
-def test_what_is_weighed_and_too_heavy_is_put_back(seed: int, stage: Stage) -> None:
-    """Nobody tells the mass in `rough`: a UR3 may hold 3 kg, and has 4.5 kg in its fingers."""
+def test_overweight_object_is_put_back(seed: int, stage: Stage) -> None:
+    """In `rough` the mass is unknown: a UR3 bears 3 kg, and finds 4.5 kg in its fingers."""
     heavy = {"cube": ON_TABLE["cube"] | {"mass": 4.5, "friction": 1.5}}
     arm = GRIPPING | {"robot": "ur3", "base": {"xyz": [0.2, -0.2, 0.4]}}
     grasp: Tree = {"grasp": {"object": "cube", "mass": 1.0, "force": 200, "lift": 0.08}}

@@ -1,4 +1,4 @@
-"""Several arms hold something at the same time: each thing goes with its own gripper."""
+"""Several arms hold objects at the same time; each object moves with its own gripper."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def _lift(arm: str) -> dict[str, Any]:
     }
 
 
-def test_each_of_three_arms_lifts_its_own() -> None:
+def test_three_arms_lift_their_own_objects() -> None:
     file = {
         "bt_dualarm": 1,
         "name": "at_once",

@@ -1,4 +1,4 @@
-"""What a gripper is believed to hold is what it holds, whoever opens it, fails or is halted."""
+"""The recorded content of a gripper is true after any opening, failure or halt."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ NEAR: Tree = {"approach_and_attach": {"object": "cube", "contact": False, "proxi
 OTHER = {"other": CUBE | {"color": "red", "pose": {"xyz": [0.25, -0.45, 0.425]}}}
 PLACE: Tree = {"place": {"object": "cube", "at": {"xyz": [0.40, -0.35, 0.425]}}}
 LOW: Tree = {"reach_to_pose": {"offset": {"xyz": [0, 0, -0.038]}}}
-"""Down again by most of the lift."""
+"""Moves down by most of the lift."""
 TAKE_OTHER: Tree = {"grasp": {"object": "other"}}
 
 
@@ -29,16 +29,14 @@ def codes(play: Play) -> list[str]:
 
 
 def between_the_pads(world: World, name: str) -> bool:
-    """The truth: the object is less than 4 cm from the tool."""
-    away = world.object_pose(name).position - world.arms["arm1"].tool_pose.position
-    return bool(np.linalg.norm(away) < 0.04)
+    """Whether the true distance between object and tool is less than 4 cm."""
+    offset = world.object_pose(name).position - world.arms["arm1"].tool_pose.position
+    return bool(np.linalg.norm(offset) < 0.04)
 
 
 @pytest.mark.parametrize("gripper", ["robotiq_2f85", "suction_cup"])
-def test_a_full_gripper_takes_nothing_else_and_keeps_what_it_has(
-    gripper: str, stage: Stage
-) -> None:
-    """It used to open, drop the first object, and say SUCCESS with both in its books."""
+def test_full_gripper_refuses_another_object_and_keeps_its_own(gripper: str, stage: Stage) -> None:
+    """It used to open, drop the first object, and succeed with both recorded as held."""
     play = stage.run(scene(gripper).file(GRASP, TAKE_OTHER))
     assert codes(play) == ["SUCCESS", "GRIPPER_FULL"]
     leaf = play.arm().runs[-1]
@@ -48,7 +46,7 @@ def test_a_full_gripper_takes_nothing_else_and_keeps_what_it_has(
     assert between_the_pads(play.world, "cube")
 
 
-def test_what_has_no_name_fills_a_gripper_too(stage: Stage) -> None:
+def test_unnamed_object_fills_the_gripper(stage: Stage) -> None:
     file = scene().file(
         GRASP,
         LOW,
@@ -61,20 +59,20 @@ def test_what_has_no_name_fills_a_gripper_too(stage: Stage) -> None:
     assert "without a name" in play.arm().runs[-1].reason
 
 
-def test_a_tool_with_something_attached_grasps_nothing(stage: Stage) -> None:
+def test_tool_with_an_attached_object_refuses_to_grasp(stage: Stage) -> None:
     play = stage.run(scene().file(NEAR, TAKE_OTHER))
     assert codes(play) == ["SUCCESS", "GRIPPER_FULL"]
     assert "detach" in play.arm().runs[-1].reason
 
 
-def test_a_full_gripper_attaches_nothing_else(stage: Stage) -> None:
+def test_full_gripper_refuses_to_attach(stage: Stage) -> None:
     play = stage.run(scene().file(GRASP, {"approach_and_attach": {"object": "other"}}))
     assert codes(play) == ["SUCCESS", "GRIPPER_FULL"]
     assert play.world.attachments.attached_to("arm1") == ("cube",)
 
 
-def test_retry_of_a_job_whose_place_failed(stage: Stage) -> None:
-    """Grasping what is held already succeeds at once, so that the second `place` may work."""
+def test_task_can_be_retried_after_a_failed_place(stage: Stage) -> None:
+    """`grasp` of a held object succeeds at once, so that the second `place` can run."""
     deep = {"place": {"object": "cube", "at": {"xyz": [0.40, -0.35, 0.4205]}, "tolerance": 0.001}}
     play = stage.run(scene().file(GRASP, {"selector": [deep, {"sequence": [GRASP, PLACE]}]}))
     assert codes(play) == ["SUCCESS", "NOT_REACHED", "SUCCESS", "SUCCESS"]
@@ -83,25 +81,25 @@ def test_retry_of_a_job_whose_place_failed(stage: Stage) -> None:
 
 
 @pytest.mark.parametrize("opening", ["open_gripper", "release"])
-def test_halted_while_it_opens(opening: str, stage: Stage) -> None:
-    """The fingers go on; what they have come off is held no more, and the next grasp is free."""
+def test_object_is_released_if_opening_is_halted(opening: str, stage: Stage) -> None:
+    """The fingers continue to open; the object is no longer held, and the next grasp may start."""
     halted: Tree = {"timeout": {"seconds": 0.04, "child": {opening: {}}}}
-    tries: Tree = {"selector": [halted, TAKE_OTHER]}
-    play = stage.run(scene().file(GRASP, LOW, tries))
+    leaves: Tree = {"selector": [halted, TAKE_OTHER]}
+    play = stage.run(scene().file(GRASP, LOW, leaves))
     assert play.arm().outcome == "SUCCESS", play.arm().runs
     assert play.world.attachments.attached_to("arm1") == ("other",)
 
 
-def test_halted_while_it_closes(stage: Stage) -> None:
-    """Nobody believed yet that it is held: it is let go of, and taken by the next try."""
+def test_grasp_halted_while_closing_can_be_retried(stage: Stage) -> None:
+    """The object did not yet count as held: it is released, and grasped by the next attempt."""
     play = stage.play(scene().file(GRASP))
     closing: list[float] = []
 
-    def note(world: World) -> None:
+    def record_closing(world: World) -> None:
         if world.grippers["arm1"].commanded.width == 0.0 and not closing:
             closing.append(world.time)
 
-    play.watchers.append(note)
+    play.watchers.append(record_closing)
     play.run()
     halted: Tree = {"timeout": {"seconds": closing[0] + 0.1, "child": GRASP}}
     play = stage.run(scene().file({"selector": [halted, GRASP]}))
@@ -110,8 +108,8 @@ def test_halted_while_it_closes(stage: Stage) -> None:
     assert between_the_pads(play.world, "cube")
 
 
-def test_what_is_not_opened_is_still_held(stage: Stage) -> None:
-    """An opening narrower than what is between the fingers lets nothing go, only hold less."""
+def test_object_is_still_held_after_a_narrow_opening(stage: Stage) -> None:
+    """An opening narrower than the object only reduces the grip force."""
     loose: Tree = {"open_gripper": {"width": 0.0495}}
     play = stage.run(scene().file(GRASP, LOW, loose, {"close_gripper": {"object": "other"}}))
     assert codes(play)[-2:] == ["SUCCESS", "GRIPPER_FULL"]
@@ -119,7 +117,7 @@ def test_what_is_not_opened_is_still_held(stage: Stage) -> None:
     assert between_the_pads(play.world, "cube")
 
 
-def test_what_is_lost_while_nothing_moves_does_not_fill_the_gripper(stage: Stage) -> None:
+def test_object_lost_at_rest_frees_the_gripper(stage: Stage) -> None:
     def take_away(world: World) -> None:
         joint = world.model.body_jntadr[world.object_body("cube")]
         world.data.qpos[world.model.jnt_qposadr[joint]] += 2.0
@@ -130,20 +128,20 @@ def test_what_is_lost_while_nothing_moves_does_not_fill_the_gripper(stage: Stage
     assert play.world.attachments.attached_to("arm1") == ("other",), codes(play)
 
 
-def test_removed_and_spawned_again_it_is_not_held(stage: Stage) -> None:
+def test_removed_and_respawned_object_is_not_held(stage: Stage) -> None:
     again: Tree = {"spawn": {"object": "cube", "at": {"xyz": [0.40, -0.35, 0.425]}}}
     play = stage.run(scene().file(GRASP, {"remove": {"object": "cube"}}, again, TAKE_OTHER))
     assert play.arm().outcome == "SUCCESS", play.arm().runs
     assert play.world.attachments.attached_to("arm1") == ("other",)
 
 
-def test_a_swapped_object_does_not_get_the_name_of_the_other(stage: Stage) -> None:
-    """`close_gripper` named what was 0.43 m away, and `holding` believed it."""
+def test_swapped_object_is_reported_as_wrong(stage: Stage) -> None:
+    """`close_gripper` named the object 0.43 m away, and `holding` confirmed it."""
 
     def swap(world: World) -> None:
-        for name, way in (("cube", -0.15), ("other", 0.15)):
+        for name, shift in (("cube", -0.15), ("other", 0.15)):
             joint = world.model.body_jntadr[world.object_body(name)]
-            world.data.qpos[world.model.jnt_qposadr[joint]] += way
+            world.data.qpos[world.model.jnt_qposadr[joint]] += shift
 
     file = scene().file(
         GRASP,
@@ -155,20 +153,20 @@ def test_a_swapped_object_does_not_get_the_name_of_the_other(stage: Stage) -> No
     )
     play = stage.play(file)
 
-    def look(world: World) -> None:
+    def swap_once(world: World) -> None:
         waits = any(one.kind == "wait" and one.new == "RUNNING" for one in play.changes)
         if waits and not done:
             done.append(True)
             swap(world)
 
     done: list[bool] = []
-    play.watchers.append(look)
+    play.watchers.append(swap_once)
     play.run()
     assert codes(play)[-1] == "WRONG_OBJECT", codes(play)
     assert len(play.world.attachments) == 0
 
 
-def test_an_object_of_another_width_does_not_get_the_name(stage: Stage) -> None:
+def test_object_of_another_width_is_reported_as_wrong(stage: Stage) -> None:
     narrow: Tree = {"narrow": CUBE | {"size": [0.03] * 3, "pose": {"xyz": [0.25, -0.3, 0.415]}}}
     file = scene(**narrow).file(
         GRASP,
@@ -180,8 +178,8 @@ def test_an_object_of_another_width_does_not_get_the_name(stage: Stage) -> None:
     assert codes(play)[-1] == "WRONG_OBJECT", codes(play)
 
 
-def test_the_part_between_the_fingers_is_centered_not_the_whole_object(stage: Stage) -> None:
-    """The foot is 20 mm beside the middle of the object: the arm was that wrong about it."""
+def test_pose_estimate_centers_the_part_between_the_fingers(stage: Stage) -> None:
+    """The foot is 20 mm off the center of the object: the estimate had that error."""
     parts = {
         "post": {"shape": "box", "size": [0.06, 0.06, 0.12]},
         "foot": {"shape": "box", "size": [0.12, 0.03, 0.03], "pose": {"xyz": [0.08, 0.02, -0.045]}},
@@ -213,5 +211,5 @@ def test_the_part_between_the_fingers_is_centered_not_the_whole_object(stage: St
     held = world.attachments.find("arm1", "thing")
     assert held is not None
     arm = world.arms["arm1"]
-    believed = arm.tool_pose @ world.robots["arm1"].tool.inverse @ held.relative
-    assert believed.distance(world.object_pose("thing")) < 2e-3
+    estimated = arm.tool_pose @ world.robots["arm1"].tool.inverse @ held.relative
+    assert estimated.distance(world.object_pose("thing")) < 2e-3

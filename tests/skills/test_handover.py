@@ -1,4 +1,4 @@
-"""Handovers: between all kinds of hands, by sensors alone, whatever happens to one of the arms."""
+"""Handovers between all types of hands, by sensors alone, with faults of either arm."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from tests.skills.scenarios import GIVER, GRASP, ON_SHELF, PICK, TAKER, TAKES, T
 GIVE: Tree = {"hand_over": {"object": "cube", "to": "arm2"}}
 NAMES = ("arm1", "arm2")
 HANDED_S = (4.9, 7.0, 9.0, 9.7, 9.97, 10.1, 11.0)
-"""Moments of the handover of the scenario: on the way, approach, closing, both hold, promised,
+"""Moments of the handover of the scenario, s: transport, approach, closing, both hold, promised,
 opening, retreat."""
 
 
@@ -38,7 +38,7 @@ def file_with(giver: Tree, taker: Tree, **arms: Any) -> Tree:
 
 
 def watched(stage: Stage, file: Tree, *watchers: Callable[[World], None], **more: Any) -> Play:
-    """Play a file to its end, and look at the world after each step."""
+    """Play a file to its end; call the watchers after each step."""
     play = stage.play(file, **more)
     play.watchers += watchers
     play.run()
@@ -46,7 +46,7 @@ def watched(stage: Stage, file: Tree, *watchers: Callable[[World], None], **more
 
 
 class Watch:
-    """True contacts: how long no hand touches the bar, and whether the arms touch each other."""
+    """True contacts: for how long no hand touches the bar, and how far it falls meanwhile."""
 
     def __init__(self) -> None:
         self.unheld_s = 0.0
@@ -83,7 +83,7 @@ class Watch:
         2,
     ),
 )
-def test_every_kind_of_hand_gives_and_takes(
+def test_every_type_of_hand_gives_and_takes(
     giving: str | None, taking: str | None, stage: Stage
 ) -> None:
     take = PICK if giving is None else GRASP
@@ -101,7 +101,7 @@ def test_every_kind_of_hand_gives_and_takes(
 
 
 @pytest.mark.parametrize("reality", some(["rough", "lab"], 2))
-def test_the_bar_is_never_unheld(reality: str, stage: Stage) -> None:
+def test_bar_is_held_at_any_time(reality: str, stage: Stage) -> None:
     file = file_with({"sequence": [GRASP, GIVE]}, TAKES, reality=reality)
     watch = Watch()
     play = watched(stage, file, watch)
@@ -112,21 +112,21 @@ def test_the_bar_is_never_unheld(reality: str, stage: Stage) -> None:
     assert play.world.attachments.shared_grasps("arm2") == ()
 
 
-def test_the_orientation_is_as_wanted(stage: Stage) -> None:
+def test_object_is_presented_in_the_requested_orientation(stage: Stage) -> None:
     given = {"hand_over": {"object": "cube", "to": "arm2", "orientation": [0, 0, -90]}}
     taken: dict[str, float] = {}
 
-    def look(world: World) -> None:
+    def record_orientation(world: World) -> None:
         if world.attachments.holders("cube") == ("arm1", "arm2") and not taken:
             taken["along_y"] = abs(float(world.object_pose("cube").rotation_matrix[1, 0]))
 
-    play = watched(stage, file_with({"sequence": [GRASP, given]}, TAKES), look)
+    play = watched(stage, file_with({"sequence": [GRASP, given]}, TAKES), record_orientation)
     assert play.arm("arm2").outcome == "SUCCESS"
     assert taken["along_y"] > 0.999
 
 
 @pytest.mark.parametrize(("who", "at"), some(product(("arm1", "arm2"), HANDED_S), 7))
-def test_the_bar_stays_held_when_one_is_halted(who: str, at: float, stage: Stage) -> None:
+def test_bar_stays_held_when_one_arm_is_halted(who: str, at: float, stage: Stage) -> None:
     file = file_with({"sequence": [GRASP, GIVE]}, TAKES)
     arm = file["arms"][who]
     arm["tree"] = {"timeout": {"seconds": at, "child": arm["tree"]}}
@@ -141,7 +141,7 @@ def test_the_bar_stays_held_when_one_is_halted(who: str, at: float, stage: Stage
 
 
 @pytest.mark.parametrize(("who", "at"), some(product(("arm1", "arm2"), (7.8, 8.4, 8.5)), 4))
-def test_a_removed_arm_is_named(who: str, at: float, stage: Stage) -> None:
+def test_failure_names_the_removed_arm(who: str, at: float, stage: Stage) -> None:
     file = file_with({"sequence": [GRASP, GIVE]}, TAKES)
     play = stage.run(file, deeds=((at, lambda world: world.remove_arm(who)),))
     other, skill = ("arm2", "take_over") if who == "arm1" else ("arm1", "hand_over")
@@ -151,7 +151,7 @@ def test_a_removed_arm_is_named(who: str, at: float, stage: Stage) -> None:
     assert all(one.arm == other and one.share == 1.0 for one in play.world.attachments)
 
 
-def test_the_order_of_the_arms_does_not_matter(stage: Stage) -> None:
+def test_result_does_not_depend_on_the_order_of_the_arms(stage: Stage) -> None:
     file = file_with({"sequence": [GRASP, GIVE]}, TAKES)
     reverse = {**file, "arms": dict(reversed(file["arms"].items()))}
     ends = [
@@ -161,8 +161,8 @@ def test_the_order_of_the_arms_does_not_matter(stage: Stage) -> None:
     assert ends[0] == ends[1]
 
 
-def test_a_giver_that_stays_near_does_not_undo_the_handover(stage: Stage) -> None:
-    """Its wide-open fingers end within the 30 mm that arms keep from each other."""
+def test_giver_that_stays_near_does_not_fail_the_handover(stage: Stage) -> None:
+    """Its open fingers end within the 30 mm that arms keep from each other."""
     give: Tree = {"object": "box", "to": "taker", "at": {"xyz": [0.45, -0.05, 0.45]}}
     giver: Tree = {"robot": "ur3e", "gripper": "panda_hand"}
     slowly: Tree = {"go_home": {"speed": 0.1}}
@@ -183,7 +183,7 @@ def test_a_giver_that_stays_near_does_not_undo_the_handover(stage: Stage) -> Non
     )
     taken = play.leaf("take_over", "taker")
     assert taken.status == "SUCCESS", taken.reason
-    assert "lifted_m" not in taken.metrics, "it has room to yield and to lift: another case"
+    assert "lifted_m" not in taken.metrics, "it must not have room to yield and to lift"
     assert play.world.attachments.holders("box") == ("taker",)
 
 
@@ -196,7 +196,7 @@ MARKED: Tree = {
 """A bar with a marker on top, which may be grasped from the side."""
 
 SLID_M = 0.012
-"""Slide of the bar in the giver's hand, which the giver does not notice, m."""
+"""Slip of the bar in the giver's hand, undetected by the giver, m."""
 
 SLIDES_S = 8.0
 
@@ -208,8 +208,8 @@ def slide(world: World) -> None:
 
 
 @pytest.mark.parametrize("looks", [True, False])
-def test_the_taker_takes_the_bar_where_it_has_located_it(looks: bool, stage: Stage) -> None:
-    """Without its camera, it believes the giver, in whose hand the bar has slid."""
+def test_taker_uses_the_pose_that_it_has_located(looks: bool, stage: Stage) -> None:
+    """Without its camera, it uses the giver's estimate, although the bar has slipped there."""
     shows: Tree = {
         "sequence": [
             {"grasp": {"object": "cube", "approach": [0, -1, 0], "point": [0.09, 0, 0]}},
@@ -245,8 +245,8 @@ def test_the_taker_takes_the_bar_where_it_has_located_it(looks: bool, stage: Sta
     assert error < 0.004 if looks else error > 0.008
 
 
-def test_arms_that_come_to_stand_in_each_others_way_pass_each_other(stage: Stage) -> None:
-    """Fast arms on their ways to the handover: each waited for the other, up to a minute."""
+def test_arms_that_block_each_other_resolve_the_deadlock(stage: Stage) -> None:
+    """Fast arms moving to the handover pose each waited for the other, up to a minute."""
     grasp = {"object": "cube", "approach": [0, -1, 0], "point": [0.09, 0, 0]}
     gives: Tree = {
         "sequence": [
@@ -273,8 +273,8 @@ def test_arms_that_come_to_stand_in_each_others_way_pass_each_other(stage: Stage
     assert taken.ended_s < 25.0
 
 
-def test_what_is_taken_beside_its_center_is_known_where_it_is(stage: Stage) -> None:
-    """The fingers were assumed to close on its center: 45 mm off, it counted as dropped."""
+def test_pose_of_an_object_taken_off_center_is_known(stage: Stage) -> None:
+    """The fingers were assumed to close at its center: 45 mm away, it counted as dropped."""
     obj: Tree = {
         "shape": "compound",
         "mass": 0.3,
@@ -312,12 +312,12 @@ BASES: dict[str, list[dict[str, Any]]] = {
 @pytest.mark.parametrize(
     ("robot", "yaw"),
     [
-        ("panda", 200.0),  # only turned about its axis does the giver have room to retreat
-        ("fr3", 0.0),  # the taker reaches few of its grasps, and the giver the pose
+        ("panda", 200.0),  # the giver has room to retreat only if the object is turned
+        ("fr3", 0.0),  # the giver reaches the pose, but the taker reaches few of its grasps
     ],
 )
-def test_an_object_is_presented_as_asked(robot: str, yaw: float) -> None:
-    """It ended with OUT_OF_REACH, as one of its grasps or one of its sides was out of reach."""
+def test_object_is_presented_at_the_requested_pose(robot: str, yaw: float) -> None:
+    """It failed with OUT_OF_REACH if a single grasp or side of the object was out of reach."""
     up = {"xyz": [0.5, -0.3, 0.048], "rpy": [0, 0, yaw]}
     box = {
         "shape": "box",
@@ -339,13 +339,13 @@ def test_an_object_is_presented_as_asked(robot: str, yaw: float) -> None:
     world = {"scene": "empty", "time_limit": 60}
     file = {"bt_dualarm": 1, "name": "as_asked", "world": world, "objects": {"box": box}}
     with bt.open(file | {"arms": arms}) as run:
-        lies = run.world.object_pose("box")
+        pose = run.world.object_pose("box")
         held = set[str]()
         while held != {"arm1", "arm2"} and run.trees["arm1"].status != "FAILURE":
             run.step(0.1)
             held = set(run.world.attachments.holders("box"))
-            lies = run.world.object_pose("box")
+            pose = run.world.object_pose("box")
         result = run.finish()
     assert result.outcome == "SUCCESS"
-    assert lies.position == pytest.approx(at["xyz"], abs=0.01)
-    assert lies.turn(np.array((0.0, 0.0, 1.0))) == pytest.approx([0.0, -1.0, 0.0], abs=0.05)
+    assert pose.position == pytest.approx(at["xyz"], abs=0.01)
+    assert pose.turn(np.array((0.0, 0.0, 1.0))) == pytest.approx([0.0, -1.0, 0.0], abs=0.05)

@@ -1,4 +1,4 @@
-"""A handover after which the taker can set the object down where it is wanted."""
+"""Handovers after which the taker can place the object at its goal."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ BIN = {"shape": "bin", "size": [0.34, 0.3, 0.15], "wall": 0.01, "mass": 1, "fixe
 
 
 def _file(yaw: float, then_at: dict[str, Any] | None) -> dict[str, Any]:
-    """Arms that face each other; one hands a hammer over, the other one puts it into a deep bin."""
+    """Two arms that face each other: one hands a hammer over, the other puts it into a deep bin."""
     hammer = HAMMER | {"pose": START | {"rpy": [0, 0, yaw]}}
     bin_ = BIN | {"pose": {"xyz": [*GOAL["xyz"][:2], 0.075]}}
     take = {"object": "hammer", "from": "arm2"} | ({} if then_at is None else {"then_at": then_at})
@@ -46,7 +46,7 @@ def _file(yaw: float, then_at: dict[str, Any] | None) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("yaw", some([0.0, 40.0, 90.0, 130.0, 180.0, 240.0, 290.0], 7))
-def test_the_taker_can_place_what_it_has_taken(yaw: float) -> None:
+def test_taker_can_place_the_object(yaw: float) -> None:
     result = bt.run(_file(yaw, GOAL))
     assert [(one.skill, one.code) for one in result.arms["arm1"].runs] == [
         ("take_over", ""),
@@ -54,12 +54,12 @@ def test_the_taker_can_place_what_it_has_taken(yaw: float) -> None:
     ]
 
 
-def test_a_goal_that_no_grasp_allows_is_refused() -> None:
+def test_goal_that_no_grasp_allows_is_refused() -> None:
     (leaf,) = bt.run(_file(0.0, GOAL | {"xyz": [2.0, 0.4, 0.026]})).arms["arm1"].runs
     assert leaf.code == "OUT_OF_REACH"
     assert "`then_at`" in leaf.reason
 
 
-def test_the_goal_needs_an_orientation() -> None:
+def test_goal_needs_an_orientation() -> None:
     (leaf,) = bt.run(_file(0.0, {"xyz": GOAL["xyz"]})).arms["arm1"].runs
     assert (leaf.code, leaf.ended_s) == ("INVALID_TARGET", 0.0)

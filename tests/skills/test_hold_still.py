@@ -1,4 +1,4 @@
-"""A tool holds still against pushes, stiffly or like a spring."""
+"""`hold_still` holds the tool against pushes, stiffly or like a spring."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ NEWTON = 20.0
 
 
 class Tool:
-    """The true position of the tool at each step."""
+    """True position of the tool at each step."""
 
     def __init__(self) -> None:
         self._seen: list[tuple[float, Vector]] = []
 
-    def look(self, world: World) -> None:
+    def record(self, world: World) -> None:
         self._seen.append((world.time, world.arms["arm1"].tool_pose.position.copy()))
 
     def at(self, time: float) -> Vector:
@@ -43,14 +43,14 @@ def pushed(stage: Stage, hold: Tree, reality: str = "ideal", *more: Tree) -> tup
     begin, end = PUSH_S
     play = stage.play(file, deeds=((begin, pushes(HAND, NEWTON)), (end, pushes(HAND, 0.0))))
     tool = Tool()
-    play.watchers.append(tool.look)
+    play.watchers.append(tool.record)
     play.run()
     return play, tool
 
 
 @pytest.mark.parametrize("compliance", [3e-4, 1e-3])
-def test_the_tool_yields_like_a_spring_and_returns(compliance: float, stage: Stage) -> None:
-    """By no more than the compliance, which is that of the softest direction."""
+def test_compliant_tool_yields_like_a_spring_and_returns(compliance: float, stage: Stage) -> None:
+    """It yields by no more than the compliance allows, which is that of the softest direction."""
     play, tool = pushed(stage, {"compliance": compliance, "duration": 4.0, "max_displacement": 0.1})
     leaf = play.leaf("hold_still")
     assert leaf.status == "SUCCESS", leaf.reason
@@ -60,13 +60,13 @@ def test_the_tool_yields_like_a_spring_and_returns(compliance: float, stage: Sta
     assert leaf.metrics["held_force_n"] == pytest.approx(NEWTON, rel=0.2)
 
 
-def test_a_stiff_arm_does_not_move(stage: Stage) -> None:
+def test_stiff_arm_does_not_move(stage: Stage) -> None:
     play, _ = pushed(stage, {"duration": 4.0, "max_displacement": 1e-3}, "lab")
     assert play.leaf("hold_still").status == "SUCCESS"
 
 
-def test_halted_under_a_push_the_arm_returns_without_a_jump(stage: Stage) -> None:
-    """The next motion begins while the arm is 20 mm away, and no joint becomes too fast."""
+def test_arm_halted_under_a_push_returns_without_a_jump(stage: Stage) -> None:
+    """The next motion begins while the arm is 20 mm away, and no joint exceeds its speed limit."""
     halted = {"timeout": {"seconds": 3.0, "child": {"hold_still": {"compliance": 1e-3}}}}
     file: dict[str, Any] = {
         "name": "held",

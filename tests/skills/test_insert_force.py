@@ -1,4 +1,4 @@
-"""How hard a peg presses on the rim of its hole while it searches."""
+"""Force of a peg on the rim of its hole during the search."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ import bt_dualarm as bt
 from benchmarks import inserting
 from bt_dualarm.core.share import share_dir
 
-CALM_N = 10.0
+LIMIT_N = 10.0
 """Force on the rim that was exceeded when the compensation of hops included contact force, N."""
 
 
 @pytest.mark.parametrize("seed", [44])
-def test_a_hop_does_not_press_harder_than_the_first_touch_lets_it(seed: int) -> None:
-    """The joints of a UR10 rub most, so that an error of their friction presses most."""
-    words = {"robot": "ur10", "gripper": "robotiq_2f85", "reality": "lab", "shape": "cylinder"}
-    file, _ = inserting.task(argparse.Namespace(**words), seed)
+def test_search_hops_press_lightly_on_the_rim(seed: int) -> None:
+    """A UR10 has the highest joint friction, so that an error of its model presses hardest."""
+    options = {"robot": "ur10", "gripper": "robotiq_2f85", "reality": "lab", "shape": "cylinder"}
+    file, _ = inserting.task(argparse.Namespace(**options), seed)
     pressed = [0.0]
     with bt.open(file) as run:
         world = run.world
@@ -30,9 +30,9 @@ def test_a_hop_does_not_press_harder_than_the_first_touch_lets_it(seed: int) -> 
         rim = inserting.TABLE + inserting.HIGH + 0.04 - 0.0003
         force = np.empty(6)
 
-        def look() -> None:
+        def record_force() -> None:
             if world.object_pose("peg").position[2] < rim:
-                return  # not standing on the table before the grasp, nor in the hole
+                return  # on the table before the grasp, or in the hole
             total = np.zeros(3)
             for number, pair in enumerate(world.data.contact.geom.tolist()):
                 if peg & set(pair) and not arm & set(pair):
@@ -41,18 +41,18 @@ def test_a_hop_does_not_press_harder_than_the_first_touch_lets_it(seed: int) -> 
                     total += (1.0 if pair[1] in peg else -1.0) * (force[:3] @ axes)
             pressed[0] = max(pressed[0], float(np.linalg.norm(total)))
 
-        world.on_forces.append(look)
+        world.on_forces.append(record_force)
         leaf = run.finish().arms["arm1"].runs[-1]
     assert leaf.status == "SUCCESS", leaf.reason
     assert int(leaf.metrics["search_places"]) > 2
-    assert 1.0 < pressed[0] < CALM_N
+    assert 1.0 < pressed[0] < LIMIT_N
 
 
 @pytest.mark.parametrize("has_bottom", [True, False])
-def test_a_soft_arm_that_stands_on_the_bottom_need_not_press_with_the_full_force(
+def test_compliant_arm_on_the_bottom_need_not_reach_the_full_force(
     has_bottom: bool,
 ) -> None:
-    """At 1.5 mm below the bottom this arm presses with 51 of 60 N: that was NO_CONTACT."""
+    """At 1.5 mm below the bottom, this arm presses with 51 of 60 N: it failed with NO_CONTACT."""
     file = yaml.safe_load((share_dir("trees") / "peg_in_hole.yaml").read_text())
     file["arms"]["arm1"]["tree"]["sequence"][1]["insert"] |= {"push": 60, "tolerance": 0.0015}
     if not has_bottom:  # the same hole 30 mm above the table

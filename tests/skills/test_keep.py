@@ -1,4 +1,4 @@
-"""Path constraints of skills: kept in the true world, measured, refused where they cannot hold."""
+"""Path constraints of skills hold in the true world, are measured, and refused if infeasible."""
 
 from __future__ import annotations
 
@@ -25,39 +25,40 @@ CUP = {"shape": "cylinder", "size": [0.02, 0.1], "mass": 0.2, "pose": {"xyz": [0
 
 @dataclass
 class Tilts:
-    """True tilt of the cup, or else of the tool from its start, in every step."""
+    """Largest true tilt of the cup, or of the tool from its start."""
 
     most: float = 0.0
     heights: list[float] = field(default_factory=list)
     first: Vector | None = None
 
-    def of_tool(self, world: World) -> None:
+    def record_tool(self, world: World) -> None:
         tool = world.arms["arm1"].tool_pose
         if self.first is None:
             self.first = tool.inverse.turn(UP)
         self.most = max(self.most, float(np.arccos(min(1.0, tool.turn(self.first) @ UP))))
         self.heights.append(float(tool.position[2]))
 
-    def of_cup(self, world: World) -> None:
+    def record_cup(self, world: World) -> None:
         z = world.object_pose("cup").rotation_matrix[2, 2]
         self.most = max(self.most, float(np.arccos(min(1.0, z))))
 
 
 TURNED = {"xyz": [-0.1, -0.25, -0.1], "rpy": [0, 0, 90]}
-"""A step with a turn about the vertical: straight in the joints it tilts a Panda's tool by 2.7°."""
+"""A step with a rotation about the vertical: linear in joint space it tilts a Panda's tool by
+2.7°."""
 
 
 @pytest.mark.parametrize(
     ("robot", "posture"), [("ur5", "present"), ("panda", "home"), ("xarm7", "home")]
 )
-def test_the_tool_stays_upright_where_the_fastest_motion_would_not(
+def test_tool_stays_upright_where_the_fastest_motion_would_tilt_it(
     robot: str, posture: str, stage: Stage
 ) -> None:
     leaf: Tree = {"reach_to_pose": {"offset": TURNED, "keep": {"upright": "1 deg"}}}
     arm: Tree = {"robot": robot, "posture": posture, "base": {"xyz": [0, 0, 0.4]}}
     play = stage.play(Scenario(arm=arm).file(leaf))
     tilts = Tilts()
-    play.watchers.append(tilts.of_tool)
+    play.watchers.append(tilts.record_tool)
     play.run()
     report = play.leaf("reach_to_pose")
     assert report.status == "SUCCESS", report.reason
@@ -67,7 +68,7 @@ def test_the_tool_stays_upright_where_the_fastest_motion_would_not(
 
 
 @pytest.mark.parametrize("gripper", ["robotiq_2f85", "suction_cup"])
-def test_a_cup_is_carried_upright_over_a_wall(gripper: str, stage: Stage) -> None:
+def test_cup_is_carried_upright_over_a_wall(gripper: str, stage: Stage) -> None:
     tree: Tree = {
         "world": {"scene": "table", "reality": "lab"},
         "objects": {"cup": CUP, "wall": WALL},
@@ -92,7 +93,7 @@ def test_a_cup_is_carried_upright_over_a_wall(gripper: str, stage: Stage) -> Non
     }
     play = stage.play(tree)
     tilts = Tilts()
-    play.watchers.append(tilts.of_cup)
+    play.watchers.append(tilts.record_cup)
     play.run()
     report = play.leaf("transport")
     assert report.status == "SUCCESS", report.reason
@@ -125,12 +126,12 @@ def test_a_cup_is_carried_upright_over_a_wall(gripper: str, stage: Stage) -> Non
         ),
     ],
 )  # fmt: skip
-def test_what_cannot_hold_is_refused_before_anything_moves(
+def test_infeasible_limit_is_refused_before_any_motion(
     node: Tree, reason: str, stage: Stage
 ) -> None:
     play = stage.play(Scenario().file(node))
     tilts = Tilts()
-    play.watchers.append(tilts.of_tool)
+    play.watchers.append(tilts.record_tool)
     play.run()
     report = play.leaf(next(iter(node)))
     assert (report.status, report.code) == ("FAILURE", "KEEP_VIOLATED")
@@ -138,8 +139,8 @@ def test_what_cannot_hold_is_refused_before_anything_moves(
     assert np.ptp(tilts.heights) < 1e-3
 
 
-def test_a_violation_in_the_motion_ends_it(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A plan that does not keep the limit is found out by the encoders, and stopped."""
+def test_violation_stops_the_motion(stage: Stage, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The encoders reveal that a plan violates the limit."""
     from bt_dualarm.planning.path_constraints import ConstrainedProblem
 
     monkeypatch.setattr(ConstrainedProblem, "keeps", lambda self, motion: True)
@@ -181,7 +182,7 @@ def test_move_linear_keeps_a_point_in_front_of_the_tool(stage: Stage) -> None:
         {"facing": {"direction": [0, 0, 1], "axis": "z"}},
     ],
 )
-def test_contradictory_limits_are_refused(given: Any) -> None:
+def test_invalid_limits_are_refused(given: Any) -> None:
     with pytest.raises(ValueError, match="validation error"):
         validated(Keep, given)
 
@@ -194,7 +195,7 @@ def test_contradictory_limits_are_refused(given: Any) -> None:
         ("fr3", (0.192, -0.382, 0.519), 162.4, (0.593, 0.075, 0.54), "PATH_BROKEN"),
     ],
 )
-def test_a_line_that_keeps_does_not_begin_with_another_motion(
+def test_constrained_line_is_not_preceded_by_an_unconstrained_motion(
     robot: str,
     start: tuple[float, float, float],
     yaw: float,
@@ -202,7 +203,7 @@ def test_a_line_that_keeps_does_not_begin_with_another_motion(
     code: str,
     stage: Stage,
 ) -> None:
-    """The line is easier from another posture; on the motion to that, nothing keeps the tool."""
+    """The line is easier from another posture, but the motion to that would be unconstrained."""
     keep = {"upright": 5}
     file: Tree = {
         "world": {"scene": "empty", "reality": "lab", "time_limit": 30},

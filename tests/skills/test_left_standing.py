@@ -1,4 +1,4 @@
-"""A SUCCESS is true: the object is where it was left, and stays there."""
+"""A SUCCESS is true: the object is where it was placed, and stays there."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ CODES = {
     ("transport", "tilted by 20°"): "NOT_REACHED",
     ("regrasp", "pushed by 15 mm"): "NOT_PLACED",
 }
-"""A few of the ways of the benchmark: skill, what happens, and the code with which it fails."""
+"""Some cases of the benchmark: skill, disturbance, and the code with which it fails."""
 
 CHOSEN = [
     key
     for kind in dict.fromkeys((skill, code) for (skill, _), code in CODES.items())
     for key in some((key for key, code in CODES.items() if (key[0], code) == kind), 3)
 ]
-"""One in three of those with the same skill and the same code."""
+"""One in three of the cases with the same skill and code."""
 
 
 @pytest.mark.parametrize(
@@ -31,8 +31,8 @@ CHOSEN = [
     [case for case in cases() if (case.skill, case.name) in CHOSEN],
     ids=lambda case: case.name,
 )
-def test_what_does_not_stay_is_no_success(case: Case) -> None:
-    """The leaf fails with the code that says why, however well it went by what the arm senses."""
-    leaf, lies = play(case)
-    assert not lies
+def test_object_that_does_not_stay_is_a_failure(case: Case) -> None:
+    """The leaf fails with the code of the cause, however good the measurements of the arm are."""
+    leaf, false_successes = play(case)
+    assert not false_successes
     assert (leaf.skill, leaf.code) == (case.skill, CODES[case.skill, case.name]), leaf.reason

@@ -1,6 +1,6 @@
-"""A guarded move ends before a link touches something that only the tool was to touch.
+"""A guarded move ends before a link touches an object: only the tool may.
 
-The seeds are sequences in which a forearm came down on a cube and on another object.
+The seeds give sequences in which a forearm came down on a cube and on another object.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from benchmarks.sequences import play
         ),
     ],
 )
-def test_a_link_in_the_way_ends_it(
+def test_guarded_move_ends_before_a_link_collides(
     seed: int, skills: tuple[str, ...], bodies: tuple[str, str]
 ) -> None:
     played = play(seed, len(skills), "lab", skills)

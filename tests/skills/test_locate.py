@@ -1,4 +1,4 @@
-"""What is located is where it is, by the simulator's truth; and nobody has told it."""
+"""`locate` finds true poses of objects without reading them from the simulator."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ AT_TABLE: dict[str, Any] = {"base": {"xyz": [0.35, 0, 0.4], "rpy": [0, 0, -90]}}
 
 
 def before_camera(robot: str, tree: Any, shape: str = "cube", **world: Any) -> dict[str, Any]:
-    """A file with an arm at rest and a thing before its camera, turned a little."""
+    """A file with an arm at rest and an object in front of its camera, slightly rotated."""
     arm = {"robot": robot, "base": {"xyz": [0, 0, 0.4]}, "camera": {}}
     arm["posture"] = POSTURES.get(robot, "home")
     file: dict[str, Any] = {
@@ -49,7 +49,7 @@ def before_camera(robot: str, tree: Any, shape: str = "cube", **world: Any) -> d
 
 
 def errors(play: Play) -> tuple[float, float]:
-    """Distance in m and angle in rad from the truth, of a leaf that must have succeeded."""
+    """True errors in m and rad of a `locate` that must have succeeded."""
     leaf = play.leaf("locate")
     assert leaf.status == "SUCCESS", f"{leaf.code}: {leaf.reason}"
     metrics = leaf.metrics
@@ -57,8 +57,8 @@ def errors(play: Play) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize(("robot", "reality"), some(ROBOTS, 5))
-def test_every_robot_knows_where_a_cube_is(robot: str, reality: str, stage: Stage) -> None:
-    """Within 2 mm and 1°, though cameras of rough robots are off by many."""
+def test_every_robot_locates_a_cube(robot: str, reality: str, stage: Stage) -> None:
+    """Within 2 mm and 1°, though the camera mounts of rough robots deviate by more."""
     file = before_camera(robot, {"locate": {"object": "thing"}}, reality=reality)
     away, turned = errors(stage.run(file, seed=5))
     assert away < 0.002
@@ -87,10 +87,10 @@ def test_every_shape_is_located(shape: str, stage: Stage) -> None:
         2,
     ),
 )
-def test_another_size_is_not_the_declared_one(
+def test_object_of_another_size_is_refused(
     shape: str, ratio: float, reality: str, stage: Stage
 ) -> None:
-    """A cube of 43 mm was said to be one of 50 mm, 2 to 12 mm from where it was."""
+    """A cube of 43 mm was reported as one of 50 mm, with a position error of 2 to 12 mm."""
     file = before_camera("ur5", {"locate": {"object": "other"}}, shape, reality=reality)
     obj = file["objects"]["thing"]
     other = obj | {"size": [edge / ratio for edge in obj["size"]], "spawned": False}
@@ -100,8 +100,8 @@ def test_another_size_is_not_the_declared_one(
     assert float(leaf.metrics["size_ratio"]) == pytest.approx(ratio, abs=0.02)
 
 
-def test_another_height_is_not_the_declared_one(stage: Stage) -> None:
-    """Hardly seen from above, and it would put the middle of the brick 5 mm too high."""
+def test_object_of_another_height_is_refused(stage: Stage) -> None:
+    """Hardly visible from above, the height would put the center of the brick 5 mm too high."""
     file = before_camera("ur5", {"locate": {"object": "other"}}, "brick", reality="lab")
     other = file["objects"]["thing"] | {"size": [0.04, 0.06, 0.04], "spawned": False}
     file["objects"]["other"] = other | {"pose": {"xyz": [5, 5, 5]}}
@@ -110,8 +110,8 @@ def test_another_height_is_not_the_declared_one(stage: Stage) -> None:
 
 
 @pytest.mark.parametrize(("robot", "reality"), some(ROBOTS[::-1], 7))
-def test_every_robot_knows_where_a_marker_is(robot: str, reality: str, stage: Stage) -> None:
-    """Within 1 mm and half a degree, on a gray block that no color tells."""
+def test_every_robot_locates_a_marker(robot: str, reality: str, stage: Stage) -> None:
+    """Within 1 mm and 0.5°, on a gray block that cannot be found by color."""
     x, y = (0.35, -0.36) if robot == "ur3" else (0.37, -0.45)
     file: dict[str, Any] = {
         "world": {"scene": "table", "time_limit": 60, "reality": reality},
@@ -126,7 +126,7 @@ def test_every_robot_knows_where_a_marker_is(robot: str, reality: str, stage: St
     assert np.degrees(turned) < 0.5
 
 
-def test_an_object_without_a_marker_is_refused(stage: Stage) -> None:
+def test_object_without_a_marker_is_refused(stage: Stage) -> None:
     file = before_camera("ur5", {"locate": {"object": "thing", "by": "marker"}})
     leaf = stage.run(file).leaf("locate")
     assert (leaf.code, leaf.reason) == ("INVALID_TARGET", "object 'thing' has no marker")
@@ -160,10 +160,8 @@ TABLE = """
         ("{object: d, count: '{count}'}", 1),
     ],
 )
-def test_things_of_another_color_or_shape_are_left_alone(
-    what: str, count: int, stage: Stage
-) -> None:
-    """Two red cubes, a red ball and a blue cube, all in one picture."""
+def test_objects_of_another_color_or_shape_are_ignored(what: str, count: int, stage: Stage) -> None:
+    """Two red cubes, a red ball and a blue cube, all in one image."""
     play = stage.run(TABLE.replace("LOCATE", what).replace("COUNT", str(count)))
     away, _ = errors(play)
     assert away < 0.002
@@ -175,8 +173,8 @@ def test_things_of_another_color_or_shape_are_left_alone(
 @pytest.mark.parametrize(
     ("what", "count"), [("{object: a}", 2), ("{object: d}", 1), ("{object: d, color: green}", 0)]
 )
-def test_what_is_in_view_is_counted(what: str, count: int, stage: Stage) -> None:
-    """None is a count, too; a ball among cubes is none of them."""
+def test_objects_in_view_are_counted(what: str, count: int, stage: Stage) -> None:
+    """Zero is a valid count; a ball among cubes is not counted."""
     tree = TABLE.replace("locate: LOCATE", "count: LOCATE").replace("COUNT", str(count))
     play = stage.run(tree.replace("LOCATE", what.replace("}", ", count: '{count}'}")))
     assert play.result is not None
@@ -184,8 +182,8 @@ def test_what_is_in_view_is_counted(what: str, count: int, stage: Stage) -> None
     assert play.leaf("count").metrics["found"] == count
 
 
-def test_one_waits_for_what_comes_into_view(stage: Stage) -> None:
-    """Until it has been there for three pictures, and not longer."""
+def test_wait_for_ends_when_the_object_comes_into_view(stage: Stage) -> None:
+    """It ends once the object was in three images."""
     file = before_camera("panda", {"wait_for": {"object": "thing", "every": 0.1}})
     x, y, z = file["objects"]["thing"]["pose"]["xyz"]
     del x, z
@@ -202,8 +200,8 @@ def test_one_waits_for_what_comes_into_view(stage: Stage) -> None:
     assert 1.7 <= float(leaf.metrics["waited_s"]) <= 2.0
 
 
-def test_what_is_not_there_yet_is_waited_for(stage: Stage) -> None:
-    """An object that somebody spawns later; that it is in the world only the pictures say."""
+def test_wait_for_waits_for_an_object_not_yet_spawned(stage: Stage) -> None:
+    """Another arm spawns the object later; only the images show it."""
     file = before_camera("ur5", {"wait_for": {"object": "thing", "every": 0.1}}, reality="lab")
     file["objects"]["thing"]["spawned"] = False
     brings = {"sequence": [{"wait": 1.5}, {"spawn": {"object": "thing"}}]}
@@ -217,17 +215,17 @@ def test_what_is_not_there_yet_is_waited_for(stage: Stage) -> None:
     ("skill", "status", "code", "found"),
     [("count", "SUCCESS", "", 0), ("locate", "FAILURE", "NOT_SEEN", None)],
 )
-def test_what_was_taken_away_is_not_seen(
+def test_removed_object_is_not_seen(
     skill: str, status: str, code: str, found: int | None, stage: Stage
 ) -> None:
-    """There are none of it, and no place; the arm has looked before it says so."""
+    """`count` finds 0, and `locate` fails, after looking."""
     tree = {"sequence": [{"remove": {"object": "thing"}}, {skill: {"object": "thing"}}]}
     leaf = stage.run(before_camera("panda", tree, reality="lab")).leaf(skill)
     assert (leaf.status, leaf.code, leaf.metrics.get("found")) == (status, code, found)
 
 
-def test_the_nearest_to_the_base_comes_first(stage: Stage) -> None:
-    """The first pose is that of cube ``a``, whichever of the two is asked for."""
+def test_nearest_object_to_the_base_comes_first(stage: Stage) -> None:
+    """The first pose is that of cube ``a``, whichever of the two identical cubes is named."""
     tree = TABLE.replace("LOCATE", "{object: b, score: a, pose: '{p}', count: '{count}'}")
     play = stage.run(tree.replace("COUNT", "2") + "            - set: {key: x, value: '{p}'}\n")
     away, _ = errors(play)
@@ -235,22 +233,22 @@ def test_the_nearest_to_the_base_comes_first(stage: Stage) -> None:
 
 
 def located(file: dict[str, Any], stage: Stage, spoil: bool) -> tuple[Any, Play]:
-    """The tool's way, and the play; the truth of the thing is nonsense whenever trees tick."""
+    """Joint positions of the world over time, and the play; `spoil` falsifies the object's pose."""
     play = stage.play(file, seed=4)
-    way: list[Any] = []
+    states: list[Any] = []
 
-    def watch(world: bt.World) -> None:
-        way.append(world.data.qpos.copy())
+    def record(world: bt.World) -> None:
+        states.append(world.data.qpos.copy())
 
-    play.watchers.append(watch)
+    play.watchers.append(record)
     if spoil:
         _poison(play)
     play.run()
-    return np.array(way), play
+    return np.array(states), play
 
 
 def _poison(play: Play) -> None:
-    """Let `World.object_pose` tell of another place."""
+    """Make `World.object_pose` return a wrong position."""
     world = play.world
     true = world.object_pose
 
@@ -261,19 +259,19 @@ def _poison(play: Play) -> None:
     world.object_pose = false  # type: ignore[method-assign]  # that is the poison
 
 
-def test_the_truth_is_read_for_the_score_alone(stage: Stage) -> None:
-    """With a poisoned truth the arm moves the same to the last bit; only the metric is wrong."""
+def test_true_pose_is_read_for_the_score_only(stage: Stage) -> None:
+    """With a falsified truth the arm moves identically, bit for bit; only the metric is wrong."""
     file = before_camera("ur5", {"locate": {"object": "thing"}}, reality="lab")
     sound, good = located(file, stage, spoil=False)
     poisoned, bad = located(file, stage, spoil=True)
     np.testing.assert_array_equal(poisoned, sound)
     assert errors(good)[0] < 0.002
     assert errors(bad)[0] > 0.1
-    assert np.abs(np.diff(sound, axis=0)).max() > 0, "the arm was to move"
+    assert np.abs(np.diff(sound, axis=0)).max() > 0, "the arm should have moved"
 
 
 def on_desk(color: list[float], obj: dict[str, Any]) -> dict[str, Any]:
-    """A thing on a desk of a color, before an arm that looks down on it."""
+    """An object on a colored desk, in front of an arm whose camera looks down on it."""
     desk = {"shape": "box", "size": [0.58, 0.48, 0.01], "mass": 5, "fixed": True, "color": color}
     height = 0.41 + 0.5 * obj["size"][-1]
     look = {"look_at": {"at": {"xyz": [0.35, -0.45, 0.42]}, "distance": 0.4}}
@@ -290,12 +288,12 @@ def on_desk(color: list[float], obj: dict[str, Any]) -> dict[str, Any]:
 
 @pytest.mark.parametrize("seed", some([0, 1], 2))
 @pytest.mark.parametrize("color", [[0.45, 0.28, 0.12], [0.05, 0.05, 0.06], [0.9, 0.9, 0.9]])
-def test_sides_in_the_shade_count_on_any_ground(
+def test_shaded_sides_are_recognized_on_any_background(
     color: list[float], seed: int, stage: Stage
 ) -> None:
-    """On a brown desk a red brick was 2.7 mm off: its dark side was taken for the desk.
+    """On a brown desk the error for a red brick was 2.7 mm: its dark side was taken for the desk.
 
-    On a black one it was 1 mm and 1° off: a dark side beside a bright one was, where it was narrow.
+    On a black one it was 1 mm and 1°: a narrow dark side beside a bright one was, too.
     """
     brick = {"shape": "box", "size": [0.08, 0.04, 0.03], "color": "red"}
     away, turned = errors(stage.run(on_desk(color, brick), seed=seed))
@@ -303,7 +301,7 @@ def test_sides_in_the_shade_count_on_any_ground(
     assert np.degrees(turned) < 0.5
 
 
-def test_a_ground_of_the_things_color_is_told(stage: Stage) -> None:
+def test_background_of_the_same_color_is_reported(stage: Stage) -> None:
     can = {"shape": "cylinder", "size": [0.025, 0.08], "color": "orange"}
     leaf = stage.run(on_desk([0.45, 0.28, 0.12], can)).leaf("locate")
     assert leaf.code == "NOT_SEEN"

@@ -1,4 +1,4 @@
-"""Prisms that lie on a side are grasped on their edges where no two faces are upright."""
+"""Prisms that lie on a side are grasped at their edges if no two faces are vertical."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ HANDS = {"ur5e": "robotiq_2f85", "panda": "panda_hand"}
 
 
 def lying(sides: int, yaw: float) -> list[float]:
-    """Orientation of a prism that lies on a side, w first."""
+    """Orientation of a prism that height on a side, as a quaternion, w first."""
     on_side = Pose.from_rpy((0, 0, 0), (0, math.pi / 2, math.radians(yaw)))
     turned = Pose.from_rpy((0, 0, 0), (0, 0, -math.pi / sides))
     return [float(one) for one in (on_side @ turned).quaternion]
@@ -33,11 +33,11 @@ def lying(sides: int, yaw: float) -> list[float]:
         4,
     ),
 )
-def test_a_lying_prism_is_held_through_motions(sides: int, radius: float, robot: str) -> None:
-    """It stays where the hand believes it to be when that moves and turns."""
-    lies = 0.2 + radius * math.cos(math.pi / sides) + 2e-4
+def test_lying_prism_does_not_slip_during_motions(sides: int, radius: float, robot: str) -> None:
+    """Its true pose matches the estimate after the hand moves and rotates."""
+    height = 0.2 + radius * math.cos(math.pi / sides) + 2e-4
     peg: dict[str, Any] = {"shape": "prism", "size": [radius, 0.1], "sides": sides, "mass": 0.2}
-    peg |= {"friction": 1.0, "pose": {"xyz": [0.45, 0.05, lies], "quat": lying(sides, 30)}}
+    peg |= {"friction": 1.0, "pose": {"xyz": [0.45, 0.05, height], "quat": lying(sides, 30)}}
     table = {"shape": "box", "size": [0.6, 0.6, 0.2], "fixed": True}
     leaves = [
         {"grasp": {"object": "peg"}},
@@ -59,6 +59,6 @@ def test_a_lying_prism_is_held_through_motions(sides: int, radius: float, robot:
         held = world.attachments.find("arm1", "peg")
         assert result.outcome == "SUCCESS", result.arms["arm1"].runs[-1].reason
         assert held is not None
-        believed = world.arms["arm1"].tool_pose @ world.robots["arm1"].tool.inverse @ held.relative
-        assert world.object_pose("peg").distance(believed) < 2e-3
-        assert world.object_pose("peg").angle(believed) < math.radians(3.0)
+        estimated = world.arms["arm1"].tool_pose @ world.robots["arm1"].tool.inverse @ held.relative
+        assert world.object_pose("peg").distance(estimated) < 2e-3
+        assert world.object_pose("peg").angle(estimated) < math.radians(3.0)

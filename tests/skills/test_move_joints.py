@@ -1,4 +1,4 @@
-"""Joints turn to and by angles, all or some, or the motion is refused before it begins."""
+"""`move_joints` turns all or some joints to or by angles, or is refused before any motion."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ arms:
         ("by: {wrist_3_joint: -20, elbow_joint: 10}", (0, 0, 10, 0, 0, -20)),
     ],
 )
-def test_by_turns_from_where_the_joints_are(
+def test_by_is_relative_to_the_current_angles(
     stage: Stage, ports: str, turned: tuple[float, ...]
 ) -> None:
     play = stage.play(WORLD.replace("PORTS", ports))
@@ -35,7 +35,7 @@ def test_by_turns_from_where_the_joints_are(
     assert joints(play.world) - start == pytest.approx(np.deg2rad(turned), abs=1e-3)
 
 
-def test_to_is_absolute_and_leaves_joints_that_are_not_named(stage: Stage) -> None:
+def test_to_is_absolute_and_keeps_other_joints(stage: Stage) -> None:
     play = stage.play(WORLD.replace("PORTS", "to: {wrist_3_joint: 12}"))
     start = joints(play.world)
     play.run()
@@ -52,7 +52,7 @@ def test_to_is_absolute_and_leaves_joints_that_are_not_named(stage: Stage) -> No
         ("by: {shoulder_lift_joint: 120}", "IN_COLLISION", "floor"),
     ],
 )
-def test_what_cannot_be_done_is_refused_at_rest(
+def test_invalid_target_is_refused_without_motion(
     stage: Stage, ports: str, code: str, word: str
 ) -> None:
     play = stage.run(WORLD.replace("PORTS", ports))

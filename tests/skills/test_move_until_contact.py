@@ -1,4 +1,4 @@
-"""A guarded move ends at what is there, whatever the robot is off by, and not before."""
+"""A guarded move ends at the first contact, and not before, despite model errors."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ DOWN: Tree = {"move_until_contact": {"direction": [0, 0, -1], "distance": 0.09}}
 
 
 def above(robot: str, reality: str, plate: bool) -> Tree:
-    """An arm over a plate, or over nothing."""
-    page = load_robot(robot)
-    kinematics = Kinematics(page, Pose.from_rpy((0.0, 0.0, 0.40)))
-    x, y, z = kinematics.forward(page.postures["home"]).position.tolist()
+    """An arm above a plate, or above nothing."""
+    description = load_robot(robot)
+    kinematics = Kinematics(description, Pose.from_rpy((0.0, 0.0, 0.40)))
+    x, y, z = kinematics.forward(description.postures["home"]).position.tolist()
     slab: Tree = {"shape": "box", "size": [0.3, 0.3, 0.04], "mass": 5, "fixed": True}
     slab["pose"] = {"xyz": [x, y, z - GAP_M - 0.02]}
     return {
@@ -36,7 +36,7 @@ def above(robot: str, reality: str, plate: bool) -> Tree:
     ("robot", "reality", "seed"),
     some([("ur5", "lab", 1), ("xarm7", "lab", 0), ("ur10", "rough", 0), ("ur3", "rough", 2)], 2),
 )
-def test_it_ends_at_the_surface(robot: str, reality: str, seed: int, stage: Stage) -> None:
+def test_guarded_move_ends_at_surface(robot: str, reality: str, seed: int, stage: Stage) -> None:
     leaf = stage.run(above(robot, reality, plate=True), seed=seed).leaf("move_until_contact")
     assert leaf.status == "SUCCESS", leaf.reason
     assert leaf.metrics["contact_after_m"] == pytest.approx(GAP_M, abs=2e-3)
@@ -48,10 +48,10 @@ def test_it_ends_at_the_surface(robot: str, reality: str, seed: int, stage: Stag
     ("robot", "reality"),
     some([("panda", "lab"), ("xarm7", "rough"), ("ur3e", "lab"), ("baxter_right", "lab")], 2),
 )
-def test_what_it_presses_on_may_keep_it_from_its_set_point(
+def test_fast_guarded_move_succeeds_although_contact_blocks_its_set_point(
     robot: str, reality: str, stage: Stage
 ) -> None:
-    """At ten times the speed the arm steps back, and does not come to rest where it is sent."""
+    """At ten times the speed, the arm backs off, and does not come to rest at its set-point."""
     file = above(robot, reality, plate=True)
     quick = {"move_until_contact": DOWN["move_until_contact"] | {"speed": 0.1}}
     up: Tree = {"move_linear": {"offset": {"xyz": [0, 0, 0.03]}}}
@@ -77,10 +77,10 @@ def test_what_it_presses_on_may_keep_it_from_its_set_point(
         2,
     ),
 )
-def test_the_contact_force_is_not_compensated(
+def test_contact_force_is_not_compensated(
     robot: str, gripper: str, reality: str, stage: Stage
 ) -> None:
-    """The arm pressed with 48 to 121 N, and without joint friction might never rest again."""
+    """The arm pressed with 48 to 121 N, and without joint friction might never come to rest."""
     file = above(robot, reality, plate=True)
     down = {"move_until_contact": {"direction": [0, 0, -1], "distance": 0.2}}
     file["arms"]["arm1"]["tree"] = {"sequence": [down, {"hold_still": {"duration": 1.0}}]}
@@ -93,10 +93,10 @@ def test_the_contact_force_is_not_compensated(
 @pytest.mark.parametrize(
     ("robot", "gripper"), some(product(["panda", "xarm7"], ["panda_hand", "suction_cup"]), 3)
 )
-def test_a_contact_just_after_the_start_is_not_compensated_either(
+def test_contact_just_after_the_start_is_not_compensated(
     robot: str, gripper: str, stage: Stage
 ) -> None:
-    """Nothing was learned on the way: what was compensated before the motion is what counts."""
+    """The motion is too short to learn from: the compensation from before the motion counts."""
     file = above(robot, "ideal", plate=True)
     down = {"move_until_contact": {"distance": 0.2, "force": 5, "speed": 0.02}}
     up = {"move_linear": {"offset": {"xyz": [0, 0, 0.001]}}}
@@ -109,16 +109,17 @@ def test_a_contact_just_after_the_start_is_not_compensated_either(
 
 
 @pytest.mark.parametrize(("robot", "reality"), [("ur5", "lab"), ("panda", "rough")])
-def test_it_feels_nothing_where_nothing_is(robot: str, reality: str, stage: Stage) -> None:
+def test_no_contact_is_detected_in_free_space(robot: str, reality: str, stage: Stage) -> None:
     leaf = stage.run(above(robot, reality, plate=False), seed=1).leaf("move_until_contact")
     assert leaf.code == "NO_CONTACT", leaf.metrics
 
 
 @pytest.mark.parametrize(("gripper", "speed"), [("panda_hand", 0.01), ("robotiq_2f85", 0.03)])
-def test_what_fingers_hold_is_pressed_on_the_floor_and_does_not_slide(
+def test_held_object_does_not_slide_when_pressed_on_the_floor(
     gripper: str, speed: float, stage: Stage
 ) -> None:
-    """It goes up first: friction that turns around is no touch; belief and truth stay one."""
+    """The arm moves up first: reversal of friction is not taken for contact; the estimated and true
+    poses agree."""
     cube: Tree = {"shape": "box", "size": [0.05, 0.05, 0.05], "mass": 0.1}
     leaves: list[Tree] = [
         {"grasp": {"object": "cube", "speed": 1.0}},
@@ -139,12 +140,12 @@ def test_what_fingers_hold_is_pressed_on_the_floor_and_does_not_slide(
     cube_now = world.object_pose("cube")
     held = world.attachments.find("arm1", "cube")
     assert held is not None
-    assert cube_now.position[2] == pytest.approx(0.025, abs=1e-3), "it stopped in the air"
-    believed = world.arms["arm1"].tool_link_pose @ held.relative
-    assert believed.distance(cube_now) < 1e-3
+    assert cube_now.position[2] == pytest.approx(0.025, abs=1e-3), "it must not stop in the air"
+    estimated = world.arms["arm1"].tool_link_pose @ held.relative
+    assert estimated.distance(cube_now) < 1e-3
 
 
-def test_once_more_from_the_contact_it_presses_no_harder() -> None:
-    """A UR10 held 130 N after the first contact, and pressed with 280 N in the second motion."""
+def test_second_guarded_move_does_not_press_harder() -> None:
+    """A UR10 kept 130 N after the first contact, and pressed with 280 N in the second motion."""
     leaves = play(700171, 2, "lab").leaves
     assert [status for _, status, _, _ in leaves] == ["SUCCESS", "SUCCESS"], leaves

@@ -1,4 +1,4 @@
-"""Fingers that are to take something open where there is room for it."""
+"""Fingers open for a grasp only where there is room."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from tests.skills.scenarios import CUBE, GRASP, GRIPPING, ON_TABLE, Scenario, Tr
 
 SHUT: Tree = {"close_gripper": {"empty": True}}
 DOWN: Tree = {"reach_to_pose": {"to": {"xyz": [0.25, -0.45, 0.43], "rpy": [180, 0, 0]}}}
-"""Shut fingers, which open along y, low above the table."""
+"""Moves the shut fingers, which open along y, low above the table."""
 
 
 def beside(y: float, **more: Any) -> Tree:
-    """A low wall whose near face is so many meters beside them."""
+    """A low wall whose near face is `y` m beside the fingers."""
     size = [0.1, 0.02, 0.06]
     pose = {"xyz": [0.25, -0.45 + y + 0.01, 0.43]}
     return {"wall": CUBE | {"size": size, "pose": pose, "fixed": True, "color": "red"} | more}
@@ -28,8 +28,8 @@ def play(stage: Stage, gripper: str, walls: Tree) -> Play:
 
 
 @pytest.mark.parametrize("gripper", ["robotiq_2f85", "panda_hand"])
-def test_fingers_do_not_open_into_what_stands_beside_them(gripper: str, stage: Stage) -> None:
-    """`grasp`, and `regrasp` after it had let go, opened them wherever the arm stood."""
+def test_fingers_do_not_open_into_a_wall_beside_them(gripper: str, stage: Stage) -> None:
+    """`grasp`, and `regrasp` after a release, opened them wherever the arm was."""
     played = play(stage, gripper, beside(0.05))
     leaf = played.leaf("grasp")
     assert leaf.status == "SUCCESS", leaf

@@ -1,4 +1,4 @@
-"""Drawers: what conditions say of them, held, recorded, with and without a sensor."""
+"""`operate`: drawers and doors, with and without a joint sensor; conditions and records of them."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def file_of(*leaves: Any, objects: Tree | None = None, **arm: Any) -> dict[str, 
 
 @pytest.mark.usefixtures("without_pictures")
 def test_opened_drawer_is_recorded_replayed_and_resumed(tmp_path: Path) -> None:
-    """A cube inside moves along; the record has the drawer as an object that moves."""
+    """A cube inside moves along; the record contains the drawer as a moving object."""
     cube = CUBE | {"size": [0.04, 0.04, 0.04], "pose": {"xyz": [0.45, -0.65, 0.467]}}
     file = file_of(PULLS, PULL, OPEN, "release", objects={"cube": cube})
     file |= {
@@ -53,7 +53,7 @@ def test_opened_drawer_is_recorded_replayed_and_resumed(tmp_path: Path) -> None:
 
 
 def test_held_drawer_moves_by_operate_only(stage: Stage) -> None:
-    """Other motions are refused before anything moves; after a release they are possible."""
+    """Other motions are refused before anything moves, and possible after a release."""
     away: Tree = {"reach_to_pose": {"offset": {"xyz": [0, 0.05, 0.05]}}}
     play = stage.run(file_of(PULLS, {"force_success": {"child": away}}, "release", away))
     refused, later = play.leaves("reach_to_pose")
@@ -62,12 +62,12 @@ def test_held_drawer_moves_by_operate_only(stage: Stage) -> None:
     assert play.opened.world.joint_position("cabinet.slide") == pytest.approx(0.0, abs=1e-3)
 
 
-def test_drawer_without_a_sensor_is_where_the_hand_is(stage: Stage) -> None:
-    """Known as declared before, by encoders while it is held, as felt afterwards.
+def test_drawer_without_a_sensor_is_tracked_by_the_hand(stage: Stage) -> None:
+    """Its position is as declared before, from encoders while held, and the last one afterwards.
 
-    A pose in the frame of a part is where that is then.
+    A pose in the frame of a part follows the part.
 
-    Fingers feel the handle between them, and nothing before.
+    Fingers sense the handle between them, and nothing before.
     """
     there: Tree = {"reach_to_pose": {"to": {"in_frame": "cabinet.handle", "xyz": [0, 0.1, 0.1]}}}
     feels: Tree = {"touching": {"by": "fingers"}}
@@ -98,7 +98,7 @@ def test_drawer_without_a_sensor_is_where_the_hand_is(stage: Stage) -> None:
 
 
 def test_attached_part_can_be_operated(stage: Stage) -> None:
-    """`approach_and_attach` takes a part as well; without fingertips the joints feel the pull."""
+    """`approach_and_attach` accepts a part; without fingertips, joint torques show the pull."""
     tree: list[Tree] = [
         {
             "approach_and_attach": {
@@ -131,15 +131,15 @@ def test_names_of_parts_and_joints_are_checked() -> None:
     assert "no part of cabinet.slide 'top'" in found[3]
 
 
-def test_range_of_the_joint_is_known_to_the_skill(stage: Stage) -> None:
+def test_target_beyond_the_range_of_the_joint_is_refused(stage: Stage) -> None:
     play = stage.run(file_of({"operate": {"object": "cabinet", "joint": "slide", "to": 1.0}}))
     (leaf,) = play.leaves("operate")
     assert leaf.code == "INVALID_TARGET"
     assert "0 to 0.18 m" in leaf.reason
 
 
-def test_the_hand_keeps_away_from_the_door_that_it_moves(stage: Stage) -> None:
-    """The grasp at the middle of the handle left 5 mm, and the way back began in collision."""
+def test_hand_keeps_a_distance_from_the_door_that_it_moves(stage: Stage) -> None:
+    """The grasp at the center of the handle left 5 mm, and the retreat began in collision."""
     stems: Tree = {
         name: {"shape": "box", "size": [0.01, 0.055, 0.01]}
         | {"pose": {"xyz": [-0.1475, -0.0275, z]}}

@@ -1,4 +1,4 @@
-"""Carrying what stands on or in a held object: it stays, or the skill says that it did not."""
+"""Objects on or in a carried object stay there, or the skill reports that they did not."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ CARRIERS: dict[str, tuple[Tree, float]] = {
     "plate": ({"shape": "box", "size": [0.16, 0.06, 0.02], "mass": 0.15}, 0.02),
     "block": ({"shape": "box", "size": [0.05, 0.05, 0.05], "mass": 0.15}, 0.05),
 }
-"""Carriers, each with the height of the surface on which things stand."""
+"""Carriers, each with the height in m of the surface on which objects stand."""
 
 CONTENTS: dict[str, tuple[Tree, float]] = {
     "cube": ({"shape": "box", "size": [0.03, 0.03, 0.03], "mass": 0.05}, 0.015),
@@ -38,13 +38,13 @@ CONTENTS: dict[str, tuple[Tree, float]] = {
 def file_of(
     robot: str, carrier: str, content: str, *after: Tree, reality: str = "lab", **ports: Any
 ) -> Tree:
-    """An arm carries something with something on it across the table."""
+    """An arm carries a carrier with an object on it across the table."""
     shape, floor = CARRIERS[carrier]
     rider, middle = CONTENTS[content]
     height = shape["size"][-1]
     goal = {"xyz": [0.45, 0.2, TOP + 0.5 * height], "rpy": [0, 0, 30]}
     above = {"xyz": [0.45, 0.1, TOP + 0.2]}
-    job = [
+    leaves = [
         {"grasp": {"object": "carrier"}},
         {"transport": {"object": "carrier", "to": above, **ports}},
         {"place": {"object": "carrier", "at": goal}},
@@ -64,7 +64,7 @@ def file_of(
                 "robot": robot,
                 "gripper": HANDS[robot],
                 "base": {"xyz": [0, 0, 0.4]},
-                "tree": {"sequence": [*(after or job)]},
+                "tree": {"sequence": [*(after or leaves)]},
             }
         },
     }
@@ -86,7 +86,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(("robot", "carrier", "content"), some(CASES, 3))
-def test_what_stands_in_it_is_carried_along(robot: str, carrier: str, content: str) -> None:
+def test_passenger_is_carried_along(robot: str, carrier: str, content: str) -> None:
     with bt.open(file_of(robot, carrier, content)) as run:
         world = run.world
 
@@ -105,11 +105,11 @@ def test_what_stands_in_it_is_carried_along(robot: str, carrier: str, content: s
         assert after.distance(before) < 5e-3
 
 
-def test_the_arm_knows_where_it_has_carried_it() -> None:
-    """It moves along with what the arm believes of the carrier, and stays on it after release."""
+def test_arm_tracks_the_pose_of_a_passenger() -> None:
+    """The passenger's estimate moves with that of the carrier, and stays with it after release."""
     above = {"above": "rider", "by": 0.15}
-    job = file_of("ur5", "plate", "can")["arms"]["arm1"]["tree"]["sequence"]
-    with bt.open(file_of("ur5", "plate", "can", *job, {"reach_to_pose": {"to": above}})) as run:
+    leaves = file_of("ur5", "plate", "can")["arms"]["arm1"]["tree"]["sequence"]
+    with bt.open(file_of("ur5", "plate", "can", *leaves, {"reach_to_pose": {"to": above}})) as run:
         result = run.finish()
         assert result.outcome == "SUCCESS", leaf(result, "reach_to_pose").reason
         to_rider = run.world.object_pose("rider").inverse @ run.arms["arm1"].tool_pose
@@ -117,7 +117,7 @@ def test_the_arm_knows_where_it_has_carried_it() -> None:
 
 
 def carried_around_a_wall(run: bt.Run) -> float:
-    """Carry until the end of the run; returns the largest tilt of the carrier meanwhile, rad."""
+    """Finish the run; returns the largest tilt of the carrier, rad."""
     most = 0.0
     while not run.done:
         run.step(0.02)
@@ -127,8 +127,8 @@ def carried_around_a_wall(run: bt.Run) -> float:
     return most
 
 
-def test_a_planned_motion_keeps_it_upright_and_slow_enough() -> None:
-    """Around a wall, an arm tilts by itself what it carries."""
+def test_planned_motion_limits_tilt_and_speed_of_a_loaded_carrier() -> None:
+    """Without the limits, the path around a wall tilts the carrier."""
     carry = {"transport": {"object": "carrier", "to": {"xyz": [-0.15, -0.45, 0.6]}, "speed": 1.0}}
     file = file_of("ur5", "block", "can", {"grasp": {"object": "carrier"}}, carry)
     file["objects"]["table"]["pose"]["xyz"] = [0.0, -0.5, 0.2]
@@ -150,10 +150,10 @@ def test_a_planned_motion_keeps_it_upright_and_slow_enough() -> None:
         assert run.result.sim_time_s < loaded_s
 
 
-def test_near_its_base_an_arm_takes_the_branches_to_which_it_can_keep_it_upright() -> None:
+def test_branches_that_keep_the_carrier_upright_are_used_near_the_base() -> None:
     """Both skills preferred branches to which the wrist would have to turn the plate over.
 
-    In the one that is left, the arm cannot retreat along the tilted hand: it would fold up.
+    In the remaining one, the arm cannot retreat along the tilted hand: it would fold up.
     """
     plate = {"shape": "box", "size": [0.18, 0.05, 0.025], "mass": 0.2}
     can = {"shape": "cylinder", "size": [0.02, 0.05], "mass": 0.06}
@@ -179,7 +179,7 @@ def test_near_its_base_an_arm_takes_the_branches_to_which_it_can_keep_it_upright
     assert length == pytest.approx(0.0566, abs=1e-3)
 
 
-def test_what_is_to_be_poured_out_may_leave() -> None:
+def test_passenger_may_be_poured_out() -> None:
     grasp = {"grasp": {"object": "carrier"}}
     over = {"transport": {"object": "carrier", "to": {"xyz": [0.45, 0.0, TOP + 0.3]}}}
     pour = {"rotate_tool": {"axis": [0, 1, 0], "angle": 70}}
@@ -190,8 +190,8 @@ def test_what_is_to_be_poured_out_may_leave() -> None:
     assert cube[2] < TOP + 0.1
 
 
-def test_a_tall_thing_in_a_bin_is_in_the_way_of_the_open_hand() -> None:
-    """It pushed a wall of the bin with a finger, 47 mm before its goal: NOT_GRASPED."""
+def test_tall_passenger_in_a_bin_is_an_obstacle_to_the_open_hand() -> None:
+    """A finger pushed a wall of the bin 47 mm before the goal: NOT_GRASPED."""
     file = file_of("ur5", "bin", "can", {"grasp": {"object": "carrier"}})
     file["objects"]["carrier"] |= {"mass": 0.1, "pose": {"xyz": [0.42, -0.2, 0.43]}}
     file["objects"]["carrier"]["pose"]["rpy"] = [0, 0, 17.24]
@@ -201,7 +201,7 @@ def test_a_tall_thing_in_a_bin_is_in_the_way_of_the_open_hand() -> None:
     assert result.outcome == "SUCCESS", leaf(result, "grasp").reason
 
 
-def test_a_load_for_which_no_grasp_has_room_is_said_to_be_too_heavy() -> None:
+def test_load_that_no_feasible_grasp_bears_is_too_heavy() -> None:
     file = file_of("panda", "bin", "cube", {"grasp": {"object": "carrier"}})
     file["objects"]["rider"]["mass"] = 0.4
     found = leaf(bt.run(file), "grasp")
@@ -213,7 +213,7 @@ def test_a_load_for_which_no_grasp_has_room_is_said_to_be_too_heavy() -> None:
     assert "1 kg (assumed, as `mass` is not given) of" in found.reason
 
 
-def test_two_arms_carry_a_loaded_tray() -> None:
+def test_two_arms_carry_a_loaded_tray_without_moving_its_load() -> None:
     def arm(robot: str, x: float, other: str, **ports: Any) -> Tree:
         together = {"carry_together": {"object": "carrier", "with": [other], **ports}}
         base: Tree = {"xyz": [x, 0, 0.4]}
@@ -259,8 +259,8 @@ TAKERS = [("ur5", "panda"), ("xarm7", "ur5"), ("xarm7", "panda")]
 
 
 @pytest.mark.parametrize(("holder", "taker"), some(TAKERS, 2))
-def test_an_arm_takes_something_from_a_tray_that_another_one_holds(holder: str, taker: str) -> None:
-    """The guard keeps what two arms hold apart: the taker could not lift it (DEADLOCK)."""
+def test_arm_takes_an_object_from_a_tray_held_by_another_arm(holder: str, taker: str) -> None:
+    """The guard keeps objects of two arms apart, so the taker could not lift it (DEADLOCK)."""
     y = -0.45
     back = [-0.1, y, TOP + 0.015]
     waiter = [
@@ -278,13 +278,13 @@ def test_an_arm_takes_something_from_a_tray_that_another_one_holds(holder: str, 
         {"place": {"object": "cube", "at": {"xyz": [0.35, y, TOP + 0.02]}}},
     ]
     arms = {}
-    for arm, robot, x, job in (("waiter", holder, -0.6, waiter), ("guest", taker, 0.6, guest)):
+    for arm, robot, x, leaves in (("waiter", holder, -0.6, waiter), ("guest", taker, 0.6, guest)):
         turn = 0 if robot == "ur5" else -90
         arms[arm] = {
             "robot": robot,
             "gripper": HANDS[robot],
             "base": {"xyz": [x, 0, 0.4], "rpy": [0, 0, turn]},
-            "tree": {"sequence": job},
+            "tree": {"sequence": leaves},
         }
     cube = {"shape": "box", "size": [0.04, 0.04, 0.04], "mass": 0.03}
     file = {
@@ -315,7 +315,7 @@ PLACED = [("ur5", "panda", "tray"), ("ur10e", "xarm7", "bin"), ("xarm7", "fr3", 
 
 
 @pytest.mark.parametrize(("holder", "placer", "kind"), some(PLACED, 2))
-def test_an_arm_sets_something_on_what_another_one_holds(
+def test_arm_places_an_object_on_a_carrier_held_by_another_arm(
     holder: str, placer: str, kind: str
 ) -> None:
     """It waited for the other arm to leave (DEADLOCK), or pressed the carrier down (NO_CONTACT)."""
@@ -351,8 +351,8 @@ def test_an_arm_sets_something_on_what_another_one_holds(
     table = TABLE | {"size": [1.6, 0.6, 0.4], "pose": {"xyz": [0, y, 0.2]}}
     hands = HANDS | {"fr3": "panda_hand", "ur10e": "robotiq_2f85"}
 
-    def arm(robot: str, base: Tree, job: list[Any]) -> Tree:
-        return {"robot": robot, "gripper": hands[robot], "base": base, "tree": {"sequence": job}}
+    def arm(robot: str, base: Tree, leaves: list[Any]) -> Tree:
+        return {"robot": robot, "gripper": hands[robot], "base": base, "tree": {"sequence": leaves}}
 
     file = {
         "bt_dualarm": 1,
@@ -377,16 +377,16 @@ def test_an_arm_sets_something_on_what_another_one_holds(
     assert between.position[2] == pytest.approx(floor + 0.0175, abs=2e-3)
     placed = leaf(result, "place", "arm2").metrics
     assert float(placed["placed_error_m"]) < 3e-3
-    assert float(placed["height_off_m"]) > -3e-3, "it is not pressed down"
+    assert float(placed["height_off_m"]) > -3e-3, "it must not be pressed down"
 
 
 def handed_over(giver: str, taker: str, *after: Any) -> Tree:
-    """A loaded bar goes from one arm to the other, and ``after`` is what the taker then does."""
+    """A loaded bar is handed over; ``after`` are the leaves of the taker after that."""
     hands = HANDS | {"fr3": "panda_hand", "ur10e": "robotiq_2f85"}
     top = 0.2
 
-    def arm(robot: str, base: Tree, job: list[Any]) -> Tree:
-        return {"robot": robot, "gripper": hands[robot], "base": base, "tree": {"sequence": job}}
+    def arm(robot: str, base: Tree, leaves: list[Any]) -> Tree:
+        return {"robot": robot, "gripper": hands[robot], "base": base, "tree": {"sequence": leaves}}
 
     return {
         "bt_dualarm": 1,
@@ -420,10 +420,10 @@ def handed_over(giver: str, taker: str, *after: Any) -> Tree:
 @pytest.mark.parametrize(
     ("giver", "taker"), some([("ur10e", "xarm7"), ("ur5", "panda"), ("xarm7", "ur5")], 3)
 )
-def test_a_loaded_object_is_handed_over_upright(giver: str, taker: str) -> None:
-    """The place was chosen by reach alone: the can fell, and both arms reported SUCCESS.
+def test_loaded_object_is_handed_over_upright(giver: str, taker: str) -> None:
+    """The pose was chosen by reach alone: the can fell, and both arms reported SUCCESS.
 
-    Home, where it would fall off the carrier as the xArm7 holds that, is refused at once.
+    The xArm7 refuses to go home, where the can would fall off the tilted carrier.
     """
     steepest_rad = 0.0
     with bt.open(handed_over(giver, taker, {"force_success": {"child": "go_home"}})) as run:

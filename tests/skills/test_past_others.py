@@ -1,4 +1,4 @@
-"""Skills that move an arm wait while another arm passes where they work."""
+"""Skills wait while another arm passes through their workspace."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def _hover(place: tuple[float, float], height: float) -> dict[str, Any]:
 
 
 def _file(robot: str, gripper: str, other: str, seed: int) -> dict[str, Any]:
-    """One arm works at two places; the other one goes above both, stays a second, leaves."""
+    """One arm works at two places; the other one moves above each, stays for 1 s, and leaves."""
     works: list[Any] = [
         {"grasp": {"object": "cube"}},
         {"place": {"object": "cube", "at": {"xyz": [*GOAL, 0.425]}}},
@@ -65,18 +65,18 @@ def _file(robot: str, gripper: str, other: str, seed: int) -> dict[str, Any]:
         3,
     ),
 )
-def test_both_arms_do_what_they_are_to_do(robot: str, gripper: str, other: str, seed: int) -> None:
-    """The one that works begins while the other stands above the cube, and then above its goal."""
+def test_both_arms_complete_their_tasks(robot: str, gripper: str, other: str, seed: int) -> None:
+    """The working arm starts while the other one is above the cube, and then above its goal."""
     with bt_dualarm.open(_file(robot, gripper, other, seed)) as run:
         result = run.finish()
-        lies = run.world.object_pose("cube").position
+        position = run.world.object_pose("cube").position
     assert result.outcome == "SUCCESS", result.arms
-    assert abs(lies[0] - GOAL[0]) < 3e-3
-    assert abs(lies[1] - GOAL[1]) < 3e-3
+    assert abs(position[0] - GOAL[0]) < 3e-3
+    assert abs(position[1] - GOAL[1]) < 3e-3
 
 
-def test_an_arm_that_attaches_waits_for_one_that_stands_there() -> None:
-    """It begins while the other one stands above the cube, and waits until that has left."""
+def test_attaching_arm_waits_until_the_other_arm_has_left() -> None:
+    """It starts while the other arm is above the cube."""
     file = _file("ur5", "robotiq_2f85", "ur5", 1)
     del file["arms"]["works"]["gripper"]
     file["arms"]["works"]["tree"] = {
@@ -95,7 +95,7 @@ JOINTS = {"ur5": 6, "panda": 7, "xarm7": 7}
 
 
 def _leaves(robot: str) -> list[dict[str, Any]]:
-    """Leaves that lead the tool to where the other arm stands."""
+    """Leaves that move the tool to where the other arm is."""
     return [
         {"circle": {"plane": "xy", "radius": 0.08}},
         {"lissajous": {"plane": "xy", "amplitudes": [0.08, 0.08]}},
@@ -109,8 +109,8 @@ def _leaves(robot: str) -> list[dict[str, Any]]:
 @pytest.mark.parametrize(
     ("robot", "leaf"), some([(robot, leaf) for robot in JOINTS for leaf in _leaves(robot)], 5)
 )
-def test_a_path_waits_for_an_arm_that_stands_there(robot: str, leaf: dict[str, Any]) -> None:
-    """The other arm stands where the tool will pass, and leaves some seconds later."""
+def test_path_waits_until_the_other_arm_has_left(robot: str, leaf: dict[str, Any]) -> None:
+    """The other arm is on the path, and leaves some seconds later."""
     turns = "move_joints" in leaf
     start = (0.46, -0.02) if turns else (0.33, -0.33)
     file = _file(robot, "robotiq_2f85", "ur5", 1)

@@ -1,4 +1,4 @@
-"""A pick by sight takes the thing where it is, not where the file or the simulator says."""
+"""A pick by sight uses the located pose, not that of the file or the simulator."""
 
 from __future__ import annotations
 
@@ -32,30 +32,30 @@ def moves(name: str, x: float, y: float, yaw: float) -> Any:
     return move
 
 
-def rested_at(play: Play) -> np.ndarray[Any, Any]:
-    """Where the cube stands in truth when all is over."""
+def final_position(play: Play) -> np.ndarray[Any, Any]:
+    """True position of the cube at the end."""
     return play.world.object_pose("cube").position
 
 
 @pytest.mark.parametrize(
     ("x", "y"), some([(0.03, 0.0), (-0.03, 0.0), (0.0, -0.03), (0.0, 0.03)], 4)
 )
-def test_a_cube_that_was_moved_is_picked(x: float, y: float, stage: Stage) -> None:
-    """By 30 mm and 20°, unseen by the tree, before it looks; it ends where it is to be put."""
+def test_displaced_cube_is_picked_and_placed(x: float, y: float, stage: Stage) -> None:
+    """It is displaced by 30 mm and 20° before the camera looks."""
     play = stage.run(TEXT, seed=6, deeds=((0.0, moves("cube", x, y, 20.0)),))
     assert play.result is not None
     assert play.result.outcome == "SUCCESS", [leaf.reason for leaf in play.arm().runs]
     assert float(play.leaf("locate").metrics["located_error_m"]) < 0.002
-    assert np.linalg.norm(rested_at(play)[:2] - (0.20, -0.40)) < 0.003
+    assert np.linalg.norm(final_position(play)[:2] - (0.20, -0.40)) < 0.003
 
 
-def ways(
+def states_of(
     stage: Stage, *, poison: bool, text: str = TEXT, duration: float | None = None
 ) -> tuple[Any, Play]:
-    """Everything's way in truth; with a poison, who asks where the cube is, is told nonsense."""
+    """True joint positions of the world over time; `poison` falsifies the cube's pose."""
     play = stage.play(text, seed=7, duration=duration)
     world = play.world
-    way = list[Any]()
+    states = list[Any]()
     true = world.object_pose
     weld = world.attach
 
@@ -72,18 +72,18 @@ def ways(
     if poison:
         world.object_pose = false  # type: ignore[method-assign]  # that is the poison
         world.attach = attach  # type: ignore[assignment, method-assign]  # it is no skill's
-    play.watchers.append(lambda world: way.append(world.data.qpos.copy()))
+    play.watchers.append(lambda world: states.append(world.data.qpos.copy()))
     play.run()
-    return np.array(way), play
+    return np.array(states), play
 
 
-def test_nobody_reads_where_the_cube_is(stage: Stage) -> None:
-    """With a poisoned truth everything moves the same, to the last bit, until it is put down.
+def test_true_pose_of_the_cube_is_never_read(stage: Stage) -> None:
+    """With a falsified truth everything moves identically, bit for bit, until the cube is placed.
 
-    Only then the referee compares: it finds the cube elsewhere, and the run ends there.
+    Only then does the referee compare: it finds the cube elsewhere, and the run fails.
     """
-    sound, good = ways(stage, poison=False)
-    poisoned, bad = ways(stage, poison=True)
+    sound, good = states_of(stage, poison=False)
+    poisoned, bad = states_of(stage, poison=True)
     assert good.result is not None
     assert good.result.outcome == "SUCCESS"
     assert float(bad.leaf("locate").metrics["located_error_m"]) > 0.1
@@ -93,11 +93,11 @@ def test_nobody_reads_where_the_cube_is(stage: Stage) -> None:
     np.testing.assert_array_equal(poisoned, sound[: len(poisoned)])
 
 
-def test_without_sight_the_truth_is_read(stage: Stage) -> None:
-    """The test above can fail: an approach without ``at`` goes where the poison says."""
+def test_true_pose_is_read_without_sight(stage: Stage) -> None:
+    """The test above can fail: an approach without ``at`` goes to the falsified pose."""
     blind = TEXT.replace(', at: "{cube}"', "").replace(', pose: "{cube}"', "")
-    sound, _ = ways(stage, poison=False, text=blind, duration=6.0)
-    poisoned, bad = ways(stage, poison=True, text=blind)
+    sound, _ = states_of(stage, poison=False, text=blind, duration=6.0)
+    poisoned, bad = states_of(stage, poison=True, text=blind)
     assert bad.result is not None
     assert bad.result.outcome == "FAILURE"
     both = min(len(poisoned), len(sound))

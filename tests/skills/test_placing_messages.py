@@ -1,12 +1,12 @@
-"""What `place` says of a goal at which an object would not stay."""
+"""Messages of `place` for goals at which an object would not stay."""
 
 from __future__ import annotations
 
 from tests.skills.test_unnamed import failure
 
 
-def test_a_capsule_on_its_end_is_not_blamed_on_the_support() -> None:
-    """The table is level; it is the object that cannot stand there."""
+def test_unstable_capsule_is_not_blamed_on_the_support() -> None:
+    """The table is level, but a capsule cannot stand on its end."""
     code, reason = failure(
         {
             "sequence": [

@@ -1,4 +1,4 @@
-"""Placing follows one branch of the inverse kinematics, from above the goal to out of the way."""
+"""`place` follows one branch of the inverse kinematics, from above the goal through the retreat."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tests.families import some
 
 
 def placed(robot: str, gripper: str, objects: dict[str, Any], *leaves: Any) -> LeafReport:
-    """The last leaf of a run of an arm beside the table."""
+    """Report of the last leaf of a run with an arm beside the table."""
     arm = {"robot": robot, "gripper": gripper, "base": {"xyz": [0, 0, 0.4]}}
     result = bt.run(
         {
@@ -28,13 +28,13 @@ def placed(robot: str, gripper: str, objects: dict[str, Any], *leaves: Any) -> L
 
 
 def board(x: float, y: float, z: float) -> dict[str, Any]:
-    """A fixed board, its middle there."""
+    """A fixed board with its center at (x, y, z)."""
     pose = {"xyz": [x, y, z]}
     return {"shape": "box", "size": [0.25, 0.25, 0.02], "mass": 5, "fixed": True, "pose": pose}
 
 
 def in_shelf(yaw: float, obj: dict[str, Any]) -> LeafReport:
-    """A Panda's `place` in a shelf, of what it has taken from the side, turned by a yaw, °."""
+    """A Panda's `place` into a shelf, at a yaw in °, of an object grasped from the side."""
     return placed(
         "panda",
         "panda_hand",
@@ -50,10 +50,10 @@ def in_shelf(yaw: float, obj: dict[str, Any]) -> LeafReport:
 
 
 @pytest.mark.parametrize("yaw", some([45, 105, 90], 2))
-def test_a_panda_places_sideways_into_a_shelf_after_carrying(yaw: float) -> None:
-    """It failed: the line down began 13.7° from where the arm was, in another posture.
+def test_panda_places_sideways_into_a_shelf_after_transport(yaw: float) -> None:
+    """It failed: the line down began 13.7° from the current joint angles, in another posture.
 
-    At 90° 50 mm above are out of reach, and not the goal.
+    At 90° the goal is in reach, but not the point 50 mm above it.
     """
     leaf = in_shelf(yaw, {"shape": "cylinder", "size": [0.025, 0.10], "mass": 0.3})
     assert (leaf.skill, leaf.status) == ("place", "SUCCESS"), leaf.reason
@@ -62,11 +62,11 @@ def test_a_panda_places_sideways_into_a_shelf_after_carrying(yaw: float) -> None
     assert ("lowered_from_m" in leaf.metrics) == (yaw == 90)
 
 
-def test_what_is_round_is_turned_where_that_makes_its_goal_reachable() -> None:
-    """As it was asked for, the arm gets there from no height; nobody sees the turn.
+def test_round_object_is_rotated_to_make_its_goal_reachable() -> None:
+    """The requested orientation is out of reach from any height; the rotation is invisible.
 
-    The way back out is as long as was found to be free before, though the arm first comes off by
-    3 mm: here 3 mm more are singular.
+    The retreat is as long as was checked before, including the first 3 mm of coming off: here
+    3 mm more are singular.
     """
     leaf = in_shelf(-135, {"shape": "cylinder", "size": [0.025, 0.10], "mass": 0.3})
     assert (leaf.skill, leaf.status) == ("place", "SUCCESS"), leaf.reason
@@ -74,8 +74,8 @@ def test_what_is_round_is_turned_where_that_makes_its_goal_reachable() -> None:
     assert float(leaf.metrics["placed_error_m"]) < 2e-3
 
 
-def test_a_box_is_turned_into_itself_only() -> None:
-    """A quarter turn of a square base shows no difference; 15° would."""
+def test_box_is_rotated_by_its_symmetry_only() -> None:
+    """A quarter turn of a square base is invisible; 15° would not be."""
     leaf = in_shelf(-45, {"shape": "box", "size": [0.05, 0.05, 0.10], "mass": 0.3})
     assert (leaf.skill, leaf.status) == ("place", "SUCCESS"), leaf.reason
     turned = abs(float(leaf.metrics["spun_rad"]))
@@ -83,22 +83,22 @@ def test_a_box_is_turned_into_itself_only() -> None:
     assert float(leaf.metrics["placed_turned_rad"]) < np.radians(1.0)
 
 
-def test_what_would_look_otherwise_is_not_turned() -> None:
-    """The marker on the box would be elsewhere than was asked for."""
+def test_marked_box_is_not_rotated() -> None:
+    """Its marker would not be where it was requested."""
     marked = {"shape": "box", "size": [0.05, 0.05, 0.10], "mass": 0.3}
     leaf = in_shelf(-45, marked | {"marker": {"id": 1, "size": 0.03}})
     assert (leaf.skill, leaf.code) == ("place", "SINGULAR"), leaf.reason
-    assert "impact_n" not in leaf.metrics, "before it moves"
+    assert "impact_n" not in leaf.metrics, "refused before any motion"
 
 
 @pytest.mark.parametrize(
     ("robot", "gripper", "room", "x"),
     some([("ur10", "robotiq_2f85", 0.03, 0.60), ("xarm7", "panda_hand", 0.02, 0.48)], 2),
 )
-def test_under_a_board_the_way_down_begins_lower(
+def test_lowering_starts_lower_under_a_board(
     robot: str, gripper: str, room: float, x: float
 ) -> None:
-    """So much room is above it there, less than the 50 mm from which it is lowered elsewhere."""
+    """`room` is the free height above the object, less than the usual 50 mm of lowering."""
     leaf = placed(
         robot,
         gripper,
@@ -116,8 +116,8 @@ def test_under_a_board_the_way_down_begins_lower(
     assert float(leaf.metrics["placed_error_m"]) < 2e-3
 
 
-def test_a_stretched_arm_lowers_as_slowly_as_it_has_to() -> None:
-    """Far out, 2 mm/s are less than a thousandth of the UR10's limits: that was an exception."""
+def test_stretched_arm_lowers_as_slowly_as_required() -> None:
+    """Far out, 2 mm/s is less than a thousandth of the UR10's limits: it raised an exception."""
     leaf = placed(
         "ur10",
         "robotiq_2f85",
@@ -134,8 +134,8 @@ def test_a_stretched_arm_lowers_as_slowly_as_it_has_to() -> None:
 
 
 @pytest.mark.parametrize(("angle", "code"), [(15, "NOT_SUPPORTED"), (45, "IN_COLLISION")])
-def test_why_it_cannot_be_placed_is_said_of_what_is_held_askew(angle: float, code: str) -> None:
-    """Without an orientation the goal is that of the hand, which has turned since the grasp."""
+def test_tilted_object_is_refused_with_its_tilt_as_the_reason(angle: float, code: str) -> None:
+    """Without an orientation, the goal has that of the hand, which has rotated since the grasp."""
     box = {"shape": "box", "size": [0.06, 0.06, 0.06], "mass": 0.2}
     leaf = placed(
         "ur5",

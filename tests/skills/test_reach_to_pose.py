@@ -1,4 +1,4 @@
-"""Reaching: the tool is where it was said to go, or the arm has not moved."""
+"""`reach_to_pose` moves the tool to its goal, around obstacles, with every arm."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SCENARIO = Scenario()
 
 
 def reached(stage: Stage, node: Tree, scenario: Scenario = SCENARIO) -> tuple[Play, Pose, Pose]:
-    """The play, and the tool's true pose before and after."""
+    """The play, and the tool's true pose before and after the motion."""
     play = stage.play(scenario.file({"reach_to_pose": node}))
     start = play.world.arms["arm1"].tool_pose
     play.run()
@@ -30,14 +30,14 @@ def reached(stage: Stage, node: Tree, scenario: Scenario = SCENARIO) -> tuple[Pl
 def test_absolute_pose(speed: float, stage: Stage) -> None:
     node = {"to": {"xyz": [0.4, 0.2, 0.6], "rpy": [180, 0, 30]}, "speed": speed}
     play, _, end = reached(stage, node)
-    wanted = Pose.from_rpy((0.4, 0.2, 0.6), (np.pi, 0.0, np.pi / 6))
-    assert end.distance(wanted) < 1e-3
-    assert end.angle(wanted) < np.deg2rad(0.5)
+    expected = Pose.from_rpy((0.4, 0.2, 0.6), (np.pi, 0.0, np.pi / 6))
+    assert end.distance(expected) < 1e-3
+    assert end.angle(expected) < np.deg2rad(0.5)
     metrics = play.leaf("reach_to_pose").metrics
-    assert float(metrics["position_error_m"]) == pytest.approx(end.distance(wanted), abs=2e-4)
+    assert float(metrics["position_error_m"]) == pytest.approx(end.distance(expected), abs=2e-4)
 
 
-def test_place_without_orientation_keeps_it(stage: Stage) -> None:
+def test_goal_without_orientation_keeps_it(stage: Stage) -> None:
     _, start, end = reached(stage, {"to": {"xyz": [0.4, 0.1, 0.7]}})
     assert end.angle(start) < np.deg2rad(0.5)
     assert end.position == pytest.approx((0.4, 0.1, 0.7), abs=1e-3)
@@ -64,18 +64,18 @@ def test_posture(stage: Stage) -> None:
 
 
 @pytest.mark.parametrize("planner", ["RRTConnect", "BITstar"])
-def test_it_goes_around_what_is_in_the_way(
+def test_motion_avoids_an_obstacle_with_the_requested_planner(
     planner: str, stage: Stage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A wall comes between start and goal: reached without a touch, by the planner asked for."""
-    asked = []
+    """A wall is spawned between start and goal; the arm does not touch it."""
+    planners = []
 
-    def noted(self: PlanningProcess, problem: PlanningProblem) -> PendingMotion:
-        asked.append(problem.planner)
+    def record_planner(self: PlanningProcess, problem: PlanningProblem) -> PendingMotion:
+        planners.append(problem.planner)
         return solve(self, problem)
 
     solve = PlanningProcess.solve
-    monkeypatch.setattr(PlanningProcess, "solve", noted)
+    monkeypatch.setattr(PlanningProcess, "solve", record_planner)
     wall = {
         "shape": "box",
         "size": [0.3, 0.02, 0.5],
@@ -99,20 +99,20 @@ def test_it_goes_around_what_is_in_the_way(
     )
     touched = []
 
-    def note(world: World) -> None:
+    def record_contact(world: World) -> None:
         if "wall" in world.objects:
             touched.append((world.data.contact.geom == world.object_geom("wall")).any())
 
-    play.watchers.append(note)
+    play.watchers.append(record_contact)
     play.run()
     assert [leaf.status for leaf in play.arm().runs] == ["SUCCESS"] * 3, play.arm()
     assert not any(touched)
-    assert asked == [planner]
+    assert planners == [planner]
 
 
 @pytest.mark.parametrize("robot", ["ur3", "ur10", "panda", "xarm7"])
 def test_every_arm_of_the_catalog(robot: str, stage: Stage) -> None:
-    """A step down and to the side, from the home posture, and back home."""
+    """A step down and to the side from the home posture."""
     scenario = Scenario(arm={"robot": robot, "base": ABOVE})
     _, start, end = reached(stage, {"offset": {"xyz": [0, 0.08, -0.05]}}, scenario)
     assert end.position - start.position == pytest.approx((0, 0.08, -0.05), abs=1e-3)
@@ -127,10 +127,10 @@ def test_every_arm_of_the_catalog(robot: str, stage: Stage) -> None:
         ((0.19, 0.17, 0.41), (0.58, 0.01, 0.32)),
     ],
 )
-def test_a_pose_that_only_a_far_branch_reaches_freely_is_reached(
+def test_far_ik_branch_is_used_if_the_near_ones_collide(
     block: tuple[float, ...], to: tuple[float, ...]
 ) -> None:
-    """The three nearest ones of this UR5 are within the block."""
+    """The three nearest branches of this UR5 are inside the block."""
     box: Tree = {"shape": "box", "size": [0.1, 0.5, 0.1], "mass": 1, "fixed": True}
     tree: Tree = {
         "bt_dualarm": 1,

@@ -1,6 +1,6 @@
-"""Every way to fail that a motion has, from a tree file: the code, the sentence, the numbers.
+"""Every failure of a motion, from a tree file: its code, reason and metrics.
 
-Whatever is refused has not moved the arm; whatever is given up leaves it standing.
+A refused motion has not moved the arm; an aborted one leaves it at rest.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from tests.skills.scenarios import CUBE, PRESENTING, SCENARIOS, Scenario, Tree
 from tests.skills.searches import give_up_soon
 from tests.skills.trials import BESIDE, HALVES, HAND, MIRRORED, PANDA, SPLIT, knocks
 
-STANDS_RAD = 2e-3
-"""Servo noise and the sag of the first moments, well below any motion."""
+STILL_RAD = 2e-3
+"""Limit above servo noise and the initial sag, well below any motion."""
 
-SHARE = (1e-3, 0.999)
+FRACTION = (1e-3, 0.999)
 
 SOON_S = 6.0
-"""Time after which an arm no longer waits for another one, where it waits for a minute, s."""
+"""Shortened time for which an arm waits for another one, instead of a minute, s."""
 
 IN_THE_WAY = {
     "robot": "ur3",
@@ -42,14 +42,14 @@ class Case:
     """One failure.
 
     Attributes:
-        code: Of it.
-        leaf: What fails, in YAML.
-        says: A part of its sentence.
-        numbers: Smallest and largest value of each that must be there.
-        names: What its other evidence begins with.
-        scenario: The world, the arm, what it does before.
+        code: Code of the failure.
+        leaf: Leaf that fails, in YAML.
+        says: Part of the reason.
+        numbers: Smallest and largest value of each required numeric metric.
+        names: Prefix of each required text metric.
+        scenario: World, arm and leaves before.
         beside: Another node that runs at the same time, in YAML.
-        deeds: What happens to the world.
+        deeds: Timed changes of the world.
         other: Another arm.
         moves: Whether the arm may have moved when it fails.
     """
@@ -113,7 +113,7 @@ CASES = {
         "SINGULAR",
         "move_linear: {offset: {xyz: [0.5, 0, 0]}}",
         "% of the path, to (",
-        {"fraction": SHARE, "condition": (50.0, math.inf)},
+        {"fraction": FRACTION, "condition": (50.0, math.inf)},
     ),
     "heavier than the payload": Case(
         "OVERLOADED",
@@ -129,13 +129,13 @@ CASES = {
         {"states": (1000, math.inf)},
         {"planner": "RRTConnect"},
         Scenario(HALVES, SCENARIOS["reach_to_pose"].arm, (MIRRORED, *SPLIT)),
-        moves=True,  # before, to where there is no way home from
+        moves=True,  # before, to a posture without a path home
     ),
     "half of a circle": Case(
         "PATH_BROKEN",
         "circle: {radius: 0.25, plane: xz}",
         "% of the path, to (",
-        {"fraction": SHARE, "branches": (1, 100)},
+        {"fraction": FRACTION, "branches": (1, 100)},
         scenario=Scenario(arm=PANDA),
     ),
     "another arm stays in the way": Case(
@@ -151,7 +151,7 @@ CASES = {
         "TRACKING_ERROR",
         "move_linear: {offset: {xyz: [0, 0.1, 0]}}",
         " mm from its planned position",
-        {"path_error_m": (0.005, 0.1), "progress": SHARE},
+        {"path_error_m": (0.005, 0.1), "progress": FRACTION},
         deeds=knocks(HAND, 0.4),
         moves=True,
     ),
@@ -159,7 +159,7 @@ CASES = {
         "INTERRUPTED",
         "circle: {turns: 5}",
         "the motion of arm1 was stopped externally",
-        {"progress": SHARE},
+        {"progress": FRACTION},
         beside="delay: {seconds: 2.0, child: {stop: {}}}",
         moves=True,
     ),
@@ -167,7 +167,7 @@ CASES = {
 
 
 def wait_shortly(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let motions that would wait for a minute wait for some seconds."""
+    """Make motions that would wait for a minute wait for some seconds."""
     refuse = Arm.refuse_when_held_up
 
     def sooner(self: Arm, motion: TrajectorySource, wait_s: float = WAIT_S) -> None:
@@ -178,7 +178,7 @@ def wait_shortly(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES)
-def test_a_motion_fails_with_its_reason_and_its_numbers(
+def test_motion_fails_with_its_reason_and_metrics(
     case: Case, stage: Stage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if case.code == "NO_PLAN":
@@ -195,7 +195,7 @@ def test_a_motion_fails_with_its_reason_and_its_numbers(
         assert str(leaf.metrics[name]).startswith(beginning)
     assert leaf.ended_s is not None
     if not case.moves:
-        assert play.ways["arm1"] < STANDS_RAD
+        assert play.joint_travel["arm1"] < STILL_RAD
         assert play.speed_after(0.0) < STOPPED
     assert play.speeds["arm1"][-1][1] < STOPPED
 
@@ -211,7 +211,7 @@ def test_a_motion_fails_with_its_reason_and_its_numbers(
     ],
 )
 @pytest.mark.parametrize("skill", ["reach_to_pose: {to: POSE}", "move_through: {poses: [POSE]}"])
-def test_what_is_no_pose_is_refused_before_anything_is_built(
+def test_invalid_pose_is_refused_before_anything_is_built(
     skill: str, pose: str, reason: str, stage: Stage
 ) -> None:
     leaf = yaml.safe_load(skill.replace("POSE", pose))
@@ -219,8 +219,8 @@ def test_what_is_no_pose_is_refused_before_anything_is_built(
         stage.play(Scenario().file(leaf))
 
 
-def test_nor_does_a_detour_by_the_blackboard_help(stage: Stage) -> None:
-    """What a key holds is known from the file, too."""
+def test_invalid_pose_on_the_blackboard_is_refused(stage: Stage) -> None:
+    """The value of the key is known from the file."""
     no_pose = {"xyz": [0.5, 0.0, 0.5], "quat": [2.0, 0.0, 0.0, 0.0]}
     reach = {"reach_to_pose": {"to": "{goal}"}}
     with pytest.raises(SpecError, match="quat has length 2"):
@@ -239,7 +239,7 @@ def test_nor_does_a_detour_by_the_blackboard_help(stage: Stage) -> None:
         ({"plane": {}}, "its normal is missing"),
     ],
 )
-def test_tracking_in_space_needs_what_tells_the_depth(
+def test_tracking_in_a_free_plane_needs_a_depth_source(
     ports: dict[str, Any], reason: str, stage: Stage
 ) -> None:
     with pytest.raises(SpecError, match=reason):

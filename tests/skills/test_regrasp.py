@@ -1,4 +1,4 @@
-"""Taking what is held in another way."""
+"""`regrasp` changes the grasp of a held object."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from tests.skills.test_grasp_from import TALL
 from tests.skills.test_unnamed import task
 
 
-def test_it_is_taken_from_another_side_and_hangs_there() -> None:
-    """First as seems best; then from the side; then as the file asks, at another place."""
+def test_regrasp_from_another_side_holds_the_object() -> None:
+    """The object is grasped in the default direction, then from the side, and lifted."""
     leaves: list[dict[str, Any]] = [
         {"grasp": {"object": "cube"}},
         {"regrasp": {"approach": [0, -1, 0]}},
@@ -27,7 +27,7 @@ def test_it_is_taken_from_another_side_and_hangs_there() -> None:
     assert tool.rotation_matrix[:, 2] @ (0.0, -1.0, 0.0) > np.cos(np.radians(30.0))
 
 
-def test_by_default_the_fingers_stand_otherwise() -> None:
+def test_default_regrasp_rotates_the_hand() -> None:
     leaves: list[dict[str, Any]] = [
         {"grasp": {"object": "cube"}},
         {"regrasp": {"at": {"xyz": [0.30, -0.45, 0.425]}}},
@@ -41,7 +41,7 @@ def test_by_default_the_fingers_stand_otherwise() -> None:
     assert float(ran["sequence/place"].metrics["placed_error_m"]) < 0.003
 
 
-def test_what_lies_is_taken_as_by_grasp() -> None:
+def test_regrasp_of_an_object_that_is_not_held_is_a_grasp() -> None:
     result = bt.run(task({"regrasp": {"object": "cube"}}))
     assert result.outcome == "SUCCESS"
     assert "turned_rad" not in result.arms["arm1"].leaves["sequence/regrasp"].metrics

@@ -1,4 +1,4 @@
-"""Whatever an arm does, and whoever takes it away: its tree ends as removed, nobody complains."""
+"""Removal of an arm during any skill, by any caller, ends its tree as REMOVED without faults."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from tests.skills.candidates import candidate
 from tests.skills.scenarios import SCENARIOS, Tree, node_of
 
 FAR = {"robot": "ur3", "base": {"xyz": [0, -6, 0]}}
-"""An arm that meets nobody: it takes the other one away."""
+"""A distant arm, which removes the other one."""
 
 PHASES = {"first": 0.0, "second": 0.4, "last": 0.97}
-"""Shares of a leaf's time after which its arm is taken away."""
+"""Fractions of a leaf's duration after which its arm is removed."""
 
 
 def file_of(skill: str, example: str, remover: Tree, name: str) -> Tree:
@@ -34,10 +34,10 @@ def file_of(skill: str, example: str, remover: Tree, name: str) -> Tree:
     return file
 
 
-def spotless(play: Play, caplog: pytest.LogCaptureFixture) -> bool:
-    """Whether a run broke nothing and blamed nobody; how long a tick took is the machine's.
+def without_faults(play: Play, caplog: pytest.LogCaptureFixture) -> bool:
+    """Whether a run has no error, fault or warning except about tick times.
 
-    A partner of the arm that is taken away may say so, and nothing else.
+    Only a partner of the removed arm may fail, with PARTNER_GONE.
     """
     assert play.result is not None
     lines = [line for line in caplog.records if line.name != outcome.__name__]
@@ -55,10 +55,10 @@ def spotless(play: Play, caplog: pytest.LogCaptureFixture) -> bool:
 
 
 @pytest.mark.parametrize("skill", some(sorted(SCENARIOS), 10))
-def test_an_arm_is_taken_away_while_it_works(
+def test_arm_can_be_removed_while_it_works(
     skill: str, stage: Stage, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """By a leaf ticked before it, by one ticked after it, and from outside between two ticks."""
+    """By a leaf ticked before it, by one ticked after it, and externally between two ticks."""
     example = stage.registry.skills[skill].example
     idle: Tree = {"wait": {"seconds": 0.1}}
     leaf = candidate(skill).example_run
@@ -77,34 +77,34 @@ def test_an_arm_is_taken_away_while_it_works(
         with caplog.at_level(logging.WARNING):
             file = file_of(skill, example, take, f"arm{9 * (number % 2)}")
             play = stage.run(file, deeds=deeds)
-        assert spotless(play, caplog), name
+        assert without_faults(play, caplog), name
         halted = play.arm("arm1").runs[-1].status == "INVALID"
         assert play.arm("arm1").outcome == ("REMOVED" if halted else "SUCCESS"), name
 
 
-def working_with(skill: str) -> list[tuple[str, str]]:
-    """Other arms and objects of a skill's scenario, each with its kind."""
+def partners_of(skill: str) -> list[tuple[str, str]]:
+    """Type and name of the other arms and objects of a skill's scenario."""
     file = SCENARIOS[skill].file(node_of(candidate(skill).skill.example))
     arms = [("arm", name) for name in file["arms"] if name != "arm1"]
     return arms + [("object", name) for name in file.get("objects", {})]
 
 
-TAKEN = [
-    (skill, *one, share)
+REMOVED = [
+    (skill, *one, fraction)
     for skill in ("carry_together", "hand_over", "operate", "place", "insert", "track")
-    for one in working_with(skill)
-    for share in (0.002, 0.06, 0.3, 0.55, 0.83, 0.97)
+    for one in partners_of(skill)
+    for fraction in (0.002, 0.06, 0.3, 0.55, 0.83, 0.97)
 ]
 
 
-@pytest.mark.parametrize(("skill", "kind", "name", "share"), some(TAKEN, 6))
-def test_what_a_skill_works_with_is_taken_away(
-    skill: str, kind: str, name: str, share: float, stage: Stage
+@pytest.mark.parametrize(("skill", "kind", "name", "fraction"), some(REMOVED, 6))
+def test_partner_or_object_of_a_skill_can_be_removed(
+    skill: str, kind: str, name: str, fraction: float, stage: Stage
 ) -> None:
-    """No skill of any arm ends in an exception, whenever that happens."""
+    """No skill of any arm ends in an exception, whenever the removal happens."""
     leaf = candidate(skill).example_run
     take = World.remove_arm if kind == "arm" else World.remove_object
-    at = max(leaf.started_s + share * ((leaf.ended_s or 0.0) - leaf.started_s), 0.01)
+    at = max(leaf.started_s + fraction * ((leaf.ended_s or 0.0) - leaf.started_s), 0.01)
     file = SCENARIOS[skill].file(node_of(stage.registry.skills[skill].example))
     play = stage.run(file, deeds=[(at, partial(take, name=name))])
     assert play.result is not None
@@ -116,12 +116,12 @@ def test_what_a_skill_works_with_is_taken_away(
 
 
 class LookBack(Skill):
-    """Moves, and measures in its cleanup where the arm was."""
+    """Moves, and reads the state of the arm in its cleanup."""
 
     example = "look_back"
 
     def run(self) -> Iterator[float | None]:
-        """For ever."""
+        """Run forever."""
         self.arm.begin(self.arm.straight_to(self.arm.setpoint.q + 0.3, 0.2))
         try:
             while True:
@@ -132,7 +132,7 @@ class LookBack(Skill):
 
 
 class TakeAway(Skill):
-    """Takes its own arm away, and goes on, or ends, as if nothing had happened."""
+    """Removes its own arm, and then continues or ends."""
 
     class Ports(PortModel):
         then: str = port("end", "what comes after that")
@@ -141,7 +141,7 @@ class TakeAway(Skill):
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
-        """In one tick, but for the end."""
+        """Remove the arm in the first tick."""
         self.arm.begin(self.arm.straight_to(self.arm.setpoint.q + 0.3, 0.2))
         self.arm.world.remove_arm(self.arm.name)
         if self.ports.then == "look":
@@ -164,11 +164,11 @@ def own(tmp_path: Path) -> Stage:
     return Stage(tmp_path, registry_with(LookBack, TakeAway))
 
 
-def test_what_a_leaf_cleans_up_finds_its_arm_as_it_was(
+def test_cleanup_of_a_leaf_can_read_its_removed_arm(
     own: Stage, caplog: pytest.LogCaptureFixture
 ) -> None:
     play = own.run(ALONE.replace("LEAF", "look_back").replace("OTHER", "{remove: {arm: arm1}}"))
-    assert spotless(play, caplog)
+    assert without_faults(play, caplog)
     (run,) = play.arm("arm1").runs
     assert (play.arm("arm1").outcome, run.code) == ("REMOVED", "HALTED")
     assert 0.01 < float(run.metrics["turned_rad"]) < 0.3
@@ -176,10 +176,8 @@ def test_what_a_leaf_cleans_up_finds_its_arm_as_it_was(
 
 
 @pytest.mark.parametrize("then", ["end", "yield", "look"])
-def test_an_arm_that_takes_itself_away_is_removed_and_the_others_go_on(
-    then: str, own: Stage
-) -> None:
-    """The tree of an arm that is gone has no other end, whatever its leaf does then."""
+def test_arm_that_removes_itself_ends_as_removed_and_others_continue(then: str, own: Stage) -> None:
+    """The outcome of a removed arm does not depend on what its leaf does afterwards."""
     leaf = f"{{take_away: {{then: {then}}}}}"
     play = own.run(ALONE.replace("LEAF", leaf).replace("OTHER", "{go_home: {}}"))
     assert play.result is not None
@@ -188,12 +186,12 @@ def test_an_arm_that_takes_itself_away_is_removed_and_the_others_go_on(
     assert play.arm("arm2").outcome == "SUCCESS"
 
 
-def test_an_arm_that_is_replaced_within_a_tick_begins_anew(own: Stage) -> None:
-    """Its old tree has ended; the new one, its controller and its lease know nothing of it."""
+def test_arm_replaced_within_a_tick_starts_anew(own: Stage) -> None:
+    """The new tree, controller and lease have no state of the old ones."""
     swap = "{parallel: [{remove: {arm: arm1}}, {spawn: {arm: arm1}}]}"
     leaf = "{reach_to_pose: {posture: up, speed: 0.5}}"
     play = own.run(ALONE.replace("LEAF", leaf).replace("OTHER", swap))
-    assert play.leaf("remove", "arm2").code == "NOT_REMOVED", "it is there again a tick later"
+    assert play.leaf("remove", "arm2").code == "NOT_REMOVED", "it is present again a tick later"
     first, second = play.arm("arm1").runs
     assert (first.code, second.status) == ("HALTED", "SUCCESS")
     assert second.started_s == pytest.approx(0.52, abs=0.03)

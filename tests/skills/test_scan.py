@@ -1,4 +1,4 @@
-"""Scanning an area: what an image shows in part comes first, what was seen is left out."""
+"""`scan`: areas that an image shows in part are viewed first, seen areas are skipped."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ DOWN = Pose.from_rpy((0.0, 0.0, 0.5), (np.pi, 0.0, 0.0))
 CENTERS = [np.array((x, 0.0, 0.0)) for x in (-0.3, 0.0, 0.3)]
 
 
-def picture(camera: Pose) -> Frame:
-    """A frame of 320 by 240 pixels that shows 0.53 by 0.4 m from 0.5 m."""
+def frame(camera: Pose) -> Frame:
+    """A frame of 320 by 240 pixels that shows 0.53 by 0.4 m from 0.5 m away."""
     return cast("Frame", SimpleNamespace(width=320, height=240, focal_px=300.0, pose=camera))
 
 
-def test_what_was_seen_is_not_viewed_again() -> None:
+def test_seen_area_is_not_viewed_again() -> None:
     left = Coverage(CENTERS, (0.3, 0.3))
-    left.take(picture(DOWN), 0.02)
+    left.take(frame(DOWN), 0.02)
     found = [left.nearest(DOWN), left.nearest(DOWN), left.nearest(DOWN)]
     assert sorted(float(one[0]) for one in found if one is not None) == [-0.3, 0.3]
 
 
-def test_nothing_behind_the_camera_is_seen() -> None:
+def test_area_behind_the_camera_is_not_seen() -> None:
     left = Coverage(CENTERS[1:2], (0.1, 0.1))
-    left.take(picture(Pose.from_rpy((0.0, 0.0, 0.5))), 0.0)
+    left.take(frame(Pose.from_rpy((0.0, 0.0, 0.5))), 0.0)
     assert left.nearest(DOWN) is not None
 
 
-def test_the_nearest_part_comes_first() -> None:
+def test_nearest_area_comes_first() -> None:
     left = Coverage(CENTERS, (0.3, 0.3))
     beside = Pose(np.array((0.4, 0.0, 0.5)), DOWN.quaternion)
     order = [left.nearest(beside) for _ in range(4)]
@@ -48,21 +48,21 @@ HIDDEN = np.zeros((30, 40), bool)
 HIDDEN[25:] = True
 
 
-def test_what_the_hand_hides_is_not_seen() -> None:
+def test_area_hidden_by_the_hand_is_not_seen() -> None:
     left = Coverage([np.array((0.0, -0.14, 0.0)), np.array((0.0, 0.1, 0.0))], (0.1, 0.1))
-    left.take(picture(DOWN), 0.01, HIDDEN)
+    left.take(frame(DOWN), 0.01, HIDDEN)
     assert left.nearest(DOWN) == pytest.approx((0.0, -0.14, 0.0))
     assert left.nearest(DOWN) is None
 
 
-def test_what_the_hand_hides_of_a_part_is_looked_at_once() -> None:
+def test_hidden_part_of_an_area_is_viewed_once_more() -> None:
     left = Coverage([np.zeros(3)], (0.1, 0.36))
     assert left.nearest(DOWN) == pytest.approx((0.0, 0.0, 0.0))
-    left.take(picture(DOWN), 0.01, HIDDEN)
+    left.take(frame(DOWN), 0.01, HIDDEN)
     again = left.nearest(DOWN)
     assert again is not None
     assert again[1] < -0.1
-    left.take(picture(DOWN), 0.01, np.ones_like(HIDDEN))
+    left.take(frame(DOWN), 0.01, np.ones_like(HIDDEN))
     assert left.nearest(DOWN) is None
 
 
@@ -73,8 +73,8 @@ def test_what_the_hand_hides_of_a_part_is_looked_at_once() -> None:
         2,
     ),
 )
-def test_an_object_behind_the_fingers_is_found(x: float, y: float, stage: Stage) -> None:
-    """The first image shows it in part; that place counted as seen, and nobody looked again."""
+def test_object_partly_hidden_by_the_fingers_is_found(x: float, y: float, stage: Stage) -> None:
+    """The first image shows a part of it; the area counted as seen, and was not viewed again."""
     cube = {"shape": "box", "size": [0.05] * 3, "mass": 0.1, "color": "red"}
     arm = {
         "robot": "xarm7",
@@ -101,8 +101,8 @@ BESIDE = [0.35, -0.28, 0.4]
 
 
 @pytest.mark.parametrize("robot", ["ur5", "panda"])
-def test_an_object_at_the_border_of_the_image_is_viewed_next(robot: str, stage: Stage) -> None:
-    """The rows of viewpoints began elsewhere, and came to it third."""
+def test_object_at_the_image_border_is_viewed_next(robot: str, stage: Stage) -> None:
+    """The rows of viewpoints began elsewhere, and reached it third."""
     file: dict[str, Any] = {
         "world": {"scene": "table", "reality": "lab", "time_limit": 60},
         "objects": {"cube": {"shape": "box", "size": [0.05, 0.05, 0.05], "mass": 0.1}},

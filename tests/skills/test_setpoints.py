@@ -1,4 +1,4 @@
-"""Every set-point that is sent in a run keeps every limit, whatever skill sends it."""
+"""Every set-point of every skill respects all joint limits."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MOVES: list[Tree] = [
     {"circle": {"radius": 0.05, "turns": 0.6, "begin": 30, "tilt": 10, "speed": 1.0}},
     {"lissajous": {"amplitudes": [0.05, 0.03], "repeats": 0.5, "speed": 1.0}},
     {
-        "parallel": {  # a motion that is stopped on its way
+        "parallel": {  # a motion that is stopped midway
             "policy": "any",
             "on_failure": "continue",
             "children": [
@@ -37,15 +37,15 @@ SENT = list[SetPoint]
 
 @pytest.fixture
 def sent(monkeypatch: pytest.MonkeyPatch) -> SENT:
-    """All set-points of the only arm, after each update of its controller."""
+    """Set-points of the only arm after each update of its controller."""
     points: SENT = []
     update = JointController.update
 
-    def noted(self: JointController, time: float) -> None:
+    def record(self: JointController, time: float) -> None:
         update(self, time)
         points.append(self.setpoint)
 
-    monkeypatch.setattr(JointController, "update", noted)
+    monkeypatch.setattr(JointController, "update", record)
     return points
 
 
@@ -59,10 +59,10 @@ def sent(monkeypatch: pytest.MonkeyPatch) -> SENT:
     ],
     ids=["ur5", "ur5 at a share", "panda", "panda tracks"],
 )
-def test_no_set_point_breaks_a_limit(
+def test_set_points_respect_all_limits(
     scenario: Scenario, leaves: list[Tree], stage: Stage, sent: SENT
 ) -> None:
-    """Position, velocity, acceleration, as given and as it changes the velocity, and jerk."""
+    """Position, velocity, acceleration (both the given one and the change of velocity) and jerk."""
     play = stage.run(scenario.file(*leaves))
     limits = play.world.robots["arm1"].limits
     q, v, a = (np.array([getattr(point, name) for point in sent]) for name in ("q", "v", "a"))
@@ -71,5 +71,5 @@ def test_no_set_point_breaks_a_limit(
     assert use.position_margin >= -1e-9
     assert play.arm().outcome == "SUCCESS"
     if leaves is MOVES:
-        assert play.arm().clipped_setpoints == 0, "what is planned needs no bending"
-        assert use.acceleration > 0.95, "and takes what there is"
+        assert play.arm().clipped_setpoints == 0, "planned motions need no clipping"
+        assert use.acceleration > 0.95, "and use the limits fully"

@@ -1,4 +1,4 @@
-"""Things are set down lightly: what the ground truly bears is held against it."""
+"""`place` sets objects down lightly, by the true force on the ground."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from benchmarks import cycle_time
 from benchmarks.placing import run, task
 from tests.families import some
 
-MOST_N = 15.0
+LIMIT_N = 15.0
 
 
 @pytest.mark.parametrize(
@@ -28,16 +28,16 @@ MOST_N = 15.0
         3,
     ),
 )
-def test_the_ground_bears_little_more_than_the_thing(
+def test_placing_force_is_little_more_than_the_weight(
     robot: str, gripper: str, reality: str, seed: int
 ) -> None:
-    """The impact is under 15 N, and it stands within 2 mm and 1° of its goal."""
+    """The impact is below 15 N, and the object ends within 2 mm and 1° of its goal."""
     file = task(argparse.Namespace(robot=robot, gripper=gripper, reality=reality), seed)
     leaf, ground = run(file)
     assert (leaf.skill, leaf.status) == ("place", "SUCCESS"), leaf.reason
-    assert 0.5 < ground.pressed < MOST_N
-    assert ground.after < 9.81 * file["objects"]["thing"]["mass"] + MOST_N
-    assert float(leaf.metrics["impact_n"]) < MOST_N
+    assert 0.5 < ground.pressed < LIMIT_N
+    assert ground.after < 9.81 * file["objects"]["thing"]["mass"] + LIMIT_N
+    assert float(leaf.metrics["impact_n"]) < LIMIT_N
     assert float(leaf.metrics["placed_error_m"]) < 2e-3
     assert float(leaf.metrics["placed_turned_rad"]) < np.radians(1.0)
 
@@ -45,10 +45,10 @@ def test_the_ground_bears_little_more_than_the_thing(
 @pytest.mark.parametrize(
     ("shape", "size", "height"), [("sphere", [0.025], 0.025), ("cylinder", [0.025, 0.08], 0.04)]
 )
-def test_a_turn_of_what_is_round_counts_as_far_as_it_is_seen(
+def test_invisible_rotation_of_a_round_object_does_not_count(
     shape: str, size: list[float], height: float
 ) -> None:
-    """It was seen turned by 40° about its axis, which nobody can see, and is set down unturned."""
+    """The located pose has an arbitrary rotation of 40° about its axis; the goal has none."""
     file = task(argparse.Namespace(robot="ur5", gripper="robotiq_2f85", reality="lab"), 3)
     start = [0.40, -0.45, 0.40 + height]
     goal = [0.30, -0.40, 0.40 + height]
@@ -62,12 +62,12 @@ def test_a_turn_of_what_is_round_counts_as_far_as_it_is_seen(
     grasped = leaves["sequence/grasp"].metrics
     assert float(placed["placed_turned_rad"]) < np.radians(1.0)
     assert float(placed["placed_error_m"]) < 2e-3
-    assert float(grasped["grasp_margin"]) >= 1.0, "a grip that bears it"
+    assert float(grasped["grasp_margin"]) >= 1.0, "the grip force bears the weight"
 
 
 @pytest.mark.parametrize(("robot", "longest_s"), [("ur5", 2.45), ("panda", 2.15)])
-def test_a_thing_is_soon_placed(robot: str, longest_s: float) -> None:
-    """It took 2.65 and 2.26 s while the arm stopped before it opened, and slowed down in steps."""
+def test_placing_is_fast(robot: str, longest_s: float) -> None:
+    """It took 2.65 and 2.26 s while the arm stopped before opening, and decelerated in steps."""
     runs, _, _ = cycle_time.run(cycle_time.carry(robot, "robotiq_2f85", "lab", 850), 1.0)
     placed = runs[-1]
     assert (placed.skill, placed.status) == ("place", "SUCCESS"), placed.reason
@@ -75,8 +75,8 @@ def test_a_thing_is_soon_placed(robot: str, longest_s: float) -> None:
 
 
 @pytest.mark.parametrize("robot", ["ur5", "fr3"])
-def test_an_arm_with_lower_limits_sets_down_on_the_ground(robot: str) -> None:
-    """It let the thing fall from 0.5 mm above: its tool was too slow to tell contact from rest."""
+def test_slow_arm_places_on_the_ground(robot: str) -> None:
+    """It released the object 0.5 mm above: its tool was too slow to tell contact from rest."""
     file = cycle_time.carry("panda", "robotiq_2f85", "rough", 801)
     file["arms"]["arm1"] |= {"robot": robot, "limits": {"velocity": 0.3, "acceleration": 0.5}}
     placed = bt.run(file).arms["arm1"].runs[-1]

@@ -1,4 +1,4 @@
-"""An arm does not move alone what another arm holds as well."""
+"""An arm does not move an object alone that another arm holds, too."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ ALONE: list[Tree] = [
     {"place": {"at": {"xyz": [0, -0.45, 0.5255]}}},
     {"regrasp": {}},
 ]
-"""Leaves that move an arm with what it holds."""
+"""Leaves that move an arm with its held object."""
 
 BACK: Tree = {"xyz": [0.0, -0.45, 0.5255], "rpy": [0, 0, 0]}
 
 
-def test_nothing_moves_alone_what_two_arms_hold() -> None:
-    """Every leaf that moves an arm says what to do instead; afterwards the arms go on together."""
+def test_motions_of_one_arm_with_a_shared_load_are_refused() -> None:
+    """The reason names the alternative; afterwards both arms continue to carry together."""
     file = file_of(TOGETHER)
-    tried: list[Tree] = [{"force_success": {"child": leaf}} for leaf in ALONE]
+    refused_leaves: list[Tree] = [{"force_success": {"child": leaf}} for leaf in ALONE]
     sets_down = {"carry_together": {**TOGETHER, "to": BACK, "set_down": True}}
-    first = [{"carry_together": TOGETHER}, *tried, sets_down, {"go_home": {}}]
+    first = [{"carry_together": TOGETHER}, *refused_leaves, sets_down, {"go_home": {}}]
     second = [follows(), ALONE[1], follows(set_down=True), {"go_home": {}}]
     second[1] = {"force_success": {"child": ALONE[1]}}
     file["arms"]["arm1"]["tree"] = {"sequence": first}
@@ -49,8 +49,8 @@ def test_nothing_moves_alone_what_two_arms_hold() -> None:
     assert result.arms["arm1"].runs[-2].metrics["placed_error_m"] < 3e-3
 
 
-def test_two_arms_that_have_picked_one_object_hold_each_other() -> None:
-    """Whoever takes it second does not tear it from the first, which does not move either."""
+def test_two_arms_that_grasped_one_object_do_not_move_it() -> None:
+    """The second arm does not lift it out of the first hand, and the first does not move either."""
     handle = {"shape": "box", "size": [0.02, 0.1, 0.06]}
     tray = {"shape": "compound", "mass": 0.3, "pose": {"xyz": [0, -0.45, 0.535]}}
     tray["parts"] = {
@@ -72,15 +72,15 @@ def test_two_arms_that_have_picked_one_object_hold_each_other() -> None:
         ],
     }
     for arm, own in leaves.items():
-        tried: list[Tree] = [{"force_success": {"child": leaf}} for leaf in own]
-        file["arms"][arm]["tree"] = {"sequence": tried}
+        children: list[Tree] = [{"force_success": {"child": leaf}} for leaf in own]
+        file["arms"][arm]["tree"] = {"sequence": children}
     with bt.open(file) as run:
         run.step(4.5)
         assert run.world.attachments.holders("beam") == ("arm1",)
         height = run.world.object_pose("beam").position[2]
         result = run.finish()
-        lies = run.world.object_pose("beam").position[2]
-    assert np.isclose(lies, height, atol=2e-3)
+        final_height = run.world.object_pose("beam").position[2]
+    assert np.isclose(final_height, height, atol=2e-3)
     codes = [[run.code for run in result.arms[arm].runs] for arm in leaves]
     assert codes == [["", "", "INVALID_TARGET"], ["", "INVALID_TARGET", "", "", "INVALID_TARGET"]]
     assert "`take_over` or `carry_together`" in result.arms["arm2"].runs[1].reason

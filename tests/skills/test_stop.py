@@ -1,4 +1,4 @@
-"""Stopping and going home."""
+"""`stop` and `go_home`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ arms:
 
 
 def test_stop_ends_the_motion_of_another_leaf(stage: Stage) -> None:
-    """The leaf that moved the arm is told; the arm stands when stop has succeeded."""
+    """The moving leaf fails with INTERRUPTED; the arm rests when `stop` has succeeded."""
     tree = """parallel:
         policy: any
         on_failure: continue

@@ -1,4 +1,4 @@
-"""Suction cups on what is flat, light, tall or hollow."""
+"""Suction cups on flat, light, tall or hollow objects."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from tests.plays import Stage
 Tree = dict[str, Any]
 
 TOP = 0.30
-"""Height of the table, m, on which the bases stand, too."""
+"""Height of the table, which the bases stand on, too, m."""
 
 
 def file_of(robot: str, obj: Tree, leaves: list[Tree | str], reality: str) -> Tree:
-    """An arm with a cup at a table with one object."""
+    """A file with an arm with a suction cup at a table with one object."""
     table = {"shape": "box", "size": [2.4, 2.4, TOP], "fixed": True, "color": "gray"}
     arm = {"robot": robot, "gripper": "suction_cup", "base": {"xyz": [0, 0, TOP]}}
     return {
@@ -38,16 +38,16 @@ class Fastest(IdleObserver):
 
     def __init__(self, world: World) -> None:
         self._world = world
-        self.share = 0.0
+        self.fraction = 0.0
 
     def after_step(self, time: float) -> None:
         arm = self._world.arms["arm1"]
         limits = self._world.nominal["arm1"].robot.limits.velocity
-        self.share = max(self.share, float((np.abs(arm.v) / limits).max()))
+        self.fraction = max(self.fraction, float((np.abs(arm.v) / limits).max()))
 
 
-def test_a_tray_is_held_by_its_floor_and_its_release_leaves_the_wrist_at_rest() -> None:
-    """Of a tray, the last wrist joint bears thirty times its own inertia."""
+def test_release_of_a_tray_held_by_its_floor_leaves_the_wrist_at_rest() -> None:
+    """The tray's inertia at the last wrist joint is thirty times that of the joint."""
     tray = {"shape": "tray", "size": [0.1753, 0.1227, 0.03], "wall": 0.0038, "mass": 0.789}
     tray["pose"] = {"xyz": [0.274, 0.11, TOP + 0.016], "rpy": [0, 0, -84.4]}
     leaves: list[Tree | str] = [{"grasp": {"object": "thing"}}, {"regrasp": {"object": "thing"}}]
@@ -56,13 +56,13 @@ def test_a_tray_is_held_by_its_floor_and_its_release_leaves_the_wrist_at_rest() 
         run.watch(fastest)
         result = run.finish()
     assert result.outcome == "SUCCESS", result.arms["arm1"].runs[-1].reason
-    assert fastest.share < 1.05
+    assert fastest.fraction < 1.05
 
 
-def test_its_vacuum_takes_no_torque_from_the_joints(stage: Stage) -> None:
-    """Held from the side, 60 N of suction are 18 N m at the third joint, of whose 30 N m.
+def test_suction_force_does_not_use_up_joint_torque(stage: Stage) -> None:
+    """Held from the side, 60 N of suction would be 18 N m of the third joint's 30 N m.
 
-    MuJoCo's limit on the actuator forces of a joint would have counted them.
+    MuJoCo's limit on the actuator forces of a joint would count them.
     """
     box = {"shape": "box", "size": [0.0581, 0.0129, 0.1342], "mass": 0.107}
     box["pose"] = {"xyz": [0.36, 0.312, TOP + 0.0681], "rpy": [0, 0, 15.0]}
@@ -79,7 +79,7 @@ def test_its_vacuum_takes_no_torque_from_the_joints(stage: Stage) -> None:
         ("xarm7", (0.0338, 0.068, 0.1274), (0.254, -0.362, 62.8)),
     ],
 )
-def test_what_is_tall_does_not_tip_away(
+def test_tall_object_does_not_tip_over(
     robot: str, size: tuple[float, ...], at: tuple[float, float, float], stage: Stage
 ) -> None:
     """Only its sides are wide enough for the cup."""

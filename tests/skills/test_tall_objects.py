@@ -1,4 +1,4 @@
-"""Tall objects, beside which the fingers go down all of the straight part of an approach."""
+"""Grasps of tall objects: the fingers are beside them for the whole straight approach."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ CASES = [
 
 
 @pytest.mark.parametrize(("robot", "gripper", "ahead", "top"), some(CASES, 3), ids=str)
-def test_an_approach_does_not_push_what_it_grasps(
+def test_approach_does_not_push_the_object(
     stage: Stage, robot: str, gripper: str, ahead: float, top: float
 ) -> None:
-    """The can stands upright where it is until the fingers close on it."""
+    """The can stays in place, upright, until the fingers close on it."""
     play = stage.play(
         {
             "world": {"scene": "empty", "reality": "lab", "time_limit": 20},
@@ -50,14 +50,14 @@ def test_an_approach_does_not_push_what_it_grasps(
             },
         }
     )
-    lies = play.world.object_pose("can")
+    start = play.world.object_pose("can")
     pushed: list[float] = []
 
-    def look(world: World) -> None:
+    def record_push(world: World) -> None:
         now = world.object_pose("can")
         if world.grippers["arm1"].commanded.width > 0.0:
-            pushed.append(np.hypot(*(now.position - lies.position)[:2]) + 0.1 * now.angle(lies))
+            pushed.append(np.hypot(*(now.position - start.position)[:2]) + 0.1 * now.angle(start))
 
-    play.watchers.append(look)
+    play.watchers.append(record_push)
     assert play.run().outcome == "SUCCESS", play.leaf("grasp").reason
     assert max(pushed) < 1e-3

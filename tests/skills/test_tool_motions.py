@@ -1,4 +1,4 @@
-"""Lines, turns, blended lines and leaning curves: the tool goes where they say, or stays."""
+"""Lines, rotations, blended lines and tilted circles are accurate, or refused without motion."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ def tool(world: World) -> Pose:
 
 
 def path_of(play: Play) -> list[Pose]:
-    """The tool at every step of the run, which is made."""
-    places: list[Pose] = []
-    play.watchers.append(lambda world: places.append(tool(world)))
+    """Run the play; returns the tool pose at every step."""
+    poses: list[Pose] = []
+    play.watchers.append(lambda world: poses.append(tool(world)))
     play.run()
-    return places
+    return poses
 
 
 @pytest.mark.parametrize("robot", ["ur5", "panda"])
@@ -45,14 +45,14 @@ def test_move_linear_is_straight(stage: Stage, robot: str) -> None:
     skill = "move_linear: {offset: {xyz: [0, 0.1, 0.05], rpy: [10, 0, 0]}, speed: 1.0}"
     play = staged(stage, skill, robot)
     start = tool(play.world)
-    places = path_of(play)
+    poses = path_of(play)
     assert play.leaf("move_linear").status == "SUCCESS"
-    way = np.array((0.0, 0.1, 0.05))
-    assert places[-1].position - start.position == pytest.approx(way, abs=NEAR)
-    assert np.degrees(places[-1].angle(start)) == pytest.approx(10.0, abs=0.05)
-    offsets = np.array([place.position - start.position for place in places])
-    aside = offsets - np.outer(offsets @ way / (way @ way), way)
-    assert np.linalg.norm(aside, axis=1).max() < 3e-4
+    step = np.array((0.0, 0.1, 0.05))
+    assert poses[-1].position - start.position == pytest.approx(step, abs=NEAR)
+    assert np.degrees(poses[-1].angle(start)) == pytest.approx(10.0, abs=0.05)
+    offsets = np.array([pose.position - start.position for pose in poses])
+    deviations = offsets - np.outer(offsets @ step / (step @ step), step)
+    assert np.linalg.norm(deviations, axis=1).max() < 3e-4
 
 
 def test_move_linear_in_the_tool_frame_goes_along_the_tool(stage: Stage) -> None:
@@ -80,7 +80,7 @@ def test_move_linear_to_a_place_keeps_the_orientation(stage: Stage) -> None:
         ("move_through: {poses: [{xyz: [0.6, 0, 0.7]}, {xyz: [0.6, 0, 0.7]}]}", "INVALID_TARGET"),
     ],
 )
-def test_what_cannot_be_done_is_refused_at_rest(stage: Stage, skill: str, code: str) -> None:
+def test_infeasible_motion_is_refused_without_motion(stage: Stage, skill: str, code: str) -> None:
     play = staged(stage, skill)
     play.run()
     leaf = play.leaf(skill.partition(":")[0])
@@ -90,13 +90,13 @@ def test_what_cannot_be_done_is_refused_at_rest(stage: Stage, skill: str, code: 
         assert 0.0 < float(leaf.metrics["fraction"]) < 1.0
 
 
-def test_rotate_tool_keeps_the_point_in_its_place(stage: Stage) -> None:
+def test_rotate_tool_keeps_the_point_in_place(stage: Stage) -> None:
     play = staged(stage, "rotate_tool: {axis: y, angle: 25, point: [0, 0, 0.1], speed: 1.0}")
     tip = np.array((0.0, 0.0, 0.1))
     start = tool(play.world)
-    places = path_of(play)
-    away = [np.linalg.norm(place.apply(tip) - start.apply(tip)) for place in places]
-    assert max(away) < 3e-4
+    poses = path_of(play)
+    distances = [np.linalg.norm(pose.apply(tip) - start.apply(tip)) for pose in poses]
+    assert max(distances) < 3e-4
     turn = start.inverse @ tool(play.world)
     assert np.degrees(turn.rotation.as_rotvec()) == pytest.approx((0, 25, 0), abs=0.05)
 
@@ -115,26 +115,26 @@ def test_move_through_rounds_corners_within_the_blend_and_does_not_stop(stage: S
         "{xyz: [0.6, 0.0, 0.65]}], blend: 0.03}"
     )
     play = staged(stage, skill)
-    places = np.array([place.position for place in path_of(play)])
-    assert places[-1] == pytest.approx((0.6, 0.0, 0.65), abs=NEAR)
+    poses = np.array([pose.position for pose in path_of(play)])
+    assert poses[-1] == pytest.approx((0.6, 0.0, 0.65), abs=NEAR)
     for corner in ((0.6, 0.2, 0.8), (0.6, 0.0, 0.8)):
-        away = np.linalg.norm(places - corner, axis=1)
-        nearest = int(np.argmin(away))
-        assert away[nearest] < 0.03
-        assert np.linalg.norm(places[nearest + 1] - places[nearest]) > 1e-5  # in one step of 2 ms
+        distances = np.linalg.norm(poses - corner, axis=1)
+        nearest = int(np.argmin(distances))
+        assert distances[nearest] < 0.03
+        assert np.linalg.norm(poses[nearest + 1] - poses[nearest]) > 1e-5  # in one step of 2 ms
 
 
-def test_circle_leans_toward_its_middle(stage: Stage) -> None:
-    """Tool axis along x, circle in yz: the axes of all places meet in one point."""
+def test_circle_tilts_the_tool_toward_its_center(stage: Stage) -> None:
+    """Tool axis along x, circle in yz: the tool axes of all poses meet in one point."""
     play = staged(stage, "circle: {plane: yz, radius: 0.05, tilt: 20}")
     start = tool(play.world)
-    lean = [np.degrees(place.angle(start)) for place in path_of(play)]
+    tilts = [np.degrees(pose.angle(start)) for pose in path_of(play)]
     assert play.leaf("circle").status == "SUCCESS"
-    assert max(lean) == pytest.approx(20.0, abs=0.1)
+    assert max(tilts) == pytest.approx(20.0, abs=0.1)
 
 
-def test_an_arc_ends_where_it_should(stage: Stage) -> None:
-    """Half a turn from the circle's point at +y of its middle, over +z, to -y."""
+def test_half_circle_ends_at_the_opposite_point(stage: Stage) -> None:
+    """Half a turn from the circle's point at +y of its center, over +z, to -y."""
     play = staged(stage, "circle: {plane: yz, radius: 0.05, turns: 0.5, start: from}")
     start = tool(play.world)
     play.run()
@@ -142,7 +142,7 @@ def test_an_arc_ends_where_it_should(stage: Stage) -> None:
     assert moved == pytest.approx((0, -0.1, 0), abs=NEAR)
 
 
-def test_an_arc_begins_where_its_angle_says(stage: Stage) -> None:
+def test_arc_starts_at_the_given_angle(stage: Stage) -> None:
     """From the top of the circle, over its point at -y, to the bottom."""
     play = staged(stage, "circle: {radius: 0.05, turns: 0.5, begin: 90, start: from, tilt: 10}")
     start = tool(play.world)
@@ -153,7 +153,7 @@ def test_an_arc_begins_where_its_angle_says(stage: Stage) -> None:
     assert np.degrees(tool(play.world).angle(start)) == pytest.approx(10.0, abs=0.1)
 
 
-def test_a_part_of_a_lissajous_curve(stage: Stage) -> None:
+def test_fraction_of_a_lissajous_curve(stage: Stage) -> None:
     """A quarter of it: A sin t and B sin 2t end at A and 0."""
     play = staged(stage, "lissajous: {amplitudes: [0.08, 0.05], repeats: 0.25, start: from}")
     start = tool(play.world)

@@ -1,4 +1,4 @@
-"""What a hand runs into on its way to a grasp is pressed on no harder than it has to be."""
+"""The force of a hand on an obstacle that it hits during an approach is limited."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from tests.skills.scenarios import GRIPPING, ON_TABLE, Scenario, Tree
 
 
 @pytest.mark.parametrize("reality", ["lab", "rough"])
-def test_an_arm_that_has_touched_gives_way_until_it_has_braked(reality: str, stage: Stage) -> None:
-    """A finger comes down on the cube: stiff, the arm braked against it with 285 N and more."""
+def test_arm_is_compliant_while_it_brakes_after_contact(reality: str, stage: Stage) -> None:
+    """A finger comes down on the cube; a stiff arm braked against it with 285 N and more."""
     arm = GRIPPING | {"gripper": "panda_hand"}
     aside = {"xyz": [0.42, -0.43, 0.405], "rpy": [0, 0, 0]}
     blind: Tree = {"grasp": {"object": "cube", "at": aside, "approach": [0, 0, -1]}}

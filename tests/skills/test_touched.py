@@ -1,4 +1,4 @@
-"""What falls on an arm, or is run into, is among the metrics of whatever leaf moved it."""
+"""Contacts of an arm with objects are among the metrics of the leaf that moved it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ BALL: Tree = {"shape": "sphere", "size": [0.04], "mass": 0.1, "spawned": False}
 
 
 def drop(world: World) -> None:
-    """A ball onto the tool, from a hand's breadth above the hand that carries it."""
+    """Spawn the ball 0.35 m above the tool."""
     x, y, z = world.arms["arm1"].tool_pose.position.tolist()
     world.spawn_object("ball", Pose.from_rpy((x, y, z + 0.35)))
 
@@ -29,10 +29,8 @@ def drop(world: World) -> None:
         ("xarm7", {"move_linear": {"offset": {"xyz": [0, 0.15, 0]}, "speed": 0.1}}),
     ],
 )
-def test_a_ball_that_falls_on_the_arm_is_felt_by_the_score(
-    robot: str, node: Tree, stage: Stage
-) -> None:
-    """Whether the motion goes on or is given up; in an empty world nothing is touched."""
+def test_ball_that_falls_on_the_arm_is_in_the_metrics(robot: str, node: Tree, stage: Stage) -> None:
+    """Whether the motion continues or is aborted; without the ball no contact is reported."""
     file: Tree = {
         "world": {"scene": "empty", "time_limit": 20},
         "objects": {"ball": BALL},
@@ -48,7 +46,7 @@ def test_a_ball_that_falls_on_the_arm_is_felt_by_the_score(
 
 
 def put_wall(world: World) -> None:
-    """As near to the tool as there is room, where it goes next."""
+    """Spawn the wall in the direction of motion, as near to the tool as there is room."""
     x, y, z = world.arms["arm1"].tool_pose.position.tolist()
     for gap in np.arange(0.04, 0.2, 0.004).tolist():
         try:
@@ -59,8 +57,8 @@ def put_wall(world: World) -> None:
 
 
 @pytest.mark.parametrize("robot", ["ur5", "xarm7", "panda"])
-def test_who_runs_into_something_harder_than_it_may_has_failed(robot: str, stage: Stage) -> None:
-    """Two centimeters before its tool there is a wall, all at once."""
+def test_collision_beyond_the_force_limit_is_a_failure(robot: str, stage: Stage) -> None:
+    """A wall appears right in front of the moving tool."""
     node: Tree = {"move_linear": {"offset": {"xyz": [0, 0.12, 0]}, "speed": 1.0}}
     wall: Tree = {"shape": "box", "size": [0.06, 0.06, 0.06], "mass": 100, "spawned": False}
     arm: Tree = {"robot": robot, "base": {"xyz": [0, 0, 0.4]}, "force_limit": 20, "tree": node}
@@ -80,8 +78,8 @@ def test_who_runs_into_something_harder_than_it_may_has_failed(robot: str, stage
     ("robot", "mass", "reality"),
     some([("ur10", 8.0, "rough"), ("ur10", 8.0, "lab"), ("ur5", 4.0, "lab")], 2),
 )
-def test_what_is_heavy_may_be_taken(robot: str, mass: float, reality: str, stage: Stage) -> None:
-    """The tool presses on it until it is held; then its weight, told of or not, is no contact."""
+def test_heavy_object_can_be_carried(robot: str, mass: float, reality: str, stage: Stage) -> None:
+    """The tool presses on it until it is attached; then its weight, known or not, is no contact."""
     take: Tree = {"approach_and_attach": {"object": "box"}}
     lift: Tree = {"transport": {"object": "box", "to": {"xyz": [0.45, -0.2, 0.15]}}}
     pose: Tree = {"xyz": [0.45, -0.3, 0.03]}

@@ -1,4 +1,4 @@
-"""Following by camera: the arm and what it holds touch nothing that nobody asked for."""
+"""In `track`, the arm and its held object do not run into obstacles."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from tests.skills.trials import BLOCK, FOLLOW_HOLDING, FOLLOWED, LOOK_HOLDING, L
 
 
 @pytest.mark.parametrize("blocked", [True, False])
-def test_it_stops_before_what_it_holds_touches_something(blocked: bool, stage: Stage) -> None:
-    """It pushed on whatever stood in the way of the cube, with 190 N."""
+def test_arm_stops_before_its_held_object_touches_an_obstacle(blocked: bool, stage: Stage) -> None:
+    """The held cube pushed against the obstacle with 190 N."""
 
     def lead(world: World) -> None:
         y = -0.45 + min(max(0.03 * (world.time - 5.5), 0.0), 0.09)
@@ -31,8 +31,8 @@ def test_it_stops_before_what_it_holds_touches_something(blocked: bool, stage: S
 
 
 @pytest.mark.parametrize("blocked", [True, False])
-def test_an_empty_hand_stops_before_it_touches_something(blocked: bool, stage: Stage) -> None:
-    """Nothing was checked without a held object: the fingers ran into what stood in the way."""
+def test_empty_hand_stops_before_it_touches_an_obstacle(blocked: bool, stage: Stage) -> None:
+    """Without a held object nothing was checked: the fingers ran into the obstacle."""
 
     def lead(world: World) -> None:
         y = -0.45 + min(max(0.03 * (world.time - 1.5), 0.0), 0.09)
@@ -51,8 +51,8 @@ def test_an_empty_hand_stops_before_it_touches_something(blocked: bool, stage: S
 
 
 @pytest.mark.parametrize("aside_m", some([0.06, 0.095, 0.12], 2))
-def test_a_hand_in_a_hurry_stops_before_what_is_in_the_way(aside_m: float, stage: Stage) -> None:
-    """It was taken to brake as hard as it can, and ran into what its softer braking led it to."""
+def test_fast_hand_stops_before_an_obstacle(aside_m: float, stage: Stage) -> None:
+    """The check assumed maximal braking; the actual, softer braking led into the obstacle."""
 
     def lead(world: World) -> None:
         back = min(max(0.05 * (world.time - 4.0), 0.0), aside_m)

@@ -1,4 +1,4 @@
-"""Outcomes that were once not true, or had no reason that a reader understands."""
+"""Regressions: outcomes that were once false, or had no intelligible reason."""
 
 from __future__ import annotations
 
@@ -38,14 +38,14 @@ def run(
     timestep: float = 0.002,
     beside: str = "[2, 0, 0]",
 ) -> Play:
-    """Play these leaves of one arm beside a cube."""
+    """Run leaves of one arm beside a cube."""
     return stage.run(
         ONE_ARM.format(leaves=leaves, cube=cube, tick_hz=tick_hz, timestep=timestep, beside=beside)
     )
 
 
-def test_letting_go_in_the_air_fails_at_a_thousand_ticks_a_second(stage: Stage) -> None:
-    """In the first millisecond of its fall a cube is as slow as one that rests."""
+def test_detach_in_the_air_fails_at_1000_hz(stage: Stage) -> None:
+    """In the first millisecond of its fall, a cube is as slow as one at rest."""
     lifted = "{transport: {object: cube, to: {xyz: [0.5, 0.1, 0.15]}, speed: 1.0}}"
     leaves = f"[{{approach_and_attach: {{object: cube}}}}, {lifted}, {{detach: {{object: cube}}}}]"
     leaf = run(stage, leaves, tick_hz=1000, timestep=0.001).leaf("detach")
@@ -53,8 +53,8 @@ def test_letting_go_in_the_air_fails_at_a_thousand_ticks_a_second(stage: Stage) 
     assert float(leaf.metrics["moved_m"]) > 0.1
 
 
-def test_what_is_glued_to_the_tool_is_not_let_go_of_where_it_stands(stage: Stage) -> None:
-    """The floor bears it, and no sensor tells before the arm goes: it would go along."""
+def test_detach_of_an_object_stuck_to_the_tool_fails(stage: Stage) -> None:
+    """The floor bears the cube, and sensors cannot show that it sticks until the arm moves."""
     leaves = "[{approach_and_attach: {object: cube}}, {detach: {object: cube}}]"
     play = stage.play(ONE_ARM.format(
         leaves=leaves, cube="fixed: false", tick_hz=50, timestep=0.002, beside="[2, 0, 0]"
@@ -62,7 +62,7 @@ def test_what_is_glued_to_the_tool_is_not_let_go_of_where_it_stands(stage: Stage
 
     def glue(world: World) -> None:
         held = world.attachments.find("arm1", "cube")
-        if held is not None and "glue" not in {tie.name for tie in world._spec.equalities}:
+        if held is not None and "glue" not in {one.name for one in world._spec.equalities}:
             weld = world._spec.equality(held.name)
             add_weld(world._spec, "glue", weld.name1, weld.name2, held.relative)
             world._recompile()
@@ -75,8 +75,8 @@ def test_what_is_glued_to_the_tool_is_not_let_go_of_where_it_stands(stage: Stage
     assert "sticks to the tool" in leaf.reason
 
 
-def test_a_fixed_object_is_not_attached(stage: Stage) -> None:
-    """It can be reached, but never carried: refused before the arm moves."""
+def test_fixed_object_is_not_attached(stage: Stage) -> None:
+    """It can be reached, but not carried: the skill refuses before the arm moves."""
     play = run(stage, "[{approach_and_attach: {object: cube}}]", cube="fixed: true")
     leaf = play.leaf("approach_and_attach")
     assert (leaf.status, leaf.code) == ("FAILURE", "INVALID_TARGET")
@@ -84,8 +84,8 @@ def test_a_fixed_object_is_not_attached(stage: Stage) -> None:
     assert not play.world.attachments
 
 
-def test_an_object_that_is_taken_away_meanwhile_is_not_there(stage: Stage) -> None:
-    """The reason is the object, not an exception of the skill."""
+def test_object_removed_during_the_approach_is_not_there(stage: Stage) -> None:
+    """The leaf fails with a reason, not with an exception."""
     text = ONE_ARM.format(
         leaves="[{approach_and_attach: {object: cube}}]",
         cube="fixed: false",
@@ -99,8 +99,8 @@ def test_an_object_that_is_taken_away_meanwhile_is_not_there(stage: Stage) -> No
     assert leaf.ended_s == pytest.approx(1.52, abs=0.03)
 
 
-def test_nothing_is_spawned_inside_an_arm(stage: Stage) -> None:
-    """The world stays as it was: no cube in it, none thrown about."""
+def test_object_is_not_spawned_inside_an_arm(stage: Stage) -> None:
+    """The world remains unchanged."""
     play = run(
         stage,
         "[{spawn: {object: cube, at: {xyz: [0, 0, 0.1]}}}]",
@@ -112,8 +112,8 @@ def test_nothing_is_spawned_inside_an_arm(stage: Stage) -> None:
     assert "cube" not in play.world.objects
 
 
-def test_no_arm_is_spawned_inside_another(stage: Stage) -> None:
-    """It would stand there as a ghost until both are torn apart."""
+def test_arm_is_not_spawned_inside_another(stage: Stage) -> None:
+    """Both would overlap until the contact forces throw them apart."""
     play = run(stage, "[{spawn: {arm: arm2}}]", beside="[0.05, 0, 0]")
     leaf = play.leaf("spawn")
     assert (leaf.status, leaf.code) == ("FAILURE", "NOT_SPAWNED")
@@ -121,8 +121,8 @@ def test_no_arm_is_spawned_inside_another(stage: Stage) -> None:
     assert play.arm("arm2").outcome == "NOT_SPAWNED"
 
 
-def test_a_place_for_an_arm_is_refused_not_ignored(stage: Stage) -> None:
-    """An arm comes where its base is declared."""
+def test_pose_for_spawning_an_arm_is_refused(stage: Stage) -> None:
+    """An arm is spawned where its base is declared."""
     with pytest.raises(SpecError, match="omit at"):
         run(stage, "[{spawn: {arm: arm2, at: {xyz: [3, 0, 0]}}}]")
     late = "[{set: {key: name, value: arm2}}, {spawn: {arm: '{name}', at: {xyz: [3, 0, 0]}}}]"
@@ -131,7 +131,7 @@ def test_a_place_for_an_arm_is_refused_not_ignored(stage: Stage) -> None:
 
 
 def approach_beside(knobs: list[tuple[float, float, float]], stage: Stage) -> Play:
-    """A cube on the floor and small fixed spheres beside the way down to it."""
+    """A cube on the floor, and small fixed spheres beside the approach path."""
     knob = {"shape": "sphere", "size": [0.02], "mass": 1, "fixed": True}
     cube = {"shape": "box", "size": [0.05, 0.05, 0.05], "mass": 0.1}
     objects = {"cube": cube | {"pose": {"xyz": [0.5, 0.1, 0.026]}}}
@@ -147,8 +147,8 @@ def approach_beside(knobs: list[tuple[float, float, float]], stage: Stage) -> Pl
     )
 
 
-def test_the_straight_part_of_an_approach_is_free(stage: Stage) -> None:
-    """What only the wrist sweeps on its way down is seen before the arm moves."""
+def test_straight_part_of_an_approach_is_checked_for_collisions(stage: Stage) -> None:
+    """Obstacles that only the wrist would touch are found before the arm moves."""
     around = [
         (0.5 + dx, 0.1 + dy, 0.2) for dx, dy in ((0.07, 0), (-0.07, 0), (0, 0.07), (0, -0.07))
     ]
@@ -159,7 +159,7 @@ def test_the_straight_part_of_an_approach_is_free(stage: Stage) -> None:
     assert play.speed_after(0.0) < 0.001
 
 
-def test_where_the_upper_arm_would_touch_something_it_takes_another_branch(stage: Stage) -> None:
+def test_another_branch_is_used_if_the_upper_arm_would_collide(stage: Stage) -> None:
     leaf = approach_beside([(0.1, 0.14, 0.46)], stage).leaf("approach_and_attach")
     assert leaf.status == "SUCCESS", leaf.reason
     assert "knob" not in str(leaf.metrics.get("touched", ""))
@@ -179,12 +179,12 @@ def test_where_the_upper_arm_would_touch_something_it_takes_another_branch(stage
         2,
     ),
 )
-def test_a_ball_is_taken_from_the_floor_and_put_back(
+def test_ball_is_picked_from_the_floor_and_put_back(
     robot: str, x: float, mass: float, stage: Stage
 ) -> None:
-    """The floor does not give way: the arm that has pressed the ball on it is pushed away a little.
+    """The stiff floor pushes an arm that presses the ball on it back a little.
 
-    That once was a failure of four arms of five, with the ball attached.
+    That was a failure for four arms of five, with the ball attached.
     """
     place = f"xyz: [{x}, 0.05, 0.031]"
     play = stage.run(
@@ -207,8 +207,8 @@ def test_a_ball_is_taken_from_the_floor_and_put_back(
     assert play.arm().outcome == "SUCCESS"
 
 
-def test_an_arm_stands_still_with_its_payload(stage: Stage) -> None:
-    """3 kg at the wrist of an xArm7, 0.5 kg below what it may carry, once shook it for good."""
+def test_arm_rests_with_a_heavy_payload(stage: Stage) -> None:
+    """3 kg at the wrist of an xArm7, 0.5 kg below its payload, made it oscillate permanently."""
     play = stage.run(
         """
         world: {scene: empty, time_limit: 20}

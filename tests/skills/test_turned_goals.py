@@ -1,4 +1,4 @@
-"""What looks the same when turned may be turned where its goal is out of reach otherwise."""
+"""Symmetric objects may be rotated by their symmetry where the goal is out of reach otherwise."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from bt_dualarm.spec.yaml_reader import with_tuples
 from tests.families import some
 from tests.skills.test_placing_paths import board, placed
 
-THINGS: dict[str, dict[str, Any]] = {
+OBJECTS: dict[str, dict[str, Any]] = {
     "cylinder": {"shape": "cylinder", "size": [0.025, 0.10], "mass": 0.3},
     "capsule": {"shape": "capsule", "size": [0.022, 0.06], "mass": 0.2},
     "box": {"shape": "box", "size": [0.05, 0.05, 0.10], "mass": 0.3},
@@ -31,8 +31,8 @@ MARKER = {"marker": {"id": 1, "size": 0.03}}
 
 @cache
 def carried(kind: str, roll: float, *, marked: bool = False) -> LeafReport:
-    """A Panda's `transport` under a board of what it has taken from the side."""
-    obj = THINGS[kind] | (MARKER if marked else {})
+    """A Panda's `transport` under a board of an object grasped from the side."""
+    obj = OBJECTS[kind] | (MARKER if marked else {})
     goal = {"xyz": [0.55, 0.1, 0.63], "rpy": [roll, 0, -90]}
     return placed(
         "panda",
@@ -52,8 +52,8 @@ def carried(kind: str, roll: float, *, marked: bool = False) -> LeafReport:
     ("kind", "roll", "fold"),
     some([("cylinder", 0, 24), ("prism", 0, 6), ("capsule", 20, 24), ("box", 0, 4)], 2),
 )
-def test_what_is_carried_is_turned_into_itself(kind: str, roll: float, fold: int) -> None:
-    """As asked for, the goal is out of reach; upright or not, the turn is about its own axis."""
+def test_carried_object_is_rotated_by_its_symmetry(kind: str, roll: float, fold: int) -> None:
+    """The requested orientation is out of reach; the rotation is about the object's own axis."""
     leaf = carried(kind, roll)
     assert leaf.status == "SUCCESS", leaf.reason
     turns = float(leaf.metrics["spun_rad"]) * fold / (2.0 * np.pi)
@@ -62,22 +62,22 @@ def test_what_is_carried_is_turned_into_itself(kind: str, roll: float, fold: int
     assert float(leaf.metrics["believed_turned_rad"]) < np.radians(1.0)
 
 
-def test_what_is_carried_is_not_turned_if_that_would_show() -> None:
-    """The marker would be elsewhere than was asked for."""
+def test_carried_object_is_not_rotated_if_that_is_visible() -> None:
+    """The marker would not be where it was requested."""
     leaf = carried("box", 0, marked=True)
     assert leaf.code == "UNREACHABLE", leaf.reason
-    assert "object_error_m" not in leaf.metrics, "before it moves"
+    assert "object_error_m" not in leaf.metrics, "refused before any motion"
 
 
 class _Above(Failure):
-    """Ends `insert` where the peg is above the hole."""
+    """Ends `insert` when the peg is above the hole."""
 
 
 @pytest.mark.parametrize(("shape", "yaw"), some([("prism", 90), ("box", -60), ("prism", -90)], 2))
-def test_a_peg_is_turned_into_itself_above_its_hole(
+def test_peg_is_rotated_by_its_symmetry_above_its_hole(
     shape: str, yaw: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A Panda that holds it from the side cannot turn it so far as it is asked for."""
+    """A Panda that holds the peg from the side cannot reach the requested orientation."""
 
     def above(_: Inserting) -> Iterator[None]:
         raise _Above("NOT_FOUND", "above the hole")
@@ -126,10 +126,10 @@ def test_a_peg_is_turned_into_itself_above_its_hole(
         ({"shape": "bin", "size": [0.05, 0.05, 0.1]}, 1),
     ],
 )
-def test_poses_alike_look_alike(
+def test_equivalent_poses_are_symmetric(
     fields: dict[str, Any], count: int, rpy: tuple[float, float, float]
 ) -> None:
-    """Each is the goal up to the symmetry of the object, at the same place; the goal is first."""
+    """Each is the goal up to the symmetry of the object, at its position; the goal is first."""
     spec = ObjectSpec.model_validate(with_tuples(fields | {"mass": 0.1}))
     goal = Pose.from_rpy((0.1, 0.2, 0.3), np.radians(rpy).tolist())
     alike = poses_alike(spec, goal)
@@ -143,7 +143,7 @@ def test_poses_alike_look_alike(
     if rpy[0] in (0, 180) and rpy[1] == 0:
         assert len(alike) == count
     elif spec.shape in ("box", "prism") and not (spec.shape == "box" and rpy[0] == 90):
-        assert len(alike) == 1, "what is tilted keeps its pads level"
+        assert len(alike) == 1, "a tilted object has no equivalent pose, which keeps the pads level"
 
 
 @pytest.mark.parametrize(
@@ -159,8 +159,10 @@ def test_poses_alike_look_alike(
         ({"shape": "bin", "size": (0.1, 0.1, 0.05)}, 2, 1),
     ],
 )
-def test_an_object_turns_about_its_axis(fields: dict[str, Any], axis: int, count: int) -> None:
-    """Each turn leaves the axis and the look as they are; the identity is first."""
+def test_symmetries_are_rotations_about_the_axis(
+    fields: dict[str, Any], axis: int, count: int
+) -> None:
+    """Each rotation preserves the axis and the appearance; the identity is first."""
     spec = ObjectSpec.model_validate(with_tuples(fields | {"mass": 0.1}))
     turns = turns_alike(spec)
     assert len(turns) == count

@@ -1,4 +1,4 @@
-"""The tasks by which two-arm systems are judged are valid files, and can be done."""
+"""The benchmark tasks for two arms are valid files, and feasible."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from tests.families import some
 @pytest.mark.parametrize(
     ("name", "robot"), some([(name, robot) for robot in ROBOTS for name in TASKS], 4)
 )
-def test_each_is_a_valid_file_and_begins_elsewhere_with_another_seed(name: str, robot: str) -> None:
+def test_task_is_a_valid_file_and_depends_on_the_seed(name: str, robot: str) -> None:
     files = [task(name, robot, seed, "lab") for seed in (0, 1)]
     assert files[0]["objects"] != files[1]["objects"]
     problems = bt.check(files[0])
     assert not [one for one in problems if one.severity == "error"]
 
 
-def test_one_is_done() -> None:
+def test_one_task_succeeds() -> None:
     found = played("two_arm_lift", "panda", 0, "lab", speed=1.0)
     assert found["outcome"] == "SUCCESS", found["why"]
     assert not found["false_success"]

@@ -1,4 +1,4 @@
-"""Taking what has no name: by where it lies and how wide it is, and nothing else."""
+"""Grasps of unnamed objects, by pose and width alone."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ def task(*leaves: dict[str, Any], gripper: str = "robotiq_2f85", **cube: Any) ->
 
 
 @pytest.mark.parametrize("gripper", ["robotiq_2f85", "suction_cup"])
-def test_it_is_taken_carried_and_set_down(gripper: str) -> None:
-    """Two millimeters beside where it is said to lie, and turned: fingers center it."""
+def test_unnamed_object_is_grasped_carried_and_placed(gripper: str) -> None:
+    """It is 2 mm beside the given pose, and rotated: the fingers center it."""
     beside = {"xyz": [0.401, -0.4483, 0.425], "rpy": [0, 0, 2]}
     result = bt.run(task(TAKE, CARRY, PUT, gripper=gripper, pose=beside))
     leaves = result.arms["arm1"].leaves
@@ -51,16 +51,16 @@ def failure(*leaves: dict[str, Any], **cube: Any) -> tuple[str, str]:
     return last.code, last.reason
 
 
-def test_where_nothing_lies_nothing_is_taken() -> None:
+def test_grasp_of_nothing_fails() -> None:
     code, reason = failure(TAKE, pose={"xyz": [0.20, -0.55, 0.425]})
     assert (code, reason) == ("NOT_GRASPED", "the gripper closed on something else or nothing")
 
 
-def test_what_is_not_as_wide_as_it_was_told_is_something_else() -> None:
+def test_object_of_another_width_is_not_grasped() -> None:
     assert failure(TAKE, size=[0.05, 0.03, 0.05])[0] == "NOT_GRASPED"
 
 
-def test_what_is_told_is_refused_before_moving() -> None:
+def test_infeasible_measures_are_refused_before_any_motion() -> None:
     wide = failure({"grasp": {"at": AT, "width": 0.09}})
     assert wide == ("TOO_WIDE", "the object at this pose is 90 mm wide; the fingers open to 85 mm")
     heavy = failure({"grasp": {"at": AT, "width": 0.05, "mass": 8.0}})
@@ -69,7 +69,7 @@ def test_what_is_told_is_refused_before_moving() -> None:
     assert frail[0] == "INVALID_TARGET"
 
 
-def test_what_is_held_has_to_be_clear() -> None:
+def test_transport_and_place_need_a_held_object() -> None:
     assert failure(CARRY) == ("NOT_ATTACHED", "arm1 holds nothing to carry")
     assert failure(PUT) == ("NOT_HELD", "arm1 does not hold anything")
 
@@ -82,6 +82,6 @@ def test_what_is_held_has_to_be_clear() -> None:
         ({"object": "cube", "height": 0.05}, "grasp: 'height' goes with 'width', which is missing"),
     ],
 )
-def test_what_is_missing_is_said_at_its_line(ports: dict[str, Any], message: str) -> None:
+def test_missing_port_is_reported(ports: dict[str, Any], message: str) -> None:
     (problem,) = bt.check(task({"grasp": ports}))
     assert problem.message == message

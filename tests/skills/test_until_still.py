@@ -1,4 +1,4 @@
-"""Cameras, places and depths by seed: `until_still` waits for a movement, and for its end."""
+"""`track` with `until_still` ends after a motion, for random cameras, positions and depths."""
 
 from __future__ import annotations
 
@@ -13,6 +13,6 @@ from tests.families import some
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "moves"), some(product(range(3), [False, True]), 3))
-def test_it_ends_after_a_movement_and_after_nothing_else(seed: int, moves: bool) -> None:
+def test_until_still_ends_only_after_a_motion(seed: int, moves: bool) -> None:
     case = draw(np.random.default_rng(seed), moves=moves)
     assert ends_well(case) == "", case

@@ -45,9 +45,9 @@ class Trial:
     """How to make a skill fail.
 
     Attributes:
-        node: The leaf, alone or with others around it.
-        changes: Fields of the skill's scenario that are others here.
-        deeds: What happens to the world, at simulated seconds after the run began.
+        node: The leaf, alone or within other nodes.
+        changes: Fields of the skill's scenario that differ here.
+        deeds: Changes of the world, with their simulated times in s.
         moves: Whether the arm may have moved when it fails.
     """
 
@@ -57,12 +57,12 @@ class Trial:
     moves: bool = False
 
     def scenario(self, skill: str) -> Scenario:
-        """The skill's own, with the changes."""
+        """The skill's scenario with the changes."""
         return replace(SCENARIOS[skill], **self.changes)
 
 
 def square(width: float, height: float, **more: Any) -> Tree:
-    """Draw a rounded square on its corner, from its right end on; half its extents, in m."""
+    """Draw a rounded square that stands on its corner, of half extents in m, from its right end."""
     points = [[width, 0.0], [0.0, height], [-width, 0.0], [0.0, -height]]
     return {"draw": {"points": points, **more}}
 
@@ -78,17 +78,17 @@ WIDE = [
     [0.25 * math.cos(0.1 * math.pi * step), 0.25 * math.sin(0.1 * math.pi * step)]
     for step in range(21)
 ]
-"""A circle, as of the trial of that skill."""
+"""A circle, like that of the trial of `circle`."""
 
 FLAT_EIGHT = [
     [0.5 * math.sin(0.1 * math.pi * step), 0.1 * math.sin(0.2 * math.pi * step)]
     for step in range(20)
 ]
-"""Leads along a singularity; other curves of its width end on this side of it."""
+"""A curve along a singularity; other curves of this width end before it."""
 
 
 def pushes(body: str, newton: float) -> Deed:
-    """Push on a body along x from now on."""
+    """Push a body along x from then on."""
 
     def push(world: World) -> None:
         world.data.xfrc_applied[world.model.body(body).id, 0] = newton
@@ -108,7 +108,7 @@ def slides_in_hand(name: str, meters: float) -> Deed:
 
 
 def steals(name: str) -> Deed:
-    """Put an object far away."""
+    """Move an object far away."""
 
     def steal(world: World) -> None:
         joint = world.model.body_jntadr[world.object_body(name)]
@@ -118,7 +118,7 @@ def steals(name: str) -> Deed:
 
 
 def drags(joint: str, newton: float) -> Deed:
-    """Brake what moves on a joint by dry friction, from now on."""
+    """Set the dry friction of a joint from then on."""
 
     def drag(world: World) -> None:
         dof = world.model.jnt_dofadr[world.model.joint(joint).id]
@@ -128,12 +128,12 @@ def drags(joint: str, newton: float) -> Deed:
 
 
 def hides(name: str) -> Deed:
-    """Take an object out of the world."""
+    """Remove an object from the world."""
     return lambda world: world.remove_object(name)
 
 
 def departs(arm: str) -> Deed:
-    """Take an arm out of the world."""
+    """Remove an arm from the world."""
     return lambda world: world.remove_arm(arm)
 
 
@@ -147,7 +147,7 @@ def shifts(name: str, meters: float) -> Deed:
 
 
 def shrinks(name: str, sides: slice = slice(None)) -> Deed:
-    """Make an object smaller by a seventh, along some of its sides only if they are given."""
+    """Make an object smaller by a seventh, in all directions or those of `sides`."""
 
     def shrink(world: World) -> None:
         world.model.geom_size[world.object_geom(name), sides] *= 6 / 7
@@ -156,19 +156,19 @@ def shrinks(name: str, sides: slice = slice(None)) -> Deed:
 
 
 def jams(world: World) -> None:
-    """Let the fingers of an arm move no more."""
+    """Block the fingers of an arm."""
     for finger in FINGERS:
         world.model.dof_damping[world.model.joint(f"arm1/{finger}").dofadr] = 1e6
 
 
 def clogs(world: World) -> None:
-    """Let the fingers of an arm creep: at 40 N each of them goes at 10 mm/s."""
+    """Make the fingers of an arm creep: at 40 N each of them moves at 10 mm/s."""
     for finger in FINGERS:
         world.model.dof_damping[world.model.joint(f"arm1/{finger}").dofadr] = 4e3
 
 
 def while_moving(node: Tree) -> Tree:
-    """Begin a node while another leaf moves the arm."""
+    """Start a node while another leaf moves the arm."""
     slow = {"reach_to_pose": {"offset": {"xyz": [0, 0, 0.05]}, "speed": 0.05}}
     return {"parallel": [slow, {"delay": {"seconds": 0.3, "child": node}}]}
 
@@ -179,12 +179,12 @@ def slab(xyz: list[float], size: list[float], **fields: Any) -> dict[str, Any]:
 
 
 def knocks(body: str, at: float) -> tuple[tuple[float, Deed], ...]:
-    """Push so hard for 0.15 s that no arm can hold against it."""
+    """Push harder than any arm can resist, for 0.15 s."""
     return (at, pushes(body, 400.0)), (at + 0.15, pushes(body, 0.0))
 
 
 def cube_that(**fields: Any) -> Tree:
-    """The cube on the table, otherwise than it is."""
+    """The cube on the table with changed fields."""
     return {"cube": ON_TABLE["cube"] | fields}
 
 
@@ -195,12 +195,12 @@ SEEING = {"mount": "wrist", "resolution": [320, 240], "fov": 50, "fps": 30}
 
 
 def placed_seen() -> Tree:
-    """Place the cube, and look at it then."""
+    """Place the cube, and then look at it."""
     return {"place": {**PLACE["place"], "look": True}}
 
 
 def inserted(xyz: list[float], **fields: Any) -> Tree:
-    """Insert the cube where there may be a hole."""
+    """Insert the cube at a position, whether or not there is a hole."""
     pose = {"xyz": xyz, "rpy": [0, 0, 0]}
     return {"insert": {"object": "cube", "at": pose, "depth": 0.012} | fields}
 
@@ -217,7 +217,7 @@ SUCKING = GRIPPING | {"gripper": "suction_cup"}
 
 
 def known_late(port: str, value: float) -> tuple[Tree, ...]:
-    """A number on the blackboard: nobody sees before the run that a gripper cannot do it."""
+    """A number on the blackboard, so that only the run finds that it is invalid for the gripper."""
     return ({"set": {"key": port, "value": value}},)
 
 
@@ -227,10 +227,10 @@ CLOSED = {
     "before": (TAKE,),
     "objects": SCENARIOS["close_gripper"].objects | {"other": TWO_CUBES["other"]},
 }
-"""The gripper has closed on something that nobody has named; another thing lies there."""
+"""The gripper has closed on an unnamed object; another object is near."""
 
 FAR = {"xyz": [1.15, 0.0, 0.5]}
-"""Within the ball around the arm, and farther than it can reach."""
+"""Within the sphere of the nominal reach, but out of the workspace."""
 
 HAND = "arm1/tool0"
 REMOVED = ({"remove": {"object": "cube"}},)
@@ -244,13 +244,13 @@ HALVES = {
     | {"pose": {"xyz": [0.608 * side, -0.608 * side, 1.3], "rpy": [0, 0, 45]}}
     for name, side in (("left", -1), ("right", 1))
 }
-"""Two walls beside the base, so near and so high that no way leads around them."""
+"""Two walls beside the base, so near and so high that no path leads around them."""
 
 CROSSING = {
     "left": slab([0, 0.86, 1.3], [0.02, 1.5, 2.6], spawned=False),
     "right": slab([0, -0.86, 1.3], [0.02, 1.5, 2.6], spawned=False),
 }
-"""Likewise, turned so that they leave an arm alone that reaches over the table."""
+"""Such walls, rotated so that they do not touch an arm that reaches over the table."""
 
 SPLIT: tuple[Tree, ...] = ({"spawn": {"object": "left"}}, {"spawn": {"object": "right"}})
 BLIND = {name: item for name, item in LOOKING.items() if name != "camera"}
@@ -292,12 +292,12 @@ LOOK_HOLDING: tuple[Tree, ...] = (
 FOLLOW_HOLDING: Tree = {
     "track": {"color": "red", "plane": "xy", "distance": 0.35, "duration": 4.0, "max_error": 0.1}
 }
-"""With the cube in the hand, at x = 0.30, y = -0.38, 0.19 m above the table."""
+"""The arm then holds the cube at x = 0.30, y = -0.38, 0.19 m above the table."""
 LOOK: Tree = {"look_at": {"at": {"xyz": [0.68, 0.11, 0.7]}, "direction": [-1, 0, 0]}}
 SCAN: Tree = {"scan": {"object": "cube", "center": [0.4, -0.4, 0.4], "width": 0.2, "depth": 0.2}}
 WAIT_FOR: Tree = {"wait_for": {"object": "cube"}}
 COUNT: Tree = {"count": {"object": "cube"}}
-# Of the pictures looked at the 13th is the last one to arrive for a long time.
+# The 13th of the images is the last one to arrive for a long time.
 BLINDED = LOOKING | {"camera": {"mount": "wrist", "fps": 5, "drop": 0.9}}
 LOCATE: Tree = {"locate": {"object": "cube"}}
 LARGER = {
@@ -308,7 +308,7 @@ GREY = TARGET["cube"] | {"color": "gray"}
 
 
 def moving(skill: str, node: Tree, at: float, body: str = HAND) -> dict[tuple[str, str], Trial]:
-    """What can happen to every motion: the arm is knocked, or another leaf moves it."""
+    """Trials for every motion: the arm is knocked, or another leaf moves it."""
     return {
         (skill, "TRACKING_ERROR"): Trial(node, deeds=knocks(body, at), moves=True),
         (skill, "BUSY"): Trial(while_moving(node), moves=True),
@@ -316,7 +316,7 @@ def moving(skill: str, node: Tree, at: float, body: str = HAND) -> dict[tuple[st
 
 
 def losing(skill: str, ports: Tree) -> dict[tuple[str, str], Trial]:
-    """What can happen to what a gripper carries along a path: it gets thin, or is gone."""
+    """Trials for objects carried along a path: they get thinner, or vanish."""
     carrying = {"objects": ON_TABLE, "scene": "table", "before": (GRASP,), "arm": GRIPPING}
     return {
         (skill, code): Trial({skill: ports}, carrying, ((4.9, deed),), moves=True)
@@ -325,7 +325,7 @@ def losing(skill: str, ports: Tree) -> dict[tuple[str, str], Trial]:
 
 
 def carried(**ports: Any) -> Tree:
-    """Carry the beam of the skill's scenario; with other ports than that of its example."""
+    """Carry the beam of the skill's scenario, with other ports than in its example."""
     to = {"xyz": [0.05, -0.5, 0.525]}
     return {"carry_together": {"object": "beam", "with": ["arm2"], "to": to, **ports}}
 
@@ -335,7 +335,7 @@ OPERATE: Tree = {"operate": _OPERATED}
 
 
 def cabinet_that(**fields: Any) -> Tree:
-    """Objects of the scenario with a drawer, whose joint is otherwise than it is."""
+    """Objects of the drawer scenario with changed fields of the joint."""
     cabinet = CABINET["cabinet"]
     joint = cabinet["joints"]["slide"] | fields
     return {"cabinet": cabinet | {"joints": {"slide": joint}}}
@@ -349,7 +349,7 @@ STIFF_CHEST: Tree = {
 
 
 def slips(name: str, meters: float) -> Deed:
-    """Move what moves on a joint, as if the fingers had slid along it."""
+    """Move a body on its joint, as if the fingers had slipped along it."""
 
     def slip(world: World) -> None:
         joint = world.model.body_jntadr[world.object_body(name)]
@@ -358,18 +358,18 @@ def slips(name: str, meters: float) -> Deed:
     return slip
 
 
-def thins(name: str, part: str, share: float) -> Deed:
-    """Make a part of an object thinner."""
+def narrows(name: str, part: str, factor: float) -> Deed:
+    """Scale the thickness of a part of an object."""
 
-    def thin(world: World) -> None:
+    def narrow(world: World) -> None:
         index = [one.name for one in body_of(world.objects[name]).parts].index(part)
-        world.model.geom_size[world.object_geoms(name)[index], 1:] *= share
+        world.model.geom_size[world.object_geoms(name)[index], 1:] *= factor
 
-    return thin
+    return narrow
 
 
 def beam_that(**fields: Any) -> Tree:
-    """Objects of that scenario, with another beam."""
+    """Objects of the scenario of `carry_together` with changed fields of the beam."""
     objects = SCENARIOS["carry_together"].objects
     return objects | {"beam": objects["beam"] | fields}
 
@@ -389,7 +389,7 @@ LOADED_BAR: Tree = {
     }
 }
 IN_TAKER = CUBE | {"fixed": True, "pose": {"xyz": [0.743, 0, 0.487]}}
-"""Between the fingers of the taker where it begins."""
+"""A cube between the fingers of the taker in its initial posture."""
 
 
 def partner(arm: Tree, tree: Tree) -> Tree:
@@ -398,7 +398,7 @@ def partner(arm: Tree, tree: Tree) -> Tree:
 
 
 def presses(body: str, newton: float) -> Deed:
-    """Push a body downward from now on."""
+    """Push a body downward from then on."""
 
     def press(world: World) -> None:
         world.data.xfrc_applied[world.model.body(body).id, 2] = -newton
@@ -524,7 +524,7 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ),
     ("reach_to_pose", "NOT_REACHED"): Trial(
         {"reach_to_pose": {"offset": {"xyz": [0, 0, 0.05]}, "tolerance": 1e-4}},
-        deeds=((0.0, pushes("arm1/forearm_link", 105.0)),),  # just beyond what is made up for
+        deeds=((0.0, pushes("arm1/forearm_link", 105.0)),),  # just beyond what is compensated
         moves=True,
     ),
     **moving("reach_to_pose", {"reach_to_pose": {"posture": "up"}}, 0.5),
@@ -686,10 +686,10 @@ TRIALS: dict[tuple[str, str], Trial] = {
         moves=True,
     ),
     ("operate", "SLIPPED"): Trial(
-        OPERATE, deeds=((6.1, thins("cabinet.slide", "handle", 0.6)),), moves=True
+        OPERATE, deeds=((6.1, narrows("cabinet.slide", "handle", 0.6)),), moves=True
     ),
     ("operate", "DROPPED"): Trial(
-        OPERATE, deeds=((6.1, thins("cabinet.slide", "handle", 0.01)),), moves=True
+        OPERATE, deeds=((6.1, narrows("cabinet.slide", "handle", 0.01)),), moves=True
     ),
     ("grasp", "GRIPPER_FULL"): Trial({"grasp": {"object": "other"}}, CLOSED),
     ("grasp", "INVALID_TARGET"): Trial(GRASP, {"objects": cube_that(fixed=True)}),
@@ -836,7 +836,7 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ),
     ("transport", "NOT_REACHED"): Trial(
         {"transport": CARRY["transport"] | {"tolerance": 1e-4}},
-        deeds=((4.0, pushes(HAND, 117.0)),),  # likewise
+        deeds=((4.0, pushes(HAND, 117.0)),),  # just beyond what is compensated
         moves=True,
     ),
     **moving("transport", CARRY, 4.6),
@@ -875,7 +875,7 @@ TRIALS: dict[tuple[str, str], Trial] = {
         deeds=((5.6, shifts("other", 0.08)),),
         moves=True,
     ),
-    ("track", "UNREACHABLE"): Trial(  # at 0.1 m/s: what jumps there is not the target
+    ("track", "UNREACHABLE"): Trial(  # at 0.1 m/s: an object that jumps is not the target
         TRACK,
         deeds=tuple((1.0 + 0.02 * step, shifts("cube", 0.002)) for step in range(70)),
         moves=True,

@@ -1,4 +1,4 @@
-"""Rows, tables and an engine without simulation, for tests of everything around a run."""
+"""Rows and an engine without simulation, for tests of sweeps."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ arms:
 
 
 def row_of(trial: TrialSpec, *, works: bool = True, error_m: float = 0.001) -> Row:
-    """A row as a run would give it."""
+    """A row like that of a run."""
     return {
         "trial": trial.index,
         "identity": trial.identity,
@@ -63,7 +63,7 @@ def row_of(trial: TrialSpec, *, works: bool = True, error_m: float = 0.001) -> R
 
 @dataclass
 class InstantEngine:
-    """Runs tasks by a function, the last one first, so that nothing depends on the order."""
+    """Answers tasks with a function, the last one first, so that tests do not rely on the order."""
 
     answer: Callable[[TrialSpec], Row]
     slots: int = 3

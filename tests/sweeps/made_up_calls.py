@@ -1,4 +1,4 @@
-"""Functions for campaigns of calls: one that dies, one that fails, and plain ones."""
+"""Functions for campaigns of calls: some succeed, one fails, one kills its process."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 
 def square(number: int, folder: str) -> dict[str, Any]:
-    """Counts that it was called, in a file of the folder."""
+    """Square a number, and count the calls in a file of the folder."""
     with (Path(folder) / f"calls_{number}").open("a") as file:
         file.write("x")
     sys.stdout.write("noise on standard output\n")
@@ -21,7 +21,7 @@ def square(number: int, folder: str) -> dict[str, Any]:
 
 
 def die(number: int, times: int, folder: str) -> int:
-    """Kill the process, a number of times."""
+    """Kill the process in the first `times` calls."""
     deaths = Path(folder) / f"deaths_{number}"
     before = len(deaths.read_text()) if deaths.exists() else 0
     if before < times:
@@ -31,7 +31,7 @@ def die(number: int, times: int, folder: str) -> int:
 
 
 def even(number: int) -> int | None:
-    """None for odd numbers, which do not count."""
+    """Return None for odd numbers, which do not count."""
     return None if number % 2 else number
 
 

@@ -31,7 +31,7 @@ MODULE = "tests.sweeps.made_up_calls"
 
 @dataclass
 class HereEngine:
-    """Runs calls in this process, in an order that a number selects."""
+    """Runs calls in this process, in an order selected by `turn`."""
 
     turn: int = 0
     slots: int = 3
@@ -48,7 +48,7 @@ class HereEngine:
         return [Done(task, task.job.run(), "here")]
 
     def close(self) -> None:
-        """There is nothing to end."""
+        """Do nothing, as there are no processes."""
 
 
 def options(folder: Path | None) -> argparse.Namespace:
@@ -85,28 +85,28 @@ def runs_of(folder: Path) -> dict[str, int]:
 
 
 @pytest.mark.slow
-def test_a_death_costs_one_attempt_and_three_are_named(
+def test_dead_worker_costs_one_attempt_and_three_deaths_are_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The others have their results, and the exit code says that one is missing."""
+    """The other cases have results, and the exit code shows that one is missing."""
     times = {1: 0, 2: 1, 3: 3, 4: 0}
     cases = [{"number": n, "times": t, "folder": str(tmp_path)} for n, t in times.items()]
     with pytest.raises(SystemExit) as end, Campaign(options(tmp_path / "out")) as campaign:
         found = [result for _, result in campaign.run(made_up_calls.die, cases)]
     assert end.value.code == 1
     assert found == [1, 2, 4]
-    said = capsys.readouterr().err
-    assert f"{MODULE}:die(number=3, times=3" in said
-    assert "CRASHED WORKER_DIED: each of 3 worker processes died" in said
-    assert f"cases without a result: 1; the same command with --out {tmp_path / 'out'}" in said
-    # By now it has died often enough: only that case runs again.
+    output = capsys.readouterr().err
+    assert f"{MODULE}:die(number=3, times=3" in output
+    assert "CRASHED WORKER_DIED: each of 3 worker processes died" in output
+    assert f"cases without a result: 1; the same command with --out {tmp_path / 'out'}" in output
+    # The case has died often enough to succeed now: only it runs again.
     with Campaign(options(tmp_path / "out")) as campaign:
         campaign._start = HereEngine
         assert [result for _, result in campaign.run(made_up_calls.die, cases)] == [1, 2, 3, 4]
 
 
-def test_what_has_finished_does_not_run_again(tmp_path: Path) -> None:
-    """Neither after an interruption, nor of a longer list or one in another order."""
+def test_finished_calls_do_not_run_again(tmp_path: Path) -> None:
+    """Neither after an interruption, nor in a longer or reordered list."""
     out = tmp_path / "out"
     with closing(run_calls(squares(tmp_path, 1, 2, 3, 4), out, HereEngine)) as results:
         assert next(results)[0].arguments["number"] == 1
@@ -119,8 +119,8 @@ def test_what_has_finished_does_not_run_again(tmp_path: Path) -> None:
     assert [row["result"] for row in again] == [row["result"] for row in rows]
 
 
-def test_results_depend_on_neither_workers_nor_order(tmp_path: Path) -> None:
-    """Numbers come back exactly as they were, also those that a table would round or convert."""
+def test_results_do_not_depend_on_workers_or_order(tmp_path: Path) -> None:
+    """Numbers are returned exactly, including those that a table would round or convert."""
     lists = []
     for turn, slots in ((0, 1), (0, 3), (1, 3), (2, 7)):
         start = partial(HereEngine, turn, slots)
@@ -137,10 +137,10 @@ def test_results_depend_on_neither_workers_nor_order(tmp_path: Path) -> None:
     assert math.isnan(found[0]["nan"])
 
 
-def test_a_failure_inside_the_function_is_named_with_its_case(
+def test_exception_of_the_function_is_reported_with_its_case(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """All others run, and the next time only those that failed."""
+    """All other calls run, and the next time only the failed ones."""
     states: list[Progress] = []
     calls = list(calls_of(f"{MODULE}:quarrel", [{"number": n} for n in range(2, 7)]))
     rows = [row for _, row in run_calls(calls, tmp_path, HereEngine, progress=states.append)]
@@ -152,12 +152,12 @@ def test_a_failure_inside_the_function_is_named_with_its_case(
     assert states[-1].failures == {"ValueError": 1, "TypeError": 1, "ODD": 1}
     with pytest.raises(SystemExit):
         results_here(tmp_path, made_up_calls.quarrel, [{"number": 2}, {"number": 3}])
-    said = capsys.readouterr().err
-    assert f"{MODULE}:quarrel(number=3): ERROR ValueError: nothing comes of 3" in said
-    assert 'raise ValueError(f"nothing comes of' in said
+    output = capsys.readouterr().err
+    assert f"{MODULE}:quarrel(number=3): ERROR ValueError: nothing comes of 3" in output
+    assert 'raise ValueError(f"nothing comes of' in output
 
 
-def test_cases_without_an_end_run_until_enough_of_them_count(tmp_path: Path) -> None:
+def test_endless_cases_run_until_enough_of_them_count(tmp_path: Path) -> None:
     cases: Iterator[dict[str, Any]] = ({"number": n} for n in count(1))
     with Campaign(options(tmp_path)) as campaign:
         campaign._start = partial(HereEngine, 1)
@@ -169,31 +169,31 @@ def test_cases_without_an_end_run_until_enough_of_them_count(tmp_path: Path) -> 
         assert not list(campaign.run(made_up_calls.even, cases, wanted=0))
 
 
-def test_items_are_drawn_by_number_in_any_order() -> None:
+def test_items_can_be_accessed_by_number_in_any_order() -> None:
     begun: list[int] = []
 
     def begin() -> Iterator[int]:
         begun.append(0)
         return (n * n for n in count())
 
-    drawn = Drawn(begin)
-    assert [drawn[n] for n in (0, 3, 3, 5)] == [0, 9, 9, 25]
+    items = Drawn(begin)
+    assert [items[n] for n in (0, 3, 3, 5)] == [0, 9, 9, 25]
     assert len(begun) == 1
-    assert [drawn[n] for n in (2, 4)] == [4, 16]
+    assert [items[n] for n in (2, 4)] == [4, 16]
     assert len(begun) == 2
 
 
 def interrupted(campaign: Campaign) -> None:
-    """Ctrl-C after the first of four cases."""
+    """Raise Ctrl-C after the first of four cases."""
     with campaign:
         campaign._start = HereEngine
         for _ in campaign.run(made_up_calls.even, [{"number": n} for n in range(4)]):
             raise KeyboardInterrupt
 
 
-def test_calls_that_were_started_ahead_give_no_result_to_the_next_run(tmp_path: Path) -> None:
+def test_calls_started_ahead_do_not_affect_the_next_run(tmp_path: Path) -> None:
     with Campaign(options(tmp_path / "out")) as campaign:
-        campaign._start = partial(HereEngine, -1)  # the oldest first: there is no newest
+        campaign._start = partial(HereEngine, -1)  # the oldest first, as the list is endless
         endless = ({"number": n} for n in count())
         assert len(list(campaign.run(made_up_calls.even, endless, wanted=1))) == 1
         cases = [{"number": n, "folder": str(tmp_path)} for n in range(4)]
@@ -201,7 +201,7 @@ def test_calls_that_were_started_ahead_give_no_result_to_the_next_run(tmp_path: 
     assert found == [0, 1, 4, 9]
 
 
-def test_a_temporary_folder_is_gone_unless_something_is_missing(
+def test_temporary_folder_is_deleted_unless_results_are_missing(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     with Campaign(options(None)) as campaign:
@@ -213,13 +213,13 @@ def test_a_temporary_folder_is_gone_unless_something_is_missing(
     with pytest.raises(SystemExit) as end:
         interrupted(campaign)
     assert end.value.code == 130
-    said = capsys.readouterr().err
-    assert f"interrupted; the same command with --out {campaign._folder}" in said
+    output = capsys.readouterr().err
+    assert f"interrupted; the same command with --out {campaign._folder}" in output
     assert list(campaign._folder.glob("rows/*.parquet"))
     shutil.rmtree(campaign._folder)
 
 
-def test_other_code_is_refused_and_gives_other_identities(tmp_path: Path) -> None:
+def test_changed_code_is_refused_and_changes_the_identity(tmp_path: Path) -> None:
     call = next(calls_of(f"{MODULE}:even", [{"number": 2}]))
     assert {"module", "code", "trees", "version of numpy"} <= set(call.inputs)
     changed = replace(call, inputs={**call.inputs, "module": "0123456789abcdef"})
@@ -229,7 +229,7 @@ def test_other_code_is_refused_and_gives_other_identities(tmp_path: Path) -> Non
         list(run_calls([changed], tmp_path, HereEngine))
 
 
-def test_modules_that_a_module_imports_are_part_of_its_digest() -> None:
+def test_digest_of_a_module_includes_its_imports() -> None:
     one, other = (
         next(calls_of(f"benchmarks.{name}:main", [{}])).inputs for name in ("grasping", "inserting")
     )
@@ -245,7 +245,7 @@ def test_modules_that_a_module_imports_are_part_of_its_digest() -> None:
         (f"{MODULE}:even", [{"number": object()}], "argument of case 0 of .*: a object is nothing"),
     ],
 )
-def test_mistakes_are_errors_before_anything_runs(
+def test_invalid_calls_are_errors_before_anything_runs(
     function: str, cases: list[dict[str, Any]], message: str
 ) -> None:
     with pytest.raises(SweepError, match=message):
@@ -264,8 +264,8 @@ def test_worker_processes_run_calls(tmp_path: Path) -> None:
     assert [row["result"] for row in rows] == [row["result"] for row in here]
 
 
-def test_every_benchmark_is_a_campaign_or_named_with_the_reason() -> None:
-    """The docstring of `benchmarks.campaign` has all others."""
+def test_every_benchmark_is_a_campaign_or_a_listed_exception() -> None:
+    """The docstring of `benchmarks.campaign` lists the exceptions."""
     named = re.findall(r"`(\w+)`", str(campaign_module.__doc__))
     folder = Path(str(campaign_module.__file__)).parent
     texts = {path.stem: path.read_text(encoding="utf-8") for path in folder.glob("*.py")}

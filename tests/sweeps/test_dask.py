@@ -1,4 +1,4 @@
-"""A Dask cluster that outlives sweeps, whose workers and clients die: the rows stay the same."""
+"""Sweeps on a persistent Dask cluster give the same rows although workers and clients die."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def address() -> Iterator[str]:
-    """A cluster whose scheduler gives a task up after the first death of its worker."""
+    """A cluster whose scheduler gives up a task after the first death of its worker."""
     distributed: Any = import_module("distributed")
     dask: Any = import_module("dask")
     with (
@@ -69,22 +69,20 @@ def address() -> Iterator[str]:
         yield str(cluster.scheduler_address)
 
 
-def test_a_killed_worker_costs_no_trial_and_trials_may_have_children(
-    address: str, tmp_path: Path
-) -> None:
+def test_killed_worker_loses_no_trial_and_trials_may_fork(address: str, tmp_path: Path) -> None:
     skills = tmp_path / "skills"
     skills.mkdir()
     (skills / "preempt.py").write_text(SKILL)
     tree = TREE.replace("PREEMPT", f"{{preempt: {{once: {tmp_path / 'killed'}}}}}")
     given: dict[str, Any] = {"seeds": 3, "skills": [skills]}
-    there = bt.sweep(tree, out=tmp_path / "there", dask=address, **given)
+    on_cluster = bt.sweep(tree, out=tmp_path / "there", dask=address, **given)
     assert (tmp_path / "killed").exists()
-    assert there.table["outcome"].to_pylist() == ["SUCCESS"] * 3
-    here = bt.sweep(tree, out=tmp_path / "here", jobs=1, **given)
-    assert there.sha256 == here.sha256
+    assert on_cluster.table["outcome"].to_pylist() == ["SUCCESS"] * 3
+    locally = bt.sweep(tree, out=tmp_path / "here", jobs=1, **given)
+    assert on_cluster.sha256 == locally.sha256
 
 
-def test_a_changed_tree_is_read_again_by_a_cluster_that_stays(address: str, tmp_path: Path) -> None:
+def test_persistent_cluster_reads_a_changed_tree_again(address: str, tmp_path: Path) -> None:
     file = tmp_path / "tree.yaml"
     ends = []
     for seconds in (0.2, 0.4):
@@ -95,7 +93,7 @@ def test_a_changed_tree_is_read_again_by_a_cluster_that_stays(address: str, tmp_
     assert ends[1] - ends[0] == pytest.approx(0.2, abs=0.05)
 
 
-def test_a_killed_client_loses_no_finished_trial(address: str, tmp_path: Path) -> None:
+def test_killed_client_loses_no_finished_trial(address: str, tmp_path: Path) -> None:
     tree = tmp_path / "tree.yaml"
     tree.write_text(TREE.replace("PREEMPT, ", ""))
     program = "import sys; from bt_dualarm.cli import sweep; sys.exit(sweep())"

@@ -1,4 +1,4 @@
-"""Which faults a tree handles is found by running it with each of them."""
+"""Fault injection runs a tree with each fault to find which of them it handles."""
 
 from __future__ import annotations
 
@@ -49,19 +49,19 @@ def engine() -> Engine:
 
 
 @pytest.mark.slow
-def test_every_leaf_gets_every_fault(tmp_path: Path) -> None:
-    world = TREE["world"] | {"time_limit": 1.0}  # until then, what hangs takes
+def test_every_fault_is_injected_into_every_leaf(tmp_path: Path) -> None:
+    world = TREE["world"] | {"time_limit": 1.0}  # the duration of runs that hang
     tree = TREE | {"world": world, "arms": {"arm1": TREE["arms"]["arm1"]}}
     campaign = inject_faults(tree, tmp_path, engine)
     marks = {line.split()[0]: line.split("  ", 1)[1] for line in lines_of(campaign) if "✔" in line}
     text = "\n".join(lines_of(campaign))
     assert "wait" in marks
-    # A retry handles single failures and exceptions, a fallback also one that fails each time;
-    # neither handles a leaf that hangs.
+    # A retry handles single failures and exceptions, a fallback also permanent ones; neither
+    # handles a leaf that hangs.
     assert text.count("fail ✔✔✔✘  raise ✔✔✔  hang ✘✘✘") == 1
     assert text.count("fail ✔✔✔✔  raise ✔✔✔  hang ✘✘✘") == 1
     assert text.count("fail ✔✔✔✔  raise ✔✔✔  hang ✔✔✔") == 1
-    # The fallback ran because of another fault, and got its own faults with it.
+    # The fallback ran because of another fault, and got its own faults in addition.
     assert "log                                    fail ✘·✘✘  raise ✘·✘  hang ✘·✘" in text
     assert campaign.coverage == 1.0
     assert "0 break a rule" in summary_of(campaign)
@@ -71,26 +71,26 @@ def test_every_leaf_gets_every_fault(tmp_path: Path) -> None:
     assert again.faults == campaign.faults
 
 
-def test_a_tree_that_fails_anyway_is_refused(tmp_path: Path) -> None:
+def test_tree_that_fails_without_faults_is_refused(tmp_path: Path) -> None:
     tree = TREE | {"arms": {"arm1": TREE["arms"]["arm1"] | {"tree": {"fail": "on purpose"}}}}
     with pytest.raises(SweepError, match="does not succeed without faults"):
         inject_faults(tree, tmp_path, engine)
 
 
-def test_a_tree_with_faults_of_its_own_is_refused(tmp_path: Path) -> None:
+def test_tree_with_its_own_faults_is_refused(tmp_path: Path) -> None:
     own = {"f": {"arm": "arm2", "leaf": "wait"}}
     with pytest.raises(SweepError, match="faults of its own"):
         inject_faults(TREE | {"faults": own}, tmp_path, engine)
 
 
-def test_a_missing_file_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_missing_file_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert faults(["circel", "--out", str(tmp_path)]) == 2
     assert "no such file" in capsys.readouterr().err
 
 
 @pytest.mark.slow
-def test_broken_rules_are_shown_with_the_record(tmp_path: Path) -> None:
-    """Also in runs that succeed."""
+def test_broken_rules_are_reported_with_the_record(tmp_path: Path) -> None:
+    """Even in successful runs."""
 
     def touch(trial: TrialSpec) -> Row:
         row = {
@@ -114,8 +114,8 @@ def test_broken_rules_are_shown_with_the_record(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_request_to_end_keeps_what_was_found(tmp_path: Path) -> None:
-    """Also if it comes before the first of the sampled faults."""
+def test_stop_request_keeps_finished_results(tmp_path: Path) -> None:
+    """Even before the first of the sampled faults."""
     stop = StopRequest()
 
     def end_early(trial: TrialSpec) -> Row:
@@ -148,14 +148,14 @@ def test_a_request_to_end_keeps_what_was_found(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_single_leaf_has_no_pairs(tmp_path: Path) -> None:
+def test_single_leaf_has_no_pairs(tmp_path: Path) -> None:
     tree = TREE | {"arms": {"arm2": TREE["arms"]["arm2"]}}
     made = inject_faults(tree, tmp_path, lambda: InstantEngine(row_of), pairs=2)
     assert len(made.trials) == 10
 
 
 @pytest.mark.slow
-def test_a_tree_in_another_folder_may_name_files_next_to_it(tmp_path: Path) -> None:
+def test_tree_in_another_folder_may_include_files_beside_it(tmp_path: Path) -> None:
     (tmp_path / "library.yaml").write_text(
         "bt_dualarm: 1\nsubtrees: {pause: {tree: {wait: 0.1}}}\n"
     )
@@ -191,7 +191,8 @@ def test_pairs_and_hardware_are_sampled_by_seed(tmp_path: Path) -> None:
     assert len(campaign.pairs) == 2
     assert all(" + " in one.sentence for one in campaign.pairs)
     assert len(campaign.hardware) == 10
-    # Ten kinds fit: no camera, nothing to swap. A tree that only waits minds none but its absence.
+    # Ten kinds apply, without a camera or objects to swap. Only its absence affects a tree that
+    # just waits.
     lost = [one.sentence for one in campaign.hardware if not one.is_handled]
     assert [sentence.partition(",")[0] for sentence in lost] == ["the tree of arm1 does not tick"]
     lines = "\n".join(sample_lines(campaign))
@@ -205,12 +206,12 @@ def test_pairs_and_hardware_are_sampled_by_seed(tmp_path: Path) -> None:
     assert again.trials == campaign.trials
 
 
-def test_sampled_faults_fit_the_file() -> None:
-    """Every kind is drawn about equally often, and the check of the file accepts all."""
+def test_sampled_faults_are_valid_for_the_file() -> None:
+    """Every kind is sampled equally often, and the check of the file accepts all."""
     file = bt.open(HARDWARE_TREE).assembly  # its joints
     loaded = load(HARDWARE_TREE).file
     assert loaded is not None
     joints = {"arm1": file.world.robots["arm1"].joints}
-    drawn = sampled_hardware(loaded, joints, 2.0, 20, np.random.default_rng(3))
-    assert set(Counter(one["kind"] for one in drawn.values()).values()) == {2}
-    assert not load(HARDWARE_TREE | {"faults": drawn}).wrong
+    sampled = sampled_hardware(loaded, joints, 2.0, 20, np.random.default_rng(3))
+    assert set(Counter(one["kind"] for one in sampled.values()).values()) == {2}
+    assert not load(HARDWARE_TREE | {"faults": sampled}).wrong

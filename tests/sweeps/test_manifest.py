@@ -1,4 +1,4 @@
-"""A trial is a function of the manifest and its number; errors name the argument."""
+"""A trial depends only on the manifest and its number; errors name the argument."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ def manifest(**fields: object) -> Manifest:
     ("text", "seeds"),
     [("0:3", (0, 1, 2)), ("7", (7,)), ("0:2,5,9:11", (0, 1, 5, 9, 10)), (" 1 , 2 ", (1, 2))],
 )
-def test_seeds(text: str, seeds: tuple[int, ...]) -> None:
+def test_seeds_are_parsed(text: str, seeds: tuple[int, ...]) -> None:
     assert seeds_of(text) == seeds
 
 
 @pytest.mark.parametrize("text", ["", "a", "3:3", "5:2", "-1", "1.5", "0:99999999999", "1,,2"])
-def test_what_is_no_seed_is_refused_by_its_text(text: str) -> None:
+def test_invalid_seeds_are_refused(text: str) -> None:
     with pytest.raises(SweepError, match=r"neither a seed nor|above their beginning"):
         seeds_of(text)
 
@@ -56,17 +56,17 @@ def test_what_is_no_seed_is_refused_by_its_text(text: str) -> None:
         ("0.3", ("0.3",)),
     ],
 )
-def test_values(text: str, values: Values) -> None:
+def test_values_are_parsed(text: str, values: Values) -> None:
     assert values_of(text) == values
 
 
 @pytest.mark.parametrize("text", ["", "a,,b", "[1,2", "1:0:3", "0:1:0"])
-def test_what_is_no_list_of_values_is_refused(text: str) -> None:
+def test_invalid_values_are_refused(text: str) -> None:
     with pytest.raises(SweepError):
         values_of(text)
 
 
-def test_a_grid_reads_as_it_was_meant() -> None:
+def test_grid_has_decimal_values() -> None:
     assert Grid(0.2, 1.0, 5).values() == (0.2, 0.4, 0.6, 0.8, 1.0)
     assert Grid(0.1, 0.7, 1).values() == (0.1,)
 
@@ -105,18 +105,18 @@ def test_errors_name_the_argument(fields: dict[str, object], message: str) -> No
         manifest(**fields)
 
 
-def test_a_trial_depends_on_the_manifest_and_its_number_only() -> None:
+def test_trial_depends_only_on_manifest_and_number() -> None:
     fields = {"params": {"x": Grid(0, 1, 3)}, "seeds": (3, 4), "realities": ("lab", "rough")}
     first, second = manifest(**fields), manifest(**fields)
     assert [*first.trials()] == [*second.trials()]
     assert len({trial.identity for trial in first.trials()}) == len(first) == 12
     seeds = [trial.seed for trial in first.trials()]
-    assert seeds == sorted(seeds)  # an early end has tried every combination
+    assert seeds == sorted(seeds)  # so that an early end has covered every combination
     with pytest.raises(IndexError):
         first.trial(12)
 
 
-def test_the_identity_is_that_of_the_run_not_of_the_sweep() -> None:
+def test_identity_depends_on_the_run_not_on_the_sweep() -> None:
     few = manifest(params={"x": (0.5,)}, seeds=(0, 1))
     more = manifest(params={"x": (0.2, 0.5, 0.7)}, seeds=(1, 0, 2), realities=(None, "lab"))
     assert {t.identity for t in few.trials()} < {t.identity for t in more.trials()}
@@ -126,12 +126,12 @@ def test_the_identity_is_that_of_the_run_not_of_the_sweep() -> None:
     ("old", "new"),
     [("wait: 0.1", "wait: 0.2"), ("robot: ur5", "robot: ur3"), ("scene: empty", "scene: table")],
 )
-def test_another_tree_is_another_trial(old: str, new: str) -> None:
+def test_changed_tree_is_another_trial(old: str, new: str) -> None:
     changed = checked(Manifest(TREE.replace(old, new)))
     assert changed.trial(0).identity != manifest().trial(0).identity
 
 
-def test_another_duration_or_reality_is_another_trial() -> None:
+def test_changed_duration_or_reality_is_another_trial() -> None:
     made = [manifest(), manifest(duration=1.0), manifest(realities=("rough",))]
     assert len({one.trial(0).identity for one in made}) == 3
 
@@ -146,7 +146,7 @@ arms: {arm1: {robot: arm/own.yaml, tree: {follow_path: {file: points.csv}}}}
 
 
 @pytest.mark.parametrize("changed", ["arm/own.yaml", "arm/own.urdf", "points.csv", "part.stl"])
-def test_another_file_that_the_tree_names_is_another_trial(changed: str, tmp_path: Path) -> None:
+def test_changed_file_of_the_tree_is_another_trial(changed: str, tmp_path: Path) -> None:
     (tmp_path / "arm").mkdir()
     shutil.copy(robot_data_dir() / "z1_description/urdf/z1.urdf", tmp_path / "arm/own.urdf")
     (tmp_path / "arm/own.yaml").write_text(
@@ -170,13 +170,13 @@ def test_another_file_that_the_tree_names_is_another_trial(changed: str, tmp_pat
 
 def test_shards_are_a_partition() -> None:
     made = manifest(seeds=tuple(range(11)))
-    dealt = [[t.index for t in made.trials((number, 3))] for number in (1, 2, 3)]
-    assert sorted(itertools.chain(*dealt)) == list(range(11))
-    assert [len(part) for part in dealt] == [4, 4, 3]
+    shards = [[t.index for t in made.trials((number, 3))] for number in (1, 2, 3)]
+    assert sorted(itertools.chain(*shards)) == list(range(11))
+    assert [len(part) for part in shards] == [4, 4, 3]
 
 
 @pytest.mark.parametrize("text", ["0/3", "4/3", "1", "1/0", "a/b", "1/3/4"])
-def test_what_is_no_shard_is_refused(text: str) -> None:
+def test_invalid_shard_is_refused(text: str) -> None:
     with pytest.raises(SweepError, match="not a shard"):
         shard_of(text)
 
@@ -193,14 +193,14 @@ def test_samples_fill_the_ranges(sampler: str) -> None:
         assert all(one.low <= value <= one.high for value in values)
 
 
-def test_a_longer_sobol_sequence_extends_a_sweep() -> None:
+def test_longer_sobol_sequence_extends_a_sweep() -> None:
     ranges = {"x": Grid(0.2, 0.4)}
     short = manifest(params=ranges, sampler="sobol", samples=5)
     long = manifest(params=ranges, sampler="sobol", samples=11)
     assert long.points[:5] == short.points
 
 
-def test_a_manifest_file(tmp_path: Path) -> None:
+def test_manifest_file_is_read(tmp_path: Path) -> None:
     (tmp_path / "tree.yaml").write_text(TREE)
     file = tmp_path / "sweep.yaml"
     file.write_text(

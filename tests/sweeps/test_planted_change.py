@@ -1,4 +1,4 @@
-"""A comparison sees a lower gain of the controller."""
+"""Comparison of sweeps detects a lower gain of the controller."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from bt_dualarm.sweeps.comparison import compare
 
 
 @pytest.mark.slow
-def test_a_lower_gain_is_detected(tmp_path: Path) -> None:
+def test_lower_gain_is_detected(tmp_path: Path) -> None:
     before = swept(tmp_path / "before", 12)
     planted = compare(before, swept(tmp_path / "after", 12, share=0.8))
     assert verdict(planted) == "decided"
@@ -20,7 +20,7 @@ def test_a_lower_gain_is_detected(tmp_path: Path) -> None:
     assert "arm1.circle.path_rms_m" in worse
 
 
-def test_the_change_is_planted_in_its_block_only() -> None:
+def test_planted_change_is_limited_to_its_context() -> None:
     whole = dynamics.BANDWIDTH
     with lowered(0.5):
         assert 0.5 * whole == dynamics.BANDWIDTH

@@ -1,4 +1,4 @@
-"""Intervals and tests agree with SciPy's, and verdicts with what was planted."""
+"""Intervals and tests agree with SciPy's, and verdicts with planted differences."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from bt_dualarm.sweeps.statistics import (
 
 
 @pytest.mark.parametrize(("k", "n"), [(0, 1), (1, 1), (0, 10), (10, 10), (97, 100), (3, 7)])
-def test_the_interval_is_wilsons(k: int, n: int) -> None:
+def test_interval_is_that_of_wilson(k: int, n: int) -> None:
     theirs = stats.binomtest(k, n).proportion_ci(method="wilson")
     assert SuccessRate(k, n).interval == pytest.approx((theirs.low, theirs.high), abs=1e-12)
 
 
-def test_without_trials_nothing_is_known() -> None:
+def test_interval_without_trials_is_0_to_1() -> None:
     assert SuccessRate(0, 0).interval == (0.0, 1.0)
 
 
@@ -37,13 +37,13 @@ def test_without_trials_nothing_is_known() -> None:
         ((0, 0, 6, 4), "better"),  # six of six: p = 1/32
     ],
 )
-def test_success_is_judged_by_the_pairs_that_differ(
+def test_verdict_depends_on_the_pairs_that_differ(
     counts: tuple[int, int, int, int], verdict: str
 ) -> None:
     assert verdict_of(PairedRates(*counts)) == verdict
 
 
-def test_the_number_of_runs_that_decides_grows_as_the_difference_shrinks() -> None:
+def test_smaller_differences_need_more_runs() -> None:
     clear = PairedRates(80, 2, 12, 6).runs_needed()
     faint = PairedRates(80, 6, 8, 6).runs_needed()
     assert clear is not None
@@ -52,7 +52,7 @@ def test_the_number_of_runs_that_decides_grows_as_the_difference_shrinks() -> No
     assert PairedRates(80, 5, 5, 10).runs_needed() is None
 
 
-def test_a_planted_difference_of_a_metric_is_found() -> None:
+def test_planted_difference_of_a_metric_is_found() -> None:
     rng = np.random.default_rng(1)
     a = rng.normal(1.0, 0.3, 60)
     found = paired_metric("m", a, a + rng.normal(0.05, 0.05, 60))
@@ -60,8 +60,8 @@ def test_a_planted_difference_of_a_metric_is_found() -> None:
     assert 0.03 < found.interval[0] < found.difference < found.interval[1] < 0.07
 
 
-def test_equal_versions_are_rarely_told_apart() -> None:
-    """5 % of false differences are expected at 95 % confidence; 40 draws have 6 at most."""
+def test_equal_versions_rarely_differ() -> None:
+    """5 % of false differences are expected at 95 % confidence; at most 6 in 40 samples."""
     rng = np.random.default_rng(2)
     wrong = 0
     for _ in range(40):
@@ -70,26 +70,26 @@ def test_equal_versions_are_rarely_told_apart() -> None:
     assert wrong <= 6
 
 
-def test_few_pairs_are_rarely_told_apart_either() -> None:
-    """A bootstrap alone finds a difference in one of eight draws of eight pairs."""
+def test_few_pairs_of_equal_versions_rarely_differ() -> None:
+    """A bootstrap alone finds a difference in one of eight samples of eight pairs."""
     rng = np.random.default_rng(3)
     wrong = alone = 0
     for _ in range(120):
         found = paired_metric("m", rng.lognormal(0.0, 0.5, 8), rng.lognormal(0.0, 0.5, 8))
         wrong += found.differs
         alone += found.interval[0] > 0.0 or found.interval[1] < 0.0
-    assert wrong <= 12 < alone  # 6 are expected; 12 are exceeded once in 200 times
+    assert wrong <= 12 < alone  # 6 are expected; more than 12 occur once in 200 times
 
 
-def test_too_few_pairs_decide_nothing() -> None:
+def test_too_few_pairs_are_undecided() -> None:
     a: Vector = np.arange(5, dtype=np.float64)
     found = paired_metric("m", a, a + np.array([1.0, 1.01, 1.0, 1.02, 1.0]))
-    assert not found.differs  # one of 16 changes of signs gives this
+    assert not found.differs  # one of 16 sign changes gives this
     assert found.needed == 6
 
 
 @pytest.mark.parametrize("n", [6, 12, 13, 40])
-def test_the_randomization_test_agrees_with_scipy(n: int) -> None:
+def test_randomization_test_agrees_with_scipy(n: int) -> None:
     difference = np.random.default_rng(n).normal(0.3, 1.0, n)
     expected = stats.permutation_test(
         (difference,), np.mean, permutation_type="samples", n_resamples=20_000, rng=0

@@ -1,4 +1,4 @@
-"""What a sweep runs, keeps and refuses, with an engine that simulates nothing."""
+"""What a sweep runs, keeps and refuses, with an engine without simulation."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def works(trial: TrialSpec) -> Row:
     return row_of(trial, works=trial.params["x"] != 1.0, error_m=0.001 * trial.seed)
 
 
-def test_every_trial_has_a_row_in_its_order(manifest: Manifest, tmp_path: Path) -> None:
+def test_every_trial_has_a_row_in_order(manifest: Manifest, tmp_path: Path) -> None:
     seen: list[Progress] = []
     result = run_sweep(
         manifest, tmp_path, lambda: InstantEngine(works), progress=lambda p: seen.append(replace(p))
@@ -43,7 +43,7 @@ def test_every_trial_has_a_row_in_its_order(manifest: Manifest, tmp_path: Path) 
     assert seen[-1].failures["UNREACHABLE sequence/reach_to_pose"] == 8
 
 
-def test_only_what_is_missing_runs(manifest: Manifest, tmp_path: Path) -> None:
+def test_only_missing_trials_run(manifest: Manifest, tmp_path: Path) -> None:
     first = InstantEngine(works)
     run_sweep(manifest, tmp_path, lambda: first, shard=(1, 3))
     second = InstantEngine(works)
@@ -53,7 +53,7 @@ def test_only_what_is_missing_runs(manifest: Manifest, tmp_path: Path) -> None:
     assert again.sha256 == result.sha256
 
 
-def test_a_larger_sweep_reuses_equal_trials(manifest: Manifest, tmp_path: Path) -> None:
+def test_larger_sweep_reuses_equal_trials(manifest: Manifest, tmp_path: Path) -> None:
     run_sweep(manifest, tmp_path, lambda: InstantEngine(works))
     larger = replace(manifest, seeds=(9, *manifest.seeds))
     engine = InstantEngine(works)
@@ -63,7 +63,7 @@ def test_a_larger_sweep_reuses_equal_trials(manifest: Manifest, tmp_path: Path) 
     assert result.table["seed"].to_pylist()[:6] == [9] * 6
 
 
-def test_a_request_to_end_keeps_what_has_finished(manifest: Manifest, tmp_path: Path) -> None:
+def test_stop_request_keeps_finished_trials(manifest: Manifest, tmp_path: Path) -> None:
     stop = StopRequest()
 
     def end_early(trial: TrialSpec) -> Row:
@@ -80,7 +80,7 @@ def test_a_request_to_end_keeps_what_has_finished(manifest: Manifest, tmp_path: 
     assert rest.sha256 == whole.sha256
 
 
-def test_two_sweeps_may_run_in_one_folder_at_once(manifest: Manifest, tmp_path: Path) -> None:
+def test_two_sweeps_may_run_in_one_folder_concurrently(manifest: Manifest, tmp_path: Path) -> None:
     def meanwhile(trial: TrialSpec) -> Row:
         if len(engine.ran) == 5:
             other = run_sweep(manifest, tmp_path, lambda: InstantEngine(works))
@@ -94,7 +94,7 @@ def test_two_sweeps_may_run_in_one_folder_at_once(manifest: Manifest, tmp_path: 
     assert result.sha256 == whole.sha256
 
 
-def test_an_error_of_the_engine_keeps_what_has_finished(manifest: Manifest, tmp_path: Path) -> None:
+def test_engine_error_keeps_finished_trials(manifest: Manifest, tmp_path: Path) -> None:
     def break_down(trial: TrialSpec) -> Row:
         if len(engine.ran) == 5:
             raise SweepError("no worker process can be started")
@@ -108,7 +108,7 @@ def test_an_error_of_the_engine_keeps_what_has_finished(manifest: Manifest, tmp_
     assert len(rest.ran) == 24 - 4
 
 
-def test_it_ends_once_the_interval_is_narrow(tmp_path: Path) -> None:
+def test_sweep_ends_once_the_interval_is_narrow(tmp_path: Path) -> None:
     long = checked(Manifest(TREE, tuple(range(1000))))
     ends = set()
     for slots in (1, 4):
@@ -118,17 +118,17 @@ def test_it_ends_once_the_interval_is_narrow(tmp_path: Path) -> None:
         assert result.enough
         assert result.rate.width < 0.1
         ends.add((len(result.table), result.sha256))
-    assert len(ends) == 1  # whatever else had finished by then
+    assert len(ends) == 1  # regardless of other finished trials
 
 
 @pytest.mark.parametrize("text", ["ci<0", "ci<2", "ci>0.1", "0.1", "ci<x", ""])
-def test_other_conditions_are_refused(text: str) -> None:
+def test_invalid_stop_conditions_are_refused(text: str) -> None:
     with pytest.raises(SweepError, match="not a condition"):
         StopCondition.of(text)
 
 
-def test_a_shard_ends_once_the_intervals_of_its_own_combinations_are_narrow(tmp_path: Path) -> None:
-    """Of two combinations that alternate, each of two shards has one only."""
+def test_shard_ends_once_its_own_intervals_are_narrow(tmp_path: Path) -> None:
+    """Of two alternating combinations, each of two shards has only one."""
     two = checked(Manifest(TREE, tuple(range(1000)), {"tool": ("hand", "cup")}))
     condition = StopCondition.of("ci<0.1")
     result = run_sweep(two, tmp_path, lambda: InstantEngine(row_of), until=condition, shard=(1, 2))
@@ -136,7 +136,7 @@ def test_a_shard_ends_once_the_intervals_of_its_own_combinations_are_narrow(tmp_
     assert len(result.table) < 100
 
 
-def test_trials_without_a_result_are_tried_again(manifest: Manifest, tmp_path: Path) -> None:
+def test_trials_without_a_result_run_again(manifest: Manifest, tmp_path: Path) -> None:
     def crash(trial: TrialSpec) -> Row:
         return lost_row(trial, "died", 3) if trial.index in (3, 7) else works(trial)
 
@@ -146,12 +146,10 @@ def test_trials_without_a_result_are_tried_again(manifest: Manifest, tmp_path: P
     again = run_sweep(manifest, tmp_path, lambda: engine)
     assert sorted(engine.ran) == [3, 7]
     whole = run_sweep(manifest, tmp_path / "other", lambda: InstantEngine(works))
-    assert again.sha256 == whole.sha256  # the results count, not the deaths
+    assert again.sha256 == whole.sha256  # deaths do not affect the results
 
 
-def test_a_worker_with_other_code_or_files_ends_the_sweep(
-    manifest: Manifest, tmp_path: Path
-) -> None:
+def test_worker_with_other_code_or_files_ends_the_sweep(manifest: Manifest, tmp_path: Path) -> None:
     job = TrialJob(TREE, None, (), manifest.trial(0), None, None, "none", tmp_path)
     assert run_trial(replace(job, inputs=manifest.inputs_at({})))["outcome"] != "REFUSED"
     other = {**manifest.inputs_at({}), "code": "0123456789abcdef"}
@@ -164,13 +162,13 @@ def test_a_worker_with_other_code_or_files_ends_the_sweep(
     assert f"no file {tmp_path / 'gone.yaml'}" in str(missing["reason"])
     with pytest.raises(SweepError, match=r"cannot run trial 5.*same environment and files"):
         run_sweep(manifest, tmp_path, lambda: InstantEngine(lambda _: row))
-    # It leaves no row, so a repaired worker runs all trials.
+    # No row is kept, so a repaired worker runs all trials.
     engine = InstantEngine(works)
     run_sweep(manifest, tmp_path, lambda: engine)
     assert len(engine.ran) == 24
 
 
-def test_an_audit_confirms_trials_on_another_worker(manifest: Manifest, tmp_path: Path) -> None:
+def test_audit_confirms_trials_on_another_worker(manifest: Manifest, tmp_path: Path) -> None:
     engine = InstantEngine(works)
     result = run_sweep(manifest, tmp_path, lambda: engine, audit=1.0)
     assert len(engine.ran) == 48
@@ -178,7 +176,7 @@ def test_an_audit_confirms_trials_on_another_worker(manifest: Manifest, tmp_path
     assert all(result.table["audited"].to_pylist())
 
 
-def test_an_audit_that_differs_names_both_machines(manifest: Manifest, tmp_path: Path) -> None:
+def test_failed_audit_names_both_machines(manifest: Manifest, tmp_path: Path) -> None:
     def drift(trial: TrialSpec) -> Row:
         ran = engine.ran.count(trial.index)
         return {**works(trial), "state_sha256": f"{ran}", "machine": f"host{ran}"}
@@ -188,7 +186,7 @@ def test_an_audit_that_differs_names_both_machines(manifest: Manifest, tmp_path:
         run_sweep(manifest, tmp_path, lambda: engine, audit=1.0)
 
 
-def test_shards_merge_to_the_whole(manifest: Manifest, tmp_path: Path) -> None:
+def test_shards_merge_to_the_whole_sweep(manifest: Manifest, tmp_path: Path) -> None:
     whole = run_sweep(manifest, tmp_path / "whole", lambda: InstantEngine(works))
     parts = [tmp_path / f"part{number}" for number in (1, 2)]
     for number, part in enumerate(parts, 1):
@@ -199,7 +197,7 @@ def test_shards_merge_to_the_whole(manifest: Manifest, tmp_path: Path) -> None:
     assert merged.complete
 
 
-def test_a_missing_shard_is_said(manifest: Manifest, tmp_path: Path) -> None:
+def test_missing_shard_is_reported(manifest: Manifest, tmp_path: Path) -> None:
     run_sweep(manifest, tmp_path / "part1", lambda: InstantEngine(works), shard=(1, 2))
     merged = merge([tmp_path / "part1"], tmp_path / "merged")
     assert not merged.complete
@@ -214,7 +212,7 @@ def test_sweeps_of_different_trees_are_not_merged(manifest: Manifest, tmp_path: 
         merge([tmp_path / "a", tmp_path / "b"], tmp_path / "merged")
 
 
-def test_the_report_says_what_breaks_and_where(manifest: Manifest, tmp_path: Path) -> None:
+def test_report_shows_causes_and_parameters_of_failures(manifest: Manifest, tmp_path: Path) -> None:
     result = run_sweep(manifest, tmp_path, lambda: InstantEngine(works))
     (cause,) = causes_of(result.table)
     assert (cause.count, cause.code, cause.where) == (8, "UNREACHABLE", "x 1")
@@ -224,9 +222,9 @@ def test_the_report_says_what_breaks_and_where(manifest: Manifest, tmp_path: Pat
     write_report(tmp_path, result.table, "<b>guess.yaml")
     page = (tmp_path / "report.html").read_text()
     text = (tmp_path / "report.md").read_text()
-    for said in (f"records/{cause.identity}", "--param x=1.0 --seed 0 --reality lab"):
-        assert said in page
-        assert said in text
+    for expected in (f"records/{cause.identity}", "--param x=1.0 --seed 0 --reality lab"):
+        assert expected in page
+        assert expected in text
     assert "<b>guess" not in page
     assert "it is \\| too far away" in text
     assert "66.7 %" in page
@@ -234,7 +232,7 @@ def test_the_report_says_what_breaks_and_where(manifest: Manifest, tmp_path: Pat
 
 
 @pytest.mark.parametrize("edge", [0.3, 0.51, 0.8])
-def test_a_search_finds_the_edge(edge: float, tmp_path: Path) -> None:
+def test_search_finds_the_boundary(edge: float, tmp_path: Path) -> None:
     base = checked(Manifest(TREE, (0, 1), {"x": Grid(0, 1)}, search=5))
 
     def below(trial: TrialSpec) -> Row:
@@ -249,7 +247,7 @@ def test_a_search_finds_the_edge(edge: float, tmp_path: Path) -> None:
     assert len(engine.ran) == 2 * (5 + 5)  # five points, then one per halving
 
 
-def test_a_search_in_two_parameters_follows_a_circle(tmp_path: Path) -> None:
+def test_search_in_two_parameters_follows_a_circle(tmp_path: Path) -> None:
     base = checked(Manifest(TREE, (0,), {"x": Grid(0, 1), "y": Grid(0, 1)}, search=3))
 
     def inside(trial: TrialSpec) -> Row:
@@ -265,7 +263,7 @@ def test_a_search_in_two_parameters_follows_a_circle(tmp_path: Path) -> None:
     assert len(engine.ran) < 33 * 33 / 2  # of all points of the finest grid
 
 
-def test_a_search_without_a_boundary_says_so(tmp_path: Path) -> None:
+def test_search_reports_a_missing_boundary(tmp_path: Path) -> None:
     base = checked(Manifest(TREE, (0,), {"x": Grid(0, 1)}, search=3))
     engine = InstantEngine(row_of)
     result = search_boundary(base, lambda m: run_sweep(m, tmp_path, lambda: engine))
@@ -294,20 +292,18 @@ def test_two_sweeps_are_compared_by_pairs(manifest: Manifest, tmp_path: Path) ->
         compare(tmp_path / "a", tmp_path / "c")
 
 
-def test_the_trials_of_the_last_sweep_in_a_folder_are_compared(
-    manifest: Manifest, tmp_path: Path
-) -> None:
-    """Rows of an older tree stay in the folder."""
+def test_comparison_uses_the_last_sweep_in_a_folder(manifest: Manifest, tmp_path: Path) -> None:
+    """Rows of an older tree remain in the folder."""
     run_sweep(manifest, tmp_path / "a", lambda: InstantEngine(works))
     changed = checked(replace(manifest, tree=TREE.replace("wait: 0.1", "wait: 0.2")))
-    for number in range(5):  # names of files, and so their order, are random
+    for number in range(5):  # file names, and thus their order, are random
         folder = tmp_path / f"b{number}"
         run_sweep(manifest, folder, lambda: InstantEngine(works))
         run_sweep(changed, folder, lambda: InstantEngine(lambda t: row_of(t, works=False)))
         assert compare(tmp_path / "a", folder).rates.only_a == 16
 
 
-def test_the_command_that_repeats_a_trial_has_all_its_options(tmp_path: Path) -> None:
+def test_command_that_repeats_a_trial_has_all_its_options(tmp_path: Path) -> None:
     file = tmp_path / "it's a tree.yaml"
     file.write_text(TREE)
     faults = {"slow": {"kind": "weak_joint", "arm": "arm1", "joint": "elbow_joint"}}
@@ -329,12 +325,12 @@ def test_the_command_that_repeats_a_trial_has_all_its_options(tmp_path: Path) ->
         for one in (tmp_path / "out" / "report.md").read_text().splitlines()
         if one.startswith("bt-run")
     ]
-    words = shlex.split(line)
-    assert words[:4] == ["bt-run", str(file), "--param", "axis=[0, 0, 1]"]
-    assert words[4:] == [
+    arguments = shlex.split(line)
+    assert arguments[:4] == ["bt-run", str(file), "--param", "axis=[0, 0, 1]"]
+    assert arguments[4:] == [
         "--seed", "0", "--duration", "3", "--skills", str(tmp_path),
         "--faults", str(tmp_path / "out" / "faults.yaml"),
     ]  # fmt: skip
-    assert checked_faults(load(file).file, Path(words[-1])).keys() == {"slow"}  # type: ignore[arg-type]
+    assert checked_faults(load(file).file, Path(arguments[-1])).keys() == {"slow"}  # type: ignore[arg-type]
     write_report(tmp_path / "out", result.table, "<text>")
     assert "bt-run" not in (tmp_path / "out" / "report.md").read_text()

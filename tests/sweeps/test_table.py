@@ -1,4 +1,4 @@
-"""Rows are complete at any time, whatever their columns, and equal whatever their order."""
+"""Tables of rows: independent of order and files, with varying columns, safe from concurrency."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def rows() -> list[Row]:
     return [row_of(trial, works=trial.seed % 3 > 0, error_m=0.1 * trial.seed) for trial in trials]
 
 
-def test_the_order_and_the_files_do_not_matter(rows: list[Row], tmp_path: Path) -> None:
+def test_hash_does_not_depend_on_order_and_files(rows: list[Row], tmp_path: Path) -> None:
     hashes = set()
     for seed in range(4):
         shuffled = [rows[i] for i in np.random.default_rng(seed).permutation(len(rows))]
@@ -44,10 +44,10 @@ def test_the_order_and_the_files_do_not_matter(rows: list[Row], tmp_path: Path) 
     assert len(hashes) == 1
 
 
-def test_costs_are_no_part_of_the_hash_and_results_are(rows: list[Row]) -> None:
+def test_hash_includes_results_but_not_costs(rows: list[Row]) -> None:
     base = digest(ordered(table_of(rows)))
-    dearer = [{**row, "cpu_s": 9.0, "machine": "there", "attempts": 2} for row in rows]
-    assert digest(ordered(table_of(dearer))) == base
+    costlier = [{**row, "cpu_s": 9.0, "machine": "there", "attempts": 2} for row in rows]
+    assert digest(ordered(table_of(costlier))) == base
     other = [*rows[:-1], {**rows[-1], "metric.arm1.circle.error_m": 0.5}]
     assert digest(ordered(table_of(other))) != base
 
@@ -74,7 +74,7 @@ def test_columns_may_differ_and_change_their_type() -> None:
     ]
 
 
-def test_many_files_become_one(rows: list[Row], tmp_path: Path) -> None:
+def test_files_are_merged_into_one(rows: list[Row], tmp_path: Path) -> None:
     store = RowStore(tmp_path)
     for row in rows:
         store.add([row])
@@ -83,7 +83,7 @@ def test_many_files_become_one(rows: list[Row], tmp_path: Path) -> None:
     assert len(read_rows([tmp_path])) == len(rows)  # type: ignore[arg-type]
 
 
-def test_a_folder_whose_name_is_not_utf8(rows: list[Row], tmp_path: Path) -> None:
+def test_folder_name_may_be_invalid_utf8(rows: list[Row], tmp_path: Path) -> None:
     store = RowStore(tmp_path / os.fsdecode(b"caf\xe9"))
     for row in rows:
         store.add([row])
@@ -93,7 +93,7 @@ def test_a_folder_whose_name_is_not_utf8(rows: list[Row], tmp_path: Path) -> Non
     assert len(table) == len(rows)
 
 
-def test_a_folder_that_is_no_sweep_is_said(tmp_path: Path) -> None:
+def test_folder_without_a_sweep_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(SweepError, match="not the output of a sweep"):
         read_rows([tmp_path])
     (tmp_path / "rows").mkdir()
@@ -102,13 +102,13 @@ def test_a_folder_that_is_no_sweep_is_said(tmp_path: Path) -> None:
         read_rows([tmp_path])
 
 
-def test_a_folder_that_cannot_be_written_is_said(tmp_path: Path) -> None:
+def test_unwritable_folder_is_an_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(SweepError, match="cannot write to"):
         RowStore(tmp_path / "file")
 
 
-def test_rows_that_another_process_merges_meanwhile_are_not_lost(
+def test_rows_merged_by_another_process_are_not_lost(
     rows: list[Row], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     store = RowStore(tmp_path)

@@ -1,4 +1,4 @@
-"""Trials in worker processes that die, hang, print, and exit."""
+"""Trials in worker processes that die, print, and exit, and the command for sweeps."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ arms:
 
 
 @pytest.mark.slow
-def test_a_death_costs_one_try_and_three_become_a_row(tmp_path: Path) -> None:
+def test_dead_worker_costs_one_attempt_and_three_deaths_are_a_row(tmp_path: Path) -> None:
     skills = tmp_path / "skills"
     skills.mkdir()
     (skills / "die.py").write_text(SKILL)
@@ -74,16 +74,16 @@ def test_a_death_costs_one_try_and_three_become_a_row(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_dask_gives_the_same_rows(tmp_path: Path) -> None:
-    """Trials run in children of Dask's workers; a killed worker's trials run elsewhere."""
+    """Trials run in children of Dask's workers."""
     pytest.importorskip("distributed")
     trials = {"params": {"speed": [0.5, 1.0]}, "seeds": 1, "reality": "lab", "audit": 1.0}
-    there = bt.sweep("circle", out=tmp_path / "dask", dask="local:2", **trials)  # type: ignore[arg-type]
-    here = bt.sweep("circle", out=tmp_path / "here", jobs=1, **trials)  # type: ignore[arg-type]
-    assert there.sha256 == here.sha256
-    assert there.progress.audited == here.progress.audited == 2
+    on_cluster = bt.sweep("circle", out=tmp_path / "dask", dask="local:2", **trials)  # type: ignore[arg-type]
+    locally = bt.sweep("circle", out=tmp_path / "here", jobs=1, **trials)  # type: ignore[arg-type]
+    assert on_cluster.sha256 == locally.sha256
+    assert on_cluster.progress.audited == locally.progress.audited == 2
 
 
-def test_a_scheduler_that_is_not_there_is_said(tmp_path: Path) -> None:
+def test_missing_scheduler_is_an_error(tmp_path: Path) -> None:
     pytest.importorskip("distributed")
     for address in ("local:none", "local:0", "local:1025", "here", "tcp://host", "tcp://host:x"):
         with pytest.raises(SweepError, match=r"no Dask cluster: tcp:.*local:N"):
@@ -93,9 +93,7 @@ def test_a_scheduler_that_is_not_there_is_said(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_command_reports_and_goes_on(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_command_reports_and_resumes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     tree = tmp_path / "tree.yaml"
     tree.write_text(
         "bt_dualarm: 1\nname: t\nparams: {x: {type: number, default: 0.3}}\nworld: {scene: empty}\n"
@@ -104,17 +102,17 @@ def test_the_command_reports_and_goes_on(
     out = tmp_path / "out"
     arguments = [str(tree), "--param", "x=0.02,1.5", "--seeds", "0:1", "--jobs", "1"]
     assert sweep([*arguments, "--out", str(out)]) == 0
-    said = capsys.readouterr()
-    assert "2 trials: 50.0 %" in said.out
-    assert "INVALID_TARGET arm1 reach_to_pose [x 1.5]" in said.out
-    assert "2/2" in said.err
+    output = capsys.readouterr()
+    assert "2 trials: 50.0 %" in output.out
+    assert "INVALID_TARGET arm1 reach_to_pose [x 1.5]" in output.out
+    assert "2/2" in output.err
     records = [*(out / "records").iterdir()]
-    assert len(records) == 1  # the failure's
-    # Everything has a row: the second call starts no process.
+    assert len(records) == 1  # only that of the failure
+    # Every trial has a row: the second call starts no process.
     assert sweep([*arguments, "--out", str(out), "--quiet"]) == 0
     again = capsys.readouterr()
     assert again.err == ""
-    assert again.out.splitlines()[-2:] == said.out.splitlines()[-2:]
+    assert again.out.splitlines()[-2:] == output.out.splitlines()[-2:]
     assert compare([str(out), str(out)]) == 0
     assert "success: EQUAL" in capsys.readouterr().out
 
@@ -133,21 +131,21 @@ def test_the_command_reports_and_goes_on(
         (["circel"], "no such file"),
     ],
 )
-def test_mistakes_are_errors_before_anything_runs(
+def test_invalid_arguments_are_errors_before_anything_runs(
     arguments: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert sweep([*arguments, "--out", str(tmp_path / "out")]) == 2
     assert message in capsys.readouterr().err
 
 
-def test_a_parameter_that_is_given_twice_is_an_error(capsys: pytest.CaptureFixture[str]) -> None:
-    """The last one would count without a word."""
+def test_parameter_given_twice_is_an_error(capsys: pytest.CaptureFixture[str]) -> None:
+    """Otherwise the last one would silently win."""
     with pytest.raises(SystemExit):
         sweep(["circle", "--param", "speed=0.5", "--param", "speed=1.0"])
     assert "--param speed is given twice" in capsys.readouterr().err
 
 
-def test_a_goal_that_is_missed_makes_a_false_success(tmp_path: Path) -> None:
+def test_missed_goal_is_a_false_success(tmp_path: Path) -> None:
     tree = """
 bt_dualarm: 1
 name: missed

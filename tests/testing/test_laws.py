@@ -1,4 +1,4 @@
-"""The laws have teeth: each is broken by a skill made for it, and says in what way."""
+"""Laws of skills detect violations, and report them."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Unlucky(Idler):
 
 
 class Messy(Idler):
-    """Raises when it is to clean up."""
+    """Raises during its cleanup."""
 
     example = "messy: {}"
 
@@ -57,7 +57,7 @@ class Messy(Idler):
 
 
 class OnlyOnce(Idler):
-    """Remembers that it has run, though no one should know."""
+    """Remembers in a class attribute that it has run."""
 
     example = "only_once: {}"
     starts: ClassVar[list[str]] = []
@@ -77,12 +77,12 @@ def candidate(skill: type[Skill]) -> Candidate:
 
 
 @pytest.mark.parametrize("law", LAWS)
-def test_an_honest_skill_keeps_to_every_law(law: str) -> None:
+def test_correct_skill_obeys_every_law(law: str) -> None:
     LAWS[law](Candidate("idler", registry_with(Idler)))
 
 
 @pytest.mark.parametrize(
-    ("skill", "law", "said"),
+    ("skill", "law", "message"),
     [
         (Mute, "declaration is complete", "its example does not begin with 'mute'"),
         (Mute, "numeric ports declare a unit", "ports without a unit: length"),
@@ -93,7 +93,7 @@ def test_an_honest_skill_keeps_to_every_law(law: str) -> None:
     ],
     ids=lambda value: value if isinstance(value, str) else yaml_name(value),
 )
-def test_a_broken_law_is_told(skill: type[Skill], law: str, said: str) -> None:
+def test_broken_law_is_reported(skill: type[Skill], law: str, message: str) -> None:
     OnlyOnce.starts.clear()
-    with pytest.raises(BrokenLawError, match=said):
+    with pytest.raises(BrokenLawError, match=message):
         LAWS[law](candidate(skill))

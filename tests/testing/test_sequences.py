@@ -1,4 +1,4 @@
-"""Laws of skills in sequences: some sequences keep to them, and the referee sees who does not."""
+"""Laws of skills in sequences: skills obey them, and the referee detects violations."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ CUBE = {"shape": "box", "size": [0.05, 0.05, 0.05], "mass": 0.1, "pose": {"xyz":
 
 
 def written(**steps: dict[str, Any]) -> SkillSequence:
-    """A sequence on a UR5 with two fingers, of leaves by the skill that each says it runs."""
+    """A sequence on a UR5 with a two-finger gripper; keys are the claimed skills of the leaves."""
     leaves = [
         {kind: ports | {"name": name}} for name, one in steps.items() for kind, ports in one.items()
     ]
@@ -43,12 +43,12 @@ def written(**steps: dict[str, Any]) -> SkillSequence:
 
 
 def nothing(_: object) -> Iterator[None]:
-    """What a skill does that says SUCCESS and has done nothing."""
+    """Run method of a skill that succeeds without doing anything."""
     yield
 
 
 def kinds(breaches: tuple[Breach, ...]) -> set[str]:
-    """What kinds of laws were broken."""
+    """Kinds of the broken laws."""
     return {breach.kind for breach in breaches}
 
 
@@ -56,18 +56,18 @@ def kinds(breaches: tuple[Breach, ...]) -> set[str]:
     ("seed", "length"),
     some([(1, 3), (10, 2), (11, 2), (13, 2), (16, 2), (1, 2), (700511, 2)], 2),
 )
-def test_sequences_of_skills_keep_to_all_laws(seed: int, length: int) -> None:
-    """Whatever each leaf says is so, and what is believed of the world afterwards, too."""
+def test_sequences_of_skills_obey_all_laws(seed: int, length: int) -> None:
+    """Every result of a leaf is true, and so is the arm's knowledge of the world afterwards."""
     assert play(seed, length, "lab").breaches == ()
 
 
-def test_a_seed_always_is_the_same_sequence() -> None:
+def test_sequence_is_determined_by_its_seed() -> None:
     assert generate(7, 3) == generate(7, 3)
     assert generate(7, 3) != generate(8, 3)
 
 
-def test_every_shipped_skill_is_asked_for(registry: Registry) -> None:
-    """A new skill comes into the sequences with its scenario."""
+def test_every_shipped_skill_occurs_in_sequences(registry: Registry) -> None:
+    """A new skill must be added to one of the lists."""
     alone = {*FREE_SKILLS, *CAMERA_SKILLS, *GRIPPER_SKILLS, *FINGER_SKILLS}
     assert alone | {*JOINT_SKILLS} == set(registry.skills)
 
@@ -82,7 +82,7 @@ def test_every_shipped_skill_is_asked_for(registry: Registry) -> None:
         ("remove", {"object": "cube"}),
     ],
 )
-def test_referee_sees_a_success_that_is_not_so(
+def test_referee_detects_a_false_success(
     skill: str, ports: dict[str, Any], registry: Registry, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(registry.skills[skill], "run", nothing)
@@ -90,28 +90,28 @@ def test_referee_sees_a_success_that_is_not_so(
     assert kinds(breaches) == {"false success"}
 
 
-def test_referee_sees_a_contact_that_nobody_asked_for(registry: Registry) -> None:
-    """A leaf that says it draws a curve, and goes down to the floor."""
+def test_referee_detects_an_unintended_contact(registry: Registry) -> None:
+    """A leaf that claims to be a circle moves down to the floor."""
     down = {"move_until_contact": {"distance": 0.5, "speed": 0.02}}
     _, breaches = judged(written(circle=down), registry)
     assert "contact" in kinds(breaches)
 
 
-def test_referee_sees_a_thing_believed_held_that_is_not(
+def test_referee_detects_a_wrongly_held_object(
     registry: Registry, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A leaf that says it has taken the cube, and holds nothing."""
+    """A leaf records the cube as held without grasping it."""
 
-    def believes(skill: Any) -> Iterator[None]:
+    def hold_wrongly(skill: Any) -> Iterator[None]:
         skill.arm.world.hold("arm1", "cube", skill.arm.world.object_pose("cube"))
         yield
 
-    monkeypatch.setattr(registry.skills["stop"], "run", believes)
+    monkeypatch.setattr(registry.skills["stop"], "run", hold_wrongly)
     _, breaches = judged(written(stop={"stop": {}}), registry)
     assert "bookkeeping" in kinds(breaches)
 
 
-def test_referee_sees_a_traceback(registry: Registry, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_referee_detects_a_traceback(registry: Registry, monkeypatch: pytest.MonkeyPatch) -> None:
     def breaks(_: object) -> Iterator[None]:
         yield
         raise KeyError("gone")
@@ -121,6 +121,6 @@ def test_referee_sees_a_traceback(registry: Registry, monkeypatch: pytest.Monkey
     assert "traceback" in kinds(breaches)
 
 
-def test_a_sequence_with_no_free_place_is_written_all_the_same() -> None:
-    """It drew places for ever."""
+def test_sequence_without_a_free_position_is_generated() -> None:
+    """Sampling of positions did not end."""
     assert generate(1008, 2, "lab").steps

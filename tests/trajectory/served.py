@@ -1,6 +1,6 @@
-"""What a servo sends for some targets: python -m tests.trajectory.served panda ur5.
+"""Set-points of a servo for some targets: python -m tests.trajectory.served panda ur5.
 
-Writes it, pickled, to standard output: once compiled, once read by Python itself.
+They are written to standard output, pickled, to compare compiled kernels with plain Python.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ SECONDS = 0.5
 
 
 def served(robot: str) -> Matrix:
-    """Positions, velocities and accelerations: on a circle, toward what is far, and to rest."""
+    """Positions, velocities, accelerations: on a circle, toward a distant target, and to rest."""
     turning = circle(0.05, 2.0)
 
     def place(time: float) -> PlaneTarget | None:

@@ -17,7 +17,7 @@ YZ: Axes = (np.array((0.0, 1.0, 0.0)), np.array((0.0, 0.0, 1.0)))
 
 
 def in_plane(path: CartesianPath) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
-    """Coordinates along the axes, from the tool, of shape (n, 2)."""
+    """Coordinates along the axes, relative to the tool, of shape (n, 2)."""
     offsets: np.ndarray[tuple[int, int], np.dtype[np.float64]] = (
         path.positions - TOOL.position
     ) @ np.array(YZ).T
@@ -30,9 +30,7 @@ def assert_through_waypoints(path: CartesianPath) -> None:
 
 
 @given(st.floats(0.01, 0.5), st.integers(8, 40), st.sampled_from([1, -1]))
-def test_a_circle_keeps_its_radius_and_its_plane(
-    radius: float, waypoints: int, direction: int
-) -> None:
+def test_circle_keeps_its_radius_and_plane(radius: float, waypoints: int, direction: int) -> None:
     path = circle(TOOL, YZ, radius, waypoints=waypoints, direction=direction)
     assert path.closed
     assert len(path.waypoints) == waypoints + 1
@@ -44,48 +42,48 @@ def test_a_circle_keeps_its_radius_and_its_plane(
     assert_through_waypoints(path)
 
 
-def test_twenty_waypoints_make_a_circle_of_a_decimetre_to_a_fiftieth_of_a_millimeter() -> None:
+def test_circle_of_20_waypoints_is_accurate_to_20_um() -> None:
     path = circle(TOOL, YZ, 0.1)
     assert np.abs(np.linalg.norm(in_plane(path), axis=1) - 0.1).max() < 2e-5
 
 
-def test_a_circle_around_the_tool_starts_at_the_first_axis_and_turns_to_the_second() -> None:
+def test_circle_around_the_tool_starts_on_the_first_axis() -> None:
     offsets = in_plane(circle(TOOL, YZ, 0.1))
     np.testing.assert_allclose(offsets[0], (0.1, 0.0), atol=1e-12)
     assert offsets[5][1] > 0.0
     assert in_plane(circle(TOOL, YZ, 0.1, direction=-1))[5][1] < 0.0
 
 
-def test_a_circle_from_the_tool_starts_there() -> None:
+def test_circle_from_the_tool_starts_at_the_tool() -> None:
     path = circle(TOOL, YZ, 0.1, mode="from")
     assert path.start.distance(TOOL) < 1e-12
     assert path.start.angle(TOOL) < 1e-7
 
 
-def test_turns_repeat_one_circle_and_count_in_its_length() -> None:
+def test_turns_repeat_one_circle_and_multiply_its_length() -> None:
     path = circle(TOOL, YZ, 0.1, turns=3)
     assert path.repeats == 3
     assert path.length == pytest.approx(6 * math.pi * 0.1, rel=1e-3)
 
 
-def test_half_a_turn_is_an_arc_that_ends_on_the_other_side() -> None:
+def test_half_a_turn_is_an_arc_to_the_opposite_point() -> None:
     path = circle(TOOL, YZ, 0.1, turns=0.5)
     assert not path.closed
     assert path.start.distance(path.end) == pytest.approx(0.2)
     assert np.abs(np.linalg.norm(in_plane(path), axis=1) - 0.1).max() < 1e-4
 
 
-def test_an_arc_begins_where_it_is_told() -> None:
-    """A quarter of a turn from the second axis to the end of the first, reversed."""
+def test_arc_starts_at_the_given_angle() -> None:
+    """A quarter turn from the second axis to the negative or, reversed, positive first one."""
     offsets = in_plane(circle(TOOL, YZ, 0.1, turns=0.25, begin=math.pi / 2))
     np.testing.assert_allclose(offsets[0], (0.0, 0.1), atol=1e-12)
     np.testing.assert_allclose(offsets[-1], (-0.1, 0.0), atol=1e-12)
-    there = in_plane(circle(TOOL, YZ, 0.1, turns=0.25, begin=math.pi / 2, direction=-1))
-    np.testing.assert_allclose(there[-1], (0.1, 0.0), atol=1e-12)
+    reversed_arc = in_plane(circle(TOOL, YZ, 0.1, turns=0.25, begin=math.pi / 2, direction=-1))
+    np.testing.assert_allclose(reversed_arc[-1], (0.1, 0.0), atol=1e-12)
 
 
 @pytest.mark.parametrize("repeats", [0.25, 0.5, 1.3])
-def test_a_part_of_a_lissajous_curve_ends_on_its_way(repeats: float) -> None:
+def test_part_of_a_lissajous_curve_is_open(repeats: float) -> None:
     path = lissajous(TOOL, YZ, (0.1, 0.05), (1, 2), phase=0.4, repeats=repeats, waypoints=60)
     assert not path.closed
     t = np.linspace(0.0, 2 * math.pi * repeats, len(path.positions))
@@ -93,16 +91,16 @@ def test_a_part_of_a_lissajous_curve_ends_on_its_way(repeats: float) -> None:
     np.testing.assert_allclose(in_plane(path), expected, atol=5e-5)
 
 
-def test_the_orientation_leans_toward_the_middle_as_far_as_the_curve_is_away() -> None:
-    """And by nothing where the curve goes through its middle."""
+def test_tilt_is_proportional_to_the_distance_from_the_center() -> None:
+    """It is zero where the curve passes through its center."""
     tool = Pose.from_rpy((0, 0, 0), (0, math.pi / 2, 0))  # looks along x, the curve in YZ
     path = lissajous(tool, YZ, (0.1, 0.1), (1, 2), tilt=0.3)
-    away = np.linalg.norm(path.positions, axis=1)
+    distance = np.linalg.norm(path.positions, axis=1)
     farthest = np.linalg.norm(path.waypoints, axis=1).max()
-    lean = [pose.angle(tool) for pose in path.poses]
-    np.testing.assert_allclose(lean, 0.3 * away / farthest, atol=1e-6)
+    tilt = [pose.angle(tool) for pose in path.poses]
+    np.testing.assert_allclose(tilt, 0.3 * distance / farthest, atol=1e-6)
     inward = [pose.rotation_matrix[:, 2] @ pose.position for pose in path.poses]
-    assert np.all(np.array(inward)[away > 0.01] < 0.0)
+    assert np.all(np.array(inward)[distance > 0.01] < 0.0)
 
 
 @given(
@@ -110,7 +108,7 @@ def test_the_orientation_leans_toward_the_middle_as_far_as_the_curve_is_away() -
     st.floats(0.0, 2 * math.pi),
     st.sampled_from(["around", "from"]),
 )
-def test_a_lissajous_curve_is_what_its_formula_says(
+def test_lissajous_curve_follows_its_formula(
     frequencies: tuple[int, int], phase: float, mode: str
 ) -> None:
     count = 80
@@ -135,7 +133,7 @@ def test_a_lissajous_curve_is_what_its_formula_says(
     assert_through_waypoints(path)
 
 
-def test_a_line_is_straight_and_turns_evenly() -> None:
+def test_line_is_straight_and_rotates_evenly() -> None:
     end = TOOL @ Pose.from_rpy((0.0, 0.3, 0.4), (0.0, 0.0, 1.0))
     path = line(TOOL, end)
     assert path.length == pytest.approx(0.5)
@@ -146,7 +144,7 @@ def test_a_line_is_straight_and_turns_evenly() -> None:
 
 
 @pytest.mark.parametrize("closed", [True, False])
-def test_a_spline_goes_through_its_poses(closed: bool) -> None:
+def test_spline_passes_through_its_poses(closed: bool) -> None:
     poses = [
         TOOL @ Pose.from_rpy(xyz, (0.0, 0.0, xyz[0]))
         for xyz in ((0.0, 0.0, 0.0), (0.2, 0.0, 0.0), (0.2, 0.1, 0.0), (0.0, 0.1, 0.3))
@@ -168,7 +166,7 @@ def test_a_spline_goes_through_its_poses(closed: bool) -> None:
         ({"radius": 0.1, "direction": 2}, "direction"),
     ],
 )
-def test_what_draws_no_circle_is_refused(numbers: dict[str, float], reason: str) -> None:
+def test_invalid_circle_is_refused(numbers: dict[str, float], reason: str) -> None:
     with pytest.raises(Failure, match=reason) as caught:
         circle(TOOL, YZ, **numbers)  # type: ignore[arg-type]
     assert caught.value.code == "INVALID_TARGET"
@@ -179,7 +177,7 @@ def test_axes_that_span_no_plane_are_refused() -> None:
         circle(TOOL, (YZ[0], YZ[0]), 0.1)
 
 
-def test_what_draws_no_lissajous_curve_is_refused() -> None:
+def test_invalid_lissajous_curve_is_refused() -> None:
     with pytest.raises(Failure, match="frequencies"):
         lissajous(TOOL, YZ, (0.1, 0.1), (0, 1))
     with pytest.raises(Failure, match="amplitude"):
@@ -188,7 +186,7 @@ def test_what_draws_no_lissajous_curve_is_refused() -> None:
         lissajous(TOOL, YZ, (0.1, 0.1), (1, 2), repeats=0.0)
 
 
-def test_a_path_through_fewer_than_two_places_is_refused() -> None:
+def test_path_through_fewer_than_two_positions_is_refused() -> None:
     with pytest.raises(Failure, match="two poses"):
         through([TOOL])
     with pytest.raises(Failure, match="same place"):

@@ -1,4 +1,4 @@
-"""A path at a constant speed of the tool: constant, within the limits, smooth at both ends."""
+"""Motions at a constant tool speed are within the limits, and smooth at both ends."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ DT = 0.004
 
 
 def samples(blend: float, side: float = 0.08) -> tuple[Matrix, Vector]:
-    """Configurations along two lines with a blended corner, and their lengths."""
+    """Configurations along two lines with a blended corner, and their path lengths."""
     q = ROBOT.postures["present"]
     tool = ARM.forward(q)
     corners = [
@@ -33,7 +33,7 @@ def samples(blend: float, side: float = 0.08) -> tuple[Matrix, Vector]:
 
 
 @pytest.mark.parametrize("speed", [0.01, 0.03, 0.06])
-def test_the_tool_moves_at_the_speed_between_the_ramps(speed: float) -> None:
+def test_tool_has_the_given_speed_between_the_ramps(speed: float) -> None:
     rows, lengths = samples(0.015)
     motion, ramp = at_constant_speed(rows, lengths, speed, ROBOT.limits, DT)
     assert motion.duration == pytest.approx(lengths[-1] / speed + ramp, abs=1e-9)
@@ -45,14 +45,14 @@ def test_the_tool_moves_at_the_speed_between_the_ramps(speed: float) -> None:
     np.testing.assert_allclose(motion.q[[0, -1]], rows[[0, -1]], atol=1e-12)
 
 
-def test_it_is_smooth_and_within_the_limits() -> None:
+def test_motion_is_smooth_and_within_the_limits() -> None:
     rows, lengths = samples(0.015)
     motion, _ = at_constant_speed(rows, lengths, 0.06, ROBOT.limits, DT)
     limits = ROBOT.limits
     assert (np.abs(motion.v) <= limits.velocity).all()
     assert (np.abs(motion.a) <= limits.acceleration).all()
     assert (np.abs(np.diff(motion.a, axis=0)) <= DT * limits.jerk).all()
-    # Velocity and acceleration are the derivatives of what is before them.
+    # Velocity and acceleration are the derivatives of position and velocity.
     np.testing.assert_allclose(np.diff(motion.q, axis=0) / DT, _means(motion.v), atol=1e-3)
     np.testing.assert_allclose(np.diff(motion.v, axis=0) / DT, _means(motion.a), atol=0.1)
     assert not motion.v[[0, -1]].any()
@@ -62,7 +62,7 @@ def _means(rows: Matrix) -> Matrix:
     return 0.5 * (rows[1:] + rows[:-1])
 
 
-def test_what_is_too_fast_is_refused_with_what_is_possible() -> None:
+def test_too_high_speed_is_refused_with_the_possible_one() -> None:
     rows, lengths = samples(0.015)
     with pytest.raises(Failure, match="a joint would exceed its limits") as refused:
         at_constant_speed(rows, lengths, 1.0, ROBOT.limits, DT)
@@ -81,7 +81,7 @@ def test_sharper_corners_are_slower() -> None:
     assert fastest == sorted(fastest)
 
 
-def test_a_path_too_short_for_the_speed_is_refused() -> None:
+def test_path_too_short_for_the_speed_is_refused() -> None:
     rows, lengths = samples(0.001, side=0.004)
     straight = lengths < 0.003
     with pytest.raises(Failure, match="too short") as refused:

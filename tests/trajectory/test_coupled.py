@@ -1,4 +1,4 @@
-"""Coupled motions: all arms begin together, keep to one path parameter, and brake together."""
+"""Coupled motions: all arms start together, parameter one path parameter, and brake together."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PARTS = {"arm1": slice(0, 2), "arm2": slice(2, 5)}
 
 
 def limits_of(dof: int) -> JointLimits:
-    """Equal limits of some joints."""
+    """Equal limits of `dof` joints."""
     full = np.full
     return JointLimits(
         full(dof, -3.0),
@@ -42,11 +42,11 @@ def motion(correction: Vector | None = None) -> CoupledMotion:
 
 
 def play(coupled: CoupledMotion, halted_at: int | None = None) -> tuple[np.ndarray, int]:
-    """Set-points of both arms, of shape (n, 5), and how many came before the halt took effect."""
+    """Set-points of both arms, of shape (n, 5), and the number of steps."""
     sources: dict[str, TrajectorySource] = {arm: coupled.source(arm) for arm in PARTS}
     rows = []
     for step in range(3000):
-        if step == halted_at:  # of arm2 only, as its controller does it
+        if step == halted_at:  # of arm2 only, as by its controller
             braking = sources["arm2"].halt(limits_of(3))
             assert braking is not None
             sources["arm2"] = TrajectorySource(braking)
@@ -66,7 +66,7 @@ def reserved(coupled: CoupledMotion, arm: str) -> CoupledSource:
     return source
 
 
-def test_both_arms_follow_their_columns_to_the_end() -> None:
+def test_both_arms_follow_their_part_to_the_end() -> None:
     coupled = motion()
     rows, _ = play(coupled)
     np.testing.assert_array_equal(rows[0], coupled.trajectory.start)
@@ -76,8 +76,8 @@ def test_both_arms_follow_their_columns_to_the_end() -> None:
 
 
 @pytest.mark.parametrize("late", [0, 1, 5])
-def test_no_arm_misses_a_set_point_of_the_beginning(late: int) -> None:
-    """Whichever joins last, in whichever order they are asked: all are at the same row."""
+def test_no_arm_misses_a_set_point_at_the_start(late: int) -> None:
+    """All arms are at the same row, whichever joins last, and in any order of calls."""
     for first, second in (("arm1", "arm2"), ("arm2", "arm1")):
         coupled = motion()
         sources = {arm: reserved(coupled, arm) for arm in PARTS}
@@ -88,7 +88,7 @@ def test_no_arm_misses_a_set_point_of_the_beginning(late: int) -> None:
                 np.testing.assert_array_equal(sent, row[PARTS[arm]])
 
 
-def test_controllers_half_a_period_apart_begin_with_the_same_row() -> None:
+def test_controllers_half_a_period_apart_start_at_the_same_row() -> None:
     coupled = motion()
     one, two = (reserved(coupled, arm) for arm in PARTS)
     for step in range(20):
@@ -98,7 +98,7 @@ def test_controllers_half_a_period_apart_begin_with_the_same_row() -> None:
         np.testing.assert_array_equal(two.next((step + 0.5) * DT).q, row[2:])
 
 
-def test_no_arm_begins_alone() -> None:
+def test_no_arm_starts_alone() -> None:
     coupled = motion()
     first = coupled.source("arm1")
     for step in range(5):
@@ -108,19 +108,19 @@ def test_no_arm_begins_alone() -> None:
     assert coupled.has_begun
 
 
-def test_a_halt_of_one_arm_brakes_all_on_the_path() -> None:
+def test_halt_of_one_arm_brakes_all_on_the_path() -> None:
     coupled = motion()
     rows, steps = play(coupled, halted_at=60)
     assert steps < len(coupled.trajectory)
     assert 0.05 < rows[-1, 0] < 0.95
-    # All joints are at one point of the path at any time, also while braking.
-    share = rows[:, :1]
-    np.testing.assert_allclose(rows, share * np.array((1.0, -0.5, 0.3, 0.8, -0.2)), atol=2e-3)
+    # All joints parameter one path parameter at any time, even while braking.
+    parameter = rows[:, :1]
+    np.testing.assert_allclose(rows, parameter * np.array((1.0, -0.5, 0.3, 0.8, -0.2)), atol=2e-3)
     assert np.abs(np.diff(rows, 2, axis=0)).max() / DT**2 < 5.1
 
 
-def test_a_guard_that_reserves_does_not_part_arms_that_brake() -> None:
-    """The halted arm follows a copy of the braking plan, so that the others must keep to it."""
+def test_braking_arms_stay_coupled_while_a_guard_reserves() -> None:
+    """The halted arm follows a copy of the braking plan, so the others must follow it exactly."""
     coupled = motion()
     one: CoupledSource = coupled.source("arm1")
     two: TrajectorySource = coupled.source("arm2")
@@ -138,7 +138,7 @@ def test_a_guard_that_reserves_does_not_part_arms_that_brake() -> None:
     assert sent[0] > 0.0
 
 
-def test_a_halt_before_all_follow_moves_nothing() -> None:
+def test_halt_before_all_arms_have_joined_moves_nothing() -> None:
     coupled = motion()
     first = coupled.source("arm1")
     first.next(0.0)
@@ -148,7 +148,7 @@ def test_a_halt_before_all_follow_moves_nothing() -> None:
     assert first.done
 
 
-def test_a_correction_is_added_to_all() -> None:
+def test_correction_is_added_to_all_arms() -> None:
     by = np.array((0.01, 0.0, 0.0, -0.02, 0.0))
     coupled = motion(by)
     rows, _ = play(coupled)
@@ -156,8 +156,8 @@ def test_a_correction_is_added_to_all() -> None:
 
 
 @pytest.mark.parametrize(("needed", "seconds"), [(0, 0.0), (75, 75 * DT), (10_000, 1.0)])
-def test_a_correction_goes_on_at_the_end_while_it_is_needed(needed: int, seconds: float) -> None:
-    """For a second at most; then the motion ends where the correction has led the arms."""
+def test_correction_continues_at_the_end_while_needed(needed: int, seconds: float) -> None:
+    """It lasts for a second at most; then the motion ends at the corrected positions."""
     plain = motion()
     before = len(play(plain)[0])
     left = [needed]

@@ -1,4 +1,4 @@
-"""Cubic splines, against SciPy's."""
+"""Cubic splines agree with SciPy's."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from bt_dualarm.trajectory.trajectory_kernels import solve_tridiagonal
 from tests.plain_kernels import plain
 
 
-def drawn(count: int, closed: bool, rng: np.random.Generator) -> tuple[Vector, Matrix]:
-    """Knots and points in three dimensions; steps differ by up to four orders of magnitude."""
+def sampled(count: int, closed: bool, rng: np.random.Generator) -> tuple[Vector, Matrix]:
+    """Random knots and points in three dimensions; steps span four orders of magnitude."""
     knots = np.concatenate(((0.0,), np.cumsum(10.0 ** rng.uniform(-3.0, 1.0, count - 1))))
     points = rng.normal(size=(count, 3))
     if closed:
@@ -25,11 +25,11 @@ def drawn(count: int, closed: bool, rng: np.random.Generator) -> tuple[Vector, M
     ("closed", "count"),
     [(False, 2), (False, 3), *((closed, n) for closed in (False, True) for n in (4, 5, 20, 300))],
 )
-def test_it_is_scipy_s_to_the_last_bit(closed: bool, count: int) -> None:
-    """With its derivatives, within the knots and beyond them."""
+def test_spline_equals_that_of_scipy_bit_for_bit(closed: bool, count: int) -> None:
+    """Including derivatives, between the knots and beyond them."""
     for seed in range(20):
         rng = np.random.default_rng(seed)
-        knots, points = drawn(count, closed, rng)
+        knots, points = sampled(count, closed, rng)
         at = np.concatenate((knots, rng.uniform(-1.0, knots[-1] + 1.0, 30)))
         ours = cubic_spline(knots, points, closed=closed)
         theirs = CubicSpline(knots, points, bc_type="periodic" if closed else "not-a-knot")
@@ -46,15 +46,15 @@ def test_it_is_scipy_s_to_the_last_bit(closed: bool, count: int) -> None:
         ((0.0, 1.0, 2.0, 3.0), np.full((4, 1), np.nan)),
     ],
 )
-def test_numbers_that_make_no_spline_are_rejected(knots: tuple[float, ...], points: Matrix) -> None:
+def test_invalid_knots_and_points_are_rejected(knots: tuple[float, ...], points: Matrix) -> None:
     with pytest.raises(ValueError, match="must increase, and its points must be finite"):
         cubic_spline(np.array(knots), points)
 
 
-def test_a_tridiagonal_system_is_solved_with_and_without_pivoting() -> None:
-    """The plain function does what the compiled one does, which NumPy confirms."""
+def test_tridiagonal_system_is_solved_with_and_without_pivoting() -> None:
+    """Plain Python and compiled code agree bit for bit, and with NumPy."""
     rng = np.random.default_rng(0)
-    for scale in (0.1, 10.0):  # diagonals that dominate, and ones that do not
+    for scale in (0.1, 10.0):  # with and without a dominant diagonal
         lower, upper = scale * rng.normal(size=(2, 7))
         diagonal = rng.normal(size=8)
         right = rng.normal(size=(8, 2))

@@ -1,4 +1,4 @@
-"""The gate: whatever comes in, what goes out keeps the limits."""
+"""The set-point limiter: for any input, its output respects the limits."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from bt_dualarm.trajectory.set_points import SetPoint, SetPointLimiter
 from bt_dualarm.trajectory.trajectory import Trajectory, use_of_limits
 
 PERIOD = 0.002  # s
-SLACK = 1e-6  # share by which rounding may pass a limit, or rad
+SLACK = 1e-6  # fraction by which rounding may exceed a limit, or rad
 LIMITS = {name: load_robot(name).limits for name in ("ur5", "panda")}
 ROBOTS = pytest.mark.parametrize("robot", LIMITS)
 SEEDS = st.integers(0, 2**32 - 1)
@@ -31,14 +31,14 @@ def at_rest(q: Vector) -> SetPoint:
 
 
 def sent_for(limiter: SetPointLimiter, stream: Iterable[SetPoint]) -> Trajectory:
-    """What the limiter makes of a stream."""
-    sent = [limiter.sent, *(limiter.send(wanted) for wanted in stream)]
+    """Output of the limiter for a stream."""
+    sent = [limiter.sent, *(limiter.send(point) for point in stream)]
     q, v, a = (np.array([getattr(point, name) for point in sent]) for name in ("q", "v", "a"))
     return Trajectory(PERIOD, q, v, a)
 
 
-def assert_kept(motion: Trajectory, limits: JointLimits) -> None:
-    """Velocity, acceleration (given and as difference), jerk, position; and q belongs to v."""
+def assert_within_limits(motion: Trajectory, limits: JointLimits) -> None:
+    """Check velocity, acceleration (given and as difference), jerk, position, and consistency."""
     use = use_of_limits(motion, limits)
     assert max(use.velocity, use.acceleration, use.jerk) <= 1 + SLACK
     assert use.position_margin >= -SLACK
@@ -47,22 +47,22 @@ def assert_kept(motion: Trajectory, limits: JointLimits) -> None:
 
 
 def sine(
-    rng: np.random.Generator, limits: JointLimits, share: float, length: int
+    rng: np.random.Generator, limits: JointLimits, fraction: float, length: int
 ) -> list[SetPoint]:
-    """A conforming stream that takes at most ``share`` of every limit, around the middle."""
+    """A conforming stream around the middle that uses at most ``fraction`` of every limit."""
     dof = len(limits.lower)
     span = np.minimum(limits.upper - limits.lower, 4.0)
     middle = 0.5 * (limits.lower + limits.upper) + rng.uniform(-0.1, 0.1, dof) * span
     w = rng.uniform(1.0, 8.0, dof)
     rates = limits.velocity / w, limits.acceleration / w**2, limits.jerk / w**3, 0.3 * span
-    size = share * np.minimum.reduce(rates)
+    size = fraction * np.minimum.reduce(rates)
     phase = w * PERIOD * np.arange(length)[:, None] + rng.uniform(0.0, 6.28, dof)
     rows = middle + size * np.sin(phase), size * w * np.cos(phase), -size * w**2 * np.sin(phase)
     return [SetPoint(*row) for row in zip(*rows, strict=True)]
 
 
 def wild(rng: np.random.Generator, limits: JointLimits, length: int) -> list[SetPoint]:
-    """Anything: noise, jumps, no numbers, places and rates beyond the limits, wrong derivatives."""
+    """Anything: noise, jumps, NaN, values beyond the limits, wrong derivatives."""
     dof = len(limits.lower)
     stream = [*sine(rng, limits, 1.5, length)]
     for start in range(0, length, 25):
@@ -87,20 +87,20 @@ def wild(rng: np.random.Generator, limits: JointLimits, length: int) -> list[Set
 @ROBOTS
 @given(seed=SEEDS)
 @thorough
-def test_whatever_comes_in_what_is_sent_keeps_the_limits(robot: str, seed: int) -> None:
+def test_output_respects_the_limits_for_any_input(robot: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     limits = LIMITS[robot]
     start = rng.uniform(limits.lower, limits.upper)
     limiter = SetPointLimiter(limits, PERIOD, start)
-    assert_kept(sent_for(limiter, wild(rng, limits, 200)), limits)
+    assert_within_limits(sent_for(limiter, wild(rng, limits, 200)), limits)
     assert limiter.clipped > 0
 
 
 @ROBOTS
 @given(seed=SEEDS)
 @thorough
-def test_after_a_jump_it_comes_to_rest_where_it_should(robot: str, seed: int) -> None:
-    """A constant reference is reached and kept, without overshoot or limit cycle."""
+def test_limiter_reaches_a_constant_reference_after_a_jump(robot: str, seed: int) -> None:
+    """The reference is reached and kept, without overshoot or limit cycle."""
     rng = np.random.default_rng(seed)
     limits = LIMITS[robot]
     start, goal = 0.3 * rng.uniform(limits.lower, limits.upper, (2, len(limits.lower)))
@@ -108,7 +108,7 @@ def test_after_a_jump_it_comes_to_rest_where_it_should(robot: str, seed: int) ->
     limiter = SetPointLimiter(limits, PERIOD, start)
     expected = point_to_point(start, goal, limits, PERIOD)
     motion = sent_for(limiter, [at_rest(goal)] * (len(expected) + 2))
-    assert_kept(motion, limits)
+    assert_within_limits(motion, limits)
     assert motion.q[-1] == pytest.approx(goal, abs=1e-9)
     assert motion.v[-1] == pytest.approx(0.0, abs=1e-9)
     past = np.sign(goal - start) * (motion.q - goal)
@@ -121,8 +121,8 @@ def test_after_a_jump_it_comes_to_rest_where_it_should(robot: str, seed: int) ->
 @ROBOTS
 @given(seed=SEEDS)
 @thorough
-def test_after_a_jump_it_joins_a_moving_stream(robot: str, seed: int) -> None:
-    """Once it has caught up it passes the stream on, untouched and uncounted."""
+def test_limiter_joins_a_moving_stream_after_a_jump(robot: str, seed: int) -> None:
+    """Once it has caught up, it passes the stream unchanged, and counts no clipping."""
     rng = np.random.default_rng(seed)
     limits = LIMITS[robot]
     stream = sine(rng, limits, 0.5, 1000)
@@ -138,8 +138,8 @@ def test_after_a_jump_it_joins_a_moving_stream(robot: str, seed: int) -> None:
 @ROBOTS
 @given(seed=SEEDS)
 @thorough
-def test_a_conforming_motion_passes_untouched(robot: str, seed: int) -> None:
-    """Point to point over the whole range, as fast as allowed, ends on the limits included."""
+def test_conforming_motion_passes_unchanged(robot: str, seed: int) -> None:
+    """Point to point over the whole range, as fast as allowed, with ends at the limits."""
     rng = np.random.default_rng(seed)
     limits = LIMITS[robot]
     start, goal = rng.uniform(limits.lower, limits.upper, (2, len(limits.lower)))
@@ -155,7 +155,7 @@ def test_a_conforming_motion_passes_untouched(robot: str, seed: int) -> None:
 
 
 @ROBOTS
-def test_a_timed_path_passes_untouched(robot: str) -> None:
+def test_timed_path_passes_unchanged(robot: str) -> None:
     limits = LIMITS[robot]
     middle = 0.5 * (limits.lower + limits.upper)
     angle = np.linspace(0.0, 2 * np.pi, 60)[:, None]
@@ -167,25 +167,25 @@ def test_a_timed_path_passes_untouched(robot: str) -> None:
 
 
 @ROBOTS
-def test_the_joints_that_keep_their_limits_are_not_disturbed(robot: str) -> None:
+def test_other_joints_are_not_disturbed_by_invalid_values(robot: str) -> None:
     limits = LIMITS[robot]
     rng = np.random.default_rng(1)
     stream = sine(rng, limits, 0.5, 100)
     start = stream[0]
     limiter = SetPointLimiter(limits, PERIOD, start.q)
     limiter.sent = start
-    spoilt = []
+    corrupted = []
     for point in stream[1:]:
         q = point.q.copy()
         q[2] = np.nan
-        spoilt.append(SetPoint(q, point.v, point.a))
-    sent = sent_for(limiter, spoilt)
+        corrupted.append(SetPoint(q, point.v, point.a))
+    sent = sent_for(limiter, corrupted)
     others = [j for j in range(len(limits.lower)) if j != 2]
     assert (sent.q[:, others] == np.array([point.q for point in stream])[:, others]).all()
     assert limiter.clipped == 99
 
 
-def test_what_lies_beyond_a_limit_leads_to_the_limit() -> None:
+def test_reference_beyond_a_limit_leads_to_the_limit() -> None:
     limits = LIMITS["panda"]
     start = 0.5 * (limits.lower + limits.upper)
     limiter = SetPointLimiter(limits, PERIOD, start)
@@ -194,8 +194,8 @@ def test_what_lies_beyond_a_limit_leads_to_the_limit() -> None:
     assert limiter.clipped == 1200
 
 
-def test_a_stream_that_cannot_stop_in_time_is_braked() -> None:
-    """At full speed toward a limit every single set-point is fine, only there is no next one."""
+def test_stream_that_cannot_stop_in_time_is_braked() -> None:
+    """At full speed toward a limit, each set-point is valid, but no valid one could follow."""
     limits = LIMITS["ur5"]
     start = np.zeros(6)
     ramp = point_to_point(start, np.array([6.0, 0, 0, 0, 0, 0]), limits, PERIOD)
@@ -206,5 +206,5 @@ def test_a_stream_that_cannot_stop_in_time_is_braked() -> None:
     limiter = SetPointLimiter(limits, PERIOD, start)
     limiter.sent = SetPoint(from_here, speed, start)
     motion = sent_for(limiter, onward)
-    assert_kept(motion, limits)
+    assert_within_limits(motion, limits)
     assert motion.q[-1][0] == pytest.approx(limits.upper[0], abs=1e-6)

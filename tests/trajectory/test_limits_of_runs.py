@@ -1,4 +1,4 @@
-"""No set-point of whole runs breaks a limit: position, velocity, acceleration, jerk."""
+"""All set-points of whole runs respect the limits of position, velocity, acceleration, jerk."""
 
 from __future__ import annotations
 
@@ -39,19 +39,19 @@ RUNS = {
 
 
 @pytest.mark.parametrize("run", RUNS)
-def test_every_set_point_keeps_the_limits(stage: Stage, run: str) -> None:
+def test_every_set_point_respects_the_limits(stage: Stage, run: str) -> None:
     first, second = RUNS[run]
     play = stage.play(
         TWO_ARMS.replace("{TREE1}", f"{{{first}}}").replace("{TREE2}", f"{{{second}}}")
     )
     sent: dict[str, list[SetPoint]] = {"arm1": [], "arm2": []}
 
-    def keep(_: World) -> None:
+    def record(_: World) -> None:
         for station in play.opened.assembly.arms.present:
             controller: Any = station._controller
             sent[station.name].append(controller.setpoint)
 
-    play.watchers.append(keep)
+    play.watchers.append(record)
     play.run()
     for name, points in sent.items():
         arm = play.arm(name)

@@ -1,4 +1,4 @@
-"""What a motion takes in memory does not depend on how long it lasts, nor do its set-points."""
+"""Memory of a motion does not depend on its duration, and set-points are the same if lazy."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ Motion = Callable[[np.ndarray, JointLimits], Trajectory]
 
 
 def straight(start: np.ndarray, limits: JointLimits) -> Trajectory:
-    """All joints turn evenly."""
+    """All joints move by the same angle."""
     return point_to_point(start, start + 0.3, limits, DT)
 
 
@@ -38,7 +38,7 @@ def wave(start: np.ndarray, limits: JointLimits) -> Trajectory:
 
 
 def loop(start: np.ndarray, limits: JointLimits) -> Trajectory:
-    """A path that ends where it begins."""
+    """A closed path."""
     turn = np.linspace(0.0, 2 * np.pi, 60)[:, None]
     shifts = np.linspace(0, 1, len(start))
     return time_path(
@@ -47,20 +47,22 @@ def loop(start: np.ndarray, limits: JointLimits) -> Trajectory:
 
 
 def slower(start: np.ndarray, limits: JointLimits) -> Trajectory:
-    """What a load has slowed."""
+    """A motion slowed by a load."""
     return at_scale(wave(start, limits), 0.37)
 
 
 def corners(start: np.ndarray, limits: JointLimits) -> Trajectory:
-    """There and back: a stop in between."""
-    ways = np.concatenate((np.linspace(0, 0.2, 12), np.linspace(0.19, 0, 12)))[:, None]
-    return time_path(start + ways, limits, DT)
+    """There and back, with a stop in between."""
+    steps = np.concatenate((np.linspace(0, 0.2, 12), np.linspace(0.19, 0, 12)))[:, None]
+    return time_path(start + steps, limits, DT)
 
 
-def slowed(name: str, share: float) -> JointLimits:
-    """Limits that are only a share of the robot's, however small."""
+def slowed(name: str, fraction: float) -> JointLimits:
+    """A fraction of the robot's limits, however small."""
     limits = load_robot(name).limits
-    kinds = {kind: share * getattr(limits, kind) for kind in ("velocity", "acceleration", "jerk")}
+    kinds = {
+        kind: fraction * getattr(limits, kind) for kind in ("velocity", "acceleration", "jerk")
+    }
     return replace(limits, **kinds)
 
 
@@ -69,53 +71,53 @@ MOTIONS: tuple[Motion, ...] = (straight, wave, loop, corners, slower)
 
 @pytest.mark.parametrize("motion", MOTIONS)
 @pytest.mark.parametrize("name", ROBOTS)
-def test_set_points_that_are_worked_out_late_are_the_same_to_the_bit(
+def test_lazy_set_points_are_identical_bit_for_bit(
     name: str, motion: Motion, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One by one, by the piece and by their numbers, also on the other side of a pipe."""
+    """Individually, in pieces, by index, and after pickling."""
     robot = load_robot(name)
     limits = robot.limits.scaled(0.3)
     whole = motion(robot.postures["home"], limits)
     assert type(whole) is Trajectory
     monkeypatch.setattr(trajectory, "LONG", 16)
     monkeypatch.setattr(trajectory, "_BLOCK", 50)
-    made = motion(robot.postures["home"], limits)
-    assert isinstance(made, LongTrajectory)
-    for late in (made, pickle.loads(pickle.dumps(made))):  # noqa: S301 - our own
-        assert len(late) == len(whole)
+    planned = motion(robot.postures["home"], limits)
+    assert isinstance(planned, LongTrajectory)
+    for lazy in (planned, pickle.loads(pickle.dumps(planned))):  # noqa: S301 - our own
+        assert len(lazy) == len(whole)
         for kind in ("q", "v", "a"):
-            assert np.array_equal(getattr(late, kind), getattr(whole, kind)), kind
+            assert np.array_equal(getattr(lazy, kind), getattr(whole, kind)), kind
         for i in (0, len(whole) - 1, len(whole) // 2, len(whole) // 2 + 1, 3):
-            assert all(map(np.array_equal, late.set_point(i), whole.set_point(i)))
+            assert all(map(np.array_equal, lazy.set_point(i), whole.set_point(i)))
         times = np.sort(np.random.default_rng(0).uniform(-0.1, whole.duration + 0.1, 70))
-        places = np.column_stack((times, np.full(70, 0.7), np.full(70, 0.1)))
-        slower = sampled_at(late, places), sampled_at(whole, places)
+        parameters = np.column_stack((times, np.full(70, 0.7), np.full(70, 0.1)))
+        slower = sampled_at(lazy, parameters), sampled_at(whole, parameters)
         assert all(np.array_equal(*(getattr(one, kind) for one in slower)) for kind in "qva")
         at = float(times[30])
-        assert all(map(np.array_equal, late.at(at), whole.at(at)))
-    assert np.array_equal(made.start, whole.q[0])
-    assert np.array_equal(made.end, whole.q[-1])
-    twice = made.then(straight(whole.end, limits))
+        assert all(map(np.array_equal, lazy.at(at), whole.at(at)))
+    assert np.array_equal(planned.start, whole.q[0])
+    assert np.array_equal(planned.end, whole.q[-1])
+    twice = planned.then(straight(whole.end, limits))
     assert np.array_equal(twice.q[: len(whole)], whole.q)
     assert twice.end == pytest.approx(whole.end + 0.3)
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
-def test_memory_does_not_depend_on_the_length(motion: Motion) -> None:
-    """From minutes to days, planned, checked against obstacles and gone through in part."""
+def test_memory_does_not_depend_on_the_duration(motion: Motion) -> None:
+    """From minutes to days: planned, outlined for collision checks, and partly executed."""
     robot = load_robot("ur5")
     radii = np.full(6, 0.8)
     lengths = []
     peaks = []
     for speed in (1e-3, 1e-6):
         tracemalloc.start()
-        made = motion(robot.postures["home"], slowed("ur5", speed))
-        outline(made, radii, 0.005)
-        for i in range(len(made) // 2, len(made) // 2 + 3000):
-            made.set_point(i)
+        planned = motion(robot.postures["home"], slowed("ur5", speed))
+        outline(planned, radii, 0.005)
+        for i in range(len(planned) // 2, len(planned) // 2 + 3000):
+            planned.set_point(i)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
-        lengths.append(len(made))
+        lengths.append(len(planned))
     assert lengths[0] > LONG
     assert lengths[-1] > 300 * lengths[0]
     assert max(peaks) < 40e6
@@ -126,31 +128,31 @@ def test_memory_does_not_depend_on_the_length(motion: Motion) -> None:
 @given(
     st.sampled_from(MOTIONS), st.sampled_from(ROBOTS), st.floats(-6.0, -2.0), st.floats(0.0, 1.0)
 )
-def test_a_long_motion_keeps_its_limits_wherever_one_looks(
-    motion: Motion, name: str, exponent: float, place: float
+def test_long_motion_respects_its_limits_everywhere(
+    motion: Motion, name: str, exponent: float, fraction: float
 ) -> None:
-    """Up to the rounding of its own clock: after weeks a step is a difference of large times."""
+    """Up to the rounding of time: after weeks, a step is a difference of large times."""
     robot = load_robot(name)
     limits = slowed(name, 10.0**exponent)
-    made = motion(robot.postures["home"], limits)
-    last = len(made) - 1
-    most = 1.0 + 1e-9 + float(np.spacing(made.duration)) / DT
-    for first in (0, round(place * last), max(last - 2000, 0)):
-        piece = made.piece(first, min(first + 2000, len(made)))
+    planned = motion(robot.postures["home"], limits)
+    last = len(planned) - 1
+    most = 1.0 + 1e-9 + float(np.spacing(planned.duration)) / DT
+    for first in (0, round(fraction * last), max(last - 2000, 0)):
+        piece = planned.piece(first, min(first + 2000, len(planned)))
         use = use_of_limits(piece, limits)
         assert max(use.velocity, use.acceleration, use.jerk) <= most
         assert use.position_margin >= 0.0
-    for rest in (made.set_point(0), made.set_point(last)):
+    for rest in (planned.set_point(0), planned.set_point(last)):
         assert not rest[1].any()
         assert not rest[2].any()
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
-def test_an_outline_leaves_no_room_between_two_configurations(motion: Motion) -> None:
+def test_outline_bounds_the_distance_between_configurations(motion: Motion) -> None:
     robot = load_robot("panda")
     radii = np.linspace(1.0, 0.1, 7)
-    made = motion(robot.postures["home"], slowed("panda", 1e-4))
-    rows = outline(made, radii, 0.0002)
-    assert len(rows) > LONG, "those that are too far apart are to be parted"
+    planned = motion(robot.postures["home"], slowed("panda", 1e-4))
+    rows = outline(planned, radii, 0.0002)
+    assert len(rows) > LONG, "the test needs refined steps"
     assert (np.abs(np.diff(rows, axis=0)) @ radii).max() <= 0.0001
-    assert np.array_equal(rows[[0, -1]], [made.start, made.end])
+    assert np.array_equal(rows[[0, -1]], [planned.start, planned.end])

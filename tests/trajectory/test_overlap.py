@@ -1,4 +1,4 @@
-"""Motions that begin before the one before has ended: limits, ends, paths, and refusals."""
+"""Overlapping motions: limits, ends, paths, and refusals."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from bt_dualarm.trajectory.trajectory import Trajectory, use_of_limits
 
 DT = 0.004
 ON_PATH_RAD = 1e-5
-"""A stretched motion is interpolated between set-points, which are that close to its path."""
+"""Tolerance of a stretched motion, which is interpolated between set-points, rad."""
 
 LIMITS = {name: load_robot(name).limits for name in ("ur5", "panda", "xarm7")}
 
@@ -28,7 +28,7 @@ counts = st.integers(2, 4)
 
 
 def motions_of(limits: JointLimits, seed: int, count: int) -> list[Trajectory]:
-    """Motions from rest to rest in the middle of the limits, each at a speed of its own."""
+    """Motions from rest to rest in the middle of the range, each at its own speed."""
     rng = np.random.default_rng(seed)
     middle = (limits.lower + limits.upper) / 2
     ends = middle + rng.uniform(-0.5, 0.5, (count + 1, len(middle)))
@@ -42,23 +42,23 @@ def motions_of(limits: JointLimits, seed: int, count: int) -> list[Trajectory]:
 def overlap_all(
     motions: list[Trajectory], limits: JointLimits, longest_s: float
 ) -> tuple[OverlappedMotion, list[tuple[int, int]]]:
-    """All motions in one, and the overlaps of the last `then` that were asked for."""
+    """All motions in one, and the overlaps for which the last `then` requested permission."""
     whole = OverlappedMotion.of(motions[0])
-    asked: list[tuple[int, int]] = []
+    requested: list[tuple[int, int]] = []
 
     def is_allowed(_: Trajectory, first: int, last: int) -> bool:
-        asked.append((first, last))
+        requested.append((first, last))
         return True
 
     for motion in motions[1:]:
-        asked.clear()
+        requested.clear()
         whole = whole.then(motion, limits, longest_s, is_allowed)
-    return whole, asked
+    return whole, requested
 
 
 @given(arms, seeds, counts, st.floats(0.0, 2.0))
 @settings(max_examples=25, deadline=None)
-def test_the_whole_keeps_the_limits_and_is_no_longer(
+def test_overlapped_motion_respects_the_limits_and_is_not_longer(
     arm: str, seed: int, count: int, longest_s: float
 ) -> None:
     limits = LIMITS[arm]
@@ -75,7 +75,7 @@ def test_the_whole_keeps_the_limits_and_is_no_longer(
 
 @given(arms, seeds, counts)
 @settings(max_examples=15, deadline=None)
-def test_ends_are_in_order_and_the_last_is_the_duration(arm: str, seed: int, count: int) -> None:
+def test_ends_are_ordered_and_the_last_is_the_duration(arm: str, seed: int, count: int) -> None:
     whole, _ = overlap_all(motions_of(LIMITS[arm], seed, count), LIMITS[arm], 1.0)
     assert len(whole.ends_s) == count
     assert all(next_one >= one - 1e-9 for one, next_one in itertools.pairwise(whole.ends_s))
@@ -84,19 +84,19 @@ def test_ends_are_in_order_and_the_last_is_the_duration(arm: str, seed: int, cou
 
 def distance_to_line(point: Vector, start: Vector, end: Vector) -> float:
     """Distance of a configuration from the segment between two others, rad."""
-    way = end - start
-    share = float(np.clip((point - start) @ way / (way @ way), 0.0, 1.0))
-    return float(np.linalg.norm(point - start - share * way))
+    step = end - start
+    fraction = float(np.clip((point - start) @ step / (step @ step), 0.0, 1.0))
+    return float(np.linalg.norm(point - start - fraction * step))
 
 
 @given(arms, seeds)
 @settings(max_examples=15, deadline=None)
-def test_only_the_overlap_leaves_the_paths(arm: str, seed: int) -> None:
-    """Before and after the set-points that the caller checks, the joints are on a path."""
+def test_motion_leaves_its_paths_only_in_the_overlap(arm: str, seed: int) -> None:
+    """Before and after the set-points that the caller checks, the joints are on the paths."""
     first, second = motions_of(LIMITS[arm], seed, 2)
-    whole, asked = overlap_all([first, second], LIMITS[arm], 0.5 * second.duration)
-    assume(asked)  # sometimes no overlap is shorter than one motion after the other
-    begin, end = asked[-1]
+    whole, requested = overlap_all([first, second], LIMITS[arm], 0.5 * second.duration)
+    assume(requested)  # sometimes no overlap is shorter than the sequence
+    begin, end = requested[-1]
     assert 0 <= begin < end < len(whole.motion)
     for q in whole.motion.q[: begin + 1]:
         assert distance_to_line(q, first.start, first.end) < ON_PATH_RAD
@@ -108,7 +108,7 @@ def test_only_the_overlap_leaves_the_paths(arm: str, seed: int) -> None:
 
 @given(arms, seeds)
 @settings(max_examples=10, deadline=None)
-def test_without_permission_the_motions_follow_each_other(arm: str, seed: int) -> None:
+def test_motions_are_sequential_without_permission(arm: str, seed: int) -> None:
     first, second = motions_of(LIMITS[arm], seed, 2)
     whole = OverlappedMotion.of(first).then(second, LIMITS[arm], 1.0, lambda *_: False)
     plain = first.then(second)
@@ -118,7 +118,7 @@ def test_without_permission_the_motions_follow_each_other(arm: str, seed: int) -
 
 @given(arms, seeds)
 @settings(max_examples=10, deadline=None)
-def test_a_shorter_overlap_is_tried_where_the_best_is_refused(arm: str, seed: int) -> None:
+def test_shorter_overlap_is_tried_if_the_best_is_refused(arm: str, seed: int) -> None:
     first, second = motions_of(LIMITS[arm], seed, 2)
     durations: list[float] = []
 
@@ -132,8 +132,8 @@ def test_a_shorter_overlap_is_tried_where_the_best_is_refused(arm: str, seed: in
     assert whole.motion.duration < first.duration + second.duration
 
 
-def test_no_more_than_two_motions_overlap_at_a_time() -> None:
-    """A third motion begins when the first has ended at the earliest."""
+def test_at_most_two_motions_overlap() -> None:
+    """A third motion does not start before the first has ended."""
     for seed in range(20):
         limits = LIMITS["ur5"]
         motions = motions_of(limits, seed, 3)

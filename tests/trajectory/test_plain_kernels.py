@@ -1,4 +1,4 @@
-"""What the kernels of a servo mean: the same functions, read by Python itself."""
+"""Compiled kernels of a servo agree with the same functions in plain Python."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from tests.trajectory.served import served
 ROBOTS = ("panda", "ur5")
 
 
-def test_compiled_kernels_do_what_plain_python_does() -> None:
-    """Set-points are the same but for rounding."""
+def test_compiled_kernels_agree_with_plain_python() -> None:
+    """Set-points agree up to rounding."""
     command = [sys.executable, "-m", "tests.trajectory.served", *ROBOTS]
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, check=False)

@@ -52,9 +52,7 @@ def smooth_path(limits: JointLimits, seed: int, size: float, harmonics: int = 2)
 
 @given(arms, seeds, speeds, st.floats(1e-4, 0.3))
 @settings(max_examples=25, deadline=None)
-def test_no_set_point_on_a_path_passes_a_limit(
-    arm: str, seed: int, speed: float, size: float
-) -> None:
+def test_timed_path_respects_the_limits(arm: str, seed: int, speed: float, size: float) -> None:
     limits = LIMITS[arm].scaled(speed)
     path = smooth_path(LIMITS[arm], seed, size)
     motion = time_path(path, limits, DT, closed=True)
@@ -65,42 +63,44 @@ def test_no_set_point_on_a_path_passes_a_limit(
 
 @given(arms, seeds, speeds)
 @settings(max_examples=8, deadline=None)
-def test_timing_never_leaves_the_path(arm: str, seed: int, speed: float) -> None:
-    """Every set-point lies on the curve, whatever the speed: only time is changed."""
+def test_timing_does_not_leave_the_path(arm: str, seed: int, speed: float) -> None:
+    """Every set-point lies on the curve at any speed."""
     path = smooth_path(LIMITS[arm], seed, 0.3)
     motion = time_path(path, LIMITS[arm].scaled(speed), DT, closed=True)
-    share = np.linspace(0.0, 1.0, len(path))
+    fraction = np.linspace(0.0, 1.0, len(path))
     path[-1] = path[0]
-    dense = cubic_spline(share, path, closed=True)(np.linspace(0.0, 1.0, 20_001))
+    dense = cubic_spline(fraction, path, closed=True)(np.linspace(0.0, 1.0, 20_001))
     distance, _ = cKDTree(dense).query(motion.q[::10])
-    assert distance.max() < 1e-3  # the spacing of the dense curve, and what the knots' place does
+    assert (
+        distance.max() < 1e-3
+    )  # due to the spacing of the dense curve and the position of the knots
 
 
-def test_a_path_takes_little_longer_than_the_bound_without_jerk_limits() -> None:
+def test_timed_path_is_little_longer_than_the_bound_without_jerk_limits() -> None:
     limits = LIMITS["ur5"]
     path = smooth_path(limits, 4, 0.2, harmonics=1)
-    share = np.linspace(0.0, 1.0, len(path))
-    shortest = TimeOptimal(cubic_spline(share, path), limits).fastest.duration
+    fraction = np.linspace(0.0, 1.0, len(path))
+    shortest = TimeOptimal(cubic_spline(fraction, path), limits).fastest.duration
     motion = time_path(path, limits, DT, closed=True)
     assert shortest < motion.duration < 1.25 * shortest
 
 
-def test_the_bound_is_found_with_the_motion(monkeypatch: pytest.MonkeyPatch) -> None:
-    """And no TOPP-RA problem is solved twice."""
+def test_bound_is_returned_with_the_motion(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No TOPP-RA problem is solved twice."""
     limits = LIMITS["ur5"]
     solved = list[Vector]()
     solve = TimeOptimal.profile
 
-    def noted(optimal: TimeOptimal, share: Vector) -> Profile:
-        solved.append(share.copy())
-        return solve(optimal, share)
+    def recorded(optimal: TimeOptimal, fraction: Vector) -> Profile:
+        solved.append(fraction.copy())
+        return solve(optimal, fraction)
 
     path = smooth_path(limits, 4, 0.2)
     shortest = TimeOptimal(spline_through(path, limits, closed=False), limits).fastest.duration
-    monkeypatch.setattr(TimeOptimal, "profile", noted)
+    monkeypatch.setattr(TimeOptimal, "profile", recorded)
     motion, bound = timed_path(path, limits, DT)
     assert bound == shortest < motion.duration
-    assert len({share.tobytes() for share in solved}) == len(solved) > 1
+    assert len({fraction.tobytes() for fraction in solved}) == len(solved) > 1
 
 
 def test_half_the_speed_takes_longer() -> None:
@@ -119,24 +119,24 @@ def test_repeated_samples_change_nothing() -> None:
 
 
 @pytest.mark.parametrize("count", [1, 2, 50])
-def test_a_path_of_no_length_is_one_set_point(count: int) -> None:
+def test_path_of_zero_length_is_one_set_point(count: int) -> None:
     motion = time_path(np.full((count, 6), 0.3), LIMITS["ur5"], DT)
     assert len(motion) == 1
     np.testing.assert_array_equal(motion.q[0], 0.3)
 
 
-def test_where_a_path_turns_back_the_arm_stops() -> None:
-    """A line there and back, and a corner, take as long as their parts."""
-    there = np.linspace(np.zeros(6), np.full(6, 0.5), 40)
-    once = time_path(there, LIMITS["ur5"], DT)
-    both = time_path(np.vstack((there, there[::-1])), LIMITS["ur5"], DT)
+def test_arm_stops_where_a_path_reverses() -> None:
+    """A line there and back takes twice as long as the line."""
+    one_way = np.linspace(np.zeros(6), np.full(6, 0.5), 40)
+    once = time_path(one_way, LIMITS["ur5"], DT)
+    both = time_path(np.vstack((one_way, one_way[::-1])), LIMITS["ur5"], DT)
     assert both.duration == pytest.approx(2 * once.duration)
     assert use_of_limits(both, LIMITS["ur5"]).within
     np.testing.assert_allclose(both.q.max(axis=0), 0.5)
 
 
-def test_a_narrow_tip_slows_the_arm_there_and_not_everywhere() -> None:
-    """An ellipse ten times as long as wide takes little longer than going there and back."""
+def test_sharp_bend_slows_the_arm_only_locally() -> None:
+    """An ellipse ten times as long as wide takes little longer than a line there and back."""
     angle = np.linspace(0.0, 2.0 * np.pi, 400)[:, None]
     along, across = np.eye(6)[:2]
     ellipse = 0.5 * np.cos(angle) * along + 0.05 * np.sin(angle) * across
@@ -155,14 +155,14 @@ def test_short_and_sparse_paths_are_timed(length: float, count: int) -> None:
     np.testing.assert_allclose(motion.q[-1], path[-1], atol=1e-12)
 
 
-def test_a_straight_path_takes_little_longer_than_point_to_point() -> None:
+def test_straight_path_takes_little_longer_than_point_to_point() -> None:
     path = np.linspace(np.zeros(6), np.full(6, 1.0), 50)
     shortest = point_to_point(path[0], path[-1], LIMITS["ur5"], DT).duration
     assert time_path(path, LIMITS["ur5"], DT).duration < 1.1 * shortest
 
 
 @pytest.mark.parametrize("value", [np.nan, 7.0])
-def test_a_path_that_no_arm_can_have_is_refused(value: float) -> None:
+def test_path_with_invalid_configurations_is_refused(value: float) -> None:
     path = np.zeros((5, 6))
     path[3, 2] = value
     with pytest.raises(ValueError, match="path"):
@@ -184,38 +184,38 @@ def test_point_to_point_stays_on_the_line_and_within_limits(
     start, goal = configurations(limits, seed)
     whole = point_to_point(start, goal, limits, DT)
     motion = whole.piece(0, len(whole))
-    way = (goal - start) / np.linalg.norm(goal - start)
-    off = motion.q - start
-    assert np.abs(off - np.outer(off @ way, way)).max() < 1e-12
+    direction = (goal - start) / np.linalg.norm(goal - start)
+    moved = motion.q - start
+    assert np.abs(moved - np.outer(moved @ direction, direction)).max() < 1e-12
     assert use_of_limits(motion, limits).within
     assert_at_rest(motion)
     np.testing.assert_array_equal(motion.q[-1], goal)
 
 
-def test_point_to_point_takes_the_time_it_is_given() -> None:
+def test_point_to_point_has_the_given_duration() -> None:
     start, goal = configurations(LIMITS["ur5"], 0)
     assert point_to_point(start, goal, LIMITS["ur5"], DT, 20.0).duration == pytest.approx(20.0)
 
 
-def test_point_to_point_where_it_is_already_does_not_move() -> None:
+def test_point_to_point_to_the_start_does_not_move() -> None:
     start, _ = configurations(LIMITS["ur5"], 0)
     assert len(point_to_point(start, start, LIMITS["ur5"], DT)) == 1
 
 
 @pytest.mark.parametrize("value", [np.nan, 100.0])
-def test_a_goal_outside_the_limits_is_refused(value: float) -> None:
+def test_goal_outside_the_limits_is_refused(value: float) -> None:
     with pytest.raises(ValueError, match="goal"):
         point_to_point(np.zeros(6), np.full(6, value), LIMITS["ur5"], DT)
 
 
 @given(arms, seeds, speeds, st.floats(0.0, 1.0))
 @settings(max_examples=40, deadline=None)
-def test_a_stop_from_any_moment_of_a_motion_keeps_the_limits(
-    arm: str, seed: int, speed: float, share: float
+def test_stop_at_any_time_of_a_motion_respects_the_limits(
+    arm: str, seed: int, speed: float, fraction: float
 ) -> None:
     limits = LIMITS[arm].scaled(speed)
     motion = point_to_point(*configurations(limits, seed), limits, DT)
-    q, v, a = motion.at(share * motion.duration)
+    q, v, a = motion.at(fraction * motion.duration)
     braking = stop(q, v, a, limits, DT)
     use = use_of_limits(braking, limits)
     assert max(use.velocity, use.acceleration, use.jerk) <= 1.0 + 1e-9
@@ -225,18 +225,18 @@ def test_a_stop_from_any_moment_of_a_motion_keeps_the_limits(
     np.testing.assert_array_equal(braking.a[-1], 0.0)
 
 
-def test_a_stop_at_rest_is_one_set_point() -> None:
+def test_stop_at_rest_is_one_set_point() -> None:
     rest = np.zeros(6)
     assert len(stop(np.ones(6), rest, rest, LIMITS["ur5"], DT)) == 1
 
 
-def test_a_stop_of_a_state_of_another_arm_is_refused() -> None:
+def test_stop_with_a_state_of_another_arm_is_refused() -> None:
     with pytest.raises(ValueError, match="6 finite numbers"):
         stop(np.zeros(7), np.zeros(7), np.zeros(7), LIMITS["ur5"], DT)
 
 
-def test_what_ruckig_does_not_solve_is_a_failure_with_its_words() -> None:
-    """Its own error would escape a skill as a bug."""
+def test_error_of_ruckig_is_a_failure_with_its_message() -> None:
+    """Ruckig's own exception would look like a bug of the skill."""
     still = replace(LIMITS["ur5"], jerk=np.zeros(6))
     start, goal = configurations(LIMITS["ur5"], 0)
     with pytest.raises(Failure, match=r"NO_PLAN: Ruckig finds no motion.*jerk"):

@@ -1,4 +1,4 @@
-"""Turns about a line: what is fixed to it stays, the rest goes round."""
+"""Rotations of the tool about a line."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ angles = st.floats(-7.0, 7.0).filter(lambda angle: abs(angle) > 0.05)
 
 
 @given(axes, points, angles)
-def test_points_of_the_line_stay_where_they_are_in_the_tool(
+def test_points_on_the_axis_stay_fixed(
     axis: tuple[float, float, float], offset: tuple[float, float, float], angle: float
 ) -> None:
     point = TOOL.position + np.array(offset)
@@ -34,9 +34,7 @@ def test_points_of_the_line_stay_where_they_are_in_the_tool(
 
 
 @given(axes, angles)
-def test_it_turns_evenly_by_the_angle_right_handed(
-    axis: tuple[float, float, float], angle: float
-) -> None:
+def test_rotation_is_even_and_right_handed(axis: tuple[float, float, float], angle: float) -> None:
     path = turned_about(TOOL, TOOL.position, np.array(axis), angle)
     steps = [
         (b.rotation * a.rotation.inv()).as_rotvec()
@@ -48,13 +46,13 @@ def test_it_turns_evenly_by_the_angle_right_handed(
     assert np.linalg.norm(steps[0]) < 0.031
 
 
-def test_a_whole_turn_comes_back() -> None:
+def test_full_turn_returns_to_the_start() -> None:
     path = turned_about(TOOL, TOOL.position + 0.1, np.array((0.0, 0.0, 1.0)), 2 * math.pi)
     assert path.end.distance(TOOL) < 1e-9
     assert path.length == pytest.approx(2 * math.pi * math.hypot(0.1, 0.1), rel=1e-3)
 
 
 @pytest.mark.parametrize(("axis", "angle"), [((0, 0, 0), 1.0), ((0, 0, 1), 0.0)])
-def test_what_is_no_turn_is_refused(axis: tuple[float, ...], angle: float) -> None:
+def test_rotation_without_axis_or_angle_is_refused(axis: tuple[float, ...], angle: float) -> None:
     with pytest.raises(Failure, match="INVALID_TARGET"):
         turned_about(TOOL, TOOL.position, np.array(axis, dtype=float), angle)

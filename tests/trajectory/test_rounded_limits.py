@@ -1,4 +1,4 @@
-"""Paths that end at a position limit, but for the rounding of inverse kinematics."""
+"""Paths that end at a position limit, with rounding errors of inverse kinematics."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bt_dualarm.trajectory.path_timing import time_path
 
 @pytest.mark.parametrize("robot", ["fr3", "panda", "xarm7"])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_rounding_beyond_a_limit_is_cut_off_and_more_is_refused(robot: str, sign: float) -> None:
+def test_rounding_beyond_a_limit_is_clipped_and_more_is_refused(robot: str, sign: float) -> None:
     limits = load_robot(robot).limits
     middle = 0.5 * (limits.lower + limits.upper)
     end = middle.copy()

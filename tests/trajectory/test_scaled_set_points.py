@@ -1,4 +1,4 @@
-"""Set-points at a changing time scale: machine code against NumPy."""
+"""Set-points at a varying time scale: machine code agrees with NumPy."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ DT = 0.004
 
 @pytest.fixture
 def rng() -> np.random.Generator:
-    """Randomness of these tests."""
+    """Random generator of these tests."""
     return np.random.default_rng(5)
 
 
 def test_set_points_lie_on_the_motion_at_their_scale(rng: np.random.Generator) -> None:
-    """At any path parameter: q(s), r q'(s), r² q''(s) + r' q'(s); beyond the end at rest."""
+    """At any path parameter: q(s), r q'(s), r² q''(s) + r' q'(s); at rest beyond the end."""
     motion = Trajectory(DT, *rng.normal(size=(3, 40, 6)))
     parameters = rng.uniform((-0.01, 0.0, -3.0), (motion.duration + 0.01, 1.0, 3.0), (300, 3))
-    parameters[:20, 0] = np.arange(20) * DT  # on the grid, too
+    parameters[:20, 0] = np.arange(20) * DT  # also on the grid
     rows = sampled_at(motion, parameters)
     for i, (s, rate, change) in enumerate(parameters.tolist()):
         q, v, a = motion.at(s)
@@ -34,8 +34,8 @@ def test_set_points_lie_on_the_motion_at_their_scale(rng: np.random.Generator) -
 
 
 @pytest.mark.parametrize("broken", [None, "velocity", "acceleration", "change", "jerk", "nan"])
-def test_limits_are_those_of_each_joint(rng: np.random.Generator, broken: str | None) -> None:
-    """What just keeps the limits passes; what breaks one anywhere does not."""
+def test_limits_are_checked_for_each_joint(rng: np.random.Generator, broken: str | None) -> None:
+    """A motion at the limits passes; one that exceeds any limit does not."""
     limits = np.array((rng.uniform(1, 2, 6), rng.uniform(3, 4, 6), rng.uniform(900, 1000, 6)))
     rows = np.zeros((3, 30, 6))
     i = int(rng.integers(1, 30))
@@ -55,8 +55,8 @@ def test_limits_are_those_of_each_joint(rng: np.random.Generator, broken: str | 
     assert within(rows, DT, 1.0 + 1e-6, limits) is (broken is None)
 
 
-def test_without_numba_it_is_the_same(rng: np.random.Generator) -> None:
-    """The kernel as plain Python does what its machine code does."""
+def test_compiled_kernel_agrees_with_plain_python(rng: np.random.Generator) -> None:
+    """Set-points agree up to rounding."""
     q, v, a = rng.normal(size=(3, 12, 4))
     parameters = rng.uniform((0.0, 0.0, -3.0), (0.06, 1.0, 3.0), (50, 3))
     found = np.empty((2, 3, 50, 4))

@@ -1,4 +1,4 @@
-"""Motions below a speed that varies along the path."""
+"""Motions below a speed bound that varies along the path."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bt_dualarm.trajectory.trajectory import use_of_limits
 FAR = np.full(2, np.inf)
 LIMITS = JointLimits(-FAR, FAR, np.full(2, 3.0), np.full(2, 5.0), np.full(2, 100.0), FAR)
 LENGTH = 0.07
-"""Length of the path, m; the joints are its two coordinates, in rad per 0.1 m."""
+"""Length of the path, m; the two joints are its coordinates, in rad per 0.1 m."""
 
 ROWS = np.linspace(0.0, 1.0, 21)[:, None] * np.array((6.0, 8.0)) * LENGTH
 LENGTHS = np.linspace(0.0, LENGTH, 21)
@@ -23,7 +23,7 @@ DT = 0.002
 
 
 def slowing(gentle_s: float, least: float) -> SpeedBound:
-    """Bound that falls with the distance from 55 mm on, as before a contact."""
+    """Bound that decreases from 50 to 55 mm of the path, as before a contact."""
 
     def most_m_s(lengths: Vector) -> Vector:
         near = np.clip(least + (0.055 - lengths) / gentle_s, least, 0.02)
@@ -35,19 +35,19 @@ def slowing(gentle_s: float, least: float) -> SpeedBound:
 
 @settings(max_examples=15, deadline=None)
 @given(st.floats(0.04, 0.2), st.floats(0.001, 0.004))
-def test_the_tool_is_nowhere_faster_than_allowed(gentle_s: float, least: float) -> None:
-    """Half of the averaging time, 28 ms, after the bound has fallen, the speed is below it."""
+def test_tool_speed_respects_the_bound(gentle_s: float, least: float) -> None:
+    """The speed is below the bound 28 ms, half of the averaging time, after that has decreased."""
     most_m_s = slowing(gentle_s, least)
     motion = time_path_below(ROWS, LENGTHS, most_m_s, LIMITS, DT)
-    gone = np.linalg.norm(motion.q, axis=1) / 10.0
+    covered = np.linalg.norm(motion.q, axis=1) / 10.0
     speed = np.linalg.norm(motion.v, axis=1) / 10.0
-    within = gone > 0.051
-    assert (speed[within] <= 1.3 * most_m_s(gone[within]) + 1e-6).all()
-    assert (speed[gone > 0.0555] <= 1.02 * least).all()
+    within = covered > 0.051
+    assert (speed[within] <= 1.3 * most_m_s(covered[within]) + 1e-6).all()
+    assert (speed[covered > 0.0555] <= 1.02 * least).all()
 
 
-def test_it_keeps_the_limits_and_the_path_from_rest_to_rest() -> None:
-    """As a motion without a bound of its own."""
+def test_bounded_motion_respects_limits_and_path_from_rest_to_rest() -> None:
+    """Like a motion without a bound."""
     motion = time_path_below(ROWS, LENGTHS, slowing(0.05, 0.002), LIMITS, DT)
     assert use_of_limits(motion, LIMITS).within
     assert np.abs(motion.q[:, 0] * 8.0 - motion.q[:, 1] * 6.0).max() < 1e-9
@@ -55,8 +55,8 @@ def test_it_keeps_the_limits_and_the_path_from_rest_to_rest() -> None:
     assert not motion.v[[0, -1]].any()
 
 
-def test_a_bound_that_does_not_bind_costs_a_few_milliseconds() -> None:
-    """Only the averaging time is not searched for."""
+def test_inactive_bound_costs_little_time() -> None:
+    """Only the averaging time is not optimized."""
     free = time_path(ROWS, LIMITS, DT)
     bound = time_path_below(ROWS, LENGTHS, lambda s: np.full_like(s, np.inf), LIMITS, DT)
     assert bound.duration == pytest.approx(free.duration, rel=0.05)

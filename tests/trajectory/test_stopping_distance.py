@@ -1,4 +1,4 @@
-"""The stopping distance is Ruckig's, from any state."""
+"""Stopping distances agree with Ruckig for any state."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ J = 100.0
 
 
 def farthest_of_ruckig(v: float, a: float) -> float:
-    """How far a joint gets that brakes until its velocity is zero."""
+    """Largest position of a joint that brakes to zero velocity."""
     request = ruckig.InputParameter(1)
     request.control_interface = ruckig.ControlInterface.Velocity
     request.current_velocity = [v]
@@ -30,15 +30,15 @@ def farthest_of_ruckig(v: float, a: float) -> float:
 @given(st.floats(-3.2, 3.2), st.floats(-A, A))
 @example(0.0, 0.0)
 @example(1.0, 0.0)
-@example(A * A / (2 * J), -A)  # at the end of a brake
-@example(-0.1, A)  # turns, then brakes
-def test_it_is_ruckigs(v: float, a: float) -> None:
+@example(A * A / (2 * J), -A)  # at the end of braking
+@example(-0.1, A)  # reverses, then brakes
+def test_stopping_distance_agrees_with_ruckig(v: float, a: float) -> None:
     found = stopping_distance(np.array([v]), np.array([a]), np.array([A]), np.array([J]))
     assert found[0] == pytest.approx(farthest_of_ruckig(v, a), abs=1e-9)
 
 
-def test_every_flag_counts() -> None:
-    """Of any shape and layout; what is no number is no flag that is set."""
+def test_every_checks_all_flags() -> None:
+    """For arrays of any shape and layout; a comparison with NaN is false."""
     flags = np.ones((5, 6), dtype=bool)
     assert every(flags)
     flags[4, 5] = False

@@ -1,4 +1,4 @@
-"""What guards a stream: fresh set-points, other arms, contact."""
+"""Guards of a stream: fresh set-points, distance to other arms, contact."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PERIOD = 0.004
 
 
 def run(world: World, controllers: list[JointController], seconds: float) -> Trajectory:
-    """What the first controller sends, at 250 Hz."""
+    """Set-points of the first controller, at 250 Hz."""
     sent = [controllers[0].setpoint]
     for step in range(round(seconds / world.timestep)):
         if step % 2 == 0:
@@ -37,7 +37,7 @@ def run(world: World, controllers: list[JointController], seconds: float) -> Tra
 
 
 def stream_of(motion: Trajectory, given: Callable[[float], bool]) -> Stream:
-    """A motion's set-points at the times at which there are any."""
+    """A stream of a motion's set-points, with None where `given` is false."""
 
     def at(time: float) -> SetPoint | None:
         return SetPoint(*motion.at(time)) if given(time) else None
@@ -53,8 +53,8 @@ def swing(controller: JointController, world: World) -> Trajectory:
 
 @pytest.mark.parametrize("robot", ["ur5", "panda"])
 @pytest.mark.parametrize("repeated", [False, True])
-def test_a_stream_without_new_set_points_ends_in_a_smooth_halt(robot: str, repeated: bool) -> None:
-    """Nothing, or the same one for ever: both mean that whoever sends has stopped to do so."""
+def test_stream_without_new_set_points_ends_in_a_smooth_halt(robot: str, repeated: bool) -> None:
+    """No set-point, or the same one repeated: both mean that the sender has stopped."""
     world = world_with(robot)
     controller = JointController(world, "arm1", PERIOD, Reservations())
     motion = swing(controller, world)
@@ -72,20 +72,20 @@ def test_a_stream_without_new_set_points_ends_in_a_smooth_halt(robot: str, repea
     assert 0.5 + STALE_S < moving < 1.5
 
 
-def test_an_arm_coasts_through_a_short_gap_of_its_stream() -> None:
-    """Ten set-points in twenty are lost; the arm stays within a millimeter's turn of the motion."""
+def test_arm_bridges_short_gaps_of_its_stream() -> None:
+    """Ten of every twenty set-points are lost; the joints stay within 0.01 rad of the motion."""
     world = world_with("ur5")
     controller = JointController(world, "arm1", PERIOD, Reservations())
     motion = swing(controller, world)
     controller.stream(stream_of(motion, lambda time: round(time / PERIOD) % 20 < 10))
     sent = run(world, [controller], motion.duration + 0.2)
     assert controller.fault is None
-    meant = np.array([motion.at(i * PERIOD - PERIOD)[0] for i in range(len(sent))])
-    assert np.abs(sent.q - meant).max() < 0.01
+    expected = np.array([motion.at(i * PERIOD - PERIOD)[0] for i in range(len(sent))])
+    assert np.abs(sent.q - expected).max() < 0.01
     assert use_of_limits(sent, world.robots["arm1"].limits).within
 
 
-def test_a_servo_that_nears_another_arm_goes_slower_and_stops_before_it() -> None:
+def test_servo_slows_down_and_stops_before_another_arm() -> None:
     """Its target is inside the other arm."""
     arms = {"arm1": arm("ur5", posture="present"), "arm2": arm("panda", (1.1, 0.1, 0.36), 180.0)}
     world = World(file_of(arms))
@@ -118,8 +118,8 @@ def test_a_servo_that_nears_another_arm_goes_slower_and_stops_before_it() -> Non
     assert controllers[0].at_rest
 
 
-def test_a_stream_that_touches_something_is_given_up() -> None:
-    """The arm's upper arm runs into a wall; it yields, and says what it has touched."""
+def test_stream_is_aborted_on_contact() -> None:
+    """The upper arm runs into a wall; the arm yields, and the failure names the wall."""
     wall = box((0.25, 0.45, 0.9), 0.4, fixed=True)
     world = World(file_of({"arm1": arm("ur5")}, {"wall": wall}))
     controller = JointController(world, "arm1", PERIOD, Reservations())

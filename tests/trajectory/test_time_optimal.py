@@ -1,4 +1,4 @@
-"""The fastest motion along a path, against closed forms and against TOPP-RA's authors."""
+"""The fastest motion along a path agrees with closed forms and with the TOPP-RA package."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ LIMITS = {name: load_robot(name).limits for name in WIDE}
 
 
 def corners(limits: JointLimits, rng: np.random.Generator) -> Matrix:
-    """Far configurations with sharp turns: the acceleration changes sides all the time."""
+    """Distant configurations with sharp corners: the acceleration alternates all the time."""
     lower = np.maximum(limits.lower, -3.0)
     upper = np.minimum(limits.upper, 3.0)
     return rng.uniform(lower, upper, (12, len(lower)))
@@ -44,7 +44,7 @@ def wandering(limits: JointLimits, rng: np.random.Generator) -> Matrix:
 
 
 def waves(limits: JointLimits, rng: np.random.Generator) -> Matrix:
-    """Smooth, with joints that turn back, and one that stays where it is."""
+    """Smooth paths with joints that reverse, and one that does not move."""
     dof = len(limits.lower)
     t = np.linspace(0.0, 2.0 * np.pi, 40)[:, None]
     path: Matrix = 0.3 * np.sin(t * rng.integers(1, 4, dof) + rng.uniform(0.0, 6.0, dof))
@@ -53,7 +53,7 @@ def waves(limits: JointLimits, rng: np.random.Generator) -> Matrix:
 
 
 def squared_rates_of_toppra(path: Spline, limits: JointLimits, grid: Vector) -> Vector:
-    """(ds/dt)² over the grid, by the authors' package, of shape (n,)."""
+    """(ds/dt)² over the grid, from the TOPP-RA package, of shape (n,)."""
     logging.getLogger("toppra").setLevel(logging.CRITICAL)
     geometry = toppra.SplineInterpolator(path.knots, path(path.knots), bc_type="not-a-knot")
     constraints = [
@@ -71,10 +71,10 @@ def squared_rates_of_toppra(path: Spline, limits: JointLimits, grid: Vector) -> 
 
 @pytest.mark.parametrize("draw", [corners, wandering, waves])
 @pytest.mark.parametrize("arm", sorted(LIMITS))
-def test_it_is_as_fast_as_what_the_authors_package_finds(
+def test_duration_agrees_with_the_toppra_package(
     arm: str, draw: Callable[[JointLimits, np.random.Generator], Matrix]
 ) -> None:
-    """Its linear programs are solved to 1e-6 or so, which adds up along a path."""
+    """The package solves its linear programs to about 1e-6, which adds up along a path."""
     limits = LIMITS[arm]
     for seed in range(4):
         path = spline_through(draw(limits, np.random.default_rng(seed)), limits, closed=False)
@@ -84,8 +84,8 @@ def test_it_is_as_fast_as_what_the_authors_package_finds(
         assert abs(profile.duration / theirs.duration - 1.0) < 1e-5
 
 
-def test_on_a_coarse_grid_theirs_all_but_stops_and_a_finer_one_says_that_ours_is_right() -> None:
-    """Where a bend has few places, their largest speed there may be one that leads to rest."""
+def test_refined_grids_confirm_ours_where_toppra_almost_stops() -> None:
+    """With few grid points in a bend, the package may choose a speed there that leads to rest."""
     limits = LIMITS["xarm7"]
     path = spline_through(wandering(limits, np.random.default_rng(1)), limits, closed=False)
     ours, theirs = durations(path, limits, 200)
@@ -97,7 +97,7 @@ def test_on_a_coarse_grid_theirs_all_but_stops_and_a_finer_one_says_that_ours_is
 
 
 def durations(path: Spline, limits: JointLimits, steps: int) -> tuple[float, float]:
-    """Seconds that the fastest motion takes on a grid of so many steps: ours, theirs."""
+    """Durations of the fastest motion on a grid with `steps` steps, ours and theirs, s."""
     grid = np.linspace(0.0, path.knots[-1], steps + 1)
     slope = path(grid, 1)
     most = (limits.velocity / np.abs(slope)).min(axis=1) ** 2
@@ -110,25 +110,25 @@ def durations(path: Spline, limits: JointLimits, steps: int) -> tuple[float, flo
 
 @pytest.mark.parametrize("draw", [corners, wandering, waves])
 @pytest.mark.parametrize("arm", sorted(LIMITS))
-def test_limits_are_kept_at_every_place_and_one_of_them_is_reached(
+def test_limits_hold_everywhere_and_one_is_always_reached(
     arm: str, draw: Callable[[JointLimits, np.random.Generator], Matrix]
 ) -> None:
-    """Also with a share of the acceleration only: what is fastest is always at some limit.
+    """Even with reduced acceleration: the fastest motion is always at some limit.
 
-    At the end of a step the acceleration is the step's own: the limits hold at both ends of it.
+    The acceleration is constant over a step: the limits hold at both of its ends.
     """
     limits = LIMITS[arm]
     rng = np.random.default_rng(7)
     path = spline_through(draw(limits, rng), limits, closed=False)
     fastest = TimeOptimal(path, limits)
     grid = fastest.grid
-    share = scipy.ndimage.gaussian_filter1d(rng.uniform(0.05, 1.0, len(grid)), 5.0)
-    profile = fastest.profile(share)
+    scale = scipy.ndimage.gaussian_filter1d(rng.uniform(0.05, 1.0, len(grid)), 5.0)
+    profile = fastest.profile(scale)
     slope = path(grid, 1)
     curvature = path(grid, 2)
     squares = profile.rate**2
     change = np.diff(squares)[:, None] / (2.0 * np.diff(grid)[:, None])
-    allowed = limits.acceleration * share[:, None]
+    allowed = limits.acceleration * scale[:, None]
     velocity = (np.abs(slope) * profile.rate[:, None] / limits.velocity).max(axis=1)
     use = [
         np.abs(slope[end] * change + curvature[end] * squares[end, None]) / allowed[end]
@@ -138,21 +138,19 @@ def test_limits_are_kept_at_every_place_and_one_of_them_is_reached(
     assert velocity.max() <= 1.0 + 1e-9
     assert acceleration.max() <= 1.0 + 1e-6
     used = np.maximum(velocity[1:], acceleration)
-    # Where a step ends at the largest speed of its end, the next one is at that limit.
+    # Where a step ends at the largest allowed speed, the next one is at that limit.
     assert np.maximum(used[1:], used[:-1]).min() > 1.0 - 1e-6
 
 
 @pytest.mark.parametrize("length", [0.01, 0.3, 2.0])
 @pytest.mark.parametrize("arm", sorted(LIMITS))
-def test_a_straight_line_takes_what_the_trapezoid_of_its_velocity_takes(
-    arm: str, length: float
-) -> None:
-    """Speeding up, at the velocity limit if it is reached, slowing down."""
+def test_straight_line_takes_as_long_as_a_trapezoidal_profile(arm: str, length: float) -> None:
+    """Acceleration, a phase at the velocity limit if that is reached, and deceleration."""
     limits = LIMITS[arm]
-    way = length * np.linspace(0.2, 1.0, len(limits.lower))
-    line = spline_through(np.linspace(0.0, 1.0, 30)[:, None] * way, limits, closed=False)
-    velocity = (limits.velocity / way).min()
-    acceleration = (limits.acceleration / way).min()
+    span = length * np.linspace(0.2, 1.0, len(limits.lower))
+    line = spline_through(np.linspace(0.0, 1.0, 30)[:, None] * span, limits, closed=False)
+    velocity = (limits.velocity / span).min()
+    acceleration = (limits.acceleration / span).min()
     shortest = 2.0 / np.sqrt(acceleration)
     if acceleration > velocity**2:
         shortest = 1.0 / velocity + velocity / acceleration
@@ -160,8 +158,8 @@ def test_a_straight_line_takes_what_the_trapezoid_of_its_velocity_takes(
 
 
 @pytest.mark.parametrize("reach", [1, 2, 3, 4, 7, 40])
-def test_largest_of_neighbors_is_scipys_maximum_filter(reach: int) -> None:
-    """Also where the window reaches beyond one end or both."""
+def test_largest_within_agrees_with_scipys_maximum_filter(reach: int) -> None:
+    """Including windows that extend beyond one end or both."""
     for count in (1, 2, 9, 33):
         values = np.random.default_rng(count).normal(size=count)
         expected = scipy.ndimage.maximum_filter1d(values, 2 * reach + 1)

@@ -1,4 +1,4 @@
-"""A motion at another scale keeps its path and the limits, and can go on again."""
+"""A time-scaled motion keeps its path and the limits, and can be resumed."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ DT = 0.004
 ROBOTS = ("ur5", "panda")
 
 
-def drawn(robot: Robot, speed: float) -> Trajectory:
-    """A circle of 0.1 m."""
+def circular(robot: Robot, speed: float) -> Trajectory:
+    """A motion along a circle of 0.1 m."""
     arm = Kinematics(robot, Pose.identity())
     q = robot.postures["home"]
     axes = np.array((0.0, 1.0, 0.0)), np.array((0.0, 0.0, 1.0))
@@ -34,31 +34,31 @@ def sent(motion: TrajectorySource, count: int) -> Trajectory:
     return Trajectory(DT, q, v, a)
 
 
-def away_from(path: Matrix, q: Matrix) -> float:
-    """Farthest of q from the path's samples, of shape (n, dof), rad."""
+def distance_to_path(path: Matrix, q: Matrix) -> float:
+    """Largest distance of configurations q from the path's samples, of shape (n, dof), rad."""
     gaps = np.abs(q[:, None] - path[None]).max(axis=2)
     return float(gaps.min(axis=1).max())
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-@pytest.mark.parametrize("share", [0.2, 0.5, 0.8])
-def test_a_halt_stays_on_the_path(name: str, share: float) -> None:
-    """At half speed there is room in the limits to brake on the path wherever it is."""
+@pytest.mark.parametrize("fraction", [0.2, 0.5, 0.8])
+def test_halt_stays_on_the_path(name: str, fraction: float) -> None:
+    """At half speed, the limits allow braking on the path everywhere."""
     robot = load_robot(name)
-    whole = drawn(robot, 0.5)
+    whole = circular(robot, 0.5)
     motion = TrajectorySource(whole)
-    last = sent(motion, int(share * len(whole))).q[-1]
+    last = sent(motion, int(fraction * len(whole))).q[-1]
     halt = motion.halt(robot.limits)
     assert halt is not None
     assert np.abs(halt.q[0] - last).max() < 1e-9
     assert not halt.v[-1].any()
     assert use_of_limits(halt, robot.limits).within
     step = float(np.abs(np.diff(whole.q, axis=0)).max())
-    assert away_from(whole.q, halt.q) < 0.51 * step
+    assert distance_to_path(whole.q, halt.q) < 0.51 * step
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_a_motion_slows_down_stands_and_goes_on(name: str) -> None:
+def test_motion_slows_down_stops_and_resumes(name: str) -> None:
     robot = load_robot(name)
     start = robot.postures["home"]
     whole = point_to_point(start, start + 0.5, robot.limits.scaled(0.5), DT)
@@ -76,12 +76,12 @@ def test_a_motion_slows_down_stands_and_goes_on(name: str) -> None:
     assert use_of_limits(Trajectory(DT, q, v, a), robot.limits).within
     assert q[-1] == pytest.approx(whole.q[-1], abs=1e-6)
     assert motion.progress == 1.0
-    way = (q - start)[:, :1]
-    assert np.abs((q - start) - way).max() < 1e-9  # all joints keep to the straight line
+    moved = (q - start)[:, :1]
+    assert np.abs((q - start) - moved).max() < 1e-9  # all joints stay on the straight line
 
 
-def test_a_motion_at_its_own_pace_is_sent_as_planned() -> None:
-    whole = drawn(load_robot("ur5"), 1.0)
+def test_unscaled_motion_is_sent_as_planned() -> None:
+    whole = circular(load_robot("ur5"), 1.0)
     motion = TrajectorySource(whole, along_path=True)
     motion.measure(np.zeros(3))
     assert np.array_equal(sent(motion, len(whole)).q, whole.q)

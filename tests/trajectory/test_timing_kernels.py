@@ -1,4 +1,4 @@
-"""What the kernels of timing mean: the same functions in Python, and the same sums in NumPy."""
+"""Compiled kernels of timing agree with plain Python and with NumPy."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SEEDS = range(4)
 STEP = 0.004
 
 
-def test_compiled_kernels_do_what_plain_python_does() -> None:
+def test_compiled_kernels_agree_with_plain_python() -> None:
     command = [sys.executable, "-m", "tests.trajectory.timed", *map(str, SEEDS)]
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, check=False)
@@ -44,43 +44,43 @@ def motion_of(seed: int, width: float, closed: bool) -> AveragedMotion:
     return AveragedMotion(path, TimeOptimal(path, LIMITS).fastest, width)
 
 
-def judged(motion: AveragedMotion, most: float) -> tuple[Matrix, Matrix, int]:
-    """The course of a motion, shares of its limits, and how many steps were looked at."""
+def evaluated(motion: AveragedMotion, most: float) -> tuple[Matrix, Matrix, int]:
+    """Path states of a motion, used fractions of the limits, and the number of evaluated steps."""
     path = motion.path
     profile = motion.profile
     parabolas = Parabolas(profile.time, profile.place, profile.rate, *profile.pieces)
-    course = np.empty((3, len(StretchedMotion(motion, STEP, 1.0))))
-    shares = np.empty_like(course)
+    states = np.empty((3, len(StretchedMotion(motion, STEP, 1.0))))
+    fractions = np.empty_like(states)
     limits = np.array((LIMITS.velocity, LIMITS.acceleration, LIMITS.jerk))
-    v, a = np.empty((2, course.shape[1], 3))
-    write_average(parabolas, motion.width, STEP, course)
-    write_joints(path, course, v, a)
-    return course, shares, write_shares(v, a, STEP, limits, most, shares)
+    v, a = np.empty((2, states.shape[1], 3))
+    write_average(parabolas, motion.width, STEP, states)
+    write_joints(path, states, v, a)
+    return states, fractions, write_shares(v, a, STEP, limits, most, fractions)
 
 
 @pytest.mark.parametrize("closed", [False, True])
 @pytest.mark.parametrize("width", [STEP, 0.1, 3.0])
 @pytest.mark.parametrize("seed", SEEDS)
-def test_shares_of_limits_are_those_of_the_set_points(
+def test_used_fractions_of_limits_are_those_of_the_set_points(
     seed: int, width: float, closed: bool
 ) -> None:
-    """Also where the average is wider than the motion that is averaged."""
+    """Even if the averaging window is wider than the motion."""
     motion = motion_of(seed, width, closed)
-    course, shares, count = judged(motion, np.inf)
+    states, fractions, count = evaluated(motion, np.inf)
     times = np.minimum(np.arange(count) * STEP, motion.unstretched)
-    assert count == course.shape[1]
-    for mine, theirs in zip(course, motion.profile.smoothed(times, width), strict=True):
+    assert count == states.shape[1]
+    for mine, theirs in zip(states, motion.profile.smoothed(times, width), strict=True):
         assert mine == pytest.approx(theirs, abs=1e-9)
     whole = StretchedMotion(motion, STEP, 1.0).whole()
-    assert shares == pytest.approx(np.array(shares_of_limits(whole, LIMITS)), rel=1e-6, abs=1e-6)
+    assert fractions == pytest.approx(np.array(shares_of_limits(whole, LIMITS)), rel=1e-6, abs=1e-6)
 
 
-def test_no_more_is_looked_at_once_it_takes_too_much() -> None:
-    """What has been looked at until then is the same, and its last step is the first that does."""
+def test_evaluation_stops_at_the_first_violation() -> None:
+    """Evaluated steps are the same, and the last one is the first violation."""
     motion = motion_of(0, 0.05, closed=False)
-    _, whole, count = judged(motion, np.inf)
+    _, whole, count = evaluated(motion, np.inf)
     needed = np.maximum(np.maximum(whole[0], np.sqrt(whole[1])), np.cbrt(whole[2]))
     most = 0.9 * float(needed.max())
-    _, shares, stopped = judged(motion, most)
+    _, fractions, stopped = evaluated(motion, most)
     assert stopped == int(np.argmax(needed > most)) + 1 < count
-    assert (shares[:, :stopped] == whole[:, :stopped]).all()
+    assert (fractions[:, :stopped] == whole[:, :stopped]).all()

@@ -1,6 +1,6 @@
-"""Motions along random paths, as the kernels of timing have them.
+"""Motions along random paths, timed by the kernels.
 
-As a program: those of the seeds that are named, pickled, to standard output.
+As a program, it writes the pickled motions of the given seeds to standard output.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ LIMITS = JointLimits(
 
 
 def timed(seed: int) -> tuple[Matrix, Matrix, Matrix]:
-    """Set-points of a motion: an open path for an even seed, a closed one for an odd one."""
+    """Set-points of a motion along an open path for even seeds, and a closed one for odd seeds."""
     rng = np.random.default_rng(seed)
     t = np.linspace(0.0, 2.0 * np.pi, 12)[:, None]
     rows = rng.uniform(0.1, 0.4, 3) * np.sin(rng.integers(1, 3, 3) * t + rng.uniform(0.0, 6.0, 3))

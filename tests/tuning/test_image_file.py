@@ -1,4 +1,4 @@
-"""Image files, whatever they are: an image, or a sentence, in bounded time and memory."""
+"""Reading any image file gives an image or an error, in bounded time and memory."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LOSSLESS = [suffix for suffix in IMAGE_SUFFIXES if suffix not in (".jpg", ".jpeg
 
 
 def png(width: int, height: int) -> bytes:
-    """A file of a hundred bytes that says it is an image of this size."""
+    """A PNG file of a hundred bytes with a given size in its header."""
 
     def chunk(kind: bytes, content: bytes) -> bytes:
         check = struct.pack(">I", zlib.crc32(kind + content))
@@ -34,7 +34,7 @@ def png(width: int, height: int) -> bytes:
 
 
 @pytest.mark.parametrize("suffix", LOSSLESS)
-def test_an_image_is_read_as_it_was_written(suffix: str, tmp_path: Path) -> None:
+def test_lossless_image_is_read_exactly(suffix: str, tmp_path: Path) -> None:
     path = tmp_path / f"photo{suffix}"
     path.write_bytes(FILES[suffix])
     assert (read_image(path)[..., ::-1] == two_squares()).all()
@@ -46,10 +46,10 @@ def test_an_image_is_read_as_it_was_written(suffix: str, tmp_path: Path) -> None
     end=st.floats(0, 1),
 )
 @settings(max_examples=250, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_a_damaged_image_is_read_or_refused(
+def test_damaged_image_is_read_or_refused(
     tmp_path: Path, suffix: str, changes: list[tuple[float, int]], end: float
 ) -> None:
-    """Bytes replaced, half of them in the first hundred, and the end cut off."""
+    """Bytes are replaced, half of them in the first hundred, and the end is cut off."""
     content = bytearray(FILES[suffix])
     for number, (place, byte) in enumerate(changes):
         content[int(place * (len(content) if number % 2 else min(100, len(content))))] = byte
@@ -62,7 +62,7 @@ def test_a_damaged_image_is_read_or_refused(
 
 
 @pytest.mark.parametrize(
-    ("content", "says"),
+    ("content", "message"),
     [
         (None, "cannot be read: No such file"),
         (b"", "is not an image"),
@@ -72,29 +72,29 @@ def test_a_damaged_image_is_read_or_refused(
     ],
     ids=["none", "empty", "another", "huge", "large"],
 )
-def test_files_that_are_no_images_are_said(
-    content: bytes | None, says: str, tmp_path: Path
+def test_invalid_image_file_is_an_error(
+    content: bytes | None, message: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "photo.png"
     if content is not None:
         path.write_bytes(content)
-    with pytest.raises(ImageFileError, match=says):
+    with pytest.raises(ImageFileError, match=message):
         read_image(path)
 
 
-def test_what_has_no_end_is_not_opened(tmp_path: Path) -> None:
-    """A pipe that nobody writes to would keep its reader waiting for ever."""
-    pipe, device, folder, gaps = (tmp_path / f"{name}.png" for name in ("a", "b", "c", "d"))
+def test_endless_file_is_not_opened(tmp_path: Path) -> None:
+    """A pipe without a writer would block its reader forever."""
+    pipe, device, folder, sparse = (tmp_path / f"{name}.png" for name in ("a", "b", "c", "d"))
     os.mkfifo(pipe)
     device.symlink_to("/dev/zero")
     folder.mkdir()
-    with gaps.open("wb") as file:
+    with sparse.open("wb") as file:
         file.truncate(300 * 1024 * 1024)
-    for path, says in (
+    for path, message in (
         (pipe, "is a pipe or a device"),
         (device, "is a pipe or a device"),
         (folder, "cannot be read: Is a directory"),
-        (gaps, "has 300 MiB, at most 256 MiB are read"),
+        (sparse, "has 300 MiB, at most 256 MiB are read"),
     ):
-        with pytest.raises(ImageFileError, match=says):
+        with pytest.raises(ImageFileError, match=message):
             read_image(path)

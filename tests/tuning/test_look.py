@@ -1,4 +1,4 @@
-"""What is found, and the picture of it."""
+"""Blobs of a color in an image, and the picture of them."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from bt_dualarm.tuning import ColorView, png, still
 
 
 def two_squares() -> Image:
-    """Yellow on gray, 80x60: 20x20 around (30, 30), 10x10 around (65, 15)."""
+    """Yellow squares on gray, 80x60: 20x20 around (30, 30), 10x10 around (65, 15)."""
     image = np.full((60, 80, 3), 128, np.uint8)
     image[20:40, 20:40] = image[10:20, 60:70] = (242, 217, 13)
     return image
 
 
-def test_the_largest_comes_first() -> None:
-    look = ColorView(still(two_squares()), Color.named("yellow"))
-    assert [one["centroid_px"] for one in look.table] == [[30.0, 30.0], [65.0, 15.0]]
-    assert [one["area_px"] for one in look.table] == [400.0, 100.0]
-    assert int((look.mask > 0).sum()) == 500
+def test_largest_blob_comes_first() -> None:
+    view = ColorView(still(two_squares()), Color.named("yellow"))
+    assert [one["centroid_px"] for one in view.table] == [[30.0, 30.0], [65.0, 15.0]]
+    assert [one["area_px"] for one in view.table] == [400.0, 100.0]
+    assert int((view.mask > 0).sum()) == 500
 
 
-def test_the_picture_has_three_panels_as_wide_as_each_other() -> None:
-    """Image as it is, mask in white, then what lies outside the mask darkened."""
+def test_picture_has_three_panels_of_equal_width() -> None:
+    """The image, the mask in white, and the image with everything outside the mask darkened."""
     picture = ColorView(still(two_squares()), Color.named("yellow")).picture("two")
     zoom = 6
     bar = 26
@@ -43,13 +43,13 @@ def test_the_picture_has_three_panels_as_wide_as_each_other() -> None:
     assert boxed.min(axis=0).tolist() <= [20 * zoom, 20 * zoom]
 
 
-def test_nothing_found_is_a_picture_too() -> None:
-    look = ColorView(still(two_squares()), Color.named("blue"))
-    assert look.found == ()
-    assert look.picture("none").shape[2] == 3
+def test_picture_without_blobs_is_made() -> None:
+    view = ColorView(still(two_squares()), Color.named("blue"))
+    assert view.found == ()
+    assert view.picture("none").shape[2] == 3
 
 
-def test_png_keeps_the_order_of_colors() -> None:
+def test_png_preserves_the_order_of_colors() -> None:
     image = two_squares()
     read = cv2.imdecode(np.frombuffer(png(image), np.uint8), cv2.IMREAD_COLOR)
     assert read is not None

@@ -1,4 +1,4 @@
-"""The page over the network: a browser's requests, one after the other."""
+"""Requests of a browser to the server of the tuning page."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from tests.tuning.test_look import two_squares
 
 
 class Browser:
-    """Asks one server."""
+    """Sends requests to one server."""
 
     def __init__(self, port: int) -> None:
         self.port = port
 
-    def ask(
+    def request(
         self, method: str, path: str, body: bytes = b"", kind: str = "", host: str = HOST
     ) -> tuple[int, str, bytes]:
-        """Status, type and content of the answer."""
+        """Send a request; returns status, type and content of the response."""
         connection = http.client.HTTPConnection(HOST, self.port, timeout=30)
         headers = {"Host": f"{host}:{self.port}", "Content-Type": kind}
         connection.request(method, path, body, headers)
@@ -36,9 +36,9 @@ class Browser:
         connection.close()
         return answer.status, answer.headers.get_content_type(), content
 
-    def post(self, path: str, asked: object) -> tuple[int, Any]:
-        body = json.dumps(asked).encode()
-        status, _, content = self.ask("POST", path, body, "application/json")
+    def post(self, path: str, data: object) -> tuple[int, Any]:
+        body = json.dumps(data).encode()
+        status, _, content = self.request("POST", path, body, "application/json")
         return status, json.loads(content)
 
 
@@ -59,21 +59,21 @@ def browser(saved: Path) -> Iterator[Browser]:
         thread.join()
 
 
-def test_the_page_and_its_picture(browser: Browser) -> None:
-    """Everything that the page shows comes from this server."""
-    status, kind, page = browser.ask("GET", "/")
+def test_page_and_image_are_served(browser: Browser) -> None:
+    """The page loads nothing from other servers."""
+    status, kind, page = browser.request("GET", "/")
     assert (status, kind) == (200, "text/html")
     assert b"http://" not in page
     assert b"https://" not in page
-    status, kind, picture = browser.ask("GET", "/image.png")
+    status, kind, png = browser.request("GET", "/image.png")
     assert (status, kind) == (200, "image/png")
-    image = cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR)
+    image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
     assert image is not None
     assert (cv2.cvtColor(image, cv2.COLOR_BGR2RGB) == two_squares()).all()
 
 
-def test_a_click_then_save(browser: Browser, saved: Path) -> None:
-    """Blue finds nothing; a click on the yellow square finds both, and is what gets saved."""
+def test_clicked_color_is_saved(browser: Browser, saved: Path) -> None:
+    """Blue finds nothing; a click on a yellow square finds both, and this color is saved."""
     status, begin = browser.post("/begin", {})
     assert (status, begin["found"], begin["can_save"]) == (200, [], True)
     click = {"color": begin["color"], "at": [30, 30], "range": 0, "widen": False}
@@ -81,28 +81,28 @@ def test_a_click_then_save(browser: Browser, saved: Path) -> None:
     assert status == 200
     assert [one["centroid_px"] for one in seen["found"]] == [[30.0, 30.0], [65.0, 15.0]]
     assert seen["mask"].startswith("data:image/png;base64,")
-    status, said = browser.post("/save", {"color": seen["color"]})
-    assert (status, said) == (200, {"said": f"written: {saved}"})
+    status, reply = browser.post("/save", {"color": seen["color"]})
+    assert (status, reply) == (200, {"said": f"written: {saved}"})
     assert f"color: {seen['notation']}\n" in saved.read_text(encoding="utf-8")
 
 
-def test_widening_keeps_the_range(browser: Browser) -> None:
+def test_widening_click_extends_the_range(browser: Browser) -> None:
     _, begin = browser.post("/begin", {})
     click = {"color": begin["color"], "at": [30, 30], "range": 0, "widen": True}
     _, seen = browser.post("/click", click)
     ((low, high),) = (one["hue"] for one in seen["color"])
     assert low == begin["color"][0]["hue"][0]
-    assert 54 <= high < low, "from blue to yellow the way through red is the shorter one"
+    assert 54 <= high < low, "from blue to yellow, the arc through red is the shorter one"
 
 
-def test_sliders_are_looked_through(browser: Browser) -> None:
+def test_slider_values_are_applied(browser: Browser) -> None:
     _, seen = browser.post("/look", {"color": [{"hue": [42, 70]}]})
     assert seen["color"] == [{"hue": [42, 70], "saturation": [0.4, 1], "value": [0.2, 1]}]
     assert len(seen["found"]) == 2
 
 
 @pytest.mark.parametrize(
-    ("path", "asked", "says"),
+    ("path", "content", "message"),
     [
         ("/look", {"color": [{"hue": [1, 999]}]}, "hue: must be at most 360 deg, not 999"),
         ("/look", {"color": [{"hue": [1, 2], "value": [1, 0]}]}, "swap the two"),
@@ -112,40 +112,40 @@ def test_sliders_are_looked_through(browser: Browser) -> None:
         ("/click", {"color": "red", "at": "x", "range": 0, "widen": True}, "a click needs"),
     ],
 )
-def test_nonsense_is_refused_with_a_reason(
-    browser: Browser, path: str, asked: object, says: str
+def test_invalid_request_is_refused_with_a_reason(
+    browser: Browser, path: str, content: object, message: str
 ) -> None:
-    status, said = browser.post(path, asked)
+    status, reply = browser.post(path, content)
     assert status == 400
-    assert says in said["error"]
+    assert message in reply["error"]
 
 
-def test_only_the_page_itself_may_ask(browser: Browser, saved: Path) -> None:
-    """Another site can neither send JSON unasked nor give its own name to this address."""
+def test_requests_of_other_sites_are_refused(browser: Browser, saved: Path) -> None:
+    """Another site can neither send JSON without a preflight nor use its own host name."""
     body = json.dumps({"color": "red"}).encode()
-    assert browser.ask("POST", "/save", body, "text/plain")[0] == 403
-    assert browser.ask("POST", "/save", body)[0] == 403
+    assert browser.request("POST", "/save", body, "text/plain")[0] == 403
+    assert browser.request("POST", "/save", body)[0] == 403
     foreign = "evil.example"
-    assert browser.ask("POST", "/save", body, "application/json", foreign)[0] == 403
-    assert browser.ask("GET", "/", host=foreign)[0] == 403
-    assert browser.ask("GET", "/../saving.py")[0] == 404
-    assert browser.ask("POST", "/nothing", body, "application/json")[0] == 404
+    assert browser.request("POST", "/save", body, "application/json", foreign)[0] == 403
+    assert browser.request("GET", "/", host=foreign)[0] == 403
+    assert browser.request("GET", "/../saving.py")[0] == 404
+    assert browser.request("POST", "/nothing", body, "application/json")[0] == 404
     assert not saved.exists()
 
 
-def test_a_port_that_is_taken_is_said() -> None:
+def test_occupied_port_is_an_error() -> None:
     tuning = Tuning(Shot(still(two_squares()), "two"), Color.named("red"), None)
     with page_server(tuning) as server, pytest.raises(PageError, match="cannot serve on port"):
         page_server(tuning, server.server_address[1])
 
 
-def test_a_bug_is_in_the_log_and_not_on_the_terminal(
+def test_exception_is_logged_but_not_printed(
     browser: Browser,
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """The connection is closed without an answer, and the next request is served."""
+    """The connection is closed without a response, and the next request is served."""
 
     def broken(*_: object) -> None:
         raise ZeroDivisionError
@@ -155,4 +155,4 @@ def test_a_bug_is_in_the_log_and_not_on_the_terminal(
         browser.post("/begin", {})
     assert "ZeroDivisionError" in caplog.text
     assert capsys.readouterr() == ("", "")
-    assert browser.ask("GET", "/")[0] == 200
+    assert browser.request("GET", "/")[0] == 200

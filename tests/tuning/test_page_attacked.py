@@ -1,4 +1,4 @@
-"""Whatever is asked of the page, it answers, and nothing but what is meant is written."""
+"""The tuning server responds to any request, and writes only the color."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ ANYTHING: st.SearchStrategy[Any] = st.recursive(
     ),
     max_leaves=8,
 )
-"""What JSON can say as Python writes it: no number too large, halves of characters too."""
+"""Any JSON value that Python can write, including infinite numbers and lone surrogates."""
 
 REQUESTS = ANYTHING | st.fixed_dictionaries(
     {
@@ -46,15 +46,15 @@ REQUESTS = ANYTHING | st.fixed_dictionaries(
 )
 
 
-@given(asked=REQUESTS, path=st.sampled_from(["/begin", "/look", "/click"]))
+@given(data=REQUESTS, path=st.sampled_from(["/begin", "/look", "/click"]))
 @settings(max_examples=250, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_every_request_has_an_answer(
-    browser: Browser, caplog: pytest.LogCaptureFixture, asked: object, path: str
+def test_every_request_gets_a_response(
+    browser: Browser, caplog: pytest.LogCaptureFixture, data: object, path: str
 ) -> None:
-    """What was looked for, or a sentence; never a traceback, and JSON that any browser reads."""
+    """The response is a result or an error in strict JSON, without a traceback in the log."""
     with caplog.at_level(logging.ERROR):
-        status, kind, content = browser.ask(
-            "POST", path, json.dumps(asked).encode(), "application/json"
+        status, kind, content = browser.request(
+            "POST", path, json.dumps(data).encode(), "application/json"
         )
     assert (status in (200, 400), kind) == (True, "application/json")
     answer = json.loads(content, parse_constant=pytest.fail)
@@ -67,14 +67,14 @@ def test_every_request_has_an_answer(
     [b"", b"{", b"1" * 5000, b"[" * 60_000, b"\xff", b'"\\ud800"', b'{"color": 1e400}', b"NaN"],
     ids=lambda body: body[:16].decode("latin-1"),
 )
-def test_what_is_no_json_is_refused(browser: Browser, body: bytes) -> None:
-    status, _, content = browser.ask("POST", "/look", body, "application/json")
-    said = json.loads(content)["error"]
-    assert (status, said) == (400, "a request must be JSON with finite numbers and valid text")
+def test_invalid_json_is_refused(browser: Browser, body: bytes) -> None:
+    status, _, content = browser.request("POST", "/look", body, "application/json")
+    reply = json.loads(content)["error"]
+    assert (status, reply) == (400, "a request must be JSON with finite numbers and valid text")
 
 
 @pytest.mark.parametrize("length", ["", "-1", "1e3", "65537", "9" * 5000, "٣"])
-def test_a_length_that_is_none_is_refused(browser: Browser, length: str) -> None:
+def test_invalid_content_length_is_refused(browser: Browser, length: str) -> None:
     lines = (
         "POST /look HTTP/1.1",
         f"Host: {HOST}:{browser.port}",
@@ -86,10 +86,8 @@ def test_a_length_that_is_none_is_refused(browser: Browser, length: str) -> None
         assert connection.recv(100).startswith(b"HTTP/1.0 400")
 
 
-def test_a_browser_that_stops_asking_is_let_go(
-    browser: Browser, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Ten bytes are promised and three come: the connection is closed after the wait."""
+def test_stalled_request_times_out(browser: Browser, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ten bytes are announced and three arrive: the connection is closed after the timeout."""
     monkeypatch.setattr(_Handler, "timeout", 0.2)
     head = f"POST /look HTTP/1.1\r\nHost: {HOST}:{browser.port}\r\n"
     head += "Content-Type: application/json\r\nContent-Length: 10\r\n\r\nabc"
@@ -98,8 +96,8 @@ def test_a_browser_that_stops_asking_is_let_go(
         assert connection.recv(100) == b""
 
 
-def test_many_saves_at_once_are_all_done(tmp_path: Path) -> None:
-    """As clicks in two windows are: each is written, and the file is one of them, whole."""
+def test_concurrent_saves_all_succeed(tmp_path: Path) -> None:
+    """As from two windows: each is written, and the final file is one of them, complete."""
     registry = Registry.load()
     path = tmp_path / "tree.yaml"
     path.write_text(TREE % HOMES["written at the leaf"][0], encoding="utf-8")
@@ -110,8 +108,8 @@ def test_many_saves_at_once_are_all_done(tmp_path: Path) -> None:
         return str(tuning.save({"color": [{"hue": [hue, hue + 10]}]})["said"])
 
     with ThreadPoolExecutor(8) as pool:
-        said = list(pool.map(save, range(16)))
-    assert {words.rpartition(":")[0].partition(":")[0] for words in said} == {"written"}
+        replies = list(pool.map(save, range(16)))
+    assert {reply.rpartition(":")[0].partition(":")[0] for reply in replies} == {"written"}
     tree = load_tree_file(path, registry.kinds).arms["arm1"].tree
     (color,) = tree.ports["color"]
     assert color["hue"][0] in range(16)

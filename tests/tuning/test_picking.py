@@ -1,4 +1,4 @@
-"""Ranges from pixels."""
+"""Color ranges from picked pixels."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from bt_dualarm.sim.frame import Image
 from bt_dualarm.spec.values import Color, HsvRange
 from bt_dualarm.tuning import ColorError, Pixel, PixelError, adjusted, range_of
 
-shares = st.floats(0.0, 1.0)
+fractions = st.floats(0.0, 1.0)
 
 
 def stripes(*colors: tuple[float, float, float]) -> Image:
@@ -28,27 +28,27 @@ def middle(stripe: int) -> Pixel:
     return 8 * stripe + 4, 4
 
 
-def test_a_picked_pixel_is_found_and_its_neighbors_in_color_are_not() -> None:
+def test_range_contains_the_picked_color_only() -> None:
     image = stripes((54, 0.9, 0.9), (120, 0.9, 0.9))
     mask = ColorFilter(Color(ranges=(range_of(image, [middle(0)]),))).mask(image)
     assert (mask[:, :8] == 255).all()
     assert (mask[:, 8:] == 0).all()
 
 
-def test_picking_around_red_wraps() -> None:
+def test_range_around_red_wraps_around() -> None:
     found = range_of(stripes((356, 0.9, 0.9), (4, 0.9, 0.9)), [middle(0), middle(1)])
     assert found.hue[0] > found.hue[1]
     assert found.hue[0] >= 345
     assert found.hue[1] <= 15
 
 
-def test_gray_has_no_hue() -> None:
+def test_range_of_gray_has_any_hue() -> None:
     found = range_of(stripes((0, 0.0, 0.5)), [middle(0)])
     assert found.hue == (0, 360)
     assert found.saturation[1] < 0.2
 
 
-def test_widening_keeps_what_was_there() -> None:
+def test_widening_keeps_the_previous_range() -> None:
     begin = HsvRange(hue=(50, 60), saturation=(0.6, 1.0), value=(0.6, 1.0))
     found = range_of(stripes((30, 0.4, 0.9)), [middle(0)], begin)
     assert found.hue[0] <= 24
@@ -57,8 +57,8 @@ def test_widening_keeps_what_was_there() -> None:
     assert found.value == (0.6, 1.0)
 
 
-@given(st.lists(st.tuples(st.integers(0, 359), shares, shares), min_size=1, max_size=5))
-def test_every_picked_pixel_lies_in_the_range(colors: list[tuple[float, float, float]]) -> None:
+@given(st.lists(st.tuples(st.integers(0, 359), fractions, fractions), min_size=1, max_size=5))
+def test_range_contains_every_picked_pixel(colors: list[tuple[float, float, float]]) -> None:
     image = stripes(*colors)
     pixels = [middle(stripe) for stripe in range(len(colors))]
     mask = ColorFilter(Color(ranges=(range_of(image, pixels),))).mask(image)
@@ -71,10 +71,10 @@ def test_every_picked_pixel_lies_in_the_range(colors: list[tuple[float, float, f
     st.tuples(st.integers(0, 359), st.integers(0, 359)),
     st.tuples(st.integers(0, 359), st.floats(0.5, 1.0), st.floats(0.5, 1.0)),
 )
-def test_a_widened_range_holds_the_old_one(
+def test_widened_range_contains_the_old_one(
     hue: tuple[int, int], color: tuple[float, float, float]
 ) -> None:
-    """Hue by hue, on the circle."""
+    """Checked for all hues on the circle."""
     begin = HsvRange(hue=hue, saturation=(0.0, 1.0), value=(0.0, 1.0))
     every = stripes(*((degree, 1.0, 1.0) for degree in range(0, 360, 6)))
     before = ColorFilter(Color(ranges=(begin,))).mask(every)
@@ -83,12 +83,12 @@ def test_a_widened_range_holds_the_old_one(
     assert not ((before > 0) & (after == 0)).any()
 
 
-def test_a_pixel_outside_is_said() -> None:
+def test_pixel_outside_of_the_image_is_an_error() -> None:
     with pytest.raises(PixelError, match="8,0 is outside the image, which is 8x8"):
         range_of(stripes((54, 0.9, 0.9)), [(8, 0)])
 
 
-def test_a_hue_leaves_one_range_and_its_other_bounds() -> None:
+def test_changed_hue_merges_ranges_and_keeps_other_bounds() -> None:
     two = Color(ranges=(HsvRange(hue=(1, 2), value=(0.5, 1)), HsvRange(hue=(3, 4))))
     image = stripes((54, 0.9, 0.9))
     only = HsvRange(hue=(50, 60), value=(0.5, 1))

@@ -1,4 +1,4 @@
-"""A color goes where it came from, and nothing else in the file changes."""
+"""A color is saved where it was read from, and nothing else in the file changes."""
 
 from __future__ import annotations
 
@@ -64,17 +64,17 @@ def write(folder: Path, tree: str) -> Path:
 
 
 @pytest.mark.parametrize("name", HOMES)
-def test_homes_of_a_color(name: str, tmp_path: Path, registry: Registry) -> None:
+def test_color_is_saved_at_its_leaf(name: str, tmp_path: Path, registry: Registry) -> None:
     before, after = HOMES[name]
     path = write(tmp_path, before)
     color = Color.named("red") if name == "a name again" else SAVED
-    said = IntoTree(path, "arm1", None, registry)(color)
+    message = IntoTree(path, "arm1", None, registry)(color)
     assert path.read_text(encoding="utf-8") == TREE % after
-    assert said.startswith(f"written: {path}:")
+    assert message.startswith(f"written: {path}:")
     assert errors(check(path, registry.kinds).problems) == ()
 
 
-def test_a_parameter_of_type_color_is_its_home(tmp_path: Path, registry: Registry) -> None:
+def test_color_is_saved_in_its_parameter(tmp_path: Path, registry: Registry) -> None:
     path = write(tmp_path, '      track: {color: "{target}"}')
     before = path.read_text(encoding="utf-8")
     path.chmod(0o640)
@@ -86,25 +86,25 @@ def test_a_parameter_of_type_color_is_its_home(tmp_path: Path, registry: Registr
 
 
 @pytest.mark.parametrize(
-    ("tree", "says"),
+    ("tree", "reason"),
     [
         ('      track: {color: "{word}"}', "the parameter 'word', which is not a color but a text"),
         ("      subtree: {use: watch}", "this color is '{what}', a parameter of the subtree"),
     ],
 )
-def test_colors_that_are_not_of_one_leaf_are_refused_with_their_place(
-    tree: str, says: str, tmp_path: Path, registry: Registry
+def test_color_without_a_single_location_is_refused(
+    tree: str, reason: str, tmp_path: Path, registry: Registry
 ) -> None:
     path = write(tmp_path, tree)
     before = path.read_bytes()
     with pytest.raises(SpecError) as caught:
         IntoTree(path, "arm1", None, registry)(SAVED)
-    assert says in str(caught.value)
+    assert reason in str(caught.value)
     assert f"{path}:" in str(caught.value)
     assert path.read_bytes() == before
 
 
-def test_of_several_leaves_one_is_named_by_its_line(tmp_path: Path, registry: Registry) -> None:
+def test_one_of_several_leaves_is_selected_by_its_line(tmp_path: Path, registry: Registry) -> None:
     path = write(tmp_path, "      sequence:\n        - track: {color: red}\n        - track")
     with pytest.raises(NoColorPortError, match=r"(?s)give --line N:\n.*:18:.*:19:"):
         IntoTree(path, "arm1", None, registry)(SAVED)
@@ -116,14 +116,14 @@ def test_of_several_leaves_one_is_named_by_its_line(tmp_path: Path, registry: Re
     assert "[20, 35]" in lines[18]
 
 
-def test_a_tree_without_a_camera_leaf_has_no_home(tmp_path: Path, registry: Registry) -> None:
+def test_tree_without_a_camera_leaf_is_an_error(tmp_path: Path, registry: Registry) -> None:
     path = write(tmp_path, "      wait: 1")
     with pytest.raises(NoColorPortError, match="no leaf of arm1 looks for a color"):
         IntoTree(path, "arm1", None, registry)(SAVED)
 
 
-def test_a_snippet_is_a_port(tmp_path: Path, registry: Registry) -> None:
-    """Its line can be put into a leaf as it is."""
+def test_snippet_is_a_valid_port(tmp_path: Path, registry: Registry) -> None:
+    """Its line can be pasted into a leaf."""
     path = tmp_path / "color.yaml"
     AsSnippet(path, "photo.png")(SAVED)
     (port,) = (line for line in path.read_text().splitlines() if not line.startswith("#"))
@@ -131,6 +131,6 @@ def test_a_snippet_is_a_port(tmp_path: Path, registry: Registry) -> None:
     assert errors(check(tree, registry.kinds).problems) == ()
 
 
-def test_a_folder_that_cannot_be_written_to_is_said(tmp_path: Path) -> None:
+def test_unwritable_folder_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(SavingError, match="cannot write"):
         AsSnippet(tmp_path / "nowhere" / "color.yaml", "photo.png")(SAVED)

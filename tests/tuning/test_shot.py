@@ -1,4 +1,4 @@
-"""Pictures from cameras of tree files."""
+"""Images from cameras of tree files."""
 
 from __future__ import annotations
 
@@ -44,10 +44,8 @@ def file(registry: Registry, tmp_path_factory: pytest.TempPathFactory) -> TreeFi
     return load_tree_file(path, registry.kinds)
 
 
-def test_a_shot_is_of_its_moment_without_the_faults_of_the_camera(
-    file: TreeFile, registry: Registry
-) -> None:
-    """Standing, then still standing at the same place: equal pictures; later the arm has moved."""
+def test_shot_shows_its_time_without_camera_errors(file: TreeFile, registry: Registry) -> None:
+    """While the arm rests, images are equal; later the arm has moved."""
     first = camera_shot(file, registry, "arm1", ShotTime())
     later = camera_shot(file, registry, "arm1", ShotTime(0.1))
     last = camera_shot(file, registry, "arm1", ShotTime(0.7))
@@ -58,7 +56,7 @@ def test_a_shot_is_of_its_moment_without_the_faults_of_the_camera(
     assert abs(seen[2][0].centroid_px[1] - seen[0][0].centroid_px[1]) > 3
 
 
-def test_a_posture_is_where_the_arm_starts(file: TreeFile, registry: Registry) -> None:
+def test_posture_sets_the_start_of_the_arm(file: TreeFile, registry: Registry) -> None:
     poses = [
         camera_shot(file, registry, "arm1", ShotTime(posture=posture)).frame.pose
         for posture in (None, "look_out", "home")
@@ -67,31 +65,31 @@ def test_a_posture_is_where_the_arm_starts(file: TreeFile, registry: Registry) -
     assert poses[0].distance(poses[2]) > 0.1
 
 
-def test_a_run_that_ends_earlier_says_so(file: TreeFile, registry: Registry) -> None:
+def test_shot_reports_an_earlier_end_of_the_run(file: TreeFile, registry: Registry) -> None:
     shot = camera_shot(file, registry, "arm1", ShotTime(60.0))
     assert "where the run ended" in shot.what
     assert shot.frame.stamp < 20
 
 
-def test_an_arm_that_is_not_there_has_no_picture(file: TreeFile, registry: Registry) -> None:
+def test_absent_arm_has_no_shot(file: TreeFile, registry: Registry) -> None:
     for seconds in (0.0, 0.05):
         with pytest.raises(ShotError, match="arm2 is not in the world at"):
             camera_shot(file, registry, "arm2", ShotTime(seconds))
 
 
 @pytest.mark.parametrize(
-    ("name", "says"),
+    ("name", "message"),
     [
         (None, r"several arms have one \(arm1, arm2\); give --arm NAME"),
         ("arm3", "there is no arm 'arm3': did you mean"),
     ],
 )
-def test_the_camera_must_be_clear(name: str | None, says: str, file: TreeFile) -> None:
+def test_camera_must_be_unambiguous(name: str | None, message: str, file: TreeFile) -> None:
     assert camera_arm(file, "arm1") == "arm1"
-    with pytest.raises(ShotError, match=says):
+    with pytest.raises(ShotError, match=message):
         camera_arm(file, name)
 
 
-def test_a_blind_arm_has_no_camera(registry: Registry) -> None:
+def test_tree_without_a_camera_is_an_error(registry: Registry) -> None:
     with pytest.raises(ShotError, match="which camera\\? no arm has one"):
         camera_arm(load_tree_file(find_tree("circle"), registry.kinds), None)

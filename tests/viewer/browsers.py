@@ -1,4 +1,4 @@
-"""A browser as tests need it: asks as the page does, or as it never would."""
+"""A test client of the viewer: sends requests like the page does, or invalid ones."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 
 
 class Browser:
-    """Asks a server for what its page asks for.
+    """Sends requests of the page to a server.
 
     Args:
         url: Address of the page.
@@ -38,7 +38,7 @@ class Browser:
             connection.close()
 
     def fetch(self, what: str) -> Any:
-        """What is answered, in JSON."""
+        """Response in JSON."""
         status, content = self.ask(what)
         assert status == 200, content
         return json.loads(content)
@@ -52,19 +52,19 @@ class Browser:
         assert status == 200, content
 
     def until(self, what: str, is_so: Callable[[Any], bool]) -> Any:
-        """What is answered once it is as it should be."""
+        """Response once it satisfies a condition."""
         for _ in range(600):
             found = self.fetch(what)
             if is_so(found):
                 return found
-            time.sleep(0.05)  # another process looks at the file
-        raise AssertionError(f"{what} never became so: {found}")
+            time.sleep(0.05)  # another process watches the file
+        raise AssertionError(f"{what} never met the condition: {found}")
 
     def held(self) -> dict[str, Any]:
-        """The run as it stands once it is held."""
+        """State of the run once it is held."""
         for _ in range(500):
             found = self.now()
             if found["held"] and found["paused"]:
                 return found
-            time.sleep(0.01)  # the run goes on in another thread
-        raise AssertionError("it is not held")
+            time.sleep(0.01)  # the run continues in another thread
+        raise AssertionError("the run is not held")

@@ -1,4 +1,4 @@
-"""A real browser for tests: Chromium without a screen, told what to do by its own protocol."""
+"""A real browser for tests: headless Chromium, controlled by its DevTools protocol."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from typing import Any
 
 import pytest
 
-_PATIENCE_S = 60.0
+_TIMEOUT_S = 60.0
 
 
 class Tab:
-    """A page that is open.
+    """An open page.
 
     Attributes:
-        errors: What went wrong on the page: exceptions, what it logged as an error.
-        requests: Addresses that it asked for.
+        errors: Exceptions on the page, and errors in its log.
+        requests: Requested addresses.
     """
 
     def __init__(self, socket: Any) -> None:  # websockets is found at run time
@@ -39,14 +39,14 @@ class Tab:
         self._call("Page.navigate", url=url)
 
     def value(self, script: str) -> Any:
-        """What an expression of JavaScript gives."""
-        said = self._call("Runtime.evaluate", expression=script, returnByValue=True)
-        assert "exceptionDetails" not in said, said
-        return said["result"].get("value")
+        """Value of a JavaScript expression."""
+        response = self._call("Runtime.evaluate", expression=script, returnByValue=True)
+        assert "exceptionDetails" not in response, response
+        return response["result"].get("value")
 
-    def wait(self, script: str, patience: float = _PATIENCE_S) -> Any:
-        """The value of an expression once it is true; for so many seconds at most."""
-        until = time.monotonic() + patience
+    def wait(self, script: str, timeout: float = _TIMEOUT_S) -> Any:
+        """Value of an expression once it is true, within a timeout in s."""
+        until = time.monotonic() + timeout
         while time.monotonic() < until:
             found = self.value(script)
             if found:
@@ -55,28 +55,28 @@ class Tab:
         raise AssertionError(f"{script} never came true; {self.value('document.body.innerText')}")
 
     def hover(self, what: str) -> None:
-        """Move the mouse to the middle of the first element that a selector finds."""
+        """Move the mouse to the center of the first element that matches a selector."""
         box = f"document.querySelector({what!r}).getBoundingClientRect()"
-        place = self.value(f"(b => [b.x + b.width / 2, b.y + b.height / 2])({box})")
-        self._call("Input.dispatchMouseEvent", type="mouseMoved", x=place[0], y=place[1])
+        center = self.value(f"(b => [b.x + b.width / 2, b.y + b.height / 2])({box})")
+        self._call("Input.dispatchMouseEvent", type="mouseMoved", x=center[0], y=center[1])
 
     def picture(self, path: Path) -> None:
-        """Write what is seen of the page, as PNG."""
+        """Write a screenshot of the page as PNG."""
         path.write_bytes(base64.b64decode(self._call("Page.captureScreenshot")["data"]))
 
     def _call(self, method: str, **parameters: object) -> dict[str, Any]:
         self._number += 1
-        asked = {"id": self._number, "method": method, "params": parameters}
-        self._socket.send(json.dumps(asked))
+        command = {"id": self._number, "method": method, "params": parameters}
+        self._socket.send(json.dumps(command))
         while True:
-            said = json.loads(self._socket.recv(timeout=_PATIENCE_S))
-            if said.get("id") == self._number:
-                assert "error" not in said, said
-                result: dict[str, Any] = said["result"]
+            response = json.loads(self._socket.recv(timeout=_TIMEOUT_S))
+            if response.get("id") == self._number:
+                assert "error" not in response, response
+                result: dict[str, Any] = response["result"]
                 return result
-            self._heed(said["method"], said["params"])
+            self._record(response["method"], response["params"])
 
-    def _heed(self, method: str, reported: dict[str, Any]) -> None:
+    def _record(self, method: str, reported: dict[str, Any]) -> None:
         if method == "Network.requestWillBeSent":
             self.requests.append(reported["request"]["url"])
         elif method == "Runtime.exceptionThrown":
@@ -89,7 +89,7 @@ class Tab:
 
 @contextmanager
 def chromium(profile: Path) -> Iterator[Tab]:
-    """A tab of a browser that nobody else uses; the test is skipped where there is none."""
+    """A tab of a separate browser; the test is skipped where there is none."""
     program = shutil.which("chromium") or shutil.which("chromium-browser")
     if program is None:
         pytest.skip("there is no chromium to look at the page with")
@@ -100,11 +100,11 @@ def chromium(profile: Path) -> Iterator[Tab]:
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         try:
             assert process.stderr is not None
-            said = ""
-            while "DevTools listening" not in said:
-                said = process.stderr.readline()
-                assert said, "chromium ended"
-            [port] = re.findall(r"127\.0\.0\.1:(\d+)/", said)
+            response = ""
+            while "DevTools listening" not in response:
+                response = process.stderr.readline()
+                assert response, "chromium ended"
+            [port] = re.findall(r"127\.0\.0\.1:(\d+)/", response)
             with urllib.request.urlopen(f"http://127.0.0.1:{port}/json") as answer:
                 tabs = [tab for tab in json.load(answer) if tab["type"] == "page"]
             with client.connect(tabs[0]["webSocketDebuggerUrl"], max_size=None) as socket:

@@ -1,4 +1,4 @@
-"""What the tests of all that shows runs in a browser share."""
+"""Fixtures shared by the tests of browser views."""
 
 from __future__ import annotations
 
@@ -11,6 +11,6 @@ from tests.undrawn import undrawn
 
 @pytest.fixture(autouse=True, scope="package")
 def records_without_pictures() -> Iterator[None]:
-    """A browser is shown what is in a record's numbers, not the pictures beside them."""
+    """Record without plots, which the browser views do not use."""
     with undrawn():
         yield

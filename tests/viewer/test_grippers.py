@@ -1,4 +1,4 @@
-"""Every gripper on every robot is shown, live and from its record, beside the arm's own joints."""
+"""Every gripper on every robot is displayed, live and from a record."""
 
 from __future__ import annotations
 
@@ -43,8 +43,8 @@ arms:
 
 
 @pytest.mark.parametrize(("robot", "gripper"), some(MOUNTED, 3))
-def test_the_motors_of_an_arm_are_those_of_its_joints(robot: str, gripper: str | None) -> None:
-    """Found by the model alone, they are those that the robot's description names."""
+def test_joint_motors_of_an_arm_exclude_its_gripper(robot: str, gripper: str | None) -> None:
+    """Found from the model alone, they are those that the robot description names."""
     world = world_with(robot, gripper=gripper)
     body = world.arms["arm1"]
     assert joint_motors(world.model, "arm1").tolist() == body.actuator_ids.tolist()
@@ -52,10 +52,10 @@ def test_the_motors_of_an_arm_are_those_of_its_joints(robot: str, gripper: str |
 
 
 @pytest.mark.parametrize(("robot", "gripper"), some(SHOWN, 7))
-def test_an_arm_with_a_gripper_is_shown_live_and_from_its_record(
+def test_gripper_is_displayed_live_and_from_its_record(
     robot: str, gripper: str | None, tmp_path: Path
 ) -> None:
-    """Arms that come and go too; both views agree on the tool, and draw what takes hold."""
+    """Including arms spawned later; both views agree on the tool, and draw fingers or cups."""
     text = TREE.replace("ROBOT", robot).replace("GRIPPER", gripper or "none")
     tree = tmp_path / "gripper.yaml"
     tree.write_text(text)
@@ -67,8 +67,8 @@ def test_an_arm_with_a_gripper_is_shown_live_and_from_its_record(
             run.step(run.world.timestep)
             snapshot.take()
             shown[snapshot.now["time"]] = snapshot.now
-        looks = snapshot.looks
-        bodies = {run.world.model.body(int(shape["body"])).name for shape in looks.shapes}
+        visuals = snapshot.looks
+        bodies = {run.world.model.body(int(shape["body"])).name for shape in visuals.shapes}
     parts = () if gripper is None else (PALM, CUP if "suction" in gripper else FINGERS[0])
     assert {f"first/{part}" for part in parts} <= bodies
     record = Record.read(tmp_path / "out")
@@ -94,8 +94,8 @@ def test_an_arm_with_a_gripper_is_shown_live_and_from_its_record(
 
 
 @pytest.mark.parametrize("gripper", GRIPPERS)
-def test_a_drive_that_diverges_is_named_as_no_joint(gripper: str) -> None:
-    """A cup's drive acts on a body, the fingers' on a tendon: their ids are not a joint's."""
+def test_diverged_gripper_drive_is_not_reported_as_a_joint(gripper: str) -> None:
+    """A cup's drive acts on a body, the fingers' drive on a tendon: their ids are not joint ids."""
     world = world_with("ur5", gripper=gripper)
     drive = world.model.actuator("arm1/gripper/drive").id
 

@@ -1,4 +1,4 @@
-"""The page in a real browser: it shows what goes on, its buttons work, it asks nobody else."""
+"""The page in a real browser: it shows the run, its buttons work, it contacts no other server."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ arms:
         - wait: {seconds: 30}
 """
 
-# The shipped job as far as the camera has seen what the fingers hold.
+# The shipped job until the camera has tracked the held object.
 PICKED = """\
 bt_dualarm: 1
 name: picked
@@ -95,7 +95,7 @@ def click(tab: Tab, what: str) -> None:
 
 @contextmanager
 def viewed(tree: str, folder: Path) -> Iterator[LiveView]:
-    """A run that is held, and advanced in a thread."""
+    """A held run, which a thread advances."""
     stop = StopRequest()
     with bt_dualarm.open(tree, stop=stop, record=folder) as run, LiveView(run, stop) as view:
 
@@ -119,7 +119,7 @@ def live(tmp_path: Path) -> Iterator[LiveView]:
         yield view
 
 
-def test_a_run_is_shown_held_looked_back_at_and_explained(live: LiveView, tmp_path: Path) -> None:
+def test_page_shows_holds_rewinds_and_explains_a_run(live: LiveView, tmp_path: Path) -> None:
     with chromium(tmp_path / "profile") as tab:
         tab.open(live.url)
         assert tab.wait(SHOWN) == 7
@@ -165,11 +165,11 @@ BRIGHT = """(() => { const image = document.querySelector('.eye img');
   return lit / (all.length / 4); })()"""
 
 
-def look_at_fingers(tab: Tab, time: float) -> None:
-    """What every form of the page shows once the run has failed, holding the cube."""
+def check_gripper_view(tab: Tab, time: float) -> None:
+    """Check what every form of the page shows once the run has failed, holding the cube."""
     tab.wait(f"document.querySelector('.gripper') !== null && {GRIPPER}.includes('holds cube')")
     assert "mm open" in tab.value(GRIPPER)
-    tab.wait(f"{SIGNALS}.length === 5")  # once the signals have come
+    tab.wait(f"{SIGNALS}.length === 5")  # once the signals have arrived
     assert tab.value(SIGNALS)[-2:] == ["gripper opening (mm)", "gripper force (N)"]
     assert tab.value(ROWS) >= 24 * time
     tab.wait("document.querySelector('#marks button') !== null")
@@ -185,8 +185,8 @@ def look_at_fingers(tab: Tab, time: float) -> None:
     tab.wait("document.querySelector('#why .cause')?.textContent.includes('enough for a test')")
 
 
-def test_a_job_with_fingers_is_shown_live_from_its_record_and_as_a_file(tmp_path: Path) -> None:
-    """One page: the same scene, gripper, signals, failures, pictures and reasons in each form."""
+def test_grasping_run_is_shown_live_from_its_record_and_as_a_file(tmp_path: Path) -> None:
+    """The page shows the same scene, gripper, signals, failures, images, reasons in each form."""
     folder = tmp_path / "out"
     with chromium(tmp_path / "profile") as tab:
         with viewed(PICKED, folder) as view:
@@ -206,7 +206,7 @@ def test_a_job_with_fingers_is_shown_live_from_its_record_and_as_a_file(tmp_path
             click(tab, "#go")
             tab.wait("page.kind === 'record' || page.live.over", 200.0)
             until = tab.wait("page.until")
-            look_at_fingers(tab, until)
+            check_gripper_view(tab, until)
             own = (view.url, "data:")
         assert [url for url in tab.requests if not url.startswith(own)] == []
         record = Record.read(folder)
@@ -216,9 +216,9 @@ def test_a_job_with_fingers_is_shown_live_from_its_record_and_as_a_file(tmp_path
             tab.open(served.url)
             tab.wait(f"location.href.startsWith({served.url!r}) && {SHOWN}")
             tab.value(f"goTo({record.until})")
-            look_at_fingers(tab, record.until)
+            check_gripper_view(tab, record.until)
             assert tab.errors == []
-            tab.open("about:blank")  # before the server ends: the page would still ask it
+            tab.open("about:blank")  # before the server ends, which the page polls
             tab.wait("location.protocol === 'about:'")
         finally:
             served.end()
@@ -229,13 +229,13 @@ def test_a_job_with_fingers_is_shown_live_from_its_record_and_as_a_file(tmp_path
         tab.open(file.as_uri())
         tab.wait(f"location.protocol === 'file:' && {SHOWN}")
         tab.value(f"goTo({record.until})")
-        look_at_fingers(tab, record.until)
+        check_gripper_view(tab, record.until)
         assert tab.errors == []
         loaded = {url for url in tab.requests[asked:] if not url.startswith("data:")}
         assert loaded == {file.as_uri()}
 
 
-def test_a_record_is_played(tmp_path: Path) -> None:
+def test_record_is_played(tmp_path: Path) -> None:
     record = recorded(tmp_path)
     served = Served(RecordView(record.folder))
     served.begin()

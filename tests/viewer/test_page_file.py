@@ -1,4 +1,4 @@
-"""A record as one file is the page of `bt-replay`, with the same answers in it."""
+"""A record exported as one file is the page of `bt-replay`, and gives the same answers."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ run(text, asked).then(said => console.log(JSON.stringify(said)));
 
 
 def kept(page: str) -> Json:
-    """The record in a page."""
+    """Record embedded in a page."""
     [text] = RECORD.findall(page)
     found: Json = json.loads(zlib.decompress(base64.b64decode(text)))
     return found
@@ -52,8 +52,8 @@ def failed(tmp_path_factory: pytest.TempPathFactory) -> Record:
     return recorded(tmp_path_factory.mktemp("failed"), FAILING)
 
 
-def answers(record: Record, page: Path, *asked: str) -> Json:
-    """What the page's own script answers."""
+def answers(record: Record, page: Path, *questions: str) -> Json:
+    """Answers of the page's own script."""
     node = shutil.which("node")
     if node is None:
         pytest.skip("there is no node to run the page's script")
@@ -62,15 +62,15 @@ def answers(record: Record, page: Path, *asked: str) -> Json:
     script = page.with_suffix(".js")
     source = json.dumps((pages / "source.js").read_text(encoding="utf-8"))
     script.write_text(ASK.replace("SOURCE", source), encoding="utf-8")
-    command = [node, str(script), str(page), str(pages / "scene.js"), *asked]
+    command = [node, str(script), str(page), str(pages / "scene.js"), *questions]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode == 0, done.stderr
-    said: Json = json.loads(done.stdout)
-    return said
+    reply: Json = json.loads(done.stdout)
+    return reply
 
 
-def test_it_is_the_page_of_the_replay_and_asks_nobody(failed: Record) -> None:
-    """Only what it may ask, and the record in it, differ; text of a tree cannot end a script."""
+def test_file_is_the_replay_page_and_connects_nowhere(failed: Record) -> None:
+    """Only its content policy and the embedded record differ."""
     page = html_of(failed)
     served = whole_page()
     assert "connect-src 'none'" in page
@@ -81,48 +81,54 @@ def test_it_is_the_page_of_the_replay_and_asks_nobody(failed: Record) -> None:
     assert kept(page) == json.loads(json.dumps(json_ready(page_data(failed))))
 
 
-def test_it_answers_what_the_server_answers(failed: Record, tmp_path: Path) -> None:
-    """At every state that it has, at times between them, and of every node."""
+def test_file_gives_the_same_answers_as_the_server(failed: Record, tmp_path: Path) -> None:
+    """At every state, and for every node."""
     view = RecordView(failed.folder)
     times = [moment["time"] for moment in page_data(failed)["moments"]]
     assert {round(float(event["time_s"]), 4) for event in failed.events} <= {*times}
     assert max(later - time for time, later in pairwise(times)) < 0.0401
     nodes = ["arm1:sequence", "arm1:sequence/reach_to_pose", "arm1:sequence/aside/reach_to_pose"]
-    asked = [f"at?t={time}" for time in times]
-    asked += ["now", "log?after=0", "series?after=0", "why", *(f"why?of={node}" for node in nodes)]
-    asked += [f"scene?generation={number}" for number in failed.models]
-    said = answers(failed, tmp_path / "page.html", *asked)
-    found = dict(zip(asked, said["found"], strict=True))
+    questions = [f"at?t={time}" for time in times]
+    questions += [
+        "now",
+        "log?after=0",
+        "series?after=0",
+        "why",
+        *(f"why?of={node}" for node in nodes),
+    ]
+    questions += [f"scene?generation={number}" for number in failed.models]
+    reply = answers(failed, tmp_path / "page.html", *questions)
+    found = dict(zip(questions, reply["found"], strict=True))
     for what, has in found.items():
         name, _, query = what.partition("?")
         given = dict(pair.split("=") for pair in query.split("&") if pair)
         answer = json.loads(view.questions[name](given).content)
         assert has == json.loads(json.dumps(json_ready(answer))), what
-    assert said["mesh"] in {len(mesh) for mesh in view.past.looks(0).meshes.values()}
+    assert reply["mesh"] in {len(mesh) for mesh in view.past.looks(0).meshes.values()}
 
 
-def test_it_tells_what_a_node_waited_for(failed: Record, tmp_path: Path) -> None:
-    """Of a node that ran at the time that is shown; of one that never ran, that it never did."""
-    asked = ["why?of=arm1:sequence&t=0.3", "why?of=0.3", "why?of=arm1:nonsense"]
-    said = answers(failed, tmp_path / "page.html", *asked)
-    running, then, none = said["found"]
+def test_file_explains_a_running_node(failed: Record, tmp_path: Path) -> None:
+    """An unknown node has no answer."""
+    questions = ["why?of=arm1:sequence&t=0.3", "why?of=0.3", "why?of=arm1:nonsense"]
+    reply = answers(failed, tmp_path / "page.html", *questions)
+    running, then, none = reply["found"]
     assert [story["status"] for story in running["stories"]] == ["RUNNING"]
     assert then == running
     assert none == "this page has no answer to that"
 
 
-def test_it_has_the_pictures_of_the_cameras(tmp_path: Path) -> None:
+def test_file_contains_camera_images(tmp_path: Path) -> None:
     record = recorded(tmp_path, WATCHING)
-    said = answers(record, tmp_path / "page.html", "now")
-    kind, _, text = str(said["eye"]).partition(",")
+    reply = answers(record, tmp_path / "page.html", "now")
+    kind, _, text = str(reply["eye"]).partition(",")
     assert kind == "data:image/jpeg;base64"
     assert base64.b64decode(text).startswith(b"\xff\xd8")
 
 
 def test_text_of_a_tree_cannot_end_the_script(tmp_path: Path) -> None:
-    said = SHORT.replace(
+    reply = SHORT.replace(
         "- subtree", "- set: {key: other, value: '</script><b>'}\n        - subtree"
     )
-    page = html_of(recorded(tmp_path, said))
+    page = html_of(recorded(tmp_path, reply))
     assert page.count("</script>") == 2
     assert "</script><b>" in json.dumps(kept(page))

@@ -1,4 +1,4 @@
-"""The page on a record, and on the past of a run that goes on: the same run at every time."""
+"""The page of a record, and of the past of a live run, shows the same run at every time."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ arms:
 
 @contextmanager
 def shown(folder: Path) -> Iterator[Browser]:
-    """The page of a record, served."""
+    """A client of the served page of a record."""
     served = Served(RecordView(folder))
     served.begin()
     try:
@@ -67,8 +67,8 @@ def numbers(text: str) -> np.ndarray:
     return np.frombuffer(base64.b64decode(text), np.float32)
 
 
-def test_a_record_is_shown_at_any_time(failed: Record) -> None:
-    """Statuses, poses and keys are those of the time; the scene is that of its generation."""
+def test_record_is_shown_at_any_time(failed: Record) -> None:
+    """Statuses, poses and keys are those at the time; the scene is that of its generation."""
     with shown(failed.folder) as browser:
         now = browser.now()
         assert (now["kind"], now["until"]) == ("record", pytest.approx(failed.until, abs=1e-3))
@@ -89,7 +89,7 @@ def test_a_record_is_shown_at_any_time(failed: Record) -> None:
         assert len(numbers(early["poses"])) > 7 * max(s["body"] for s in scene["shapes"])
 
 
-def test_signals_and_log_go_over_the_whole_record(failed: Record) -> None:
+def test_signals_and_log_cover_the_whole_record(failed: Record) -> None:
     with shown(failed.folder) as browser:
         rows = numbers(browser.fetch("series")["arms"]["arm1"]).reshape(-1, 8)
         np.testing.assert_allclose(rows[[0, -1], 0], failed.times[[0, -1]], atol=1e-3)
@@ -105,27 +105,27 @@ def test_reasons_are_those_of_bt_why(failed: Record) -> None:
         assert "outside the reach" in story["causes"][0]["sentence"]
         [running] = browser.fetch("why?of=arm1:sequence&t=0.3")["stories"]
         assert (running["status"], running["leaf"]) == ("RUNNING", "sequence/aside/reach_to_pose")
-        status, said = browser.ask("why?of=arm1:nonsense")
-        assert (status, said.split(b";")[0]) == (400, b"no node is called 'arm1:nonsense'")
+        status, reply = browser.ask("why?of=arm1:nonsense")
+        assert (status, reply.split(b";")[0]) == (400, b"no node is called 'arm1:nonsense'")
 
 
 @pytest.mark.parametrize(
-    "asked",
+    "question",
     [
         *("at", "at?t=x", "at?t=-1", "at?t=nan", "at?t=1e99", "at?a=1&b=1&c=1&d=1&e=1"),
         *("mesh?name=x", "scene", "scene?generation=77", "eye?arm=arm1&t=0", "eye?t=0"),
         f"why?of={'x' * 600}",
     ],
 )
-def test_what_makes_no_sense_is_refused(failed: Record, asked: str) -> None:
+def test_invalid_request_is_refused(failed: Record, question: str) -> None:
     with shown(failed.folder) as browser:
-        assert browser.ask(asked)[0] == 400
+        assert browser.ask(question)[0] == 400
         assert browser.ask("do", {"deed": "go"})[0] == 400
         assert browser.ask("elsewhere")[0] == 403
 
 
-def test_a_contact_bears_what_lies_there(tmp_path: Path) -> None:
-    """A ball of 1 kg on the floor presses with its weight."""
+def test_contact_force_equals_the_weight(tmp_path: Path) -> None:
+    """Of a ball of 1 kg on the floor."""
     bt_dualarm.run(SEEING, record=tmp_path / "out")
     view = RecordView(tmp_path / "out")
     moment = json.loads(view.questions["at"]({"t": "1.1"}).content)
@@ -134,25 +134,25 @@ def test_a_contact_bears_what_lies_there(tmp_path: Path) -> None:
     assert contact["point"][2] == pytest.approx(0.0, abs=0.005)
 
 
-def test_a_camera_s_picture_is_drawn_again(tmp_path: Path) -> None:
+def test_camera_image_is_rendered_again(tmp_path: Path) -> None:
     bt_dualarm.run(SEEING, record=tmp_path / "out")
     view = RecordView(tmp_path / "out")
     content = view.questions["eye"]({"arm": "arm1", "t": "0.5"}).content
-    picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
-    assert picture is not None
+    image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
+    assert image is not None
     [camera] = json.loads(view.questions["at"]({"t": "0.5"}).content)["cameras"]
-    assert picture.shape[:2] == tuple(camera["size"][::-1])
-    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 20
+    assert image.shape[:2] == tuple(camera["size"][::-1])
+    assert len(np.unique(image.reshape(-1, 3), axis=0)) > 20
 
 
-def test_pictures_that_were_kept_are_shown(tmp_path: Path) -> None:
-    """Those of the camera itself: they have its noise, which what is drawn again has not."""
+def test_recorded_camera_images_are_shown(tmp_path: Path) -> None:
+    """They contain the camera's noise, unlike images that are rendered again."""
     tree = SEEING.replace("{wait: {seconds: 1.2}}", "{wait_for: {object: ball, wait: 1}}")
     shown = []
     for name, frames in (("kept", True), ("drawn", False)):
         bt_dualarm.run(tree, record=tmp_path / name, frames=frames, reality="rough")
         record = Record.read(tmp_path / name)
-        stamp = next(note["stamp"] for note in record.notes if note["kind"] == "frame")
+        stamp = next(event["stamp"] for event in record.notes if event["kind"] == "frame")
         view = RecordView(tmp_path / name)
         shown.append(view.questions["eye"]({"arm": "arm1", "t": f"{stamp}"}).content)
     [kept, *_] = recorded_frames(Record.read(tmp_path / "kept"))
@@ -160,8 +160,8 @@ def test_pictures_that_were_kept_are_shown(tmp_path: Path) -> None:
     assert shown[1] != kept.whole
 
 
-def test_a_run_that_goes_on_is_looked_back_at(tmp_path: Path) -> None:
-    """What is shown of a time is what was shown at that time."""
+def test_past_of_a_live_run_is_shown(tmp_path: Path) -> None:
+    """The view of a past time is the same as at that time."""
     stop = StopRequest()
     tree = write_short(tmp_path / "trees")
     with (
@@ -198,31 +198,31 @@ def test_a_run_that_goes_on_is_looked_back_at(tmp_path: Path) -> None:
             thread.join(30)
 
 
-def test_there_must_be_a_record(tmp_path: Path) -> None:
+def test_missing_record_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(ReplayError, match="there is no folder"):
         RecordView(tmp_path / "nothing")
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "example.org", "::1", "224.0.0.1"])  # noqa: S104 - it is refused
-def test_only_one_interface_is_listened_on(failed: Record, host: str) -> None:
+def test_server_listens_on_one_interface_only(failed: Record, host: str) -> None:
     with pytest.raises(DualArmError, match=r"IPv4 address|one interface"):
         Served(RecordView(failed.folder), 0, host)
 
 
-def test_the_command_serves_the_page_until_it_is_ended(failed: Record) -> None:
+def test_command_serves_the_page_until_it_is_interrupted(failed: Record) -> None:
     program = f"{HEEDING}import bt_dualarm.cli as cli, sys; sys.exit(cli.replay())"
     command = [sys.executable, "-c", program, str(failed.folder)]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
-        said = process.stderr.readline()
-        assert said.startswith("serving until Ctrl-C: http://127.0.0.1:")
-        assert Browser(said.split()[-1]).now()["name"] == "short"
+        reply = process.stderr.readline()
+        assert reply.startswith("serving until Ctrl-C: http://127.0.0.1:")
+        assert Browser(reply.split()[-1]).now()["name"] == "short"
         process.send_signal(2)
         assert process.wait(30) == 130
 
 
-def test_a_tree_that_was_halted_shows_what_it_had_achieved(tmp_path: Path) -> None:
-    """As the live page and the terminal do: what had ended keeps its status, what ran is halted."""
+def test_halted_tree_keeps_the_status_of_finished_nodes(tmp_path: Path) -> None:
+    """As in the live page and the terminal, running nodes are shown as halted."""
     tree = write_short(tmp_path / "trees")
     with bt_dualarm.open(tree, record=tmp_path / "out", duration=0.5) as run:
         run.finish()
@@ -236,8 +236,8 @@ def test_a_tree_that_was_halted_shows_what_it_had_achieved(tmp_path: Path) -> No
     assert [halted for _, halted, _ in now] == [True, False, True, True, False]
 
 
-def test_a_run_that_diverged_is_shown_to_its_end(tmp_path: Path) -> None:
-    """It ends one step after the last state that is kept: its last time shows its trees halted."""
+def test_diverged_run_is_shown_to_its_end(tmp_path: Path) -> None:
+    """It ends one step after the last kept state; its last time shows the tree halted."""
     alone = SHORT.replace("include: [parts.yaml]\n", "").partition("    tree:")[0]
     folder = Path(__file__).parents[1] / "faults" / "skills"
     tree = f"{alone}    tree: {{poison: {{after: 0.2}}}}\n"

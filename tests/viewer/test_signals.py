@@ -1,4 +1,4 @@
-"""What a page shows over time depends on the run, and not on how often a page asks."""
+"""Signals of a page depend on the run, not on the requests of the page."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ arms:
 """
 
 
-def asked(view: Any, what: str, **query: object) -> Any:
+def answer_of(view: Any, what: str, **query: object) -> Any:
     given = {name: str(value) for name, value in query.items()}
     return json.loads(view.questions[what](given).content)
 
@@ -70,7 +70,7 @@ def table(series: Any, arm: str = "arm1") -> Matrix:
 
 @pytest.fixture(scope="module")
 def grasped(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any, Any, Any]:
-    """A record, and what the live view said of its end although nobody had asked before."""
+    """A record, and the live view's answers at its end, without earlier requests."""
     folder = tmp_path_factory.mktemp("grasped") / "out"
     stop = StopRequest()
     with (
@@ -79,23 +79,23 @@ def grasped(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Any, Any, A
     ):
         view.gate.set_speed(None)
         run.finish()
-        said = tuple(asked(view, what) for what in ("series", "now", "log"))
-    return (folder, *said)
+        answers = tuple(answer_of(view, what) for what in ("series", "now", "log"))
+    return (folder, *answers)
 
 
-def test_signals_are_sampled_while_nobody_asks(grasped: tuple[Path, Any, Any, Any]) -> None:
-    """25 times a simulated second from the beginning on, as in the record."""
+def test_signals_are_sampled_without_requests(grasped: tuple[Path, Any, Any, Any]) -> None:
+    """25 times per simulated second from the beginning, as in the record."""
     folder, series, now, _ = grasped
     live = table(series)
-    past = table(asked(RecordView(folder), "series"))
+    past = table(answer_of(RecordView(folder), "series"))
     assert np.diff(live[:, 0]) == pytest.approx(0.04, abs=1e-4)
     assert len(live) == pytest.approx(25 * now["time"], abs=2)
     at = np.searchsorted(past[:, 0], live[:, 0] - 1e-4)
     np.testing.assert_allclose(live, past[at], atol=2e-3)
 
 
-def test_the_gripper_is_shown(grasped: tuple[Path, Any, Any, Any]) -> None:
-    """How far it is open, how hard it presses, what is between its pads; live and afterwards."""
+def test_gripper_state_is_shown(grasped: tuple[Path, Any, Any, Any]) -> None:
+    """Opening, force and held objects, live and from the record."""
     folder, series, now, _ = grasped
     rows = table(series)
     assert rows[0, 6] == pytest.approx(0.08, abs=0.002)
@@ -108,23 +108,23 @@ def test_the_gripper_is_shown(grasped: tuple[Path, Any, Any, Any]) -> None:
     assert arm["gripper"]["opening_m"] == pytest.approx(0.05, abs=0.002)
     assert arm["gripper"]["force_n"] > 1.0
     view = RecordView(folder)
-    [early], [late] = (asked(view, "at", t=time)["arms"] for time in (0.1, now["time"]))
+    [early], [late] = (answer_of(view, "at", t=time)["arms"] for time in (0.1, now["time"]))
     assert (early["gripper"]["holds"], late["gripper"]["holds"]) == ([], ["cube"])
     assert late["gripper"]["force_n"] == pytest.approx(arm["gripper"]["force_n"], abs=1.0)
     assert late["gripper"]["opening_m"] == pytest.approx(arm["gripper"]["opening_m"], abs=1e-3)
 
 
-def test_failures_are_known_apart_from_the_log(grasped: tuple[Path, Any, Any, Any]) -> None:
-    """Live and afterwards the same, with time, node and reason: the time line marks them."""
+def test_failures_are_listed_separately_from_the_log(grasped: tuple[Path, Any, Any, Any]) -> None:
+    """Identical live and from the record, with time, node, reason, for marks on the time line."""
     folder, _, _, log = grasped
     assert [line["level"] for line in log["failures"]] == ["FAILURE"] * 2
     assert "enough" in log["failures"][0]["text"]
-    assert asked(RecordView(folder), "log")["failures"] == log["failures"]
-    now = asked(RecordView(folder), "now")
+    assert answer_of(RecordView(folder), "log")["failures"] == log["failures"]
+    now = answer_of(RecordView(folder), "now")
     assert now["begin"] == pytest.approx(log["failures"][0]["time"], abs=1e-3)
 
 
-def test_of_long_runs_fewer_samples_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_samples_of_long_runs_are_thinned(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(signals_module, "MOST_ROWS", 20)
     with bt_dualarm.open(TRACKING) as run:
         signals = Signals(run.world, run.assembly.arms)
@@ -139,14 +139,14 @@ def test_of_long_runs_fewer_samples_are_kept(monkeypatch: pytest.MonkeyPatch) ->
         assert table(signals.since(99.0)).shape == (0, len(COLUMNS))
 
 
-def test_the_whole_picture_is_shown_where_only_a_part_was_exposed(tmp_path: Path) -> None:
-    """What was exposed is as it was; the rest is drawn for who looks on. The hash stays."""
+def test_whole_image_is_shown_if_only_a_region_was_exposed(tmp_path: Path) -> None:
+    """The exposed region is unchanged, and the rest is rendered; the hash does not change."""
     plain = bt_dualarm.run(TRACKING).state_sha256
     shown: list[tuple[Frame, Image]] = []
     with bt_dualarm.open(TRACKING, record=tmp_path / "out") as run:
         pictures = Pictures(run.world, lambda: True)
 
-        def look(arm: str, frame: Frame) -> None:
+        def record(arm: str, frame: Frame) -> None:
             pictures.take(arm, frame)
             content = np.frombuffer(pictures.jpeg(arm) or b"", np.uint8)
             whole = cv2.imdecode(content, cv2.IMREAD_COLOR_RGB)
@@ -154,7 +154,7 @@ def test_the_whole_picture_is_shown_where_only_a_part_was_exposed(tmp_path: Path
             shown.append((frame, whole.astype(np.uint8)))
 
         assert run.open_record is not None
-        run.open_record.trace.frame_readers.append(look)
+        run.open_record.trace.frame_readers.append(record)
         assert run.finish().state_sha256 == plain
     parts = [pair for pair in shown if pair[0].region != (0, 0, 160, 120)]
     assert len(parts) > 5
@@ -163,23 +163,23 @@ def test_the_whole_picture_is_shown_where_only_a_part_was_exposed(tmp_path: Path
         outside = np.ones(whole.shape[:2], bool)
         outside[top:bottom, left:right] = False
         assert frame.image[outside].max() == 0, "not exposed"
-        assert (whole[outside].max(axis=-1) > 20).mean() > 0.95, "drawn"
+        assert (whole[outside].max(axis=-1) > 20).mean() > 0.95, "rendered"
         inside = np.abs(whole[~outside].astype(int) - frame.image[~outside])
-        assert np.median(inside) < 8, "as it was exposed, but for JPEG"
+        assert np.median(inside) < 8, "as exposed, up to JPEG compression"
 
 
-def test_a_page_is_waited_for_until_it_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """However long it is silent: a browser may stall, or its window be hidden."""
+def test_viewer_waits_until_the_page_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It waits even if the page is silent: a browser may stall, or its window may be hidden."""
     clock = [100.0]
     monkeypatch.setattr("bt_dualarm.viewer.server.time.monotonic", lambda: clock[0])
     viewers = Viewers()
     assert not viewers.is_anyone_there
-    for says, seconds in (
+    for report, seconds in (
         (partial(viewers.asked, ""), 2.0),
         (viewers.fetched, 10.0),
         (partial(viewers.asked, "one"), 600.0),
     ):
-        says()
+        report()
         clock[0] += seconds - 0.1
         assert viewers.is_anyone_there
         clock[0] += 0.2
@@ -188,9 +188,9 @@ def test_a_page_is_waited_for_until_it_is_closed(monkeypatch: pytest.MonkeyPatch
     viewers.asked("two")
     viewers.left("one")
     clock[0] += 60.0
-    assert viewers.is_anyone_there, "the other one"
+    assert viewers.is_anyone_there, "the other page is still open"
     viewers.left("two")
-    assert viewers.is_anyone_there, "it may only be loaded anew"
+    assert viewers.is_anyone_there, "the page may only be reloading"
     clock[0] += 3.1
     assert not viewers.is_anyone_there
     for number in range(1000):
@@ -198,7 +198,7 @@ def test_a_page_is_waited_for_until_it_is_closed(monkeypatch: pytest.MonkeyPatch
     assert len(viewers._until) <= 100
 
 
-def test_the_run_is_shown_after_its_end_until_the_page_is_closed(
+def test_run_is_shown_after_its_end_until_the_page_is_closed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("bt_dualarm.viewer.server._RELOAD_S", 0.0)
@@ -209,10 +209,10 @@ def test_the_run_is_shown_after_its_end_until_the_page_is_closed(
         LiveView(run, stop, paused=False) as view,
     ):
         run.finish()
-        asked(view, "now", page="one")
+        answer_of(view, "now", page="one")
         waits = Thread(target=view.linger)
         waits.start()
-        assert asked(view, "now", page="one")["over"]
+        assert answer_of(view, "now", page="one")["over"]
         assert waits.is_alive()
         view.do({"deed": "leave", "value": "one"})
         waits.join(30)

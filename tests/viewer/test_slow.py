@@ -1,4 +1,4 @@
-"""Whoever asks slowly, or takes slowly, or asks nothing at all, keeps nobody else waiting."""
+"""Slow or silent clients do not block others."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LARGE = b"x" * 20_000_000
 
 
 class Fake:
-    """What is behind a page that has one small answer, one large one, and one that is a bug."""
+    """A source of the server with a small answer, a large one, and one that raises."""
 
     @property
     def questions(self) -> Mapping[str, Asked]:
@@ -49,43 +49,43 @@ def browser() -> Iterator[Browser]:
         served.end()
 
 
-def begins(browser: Browser) -> Mapping[str, bytes]:
-    """What a slow client sends before it stops."""
-    place = browser.place
-    head = f"Host: 127.0.0.1:{place.port}\r\n".encode()
-    post = f"POST {place.path}do HTTP/1.1\r\n".encode() + head
+def partial_requests(browser: Browser) -> Mapping[str, bytes]:
+    """Data that a slow client sends before it stalls."""
+    address = browser.place
+    head = f"Host: 127.0.0.1:{address.port}\r\n".encode()
+    post = f"POST {address.path}do HTTP/1.1\r\n".encode() + head
     return {
         "nothing": b"",
         "half a request line": b"GET /",
-        "half a head": f"GET {place.path}now HTTP/1.1\r\n".encode() + head,
+        "half a head": f"GET {address.path}now HTTP/1.1\r\n".encode() + head,
         "half a body": post + b"Content-Type: application/json\r\nContent-Length: 99\r\n\r\n{",
-        "takes nothing": f"GET {place.path}large HTTP/1.1\r\n".encode() + head + b"\r\n",
+        "takes nothing": f"GET {address.path}large HTTP/1.1\r\n".encode() + head + b"\r\n",
     }
 
 
 @pytest.mark.parametrize(
     "how", ["nothing", "half a request line", "half a head", "half a body", "takes nothing"]
 )
-def test_slow_clients_keep_nobody_waiting(browser: Browser, how: str) -> None:
-    """200 of them, and each of 20 requests is answered within a second, by a few threads."""
+def test_slow_clients_do_not_block_others(browser: Browser, how: str) -> None:
+    """With 200 of them, 20 requests are answered within a second (median), by a few threads."""
     threads = active_count()
     with ExitStack() as stack:
         for _ in range(SLOW):
             slow = socket.create_connection(("127.0.0.1", browser.place.port or 0), timeout=10)
             stack.enter_context(slow)
-            slow.sendall(begins(browser)[how])
-        browser.now()  # those who came before have been taken up now
+            slow.sendall(partial_requests(browser)[how])
+        browser.now()  # earlier connections have been accepted by now
         took = []
         for _ in range(20):
-            began = time.monotonic()
+            start = time.monotonic()
             assert browser.now() == {"kind": "fake"}
             browser.press("go")
-            took.append(time.monotonic() - began)
+            took.append(time.monotonic() - start)
         assert np.median(took) < 1.0
         assert active_count() - threads <= 8
 
 
-def test_of_more_connections_than_there_may_be_the_oldest_silent_one_goes(browser: Browser) -> None:
+def test_oldest_silent_connection_is_closed_at_the_limit(browser: Browser) -> None:
     with ExitStack() as stack:
         silent = []
         for _ in range(MOST_CONNECTIONS + 20):
@@ -99,9 +99,9 @@ def test_of_more_connections_than_there_may_be_the_oldest_silent_one_goes(browse
             silent[-1].recv(1)
 
 
-def test_patience_with_slow_clients_ends(browser: Browser, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_slow_clients_time_out(browser: Browser, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(server_module, "TIMEOUT_S", 0.2)
-    for how, begun in begins(browser).items():
+    for how, begun in partial_requests(browser).items():
         with socket.create_connection(("127.0.0.1", browser.place.port or 0), timeout=10) as slow:
             slow.sendall(begun)
             if how == "takes nothing":
@@ -114,25 +114,25 @@ def test_patience_with_slow_clients_ends(browser: Browser, monkeypatch: pytest.M
     assert browser.now()["kind"] == "fake"
 
 
-def test_the_end_of_the_server_breaks_off_what_is_open(caplog: pytest.LogCaptureFixture) -> None:
-    """Silently: no traceback, no thread of it is left."""
+def test_end_of_the_server_closes_open_connections(caplog: pytest.LogCaptureFixture) -> None:
+    """Without a traceback."""
     served = Served(Fake())
     served.begin()
     browser = Browser(served.url)
     with ExitStack() as stack:
-        for begun in begins(browser).values():
+        for begun in partial_requests(browser).values():
             slow = socket.create_connection(("127.0.0.1", browser.place.port or 0), timeout=10)
             stack.enter_context(slow)
             slow.sendall(begun)
         assert browser.now()["kind"] == "fake"
         served.end()
-        assert slow.recv(1 << 20), "what was taken until then"
+        assert slow.recv(1 << 20), "data sent until then"
     assert caplog.text == ""
     with pytest.raises(ConnectionRefusedError):
         browser.now()
 
 
-def test_a_bug_is_logged_and_no_text_of_it_is_served(
+def test_exception_is_logged_but_not_served(
     browser: Browser, caplog: pytest.LogCaptureFixture
 ) -> None:
     assert browser.ask("broken") == (500, b"nothing is served here")
@@ -152,18 +152,18 @@ def test_a_bug_is_logged_and_no_text_of_it_is_served(
         b"\x16\x03\x01" + b"\x00" * 200 + b"\r\n\r\n",
     ],
 )
-def test_what_is_no_http_is_refused(browser: Browser, head: bytes) -> None:
+def test_invalid_http_is_refused(browser: Browser, head: bytes) -> None:
     with socket.create_connection(("127.0.0.1", browser.place.port or 0), timeout=10) as one:
         one.sendall(head)
-        said = one.recv(1000)
-    assert said.startswith((b"HTTP/1.1 400 ", b"HTTP/1.1 403 "))
+        reply = one.recv(1000)
+    assert reply.startswith((b"HTTP/1.1 400 ", b"HTTP/1.1 403 "))
 
 
-def test_a_request_says_once_where_it_goes_and_how_long_it_is(browser: Browser) -> None:
-    """Two hosts, two lengths, a body in chunks: nobody guesses which is meant."""
-    place = browser.place
-    line = f"POST {place.path}do HTTP/1.1\r\n"
-    host = f"Host: 127.0.0.1:{place.port}\r\n"
+def test_ambiguous_request_is_refused(browser: Browser) -> None:
+    """With two hosts, two lengths, a chunked body, or another origin."""
+    address = browser.place
+    line = f"POST {address.path}do HTTP/1.1\r\n"
+    host = f"Host: 127.0.0.1:{address.port}\r\n"
     kind = "Content-Type: application/json\r\n"
     body = json.dumps({"deed": "go"})
     length = f"Content-Length: {len(body)}\r\n"
@@ -176,6 +176,6 @@ def test_a_request_says_once_where_it_goes_and_how_long_it_is(browser: Browser) 
         (line + host + kind + "Transfer-Encoding: chunked\r\n", b"403"),
         (line + host + kind, b"400"),
     ):
-        with socket.create_connection(("127.0.0.1", place.port or 0), timeout=10) as one:
+        with socket.create_connection(("127.0.0.1", address.port or 0), timeout=10) as one:
             one.sendall(f"{head}\r\n{body}".encode())
             assert one.recv(1000).split(b" ")[1] == status, head

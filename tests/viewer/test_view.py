@@ -1,4 +1,4 @@
-"""Watching, holding and stepping a run changes nothing of it, and only its own page may do so."""
+"""Viewing, holding and stepping do not change a run, and only its own page may control it."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from tests.viewer.browsers import Browser
 
 @contextmanager
 def watched(tree: Path, *, paused: bool = True) -> Iterator[tuple[Run, Browser, Thread]]:
-    """A run that is advanced in a thread, and a browser on its page."""
+    """A run that a thread advances, and a client of its page."""
     stop = StopRequest()
     with (
         bt_dualarm.open(tree, stop=stop) as run,
@@ -54,7 +54,7 @@ def tree(tmp_path: Path) -> Path:
     return write_short(tmp_path / "trees")
 
 
-def test_holding_and_stepping_leave_the_hash_as_it_is(tree: Path) -> None:
+def test_holding_and_stepping_do_not_change_the_hash(tree: Path) -> None:
     plain = bt_dualarm.run(tree).state_sha256
     rng = np.random.default_rng(3)
     with watched(tree) as (run, browser, thread):
@@ -66,7 +66,7 @@ def test_holding_and_stepping_leave_the_hash_as_it_is(tree: Path) -> None:
         assert run.result.state_sha256 == plain
 
 
-def test_one_step_is_one_step_and_one_tick_goes_to_the_next_tick(tree: Path) -> None:
+def test_step_advances_one_step_and_tick_to_the_next_tick(tree: Path) -> None:
     with watched(tree) as (run, browser, _):
         assert browser.held()["time"] == 0.0
         browser.press("step")
@@ -77,7 +77,7 @@ def test_one_step_is_one_step_and_one_tick_goes_to_the_next_tick(tree: Path) -> 
         assert run.time == pytest.approx(0.022)
 
 
-def test_a_breakpoint_holds_it_where_the_node_changes(tree: Path) -> None:
+def test_breakpoint_holds_the_run_where_the_node_changes(tree: Path) -> None:
     with watched(tree) as (_, browser, _):
         browser.press("break", "reach_to_pose SUCCESS\n\n")
         browser.press("go")
@@ -89,8 +89,8 @@ def test_a_breakpoint_holds_it_where_the_node_changes(tree: Path) -> None:
         assert states[(1, "aside")] == "SUCCESS"
 
 
-def test_the_scene_has_what_the_poses_are_of(tree: Path) -> None:
-    """Real meshes of the robot, each to be had by its name; shapes on bodies that there are."""
+def test_scene_contains_meshes_of_existing_bodies(tree: Path) -> None:
+    """The visual meshes of the robot can be fetched by name."""
     with watched(tree) as (run, browser, _):
         scene = json.loads(browser.ask("scene")[1])
         assert browser.now()["name"] == "short"
@@ -104,12 +104,12 @@ def test_the_scene_has_what_the_poses_are_of(tree: Path) -> None:
             vertices, faces = np.frombuffer(content[:8], np.uint32).tolist()
             assert len(content) == 32 + 9 * vertices + 6 * faces
             triangles += faces
-        assert triangles > 50_000, "a UR5 as its maker draws it, not its hulls"
+        assert triangles > 50_000, "visual meshes of a UR5, not its convex hulls"
         assert browser.ask("mesh?name=nothing")[0] == 400
 
 
-def test_nobody_else_is_served(tree: Path) -> None:
-    """No token, another host's name, another page's origin, no JSON: nothing, and nothing done."""
+def test_unauthorized_requests_are_refused(tree: Path) -> None:
+    """Without the token, or with another host, origin or content type, nothing happens."""
     with watched(tree) as (_, browser, _):
         port = browser.place.port
         go = {"deed": "go"}
@@ -156,7 +156,7 @@ def test_nobody_else_is_served(tree: Path) -> None:
         {"deed": {"deed": "go"}},
     ],
 )
-def test_what_makes_no_sense_is_refused_and_changes_nothing(tree: Path, body: object) -> None:
+def test_invalid_command_is_refused_without_effect(tree: Path, body: object) -> None:
     with watched(tree) as (_, browser, _):
         status, content = browser.ask("do", body)
         assert status == 400
@@ -165,7 +165,7 @@ def test_what_makes_no_sense_is_refused_and_changes_nothing(tree: Path, body: ob
         assert (state["paused"], state["speed"], state["breakpoints"]) == (True, None, [])
 
 
-def test_browsers_come_and_go(tree: Path) -> None:
+def test_dropped_connections_do_not_affect_the_run(tree: Path) -> None:
     plain = bt_dualarm.run(tree).state_sha256
     with watched(tree) as (run, browser, thread):
         browser.press("go")
@@ -178,7 +178,7 @@ def test_browsers_come_and_go(tree: Path) -> None:
         assert run.result.state_sha256 == plain
 
 
-def test_a_held_run_ends_when_it_is_asked_to(tree: Path) -> None:
+def test_held_run_ends_on_a_stop_request(tree: Path) -> None:
     stop = StopRequest()
     with bt_dualarm.open(tree, stop=stop) as run, LiveView(run, stop) as view:
         Thread(target=stop.ask).start()
@@ -186,7 +186,7 @@ def test_a_held_run_ends_when_it_is_asked_to(tree: Path) -> None:
         assert run.finish().ending == "a stop was requested"
 
 
-def test_speed_holds_simulated_time_back(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_speed_limits_simulated_time(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = [100.0]
     monkeypatch.setattr("bt_dualarm.viewer.server.time.monotonic", lambda: clock[0])
     slept: list[float] = []
@@ -208,7 +208,7 @@ def test_speed_holds_simulated_time_back(monkeypatch: pytest.MonkeyPatch) -> Non
         gate.set_speed(float("nan"))
 
 
-def test_breakpoints_are_a_node_a_status_or_both() -> None:
+def test_breakpoint_is_a_node_a_status_or_both() -> None:
     change = StatusChange(1.0, "arm1", "main/circle", "circle", "RUNNING", "FAILURE")
     for name, holds in (
         ("circle", True),
@@ -225,22 +225,22 @@ def test_breakpoints_are_a_node_a_status_or_both() -> None:
         assert gate.state["paused"] is holds, name
 
 
-def test_the_command_shows_the_address_and_waits(tree: Path) -> None:
+def test_command_prints_the_address_and_waits(tree: Path) -> None:
     program = "import bt_dualarm.cli as cli, sys; sys.exit(cli.run())"
     command = [sys.executable, "-c", program, str(tree), "--view", "--display", "quiet"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
-        said = process.stderr.readline()
-        assert said.startswith("waiting for Go at http://127.0.0.1:")
-        browser = Browser(said.split()[-1])
+        reply = process.stderr.readline()
+        assert reply.startswith("waiting for Go at http://127.0.0.1:")
+        browser = Browser(reply.split()[-1])
         assert browser.ask("")[1].decode() == whole_page()
         browser.press("speed", None)
         browser.press("go")
         assert process.wait(60) == 0
 
 
-def test_a_file_that_is_saved_while_the_run_is_held_is_taken_up(tree: Path) -> None:
-    """What is wrong with it is told on the page; what is right is seen there at once."""
+def test_file_saved_while_the_run_is_held_is_reloaded(tree: Path) -> None:
+    """The page shows errors of the file; a valid file is displayed at once."""
     program = "import bt_dualarm.cli as cli, sys; sys.exit(cli.run())"
     command = [sys.executable, "-c", program, str(tree), "--view", "--watch", "--display", "quiet"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
@@ -251,8 +251,8 @@ def test_a_file_that_is_saved_while_the_run_is_held_is_taken_up(tree: Path) -> N
             browser.held()
             text = tree.read_text()
             tree.write_text(text.replace("reach_to_pose", "reach"))
-            said = browser.until("log?after=0", lambda log: "saved with errors" in str(log))
-            assert "there is no node or skill" in str(said)
+            reply = browser.until("log?after=0", lambda log: "saved with errors" in str(log))
+            assert "there is no node or skill" in str(reply)
             tree.write_text(
                 text.replace('reach_to_pose: {offset: "{goal}"}', "wait: {seconds: 0.1}")
             )
@@ -265,7 +265,7 @@ def test_a_file_that_is_saved_while_the_run_is_held_is_taken_up(tree: Path) -> N
             process.kill()
 
 
-def test_two_browsers_see_the_same_and_one_may_go(tree: Path) -> None:
+def test_two_browsers_share_one_state(tree: Path) -> None:
     plain = bt_dualarm.run(tree).state_sha256
     with watched(tree) as (run, browser, thread):
         other = Browser(browser.url)
@@ -278,7 +278,7 @@ def test_two_browsers_see_the_same_and_one_may_go(tree: Path) -> None:
         assert run.result.state_sha256 == plain
 
 
-def test_without_it_nothing_of_it_is_imported(tree: Path) -> None:
+def test_viewer_is_imported_only_when_used(tree: Path) -> None:
     program = (
         "import bt_dualarm.cli as cli, sys; cli.run([sys.argv[1], '--display', 'quiet']);"
         "late = ('bt_dualarm.viewer', 'bt_dualarm.replay');"
@@ -287,9 +287,9 @@ def test_without_it_nothing_of_it_is_imported(tree: Path) -> None:
     assert subprocess.run([sys.executable, "-c", program, str(tree)], check=False).returncode == 0
 
 
-def test_the_page_asks_nobody_else_and_its_script_can_be_read(tmp_path: Path) -> None:
+def test_page_contacts_no_other_server_and_its_script_is_valid(tmp_path: Path) -> None:
     page = whole_page()
-    named = page.replace("http://www.w3.org/2000/svg", "")  # a name, which nobody looks up
+    named = page.replace("http://www.w3.org/2000/svg", "")  # an XML namespace, which is not fetched
     assert "https:" not in named
     assert "http:" not in named
     assert "connect-src 'self'" in page
