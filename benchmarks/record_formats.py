@@ -450,7 +450,7 @@ def cost_of_runs(tree: str, rounds: int) -> None:
         ratios = [recorded / none for recorded, none in zip(spent[name], spent[""], strict=True)]
         smallest = min(spent[name]) / min(spent[""])
         print(
-            f"{name}: {statistics.median(ratios):.3f} times a run without (smallest: {smallest:.3f})"
+            f"{name}: {statistics.median(ratios):.3f} times a run without (least: {smallest:.3f})"
         )
 
 
