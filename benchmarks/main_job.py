@@ -241,7 +241,7 @@ def follow(variant: Variant, seen: Vantage) -> Measured:
     """
     base = _base(variant, seen)
     with tempfile.TemporaryDirectory() as folder:
-        tree = _tree(variant, seen.write_page(Path(folder)), base)
+        tree = _tree(variant, seen.write_description(Path(folder)), base)
         file = load_tree_file(tree, registry().kinds, folder=Path(folder))
         with Run(file, registry(), RunOptions(seed=variant.seed, renderer="ray")) as run:
             paths = _Paths(run.world)

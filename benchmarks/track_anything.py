@@ -355,7 +355,7 @@ def follow(case: Case, registry: Registry) -> Measured:
     end = _REST_S + path.duration
     with tempfile.TemporaryDirectory() as folder:
         start = place + path.at(0.0) @ curve
-        tree = _tree(case, seen.write_page(Path(folder)), start, end + _AFTER_S)
+        tree = _tree(case, seen.write_description(Path(folder)), start, end + _AFTER_S)
         file = load_tree_file(tree, registry.kinds, folder=Path(folder))
         with Run(file, registry, RunOptions(seed=case.seed, renderer="ray")) as run:
             carrier = _Carrier(run.world, place, normal, curve, path)

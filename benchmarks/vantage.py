@@ -57,7 +57,7 @@ class Vantage:
         """The point in the middle of the image, of shape (3,), in m."""
         return self.camera.position + distance * self.camera.turn(np.array((0.0, 0.0, 1.0)))
 
-    def write_page(self, folder: Path) -> str:
+    def write_description(self, folder: Path) -> str:
         """Write the robot's page with this posture into a folder; the page's name."""
         shipped = share_dir("assets") / "robots" / f"{self.robot}.yaml"
         page = yaml.safe_load(shipped.read_text(encoding="utf-8"))
