@@ -166,7 +166,7 @@ def _lines(found: object) -> list[str]:
 
 
 def compare_figures(before: Path) -> None:
-    """Print the last line of each benchmark for the stored state, this one, the stored one again."""
+    """Print the last line of each benchmark: for the stored state, this one, the stored one."""
     for name, (module, *arguments) in FIGURES.items():
         for text, checkout in (("before", before), ("after", ROOT), ("before", before)):
             done = subprocess.run(

@@ -64,9 +64,9 @@ def errors(bench: Bench, fps: float) -> None:
     cells = list(experiments(fps))
     for cell, result in zip(cells, bench.results(cells), strict=True):
         lost = sum(trial.lost_count for trial in result.trials)
-        bench.say(f"{cell.name}: RMS", 1e3 * result.rms, rms)
-        bench.say(f"{cell.name}: max", 1e3 * result.worst, worst)
-        bench.say(f"{cell.name}: losses", lost, 0, "")
+        bench.report(f"{cell.name}: RMS", 1e3 * result.rms, rms)
+        bench.report(f"{cell.name}: max", 1e3 * result.worst, worst)
+        bench.report(f"{cell.name}: losses", lost, 0, "")
 
 
 def figure_1(bench: Bench) -> None:
@@ -83,7 +83,7 @@ def figure_2(bench: Bench) -> None:
             plain = bench.result(replace(cell, controller="proportional"))
             ratio = bench.result(cell).rms / plain.rms
             print(f"  {cell.name}, {fps:g} Hz: proportional {1e3 * plain.rms:.2f} mm RMS")
-            bench.say(f"{cell.name}, {fps:g} Hz: predictive ÷ proportional", ratio, 1 / 12, "")
+            bench.report(f"{cell.name}, {fps:g} Hz: predictive ÷ proportional", ratio, 1 / 12, "")
 
 
 def figure_3(bench: Bench) -> None:
@@ -93,7 +93,7 @@ def figure_3(bench: Bench) -> None:
         bound = result.bound
         noise = 1e3 * result.mean("sighting_sd")
         print(f"  {cell.name}: noise {noise:.3f} mm, bound {1e3 * bound:.2f} mm")
-        bench.say(f"{cell.name}: RMS ÷ bound", result.rms / bound, 1.5, "")
+        bench.report(f"{cell.name}: RMS ÷ bound", result.rms / bound, 1.5, "")
 
 
 def figure_4(bench: Bench) -> None:
@@ -105,7 +105,7 @@ def figure_4(bench: Bench) -> None:
             print(f"  {spot.faults}: {complaint}")
     draw(spots, bench.seeds, bench.out / "tracking_map.png")
     unstable = sum(bool(spot.complaints) for spot in spots)
-    bench.say(f"of {len(spots)} points of the map that are not stable", unstable, 0, "")
+    bench.report(f"of {len(spots)} points of the map that are not stable", unstable, 0, "")
 
 
 def figure_5(bench: Bench) -> None:
@@ -130,10 +130,12 @@ def figure_5(bench: Bench) -> None:
                     )
                 regained += is_regained
                 old += trial.old_data_steps
-            bench.say(f"covered for {length} s: not regained of {times}", times - regained, 0, "")
+            bench.report(
+                f"covered for {length} s: not regained of {times}", times - regained, 0, ""
+            )
     print(f"  {ages.asked} set-points by prediction")
-    bench.say("oldest data that a set-point was made of", 1e3 * ages.oldest, 100, "ms")
-    bench.say("control steps that moved toward older data", old, 0, "")
+    bench.report("oldest data that a set-point was made of", 1e3 * ages.oldest, 100, "ms")
+    bench.report("control steps that moved toward older data", old, 0, "")
 
 
 def figure_6(bench: Bench) -> None:
@@ -150,12 +152,12 @@ def figure_6(bench: Bench) -> None:
             worst = 1e3 * trial.error.max()
             print(f"  crossing {seed}: {worst:.1f} mm, lost {trial.lost_count} times, {stolen=}")
         thefts += stolen
-    bench.say(f"thefts by a twin that crosses {times} times", thefts, 0, "")
+    bench.report(f"thefts by a twin that crosses {times} times", thefts, 0, "")
     colors = ("yellow", "red", "green", "blue", "orange")
     results = list(bench.results([Cell("circle", 1.0, more={"color": color}) for color in colors]))
     for color, result in zip(colors[1:], results[1:], strict=True):
         ratio = result.rms / results[0].rms
-        bench.say(f"{color}: RMS by that of yellow", ratio, 1.2, "")
+        bench.report(f"{color}: RMS by that of yellow", ratio, 1.2, "")
 
 
 def figure_7(bench: Bench) -> None:
@@ -177,7 +179,7 @@ def figure_7(bench: Bench) -> None:
     simulated = trial.frames / 60.0
     for name, seconds in spent.items():
         print(f"  {name:<58} {100 * seconds / simulated:9.2f} %")
-    bench.say(
+    bench.report(
         "all together, of a core at real time", 100 * sum(spent.values()) / simulated, 40, "%"
     )
 
