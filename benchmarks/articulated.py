@@ -93,12 +93,14 @@ def drawer(rng: np.random.Generator, scale: float) -> Articulated:
         at = [sign * offset[0], out / 2 - y / 4, sign * offset[1]]
         length = abs(out) - y / 2
         parts[name] = {"shape": "box", "size": [0.01, length, 0.01], "pose": {"xyz": at}}
-    most = 0.8 * y
-    joint = {"type": "slide", "axis": [0, -1, 0], "range": [0, most]} | _joint_properties(
+    longest = 0.8 * y
+    joint = {"type": "slide", "axis": [0, -1, 0], "range": [0, longest]} | _joint_properties(
         rng, 8.0, 30.0
     )
     joint["parts"] = ["tray", "handle", "stem1", "stem2"]
-    return Articulated(parts, joint, float(rng.uniform(0.6, 1.0)) * most, np.array((0.0, out, 0.0)))
+    return Articulated(
+        parts, joint, float(rng.uniform(0.6, 1.0)) * longest, np.array((0.0, out, 0.0))
+    )
 
 
 def door(rng: np.random.Generator, scale: float) -> Articulated:
@@ -233,14 +235,14 @@ class Observer(IdleObserver):
 
     Attributes:
         run: The run.
-        least: Smallest position of the joint so far, rad or m.
-        most: Largest one.
+        lowest: Smallest position of the joint so far, rad or m.
+        highest: Largest position of the joint so far, rad or m.
         force_n: Largest force so far while the part is held, N.
     """
 
     run: Run = field(init=False)
-    least: float = math.inf
-    most: float = -math.inf
+    lowest: float = math.inf
+    highest: float = -math.inf
     force_n: float = 0.0
     _recent: deque[np.ndarray] = field(default_factory=deque)
 
@@ -251,8 +253,8 @@ class Observer(IdleObserver):
     def after_step(self, time: float) -> None:  # noqa: ARG002 - of the interface
         """Update the range of joint positions."""
         position = self.run.world.joint_position("thing.joint")
-        self.least = min(self.least, position)
-        self.most = max(self.most, position)
+        self.lowest = min(self.lowest, position)
+        self.highest = max(self.highest, position)
 
     def _measure(self) -> None:
         world = self.run.world
@@ -302,7 +304,7 @@ def _play(data: dict[str, Any], seed: int, skills: Registry) -> tuple[str, float
     to = data["arms"]["arm1"]["tree"]["sequence"][0]["grasp"]["then_to"]
     is_hinge = data["objects"]["thing"]["joints"]["joint"]["type"] == "hinge"
     goal = math.radians(to) if is_hinge else to
-    reached = observer.most if goal > 0 else observer.least
+    reached = observer.highest if goal > 0 else observer.lowest
     end = run.world.joint_position("thing.joint")
     allowed = math.radians(2.0) if is_hinge else 0.005
     if abs(reached - goal) > allowed or abs(end) > allowed:
@@ -345,8 +347,8 @@ def main() -> int:
             if not wrong:
                 forces.append(force)
             if wrong or options.verbose:
-                what = f"{case['kind']} {case['seed']} {case['robot']}"
-                print(f"{what}: {wrong or 'ok'}, {force:.1f} N", flush=True)
+                label = f"{case['kind']} {case['seed']} {case['robot']}"
+                print(f"{label}: {wrong or 'ok'}, {force:.1f} N", flush=True)
         done, runs = len(forces), len(cases)
         top = max(forces, default=0.0)
         print(f"{options.reality}: {done} of {runs} opened and closed; force of these: median")

@@ -224,8 +224,8 @@ def main() -> int:
         return 0
     spent = time.process_time() - began
     print(f"{arguments.programs} programs, {violations} that break a law; {spent:.0f} s of CPU")
-    for what, count in counts.items():
-        print(f"{what}: {count}")
+    for label, count in counts.items():
+        print(f"{label}: {count}")
     digests = {digest.hexdigest()}
     command = [sys.executable, "-m", "benchmarks.coordination", "--digest-only"]
     command += ["--programs", str(arguments.programs), "--seed", str(arguments.seed)]

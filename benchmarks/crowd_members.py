@@ -72,10 +72,10 @@ class Member:
 
 def file_text(members: Sequence[Member], cubes: Sequence[Member]) -> str:
     """A tree file with some arms, and the cubes that some arms track."""
-    things = [
+    declarations = [
         _OBJECT.replace("NAME", one.name).replace("POSE", one.cube) for one in cubes if one.cube
     ]
-    objects = "".join(("objects:\n", *things)) if things else ""
+    objects = "".join(("objects:\n", *declarations)) if declarations else ""
     return "".join((_HEAD, objects, "arms:\n", *(one.text for one in members)))
 
 

@@ -105,9 +105,9 @@ def follow(
 ) -> str:
     """Run one trial; returns the line to print."""
     registry = Registry.load()
-    seen = vantage(robot, LOOKS[plane])
+    viewpoint = vantage(robot, LOOKS[plane])
     fps, _, latency = camera.partition("/")
-    place = seen.ahead(DISTANCE_M)
+    place = viewpoint.ahead(DISTANCE_M)
     xyz, rpy = BASE
     with tempfile.TemporaryDirectory() as folder:
         track: dict[str, Data] = {
@@ -137,7 +137,7 @@ def follow(
             "pose": {"xyz": list(_AWAY)},
         }
         arm: dict[str, Data] = {
-            "robot": seen.write_description(Path(folder)),
+            "robot": viewpoint.write_description(Path(folder)),
             "base": {"xyz": list(xyz), "rpy": list(rpy)},
             "posture": POSTURE,
             "camera": {
@@ -158,7 +158,7 @@ def follow(
         }
         file = load_tree_file(tree, registry.kinds, folder=Path(folder))
         with Run(file, registry, RunOptions(seed=seed, renderer="ray")) as run:
-            run.watch(_Carrier(run.world, place, seen.camera.rotation_matrix.T, motion))
+            run.watch(_Carrier(run.world, place, viewpoint.camera.rotation_matrix.T, motion))
             leaf = run.finish().arms["arm1"].runs[0]
     metrics = leaf.metrics
     numbers = [float(metrics.get(name, np.nan)) for name in ("plane_rms_m", "distance_rms_m")]

@@ -70,8 +70,8 @@ class Judge(IdleObserver):
         if change.new != "SUCCESS":
             return
         check = getattr(self, f"_{change.kind}", None)
-        for lie in check(change) if check else ():
-            self.lies.append(f"{change.time:.2f} s: {change.arm}/{change.path}: {lie}")
+        for deviation in check(change) if check else ():
+            self.lies.append(f"{change.time:.2f} s: {change.arm}/{change.path}: {deviation}")
 
     def at_the_end(self) -> None:
         """Check that a held object has not moved in the hand, and a detached one has stayed."""
@@ -82,7 +82,7 @@ class Judge(IdleObserver):
         if self._detached_at is not None:
             away = float(np.linalg.norm(self._position - self._detached_at))
             if away > AWAY_M:
-                self.lies.append(f"at the end: it lies {1e3 * away:.1f} mm from where it was put")
+                self.lies.append(f"at the end: it is {1e3 * away:.1f} mm from its release pose")
 
     @property
     def _position(self) -> Vector:

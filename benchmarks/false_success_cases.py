@@ -517,8 +517,8 @@ def main() -> int:
             stayed += found["stayed"]
             false += bool(found["lies"])
             print(f"{case['skill']:10} {case['name']:36} {found['said']}", flush=True)
-            for lie in found["lies"]:
-                print(f"    FALSE: {lie}", flush=True)
+            for deviation in found["lies"]:
+                print(f"    FALSE: {deviation}", flush=True)
         print(
             f"{len(chosen)} cases: {false} false SUCCESS; {stayed} stayed nevertheless, "
             f"{elsewhere} failed before, {exceptions} exceptions"

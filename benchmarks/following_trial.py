@@ -145,11 +145,11 @@ def circling(time: float) -> Vector:
 
 def follow(spot: Spot, registry: Registry) -> Outcome:
     """Run one case, and measure it."""
-    seen = vantage(spot.robot, LOOKS[spot.plane])
+    viewpoint = vantage(spot.robot, LOOKS[spot.plane])
     axes = np.array(Plane.model_validate(spot.plane).axes)
-    place = seen.ahead(DISTANCE_M)
+    place = viewpoint.ahead(DISTANCE_M)
     with tempfile.TemporaryDirectory() as folder:
-        tree = _tree(spot, seen.write_description(Path(folder)), place)
+        tree = _tree(spot, viewpoint.write_description(Path(folder)), place)
         file = load_tree_file(tree, registry.kinds, folder=Path(folder))
         with Run(file, registry, RunOptions(seed=spot.seed, renderer="ray")) as run:
             carrier = _Carrier(run.world, place, axes, spot.motion == "circle")

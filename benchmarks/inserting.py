@@ -155,15 +155,15 @@ def main() -> int:
     options = parser.parse_args()
     seconds = []
     forces = []
-    lied = 0
+    false = 0
     with Campaign(options) as campaign:
         for case, found in campaign.run(insert, grip_cases(options, "shape")):
             is_in = found["outcome"] == "SUCCESS"
-            lied += is_in and found["height_m"] > DEEP_M
+            false += is_in and found["height_m"] > DEEP_M
             if is_in:
                 seconds.append(found["seconds"])
                 forces.append((found["rim_n"], found["hole_n"]))
-            head = f"seed {case['seed']}: {1e3 * found['off_m']:.2f} mm off, {found['places']}"
+            head = f"seed {case['seed']}: {1e3 * found['off_m']:.2f} mm offset, {found['places']}"
             felt = f"{found['rim_n']:.1f} N at the rim, {found['hole_n']:.1f} N in the hole"
             print(f"{head} places, {found['seconds']:.0f} s, {felt}, {found['said']}", flush=True)
         middle = float(np.median(seconds)) if seconds else float("nan")
@@ -171,9 +171,9 @@ def main() -> int:
         print(
             f"{options.robot}, {options.gripper}, {options.reality}, {options.shape}: "
             f"{len(seconds)} of {options.runs} in, median {middle:.1f} s, {rim:.1f} N at the rim "
-            f"and {hole:.1f} N in the hole, {lied} false"
+            f"and {hole:.1f} N in the hole, {false} false"
         )
-        return 1 if lied else 0
+        return 1 if false else 0
 
 
 if __name__ == "__main__":

@@ -123,13 +123,13 @@ def interrupt_planning(
         os.kill(planning.pid or 0, kind)
         try:
             pending.result()
-            what = "found"
+            description = "found"
         except Failure as failure:
-            what = failure.code
+            description = failure.code
         faults = [] if len(planning.solve(problem).result()) > 1 else ["the next plan is not found"]
     finally:
         planning.close()
-    return f"{kind.name} at {moment:.2f} s: {what}", faults
+    return f"{kind.name} at {moment:.2f} s: {description}", faults
 
 
 def _record_faults(folder: Path, *, at_rest: bool) -> Iterator[str]:
@@ -170,9 +170,9 @@ def main() -> int:
     bad = 0
     with tempfile.TemporaryDirectory() as scratch:
         for number in range(times):
-            what, faults = trial(rng, number, Path(scratch) / str(number))
+            description, faults = trial(rng, number, Path(scratch) / str(number))
             bad += bool(faults)
-            print(f"{what}: {'; '.join(faults) or 'fine'}", flush=True)
+            print(f"{description}: {'; '.join(faults) or 'fine'}", flush=True)
     print(f"{times - bad} of {times} ended as expected")
     return 1 if bad else 0
 

@@ -159,9 +159,9 @@ def carry(case: Case, skills: Registry) -> tuple[str, float]:
 
 def run_case(**fields: Any) -> dict[str, Any]:  # Any: fields of `Case`
     """Outcome of a load and the largest joint velocity."""
-    what, fastest = carry(_case_of(fields), registry())
-    is_good = what in ("carried", "refused")
-    return {"outcome": "SUCCESS" if is_good else "FAILURE", "code": what, "fastest": fastest}
+    outcome, fastest = carry(_case_of(fields), registry())
+    is_good = outcome in ("carried", "refused")
+    return {"outcome": "SUCCESS" if is_good else "FAILURE", "code": outcome, "fastest": fastest}
 
 
 def _case_of(fields: Mapping[str, Any]) -> Case:

@@ -167,10 +167,10 @@ def variants(options: argparse.Namespace) -> Iterator[Variant]:
     rng = np.random.default_rng(options.seed)
     remaining: dict[str, list[str]] = defaultdict(list)
 
-    def next_of(what: str, names: tuple[str, ...]) -> str:
-        if not remaining[what]:
-            remaining[what] = [str(name) for name in rng.permutation(names)]
-        return remaining[what].pop()
+    def next_of(role: str, names: tuple[str, ...]) -> str:
+        if not remaining[role]:
+            remaining[role] = [str(name) for name in rng.permutation(names)]
+        return remaining[role].pop()
 
     for _ in range(options.variants):
         leader = next_of("leader", LEADERS)
@@ -221,27 +221,27 @@ def _viewpoint(variant: Variant) -> Vantage:
         Failure: ``OUT_OF_REACH`` if there is none.
     """
     for place in range(variant.place, variant.place + _PLACES):
-        seen = vantage(variant.follower, _LOOK, place)
-        if _base(variant, seen)[2] >= _FLOOR_M:
-            return seen
+        viewpoint = vantage(variant.follower, _LOOK, place)
+        if _base(variant, viewpoint)[2] >= _FLOOR_M:
+            return viewpoint
     raise Failure("OUT_OF_REACH", f"{variant.follower} would stand below the floor")
 
 
-def _base(variant: Variant, seen: Vantage) -> Vector:
+def _base(variant: Variant, viewpoint: Vantage) -> Vector:
     """Position of the follower's base, of shape (3,), m."""
-    base: Vector = np.array(BASE[0]) + np.array(variant.center) - seen.ahead(_DISTANCE_M)
+    base: Vector = np.array(BASE[0]) + np.array(variant.center) - viewpoint.ahead(_DISTANCE_M)
     return base
 
 
-def follow(variant: Variant, seen: Vantage) -> Measured:
+def follow(variant: Variant, viewpoint: Vantage) -> Measured:
     """Run one variant.
 
     Raises:
         DualArmError: The file check rejects the variant.
     """
-    base = _base(variant, seen)
+    base = _base(variant, viewpoint)
     with tempfile.TemporaryDirectory() as folder:
-        tree = _tree(variant, seen.write_description(Path(folder)), base)
+        tree = _tree(variant, viewpoint.write_description(Path(folder)), base)
         file = load_tree_file(tree, registry().kinds, folder=Path(folder))
         with Run(file, registry(), RunOptions(seed=variant.seed, renderer="ray")) as run:
             paths = _Paths(run.world)
@@ -261,7 +261,7 @@ def follow(variant: Variant, seen: Vantage) -> Measured:
         code=code,
         reason=str(track.reason),
         cause=str(track.metrics.get("cause", "")),
-        share=_share(variant, seen, base, _judged(leader, track, rows), checker),
+        share=_share(variant, viewpoint, base, _judged(leader, track, rows), checker),
         rms=_rms(leader, track, rows),
         true=float(track.metrics.get("true_rms_m", np.nan)),
         allowed=float(track.metrics.get("max_error_m", 0.01)),
@@ -294,20 +294,20 @@ def _judged(leader: list[LeafReport], track: LeafReport, rows: Matrix) -> Matrix
 
 
 def _share(
-    variant: Variant, seen: Vantage, base: Vector, rows: Matrix, checker: CollisionChecker
+    variant: Variant, viewpoint: Vantage, base: Vector, rows: Matrix, checker: CollisionChecker
 ) -> float:
     """Share of the follower's speed that the judged rows need, see `Measured`."""
     if not len(rows):
         return np.nan
     robot = load_robot(variant.follower)
     arm = Kinematics(robot, Pose.from_rpy(base.tolist(), np.radians(BASE[1]).tolist()))
-    tool = Pose.from_matrix(arm.matrix(seen.q))
+    tool = Pose.from_matrix(arm.matrix(viewpoint.q))
     limits = (robot.limits.velocity, robot.limits.acceleration, robot.limits.jerk)
     offsets = rows[::_SAMPLE_STEPS, 1:4] - np.array(variant.center)
     offsets[:, 0] = 0.0  # it follows in the plane
     if np.linalg.norm(offsets, axis=1).max() > _REACH_M:
         return np.inf
-    q = seen.q
+    q = viewpoint.q
     joints = []
     for offset in offsets:
         try:

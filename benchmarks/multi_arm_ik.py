@@ -73,10 +73,10 @@ class PairJudge:
     def residuals(self, problem: Problem, q: Configurations) -> tuple[float, float]:
         """Larger errors of the first tool's pose and of the relative pose, in m and rad."""
         one, two = (self.tool(problem, arm, q[arm]) for arm in ("arm1", "arm2"))
-        seen = one.inverse @ two
+        relative = one.inverse @ two
         return (
-            max(one.distance(problem.target), seen.distance(problem.relative)),
-            max(one.angle(problem.target), seen.angle(problem.relative)),
+            max(one.distance(problem.target), relative.distance(problem.relative)),
+            max(one.angle(problem.target), relative.angle(problem.relative)),
         )
 
     def solved(self, problem: Problem, q: Configurations) -> bool:

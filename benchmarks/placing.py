@@ -409,9 +409,9 @@ def place_once(seed: int, **settings: str) -> dict[str, Any]:
     leaf, ground = run(file)
     mass = file["objects"]["thing"]["mass"]
     if leaf.skill != "place" or leaf.status != "SUCCESS":
-        said = f"seed {seed}: {leaf.skill} {leaf.code}: {leaf.reason}"
+        message = f"seed {seed}: {leaf.skill} {leaf.code}: {leaf.reason}"
         outcome = "FAILURE" if leaf.skill == "place" else "SKIPPED"
-        return {"outcome": outcome, "code": leaf.code, "wrong": said}
+        return {"outcome": outcome, "code": leaf.code, "wrong": message}
     felt, position_error, rotation_error = (float(leaf.metrics[name]) for name in PLACE_METRICS)
     seconds = (leaf.ended_s or 0.0) - leaf.started_s
     figures = [
@@ -427,8 +427,8 @@ def place_once(seed: int, **settings: str) -> dict[str, Any]:
         "said": f"seed {seed}: {mass:.2f} kg " + " ".join(f"{value:.3g}" for value in figures),
     }
     if ground.pressed <= 0.0:
-        said = f"seed {seed}: released before the ground bore any weight"
-        return {"outcome": "FAILURE", "code": "LET_GO", "wrong": said, **found}
+        message = f"seed {seed}: released before the ground bore any weight"
+        return {"outcome": "FAILURE", "code": "LET_GO", "wrong": message, **found}
     return {"wrong": "", **found}
 
 
@@ -458,7 +458,7 @@ def run_seeds(options: argparse.Namespace, campaign: Campaign) -> int:
     worst = np.max(rows, axis=0).tolist() if rows else [float("nan")] * 6
     arm = f"{options.robot}, {options.gripper}, {options.reality}"
     print(f"{arm}: {len(rows)} placed, {failed} not")
-    names = ("felt N", "true N", "after, beyond its weight, N", "off m", "turned rad", "seconds")
+    names = ("felt N", "true N", "after, beyond its weight, N", "error m", "turned rad", "seconds")
     print("  worst: " + ", ".join(f"{n} {v:.3g}" for n, v in zip(names, worst, strict=True)))
     return 1 if failed else 0
 

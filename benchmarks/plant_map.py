@@ -70,8 +70,8 @@ def _drives(delay: float, bandwidth: float) -> Mapping[str, object]:
 
 MAPS: Final = (
     Scales(
-        "masses and inertias off by [share]",
-        "friction off by [share]",
+        "error of masses and inertias [share]",
+        "error of friction [share]",
         (0.0, 0.1, 0.2, 0.3, 0.4),
         (0.0, 0.3, 0.6, 0.9),
         _links_and_friction,

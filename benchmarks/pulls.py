@@ -243,7 +243,8 @@ def run_both(options: argparse.Namespace, campaign: Campaign) -> int:
     counts = {end: ends.count(end) for end in sorted(set(ends))}
     print(f"{options.robot}, {options.gripper}, {options.reality}: {soon} of {len(delays)} pulls")
     print(
-        f"  felt within 50 ms, median {1e3 * float(np.median(delays or [np.inf])):.0f} ms; {counts}"
+        f"  detected within 50 ms, median {1e3 * float(np.median(delays or [np.inf])):.0f} ms; "
+        f"{counts}"
     )
     print(f"  {alarms} false alarms in {quiet_s:.0f} s of carrying")
     return 1 if soon < len(delays) or alarms else 0

@@ -118,18 +118,18 @@ def _work(
         if number and number % 100 == 0:
             print(f"  share {seed}: {number} of {total} records", flush=True)
         if number < mutants:
-            what, changed = mutated(files, rng)
+            origin, changed = mutated(files, rng)
         else:
-            what = malicious[number - mutants]
+            origin = malicious[number - mutants]
             changed = files.copy()
-            MALICIOUS[what](changed)
+            MALICIOUS[origin](changed)
         count["records"] += 1
         everything = number >= mutants
         for name, reading in _readings(changed, sandbox, rng, slow, everything=everything):
             count["readings"] += 1
             count["refusals"] += reading.refused
             fault = reading.fault
-            peak = max(peak, (reading.memory_mb, f"{what}: {name}"))
+            peak = max(peak, (reading.memory_mb, f"{origin}: {name}"))
             if reading.memory_mb > MOST_MB:
                 fault = fault or f"memory: {reading.memory_mb:.0f} MB"
             if fault:
@@ -137,8 +137,8 @@ def _work(
                 if kind not in ("printed", "written elsewhere", "memory"):
                     kind = "traceback"
                 count[kind] += 1
-                faults.append(f"{what}: {name}: {fault}")
-                print(f"  {what}: {name}: {fault}", flush=True)
+                faults.append(f"{origin}: {name}: {fault}")
+                print(f"  {origin}: {name}: {fault}", flush=True)
     return count, faults, peak
 
 

@@ -154,13 +154,13 @@ def motions(place: Place) -> Mapping[str, list[Tree | str]]:
     attach: Tree = {"approach_and_attach": {"object": "cube", "standoff": 0.02}}
     lift: Tree = {"transport": {"object": "cube", "to": {"xyz": place.on_stand(step)}}}
     points = [[step, 0], [0, step], [-step, 0], [0, -step / 2]]
-    drawn = [[0, 0], [1000 * step, 0], [1000 * step, 1000 * step]]
+    corners = [[0, 0], [1000 * step, 0], [1000 * step, 1000 * step]]
     return {
         "approach_and_attach": [attach],
         "circle": [{"circle": {"plane": "xy", "radius": step}}],
         "detach": [attach, {"detach": {"object": "cube"}}],
         "draw": [{"draw": {"plane": "xy", "points": points}}],
-        "follow_path": [{"follow_path": {"points": drawn, "plane": "xy", "tool_speed": 0.02}}],
+        "follow_path": [{"follow_path": {"points": corners, "plane": "xy", "tool_speed": 0.02}}],
         "go_home": [{"move_joints": {"by": last}}, "go_home"],
         "hold_still": [{"hold_still": {"duration": 1.0}}],
         "lissajous": [{"lissajous": {"plane": "xy", "amplitudes": [step, step / 2]}}],

@@ -133,8 +133,8 @@ class _Author:
         rng = self._rng
         self.robot = str(rng.choice(list(ROBOTS)))
         self.gripper = GRIPPERS[int(rng.integers(len(GRIPPERS)))]
-        drawn = str(rng.choice(REALITIES))
-        self.reality = reality or drawn
+        random_reality = str(rng.choice(REALITIES))
+        self.reality = reality or random_reality
         skills = self._skills(count)
         skills = list(given) or skills
         if any(skill in CAMERA_SKILLS for skill in skills) and self.robot == "panda":

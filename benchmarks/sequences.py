@@ -143,15 +143,16 @@ def run_cases(options: argparse.Namespace, campaign: Campaign) -> int:
         for breach in one.breaches:
             again = f"--only {one.seed} --length {one.length} --reality {options.reality}"
             print(
-                f"{again}: {one.label}\n    {breach.kind}: {breach.step}: {breach.what}", flush=True
+                f"{again}: {one.label}\n    {breach.kind}: {breach.step}: {breach.what}",
+                flush=True,
             )
     print(
         f"{sequences} sequences, {leaves} leaves, {campaign.cpu_s / max(sequences, 1):.1f} s each"
     )
     print(f"  all leaves succeeded: {successes} of {sequences}")
     print(f"  leaves that reported a failure: {failures.total()} of {leaves}")
-    for what, count in failures.most_common(MOST):
-        print(f"    {count:5}  {what}")
+    for label, count in failures.most_common(MOST):
+        print(f"    {count:5}  {label}")
     for kind in KINDS:
         print(f"  {kind}: {broken[kind]} of {sequences}")
     return 1 if broken else 0

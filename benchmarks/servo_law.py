@@ -48,12 +48,14 @@ Knowledge: TypeAlias = Literal["now", "exposure", "images"]
 """What the servo knows: the current true motion, that at the newest exposure, or only images."""
 
 
-def errors(case: Case, seen: Vantage, path: Course, knowledge: Knowledge) -> tuple[float, float]:
+def errors(
+    case: Case, viewpoint: Vantage, path: Course, knowledge: Knowledge
+) -> tuple[float, float]:
     """RMS errors in m of the tool, minus its mean error, and of the target that it follows.
 
     Args:
         case: Robot, plane and camera.
-        seen: Start posture of the arm.
+        viewpoint: Start posture of the arm.
         path: Motion of the target.
         knowledge: What the servo knows of the motion. After the exposure, constant acceleration is
             assumed.
@@ -66,7 +68,7 @@ def errors(case: Case, seen: Vantage, path: Course, knowledge: Knowledge) -> tup
     camera = cast(
         "Any", SimpleNamespace(noise=0.0, latency=case.latency, period=1.0 / case.fps)
     )  # what gains depend on
-    gains = servo_gains(camera, plane_limits(arm, robot.limits, seen.q, axes).jerk)
+    gains = servo_gains(camera, plane_limits(arm, robot.limits, viewpoint.q, axes).jerk)
     estimate = DualFilterEstimate(gains.calmness, gains.calm_jerk)
 
     def true(time: float, order: int = 0) -> Vector:
@@ -89,8 +91,8 @@ def errors(case: Case, seen: Vantage, path: Course, knowledge: Knowledge) -> tup
             )
         return PlaneTarget(*estimate.predict(time)) if estimate.seen else None
 
-    rest = np.zeros_like(seen.q)
-    start = SetPoint(seen.q, rest, rest)
+    rest = np.zeros_like(viewpoint.q)
+    start = SetPoint(viewpoint.q, rest, rest)
     servo = PlanarServo(
         arm, robot.limits, PERIOD_S, start, axes, target, gains.bandwidth, gains.slack
     )
@@ -107,7 +109,7 @@ def errors(case: Case, seen: Vantage, path: Course, knowledge: Knowledge) -> tup
             exposure += 1.0 / case.fps
         while arriving and arriving[0][0] + case.latency <= time:
             estimate.update(*arriving.popleft(), _NOISE_M)
-        tool = axes @ (arm.matrix(servo(time).q)[:3, 3] - arm.matrix(seen.q)[:3, 3])
+        tool = axes @ (arm.matrix(servo(time).q)[:3, 3] - arm.matrix(viewpoint.q)[:3, 3])
         if time > 0.0:
             followed = target(time, tool)
             prediction_error = np.zeros(2) if followed is None else followed.position - true(time)
@@ -156,11 +158,11 @@ def run_trial(**fields: Any) -> dict[str, Any]:  # Any: fields of `Case`
     """Errors of a trial, m, or why its curve was rejected."""
     case = Case(**fields)
     try:
-        seen = vantage(case.robot, LOOKS[case.plane])
-        path = course(case, seen, np.array(Plane.model_validate(case.plane).axes))
-        known, _ = errors(case, seen, path, "now")
-        late, _ = errors(case, seen, path, "exposure")
-        tool, predicted = errors(case, seen, path, "images")
+        viewpoint = vantage(case.robot, LOOKS[case.plane])
+        path = course(case, viewpoint, np.array(Plane.model_validate(case.plane).axes))
+        known, _ = errors(case, viewpoint, path, "now")
+        late, _ = errors(case, viewpoint, path, "exposure")
+        tool, predicted = errors(case, viewpoint, path, "images")
     except Failure as failure:
         return {"outcome": "SKIPPED", "why": str(failure)}
     return {"errors": [predicted, known, late, tool]}

@@ -360,8 +360,8 @@ def run_sets(arguments: argparse.Namespace, campaign: Campaign) -> int:
             cases = [
                 {**case, "by_marker": True} for case in _cases(arguments.marker, reality, seed)
             ]
-            seen = [Located(**one["found"]) for _, one in campaign.run(run_locate, cases)]
-            good &= report_located(seen, f"{reality}, markers", 1.0, 0.5) or not has_goals
+            found = [Located(**one["found"]) for _, one in campaign.run(run_locate, cases)]
+            good &= report_located(found, f"{reality}, markers", 1.0, 0.5) or not has_goals
         if arguments.sizes:
             good &= report_sizes(arguments.sizes, reality, seed, campaign)
         if arguments.counts:

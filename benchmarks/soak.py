@@ -299,9 +299,9 @@ def problems_of(segments: Sequence[Segment], first_hour: float = 1.0) -> list[st
     return idle + growth_of([one.usage for one in settled]) + drift_of(segments)
 
 
-def _print(what: str, usage: Usage, more: str) -> None:
+def _print(label: str, usage: Usage, more: str) -> None:
     print(
-        f"| {what} | {usage.memory_mb:.1f} | {usage.threads} | {usage.files} | {usage.children} | "
+        f"| {label} | {usage.memory_mb:.1f} | {usage.threads} | {usage.files} | {usage.children} | "
         f"{more} |",
         flush=True,
     )

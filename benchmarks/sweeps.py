@@ -64,9 +64,9 @@ def _kills(arguments: argparse.Namespace, scratch: Path) -> None:
     print(f"{trials} trials of {tree}", flush=True)
     hashes: list[tuple[str, str]] = []
 
-    def report(what: str, value: str, began: float) -> None:
-        hashes.append((value, what))
-        print(f"  {value}  {what} ({time.monotonic() - began:.0f} s)", flush=True)
+    def report(label: str, value: str, began: float) -> None:
+        hashes.append((value, label))
+        print(f"  {value}  {label} ({time.monotonic() - began:.0f} s)", flush=True)
 
     began = time.monotonic()
     report("undisturbed", _finish(_command(tree, trials, scratch / "plain")), began)

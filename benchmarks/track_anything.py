@@ -275,7 +275,7 @@ def cases(options: argparse.Namespace) -> Iterator[Case]:
         )
 
 
-def course(case: Case, seen: Vantage, axes: Matrix) -> Course:
+def course(case: Case, viewpoint: Vantage, axes: Matrix) -> Course:
     """The target's motion, timed by the limits of the follower.
 
     Raises:
@@ -285,7 +285,7 @@ def course(case: Case, seen: Vantage, axes: Matrix) -> Course:
     robot = load_robot(case.robot)
     xyz, rpy = BASE
     arm = Kinematics(robot, Pose.from_rpy(xyz, np.radians(rpy).tolist()))
-    tool = Pose.from_matrix(arm.matrix(seen.q))
+    tool = Pose.from_matrix(arm.matrix(viewpoint.q))
 
     if case.motion == COMES_TO_REST:
         length = rng.uniform(0.4, 1.2)
@@ -298,7 +298,9 @@ def course(case: Case, seen: Vantage, axes: Matrix) -> Course:
         return Pose(tool.position + at @ axes, tool.quaternion)
 
     def timed(path: CartesianPath) -> Matrix:
-        motion: Trajectory = trace(arm, path, seen.q, robot.limits, _PERIOD_S * case.share).motion
+        motion: Trajectory = trace(
+            arm, path, viewpoint.q, robot.limits, _PERIOD_S * case.share
+        ).motion
         points = [axes @ (arm.matrix(q)[:3, 3] - tool.position) for q in motion.q]
         return np.array(points)
 
@@ -343,19 +345,19 @@ def follow(case: Case, registry: Registry) -> Measured:
     Raises:
         Failure: As `course`.
     """
-    seen = vantage(case.robot, LOOKS[case.plane])
+    viewpoint = vantage(case.robot, LOOKS[case.plane])
     axes = np.array(Plane.model_validate(case.plane).axes)
     normal = np.cross(*axes)
     curve = axes
     if case.free:
         axes = np.vstack((axes, normal))
         curve = axes[:2] @ _tilt(axes, np.random.default_rng(case.seed))
-    path = course(case, seen, curve)
-    place = seen.ahead(DISTANCE_M)
+    path = course(case, viewpoint, curve)
+    place = viewpoint.ahead(DISTANCE_M)
     end = _REST_S + path.duration
     with tempfile.TemporaryDirectory() as folder:
         start = place + path.at(0.0) @ curve
-        tree = _tree(case, seen.write_description(Path(folder)), start, end + _AFTER_S)
+        tree = _tree(case, viewpoint.write_description(Path(folder)), start, end + _AFTER_S)
         file = load_tree_file(tree, registry.kinds, folder=Path(folder))
         with Run(file, registry, RunOptions(seed=case.seed, renderer="ray")) as run:
             carrier = _Carrier(run.world, place, normal, curve, path)
@@ -449,8 +451,8 @@ def bound(case: Case, path: Course, noise: float) -> float:
     for stamp in np.arange(-_FRAMES_BEFORE, path.duration, 1.0 / case.fps):
         hidden = path.hidden[0] <= stamp < path.hidden[1]
         if not hidden:
-            seen = spline(max(stamp, 0.0)) + rng.normal(0.0, noise, 2)
-            estimate.update(float(stamp), seen, max(noise, 1e-6))
+            sighting = spline(max(stamp, 0.0)) + rng.normal(0.0, noise, 2)
+            estimate.update(float(stamp), sighting, max(noise, 1e-6))
         for share in range(_PREDICTIONS_PER_FRAME):
             now = float(stamp) + case.latency + share / _PREDICTIONS_PER_FRAME / case.fps
             if 0.0 <= now <= path.duration:

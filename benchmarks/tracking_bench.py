@@ -35,13 +35,13 @@ class Bench:
     missed: list[str] = field(default_factory=list)
     _known: dict[str, Result] = field(default_factory=dict)
 
-    def report(self, what: str, value: float, goal: float, unit: str = "mm") -> None:
+    def report(self, label: str, value: float, goal: float, unit: str = "mm") -> None:
         """Print a figure with its goal, an upper limit, and record whether it is missed."""
         good = value <= goal
         verdict = "ok" if good else "MISSED"
-        print(f"  {what:<58} {value:9.3f} {unit:<3} (goal ≤ {goal:.3g}) {verdict}", flush=True)
+        print(f"  {label:<58} {value:9.3f} {unit:<3} (goal ≤ {goal:.3g}) {verdict}", flush=True)
         if not good:
-            self.missed.append(what)
+            self.missed.append(label)
 
     def result(self, cell: Cell) -> Result:
         """Results of all seeds of a cell, run once.

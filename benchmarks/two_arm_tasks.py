@@ -536,12 +536,12 @@ def two_arm_transport(rng: np.random.Generator, robot: str) -> Tree:
         {"hand_over": {"object": "hammer", "to": "left"}},
         "go_home",
     ]
-    lies = {"on": "target", "rpy": [0, 0, 0]}
+    in_target = {"on": "target", "rpy": [0, 0, 0]}
     left = [
         {"grasp": {"object": "cube"}},
         {"place": {"at": {"on": "trash_bin"}}},
-        {"take_over": {"object": "hammer", "from": "right", "then_at": lies}},
-        {"place": {"at": lies}},
+        {"take_over": {"object": "hammer", "from": "right", "then_at": in_target}},
+        {"place": {"at": in_target}},
         "go_home",
     ]
     goal = {
