@@ -220,7 +220,7 @@ def main() -> None:
         for gripper in args.grippers
         for obj in args.shapes
         if obj != "ball" or load_gripper(gripper).fingers
-        for way in args.moves
+        for way in args.ways
         for reality in args.sets
         for seed in range(1, args.seeds + 1)
     )

@@ -170,8 +170,8 @@ def main() -> None:
                 figures = f"{one.cpu_ms:.0f} | {one.memory_mb:.0f} |"
                 print(f"| {count} {what} | {one.minutes} | {figures}", flush=True)
             costs += row
-    if arguments.plot is not None:
-        plot(costs, arguments.plot)
+    if arguments.picture is not None:
+        plot(costs, arguments.picture)
 
 
 if __name__ == "__main__":
