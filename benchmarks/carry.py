@@ -4,8 +4,8 @@
                                [--reality lab] [--seed 0] [--plot carry.svg]
 
 A run grasps a beam of 4 kg, carries it along several random paths with shifts of up to 0.25 m and
-rotations of up to 15°, and sets it down. The beam is 1.2 m long; neither arm can hold it alone.
-Runs alternate between the pairs of robots, each with suitable grippers.
+rotations of up to 15°, and sets it down. The beam is 1.2 m long (0.8 m for UR3s); no arm can hold
+it alone. Runs alternate between the pairs of robots, each with suitable grippers.
 
 A path counts as arrived if the true pose of the beam is within 2 mm and 0.5° of the goal, and as
 refused if no arm has moved. Internal force and moment are the part of the hands' true contact

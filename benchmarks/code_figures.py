@@ -2,9 +2,9 @@
 
     python -m benchmarks.code_figures [--worst 10]
 
-Lines include blank lines and comments. A function counts as called once if its name occurs
-once in the package besides its definition. A packed assignment gives several names unrelated values
-in one statement (``a, b = x, y``); swaps and unpacked calls do not count.
+Lines include blank lines and comments. A function counts as called once if its name occurs once in
+the package besides its definition. A packed assignment gives several names unrelated values in one
+statement (``a, b = x, y``); swaps and unpacked calls do not count.
 """
 
 from __future__ import annotations

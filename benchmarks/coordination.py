@@ -7,8 +7,7 @@ laws: every program ends (every leaf ends on its own, so a program that hangs ha
 deadlock); the status changes of each arm are the same in every order; a claim is held by one arm at
 a time; all participants of a rendezvous meet in one tick. The digest over all programs is computed
 in several processes with different hash seeds. Programs that the file check rejects are counted
-separately: if one is rejected because of a wait that never ends, the same program with the wait
-hidden behind a selector must end in a deadlock, a missing partner or a timeout.
+separately, by cause.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Scenarios in which an object does not stay where a skill leaves it: is one a false SUCCESS?
 
-    python -m benchmarks.false_success_cases [--only place detach ...] [--verbose]
+    python -m benchmarks.false_success_cases [--only place detach ...]
 
 In each scenario the world, or an intervention in it, prevents the object from being or staying
 where `place`, `detach`, `transport`, `insert` or `regrasp` should leave it. A SUCCESS is false if

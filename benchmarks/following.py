@@ -4,13 +4,13 @@
                                    [--reality ideal|lab|rough] [--sized] [--seeds N] [--part I/N]
 
 A resting cube: all combinations of robots, planes, 10, 30, 60 and 120 Hz, 0.1, 0.3 and 1 of the
-limits, and latencies of 0, 17 and 60 ms: 540 runs of about two seconds. A circle of 0.1 m at
-0.1 m/s: robots, planes, frame rates and shares of the limits. Arms start with the camera facing the
-plane; with ``--sized`` they know the cube's size. A seed is one robot with its own deviations from
-the model. Prints the error of each run, the highest peak in the spectrum of the tool's path, and
-missed goals, among them losses of the cube; exits with code 1 if a goal is missed. Outside `ideal`,
-calibration errors of the camera shift the cube, so only oscillation, losses and failures count.
-``--part 2/11`` runs every eleventh case, starting with the second.
+limits, and latencies of 0, 17 and 60 ms: 540 runs of about two seconds. A circle of 0.1 m at 0.1
+m/s: likewise, with one latency. Arms start with the camera facing the plane; with ``--sized`` they
+know the cube's size. A seed is one robot with its own deviations from the model. Prints the error
+of each run, the highest peak in the spectrum of the tool's path, and missed goals, among them
+losses of the cube; exits with code 1 if a goal is missed. Outside `ideal`, calibration errors of
+the camera shift the cube, so only oscillation, losses and failures count. ``--part 2/11`` runs
+every eleventh case, starting with the second.
 """
 
 from __future__ import annotations

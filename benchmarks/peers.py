@@ -1,6 +1,6 @@
 """Cost of a simulated second compared with robosuite, dm_control and Drake.
 
-    python -m benchmarks.peers [--env DIR] [--rounds 3] [--seconds 20]
+    python -m benchmarks.peers [--env DIR] [--rounds 3] [--seconds 15]
 
 The peers are installed with pip, at the versions below, into a separate environment (`--env`, by
 default in the temporary folder; it is kept). Each job is a process with one BLAS thread; the figure

@@ -4,11 +4,12 @@
                                [--gripper robotiq_2f85] [--reality lab] [--times 1.2]
 
 A box of 0.1 to 0.8 kg is carried back and forth as fast as the arm allows. At a random moment a
-force in a random direction pulls at it for 0.1 s, with ``--times`` the holding force: for fingers
-the friction of the pads, for a suction cup what it bears in that direction (away from it or across
-it). The delay is the time until the arm detects the slip (`slips_felt`) or the leaf fails. In
-``--quiet`` seconds of the same motion without pulls, each detection is a false alarm. Exits with
-code 1 if a pull was detected later than after 50 ms or not at all, or after a false alarm.
+force in a random direction pulls at it for 0.1 s, ``--times`` as large as the holding force: that
+is the friction of the pads for fingers, and for a suction cup what it bears in that direction (away
+from it or across it). The delay is the time until the arm detects the slip (`slips_felt`) or the
+leaf fails. In ``--quiet`` seconds of the same motion without pulls, each detection is a false
+alarm. Exits with code 1 if a pull was detected later than after 50 ms or not at all, or after a
+false alarm.
 """
 
 from __future__ import annotations

@@ -4,9 +4,9 @@
 
 The tree is run as ``bt-run`` does without a record. In another run, the state before each step, the
 torques and joint friction of the step, and the state and region of each frame are recorded. Then,
-in the same process, MuJoCo alone makes each of these steps (``mj_step``) and the renderer
-alone draws each of these frames, from exactly these states; only the time of both is counted, not
-that of restoring the states. Not included: the correction of held objects, sensors, drives, lens
+in the same process, MuJoCo alone makes each of these steps (``mj_step``) and the renderer alone
+draws each of these frames, from exactly these states; only the time of both is counted, not that of
+restoring the states. Not included: the correction of held objects, sensors, drives, lens
 distortion, and image noise.
 
 Prints the real-time factor by wall-clock time, the CPU times of the run and of the bound, their

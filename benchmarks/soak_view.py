@@ -8,9 +8,9 @@ bodies of 10 MB, wrong host names and foreign origins. Prints how often the page
 many hostile requests were served, by how much the run's process has grown since a tenth of the
 rounds, and whether the hash equals that of an unobserved run.
 
-With --slow, a process opens that many connections of each kind of slow client (idle, half a
-request, half a body, readers that take nothing) and leaves them open while everything that a page
-shows is requested. Prints the response times and the resources of the run's process.
+With --slow N, a process opens N connections of each kind of slow client (idle, half a request, half
+a body, readers that take nothing) and leaves them open while everything that a page shows is
+requested. Prints the response times and the resources of the run's process.
 """
 
 from __future__ import annotations

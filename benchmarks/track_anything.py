@@ -5,7 +5,7 @@
         [--lines]
 
 Each trial has a random plane, curve, reality and camera. The curve is timed with the follower's own
-limits along the true path, and then slowed down: ``--share 0.8`` needs 80 % of the largest speed,
+limits along the true path, and then scaled in time: ``--share 0.8`` needs 80 % of the top speed,
 which is 64 % of the accelerations; above 1 no arm can follow. With two numbers, each trial draws a
 value between them. `track` ends by ``until_still``. With ``--free`` the curve is tilted out of the
 plane by up to 45°, and is followed in space. Prints median and 95th percentile of the true RMS
