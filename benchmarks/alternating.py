@@ -1,12 +1,12 @@
-"""Two states of this project against each other, in fresh processes by turns.
+"""Cost of two states of this project, compared in alternating fresh processes.
 
     python -m benchmarks.alternating 41cfa06 [--tree TREE] [--param grasp=attach] [--pairs 6]
 
 The first state is a revision of this repository, or a folder with a checkout; the second is this
-checkout, and parameters are for it alone. Each runs the tree once to warm its caches, then both run
-it by turns, without a record. A line for each pair has the CPU seconds of both processes, from the
-first import to the last, and those from the first step to the last, which `real_time` measures,
-too; the last line has the median of the pairs' ratios: other programs slow both of a pair down.
+checkout, to which alone ``--param`` applies. Each runs the tree once to warm its caches, then both
+run it alternately, without a record. Prints for each pair the CPU seconds of both whole processes,
+and of their steps, as `real_time` measures them; then the median ratio of the pairs: other programs
+slow down both runs of a pair.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ print(json.dumps([
 
 
 class Cost(NamedTuple):
-    """What one process took.
+    """Cost of one process.
 
     Attributes:
-        whole_s: CPU seconds of the process, and of those that it began.
+        whole_s: CPU seconds of the process and its children.
         steps_s: CPU seconds from the first step of the run to the last.
-        factor: Real-time factor of the run, by the clock on the wall.
+        factor: Real-time factor of the run, by wall-clock time.
         outcome: Outcome of the run.
     """
 
@@ -57,16 +57,16 @@ class Cost(NamedTuple):
 
 
 def cost(checkout: Path, tree: str, compiled: str, params: list[str]) -> Cost:
-    """Run a tree of a checkout in a process of its own.
+    """Run a tree of a checkout in a separate process.
 
     Args:
         checkout: Folder with a state of the project.
         tree: Name of the tree.
-        compiled: Folder for Python's byte code, which an installation has, too.
-        params: Parameters of this checkout's tree, ``NAME=VALUE``.
+        compiled: Folder for Python's byte code.
+        params: Parameters ``NAME=VALUE``, which only this checkout gets.
 
     Raises:
-        subprocess.CalledProcessError: It could not be run.
+        subprocess.CalledProcessError: The tree could not be run.
     """
     named = dict(param.split("=", 1) for param in params) if checkout == ROOT else {}
     options = json.dumps({"params": named} if named else {})
@@ -87,22 +87,22 @@ def _environment(checkout: Path, compiled: str) -> dict[str, str]:
 
 @contextmanager
 def checkout_of(state: str) -> Iterator[Path]:
-    """A folder with a state: itself, or a worktree of a revision for as long as it is needed."""
+    """The folder of a state: a given one, or a temporary worktree of a revision."""
     if Path(state).is_dir():
         yield Path(state).resolve()
         return
     with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder) / "before"
+        worktree = Path(folder) / "before"
         git = ["git", "-C", str(ROOT), "worktree"]
-        subprocess.run([*git, "add", "--quiet", "--detach", str(place), state], check=True)
+        subprocess.run([*git, "add", "--quiet", "--detach", str(worktree), state], check=True)
         try:
-            yield place
+            yield worktree
         finally:
-            subprocess.run([*git, "remove", "--force", str(place)], check=True)
+            subprocess.run([*git, "remove", "--force", str(worktree)], check=True)
 
 
 def main() -> None:
-    """Print a line for each pair, and one for all."""
+    """Print a line for each pair, and the medians."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("before")
     parser.add_argument("--tree", default="pick_and_track")

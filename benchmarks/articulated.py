@@ -1,14 +1,13 @@
-"""Doors, drawers, lids and levers, opened and closed by several robots: success and forces.
+"""Doors, drawers, lids and levers, opened and closed by five robots: success rate and forces.
 
     python -m benchmarks.articulated [--objects 20] [--robots ur3 ur5 ur10 panda xarm7] [--seed 0]
                                      [--reality lab] [--only KIND] [--verbose]
 
-Every object is generated with a random size, place, joint, friction and handle. A tree grasps its
-handle, operates the joint to its open position and back, releases the handle and goes home. The
-run counts if the tree succeeds and the simulator's joint was within 5 mm or 2° of both positions.
-The force is that with which the hand pulls at the part, the sum of all contacts between them,
-averaged over 20 ms; its maximum is given while the joint is operated.
-Exit code 1 if less than 95 % succeed or a force exceeds 40 N.
+Each object has a random size, pose, joint, friction and handle. A tree grasps the handle, operates
+the joint to its open position and back, releases the handle and goes home. A run succeeds if the
+tree succeeds and the simulated joint was within 5 mm or 2° of both positions. The force is that of
+the hand on the part, summed over all their contacts and averaged over 20 ms; its maximum while the
+part is held is printed. Exits with code 1 if less than 95 % succeed or a force exceeds 40 N.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ from bt_dualarm.skill.registry import Registry
 KINDS: Final = ("drawer", "door", "lid", "lever")
 ROBOTS: Final = ("ur3", "ur5", "ur10", "panda", "xarm7")
 REACH_M: Final = {"ur3": 0.42, "ur5": 0.75, "ur10": 1.1, "panda": 0.7, "xarm7": 0.65}
-"""Distance from the base, m, of which handles are at 70 to 85 %."""
+"""Reach from the base, m; handles are at 70 to 85 % of it."""
 
 MOST_N: Final = 40.0
 SHARE: Final = 0.95
@@ -47,19 +46,19 @@ _BASE_M: Final = 0.4
 _ATTEMPTS: Final = 5
 
 
-def _bar(length: float, way: int, thick: float) -> list[float]:
+def _bar(length: float, axis: int, thick: float) -> list[float]:
     size = [thick, thick, thick]
-    size[way] = length
+    size[axis] = length
     return size
 
 
 @dataclass
-class Thing:
-    """An object in the frame in which the robot is at -y of it.
+class Articulated:
+    """An object in a frame in which the robot is on its -y side.
 
     Attributes:
-        parts: Its parts.
-        joint: Its joint.
+        parts: Its parts, as in a tree file.
+        joint: Its joint, as in a tree file.
         to: Open position, degrees or m.
         handle: Position of the handle, of shape (3,), m.
     """
@@ -70,7 +69,7 @@ class Thing:
     handle: np.ndarray
 
 
-def drawer(rng: np.random.Generator, scale: float) -> Thing:
+def drawer(rng: np.random.Generator, scale: float) -> Articulated:
     """A drawer in a frame that is open to the front."""
     x, y, z = (scale * float(one) for one in rng.uniform((0.2, 0.18, 0.1), (0.32, 0.26, 0.16)))
     thick = 0.01
@@ -94,13 +93,17 @@ def drawer(rng: np.random.Generator, scale: float) -> Thing:
         at = [sign * offset[0], out / 2 - y / 4, sign * offset[1]]
         length = abs(out) - y / 2
         parts[name] = {"shape": "box", "size": [0.01, length, 0.01], "pose": {"xyz": at}}
-    most = 0.8 * y
-    joint = {"type": "slide", "axis": [0, -1, 0], "range": [0, most]} | _feel(rng, 8.0, 30.0)
+    longest = 0.8 * y
+    joint = {"type": "slide", "axis": [0, -1, 0], "range": [0, longest]} | _joint_properties(
+        rng, 8.0, 30.0
+    )
     joint["parts"] = ["tray", "handle", "stem1", "stem2"]
-    return Thing(parts, joint, float(rng.uniform(0.6, 1.0)) * most, np.array((0.0, out, 0.0)))
+    return Articulated(
+        parts, joint, float(rng.uniform(0.6, 1.0)) * longest, np.array((0.0, out, 0.0))
+    )
 
 
-def door(rng: np.random.Generator, scale: float) -> Thing:
+def door(rng: np.random.Generator, scale: float) -> Articulated:
     """A door with its hinge on the left or on the right, in front of a back panel."""
     x, z = (scale * float(one) for one in rng.uniform((0.18, 0.25), (0.3, 0.4)))
     side = float(rng.choice((-1.0, 1.0)))  # of the hinge
@@ -117,12 +120,12 @@ def door(rng: np.random.Generator, scale: float) -> Thing:
         parts[name] = {"shape": "box", "size": [0.01, -out, 0.01], "pose": pose}
     # Opening turns the free edge toward the robot.
     joint: dict[str, Any] = {"type": "hinge", "axis": [0, 0, side], "anchor": [side * x / 2, 0, 0]}
-    joint |= {"range": [0, 110]} | _feel(rng, 0.8, 1.0)
+    joint |= {"range": [0, 110]} | _joint_properties(rng, 0.8, 1.0)
     joint["parts"] = ["panel", "handle", "stem1", "stem2"]
-    return Thing(parts, joint, float(rng.uniform(40, 75)), np.array((at, out, 0.0)))
+    return Articulated(parts, joint, float(rng.uniform(40, 75)), np.array((at, out, 0.0)))
 
 
-def lid(rng: np.random.Generator, scale: float) -> Thing:
+def lid(rng: np.random.Generator, scale: float) -> Articulated:
     """A box whose lid opens upward, about its rear edge."""
     x, y, z = (scale * float(one) for one in rng.uniform((0.16, 0.14, 0.08), (0.28, 0.22, 0.14)))
     out = -0.5 * y - 0.045
@@ -140,11 +143,11 @@ def lid(rng: np.random.Generator, scale: float) -> Thing:
         "anchor": [0, y / 2, 0],
         "range": [0, 100],
     }
-    joint |= _feel(rng, 0.5, 0.5) | {"parts": ["lid", "stem", "handle"]}
-    return Thing(parts, joint, float(rng.uniform(30, 60)), np.array((0.0, out, 0.0)))
+    joint |= _joint_properties(rng, 0.5, 0.5) | {"parts": ["lid", "stem", "handle"]}
+    return Articulated(parts, joint, float(rng.uniform(30, 60)), np.array((0.0, out, 0.0)))
 
 
-def lever(rng: np.random.Generator, scale: float) -> Thing:
+def lever(rng: np.random.Generator, scale: float) -> Articulated:
     """A lever with a grip at its end, which turns about a horizontal or a vertical axis."""
     length = max(scale, 0.7) * float(rng.uniform(0.12, 0.2))
     wide = float(rng.uniform(0.014, 0.022))
@@ -171,12 +174,14 @@ def lever(rng: np.random.Generator, scale: float) -> Thing:
         "range": [-50, 50],
         "parts": ["stem", "handle"],
     }
-    joint |= _feel(rng, 1.0, 0.5) | {"friction": float(rng.uniform(0.3, 1.0))}
+    joint |= _joint_properties(rng, 1.0, 0.5) | {"friction": float(rng.uniform(0.3, 1.0))}
     sign = 1.0 if upright else float(rng.choice((-1.0, 1.0)))
-    return Thing(parts, joint, sign * float(rng.uniform(20, 45)), np.array(grip, float))
+    return Articulated(parts, joint, sign * float(rng.uniform(20, 45)), np.array(grip, float))
 
 
-def _feel(rng: np.random.Generator, friction: float, damping: float) -> dict[str, float]:
+def _joint_properties(
+    rng: np.random.Generator, friction: float, damping: float
+) -> dict[str, float]:
     """Friction, damping and mass of a joint."""
     return {
         "friction": float(rng.uniform(0.1, 1.0)) * friction,
@@ -189,7 +194,7 @@ MAKERS: Final = {"drawer": drawer, "door": door, "lid": lid, "lever": lever}
 
 
 def task(kind: str, robot: str, seed: int, reality: str, attempt: int = 0) -> dict[str, Any]:
-    """The tree file of one run; a further attempt is another object at another place."""
+    """The tree file of one run; each attempt has another object at another pose."""
     rng = np.random.default_rng([seed, KINDS.index(kind), *([attempt] if attempt else [])])
     far = REACH_M[robot]
     obj = MAKERS[kind](rng, min(far / 0.75, 1.2))
@@ -226,30 +231,30 @@ def task(kind: str, robot: str, seed: int, reality: str, attempt: int = 0) -> di
 
 @dataclass
 class Observer(IdleObserver):
-    """Measures the true joint and the true force on what it moves.
+    """Measures the true joint position and the true force on the moving part.
 
     Attributes:
         run: The run.
-        least: Smallest position of the joint so far, rad or m.
-        most: Largest one.
-        force_n: Largest force so far, while the joint moved.
+        lowest: Smallest position of the joint so far, rad or m.
+        highest: Largest position of the joint so far, rad or m.
+        force_n: Largest force so far while the part is held, N.
     """
 
     run: Run = field(init=False)
-    least: float = math.inf
-    most: float = -math.inf
+    lowest: float = math.inf
+    highest: float = -math.inf
     force_n: float = 0.0
     _recent: deque[np.ndarray] = field(default_factory=deque)
 
     def begin(self) -> None:
-        """Observe forces where contacts and their forces match."""
+        """Subscribe to the steps at which contacts and their forces match."""
         self.run.world.on_forces.append(self._measure)
 
     def after_step(self, time: float) -> None:  # noqa: ARG002 - of the interface
-        """Note where the joint is."""
+        """Update the range of joint positions."""
         position = self.run.world.joint_position("thing.joint")
-        self.least = min(self.least, position)
-        self.most = max(self.most, position)
+        self.lowest = min(self.lowest, position)
+        self.highest = max(self.highest, position)
 
     def _measure(self) -> None:
         world = self.run.world
@@ -270,17 +275,17 @@ class Observer(IdleObserver):
             self.force_n = max(self.force_n, float(np.linalg.norm(np.mean(self._recent, axis=0))))
 
 
-def played(kind: str, robot: str, seed: int, reality: str, skills: Registry) -> tuple[str, float]:
-    """Result of one run, empty if all went well, and the largest force, N."""
+def play(kind: str, robot: str, seed: int, reality: str, skills: Registry) -> tuple[str, float]:
+    """Failure of one run, or an empty text, and the largest force, N."""
     for attempt in range(_ATTEMPTS):
         try:
-            return _played(task(kind, robot, seed, reality, attempt), seed, skills)
-        except OverlapError:  # the arm would begin within the object
+            return _play(task(kind, robot, seed, reality, attempt), seed, skills)
+        except OverlapError:  # the arm would overlap the object at the start
             continue
-    raise RuntimeError(f"no place for {kind} {seed} before {robot}")
+    raise RuntimeError(f"no free pose for {kind} {seed} in front of {robot}")
 
 
-def _played(data: dict[str, Any], seed: int, skills: Registry) -> tuple[str, float]:
+def _play(data: dict[str, Any], seed: int, skills: Registry) -> tuple[str, float]:
     with TemporaryDirectory() as folder:
         path = Path(folder) / "task.yaml"
         path.write_text(yaml.safe_dump(data), encoding="utf-8")
@@ -299,7 +304,7 @@ def _played(data: dict[str, Any], seed: int, skills: Registry) -> tuple[str, flo
     to = data["arms"]["arm1"]["tree"]["sequence"][0]["grasp"]["then_to"]
     is_hinge = data["objects"]["thing"]["joints"]["joint"]["type"] == "hinge"
     goal = math.radians(to) if is_hinge else to
-    reached = observer.most if goal > 0 else observer.least
+    reached = observer.highest if goal > 0 else observer.lowest
     end = run.world.joint_position("thing.joint")
     allowed = math.radians(2.0) if is_hinge else 0.005
     if abs(reached - goal) > allowed or abs(end) > allowed:
@@ -307,15 +312,15 @@ def _played(data: dict[str, Any], seed: int, skills: Registry) -> tuple[str, flo
     return "", observer.force_n
 
 
-def operated(kind: str, robot: str, seed: int, reality: str) -> dict[str, Any]:
-    """What is wrong with a run, empty if nothing is, and its force."""
-    wrong, force = played(kind, robot, seed, reality, registry())
+def evaluate(kind: str, robot: str, seed: int, reality: str) -> dict[str, Any]:
+    """Failure of a run, or an empty text, and its largest force, N."""
+    wrong, force = play(kind, robot, seed, reality, registry())
     outcome = "FAILURE" if wrong else "SUCCESS"
     return {"outcome": outcome, "code": kind if wrong else "", "wrong": wrong, "force_n": force}
 
 
 def main() -> int:
-    """Open and close, print the figures."""
+    """Run all cases and print the figures; returns the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--objects", type=int, default=20)
     parser.add_argument("--robots", nargs="+", default=list(ROBOTS), choices=ROBOTS)
@@ -337,13 +342,13 @@ def main() -> int:
         for robot in options.robots
     ]
     with Campaign(options) as campaign:
-        for case, found in campaign.run(operated, cases):
+        for case, found in campaign.run(evaluate, cases):
             wrong, force = found["wrong"], found["force_n"]
             if not wrong:
                 forces.append(force)
             if wrong or options.verbose:
-                what = f"{case['kind']} {case['seed']} {case['robot']}"
-                print(f"{what}: {wrong or 'ok'}, {force:.1f} N", flush=True)
+                label = f"{case['kind']} {case['seed']} {case['robot']}"
+                print(f"{label}: {wrong or 'ok'}, {force:.1f} N", flush=True)
         done, runs = len(forces), len(cases)
         top = max(forces, default=0.0)
         print(f"{options.reality}: {done} of {runs} opened and closed; force of these: median")

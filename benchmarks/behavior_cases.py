@@ -1,8 +1,8 @@
-"""The runs that `same_behavior` compares: shipped trees, and files generated over the catalogs.
+"""The runs that `same_behavior` compares: shipped trees and generated files.
 
 Generated files cover every robot with every gripper, every skill (its own example in the scenario
-of the conformance suite) and every node type of the language. They are data of the current
-checkout: both states that are compared get the same texts.
+of the conformance suite) and every node type of the language. They come from the current checkout:
+both compared states get the same texts.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ SEEDS = (0, 7)
 PARAMS: dict[str, tuple[dict[str, object], ...]] = {
     "pick_and_track": ({}, {"grasp": "attach"}),
 }
-"""Parameters with which a shipped tree runs; by default its own."""
+"""Sets of parameters of a shipped tree; by default only its own."""
 
 
 class Case(NamedTuple):
@@ -69,14 +69,14 @@ def generated() -> Iterator[Case]:
 
 
 def _mounted() -> Iterator[Case]:
-    """Every robot with every gripper: motions, and the gripper where there is one."""
-    draw = random.Random(25)  # noqa: S311 - figures of test files
+    """Every robot with every gripper: motions, and commands of the gripper."""
+    rng = random.Random(25)  # noqa: S311 - no secret
     for robot in ROBOTS:
         for gripper in GRIPPERS:
-            offset = [round(draw.uniform(-0.06, 0.06), 3) for _ in range(3)]
+            offset = [round(rng.uniform(-0.06, 0.06), 3) for _ in range(3)]
             leaves: list[dict[str, object] | str] = [
                 {"reach_to_pose": {"offset": {"xyz": offset}, "speed": 0.6}},
-                {"circle": {"plane": draw.choice(("xy", "yz")), "radius": 0.03, "speed": 0.4}},
+                {"circle": {"plane": rng.choice(("xy", "yz")), "radius": 0.03, "speed": 0.4}},
             ]
             arm: dict[str, object] = {"robot": robot, "base": ABOVE}
             if gripper != "none":
@@ -86,12 +86,12 @@ def _mounted() -> Iterator[Case]:
             yield _file(
                 f"{robot} with {gripper}",
                 {"arms": {"arm1": {**arm, "tree": {"sequence": leaves}}}},
-                draw.choice(REALITIES),
+                rng.choice(REALITIES),
             )
 
 
 def _skills() -> Iterator[Case]:
-    """Every skill's example, twice, where the conformance suite lets it succeed."""
+    """Every skill's example in its scenario of the conformance suite."""
     registry = registry_of()
     for name, skill in sorted(registry.skills.items()):
         content = SCENARIOS.get(name, Scenario()).file(node_of(skill.example))
@@ -128,17 +128,17 @@ _PARTNERS: dict[str, object] = {
     "in_step": {"in_step": {"with": "arm1", "child": {"wait": 0.3}}},
     "meet": {"meet": {"at": "handover"}},
 }
-"""What the other arm does where the node needs it."""
+"""Leaf of the other arm, for nodes that need a partner."""
 
 
 def _node_types() -> Iterator[Case]:
     """Every node type's example, between two short waits."""
     cube = {"shape": "box", "size": [0.05] * 3, "mass": 0.1, "color": "red"}
-    for name, word in sorted(LANGUAGE.items()):
+    for name, node_type in sorted(LANGUAGE.items()):
         if name == "subtree":
             node: object = {"subtree": {"use": "part", "params": {"n": 0.1}}}
         else:
-            node = yaml.safe_load(word.example)
+            node = yaml.safe_load(node_type.example)
         partner = [{"wait": 0.2}, _PARTNERS.get(name, {"wait": 0.1})]
         content: dict[str, Any] = {
             "params": {"speed": {"type": "number", "default": 0.5}},

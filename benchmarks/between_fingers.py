@@ -1,9 +1,9 @@
-"""Planning with a thing between open fingers: python -m benchmarks.between_fingers [--problems N].
+"""Planning with an object between the fingers: python -m benchmarks.between_fingers [--problems N].
 
-Problems near the taking of things, as those of MotionBenchMaker are (RA-L 2022): posts of 25 to
-60 mm stand around a Panda with its stock hand, and the goal is its tool around the top of one of
-them. Printed, with the fingers where the page locks them and with `locked` opening them: how many
-problems are admitted, and how many of these solved.
+Pre-grasp problems like those of MotionBenchMaker (RA-L 2022): posts of 25 to 60 mm stand around a
+Panda with its stock hand, and at the goal the open fingers surround the top of one of them. Prints
+how many problems are admitted, and how many of these are solved: with the fingers locked as in the
+robot description, and with `locked` opening them.
 """
 
 from __future__ import annotations
@@ -33,27 +33,27 @@ OPEN: Final[Mapping[str, float]] = {"panda_finger_joint1": 0.04}
 SHUT: Final[Mapping[str, float]] = {}
 
 _DEPTH_M: Final = 0.02
-"""How far the top of a post is between the fingers."""
+"""Depth of the top of a post between the fingers, m."""
 
 _DT: Final = 0.004
 
 
 def finger_problems(seed: int, locked: Mapping[str, float]) -> Iterator[PlanningProblem]:
-    """Problems without an end; the same ones, wherever joints are locked.
+    """An infinite series of problems, which does not depend on the locked joints.
 
     Args:
-        seed: Draws posts and goals.
-        locked: Where locked joints of the arm stand.
+        seed: Seed of posts and goals.
+        locked: Positions of the locked joints of the arm, rad or m.
     """
-    draw = np.random.default_rng(seed)
+    rng = np.random.default_rng(seed)
     while True:
-        posts = [_post(draw) for _ in range(int(draw.integers(1, 4)))]
+        posts = [_post(rng) for _ in range(int(rng.integers(1, 4)))]
         tall, _, place, yaw = posts[0]
         world = _world(posts, locked)
         if any(True for _ in world.overlaps()):
             continue
         robot = world.arms["arm1"].robot
-        # Fingers open along the hand's y axis: with the tool turned as the post is, across it.
+        # Fingers open along the hand's y axis: with the yaw of the post they open across it.
         pose = Pose.from_rpy((*place, tall - _DEPTH_M), (np.pi, 0.0, yaw))
         checker = CollisionChecker(world, "arm1")
         try:
@@ -64,12 +64,12 @@ def finger_problems(seed: int, locked: Mapping[str, float]) -> Iterator[Planning
         yield PlanningProblem(checker, start, tuple(goals), robot.limits, _DT)
 
 
-def _post(draw: np.random.Generator) -> tuple[float, float, tuple[float, float], float]:
-    """Height and width in m, place on the floor, how it is turned in rad."""
-    away = draw.uniform(0.4, 0.65)
-    side = draw.uniform(-0.9, 0.9)
-    place = (float(away * np.cos(side)), float(away * np.sin(side)))
-    return draw.uniform(0.1, 0.3), draw.uniform(0.025, 0.06), place, draw.uniform(-0.7, 0.7)
+def _post(rng: np.random.Generator) -> tuple[float, float, tuple[float, float], float]:
+    """Height and width in m, position on the floor in m, and yaw in rad."""
+    distance = rng.uniform(0.4, 0.65)
+    side = rng.uniform(-0.9, 0.9)
+    place = (float(distance * np.cos(side)), float(distance * np.sin(side)))
+    return rng.uniform(0.1, 0.3), rng.uniform(0.025, 0.06), place, rng.uniform(-0.7, 0.7)
 
 
 def _world(
@@ -99,7 +99,7 @@ def _world(
 
 
 def admits(problem: PlanningProblem) -> bool:
-    """Whether the arm can stand at both ends."""
+    """Whether the start and a goal are admissible."""
     try:
         admitted(problem)
     except Failure:
@@ -108,7 +108,7 @@ def admits(problem: PlanningProblem) -> bool:
 
 
 def solves(problem: PlanningProblem) -> bool:
-    """Whether a way between them is found."""
+    """Whether a path is found."""
     with contextlib.suppress(Failure):
         ready = admitted(problem)
         return (straight_motion(ready) or motion_around(ready)) is not None
@@ -120,7 +120,7 @@ def _problems(seed: int, *, is_open: bool) -> Drawn[PlanningProblem]:
     return Drawn(partial(finger_problems, seed, OPEN if is_open else SHUT))
 
 
-def tried(seed: int, number: int, *, is_open: bool) -> dict[str, Any]:
+def try_problem(seed: int, number: int, *, is_open: bool) -> dict[str, Any]:
     """Whether a problem is admitted, and whether it is solved."""
     problem = _problems(seed, is_open=is_open)[number]
     if not admits(problem):
@@ -137,13 +137,15 @@ def main() -> None:
     arguments = parser.parse_args()
     count = arguments.problems
     with Campaign(arguments) as campaign:
-        for name, is_open in (("as the page locks them", False), ("open", True)):
-            words = {"seed": arguments.seed, "is_open": is_open}
-            cases = [{"number": number, **words} for number in range(count)]
-            outcomes = Counter(found["outcome"] for _, found in campaign.run(tried, cases))
-            can = count - outcomes["SKIPPED"]
+        for name, is_open in (("locked as described", False), ("open", True)):
+            settings = {"seed": arguments.seed, "is_open": is_open}
+            cases = [{"number": number, **settings} for number in range(count)]
+            outcomes = Counter(found["outcome"] for _, found in campaign.run(try_problem, cases))
+            admitted_count = count - outcomes["SKIPPED"]
             solved = outcomes["SUCCESS"]
-            print(f"fingers {name}: {can} of {count} admitted, {solved} solved", flush=True)
+            print(
+                f"fingers {name}: {admitted_count} of {count} admitted, {solved} solved", flush=True
+            )
 
 
 if __name__ == "__main__":

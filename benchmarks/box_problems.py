@@ -1,4 +1,4 @@
-"""Planning problems: two arms face to face, five to ten boxes between them, places for a tool."""
+"""Planning problems of two arms face to face, with five to ten boxes between them."""
 
 from __future__ import annotations
 
@@ -25,25 +25,25 @@ ARMS = {"arm1": ("ur5", 0.0, 0.0), "arm2": ("panda", 1.0, 180.0)}
 
 @dataclass(frozen=True)
 class Box:
-    """Stands on the ground; sizes in m."""
+    """A box on the ground; lengths in m."""
 
     x: float
     y: float
     size: tuple[float, float, float]
 
     def spec(self) -> ObjectSpec:
-        """As in a tree file."""
+        """The box as in a tree file."""
         pose = PoseSpec(xyz=(self.x, self.y, self.size[2] / 2))
         return ObjectSpec(shape="box", size=self.size, mass=1.0, fixed=True, pose=pose)
 
     def is_apart(self, other: Box) -> bool:
-        """Whether 20 mm are between them."""
-        ways = zip((self.x - other.x, self.y - other.y), self.size, other.size, strict=False)
-        return any(abs(way) > (one + two) / 2 + 0.02 for way, one, two in ways)
+        """Whether there are 20 mm between two boxes."""
+        offsets = zip((self.x - other.x, self.y - other.y), self.size, other.size, strict=False)
+        return any(abs(offset) > (one + two) / 2 + 0.02 for offset, one, two in offsets)
 
 
 def boxes(rng: np.random.Generator) -> list[Box]:
-    """Five to ten, the first one a plate; none near an arm's base."""
+    """Five to ten boxes, the first one a plate; none near an arm's base."""
     found: list[Box] = []
     count = int(rng.integers(5, 11))
     while len(found) < count:
@@ -59,14 +59,14 @@ def boxes(rng: np.random.Generator) -> list[Box]:
     return found
 
 
-def world_of(things: list[Box]) -> World:
-    """Two arms and the boxes."""
+def world_of(obstacles: list[Box]) -> World:
+    """A world with two arms and the boxes."""
     tree = NodeSpec(kind="succeed", name="succeed", ports={})
     arms = {
         name: ArmSpec(robot=robot, base=PoseSpec(xyz=(x, 0.0, 0.0), rpy=(0.0, 0.0, yaw)), tree=tree)
         for name, (robot, x, yaw) in ARMS.items()
     }
-    objects = {f"box{i}": box.spec() for i, box in enumerate(things)}
+    objects = {f"box{i}": box.spec() for i, box in enumerate(obstacles)}
     file = TreeFile(
         name="planning",
         world=WorldSpec(scene="empty"),
@@ -78,12 +78,15 @@ def world_of(things: list[Box]) -> World:
 
 
 def end(
-    rng: np.random.Generator, things: list[Box], kinematics: Kinematics, checker: CollisionChecker
+    rng: np.random.Generator,
+    obstacles: list[Box],
+    kinematics: Kinematics,
+    checker: CollisionChecker,
 ) -> Vector | None:
-    """A free configuration with the tool down, over a box or between them; None if unlucky."""
+    """A free configuration with the tool down, above or between boxes; None after 60 tries."""
     for _ in range(60):
         if rng.random() < 0.6:
-            box = things[rng.integers(len(things))]
+            box = obstacles[rng.integers(len(obstacles))]
             place = (box.x, box.y, box.size[2] + rng.uniform(0.01, 0.05))
         else:
             place = (rng.uniform(0.25, 0.75), rng.uniform(-0.45, 0.45), rng.uniform(0.03, 0.1))
@@ -99,12 +102,12 @@ def end(
 
 
 def problems(seed: int) -> Iterator[tuple[World, str, PlanningProblem]]:
-    """World, arm and problem, for ever; the arms take turns."""
+    """An infinite series of worlds, arms and problems, for both arms alternately."""
     rng = np.random.default_rng(seed)
     names = list(ARMS)
     while True:
-        things = boxes(rng)
-        world = world_of(things)
+        obstacles = boxes(rng)
+        world = world_of(obstacles)
         name = names[0]
         checker = CollisionChecker(world, name, MARGIN_M)
         body = world.arms[name]
@@ -113,8 +116,8 @@ def problems(seed: int) -> Iterator[tuple[World, str, PlanningProblem]]:
             world.refuse_overlaps()
         except WorldError:
             continue
-        start = end(rng, things, kinematics, checker)
-        goal = end(rng, things, kinematics, checker)
+        start = end(rng, obstacles, kinematics, checker)
+        goal = end(rng, obstacles, kinematics, checker)
         if start is None or goal is None:
             continue
         names.reverse()

@@ -1,4 +1,4 @@
-"""A map over the faults of a camera: how far a follower is off, and whether it stays stable."""
+"""Map of tracking error and stability over camera faults."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ SCALES = ((0.0, 0.025, 0.05, 0.075, 0.1), (0.0, 0.1, 0.2, 0.3), (0.0, 1.0, 2.0))
 """Latency in s, share of lost frames, shake in px."""
 
 CURVE = Cell("circle", 1.0, more={"turns": "4"})
-"""What is followed: at full speed, so often around that an error has time to grow."""
+"""The tracked curve: at full speed, with enough turns for an error to grow."""
 
 _GROWTH = 2.0
 _GROWTH_M = 2e-3
 _AMPLITUDES = (0.7, 1.3)
-"""Spread of the tracked path by that of the true one; beyond, a follower swings or stands still."""
+"""Size of the tracked path over the true one; outside, a follower oscillates or stands still."""
 
 
 @dataclass(frozen=True)
@@ -32,9 +32,9 @@ class Faults:
     """Faults of a camera.
 
     Attributes:
-        latency: Time from exposure to delivery in s.
-        drop: Share of the frames that get lost.
-        noise: Shake in px.
+        latency: Time from exposure to delivery, s.
+        drop: Share of lost frames.
+        noise: Shake, px.
     """
 
     latency: float
@@ -52,13 +52,12 @@ class Faults:
 
 @dataclass(frozen=True)
 class Spot:
-    """One place of the map.
+    """One point of the map.
 
     Attributes:
-        faults: Place on the map.
-        rms: Root mean square error over all seeds, in m; not a number where a run could not be
-            measured.
-        complaints: Reasons why it is not stable; none where it is.
+        faults: Faults of the camera.
+        rms: RMS error over all seeds, m; NaN if a run could not be measured.
+        complaints: Reasons of instability; empty if it is stable.
     """
 
     faults: Faults
@@ -75,27 +74,27 @@ def survey(measure: Measure, *, coarse: bool) -> list[Spot]:
 
     Args:
         measure: Runner of cells.
-        coarse: True for the ends of each scale only.
+        coarse: Whether to measure only the ends of each scale.
     """
     scales = [scale[:: len(scale) - 1] if coarse else scale for scale in SCALES]
-    places = [Faults(*values) for values in itertools.product(*scales)]
-    found = measure([place.cell for place in places])
-    return [_spot(place, trials) for place, trials in zip(places, found, strict=True)]
+    all_faults = [Faults(*values) for values in itertools.product(*scales)]
+    found = measure([faults.cell for faults in all_faults])
+    return [_spot(faults, trials) for faults, trials in zip(all_faults, found, strict=True)]
 
 
-def _spot(place: Faults, trials: Sequence[Trial | TrialError]) -> Spot:
+def _spot(faults: Faults, trials: Sequence[Trial | TrialError]) -> Spot:
     measured = [trial for trial in trials if isinstance(trial, Trial)]
     broken = tuple(str(trial) for trial in trials if isinstance(trial, TrialError))
     complaints = [f"seed {trial.seed}: {why}" for trial in measured if (why := instability(trial))]
     rms = float(np.sqrt(np.mean([trial.rms**2 for trial in measured]))) if measured else np.nan
-    return Spot(place, np.nan if broken else rms, (*broken, *complaints))
+    return Spot(faults, np.nan if broken else rms, (*broken, *complaints))
 
 
 def instability(trial: Trial) -> str:
-    """Why a run was not stable, empty if it was.
+    """Why a run was not stable, or an empty text.
 
-    It has to end well, the error of the last third must not have grown beyond twice that of the
-    first, and the follower must draw a curve about as large as its target's.
+    A stable run succeeds, the error of its last third is not much larger than twice that of the
+    first, and the tracked curve is about as large as the target's.
     """
     if trial.outcome != "SUCCESS":
         return f"{trial.outcome} {trial.reason}".strip()
@@ -109,7 +108,7 @@ def instability(trial: Trial) -> str:
 
 
 def table(spots: Sequence[Spot]) -> str:
-    """RMS in mm, a block for each shake, a row for each share of lost frames."""
+    """RMS errors in mm as text: a block for each shake, a row for each share of lost frames."""
     lines = []
     latencies = sorted({spot.faults.latency for spot in spots})
     for noise in sorted({spot.faults.noise for spot in spots}):
@@ -123,12 +122,12 @@ def table(spots: Sequence[Spot]) -> str:
 
 
 def draw(spots: Sequence[Spot], seeds: int, path: Path) -> None:
-    """A panel for each shake, latency by lost frames; what is not stable is framed in red.
+    """Draw a panel for each shake, latency by lost frames; unstable points are framed in red.
 
     Args:
-        spots: Places of the whole map.
-        seeds: Number of seeds that each number is made of.
-        path: File of the picture; its ending says which kind.
+        spots: All points of the map.
+        seeds: Number of seeds of each point.
+        path: Image file; its suffix determines the format.
     """
     latencies, drops, noises = (
         sorted({getattr(spot.faults, name) for spot in spots})

@@ -1,26 +1,26 @@
 """Campaigns: the independent cases of a benchmark, run by the engine of `bt-sweep`.
 
-A benchmark adds the options with `add_options`, and runs a function of its module, with arguments
-and a result that JSON can express, once per case. Cases run in worker processes: one that dies
-costs one attempt of one case, ``--jobs`` of them run side by side, and ``--out`` keeps each result,
-so that the same command runs only what is missing, after Ctrl-C or of a longer list. Results come
-in the order of the cases and are the same for any number of workers. Progress with the remaining
-time and a Wilson interval of the success rate goes to standard error.
+A benchmark adds the options with `add_options`, and runs a function of its module once per case;
+its arguments and its result must be JSON values. Cases run in ``--jobs`` parallel worker processes;
+a worker that dies costs one attempt of one case. ``--out`` keeps each result, so after Ctrl-C, or
+with a longer list of cases, the same command runs only the missing ones. Results come in the order
+of the cases and are the same for any number of workers. Progress with the remaining time and a
+Wilson interval of the success rate goes to standard error.
 
-Not run this way, on purpose:
+Deliberately not run as campaigns:
 
-- What measures CPU time, latency or memory of one process, which others beside it or a fresh one
+- Benchmarks of the CPU time, latency or memory of one process, which parallel or fresh processes
   would change: `alternating`, `constant_jerk`, `control`, `gl_renderers`, `growth`, `ik`,
   `long_runs`, `multi_arm_ik`, `ompl_validators`, `peers`, `planning`, `real_time`, `reality`,
   `recording`, `record_formats`, `rendering`, `resuming`, `scenes`, `setpoint`, `soak`, `soak_view`,
   `start`, `tick`, `timing`, `viewing`, `waiting_leaves`, `kernel_arguments`, and the CPU time in
   `gripping`.
-- What starts, kills or compares processes itself: `coordination`, `interrupts`, `killed`,
+- Benchmarks that start, kill or compare processes: `coordination`, `interrupts`, `killed`,
   `planted_change`, `records`, `repeatability`, `same_behavior`, `same_pictures`, `scheduling`,
   `sweeps`.
-- What runs the experiments of `bt-experiments` with that command's processes: `tracking` and
-  `proportional_gain`.
-- What simulates nothing: `shapes`, `code_figures`.
+- Benchmarks that run the experiments of `bt-experiments` with that command's processes: `tracking`
+  and `proportional_gain`.
+- Benchmarks without a simulation: `shapes`, `code_figures`.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def add_options(
         parser: Parser of the benchmark's command line.
         jobs: Default number of workers: None for one per core, 1 for a benchmark that also prints
             CPU times.
-        has_out: Whether the benchmark has its own ``--out``, to which the results go, too.
+        has_out: Whether the benchmark has its own ``--out``, which receives the results, too.
     """
     parser.add_argument(
         "--jobs", type=int, default=jobs, help=f"worker processes ({jobs or 'one per core'})"
@@ -77,10 +77,10 @@ def registry() -> Registry:
 
 
 class Drawn(Generic[Item]):
-    """Items that are drawn one after the other, by their number.
+    """Randomly drawn items, accessed by number.
 
-    They are no arguments of a case, so each worker draws them for itself. Going back to an earlier
-    one draws all of them again.
+    They are not arguments of a case: each worker draws them itself. Access to an earlier item
+    draws all items again.
 
     Args:
         begin: Returns an iterator over all items.
@@ -88,27 +88,27 @@ class Drawn(Generic[Item]):
 
     def __init__(self, begin: Callable[[], Iterator[Item]]) -> None:
         self._begin = begin
-        self._coming = enumerate(begin())
+        self._upcoming = enumerate(begin())
         self._newest: tuple[int, Item] | None = None
 
     def __getitem__(self, number: int) -> Item:
         """The item with a number from 0."""
         if self._newest is not None and self._newest[0] > number:
-            self._coming = enumerate(self._begin())
+            self._upcoming = enumerate(self._begin())
             self._newest = None
         while self._newest is None or self._newest[0] < number:
-            self._newest = next(self._coming)
+            self._newest = next(self._upcoming)
         return self._newest[1]
 
 
 class Campaign:
-    """Runs cases within a ``with`` block, whose end exits with code 1 if any had no result.
+    """Runs cases in a ``with`` block, which exits with code 1 if a case has no result.
 
     Args:
         options: Command line of a parser with `add_options`.
 
     Attributes:
-        cpu_s: CPU seconds of all cases so far, also of those that had run before.
+        cpu_s: CPU seconds of all cases so far, including those of earlier commands.
     """
 
     def __init__(self, options: argparse.Namespace) -> None:
@@ -116,7 +116,7 @@ class Campaign:
         self._is_temporary = options.out is None
         self._folder = Path(mkdtemp(prefix="bt_campaign_")) if self._is_temporary else options.out
         self._stack = ExitStack()
-        self._lost = 0
+        self._missing = 0
         self.cpu_s = 0.0
 
     def __enter__(self) -> Self:
@@ -135,14 +135,14 @@ class Campaign:
             SystemExit: A case has no result, or Ctrl-C was pressed.
         """
         self._stack.close()
-        if kind is None and not self._lost:
+        if kind is None and not self._missing:
             if self._is_temporary:
                 shutil.rmtree(self._folder, ignore_errors=True)
             return
-        is_cut_off = kind is not None and issubclass(kind, KeyboardInterrupt)
-        what = "interrupted" if kind is not None else f"cases without a result: {self._lost}"
-        _say(f"{what}; the same command with --out {self._folder} runs what is missing")
-        if is_cut_off:
+        is_interrupted = kind is not None and issubclass(kind, KeyboardInterrupt)
+        message = "interrupted" if kind is not None else f"cases without a result: {self._missing}"
+        _print_error(f"{message}; the same command with --out {self._folder} runs what is missing")
+        if is_interrupted:
             raise SystemExit(130)
         if kind is None:
             raise SystemExit(1)
@@ -155,16 +155,16 @@ class Campaign:
     ) -> Iterator[tuple[Mapping[str, Any], Any]]:
         """Run a function once per case; yields arguments and results in the order of the cases.
 
-        A case without a result is named on standard error and left out.
+        A case without a result is reported on standard error and omitted.
 
         Args:
-            function: Function at the top level of a module. Its result is what JSON can express; a
+            function: Function at the top level of a module. Its result must be a JSON value; a
                 mapping may have an ``outcome``, for the progress, and a ``code`` of a failure.
-                What it prints is lost.
-            cases: Keyword arguments of each case; without an end if ``wanted`` is given.
-            wanted: Number of results that count, after which no more are asked for: all but those
-                with the outcome SKIPPED, and None. Without it all cases count; with infinity the
-                caller stops asking.
+                Its output is discarded.
+            cases: Keyword arguments of each case; may be infinite if ``wanted`` is given.
+            wanted: Number of results after which to stop; results with the outcome SKIPPED and
+                None do not count. Without it all cases run; with infinity the caller stops the
+                iteration.
         """
         total = wanted
         if total is None:
@@ -180,7 +180,7 @@ class Campaign:
         try:
             for call, row in results:
                 if row["outcome"] in NO_RESULT:
-                    self._lose(call, row)
+                    self._report_missing(call, row)
                 else:
                     self.cpu_s += float(str(row["cpu_s"]))
                     yield call.arguments, json.loads(str(row["result"]))
@@ -190,8 +190,8 @@ class Campaign:
         finally:
             results.close()
             if wanted is not None:
-                # The engine still has calls that were started ahead, and would give their results
-                # to the next run.
+                # The engine still runs calls that were started ahead, whose results would go to the
+                # next run.
                 self._stack.close()
                 self.__dict__.pop("_engine", None)
 
@@ -201,21 +201,21 @@ class Campaign:
         self._stack.callback(started.close)
         return started
 
-    def _lose(self, call: Call, row: Row) -> None:
-        self._lost += 1
-        _say(f"{call.label}: {row['outcome']} {row['code']}: {row['reason']}")
-        if self._lost == 1 and row.get("traceback"):
-            _say(str(row["traceback"]))
+    def _report_missing(self, call: Call, row: Row) -> None:
+        self._missing += 1
+        _print_error(f"{call.label}: {row['outcome']} {row['code']}: {row['reason']}")
+        if self._missing == 1 and row.get("traceback"):
+            _print_error(str(row["traceback"]))
 
 
 def _name_of(function: Callable[..., Any]) -> str:
-    """Name by which a worker imports a function; the program itself has another one there."""
+    """Name by which a worker imports a function; the main module has another name there."""
     module = sys.modules[function.__module__]
     spec = module.__spec__
     name = Path(str(module.__file__)).stem if spec is None else spec.name
     return f"{name if spec else f'benchmarks.{name}'}:{function.__qualname__}"
 
 
-def _say(text: str) -> None:
+def _print_error(text: str) -> None:
     sys.stdout.flush()
     sys.stderr.write(f"{text}\n")

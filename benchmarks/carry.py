@@ -1,18 +1,18 @@
-"""Two arms carry a beam along random paths: arrival, and how hard they press against each other.
+"""Two arms carry a beam along random paths: arrival and internal force.
 
     python -m benchmarks.carry [--paths 200] [--speeds 0.2 0.5 1.0] [--pairs ur5+ur5 ur5+panda]
                                [--reality lab] [--seed 0] [--plot carry.svg]
 
 A run grasps a beam of 4 kg, carries it along several random paths with shifts of up to 0.25 m and
-rotations of up to 15°, and sets it down. The beam is 1.2 m long; neither arm can hold it alone.
-Pairs of robots, with the grippers that fit, go around.
+rotations of up to 15°, and sets it down. The beam is 1.2 m long (0.8 m for UR3s); no arm can hold
+it alone. Runs alternate between the pairs of robots, each with suitable grippers.
 
-A path counts as arrived where the true pose of the beam is within 2 mm and 0.5° of the goal; as
-refused where no arm had moved. The internal force and moment are what the true contact wrenches of
-the hands exceed the ones by which they would share weight and inertia of the beam, see
-`bt_dualarm.control.internal_wrench`; largest of both hands, in every 8 ms of the time in which both
-arms hold the beam. Asked for at speed 0.5 in `lab`: all that are not refused arrive, with at most
-20 N and 5 N m; exit code 1 if that is missed.
+A path counts as arrived if the true pose of the beam is within 2 mm and 0.5° of the goal, and as
+refused if no arm has moved. Internal force and moment are the part of the hands' true contact
+wrenches beyond their shares of the beam's weight and inertia, see
+`bt_dualarm.control.internal_wrench`: the larger one of both hands, sampled every 8 ms while both
+arms hold the beam. Goal at speed 0.5 in `lab`: all paths that are not refused arrive, with at most
+20 N and 5 N m; exits with code 1 if it is missed.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.runtime.arm_runtime import IdleObserver
 from bt_dualarm.sim.world import World
 
-PER_RUN = 8
-"""Paths of one run."""
+PATHS_PER_RUN = 8
+"""Number of paths in one run."""
 
-EVERY = 4
+SAMPLE_STEPS = 4
 """Physics steps between two samples of the internal wrench."""
 
 WITHIN_M = 0.002
@@ -48,7 +48,7 @@ GRIPPERS = {"panda": "panda_hand"}
 REFUSED = ("OUT_OF_REACH", "PATH_BROKEN", "IN_COLLISION", "NO_PLAN", "SINGULAR", "UNREACHABLE")
 
 LAYOUTS = {"ur3": (0.42, -0.30, 0.8), "ur10": (0.60, -0.60, 1.2)}
-"""Half the distance of the bases in m, y of the beam in m and its length in m, by robot."""
+"""Half the distance between the bases in m, y of the beam in m and its length in m, by robot."""
 
 LAYOUT = (0.55, -0.45, 1.2)
 
@@ -58,8 +58,8 @@ def task(
 ) -> dict[str, Any]:
     """The tree file of one run."""
     rng = np.random.default_rng(seed)
-    apart, y, length = LAYOUTS.get(robots[0], LAYOUT)
-    lies = {"xyz": [0, y, 0.5251], "rpy": [0, 0, 0]}
+    half_distance, y, length = LAYOUTS.get(robots[0], LAYOUT)
+    start = {"xyz": [0, y, 0.5251], "rpy": [0, 0, 0]}
     goals = [
         [
             {
@@ -75,8 +75,8 @@ def task(
     arms = {}
     for i, (arm, robot) in enumerate(zip(ARMS, robots, strict=True)):
         leaves: list[dict[str, Any]] = []
-        for goal in [*goals, [lies]]:
-            last = goal == [lies]
+        for goal in [*goals, [start]]:
+            last = goal == [start]
             ports: dict[str, Any] = {"object": "beam", "with": [ARMS[1 - i]], "speed": speed}
             ports |= {"set_down": last, "tolerance": 0.05, "angle_tolerance": 20}
             leaf = {"carry_together": ports | ({"path": goal} if i == 0 else {})}
@@ -84,10 +84,13 @@ def task(
         arms[arm] = {
             "robot": robot,
             "gripper": GRIPPERS.get(robot, "robotiq_2f85"),
-            "base": {"xyz": [(-apart, apart)[i], 0, 0.4], "rpy": [0, 0, _yaw(robot)]},
+            "base": {
+                "xyz": [(-half_distance, half_distance)[i], 0, 0.4],
+                "rpy": [0, 0, _yaw(robot)],
+            },
             "tree": {"sequence": leaves},
         }
-    beam = {"shape": "box", "size": [length, 0.05, 0.05], "mass": 4.0, "pose": lies}
+    beam = {"shape": "box", "size": [length, 0.05, 0.05], "mass": 4.0, "pose": start}
     stand = {"shape": "box", "size": [0.3, 0.3, 0.5], "mass": 50, "fixed": True}
     stand["pose"] = {"xyz": [0, y, 0.25]}
     return {
@@ -106,7 +109,7 @@ def _yaw(robot: str) -> float:
 
 @dataclass
 class TrueInternalWrench(IdleObserver):
-    """Internal wrench on an object by the true contact forces, while several arms hold it.
+    """Internal wrench from the true contact forces on an object held by several arms.
 
     Attributes:
         world: World of the run.
@@ -122,13 +125,15 @@ class TrueInternalWrench(IdleObserver):
     _steps: int = 0
 
     def __post_init__(self) -> None:
-        """Watch the forces of the world."""
-        self.world.on_forces.append(self._look)
+        """Subscribe to the forces of the world."""
+        self.world.on_forces.append(self._sample)
 
-    def _look(self) -> None:
+    def _sample(self) -> None:
         self._steps += 1
         world = self.world
-        if self._steps % EVERY or set(world.attachments.holders(self.obj)) != set(self.shares):
+        if self._steps % SAMPLE_STEPS or set(world.attachments.holders(self.obj)) != set(
+            self.shares
+        ):
             return
         points, wrenches = self._contacts()
         found = internal_wrenches(list(self.shares.values()), points, wrenches)
@@ -162,8 +167,8 @@ class TrueInternalWrench(IdleObserver):
 
 
 @dataclass
-class Found:
-    """What was found at one speed.
+class Results:
+    """Results at one speed.
 
     Attributes:
         outcomes: Number of paths by outcome: ``arrived``, ``refused`` or a failure code.
@@ -181,15 +186,15 @@ class Found:
 
 
 def carried(pair: str, speed: float, reality: str, seed: int, count: int) -> dict[str, Any]:
-    """Perform a run: outcomes of its paths, errors of its arrivals and the true forces."""
+    """Simulate a run: outcomes of its paths, errors of its arrivals and the true forces."""
     first, _, second = pair.partition("+")
     with bt.open(task((first, second), speed, reality, seed, count)) as opened:
-        truth = TrueInternalWrench(opened.world, "beam", dict.fromkeys(ARMS, 0.5))
-        opened.watch(truth)
+        observer = TrueInternalWrench(opened.world, "beam", dict.fromkeys(ARMS, 0.5))
+        opened.watch(observer)
         result = opened.finish()
     outcomes = []
     errors = []
-    said = []
+    failures = []
     for leaf in result.arms["arm1"].runs:
         if leaf.skill != "carry_together":
             continue
@@ -202,20 +207,20 @@ def carried(pair: str, speed: float, reality: str, seed: int, count: int) -> dic
         else:
             code = leaf.code or leaf.status
             outcomes.append("refused" if code in REFUSED else code)
-            said.append(f"    {leaf.path}: {code}: {leaf.reason}")
+            failures.append(f"    {leaf.path}: {code}: {leaf.reason}")
     bad = [outcome for outcome in outcomes if outcome not in ("arrived", "refused")]
     return {
         "outcome": "FAILURE" if bad else "SUCCESS",
         "code": ", ".join(bad),
         "outcomes": outcomes,
         "errors": errors,
-        "said": said,
-        "samples": truth.samples,
+        "said": failures,
+        "samples": observer.samples,
     }
 
 
-def add(run: dict[str, Any], found: Found) -> tuple[float, float]:
-    """Add what was found by a run; returns its largest internal force in N and moment in N m."""
+def add(run: dict[str, Any], found: Results) -> tuple[float, float]:
+    """Add the results of a run; returns its largest internal force in N and moment in N m."""
     found.outcomes.update(run["outcomes"])
     found.errors += [(away, turned) for away, turned in run["errors"]]
     if not run["samples"]:
@@ -248,7 +253,7 @@ def plot(curves: dict[str, list[tuple[float, float, float]]], path: str) -> None
 
 
 def main() -> int:
-    """Print what was found at each speed; returns the exit code."""
+    """Print the results at each speed; returns the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--paths", type=int, default=200)
     parser.add_argument("--speeds", type=float, nargs="+", default=[0.2, 0.5, 1.0])
@@ -265,20 +270,20 @@ def main() -> int:
 
 
 def run_speeds(arguments: argparse.Namespace, campaign: Campaign) -> int:
-    """Run the paths at each speed and print what was found; returns the exit code."""
+    """Run the paths at each speed and print the results; returns the exit code."""
     missed = False
     curves: dict[str, list[tuple[float, float, float]]] = {}
     for speed in arguments.speeds:
-        found = Found()
+        found = Results()
         cases = [
             {
                 "pair": arguments.pairs[number % len(arguments.pairs)],
                 "speed": speed,
                 "reality": arguments.reality,
                 "seed": arguments.seed + number,
-                "count": min(arguments.paths - PER_RUN * number, PER_RUN),
+                "count": min(arguments.paths - PATHS_PER_RUN * number, PATHS_PER_RUN),
             }
-            for number in range(-(-arguments.paths // PER_RUN))
+            for number in range(-(-arguments.paths // PATHS_PER_RUN))
         ]
         for case, run in campaign.run(carried, cases):
             for line in run["said"]:
@@ -293,8 +298,8 @@ def run_speeds(arguments: argparse.Namespace, campaign: Campaign) -> int:
     return int(missed)
 
 
-def report(speed: float, found: Found) -> bool:
-    """Print what was found; returns whether a target was missed."""
+def report(speed: float, found: Results) -> bool:
+    """Print the results; returns whether a goal was missed."""
     outcomes = ", ".join(f"{count} {name}" for name, count in found.outcomes.most_common())
     print(f"speed {speed:g}: {outcomes}")
     if not found.errors or not found.forces:

@@ -1,10 +1,10 @@
-"""Print the figures that say how easy the package is to read: sizes, helpers, comments.
+"""Readability figures of the package: sizes, helpers, comments.
 
     python -m benchmarks.code_figures [--worst 10]
 
-Lines are counted with blank lines and comments. A function counts as called once if its name occurs
-once in the package besides its definition. A packed assignment gives several names unrelated values
-in one statement (``a, b = x, y``); swaps and unpacked calls do not count.
+Lines include blank lines and comments. A function counts as called once if its name occurs once in
+the package besides its definition. A packed assignment gives several names unrelated values in one
+statement (``a, b = x, y``); swaps and unpacked calls do not count.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def _is_packed(node: ast.Assign) -> bool:
 
 
 def main() -> int:
-    """Print a line for each figure, and the worst places."""
+    """Print a line for each figure, and the worst cases."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--worst", type=int, default=5)
     worst = parser.parse_args().worst
@@ -75,7 +75,7 @@ def main() -> int:
     twice = {name: where for name, where in classes.items() if len(where) > 1}
     comments = re.compile(r"(?:^|\s)# (?!type:|noqa)", re.MULTILINE)
     code = sum(lines[path] for path in paths if path.parent.name in COMMENTED)
-    said = sum(len(comments.findall(text[p])) for p in paths if p.parent.name in COMMENTED)
+    comment_count = sum(len(comments.findall(text[p])) for p in paths if p.parent.name in COMMENTED)
     p95 = lengths[len(lengths) // 20][0]
     total = sum(packed.values())
     print(f"modules {len(paths)}, lines {sum(lines.values())}")
@@ -89,7 +89,7 @@ def main() -> int:
     print(f"function length p95 {p95}, longest {lengths[:worst]}")
     print(f"small modules with one importer {len(single)}: {single[:worst]}")
     print(f"class names used twice {len(twice)}: {twice}")
-    print(f"lines a comment in {', '.join(COMMENTED)}: {code / max(said, 1):.0f}")
+    print(f"lines per comment in {', '.join(COMMENTED)}: {code / max(comment_count, 1):.0f}")
     return 0
 
 

@@ -1,4 +1,4 @@
-"""The model that the tracker's own is measured against: the jerk of a target is constant."""
+"""Constant-jerk motion model of a target, with which the tracker's own model is compared."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bt_dualarm.perception.target_filter import Stack, at_rest, chain_noise, pro
 
 @dataclass(frozen=True)
 class ConstantJerk:
-    """Jerk changes only by white noise of density ``snap_density`` in m²/s⁷.
+    """Motion model whose jerk changes only by white noise of density ``snap_density`` in m²/s⁷.
 
     Source: Mehrotra and Mahapatra, "A jerk model for tracking highly maneuvering targets",
     IEEE Trans. Aerospace and Electronic Systems 33(4), 1997, with an infinite time constant.
@@ -27,12 +27,12 @@ class ConstantJerk:
         return at_rest(position)
 
     def move(self, state: Matrix, dt: float) -> Matrix:
-        """Taylor's series, exact for a constant jerk."""
+        """Propagate a state by a Taylor series, exact for a constant jerk."""
         moved: Matrix = state @ _chain(dt).T
         return moved
 
-    def jacobian(self, state: Matrix, dt: float) -> Stack:  # noqa: ARG002 - it is linear
-        """Transition of shape (1, 4, 4), the same at every state."""
+    def jacobian(self, state: Matrix, dt: float) -> Stack:  # noqa: ARG002 - linear model
+        """Transition of shape (1, 4, 4), the same for every state."""
         return _chain(dt)[None]
 
     def noise(self, dt: float) -> Matrix:
@@ -44,7 +44,7 @@ class ConstantJerk:
         return propagated(self, state, covariance, dt)
 
     def confine(self, state: Matrix) -> Matrix:
-        """The state itself: a target can have any."""
+        """The state itself: every state is possible."""
         return state
 
 

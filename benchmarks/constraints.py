@@ -1,16 +1,15 @@
-"""An arm carries upright past boxes: how many carries succeed, and how far it ever tilts.
+"""An arm carries an object upright past boxes: success rate and largest tilt.
 
     python -m benchmarks.constraints [--carries 200] [--upright 5] [--reality lab] [--seed 0]
 
-The worlds, starts and goals are those of `benchmarks.planning`: a UR5 and a Panda take turns, with
-five to ten boxes around, and stand with the tool down. The arm reaches the start by any path, and
-then the goal with `keep: {upright: ...}`.
+The worlds, starts and goals are those of `benchmarks.planning`: alternately a UR5 and a Panda among
+five to ten boxes, with the tool pointing down. The arm reaches the start by any path, and then the
+goal with `keep: {upright: ...}`.
 
-The tilt is the true one, of the tool's vertical at the start of that leaf, in every physics step. A
-carry that finds no path counts as solvable if ten times as many poses find one, from the
-configuration in which the arm stands. Asked for: no true
-tilt beyond the limit by more than 0.5°, no leaf that ends with `KEEP_VIOLATED`, and 98 % of the
-solvable carries solved; exit code 1 if that is missed.
+The tilt is that of the simulated tool, relative to the start of the second leaf, in every physics
+step. A carry without a path counts as solvable if the planner finds one from the same configuration
+with ten times as many poses. Goals: no tilt more than 0.5° beyond the limit, no leaf that ends with
+`KEEP_VIOLATED`, and 98 % of the solvable carries solved; exits with code 1 if one is missed.
 """
 
 from __future__ import annotations
@@ -61,14 +60,14 @@ class TrueTilt(IdleObserver):
     _runs: bool = False
 
     def on_event(self, change: Any) -> None:
-        """Note when the leaf begins and ends."""
+        """Record when the leaf begins and ends."""
         if change.path == self.leaf:
             self._runs = change.new == "RUNNING"
             if self._runs:
                 self.start = self.world.hardware[self.arm].q.copy()
 
     def after_step(self, time: float) -> None:  # noqa: ARG002 - declared by the base class
-        """Measure."""
+        """Measure the tilt."""
         if not self._runs:
             return
         tool = self.world.arms[self.arm].tool_pose
@@ -121,8 +120,8 @@ def _problems(seed: int) -> Drawn[tuple[World, str, PlanningProblem]]:
     return Drawn(partial(problems, seed))
 
 
-def carried(seed: int, number: int, upright: float, reality: str) -> dict[str, Any]:
-    """What came of a carry, its largest tilt in rad, and whether a path was missed."""
+def carry(seed: int, number: int, upright: float, reality: str) -> dict[str, Any]:
+    """Outcome of a carry, its largest tilt in rad, and whether a path was missed."""
     world, arm, problem = _problems(seed)[number]
     body = world.arms[arm]
     kinematics = Kinematics(body.robot, body.base)
@@ -156,10 +155,10 @@ def main() -> int:
     outcomes: Counter[str] = Counter()
     worst = 0.0
     unsolved = 0
-    words = {name: getattr(options, name) for name in ("seed", "upright", "reality")}
-    cases = [{"number": number, **words} for number in range(options.carries)]
+    settings = {name: getattr(options, name) for name in ("seed", "upright", "reality")}
+    cases = [{"number": number, **settings} for number in range(options.carries)]
     with Campaign(options) as campaign:
-        for _, found in campaign.run(carried, cases):
+        for _, found in campaign.run(carry, cases):
             outcomes[found["code"]] += 1
             worst = max(worst, found["tilt"])
             unsolved += found["unsolved"]

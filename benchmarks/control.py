@@ -1,8 +1,9 @@
-"""What a control update and a physics step cost: python -m benchmarks.control.
+"""Cost of a control update and of a physics step: python -m benchmarks.control.
 
-Two arms, the main job's, one of them with a load; microseconds, the fastest of several rounds. Then
-what the guard costs a set-point while an arm moves, on average over a motion and over a stream, and
-as a share of the whole update: with the other arm far away, at 0.3 m as in the main job, and near.
+Prints microseconds of the fastest of several rounds, for the two arms of the demo, one of them with
+a load. Then prints the cost of the guard per set-point while an arm moves, averaged over a motion
+and over a stream, and its share of the update: with the other arm far away, at 0.3 m as in the
+demo, and near.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ ROUNDS = 30
 
 
 def microseconds(action: Callable[[], object]) -> float:
-    """What one call costs in the fastest round: the others had the machine to share."""
+    """Time of one call in the fastest round, which other processes disturb least."""
     rounds = []
     for _ in range(ROUNDS):
         start = time.perf_counter()
@@ -37,11 +38,11 @@ def microseconds(action: Callable[[], object]) -> float:
 
 
 def cost_of_guard(x: float, kind: str) -> tuple[float, float]:
-    """Microseconds a set-point: of the guard, and of the whole update.
+    """Microseconds per set-point of the guard and of the whole update.
 
     Args:
-        x: Position of the other arm's base along x, in m.
-        kind: Kind of what is followed, motion or stream.
+        x: Position of the other arm's base along x, m.
+        kind: ``motion`` or ``stream``.
     """
     arms = {"arm1": arm("ur5", posture="present"), "arm2": arm("panda", (x, 0.0, 0.3), 180.0)}
     world = World(file_of(arms))
@@ -52,7 +53,7 @@ def cost_of_guard(x: float, kind: str) -> tuple[float, float]:
     motion = point_to_point(
         start, start + np.array((0.5, -0.1, 0.1, 0.0, 0.0, 0.5)), limits, period
     )
-    controller.stop()  # the guard looks at the world's shapes once
+    controller.stop()  # the guard reads the world's shapes once
     if kind == "motion":
         controller.follow(motion)
     else:
@@ -71,7 +72,7 @@ def cost_of_guard(x: float, kind: str) -> tuple[float, float]:
 
 
 def timed(action: Callable[..., Any], spent: dict[str, float], name: str) -> Callable[..., Any]:
-    """The same, with the seconds that it takes added up."""
+    """The same action, which adds its duration in s to ``spent``."""
 
     def run(*args: object) -> object:
         start = time.perf_counter()
@@ -122,7 +123,7 @@ def main() -> None:
         for kind in ("motion", "stream"):
             guard, update = min(cost_of_guard(x, kind) for _ in range(5))
             share = f"{100 * guard / update:3.0f} % of the update"
-            print(f"guard, {kind}, {name:10}  {guard:6.1f} µs a set-point, {share}")
+            print(f"guard, {kind}, {name:10}  {guard:6.1f} µs per set-point, {share}")
 
 
 if __name__ == "__main__":

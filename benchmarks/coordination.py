@@ -1,14 +1,13 @@
-"""Random programs of two to four arms with signals, rendezvous and claims, judged by laws only.
+"""Random programs of two to four arms with signals, rendezvous and claims, checked against laws.
 
     python -m benchmarks.coordination [--programs 2000] [--seed 0] [--processes 5]
 
 Each program is ticked without physics until all trees have ended, in every order of its arms. The
-laws: every program ends (all its leaves do, so one that does not has an undetected deadlock); the
-status changes of each arm are the same in every order; a claim is held by one arm at a time; a
-meeting is attended by all participants in one tick. The digest over all programs is computed in
-several processes, which have different hash seeds. Programs that the check of the file refuses
-are counted apart: of those that it refuses because of a wait that never ends, the same program with
-the wait hidden behind a selector must end in a deadlock, a missing partner or a timeout.
+laws: every program ends (every leaf ends on its own, so a program that hangs has an undetected
+deadlock); the status changes of each arm are the same in every order; a claim is held by one arm at
+a time; all participants of a rendezvous meet in one tick. The digest over all programs is computed
+in several processes with different hash seeds. Programs that the file check rejects are counted
+separately, by cause.
 """
 
 from __future__ import annotations
@@ -45,21 +44,21 @@ class Program:
     """A random program, which depends on the seed only."""
 
     def __init__(self, seed: int) -> None:
-        self._dice = random.Random(seed)  # noqa: S311 - no secret
-        self.arms = [f"arm{number + 1}" for number in range(self._dice.randint(2, 4))]
+        self._rng = random.Random(seed)  # noqa: S311 - no secret
+        self.arms = [f"arm{number + 1}" for number in range(self._rng.randint(2, 4))]
         arms = self.arms
         self.cell = CELL.format(
             arms=", ".join(arms), first=", ".join(arms[:2]), last=", ".join(arms[-2:])
         )
         trees = {arm: self._node(arm, 3) for arm in arms}
-        # A rendezvous that a participant never comes to is refused, so each one comes to what any
-        # other one does, at the end, where it may be too late.
-        self.trees = {arm: self._with_the_rest(arm, tree, trees) for arm, tree in trees.items()}
+        # The file check rejects a rendezvous in which a participant has no leaf, so each arm also
+        # attends the rendezvous of the others, at the end, where it may be too late.
+        self.trees = {arm: self._with_missing(arm, tree, trees) for arm, tree in trees.items()}
 
-    def _with_the_rest(self, arm: str, tree: str, trees: dict[str, str]) -> str:
+    def _with_missing(self, arm: str, tree: str, trees: dict[str, str]) -> str:
         points = {"all": self.arms, "first": self.arms[:2], "last": self.arms[-2:]}
         missing = [
-            f"{{meet: {{at: {name}{self._dice.choice(['', ', timeout: 8'])}}}}}"
+            f"{{meet: {{at: {name}{self._rng.choice(['', ', timeout: 8'])}}}}}"
             for name, arms in points.items()
             if arm in arms
             and f"at: {name}" not in tree
@@ -68,28 +67,28 @@ class Program:
         return f"{{sequence: [{', '.join([tree, *missing])}]}}" if missing else tree
 
     def _node(self, arm: str, depth: int) -> str:
-        kinds = ["act", "act", "signal", "await", "meet", "meet"]
+        node_types = ["act", "act", "signal", "await", "meet", "meet"]
         if depth > 0:
-            kinds += ["sequence"] * 5 + ["claim"] * 4
-            kinds += ["selector", "parallel", "retry", "timeout", "force_success"]
-        kind = self._dice.choice(kinds) if depth < 3 else "sequence"
-        return str(getattr(self, f"_{kind}")(arm, depth))
+            node_types += ["sequence"] * 5 + ["claim"] * 4
+            node_types += ["selector", "parallel", "retry", "timeout", "force_success"]
+        node_type = self._rng.choice(node_types) if depth < 3 else "sequence"
+        return str(getattr(self, f"_{node_type}")(arm, depth))
 
     def _act(self, _arm: str, _depth: int) -> str:
-        script = "R" * self._dice.randint(0, 4) + self._dice.choice("SSSSF")
+        script = "R" * self._rng.randint(0, 4) + self._rng.choice("SSSSF")
         return f"{{act: {{script: {script}}}}}"
 
     def _signal(self, _arm: str, _depth: int) -> str:
-        if self._dice.random() < 0.5:
+        if self._rng.random() < 0.5:
             return "{signal: go}"
-        return f"{{signal: {{signal: count, value: {self._dice.randint(0, 3)}}}}}"
+        return f"{{signal: {{signal: count, value: {self._rng.randint(0, 3)}}}}}"
 
     def _await(self, _arm: str, _depth: int) -> str:
-        timeout = self._dice.choice(["", "", f", timeout: {self._dice.randint(1, 6)}"])
-        if self._dice.random() < 0.4:
+        timeout = self._rng.choice(["", "", f", timeout: {self._rng.randint(1, 6)}"])
+        if self._rng.random() < 0.4:
             return f"{{await: {{signal: go{timeout}}}}}"
-        values = self._dice.choice(["latest", "every"])
-        least = self._dice.randint(0, 3)
+        values = self._rng.choice(["latest", "every"])
+        least = self._rng.randint(0, 3)
         return (
             f"{{await: {{signal: count, relation: greater_or_equal, to: {least}, "
             f"values: {values}{timeout}}}}}"
@@ -99,17 +98,17 @@ class Program:
         points = ["all"]
         points += ["first"] if arm in self.arms[:2] else []
         points += ["last"] if arm in self.arms[-2:] else []
-        timeout = self._dice.choice(["", "", "", f", timeout: {self._dice.randint(1, 6)}"])
-        return f"{{meet: {{at: {self._dice.choice(points)}{timeout}}}}}"
+        timeout = self._rng.choice(["", "", "", f", timeout: {self._rng.randint(1, 6)}"])
+        return f"{{meet: {{at: {self._rng.choice(points)}{timeout}}}}}"
 
     def _claim(self, arm: str, depth: int) -> str:
-        zones = sorted(self._dice.sample("abc", self._dice.choice([1, 1, 2])))
-        timeout = self._dice.choice(["", "", "", f", timeout: {self._dice.randint(1, 6)}"])
+        zones = sorted(self._rng.sample("abc", self._rng.choice([1, 1, 2])))
+        timeout = self._rng.choice(["", "", "", f", timeout: {self._rng.randint(1, 6)}"])
         child = self._node(arm, depth - 1)
         return f"{{claim: {{zone: [{', '.join(zones)}]{timeout}, child: {child}}}}}"
 
     def _children(self, arm: str, depth: int) -> str:
-        count = self._dice.randint(2, 3)
+        count = self._rng.randint(2, 3)
         return ", ".join(self._node(arm, depth - 1) for _ in range(count))
 
     def _sequence(self, arm: str, depth: int) -> str:
@@ -119,16 +118,16 @@ class Program:
         return f"{{selector: [{self._children(arm, depth)}]}}"
 
     def _parallel(self, arm: str, depth: int) -> str:
-        policy = self._dice.choice(["all", "any"])
+        policy = self._rng.choice(["all", "any"])
         return f"{{parallel: {{policy: {policy}, children: [{self._children(arm, depth)}]}}}}"
 
     def _retry(self, arm: str, depth: int) -> str:
         return (
-            f"{{retry: {{times: {self._dice.randint(2, 3)}, child: {self._node(arm, depth - 1)}}}}}"
+            f"{{retry: {{times: {self._rng.randint(2, 3)}, child: {self._node(arm, depth - 1)}}}}}"
         )
 
     def _timeout(self, arm: str, depth: int) -> str:
-        seconds = self._dice.randint(3, 12)
+        seconds = self._rng.randint(3, 12)
         return f"{{timeout: {{seconds: {seconds}, child: {self._node(arm, depth - 1)}}}}}"
 
     def _force_success(self, arm: str, depth: int) -> str:
@@ -136,7 +135,7 @@ class Program:
 
 
 def _broken_laws(cells: Cells) -> Iterator[str]:
-    """What is wrong between two ticks."""
+    """Laws that are violated between two ticks."""
     held: dict[str, str] = {}
     for request in cells.cell.claims():
         for resource in request.resources:
@@ -149,7 +148,7 @@ def _broken_laws(cells: Cells) -> Iterator[str]:
 def play(
     program: Program, order: tuple[str, ...], folder: Path
 ) -> tuple[dict[str, str], list[str]]:
-    """The course of each arm as a digest, and the laws that were broken."""
+    """Status changes of each arm as text, and the violated laws."""
     cells = Cells(folder, program.cell, {arm: program.trees[arm] for arm in order})
     broken: list[str] = []
     for _ in range(TICKS):
@@ -159,7 +158,7 @@ def play(
             break
     else:
         broken.append(f"it hangs: {[one.target for one in cells.cell.waits()]}")
-    courses = {
+    traces = {
         arm: "\n".join(
             f"{change.time:g} {change.path} {change.new} {change.code} {change.reason}"
             for change in cells.events
@@ -167,31 +166,31 @@ def play(
         )
         for arm in program.arms
     }
-    return courses, broken
+    return traces, broken
 
 
-def judged(
+def evaluate(
     seed: int, folder: Path, counts: Counter[str], *, orders: int | None = None
 ) -> tuple[str, list[str]]:
-    """The course of a program as text, and what is wrong with it, in all or some of its orders."""
+    """Status changes of a program as text, and the laws that it violates, in some or all orders."""
     program = Program(seed)
     first: dict[str, str] | None = None
     broken: list[str] = []
     for order in itertools.islice(itertools.permutations(program.arms), orders):
         try:
-            courses, wrong = play(program, order, folder)
+            traces, wrong = play(program, order, folder)
         except SpecError as error:
-            counts["refused by the check"] += 1
-            kind = "a wait that never ends" if "never ends" in str(error) else (
+            counts["rejected by the check"] += 1
+            cause = "a wait that never ends" if "never ends" in str(error) else (
                 "claims that block each other" if "for good" in str(error) else "other errors"
             )  # fmt: skip
-            counts[f"  for {kind}"] += 1
+            counts[f"  for {cause}"] += 1
             return str(error), []
         broken += wrong
         if first is None:
-            first = courses
-        elif courses != first:
-            broken.append(f"in the order {order} it takes another course")
+            first = traces
+        elif traces != first:
+            broken.append(f"the order {order} leads to other status changes")
     counts["ended"] += 1
     text = "\n".join((first or {}).values())
     for code in ("DEADLOCK", "PARTNER_GONE", "TIMEOUT"):
@@ -200,7 +199,7 @@ def judged(
 
 
 def main() -> int:
-    """Print what came of all programs; 1 if a law was broken."""
+    """Print the outcomes of all programs; returns 1 if a law was violated."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--programs", type=int, default=2000)
     parser.add_argument("--seed", type=int, default=0)
@@ -209,23 +208,23 @@ def main() -> int:
     arguments = parser.parse_args()
     counts = Counter[str]()
     digest = hashlib.sha256()
-    faults = 0
+    violations = 0
     began = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
         for seed in range(arguments.seed, arguments.seed + arguments.programs):
             orders = 1 if arguments.digest_only else None
-            text, broken = judged(seed, Path(folder), counts, orders=orders)
+            text, broken = evaluate(seed, Path(folder), counts, orders=orders)
             digest.update(text.replace(folder, "").encode())
-            faults += bool(broken)
+            violations += bool(broken)
             if broken and not arguments.digest_only:
                 print(f"program {seed}: {broken[0]}", flush=True)
     if arguments.digest_only:
         print(digest.hexdigest())
         return 0
     spent = time.process_time() - began
-    print(f"{arguments.programs} programs, {faults} that break a law; {spent:.0f} s of CPU")
-    for what, count in counts.items():
-        print(f"{what}: {count}")
+    print(f"{arguments.programs} programs, {violations} that break a law; {spent:.0f} s of CPU")
+    for label, count in counts.items():
+        print(f"{label}: {count}")
     digests = {digest.hexdigest()}
     command = [sys.executable, "-m", "benchmarks.coordination", "--digest-only"]
     command += ["--programs", str(arguments.programs), "--seed", str(arguments.seed)]
@@ -234,7 +233,7 @@ def main() -> int:
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
         digests.add(done.stdout.strip())
     print(f"digests in {arguments.processes} processes: {len(digests)} ({min(digests)[:16]})")
-    return int(bool(faults) or len(digests) != 1)
+    return int(bool(violations) or len(digests) != 1)
 
 
 if __name__ == "__main__":

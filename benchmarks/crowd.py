@@ -1,8 +1,8 @@
-"""Generated cells of two to six arms, and what each of their arms does when it is alone.
+"""Generated cells of two to six arms, and the behavior of each arm when it is alone.
 
-Robots, places and tasks are drawn by a seed. Only what can be done is drawn: each arm's tree
-succeeds while it is alone, arms leave one another's resting places free, and what does not wait
-for others, a tool path or a followed camera image, is left to arms that have room for it.
+Robots, base poses and tasks are random but feasible: each arm's tree succeeds while it is alone,
+arms keep clear of each other's rest configurations, and only arms that cannot meet others have
+tasks that do not wait for them, such as tool paths and tracking.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.crowd_members import Member, file_text, looking, tasks_of
+from benchmarks.crowd_members import Member, file_text, tasks_of, tracking_tasks
 from benchmarks.measured_robots import MEASURED
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.behaviors.report import StatusChange
@@ -27,25 +27,25 @@ from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
 
 ROOM_M = 0.2
-"""Arms whose paths, as each goes its own alone, are that far apart at any two times cannot meet."""
+"""Arms cannot meet if their paths when alone are at least this far apart at all times, m."""
 
 REST_M = 0.06
-"""Distance in meters between any two configurations in which two arms rest."""
+"""Smallest distance between any two rest configurations of two arms, m."""
 
-_BASES_M = 0.4  # meters between two bases
-_TRIES = 20  # arms drawn for one place in a cell
+_BASES_M = 0.4  # smallest distance between two bases
+_TRIES = 20  # attempts to add one arm
 _SAMPLE_S = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class Solo:
-    """What an arm does alone.
+    """Behavior of an arm when it is alone.
 
     Attributes:
         member: The arm.
         result: Its result.
-        path: Configurations on its way, of shape (n, dof), rad.
-        rests: Configurations in which it rests between its tasks, of shape (k, dof), rad.
+        path: Configurations along its motion, of shape (n, dof), rad.
+        rests: Configurations at rest between its tasks, of shape (k, dof), rad.
     """
 
     member: Member
@@ -54,8 +54,8 @@ class Solo:
     rests: Matrix
 
 
-class Diary(IdleObserver):
-    """Configurations of the only arm: every so often, and where its leaves end."""
+class ConfigurationLog(IdleObserver):
+    """Configurations of the only arm, sampled over time and at the ends of its leaves."""
 
     def __init__(self, world: World) -> None:
         (self._body,) = world.arms.values()
@@ -63,18 +63,18 @@ class Diary(IdleObserver):
         self.rests = [self._body.q]
 
     def on_event(self, change: StatusChange) -> None:
-        """Note where a leaf has ended."""
+        """Record the configuration at the end of a leaf."""
         if change.new == "SUCCESS":
             self.rests.append(self._body.q)
 
     def after_step(self, time: float) -> None:
-        """Note where the arm is."""
+        """Sample the configuration."""
         if time >= len(self.path) * _SAMPLE_S:
             self.path.append(self._body.q)
 
 
 def crowd(seed: int, registry: Registry) -> list[Solo]:
-    """The arms of a generated cell; the first ones drawn keep their places."""
+    """The arms of a generated cell; arms are added one by one."""
     rng = np.random.default_rng(seed)
     count = int(rng.integers(2, 7))
     side = float(rng.uniform(0.4, 1.3)) * np.sqrt(count)
@@ -82,8 +82,8 @@ def crowd(seed: int, registry: Registry) -> list[Solo]:
     for number in range(1, count + 1):
         for attempt in range(_TRIES):
             waits = attempt >= _TRIES // 2 or bool(rng.random() < 0.5)
-            member = _drawn(f"arm{number}", side, waits, rng, solos)
-            solo = None if member is None else _alone(member, solos, registry)
+            member = _draw(f"arm{number}", side, waits, rng, solos)
+            solo = None if member is None else _run_alone(member, solos, registry)
             if solo is not None and _fits(solo, solos):
                 solos.append(solo)
                 break
@@ -91,7 +91,7 @@ def crowd(seed: int, registry: Registry) -> list[Solo]:
 
 
 def cannot_meet(first: Solo, second: Solo) -> bool:
-    """Whether two arms keep `ROOM_M` apart, whatever the one does while the other does what."""
+    """Whether two arms keep `ROOM_M` apart in any combination of their configurations."""
     world = _pair(first, second)
     spheres = []
     for solo in (first, second):
@@ -107,10 +107,10 @@ def cannot_meet(first: Solo, second: Solo) -> bool:
     return apart(*spheres) > ROOM_M
 
 
-def _drawn(
+def _draw(
     name: str, side: float, waits: bool, rng: np.random.Generator, others: Sequence[Solo]
 ) -> Member | None:
-    """An arm somewhere in a square, with tasks; None where another one stands."""
+    """A random arm with tasks in a square; None if another base is too near."""
     robot = str(rng.choice(MEASURED))
     x, y = rng.uniform(-side / 2, side / 2, 2).round(3).tolist()
     if any(np.hypot(x - one.member.xyz[0], y - one.member.xyz[1]) < _BASES_M for one in others):
@@ -119,28 +119,28 @@ def _drawn(
     looks = robot == "panda" and not waits and rng.random() < 0.7
     yaw = round(float(rng.choice((0, 90, 180, -90)) if looks else rng.uniform(-180, 180)), 1)
     member = Member(name, robot, (x, y, 0.3), yaw, share, waits=waits)
-    tasks, cube = looking(member) if looks else tasks_of(member, rng)
+    tasks, cube = tracking_tasks(member) if looks else tasks_of(member, rng)
     return replace(member, tasks=tasks, cube=cube)
 
 
-def _alone(member: Member, others: Sequence[Solo], registry: Registry) -> Solo | None:
-    """What an arm does alone, None if it does not succeed; the others' cubes are there."""
+def _run_alone(member: Member, others: Sequence[Solo], registry: Registry) -> Solo | None:
+    """Behavior of an arm alone, with the others' cubes present; None if it does not succeed."""
     text = file_text([member], [member, *(other.member for other in others)])
     try:
         run = Run(load_tree_file(text, registry.kinds), registry)
     except DualArmError:
         return None
     with run:
-        diary = Diary(run.world)
-        run.watch(diary)
+        log = ConfigurationLog(run.world)
+        run.watch(log)
         result = run.finish().arms[member.name]
     if result.outcome != Outcome.SUCCESS:
         return None
-    return Solo(member, result, np.array(diary.path), np.array(diary.rests))
+    return Solo(member, result, np.array(log.path), np.array(log.rests))
 
 
 def _fits(solo: Solo, others: Sequence[Solo]) -> bool:
-    """Whether an arm leaves the others what they need, and they leave it what it needs."""
+    """Whether an arm and the others do not obstruct each other."""
     return all(
         cannot_meet(solo, other)
         if not (solo.member.waits and other.member.waits)
@@ -159,6 +159,6 @@ def _rests_are_free(first: Solo, second: Solo) -> bool:
 
 
 def _pair(first: Solo, second: Solo) -> World:
-    """A world with two arms, where each stands."""
+    """A world with two arms at their bases."""
     members = [first.member, second.member]
     return World(load_tree_file(file_text(members, members), Registry.load().kinds))

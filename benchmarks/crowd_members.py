@@ -1,4 +1,4 @@
-"""The members of a generated cell: robots on their bases, their tasks, and the file they make."""
+"""Members of a generated cell: robots on their bases, their tasks, and the tree file."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ class Member:
     Attributes:
         name: Name of the arm.
         robot: Name of the robot in the catalog.
-        xyz: Place of the base in m.
-        yaw: Turn of the base in degrees.
+        xyz: Position of the base, m.
+        yaw: Yaw of the base, degrees.
         share: Share of the robot's limits that the arm may use.
         tasks: Leaves of its tree, as text.
-        waits: Whether all of them wait where another arm is in the way.
-        cube: Pose of what it follows by its camera, as text; empty for nothing.
+        waits: Whether all tasks wait while another arm obstructs them.
+        cube: Pose of the cube that its camera tracks, as text; empty for none.
     """
 
     name: str
@@ -71,16 +71,16 @@ class Member:
 
 
 def file_text(members: Sequence[Member], cubes: Sequence[Member]) -> str:
-    """A tree file with some arms, and the things that some arms follow."""
-    things = [
+    """A tree file with some arms, and the cubes that some arms track."""
+    declarations = [
         _OBJECT.replace("NAME", one.name).replace("POSE", one.cube) for one in cubes if one.cube
     ]
-    objects = "".join(("objects:\n", *things)) if things else ""
+    objects = "".join(("objects:\n", *declarations)) if declarations else ""
     return "".join((_HEAD, objects, "arms:\n", *(one.text for one in members)))
 
 
 def tasks_of(member: Member, rng: np.random.Generator) -> tuple[tuple[str, ...], str]:
-    """Two to four tasks; an arm that need not wait also draws curves and turns its joints."""
+    """Two to four tasks; an arm that does not wait also draws curves and moves joints."""
     kinematics = member.kinematics
     robot = load_robot(member.robot)
     home = robot.postures["home"]
@@ -107,8 +107,8 @@ def tasks_of(member: Member, rng: np.random.Generator) -> tuple[tuple[str, ...],
     return tuple(tasks), ""
 
 
-def looking(member: Member) -> tuple[tuple[str, ...], str]:
-    """A Panda that looks out, and follows a cube that stands 0.35 m in front of its camera."""
+def tracking_tasks(member: Member) -> tuple[tuple[str, ...], str]:
+    """Tasks of a Panda that tracks a cube in front of its camera, and the pose of the cube."""
     robot = load_robot(member.robot)
     tool = member.kinematics.forward(robot.postures["look_out"])
     turn = np.radians(member.yaw)

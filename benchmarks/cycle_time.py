@@ -1,15 +1,15 @@
-"""How long skills take in simulated time, and in which of their phases.
+"""Simulated time of skills and of their phases.
 
     python -m benchmarks.cycle_time [--seeds 3] [--first 0] [--robots ur3 ur5 ur10 panda xarm7]
                                     [--grippers robotiq_2f85 panda_hand suction_cup]
                                     [--reality lab] [--speed 1.0] [--tasks carry insert sight]
 
-``carry`` grasps a box or cylinder that is drawn, and places it 0.4 m away; ``insert`` grasps a peg
-and inserts it into a hole that is up to 1.5 mm off; ``sight`` is the tree `pick_by_sight` with each
-of the robots. ``speed`` is that of each leaf that has one. The phase of a moment is the innermost
-generator of the skill that waits then. Printed are medians over all runs that succeeded, in s: of
-each skill, of grasp and place together, and of each phase. Exit code 1 if a run failed, or if a
-median exceeds what is asked for (``GOALS``) at speed 1.0 in ``lab``.
+``carry`` grasps a random box or cylinder and places it 0.4 m away; ``insert`` grasps a peg and
+inserts it into a hole up to 1.5 mm beside the declared position; ``sight`` is the tree
+`pick_by_sight` with each robot. ``--speed`` applies to each leaf that has a speed. The phase of a
+skill is its innermost suspended generator. Prints medians over all successful runs, in s: of each
+skill, of grasp and place together, and of each phase. Exits with code 1 if a run fails, or if a
+median exceeds its goal (``GOALS``) at speed 1.0 in ``lab``.
 """
 
 from __future__ import annotations
@@ -42,19 +42,19 @@ GOALS: Final = {
     "insert": 12.0,
     "pick_by_sight": 8.0,
 }
-"""Median simulated time at speed 1.0 in ``lab``, s."""
+"""Goals for the median simulated time at speed 1.0 in ``lab``, s."""
 
 _TABLE_M: Final = 0.40
-_APART_M: Final = 0.4
+_DISTANCE_M: Final = 0.4
 _BASE: Final = {"xyz": [0.35, 0.0, _TABLE_M], "rpy": [0, 0, -90]}
 _TREES: Final = Path(__file__).parents[1] / "trees"
 
-# In these generators another one decides what is done.
-_PASSED_ON: Final = frozenset({"run", "through", "along", "_along", "to_line", "_when_clear"})
+# Generators that only delegate to others, and are omitted from the names of phases.
+_DELEGATING: Final = frozenset({"run", "through", "along", "_along", "to_line", "_when_clear"})
 
 
 class Phases:
-    """Simulated time by skill and phase of one run: the generators of a skill that wait.
+    """Simulated time of one run by skill and phase, which is the chain of suspended generators.
 
     Attributes:
         seconds: Simulated time by skill and phase, s.
@@ -64,8 +64,8 @@ class Phases:
         self.seconds: dict[tuple[str, str], float] = defaultdict(float)
         self._last: tuple[str, str, float] | None = None
 
-    def note(self, run: SkillRun) -> None:
-        """Take a sample after a step of a skill."""
+    def record(self, run: SkillRun) -> None:
+        """Add the time since the previous step of the skill to its phase."""
         skill = run._skill
         name = type(skill).__name__
         if self._last is not None and self._last[0] == name:
@@ -78,11 +78,11 @@ def _phase(steps: object) -> str:
     while isinstance(steps, GeneratorType):
         names.append(steps.gi_code.co_name)
         steps = steps.gi_yieldfrom
-    return " > ".join(name for name in names if name not in _PASSED_ON) or "end"
+    return " > ".join(name for name in names if name not in _DELEGATING) or "end"
 
 
 def carry(robot: str, gripper: str, reality: str, seed: int) -> dict[str, Any]:
-    """A file in which an arm grasps a thing and places it 0.4 m away."""
+    """A tree file in which an arm grasps an object and places it 0.4 m away."""
     rng = np.random.default_rng((seed, ROBOTS.index(robot)))
     cup = gripper == "suction_cup"
     low = 0.045 if cup else 0.025
@@ -92,7 +92,7 @@ def carry(robot: str, gripper: str, reality: str, seed: int) -> dict[str, Any]:
     height = float(edges[2] if shape == "box" else edges[1])
     near, far = (-0.32, -0.28) if robot == "ur3" else (-0.48, -0.34)
     along = float(rng.uniform(-0.03, 0.03))
-    x = 0.35 + along + 0.5 * _APART_M * np.array((1.0, -1.0)) * rng.choice([-1.0, 1.0])
+    x = 0.35 + along + 0.5 * _DISTANCE_M * np.array((1.0, -1.0)) * rng.choice([-1.0, 1.0])
     y = float(rng.uniform(near, far))
     pose = {
         "xyz": [float(x[0]), y, _TABLE_M + height / 2],
@@ -124,7 +124,7 @@ def _file(
 
 
 def insert(robot: str, gripper: str, reality: str, seed: int) -> dict[str, Any]:
-    """The file of `benchmarks.inserting` for a robot."""
+    """The tree file of `benchmarks.inserting` for a robot."""
     options = argparse.Namespace(robot=robot, gripper=gripper, reality=reality, shape="cylinder")
     file, _ = inserting.task(options, seed)
     return file
@@ -139,7 +139,7 @@ def sight(robot: str, gripper: str, reality: str, seed: int) -> dict[str, Any]:
 
 
 def _at_speed(node: Any, speed: float, with_speed: frozenset[str]) -> Any:
-    """A node of a tree file with the speed of each leaf that has one."""
+    """A node of a tree file, with the speed set in each leaf that has one."""
     if isinstance(node, list):
         return [_at_speed(one, speed, with_speed) for one in node]
     if isinstance(node, str):
@@ -164,7 +164,7 @@ def run(file: dict[str, Any], speed: float) -> tuple[tuple[LeafReport, ...], flo
 
     def observed(self: SkillRun, fault: BaseException | None) -> bool:
         goes_on = step(self, fault)
-        phases.note(self)
+        phases.record(self)
         return goes_on
 
     SkillRun.step = observed  # type: ignore[method-assign]
@@ -189,21 +189,21 @@ def times_of(task: str, runs: tuple[LeafReport, ...], seconds: float) -> dict[st
 MAKERS = {"carry": carry, "insert": insert, "sight": sight}
 
 
-def timed(
+def measure(
     task: str, robot: str, gripper: str, reality: str, seed: int, speed: float
 ) -> dict[str, Any]:
-    """How long the skills of a run and their phases take, s, or which one failed."""
-    runs, seconds, seen = run(MAKERS[task](robot, gripper, reality, seed), speed)
+    """Times of the skills of a run and of their phases, s, or which one failed."""
+    runs, seconds, recorded = run(MAKERS[task](robot, gripper, reality, seed), speed)
     bad = [leaf for leaf in runs if leaf.status != "SUCCESS"]
     if bad:
-        said = f"{bad[0].skill} {bad[0].code}: {bad[0].reason}"
-        return {"outcome": "FAILURE", "code": bad[0].code, "bad": said}
-    phases = [[skill, phase, value] for (skill, phase), value in seen.seconds.items()]
+        message = f"{bad[0].skill} {bad[0].code}: {bad[0].reason}"
+        return {"outcome": "FAILURE", "code": bad[0].code, "bad": message}
+    phases = [[skill, phase, value] for (skill, phase), value in recorded.seconds.items()]
     return {"took": times_of(task, runs, seconds), "phases": phases}
 
 
 def main() -> int:
-    """Run the family and print the medians; 1 if something failed or is slower than asked for."""
+    """Run all tasks and print the medians; returns 1 if one failed or missed its goal."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--first", type=int, default=0)
@@ -215,24 +215,24 @@ def main() -> int:
     add_options(parser)
     options = parser.parse_args()
     with Campaign(options) as campaign:
-        return run_family(options, campaign)
+        return run_cases(options, campaign)
 
 
-def run_family(options: argparse.Namespace, campaign: Campaign) -> int:
-    """Run the family and print the medians; returns the exit code."""
+def run_cases(options: argparse.Namespace, campaign: Campaign) -> int:
+    """Run all cases and print the medians; returns the exit code."""
     times: dict[str, list[float]] = defaultdict(list)
     phases: dict[tuple[str, str], list[float]] = defaultdict(list)
     failed = 0
-    words = {"reality": options.reality, "speed": options.speed}
+    settings = {"reality": options.reality, "speed": options.speed}
     cases = [
-        {"task": task, "robot": robot, "gripper": gripper, "seed": seed, **words}
+        {"task": task, "robot": robot, "gripper": gripper, "seed": seed, **settings}
         for task in options.tasks
         for robot in options.robots
         for seed in range(options.first, options.first + options.seeds)
         for gripper in (options.grippers[seed % len(options.grippers)],)
         if (task, gripper) != ("insert", "suction_cup")  # the peg is too thin for it
     ]
-    for case, found in campaign.run(timed, cases):
+    for case, found in campaign.run(measure, cases):
         task = case["task"]
         label = f"{task} {case['robot']} {case['gripper']} seed {case['seed']}"
         if "bad" in found:

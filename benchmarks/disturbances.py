@@ -1,4 +1,4 @@
-"""What disturbs a follower: a screen before its target, a twin that crosses."""
+"""Disturbances of tracking: a screen in front of the target, a twin that crosses the view."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ SCREEN = ObjectSpec(
     shape="box", size=(0.002, 0.6, 0.6), mass=1, color="gray", pose=AWAY, fixed=True
 )
 BEHIND_SCREEN_M = 0.85  # x of the screen, between the cube and the camera
-TWIN_X_M = (0.60, 0.76)  # behind the cube and before it
+TWIN_X_M = (0.60, 0.76)  # behind and in front of the cube
 
 
 class Mover(IdleObserver):
-    """Moves a thing that is fixed in the world, and lets it pass through everything.
+    """Moves a fixed object, and lets it pass through everything.
 
     Args:
-        world: World in which it is.
-        name: Name of the thing.
-        place: Position at a time, of shape (3,), in m.
+        world: World of the object.
+        name: Name of the object.
+        place: Position at a time, of shape (3,), m.
     """
 
     def __init__(self, world: World, name: str, place: Callable[[float], Vector]) -> None:
@@ -42,7 +42,7 @@ class Mover(IdleObserver):
         self._place = place
 
     def after_step(self, now: float) -> None:
-        """Put it in its place, for the next step."""
+        """Set its position for the next step."""
         model = self._world.model
         body = self._world.object_body(self._name)
         geom = self._world.object_geom(self._name)
@@ -51,16 +51,16 @@ class Mover(IdleObserver):
 
 
 COVERED_CELL: Final = Cell("circle", 0.5, more={"turns": "4"})
-"""What is followed while something disturbs: about seven seconds from the third on."""
+"""The tracked curve: about seven seconds, beginning at the third."""
 
 COVERED_FROM_S: Final = (4.0, 6.5)
-"""Between which times of the run covers begin: all end two seconds before the curve does."""
+"""Range of the start of an occlusion; all end at least two seconds before the curve."""
 
 BACK_AFTER_S: Final = 1.0
-"""This long after the target is in view again it has to be followed as before."""
+"""Time after the end of an occlusion by which the target has to be tracked as before, s."""
 
 BACK_M: Final = 0.01
-"""How near that is, in m."""
+"""Largest distance from the earlier relative position that counts as before, m."""
 
 _TWIN_SPEED = 0.3  # m/s
 _TWIN_PASSES_S = 6.0  # when it is in the middle
@@ -69,13 +69,13 @@ _STOLEN_SAMPLES = 5  # 0.1 s
 
 
 def covered(registry: Registry, seed: int, begin: float, length: float) -> Trial:
-    """A trial in which a screen stands before the target for a while.
+    """A trial in which a screen hides the target for some time.
 
     Args:
         registry: Installed skills.
         seed: Seed of the trial.
-        begin: Simulated time at which the cover comes, in s.
-        length: Time for which it stays, in s.
+        begin: Simulated time at which the occlusion begins, s.
+        length: Duration of the occlusion, s.
 
     Raises:
         TrialError: Nothing could be measured.
@@ -90,7 +90,7 @@ def covered(registry: Registry, seed: int, begin: float, length: float) -> Trial
 
 
 def came_back(trial: Trial, begin: float, length: float) -> bool:
-    """Whether the target was followed as before, soon after it could be seen again."""
+    """Whether the target was tracked as before, soon after the occlusion."""
     times = trial.times + trial.began
     gap = trial.tracked - trial.cube
     before = gap[times < begin].mean(axis=0)
@@ -99,12 +99,12 @@ def came_back(trial: Trial, begin: float, length: float) -> bool:
 
 
 def _twin_at(now: float, height: float) -> Vector:
-    """Its y and z."""
+    """Position of the twin, y and z, m."""
     return np.array((0.11 + _TWIN_SPEED * (now - _TWIN_PASSES_S), 0.70 + height))
 
 
 def was_stolen(trial: Trial, height: float) -> bool:
-    """Whether the tool went with the twin instead of the target, by eyes or by inertia."""
+    """Whether the tool followed the twin instead of the target."""
     times = trial.times + trial.began
     gap = trial.tracked - trial.cube
     tool = trial.cube + gap - np.median(gap, axis=0)
@@ -116,13 +116,13 @@ def was_stolen(trial: Trial, height: float) -> bool:
 
 
 def crossed(registry: Registry, seed: int, height: float, depth: float) -> Trial:
-    """A trial in which a cube like the target crosses the picture.
+    """A trial in which a cube like the target crosses the image.
 
     Args:
         registry: Installed skills.
         seed: Seed of the trial.
-        height: Height above the curve's center, in m.
-        depth: Position along x, in m.
+        height: Height above the curve's center, m.
+        depth: Position along x, m.
 
     Raises:
         TrialError: Nothing could be measured.
@@ -141,11 +141,11 @@ def crossed(registry: Registry, seed: int, height: float, depth: float) -> Trial
 
 @dataclass
 class Ages:
-    """How old the newest sighting was whenever a set-point was made of it.
+    """Ages of the newest sightings from which set-points were computed.
 
     Attributes:
-        asked: Count of the set-points.
-        oldest: Largest age in s.
+        asked: Number of set-points.
+        oldest: Largest age, s.
     """
 
     asked: int = 0
@@ -154,7 +154,7 @@ class Ages:
 
 @contextmanager
 def ages_of_data() -> Iterator[Ages]:
-    """Watch every prediction that a follower moves by, meanwhile."""
+    """Context that records the age of the data of every prediction for a set-point."""
     ages = Ages()
     plain = TargetTracker.predict_in
 

@@ -1,11 +1,11 @@
-"""A camera that faces its target, against one that keeps its orientation, in space.
+"""Tracking in space with a camera that faces its target, compared with a fixed orientation.
 
     python -m benchmarks.facing [--robot NAME ...] [--motion KIND ...] [--camera FPS/MS ...]
         [--reality lab rough] [--seconds S] [--seed S] [--kept]
 
-A ball moves in front of the follower's wrist camera for ``--seconds``. Printed for each trial: the
-outcome, the true error in the camera's axes, less its mean, the angle between the optical axis and
-the ball, and the error of the distance, all root mean square.
+A ball moves in front of the follower's wrist camera for ``--seconds``. Prints for each trial the
+outcome and three RMS values: the true error across the camera's axis, minus its mean, the angle
+between the optical axis and the ball, and the error of the distance.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.yaml_reader import Data
 
 MOTIONS: Final = ("around", "sideways", "approach", "lissajous", "hidden 0.2 s", "lost")
-"""An arc of 50° to either side; a swing across the line of sight, one along it; all directions;
-the same, once out of view for 0.2 s; out of view for good."""
+"""An arc of 50° to either side; a swing across the line of sight; one along it; motion in all
+directions; the same, once hidden for 0.2 s; the same, hidden for good."""
 
 _SIDE_M = 0.05
 _REST_S = 2.0
 _HIDDEN_S = 4.0  # time at which the ball can no longer be recognized
-_BEFORE = np.array((0.0, 0.0, 0.25))  # where another one hides the ball, in the camera frame, m
+_COVER_AT = np.array((0.0, 0.0, 0.25))  # position of the cover in the camera frame, m
 _AWAY = (0.0, 0.0, 20.0)
 _BEHIND_M = 0.4
 _WIDE = math.radians(50.0)
@@ -52,7 +52,7 @@ _PERIOD_S = 6.0
 
 @dataclass
 class _Carrier(IdleObserver):
-    """Moves the ball."""
+    """Moves the ball, and hides it."""
 
     world: World
     place: Vector
@@ -64,14 +64,14 @@ class _Carrier(IdleObserver):
         model = self.world.model
         body = self.world.object_body("cube")
         model.body_pos[body] = self.at(time)
-        # A gray ball before the camera, so that the true path goes on.
+        # A gray ball in front of the camera hides the ball, whose motion goes on.
         cover = self.world.object_body("cover")
         camera = camera_pose(self.world.data, model.camera("arm1/camera").id)
         is_hidden = _HIDDEN_S <= time < hidden
-        model.body_pos[cover] = camera.apply(_BEFORE) if is_hidden else _AWAY
+        model.body_pos[cover] = camera.apply(_COVER_AT) if is_hidden else _AWAY
 
     def at(self, time: float) -> Vector:
-        """Position of the ball, of shape (3,), m: it sets out smoothly, within half a period."""
+        """Position of the ball, of shape (3,), m; it starts smoothly within half a period."""
         since = max(0.0, time - _REST_S)
         grown = min(1.0, since / (0.5 * _PERIOD_S))
         grown = grown**3 * (10.0 - 15.0 * grown + 6.0 * grown**2)
@@ -89,8 +89,8 @@ class _Carrier(IdleObserver):
             shares = np.array((0.0, 0.0, 0.08 * swing))
         else:
             shares = np.array((0.12 * swing, 0.08 * grown * np.sin(2.0 * phase), 0.05 * swing))
-        place: Vector = self.place + shares @ self.axes
-        return place
+        position: Vector = self.place + shares @ self.axes
+        return position
 
 
 def follow(
@@ -103,11 +103,11 @@ def follow(
     seconds: float,
     seed: int,
 ) -> str:
-    """Run one trial; its line."""
+    """Run one trial; returns the line to print."""
     registry = Registry.load()
-    seen = vantage(robot, LOOKS[plane])
+    viewpoint = vantage(robot, LOOKS[plane])
     fps, _, latency = camera.partition("/")
-    place = seen.ahead(DISTANCE_M)
+    place = viewpoint.ahead(DISTANCE_M)
     xyz, rpy = BASE
     with tempfile.TemporaryDirectory() as folder:
         track: dict[str, Data] = {
@@ -137,7 +137,7 @@ def follow(
             "pose": {"xyz": list(_AWAY)},
         }
         arm: dict[str, Data] = {
-            "robot": seen.write_page(Path(folder)),
+            "robot": viewpoint.write_description(Path(folder)),
             "base": {"xyz": list(xyz), "rpy": list(rpy)},
             "posture": POSTURE,
             "camera": {
@@ -158,7 +158,7 @@ def follow(
         }
         file = load_tree_file(tree, registry.kinds, folder=Path(folder))
         with Run(file, registry, RunOptions(seed=seed, renderer="ray")) as run:
-            run.watch(_Carrier(run.world, place, seen.camera.rotation_matrix.T, motion))
+            run.watch(_Carrier(run.world, place, viewpoint.camera.rotation_matrix.T, motion))
             leaf = run.finish().arms["arm1"].runs[0]
     metrics = leaf.metrics
     numbers = [float(metrics.get(name, np.nan)) for name in ("plane_rms_m", "distance_rms_m")]
@@ -173,7 +173,7 @@ def follow(
 
 
 def main(arguments: list[str]) -> int:
-    """Print one line a trial."""
+    """Print a line per trial."""
     parser = argparse.ArgumentParser(description="facing a target")
     parser.add_argument("--robot", nargs="+", default=list(MEASURED), choices=robot_names())
     parser.add_argument("--motion", nargs="+", default=list(MOTIONS), choices=MOTIONS)
@@ -182,15 +182,17 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--plane", default="yz", choices=list(LOOKS))
     parser.add_argument("--seconds", type=float, default=12.0)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--kept", action="store_true", help="keep the orientation, as well")
+    parser.add_argument("--kept", action="store_true", help="also keep the orientation")
     add_options(parser)
-    asked = parser.parse_args(arguments)
-    orientations = ("facing", "kept") if asked.kept else ("facing",)
+    options = parser.parse_args(arguments)
+    orientations = ("facing", "kept") if options.kept else ("facing",)
     names = ("robot", "motion", "camera", "reality", "orientation")
-    each = itertools.product(asked.robot, asked.motion, asked.camera, asked.reality, orientations)
-    common = {"plane": asked.plane, "seconds": asked.seconds, "seed": asked.seed}
+    each = itertools.product(
+        options.robot, options.motion, options.camera, options.reality, orientations
+    )
+    common = {"plane": options.plane, "seconds": options.seconds, "seed": options.seed}
     trials = [dict(zip(names, trial, strict=True)) | common for trial in each]
-    with Campaign(asked) as campaign:
+    with Campaign(options) as campaign:
         for _, line in campaign.run(follow, trials):
             print(line, flush=True)
     return 0

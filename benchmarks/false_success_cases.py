@@ -1,12 +1,12 @@
-"""Ways in which an object does not stay where a skill leaves it: is any of them a SUCCESS?
+"""Scenarios in which an object does not stay where a skill leaves it: is one a false SUCCESS?
 
-    python -m benchmarks.false_success_cases [--only place detach ...] [--verbose]
+    python -m benchmarks.false_success_cases [--only place detach ...]
 
-In each way the world, or a hand that reaches into it, sees to it that the object is not, or does
-not stay, where `place`, `detach`, `transport`, `insert` or `regrasp` is to leave it. A SUCCESS is
-false where the object truly is beyond the skill's own tolerance from there when the leaf ends, or a
-second later, or where the tool still bears it. Asked for: none. Exit code 1 if there is one, or if
-an arm's leaf ends in an exception.
+In each scenario the world, or an intervention in it, prevents the object from being or staying
+where `place`, `detach`, `transport`, `insert` or `regrasp` should leave it. A SUCCESS is false if
+the true error of the object exceeds the skill's own tolerance when the leaf ends or a second later,
+or if the tool still bears it. Exits with code 1 if there is one, or if a leaf ends with an
+exception.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from bt_dualarm.core.pose import Pose
 from bt_dualarm.runtime.arm_runtime import IdleObserver
 from bt_dualarm.sim.world import World
 
-Deed = Callable[[World], None]
-"""What a hand does to the world."""
+Change = Callable[[World], None]
+"""An instantaneous change of the world."""
 
 THING: Final = "thing"
 TABLE: Final = 0.40
@@ -41,19 +41,20 @@ GOAL: Final = (0.28, -0.42)
 
 @dataclass(frozen=True)
 class Case:
-    """One way in which it does not stay.
+    """One scenario.
 
     Attributes:
         name: What happens.
         skill: Skill whose leaf is judged.
-        obj: The object, without its pose; with `standing` half its height.
-        leaves: Leaves of the arm, the one that is judged the last.
-        goal: Pose at which the object is to be in the end.
+        obj: The object, without its pose; `standing` gives half its height.
+        leaves: Leaves of the arm; the last one is judged.
+        goal: Goal pose of the object.
         around: Other objects.
-        deed: What a hand does; called at each step from when it begins, until it says it is done.
-        begins: When that is: ``("released" or "held", seconds after that)``.
-        gripper: Name of the gripper, None for the tool that welds.
-        tolerance: Farthest that the object may be from the goal, m.
+        deed: Intervention, called at each step from its start until it returns True.
+        begins: Start of the intervention: ``("released" or "held", seconds after that)``.
+        gripper: Name of the gripper, None for a tool that welds.
+        tolerance: Largest distance of the object from the goal, m.
+        lies: Initial position of the object, m; None for the default one on the table.
     """
 
     name: str
@@ -77,16 +78,16 @@ def standing(obj: Mapping[str, Any]) -> float:
 
 
 def fixed(shape: str, size: Sequence[float], xyz: Sequence[float], **pose: Any) -> dict[str, Any]:
-    """Something that stays where it is."""
-    where = {"xyz": list(xyz)} | pose
-    return {"shape": shape, "size": list(size), "mass": 5, "fixed": True, "pose": where}
+    """A fixed object."""
+    full_pose = {"xyz": list(xyz)} | pose
+    return {"shape": shape, "size": list(size), "mass": 5, "fixed": True, "pose": full_pose}
 
 
-# What hands do
+# Interventions
 
 
-def once(deed: Deed) -> Callable[[World], bool]:
-    """Do it, and be done."""
+def once(deed: Change) -> Callable[[World], bool]:
+    """Make a change as an intervention that is done after one call."""
 
     def do(world: World) -> bool:
         deed(world)
@@ -95,8 +96,8 @@ def once(deed: Deed) -> Callable[[World], bool]:
     return do
 
 
-def moved(dx: float = 0.0, dy: float = 0.0, dz: float = 0.0) -> Callable[[World], bool]:
-    """Put the object so far beside where it is, in the world."""
+def displace(dx: float = 0.0, dy: float = 0.0, dz: float = 0.0) -> Callable[[World], bool]:
+    """Displace the object in the world."""
 
     def move(world: World) -> None:
         start = world.pose_address(THING)
@@ -105,8 +106,8 @@ def moved(dx: float = 0.0, dy: float = 0.0, dz: float = 0.0) -> Callable[[World]
     return once(move)
 
 
-def slid(across: float, along: float = 0.0) -> Callable[[World], bool]:
-    """Slide the object between the pads: across the tool, and along it."""
+def slide_object(across: float, along: float = 0.0) -> Callable[[World], bool]:
+    """Slide the object between the pads, across and along the tool."""
 
     def slide(world: World) -> None:
         axes = world.arms["arm1"].tool_pose.rotation_matrix
@@ -116,8 +117,8 @@ def slid(across: float, along: float = 0.0) -> Callable[[World], bool]:
     return once(slide)
 
 
-def turned(degrees: float, axis: int = 1) -> Callable[[World], bool]:
-    """Turn the object in the hand about an axis of the tool: the second leads from pad to pad."""
+def turn_object(degrees: float, axis: int = 1) -> Callable[[World], bool]:
+    """Turn the object in the hand about an axis of the tool; axis 1 leads from pad to pad."""
 
     def turn(world: World) -> None:
         about = world.arms["arm1"].tool_pose.rotation_matrix[:, axis] * np.radians(degrees)
@@ -131,7 +132,7 @@ def turned(degrees: float, axis: int = 1) -> Callable[[World], bool]:
     return once(turn)
 
 
-def kicked(
+def kick_object(
     vx: float, vy: float = 0.0, vz: float = 0.0, spin: float = 0.0
 ) -> Callable[[World], bool]:
     """Give the object a velocity."""
@@ -145,8 +146,8 @@ def kicked(
     return once(kick)
 
 
-def stuck(seconds: float, pressed: float = 0.0) -> Callable[[World], bool]:
-    """Let the object go with the tool for so long, as if it stuck to it, so many m into it."""
+def stick_to_tool(seconds: float, pressed: float = 0.0) -> Callable[[World], bool]:
+    """Make the object stick to the tool for some time, pressed into it by some meters."""
     began: list[tuple[float, Pose]] = []
 
     def stick(world: World) -> bool:
@@ -167,8 +168,8 @@ def stuck(seconds: float, pressed: float = 0.0) -> Callable[[World], bool]:
     return stick
 
 
-def without_ground(name: str, lower: float) -> Callable[[World], bool]:
-    """Lower what it stands on."""
+def sink_ground(name: str, lower: float) -> Callable[[World], bool]:
+    """Lower the object's support."""
 
     def sink(world: World) -> None:
         world.model.body_pos[world.object_body(name), 2] -= lower
@@ -176,8 +177,8 @@ def without_ground(name: str, lower: float) -> Callable[[World], bool]:
     return once(sink)
 
 
-def gone(world: World) -> bool:
-    """Take the object out of the world."""
+def remove(world: World) -> bool:
+    """Remove the object from the world."""
     world.remove_object(THING)
     return True
 
@@ -190,29 +191,29 @@ CARRY: Final = {"transport": {"object": THING, "to": {"xyz": [0.30, -0.40, 0.60]
 
 
 def place(goal: Pose, **ports: Any) -> dict[str, Any]:
-    """A leaf that places the object there."""
+    """A leaf that places the object at a goal."""
     at = {"xyz": goal.position.tolist(), "quat": goal.quaternion.tolist()}
     return {"place": {"object": THING, "at": at} | ports}
 
 
 def pose(x: float, y: float, z: float, *rpy: float) -> Pose:
-    """A pose, angles in degrees."""
+    """A pose, with angles in degrees."""
     return Pose.from_rpy((x, y, z), tuple(np.radians(rpy or (0.0, 0.0, 0.0)).tolist()))
 
 
 def placing(name: str, obj: Mapping[str, Any], goal: Pose, **more: Any) -> Case:
-    """A thing that is grasped and placed."""
+    """Scenario in which an object is grasped and placed."""
     before = more.pop("before", (GRASP,))
     return Case(name, "place", obj, (*before, place(goal)), goal, **more)
 
 
 def on_table(obj: Mapping[str, Any], x: float = GOAL[0], y: float = GOAL[1]) -> Pose:
-    """Upright on the table."""
+    """Pose of an upright object on the table."""
     return pose(x, y, TABLE + standing(obj))
 
 
 def place_cases() -> Iterator[Case]:
-    """Where `place` leaves it, it does not stay."""
+    """Scenarios in which an object does not stay where `place` leaves it."""
     for beyond in (-0.001, 0.004, 0.015, 0.035):
         goal = on_table(CUBE, y=-0.25 + beyond)
         yield placing(f"{1e3 * beyond:.0f} mm beyond the edge", CUBE, goal)
@@ -247,29 +248,33 @@ def place_cases() -> Iterator[Case]:
     goal = pose(*GOAL, TABLE + 0.06 + 0.025)
     yield placing("on a loose ball", CUBE, goal, around={"loose": loose})
     goal = on_table(CUBE)
-    yield placing("pushed when released", CUBE, goal, deed=kicked(0.5), begins=("released", 0.2))
-    yield placing("pushed lightly", CUBE, goal, deed=moved(0.012), begins=("released", 0.4))
-    tall = on_table(TALL)
-    yield placing("knocked over", TALL, tall, deed=kicked(0.8), begins=("released", 0.4))
-    round_goal = on_table(BALL)
-    yield placing("a ball that rolls", BALL, round_goal, deed=kicked(0.4), begins=("released", 0.4))
     yield placing(
-        "a ball that creeps", BALL, round_goal, deed=kicked(0.04), begins=("released", 0.8)
+        "pushed when released", CUBE, goal, deed=kick_object(0.5), begins=("released", 0.2)
+    )
+    yield placing("pushed lightly", CUBE, goal, deed=displace(0.012), begins=("released", 0.4))
+    tall = on_table(TALL)
+    yield placing("knocked over", TALL, tall, deed=kick_object(0.8), begins=("released", 0.4))
+    round_goal = on_table(BALL)
+    yield placing(
+        "a ball that rolls", BALL, round_goal, deed=kick_object(0.4), begins=("released", 0.4)
+    )
+    yield placing(
+        "a ball that creeps", BALL, round_goal, deed=kick_object(0.04), begins=("released", 0.8)
     )
     under = {"shelf": shelf}
     high = pose(*GOAL, TABLE + 0.06 + 0.025)
-    sunk = without_ground("shelf", 0.04)
+    sunk = sink_ground("shelf", 0.04)
     yield placing("its ground sinks", CUBE, high, around=under, deed=sunk, begins=("released", 0.6))
-    lost = without_ground("shelf", 0.05)
+    lost = sink_ground("shelf", 0.05)
     yield placing("no ground any more", CUBE, high, around=under, deed=lost, begins=("held", 0.5))
     for seconds in (0.4, 2.2, 60.0):
         name = f"sticks to a finger for {seconds:g} s"
-        yield placing(name, CUBE, goal, deed=stuck(seconds))
+        yield placing(name, CUBE, goal, deed=stick_to_tool(seconds))
     for seconds in (1.3, 2.5, 60.0):
-        deed = stuck(seconds, 5e-4)
+        deed = stick_to_tool(seconds, 5e-4)
         name = f"sticks to the cup for {seconds:g} s"
         yield placing(name, CUBE, goal, deed=deed, gripper="suction_cup", begins=("released", 0.2))
-    yield placing("taken away", CUBE, goal, deed=gone, begins=("released", 0.6))
+    yield placing("taken away", CUBE, goal, deed=remove, begins=("released", 0.6))
     for off in (0.012, 0.02):
         at = {"xyz": [START[0] + off, START[1], TABLE + 0.06], "rpy": [0, 0, 0]}
         grasp = {"grasp": {"at": at, "width": 0.04, "height": 0.12, "depth": 0.04}}
@@ -278,33 +283,35 @@ def place_cases() -> Iterator[Case]:
         yield Case(name, "place", TALL, (grasp, there), tall)
     for across in (0.01, 0.014):
         name = f"slid by {1e3 * across:.0f} mm in the hand"
-        yield placing(name, CUBE, goal, deed=slid(across), begins=("held", 1.0))
+        yield placing(name, CUBE, goal, deed=slide_object(across), begins=("held", 1.0))
     for angle in (12.0, 20.0):
         name = f"tilted by {angle:.0f}° in the hand"
-        yield placing(name, TALL, tall, deed=turned(angle), begins=("held", 1.0))
-    yield placing("turned about the tool", TALL, tall, deed=turned(12, 2), begins=("held", 1.0))
+        yield placing(name, TALL, tall, deed=turn_object(angle), begins=("held", 1.0))
+    yield placing(
+        "turned about the tool", TALL, tall, deed=turn_object(12, 2), begins=("held", 1.0)
+    )
 
 
 def transport_cases() -> Iterator[Case]:
-    """Carried, it is not where it is to be."""
+    """Scenarios in which a carried object is not at its goal."""
     goal = pose(0.30, -0.40, 0.60)
     to = {"xyz": goal.position.tolist(), "rpy": [0, 0, 0]}
     leaves = (GRASP, {"transport": {"object": THING, "to": to, "speed": 0.3}})
     for name, obj, deed in (
-        ("slid by 6 mm", CUBE, slid(0.006)),
-        ("slid by 15 mm", TALL, slid(0.015)),
-        ("slid down by 15 mm", TALL, slid(0.0, 0.015)),
-        ("tilted by 5°", TALL, turned(5.0)),
-        ("tilted by 20°", TALL, turned(20.0)),
-        ("turned about the tool", TALL, turned(6.0, 2)),
-        ("fell out", CUBE, moved(0.3, 0.0, 0.2)),
-        ("taken away", CUBE, gone),
+        ("slid by 6 mm", CUBE, slide_object(0.006)),
+        ("slid by 15 mm", TALL, slide_object(0.015)),
+        ("slid down by 15 mm", TALL, slide_object(0.0, 0.015)),
+        ("tilted by 5°", TALL, turn_object(5.0)),
+        ("tilted by 20°", TALL, turn_object(20.0)),
+        ("turned about the tool", TALL, turn_object(6.0, 2)),
+        ("fell out", CUBE, displace(0.3, 0.0, 0.2)),
+        ("taken away", CUBE, remove),
     ):
         yield Case(name, "transport", obj, leaves, goal, {}, deed, ("held", 0.7), tolerance=0.005)
 
 
 def detach_cases() -> Iterator[Case]:
-    """Let go of, it does not stay."""
+    """Scenarios in which a detached object does not stay."""
 
     def let_go(name: str, goal: Pose, obj: Mapping[str, Any] = CUBE, **more: Any) -> Case:
         to = {"xyz": goal.position.tolist(), "quat": goal.quaternion.tolist()}
@@ -319,43 +326,45 @@ def detach_cases() -> Iterator[Case]:
     yield let_go("on a ball", pose(GOAL[0] + 0.004, GOAL[1], TABLE + 0.087), around={"b": ball})
     wall = fixed("box", [0.02, 0.1, 0.08], (*GOAL, TABLE + 0.04))
     yield let_go("on a wall", pose(GOAL[0] + 0.015, GOAL[1], TABLE + 0.106), around={"w": wall})
-    yield let_go("pushed", pose(*GOAL, TABLE + 0.026), deed=kicked(1.0), begins=("released", 0.02))
+    yield let_go(
+        "pushed", pose(*GOAL, TABLE + 0.026), deed=kick_object(1.0), begins=("released", 0.02)
+    )
     rolls = pose(*GOAL, TABLE + 0.026)
-    yield let_go("a ball", rolls, BALL, deed=kicked(0.05), begins=("released", 0.05))
-    yield let_go("stuck in the air", pose(0.30, -0.40, 0.55), deed=stuck(60.0))
+    yield let_go("a ball", rolls, BALL, deed=kick_object(0.05), begins=("released", 0.05))
+    yield let_go("stuck in the air", pose(0.30, -0.40, 0.55), deed=stick_to_tool(60.0))
     held = (GRASP, CARRY, {"detach": {"object": THING}})
     yield Case("the fingers are shut", "detach", CUBE, held, pose(0.30, -0.40, 0.60))
 
 
 def insert_cases() -> Iterator[Case]:
-    """Put into its hole, or onto the table as into none, it is not in there."""
+    """Scenarios in which an object is not in its hole after `insert`."""
     goal = pose(0.25, -0.45, TABLE + 0.025)
     at = {"xyz": goal.position.tolist(), "rpy": [0, 0, 0]}
     leaves = (GRASP, {"insert": {"object": THING, "at": at, "depth": 0.012}})
     for name, deed in (
-        ("slid across by 7 mm", slid(0.007)),
-        ("slid across by 14 mm", slid(0.014)),
-        ("slid out by 6 mm", slid(0.0, 0.006)),
-        ("slid in by 6 mm", slid(0.0, -0.006)),
-        ("tilted by 8°", turned(8.0)),
-        ("turned about the tool", turned(8.0, 2)),
-        ("taken away", gone),
+        ("slid across by 7 mm", slide_object(0.007)),
+        ("slid across by 14 mm", slide_object(0.014)),
+        ("slid out by 6 mm", slide_object(0.0, 0.006)),
+        ("slid in by 6 mm", slide_object(0.0, -0.006)),
+        ("tilted by 8°", turn_object(8.0)),
+        ("turned about the tool", turn_object(8.0, 2)),
+        ("taken away", remove),
     ):
         yield Case(name, "insert", CUBE, leaves, goal, {}, deed, ("held", 0.8), tolerance=0.0048)
 
 
 def regrasp_cases() -> Iterator[Case]:
-    """Set down to be taken in another way, it does not stay, or is not taken."""
+    """Scenarios in which an object does not stay where `regrasp` sets it down, or is not taken."""
     goal = pose(*START, TABLE + 0.06)
     leaves = (GRASP, {"regrasp": {"object": THING}})
     for name, deed, begins in (
-        ("slid by 14 mm", slid(0.014), ("held", 0.5)),
-        ("tilted by 20°", turned(20.0), ("held", 0.5)),
-        ("pushed by 15 mm", moved(0.015), ("released", 0.4)),
-        ("knocked over", kicked(0.8), ("released", 0.9)),
-        ("moved before it is taken", moved(0.0, 0.02), ("released", 3.0)),
-        ("taken away", gone, ("released", 1.0)),
-        ("put far away", moved(0.3, 0.0, 0.05), ("released", 3.0)),
+        ("slid by 14 mm", slide_object(0.014), ("held", 0.5)),
+        ("tilted by 20°", turn_object(20.0), ("held", 0.5)),
+        ("pushed by 15 mm", displace(0.015), ("released", 0.4)),
+        ("knocked over", kick_object(0.8), ("released", 0.9)),
+        ("moved before it is taken", displace(0.0, 0.02), ("released", 3.0)),
+        ("taken away", remove, ("released", 1.0)),
+        ("put far away", displace(0.3, 0.0, 0.05), ("released", 3.0)),
     ):
         yield Case(name, "regrasp", TALL, leaves, goal, {}, deed, begins, tolerance=0.01)
     edge = {"regrasp": {"object": THING, "at": {"xyz": [0.30, -0.249, TABLE + 0.06]}}}
@@ -363,48 +372,48 @@ def regrasp_cases() -> Iterator[Case]:
 
 
 def cases() -> list[Case]:
-    """All of them."""
+    """All scenarios."""
     makers = (place_cases, transport_cases, detach_cases, insert_cases, regrasp_cases)
     return [case for maker in makers for case in maker()]
 
 
 class Hand(IdleObserver):
-    """Does what a way says, and looks at the truth when the judged leaf ends.
+    """Intervenes as a case demands, and checks the true state when the judged leaf ends.
 
     Attributes:
-        lies: What was said and was not so.
-        errors: What it has raised itself.
+        lies: Errors of the true state after a SUCCESS, as sentences.
+        errors: Exceptions of the interventions and checks.
     """
 
     def __init__(self, world: World, case: Case) -> None:
         self._world = world
-        self._way = case
+        self._case = case
         self._since: float | None = None
         self._held = self._done = False
         self._began_s = 0.0
-        self._said: float | None = None
+        self._succeeded_s: float | None = None
         self.lies: list[str] = []
         self.errors: list[Exception] = []
 
     def on_event(self, change: StatusChange) -> None:
-        """Look at the truth when it is said."""
-        if change.kind == self._way.skill and change.new == "SUCCESS":
-            self._said = change.time
+        """Check the true state when the judged leaf succeeds."""
+        if change.kind == self._case.skill and change.new == "SUCCESS":
+            self._succeeded_s = change.time
             self._judge("when it ended")
 
     def after_step(self, time: float) -> None:
-        """Act when it is time; an observer that raises would be dropped."""
+        """Intervene when it is time; an observer that raises would be dropped."""
         try:
-            self._act(time)
-            if self._said is not None and time >= self._said + 1.0:
-                self._said = None
+            self._intervene(time)
+            if self._succeeded_s is not None and time >= self._succeeded_s + 1.0:
+                self._succeeded_s = None
                 self._judge("a second later")
         except Exception as error:  # noqa: BLE001 - raised again when the run is over
             self.errors.append(error)
             self._done = True
 
-    def _act(self, time: float) -> None:
-        case = self._way
+    def _intervene(self, time: float) -> None:
+        case = self._case
         world = self._world
         if case.deed is None or self._done:
             return
@@ -422,7 +431,7 @@ class Hand(IdleObserver):
             self._done = case.deed(world)
 
     def _judge(self, when: str) -> None:
-        case = self._way
+        case = self._case
         world = self._world
         if THING not in world.objects:
             self.lies.append(f"{when}: it is not there")
@@ -446,8 +455,8 @@ class Hand(IdleObserver):
 
 
 def file_of(case: Case) -> dict[str, Any]:
-    """The tree file of a way."""
-    where = case.lies or (*START, TABLE + standing(case.obj) + 5e-4)
+    """The tree file of a case."""
+    full_pose = case.lies or (*START, TABLE + standing(case.obj) + 5e-4)
     arm: dict[str, Any] = {"robot": "ur5", "base": {"xyz": [0, 0, TABLE]}}
     if case.gripper:
         arm["gripper"] = case.gripper
@@ -457,13 +466,13 @@ def file_of(case: Case) -> dict[str, Any]:
         "bt_dualarm": 1,
         "name": "ways",
         "world": {"scene": "table", "reality": "lab", "seed": 0, "time_limit": 90},
-        "objects": {THING: dict(case.obj) | {"pose": {"xyz": list(where)}}, **case.around},
+        "objects": {THING: dict(case.obj) | {"pose": {"xyz": list(full_pose)}}, **case.around},
         "arms": {"arm1": arm | {"tree": tree}},
     }
 
 
 def play(case: Case) -> tuple[LeafReport, list[str]]:
-    """The judged leaf, or the one that failed before it; and what was false."""
+    """The judged leaf, or the one that failed before it, and the errors after a SUCCESS."""
     with bt.open(file_of(case)) as opened:
         hand = Hand(opened.world, case)
         opened.watch(hand)
@@ -474,23 +483,23 @@ def play(case: Case) -> tuple[LeafReport, list[str]]:
     return runs[-1], hand.lies
 
 
-def judged(skill: str, name: str) -> dict[str, Any]:
-    """What was said of a way, and what of it was false."""
+def evaluate(skill: str, name: str) -> dict[str, Any]:
+    """Result of a case, and the errors of a false SUCCESS."""
     case = next(case for case in cases() if (case.skill, case.name) == (skill, name))
     leaf, lies = play(case)
-    said = f"{leaf.status} {leaf.code or ''}".strip()
+    status = f"{leaf.status} {leaf.code or ''}".strip()
     return {
         "outcome": "FALSE_SUCCESS" if lies else "SUCCESS",
         "code": leaf.code,
         "skill": leaf.skill,
         "stayed": leaf.skill == skill and leaf.status == "SUCCESS" and not lies,
-        "said": f"{leaf.skill}: {said} {leaf.reason}",
+        "said": f"{leaf.skill}: {status} {leaf.reason}",
         "lies": lies,
     }
 
 
 def main() -> int:
-    """Print a line for each way, and the sum; 1 if something was said falsely."""
+    """Print all cases and the totals; returns 1 after a false SUCCESS or an exception."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--only", nargs="+", default=[], help="skills, or words of the names")
     add_options(parser)
@@ -502,16 +511,16 @@ def main() -> int:
     ]
     false = stayed = elsewhere = exceptions = 0
     with Campaign(options) as campaign:
-        for case, found in campaign.run(judged, chosen):
+        for case, found in campaign.run(evaluate, chosen):
             exceptions += found["code"] == "EXCEPTION"
             elsewhere += found["skill"] != case["skill"]
             stayed += found["stayed"]
             false += bool(found["lies"])
             print(f"{case['skill']:10} {case['name']:36} {found['said']}", flush=True)
-            for lie in found["lies"]:
-                print(f"    FALSE: {lie}", flush=True)
+            for deviation in found["lies"]:
+                print(f"    FALSE: {deviation}", flush=True)
         print(
-            f"{len(chosen)} ways: {false} false SUCCESS; {stayed} stayed all the same, "
+            f"{len(chosen)} cases: {false} false SUCCESS; {stayed} stayed nevertheless, "
             f"{elsewhere} failed before, {exceptions} exceptions"
         )
         return 1 if false or exceptions else 0

@@ -1,16 +1,16 @@
-"""Every arm of the catalog before a cube, in figures: does it come to rest, does it swing?
+"""Every arm of the catalog tracks a cube at rest or on a slow circle: errors and oscillation.
 
     python -m benchmarks.following [--robot NAME ...] [--fps N ...] [--motion rest|circle]
                                    [--reality ideal|lab|rough] [--sized] [--seeds N] [--part I/N]
 
-A resting cube: robots by planes by 10, 30, 60, 120 frames a second by shares 0.1, 0.3, 1 of the
-limits by latencies of 0, 17 and 60 ms, 540 runs of about two seconds each. A slow circle, 0.1 m
-around at 0.1 m/s: robots by planes by rates by shares. Arms start where they look squarely at the
-plane; with ``--sized`` they know the cube's size. A seed is a robot of the batch. Printed for each
-is the error, the highest line of the spectrum of the tool's path, and what misses its goal, as a
-loss of the cube does; the exit code is 1 if anything does. Where the camera is not where its
-calibration has it, the cube is off by that, and only swings, losses and failures count.
-``--part 2/11`` runs every eleventh, from the second on.
+A resting cube: all combinations of robots, planes, 10, 30, 60 and 120 Hz, 0.1, 0.3 and 1 of the
+limits, and latencies of 0, 17 and 60 ms: 540 runs of about two seconds. A circle of 0.1 m at 0.1
+m/s: likewise, with one latency. Arms start with the camera facing the plane; with ``--sized`` they
+know the cube's size. A seed is one robot with its own deviations from the model. Prints the error
+of each run, the highest peak in the spectrum of the tool's path, and missed goals, among them
+losses of the cube; exits with code 1 if a goal is missed. Outside `ideal`, calibration errors of
+the camera shift the cube, so only oscillation, losses and failures count. ``--part 2/11`` runs
+every eleventh case, starting with the second.
 """
 
 from __future__ import annotations
@@ -33,29 +33,31 @@ SHARES = (0.1, 0.3, 1.0)
 LATENCIES = (0.0, 0.017, 0.06)
 
 
-def spots(asked: argparse.Namespace) -> Iterator[Spot]:
-    """All of the family."""
-    latencies = LATENCIES if asked.motion == "rest" else (Spot.latency,)
-    each = itertools.product(asked.robot, LOOKS, asked.fps, SHARES, latencies, range(asked.seeds))
+def spots(options: argparse.Namespace) -> Iterator[Spot]:
+    """All cases."""
+    latencies = LATENCIES if options.motion == "rest" else (Spot.latency,)
+    each = itertools.product(
+        options.robot, LOOKS, options.fps, SHARES, latencies, range(options.seeds)
+    )
     for robot, plane, fps, share, latency, seed in each:
-        more = asked.motion, asked.reality, asked.sized, seed
+        more = options.motion, options.reality, options.sized, seed
         yield Spot(robot, plane, fps, share, latency, *more)
 
 
 def complaints(spot: Spot, found: Outcome) -> list[str]:
-    """What misses its goal; an arm that has too little speed for the circle may say so."""
+    """Missed goals; NOT_FOLLOWING is accepted on the circle, which can be too fast for an arm."""
     if found.code == "NOT_FOLLOWING" and spot.motion == "circle":
         return []
     if found.code:
         return [found.code]
-    right = found.rms <= spot.goal or spot.reality != "ideal"
-    said = [] if right else [f"RMS above {1e3 * spot.goal:g} mm"]
-    said += [f"lost {found.lost} times"] * (found.lost > 0)
-    return said + ["swings"] * (spot.motion == "rest" and found.swings(spot.goal))
+    is_accurate = found.rms <= spot.goal or spot.reality != "ideal"
+    missed = [] if is_accurate else [f"RMS above {1e3 * spot.goal:g} mm"]
+    missed += [f"lost {found.lost} times"] * (found.lost > 0)
+    return missed + ["swings"] * (spot.motion == "rest" and found.swings(spot.goal))
 
 
-def tried(**fields: Any) -> dict[str, Any]:  # Any: fields of `Spot`
-    """What was measured at a spot, and what misses its goal."""
+def run_case(**fields: Any) -> dict[str, Any]:  # Any: fields of `Spot`
+    """Measurements of a case, and its missed goals."""
     spot = Spot(**fields)
     found = follow(spot, registry())
     wrong = complaints(spot, found)
@@ -67,8 +69,8 @@ def tried(**fields: Any) -> dict[str, Any]:  # Any: fields of `Spot`
 
 
 def main(arguments: list[str]) -> int:
-    """Print a line for each; the exit code."""
-    parser = argparse.ArgumentParser(description="every arm before a cube")
+    """Print a line for each case; returns the exit code."""
+    parser = argparse.ArgumentParser(description="every arm tracks a cube")
     parser.add_argument("--robot", nargs="+", default=list(MEASURED), choices=robot_names())
     parser.add_argument("--fps", nargs="+", type=float, default=list(FPS))
     parser.add_argument("--motion", choices=("rest", "circle"), default="rest")
@@ -77,13 +79,13 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--part", default="1/1")
     add_options(parser)
-    asked = parser.parse_args(arguments)
-    first, every = (int(number) for number in asked.part.split("/"))
+    options = parser.parse_args(arguments)
+    first, every = (int(number) for number in options.part.split("/"))
     failed = 0
     of_group: dict[tuple[str, float], list[Outcome]] = defaultdict(list)
-    cases = [asdict(spot) for spot in list(spots(asked))[first - 1 :: every]]
-    with Campaign(asked) as campaign:
-        for fields, result in campaign.run(tried, cases):
+    cases = [asdict(spot) for spot in list(spots(options))[first - 1 :: every]]
+    with Campaign(options) as campaign:
+        for fields, result in campaign.run(run_case, cases):
             spot = Spot(**fields)
             found = Outcome(**result["measured"])
             of_group[spot.robot, spot.fps].append(found)

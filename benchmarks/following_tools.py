@@ -1,14 +1,14 @@
-"""How exactly an arm keeps a transform to another arm's tool that moves at full speed.
+"""Accuracy with which an arm keeps its transform to another arm's tool that moves at full speed.
 
     python -m benchmarks.following_tools [--trials 60] [--seed 0] [--reality lab] [--speed 1.0]
     python -m benchmarks.following_tools --only 17
 
-Two random robots face each other. The second one follows the tool of the first one, at its present
+Two random robots face each other. The second one follows the tool of the first one, at the current
 transform or at a random one, while the first one executes four random motions. The error is the
-true distance of the tool from the transform that it had at rest, from the arrival on. Trials in
-which the second arm cannot reach some pose (``UNREACHABLE``, ``INVALID_TARGET``, ``IN_COLLISION``,
-``NO_PLAN`` before it follows) or no motion of the first arm succeeds are counted separately. Exit
-code 1 if an error is larger than 1 mm or the transform is lost.
+true deviation of the relative position from that at rest, after the arrival. Trials in which the
+second arm cannot reach some pose (``UNREACHABLE``, ``INVALID_TARGET``, ``IN_COLLISION``,
+``NO_PLAN``, ``SINGULAR``) or no motion of the first arm succeeds are counted separately. Exits with
+code 1 if an error exceeds 1 mm or the transform is lost.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ def generate(seed: int, reality: str, speed: float) -> Tree:
     """Tree file of a seed."""
     rng = np.random.default_rng(seed)
     leader, follower = (str(one) for one in rng.choice(ROBOTS, 2))
-    between = round(float(rng.uniform(1.0, 1.3)), 3)
+    distance = round(float(rng.uniform(1.0, 1.3)), 3)
     follow: Tree = {"arm": "arm1", "speed": 1.0}
     if rng.random() < 0.5:
         x, y = rng.uniform(-0.1, 0.1, 2).round(3).tolist()
@@ -51,17 +51,17 @@ def generate(seed: int, reality: str, speed: float) -> Tree:
         roll, pitch, yaw = rng.uniform(-25.0, 25.0, 3).round(1).tolist()
         follow["offset"] = {"xyz": [x, y, z], "rpy": [180.0 + roll, pitch, yaw]}
     motions = [_motion(rng, speed) for _ in range(4)]
-    begun: list[Tree] = [{"wait": {"seconds": BEGIN_S}}]
-    tried = [{"force_success": {"child": one}} for one in motions]
+    start: list[Tree] = [{"wait": {"seconds": BEGIN_S}}]
+    attempts = [{"force_success": {"child": one}} for one in motions]
     return {
         "bt_dualarm": 1,
         "name": "following",
         "world": {"scene": "empty", "reality": reality, "seed": seed, "time_limit": 60.0},
         "arms": {
-            "arm1": {"robot": leader, "tree": {"sequence": begun + tried}},
+            "arm1": {"robot": leader, "tree": {"sequence": start + attempts}},
             "arm2": {
                 "robot": follower,
-                "base": {"xyz": [between, 0.0, 0.0], "rpy": [0.0, 0.0, 180.0]},
+                "base": {"xyz": [distance, 0.0, 0.0], "rpy": [0.0, 0.0, 180.0]},
                 "tree": {"sequence": [{"follow_tool": follow}]},
             },
         },
@@ -85,7 +85,7 @@ def _motion(rng: np.random.Generator, speed: float) -> Tree:
 
 
 class TrueTransform(IdleObserver):
-    """True pose of the second tool in the first one, at each step, and which arm touched which."""
+    """True pose of the second tool in the frame of the first one, at each step."""
 
     def __init__(self, world: World) -> None:
         self._world = world
@@ -99,7 +99,7 @@ class TrueTransform(IdleObserver):
         self.poses.append(arms["arm1"].tool_pose.inverse @ arms["arm2"].tool_pose)
 
     def errors_m(self, since: float, until: float) -> np.ndarray:
-        """Distances from the transform at the beginning of an interval."""
+        """Distances from the position at the beginning of an interval, of shape (n,), m."""
         chosen = [
             pose.position
             for time, pose in zip(self.times, self.poses, strict=True)
@@ -110,8 +110,8 @@ class TrueTransform(IdleObserver):
         return np.asarray(np.linalg.norm(np.array(chosen) - chosen[0], axis=1))
 
 
-def followed(seed: int, reality: str, speed: float) -> dict[str, Any]:
-    """What came of a trial: the largest error, m, or why there is none, and a line on it."""
+def run_trial(seed: int, reality: str, speed: float) -> dict[str, Any]:
+    """Largest error of a trial, m, or why there is none, and the line to print."""
     file = generate(seed, reality, speed)
     skills = registry()
     with Run(load_tree_file(file, skills.kinds), skills, RunOptions(renderer="ray")) as run:
@@ -124,16 +124,16 @@ def followed(seed: int, reality: str, speed: float) -> dict[str, Any]:
     head = f"{seed}: {pair}, {moved} motions"
     if leaf.code in OUT_OF_REACH or not moved:
         code = leaf.code or "no motion of the leader"
-        said = f"{head}: left out: {leaf.code} {leaf.reason}"
-        return {"outcome": "SKIPPED", "code": code, "said": said}
+        line = f"{head}: left out: {leaf.code} {leaf.reason}"
+        return {"outcome": "SKIPPED", "code": code, "said": line}
     if leaf.status != "SUCCESS":
-        said = f"{head}: {leaf.code}: {leaf.reason}"
-        return {"outcome": "FAILURE", "code": leaf.code, "said": said}
+        line = f"{head}: {leaf.code}: {leaf.reason}"
+        return {"outcome": "FAILURE", "code": leaf.code, "said": line}
     errors = transform.errors_m(BEGIN_S - 0.1, leaf.ended_s or 0.0)
     largest = float(errors.max(initial=0.0))
     rms = float(np.sqrt(np.mean(errors**2)))
-    said = f"{head}: {1e3 * largest:.2f} mm, rms {1e3 * rms:.2f} mm"
-    return {"outcome": "SUCCESS", "largest_m": largest, "said": said}
+    line = f"{head}: {1e3 * largest:.2f} mm, rms {1e3 * rms:.2f} mm"
+    return {"outcome": "SUCCESS", "largest_m": largest, "said": line}
 
 
 def main() -> int:
@@ -143,18 +143,18 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0, help="the first seed")
     parser.add_argument("--reality", default="lab", choices=("ideal", "lab", "rough"))
     parser.add_argument("--speed", type=float, default=1.0, help="speed of the first arm")
-    parser.add_argument("--only", type=int, help="the one seed to run")
+    parser.add_argument("--only", type=int, help="run only this seed")
     add_options(parser)
     options = parser.parse_args()
     only = options.only
     seeds = itertools.count(options.seed) if only is None else iter([only])
-    words = {"reality": options.reality, "speed": options.speed}
-    cases = ({"seed": seed, **words} for seed in seeds)
+    settings = {"reality": options.reality, "speed": options.speed}
+    cases = ({"seed": seed, **settings} for seed in seeds)
     largest: list[float] = []
     left_out = Counter[str]()
     lost = 0
     with Campaign(options) as campaign:
-        for _, found in campaign.run(followed, cases, options.trials if only is None else 1):
+        for _, found in campaign.run(run_trial, cases, options.trials if only is None else 1):
             print(found["said"], flush=True)
             if found["outcome"] == "SKIPPED":
                 left_out[found["code"]] += 1

@@ -1,4 +1,4 @@
-"""An arm of the catalog that follows a cube: how far it is off, and whether it swings."""
+"""A trial in which an arm of the catalog tracks a cube: its error, and whether it oscillates."""
 
 from __future__ import annotations
 
@@ -29,32 +29,32 @@ LOOKS: Final = {"yz": (1.0, 0.0, 0.0), "xz": (0.0, 1.0, 0.0), "xy": (0.0, 0.0, -
 DISTANCE_M = 0.35
 RADIUS_M = 0.1
 SPEED = 0.1
-"""Of the slow circle, m and m/s."""
+"""Radius and speed of the circle, m and m/s."""
 
 _WIND_UP_S = 3.0
-_SETTLED_S = 2.0  # from the start of the run; from then on the spectrum counts
+_SETTLED_S = 2.0  # after the start of the run, when the spectrum begins
 _LENGTH_S = {"rest": 6.0, "circle": 11.0}
 _NOT_FOLLOWING_M = 0.005
-_LEAST_HZ = 0.75  # slower is drift, and in the error
-_FEWEST = 500  # samples that make a spectrum
+_LEAST_HZ = 0.75  # slower motion is drift, which is part of the error
+_FEWEST = 500  # smallest number of samples for a spectrum
 _ERROR = "error_in_plane_m"
 _LIMITS = ("velocity", "acceleration", "jerk")
 
 
 @dataclass(frozen=True)
 class Spot:
-    """What is followed, by whom, and by which camera.
+    """One case: robot, motion of the cube, and camera.
 
     Attributes:
         robot: Name of the robot in the catalog.
         plane: A named plane of the world.
-        fps: Frames a second.
+        fps: Frame rate, Hz.
         share: Share of the arm's limits.
-        latency: Age of an image when it comes, in s.
-        motion: Of the cube: ``rest`` or ``circle``.
-        reality: How far the arm is from what is believed of it.
+        latency: Age of an image when it arrives, s.
+        motion: Motion of the cube: ``rest`` or ``circle``.
+        reality: Deviations of the arm from its model.
         sized: Whether the cube's size is known.
-        seed: Seed of the run: a robot of the batch.
+        seed: Seed of the run and of the robot's deviations.
     """
 
     robot: str
@@ -76,7 +76,7 @@ class Spot:
 
     @property
     def goal(self) -> float:
-        """Largest root mean square error in m."""
+        """Largest allowed RMS error, m."""
         if self.motion == "circle":
             return 2e-3
         return 0.5e-3 if self.fps >= 60.0 else 1e-3
@@ -84,15 +84,15 @@ class Spot:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What was measured.
+    """Measurements of one case.
 
     Attributes:
-        rms: Root mean square of the distance from the cube in the plane, in m.
-        worst: Largest.
-        peak: Amplitude in m of the highest line in the spectrum of the tool's path.
-        peak_hz: Its frequency.
-        growth: Error of the last third by that of the first.
-        code: Code of a failure, or nothing.
+        rms: RMS distance from the cube in the plane, m.
+        worst: Largest distance, m.
+        peak: Amplitude of the highest peak in the spectrum of the tool's path, m.
+        peak_hz: Frequency of the peak, Hz.
+        growth: Error of the last third over that of the first.
+        code: Failure code, or empty.
         lost: Number of times that the cube was lost.
     """
 
@@ -112,14 +112,14 @@ class Outcome:
         )
 
     def swings(self, goal: float) -> bool:
-        """Whether one line of the spectrum is half of what is allowed in all, or errors grow."""
+        """Whether the peak exceeds half of the allowed RMS, or errors grow."""
         grows = self.growth > 2.0 and self.rms > goal / 4
         return grows or self.peak / math.sqrt(2) > goal / 2
 
 
 @dataclass
 class _Carrier(IdleObserver):
-    """Moves the cube, and notes where the tool is."""
+    """Moves the cube, and records the positions of the tool."""
 
     world: World
     place: Vector
@@ -128,7 +128,7 @@ class _Carrier(IdleObserver):
     rows: list[tuple[float, Vector]] = field(default_factory=list)
 
     def after_step(self, time: float) -> None:
-        """At each step."""
+        """Move the cube, and record the tool."""
         if self.circles:
             moved = self.place + circling(time) @ self.axes
             self.world.model.body_pos[self.world.object_body("cube")] = moved
@@ -136,7 +136,7 @@ class _Carrier(IdleObserver):
 
 
 def circling(time: float) -> Vector:
-    """The slow circle, wound up smoothly, in the plane, of shape (2,), m."""
+    """Position on the circle, whose radius grows smoothly, in the plane, of shape (2,), m."""
     grown = min(1.0, time / _WIND_UP_S)
     radius = RADIUS_M * grown**3 * (10 - 15 * grown + 6 * grown**2)
     angle = SPEED / RADIUS_M * time
@@ -144,12 +144,12 @@ def circling(time: float) -> Vector:
 
 
 def follow(spot: Spot, registry: Registry) -> Outcome:
-    """Let it follow, and measure."""
-    seen = vantage(spot.robot, LOOKS[spot.plane])
+    """Run one case, and measure it."""
+    viewpoint = vantage(spot.robot, LOOKS[spot.plane])
     axes = np.array(Plane.model_validate(spot.plane).axes)
-    place = seen.ahead(DISTANCE_M)
+    place = viewpoint.ahead(DISTANCE_M)
     with tempfile.TemporaryDirectory() as folder:
-        tree = _tree(spot, seen.write_page(Path(folder)), place)
+        tree = _tree(spot, viewpoint.write_description(Path(folder)), place)
         file = load_tree_file(tree, registry.kinds, folder=Path(folder))
         with Run(file, registry, RunOptions(seed=spot.seed, renderer="ray")) as run:
             carrier = _Carrier(run.world, place, axes, spot.motion == "circle")
@@ -161,8 +161,8 @@ def follow(spot: Spot, registry: Registry) -> Outcome:
     return _outcome(arm.runs[0], errors[0] if errors else np.zeros(0), carrier.rows)
 
 
-def _tree(spot: Spot, page: str, place: Vector) -> dict[str, Data]:
-    """The tree file."""
+def _tree(spot: Spot, robot: str, place: Vector) -> dict[str, Data]:
+    """The tree file of a case."""
     xyz, rpy = BASE
     cube = {
         "shape": "box",
@@ -189,7 +189,7 @@ def _tree(spot: Spot, page: str, place: Vector) -> dict[str, Data]:
     if spot.sized:
         track["target_size"] = 0.05
     arm = {
-        "robot": page,
+        "robot": robot,
         "base": {"xyz": list(xyz), "rpy": list(rpy)},
         "posture": POSTURE,
         "camera": camera,
@@ -216,7 +216,7 @@ def _outcome(leaf: LeafReport, errors: Vector, rows: list[tuple[float, Vector]])
 
 
 def _spectrum(rows: list[tuple[float, Vector]]) -> tuple[float, float]:
-    """Frequency in Hz and amplitude in m of the highest line of the tool's path."""
+    """Frequency in Hz and amplitude in m of the highest peak in the spectrum of the tool's path."""
     times = np.array([time for time, _ in rows])
     late = times > times[0] + _SETTLED_S
     path = np.array([place for _, place in rows])[late]

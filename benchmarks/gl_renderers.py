@@ -1,10 +1,10 @@
-"""Our OpenGL renderer against ``mujoco.Renderer``: where it works, its pixels, what a frame costs.
+"""Our OpenGL renderer versus ``mujoco.Renderer``: availability, pixels, cost of a frame.
 
     python -m benchmarks.gl_renderers
 
-Scene and window as of `benchmarks.rendering`; times are the best of some, in milliseconds. MuJoCo
-chooses its OpenGL library when it is imported, by the environment variable MUJOCO_GL, so each
-choice is tried in a process of its own.
+Scene and window are those of `benchmarks.rendering`; times are the best of several, in
+milliseconds. MuJoCo chooses its OpenGL library on import, by the environment variable MUJOCO_GL, so
+each choice is tried in a separate process.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ import mujoco
 with mujoco.Renderer(mujoco.MjModel.from_xml_string("<mujoco/>")) as renderer:
     print("works" if renderer.render().shape == (240, 320, 3) else "wrong shape")
 """
-"""Program that uses nothing but MuJoCo."""
+"""Program that uses only MuJoCo."""
 
 
 def works(choice: str) -> str:
-    """What comes of ``mujoco.Renderer`` with this value of MUJOCO_GL."""
+    """Result of ``mujoco.Renderer`` with this value of MUJOCO_GL."""
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", ALONE],
         env=os.environ | {"MUJOCO_GL": choice},
@@ -52,8 +52,8 @@ def works(choice: str) -> str:
 
 
 def main() -> None:
-    """Print where mujoco.Renderer works, what both draw of the same scene, and how fast."""
-    # Before the first context: PyOpenGL's choice would be inherited by the processes.
+    """Print where mujoco.Renderer works, and the pixels and times of both for the same scene."""
+    # Before the first context, because the processes would inherit PyOpenGL's choice.
     for choice in ("", "egl", "osmesa"):
         print(f"mujoco.Renderer with MUJOCO_GL={choice}: {works(choice)}")
     context = open_context()
@@ -77,25 +77,25 @@ def main() -> None:
     theirs.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = 0
     theirs.scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = 0
 
-    def drawn() -> Image:
+    def draw() -> Image:
         theirs.update_scene(data, camera, option)
         image: Image = theirs.render()
         return image
 
-    differ = np.abs(whole.astype(int) - drawn())
+    differ = np.abs(whole.astype(int) - draw())
     print(f"pixels that differ: {np.count_nonzero(differ.max(axis=2))}, by at most {differ.max()}")
     print(f"memory of one more mujoco.Renderer: {memory_mb() - before:.0f} MB")
 
-    def resized() -> None:
+    def draw_resized() -> None:
         with mujoco.Renderer(model, WINDOW[3] - WINDOW[1], WINDOW[2] - WINDOW[0]) as renderer:
             renderer.update_scene(data, camera, option)
             renderer.render()
 
     for label, action in {
         "ours, whole image 320 x 240": lambda: ours.render(model, data, exposure),
-        "mujoco.Renderer, whole image 320 x 240": drawn,
-        "ours, window 56 x 56 of any place and size": lambda: ours.render(model, data, part),
-        "mujoco.Renderer, made anew for a window of another size": resized,
+        "mujoco.Renderer, whole image 320 x 240": draw,
+        "ours, window 56 x 56 of any position and size": lambda: ours.render(model, data, part),
+        "mujoco.Renderer, recreated for a window of another size": draw_resized,
     }.items():
         print(f"{label}: {best_ms(action, 8):.2f} ms")
     side = model.vis.global_.offwidth + 1

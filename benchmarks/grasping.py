@@ -1,13 +1,14 @@
-"""Things of many shapes, grasped, shaken, carried fast and set down: how many, how well.
+"""Objects of many shapes, grasped, shaken, carried fast and placed: success rate and errors.
 
     python -m benchmarks.grasping [--runs 20] [--seed 0] [--robot ur5] [--gripper robotiq_2f85]
                                   [--reality lab]
 
-Each run is one thing anywhere on the table: a box, a cylinder, a capsule or a sphere of 20 to 70 mm
-and 0.05 to 1.5 kg; for a cup one with a face for it, up to 0.8 kg. It is grasped, moved to and fro
-by 80 mm along each axis of the world and carried, as fast as the arm may, and placed. What the
-leaves say is held against the truth, and so is the tool's acceleration along each axis while it is
-shaken. Exit code 1 if a run said SUCCESS falsely.
+Each run has one object at a random pose on the table: a box, a cylinder, a capsule or a sphere of
+20 to 70 mm and 0.05 to 1.5 kg; for a suction cup one with a flat face, up to 0.8 kg. It is grasped,
+moved back and forth by 80 mm along each axis of the world and carried, both as fast as the arm
+allows, and placed. The results of the leaves are compared with the true state. Also prints the true
+acceleration of the tool along each axis during the shaking. Exits with code 1 after a false
+SUCCESS.
 """
 
 from __future__ import annotations
@@ -29,32 +30,37 @@ from bt_dualarm.sim.world import World
 
 SHAPES = ["box", "cylinder", "capsule", "sphere"]
 STROKE = 0.08
-"""Way in m of each shake."""
+"""Stroke of the shaking, m."""
 
 TABLE = 0.40
 """Height of the table's top, m."""
 
 FALSE_M = 0.02
-"""Distance in m from its goal at which a thing was not placed, whatever was said."""
+"""Distance in m from its goal beyond which the SUCCESS of a placed object is false."""
 
-TOLD = ("transport.slid_m", "place.placed_error_m", "place.placed_turned_rad", "place.impact_n")
+PRINTED_METRICS = (
+    "transport.slid_m",
+    "place.placed_error_m",
+    "place.placed_turned_rad",
+    "place.impact_n",
+)
 """Metrics whose largest value is printed."""
 
 _SPAN = 10
-"""Steps over which accelerations are differenced."""
+"""Steps between the positions from which accelerations are computed."""
 
 LIFTED_SHARE = 0.5
-"""Share of the lift by which a thing must have risen to have been grasped."""
+"""Share of the lift by which an object must have risen to count as grasped."""
 
 
 @dataclass
 class Tally:
-    """What came of all runs.
+    """Results of all runs.
 
     Attributes:
-        verdicts: How many runs ended so: ``placed``, ``refused CODE``, ``failed CODE``, ``lied``.
+        verdicts: Number of runs that ``placed``, ``refused CODE``, ``failed CODE`` or ``lied``.
         worst: Largest value of each metric.
-        shaken: Largest acceleration of the tool along each axis of the world, of each run, m/s².
+        shaken: Largest acceleration of the tool along each axis of the world, by run, m/s².
     """
 
     verdicts: Counter[str] = field(default_factory=Counter)
@@ -62,8 +68,8 @@ class Tally:
     shaken: list[list[float]] = field(default_factory=list)
 
 
-class Shaking(IdleObserver):
-    """Sees how the tool is truly accelerated in straight motions.
+class TrueAcceleration(IdleObserver):
+    """True acceleration of the tool in straight motions.
 
     Attributes:
         most: Largest acceleration along each axis of the world, of shape (3,), m/s².
@@ -71,29 +77,31 @@ class Shaking(IdleObserver):
 
     def __init__(self, world: World) -> None:
         self._world = world
-        self._places = deque[np.ndarray](maxlen=2 * _SPAN + 1)
+        self._positions = deque[np.ndarray](maxlen=2 * _SPAN + 1)
         self._shaken = False
         self.most = np.zeros(3)
 
     def on_event(self, change: StatusChange) -> None:
-        """Look while a straight motion runs."""
+        """Measure while a straight motion runs."""
         if change.kind == "move_linear":
             self._shaken = change.new == "RUNNING"
-            self._places.clear()
+            self._positions.clear()
 
     def after_step(self, time: float) -> None:  # noqa: ARG002 - the world has its own clock
-        """Difference the tool's place twice, over 20 ms each."""
+        """Compute second differences of the tool's position, over 20 ms each."""
         if not self._shaken:
             return
-        self._places.append(self._world.arms["arm1"].tool_pose.position)
-        if len(self._places) == 2 * _SPAN + 1:
+        self._positions.append(self._world.arms["arm1"].tool_pose.position)
+        if len(self._positions) == 2 * _SPAN + 1:
             span = _SPAN * self._world.model.opt.timestep
-            bent = self._places[0] - 2.0 * self._places[_SPAN] + self._places[-1]
-            self.most = np.maximum(self.most, np.abs(bent) / span**2)
+            second_difference = (
+                self._positions[0] - 2.0 * self._positions[_SPAN] + self._positions[-1]
+            )
+            self.most = np.maximum(self.most, np.abs(second_difference) / span**2)
 
 
 def obj(rng: np.random.Generator, cup: bool) -> tuple[dict[str, Any], float]:
-    """A thing as the file declares it, and the height of its center when it stands, m."""
+    """An object as in a tree file, and the height of its center on the table, m."""
     shape = str(rng.choice(["box", "cylinder"] if cup else SHAPES))
     edges = [float(edge) for edge in rng.uniform(0.045 if cup else 0.02, 0.07, 3)]
     size, height = {
@@ -102,9 +110,12 @@ def obj(rng: np.random.Generator, cup: bool) -> tuple[dict[str, Any], float]:
         "capsule": ([edges[0] / 2, edges[1]], edges[0] / 2),
         "sphere": ([edges[0] / 2], edges[0] / 2),
     }[shape]
-    lies = 90.0 if shape == "capsule" else 0.0  # on its end it would not stand
+    pitch = 90.0 if shape == "capsule" else 0.0  # on its end it would not stand
     place = [float(rng.uniform(0.20, 0.50)), float(rng.uniform(-0.58, -0.32))]
-    pose = {"xyz": [*place, TABLE + height + 5e-4], "rpy": [0, lies, float(rng.uniform(-180, 180))]}
+    pose = {
+        "xyz": [*place, TABLE + height + 5e-4],
+        "rpy": [0, pitch, float(rng.uniform(-180, 180))],
+    }
     mass = float(rng.uniform(0.05, 0.8 if cup else 1.5))
     return {"shape": shape, "size": size, "mass": mass, "pose": pose}, height
 
@@ -112,9 +123,11 @@ def obj(rng: np.random.Generator, cup: bool) -> tuple[dict[str, Any], float]:
 def task(options: argparse.Namespace, seed: int) -> dict[str, Any]:
     """The tree file of one run."""
     rng = np.random.default_rng(seed)
-    what, height = obj(rng, options.gripper == "suction_cup")
+    declared, height = obj(rng, options.gripper == "suction_cup")
     to = [float(rng.uniform(0.20, 0.45)), float(rng.uniform(-0.55, -0.33)), TABLE + height]
-    steps = [[way * (i == axis) * STROKE for i in range(3)] for axis in range(3) for way in (1, -1)]
+    steps = [
+        [sign * (i == axis) * STROKE for i in range(3)] for axis in range(3) for sign in (1, -1)
+    ]
     shaken = [{"move_linear": {"offset": {"xyz": step}, "speed": 1.0}} for step in steps]
     middle = {"xyz": [0.35, -0.40, 0.62]}
     leaves = [
@@ -130,22 +143,22 @@ def task(options: argparse.Namespace, seed: int) -> dict[str, Any]:
         "bt_dualarm": 1,
         "name": "grasping",
         "world": world,
-        "objects": {"thing": what},
+        "objects": {"thing": declared},
         "arms": {"arm1": arm | {"tree": {"sequence": leaves}}},
     }
 
 
 def attempt(file: dict[str, Any]) -> tuple[bt.RunResult, list[float]]:
-    """One run, and how its tool was accelerated along each axis, m/s²."""
+    """Result of one run, and the largest acceleration of the tool along each axis, m/s²."""
     with bt.open(file) as run:
-        shaking = Shaking(run.world)
+        shaking = TrueAcceleration(run.world)
         run.watch(shaking)
         return run.finish(), shaking.most.tolist()
 
 
-def judged(seed: int, **words: str) -> dict[str, Any]:
-    """The verdict on one run, its largest metrics, and how its tool was accelerated."""
-    result, shaken = attempt(task(argparse.Namespace(**words), seed))
+def evaluate(seed: int, **settings: str) -> dict[str, Any]:
+    """Verdict on one run, its largest metrics, and the largest accelerations of its tool."""
+    result, shaken = attempt(task(argparse.Namespace(**settings), seed))
     worst: dict[str, float] = {}
     verdict = _verdict(result, worst)
     outcome = "SUCCESS" if verdict == "placed" else "FAILURE"
@@ -155,10 +168,10 @@ def judged(seed: int, **words: str) -> dict[str, Any]:
 def _verdict(result: bt.RunResult, worst: dict[str, float]) -> str:
     leaves = list(result.arms["arm1"].leaves.items())
     for name, leaf in leaves:
-        what = name.rpartition("/")[2].partition("#")[0]
+        declared = name.rpartition("/")[2].partition("#")[0]
         for metric, value in leaf.metrics.items():
-            if isinstance(value, float) and what in ("grasp", "transport", "place"):
-                key = f"{what}.{metric}"
+            if isinstance(value, float) and declared in ("grasp", "transport", "place"):
+                key = f"{declared}.{metric}"
                 worst[key] = max(worst.get(key, 0.0), abs(value))
         if leaf.status == "SUCCESS" and (
             float(leaf.metrics.get("lifted_m", 1.0)) < LIFTED_SHARE * 0.04
@@ -174,12 +187,12 @@ def _verdict(result: bt.RunResult, worst: dict[str, float]) -> str:
 
 
 def main() -> int:
-    """Run all of it and print the figures; 1 if there was a false success."""
+    """Run all cases and print the figures; returns 1 after a false success."""
     parser = grip_parser(__doc__, 20)
     options = parser.parse_args()
     tally = Tally()
     with Campaign(options) as campaign:
-        for case, found in campaign.run(judged, grip_cases(options)):
+        for case, found in campaign.run(evaluate, grip_cases(options)):
             verdict = found["code"]
             tally.verdicts[verdict] += 1
             for key, value in found["worst"].items():
@@ -189,7 +202,7 @@ def main() -> int:
             else:
                 print(f"seed {case['seed']}: {verdict}", flush=True)
         print(f"{options.robot}, {options.gripper}, {options.reality}: {dict(tally.verdicts)}")
-        for metric in TOLD:
+        for metric in PRINTED_METRICS:
             if metric in tally.worst:
                 print(f"  worst {metric}: {tally.worst[metric]:.3g}")
         if tally.shaken:

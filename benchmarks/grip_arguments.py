@@ -1,4 +1,4 @@
-"""What the benchmarks of grippers are told on the command line."""
+"""Command line of the gripper benchmarks."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from benchmarks.campaign import add_options
 
 
 def grip_parser(doc: str | None, runs: int) -> argparse.ArgumentParser:
-    """A parser that knows runs, seed, robot, gripper and reality.
+    """A parser with options for runs, seed, robot, gripper and reality.
 
     Args:
         doc: Docstring of the benchmark; its first line describes it.
-        runs: How many runs there are unless told.
+        runs: Default number of runs.
     """
     parser = argparse.ArgumentParser(description=(doc or "").partition("\n")[0])
     parser.add_argument("--runs", type=int, default=runs)
@@ -27,6 +27,6 @@ def grip_parser(doc: str | None, runs: int) -> argparse.ArgumentParser:
 
 def grip_cases(options: argparse.Namespace, *others: str) -> list[dict[str, Any]]:
     """Arguments of each run: its seed, robot, gripper, reality and other options."""
-    words = {name: getattr(options, name) for name in ("robot", "gripper", "reality", *others)}
+    settings = {name: getattr(options, name) for name in ("robot", "gripper", "reality", *others)}
     seeds = range(options.seed, options.seed + options.runs)
-    return [{"seed": seed, **words} for seed in seeds]
+    return [{"seed": seed, **settings} for seed in seeds]

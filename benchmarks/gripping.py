@@ -1,18 +1,18 @@
-"""How still a gripper holds a thing, and what grippers cost.
+"""Creep of an object in a gripper, and the CPU cost of grippers.
 
     python -m benchmarks.gripping [--robots ur5 panda] [--sets lab rough] [--seeds 3] [--seconds 60]
 
-Every gripper takes every shape of 0.5 kg that it can from a post, with ``--share`` of its force,
-and lifts it. How far the thing creeps in the gripper is the simulator's truth, in mm (figure 2 of
-the grasps: 0.1 at rest and 0.5 shaken, in 60 s each):
+Each gripper takes each suitable shape of 0.5 kg from a post, with ``--share`` of its force, and
+lifts it. Prints the true creep of the object in the gripper, in mm (goals: 0.1 at rest and 0.5 when
+shaken, in 60 s each):
 
-- ``rest``: the robot's controller holds it up;
-- ``carried``: the robot carries it to and fro along a line of 0.16 m at full speed;
-- ``shaken``: joints are held by springs, and gravity swings by 8 m/s² along the axes of the tool,
-  one after the other, at 2 Hz.
+- ``rest``: the robot's controller holds it;
+- ``carried``: the robot carries it back and forth along a line of 0.16 m at full speed;
+- ``shaken``: springs hold the joints, and gravity swings by 8 m/s² at 2 Hz along the axes of the
+  tool, one after the other.
 
-Then CPU seconds of a UR5 that carries a cube to and fro, in fingers and, without a gripper, by a
-weld, in turns: the ratio of the real-time factors is figure 7 (0.8).
+Then prints the real-time factors of a UR5 that carries a cube back and forth, alternately in
+fingers and by a weld without a gripper; goal for the ratio: 0.8.
 """
 
 from __future__ import annotations
@@ -41,18 +41,18 @@ SHAPES: Final[dict[str, tuple[str, list[float], float]]] = {
 }
 """Shape, size and half the height, m."""
 
-WAYS: Final = ("rest", "carried", "shaken")
+LOAD_CASES: Final = ("rest", "carried", "shaken")
 _BASE: Final = [0.0, 0.0, 0.4]
-# m/s², Hz
-_SHAKE = 8.0
-_RATE = 2.0
-# of the springs at the joints, and kg m² that are added to them
+# amplitude of gravity, m/s², and frequency, Hz
+_SHAKE_AMPLITUDE = 8.0
+_SHAKE_HZ = 2.0
+# stiffness of the joint springs, and the armature in kg m² that is added to the joints
 _STIFF = 0.25
 _HEAVY = 5.0
 
 
 def tool_at_home(robot: str, gripper: str | None) -> Pose:
-    """Where the tool is at the start: it points down."""
+    """Pose of the tool at the start, pointing down."""
     spec = ArmSpec(
         robot=robot,
         gripper=gripper,
@@ -65,23 +65,29 @@ def tool_at_home(robot: str, gripper: str | None) -> Pose:
 def tree(
     robot: str, gripper: str | None, obj: str, share: float, then: list[Any]
 ) -> dict[str, Any]:
-    """A file in which an arm takes a thing from a post, lifts it, and does something else."""
+    """A tree file in which an arm takes an object from a post, lifts it, and runs other leaves."""
     shape, size, half = SHAPES[obj]
-    page = None if gripper is None else load_gripper(gripper)
+    spec = None if gripper is None else load_gripper(gripper)
     x, y, z = tool_at_home(robot, gripper).position.tolist()
-    middle = z - (half + 0.01 if page is None or page.cup else 0.001)
+    middle = z - (half + 0.01 if spec is None or spec.cup else 0.001)
     height = middle - half - 0.001
     post = {"shape": "box", "size": [0.02, 0.02, height], "mass": 1, "fixed": True}
-    things = {
+    objects_in_world = {
         "post": post | {"pose": {"xyz": [x, y, height / 2]}},
         "thing": {"shape": shape, "size": size, "mass": 0.5, "pose": {"xyz": [x, y, middle]}},
     }
-    if page is None:
+    if spec is None:
         take: list[Any] = [{"approach_and_attach": {"object": "thing", "standoff": 0.02}}]
     else:
-        close = {"force": max(share * page.force.most, page.force.least), "object": "thing"}
+        close = {
+            "force": max(share * spec.force.most, spec.force.least),
+            "object": "thing",
+        }
         near = {"move_until_contact": {"distance": 0.02, "force": 10, "speed": 0.02}}
-        take = [*([near] if page.cup else []), {"close_gripper": close | {"settle": 0.5}}]
+        take = [
+            *([near] if spec.cup else []),
+            {"close_gripper": close | {"settle": 0.5}},
+        ]
     lift = {"move_linear": {"offset": {"xyz": [0, 0, 0.05]}, "speed": 0.3}}
     arm: dict[str, Any] = {"robot": robot, "base": {"xyz": _BASE}}
     arm |= {} if gripper is None else {"gripper": gripper}
@@ -89,24 +95,24 @@ def tree(
         "bt_dualarm": 1,
         "name": "gripping",
         "world": {"scene": "empty", "time_limit": 900},
-        "objects": things,
+        "objects": objects_in_world,
         "arms": {"arm1": arm | {"tree": {"sequence": [*take, lift, {"wait": 1}, *then]}}},
     }
 
 
-def to_and_fro(times: int) -> list[Any]:
-    """Leaves by which the tool goes along a line and back."""
-    ways = [{"move_linear": {"offset": {"xyz": [0, y, 0]}, "speed": 1.0}} for y in (0.16, -0.16)]
-    return [{"repeat": {"times": times, "child": {"sequence": ways}}}]
+def back_and_forth(times: int) -> list[Any]:
+    """Leaves that move the tool along a line and back."""
+    moves = [{"move_linear": {"offset": {"xyz": [0, y, 0]}, "speed": 1.0}} for y in (0.16, -0.16)]
+    return [{"repeat": {"times": times, "child": {"sequence": moves}}}]
 
 
 def in_tool(world: World) -> Pose:
-    """The thing in the tool frame, as it truly is."""
+    """True pose of the object in the tool frame."""
     return world.arms["arm1"].tool_pose.inverse @ world.object_pose("thing")
 
 
-def lifted(run: Run) -> str:
-    """Step until the thing was lifted and has come to rest; the reason where it was not."""
+def lift_object(run: Run) -> str:
+    """Step until the object is lifted and at rest; returns the reason of a failure, or empty."""
     begun = run.world.object_pose("thing").position[2]
     rested = 0
     while not run.done and rested < 5:
@@ -120,8 +126,8 @@ def lifted(run: Run) -> str:
     return bad[0].reason if bad else "nothing was lifted"
 
 
-def shaken(world: World, seconds: float) -> None:
-    """Swing gravity along the axes of the tool, the joints held by springs."""
+def shake(world: World, seconds: float) -> None:
+    """Swing gravity along the axes of the tool, with the joints held by springs."""
     model = world.model
     data = world.data
     step = world.timestep
@@ -134,7 +140,7 @@ def shaken(world: World, seconds: float) -> None:
     data.ctrl[body.actuator_ids] = 0.0
     count = round(seconds / step)
     for number in range(count + round(1.0 / step)):
-        swing = _SHAKE * np.sin(2 * np.pi * _RATE * number * step) * (number < count)
+        swing = _SHAKE_AMPLITUDE * np.sin(2 * np.pi * _SHAKE_HZ * number * step) * (number < count)
         model.opt.gravity[:] = gravity + swing * axes[min(3 * number // count, 2)]
         springs = _HEAVY * (_STIFF * (at - body.q) / step - body.v) / step
         world.hardware["arm1"].command(np.zeros(len(dofs)))
@@ -152,34 +158,34 @@ def drift(
     seconds: float,
     share: float,
 ) -> str:
-    """Millimeters by which a thing has crept, and degrees by which it has turned."""
-    then = to_and_fro(max(1, round(seconds / 1.6))) if way == "carried" else []
+    """Creep of an object in mm and degrees, as text."""
+    then = back_and_forth(max(1, round(seconds / 1.6))) if way == "carried" else []
     then = [{"wait": seconds}] if way == "rest" else then
     file = tree(robot, gripper, obj, share, then)
     with open_run(file, seed=seed, reality=reality) as run:
-        refused = lifted(run)
+        refused = lift_object(run)
         if refused:
             return f"refused: {refused}"
         before = in_tool(run.world)
         began = run.time
         if way == "shaken":
-            shaken(run.world, seconds)
+            shake(run.world, seconds)
         while not run.done and way != "shaken":
             run.step(0.5)
         took = seconds if way == "shaken" else run.time - began
-        return f"{crept(before, in_tool(run.world))}, {took:.0f} s"
+        return f"{difference(before, in_tool(run.world))}, {took:.0f} s"
 
 
-def crept(before: Pose, after: Pose) -> str:
-    """Millimeters and degrees from one pose to another."""
+def difference(before: Pose, after: Pose) -> str:
+    """Distance in mm and angle in degrees between two poses, as text."""
     turned = np.degrees(after.angle(before))
     return f"{1e3 * after.distance(before):.4f} mm, {turned:.3f}°"
 
 
 def cost(gripper: str | None, times: int) -> float:
-    """CPU seconds for a simulated second of carrying a cube to and fro."""
-    with open_run(tree("ur5", gripper, "cube", 0.4, to_and_fro(times)), seed=1) as run:
-        refused = lifted(run)
+    """CPU seconds per simulated second of carrying a cube back and forth."""
+    with open_run(tree("ur5", gripper, "cube", 0.4, back_and_forth(times)), seed=1) as run:
+        refused = lift_object(run)
         if refused:
             raise RuntimeError(refused)
         began = run.time
@@ -190,12 +196,12 @@ def cost(gripper: str | None, times: int) -> float:
 
 
 def arguments() -> argparse.Namespace:
-    """What is asked for on the command line."""
+    """Options of the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--robots", nargs="+", default=["ur5"])
     parser.add_argument("--grippers", nargs="+", default=list(gripper_names()))
     parser.add_argument("--shapes", nargs="+", default=list(SHAPES))
-    parser.add_argument("--ways", nargs="+", default=list(WAYS))
+    parser.add_argument("--ways", nargs="+", default=list(LOAD_CASES))
     parser.add_argument("--sets", nargs="+", default=["lab"])
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--seconds", type=float, default=60.0)
@@ -219,12 +225,12 @@ def main() -> None:
         for seed in range(1, args.seeds + 1)
     )
     names = ("robot", "gripper", "thing", "way", "reality", "seed")
-    words = {"seconds": args.seconds, "share": args.share}
-    cases = [{**dict(zip(names, one, strict=True)), **words} for one in each]
+    settings = {"seconds": args.seconds, "share": args.share}
+    cases = [{**dict(zip(names, one, strict=True)), **settings} for one in each]
     with Campaign(args) as campaign:
         for case, text in campaign.run(drift, cases):
             print(*(case[name] for name in names), text, flush=True)
-    # In this process, because it measures CPU time.
+    # In this process, because CPU time is measured.
     ratios = []
     for _ in range(args.pairs):
         bare = cost(None, 20)
@@ -232,7 +238,7 @@ def main() -> None:
         ratios.append(bare / held)
         print(f"real-time factor {1 / bare:.1f} by a weld, {1 / held:.1f} in fingers", flush=True)
     if ratios:
-        print(f"ratio {statistics.median(ratios):.2f} (figure 7: 0.8)")
+        print(f"ratio {statistics.median(ratios):.2f} (goal: 0.8)")
 
 
 if __name__ == "__main__":

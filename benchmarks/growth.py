@@ -1,12 +1,12 @@
-"""What a run costs with more arms, more cameras and more time.
+"""Cost of a run with more arms, more cameras and more time.
 
     python -m benchmarks.growth [--arms 1 2 4 8] [--cameras 1 2 4] [--minutes 1 10 100] [--whole]
                                 [--picture docs/images/growth.svg]
 
-Each row is a run in a process of its own, without a record: UR5s that draw circles without an end,
-three meters apart; or Pandas, likewise, whose wrist cameras keep a cube in view at 30 Hz. It is
-advanced by a simulated minute at a time. CPU is that of the last minute before the moment, memory
-is what the process holds then. Rows of several end after the first length unless ``--whole``.
+Each row is a run in a separate process, without a record: UR5s three meters apart that draw circles
+endlessly, or Pandas three meters apart whose wrist cameras track a cube at 30 Hz. The run advances
+by simulated minutes. CPU is that of the last minute, memory the resident memory at its end. Runs
+with several arms or cameras end after the shortest of ``--minutes`` unless ``--whole`` is given.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from matplotlib.figure import Figure
 
 import bt_dualarm as bt
 
-APART_M = 3.0
+DISTANCE_M = 3.0
 
 
 @dataclass(frozen=True)
 class Cost:
-    """What a run costs at one moment.
+    """Cost of a run at one time.
 
     Attributes:
         what: ``arms`` or ``cameras``.
-        count: Number of them.
+        count: Number of arms or cameras.
         minutes: Simulated minutes since the start.
-        cpu_ms: CPU time of a simulated second in the last minute, ms.
+        cpu_ms: CPU time per simulated second in the last minute, ms.
         memory_mb: Resident memory of the process, MB.
     """
 
@@ -46,7 +46,7 @@ class Cost:
 
 
 def arms(count: int) -> dict[str, Any]:
-    """A file with so many arms that draw circles."""
+    """A tree file with ``count`` arms that draw circles."""
     circle = {"circle": {"plane": "yz", "radius": 0.05, "speed": 0.5}}
     drawing = {"sequence": [{"reach_to_pose": {"posture": "present"}}, circle]}
     circles = {"repeat": {"times": "forever", "child": drawing}}
@@ -54,7 +54,7 @@ def arms(count: int) -> dict[str, Any]:
         {
             f"arm{i}": {
                 "robot": "ur5",
-                "base": {"xyz": [0, APART_M * i, 0.4]},
+                "base": {"xyz": [0, DISTANCE_M * i, 0.4]},
                 "posture": "present",
                 "tree": circles,
             }
@@ -65,12 +65,12 @@ def arms(count: int) -> dict[str, Any]:
 
 
 def cameras(count: int) -> dict[str, Any]:
-    """A file with so many arms whose cameras keep a cube in view."""
+    """A tree file with ``count`` arms whose cameras track a cube."""
     return _file(
         {
             f"arm{i}": {
                 "robot": "panda",
-                "base": {"xyz": [0.92, APART_M * i, 0.28], "rpy": [0, 0, 180]},
+                "base": {"xyz": [0.92, DISTANCE_M * i, 0.28], "rpy": [0, 0, 180]},
                 "posture": "look_out",
                 "camera": {"mount": "wrist", "resolution": [320, 240], "fov": 50, "fps": 30},
                 "tree": {"track": {"color": "yellow", "plane": "yz", "score": f"cube{i}"}},
@@ -84,7 +84,7 @@ def cameras(count: int) -> dict[str, Any]:
                 "mass": 0.1,
                 "color": "yellow",
                 "fixed": True,
-                "pose": {"xyz": [0, APART_M * i, 0.701]},
+                "pose": {"xyz": [0, DISTANCE_M * i, 0.701]},
             }
             for i in range(count)
         },
@@ -101,11 +101,11 @@ def _file(arms: dict[str, Any], objects: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def measured(what: str, count: int, minutes: Sequence[int]) -> list[Cost]:
-    """The cost of one run, at these moments."""
+def measure(what: str, count: int, minutes: Sequence[int]) -> list[Cost]:
+    """Cost of one run after each of these numbers of minutes."""
     found: list[Cost] = []
     with bt.open({"arms": arms, "cameras": cameras}[what](count)) as run:
-        run.step(1.0)  # what is imported and drawn up by the first tick is no growth
+        run.step(1.0)  # imports and set-up in the first tick do not count
         for minute in range(1, max(minutes) + 1):
             before = time.process_time()
             run.step(60.0)
@@ -123,8 +123,8 @@ def _memory_mb() -> float:
     return float(line.split()[1]) / 1e3
 
 
-def picture(costs: Sequence[Cost], target: Path) -> None:
-    """CPU over arms and cameras, and CPU and memory over time."""
+def plot(costs: Sequence[Cost], target: Path) -> None:
+    """Plot CPU time over arms and cameras, and CPU time and memory over time."""
     figure = Figure(figsize=(9.0, 3.0), layout="constrained")
     by_count, cpu, memory = figure.subplots(1, 3)
     for what in ("arms", "cameras"):
@@ -150,7 +150,7 @@ def picture(costs: Sequence[Cost], target: Path) -> None:
 
 
 def main() -> None:
-    """Print the table; draw the picture if asked for."""
+    """Print the table, and plot it if requested."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--arms", type=int, nargs="*", default=[1, 2, 4, 8])
     parser.add_argument("--cameras", type=int, nargs="*", default=[1, 2, 4])
@@ -165,13 +165,13 @@ def main() -> None:
             goes_on = arguments.whole or count == 1
             minutes = sorted(arguments.minutes)[: None if goes_on else 1]
             with multiprocessing.get_context("spawn").Pool(1) as pool:
-                row = pool.apply(measured, (what, count, minutes))
+                row = pool.apply(measure, (what, count, minutes))
             for one in row:
-                said = f"{one.cpu_ms:.0f} | {one.memory_mb:.0f} |"
-                print(f"| {count} {what} | {one.minutes} | {said}", flush=True)
+                figures = f"{one.cpu_ms:.0f} | {one.memory_mb:.0f} |"
+                print(f"| {count} {what} | {one.minutes} | {figures}", flush=True)
             costs += row
     if arguments.picture is not None:
-        picture(costs, arguments.picture)
+        plot(costs, arguments.picture)
 
 
 if __name__ == "__main__":

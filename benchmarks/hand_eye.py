@@ -1,11 +1,10 @@
-"""How well arms find out where their wrist camera sits.
+"""Accuracy of the hand-eye calibration of wrist cameras by `calibrate`.
 
     python -m benchmarks.hand_eye [--sets lab rough] [--seeds 5] [--robots panda]
 
-An arm looks at a yellow ball that stands 0.35 m before its camera, as `calibrate` does. Printed is,
-before and after, against the simulator: by how much a thing there, in the middle of the image, is
-misjudged across the view; how far the camera is from where it is believed to be; and what the
-images leave unexplained.
+An arm runs `calibrate` with a yellow ball 0.35 m in front of its camera. Prints the errors before
+and after, relative to the simulator: the lateral error of a point at the ball, in the middle of the
+image; the errors of the camera's position and orientation; and the residuals in the images.
 """
 
 from __future__ import annotations
@@ -22,14 +21,20 @@ from benchmarks.campaign import Campaign, add_options
 from bt_dualarm.core.pose import Pose, camera_pose
 from bt_dualarm.sim.world import World
 
-AWAY_M = 0.35
+DISTANCE_M = 0.35
 POSTURES = {"panda": "look_out"}
 BASE = {"xyz": [1.60, 0.11, 0.28], "rpy": [0, 0, 180]}
 
 
 @dataclass(frozen=True)
 class Error:
-    """How far a camera is from where it is believed to be: mm, degrees, mm at the target."""
+    """Error of a hand-eye calibration.
+
+    Attributes:
+        shift_mm: Error of the camera's position, mm.
+        turn_deg: Error of its orientation, degrees.
+        aim_mm: Lateral error of a point at the target, mm.
+    """
 
     shift_mm: float
     turn_deg: float
@@ -37,18 +42,18 @@ class Error:
 
 
 def error_of(world: World) -> Error:
-    """The error of the hand-eye calibration of the arm ``arm1`` now."""
+    """The current error of the hand-eye calibration of ``arm1``."""
     body = world.arms["arm1"]
-    believed = world.nominal["arm1"].camera_pose_at(body.q)
-    off = believed.inverse @ camera_pose(world.data, body.camera_id)
-    ahead = off.apply(np.array((0.0, 0.0, AWAY_M)))[:2]
+    nominal_pose = world.nominal["arm1"].camera_pose_at(body.q)
+    deviation = nominal_pose.inverse @ camera_pose(world.data, body.camera_id)
+    ahead = deviation.apply(np.array((0.0, 0.0, DISTANCE_M)))[:2]
     aim = 1e3 * float(np.linalg.norm(ahead))
-    shift = 1e3 * float(np.linalg.norm(off.position))
-    return Error(shift, float(np.degrees(off.angle(Pose.identity()))), aim)
+    shift = 1e3 * float(np.linalg.norm(deviation.position))
+    return Error(shift, float(np.degrees(deviation.angle(Pose.identity()))), aim)
 
 
 def calibrated(robot: str, reality: str, seed: int) -> tuple[Error, Error, bt.LeafResult]:
-    """The error before and after, and what the leaf has measured."""
+    """The error before and after `calibrate`, and the result of the leaf."""
     camera = {"mount": "wrist", "resolution": [320, 240], "fov": 50, "fps": 60}
     arm = {"robot": robot, "base": BASE, "posture": POSTURES.get(robot, "home"), "camera": camera}
     tree = {
@@ -56,11 +61,11 @@ def calibrated(robot: str, reality: str, seed: int) -> tuple[Error, Error, bt.Le
         "name": "hand_eye",
         "world": {"scene": "empty", "time_limit": 120, "reality": reality},
         "objects": {},
-        "arms": {"arm1": {**arm, "tree": {"calibrate": {"distance": AWAY_M}}}},
+        "arms": {"arm1": {**arm, "tree": {"calibrate": {"distance": DISTANCE_M}}}},
     }
     with bt.open(tree, seed=seed, renderer="ray") as run:
         view = run.world.nominal["arm1"].camera_pose_at(run.world.hardware["arm1"].q)
-    place = view.apply(np.array((0.0, 0.0, AWAY_M))).tolist()
+    place = view.apply(np.array((0.0, 0.0, DISTANCE_M))).tolist()
     ball = {"shape": "sphere", "size": [0.03], "mass": 0.1, "fixed": True, "color": "yellow"}
     tree["objects"] = {"mark": {**ball, "pose": {"xyz": place}}}
     with bt.open(tree, seed=seed, renderer="ray") as run:
@@ -70,8 +75,8 @@ def calibrated(robot: str, reality: str, seed: int) -> tuple[Error, Error, bt.Le
     return before, after, result.arms["arm1"].leaves["calibrate"]
 
 
-def found_out(robot: str, reality: str, seed: int) -> dict[str, Any]:
-    """The errors before and after, and what the leaf has said."""
+def run_calibration(robot: str, reality: str, seed: int) -> dict[str, Any]:
+    """The errors before and after `calibrate`, and the status of the leaf."""
     before, after, leaf = calibrated(robot, reality, seed)
     return {
         "outcome": str(leaf.status),
@@ -86,7 +91,7 @@ def found_out(robot: str, reality: str, seed: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Print a line a robot of the batch."""
+    """Print a line per robot, reality and seed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--robots", nargs="+", default=["panda"])
     parser.add_argument("--sets", nargs="+", default=["lab", "rough"])
@@ -96,7 +101,7 @@ def main() -> None:
     each = itertools.product(arguments.robots, arguments.sets, range(arguments.seeds))
     cases = [{"robot": robot, "reality": reality, "seed": seed} for robot, reality, seed in each]
     with Campaign(arguments) as campaign:
-        for case, found in campaign.run(found_out, cases):
+        for case, found in campaign.run(run_calibration, cases):
             before = Error(**found["before"])
             after = Error(**found["after"])
             first, last = found["residuals"]

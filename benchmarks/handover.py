@@ -1,19 +1,20 @@
-"""Handovers between all pairs of robots and finger grippers, at random places.
+"""Handovers between all pairs of robots and finger grippers, with random base poses.
 
     python -m benchmarks.handover [--cases 100] [--seed 0] [--reality lab]
     python -m benchmarks.handover --faults [--cases 20] [--reality lab]
     python -m benchmarks.handover --only 17
 
-In each case one arm takes a bar from a pedestal and hands it to another arm. Drawn at random are
-how the arms stand to each other, the bar and where it lies; robots and grippers go through all
-combinations. The arms choose the place of the handover themselves. A case in which the giver cannot
-even take the bar is drawn again.
+In each case one arm takes a bar from a pedestal and hands it to another arm. The relative pose of
+the arms, the bar and its pose are random; robots and grippers go through all combinations. The arms
+choose the place of the handover themselves. A case in which the giver cannot even take the bar is
+replaced by another one.
 
-Judged by the true state of the simulation: whether the bar was in a hand at all times, and the
-force between the arms: how far the force of the taker's hand on the bar is from what part of the
-weight would explain, as a mean over 20 ms. With ``--faults`` one arm is halted, crashes, is removed
-or loses its grip at a random tick of the handover: the other one has to end with a reason, and the
-bar must not fall, unless the only hand that holds it is gone. Exit code 1 after a drop.
+Two things are judged by the true state of the simulation: whether the bar was in a hand at all
+times, and the force between the arms, which is the part of the force of the taker's hand on the bar
+that no share of the weight explains, averaged over 20 ms. With ``--faults`` one arm is halted,
+crashes, is removed or loses its grip at a random tick of the handover: the other one has to end
+with a reason, and the bar must not fall, unless the only hand that holds it is gone. Exits with
+code 1 after a drop.
 """
 
 from __future__ import annotations
@@ -54,13 +55,13 @@ FAULTS: Final = ("halt", "crash", "removal", "lost_grip")
 LIMIT_S: Final = 90.0
 PEDESTAL_M: Final = 0.25
 FELL_M: Final = 0.02
-"""Fall that counts after a fault, m."""
+"""Height of a fall that counts after a fault, m."""
 
 UNHELD_S: Final = 0.03
-"""Time without contact of any hand after which the bar counts as dropped."""
+"""Time without contact with a hand after which the bar counts as dropped, s."""
 
 FORCE_S: Final = 0.02
-"""Time over which the force between the arms is averaged."""
+"""Time over which the force between the arms is averaged, s."""
 
 Tree = dict[str, Any]
 
@@ -93,12 +94,12 @@ def generate(seed: int, reality: str) -> Case:
         Kinematics(load_robot(robot), Pose.from_rpy((0, 0, 0))).bounding_ball[1]
         for robot in (giver, taker)
     ]
-    apart = float(rng.uniform(0.5, 0.72)) * sum(reaches)
+    distance = float(rng.uniform(0.5, 0.72)) * sum(reaches)
     bearing = float(rng.uniform(-math.pi, math.pi))
-    turns = np.degrees(bearing) + rng.uniform(-50.0, 50.0, 2) + (0.0, 180.0)
+    headings = np.degrees(bearing) + rng.uniform(-50.0, 50.0, 2) + (0.0, 180.0)
     heights = rng.uniform(0.0, 0.25, 2).round(3)
-    away = apart * np.array((math.cos(bearing), math.sin(bearing)))
-    # Where the bar lies: in front of the giver, to one side of the line between the arms.
+    offset = distance * np.array((math.cos(bearing), math.sin(bearing)))
+    # The bar lies in front of the giver, to one side of the line between the arms.
     side = bearing + float(rng.choice((-1.0, 1.0)) * rng.uniform(1.0, 1.8))
     spot = 0.5 * reaches[0] * np.array((math.cos(side), math.sin(side)))
     length = round(float(rng.uniform(0.13, 0.20)), 3)
@@ -136,7 +137,7 @@ def generate(seed: int, reality: str) -> Case:
         "arm1": {
             "robot": giver,
             "gripper": hands[0],
-            "base": {"xyz": [0, 0, float(heights[0])], "rpy": [0, 0, round(float(turns[0]), 2)]},
+            "base": {"xyz": [0, 0, float(heights[0])], "rpy": [0, 0, round(float(headings[0]), 2)]},
             "tree": {
                 "sequence": [
                     {"grasp": {"object": "bar"}},
@@ -148,8 +149,8 @@ def generate(seed: int, reality: str) -> Case:
             "robot": taker,
             "gripper": hands[1],
             "base": {
-                "xyz": [*away.round(4).tolist(), float(heights[1])],
-                "rpy": [0, 0, round(float(turns[1]), 2)],
+                "xyz": [*offset.round(4).tolist(), float(heights[1])],
+                "rpy": [0, 0, round(float(headings[1]), 2)],
             },
             "tree": {
                 "sequence": [{"take_over": {"object": "bar", "from": "arm1", "speed": speed}}]
@@ -171,11 +172,11 @@ class Referee(IdleObserver):
         obj: Name of the object.
 
     Attributes:
-        judges: Whether it judges, see `begin`.
+        judges: Whether contacts are judged, see `begin`.
         force_n: Largest force between the arms, N.
         unheld_s: Longest time in which no hand touched the object after it was first lifted, s.
         fell_m: How far the object has fallen while unheld, m.
-        touching: Whether the hands have touched each other, or an arm the other.
+        touching: Whether the two arms, hands included, have touched each other.
     """
 
     def __init__(self, run: Run, obj: str = "bar") -> None:
@@ -192,7 +193,7 @@ class Referee(IdleObserver):
         self.touching = False
 
     def begin(self) -> None:
-        """Judge from now on: the giver has the bar."""
+        """Start judging: the giver has the bar."""
         self.judges = True
 
     def _bind(self) -> None:
@@ -206,7 +207,7 @@ class Referee(IdleObserver):
         self._geom = world.object_geom(self._object)
 
     def after_step(self, time: float) -> None:
-        """Look at the contacts."""
+        """Evaluate the contacts."""
         if not self.judges:
             return
         world = self._run.world
@@ -271,12 +272,12 @@ class Referee(IdleObserver):
 
 
 @dataclass(frozen=True)
-class Judged:
+class PlayedCase:
     """A played case.
 
     Attributes:
         result: Result of the run.
-        referee: What happened truly.
+        referee: True contacts.
         began_s: Simulated time at which the giver had the bar, s; None if it never had.
         excused: Whether the fault took away the only hand that held the bar.
     """
@@ -305,7 +306,7 @@ class Judged:
 
 @dataclass(frozen=True)
 class Fault:
-    """Something that goes wrong with one arm during a handover.
+    """A fault of one arm during a handover.
 
     Attributes:
         kind: One of `FAULTS`.
@@ -321,13 +322,13 @@ class Fault:
         return f"{self.kind} of {self.arm} at {self.time_s:.2f} s"
 
 
-def play(case: Case, skills: Registry, fault: Fault | None = None) -> Judged:
+def play(case: Case, skills: Registry, fault: Fault | None = None) -> PlayedCase:
     """Play a case.
 
     Args:
         case: Case to play.
         skills: Skills.
-        fault: Fault to make, if any.
+        fault: Fault to inject, if any.
     """
     tree = copy.deepcopy(case.file)
     if fault is not None and fault.kind == "halt":
@@ -365,49 +366,49 @@ def play(case: Case, skills: Registry, fault: Fault | None = None) -> Judged:
                     run.world.remove_arm(pending.arm)
                 elif pending.kind == "lost_grip":
                     hand = run.world.grippers[pending.arm]
-                    page = hand.gripper
-                    hand.command(GripperCommand(page.stroke, page.speed.most, page.force.most))
+                    spec = hand.gripper
+                    hand.command(GripperCommand(spec.stroke, spec.speed.most, spec.force.most))
                 pending = None
-        return Judged(run.result, referee, began, excused)
+        return PlayedCase(run.result, referee, began, excused)
 
 
 @contextmanager
 def crashing(skills: Registry, fault: Fault) -> Iterator[None]:
-    """Let the skill of an arm raise an error at a time."""
+    """Make the skill of an arm raise an error at the time of the fault."""
     skill = skills.skills["hand_over" if fault.arm == "arm1" else "take_over"]
-    runs = skill.run
+    original = skill.run
 
     def crash(self: Skill) -> Iterator[object]:
-        going = runs(self)
+        steps = original(self)
         try:
-            for progress in going:
+            for progress in steps:
                 if self.time >= fault.time_s:
                     raise RuntimeError("a bug")
                 yield progress
         finally:
-            going.close()  # type: ignore[attr-defined]  # it is a generator
+            steps.close()  # type: ignore[attr-defined]  # it is a generator
 
     skill.run = crash  # type: ignore[method-assign]
     try:
         yield
     finally:
-        skill.run = runs  # type: ignore[method-assign]
+        skill.run = original  # type: ignore[method-assign]
 
 
 def undisturbed(seed: int, reality: str) -> dict[str, Any]:
-    """When the giver has the bar and when both have ended, s, without a fault."""
-    judged = play(generate(seed, reality), registry())
-    if judged.began_s is None or not judged.succeeded:
+    """Times at which the giver has the bar and both arms have ended without a fault, s."""
+    played = play(generate(seed, reality), registry())
+    if played.began_s is None or not played.succeeded:
         return {"outcome": "SKIPPED"}
-    ends = [judged.leaf(*one) for one in (("arm1", "hand_over"), ("arm2", "take_over"))]
+    ends = [played.leaf(*one) for one in (("arm1", "hand_over"), ("arm2", "take_over"))]
     return {
-        "began_s": judged.began_s,
+        "began_s": played.began_s,
         "ended_s": max(leaf.ended_s or 0.0 for leaf in ends if leaf is not None),
     }
 
 
 def disturbed(seed: int, reality: str, kind: str, arm: str, time_s: float) -> dict[str, Any]:
-    """What comes of a case with a fault."""
+    """Outcome of a case with a fault."""
     case = generate(seed, reality)
     fault = Fault(kind, arm, time_s)
     again = play(case, registry(), fault)
@@ -425,19 +426,19 @@ def disturbed(seed: int, reality: str, kind: str, arm: str, time_s: float) -> di
 
 
 def play_faults(options: argparse.Namespace, campaign: Campaign) -> int:
-    """Play cases again with one fault each; returns the exit code."""
+    """Play each case once with each kind of fault; returns the exit code."""
     rng = np.random.default_rng(options.seed)
     silent = dropped = excused = 0
     forces = list[float]()
     codes = Counter[str]()
     wanted = -(-options.cases // len(FAULTS))
     faults = list[dict[str, Any]]()
-    for case, whole in campaign.run(undisturbed, _cases(options), wanted):
-        if "began_s" not in whole:
+    for case, intact in campaign.run(undisturbed, _cases(options), wanted):
+        if "began_s" not in intact:
             continue
         for kind in FAULTS:
             arm = str(rng.choice(("arm1", "arm2")))
-            time_s = round(float(rng.uniform(whole["began_s"], whole["ended_s"])), 2)
+            time_s = round(float(rng.uniform(intact["began_s"], intact["ended_s"])), 2)
             faults.append({**case, "kind": kind, "arm": arm, "time_s": time_s})
     for fault, found in campaign.run(disturbed, faults):
         line = found["line"]
@@ -465,7 +466,7 @@ def play_faults(options: argparse.Namespace, campaign: Campaign) -> int:
 
 
 def _cases(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
-    """Arguments of the cases, without an end unless only one is to be played."""
+    """Arguments of the cases; infinite unless only one case is to be played."""
     if options.only is not None:
         yield {"seed": options.only, "reality": options.reality}
         return
@@ -474,39 +475,39 @@ def _cases(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
 
 
 def handed_over(seed: int, reality: str) -> dict[str, Any]:
-    """What comes of a case, and what to print of it."""
+    """Outcome of a case and the line to print."""
     case = generate(seed, reality)
     try:
-        judged = play(case, registry())
+        played = play(case, registry())
     except DualArmError as error:
         return {"outcome": "SKIPPED", "line": f"case {seed}: left out: {error}"}
-    if judged.began_s is None:
-        grasp = judged.leaf("arm1", "grasp")
+    if played.began_s is None:
+        grasp = played.leaf("arm1", "grasp")
         code = "" if grasp is None else grasp.code
         return {
             "outcome": "SKIPPED",
             "line": f"case {seed}: left out: {case.label}: grasp {code}",
         }
-    referee = judged.referee
-    line = f"case {case.seed}: {case.label}: {'SUCCESS' if judged.succeeded else 'FAILURE'}"
+    referee = played.referee
+    line = f"case {case.seed}: {case.label}: {'SUCCESS' if played.succeeded else 'FAILURE'}"
     line += f", {referee.force_n:.1f} N"
     found: dict[str, Any] = {"outcome": "FAILURE", "codes": []}
-    leaf = judged.leaf("arm2", "take_over")
-    if judged.succeeded and leaf is not None:
+    leaf = played.leaf("arm2", "take_over")
+    if played.succeeded and leaf is not None:
         found |= {"outcome": "SUCCESS", "seconds": float(leaf.metrics["handover_s"])}
         line += f", {found['seconds']:.2f} s"
     else:
         for arm, skill in (("arm1", "hand_over"), ("arm2", "take_over")):
-            leaf = judged.leaf(arm, skill)
+            leaf = played.leaf(arm, skill)
             if leaf is not None and leaf.code != "PARTNER_GONE" and leaf.status != "SUCCESS":
                 found["codes"].append(f"{skill} {leaf.code}")
                 line += f"\n    {skill}: {leaf.code}: {leaf.reason}"
-    if judged.dropped:
+    if played.dropped:
         line += f"\n    DROPPED: unheld for {referee.unheld_s:.2f} s"
     if referee.touching:
         line += "\n    arms touch"
     code = ", ".join(found["codes"])
-    forces = {"force_n": referee.force_n, "dropped": judged.dropped}
+    forces = {"force_n": referee.force_n, "dropped": played.dropped}
     return {**found, **forces, "code": code, "line": line}
 
 
@@ -517,8 +518,8 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0, help="the first seed")
     parser.add_argument("--reality", default="lab", choices=("ideal", "lab", "rough"))
     parser.add_argument("--faults", action="store_true", help="one arm halts, crashes or is gone")
-    parser.add_argument("--only", type=int, help="the one seed to play")
-    parser.add_argument("--stride", type=int, default=1, help="difference of two seeds")
+    parser.add_argument("--only", type=int, help="play only this seed")
+    parser.add_argument("--stride", type=int, default=1, help="step from seed to seed")
     add_options(parser)
     options = parser.parse_args()
     with Campaign(options) as campaign:

@@ -1,11 +1,11 @@
-"""Inverse kinematics on random targets: how many are solved, how fast, and none falsely.
+"""Inverse kinematics on random targets: success rate, time, and false solutions.
 
     python benchmarks/ik.py [--targets 500] [--audit 10000] [--robots ur5 panda]
 
 A target is the tool pose of a random configuration within the limits; the start is the home
-posture. The audit mixes in targets out of reach and at singularities, and checks every answer with
-kinematics of its own (MuJoCo's). Where mink is installed (`pip install mink daqp`), it solves the
-same targets. Times are of the CPU, as the machine may have other work.
+posture. The audit adds targets out of reach and at singularities, and checks every solution with
+MuJoCo's kinematics. If mink is installed (`pip install mink daqp`), it solves the same targets.
+Times are CPU times, because the machine may be busy.
 """
 
 from __future__ import annotations
@@ -29,11 +29,11 @@ TOLERANCE = Tolerance(1e-4, 1e-3)
 RESTARTS = 40
 ITERATIONS = 40
 CONVERGED = 1e-5
-"""Residual in m and rad at which mink has converged: what ours asks of an answer."""
+"""Residual in m and rad at which mink has converged, as required by our solver."""
 
 
 class Judge:
-    """The tool pose by MuJoCo, which shares no code with the solver."""
+    """Tool poses computed by MuJoCo, which shares no code with the solver."""
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
@@ -50,7 +50,7 @@ class Judge:
         return state
 
     def angles(self, state: Vector) -> Vector:
-        """The arm's joints out of all positions of the model."""
+        """Positions of the arm's joints from all positions of the model."""
         chosen: Vector = state[self._ids]
         return chosen
 
@@ -66,7 +66,7 @@ class Judge:
         return self.base.inverse @ (self._link(self._robot.tool_link) @ self._robot.tool)
 
     def solved(self, q: Vector, target: Pose) -> bool:
-        """Whether an answer is within the tolerance and the position limits."""
+        """Whether a solution is within the tolerance and the position limits."""
         tool = self.tool(q)
         limits = self._robot.limits
         inside = bool(np.all(q >= limits.lower) and np.all(q <= limits.upper))
@@ -84,7 +84,7 @@ def reachable(robot: Robot, judge: Judge, rng: np.random.Generator) -> Pose:
 
 
 def awkward(robot: Robot, judge: Judge, rng: np.random.Generator) -> Pose:
-    """A target that is singular, just within or beyond reach, or anywhere."""
+    """A target that is singular, beyond reach, randomly oriented, or anywhere."""
     q = rng.uniform(robot.limits.lower, robot.limits.upper)
     kind = rng.integers(4)
     if kind == 0:
@@ -103,7 +103,7 @@ def awkward(robot: Robot, judge: Judge, rng: np.random.Generator) -> Pose:
 def timed(
     solve: Callable[[Pose], Vector | None], targets: list[Pose], judge: Judge
 ) -> tuple[float, Vector]:
-    """Share of the targets that are solved, and milliseconds of CPU time for each."""
+    """Share of targets solved, and CPU time of each in ms."""
     good = 0
     took = []
     for target in targets:
@@ -115,7 +115,7 @@ def timed(
 
 
 def ours(robot: Robot) -> Callable[[Pose], Vector | None]:
-    """This project's solver, from the home posture."""
+    """The solver of this project, from the home posture."""
     kinematics = Kinematics(robot, Pose.identity())
     home = robot.postures["home"]
 
@@ -131,7 +131,7 @@ def ours(robot: Robot) -> Callable[[Pose], Vector | None]:
 def minks(robot: Robot, judge: Judge) -> Callable[[Pose], Vector | None]:
     """The solver mink on the same model, with the same number and kind of starts and steps.
 
-    It takes the first answer; ours looks for three and takes the nearest.
+    It takes the first solution; ours searches for three and takes the nearest.
     """
     import mink
 
@@ -169,17 +169,17 @@ def minks(robot: Robot, judge: Judge) -> Callable[[Pose], Vector | None]:
 
 
 def audit(robot: Robot, judge: Judge, count: int) -> tuple[int, int]:
-    """Count of awkward targets that are said to be solved, and of those that are not."""
+    """Numbers of awkward targets reported as solved, and of those reported falsely."""
     rng = np.random.default_rng(1)
     solve = ours(robot)
-    said = 0
+    reported = 0
     wrong = 0
     for _ in range(count):
         target = awkward(robot, judge, rng)
         q = solve(target)
-        said += q is not None
+        reported += q is not None
         wrong += q is not None and not judge.solved(q, target)
-    return said, wrong
+    return reported, wrong
 
 
 def main() -> None:
@@ -197,14 +197,16 @@ def main() -> None:
         solvers = {"ours": ours(robot)}
         if importlib.util.find_spec("mink") is not None:
             solvers["mink"] = minks(robot, judge)
-        for who, solve in solvers.items():
+        for solver, solve in solvers.items():
             share, took = timed(solve, targets, judge)
             print(
-                f"{name:6} {who}: {100 * share:.2f} % of {len(targets)} solved, "
+                f"{name:6} {solver}: {100 * share:.2f} % of {len(targets)} solved, "
                 f"median {np.median(took):.2f} ms, 95 % {np.quantile(took, 0.95):.2f} ms"
             )
-        said, wrong = audit(robot, judge, arguments.audit)
-        print(f"{name:6} audit: {said} of {arguments.audit} said to be solved, {wrong} wrongly")
+        reported, wrong = audit(robot, judge, arguments.audit)
+        print(
+            f"{name:6} audit: {reported} of {arguments.audit} reported as solved, {wrong} falsely"
+        )
 
 
 if __name__ == "__main__":

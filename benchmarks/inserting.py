@@ -1,11 +1,11 @@
-"""A peg of 20 mm and a hole of 20.5 mm that is off by up to 1.5 mm: how often it goes in by touch.
+"""Insertion by touch of a 20 mm peg into a 20.5 mm hole up to 1.5 mm beside its declared position.
 
     python -m benchmarks.inserting [--runs 10] [--seed 0] [--robot ur5] [--gripper robotiq_2f85]
                                    [--reality lab] [--shape cylinder]
 
-Printed are also the largest forces on the peg, by the truth: while its end is at the rim, and while
-it is in the hole, by walls and bottom. Exit code 1 if a run said SUCCESS and the peg is not in, by
-the truth.
+Also prints the largest true contact forces on the peg: while its end is at the rim, and while it is
+in the hole, by walls and bottom. Exits with code 1 if a run ends with SUCCESS although the peg is
+truly not in the hole.
 """
 
 from __future__ import annotations
@@ -31,28 +31,28 @@ HIGH = 0.02
 THICK = 0.03
 """Width of the hole, height and thickness of the walls around it, m."""
 
-TOLD = (0.30, -0.48)
-"""Where the file says the hole is, x and y, m."""
+DECLARED = (0.30, -0.48)
+"""Declared position of the hole, x and y, m."""
 
 OFF_M = 0.0015
-"""How far the hole is from where the file says, at most."""
+"""Largest distance of the hole from its declared position, m."""
 
 DEEP_M = 0.001
-"""Height above the bottom at which a peg is not in, m."""
+"""Height above the bottom above which the peg is not in the hole, m."""
 
 
 RIM_M = 0.0006
-"""Depth below the rim up to which the peg is at the rim: deeper, `insert` pushes it in."""
+"""Depth below the rim, m, up to which the peg is at the rim; beyond it, `insert` pushes it in."""
 
 NEAR_M = 0.01
-"""Distance from where the file says the hole is within which contacts are those of insertion."""
+"""Distance from the declared position, m, within which contacts are those of insertion."""
 
 
-class Pressed:
+class ContactForces:
     """Largest contact forces on the peg at its hole.
 
     Attributes:
-        rim_n, hole_n: At the rim, and in the hole, N.
+        rim_n, hole_n: Largest force at the rim and in the hole, N.
     """
 
     def __init__(self, world: World) -> None:
@@ -61,11 +61,11 @@ class Pressed:
         self._arm = world.arms["arm1"].geom_ids
         self._force = np.empty(6)
         self.rim_n = self.hole_n = 0.0
-        world.on_forces.append(self._look)
+        world.on_forces.append(self._measure)
 
-    def _look(self) -> None:
+    def _measure(self) -> None:
         end = self._world.object_pose("peg").position - (0.0, 0.0, 0.04)
-        if np.linalg.norm(end[:2] - TOLD) > NEAR_M:
+        if np.linalg.norm(end[:2] - DECLARED) > NEAR_M:
             return
         data = self._world.data
         total = np.zeros(3)
@@ -82,7 +82,7 @@ class Pressed:
 
 
 def walls(middle: Vector) -> dict[str, Any]:
-    """Four fixed blocks around a hole whose middle, of shape (2,), m, is given."""
+    """Four fixed blocks around a hole with a center of shape (2,), m."""
     x, y = (float(value) for value in middle)
     beside = (WIDE + THICK) / 2
     length = WIDE + 2 * THICK
@@ -105,16 +105,16 @@ def walls(middle: Vector) -> dict[str, Any]:
 
 
 def task(options: argparse.Namespace, seed: int) -> tuple[dict[str, Any], float]:
-    """The tree file of one run, and how far the hole is off, m."""
+    """The tree file of one run, and the distance of the hole from its declared position, m."""
     rng = np.random.default_rng(seed)
-    off = OFF_M * float(np.sqrt(rng.uniform()))
+    offset = OFF_M * float(np.sqrt(rng.uniform()))
     turn = float(rng.uniform(0.0, 2.0 * np.pi))
-    text = np.array(TOLD)
-    hole = text + off * np.array((np.cos(turn), np.sin(turn)))
+    declared = np.array(DECLARED)
+    hole = declared + offset * np.array((np.cos(turn), np.sin(turn)))
     size = [0.01, 0.08] if options.shape == "cylinder" else [0.02, 0.02, 0.08]
     pose = {"xyz": [0.45, -0.40, TABLE + 0.0405], "rpy": [0, 0, 0]}
     peg = {"shape": options.shape, "size": size, "mass": 0.15, "friction": 0.6, "pose": pose}
-    at = {"xyz": [*text.tolist(), TABLE + 0.04], "rpy": [0, 0, 0]}
+    at = {"xyz": [*declared.tolist(), TABLE + 0.04], "rpy": [0, 0, 0]}
     leaves = [{"grasp": {"object": "peg"}}, {"insert": {"object": "peg", "at": at, "depth": HIGH}}]
     arm = {"robot": options.robot, "gripper": options.gripper, "base": {"xyz": [0, 0, TABLE]}}
     file = {
@@ -124,14 +124,14 @@ def task(options: argparse.Namespace, seed: int) -> tuple[dict[str, Any], float]
         "objects": {"peg": peg, **walls(hole)},
         "arms": {"arm1": arm | {"tree": {"sequence": leaves}}},
     }
-    return file, off
+    return file, offset
 
 
-def insert(seed: int, **words: str) -> dict[str, Any]:
-    """One run: how far the hole is off, what came of it, and by the truth how deep the peg is."""
-    file, off = task(argparse.Namespace(**words), seed)
+def insert(seed: int, **settings: str) -> dict[str, Any]:
+    """Outcome of one run, with the offset of the hole and the true depth of the peg."""
+    file, offset = task(argparse.Namespace(**settings), seed)
     with bt.open(file) as run:
-        pressed = Pressed(run.world)
+        pressed = ContactForces(run.world)
         leaf = run.finish().arms["arm1"].runs[-1]
         height = float(run.world.object_pose("peg").position[2]) - TABLE - 0.04
     is_in = leaf.skill == "insert" and leaf.status == "SUCCESS"
@@ -139,7 +139,7 @@ def insert(seed: int, **words: str) -> dict[str, Any]:
         "outcome": "SUCCESS" if is_in else "FAILURE",
         "code": leaf.code,
         "said": "in" if is_in else f"{leaf.skill} {leaf.code}: {leaf.reason}",
-        "off_m": off,
+        "off_m": offset,
         "height_m": height,
         "places": leaf.metrics.get("search_places", ""),
         "seconds": (leaf.ended_s or 0.0) - leaf.started_s,
@@ -149,21 +149,21 @@ def insert(seed: int, **words: str) -> dict[str, Any]:
 
 
 def main() -> int:
-    """Run all of it and print the figures; 1 if a run said SUCCESS falsely."""
+    """Run all cases and print the figures; returns 1 after a false SUCCESS."""
     parser = grip_parser(__doc__, 10)
     parser.add_argument("--shape", default="cylinder", choices=["cylinder", "box"])
     options = parser.parse_args()
     seconds = []
     forces = []
-    lied = 0
+    false = 0
     with Campaign(options) as campaign:
         for case, found in campaign.run(insert, grip_cases(options, "shape")):
             is_in = found["outcome"] == "SUCCESS"
-            lied += is_in and found["height_m"] > DEEP_M
+            false += is_in and found["height_m"] > DEEP_M
             if is_in:
                 seconds.append(found["seconds"])
                 forces.append((found["rim_n"], found["hole_n"]))
-            head = f"seed {case['seed']}: {1e3 * found['off_m']:.2f} mm off, {found['places']}"
+            head = f"seed {case['seed']}: {1e3 * found['off_m']:.2f} mm offset, {found['places']}"
             felt = f"{found['rim_n']:.1f} N at the rim, {found['hole_n']:.1f} N in the hole"
             print(f"{head} places, {found['seconds']:.0f} s, {felt}, {found['said']}", flush=True)
         middle = float(np.median(seconds)) if seconds else float("nan")
@@ -171,9 +171,9 @@ def main() -> int:
         print(
             f"{options.robot}, {options.gripper}, {options.reality}, {options.shape}: "
             f"{len(seconds)} of {options.runs} in, median {middle:.1f} s, {rim:.1f} N at the rim "
-            f"and {hole:.1f} N in the hole, {lied} false"
+            f"and {hole:.1f} N in the hole, {false} false"
         )
-        return 1 if lied else 0
+        return 1 if false else 0
 
 
 if __name__ == "__main__":

@@ -1,11 +1,11 @@
-"""Stopping runs at random moments and in skills that block: exit code, whole files, arms at rest.
+"""Runs stopped at random times and in blocking skills: exit code, complete files, arms at rest.
 
     python benchmarks/interrupts.py signals  [--times 200] [--seed 0]
     python benchmarks/interrupts.py blockers [--times 300] [--seed 0]
     python benchmarks/interrupts.py workers  [--times 50] [--seed 0]
 
-``signals``: INT, TERM and HUP at random moments of wall time from the start of the program on.
-``blockers``: code that does not return, in each phase of a skill, with no signal, one, or two.
+``signals``: INT, TERM and HUP at random wall-clock times after the start of the program.
+``blockers``: code that does not return, in each phase of a skill, with no, one or two signals.
 ``workers``: the planning process is killed or stopped; the leaf fails, or its plan is found.
 """
 
@@ -47,48 +47,48 @@ KINDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 PHASES = ("constructor", "before", "step", "finally", "stream")
 DEEDS = ("spin", "sleep", "wait", "swallow", "deadlock")
 OVERRUN = 154
-BUDGET_S = 1.0  # of a blocker without a signal
-LONGEST_S = 10.0  # from the moment at which it blocks, the plots of the record included
-LATEST = 6.0  # s after the start of the program
-STANDS = 2e-4  # m between two samples, 10 ms apart
+BUDGET_S = 1.0  # wall-clock budget of the watchdog
+LONGEST_S = 10.0  # from the start of blocking to the exit, plots of the record included
+LATEST = 6.0  # latest time of a signal after the start of the program, s
+STANDS = 2e-4  # largest motion of a resting tool between two samples, 10 ms apart, m
 
 
-def ended(
+def run_and_signal(
     arguments: list[str], kind: signal.Signals | None, moment: float
 ) -> tuple[int, str, float]:
-    """Exit code, complaints, and seconds from its first lines on, of a run that gets a signal."""
+    """Exit code, standard error, and seconds since its first lines, of a run that gets a signal."""
     command = [sys.executable, "-c", PROGRAM, *arguments]
     with subprocess.Popen(command, stdout=PIPE, stderr=PIPE, text=True) as process:
         if process.stdout is not None:
             process.stdout.readline()
             if kind is None:
-                process.stdout.readline()  # it blocks now
+                process.stdout.readline()  # printed when it begins to block
         began = time.monotonic()
         if kind is not None:
             time.sleep(moment)
             process.send_signal(kind)
-        complaints = process.communicate(timeout=300)[1]
-    # A shell tells one that a signal has ended by the same code.
+        errors = process.communicate(timeout=300)[1]
+    # The same code as a shell reports for a process that was ended by a signal.
     code = process.returncode if process.returncode >= 0 else 128 - process.returncode
-    return code, complaints, time.monotonic() - began
+    return code, errors, time.monotonic() - began
 
 
-def signalled(rng: np.random.Generator, number: int, folder: Path) -> tuple[str, list[str]]:
-    """One signal at a random moment: what was done, and everything that is not as it should be."""
+def interrupt_run(rng: np.random.Generator, number: int, folder: Path) -> tuple[str, list[str]]:
+    """One signal at a random time; returns a description of the case and its faults."""
     kind = KINDS[number % len(KINDS)]
     moment = rng.uniform(0.0, LATEST)
     arguments = ["pick_and_track", "--display", "quiet", "--record", str(folder)]
-    code, complaints, _ = ended(arguments, kind, moment)
+    code, errors, _ = run_and_signal(arguments, kind, moment)
     faults = [] if code == 128 + kind else [f"exit code {code} instead of {128 + kind}"]
-    if "Traceback" in complaints:
+    if "Traceback" in errors:
         faults.append("a traceback")
-    if folder.exists() and any(folder.iterdir()):  # none: it had not begun
+    if folder.exists() and any(folder.iterdir()):  # there are none before the run begins
         faults += _record_faults(folder, at_rest=True)
     return f"{kind.name} at {moment:5.2f} s", faults
 
 
-def blocked(rng: np.random.Generator, number: int, folder: Path) -> tuple[str, list[str]]:
-    """One blocker."""
+def interrupt_blocker(rng: np.random.Generator, number: int, folder: Path) -> tuple[str, list[str]]:
+    """One blocking skill; returns a description of the case and its faults."""
     phase = PHASES[number % len(PHASES)]
     deed = str(rng.choice(DEEDS))
     names = [KINDS[index].name for index in rng.integers(len(KINDS), size=rng.integers(3))]
@@ -98,19 +98,21 @@ def blocked(rng: np.random.Generator, number: int, folder: Path) -> tuple[str, l
     tree.write_text(BLOCKED.format(ports=json.dumps(ports)), encoding="utf-8")
     arguments = [str(tree), "--display", "quiet", "--skills", str(SKILLS)]
     arguments += ["--record", str(folder / "out"), "--watchdog", str(BUDGET_S)]
-    code, complaints, seconds = ended(arguments, None, 0.0)
-    right = 128 + signal.Signals[names[0]] if names else OVERRUN
-    faults = [] if code == right else [f"exit code {code} instead of {right}"]
-    if "blocker.py" not in complaints:
-        faults.append("nobody is named")
+    code, errors, seconds = run_and_signal(arguments, None, 0.0)
+    expected = 128 + signal.Signals[names[0]] if names else OVERRUN
+    faults = [] if code == expected else [f"exit code {code} instead of {expected}"]
+    if "blocker.py" not in errors:
+        faults.append("the blocking file is not named")
     if seconds > LONGEST_S:
         faults.append("too late")
     faults += _record_faults(folder / "out", at_rest=False)
     return f"{' '.join((deed, 'in', phase, *names))}, {seconds:.1f} s", faults
 
 
-def planned(rng: np.random.Generator, number: int, _folder: Path) -> tuple[str, list[str]]:
-    """One planning process that is killed or stopped after some milliseconds."""
+def interrupt_planning(
+    rng: np.random.Generator, number: int, _folder: Path
+) -> tuple[str, list[str]]:
+    """One killed or stopped planning process; returns a description of the case and its faults."""
     kind = (signal.SIGKILL, signal.SIGSTOP)[number % 2]
     moment = rng.uniform(0.0, 0.5)
     planning = PlanningProcess()
@@ -121,13 +123,13 @@ def planned(rng: np.random.Generator, number: int, _folder: Path) -> tuple[str, 
         os.kill(planning.pid or 0, kind)
         try:
             pending.result()
-            what = "found"
+            description = "found"
         except Failure as failure:
-            what = failure.code
+            description = failure.code
         faults = [] if len(planning.solve(problem).result()) > 1 else ["the next plan is not found"]
     finally:
         planning.close()
-    return f"{kind.name} at {moment:.2f} s: {what}", faults
+    return f"{kind.name} at {moment:.2f} s: {description}", faults
 
 
 def _record_faults(folder: Path, *, at_rest: bool) -> Iterator[str]:
@@ -143,20 +145,20 @@ def _record_faults(folder: Path, *, at_rest: bool) -> Iterator[str]:
     if summary["outcome"] not in ("UNFINISHED", "SUCCESS", "FAILURE"):
         yield f"outcome {summary['outcome']}"
     for name in samples if at_rest else ():
-        way = np.diff(samples[name][-2:], axis=0)
-        if name.startswith("tool_") and not (np.linalg.norm(way, axis=1) < STANDS).all():
+        motion = np.diff(samples[name][-2:], axis=0)
+        if name.startswith("tool_") and not (np.linalg.norm(motion, axis=1) < STANDS).all():
             yield f"{name} moves at the end"
 
 
 TRIALS: dict[str, tuple[Callable[..., tuple[str, list[str]]], int]] = {
-    "signals": (signalled, 200),
-    "blockers": (blocked, 300),
-    "workers": (planned, 100),
+    "signals": (interrupt_run, 200),
+    "blockers": (interrupt_blocker, 300),
+    "workers": (interrupt_planning, 100),
 }
 
 
 def main() -> int:
-    """Read the arguments, stop, report."""
+    """Parse the options and run the trials; returns the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("family", choices=TRIALS)
     parser.add_argument("--times", type=int)
@@ -168,10 +170,10 @@ def main() -> int:
     bad = 0
     with tempfile.TemporaryDirectory() as scratch:
         for number in range(times):
-            what, faults = trial(rng, number, Path(scratch) / str(number))
+            description, faults = trial(rng, number, Path(scratch) / str(number))
             bad += bool(faults)
-            print(f"{what}: {'; '.join(faults) or 'fine'}", flush=True)
-    print(f"{times - bad} of {times} ended as they should")
+            print(f"{description}: {'; '.join(faults) or 'fine'}", flush=True)
+    print(f"{times - bad} of {times} ended as expected")
     return 1 if bad else 0
 
 

@@ -1,9 +1,9 @@
-"""Costs of kernel arguments, and stale callees: python -m benchmarks.kernel_arguments.
+"""Cost of kernel arguments, and stale cached callees: python -m benchmarks.kernel_arguments.
 
-The same work, a sum over nine values of each of six joints, with the values as nine vectors, as a
-tuple of nine vectors with names, as one matrix with integer rows, and as one structured array. Then
-the result of a kernel of one file that calls a kernel of another, before and after that one is
-changed, by numba's own cache.
+Times the same work, a sum over nine values of each of six joints, with the values as nine vectors,
+as a named tuple of nine vectors, as one matrix with integer rows, and as one structured array. Then
+prints the result of a cached kernel that calls a kernel of another file, before and after that file
+is changed, with numba's own cache.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ ROUNDS: Final = 7
 
 
 class Rows(NamedTuple):
-    """Nine vectors with names."""
+    """Nine named vectors."""
 
     a: Any
     b: Any
@@ -42,7 +42,7 @@ class Rows(NamedTuple):
 
 @numba.njit
 def of_vectors(a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: Any, h: Any, i: Any) -> float:
-    """Nine arguments."""
+    """Sum of nine arguments."""
     total = 0.0
     for k in range(len(a)):
         total += a[k] + b[k] + c[k] + d[k] + e[k] + f[k] + g[k] + h[k] + i[k]
@@ -51,7 +51,7 @@ def of_vectors(a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: Any, h: Any, i
 
 @numba.njit
 def of_tuple(rows: Any) -> float:
-    """One tuple of nine vectors."""
+    """Sum of one tuple of nine vectors."""
     total = 0.0
     for k in range(len(rows.a)):
         total += rows.a[k] + rows.b[k] + rows.c[k] + rows.d[k] + rows.e[k]
@@ -61,7 +61,7 @@ def of_tuple(rows: Any) -> float:
 
 @numba.njit
 def of_matrix(rows: Any) -> float:
-    """One matrix with a row for each name."""
+    """Sum of one matrix with a row for each name."""
     total = 0.0
     for k in range(rows.shape[1]):
         total += rows[0, k] + rows[1, k] + rows[2, k] + rows[3, k] + rows[4, k]
@@ -71,7 +71,7 @@ def of_matrix(rows: Any) -> float:
 
 @numba.njit
 def of_records(joints: Any) -> float:
-    """One structured array with a record for each joint."""
+    """Sum of one structured array with a record for each joint."""
     total = 0.0
     for k in range(len(joints)):
         joint = joints[k]
@@ -81,7 +81,7 @@ def of_records(joints: Any) -> float:
 
 
 def microseconds(call: Callable[[], object]) -> float:
-    """Least mean of a few rounds, us."""
+    """Smallest mean of several rounds, µs."""
     call()
     best = np.inf
     for _ in range(ROUNDS):
@@ -109,20 +109,20 @@ def constant():
 """
 
 
-def answers_of_numbas_cache() -> tuple[str, str]:
-    """What a cached caller returns before and after its callee in another file changes."""
+def results_of_numba_cache() -> tuple[str, str]:
+    """Results of a cached caller before and after its callee in another file changes."""
     with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder)
-        environment = os.environ | {"NUMBA_CACHE_DIR": str(place / "cache")}
-        (place / "caller.py").write_text(CALLER)
+        directory = Path(folder)
+        environment = os.environ | {"NUMBA_CACHE_DIR": str(directory / "cache")}
+        (directory / "caller.py").write_text(CALLER)
         answers = []
         for number in (1, 2):
-            callee = place / "callee.py"
+            callee = directory / "callee.py"
             callee.write_text(CALLEE.format(number))
             os.utime(callee, (number, number))  # numba compares the time and size of its own file
             done = subprocess.run(
                 [sys.executable, "caller.py"],
-                cwd=place,
+                cwd=directory,
                 env=environment,
                 capture_output=True,
                 text=True,
@@ -147,8 +147,8 @@ def main() -> None:
         "structured array": microseconds(lambda: of_records(records)),
     }
     for name, cost in costs.items():
-        print(f"{name:22} {cost:5.2f} us a call  {cost / costs['matrix with rows']:5.2f}")
-    before, after = answers_of_numbas_cache()
+        print(f"{name:22} {cost:5.2f} us per call  {cost / costs['matrix with rows']:5.2f}")
+    before, after = results_of_numba_cache()
     print(f"numba's own cache: {before}, and {after} after the callee returns 2")
 
 

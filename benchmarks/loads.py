@@ -1,12 +1,12 @@
-"""Loads of every kind at every robot of the catalog: is each carried, or refused before it moves?
+"""Loads of many shapes at every robot of the catalog: carried, or refused before moving?
 
     python -m benchmarks.loads [--count 200] [--seed 1]
 
-Plates, rods, cubes and weights beside the tool, of 0.1 kg to the robot's payload and up to 0.6 m
-wide or away, are attached to the tool. The arm then moves at full speed to a configuration up to
-0.6 rad away in each joint and has half a second to stand still. Carried is a load if the controller
-found no fault, no joint was above 1.05 times its limit, and the arm stands within 0.0005 rad of its
-goal. Loads pass through everything: what they may touch is not asked here.
+Plates, rods, cubes and off-center weights, of 0.1 kg to the robot's payload and up to 0.6 m wide or
+off center, are attached to the tool. The arm then moves at full speed to a configuration up to
+0.6 rad away in each joint and has half a second to come to rest. A load counts as carried if the
+controller has no fault, no joint exceeds 1.05 times its velocity limit, and the arm rests within
+0.0005 rad of its goal. Contacts of the loads are disabled.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ KINDS = ("plate", "rod", "cube", "aside")
 PERIOD = 0.004
 BASE = Pose.from_rpy((0.0, 0.0, 0.8))
 _AFTER_S = 0.5
-_SLOWEST = 3.0  # times the motion's own duration: the guard halves the speed near things
+_SLOWEST = 3.0  # times the duration of the motion: the guard halves the speed near objects
 _WIDEST = 0.6
 
 
@@ -54,7 +54,7 @@ class Case:
         kind: One of `KINDS`.
         mass: kg.
         size: Edges in m.
-        place: Its center in the tool frame, m.
+        place: Position of its center in the tool frame, m.
         seed: Seed of the goal.
     """
 
@@ -67,7 +67,7 @@ class Case:
 
 
 def cases(count: int, seed: int) -> Iterator[Case]:
-    """Loads over robots and kinds in turn, as the seed draws them."""
+    """Random loads, cycling through robots and kinds."""
     rng = np.random.default_rng(seed)
     robots = MEASURED
     for number in range(count):
@@ -75,7 +75,7 @@ def cases(count: int, seed: int) -> Iterator[Case]:
         kind = KINDS[number // len(robots) % len(KINDS)]
         mass = float(np.exp(rng.uniform(np.log(0.1), np.log(load_robot(robot).payload or 1.0))))
         wide = float(rng.uniform(0.1, _WIDEST))
-        away = float(rng.uniform(-_WIDEST, _WIDEST))
+        error = float(rng.uniform(-_WIDEST, _WIDEST))
         along = bool(rng.integers(2))
         size, place = {
             "plate": ((wide, wide, 0.01), (0.0, 0.0, 0.005)),
@@ -83,13 +83,13 @@ def cases(count: int, seed: int) -> Iterator[Case]:
             if along
             else ((wide, 0.02, 0.02), (0.0, 0.0, 0.01)),
             "cube": ((wide / 2, wide / 2, wide / 2), (0.0, 0.0, wide / 4)),
-            "aside": ((0.05, 0.05, 0.05), (away, 0.0, 0.03) if along else (0.0, away, 0.03)),
+            "aside": ((0.05, 0.05, 0.05), (error, 0.0, 0.03) if along else (0.0, error, 0.03)),
         }[kind]
         yield Case(robot, kind, mass, size, place, seed + number)
 
 
-def attached(case: Case, skills: Registry) -> World:
-    """The world with the load at the tool."""
+def world_with_load(case: Case, skills: Registry) -> World:
+    """A world with the load at the tool."""
     robot = load_robot(case.robot)
     tool = Kinematics(robot, BASE).forward(robot.postures["home"])
     at = tool @ Pose.from_rpy(case.place)
@@ -107,12 +107,12 @@ def attached(case: Case, skills: Registry) -> World:
     world.attach("arm1", "load")
     geom = world.object_geom("load")
     world.model.geom_contype[geom] = world.model.geom_conaffinity[geom] = 0
-    mujoco.mj_step1(world.model, world.data)  # forget what it touches already
+    mujoco.mj_step1(world.model, world.data)  # discards the existing contacts
     return world
 
 
 def free_motion(world: World, controller: JointController, seed: int) -> Trajectory:
-    """A motion to a configuration nearby, on the way to which the arm does not touch itself."""
+    """A motion to a nearby configuration, without self-collision."""
     rng = np.random.default_rng(seed)
     limits = world.robots["arm1"].limits
     here = controller.setpoint.q
@@ -125,11 +125,11 @@ def free_motion(world: World, controller: JointController, seed: int) -> Traject
 
 
 def carry(case: Case, skills: Registry) -> tuple[str, float]:
-    """What became of a load, and how fast a joint was at most as a share of its limit.
+    """Outcome of a load, and the largest joint velocity as a fraction of its limit.
 
-    The first is ``carried``, ``refused`` or what went wrong.
+    The outcome is ``carried``, ``refused`` or a description of the failure.
     """
-    world = attached(case, skills)
+    world = world_with_load(case, skills)
     controller = JointController(world, "arm1", PERIOD, Reservations())
     body = world.arms["arm1"]
     limits = world.robots["arm1"].limits
@@ -139,29 +139,29 @@ def carry(case: Case, skills: Registry) -> tuple[str, float]:
     except Failure as refusal:
         return ("refused" if refusal.code == "OVERLOADED" else str(refusal)), 0.0
     controller.follow(motion)
-    every = round(PERIOD / world.timestep)
+    steps_per_period = round(PERIOD / world.timestep)
     fastest = 0.0
-    left = _AFTER_S
+    remaining_s = _AFTER_S
     step = 0
-    while left > 0.0 and world.time < _SLOWEST * motion.duration + 1.0:
+    while remaining_s > 0.0 and world.time < _SLOWEST * motion.duration + 1.0:
         step = step + 1
-        left = left - world.timestep * (controller.motion is None)
-        if step % every == 1:
+        remaining_s = remaining_s - world.timestep * (controller.motion is None)
+        if step % steps_per_period == 1:
             controller.update(world.time)
         world.step()
         fastest = max(fastest, float((np.abs(body.v) / limits.velocity).max()))
     if fastest > OVERSPEED or controller.fault is not None:
         return f"fault: {controller.fault}", fastest
-    away = float(np.abs(body.q - motion.q[-1]).max())
-    stands = controller.at_rest and away < SETTLED_RAD
-    return ("carried" if stands else f"{away:.2g} rad from its goal"), fastest
+    error = float(np.abs(body.q - motion.q[-1]).max())
+    has_settled = controller.at_rest and error < SETTLED_RAD
+    return ("carried" if has_settled else f"{error:.2g} rad from its goal"), fastest
 
 
-def carrying(**fields: Any) -> dict[str, Any]:  # Any: fields of `Case`
-    """What became of a load, and how fast a joint was."""
-    what, fastest = carry(_case_of(fields), registry())
-    is_good = what in ("carried", "refused")
-    return {"outcome": "SUCCESS" if is_good else "FAILURE", "code": what, "fastest": fastest}
+def run_case(**fields: Any) -> dict[str, Any]:  # Any: fields of `Case`
+    """Outcome of a load and the largest joint velocity."""
+    outcome, fastest = carry(_case_of(fields), registry())
+    is_good = outcome in ("carried", "refused")
+    return {"outcome": "SUCCESS" if is_good else "FAILURE", "code": outcome, "fastest": fastest}
 
 
 def _case_of(fields: Mapping[str, Any]) -> Case:
@@ -170,7 +170,7 @@ def _case_of(fields: Mapping[str, Any]) -> Case:
 
 
 def main() -> None:
-    """Print what was not carried, then the counts."""
+    """Print the failures, then the counts."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
@@ -180,7 +180,7 @@ def main() -> None:
     most = 0.0
     listed = [asdict(case) for case in cases(arguments.count, arguments.seed)]
     with Campaign(arguments) as campaign:
-        for fields, found in campaign.run(carrying, listed):
+        for fields, found in campaign.run(run_case, listed):
             outcome, fastest = found["code"], found["fastest"]
             most = max(most, fastest)
             counts[outcome if outcome in ("carried", "refused") else "failed"] += 1

@@ -1,10 +1,10 @@
-"""Memory and time of a run that goes on and on, with a record.
+"""Memory and CPU time of long runs with a record.
 
     python -m benchmarks.long_runs [--minutes 10 100] [--record-minutes 10 100 1000] [--seed 0]
 
-First whole runs, a fresh process each: an arm picks a cube, carries it, draws with it and puts it
-down, over and over. Then the record alone, for as many simulated minutes, in which things come to
-lie elsewhere and are held and let go of: what a run of that length would have given it.
+First whole runs, each in a fresh process: an arm picks a cube, carries it, moves it along a circle
+and puts it down, repeatedly. Then the recorder alone, with the data that a run of the given length
+would produce: samples, series, attachments and events.
 """
 
 from __future__ import annotations
@@ -58,13 +58,13 @@ arms:
 
 @dataclass(frozen=True)
 class Cost:
-    """What one run cost.
+    """Cost of one run.
 
     Attributes:
         minutes: Simulated minutes.
         peak_mb: Largest resident memory of the process, MB.
-        running_s: CPU time until the end of the run, in s.
-        writing_s: CPU time of writing its record, in s.
+        running_s: CPU time until the end of the run, s.
+        writing_s: CPU time of writing its record, s.
         record_mb: Size of the record, MB.
         attachments: Number of attachments.
     """
@@ -78,8 +78,8 @@ class Cost:
 
 
 @dataclass
-class Held:
-    """An attachment as the recorder reads it."""
+class FakeAttachment:
+    """An attachment as seen by the recorder."""
 
     arm: str
     object: str
@@ -87,31 +87,31 @@ class Held:
 
 
 @dataclass
-class Scene:
-    """A world whose clock is set from outside."""
+class FakeWorld:
+    """A world whose clock can be set."""
 
     world: World
     time: float = 0.0
-    attachments: list[Held] = field(default_factory=list)
+    attachments: list[FakeAttachment] = field(default_factory=list)
 
     def __getattr__(self, name: str) -> object:
-        """All else is the world's."""
+        """Forward everything else to the world."""
         return getattr(self.world, name)
 
 
-class Moment:
-    """A run at a moment."""
+class FakeRun:
+    """A run at one time."""
 
     def __init__(self, time: float) -> None:
         self.time = time
 
     def views(self) -> tuple[()]:
-        """Nobody looks."""
+        """There are no views."""
         return ()
 
 
 def run(minutes: float, seed: int, folder: Path) -> Cost:
-    """A whole run, and the writing of its record."""
+    """Cost of a whole run and of writing its record."""
     with bt.open(TREE.replace("SEED", str(seed)), duration=60 * minutes, record=folder) as opened:
         opened.finish()
         ran = time.process_time()
@@ -123,9 +123,9 @@ def run(minutes: float, seed: int, folder: Path) -> Cost:
 
 
 def record(minutes: float, seed: int, folder: Path) -> Cost:
-    """The record alone: samples at 100 Hz, 250 series values a second, an attachment in 8 s."""
+    """Cost of the record alone: samples at 100 Hz, 250 series values/s, an attachment every 8 s."""
     with bt.open(TREE.replace("SEED", str(seed))) as opened:
-        scene = Scene(opened.world)
+        scene = FakeWorld(opened.world)
         rng = np.random.default_rng(seed)
         folder.mkdir(parents=True)
         recorder = Recorder(folder, scene, StateLog(opened.world), list)  # type: ignore[arg-type]  # by __getattr__
@@ -135,7 +135,7 @@ def record(minutes: float, seed: int, folder: Path) -> Cost:
         for tick in range(round(60 * minutes * 25)):
             begin = tick / 25
             if tick % 200 == 0:
-                scene.attachments = [Held("arm1", "cube", begin)]
+                scene.attachments = [FakeAttachment("arm1", "cube", begin)]
                 held = held + 1
             elif tick % 200 == 150:
                 scene.attachments = []
@@ -145,7 +145,7 @@ def record(minutes: float, seed: int, folder: Path) -> Cost:
                 recorder.on_event(
                     StatusChange(begin, "arm1", "leaf", "circle", "RUNNING", "SUCCESS")
                 )
-            recorder.after_ticks(Moment(begin))
+            recorder.after_ticks(FakeRun(begin))
             for i in range(round(1 / 25 / step)):
                 scene.time = begin + (i + 1) * step
                 recorder.after_step(scene.time)
@@ -163,24 +163,24 @@ def _cost(minutes: float, folder: Path, ran: float, writing: float, held: int) -
     return Cost(minutes, peak, ran, writing, size / 1e6, held)
 
 
-def measured(what: Callable[[float, int, Path], Cost], minutes: float, seed: int) -> Cost:
-    """The cost of one run in a process of its own."""
+def measure(function: Callable[[float, int, Path], Cost], minutes: float, seed: int) -> Cost:
+    """Cost of one run in a separate process."""
     with tempfile.TemporaryDirectory() as folder:
         context = multiprocessing.get_context("spawn")
         with context.Pool(1) as pool:
-            return pool.apply(what, (minutes, seed, Path(folder) / "out"))
+            return pool.apply(function, (minutes, seed, Path(folder) / "out"))
 
 
 def table(
-    title: str, what: Callable[[float, int, Path], Cost], minutes: list[float], seed: int
+    title: str, function: Callable[[float, int, Path], Cost], minutes: list[float], seed: int
 ) -> None:
     """Print the costs of runs of several lengths."""
     print(
-        f"{title}\n  minutes  peak MB          running s  writing s  a minute ms  record MB  held"
+        f"{title}\n  minutes  peak MB          running s  writing s  ms per min.  record MB  held"
     )
     first: Cost | None = None
     for length in minutes:
-        cost = measured(what, length, seed)
+        cost = measure(function, length, seed)
         first = first or cost
         more = 100 * (cost.peak_mb / first.peak_mb - 1)
         print(

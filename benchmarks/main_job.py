@@ -1,20 +1,19 @@
-"""The main job by other robots: one arm carries a cube along two curves, another follows by sight.
+"""The demo with other robots: one arm carries a cube along two curves, another one tracks it.
 
     python -m benchmarks.main_job [--variants 200] [--seed 0] [--reality lab rough] [--lines]
 
-Every variant is drawn from its seed: leader, its gripper and speed; follower, the place from which
-it looks at the curves, frame rate and latency of its camera, reality. The trees are those of
-`trees/pick_and_track.yaml`, with the leader's poses drawn within its reach. Of the followers of the
-catalog, those can take part whose camera can look squarely at the curves.
+Each variant is random: leader, its gripper and speed; follower, its viewpoint, frame rate and
+latency of its camera, reality. The trees are those of `trees/pick_and_track.yaml`, with the
+leader's poses within its reach. Only followers take part whose camera can face the curves squarely.
 
-A variant counts if the leader ended with SUCCESS and the follower can execute what it saw, from the
-first curve to the last, and in the second before it gave up: its tool can move as the cube truly
-did, at every time, within its limits of velocity, acceleration and jerk and the `reach` of `track`,
-touches neither itself nor the floor, and is not slowed by its guard beside the leader.
-``share`` is the share of its own speed that this takes: its joints need ``share`` of a velocity
-limit, or ``share`` squared of an acceleration limit, or ``share`` cubed of a jerk limit. Asked for:
-95 % SUCCESS of those, and no run without an end; exit code 1 if that is missed, or if a SUCCESS was
-false: a true root mean square error above ``max_error``.
+A variant counts if the leader ends with SUCCESS and the follower can execute the motion from the
+first curve to the last, and in the second before it gives up: its tool can follow the true motion
+of the cube within its limits of velocity, acceleration and jerk and the `reach` of `track`, without
+a collision with itself or the floor, and is not slowed by its guard beside the leader. ``share`` is
+the share of its own speed that this takes: its joints need ``share`` of a velocity limit, ``share``
+squared of an acceleration limit, or ``share`` cubed of a jerk limit. Goals: SUCCESS in 95 % of
+those variants, every run ends, and no SUCCESS is false (a true RMS error above ``max_error``);
+exits with code 1 if one is missed.
 """
 
 from __future__ import annotations
@@ -53,18 +52,18 @@ GRIPPERS: Final = ("robotiq_2f85", "panda_hand", "suction_cup", "none")
 RATES: Final = (30.0, 40.0, 60.0, 90.0)
 LATENCIES_S: Final = (0.0, 0.017, 0.02, 0.035, 0.049)
 SPEEDS: Final = (0.25, 0.5, 0.75, 1.0)
-ASKED: Final = 0.95
+GOAL_SHARE: Final = 0.95
 
 _LOOK = (-1.0, 0.0, 0.0)  # toward the leader
 _DISTANCE_M = 0.35
-_RESTS_S = 3.0  # the cube, at the end of the job
+_RESTS_S = 3.0  # time that the cube rests at the end
 _LIMIT_S = 240.0
-_EVERY = 5  # steps between the points of the true path that the follower would execute
+_SAMPLE_STEPS = 5  # steps between the points of the true path that the follower would execute
 _WINDOW = 13  # number of these points from which its rates are determined
-_JUDGED_S = 1.0  # over which a follower is judged at once
-_REACH_M = 0.3  # from its start, by default
+_JUDGED_S = 1.0  # last time span before a follower gives up, which counts too
+_REACH_M = 0.3  # default distance from the start within which `track` follows
 _PLACES = 5
-_FLOOR_M = 0.0  # least height of the follower's base
+_FLOOR_M = 0.0  # smallest height of the follower's base
 _CURVES = ("circle", "lissajous")
 _REFERENCE = "ur5"  # whose poses `trees/pick_and_track.yaml` has
 _CENTER = ((0.42, 0.62), (-0.15, 0.15), (0.25, 0.40))  # of the curves, from its base, m
@@ -75,20 +74,20 @@ _SIZE_M = 0.05
 
 @dataclass(frozen=True)
 class Variant:
-    """One variant of the main job.
+    """One variant of the demo.
 
     Attributes:
         leader: Robot that carries the cube.
         gripper: Its gripper, ``none`` for a magnetic tool.
-        speed: Of both curves, as a fraction of the leader's limits.
+        speed: Speed of both curves, as a fraction of the leader's limits.
         center: Center of the curves in the world, m.
         follower: Robot that follows.
-        place: Seed of the place from which it looks.
-        fps: Frames a second.
+        place: Seed of its viewpoint.
+        fps: Frame rate, Hz.
         latency: Age of an image when it arrives, s.
         reality: Model mismatch of both arms.
         sized: Whether the follower knows the size of the cube.
-        seed: Of the run.
+        seed: Seed of the run.
     """
 
     leader: str
@@ -113,18 +112,18 @@ class Variant:
 
 
 @dataclass(frozen=True)
-class Found:
+class Measured:
     """Measurements of one variant.
 
     Attributes:
         leader: Failure code of the leader's tree, or ``SUCCESS``.
-        leaf: Leaf that failed there, if any, with its message.
+        leaf: Failed leaf of the leader, if any, with its message.
         code: Failure code of `track`, ``SUCCESS``, or ``ENDLESS`` if it did not end.
-        reason: Message of the failure.
+        reason: Message of the failure of `track`.
         cause: Its metric ``cause``, if any.
-        share: Share of the follower's speed that the curves need; infinite if it cannot get there,
-            NaN if the leader did not get that far.
-        rms: True error, less its mean, during both curves, m; NaN if the follower ended before.
+        share: Share of the follower's speed that the curves need; infinite if they are infeasible,
+            NaN if the leader did not complete them.
+        rms: True RMS error, minus its mean, during both curves, m; NaN if `track` ended before.
         true: The metric ``true_rms_m``, m.
         allowed: The metric ``max_error_m``, m.
     """
@@ -152,7 +151,7 @@ class Found:
 
 @dataclass
 class _Paths(IdleObserver):
-    """Keeps where cube and follower's tool are."""
+    """Records the positions of the cube and the follower's tool."""
 
     world: World
     rows: list[tuple[float, ...]] = field(default_factory=list)
@@ -163,17 +162,17 @@ class _Paths(IdleObserver):
         self.rows.append((time, *cube.tolist(), *tool.tolist()))
 
 
-def variants(asked: argparse.Namespace) -> Iterator[Variant]:
-    """All variants: each leader, follower and gripper as often as the others."""
-    rng = np.random.default_rng(asked.seed)
-    shares: dict[str, list[str]] = defaultdict(list)
+def variants(options: argparse.Namespace) -> Iterator[Variant]:
+    """All variants, with equal numbers of each leader, follower and gripper."""
+    rng = np.random.default_rng(options.seed)
+    remaining: dict[str, list[str]] = defaultdict(list)
 
-    def next_of(what: str, names: tuple[str, ...]) -> str:
-        if not shares[what]:
-            shares[what] = [str(name) for name in rng.permutation(names)]
-        return shares[what].pop()
+    def next_of(role: str, names: tuple[str, ...]) -> str:
+        if not remaining[role]:
+            remaining[role] = [str(name) for name in rng.permutation(names)]
+        return remaining[role].pop()
 
-    for _ in range(asked.variants):
+    for _ in range(options.variants):
         leader = next_of("leader", LEADERS)
         x, y, z = (_scale(leader) * rng.uniform(*ends) for ends in _CENTER)
         yield Variant(
@@ -185,7 +184,7 @@ def variants(asked: argparse.Namespace) -> Iterator[Variant]:
             place=int(rng.integers(1, 10**6)),
             fps=float(rng.choice(RATES)),
             latency=float(rng.choice(LATENCIES_S)),
-            reality=str(rng.choice(asked.reality)),
+            reality=str(rng.choice(options.reality)),
             sized=bool(rng.integers(2)),
             seed=int(rng.integers(1, 10**6)),
         )
@@ -193,7 +192,7 @@ def variants(asked: argparse.Namespace) -> Iterator[Variant]:
 
 @cache
 def _scale(leader: str) -> float:
-    """Reach of a robot over that for which the poses of the main job were chosen."""
+    """Reach of a robot relative to that for which the poses of the demo were chosen, at most 1."""
     reach, reference = (
         Kinematics(load_robot(name), Pose.from_rpy((0, 0, 0))).bounding_ball[1]
         for name in (leader, _REFERENCE)
@@ -202,10 +201,10 @@ def _scale(leader: str) -> float:
 
 
 def run_variant(**fields: Any) -> dict[str, Any]:  # Any: fields of `Variant`
-    """What came of a variant, or why it is none."""
+    """Measurements of a variant, or why it was rejected."""
     variant = Variant(**fields)
     try:
-        found = follow(variant, _place(variant))
+        found = follow(variant, _viewpoint(variant))
     except Failure as failure:
         return {"outcome": "SKIPPED", "why": str(failure)}
     except DualArmError as error:
@@ -215,34 +214,34 @@ def run_variant(**fields: Any) -> dict[str, Any]:  # Any: fields of `Variant`
     return {"outcome": outcome, "code": found.code, "found": asdict(found)}
 
 
-def _place(variant: Variant) -> Vantage:
-    """From where the follower looks: the first of some random places above the floor.
+def _viewpoint(variant: Variant) -> Vantage:
+    """Viewpoint of the follower: the first of some random ones with its base above the floor.
 
     Raises:
-        Failure: ``OUT_OF_REACH``: there is none.
+        Failure: ``OUT_OF_REACH`` if there is none.
     """
     for place in range(variant.place, variant.place + _PLACES):
-        seen = vantage(variant.follower, _LOOK, place)
-        if _base(variant, seen)[2] >= _FLOOR_M:
-            return seen
+        viewpoint = vantage(variant.follower, _LOOK, place)
+        if _base(variant, viewpoint)[2] >= _FLOOR_M:
+            return viewpoint
     raise Failure("OUT_OF_REACH", f"{variant.follower} would stand below the floor")
 
 
-def _base(variant: Variant, seen: Vantage) -> Vector:
+def _base(variant: Variant, viewpoint: Vantage) -> Vector:
     """Position of the follower's base, of shape (3,), m."""
-    base: Vector = np.array(BASE[0]) + np.array(variant.center) - seen.ahead(_DISTANCE_M)
+    base: Vector = np.array(BASE[0]) + np.array(variant.center) - viewpoint.ahead(_DISTANCE_M)
     return base
 
 
-def follow(variant: Variant, seen: Vantage) -> Found:
+def follow(variant: Variant, viewpoint: Vantage) -> Measured:
     """Run one variant.
 
     Raises:
         DualArmError: The file check rejects the variant.
     """
-    base = _base(variant, seen)
+    base = _base(variant, viewpoint)
     with tempfile.TemporaryDirectory() as folder:
-        tree = _tree(variant, seen.write_page(Path(folder)), base)
+        tree = _tree(variant, viewpoint.write_description(Path(folder)), base)
         file = load_tree_file(tree, registry().kinds, folder=Path(folder))
         with Run(file, registry(), RunOptions(seed=variant.seed, renderer="ray")) as run:
             paths = _Paths(run.world)
@@ -256,13 +255,13 @@ def follow(variant: Variant, seen: Vantage) -> Found:
     code = "SUCCESS" if str(track.status) == "SUCCESS" else str(track.code or "ENDLESS")
     if code in ("HALTED", "TIMEOUT"):
         code = "ENDLESS"
-    return Found(
+    return Measured(
         leader="SUCCESS" if failed is None else str(failed.code or "ENDLESS"),
         leaf="" if failed is None else f"{failed.path}: {failed.reason}",
         code=code,
         reason=str(track.reason),
         cause=str(track.metrics.get("cause", "")),
-        share=_share(variant, seen, base, _judged(leader, track, rows), checker),
+        share=_share(variant, viewpoint, base, _judged(leader, track, rows), checker),
         rms=_rms(leader, track, rows),
         true=float(track.metrics.get("true_rms_m", np.nan)),
         allowed=float(track.metrics.get("max_error_m", 0.01)),
@@ -295,20 +294,20 @@ def _judged(leader: list[LeafReport], track: LeafReport, rows: Matrix) -> Matrix
 
 
 def _share(
-    variant: Variant, seen: Vantage, base: Vector, rows: Matrix, checker: CollisionChecker
+    variant: Variant, viewpoint: Vantage, base: Vector, rows: Matrix, checker: CollisionChecker
 ) -> float:
-    """See `Found`; ``rows`` are those that are judged."""
+    """Share of the follower's speed that the judged rows need, see `Measured`."""
     if not len(rows):
         return np.nan
     robot = load_robot(variant.follower)
     arm = Kinematics(robot, Pose.from_rpy(base.tolist(), np.radians(BASE[1]).tolist()))
-    tool = Pose.from_matrix(arm.matrix(seen.q))
+    tool = Pose.from_matrix(arm.matrix(viewpoint.q))
     limits = (robot.limits.velocity, robot.limits.acceleration, robot.limits.jerk)
-    offsets = rows[::_EVERY, 1:4] - np.array(variant.center)
+    offsets = rows[::_SAMPLE_STEPS, 1:4] - np.array(variant.center)
     offsets[:, 0] = 0.0  # it follows in the plane
     if np.linalg.norm(offsets, axis=1).max() > _REACH_M:
         return np.inf
-    q = seen.q
+    q = viewpoint.q
     joints = []
     for offset in offsets:
         try:
@@ -319,7 +318,7 @@ def _share(
     if checker.first_contact(np.array(joints)) is not None:
         return np.inf
     share = 0.0
-    step = float(np.median(np.diff(rows[::_EVERY, 0])))
+    step = float(np.median(np.diff(rows[::_SAMPLE_STEPS, 0])))
     for order, limit in enumerate(limits, start=1):
         rates = savgol_filter(joints, _WINDOW, 3, deriv=order, delta=step, axis=0)
         share = max(share, float((np.abs(rates) / limit).max()) ** (1.0 / order))
@@ -327,7 +326,7 @@ def _share(
 
 
 def _rms(leader: list[LeafReport], track: LeafReport, rows: Matrix) -> float:
-    """See `Found`."""
+    """True RMS error during both curves, see `Measured`."""
     ended = track.ended_s or np.inf
     curves = [curve for curve in _during(leader, rows) if curve[-1, 0] <= ended]
     if len(curves) < len(_CURVES):
@@ -338,11 +337,11 @@ def _rms(leader: list[LeafReport], track: LeafReport, rows: Matrix) -> float:
     return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
 
 
-def _tree(variant: Variant, page: str, base: Vector) -> dict[str, Data]:
-    """The tree file."""
+def _tree(variant: Variant, robot: str, base: Vector) -> dict[str, Data]:
+    """The tree file of a variant."""
     scale = _scale(variant.leader)
     (x_min, x_max), (y_min, y_max), top = _TABLE
-    lies = [
+    start = [
         float(np.clip(scale * _CUBE[0], x_min, x_max)),
         float(np.clip(scale * _CUBE[1], y_min, y_max)),
         top + 0.5 * _SIZE_M,
@@ -353,7 +352,7 @@ def _tree(variant: Variant, page: str, base: Vector) -> dict[str, Data]:
         "size": [_SIZE_M] * 3,
         "mass": 0.1,
         "color": "yellow",
-        "pose": {"xyz": lies},
+        "pose": {"xyz": start},
         "noise": {"xyz": [0.02, 0.02, 0.0], "yaw": 20},
     }
     to: dict[str, Data] = {"xyz": center, "rpy": [0, -90, 0]}
@@ -391,7 +390,7 @@ def _tree(variant: Variant, page: str, base: Vector) -> dict[str, Data]:
     if variant.sized:
         track["target_size"] = _SIZE_M
     follower: dict[str, Data] = {
-        "robot": page,
+        "robot": robot,
         "base": {"xyz": base.tolist(), "rpy": list(BASE[1])},
         "posture": POSTURE,
         "camera": {
@@ -416,13 +415,13 @@ def _tree(variant: Variant, page: str, base: Vector) -> dict[str, Data]:
     }
 
 
-def summary(results: list[tuple[Variant, Found]]) -> Iterator[str]:
+def summary(results: list[tuple[Variant, Measured]]) -> Iterator[str]:
     """Lines of the tables."""
     leaders = Counter(one.leader for _, one in results)
     yield "leaders: " + ", ".join(f"{count} {code}" for code, count in leaders.most_common())
     known = [(variant, one) for variant, one in results if one.leader == "SUCCESS"]
     yield f"{'':<14} {'runs':>5} {'SUCCESS':>8} {'median':>7} {'p95':>7}  mm RMS; other outcomes"
-    groups: dict[str, list[Found]] = defaultdict(list)
+    groups: dict[str, list[Measured]] = defaultdict(list)
     for variant, found in known:
         share = found.share
         bucket = "<= 0.8" if share <= 0.8 else "0.8 to 1" if share < 1.0 else "above 1"
@@ -445,48 +444,48 @@ def summary(results: list[tuple[Variant, Found]]) -> Iterator[str]:
         others = Counter(f"{one.code} {one.cause}".strip() for one in group)
         del others["SUCCESS"]
         median, late = (np.median(rms), np.percentile(rms, 95)) if len(rms) else (np.nan, np.nan)
-        said = ", ".join(f"{count} {code}" for code, count in others.most_common())
-        yield f"{name:<14} {len(group):5d} {good:8d} {median:7.2f} {late:7.2f}  {said}"
-    every = [one for _, one in results]
-    yield f"false SUCCESS: {sum(one.is_false for one in every)}"
-    yield f"did not end: {sum('ENDLESS' in (one.code, one.leader) for one in every)}"
+        text = ", ".join(f"{count} {code}" for code, count in others.most_common())
+        yield f"{name:<14} {len(group):5d} {good:8d} {median:7.2f} {late:7.2f}  {text}"
+    all_runs = [one for _, one in results]
+    yield f"false SUCCESS: {sum(one.is_false for one in all_runs)}"
+    yield f"did not end: {sum('ENDLESS' in (one.code, one.leader) for one in all_runs)}"
 
 
 def main(arguments: list[str]) -> int:
-    """Print the tables; exit code 1 if a goal is missed."""
-    parser = argparse.ArgumentParser(description="the main job by other robots")
+    """Print the tables; returns 1 if a goal is missed."""
+    parser = argparse.ArgumentParser(description="the demo with other robots")
     parser.add_argument("--variants", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--reality", nargs="+", default=["lab", "rough"])
     parser.add_argument("--lines", action="store_true", help="print each variant")
     add_options(parser)
-    asked = parser.parse_args(arguments)
-    results: list[tuple[Variant, Found]] = []
+    options = parser.parse_args(arguments)
+    results: list[tuple[Variant, Measured]] = []
     refused: Counter[str] = Counter()
-    with Campaign(asked) as campaign:
-        for fields, result in campaign.run(run_variant, [asdict(one) for one in variants(asked)]):
+    with Campaign(options) as campaign:
+        for fields, result in campaign.run(run_variant, [asdict(one) for one in variants(options)]):
             variant = Variant(**fields)
             if "found" not in result:
                 refused[str(result["why"])[:100]] += 1
                 continue
-            found = Found(**result["found"])
+            found = Measured(**result["found"])
             results.append((variant, found))
-            if asked.lines:
+            if options.lines:
                 print(
                     f"{variant}: leader {found.leader} {found.leaf}, share {found.share:.2f}, "
                     f"{1e3 * found.rms:.2f} mm, {found.code} {found.cause} {found.reason}",
                     flush=True,
                 )
     for why, count in refused.most_common():
-        print(f"not drawn, {count}: {why}")
-    for said in summary(results):
-        print(said)
+        print(f"rejected, {count}: {why}")
+    for text in summary(results):
+        print(text)
     counted = [found for _, found in results if found.counts]
     good = sum(found.code == "SUCCESS" for found in counted)
-    print(f"followed: {good} of {len(counted)} that the follower can execute (asked: 95 %)")
+    print(f"followed: {good} of {len(counted)} that the follower can execute (goal: 95 %)")
     endless = any("ENDLESS" in (found.code, found.leader) for _, found in results)
     false = any(found.is_false for _, found in results)
-    return int(good < ASKED * len(counted) or endless or false)
+    return int(good < GOAL_SHARE * len(counted) or endless or false)
 
 
 if __name__ == "__main__":

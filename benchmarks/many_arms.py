@@ -1,14 +1,14 @@
 """Two to six arms in a cell: python -m benchmarks.many_arms [FILES [SEED]].
 
-Each file is generated (`benchmarks.crowd`): robots of the catalog, places and tasks by seed, none
-that cannot be done. It is run once for each arm alone and once with all of them. Printed is a line
-for each file and for whatever is not as it should be:
+Each file is generated (`benchmarks.crowd`): robots of the catalog with random base poses and
+feasible tasks. It is run once for each arm alone and once with all of them. Prints a line for each
+file and for each violation:
 
-- an arm that cannot meet any other one ends otherwise than alone;
-- a leaf fails with IN_COLLISION for another arm though no arm came nearer to it than 50 mm;
+- an arm that cannot meet any other one ends differently than alone;
+- a leaf fails with IN_COLLISION because of another arm although none came within 50 mm;
 - arms touch.
 
-The exit code is 1 if there was any of these.
+Exits with code 1 after a violation.
 """
 
 from __future__ import annotations
@@ -36,12 +36,12 @@ FILES = 200
 SEED = 0
 
 CLEAR_M = 0.05
-"""True distance in meters above which no other arm can be the reason of a refusal."""
+"""True distance in meters above which no other arm can be the reason of a failure."""
 
 TICKS_S = 0.05
-"""Seconds by which an arm with room may end earlier or later than alone."""
+"""Seconds by which an arm that cannot meet others may end earlier or later than alone."""
 
-_EVERY = 4  # physics steps between two looks at the distances
+_SAMPLE_STEPS = 4  # physics steps between two samples of the distances
 
 
 class Distances(Contacts):
@@ -50,34 +50,36 @@ class Distances(Contacts):
     def __init__(self, world: World) -> None:
         super().__init__(world)
         self._separations = {name: ArmDistance(world, name) for name in world.arms}
-        self._looked: list[float] = []
-        self._metres: dict[str, list[float]] = {name: [] for name in world.arms}
+        self._times: list[float] = []
+        self._meters: dict[str, list[float]] = {name: [] for name in world.arms}
         self._steps = 0
 
     def after_step(self, time: float) -> None:
-        """Look at contacts, and now and then at distances."""
+        """Count contacts, and sample the distances every few steps."""
         super().after_step(time)
         self._steps += 1
-        if self._steps % _EVERY:
+        if self._steps % _SAMPLE_STEPS:
             return
-        self._looked.append(time)
+        self._times.append(time)
         for name, separation in self._separations.items():
-            self._metres[name].append(separation.gap({}, HORIZON).meters)
+            self._meters[name].append(separation.gap({}, HORIZON).meters)
 
     def nearest(self, arm: str, start: float = 0.0, end: float = float("inf")) -> float:
-        """The smallest distance of an arm from any other in some time, infinite above 0.1 m."""
-        times = zip(self._looked, self._metres[arm], strict=True)
+        """Smallest distance from an arm to any other in a time span, infinite above 0.1 m."""
+        times = zip(self._times, self._meters[arm], strict=True)
         return min((meters for time, meters in times if start <= time <= end), default=float("inf"))
 
 
 @dataclass
 class Finding:
-    """What came of one file.
+    """Result of one file.
 
     Attributes:
-        arms: Number of arms; ``apart``, of those that cannot meet any other one.
-        outcomes: How often the arms ended how.
-        wrong: Sentences on what is not as it should be.
+        arms: Number of arms.
+        apart: Number of arms that cannot meet any other one.
+        outcomes: Number of arms by outcome.
+        wrong: Violations as sentences.
+        failed: Failures that are not violations, as sentences.
         contacts: Physics steps in which two arms touched.
         nearest: Smallest true distance in m, infinite above 0.1 m.
     """
@@ -108,14 +110,14 @@ def judged(seed: int, skills: Registry) -> Finding:
     for solo, together in zip(solos, result.arms.values(), strict=True):
         finding.outcomes[together.outcome] += 1
         finding.nearest = min(finding.nearest, distances.nearest(together.name))
-        if solo in free and not _same_course(solo.result, together):
-            finding.wrong.append(f"{_named(solo)} ends otherwise than alone: {_why(together)}")
+        if solo in free and not _ends_alike(solo.result, together):
+            finding.wrong.append(f"{_label(solo)} ends differently than alone: {_why(together)}")
         elif together.outcome != "SUCCESS":
-            finding.failed.append(f"{_named(solo)}: {_why(together)}")
+            finding.failed.append(f"{_label(solo)}: {_why(together)}")
         finding.wrong += [
-            f"{_named(solo)} {leaf.started_s:.2f} s: {leaf.reason}"
+            f"{_label(solo)} {leaf.started_s:.2f} s: {leaf.reason}"
             for leaf in together.runs
-            if _unfounded(leaf, distances, together.name)
+            if _is_unfounded(leaf, distances, together.name)
         ]
     return finding
 
@@ -124,16 +126,16 @@ def _has_room(solo: Solo, solos: list[Solo]) -> bool:
     return all(other is solo or cannot_meet(solo, other) for other in solos)
 
 
-def _same_course(alone: ArmResult, together: ArmResult) -> bool:
-    """Whether the same leaves end alike, and at the same time but for a tick or two."""
+def _ends_alike(alone: ArmResult, together: ArmResult) -> bool:
+    """Whether the same leaves end with the same codes, within a tick or two of the same time."""
     one, other = (
         [(leaf.path, leaf.status, leaf.code) for leaf in run.runs] for run in (alone, together)
     )
     return one == other and abs((alone.ended_s or 0.0) - (together.ended_s or 0.0)) <= TICKS_S
 
 
-def _unfounded(leaf: LeafReport, distances: Distances, arm: str) -> bool:
-    """Whether a leaf blames another arm that it never came near."""
+def _is_unfounded(leaf: LeafReport, distances: Distances, arm: str) -> bool:
+    """Whether a leaf fails because of an arm that never came near."""
     if leaf.code != "IN_COLLISION":
         return False
     end = leaf.ended_s if leaf.ended_s is not None else float("inf")
@@ -146,12 +148,12 @@ def _why(result: ArmResult) -> str:
     return "; ".join((str(result.outcome), *text))
 
 
-def _named(solo: Solo) -> str:
+def _label(solo: Solo) -> str:
     return f"{solo.member.name} ({solo.member.robot})"
 
 
-def found_by(seed: int) -> dict[str, Any]:
-    """What came of one file."""
+def evaluate(seed: int) -> dict[str, Any]:
+    """Result of one file as JSON values."""
     finding = judged(seed, registry())
     outcomes = {str(name): count for name, count in finding.outcomes.items()}
     wrong = bool(finding.wrong)
@@ -164,7 +166,7 @@ def found_by(seed: int) -> dict[str, Any]:
 
 
 def main() -> int:
-    """Print what came of all files; the exit code."""
+    """Print the results of all files; returns the exit code."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("files", type=int, nargs="?", default=FILES)
     parser.add_argument("seed", type=int, nargs="?", default=SEED)
@@ -175,13 +177,13 @@ def main() -> int:
 
 
 def run_files(files: int, seed: int, campaign: Campaign) -> int:
-    """Run the files and print what came of them; returns the exit code."""
+    """Run the files and print the results; returns the exit code."""
     began = time.perf_counter()
     outcomes = Counter[str]()
     wrong = arms = apart = contacts = 0
     nearest = float("inf")
     cases = [{"seed": seed + number} for number in range(files)]
-    for case, found in campaign.run(found_by, cases):
+    for case, found in campaign.run(evaluate, cases):
         number = case["seed"] - seed
         arms = arms + found["arms"]
         apart = apart + found["apart"]
@@ -197,7 +199,7 @@ def run_files(files: int, seed: int, campaign: Campaign) -> int:
         )
         for sentence in (*(f"WRONG {one}" for one in found["wrong"]), *found["failed"]):
             print(f"    {sentence}", flush=True)
-    print(f"{files} files, {arms} arms in {time.perf_counter() - began:.0f} s on the wall")
+    print(f"{files} files, {arms} arms in {time.perf_counter() - began:.0f} s wall-clock time")
     for name, count in outcomes.most_common():
         print(f"{name:22} {count:5d}")
     print(f"{'arms that had room':22} {apart:5d}")

@@ -5,4 +5,4 @@ from __future__ import annotations
 from typing import Final
 
 MEASURED: Final = ("panda", "ur10", "ur3", "ur5", "xarm7")
-"""In the order in which drawn worlds pick them: a robot more would change every later draw."""
+"""Order in which random worlds choose them; another robot would change all later random numbers."""

@@ -1,12 +1,12 @@
-"""Curves of the tool: how far from the plan they are executed, how near to the shortest duration.
+"""Curves of the tool: path error, and duration relative to a lower bound.
 
     python -m benchmarks.motion [--robots ur5 ur3 ur10 panda xarm7] [--speed 1.0]
 
 A circle of 0.1 m, a 1:2 Lissajous curve, both in the YZ plane on 20 waypoints, and a line of 0.3 m,
-each run as `bt-run` does, with and without 1 kg at the tool. The bound is TOPP-RA's, computed here
-on a spline of its own through the same configurations: velocity and acceleration limits alone, so
-no motion with bounded jerk reaches it. Asked for of the UR5: RMS at most 0.10 mm, maximum 0.3 mm,
-the curves at most 1.15 of the bound.
+each run as `bt-run` does, with and without 1 kg at the tool. The bound is that of TOPP-RA, computed
+on a separate spline through the same configurations with velocity and acceleration limits only, so
+no motion with bounded jerk reaches it. Goals for the UR5: RMS error at most 0.10 mm, maximum
+0.3 mm, duration of the curves at most 1.15 times the bound.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ YZ: Axes = (np.array((0.0, 1.0, 0.0)), np.array((0.0, 0.0, 1.0)))
 BASE = Pose.from_rpy((0.0, 0.0, 0.4))
 PAYLOAD_KG = 1.0
 POSTURES = {"ur5": "present", "panda": "look_out"}
-"""Where a curve begins; home for the others."""
+"""Start posture of the curves, by robot; home for the others."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """A curve as a leaf, and as a path of the tool."""
+    """A curve as a leaf and as a path of the tool."""
 
     name: str
     leaf: dict[str, object]
@@ -89,7 +89,7 @@ def bound(rows: Matrix, limits: JointLimits) -> float:
 
 def execute(robot: Robot, case: Case, tool: Pose, loaded: bool, registry: Registry) -> ArmResult:
     """Run the curve."""
-    place = {"xyz": BASE.position.tolist()}
+    base = {"xyz": BASE.position.tolist()}
     tree = {
         "bt_dualarm": 1,
         "name": "motion",
@@ -97,7 +97,7 @@ def execute(robot: Robot, case: Case, tool: Pose, loaded: bool, registry: Regist
         "arms": {
             "arm1": {
                 "robot": robot.name,
-                "base": place,
+                "base": base,
                 "posture": POSTURES.get(robot.name, "home"),
                 "tree": case.leaf,
             }
@@ -113,14 +113,14 @@ def execute(robot: Robot, case: Case, tool: Pose, loaded: bool, registry: Regist
                 "pose": {"xyz": at.position.tolist(), "quat": at.quaternion.tolist()},
             }
         }
-    with Run(load_tree_file(tree, registry.kinds), registry) as opened:
+    with Run(load_tree_file(tree, registry.kinds), registry) as run:
         if loaded:
-            opened.world.attach("arm1", "payload")
-        return opened.finish().arms["arm1"]
+            run.world.attach("arm1", "payload")
+        return run.finish().arms["arm1"]
 
 
-def said(arm: ArmResult, shortest: float) -> str:
-    """Errors in mm and the duration against the bound; or why there was no motion."""
+def summary(arm: ArmResult, shortest: float) -> str:
+    """Errors in mm and duration relative to the bound, or the reason of a failure."""
     (leaf,) = arm.runs
     if leaf.status != "SUCCESS":
         return f"{leaf.code}: {leaf.reason}"
@@ -133,8 +133,8 @@ def said(arm: ArmResult, shortest: float) -> str:
     )
 
 
-def performed(name: str, number: int, speed: float) -> dict[str, str]:
-    """Lines on a curve: its bound, and what the robot does without and with a load."""
+def measure(name: str, number: int, speed: float) -> dict[str, str]:
+    """Report on a curve: its bound, and the results without and with a load."""
     logging.getLogger("toppra").setLevel(logging.CRITICAL)
     robot = load_robot(name)
     kinematics = Kinematics(robot, BASE)
@@ -145,7 +145,7 @@ def performed(name: str, number: int, speed: float) -> dict[str, str]:
     lines = [f"{name:6} {case.name:10} bound {shortest:.3f} s"]
     for loaded in (False, True):
         arm = execute(robot, case, tool, loaded, registry())
-        lines.append(f"    {PAYLOAD_KG * loaded:.0f} kg  {said(arm, shortest)}")
+        lines.append(f"    {PAYLOAD_KG * loaded:.0f} kg  {summary(arm, shortest)}")
     return {"lines": "\n".join(lines)}
 
 
@@ -164,7 +164,7 @@ def main() -> None:
         for number in curves
     ]
     with Campaign(arguments) as campaign:
-        for _, found in campaign.run(performed, each):
+        for _, found in campaign.run(measure, each):
             print(found["lines"], flush=True)
 
 

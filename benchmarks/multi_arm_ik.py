@@ -1,21 +1,22 @@
-"""Inverse kinematics of two arms that hold one object: solved share, time, residual.
+"""Inverse kinematics of two arms that hold one object: success rate, time, residual.
 
     python -m benchmarks.multi_arm_ik [--targets 1000] [--seed 0]
 
-A problem is a pose in the world for the tool of one arm, and a fixed pose of the other arm's tool
-seen from it: both hold one object. Pairs of the five robots are drawn, with the second base 0.6 to
-1.2 m away and turned at random; both tool poses are those of random configurations within the
-limits, so that every problem has a solution. The start is the home posture of both arms.
+A problem is a pose of one arm's tool in the world, and a fixed pose of the other arm's tool in the
+frame of the first: both hold one object. Problems cycle through the pairs of five robots; the
+second base is 0.6 to 1.2 m away and turned at random. Both tool poses are those of random
+configurations within the limits, so every problem has a solution. The start is the home posture of
+both arms.
 
-An answer counts if both residuals are below 0.01 mm and 0.006°, and the limits are kept; they are
-computed with MuJoCo, which shares no code with the solver. Where mink is installed, it solves the
-same problems, with the same starts and numbers of steps, as one `FrameTask` and one
-`RelativeFrameTask`; to compare without changing this environment:
+A solution counts if both residuals are below 0.01 mm and 0.006°, and within the joint limits;
+residuals are computed with MuJoCo, which shares no code with the solver. If mink is installed, it
+solves the same problems, with the same starts and numbers of steps, as one `FrameTask` and one
+`RelativeFrameTask`. To compare without changing this environment:
 
     python -m venv /tmp/with_mink && /tmp/with_mink/bin/pip install -e . mink daqp
     /tmp/with_mink/bin/python -m benchmarks.multi_arm_ik
 
-Times are of the CPU, as the machine may have other work.
+Times are CPU times, because the machine may be busy.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ class Problem:
 
 
 class PairJudge:
-    """Tool poses of one pair of robots by MuJoCo."""
+    """Tool poses of one pair of robots, computed by MuJoCo."""
 
     def __init__(self, robots: tuple[str, str]) -> None:
         self.robots = {f"arm{i}": load_robot(name) for i, name in enumerate(robots, start=1)}
@@ -70,16 +71,16 @@ class PairJudge:
         return problem.bases[arm] @ self._judges[arm].tool(q)
 
     def residuals(self, problem: Problem, q: Configurations) -> tuple[float, float]:
-        """Largest distance in m and angle in rad of the tool and the relative pose."""
+        """Larger errors of the first tool's pose and of the relative pose, in m and rad."""
         one, two = (self.tool(problem, arm, q[arm]) for arm in ("arm1", "arm2"))
-        seen = one.inverse @ two
+        relative = one.inverse @ two
         return (
-            max(one.distance(problem.target), seen.distance(problem.relative)),
-            max(one.angle(problem.target), seen.angle(problem.relative)),
+            max(one.distance(problem.target), relative.distance(problem.relative)),
+            max(one.angle(problem.target), relative.angle(problem.relative)),
         )
 
     def solved(self, problem: Problem, q: Configurations) -> bool:
-        """Whether an answer is exact and within the position limits."""
+        """Whether a solution is exact and within the position limits."""
         inside = all(
             np.all(q[arm] >= robot.limits.lower) and np.all(q[arm] <= robot.limits.upper)
             for arm, robot in self.robots.items()
@@ -87,8 +88,8 @@ class PairJudge:
         return inside and EXACT.holds(self.residuals(problem, q))
 
 
-def drawn(robots: tuple[str, str], judge: PairJudge, rng: np.random.Generator) -> Problem:
-    """A problem of a pair of robots that has a solution."""
+def draw(robots: tuple[str, str], judge: PairJudge, rng: np.random.Generator) -> Problem:
+    """A random solvable problem of a pair of robots."""
     bearing, turn = rng.uniform(-np.pi, np.pi, 2)
     away = rng.uniform(0.6, 1.2)
     second = (away * np.cos(bearing), away * np.sin(bearing), rng.uniform(-0.2, 0.2))
@@ -107,7 +108,7 @@ def homes(judge: PairJudge) -> dict[str, Vector]:
 
 
 def ours(problem: Problem, judge: PairJudge) -> Callable[[], Configurations | None]:
-    """This project's solver, set up for a problem."""
+    """The solver of this project, set up for a problem."""
     arms = {arm: (robot, problem.bases[arm]) for arm, robot in judge.robots.items()}
     kinematics = MultiArmKinematics(arms)
     grasps = {"arm1": Pose.identity(), "arm2": problem.relative}
@@ -126,7 +127,7 @@ def ours(problem: Problem, judge: PairJudge) -> Callable[[], Configurations | No
 def minks(problem: Problem, judge: PairJudge) -> Callable[[], Configurations | None]:
     """The solver mink, set up for a problem, with the same number and kind of starts and steps.
 
-    It takes the first answer; ours looks for three and takes the nearest.
+    It takes the first solution; ours searches for three and takes the nearest.
     """
     import mink
 
@@ -203,32 +204,32 @@ def main() -> None:
     pairs = list(itertools.combinations_with_replacement(MEASURED, 2))
     judges: dict[tuple[str, str], PairJudge] = {}
     solvers = ["ours"] if importlib.util.find_spec("mink") is None else ["ours", "mink"]
-    took: dict[str, list[float]] = {who: [] for who in solvers}
-    residuals: dict[str, list[tuple[float, float]]] = {who: [] for who in solvers}
+    took: dict[str, list[float]] = {solver: [] for solver in solvers}
+    residuals: dict[str, list[tuple[float, float]]] = {solver: [] for solver in solvers}
     wrong = dict.fromkeys(solvers, 0)
     for number in range(arguments.targets):
         first, second = pairs[number % len(pairs)]
         rng = np.random.default_rng((arguments.seed, number))
         robots = (first, second)
         judge = judges.setdefault(robots, PairJudge(robots))
-        problem = drawn(robots, judge, rng)
-        for who in solvers:
-            solve = SOLVERS[who](problem, judge)
+        problem = draw(robots, judge, rng)
+        for solver in solvers:
+            solve = SOLVERS[solver](problem, judge)
             began = time.thread_time()
             q = solve()
-            took[who].append(1e3 * (time.thread_time() - began))
+            took[solver].append(1e3 * (time.thread_time() - began))
             if q is None:
                 continue
             if judge.solved(problem, q):
-                residuals[who].append(judge.residuals(problem, q))
+                residuals[solver].append(judge.residuals(problem, q))
             else:
-                wrong[who] += 1
-    for who in solvers:
-        far, turned = np.array(residuals[who]).reshape(-1, 2).T
-        times = np.array(took[who])
+                wrong[solver] += 1
+    for solver in solvers:
+        far, turned = np.array(residuals[solver]).reshape(-1, 2).T
+        times = np.array(took[solver])
         print(
-            f"{who}: {100 * len(far) / arguments.targets:.1f} % of {arguments.targets} solved, "
-            f"{wrong[who]} wrongly said to be; median {np.median(times):.1f} ms, "
+            f"{solver}: {100 * len(far) / arguments.targets:.1f} % of {arguments.targets} solved, "
+            f"{wrong[solver]} falsely reported as solved; median {np.median(times):.1f} ms, "
             f"95 % {np.quantile(times, 0.95):.1f} ms; residual median "
             f"{1e6 * np.median(far):.3f} µm, "
             f"largest {1e6 * far.max():.3f} µm and {np.degrees(turned.max()):.5f}°"

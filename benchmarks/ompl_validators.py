@@ -1,19 +1,19 @@
-"""Which part of planning OMPL does as fast as compiled code: python -m benchmarks.ompl_validators.
+"""Planning with OMPL versus compiled code: python -m benchmarks.ompl_validators.
 
     python -m benchmarks.ompl_validators [--problems N] [--seed N] [--quick]
 
-Problems of `scene_problems` whose straight path is not free, each solved in turn by
+Problems of `scene_problems` whose straight path is not free are each solved by
 
-- `both`: OMPL's RRT-Connect for up to 500 checks, then the compiled one; the product;
+- `both`: OMPL's RRT-Connect for up to 500 checks, then the compiled one, as in the package;
 - `compiled`: the compiled RRT-Connect alone;
 - `OMPL`: OMPL's RRT-Connect alone, for up to 30,000 checks;
 - `AORRTC`, `BITstar`, `InformedRRTstar`: a planner of OMPL that optimizes, for ``INFORMED`` checks,
   or ten times as many if it has no path by then.
 
-All of them check edges with compiled distances and shorten paths with OMPL's simplifier. Printed,
-of CPU time in one process: share solved, median and 95 %, both also as a ratio to `compiled`, and
-the length of the paths as a ratio to it. Then the profile: what the binding of an edge check costs
-beside the check itself, and how many there are.
+All of them check edges with compiled distances and shorten paths with OMPL's simplifier. Prints the
+success rate, median and 95th percentile of the CPU time in one process, and the path length; times
+and lengths also as ratios to `compiled`. Then prints the number of edge checks, and the cost of
+their Python binding relative to the checks themselves.
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ from bt_dualarm.planning.path_search import (
 from bt_dualarm.planning.problem import PlanningProblem, admitted, is_free, path_around
 
 INFORMED: Final = 1_000
-"""Number of checks of the planners that optimize; `both` takes about 700."""
+"""Number of checks of the optimizing planners; `both` takes about 700."""
 
 EDGES: Final = ((1.0, 2_000), (0.5, 10_000), (0.3, 30_000))
-"""Longest edge of OMPL's trees alone, m, and the number of checks after which the next begins."""
+"""Longest edge of OMPL's trees, m, and the number of checks after which the next entry applies."""
 
 
 @dataclass
@@ -56,7 +56,7 @@ class Trial:
         length: Length of the path, m; None if there is none.
         checks: Number of configurations checked.
         edges: Number of edges checked.
-        edge_s: CPU time of these, with the call of the kernel, without the binding.
+        edge_s: CPU time of edge checks, with the kernel call, without the binding, s.
     """
 
     seconds: float
@@ -73,7 +73,7 @@ class TimedEdges(CompiledEdges):
     seconds = 0.0
 
     def is_free(self, start: Matrix, end: Matrix) -> bool:
-        """As in the base class."""
+        """Time the check of the base class."""
         began = time.process_time()
         free = super().is_free(start, end)
         self.seconds += time.process_time() - began
@@ -82,7 +82,7 @@ class TimedEdges(CompiledEdges):
 
 
 def by_both(problem: PlanningProblem, arm: ArmChecks, edges: CompiledEdges) -> Matrix | None:
-    """The product's path."""
+    """Path of the package."""
     del arm, edges
     try:
         return path_around(problem).corners
@@ -91,7 +91,7 @@ def by_both(problem: PlanningProblem, arm: ArmChecks, edges: CompiledEdges) -> M
 
 
 def by_compiled(problem: PlanningProblem, arm: ArmChecks, edges: CompiledEdges) -> Matrix | None:
-    """Shortest of three paths, as `both` takes them."""
+    """Shortest of three paths, like `both`."""
     radii = arm.checker.radii
     paths: list[Matrix] = []
     while len(paths) < 3 and (not paths or edges.checked < 500):
@@ -107,7 +107,7 @@ def by_compiled(problem: PlanningProblem, arm: ArmChecks, edges: CompiledEdges) 
 
 
 def by_ompl(problem: PlanningProblem, arm: ArmChecks, edges: CompiledEdges) -> Matrix | None:
-    """First path of OMPL's RRT-Connect, with shorter and shorter edges."""
+    """First path of OMPL's RRT-Connect, with successively shorter edges."""
     del edges
     for number, (longest, checks) in enumerate(EDGES):
         arm.budget.limit = checks
@@ -121,7 +121,7 @@ def by_ompl(problem: PlanningProblem, arm: ArmChecks, edges: CompiledEdges) -> M
 def by_informed(
     name: Planner,
 ) -> Callable[[PlanningProblem, ArmChecks, CompiledEdges], Matrix | None]:
-    """Path of an optimizing planner, which uses up its checks."""
+    """Path of an optimizing planner, which uses all of its checks."""
 
     def solve(problem: PlanningProblem, arm: ArmChecks, edges: CompiledEdges) -> Matrix | None:
         del edges
@@ -147,19 +147,19 @@ METHODS: Final = {
 
 
 def trial(method: str, problem: PlanningProblem) -> Trial:
-    """One problem by one method; the preparation of the shapes is part of its time."""
+    """One problem solved by one method; the time includes the preparation of the shapes."""
     began = time.process_time()
     edges = TimedEdges(swept_arm(problem.checker, (problem.start, *problem.goals)))
     arm = ArmChecks(problem.checker, edges, problem.limits, Budget(lambda: False))
     if method == "both":
-        began = time.process_time()  # which prepares them itself
+        began = time.process_time()  # it prepares the shapes itself
     path = METHODS[method](problem, arm, edges)
     seconds = time.process_time() - began
     length = None if path is None else path_length(path, problem.checker.radii)
     return Trial(seconds, length, edges.checked, edges.calls, edges.seconds)
 
 
-def searched(seed: int) -> Iterator[PlanningProblem]:
+def problems_to_search(seed: int) -> Iterator[PlanningProblem]:
     """Problems that need a search, with shapes that the kernels support."""
     for _, _, problem in scene_problems(seed):
         try:
@@ -172,7 +172,7 @@ def searched(seed: int) -> Iterator[PlanningProblem]:
 
 
 def row(name: str, trials: list[Trial], reference: list[Trial]) -> str:
-    """One method's line of the table."""
+    """Table row of one method."""
     median, p95 = np.percentile([one.seconds for one in trials], (50, 95))
     least, most = np.percentile([one.seconds for one in reference], (50, 95))
     ratios = [
@@ -188,21 +188,21 @@ def row(name: str, trials: list[Trial], reference: list[Trial]) -> str:
 
 
 def profile(trials: list[Trial]) -> str:
-    """Where the time of OMPL's search goes."""
+    """Profile of OMPL's search, as text."""
     edges = sum(one.edges for one in trials)
     checks = sum(one.checks for one in trials)
     seconds = sum(one.seconds for one in trials)
     inside = sum(one.edge_s for one in trials)
     return (
-        f"OMPL alone: {edges / len(trials):.0f} edges a problem "
+        f"OMPL alone: {edges / len(trials):.0f} edges per problem "
         f"(median {np.median([one.edges for one in trials]):.0f}), "
-        f"{checks / edges:.1f} configurations an edge; {1e6 * inside / edges:.1f} us an edge in "
-        f"the compiled check and its call, {1e6 * (seconds - inside) / edges:.1f} us in all else"
+        f"{checks / edges:.1f} configurations per edge; {1e6 * inside / edges:.1f} us per edge in "
+        f"the compiled check and its call, {1e6 * (seconds - inside) / edges:.1f} us elsewhere"
     )
 
 
 def binding_costs(problem: PlanningProblem) -> str:
-    """Costs of one crossing from OMPL into Python, of a state, and of the kernel's call."""
+    """Costs of one callback from OMPL into Python, of a state, and of a kernel call, as text."""
     edges = CompiledEdges(swept_arm(problem.checker, (problem.start, *problem.goals)))
     arm = ArmChecks(problem.checker, edges, problem.limits, Budget(lambda: False))
     search = OmplSearch(arm, problem.start, problem.goals, 1)
@@ -237,13 +237,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--problems", type=int, default=100)
     parser.add_argument("--seed", type=int, default=501)
-    parser.add_argument("--quick", action="store_true", help="without the planners that optimize")
+    parser.add_argument("--quick", action="store_true", help="without the optimizing planners")
     arguments = parser.parse_args()
     names = list(METHODS)[: 3 if arguments.quick else None]
     results: dict[str, list[Trial]] = {name: [] for name in names}
-    for number, problem in enumerate(searched(arguments.seed)):
+    for number, problem in enumerate(problems_to_search(arguments.seed)):
         if number == 0:
-            for name in names:  # the first one only imports what the others need
+            for name in names:  # the first problem only triggers imports
                 trial(name, problem)
             costs = binding_costs(problem)
             continue

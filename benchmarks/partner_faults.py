@@ -1,19 +1,19 @@
-"""Faults of one partner at every tick of a handover and of a carry.
+"""Faults of one arm at every tick of a handover and of a joint carry.
 
     python -m benchmarks.partner_faults [--stride 1] [--tasks handover carry] [--reality lab]
     python -m benchmarks.partner_faults --tasks carry --only 412 --kind crash --arm arm2
 
 The shipped trees `handover` (its first handover) and `carry_together` are played once without a
 fault, and then again with one fault at each tick, or at each ``--stride``-th one: the arm is
-halted, its skill crashes, it is removed, it loses its grip, or the goal of the other one moves: the
-bar slides by 15 mm in the giver's hand, and what the beam is to be set down on sinks by 50 mm.
-Kinds and arms take turns; with ``--all`` each tick has all of them.
+halted, its skill crashes, it is removed, it loses its grip, or the goal of the other arm moves: the
+bar slides by 15 mm in the giver's hand, or the supports of the beam sink by 50 mm. Fault kinds and
+arms alternate; with ``--all`` each tick has all of them.
 
-Judged by the true state of the simulation: the other arm's leaf has to end with a success or a
-reason, the object must not fall by more than 2 cm, and the force between the arms must keep its
-limit: 20 N in a handover, in a carry the 60 N at which its leaves fail. A fall is unavoidable where
-the arm that is removed or loses its grip holds the object alone; of the beam, which no arm can hold
-alone, wherever it does so in the air. Exit code 1 if one of this is violated.
+Three laws are checked with the true state of the simulation: the other arm's leaf has to end with
+success or a reason, the object must not fall by more than 2 cm, and the force between the arms must
+stay within its limit: 20 N in a handover, in a carry the 60 N at which its leaves fail. A fall is
+unavoidable if the arm that is removed or loses its grip holds the object alone; for the beam, which
+no arm can hold alone, whenever it is in the air. Exits with code 1 if a law is violated.
 """
 
 from __future__ import annotations
@@ -48,23 +48,23 @@ KINDS: Final = ("halt", "crash", "removal", "lost_grip", "moved_goal")
 ARMS: Final = ("arm1", "arm2")
 TICK_S: Final = 0.02
 LONGEST_S: Final = 25.0
-"""Time after the end of the run without a fault in which the other arm has to end, s."""
+"""Time after the end of the faultless run by which the other arm has to end, s."""
 
 SLID_M: Final = 0.015
 SUNK_M: Final = 0.05
 RAISED_M: Final = 0.005
-"""Height above its supports from which on the beam is in the air, m."""
+"""Height above the initial one at which the beam counts as in the air, m."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """What two arms do together.
+    """A task of two arms.
 
     Attributes:
         name: Name of the task.
         skills: Skill of each arm.
         obj: Name of the object.
-        supports: Names of what it is set down on.
+        supports: Names of the objects on which it is set down.
         held_alone: Whether one arm can hold it.
         limit_n: Largest force between the arms, N.
     """
@@ -77,7 +77,7 @@ class Task:
     limit_n: float
 
     def tree(self, reality: str, seed: int) -> Tree:
-        """Tree file without what comes before and after for the sake of the example."""
+        """Tree file of the shipped example, cut off after the last leaf of the skill."""
         shipped = "handover" if self.name == "handover" else "carry_together"
         text = Path(share_dir("trees") / f"{shipped}.yaml").read_text(encoding="utf-8")
         file: Tree = yaml.safe_load(text)
@@ -104,7 +104,7 @@ TASKS: Final = {
 
 @dataclass(frozen=True)
 class Fault:
-    """Something that goes wrong with one arm.
+    """A fault of one arm.
 
     Attributes:
         kind: One of `KINDS`.
@@ -126,12 +126,12 @@ class Fault:
 
 
 @dataclass(frozen=True)
-class Judged:
+class PlayedTask:
     """A played task.
 
     Attributes:
         result: Result of the run.
-        referee: What happened truly.
+        referee: True contacts.
         began_s: Simulated time at which both leaves have begun, s.
         excused: Whether a fall is unavoidable.
     """
@@ -147,7 +147,9 @@ class Judged:
         return runs[-1] if runs else None
 
 
-def play(task: Task, tree: Tree, skills: Registry, longest_s: float, fault: Fault | None) -> Judged:
+def play(
+    task: Task, tree: Tree, skills: Registry, longest_s: float, fault: Fault | None
+) -> PlayedTask:
     """Play a task.
 
     Args:
@@ -155,7 +157,7 @@ def play(task: Task, tree: Tree, skills: Registry, longest_s: float, fault: Faul
         tree: Its tree file, which is changed.
         skills: Skills.
         longest_s: Simulated time after which the run ends, s.
-        fault: Fault to make, if any.
+        fault: Fault to inject, if any.
     """
     if fault is not None and fault.kind == "halt":
         arm = tree["arms"][fault.arm]
@@ -170,7 +172,7 @@ def play(task: Task, tree: Tree, skills: Registry, longest_s: float, fault: Faul
         run.world.on_forces.append(referee.on_forces)
         if fault is not None and fault.kind == "crash":
             stack.enter_context(crashing(skills, task.skills[fault.arm], fault))
-        lies = float(run.world.object_pose(task.obj).position[2])
+        initial_height = float(run.world.object_pose(task.obj).position[2])
         pending = fault
         while not run.done:
             run.step(TICK_S)
@@ -180,10 +182,10 @@ def play(task: Task, tree: Tree, skills: Registry, longest_s: float, fault: Faul
             if pending is None or run.done or run.time < pending.time_s - 1e-9:
                 continue
             other = ARMS[pending.arm == ARMS[0]]
-            in_air = run.world.object_pose(task.obj).position[2] > lies + RAISED_M
+            in_air = run.world.object_pose(task.obj).position[2] > initial_height + RAISED_M
             if pending.kind in ("removal", "lost_grip"):
                 excused = not referee.holds(other) or (in_air and not task.held_alone)
-            interfere(run.world, task, pending, in_air=bool(in_air))
+            apply_fault(run.world, task, pending, in_air=bool(in_air))
             pending = None
         result = run.result
     starts = [
@@ -192,17 +194,17 @@ def play(task: Task, tree: Tree, skills: Registry, longest_s: float, fault: Faul
         for leaf in result.arms[arm].runs
         if leaf.skill == skill
     ]
-    return Judged(result, referee, max(starts, default=0.0), excused)
+    return PlayedTask(result, referee, max(starts, default=0.0), excused)
 
 
-def interfere(world: World, task: Task, fault: Fault, *, in_air: bool) -> None:
-    """Do to the world what a fault does; a halt or a crash changes nothing there."""
+def apply_fault(world: World, task: Task, fault: Fault, *, in_air: bool) -> None:
+    """Apply a fault to the world; a halt or a crash changes nothing there."""
     if fault.kind == "removal" and fault.arm in world.arms:
         world.remove_arm(fault.arm)
     elif fault.kind == "lost_grip":
         hand = world.grippers[fault.arm]
-        page = hand.gripper
-        hand.command(GripperCommand(page.stroke, page.speed.most, page.force.most))
+        spec = hand.gripper
+        hand.command(GripperCommand(spec.stroke, spec.speed.most, spec.force.most))
     elif fault.kind == "moved_goal" and task.supports:
         for name in task.supports if in_air else ():
             world.model.body_pos[world.object_body(name), 2] -= SUNK_M
@@ -214,29 +216,29 @@ def interfere(world: World, task: Task, fault: Fault, *, in_air: bool) -> None:
 
 @contextmanager
 def crashing(skills: Registry, name: str, fault: Fault) -> Iterator[None]:
-    """Let the skill of an arm raise an error at the tick of a fault."""
+    """Make the skill of an arm raise an error at the tick of the fault."""
     skill = skills.skills[name]
-    runs = skill.run
+    original = skill.run
 
     def crash(self: Skill) -> Iterator[object]:
-        going: Any = runs(self)  # Any: a generator, which the declared type does not say
+        steps: Any = original(self)  # Any: a generator, although declared as an iterator
         try:
-            for progress in going:
+            for progress in steps:
                 if self.arm.name == fault.arm and self.time >= fault.time_s - 1e-9:
-                    going.throw(RuntimeError("a bug"))
+                    steps.throw(RuntimeError("a bug"))
                 yield progress
         finally:
-            going.close()
+            steps.close()
 
     skill.run = crash  # type: ignore[method-assign]
     try:
         yield
     finally:
-        skill.run = runs  # type: ignore[method-assign]
+        skill.run = original  # type: ignore[method-assign]
 
 
 class Tally:
-    """What was found in one task.
+    """Results of one task.
 
     Attributes:
         violations: Number of violated laws, by law.
@@ -251,7 +253,7 @@ class Tally:
         self.violations = Counter[str]()
 
     def judge(self, fault: Fault, found: dict[str, Any]) -> None:
-        """Add what `faulty` has found, and print a line on it."""
+        """Add a result of `faulty`, and print a line about it."""
         self._count += 1
         self._forces.append(found["force_n"])
         self._codes[f"{fault.kind}: {found['ended']}"] += 1
@@ -289,7 +291,7 @@ def faults_of(options: argparse.Namespace, began_s: float, ended_s: float) -> It
     if options.only is not None:
         yield Fault(options.kind, options.arm, options.only)
         return
-    # Neighboring ticks differ in their kind, and a full turn in the arm.
+    # Successive ticks differ in the kind; after all kinds, the arm changes.
     turns = itertools.cycle([(kind, arm) for arm in ARMS for kind in KINDS])
     first = int(np.ceil(began_s / TICK_S)) + 1 + options.offset
     for tick in range(first, int(ended_s / TICK_S), options.stride):
@@ -298,26 +300,26 @@ def faults_of(options: argparse.Namespace, began_s: float, ended_s: float) -> It
 
 
 def faultless(task: str, reality: str, seed: int) -> dict[str, float] | None:
-    """When both leaves have begun and ended without a fault, s; None if one of them fails."""
+    """Times at which both leaves begin and end without a fault, s; None if one of them fails."""
     one = TASKS[task]
-    whole = play(one, one.tree(reality, seed), registry(), 120.0, None)
-    leaves = [whole.leaf(arm, one.skills[arm]) for arm in ARMS]
+    intact = play(one, one.tree(reality, seed), registry(), 120.0, None)
+    leaves = [intact.leaf(arm, one.skills[arm]) for arm in ARMS]
     if any(leaf is None or leaf.status != "SUCCESS" for leaf in leaves):
         return None
     ended_s = max(leaf.ended_s or 0.0 for leaf in leaves if leaf is not None)
-    return {"began_s": whole.began_s, "ended_s": ended_s}
+    return {"began_s": intact.began_s, "ended_s": ended_s}
 
 
 def faulty(
     task: str, reality: str, seed: int, longest_s: float, kind: str, arm: str, tick: int
 ) -> dict[str, Any]:
-    """What comes of a run with a fault, and the laws that it violates."""
+    """Outcome of a run with a fault, and the laws that it violates."""
     one = TASKS[task]
     fault = Fault(kind, arm, tick)
-    judged = play(one, one.tree(reality, seed), registry(), longest_s, fault)
-    referee = judged.referee
+    played = play(one, one.tree(reality, seed), registry(), longest_s, fault)
+    referee = played.referee
     other = ARMS[arm == ARMS[0]]
-    leaf = judged.leaf(other, one.skills[other])
+    leaf = played.leaf(other, one.skills[other])
     laws: list[str] = []
     ended = "ended before"  # its tree failed earlier, for example in the grasp
     if leaf is not None:
@@ -325,7 +327,7 @@ def faulty(
         has_ended = leaf.status == "SUCCESS" or bool(leaf.code and leaf.reason)
         if not has_ended or leaf.code in ("HALTED", "EXCEPTION"):
             laws.append("not ended")
-    if referee.fell_m > FELL_M and not judged.excused:
+    if referee.fell_m > FELL_M and not played.excused:
         laws.append("fell")
     if referee.force_n > one.limit_n:
         laws.append("force")
@@ -339,7 +341,7 @@ def faulty(
         "reason": "" if leaf is None else leaf.reason,
         "force_n": referee.force_n,
         "fell_m": referee.fell_m,
-        "excused": judged.excused,
+        "excused": played.excused,
     }
 
 
@@ -352,7 +354,7 @@ def main() -> int:
     parser.add_argument("--all", action="store_true", help="each kind and arm at each tick")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--reality", default="lab", choices=("ideal", "lab", "rough"))
-    parser.add_argument("--only", type=int, help="the one tick, with --kind and --arm")
+    parser.add_argument("--only", type=int, help="play only this tick, with --kind and --arm")
     parser.add_argument("--kind", choices=KINDS, default="halt")
     parser.add_argument("--arm", choices=ARMS, default="arm1")
     add_options(parser)
@@ -364,17 +366,17 @@ def main() -> int:
 def run_tasks(options: argparse.Namespace, campaign: Campaign) -> int:
     """Play the faults of each task and print the figures; returns the exit code."""
     is_bad = False
-    words = {"reality": options.reality, "seed": options.seed}
-    cases = [{"task": name, **words} for name in options.tasks]
-    for case, whole in list(campaign.run(faultless, cases)):
-        if whole is None:
+    settings = {"reality": options.reality, "seed": options.seed}
+    cases = [{"task": name, **settings} for name in options.tasks]
+    for case, intact in list(campaign.run(faultless, cases)):
+        if intact is None:
             print(f"{case['task']} fails without a fault")
             is_bad = True
             continue
         tally = Tally(TASKS[case["task"]])
-        faults = faults_of(options, whole["began_s"], whole["ended_s"])
-        same = {**case, "longest_s": whole["ended_s"] + LONGEST_S}
-        for one, found in campaign.run(faulty, [{**same, **asdict(fault)} for fault in faults]):
+        faults = faults_of(options, intact["began_s"], intact["ended_s"])
+        common = {**case, "longest_s": intact["ended_s"] + LONGEST_S}
+        for one, found in campaign.run(faulty, [{**common, **asdict(fault)} for fault in faults]):
             tally.judge(Fault(one["kind"], one["arm"], one["tick"]), found)
         tally.report()
         is_bad = is_bad or bool(tally.violations)

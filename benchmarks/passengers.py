@@ -1,16 +1,16 @@
-"""Arms carry containers with something in them: arrival, and whether it stays where it was.
+"""Arms carry loaded containers: success rate, and motion of the contents.
 
     python -m benchmarks.passengers [--arms 1 2] [--cases 60] [--reality lab] [--seed 0]
 
 With one arm, a bin, tray, cup, bowl, plate or block is grasped, carried past a random pose and set
 down at another. With two arms, a tray, a board or a compound with handles is carried together along
-a random path. On them stand one to three cubes, cans or balls. Robots, with the grippers that fit,
-masses, poses and the speed (0.5 or 1.0) are drawn from the seed.
+a random path. One to three cubes, cans or balls stand on the carrier. Robots with suitable
+grippers, masses, poses and the speed (0.5 or 1.0) depend on the seed.
 
-A case counts as carried where the run succeeds; as refused where the object was not lifted. What
-stood on it may not have fallen, whatever the outcome says: a false success is one after which
-something is more than 10 mm lower on the carrier than anything stood before. Asked for: none of
-them, and 90 % of what was lifted; exit code 1 if that is missed.
+A case counts as carried if the run succeeds, and as refused if the carrier was not lifted. A
+success is false if an object is then more than 10 mm lower on the carrier than the lowest one was
+at the start. Goals: no false success, and 90 % of the lifted carriers carried; exits with code 1 if
+one is missed.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ STAND = 0.5
 
 REFUSED = ("OUT_OF_REACH", "TOO_HEAVY", "TOO_WIDE", "NO_FACE", "INVALID_TARGET")
 FELL_M = 0.010
-ASKED = 0.9
+GOAL_SHARE = 0.9
 
 CARRIERS: dict[str, tuple[str, list[float], float]] = {
     "bin": ("bin", [0.16, 0.12, 0.06], 0.003),
@@ -53,11 +53,11 @@ CARRIERS: dict[str, tuple[str, list[float], float]] = {
     "plate": ("box", [0.16, 0.06, 0.02], 0.02),
     "block": ("box", [0.05, 0.05, 0.05], 0.05),
 }
-"""What one arm carries: shape, size, and the height on which things stand, m."""
+"""Carriers for one arm: shape, size in m, and the height on which objects stand, m."""
 
 
 def rider(kind: str, rng: np.random.Generator, place: list[float], turn: float = 0.0) -> Tree:
-    """An object that stands at a place on the carrier, whose height is that of the surface."""
+    """An object that stands on the carrier's surface at ``place``, x, y and z in m."""
     shapes: dict[str, tuple[str, list[float], float]] = {
         "cube": ("box", [0.03, 0.03, 0.03], 0.015),
         "can": ("cylinder", [0.02, 0.07], 0.035),
@@ -71,7 +71,7 @@ def rider(kind: str, rng: np.random.Generator, place: list[float], turn: float =
 
 
 def for_one(seed: int, reality: str) -> Tree:
-    """Tree file in which one arm carries something loaded across a table."""
+    """Tree file in which one arm carries a loaded container across a table."""
     rng = np.random.default_rng(seed)
     robot = str(rng.choice(list(HANDS)))
     kind = str(rng.choice(list(CARRIERS)))
@@ -94,7 +94,7 @@ def for_one(seed: int, reality: str) -> Tree:
     above = {"xyz": [to_x, 0.1, TOP + 0.2]}
     goal = {"xyz": [to_x, to_y, TOP + 0.5 * height], "rpy": [0, 0, turn]}
     speed = float(rng.choice([0.5, 1.0]))
-    job = [
+    leaves_of_arm = [
         {"grasp": {"object": "carrier"}},
         {"transport": {"object": "carrier", "to": above, "speed": speed}},
         {"place": {"object": "carrier", "at": goal}},
@@ -111,14 +111,14 @@ def for_one(seed: int, reality: str) -> Tree:
                 "robot": robot,
                 "gripper": HANDS[robot],
                 "base": {"xyz": [0, 0, TOP]},
-                "tree": {"sequence": job},
+                "tree": {"sequence": leaves_of_arm},
             }
         },
     }
 
 
 def for_two(seed: int, reality: str) -> Tree:
-    """Tree file in which two arms carry something loaded together."""
+    """Tree file in which two arms carry a loaded container together."""
     rng = np.random.default_rng(seed)
     robots = [str(rng.choice([one for one in HANDS if one != "ur3"])) for _ in range(2)]
     kind = str(rng.choice(["tray", "board", "handles"]))
@@ -175,27 +175,27 @@ def for_two(seed: int, reality: str) -> Tree:
     }
 
 
-def carried(arms: int, reality: str, seed: int) -> dict[str, Any]:
-    """Perform a run: its outcome, and how far things have moved on the carrier."""
+def carry(arms: int, reality: str, seed: int) -> dict[str, Any]:
+    """Simulate a run: its outcome, and how far the objects have moved on the carrier."""
     with bt.open((for_one, for_two)[arms - 1](seed, reality)) as run:
         world = run.world
         names = [name for name in world.objects if name.startswith("rider")]
 
-        def places() -> dict[str, bt.Pose]:
-            lies = world.object_pose("carrier").inverse
-            return {name: lies @ world.object_pose(name) for name in names}
+        def poses_on_carrier() -> dict[str, bt.Pose]:
+            from_world = world.object_pose("carrier").inverse
+            return {name: from_world @ world.object_pose(name) for name in names}
 
         run.step(0.5)  # they settle
-        before = places()
+        before = poses_on_carrier()
         result = run.finish()
-        after = places()
+        after = poses_on_carrier()
     leaves = [
         leaf for arm in result.arms.values() for leaf in arm.runs if leaf.code not in ("", None)
     ]
     first = min(leaves, key=lambda leaf: leaf.ended_s or 0.0, default=None)
     lifted = first is None or first.code not in REFUSED
     moved = [before[name].distance(after[name]) for name in names]
-    # A ball on another one comes to rest beside it.
+    # A ball that starts on another one comes to rest beside it.
     low = min(pose.position[2] for pose in before.values()) - FELL_M
     fell = [name for name in names if after[name].position[2] < low]
     return {
@@ -212,7 +212,7 @@ def carried(arms: int, reality: str, seed: int) -> dict[str, Any]:
 
 
 def main() -> int:
-    """Print what was found; returns the exit code."""
+    """Print the results; returns the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--arms", type=int, nargs="+", default=[1, 2], choices=[1, 2])
     parser.add_argument("--cases", type=int, default=60)
@@ -230,14 +230,14 @@ def main() -> int:
             outcomes: Counter[str] = Counter()
             moved: list[float] = []
             false = 0
-            for given, found in campaign.run(carried, cases):
-                carried_it = found["carried"]
-                kind = "carried" if carried_it else found["code"]
+            for given, found in campaign.run(carry, cases):
+                is_carried = found["carried"]
+                kind = "carried" if is_carried else found["code"]
                 outcomes[kind if found["lifted"] else f"refused: {kind}"] += 1
-                if carried_it:
+                if is_carried:
                     moved += found["moved_m"]
                     false += bool(found["fell"])
-                if not carried_it or found["fell"]:
+                if not is_carried or found["fell"]:
                     fell = f"  fell: {', '.join(found['fell'])}" if found["fell"] else ""
                     print(f"  {given['seed']} {found['name']}: {found['said']}{fell}")
             lifted = sum(n for kind, n in outcomes.items() if not kind.startswith("refused"))
@@ -246,11 +246,11 @@ def main() -> int:
             print(
                 f"{arms} arm{'s' if arms > 1 else ''}, {options.reality}: {outcomes['carried']} of "
                 f"{lifted} that were lifted were carried ({100 * share:.0f} %), false successes: "
-                f"{false}; things moved on them by {np.median(millimeters):.1f} mm (median), "
+                f"{false}; objects moved on them by {np.median(millimeters):.1f} mm (median), "
                 f"{np.quantile(millimeters, 0.95):.1f} mm (95 %)"
             )
             print(f"  {dict(outcomes)}")
-            good &= share >= ASKED and not false
+            good &= share >= GOAL_SHARE and not false
     return 0 if good else 1
 
 

@@ -1,12 +1,13 @@
-"""Curves in a world that is not its model: how far the tool is from its plan, how soon it rests.
+"""Path error and settling time of curves with an arm that deviates from its model.
 
     python -m benchmarks.path_reality [--robots ur5 panda] [--sets ideal lab rough] [--seeds 10]
 
-A circle of 0.1 m and a 1:2 Lissajous curve at speed 1.0, without a load, with 1 kg that the
-controller is told of, with 1 kg that it is not. A seed is one robot of the batch. The distance is
-that of the simulator's tool from where it was planned to be at the same time, over all set-points;
-the time is that from the last set-point until the arm stands on it, as a motion's end asks for, by
-its encoders. Asked for: lab 0.10 mm RMS and 0.3 mm at most, rough 0.3 and 1.0, 0.3 s, no failure.
+A circle of 0.1 m and a 1:2 Lissajous curve at speed 1.0, without a load, with 1 kg known to the
+controller, and with 1 kg unknown to it. A seed is one robot with its own deviations from the model.
+The error is the distance between the simulated tool and its planned position at the same time, over
+all set-points; the settling time is that from the last set-point until the encoders meet the
+criterion for the end of a motion. Goals: 0.10 mm RMS and at most 0.3 mm in `lab`, 0.3 and 1.0 mm in
+`rough`, 0.3 s, no failure.
 """
 
 from __future__ import annotations
@@ -36,14 +37,19 @@ from bt_dualarm.trajectory.trajectory import Trajectory
 
 PERIOD = 0.004
 LOADS = ("none", "known", "unknown")
-_STEADY_S = 0.3  # that it stands at the curve's start
+_STEADY_S = 0.3  # time for which it stands at the curve's start
 
 
 @dataclass(frozen=True)
 class Figures:
-    """What one robot of the batch did on one curve: mm, s, and why it failed if it did.
+    """Errors of one robot on one curve in mm, and its settling time in s.
 
-    ``thirds`` are RMS of the curve's first, second and last third.
+    Attributes:
+        rms: RMS error over all set-points, mm.
+        worst: Largest error, mm.
+        rest: Time from the last set-point until the arm rests there, s.
+        fault: Reason of a failure, or empty.
+        thirds: RMS errors of the first, second and last third of the curve, mm.
     """
 
     rms: float
@@ -54,7 +60,7 @@ class Figures:
 
 
 def measured(world: World, motion: Trajectory, planned: Matrix) -> Figures:
-    """Follow a motion and compare the true tool with the plan at each set-point's time.
+    """Follow a motion and compare the true tool position with the plan at each set-point.
 
     Args:
         world: World with the arm ``arm1`` at the motion's start.
@@ -63,11 +69,11 @@ def measured(world: World, motion: Trajectory, planned: Matrix) -> Figures:
     """
     controller = JointController(world, "arm1", PERIOD, Reservations())
     body = world.arms["arm1"]
-    every = round(PERIOD / world.timestep)
+    steps = round(PERIOD / world.timestep)
 
     def advance() -> None:
         controller.update(world.time)
-        for _ in range(every):
+        for _ in range(steps):
             world.step()
 
     limits = world.robots["arm1"].limits
@@ -82,8 +88,8 @@ def measured(world: World, motion: Trajectory, planned: Matrix) -> Figures:
         advance()
     began = world.time
     while world.time - began < SETTLE_S:
-        away = np.abs(world.hardware["arm1"].q - motion.q[-1]).max()
-        if controller.at_rest and away < SETTLED_RAD:
+        error = np.abs(world.hardware["arm1"].q - motion.q[-1]).max()
+        if controller.at_rest and error < SETTLED_RAD:
             break
         advance()
     distance = 1e3 * np.linalg.norm(np.array(true) - planned, axis=1)
@@ -107,15 +113,15 @@ def world_of(
     seed: int,
     kinds: Mapping[str, NodeType],
 ) -> World:
-    """The robot at the curve's start in a world of that reality, with the load at its tool.
+    """A world with the robot at the curve's start and the load at its tool.
 
     Args:
         name: Name of the robot.
         tool: Pose of its tool there.
         reality: Name of a set, or fields as in a file.
         load: One of `LOADS`.
-        seed: Robot of the batch.
-        kinds: Words and skills.
+        seed: Seed of the robot's deviations from the model.
+        kinds: Node types.
     """
     fields = {"set": reality} if isinstance(reality, str) else dict(reality)
     tree = {
@@ -147,7 +153,7 @@ def world_of(
 
 
 def curves(name: str) -> Iterator[tuple[Pose, Trajectory, Matrix]]:
-    """Where the tool begins, the motion of the joints and the planned tool positions of each."""
+    """Start pose of the tool, joint motion and planned tool positions of each curve."""
     robot = load_robot(name)
     kinematics = Kinematics(robot, BASE)
     start = robot.postures[POSTURES.get(name, "home")]
@@ -157,8 +163,8 @@ def curves(name: str) -> Iterator[tuple[Pose, Trajectory, Matrix]]:
         yield tool, motion, np.array([kinematics.matrix(q)[:3, 3] for q in motion.q])
 
 
-def followed(name: str, reality: str, load: str, curve: int, seed: int) -> dict[str, Any]:
-    """What one robot of the batch did on one curve."""
+def follow(name: str, reality: str, load: str, curve: int, seed: int) -> dict[str, Any]:
+    """Figures of one robot on one curve."""
     tool, motion, planned = _curves(name)[curve]
     world = world_of(name, tool, reality, load, seed, registry().kinds)
     found = measured(world, motion, planned)
@@ -171,11 +177,11 @@ def _curves(name: str) -> list[tuple[Pose, Trajectory, Matrix]]:
 
 
 def row(name: str, reality: str, load: str, seeds: int, campaign: Campaign) -> str:
-    """The line of a robot in a reality with a load, over its curves and seeds."""
+    """Table row of a robot in a reality with a load, over all curves and seeds."""
     batch = range(1) if reality == "ideal" else range(seeds)
-    words = {"name": name, "reality": reality, "load": load}
-    cases = [{**words, "curve": curve, "seed": seed} for curve in range(2) for seed in batch]
-    found = [Figures(**one["figures"]) for _, one in campaign.run(followed, cases)]
+    settings = {"name": name, "reality": reality, "load": load}
+    cases = [{**settings, "curve": curve, "seed": seed} for curve in range(2) for seed in batch]
+    found = [Figures(**one["figures"]) for _, one in campaign.run(follow, cases)]
     rms = [one.rms for one in found]
     faults = [one.fault for one in found if one.fault]
     return (

@@ -1,13 +1,13 @@
-"""What arms make of the mass of things that nobody has weighed.
+"""Accuracy of payload estimation: mass and center of mass of unknown loads.
 
     python -m benchmarks.payload_estimation [--robots ur5 panda ...] [--set lab] [--seeds 3]
                                             [--loads 8] [--gripper robotiq_2f85]
 
-Every robot of the catalog stands in a posture drawn around its own in which nothing touches,
-swings a little with nothing in its hand, is given a cube of 0.1 to 3 kg, its payload at most, and
-swings again. A seed is another robot of the batch and another posture. The mass that the arm then
-believes in is held against the simulator's. Asked for in `lab`: within 3 % or 20 g. One that sags
-under what nobody has told it of, further than a motion may be behind, has failed.
+Every robot of the catalog stands in a random collision-free posture near home, swings a little
+without a load, is given a cube of 0.1 to 3 kg, at most its payload, and swings again. A seed is one
+robot with its own deviations from the model and its own posture. The estimated mass is compared
+with the simulator's. Goal in `lab`: within 3 % or 20 g. A robot fails if the unknown load makes it
+sag by more than the tracking error that the controller allows.
 """
 
 from __future__ import annotations
@@ -39,16 +39,23 @@ from bt_dualarm.trajectory.path_timing import point_to_point
 PERIOD = 0.004
 LIGHTEST_KG = 0.1
 HEAVIEST_KG = 3.0
-_AROUND = 0.25  # rad by which a posture is drawn around the robot's own
+_AROUND = 0.25  # random range of the posture around home, rad
 _SWING = np.deg2rad(10.0)
-_EDGE = 0.06  # m; of the cube, which hangs 20 mm before the tool
+_EDGE = 0.06  # m; of the cube, which is 20 mm in front of the tool
 _IN_TOOL = Pose.from_rpy((0.0, 0.0, 0.5 * _EDGE + 0.02))
 _SIGNS = ((1, 1), (-1, 1), (1, -1), (-1, -1), (0, 0))  # of even and odd joints
 
 
 @dataclass(frozen=True)
 class Weight:
-    """What an arm has found out: kg, and mm of the center."""
+    """An estimate of a load.
+
+    Attributes:
+        true: True mass, kg.
+        estimate: Estimated mass, kg.
+        doubt: Reported standard deviation of the mass, kg.
+        center_mm: Error of the center of mass, mm.
+    """
 
     true: float
     estimate: float
@@ -57,7 +64,7 @@ class Weight:
 
     @property
     def is_right(self) -> bool:
-        """Whether it is within what is asked for."""
+        """Whether the estimate meets the goal."""
         return abs(self.estimate - self.true) <= max(0.03 * self.true, 0.02)
 
 
@@ -69,7 +76,7 @@ def weighed(
     kinds: Mapping[str, NodeType],
     gripper: str | None = None,
 ) -> Weight:
-    """Let one robot of the batch weigh a cube, with a gripper on its flange or without."""
+    """Estimate a cube with one robot, with or without a gripper on its flange."""
     robot = load_robot(name)
     if gripper is not None:
         robot = with_gripper(robot, load_gripper(gripper))
@@ -90,12 +97,12 @@ def weighed(
     body = world.model.body("load")
     (held,) = world.attachments
     center = held.relative.apply(body.ipos)
-    off = 1e3 * float(np.linalg.norm(load.pose.position - center))
-    return Weight(float(body.mass[0]), load.mass or 0.0, load.mass_doubt, off)
+    center_error_mm = 1e3 * float(np.linalg.norm(load.pose.position - center))
+    return Weight(float(body.mass[0]), load.mass or 0.0, load.mass_doubt, center_error_mm)
 
 
 def _tree(reality: str, seed: int, mass: float, fields: Tree) -> Tree:
-    """A file with an arm and a cube that is far away."""
+    """A tree file with an arm and a cube out of reach."""
     load = {"shape": "box", "size": [_EDGE] * 3, "mass": mass, "pose": {"xyz": [0, 0, 9]}}
     return {
         "bt_dualarm": 1,
@@ -113,9 +120,10 @@ def _tree(reality: str, seed: int, mass: float, fields: Tree) -> Tree:
 def _clear_posture(
     tree: Tree, robot: Robot, rng: np.random.Generator, kinds: Mapping[str, NodeType]
 ) -> Vector:
-    """A posture in whose swings neither arm nor load touch anything: what leans weighs less.
+    """A posture in whose swings neither arm nor load touches anything.
 
-    With a gripper the tool is farther out, and some arms at home are folded.
+    A load that rests on something appears lighter. With a gripper the tool is farther out, and the
+    home postures of some arms are folded.
     """
     world = World(load_tree_file(tree, kinds))
     home = robot.postures["home"]
@@ -125,7 +133,7 @@ def _clear_posture(
         goals = [_swung(posture, even, odd, robot.limits) for even, odd in _SIGNS]
         if not any(_touches(world, q) for q in goals):
             return posture
-        around *= 1.05  # where home itself is too narrow
+        around *= 1.05  # where postures near home always collide
 
 
 def _touches(world: World, q: Vector) -> bool:
@@ -150,7 +158,7 @@ def _swung(posture: Vector, even: int, odd: int, limits: JointLimits) -> Vector:
 
 
 def swing(world: World, controller: JointController, posture: Vector) -> None:
-    """Swing all joints about a posture, even and odd ones with and against each other."""
+    """Swing all joints about a posture, even and odd ones in phase and in antiphase."""
     limits = world.robots["arm1"].limits
     for even, odd in _SIGNS:
         goal = _swung(posture, even, odd, limits)
@@ -164,26 +172,26 @@ def swing(world: World, controller: JointController, posture: Vector) -> None:
             raise controller.fault
 
 
-def weighing(
+def evaluate(
     name: str, reality: str, seed: int, mass: float, gripper: str | None
 ) -> dict[str, Any]:
-    """What one robot makes of one mass, or why it failed."""
+    """Estimate of one mass by one robot, or why it failed."""
     try:
         found = weighed(name, reality, seed, mass, registry().kinds, gripper)
     except Failure as failure:
-        said = f"; {mass:.2g} kg, seed {seed}: {failure}"
-        return {"outcome": "FAILURE", "code": failure.code, "failed": said}
+        message = f"; {mass:.2g} kg, seed {seed}: {failure}"
+        return {"outcome": "FAILURE", "code": failure.code, "failed": message}
     return {"outcome": "SUCCESS" if found.is_right else "FAILURE", "weight": asdict(found)}
 
 
 def main() -> None:
-    """Print a line a robot."""
+    """Print a line per robot."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--robots", nargs="+", default=MEASURED, choices=robot_names())
     parser.add_argument("--set", default="lab")
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--loads", type=int, default=5)
-    parser.add_argument("--gripper", help="what all of them carry on their flange")
+    parser.add_argument("--gripper", help="gripper on the flange of all robots")
     add_options(parser)
     arguments = parser.parse_args()
     with Campaign(arguments) as campaign:
@@ -192,26 +200,28 @@ def main() -> None:
 
 
 def line(name: str, arguments: argparse.Namespace, campaign: Campaign) -> str:
-    """What one robot's batch makes of so many masses."""
+    """Table row of a robot, over all its seeds and masses."""
     reality = arguments.set
     most = min(HEAVIEST_KG, load_robot(name).payload or HEAVIEST_KG)
-    words = {"name": name, "reality": reality, "gripper": arguments.gripper}
+    settings = {"name": name, "reality": reality, "gripper": arguments.gripper}
     masses = np.geomspace(LIGHTEST_KG, most, arguments.loads).tolist()
     cases = [
-        {**words, "seed": seed, "mass": mass} for seed in range(arguments.seeds) for mass in masses
+        {**settings, "seed": seed, "mass": mass}
+        for seed in range(arguments.seeds)
+        for mass in masses
     ]
-    results = [result for _, result in campaign.run(weighing, cases)]
+    results = [result for _, result in campaign.run(evaluate, cases)]
     found = [Weight(**result["weight"]) for result in results if "weight" in result]
     failed = [result["failed"] for result in results if "failed" in result]
     if not found:
-        return f"{name:6} {reality}: no weight of {len(failed)} was found" + "".join(failed)
+        return f"{name:6} {reality}: none of {len(failed)} masses was estimated" + "".join(failed)
     errors = np.array([one.estimate - one.true for one in found])
     shares = np.abs(errors) / np.array([one.true for one in found])
     z = np.abs(errors) / np.maximum([one.doubt for one in found], 1e-9)
     return (
         f"{name:6} {reality}: {sum(one.is_right for one in found)} of {len(found) + len(failed)} "
         f"within 3 % or 20 g; at most {1e3 * np.abs(errors).max():.0f} g, "
-        f"{100 * shares.max():.1f} %; {np.mean(z < 1):.2f} within one of its deviations, "
+        f"{100 * shares.max():.1f} %; {np.mean(z < 1):.2f} within one standard deviation, "
         f"{np.mean(z < 2):.2f} within two, at most {z.max():.1f}; "
         f"center within {max(one.center_mm for one in found):.1f} mm" + "".join(failed)
     )

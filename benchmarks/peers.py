@@ -1,18 +1,18 @@
-"""Cost of a simulated second beside robosuite, dm_control and Drake, in alternation.
+"""Cost of a simulated second compared with robosuite, dm_control and Drake.
 
-    python -m benchmarks.peers [--env DIR] [--rounds 3] [--seconds 20]
+    python -m benchmarks.peers [--env DIR] [--rounds 3] [--seconds 15]
 
-The peers are installed with pip, at the versions below, into an environment of their own (`--env`,
-by default in the temporary folder; it is kept). Each job is a process with one BLAS thread; the
-figure is simulated seconds by CPU seconds of the steps alone, the median over the rounds. Jobs take
-turns, since machines are shared: compare ratios.
+The peers are installed with pip, at the versions below, into a separate environment (`--env`, by
+default in the temporary folder; it is kept). Each job is a process with one BLAS thread; the figure
+is simulated seconds per CPU second of the steps alone, the median over the rounds. Jobs alternate,
+because machines are shared: compare ratios.
 
-No two jobs are the same. Ours: two dynamic arms with joint friction, sensors at 500 Hz, a tree
-each, computed torque, collision detection, and where it says so a tracked camera. robosuite: two
-Pandas, operational-space control at 500 Hz, actions at 20 Hz, no camera, and one Panda with a
-camera of 320 by 240 pixels at 20 Hz, if there is OpenGL (`MUJOCO_GL`). dm_control: one Jaco arm
-with velocity actions, no camera: it ships no job of two arms. Drake: a UR5 and a Panda from the
-same descriptions as ours, inverse dynamics at 500 Hz in Python, no contacts (it reads no STL).
+The jobs differ. Ours: two dynamic arms with joint friction, sensors at 500 Hz, a tree each,
+computed torque, collision detection, and tracking by a camera if stated. robosuite: two Pandas,
+operational-space control at 500 Hz, actions at 20 Hz, no camera; and one Panda with a camera of 320
+by 240 pixels at 20 Hz, if OpenGL is available (`MUJOCO_GL`). dm_control: one Jaco arm with velocity
+actions, no camera; it ships no task with two arms. Drake: a UR5 and a Panda from the same
+descriptions as ours, inverse dynamics at 500 Hz in Python, no contacts (it does not read STL).
 """
 
 from __future__ import annotations
@@ -123,11 +123,11 @@ _TWO_ARMS = {
         )
     },
 }
-"""Two arms without a camera, for as long as asked."""
+"""Two arms without a camera, which move for a long time."""
 
 
 def jobs(python: Path) -> dict[str, tuple[Path, str]]:
-    """The interpreter and the code of each job, by its name."""
+    """Interpreter and code of each job, by name."""
     from bt_dualarm.robots.urdf_arm import robot_data_dir
 
     robots = str(robot_data_dir())
@@ -155,11 +155,11 @@ def jobs(python: Path) -> dict[str, tuple[Path, str]]:
     }
 
 
-def installed(folder: Path) -> Path:
-    """The interpreter of an environment with the peers, which is made if there is none.
+def install(folder: Path) -> Path:
+    """The interpreter of an environment with the peers, which is created if missing.
 
     Raises:
-        subprocess.CalledProcessError: Some peer has no wheel for this machine.
+        subprocess.CalledProcessError: A peer has no wheel for this machine.
     """
     python = folder / "bin" / "python"
     if not (folder / "installed").exists():
@@ -171,20 +171,20 @@ def installed(folder: Path) -> Path:
 
 
 def main() -> int:
-    """Print the factor of each job; 0."""
-    parser = argparse.ArgumentParser(description="cost of a simulated second beside peers")
+    """Print the factor of each job; returns 0."""
+    parser = argparse.ArgumentParser(description="cost of a simulated second compared with peers")
     default = Path(tempfile.gettempdir()) / "bt_dualarm_peers"
     parser.add_argument("--env", type=Path, default=default)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--seconds", type=float, default=15.0)
-    asked = parser.parse_args()
-    found = jobs(installed(asked.env))
+    options = parser.parse_args()
+    found = jobs(install(options.env))
     factors: dict[str, list[float]] = {name: [] for name in found}
     one_thread = {f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL")}
-    for _ in range(asked.rounds):
+    for _ in range(options.rounds):
         for name, (python, code) in list(found.items()):
             done = subprocess.run(
-                [python, "-c", _HEAD + code + _TAIL, str(asked.seconds)],
+                [python, "-c", _HEAD + code + _TAIL, str(options.seconds)],
                 cwd=ROOT,
                 env=os.environ | one_thread,
                 capture_output=True,
@@ -198,7 +198,7 @@ def main() -> int:
                 del found[name]
                 continue
             factors[name].append(float(lines[-1].split()[1]))
-    print("simulated seconds by a second of CPU, median of the rounds (least, most):")
+    print("simulated seconds per CPU second, median of the rounds (smallest, largest):")
     for name in found:
         values = factors[name]
         print(

@@ -1,12 +1,13 @@
-"""Picking cubes from all over the table: how many succeed, how many are refused, and where.
+"""Picking cubes from the whole table: success and refusal rates, and a map.
 
     python -m benchmarks.picking [--poses 50] [--seed 0] [--back 0] [--out DIR]
 
-Each pose, anywhere on the table top and turned at random, is a run of its own: attach the cube,
-then lift it by 0.2 m. What the tree says is compared with the simulator's true state. Exit code 1
-if a run said SUCCESS falsely, failed after it had begun to move, or if less than 95 % of the poses
-within reach were picked. Within reach: inverse kinematics alone puts the tool straight down on the
-cube and above it. All of the table is; ``--back 0.3`` moves the arm away, so that part is not.
+Each random pose on the table top is a separate run: attach the cube, then lift it by 0.2 m. The
+outcome of the tree is compared with the simulator's true state. Exits with code 1 after a false
+SUCCESS, if a run fails after it has begun to move, or if less than 95 % of the poses within reach
+are picked. A pose is within reach if inverse kinematics alone places a tool that points straight
+down on the cube and above it. That holds for the whole table; ``--back 0.3`` moves the arm away,
+so that part of it is out of reach.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ from bt_dualarm.skill.registry import Registry
 TABLE = ((0.05, 0.65), (-0.75, -0.25))
 """Edges in x and y of the top of the scene ``table``, m."""
 
-# of the cube; height of the table, m
+# edge of the cube and height of the table, m
 EDGE = 0.05
 TOP = 0.40
 # m
@@ -65,7 +66,7 @@ Verdict: TypeAlias = Literal["picked", "refused", "failed", "lied"]
 
 @dataclass(frozen=True)
 class Place:
-    """Where a cube stands: meters, degrees."""
+    """Pose of a cube: meters, degrees."""
 
     x: float
     y: float
@@ -74,14 +75,14 @@ class Place:
 
 @dataclass(frozen=True)
 class Attempt:
-    """What came of one place.
+    """Result of one pose.
 
     Attributes:
-        verdict: picked: attached and lifted, in truth. refused: failed before it moved.
-            failed: after it had moved. lied: said SUCCESS, and it was not so.
-        within_reach: Verdict of the inverse kinematics alone.
-        reason: Reason why it was not picked.
-        seconds: Simulated time until the cube was attached.
+        verdict: picked: truly attached and lifted. refused: failed before the arm moved.
+            failed: failed after the arm had moved. lied: outcome and true state differ.
+        within_reach: Whether inverse kinematics alone reaches the pose.
+        reason: Why it was not picked.
+        seconds: Simulated time until the cube was attached, s.
     """
 
     place: Place
@@ -92,7 +93,7 @@ class Attempt:
 
 
 def places(count: int, seed: int) -> list[Place]:
-    """Cubes that stand on the table with their whole base, uniformly spread."""
+    """Uniformly distributed poses of cubes entirely on the table."""
     rng = np.random.default_rng(seed)
     margin = EDGE / np.sqrt(2)
     (left, right), (front, back) = TABLE
@@ -101,8 +102,8 @@ def places(count: int, seed: int) -> list[Place]:
     return [Place(*row) for row in rng.uniform(low, high, size=(count, 3)).tolist()]
 
 
-class Onlooker(IdleObserver):
-    """Sees what the simulator knows: how far the arm has moved, and how the cube goes with it."""
+class TruthObserver(IdleObserver):
+    """Observes the true motion of the arm, and the true pose of the cube in the tool frame."""
 
     def __init__(self, world: World) -> None:
         self._world = world
@@ -112,19 +113,19 @@ class Onlooker(IdleObserver):
         self.time_attached = np.nan
 
     def on_event(self, change: StatusChange) -> None:
-        """Note the moment after attaching."""
+        """Record the pose of the cube after attaching."""
         if change.kind == "approach_and_attach" and change.new == "SUCCESS":
             self.time_attached = change.time
             height = self._world.object_pose("cube").position[2]
             self._attached_at = float(height), self._cube_in_tool()
 
     def after_step(self, time: float) -> None:  # noqa: ARG002 - the world has its own clock
-        """Keep the largest way of a joint, in rad."""
-        away = float(np.abs(self._world.arms["arm1"].q - self._start).max())
-        self.moved = max(self.moved, away)
+        """Update the largest displacement of a joint, rad."""
+        displacement = float(np.abs(self._world.arms["arm1"].q - self._start).max())
+        self.moved = max(self.moved, displacement)
 
     def holds(self) -> bool:
-        """The cube is welded, was lifted, and has not moved in the hand."""
+        """Whether the cube is attached, was lifted, and has not moved in the hand."""
         if self._attached_at is None or self._world.attachments.find("arm1", "cube") is None:
             return False
         height, in_tool = self._attached_at
@@ -136,32 +137,32 @@ class Onlooker(IdleObserver):
 
 
 def attempt(place: Place, skills: Registry, back: float = 0.0) -> Attempt:
-    """Run one place, with the arm so many meters farther from the table."""
+    """Run one pose, with the arm ``back`` m farther from the table."""
     text = SCENE.format(x=place.x, y=place.y, yaw=place.yaw, back=back)
     with Run(load_tree_file(text, skills.kinds), skills) as opened:
         reach = within_reach(opened.world, place)
-        onlooker = Onlooker(opened.world)
-        opened.watch(onlooker)
+        observer = TruthObserver(opened.world)
+        opened.watch(observer)
         arm = opened.finish().arms["arm1"]
     failed = [leaf for leaf in arm.runs if leaf.status == "FAILURE"]
-    said = arm.outcome == "SUCCESS"
+    succeeded = arm.outcome == "SUCCESS"
     verdict: Verdict = "failed"
-    if said or onlooker.holds():
-        verdict = "picked" if said and onlooker.holds() else "lied"
-    elif onlooker.moved < 1e-3:
+    if succeeded or observer.holds():
+        verdict = "picked" if succeeded and observer.holds() else "lied"
+    elif observer.moved < 1e-3:
         verdict = "refused"
-    return Attempt(place, verdict, reach, _reasons(failed), onlooker.time_attached)
+    return Attempt(place, verdict, reach, _reasons(failed), observer.time_attached)
 
 
-def tried(x: float, y: float, yaw: float, back: float) -> dict[str, Any]:
-    """What came of a place."""
+def run_case(x: float, y: float, yaw: float, back: float) -> dict[str, Any]:
+    """Result of a pose as JSON values."""
     one = attempt(Place(x, y, yaw), registry(), back)
     outcome = "SUCCESS" if one.verdict == "picked" else "FAILURE"
     return {"outcome": outcome, "code": one.verdict, **asdict(one)}
 
 
 def within_reach(world: World, place: Place) -> bool:
-    """Whether a tool that points straight down reaches the cube and the place above it."""
+    """Whether a tool that points straight down reaches the cube and the point above it."""
     arm = world.arms["arm1"]
     kinematics = Kinematics(arm.robot, arm.base)
     top = (place.x, place.y, TOP + EDGE)
@@ -185,7 +186,7 @@ def _reasons(failed: Sequence[LeafReport]) -> str:
 
 
 def report(attempts: Sequence[Attempt]) -> bool:
-    """Print the figures; whether all of them are as they should be."""
+    """Print the figures; returns whether all goals are met."""
     counts = Counter(attempt.verdict for attempt in attempts)
     reachable = [attempt for attempt in attempts if attempt.within_reach]
     picked = sum(attempt.verdict == "picked" for attempt in reachable)
@@ -210,7 +211,7 @@ def report(attempts: Sequence[Attempt]) -> bool:
 
 
 def draw(attempts: Sequence[Attempt], back: float, path: Path) -> None:
-    """A map of the table with the outcome at each place."""
+    """Draw a map of the table with the outcome of each pose."""
     from matplotlib.figure import Figure
     from matplotlib.patches import Rectangle
 
@@ -232,11 +233,11 @@ def draw(attempts: Sequence[Attempt], back: float, path: Path) -> None:
 
 
 def main() -> int:
-    """Read the arguments, pick, report."""
+    """Parse the options and run the benchmark; returns the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--poses", type=int, default=50, help="how many")
-    parser.add_argument("--seed", type=int, default=0, help="of the poses")
-    parser.add_argument("--back", type=float, default=0.0, help="arm farther away by so many m")
+    parser.add_argument("--poses", type=int, default=50, help="number of poses")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the poses")
+    parser.add_argument("--back", type=float, default=0.0, help="move the arm away by so many m")
     parser.add_argument(
         "--out", type=Path, default=Path("out/picking"), help="folder of the map and the results"
     )
@@ -256,7 +257,7 @@ def main() -> int:
                 found["reason"],
                 found["seconds"],
             )
-            for _, found in campaign.run(tried, cases)
+            for _, found in campaign.run(run_case, cases)
         ]
         good = report(attempts)
         draw(attempts, arguments.back, arguments.out / "picking.png")

@@ -1,24 +1,25 @@
-"""How hard things are set down, by what the arm feels and by what truly presses on the ground.
+"""Placing: measured and true contact forces, success rate and position errors.
 
     python -m benchmarks.placing [--runs 10] [--seed 0] [--robot ur5] [--gripper robotiq_2f85]
                                  [--reality lab]
     python -m benchmarks.placing --poses 100 [--tight] [--seed 0] [--reality lab]
 
-Each run is one thing of 0.05 to 1.5 kg (for a cup: 0.8 kg) that is grasped and placed elsewhere.
-``felt`` is ``impact_n``; ``true`` the largest force between thing and ground until the gripper
-opens; ``after`` that until the end, less the thing's weight. Exit code 1 if one is not placed, or
-is let go of before the ground bears any of it.
+In each run, an object of 0.05 to 1.5 kg (for a suction cup up to 0.8 kg) is grasped and placed
+elsewhere. ``felt`` is ``impact_n``; ``true`` the largest force between object and ground until the
+gripper opens; ``after`` that from then to the end, minus the object's weight. Exits with code 1 if
+an object is not placed, or is released before the ground bears any of its weight.
 
-With ``--poses`` the runs go around the five robots, three grippers, top, side and tilted grasps,
-tables, shelves and bins, directly, after carrying and after `locate`, at poses that are drawn.
-A failed pose counts as reachable unless none of 200 random starts of the inverse kinematics leads
-to a posture 8 mm above it, cans turned at random about their axes, from which the whole line down
-and back out is followed and free. With ``--tight`` goals are as far out as an arm reaches, boards
-lower above shelves, and cans turned anyhow. ``lower`` and ``turned`` count the poses that were
-placed from less than the height asked for, or with the can turned about its axis. A jump
-between branches is a motion that does not begin where the arm is. A SUCCESS is false where a second
-later the thing is more than 9 mm or 6° from its goal, or touches the tool. Asked for: 97 % of the
-reachable placed, no branch jump, nothing false; exit code 1 if that is missed.
+With ``--poses`` the runs vary five robots, three grippers, top, side and tilted grasps, tables,
+shelves and bins; they place the object directly, after carrying it or after `locate`, at random
+poses. A failed pose counts as reachable unless none of 200 random starts of the inverse kinematics
+leads to a posture 8 mm above it, with cans turned at random about their axes, from which the whole
+line down and the retreat can be followed without collision. With ``--tight`` goals are as far out
+as an arm reaches, boards above shelves are lower, and cans have any yaw angle. ``lower`` and
+``turned`` count the poses that were approached from less than the required height, or with the can
+turned about its axis. A branch jump is a motion that does not begin at the arm's configuration. A
+SUCCESS is false if the object is more than 9 mm or 6° from its goal a second later, or touches the
+tool. Goals: 97 % of the reachable poses placed, no branch jump, no false SUCCESS; exits with code 1
+if one is missed.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ from bt_dualarm.trajectory.paths import line
 TABLE = 0.40
 """Height of the table's top, m."""
 
-TOLD = ("impact_n", "placed_error_m", "placed_turned_rad")
+PLACE_METRICS = ("impact_n", "placed_error_m", "placed_turned_rad")
 """Metrics of `place`."""
 
 
@@ -65,7 +66,7 @@ def task(options: argparse.Namespace, seed: int) -> dict[str, Any]:
     start, end = ([float(rng.uniform(*x)), float(rng.uniform(*y))] for _ in range(2))
     mass = float(np.exp(rng.uniform(np.log(0.05), np.log(0.8 if cup else 1.5))))
     pose = {"xyz": [*start, TABLE + height + 5e-4], "rpy": [0, 0, float(rng.uniform(0, 90))]}
-    what = {"shape": shape, "size": size, "mass": mass, "pose": pose}
+    declared = {"shape": shape, "size": size, "mass": mass, "pose": pose}
     place = {"object": "thing", "at": {"xyz": [*end, TABLE + height]}}
     leaves = [{"grasp": {"object": "thing"}}, {"place": place}]
     arm = {"robot": options.robot, "gripper": options.gripper, "base": {"xyz": [0, 0, TABLE]}}
@@ -73,17 +74,17 @@ def task(options: argparse.Namespace, seed: int) -> dict[str, Any]:
         "bt_dualarm": 1,
         "name": "placing",
         "world": {"scene": "table", "reality": options.reality, "seed": seed, "time_limit": 60},
-        "objects": {"thing": what},
+        "objects": {"thing": declared},
         "arms": {"arm1": arm | {"tree": {"sequence": leaves}}},
     }
 
 
 class Ground(IdleObserver):
-    """The force with which the ground bears the thing, while it is placed.
+    """Contact force between the ground and the object while it is placed.
 
     Attributes:
-        pressed, after: Largest force in N before and after the gripper begins to open.
-        began: Simulated seconds at which `place` began.
+        pressed, after: Largest force before and after the gripper begins to open, N.
+        began: Simulated time at which `place` began, s.
     """
 
     def __init__(self, world: World) -> None:
@@ -91,30 +92,30 @@ class Ground(IdleObserver):
         self._force = np.empty(6)
         self.pressed = self.after = 0.0
         self.began: float | None = None
-        world.on_forces.append(self._look)
+        world.on_forces.append(self._measure)
 
     def on_event(self, change: StatusChange) -> None:
-        """Note when the thing is in the fingers."""
+        """Record when the object is grasped."""
         if change.kind == "grasp" and change.new == "SUCCESS":
             self.began = change.time
 
-    def _look(self) -> None:
+    def _measure(self) -> None:
         if self.began is None:
             return
-        force = self._bearing()
+        force = self._ground_force()
         if self._world.grippers["arm1"].commanded.width > 0.0:
             self.after = max(self.after, force)
         else:
             self.pressed = max(self.pressed, force)
 
-    def _bearing(self) -> float:
+    def _ground_force(self) -> float:
         model = self._world.model
         data = self._world.data
         obj = self._world.object_geom("thing")
-        mine = self._world.arms["arm1"].geom_ids
+        arm_geoms = self._world.arms["arm1"].geom_ids
         force = np.zeros(3)
         for i, (one, other) in enumerate(data.contact.geom.tolist()):
-            if obj in (one, other) and not {one, other} & set(mine):
+            if obj in (one, other) and not {one, other} & set(arm_geoms):
                 mujoco.mj_contactForce(model, data, i, self._force)
                 frame = data.contact.frame[i].reshape(3, 3)
                 force += (1.0 if other == obj else -1.0) * (self._force[:3] @ frame)
@@ -122,7 +123,7 @@ class Ground(IdleObserver):
 
 
 def run(file: dict[str, Any]) -> tuple[LeafReport, Ground]:
-    """The last leaf of a run, and what the ground bore."""
+    """The last leaf of a run, and the forces on the ground."""
     with bt.open(file) as opened:
         ground = Ground(opened.world)
         opened.watch(ground)
@@ -148,13 +149,13 @@ _TABLE_Y = (-0.72, -0.28)
 
 
 @dataclass(frozen=True)
-class Posed:
-    """A pose that is drawn.
+class RandomPose:
+    """A randomly drawn pose.
 
     Attributes:
         file: The tree file.
-        goal: Pose of the thing then.
-        label: What was drawn, in words.
+        goal: Goal pose of the object.
+        label: What was drawn, as text.
     """
 
     file: dict[str, Any]
@@ -162,15 +163,17 @@ class Posed:
     label: str
 
 
-def posed(number: int, seed: int, reality: str, again: int = 0, *, tight: bool = False) -> Posed:
-    """Draw a pose, with the arm and all that is around it.
+def draw_pose(
+    number: int, seed: int, reality: str, again: int = 0, *, tight: bool = False
+) -> RandomPose:
+    """Draw a pose, with the arm and its surroundings.
 
     Args:
-        number: How many were drawn before: arms, grippers and the rest go around with it.
-        seed: Seed of the numbers.
+        number: Number of the pose; determines robot and gripper.
+        seed: Seed of the random numbers.
         reality: Name of the reality.
-        again: How many were drawn for this number before, in which something was in something else.
-        tight: Whether goals are far out, under low boards, and cans turned anyhow.
+        again: Number of earlier attempts for this number, in which objects overlapped.
+        tight: Whether goals are far out, boards low, and cans turned arbitrarily.
     """
     rng = np.random.default_rng((seed, number, again))
     robot = ROBOTS[number % 5]
@@ -178,7 +181,7 @@ def posed(number: int, seed: int, reality: str, again: int = 0, *, tight: bool =
     approach = APPROACHES[int(rng.integers(3))]
     ground = GROUNDS[int(rng.integers(3))]
     if tight and ground == "shelf":
-        approach = "side"  # no other hand fits in
+        approach = "side"  # no other approach fits
     if approach == "side" and ground == "bin":
         ground = "shelf"  # the hand does not go through its wall
     if approach == "top" and ground == "shelf":
@@ -227,10 +230,10 @@ def posed(number: int, seed: int, reality: str, again: int = 0, *, tight: bool =
             at = {"xyz": [there[0] + dx * inner, there[1] + dy * inner, TABLE + wall / 2]}
             size = [0.01 if dx else 2 * inner, 0.01 if dy else 2 * inner, wall]
             objects[name] = {"shape": "box", "size": size, "mass": 5, "fixed": True, "pose": at}
-    ways = {"top": (0.0, 1.0), "side": (1.0, 0.0), "tilted": (0.7, 0.7)}
-    flat, down = ways[approach]
+    components = {"top": (0.0, 1.0), "side": (1.0, 0.0), "tilted": (0.7, 0.7)}
+    flat, down = components[approach]
     along = [flat * float(np.cos(bearing)), flat * float(np.sin(bearing)), -down]
-    # A side of it faces the arm, there as here.
+    # One of its faces points to the arm, at the start and at the goal.
     face = float(np.degrees(bearing))
     within = 180.0 if tight and obj["shape"] == "cylinder" else 15.0
     yaw = float(np.degrees(angle)) + float(rng.uniform(-within, within))
@@ -264,15 +267,14 @@ def posed(number: int, seed: int, reality: str, again: int = 0, *, tight: bool =
         "objects": objects,
         "arms": {"arm1": arm | {"tree": {"sequence": leaves}}},
     }
-    return Posed(file, goal, f"{robot} {gripper} {approach} {ground} after {before}")
+    return RandomPose(file, goal, f"{robot} {gripper} {approach} {ground} after {before}")
 
 
 class Oracle(IdleObserver):
-    """What is so when `place` begins: is there any posture from which it can be done?
+    """Whether a refused pose is reachable: is there a posture from which it can be placed?
 
     Attributes:
-        held: Configuration of the arm and pose of the thing in the tool when `place` began.
-        reachable: Whether there is one; None before it was asked.
+        reachable: Whether there is one; None before the search.
     """
 
     def __init__(self, world: World, goal: Pose) -> None:
@@ -281,7 +283,7 @@ class Oracle(IdleObserver):
         self.reachable: bool | None = None
 
     def on_event(self, change: StatusChange) -> None:
-        """Search while the thing is still held, if it was refused."""
+        """Search while the object is still held, if the pose was refused."""
         if change.kind == "place" and change.new == "FAILURE" and change.code in REFUSALS:
             self.reachable = self._search()
 
@@ -319,30 +321,30 @@ class Oracle(IdleObserver):
 
 
 LOWEST_M = 0.008
-"""Height above the goal from which things are lowered at least, m."""
+"""Smallest height above the goal from which objects are lowered, m."""
 
 REFUSALS = ("UNREACHABLE", "PATH_BROKEN", "SINGULAR", "IN_COLLISION", "INVALID_TARGET", "NO_PLAN")
 """Codes with which a pose is refused before the arm moves there."""
 
 
-def opened_pose(number: int, seed: int, reality: str, tight: bool) -> tuple[Posed, bt.Run]:
-    """A pose, drawn until arm and objects have room where they begin, and its run."""
+def open_pose(number: int, seed: int, reality: str, tight: bool) -> tuple[RandomPose, bt.Run]:
+    """A random pose without overlaps at the start, and its run."""
     for again in range(20):
-        one = posed(number, seed, reality, again, tight=tight)
+        one = draw_pose(number, seed, reality, again, tight=tight)
         try:
             opened = bt.open(one.file)
         except bt.WorldError:
             continue
-        if any(opened.world.overlaps(SHALLOW_DEPTH)):  # contacts would throw the thing away
+        if any(opened.world.overlaps(SHALLOW_DEPTH)):  # contacts would throw the object away
             opened.close()
             continue
         return one, opened
-    raise AssertionError("a shelf that is in no arm's way is drawn in one of 20 times")
+    raise AssertionError("20 random scenes in a row have overlaps at the start")
 
 
-def pose_tried(number: int, seed: int, reality: str, *, tight: bool) -> dict[str, Any]:
-    """Place a thing at a drawn pose: what to count of it, and what to print."""
-    one, opened = opened_pose(number, seed, reality, tight)
+def try_pose(number: int, seed: int, reality: str, *, tight: bool) -> dict[str, Any]:
+    """Place an object at a random pose; returns what to count and what to print."""
+    one, opened = open_pose(number, seed, reality, tight)
     with opened:
         oracle = Oracle(opened.world, one.goal)
         opened.watch(oracle)
@@ -352,40 +354,42 @@ def pose_tried(number: int, seed: int, reality: str, *, tight: bool) -> dict[str
         true = opened.world.object_pose("thing")
         touched = opened.world.touches("arm1", "thing")
     counts: Counter[str] = Counter()
-    what = f"{number:3} {one.label}: {leaf.skill} {leaf.status} {leaf.code or ''}"
+    declared = f"{number:3} {one.label}: {leaf.skill} {leaf.status} {leaf.code or ''}"
     if leaf.skill != "place":
         counts["not held"] += 1
-        return {"outcome": "SKIPPED", "counts": counts, "said": f"{what} {leaf.reason}"}
+        return {"outcome": "SKIPPED", "counts": counts, "said": f"{declared} {leaf.reason}"}
     counts["asked"] += 1
     counts["jumps"] += "the motion starts" in leaf.reason
     counts["exceptions"] += leaf.code == "EXCEPTION"
     if leaf.status == "SUCCESS":
         counts["reachable"] += 1
         spec = one.file["objects"]["thing"]
-        turned = bt.KnownShape(spec["shape"], tuple(spec["size"])).angle(true, one.goal)
+        rotation_error = bt.KnownShape(spec["shape"], tuple(spec["size"])).angle(true, one.goal)
         away = true.distance(one.goal)
-        if away > 0.009 or turned > np.radians(6.0) or touched:
+        if away > 0.009 or rotation_error > np.radians(6.0) or touched:
             counts["false"] += 1
-            what += f" FALSE: {1e3 * away:.1f} mm, {np.degrees(turned):.1f}°, {touched=}"
+            declared += (
+                f" FALSE: {1e3 * away:.1f} mm, {np.degrees(rotation_error):.1f}°, {touched=}"
+            )
         counts["placed"] += 1
-        what += f" {1e3 * away:.2f} mm"
+        declared += f" {1e3 * away:.2f} mm"
         for count, metric in (("lower", "lowered_from_m"), ("turned", "spun_rad")):
             if metric in leaf.metrics:
                 counts[count] += 1
-                what += f", {metric} {float(leaf.metrics[metric]):.3g}"
+                declared += f", {metric} {float(leaf.metrics[metric]):.3g}"
     else:
         reachable = oracle.reachable is not False
         counts["reachable"] += reachable
-        what += f" ({'reachable' if reachable else 'out of reach'}) {leaf.reason}"
-    return {"outcome": leaf.status, "code": leaf.code, "counts": counts, "said": what}
+        declared += f" ({'reachable' if reachable else 'out of reach'}) {leaf.reason}"
+    return {"outcome": leaf.status, "code": leaf.code, "counts": counts, "said": declared}
 
 
 def run_poses(options: argparse.Namespace, campaign: Campaign) -> int:
-    """Place things at drawn poses and print the figures; 1 if what was asked for is missed."""
+    """Place objects at random poses and print the figures; returns 1 if a goal is missed."""
     counts: Counter[str] = Counter()
-    words = {name: getattr(options, name) for name in ("seed", "reality", "tight")}
-    cases = [{"number": number, **words} for number in range(options.poses)]
-    for _, found in campaign.run(pose_tried, cases):
+    settings = {name: getattr(options, name) for name in ("seed", "reality", "tight")}
+    cases = [{"number": number, **settings} for number in range(options.poses)]
+    for _, found in campaign.run(try_pose, cases):
         counts.update(found["counts"])
         print(found["said"], flush=True)
     share = counts["placed"] / max(counts["reachable"], 1)
@@ -399,44 +403,51 @@ def run_poses(options: argparse.Namespace, campaign: Campaign) -> int:
     return 1 if share < 0.97 or counts["jumps"] or counts["false"] or counts["exceptions"] else 0
 
 
-def placed(seed: int, **words: str) -> dict[str, Any]:
-    """One run: what went wrong, or its figures."""
-    file = task(argparse.Namespace(**words), seed)
+def place_once(seed: int, **settings: str) -> dict[str, Any]:
+    """Figures of one run, or what went wrong."""
+    file = task(argparse.Namespace(**settings), seed)
     leaf, ground = run(file)
     mass = file["objects"]["thing"]["mass"]
     if leaf.skill != "place" or leaf.status != "SUCCESS":
-        said = f"seed {seed}: {leaf.skill} {leaf.code}: {leaf.reason}"
+        message = f"seed {seed}: {leaf.skill} {leaf.code}: {leaf.reason}"
         outcome = "FAILURE" if leaf.skill == "place" else "SKIPPED"
-        return {"outcome": outcome, "code": leaf.code, "wrong": said}
-    felt, off, turned = (float(leaf.metrics[name]) for name in TOLD)
+        return {"outcome": outcome, "code": leaf.code, "wrong": message}
+    felt, position_error, rotation_error = (float(leaf.metrics[name]) for name in PLACE_METRICS)
     seconds = (leaf.ended_s or 0.0) - leaf.started_s
-    figures = [felt, ground.pressed, ground.after - 9.81 * mass, off, turned, seconds]
+    figures = [
+        felt,
+        ground.pressed,
+        ground.after - 9.81 * mass,
+        position_error,
+        rotation_error,
+        seconds,
+    ]
     found = {
         "figures": figures,
         "said": f"seed {seed}: {mass:.2f} kg " + " ".join(f"{value:.3g}" for value in figures),
     }
     if ground.pressed <= 0.0:
-        said = f"seed {seed}: let go of before it stood"
-        return {"outcome": "FAILURE", "code": "LET_GO", "wrong": said, **found}
+        message = f"seed {seed}: released before the ground bore any weight"
+        return {"outcome": "FAILURE", "code": "LET_GO", "wrong": message, **found}
     return {"wrong": "", **found}
 
 
 def main() -> int:
-    """Run all of it and print the figures; 1 if a thing was not placed."""
+    """Run all cases and print the figures; returns 1 if an object was not placed."""
     parser = grip_parser(__doc__, 10)
     parser.add_argument("--verbose", action="store_true", help="print each run")
-    parser.add_argument("--poses", type=int, default=0, help="place at so many drawn poses instead")
-    parser.add_argument("--tight", action="store_true", help="at poses where there is less room")
+    parser.add_argument("--poses", type=int, default=0, help="number of random poses to place at")
+    parser.add_argument("--tight", action="store_true", help="use poses with less room")
     options = parser.parse_args()
     with Campaign(options) as campaign:
         return run_poses(options, campaign) if options.poses else run_seeds(options, campaign)
 
 
 def run_seeds(options: argparse.Namespace, campaign: Campaign) -> int:
-    """Place things of all seeds and print the figures; 1 if one was not placed."""
+    """Place the objects of all seeds and print the figures; returns 1 if one was not placed."""
     rows: list[list[float]] = []
     failed = 0
-    for _, found in campaign.run(placed, grip_cases(options)):
+    for _, found in campaign.run(place_once, grip_cases(options)):
         failed += found.get("outcome") == "FAILURE"
         if found["wrong"]:
             print(found["wrong"], flush=True)
@@ -447,7 +458,7 @@ def run_seeds(options: argparse.Namespace, campaign: Campaign) -> int:
     worst = np.max(rows, axis=0).tolist() if rows else [float("nan")] * 6
     arm = f"{options.robot}, {options.gripper}, {options.reality}"
     print(f"{arm}: {len(rows)} placed, {failed} not")
-    names = ("felt N", "true N", "after, beyond its weight, N", "off m", "turned rad", "seconds")
+    names = ("felt N", "true N", "after, beyond its weight, N", "error m", "turned rad", "seconds")
     print("  worst: " + ", ".join(f"{n} {v:.3g}" for n, v in zip(names, worst, strict=True)))
     return 1 if failed else 0
 

@@ -1,12 +1,12 @@
-"""Ways around boxes: python -m benchmarks.planning [--problems N] [--quick].
+"""Planning among boxes: python -m benchmarks.planning [--problems N] [--quick].
 
-A UR5 and a Panda stand face to face; between them are five to ten boxes, one of them a plate of
-10 mm that stands upright. The tool of one arm is just above a box or low between the boxes, and has
-to get to another such place. Printed: how many problems are solved, what that takes on the wall,
-how long the ways are, and what MuJoCo says of contacts when the motions are replayed in its world.
+A UR5 and a Panda stand face to face; between them are five to ten boxes, one of them an upright
+plate of 10 mm. The tool of one arm is just above a box or low between the boxes, and has to get to
+another such position. Prints how many problems are solved, in which wall-clock time, the lengths of
+the paths, and the contacts that MuJoCo finds when the motions are replayed in its world.
 
-A problem counts when it is known to have a solution: one that was found here and replayed without a
-contact, or one that another planner found with ten times the checks.
+A problem counts if it is known to be solvable: by a solution found here and replayed without a
+collision, or by one that another planner found with ten times the checks.
 """
 
 from __future__ import annotations
@@ -38,20 +38,22 @@ PROBLEMS = 100
 QUICK = 10
 REPLAY_M = 0.001
 OVERLAP_M = 5e-4
-"""Depth of things that touch and do not collide, as in `bt_dualarm.collision.checker`."""
+"""Depth of a contact below which it is not a collision, as in `bt_dualarm.collision.checker`, m."""
 
 
 @dataclass
 class Outcome:
-    """What came of one problem.
+    """Result of one problem.
 
     Attributes:
-        plan_s: Seconds on the wall for the way's corners; ``cpu_s``, of this process.
-        motion_s: Seconds for these, rounded, timed and checked once more.
-        straight: The straight way was free.
-        ratio: Length of the way over the straight joint distance.
-        overlap: Deepest contact in m when replayed.
-        replayed: Configurations that were replayed.
+        plan_s: Wall-clock time for the corners of the path, s.
+        cpu_s: CPU time for the corners of the path, s.
+        motion_s: Wall-clock time to plan, round, time and check the motion, s.
+        straight: Whether the straight path was free.
+        ratio: Path length over the straight joint distance.
+        overlap: Deepest contact in the replay, m.
+        replayed: Number of replayed configurations.
+        solved: Whether a path was found that collides with nothing in the replay.
     """
 
     plan_s: float = 0.0
@@ -92,15 +94,15 @@ def solve(world: World, name: str, problem: PlanningProblem) -> Outcome:
 
 
 def replayed(world: World, name: str, rows: Matrix, radii: Vector) -> tuple[float, int]:
-    """Deepest contact of the arm in m, and how many configurations were looked at.
+    """Deepest contact of the arm in m, and the number of configurations that were checked.
 
-    In the world's own model, with the pairs that its physics looks at, every ``REPLAY_M``.
+    Checks the pairs of the world's own model every ``REPLAY_M``.
     """
     model = world.model
     data = world.data
     body = world.arms[name]
-    mine = np.zeros(model.ngeom, dtype=bool)
-    mine[list(body.geom_ids)] = True
+    of_arm = np.zeros(model.ngeom, dtype=bool)
+    of_arm[list(body.geom_ids)] = True
     before = data.qpos.copy()
     deepest = 0.0
     count = 0
@@ -111,14 +113,14 @@ def replayed(world: World, name: str, rows: Matrix, radii: Vector) -> tuple[floa
             mujoco.mj_collision(model, data)
             count += 1
             if data.ncon:
-                depth = -data.contact.dist[mine[data.contact.geom].any(axis=1)]
+                depth = -data.contact.dist[of_arm[data.contact.geom].any(axis=1)]
                 deepest = max(deepest, float(depth.max(initial=0.0)))
     data.qpos[:] = before
     return deepest, count
 
 
 def is_solvable(world: World, name: str, problem: PlanningProblem) -> bool:
-    """Whether others find a way that can be replayed, with ten times the checks."""
+    """Whether another planner finds a path without a collision, with ten times the checks."""
     radii = problem.checker.radii
     others: tuple[tuple[Planner, int], ...] = (("RRTConnect", 100), ("AORRTC", 200))
     for planner, seed in others:
@@ -132,7 +134,7 @@ def is_solvable(world: World, name: str, problem: PlanningProblem) -> bool:
 
 
 def survey(count: int, seed: int) -> tuple[list[Outcome], int]:
-    """Outcomes of so many solvable problems, and how many others were left out."""
+    """Outcomes of ``count`` solvable problems, and the number of others, which were left out."""
     outcomes: list[Outcome] = []
     left_out = 0
     for world, name, problem in problems(seed):
@@ -147,7 +149,7 @@ def survey(count: int, seed: int) -> tuple[list[Outcome], int]:
 
 
 def table(outcomes: list[Outcome], left_out: int) -> str:
-    """The figures, one a line."""
+    """The figures, one per line."""
     solved = [one for one in outcomes if one.solved]
     searched = [one for one in solved if not one.straight]
     count = len(outcomes)
@@ -157,7 +159,7 @@ def table(outcomes: list[Outcome], left_out: int) -> str:
             f"problems              {count}, known to be solvable; {left_out} others left out",
             f"solved                {len(solved)}  {100 * len(solved) / count:.1f} %",
             f"longer than 2 s       {sum(one.plan_s > 2.0 for one in outcomes)}",
-            f"straight way free     {len(solved) - len(searched)}",
+            f"straight path free    {len(solved) - len(searched)}",
             times("plan, all", [one.plan_s for one in outcomes]),
             times("plan, searched", [one.plan_s for one in searched]),
             times("plan, all, CPU", [one.cpu_s for one in outcomes]),
@@ -166,7 +168,7 @@ def table(outcomes: list[Outcome], left_out: int) -> str:
             f"length / straight     median {np.median(ratios):.2f}  "
             f"90 % {np.percentile(ratios, 90):.2f}  max {ratios.max():.2f}  (searched)",
             f"replayed              {sum(one.replayed for one in outcomes)} configurations, "
-            f"one a {1e3 * REPLAY_M:g} mm",
+            f"one per {1e3 * REPLAY_M:g} mm",
             f"in collision          {sum(one.overlap > OVERLAP_M for one in outcomes)}",
             f"deepest contact       {1e3 * max(one.overlap for one in outcomes):.2f} mm",
         )
@@ -174,7 +176,7 @@ def table(outcomes: list[Outcome], left_out: int) -> str:
 
 
 def times(name: str, seconds: list[float]) -> str:
-    """Percentiles of times on the wall."""
+    """Percentiles of times."""
     ms = 1e3 * np.array(seconds)
     return (
         f"{name:21} median {np.median(ms):.0f} ms  90 % {np.percentile(ms, 90):.0f} ms  "
@@ -183,7 +185,7 @@ def times(name: str, seconds: list[float]) -> str:
 
 
 def warm_up() -> None:
-    """Import what is imported with the first plan."""
+    """Trigger the imports of the first plan."""
     world, _, problem = next(problems(seed=0))
     del world
     with contextlib.suppress(Failure):

@@ -1,11 +1,11 @@
-"""Maps over what is wrong with an arm: how far the tool is off its path, and whether it is stable.
+"""Maps of path error and stability over errors of an arm's model and limits of its drives.
 
     python -m benchmarks.plant_map [--robots ur5 panda] [--seeds 2] [--out out]
 
-One map over how far links are from their page and how well friction is known, one over the drives'
-delay and bandwidth; all else is as in ``lab``. Each place is a circle of 0.1 m at speed 1.0, the
-worst of the seeds. Prints the maps and draws them (``plant_map.png``). Asked for: no place without
-stability; exit code 1 if there is one.
+One map over the errors of link masses and friction in the model, one over the delay and bandwidth
+of the drives; all else is as in ``lab``. Each point is a circle of 0.1 m at speed 1.0, the worst of
+the seeds. Prints the maps and draws them (``plant_map.png``). Goal: every point is stable; exits
+with code 1 otherwise.
 """
 
 from __future__ import annotations
@@ -34,19 +34,19 @@ from bt_dualarm.trajectory.trajectory import Trajectory
 _GROWTH = 2.0
 _GROWTH_MM = 0.3
 _FAR_MM = 5.0
-"""Distance from its path beyond which an arm that ends well has lost it all the same."""
+"""Path error beyond which a run counts as unstable even if it ends at rest."""
 
 
 @dataclass(frozen=True)
 class Scales:
-    """One map: what its axes are, and the reality of a place.
+    """One map: its axes, and the reality of a point.
 
     Attributes:
         across: Title of the horizontal axis.
         up: Title of the vertical axis.
         columns: Values along the horizontal axis.
         rows: Values along the vertical axis.
-        reality: Reality as in a file, from one value of each.
+        reality: Function from a column and a row value to a reality as in a file.
     """
 
     across: str
@@ -70,8 +70,8 @@ def _drives(delay: float, bandwidth: float) -> Mapping[str, object]:
 
 MAPS: Final = (
     Scales(
-        "masses and inertias off by [share]",
-        "friction off by [share]",
+        "error of masses and inertias [share]",
+        "error of friction [share]",
         (0.0, 0.1, 0.2, 0.3, 0.4),
         (0.0, 0.3, 0.6, 0.9),
         _links_and_friction,
@@ -88,21 +88,21 @@ MAPS: Final = (
 
 @dataclass(frozen=True)
 class Place:
-    """One place of a map: the worst RMS in mm over its seeds, and what was not stable."""
+    """One point of a map: the worst RMS in mm over its seeds, and reasons of instability."""
 
     rms: float
     complaints: tuple[str, ...]
 
 
 def instability(one: Figures) -> str:
-    """Why a run was not stable, empty if it was.
+    """Why a run was not stable, or an empty text.
 
-    It has to end at rest, to stay near its path, and its error must not grow on the way.
+    A stable run ends at rest and stays near its path, and its error does not grow.
     """
     if one.fault:
         return one.fault
     if one.worst > _FAR_MM:
-        return f"it is {one.worst:.1f} mm off its path"
+        return f"it deviates from its path by {one.worst:.1f} mm"
     first, _, last = one.thirds
     if last > _GROWTH * first + _GROWTH_MM:
         return f"its error grows from {first:.2f} to {last:.2f} mm"
@@ -110,7 +110,7 @@ def instability(one: Figures) -> str:
 
 
 def stood(name: str, chart: int, across: float, up: float, seed: int) -> dict[str, Any]:
-    """Error of a run at a place of a map, and why it was not stable."""
+    """Error of a run at a point of a map, and why it was not stable."""
     tool, motion, planned = _curve(name)
     reality = MAPS[chart].reality(across, up)
     found = measured(world_of(name, tool, reality, "none", seed, registry().kinds), motion, planned)
@@ -124,7 +124,7 @@ def _curve(name: str) -> tuple[Pose, Trajectory, Matrix]:
 
 
 def survey(name: str, chart: int, seeds: int, campaign: Campaign) -> list[list[Place]]:
-    """Every place of a map for one robot: rows as the vertical axis, from the lowest."""
+    """All points of a map for one robot, in rows of the vertical axis, the lowest first."""
     scales = MAPS[chart]
     cases = [
         {"name": name, "chart": chart, "across": across, "up": up, "seed": seed}
@@ -145,7 +145,7 @@ def survey(name: str, chart: int, seeds: int, campaign: Campaign) -> list[list[P
 
 
 def table(scales: Scales, grid: Sequence[Sequence[Place]]) -> str:
-    """RMS in mm; ``!`` where something was not stable."""
+    """RMS errors in mm as text, with ``!`` at points that are not stable."""
     head = "".join(f"{value:9g}" for value in scales.columns)
     lines = [f"  {scales.up} by {scales.across}", f"  {'':8}{head}"]
     for up, row in zip(scales.rows, grid, strict=True):
@@ -155,18 +155,18 @@ def table(scales: Scales, grid: Sequence[Sequence[Place]]) -> str:
 
 
 def draw(grids: Mapping[str, Sequence[Sequence[Sequence[Place]]]], seeds: int, path: Path) -> None:
-    """A row of panels for each robot; what is not stable is framed in red.
+    """Draw a row of panels for each robot; points that are not stable are framed in red.
 
     Args:
         grids: Maps in the order of `MAPS`, by robot.
-        seeds: Number of seeds that each number is the worst of.
-        path: File of the picture; its ending says which kind.
+        seeds: Number of seeds of which each value is the worst.
+        path: Image file; its suffix determines the format.
     """
     size = (5.2 * len(MAPS) + 1.0, 3.2 * len(grids) + 0.5)
     figure = Figure(figsize=size, dpi=110, layout="constrained")
     panels = figure.subplots(len(grids), len(MAPS), squeeze=False)
-    every = [one.rms for maps in grids.values() for grid in maps for row in grid for one in row]
-    colors = LogNorm(min(every), max(every))
+    values_mm = [one.rms for maps in grids.values() for grid in maps for row in grid for one in row]
+    colors = LogNorm(min(values_mm), max(values_mm))
     for line, (name, maps) in zip(panels, grids.items(), strict=True):
         for axes, scales, grid in zip(line, MAPS, maps, strict=True):
             values = np.array([[one.rms for one in row] for row in grid])
@@ -188,7 +188,7 @@ def draw(grids: Mapping[str, Sequence[Sequence[Sequence[Place]]]], seeds: int, p
 
 
 def main() -> int:
-    """Print and draw the maps; how many places are not stable."""
+    """Print and draw the maps; returns 1 if a point is not stable."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--robots", nargs="+", default=["ur5", "panda"], choices=robot_names())
     parser.add_argument("--seeds", type=int, default=2)
@@ -200,7 +200,7 @@ def main() -> int:
 
 
 def run_maps(arguments: argparse.Namespace, campaign: Campaign) -> int:
-    """Print and draw the maps; how many places are not stable."""
+    """Print and draw the maps; returns 1 if a point is not stable."""
     unstable = 0
     grids: dict[str, list[list[list[Place]]]] = {}
     for name in arguments.robots:

@@ -1,12 +1,12 @@
-"""Whether a comparison of sweeps sees a planted change, and none where there is none.
+"""Whether a comparison of sweeps detects a planted change, and reports none between equals.
 
     python -m benchmarks.planted_change [--trials 12] [--share 0.8] [--repeats 20]
 
-A UR5 traces circles, without and with the controller's bandwidth lowered to a share; ``bt-compare``
-pairs the trials by seed. The trials of equal versions are the same to the last bit, so their
-verdict is "equal". For versions that are equal in law only, as on another kind of processor, the
-second sweep of each repeat draws other random numbers under the same seeds: of 20 such comparisons,
-19 are expected to be undecided.
+A UR5 traces circles, with the controller's bandwidth unchanged and lowered to ``--share``;
+``bt-compare`` pairs the trials by seed. The trials of equal versions are bitwise equal, so their
+verdict is "equal". To represent versions that are only equal in distribution, as on another kind of
+processor, both sweeps of each repeat draw different random numbers under the same seeds: of 20 such
+comparisons, 19 are expected to be undecided.
 """
 
 from __future__ import annotations
@@ -44,10 +44,10 @@ arms:
 
 @dataclass
 class SameProcess:
-    """Engine that runs trials in this process, so that what is patched here holds for them.
+    """Engine that runs trials in this process, so that patches apply to them.
 
     Args:
-        offset: Added to the seed of each run; its row has the seed of the trial.
+        offset: Added to the seed of each run; its row keeps the seed of the trial.
     """
 
     offset: int = 0
@@ -64,19 +64,19 @@ class SameProcess:
             return []
         task = self.queue.popleft()
         if not isinstance(task.job, TrialJob):
-            raise TypeError(f"{task.job.label} is no trial of a tree")
+            raise TypeError(f"{task.job.label} is not a trial of a tree")
         trial = task.job.trial
-        drawn = replace(task.job, trial=replace(trial, seed=trial.seed + self.offset))
-        row: Row = {**run_trial(drawn), "seed": trial.seed}
+        shifted_job = replace(task.job, trial=replace(trial, seed=trial.seed + self.offset))
+        row: Row = {**run_trial(shifted_job), "seed": trial.seed}
         return [Done(task, row, "here")]
 
     def close(self) -> None:
-        """There is nothing to end."""
+        """Do nothing."""
 
 
 @contextmanager
 def lowered(share: float) -> Iterator[None]:
-    """Lower the bandwidth of the controller in the block: both of its gains depend on it."""
+    """Lower the bandwidth of the controller within the block; both of its gains depend on it."""
     before = dynamics.BANDWIDTH
     dynamics.BANDWIDTH = share * before  # type: ignore[misc]  # the planted change
     try:
@@ -92,7 +92,7 @@ def swept(out: Path, trials: int, *, share: float = 1.0, offset: int = 0) -> Pat
         out: Output folder.
         trials: Number of seeds.
         share: Share of the controller's bandwidth.
-        offset: Added to each seed when random numbers are drawn.
+        offset: Added to each seed for the random numbers.
     """
     manifest = checked(Manifest(TREE, tuple(range(trials))))
     with lowered(share):
@@ -101,16 +101,18 @@ def swept(out: Path, trials: int, *, share: float = 1.0, offset: int = 0) -> Pat
 
 
 def verdict(found: Comparison) -> str:
-    """One word for success and all metrics together."""
+    """Verdict over success and all metrics together."""
     return "decided" if found.is_decided else str(found.verdict)
 
 
 def main() -> int:
-    """Print the three verdicts; returns 1 if one is not as expected."""
+    """Print all verdicts; returns 1 if one is unexpected."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--trials", type=int, default=12, help="seeds of each sweep (12)")
     parser.add_argument("--share", type=float, default=0.8, help="share of the bandwidth (0.8)")
-    parser.add_argument("--repeats", type=int, default=20, help="comparisons of equals (20)")
+    parser.add_argument(
+        "--repeats", type=int, default=20, help="comparisons of equal versions (20)"
+    )
     arguments = parser.parse_args()
     trials = arguments.trials
     with tempfile.TemporaryDirectory(prefix="planted_") as name:
@@ -135,9 +137,9 @@ def main() -> int:
             for one in found.metrics:
                 if one.differs:
                     print(f"  repeat {repeat}: {one.name} seems to differ", flush=True)
-        print(f"equal in law: {undecided} of {arguments.repeats} undecided")
-    most = arguments.repeats - undecided <= max(1, round(0.05 * arguments.repeats))
-    return 0 if differing and again.verdict == "equal" and most else 1
+        print(f"equal in distribution: {undecided} of {arguments.repeats} undecided")
+    are_undecided = arguments.repeats - undecided <= max(1, round(0.05 * arguments.repeats))
+    return 0 if differing and again.verdict == "equal" and are_undecided else 1
 
 
 if __name__ == "__main__":

@@ -2,9 +2,9 @@
 
     python -m benchmarks.proportional_gain [--fps 30 60] [--seeds 1] [--jobs 2]
 
-Prints the error by gain, and the best gain of each: what `bt_dualarm.experiments.trials.GAINS` has.
-Gains are tried on a grid of 0.5 first, then beside the best at a distance of 0.25; 100 runs,
-half an hour of a core.
+Prints the error by gain, and the best gain of each case (`bt_dualarm.experiments.trials.GAINS`).
+Gains are first swept in steps of 0.5, then 0.25 below and above the best one: 100 runs, half an
+hour on one core.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from bt_dualarm.experiments.trials import CASES, Cell, Trial, gain_params, run_t
 from bt_dualarm.skill.registry import Registry
 
 GRID: Final = tuple(0.5 * number for number in range(2, 10))
-"""Steps by the error that the image shows: from 1 to 4.5, as far as the parameter goes."""
+"""Gains from 1 to 4.5, the largest value of the parameter."""
 
-BESIDE: Final = 0.25
+REFINEMENT: Final = 0.25
 
 
 class Sweep:
     """Errors by experiment and gain, each measured once.
 
     Args:
-        seeds: Number of seeds of each.
-        jobs: Number of processes side by side.
+        seeds: Number of seeds per case and gain.
+        jobs: Number of parallel processes.
     """
 
     def __init__(self, seeds: int, jobs: int) -> None:
@@ -41,20 +41,20 @@ class Sweep:
         self._registry = Registry.load()
         self._rms: dict[tuple[str, float, float], float] = {}
 
-    def measure(self, asked: Sequence[tuple[Cell, float]]) -> None:
-        """Root mean square errors in m; infinite where the target was not followed."""
-        new = [pair for pair in asked if _key(*pair) not in self._rms]
+    def measure(self, pairs: Sequence[tuple[Cell, float]]) -> None:
+        """Measure RMS errors in m; infinite if the target was not followed."""
+        new = [pair for pair in pairs if _key(*pair) not in self._rms]
         tuned = [replace(cell, more={**cell.more, **gain_params(gain)}) for cell, gain in new]
         runs = [(cell, seed) for cell in tuned for seed in range(self._seeds)]
-        coming = run_trials(runs, self._registry, self._jobs)
+        trials_of_runs = run_trials(runs, self._registry, self._jobs)
         for cell, gain in new:
-            trials = [next(coming) for _ in range(self._seeds)]
+            trials = [next(trials_of_runs) for _ in range(self._seeds)]
             rms = _rms(trials) if all(isinstance(one, Trial) for one in trials) else math.inf
             self._rms[_key(cell, gain)] = rms
             print(f"  {cell.name}, {cell.fps:g} Hz, {gain:g}: {1e3 * rms:.2f} mm", flush=True)
 
     def best(self, cell: Cell) -> tuple[float, float]:
-        """The gain with the least error so far, and that error in m."""
+        """The gain with the smallest error so far, and that error in m."""
         name, fps, _ = _key(cell, 0.0)
         found = {gain: rms for (n, f, gain), rms in self._rms.items() if (n, f) == (name, fps)}
         gain = min(found, key=lambda one: found[one])
@@ -83,8 +83,8 @@ def main() -> int:
     ]
     sweep = Sweep(arguments.seeds, arguments.jobs)
     sweep.measure([(cell, gain) for cell in cells for gain in GRID])
-    beside = (-BESIDE, BESIDE)
-    sweep.measure([(cell, sweep.best(cell)[0] + step) for cell in cells for step in beside])
+    offsets = (-REFINEMENT, REFINEMENT)
+    sweep.measure([(cell, sweep.best(cell)[0] + step) for cell in cells for step in offsets])
     for cell in cells:
         gain, rms = sweep.best(cell)
         print(f"{cell.name:<14} {cell.fps:4.0f} Hz  best gain {gain:4.2f}  {1e3 * rms:6.2f} mm RMS")

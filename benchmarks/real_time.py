@@ -1,17 +1,17 @@
-"""How fast a run is, against the least that it can cost: bare physics and the same frames.
+"""Speed of a run relative to a lower bound: bare physics and the same frames.
 
     python benchmarks/real_time.py [TREE] [--param grasp=attach] [--repeats 3] [--renderer ray]
 
 The tree is run as ``bt-run`` does without a record. In another run, the state before each step, the
-torques and joint friction of the step, and the state and region of each frame are written down.
-Then, in the same process, MuJoCo alone makes each of these steps (``mj_step``) and the renderer
-alone draws each of these frames, from exactly these states; only the time of both is counted, not
-that of restoring the states. Not included: the correction of held objects, sensors, drives, lens
+torques and joint friction of the step, and the state and region of each frame are recorded. Then,
+in the same process, MuJoCo alone makes each of these steps (``mj_step``) and the renderer alone
+draws each of these frames, from exactly these states; only the time of both is counted, not that of
+restoring the states. Not included: the correction of held objects, sensors, drives, lens
 distortion, and image noise.
 
-Prints the real-time factor by the clock on the wall, and in seconds of CPU what the run takes, the
-ratio of the two, and what each part of a run costs. Times are the best of the repeats: other
-programs only ever add to them.
+Prints the real-time factor by wall-clock time, the CPU times of the run and of the bound, their
+ratio, and the CPU time of each part of a run. Times are the best of the repeats, because other
+programs can only add to them.
 """
 
 from __future__ import annotations
@@ -51,14 +51,14 @@ class Step(NamedTuple):
 
 
 class Drawing(NamedTuple):
-    """One frame that was rendered.
+    """One rendered frame.
 
     Attributes:
         positions: Positions of the state, see `_positions`, which the camera may have extrapolated
             for motion blur.
         camera: Positions and rotations of all cameras, which the camera may have shaken.
-        rest: Further arguments of the renderer.
-        options: Likewise, by name.
+        rest: Other positional arguments of the renderer.
+        options: Keyword arguments of the renderer.
     """
 
     positions: tuple[Any, ...]
@@ -69,10 +69,10 @@ class Drawing(NamedTuple):
 
 @dataclass
 class Segment:
-    """The steps and frames between two changes of the world's parts.
+    """The steps and frames between two changes of the model.
 
     Attributes:
-        model: Compiled model with the parts of that time.
+        model: Compiled model at that time.
         steps: The steps.
         drawings: The frames.
     """
@@ -83,7 +83,7 @@ class Segment:
 
 
 class Script:
-    """Writes down all that physics and renderer were asked to do."""
+    """Records all calls of physics and renderer."""
 
     def __init__(self, opened: Run) -> None:
         self.segments: list[Segment] = []
@@ -117,7 +117,7 @@ class Script:
         return original(model, data, *rest, **options)
 
     def replay(self, render: Callable[..., Any] | None) -> tuple[float, float]:
-        """CPU time in s of the same steps and of the same frames."""
+        """CPU times of the same steps and of the same frames, s."""
         physics = 0.0
         drawing = 0.0
         for segment in self.segments:
@@ -144,7 +144,7 @@ class Script:
 
 
 def _positions(data: Any) -> tuple[Any, ...]:
-    """Arrays from which the poses of all bodies follow."""
+    """Arrays that determine the poses of all bodies."""
     return data.qpos, data.mocap_pos, data.mocap_quat
 
 
@@ -154,7 +154,7 @@ def _camera(data: Any) -> tuple[Any, ...]:
 
 
 def _restore(arrays: tuple[Any, ...], values: tuple[Any, ...]) -> None:
-    """Enter values into arrays."""
+    """Copy values into arrays."""
     for array, value in zip(arrays, values, strict=True):
         array[:] = value
 
@@ -187,33 +187,33 @@ class Stopwatch:
 
 
 def _replace(owner: Any, name: str, by: Callable[..., Any]) -> None:
-    """Put a function before a method of one object; it is given the method first."""
+    """Wrap a method of one object in a function whose first argument is the method."""
     original = getattr(owner, name)
     setattr(owner, name, lambda *arguments, **options: by(original, *arguments, **options))
 
 
-def _leave_alone(opened: Run) -> None:
-    """Run it as it is."""
+def _observe_nothing(opened: Run) -> None:
+    """Add nothing to a run."""
     del opened
 
 
 def play(
     tree: str,
     renderer: Any,
-    look: Callable[[Run], None],
+    instrument: Callable[[Run], None],
     params: Mapping[str, str] = MappingProxyType({}),
 ) -> tuple[RunResult, float]:
-    """Run a tree to its end; its result, and the seconds of CPU that its steps took."""
+    """Run a tree to its end; returns its result and the CPU time of its steps, s."""
     registry = Registry.load()
     file = load_tree_file(find_tree(tree), registry.kinds, params)
     with Run(file, registry, RunOptions(renderer=renderer)) as opened:
-        look(opened)
+        instrument(opened)
         began = time.thread_time()
         return opened.finish(), time.thread_time() - began
 
 
 def main() -> int:
-    """Read the arguments, run, report."""
+    """Parse the options and run the benchmark; returns the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("tree", nargs="?", default="pick_and_track")
     parser.add_argument("--param", action="append", default=[], metavar="NAME=VALUE")
@@ -222,10 +222,10 @@ def main() -> int:
     arguments = parser.parse_args()
     params = dict(param.split("=", 1) for param in arguments.param)
 
-    def again(look: Callable[[Run], None]) -> tuple[RunResult, float]:
-        return play(arguments.tree, arguments.renderer, look, params)
+    def again(instrument: Callable[[Run], None]) -> tuple[RunResult, float]:
+        return play(arguments.tree, arguments.renderer, instrument, params)
 
-    plain = [again(_leave_alone) for _ in range(arguments.repeats)]
+    plain = [again(_observe_nothing) for _ in range(arguments.repeats)]
     run = min((result for result, _ in plain), key=lambda result: result.wall_time_s)
     spent = min(spent for _, spent in plain)
     watches: list[Stopwatch] = []
@@ -233,11 +233,11 @@ def main() -> int:
     scripts: list[Script] = []
     renderers: list[Any] = []
 
-    def write_down(opened: Run) -> None:
+    def record_calls(opened: Run) -> None:
         renderers.append(getattr(opened.assembly.renderer, "render", None))
         scripts.append(Script(opened))
 
-    again(write_down)
+    again(record_calls)
     (script,) = scripts
     (render,) = renderers
     (watch,) = watches
@@ -252,26 +252,28 @@ def main() -> int:
 
 
 def report(run: RunResult, spent: float, bare: tuple[float, int], drawn: tuple[float, int]) -> None:
-    """Print the two figures that matter, and what they are made of.
+    """Print the real-time factor and the ratio to the bound, with their parts.
 
     Args:
-        run: Result of the run as it is.
-        spent: Seconds of CPU that it took.
-        bare: Seconds and number of the steps of physics alone.
-        drawn: Seconds of both, and number of frames.
+        run: Result of the plain run.
+        spent: CPU time of its steps, s.
+        bare: CPU time of the steps of physics alone, s, and their number.
+        drawn: CPU time of steps and frames, s, and the number of frames.
     """
     (physics, steps) = bare
     (floor, frames) = drawn
     print(f"{run.outcome}: {run.sim_time_s:.2f} s simulated in {run.wall_time_s:.2f} s")
     print(f"real-time factor  {run.real_time_factor:6.2f}")
-    print(f"run               {spent:6.2f} s of CPU: {run.sim_time_s / spent:.2f} simulated s a s")
-    print(f"bare physics      {physics:6.2f} s ({1e6 * physics / steps:.1f} us a step)")
+    print(
+        f"run               {spent:6.2f} s of CPU: {run.sim_time_s / spent:.2f} simulated s per s"
+    )
+    print(f"bare physics      {physics:6.2f} s ({1e6 * physics / steps:.1f} us per step)")
     print(f"and {frames:4} frames   {floor:6.2f} s")
     print(f"run / bare        {spent / floor:6.2f}")
 
 
 def breakdown(whole: float, watch: Stopwatch) -> None:
-    """Print what each part of a run of so many seconds costs, with stopwatches in it."""
+    """Print the CPU time of each part of a run that took ``whole`` s with stopwatches."""
     rest = whole - sum(watch.spent.values())
     for part, seconds in {**watch.spent, "the rest": rest}.items():
         share = np.divide(100 * seconds, whole)

@@ -1,12 +1,12 @@
-"""Shipped trees in a world that is not its model: what fails, how well the rest is done, the price.
+"""Shipped trees with arms that deviate from their models: success, errors, speed.
 
     python -m benchmarks.reality [--trees circle lissajous] [--sets ideal lab rough] [--seeds 3]
 
-Each tree is run as `bt-run` does, on so many robots of the batch. A line has, for one tree and one
-reality: how many runs succeeded, and why the first of the others did not; the worst of the metrics
-that a motion or a tracking has, which are measured by the encoders or scored against the truth; and
-simulated seconds a second of CPU, as a share of those in the first reality: the median over the
-robots, each of which runs in all realities by turns, after a run that counts for nothing.
+Each tree is run as `bt-run` does, with ``--seeds`` robots with their own deviations. For each tree
+and reality, prints the number of successful runs and the reason of the first failure; the worst
+metrics of motions and of tracking, measured by the encoders or against the true state; and the
+simulated seconds per CPU second relative to the first reality: the median over the robots, each of
+which runs in all realities in turn. A warm-up run is not counted.
 """
 
 from __future__ import annotations
@@ -26,25 +26,25 @@ TREES = ("circle", "lissajous", "pick_and_transport", "pick_and_track")
 
 @dataclass
 class Batch:
-    """What the robots of a batch did with a tree.
+    """Results of a tree in one reality.
 
     Attributes:
-        succeeded: Number of runs that did.
-        reason: Why the first of the others did not; empty if there are none.
+        succeeded: Number of successful runs.
+        reason: Reason of the first failure; empty if there is none.
         worst: Largest value of each metric, by name, over all runs and leaves.
-        paces: Simulated seconds a second of CPU, by run.
+        speeds: Simulated seconds per CPU second, by run.
     """
 
     succeeded: int = 0
     reason: str = ""
     worst: dict[str, float] = field(default_factory=dict)
-    paces: list[float] = field(default_factory=list)
+    speeds: list[float] = field(default_factory=list)
 
     def add(self, tree: str, reality: str, seed: int) -> None:
-        """Run a shipped tree on one robot more."""
+        """Run a shipped tree on another robot."""
         began = time.process_time()
         result = bt.run(tree, reality=reality, seed=seed, renderer="ray")
-        self.paces.append(result.sim_time_s / (time.process_time() - began))
+        self.speeds.append(result.sim_time_s / (time.process_time() - began))
         self.succeeded += result.outcome == "SUCCESS"
         self.reason = self.reason or next(reasons(result), "")
         for arm in result.arms.values():
@@ -56,7 +56,7 @@ class Batch:
 
 
 def reasons(result: bt.RunResult) -> Iterator[str]:
-    """What the leaves say that failed, with their arm."""
+    """Codes and reasons of the failed leaves, with their arms."""
     for name, arm in result.arms.items():
         for leaf in arm.runs:
             if leaf.status == "FAILURE":
@@ -72,17 +72,17 @@ def main() -> None:
     arguments = parser.parse_args()
     for tree in arguments.trees:
         batches = {reality: Batch() for reality in arguments.sets}
-        bt.run(tree, reality=arguments.sets[0], renderer="ray")  # what is imported once is no price
+        bt.run(tree, reality=arguments.sets[0], renderer="ray")  # imports do not count
         for seed in range(arguments.seeds):
             for reality, batch in batches.items():
                 batch.add(tree, reality, seed)
-        first = batches[arguments.sets[0]].paces
+        first = batches[arguments.sets[0]].speeds
         for reality, batch in batches.items():
-            pace = median(one / other for one, other in zip(batch.paces, first, strict=True))
+            speed = median(one / other for one, other in zip(batch.speeds, first, strict=True))
             text = ", ".join(f"{name} {1e3 * value:.3f} mm" for name, value in batch.worst.items())
             print(
                 f"{tree:18} {reality:6} {batch.succeeded}/{len(first)}  {text}  "
-                f"pace {pace:.2f}  {batch.reason}",
+                f"pace {speed:.2f}  {batch.reason}",
                 flush=True,
             )
 

@@ -1,12 +1,13 @@
-"""Today's record against one MCAP file of the same content: cost, ``kill -9``, hostile files.
+"""The current record versus one MCAP file of the same content: cost, ``kill -9``, hostile files.
 
     python -m benchmarks.record_formats [TREE] [--rounds 7] [--kills 20] [--mutants 5000]
 
-One run is taken down as a tape of blocks, samples and events, and written in each layout by turns;
-then runs without a record, with today's and with MCAP take turns. ``blocks`` puts the blocks of the
-history into MCAP as they are, which no viewer reads; ``messages`` makes each state, set-point,
-sample, event and note a message of its own that viewers plot: CDR with ROS 2 schemas for numbers,
-JSON for the rest. An MCAP chunk ends with each simulated second, as a block of the history does.
+The blocks, samples and events of one run are kept as a tape, which is written alternately in each
+layout; then runs alternate without a record, with the current one and with MCAP. ``blocks`` puts
+the blocks of the history into MCAP unchanged, which no viewer reads; ``messages`` writes each
+state, set-point, sample, event and note as a separate message that viewers plot: CDR with ROS 2
+schemas for numbers, JSON for the rest. An MCAP chunk ends with each simulated second, like a block
+of the history.
 """
 
 from __future__ import annotations
@@ -67,8 +68,8 @@ _MEMORY_LIMIT: Final = 4 << 30
 """Address space of the process that reads hostile files, bytes."""
 
 
-class Form(Protocol):
-    """A record as it is written during a run."""
+class RecordWriter(Protocol):
+    """Writer of a record during a run."""
 
     def block(self, block: Block) -> None:
         """Write a block of the history."""
@@ -80,11 +81,11 @@ class Form(Protocol):
         """Write lines of the events or of the log."""
 
     def finish(self) -> None:
-        """Write the rest."""
+        """Write the remaining data and close the files."""
 
 
-class Today:
-    """Today's files: history, samples, events, log.
+class CurrentWriter:
+    """The current files: history, samples, events, log.
 
     Args:
         folder: Folder to write to.
@@ -97,19 +98,19 @@ class Today:
         self._archive = folder / SAMPLES
 
     def block(self, block: Block) -> None:
-        """See `Form`."""
+        """See `RecordWriter`."""
         self._history.add(block)
 
     def sample(self, sample: Sample) -> None:
-        """See `Form`."""
+        """See `RecordWriter`."""
         self._samples.add(sample)
 
     def lines(self, name: str, text: str) -> None:
-        """See `Form`."""
+        """See `RecordWriter`."""
         self._journals[name].add(text)
 
     def finish(self) -> None:
-        """See `Form`."""
+        """See `RecordWriter`."""
         self._history.close()
         for journal in self._journals.values():
             journal.close()
@@ -119,11 +120,11 @@ class Today:
 
 
 _FLOATS: Final = {np.dtype("<f8"): ("float64", 4), np.dtype("<f4"): ("float32", 0)}
-"""Name in a ROS 2 schema, and bytes of padding between the length of a sequence and its numbers."""
+"""Name in a ROS 2 schema, and padding in bytes between the length of a sequence and its numbers."""
 
 
 @dataclass
-class McapForm:
+class McapRecordWriter:
     """One MCAP file.
 
     Attributes:
@@ -145,7 +146,7 @@ class McapForm:
         self._writer.start("bt_dualarm")
 
     def block(self, block: Block) -> None:
-        """See `Form`."""
+        """See `RecordWriter`."""
         states = block.arrays.get("states")
         self._time = float(states[-1, 0]) if states is not None else self._time
         if self.layout == "blocks" or block.kind == "model":
@@ -155,7 +156,7 @@ class McapForm:
         else:
             self._add_json(f"/{block.kind}", dict(block.data), self._time)
         if block.kind in ("second", "end"):
-            self._writer.flush()  # type: ignore[no-untyped-call]  # the package leaves it so
+            self._writer.flush()  # type: ignore[no-untyped-call]  # untyped package
 
     def _add_second(self, block: Block) -> None:
         facts = {name: value for name, value in block.data.items() if name != "notes"}
@@ -173,7 +174,7 @@ class McapForm:
             elif ":" not in name:
                 continue
             topic = "/" + name.replace(":", "/")
-            # An arm that was spawned in this second has the last rows of it.
+            # An arm that was spawned in this second has only its last rows.
             for at, row in zip(times[-len(rows) :], rows, strict=True):
                 self._add_floats(topic, at, row)
         notes: Any = block.data["notes"]
@@ -181,18 +182,18 @@ class McapForm:
             self._add_json(f"/{note['arm']}/{note['kind']}", note, note["time_s"])
 
     def sample(self, sample: Sample) -> None:
-        """See `Form`."""
+        """See `RecordWriter`."""
         topic = f"/samples/{' '.join(sample.names)}"
         self._add_floats(topic, sample.time, sample.points.ravel())
 
     def lines(self, name: str, text: str) -> None:
-        """See `Form`."""
+        """See `RecordWriter`."""
         for line in text.splitlines():
             self._add(f"/{name}", "{}", line.encode(), self._time)
 
     def finish(self) -> None:
-        """See `Form`."""
-        self._writer.finish()  # type: ignore[no-untyped-call]  # the package leaves it so
+        """See `RecordWriter`."""
+        self._writer.finish()  # type: ignore[no-untyped-call]  # untyped package
         self.file.close()
 
     def _add_floats(self, topic: str, at: float, row: npt.NDArray[np.generic]) -> None:
@@ -218,24 +219,24 @@ class McapForm:
         self._writer.add_message(self._channels[topic], nanoseconds, data, nanoseconds)
 
 
-def form_of(name: str, folder: Path) -> Form:
-    """A record in one of the layouts, in an empty folder."""
+def open_writer(name: str, folder: Path) -> RecordWriter:
+    """Writer of a record in one of the layouts, in an empty folder."""
     how = LAYOUTS[name]
     if how is None:
-        return Today(folder)
-    return McapForm((folder / FILE).open("wb"), *how)
+        return CurrentWriter(folder)
+    return McapRecordWriter((folder / FILE).open("wb"), *how)
 
 
 @contextmanager
-def written_to(form: Form) -> Iterator[None]:
-    """Runs of this block write their records in a form, without its end; they draw no plots."""
+def recording_to(record_writer: RecordWriter) -> Iterator[None]:
+    """Context whose runs record to a writer, which they do not finish, and draw no plots."""
 
     class Blocks:
         def __init__(self, path: Path) -> None:
             self.path = path
 
         def add(self, block: Block) -> None:
-            form.block(block)
+            record_writer.block(block)
 
         def finish(self) -> None:
             pass
@@ -248,7 +249,7 @@ def written_to(form: Form) -> Iterator[None]:
             self.folder = folder
 
         def add(self, sample: Sample) -> None:
-            form.sample(sample)
+            record_writer.sample(sample)
 
         def write_archive(self, file: BinaryIO) -> None:
             pass
@@ -262,7 +263,7 @@ def written_to(form: Form) -> Iterator[None]:
 
         def add(self, text: str) -> None:
             if text:
-                form.lines(self._name, text)
+                record_writer.lines(self._name, text)
 
         def finish(self) -> None:
             pass
@@ -284,46 +285,46 @@ class Tape:
     """Everything that a run wrote, in order.
 
     Attributes:
-        calls: Name of a method of `Form`, and its arguments.
+        calls: Name of a method of `RecordWriter`, and its arguments.
     """
 
     calls: list[tuple[str, tuple[object, ...]]] = field(default_factory=list)
 
     def block(self, block: Block) -> None:
-        """See `Form`."""
+        """See `RecordWriter`."""
         self.calls.append(("block", (block,)))
 
     def sample(self, sample: Sample) -> None:
-        """See `Form`."""
+        """See `RecordWriter`."""
         self.calls.append(("sample", (sample,)))
 
     def lines(self, name: str, text: str) -> None:
-        """See `Form`."""
+        """See `RecordWriter`."""
         self.calls.append(("lines", (name, text)))
 
     def finish(self) -> None:
-        """See `Form`."""
+        """See `RecordWriter`."""
         self.calls.append(("finish", ()))
 
-    def write(self, form: Form) -> None:
-        """Write it all in another form."""
+    def write(self, record_writer: RecordWriter) -> None:
+        """Repeat all calls on another writer."""
         for name, arguments in self.calls:
-            getattr(form, name)(*arguments)
+            getattr(record_writer, name)(*arguments)
 
 
 def run_of(
     tree: str, layout: str, folder: Path, report: Callable[[float], None] | None = None
 ) -> float:
-    """Run a tree; CPU seconds of the run and of the writing of its record, plots excluded.
+    """Run a tree; returns the CPU seconds of the run and its record, plots excluded.
 
     Args:
         tree: Name of the tree.
         layout: One of `LAYOUTS`, or empty for no record.
         folder: Empty folder of the record.
-        report: Receives the simulated time in s every 20 ms of it.
+        report: Receives the simulated time in s every 20 simulated ms.
     """
-    form = form_of(layout, folder) if layout else Tape()
-    with written_to(form), tempfile.TemporaryDirectory() as other:
+    record_writer = open_writer(layout, folder) if layout else Tape()
+    with recording_to(record_writer), tempfile.TemporaryDirectory() as other:
         run = bt_dualarm.open(tree, record=other if layout else None)
         before = time.process_time()
         while report is not None and not run.done:
@@ -331,18 +332,18 @@ def run_of(
             report(run.time)
         run.finish()
         run.close()
-        form.finish()
+        record_writer.finish()
         return time.process_time() - before
 
 
 @dataclass(frozen=True, eq=False)
 class Read:
-    """What could be read of a record.
+    """Readable content of a record.
 
     Attributes:
         states: States in order, as bytes.
-        last_s: Simulated time of the last one.
-        ended: Why reading ended, empty at the end of a whole file.
+        last_s: Simulated time of the last state.
+        ended: Why reading ended; empty at the end of a complete file.
     """
 
     states: list[bytes]
@@ -350,8 +351,8 @@ class Read:
     ended: str
 
 
-def read_today(path: Path, budget: ReadBudget | None = None) -> Read:
-    """Read today's history."""
+def read_current(path: Path, budget: ReadBudget | None = None) -> Read:
+    """Read a history in the current format."""
     file = read_history(path, budget)
     rows = [row for block in file.blocks for row in block.arrays.get("states", ())]
     last = float(rows[-1][0]) if rows else 0.0
@@ -359,7 +360,7 @@ def read_today(path: Path, budget: ReadBudget | None = None) -> Read:
 
 
 def read_messages(file: BinaryIO) -> Read:
-    """Read the messages of an MCAP file from its start, as the package reads a torn one."""
+    """Read the messages of an MCAP file from its start, as the package reads a truncated one."""
     states = []
     last = 0.0
     ended = ""
@@ -371,13 +372,13 @@ def read_messages(file: BinaryIO) -> Read:
             elif isinstance(record, Message) and topics[record.channel_id].startswith("/states/"):
                 states.append(record.data[4:12] + record.data[20:])
                 (last,) = struct.unpack("<d", record.data[4:12])
-    except Exception as error:  # noqa: BLE001 - which ones there are is the question
+    except Exception as error:  # noqa: BLE001 - their types are counted
         ended = f"{type(error).__module__}.{type(error).__name__}"
     return Read(states, last, ended)
 
 
 def median_ms(*actions: Callable[[], object], rounds: int) -> list[float]:
-    """Median CPU time in ms of actions that take turns."""
+    """Median CPU times in ms of alternating actions."""
     spent: list[list[float]] = [[] for _ in actions]
     for _ in range(rounds):
         for action, column in zip(actions, spent, strict=True):
@@ -388,26 +389,26 @@ def median_ms(*actions: Callable[[], object], rounds: int) -> list[float]:
 
 
 def cost_of_writing(tape: Tape, until: float, root: Path, rounds: int) -> None:
-    """Print CPU and size of each layout, and that the states are the same bit for bit."""
+    """Print CPU time and size of each layout, and whether the states are bitwise equal."""
 
     def write(name: str) -> None:
         for path in (root / name).iterdir():
             path.unlink()
-        tape.write(form_of(name, root / name))
+        tape.write(open_writer(name, root / name))
 
     for name in LAYOUTS:
         (root / name).mkdir()
     actions = [lambda name=name: write(name) for name in LAYOUTS]
     for name, spent in zip(LAYOUTS, median_ms(*actions, rounds=rounds), strict=True):
         size = sum(path.stat().st_size for path in (root / name).iterdir())
-        print(f"{name}: {spent / until:.2f} ms of CPU a simulated second, {size / 1e6:.2f} MB")
-    today = read_today(root / "today" / HISTORY)
+        print(f"{name}: {spent / until:.2f} ms of CPU per simulated second, {size / 1e6:.2f} MB")
+    current = read_current(root / "today" / HISTORY)
     with (root / "messages, zstd" / FILE).open("rb") as file:
-        print(f"states bit for bit the same: {read_messages(file).states == today.states}")
+        print(f"states bitwise equal: {read_messages(file).states == current.states}")
 
 
 def cost_of_reading(root: Path, until: float, rounds: int) -> None:
-    """Print CPU of reading everything, and of reading one moment."""
+    """Print the CPU time of reading everything, and of reading one time."""
     history = root / "today" / HISTORY
     rng = random.Random(0)  # noqa: S311 - no secret
 
@@ -428,15 +429,15 @@ def cost_of_reading(root: Path, until: float, rounds: int) -> None:
     names = [name for name in LAYOUTS if name.startswith("messages")]
     whole = [lambda name=name: all_of(name) for name in names]
     single = [lambda name=name: moment(name) for name in names]
-    spent = median_ms(lambda: read_today(history), *whole, *single, rounds=rounds)
-    print(f"today: {spent[0]:.1f} ms to read all, which has every moment")
+    spent = median_ms(lambda: read_current(history), *whole, *single, rounds=rounds)
+    print(f"today: {spent[0]:.1f} ms to read all, including every time")
     columns = zip(names, spent[1 : 1 + len(names)], spent[1 + len(names) :], strict=True)
     for name, all_ms, one_ms in columns:
-        print(f"{name}: {all_ms:.1f} ms to read all, {one_ms:.1f} ms for one moment by the index")
+        print(f"{name}: {all_ms:.1f} ms to read all, {one_ms:.1f} ms for one time by the index")
 
 
 def cost_of_runs(tree: str, rounds: int) -> None:
-    """Print the CPU of whole runs relative to those without a record."""
+    """Print the CPU time of whole runs relative to those without a record."""
     names = ("", "today", "messages, zstd")
     spent: dict[str, list[float]] = {name: [] for name in names}
     for number in range(rounds):
@@ -446,13 +447,15 @@ def cost_of_runs(tree: str, rounds: int) -> None:
         shown = ", ".join(f"{name or 'none'} {column[-1]:.2f} s" for name, column in spent.items())
         print(f"CPU with the record: {shown}", flush=True)
     for name in names[1:]:
-        ratios = [mine / none for mine, none in zip(spent[name], spent[""], strict=True)]
-        least = min(spent[name]) / min(spent[""])
-        print(f"{name}: {statistics.median(ratios):.3f} times a run without (least: {least:.3f})")
+        ratios = [recorded / none for recorded, none in zip(spent[name], spent[""], strict=True)]
+        smallest = min(spent[name]) / min(spent[""])
+        print(
+            f"{name}: {statistics.median(ratios):.3f} times a run without (least: {smallest:.3f})"
+        )
 
 
 def cost_of_viewing(tree: str) -> None:
-    """Print what the messages cost that `bt-record export --mcap` makes for Foxglove."""
+    """Print the cost of the messages that `bt-record export --mcap` writes for Foxglove."""
     with (
         tempfile.TemporaryDirectory() as folder,
         mock.patch("bt_dualarm.runtime.plots.files_of", return_value=()),
@@ -463,11 +466,11 @@ def cost_of_viewing(tree: str) -> None:
         write_mcap(messages_of(record), Path(folder) / FILE)
         spent = 1e3 * (time.process_time() - before) / record.until
         size = (Path(folder) / FILE).stat().st_size
-    print(f"export for Foxglove: {spent:.1f} ms a simulated second, {size / 1e6:.2f} MB")
+    print(f"export for Foxglove: {spent:.1f} ms per simulated second, {size / 1e6:.2f} MB")
 
 
 def kill(tree: str, layout: str, kills: int, rng: random.Random) -> None:
-    """Print what is left of runs that are killed at random moments."""
+    """Print what is readable of runs that are killed at random times."""
     missing = []
     endings = Counter[str]()
     for _ in range(kills):
@@ -485,7 +488,7 @@ def kill(tree: str, layout: str, kills: int, rng: random.Random) -> None:
             try:
                 with suppress(FileNotFoundError):
                     if layout == "today":
-                        left = read_today(folder / HISTORY)
+                        left = read_current(folder / HISTORY)
                     else:
                         with (folder / FILE).open("rb") as file:
                             left = read_messages(file)
@@ -494,33 +497,33 @@ def kill(tree: str, layout: str, kills: int, rng: random.Random) -> None:
             except HistoryError as error:
                 endings[str(error)] += 1
     print(f"{layout}: {len(missing)} of {kills} killed runs readable, at most {max(missing):.2f} s")
-    print(f"  lack; reading ended with {dict(endings)}")
+    print(f"  missing; reading ended with {dict(endings)}")
 
 
 def cut(root: Path, rng: random.Random) -> None:
-    """Print how each layout is read when it is cut off at a random byte."""
+    """Print how each layout is read when it is truncated at a random byte."""
     for name in LAYOUTS:
         if name.startswith("blocks"):
             continue
         path = root / name / (HISTORY if name == "today" else FILE)
         content = path.read_bytes()
-        whole = read_today(path) if name == "today" else read_messages(io.BytesIO(content))
+        whole = read_current(path) if name == "today" else read_messages(io.BytesIO(content))
         sound = Counter[str]()
         for _ in range(200):
             part = content[: rng.randrange(100, len(content))]
             if name == "today":
                 (root / "part").write_bytes(part)
-                left = read_today(root / "part")
+                left = read_current(root / "part")
             else:
                 left = read_messages(io.BytesIO(part))
             wrong = left.states != whole.states[: len(left.states)]
             sound["a wrong state at the end" if wrong else "only true states"] += 1
-            sound[f"ended by {left.ended if name != 'today' else 'a sentence on why'}"] += 1
-        print(f"{name}, cut at 200 places: {dict(sound)}")
+            sound[f"ended by {left.ended if name != 'today' else 'a message'}"] += 1
+        print(f"{name}, truncated 200 times: {dict(sound)}")
 
 
 def _mutated(content: bytes, rng: random.Random) -> bytes:
-    """Flip, cut out, repeat or overwrite some bytes."""
+    """Flip, remove, repeat or overwrite some bytes."""
     at = rng.randrange(len(content))
     size = rng.choice((1, 1, 1, 4, 8, 100))
     kind = rng.randrange(4)
@@ -541,21 +544,21 @@ def mutate(tape: Tape, mutants: int, rng: random.Random) -> None:
     for name in ("today", "messages, zstd", "messages, no compression"):
         with tempfile.TemporaryDirectory() as folder:
             root = Path(folder)
-            short.write(form_of(name, root))
+            short.write(open_writer(name, root))
             path = root / (HISTORY if name == "today" else FILE)
             content = path.read_bytes()
-            whole = read_today(path) if name == "today" else read_messages(io.BytesIO(content))
+            whole = read_current(path) if name == "today" else read_messages(io.BytesIO(content))
             found = Counter[str]()
             for _ in range(mutants):
                 mutant = _mutated(content, rng)
                 try:
                     if name == "today":
                         path.write_bytes(mutant)
-                        left = read_today(path)
+                        left = read_current(path)
                     else:
                         left = read_messages(io.BytesIO(mutant))
                 except DualArmError:
-                    found["refused with a sentence"] += 1
+                    found["rejected with a message"] += 1
                     continue
                 wrong = left.states != whole.states[: len(left.states)]
                 found["WRONG states read"] += wrong
@@ -564,7 +567,7 @@ def mutate(tape: Tape, mutants: int, rng: random.Random) -> None:
 
 
 def bombs() -> None:
-    """Print the peak of memory when a small chunk unpacks to a gigabyte."""
+    """Print the peak memory when a small chunk decompresses to a gigabyte."""
     for name in ("zstd", "lz4"):
         command = [sys.executable, "-m", "benchmarks.record_formats", "--bomb", name]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -572,7 +575,7 @@ def bombs() -> None:
 
 
 def bomb(name: str) -> None:
-    """Read a chunk that says it has 1,000 bytes and has 2**30: one record of no known kind."""
+    """Read a chunk that declares 1,000 bytes but has 2**30: one record of an unknown type."""
     plain = bytes(1 << 20)
     record = struct.pack("<BQ", 0x80, (1 << 30) - 9)
     if name == "zstd":
@@ -592,14 +595,14 @@ def bomb(name: str) -> None:
         writer.start()
         builder = writer._Writer__record_builder  # type: ignore[attr-defined]
         Chunk(name, data, 0, 0, 0, 1000).write(builder)
-        writer.finish()  # type: ignore[no-untyped-call]  # the package leaves it so
+        writer.finish()  # type: ignore[no-untyped-call]  # untyped package
         content = file.getvalue()
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     resource.setrlimit(resource.RLIMIT_AS, (_MEMORY_LIMIT, _MEMORY_LIMIT))
     read = read_messages(io.BytesIO(content))
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     print(
-        f"{name} chunk of {len(data) / 1e6:.2f} MB that says it has 1,000 bytes: "
+        f"{name} chunk of {len(data) / 1e6:.2f} MB that declares 1,000 bytes: "
         f"{(peak - before) / 1024:.0f} MB more memory, ended by {read.ended or 'nothing'}"
     )
 
@@ -613,30 +616,30 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--mutants", type=int, default=5000)
     parser.add_argument("--child", nargs=2, metavar=("LAYOUT", "FOLDER"), help=argparse.SUPPRESS)
     parser.add_argument("--bomb", help=argparse.SUPPRESS)
-    given = parser.parse_args(arguments)
-    if given.bomb:
-        bomb(given.bomb)
+    options = parser.parse_args(arguments)
+    if options.bomb:
+        bomb(options.bomb)
         return
-    if given.child:
-        layout, folder = given.child
-        run_of(given.tree, layout, Path(folder), lambda at: print(at, flush=True))
+    if options.child:
+        layout, folder = options.child
+        run_of(options.tree, layout, Path(folder), lambda at: print(at, flush=True))
         return
     rng = random.Random(0)  # noqa: S311 - no secret
     tape = Tape()
-    with tempfile.TemporaryDirectory() as other, written_to(tape):
-        until = bt_dualarm.run(given.tree, record=other).sim_time_s
+    with tempfile.TemporaryDirectory() as other, recording_to(tape):
+        until = bt_dualarm.run(options.tree, record=other).sim_time_s
     tape.finish()
     with tempfile.TemporaryDirectory() as name:
-        cost_of_writing(tape, until, Path(name), 3 * given.rounds)
-        cost_of_reading(Path(name), until, 3 * given.rounds)
+        cost_of_writing(tape, until, Path(name), 3 * options.rounds)
+        cost_of_reading(Path(name), until, 3 * options.rounds)
         cut(Path(name), rng)
-    if given.rounds > 1:
-        cost_of_viewing(given.tree)
-        cost_of_runs(given.tree, given.rounds)
-    for layout in ("today", "messages, zstd") if given.kills else ():
-        kill(given.tree, layout, given.kills, rng)
-    if given.mutants:
-        mutate(tape, given.mutants, rng)
+    if options.rounds > 1:
+        cost_of_viewing(options.tree)
+        cost_of_runs(options.tree, options.rounds)
+    for layout in ("today", "messages, zstd") if options.kills else ():
+        kill(options.tree, layout, options.kills, rng)
+    if options.mutants:
+        mutate(tape, options.mutants, rng)
         bombs()
 
 

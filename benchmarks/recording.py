@@ -1,10 +1,10 @@
-"""What a record costs: CPU time of a run with a history and without, in turns, and its size.
+"""Cost of a record: CPU time of a run with and without a history, and the size of the history.
 
     python -m benchmarks.recording [TREE] [--rounds 5]
 
-One run records, the other does not: events, samples and history are what differs. Prints the ratio
-of the least CPU times, the median of the ratios of rounds, and bytes a simulated minute. Plots,
-which are drawn after a run, are not counted.
+Runs alternate with and without events, samples and history. Prints the ratio of the smallest CPU
+times, the median ratio of the rounds, and megabytes per simulated minute. Plots, which are drawn
+after a run, are not counted.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from bt_dualarm.runtime.recorder import HISTORY
 
 @dataclass(frozen=True)
 class Cost:
-    """What one run took.
+    """Cost of one run.
 
     Attributes:
-        cpu_s: CPU time of the run itself, in s.
-        simulated_s: Simulated time of it, in s.
+        cpu_s: CPU time of the run, s.
+        simulated_s: Simulated time of the run, s.
     """
 
     cpu_s: float
@@ -35,7 +35,7 @@ class Cost:
 
 
 def run_of(tree: str, folder: Path | None) -> Cost:
-    """Run a tree to its end; its record is written, or there is none."""
+    """Run a tree to its end, with a record in a folder or without one."""
     with bt_dualarm.open(tree, record=folder) as run:
         before = time.process_time()
         result = run.finish()
@@ -43,7 +43,7 @@ def run_of(tree: str, folder: Path | None) -> Cost:
 
 
 def main() -> None:
-    """Take turns."""
+    """Run both kinds alternately and print the cost."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("tree", nargs="?", default="pick_and_track")
     parser.add_argument("--rounds", type=int, default=5)
@@ -54,7 +54,7 @@ def main() -> None:
         folder = Path(name)
         for number in range(arguments.rounds):
             order = (None, folder) if number % 2 else (folder, None)
-            costs = {place: run_of(arguments.tree, place) for place in order}
+            costs = {record: run_of(arguments.tree, record) for record in order}
             pairs.append((costs[None].cpu_s, costs[folder].cpu_s))
             print(f"without a record {pairs[-1][0]:.2f} s, with one {pairs[-1][1]:.2f} s of CPU")
         simulated = costs[folder].simulated_s
@@ -63,8 +63,10 @@ def main() -> None:
     plain, recorded = (min(column) for column in zip(*pairs, strict=True))
     median = statistics.median(b / a for a, b in pairs)
     grows = sum(len(block.encoded()) for block in blocks if block.kind == "second")
-    print(f"ratio of the least {recorded / plain:.3f}, median of the ratios {median:.3f}")
-    print(f"{size / 1e6:.2f} MB for {simulated:.1f} s; {60e-6 * grows / simulated:.2f} MB a minute")
+    print(f"ratio of the smallest {recorded / plain:.3f}, median of the ratios {median:.3f}")
+    print(
+        f"{size / 1e6:.2f} MB for {simulated:.1f} s; {60e-6 * grows / simulated:.2f} MB per minute"
+    )
 
 
 if __name__ == "__main__":

@@ -1,15 +1,15 @@
-"""Records of strangers through every reader and export: tracebacks, files elsewhere, memory.
+"""Untrusted records in every reader and exporter: tracebacks, files written elsewhere, memory.
 
     python -m benchmarks.records                         5,000 mutants, and all malicious records
     python -m benchmarks.records --mutants 200 --seed 3  fewer, and others
 
-Each mutant that is not refused as it is read goes through every reader that takes less than a
-second, and one in `--slow` through those that draw films and run the tree again; one that is
-refused is refused by all readers alike, so one of them, drawn anew for each, has to say so.
+Each mutant that can be read goes through every reader that takes less than a second, and one in
+`--slow` also through those that render videos and run the tree again. A mutant that is refused on
+reading is refused by all readers alike, so only one random reader has to report it.
 
-Each reading is a process of its own, forked from one that has imported everything and read the
-record that the mutants are made from, so that meshes are loaded once; the memory printed is the
-largest of one such process, its imports included. Progress is printed once in a hundred records.
+Each reading is a separate process, forked from one that has imported everything and read the
+original record, so that meshes are loaded once; the memory printed is the largest of one such
+process, its imports included. Progress is printed every hundred records.
 """
 
 from __future__ import annotations
@@ -36,17 +36,17 @@ from tests.fuzz.record_readers import QUICK, SLOW, fault_of
 from tests.fuzz.recorded import recorded
 
 MOST_MB: Final = 1000
-"""Memory that one reading may take."""
+"""Largest memory that one reading may take, MB."""
 
 
 @dataclass(frozen=True)
 class Reading:
-    """What came of one reading.
+    """Result of one reading.
 
     Attributes:
-        refused: Whether the record was refused with an error for people.
-        fault: What was wrong with that; empty if nothing was.
-        memory_mb: Largest memory of its process, or of one that it started.
+        refused: Whether the record was refused with one of the project's errors.
+        fault: Fault of the reader; empty if there is none.
+        memory_mb: Largest memory of its process or of a child process, MB.
     """
 
     refused: bool
@@ -54,8 +54,8 @@ class Reading:
     memory_mb: float
 
 
-def alone(reader: Callable[[Path, Path], int], sandbox: Path) -> Reading:
-    """Read ``sandbox/record`` in a process of its own."""
+def read_in_child(reader: Callable[[Path, Path], int], sandbox: Path) -> Reading:
+    """Read ``sandbox/record`` in a separate process."""
     receiver, sender = os.pipe()
     child = os.fork()
     if child == 0:
@@ -87,24 +87,24 @@ def _read(record: Path, _: Path) -> int:
 
 
 def _readings(
-    files: Files, sandbox: Path, dice: random.Random, slow: int, *, everything: bool
+    files: Files, sandbox: Path, rng: random.Random, slow: int, *, everything: bool
 ) -> Iterator[tuple[str, Reading]]:
-    """Readers, and what came of each."""
+    """Readers and their results."""
     shutil.rmtree(sandbox, ignore_errors=True)
     sandbox.mkdir(parents=True)
     files.write(sandbox / "record")
-    names = [*QUICK, *(SLOW if dice.randrange(slow) == 0 else ())]
-    if not everything and alone(_read, sandbox).refused:
-        names = dice.sample(names, 1)
+    names = [*QUICK, *(SLOW if rng.randrange(slow) == 0 else ())]
+    if not everything and read_in_child(_read, sandbox).refused:
+        names = rng.sample(names, 1)
     for name in names:
-        yield name, alone((QUICK | SLOW)[name], sandbox)
+        yield name, read_in_child((QUICK | SLOW)[name], sandbox)
 
 
 def _work(
     place: Path, files: Files, mutants: int, malicious: list[str], seed: int, slow: int
 ) -> tuple[Counter[str], list[str], tuple[float, str]]:
-    """Counts, faults, and the most memory of a reading in MB with its name, of one share."""
-    dice = random.Random(seed)  # noqa: S311 - no secret
+    """Counts, faults, and largest memory of a reading in MB with its name, of one share."""
+    rng = random.Random(seed)  # noqa: S311 - no secret
     count = Counter[str]()
     faults = list[str]()
     peak = (0.0, "")
@@ -118,18 +118,18 @@ def _work(
         if number and number % 100 == 0:
             print(f"  share {seed}: {number} of {total} records", flush=True)
         if number < mutants:
-            what, changed = mutated(files, dice)
+            origin, changed = mutated(files, rng)
         else:
-            what = malicious[number - mutants]
+            origin = malicious[number - mutants]
             changed = files.copy()
-            MALICIOUS[what](changed)
+            MALICIOUS[origin](changed)
         count["records"] += 1
         everything = number >= mutants
-        for name, reading in _readings(changed, sandbox, dice, slow, everything=everything):
+        for name, reading in _readings(changed, sandbox, rng, slow, everything=everything):
             count["readings"] += 1
             count["refusals"] += reading.refused
             fault = reading.fault
-            peak = max(peak, (reading.memory_mb, f"{what}: {name}"))
+            peak = max(peak, (reading.memory_mb, f"{origin}: {name}"))
             if reading.memory_mb > MOST_MB:
                 fault = fault or f"memory: {reading.memory_mb:.0f} MB"
             if fault:
@@ -137,17 +137,17 @@ def _work(
                 if kind not in ("printed", "written elsewhere", "memory"):
                     kind = "traceback"
                 count[kind] += 1
-                faults.append(f"{what}: {name}: {fault}")
-                print(f"  {what}: {name}: {fault}", flush=True)
+                faults.append(f"{origin}: {name}: {fault}")
+                print(f"  {origin}: {name}: {fault}", flush=True)
     return count, faults, peak
 
 
 def main() -> int:
-    """Print what came of all records; 0 where nothing was wrong."""
+    """Print the results of all records; returns 0 if there are no faults."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--mutants", type=int, default=5000)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--slow", type=int, default=50, help="one in so many through slow readers")
+    parser.add_argument("--slow", type=int, default=50, help="use slow readers for one in so many")
     parser.add_argument("--workers", type=int, default=1)
     arguments = parser.parse_args()
     names = [*MALICIOUS]

@@ -1,8 +1,8 @@
-"""What a frame costs: rendering, detection, estimation; run ``python -m benchmarks.rendering``.
+"""Cost of a frame: rendering, detection, estimation; run ``python -m benchmarks.rendering``.
 
-Scene of ``trees/pick_and_track.yaml``: the UR5 holds the cube 0.35 m before the Panda's wrist
-camera. Times are the best of many, in milliseconds; ratios are to ``mj_multiRay`` and its whole
-image.
+Scene of ``trees/pick_and_track.yaml``: the UR5 holds the cube 0.35 m in front of the Panda's wrist
+camera. Times are the best of many, in milliseconds; ratios are relative to ``mj_multiRay`` for the
+whole image.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from bt_dualarm.spec.document import CameraSpec
 from bt_dualarm.spec.values import Color
 
 CARRYING = np.array([0.0015, -0.9451, 1.5663, 2.5204, -1.5723, 3.1416])
-"""The UR5 with its tool at (0.655, 0.11, 0.70), pointing along x."""
+"""Posture of the UR5 with its tool at (0.655, 0.11, 0.70), pointing along x, rad."""
 
 CUBE = np.array([0.685, 0.11, 0.70, 1.0, 0.0, 0.0, 0.0])
 WINDOW = (132, 92, 188, 148)
@@ -39,7 +39,7 @@ ROUNDS = 40
 
 
 def main() -> None:
-    """Print one line a measurement."""
+    """Print a line per measurement."""
     world = staged()
     camera_id = world.arms["arm2"].camera_id
     whole = best_ms(lambda: cast_by_mujoco(world, camera_id))
@@ -59,7 +59,7 @@ def main() -> None:
 
 
 def staged() -> World:
-    """Both arms and the cube where they are during the main job."""
+    """Both arms and the cube as during the demo."""
     world = World(load_tree_file(share_dir("trees") / "pick_and_track.yaml"))
     data = world.data
     data.qpos[world.arms["arm1"].qpos_ids] = CARRYING
@@ -72,7 +72,7 @@ def staged() -> World:
 
 
 def per_frame(world: World, camera: Camera) -> Iterator[tuple[str, float]]:
-    """Cost of whole images, of coarse ones, of a window about the cube, and of detection."""
+    """Costs of a whole image, a coarse one, a window around the cube, and of detection, ms."""
     yellow = ColorFilter(Color.named("yellow"))
     windows = {
         "whole image": Window(),
@@ -93,7 +93,7 @@ def _always(window: Window, *_: object) -> Window:
 
 
 def estimation() -> Iterator[tuple[str, float]]:
-    """Cost of an update and of a prediction, by each model."""
+    """Costs of an update and of a prediction with each model, ms."""
     for model in (ConstantJerk(), Oscillator()):
         name = type(model).__name__
         estimate = TargetEstimate(model)
@@ -102,14 +102,14 @@ def estimation() -> Iterator[tuple[str, float]]:
 
 
 def updates(estimate: TargetEstimate) -> Callable[[], None]:
-    """An action that takes in the next measurement of a target at rest, at 60 Hz."""
+    """An action that processes the next measurement of a target at rest, at 60 Hz."""
     stamps = itertools.count(0.0, 1.0 / 60.0)
     place = np.array([0.7, 0.1, 0.7])
     return lambda: estimate.update(next(stamps), place, 1e-4)
 
 
 def cast_by_mujoco(world: World, camera_id: int) -> None:
-    """What one call of MuJoCo's own ray casting takes for the same image."""
+    """Cast the rays of the same image with one call of MuJoCo."""
     data: Any = world.data
     rays = camera_rays(320, 240, float(world.model.cam_fovy[camera_id]), 1).reshape(3, -1)
     rays = np.ascontiguousarray((data.cam_xmat[camera_id].reshape(3, 3) @ rays).T)
@@ -123,7 +123,7 @@ def cast_by_mujoco(world: World, camera_id: int) -> None:
 
 
 def best_ms(action: Callable[[], object], rounds: int = ROUNDS) -> float:
-    """Shortest duration of an action in milliseconds: other work on the machine only adds."""
+    """Shortest duration of an action in ms: other processes can only add to it."""
     action()
     durations = []
     for _ in range(rounds):
@@ -134,7 +134,7 @@ def best_ms(action: Callable[[], object], rounds: int = ROUNDS) -> float:
 
 
 def report(label: str, cost_ms: float, whole_ms: float) -> None:
-    """One line: what, how long, how much faster than the whole image by MuJoCo's rays."""
+    """Print a cost, and its ratio to that of the whole image by MuJoCo's rays."""
     print(f"{label:42s} {cost_ms:8.3f} ms   1/{whole_ms / cost_ms:.0f}")
 
 

@@ -1,4 +1,4 @@
-"""Same file, same seed: the same states, bit for bit, in fresh processes; another seed: others.
+"""Repeatability: equal seeds give bitwise equal states in fresh processes, other seeds do not.
 
 python benchmarks/repeatability.py [TREE] [--seed 0] [--runs 3]
 """
@@ -16,7 +16,7 @@ PROGRAM = "import sys; from bt_dualarm.cli import run; sys.exit(run())"
 
 
 def state_hash(tree: str, seed: int, folder: Path) -> str:
-    """SHA-256 over the states of a run in a process of its own."""
+    """SHA-256 over the states of a run in a separate process."""
     options = ["--seed", str(seed), "--display", "quiet", "--record", str(folder)]
     subprocess.run([sys.executable, "-c", PROGRAM, tree, *options], check=True)
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
@@ -24,7 +24,7 @@ def state_hash(tree: str, seed: int, folder: Path) -> str:
 
 
 def main() -> int:
-    """Read the arguments, run, compare."""
+    """Run all seeds and compare the hashes; returns the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("tree", nargs="?", default="pick_and_track")
     parser.add_argument("--seed", type=int, default=0)

@@ -1,11 +1,11 @@
-"""Whether a run that goes on from a record is the one that was never interrupted, and how fast.
+"""Whether runs resumed from a record equal the uninterrupted ones, and how fast they are.
 
     python -m benchmarks.resuming [--times 10] [--seed 0]
 
 Each of five runs is recorded once, then resumed at random times: with two arms and a camera, in
-`rough`, by sight alone, by a marker, with another value of a parameter, with arms that are spawned.
-Prints how many final hashes are those of the uninterrupted run, and how much faster than real time
-the past was made, without drawing its pictures again.
+`rough`, by sight alone, by a marker, with a changed parameter, with spawned arms. Prints how many
+final hashes equal those of the uninterrupted runs, and how much faster than real time the past was
+restored, without rendering its images again.
 """
 
 from __future__ import annotations
@@ -64,14 +64,14 @@ CASES: dict[str, tuple[str, dict[str, Any]]] = {
 
 
 def main() -> None:
-    """Record, resume, compare."""
+    """Record and resume the runs, and compare their hashes."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--times", type=int, default=10)
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     rng = np.random.default_rng(arguments.seed)
     registry = Registry.load()
-    same = tried = 0
+    equal = count = 0
     with tempfile.TemporaryDirectory() as name:
         for number, (case, (tree, options)) in enumerate(CASES.items()):
             folder = Path(name) / str(number)
@@ -82,11 +82,11 @@ def main() -> None:
                 before = time.process_time()
                 with resumed(record, float(at), registry, Changed()) as run:
                     factors.append(float(at) / (time.process_time() - before))
-                    same += run.finish().state_sha256 == sha256
-                tried += 1
+                    equal += run.finish().state_sha256 == sha256
+                count += 1
             median = float(np.median(factors))
-            print(f"{case}: {median:.1f} s of the past in a second of CPU (median)", flush=True)
-    print(f"{same} of {tried} final hashes are those of the uninterrupted run")
+            print(f"{case}: {median:.1f} s of the past per CPU second (median)", flush=True)
+    print(f"{equal} of {count} final hashes equal those of the uninterrupted runs")
 
 
 if __name__ == "__main__":

@@ -1,10 +1,10 @@
-"""What each robot of the catalog can do: every skill, with every gripper, in a world of its own.
+"""Skills that each robot of the catalog can perform, with every gripper, each in a small world.
 
     python -m benchmarks.robot_skills [--robots ur5 so101] [--reality lab] [--write]
 
-Each run is a small world around the home posture of a robot: a stand below its tool, an object on
-it, and a few leaves that end with the skill. ``--write`` writes ``docs/robot_skills.md`` from all
-runs.
+Each run has a world around the home posture of a robot, with a stand below its tool and an object
+on it, and a few leaves that end with the skill. ``--write`` writes ``docs/robot_skills.md`` from
+all runs.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ _STANDS_AT: Final = {"baxter_left": 0.93, "baxter_right": 0.93}
 """Height of the bases that belong to a body with a pedestal, m."""
 
 _TOOL_HEIGHT: Final = 0.40
-"""Least height of the tool above the floor at home, m: room for a stand below."""
+"""Smallest height of the tool above the floor at home, m: room for a stand below."""
 
 _SMALL: Final = 0.5
-"""Reach below which a robot gets small motions, m."""
+"""Reach below which a robot makes small motions, m."""
 
 TOGETHER: Final = ("carry_together", "follow_tool", "hand_over", "take_over")
 """Skills that need another arm."""
@@ -73,7 +73,7 @@ class Place:
 
     @classmethod
     def of(cls, robot: str, gripper: str | None, *, looks: bool = False) -> Place:
-        """Place of a robot, with its base so high that there is room below its tool."""
+        """Surroundings of a robot, with its base high enough for a stand below its tool."""
         bare = load_robot(robot)
         body = bare if gripper is None else with_gripper(bare, load_gripper(gripper))
         base_z = _STANDS_AT.get(robot)
@@ -85,31 +85,31 @@ class Place:
 
     @property
     def step(self) -> float:
-        """Length of a motion to the side, m."""
+        """Length of a lateral motion, m."""
         return 0.02 if self.is_small else 0.05
 
     @property
     def is_small(self) -> bool:
-        """Whether the arm is one of short reach."""
+        """Whether the arm has a short reach."""
         return Chain(self.body, Pose.identity()).bounding_ball[1] < _SMALL
 
     @property
     def size(self) -> tuple[float, float, float]:
-        """Edges of the object, m; a cup needs a face that is wider than its lip."""
+        """Edges of the object, m; a suction cup needs a face wider than its lip."""
         height = 0.03 if self.is_small else 0.04
         width = 0.045 if self.gripper == "suction_cup" else height
         return width, width, height
 
     @property
     def top(self) -> float:
-        """Height of the stand, m: the object is as far below the tool as the arm can go down."""
-        away = 0.03 if self.is_small else 0.07
+        """Height of the stand, m: the object is within the downward reach of the tool."""
+        clearance = 0.03 if self.is_small else 0.07
         if self.looks:  # the camera has to see all of it
-            away = 0.25
-        return round(float(self.tool.position[2]) - self.size[2] - away, 4)
+            clearance = 0.25
+        return round(float(self.tool.position[2]) - self.size[2] - clearance, 4)
 
     def at(self, along: float = 0.0, up: float = 0.0) -> list[float]:
-        """Point that is so far from where the tool is at home, around the base and upward, m."""
+        """Point at an offset from the tool at home, along a circle about the base and upward, m."""
         x, y, z = self.tool.position.tolist()
         distance = float(np.hypot(x, y))
         angle = float(np.arctan2(y, x)) + along / distance
@@ -122,7 +122,7 @@ class Place:
         return [x, y, round(self.top + self.size[2] / 2, 4)]
 
     def file(self, leaves: Sequence[Tree | str], reality: str) -> Tree:
-        """Tree file in which these leaves run."""
+        """Tree file with these leaves."""
         x, y, _ = self.at()
         wide = 0.16 if self.is_small else 0.30
         stand = {"shape": "box", "size": [wide, wide, self.top], "mass": 50.0, "fixed": True}
@@ -147,20 +147,20 @@ class Place:
 
 
 def motions(place: Place) -> Mapping[str, list[Tree | str]]:
-    """Leaves for each skill that needs neither a gripper nor a camera nor another arm."""
+    """Leaves for each skill that needs no gripper, camera or other arm."""
     step = place.step
     five: Tree = {"free": list(AXES)} if place.body.dof < 6 else {}
     last = [0.0] * (place.body.dof - 1) + [20]
     attach: Tree = {"approach_and_attach": {"object": "cube", "standoff": 0.02}}
     lift: Tree = {"transport": {"object": "cube", "to": {"xyz": place.on_stand(step)}}}
     points = [[step, 0], [0, step], [-step, 0], [0, -step / 2]]
-    drawn = [[0, 0], [1000 * step, 0], [1000 * step, 1000 * step]]
+    corners = [[0, 0], [1000 * step, 0], [1000 * step, 1000 * step]]
     return {
         "approach_and_attach": [attach],
         "circle": [{"circle": {"plane": "xy", "radius": step}}],
         "detach": [attach, {"detach": {"object": "cube"}}],
         "draw": [{"draw": {"plane": "xy", "points": points}}],
-        "follow_path": [{"follow_path": {"points": drawn, "plane": "xy", "tool_speed": 0.02}}],
+        "follow_path": [{"follow_path": {"points": corners, "plane": "xy", "tool_speed": 0.02}}],
         "go_home": [{"move_joints": {"by": last}}, "go_home"],
         "hold_still": [{"hold_still": {"duration": 1.0}}],
         "lissajous": [{"lissajous": {"plane": "xy", "amplitudes": [step, step / 2]}}],
@@ -202,7 +202,7 @@ def gripping(place: Place) -> Mapping[str, list[Tree | str]]:
 
 
 def seeing(place: Place) -> Mapping[str, list[Tree | str]]:
-    """Leaves for each skill that needs a camera; it is at the wrist and looks down."""
+    """Leaves for each skill that needs a camera, which is at the wrist and looks down."""
     center = [*place.on_stand()[:2], place.top]
     return {
         "count": [{"count": {"object": "cube"}}],
@@ -223,7 +223,7 @@ class Cell:
         skill: Name of the skill.
         gripper: Name of the gripper, or `BARE`.
         failure: Failure code; empty for a success.
-        reason: Sentence on the failure.
+        reason: Message of the failure.
     """
 
     robot: str
@@ -249,7 +249,7 @@ def tried(place: Place, skill: str, leaves: Sequence[Tree | str], reality: str) 
 
 
 def cells(robots: Iterable[str], reality: str) -> Iterator[dict[str, Any]]:
-    """Arguments of `measured` for all cells of some robots."""
+    """Arguments of `run_case` for all cells of some robots."""
     for robot in robots:
         same = {"robot": robot, "gripper": None, "looks": False, "reality": reality}
         for skill in motions(Place.of(robot, None)):
@@ -261,7 +261,7 @@ def cells(robots: Iterable[str], reality: str) -> Iterator[dict[str, Any]]:
                 yield {**same, "skill": skill, "gripper": gripper}
 
 
-def measured(
+def run_case(
     robot: str, gripper: str | None, skill: str, reality: str, *, looks: bool
 ) -> dict[str, Any]:
     """Run the leaves of one cell."""
@@ -301,7 +301,7 @@ _LETTERS: Final = {"panda_hand": "P", "robotiq_2f85": "R", "suction_cup": "S"}
 
 
 def page(found: Sequence[Cell]) -> str:
-    """The page of all results."""
+    """Content of the documentation page."""
     robots = sorted({cell.robot for cell in found})
     own = [cell for cell in found if cell.gripper == BARE]
     gripped = [cell for cell in found if cell.gripper != BARE]
@@ -349,16 +349,16 @@ def _table(robots: Sequence[str], found: Sequence[Cell], mark: Any) -> str:
 
 
 def main() -> None:
-    """Run all cells, print what failed, and write the page if asked to."""
+    """Run all cells, print the failures, and write the page if requested."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--robots", nargs="+", default=robot_names(), choices=robot_names())
     parser.add_argument("--reality", default="lab", choices=("ideal", "lab", "rough"))
-    parser.add_argument("--write", action="store_true", help="write the page of the documentation")
+    parser.add_argument("--write", action="store_true", help="write the documentation page")
     add_options(parser)
     arguments = parser.parse_args()
     found = []
     with Campaign(arguments) as campaign:
-        for _, one in campaign.run(measured, cells(arguments.robots, arguments.reality)):
+        for _, one in campaign.run(run_case, cells(arguments.robots, arguments.reality)):
             cell = Cell(**one["cell"])
             found.append(cell)
             if cell.failure:

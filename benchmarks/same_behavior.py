@@ -1,4 +1,4 @@
-"""The oracle of a redesign: does this checkout behave as a stored state does?
+"""Regression check: does this checkout behave like a stored state?
 
     python -m benchmarks.same_behavior 29a6c90 [--only TEXT] [--figures]
 
@@ -7,13 +7,13 @@ The first argument is a revision of this repository, a folder with a checkout, o
 
 - the state hash, outcome, and every leaf's status, code and reason of every shipped tree (ideal,
   lab and rough, two seeds) and of the generated files of `behavior_cases`;
-- what ``bt-check`` prints of every golden mistake, as kept in ``tests/golden/mistakes``;
+- the output of ``bt-check`` for every golden mistake in ``tests/golden/mistakes``;
 - the schema, ``bt-skills``, and ``--help`` of every command.
 
-``--figures`` adds, in turns with the stored checkout, real-time factor, set-point, planning, start
-and tracking. ``expected_changes.yaml`` beside this file lists intended differences, each with its
-reason: an entry whose case no longer differs is reported, too. Exit code 0: everything is equal,
-or listed.
+``--figures`` also compares real-time factor, set-point, planning, start and tracking, alternating
+with the stored checkout. ``expected_changes.yaml`` beside this file lists intended differences,
+each with its reason; an entry whose case no longer differs is reported, too. Exits with code 0 if
+everything is equal or listed.
 """
 
 from __future__ import annotations
@@ -101,11 +101,11 @@ FIGURES: Final[Mapping[str, tuple[str, ...]]] = {
 """Benchmarks that both states have, and their arguments."""
 
 Behavior = dict[str, Any]
-"""What a state does, by the name of the case."""
+"""Behavior of a state, by the name of the case."""
 
 
 def behavior_of(checkout: Path, only: str) -> Behavior:
-    """What a checkout does in every case whose name contains ``only``."""
+    """Behavior of a checkout in every case whose name contains ``only``."""
     cases = [case for case in (*shipped(), *generated()) if only in case.name]
     halves = [cases[0::2], cases[1::2]]
     found: Behavior = {}
@@ -121,7 +121,7 @@ def behavior_of(checkout: Path, only: str) -> Behavior:
 
 
 def _runs_of(checkout: Path, cases: list[Any]) -> Behavior:
-    """Run cases one after the other in one process; a case that ends the process says so."""
+    """Run cases one after the other in one process; a case that ends the process is an error."""
     found: Behavior = {}
     waiting = list(cases)
     while waiting:
@@ -166,7 +166,7 @@ def _lines(found: object) -> list[str]:
 
 
 def compare_figures(before: Path) -> None:
-    """Print what each benchmark says in turns: the stored state, this one, the stored one again."""
+    """Print the last line of each benchmark: for the stored state, this one, the stored one."""
     for name, (module, *arguments) in FIGURES.items():
         for text, checkout in (("before", before), ("after", ROOT), ("before", before)):
             done = subprocess.run(
@@ -183,11 +183,11 @@ def compare_figures(before: Path) -> None:
 
 
 def main() -> int:
-    """Compare, print each difference with its reason if one is listed."""
+    """Compare both states, and print each difference with its listed reason, if any."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("before")
     parser.add_argument("--only", default="", help="cases whose name contains this text")
-    parser.add_argument("--save", type=Path, help="keep the stored state's behavior, and end")
+    parser.add_argument("--save", type=Path, help="only save the stored state's behavior")
     parser.add_argument("--figures", action="store_true", help="compare benchmarks, too")
     arguments = parser.parse_args()
     if Path(arguments.before).is_file():

@@ -1,12 +1,12 @@
-"""The pictures of two states of this project, for the same requests: pixels and what they cost.
+"""Images of two states of this project for the same requests: pixels and cost.
 
     python -m benchmarks.same_pictures 5d47b18 [--tree pick_and_track] [--scenes 500]
 
 The first state is a revision of this repository, or a folder with a checkout; the second is this
-checkout. Requests are all that the cameras of a run ask for, and as many windows into random
-scenes, with every shape: close to the eye and about it, some that MuJoCo's own rays are asked for.
-Both states draw all of them in processes of their own, by turns; prints how many pixels differ, and
-the mean of the least CPU time that each picture took.
+checkout. Requests are all those of the cameras of a run, and ``--scenes`` windows into random
+scenes with every shape, near the camera and around it. The states render all of them in separate
+processes, one after the other. Prints the number of pixels that differ, and the mean of the
+smallest CPU time of each image.
 """
 
 from __future__ import annotations
@@ -55,11 +55,11 @@ pickle.dump((pictures, spent), open(sys.argv[2], "wb"))
 
 
 class Request(NamedTuple):
-    """One picture that is asked for.
+    """Request of one image.
 
     Attributes:
         model: Number of its model.
-        poses: Where everything is, by the names of MuJoCo's state.
+        poses: Poses of everything, by the names of MuJoCo's arrays.
         asked: Camera, width, height, region, stride.
     """
 
@@ -68,12 +68,12 @@ class Request(NamedTuple):
     asked: tuple[Any, ...]
 
 
-def of_a_run(tree: str) -> tuple[list[Any], list[Request]]:
-    """Models and requests of a run by the ray caster."""
+def requests_of_run(tree: str) -> tuple[list[Any], list[Request]]:
+    """Models and requests of a run with the ray caster."""
     models: list[Any] = []
     requests: list[Request] = []
 
-    def write_down(opened: Run) -> None:
+    def record_requests(opened: Run) -> None:
         renderer: Any = opened.assembly.renderer
         original = renderer.render
 
@@ -85,7 +85,7 @@ def of_a_run(tree: str) -> tuple[list[Any], list[Request]]:
 
         renderer.render = render
 
-    play(tree, "ray", write_down)
+    play(tree, "ray", record_requests)
     return models, requests
 
 
@@ -95,7 +95,7 @@ def _request(number: int, data: Any, exposure: Any) -> Request:
     return Request(number, poses, asked)
 
 
-def at_random(count: int) -> tuple[list[Any], list[Request]]:
+def random_requests(count: int) -> tuple[list[Any], list[Request]]:
     """Models and requests of random scenes."""
     models = []
     requests = []
@@ -114,12 +114,12 @@ def at_random(count: int) -> tuple[list[Any], list[Request]]:
 
 
 def _scene(rng: np.random.Generator) -> Any:
-    """Ten shapes on a floor, or beside it, before a camera or about it."""
+    """A scene with a floor and random shapes in front of a camera or around it."""
     spec = mujoco.MjSpec()
     hull = mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
     vertices = rng.normal(0.0, 0.1, (int(rng.integers(5, 60)), 3))
     spec.add_mesh(name="mesh", uservert=vertices.ravel(), userface=_faces(vertices), inertia=hull)
-    away = rng.choice([0.2, 0.6, 2.0])
+    distance = rng.choice([0.2, 0.6, 2.0])
     for kind in KINDS if rng.random() < 0.3 else KINDS[:-1]:
         geom: dict[str, Any] = {"type": getattr(mujoco.mjtGeom, f"mjGEOM_{kind.upper()}")}
         if kind == "mesh":
@@ -127,7 +127,7 @@ def _scene(rng: np.random.Generator) -> Any:
         else:
             geom["size"] = rng.uniform(0.02, 0.3, 3)
         spec.worldbody.add_geom(
-            pos=rng.normal(0.0, 0.5 * away, 3), quat=rng.normal(size=4),
+            pos=rng.normal(0.0, 0.5 * distance, 3), quat=rng.normal(size=4),
             rgba=(*rng.random(3), 1.0), **geom,
         )  # fmt: skip
     floor = (0, 0, 0.1) if rng.random() < 0.5 else (*rng.uniform(0.2, 2.0, 2), 0.1)
@@ -139,7 +139,7 @@ def _scene(rng: np.random.Generator) -> Any:
         along = rng.normal(size=3)
         spec.worldbody.add_light(type=kind, pos=place, dir=along, diffuse=rng.random(3))
     spec.worldbody.add_camera(
-        pos=rng.normal(0.0, away, 3), quat=rng.normal(size=4), fovy=rng.uniform(20.0, 90.0)
+        pos=rng.normal(0.0, distance, 3), quat=rng.normal(size=4), fovy=rng.uniform(20.0, 90.0)
     )
     return spec.compile()
 
@@ -156,8 +156,8 @@ def _faces(vertices: Any) -> Any:
     return np.array(faces).ravel()
 
 
-def drawn(checkouts: Sequence[Path], models: Any, requests: Any) -> Iterator[tuple[Any, Any]]:
-    """Pictures and CPU times, in ns, of each checkout."""
+def render_all(checkouts: Sequence[Path], models: Any, requests: Any) -> Iterator[tuple[Any, Any]]:
+    """Images and CPU times, in ns, of each checkout."""
     with tempfile.TemporaryDirectory() as folder:
         asked = Path(folder) / "asked"
         answer = Path(folder) / "answer"
@@ -173,8 +173,8 @@ def drawn(checkouts: Sequence[Path], models: Any, requests: Any) -> Iterator[tup
 
 
 def compare(name: str, before: Path, models: Any, requests: Any) -> int:
-    """Print a line for some requests; how many pixels differ."""
-    (old, old_ns), (new, new_ns) = drawn((before, ROOT), models, requests)
+    """Print a line for some requests; returns the number of pixels that differ."""
+    (old, old_ns), (new, new_ns) = render_all((before, ROOT), models, requests)
     pairs = zip(old, new, strict=True)
     different = sum(int((one != other).any(axis=2).sum()) for one, other in pairs)
     lit = sum(int(one.any(axis=2).sum()) for one in old)
@@ -192,8 +192,8 @@ def main() -> int:
     parser.add_argument("--scenes", type=int, default=500)
     arguments = parser.parse_args()
     with checkout_of(arguments.before) as before:
-        different = compare(arguments.tree, before, *of_a_run(arguments.tree))
-        different += compare("random scenes", before, *at_random(arguments.scenes))
+        different = compare(arguments.tree, before, *requests_of_run(arguments.tree))
+        different += compare("random scenes", before, *random_requests(arguments.scenes))
     return 1 if different else 0
 
 

@@ -1,11 +1,11 @@
 """Planning among shelves, boxes, cages and tables: python -m benchmarks.scenes [--problems N].
 
-Problems of `scene_problems`, every arm of the catalog. Printed, of CPU time: what finding a way
-takes, and all from a request to a timed trajectory; how many are solved, and how many of these by
-OMPL, not by the compiled search for narrow passages; how long the ways are, against the shortest of
-so many others (``--best``); and what MuJoCo says of contacts when the motions are replayed.
+Problems of `scene_problems`, with all arms of the catalog. Prints the CPU time of finding a path,
+and of all steps from a request to a timed trajectory; how many problems are solved, and how many of
+these by OMPL instead of the compiled search for narrow passages; path lengths relative to the
+shortest of ``--best`` others; and the contacts that MuJoCo finds when the motions are replayed.
 
-A problem counts when somebody solves it: here, or with ten times the checks and other planners.
+A problem counts if it is solved here, or by another planner with ten times the checks.
 """
 
 from __future__ import annotations
@@ -34,16 +34,17 @@ from bt_dualarm.sim.world import World
 
 @dataclass
 class Outcome:
-    """What came of one problem; seconds of CPU.
+    """Result of one problem; times are CPU seconds.
 
     Attributes:
         kind: Kind of scene, and robot.
-        request_s: From the problem to a timed trajectory.
-        plan_s: Of these, or of a run of its own, what finding the way takes.
-        by_ompl: A planner of OMPL found it, not the compiled one for narrow passages.
-        ratio: Length of the way over the shortest known; 1 where it is straight.
-        overlap: Deepest contact in m when replayed.
-        solved: It came to a trajectory that touches nothing.
+        request_s: Time from the problem to a timed trajectory.
+        plan_s: Time for the path alone, measured in a separate search unless it is straight.
+        by_ompl: Whether OMPL found the path, not the compiled search for narrow passages.
+        straight: Whether the straight path is free.
+        ratio: Path length over that of the shortest known; 1 for a straight path.
+        overlap: Deepest contact in the replay, m.
+        solved: Whether the trajectory collides with nothing.
     """
 
     kind: str
@@ -57,7 +58,7 @@ class Outcome:
 
 
 def solve(kind: str, world: World, problem: PlanningProblem, best: int) -> Outcome:
-    """Plan twice: the way alone, then all of it; replay."""
+    """Plan the motion, then the path alone, and replay the motion."""
     outcome = Outcome(kind)
     with contextlib.suppress(Failure):
         began = time.process_time()
@@ -69,32 +70,32 @@ def solve(kind: str, world: World, problem: PlanningProblem, best: int) -> Outco
         outcome.request_s = outcome.plan_s = time.process_time() - began
         if not outcome.straight:
             began = time.process_time()
-            way = path_around(ready)
+            path = path_around(ready)
             outcome.plan_s = time.process_time() - began
-            outcome.by_ompl = way.by_ompl
-            outcome.ratio = _ratio(ready, way.corners, best)
+            outcome.by_ompl = path.by_ompl
+            outcome.ratio = _ratio(ready, path.corners, best)
         outcome.overlap = replayed(world, "arm1", motion.q, ready.checker.radii)[0]
         outcome.solved = outcome.overlap <= OVERLAP_M
     return outcome
 
 
 def _ratio(problem: PlanningProblem, corners: Matrix, best: int) -> float:
-    """Length of a way over that of the shortest of so many others, this one among them."""
-    shortest = mine = _length(problem, corners)
+    """Length of a path over that of the shortest one, of this and ``best`` others."""
+    shortest = length = _length(problem, corners)
     for seed in range(1, best + 1):
         with contextlib.suppress(Failure):
             other = path_around(replace(problem, seed=1000 * seed))
             shortest = min(shortest, _length(problem, other.corners))
-    return mine / shortest
+    return length / shortest
 
 
 def _length(problem: PlanningProblem, corners: Matrix) -> float:
-    """In meters that the arm moves."""
+    """Length of a path in meters of motion of the arm."""
     return float(np.linalg.norm(np.diff(corners, axis=0) * problem.checker.radii, axis=1).sum())
 
 
 def table(outcomes: list[Outcome], left_out: int) -> str:
-    """The figures, one a line."""
+    """The figures, one per line."""
     solved = [one for one in outcomes if one.solved]
     missed = Counter(one.kind for one in outcomes if not one.solved)
     searched = [one for one in solved if not one.straight]
@@ -111,7 +112,7 @@ def table(outcomes: list[Outcome], left_out: int) -> str:
             _times("request, searched", [one.request_s for one in searched]),
             _spread("length / best", [one.ratio for one in searched], ""),
             f"in collision       {sum(one.overlap > OVERLAP_M for one in outcomes)}, deepest "
-            f"{1e3 * max(one.overlap for one in outcomes):.2f} mm, looked at every "
+            f"{1e3 * max(one.overlap for one in outcomes):.2f} mm, replayed every "
             f"{1e3 * REPLAY_M:g} mm",
         )
     )
@@ -131,7 +132,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--problems", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--best", type=int, default=8, help="other ways to compare with")
+    parser.add_argument("--best", type=int, default=8, help="number of other paths to compare with")
     arguments = parser.parse_args()
     outcomes: list[Outcome] = []
     left_out = -1  # the first one only imports what the others need

@@ -1,11 +1,11 @@
-"""What the process that runs a sweep costs per trial, by the number of workers.
+"""CPU time of the process that runs a sweep per trial, by the number of workers.
 
     python -m benchmarks.scheduling [--workers 1 8 16 32 64] [--trial 1] [--dask]
 
-The workers are stubs: they wait for the duration of a trial and answer with a row that was made
-up, so that many fit on one machine. Prints the load of the parent, a model of it, and what that
-says about 1,000 workers and about the number at which the parent is busy all the time. With
-``--dask`` the scheduler, the client and the stubs share one process, whose load is an upper bound.
+The workers are stubs: they wait for the duration of a trial and answer with a generated row, so
+that many fit on one machine. Prints the load of the parent, a model of it, and its predictions for
+1,000 workers and for the number of workers at which the parent is saturated. With ``--dask`` the
+scheduler, the client and the stubs share one process, whose load is an upper bound.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ WALL_S: Final = 20.0
 """Wall-clock seconds of each measurement."""
 
 METRICS: Final = 40
-"""Columns of metrics in a row, about as many as a tree of five leaves has."""
+"""Metric columns in a row, about as many as for a tree of five leaves."""
 
 LENGTHS_S: Final = (1.0, 3.0, 10.0)
 """Durations of trials for which the largest number of workers is estimated."""
@@ -55,7 +55,7 @@ while True:
 
 
 def made_up_row() -> Row:
-    """A row as a run would give it, without its identity."""
+    """A row like that of a run, without its identity."""
     return {
         "trial": 0,
         "seed": 0,
@@ -102,7 +102,7 @@ def dask_engine(workers: int, trial_s: float) -> Engine:
         host="127.0.0.1",
         dashboard_address=None,
     )
-    found: Any = DaskEngine(cluster.scheduler_address)  # Any: it gets a cluster to close
+    found: Any = DaskEngine(cluster.scheduler_address)  # Any: the cluster is attached below
     found._cluster = cluster
     return found  # type: ignore[no-any-return]
 
@@ -114,15 +114,15 @@ def load_of(
     engine = start(workers, trial_s)
     with tempfile.TemporaryDirectory(prefix="scheduling_") as name:
 
-        def swept(first: int, count: int) -> None:
+        def run_trials(first: int, count: int) -> None:
             manifest = checked(Manifest("circle", tuple(range(first, first + count))))
             run_sweep(manifest, Path(name), lambda: engine, keep="none")
 
-        # The workers start first: their start is no cost of a trial.
-        swept(10**6, workers)
+        # The workers start first, so that their start does not count.
+        run_trials(10**6, workers)
         trials = round(workers * WALL_S / trial_s)
         began, cpu = time.perf_counter(), time.process_time()
-        swept(0, trials)
+        run_trials(0, trials)
         cpu, wall = time.process_time() - cpu, time.perf_counter() - began
         engine.close()
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
@@ -130,7 +130,7 @@ def load_of(
 
 
 def main() -> None:
-    """Print the table and what follows from it."""
+    """Print the table and the predictions."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 8, 16, 32, 64])
     parser.add_argument("--trial", type=float, default=1.0, help="duration of a trial, s (1)")
@@ -153,19 +153,19 @@ def main() -> None:
     terms = np.array(
         [[1.0, rate, rate * n] for rate, n in zip(rates, arguments.workers, strict=True)]
     )
-    (idle, each, each_worker), _ = nnls(terms, np.array(loads))
+    (idle, per_trial, per_trial_and_worker), _ = nnls(terms, np.array(loads))
     print(
-        f"load = {100 * idle:.2f} % + {1e3 * each:.2f} ms per trial + "
-        f"{1e6 * each_worker:.2f} us per trial and worker"
+        f"load = {100 * idle:.2f} % + {1e3 * per_trial:.2f} ms per trial + "
+        f"{1e6 * per_trial_and_worker:.2f} us per trial and worker"
     )
     for length in LENGTHS_S:
         # With n workers, n / length trials per second.
-        parts = [each_worker / length, each / length, idle - 1.0]
-        most = max(float(root.real) for root in np.roots(np.trim_zeros(parts, "f")))
-        busy = idle + 1000 / length * (each + 1000 * each_worker)
+        parts = [per_trial_and_worker / length, per_trial / length, idle - 1.0]
+        largest = max(float(root.real) for root in np.roots(np.trim_zeros(parts, "f")))
+        busy = idle + 1000 / length * (per_trial + 1000 * per_trial_and_worker)
         print(
             f"trials of {length:g} s: 1000 workers would take {100 * busy:.0f} % of a core; "
-            f"saturated at about {most:.0f} workers"
+            f"saturated at about {largest:.0f} workers"
         )
 
 

@@ -1,4 +1,4 @@
-"""Random sequences of skills: a small world, and two or three leaves that any user could chain."""
+"""Random sequences of skills: a small world, and two or three leaves as a user could chain them."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ ROBOTS: Final[Mapping[str, tuple[float, float, float, float]]] = {
     "panda": (0.46, 0.0, 0.32, 0.16),
     "xarm7": (0.40, 0.0, 0.30, 0.15),
 }
-"""Middle of the workspace (x, y), height of free motions, and half width of it; m, by the base."""
+"""Center of the workspace (x, y), height of free motions, and half its width; m, from the base."""
 
 _HOME_HEIGHT: Final = {"ur3": 0.31, "ur5": 0.43, "ur10": 0.64, "panda": 0.49, "xarm7": 0.43}
-"""Height of the tool in the home posture without a gripper, m, by the base."""
+"""Height of the tool in the home posture without a gripper, m, from the base."""
 
 GRIPPERS: Final = ("panda_hand", "robotiq_2f85", "suction_cup", None)
 REALITIES: Final = ("ideal", "lab", "rough")
@@ -40,7 +40,7 @@ GRIPPER_SKILLS: Final = (
     "holding",
 )
 JOINT_SKILLS: Final = ("carry_together", "hand_over", "take_over")
-"""Skills that need a second arm: `benchmarks.carry` and `benchmarks.handover` play them."""
+"""Skills that need a second arm, which `benchmarks.carry` and `benchmarks.handover` cover."""
 
 FINGER_SKILLS: Final = ("operate",)
 """Skills that need fingers around a handle."""
@@ -66,11 +66,11 @@ FREE_SKILLS: Final = (
     "spawn",
     "remove",
 )
-SPOTS_TRIED: Final = 2000
-"""Places that are drawn until one counts as free."""
+MOST_SPOTS: Final = 2000
+"""Number of random positions that are tried to find a free one."""
 
 NEEDS_HELD: Final = ("place", "insert", "regrasp", "transport", "release", "holding", "detach")
-"""Skills that make no sense with an empty hand; asked of one now and then all the same."""
+"""Skills that need a held object; sometimes they are called with an empty hand all the same."""
 
 
 @dataclass(frozen=True)
@@ -90,13 +90,13 @@ class Step:
 
 @dataclass(frozen=True)
 class SkillSequence:
-    """What one seed stands for.
+    """Sequence of one seed.
 
     Attributes:
-        seed: Seed of it, and of its run.
+        seed: Seed of the sequence and of its run.
         file: Tree file, as data.
-        steps: Leaves of the first arm in their order, those that prepare included.
-        label: Robot, gripper, reality and skills, for people.
+        steps: Leaves of the first arm in order, preparatory ones included.
+        label: Robot, gripper, reality and skills, as text.
     """
 
     seed: int
@@ -108,23 +108,22 @@ class SkillSequence:
 def generate(
     seed: int, count: int, reality: str | None = None, skills: Sequence[str] = ()
 ) -> SkillSequence:
-    """The sequence of a seed; the same whenever it is asked for.
+    """The sequence of a seed; deterministic.
 
-    Each leaf is run whether the one before it has succeeded or not, as a tree with a recovery
-    would do it.
+    Each leaf runs whether the one before it has succeeded or not, as in a tree with a recovery.
 
     Args:
         seed: Seed of world and skills.
-        count: Number of skills chained, besides one that may put something into the hand.
-        reality: Set of errors of world and arm; drawn where none is given.
-        skills: Skills to chain instead of those that the seed draws, which change as skills are
+        count: Number of chained skills, besides one that may put an object into the hand.
+        reality: Set of errors of world and arm; random if None.
+        skills: Skills to chain instead of those of the seed, which change when skills are
             added.
     """
     return _Author(np.random.default_rng((seed, count)), seed).write(count, reality, skills)
 
 
 class _Author:
-    """Writes one sequence; what is expected to be held decides what can be asked for next."""
+    """Writes one sequence; the object that should be held determines the ports of later skills."""
 
     def __init__(self, rng: np.random.Generator, seed: int) -> None:
         self._rng = rng
@@ -134,8 +133,8 @@ class _Author:
         rng = self._rng
         self.robot = str(rng.choice(list(ROBOTS)))
         self.gripper = GRIPPERS[int(rng.integers(len(GRIPPERS)))]
-        drawn = str(rng.choice(REALITIES))
-        self.reality = reality or drawn
+        random_reality = str(rng.choice(REALITIES))
+        self.reality = reality or random_reality
         skills = self._skills(count)
         skills = list(given) or skills
         if any(skill in CAMERA_SKILLS for skill in skills) and self.robot == "panda":
@@ -146,11 +145,11 @@ class _Author:
         self.base = Pose.from_rpy(
             (0.0, 0.0, 0.5 if self.surface else 0.0), (0, 0, float(rng.uniform(-np.pi, np.pi)))
         )
-        # What is looked for is not what is in the hand.
+        # The camera skills look for another object than the one in the hand.
         self.looks = any(skill in CAMERA_SKILLS for skill in skills)
-        self._things(skills)
+        self._add_objects(skills)
         if any(skill in FINGER_SKILLS for skill in skills):
-            self._hang()
+            self._add_articulated()
         self.held: str | None = None
         self.steps: list[Step] = []
         if self._begins_held(skills[0]):
@@ -162,7 +161,7 @@ class _Author:
             before = self.steps[-1].skill if self.steps else ""
             looks = skill in ("wait_for", "count", "locate", "track", "calibrate")
             if looks and before not in ("look_at", "scan"):
-                self._turn_to_see()
+                self._look_first()
             self._add(skill, following)
             if skill == "operate" and self._rng.uniform() < 0.8:
                 self._add("release")
@@ -191,12 +190,12 @@ class _Author:
 
     # The world
 
-    def _things(self, skills: list[str]) -> None:
-        """A thing to handle, another to look at, one that is not there yet."""
+    def _add_objects(self, skills: list[str]) -> None:
+        """Add an object to handle, another one to look at, and one that is not spawned yet."""
         rng = self._rng
         side = float(rng.choice([-1, 1]))
         offset = min(self.half, 0.13)
-        # A peg needs a hole; a calibration a ball.
+        # A peg needs a hole, a calibration a ball.
         self.inserts = "insert" in skills
         box = self.inserts or rng.uniform() < 0.6
         if self.inserts:
@@ -219,7 +218,9 @@ class _Author:
                 "size": size,
                 "mass": float(rng.uniform(0.05, 0.35)),
                 "color": "yellow",
-                "pose": self._lies("cube", self.half_height, float(rng.uniform(-45, 45))),
+                "pose": self._pose_on_surface(
+                    "cube", self.half_height, float(rng.uniform(-45, 45))
+                ),
             }
         }
         ball = "calibrate" in skills
@@ -230,7 +231,7 @@ class _Author:
             "mass": 0.1,
             "color": "red",
             "fixed": ball,
-            "pose": self._lies("other", self.other_half, float(rng.uniform(-45, 45))),
+            "pose": self._pose_on_surface("other", self.other_half, float(rng.uniform(-45, 45))),
         }
         self.objects["spare"] = {
             "shape": "box",
@@ -238,7 +239,7 @@ class _Author:
             "mass": 0.1,
             "color": "green",
             "spawned": False,
-            "pose": self._lies("spare", 0.02, 0.0),
+            "pose": self._pose_on_surface("spare", 0.02, 0.0),
         }
         if self.surface:
             self.objects["bench"] = {
@@ -270,35 +271,35 @@ class _Author:
                     ),
                 }
             self.spots["spare"] = self.middle + np.array((-0.10, 0.0))
-            self.objects["spare"]["pose"] = self._lies("spare", 0.02, 0.0)
+            self.objects["spare"]["pose"] = self._pose_on_surface("spare", 0.02, 0.0)
 
-    def _hang(self) -> None:
-        """A door, drawer, lid or lever beside the workspace, above the ground."""
+    def _add_articulated(self) -> None:
+        """Add a door, drawer, lid or lever beside the workspace, above the ground."""
         rng = self._rng
         far = REACH_M[self.robot]
-        made = MAKERS[str(rng.choice(list(MAKERS)))](rng, min(far / 0.75, 1.2))
+        articulated = MAKERS[str(rng.choice(list(MAKERS)))](rng, min(far / 0.75, 1.2))
         bearing = float(rng.choice([-1, 1]) * rng.uniform(1.2, 1.9))
         handle = far * np.array((0.75 * np.cos(bearing), 0.75 * np.sin(bearing), 0.0))
         handle[2] = far * float(rng.uniform(0.35, 0.45))
         turn = Pose.from_rpy((0, 0, 0), (0, 0, bearing - np.pi / 2))
         yaw_deg = float(np.degrees(bearing)) - 90.0
-        self.opened = round(made.to, 4)
+        self.opened = round(articulated.to, 4)
         self.objects["thing"] = {
             "shape": "compound",
             "mass": 5.0,
             "fixed": True,
             "color": "gray",
-            "parts": made.parts,
-            "joints": {"joint": made.joint},
-            "pose": self._pose(handle - turn.apply(made.handle), (0, 0, yaw_deg)),
+            "parts": articulated.parts,
+            "joints": {"joint": articulated.joint},
+            "pose": self._pose(handle - turn.apply(articulated.handle), (0, 0, yaw_deg)),
         }
 
-    def _lies(self, name: str, half_height: float, yaw_deg: float) -> Ports:
+    def _pose_on_surface(self, name: str, half_height: float, yaw_deg: float) -> Ports:
         spot = self.spots[name]
         return self._pose((*spot, self.surface + half_height + 5e-4), (0, 0, yaw_deg))
 
     def _pose(self, xyz: Any, rpy_deg: Any = None) -> Ports:
-        """A pose of the base's frame, as a file writes it, in the world; turned as now if None."""
+        """A pose in the base frame as a tree file's pose in the world; no rotation if None."""
         turn = np.radians(rpy_deg if rpy_deg is not None else (0, 0, 0))
         pose = self.base @ Pose.from_rpy(np.asarray(xyz, dtype=float).tolist(), turn.tolist())
         written: Ports = {"xyz": [round(float(value), 6) for value in pose.position]}
@@ -321,7 +322,9 @@ class _Author:
             arm["camera"] = {"mount": "wrist", "resolution": pixels, "fov": 60, "fps": 20}
         leaves: list[Ports] = []
         for step in self.steps:
-            if step.skill == "remove":  # in one tick with the end before, that could not be judged
+            if (
+                step.skill == "remove"
+            ):  # in the tick in which the previous leaf ends it cannot be judged
                 leaves.append({"wait": 0.04})
             node = {step.skill: step.ports | {"name": step.name}}
             leaves.append({"force_success": {"child": node}})
@@ -367,12 +370,12 @@ class _Author:
 
     def _free_pose(self) -> Ports:
         yaw = float(self._rng.uniform(-40, 40))
-        lean = self._rng.uniform(-12, 12, 2)
-        return self._pose(self._free_xyz(), (180 + lean[0], lean[1], yaw))
+        tilt = self._rng.uniform(-12, 12, 2)
+        return self._pose(self._free_xyz(), (180 + tilt[0], tilt[1], yaw))
 
     def _offset(self, longest: float) -> Ports:
-        way = [round(float(one), 4) for one in self._rng.uniform(-longest, longest, 3)]
-        return {"xyz": way, "frame": str(self._rng.choice(["world", "tool"]))}
+        offset = [round(float(one), 4) for one in self._rng.uniform(-longest, longest, 3)]
+        return {"xyz": offset, "frame": str(self._rng.choice(["world", "tool"]))}
 
     def _reach_to_pose(self, _: str | None) -> Ports:
         kind = self._rng.uniform()
@@ -406,8 +409,8 @@ class _Author:
         turn = [round(float(one), 2) for one in self._rng.uniform(-12, 12, count)]
         return {"by": turn, "speed": self._speed()}
 
-    def _turn_to_see(self) -> None:
-        """Look there first, most often: a camera that looks elsewhere sees nothing."""
+    def _look_first(self) -> None:
+        """Usually look at the object first: a camera that looks elsewhere sees nothing."""
         if self._rng.uniform() < 0.85:
             self._add("look_at")
 
@@ -479,11 +482,11 @@ class _Author:
 
     @property
     def _object(self) -> str:
-        """What is in the hand if all went well, else what could be."""
+        """The object in the hand if all went well, else the one to handle."""
         return self.held or "cube"
 
     @property
-    def _thing_half(self) -> float:
+    def _object_half(self) -> float:
         return self.other_half if self._object == "other" else self.half_height
 
     def _detach(self, _: str | None) -> Ports:
@@ -493,8 +496,8 @@ class _Author:
 
     def _transport(self, following: str | None) -> Ports:
         xyz = self._free_xyz() - (0, 0, 0.04)
-        if following == "detach":  # it can only stay where it is if something is below it
-            xyz[2] = self.surface + self._thing_half + 0.003
+        if following == "detach":  # it can only stay where it is with support below
+            xyz[2] = self.surface + self._object_half + 0.003
         return {
             "object": self._object,
             "to": self._pose(xyz, (0, 0, float(self._rng.uniform(-40, 40)))),
@@ -524,28 +527,28 @@ class _Author:
         return {"object": obj, "speed": 1.0}
 
     def _free_spot(self) -> np.ndarray:
-        """A place on the surface where nothing else stands, or as far from all as was found."""
+        """A free position on the surface, or the one farthest from all other objects."""
         others = [self.spots[name] for name in ("cube", "other", "spare") if name != self._object]
         others += [self.hole] if self.inserts else []
         best = self.middle
         farthest = -1.0
-        for _ in range(SPOTS_TRIED):  # within a UR3's reach there may be no place at all
+        for _ in range(MOST_SPOTS):  # within a UR3's reach there may be none
             spot = self.middle + self._rng.uniform(-1, 1, 2) * (0.3 * self.half, 0.8 * self.half)
-            away = min(float(np.linalg.norm(spot - other)) for other in others)
-            if away > farthest:
+            clearance = min(float(np.linalg.norm(spot - other)) for other in others)
+            if clearance > farthest:
                 best = spot
-                farthest = away
-            if away > 0.11:
+                farthest = clearance
+            if clearance > 0.11:
                 break
         return best
 
     def _standing(self) -> Ports:
-        """A pose in which the thing stands on the surface."""
+        """A pose in which the object stands on the surface."""
         turn = None if self._rng.uniform() < 0.5 else (0, 0, float(self._rng.uniform(-60, 60)))
-        return self._pose((*self._free_spot(), self.surface + self._thing_half), turn)
+        return self._pose((*self._free_spot(), self.surface + self._object_half), turn)
 
     def _operate(self, _: str | None) -> Ports:
-        """Take the handle before, unless the hand is full; open and shut it in turn."""
+        """Grasp the handle first, unless the hand is full; open and close it alternately."""
         to = self.opened
         if self.held is not None and self._rng.uniform() < 0.7:
             self._add("release")

@@ -1,13 +1,13 @@
-"""Skills in random sequences of two and three, judged by laws only (`sequence_laws`).
+"""Random sequences of two and three skills, checked against laws (`sequence_laws`).
 
     python -m benchmarks.sequences [--pairs 100] [--triples 30] [--seed 0] [--jobs 1]
                                    [--reality lab]
     python -m benchmarks.sequences --only 17 [--length 2]
 
-A sequence runs on one of five robots with one of three grippers or none. Something may be in its
-hand from the start. Prints each breach of a law with the arguments that repeat it, then the counts:
-sequences, those in which all leaves succeeded, honest failures by skill and code, and breaches by
-their kind. Exit code 1 if a law was broken.
+A sequence runs on one of five robots with one of three grippers or none, and may begin with an
+object in its hand. Prints each breach of a law with the arguments that reproduce it, then the
+counts: sequences, those in which all leaves succeeded, reported failures by skill and code, and
+breaches by kind. Exits with code 1 after a breach.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from typing import Any
 
 from benchmarks.campaign import Campaign, add_options, registry
 from benchmarks.sequence_generator import REALITIES, SkillSequence, generate
-from benchmarks.sequence_laws import ARM, KINDS, Breach, Referee, verdicts_at_the_end
+from benchmarks.sequence_laws import ARM, KINDS, Breach, Referee, final_breaches
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.runtime.options import RunOptions
 from bt_dualarm.runtime.outcome import RunResult
@@ -29,19 +29,19 @@ from bt_dualarm.runtime.run import Run
 from bt_dualarm.skill.registry import Registry
 
 MOST = 10
-"""Kinds of honest failures that are printed."""
+"""Number of skills with codes of reported failures that are printed."""
 
 
 @dataclass(frozen=True)
-class Played:
-    """What came of one sequence.
+class PlayedSequence:
+    """Result of one sequence.
 
     Attributes:
-        seed: Seed of it.
+        seed: Seed of the sequence.
         length: Number of its skills.
         label: Robot, gripper, reality and skills.
         leaves: Name, status, code and reason of each leaf.
-        breaches: Laws that were broken.
+        breaches: Breaches of laws.
     """
 
     seed: int
@@ -52,17 +52,19 @@ class Played:
 
 
 def judged(sequence: SkillSequence, skills: Registry) -> tuple[RunResult, tuple[Breach, ...]]:
-    """What a sequence did, and the laws that it broke."""
+    """Run a sequence; returns its result and its breaches of laws."""
     file = load_tree_file(sequence.file, skills.kinds)
     with Run(file, skills, RunOptions(renderer="ray")) as run:
         referee = Referee(run, sequence)
         run.watch(referee)
         result = run.finish()
-    return result, (*referee.breaches, *verdicts_at_the_end(result, skills))
+    return result, (*referee.breaches, *final_breaches(result, skills))
 
 
-def play(seed: int, length: int, reality: str | None = None, skills: Sequence[str] = ()) -> Played:
-    """Run the sequence of a seed and judge it; arguments as `generate`."""
+def play(
+    seed: int, length: int, reality: str | None = None, skills: Sequence[str] = ()
+) -> PlayedSequence:
+    """Run the sequence of a seed; arguments as for `generate`."""
     sequence = generate(seed, length, reality, skills)
     result, breaches = judged(sequence, registry())
     names = {step.name for step in sequence.steps}
@@ -71,11 +73,11 @@ def play(seed: int, length: int, reality: str | None = None, skills: Sequence[st
         for leaf in result.arms[ARM].runs
         if leaf.path.rpartition("/")[2] in names
     )
-    return Played(seed, length, sequence.label, leaves, breaches)
+    return PlayedSequence(seed, length, sequence.label, leaves, breaches)
 
 
-def played(**case: Any) -> dict[str, Any]:  # Any: arguments of `play`
-    """What came of one sequence."""
+def play_case(**case: Any) -> dict[str, Any]:  # Any: arguments of `play`
+    """Result of one sequence as JSON values."""
     one = play(**case)
     failed = [f"{skill} {code}" for skill, status, code, _ in one.leaves if status != "SUCCESS"]
     kinds = ", ".join(sorted({breach.kind for breach in one.breaches}))
@@ -84,16 +86,16 @@ def played(**case: Any) -> dict[str, Any]:  # Any: arguments of `play`
 
 
 def _cases(options: argparse.Namespace) -> list[dict[str, Any]]:
-    asked = [(options.seed + n, 2) for n in range(options.pairs)]
-    asked += [(options.seed + n, 3) for n in range(options.triples)]
+    chosen = [(options.seed + n, 2) for n in range(options.pairs)]
+    chosen += [(options.seed + n, 3) for n in range(options.triples)]
     if options.only is not None:
-        asked = [(options.only, options.length)]
+        chosen = [(options.only, options.length)]
     reality = None if options.reality == "all" else options.reality
-    return [{"seed": seed, "length": length, "reality": reality} for seed, length in asked]
+    return [{"seed": seed, "length": length, "reality": reality} for seed, length in chosen]
 
 
 def main() -> int:
-    """Print breaches as they come, then the counts."""
+    """Print breaches as they occur, then the counts; returns the exit code."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -101,9 +103,11 @@ def main() -> int:
     parser.add_argument("--triples", type=int, default=30)
     parser.add_argument("--seed", type=int, default=0, help="the first seed")
     parser.add_argument("--reality", choices=(*REALITIES, "all"), default="lab")
-    parser.add_argument("--only", type=int, help="the one seed to run; tells of each leaf")
-    parser.add_argument("--length", type=int, default=2, choices=(2, 3), help="of that one")
-    parser.add_argument("--tell", action="store_true", help="print honest failures, too")
+    parser.add_argument("--only", type=int, help="run only this seed, and print each leaf")
+    parser.add_argument(
+        "--length", type=int, default=2, choices=(2, 3), help="number of skills with --only"
+    )
+    parser.add_argument("--tell", action="store_true", help="also print reported failures")
     add_options(parser, jobs=1)
     options = parser.parse_args()
     with Campaign(options) as campaign:
@@ -111,12 +115,12 @@ def main() -> int:
 
 
 def run_cases(options: argparse.Namespace, campaign: Campaign) -> int:
-    """Run the sequences, print breaches as they come, then the counts."""
+    """Run the sequences; print breaches as they occur, then the counts."""
     sequences = successes = leaves = 0
     failures = Counter[str]()
     broken = Counter[str]()
-    for _, found in campaign.run(played, _cases(options)):
-        one = Played(
+    for _, found in campaign.run(play_case, _cases(options)):
+        one = PlayedSequence(
             found["seed"],
             found["length"],
             found["label"],
@@ -139,15 +143,16 @@ def run_cases(options: argparse.Namespace, campaign: Campaign) -> int:
         for breach in one.breaches:
             again = f"--only {one.seed} --length {one.length} --reality {options.reality}"
             print(
-                f"{again}: {one.label}\n    {breach.kind}: {breach.step}: {breach.what}", flush=True
+                f"{again}: {one.label}\n    {breach.kind}: {breach.step}: {breach.what}",
+                flush=True,
             )
     print(
         f"{sequences} sequences, {leaves} leaves, {campaign.cpu_s / max(sequences, 1):.1f} s each"
     )
     print(f"  all leaves succeeded: {successes} of {sequences}")
-    print(f"  leaves that failed honestly: {failures.total()} of {leaves}")
-    for what, count in failures.most_common(MOST):
-        print(f"    {count:5}  {what}")
+    print(f"  leaves that reported a failure: {failures.total()} of {leaves}")
+    for label, count in failures.most_common(MOST):
+        print(f"    {count:5}  {label}")
     for kind in KINDS:
         print(f"  {kind}: {broken[kind]} of {sequences}")
     return 1 if broken else 0

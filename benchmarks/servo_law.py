@@ -4,11 +4,10 @@
                                    [--camera FPS/MS ...] [--share 0.8]
 
 The motions are those of `benchmarks.track_anything`, sampled with 0.2 mm of noise at the camera's
-rate and delivered after its latency. Four root mean square errors in mm tell where an error comes
-from: of the prediction; of the servo that knows the true motion now, with its velocity and
-acceleration; of the servo that knows it at the exposure of its newest image and counts the
-acceleration as constant since then; and of the servo that follows the prediction. A trial takes a
-second.
+rate and delivered after its latency. Four RMS errors in mm show where an error comes from: that of
+the prediction; that of the servo if it knows the current true motion with velocity and
+acceleration; if it knows the true motion at the exposure of its newest image and assumes constant
+acceleration since then; and if it follows the prediction. A trial takes a second.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ from bt_dualarm.spec.values import Plane
 from bt_dualarm.trajectory.set_points import SetPoint
 
 PERIOD_S: Final = 0.002
-"""Of the set-points."""
+"""Period of the set-points."""
 
 _NOISE_M = 2e-4
 _BEFORE_S = 2.0  # at rest before the motion
@@ -46,28 +45,30 @@ _SAMPLE_S = 0.01  # of a course
 
 
 Knowledge: TypeAlias = Literal["now", "exposure", "images"]
-"""What the servo knows: the true motion now, that at the newest exposure, or images."""
+"""What the servo knows: the current true motion, that at the newest exposure, or only images."""
 
 
-def errors(case: Case, seen: Vantage, path: Course, knowledge: Knowledge) -> tuple[float, float]:
-    """Root mean square errors in m of the tool, less its mean, and of what it follows.
+def errors(
+    case: Case, viewpoint: Vantage, path: Course, knowledge: Knowledge
+) -> tuple[float, float]:
+    """RMS errors in m of the tool, minus its mean error, and of the target that it follows.
 
     Args:
         case: Robot, plane and camera.
-        seen: Where the arm starts.
+        viewpoint: Start posture of the arm.
         path: Motion of the target.
-        knowledge: What the servo knows of the motion. From the exposure on, the acceleration counts
-            as constant.
+        knowledge: What the servo knows of the motion. After the exposure, constant acceleration is
+            assumed.
     """
     robot = load_robot(case.robot)
     arm = Kinematics(robot, Pose.from_rpy(BASE[0], np.radians(BASE[1]).tolist()))
     axes = np.array(Plane.model_validate(case.plane).axes)
-    times = _SAMPLE_S * np.arange(len(path.places))
-    spline = CubicSpline(times, path.places - path.places[0], bc_type="clamped")
+    times = _SAMPLE_S * np.arange(len(path.positions))
+    spline = CubicSpline(times, path.positions - path.positions[0], bc_type="clamped")
     camera = cast(
         "Any", SimpleNamespace(noise=0.0, latency=case.latency, period=1.0 / case.fps)
     )  # what gains depend on
-    gains = servo_gains(camera, plane_limits(arm, robot.limits, seen.q, axes).jerk)
+    gains = servo_gains(camera, plane_limits(arm, robot.limits, viewpoint.q, axes).jerk)
     estimate = DualFilterEstimate(gains.calmness, gains.calm_jerk)
 
     def true(time: float, order: int = 0) -> Vector:
@@ -90,13 +91,13 @@ def errors(case: Case, seen: Vantage, path: Course, knowledge: Knowledge) -> tup
             )
         return PlaneTarget(*estimate.predict(time)) if estimate.seen else None
 
-    rest = np.zeros_like(seen.q)
-    start = SetPoint(seen.q, rest, rest)
+    rest = np.zeros_like(viewpoint.q)
+    start = SetPoint(viewpoint.q, rest, rest)
     servo = PlanarServo(
         arm, robot.limits, PERIOD_S, start, axes, target, gains.bandwidth, gains.slack
     )
     rng = np.random.default_rng(case.seed)
-    coming: deque[tuple[float, Vector]] = deque()
+    arriving: deque[tuple[float, Vector]] = deque()
     time = -_BEFORE_S
     exposure = time
     rows = []
@@ -104,15 +105,15 @@ def errors(case: Case, seen: Vantage, path: Course, knowledge: Knowledge) -> tup
         while exposure <= time:
             hidden = path.hidden[0] <= exposure < path.hidden[1]
             if not hidden:
-                coming.append((exposure, true(exposure) + rng.normal(0.0, _NOISE_M, 2)))
+                arriving.append((exposure, true(exposure) + rng.normal(0.0, _NOISE_M, 2)))
             exposure += 1.0 / case.fps
-        while coming and coming[0][0] + case.latency <= time:
-            estimate.update(*coming.popleft(), _NOISE_M)
-        tool = axes @ (arm.matrix(servo(time).q)[:3, 3] - arm.matrix(seen.q)[:3, 3])
+        while arriving and arriving[0][0] + case.latency <= time:
+            estimate.update(*arriving.popleft(), _NOISE_M)
+        tool = axes @ (arm.matrix(servo(time).q)[:3, 3] - arm.matrix(viewpoint.q)[:3, 3])
         if time > 0.0:
             followed = target(time, tool)
-            off = np.zeros(2) if followed is None else followed.position - true(time)
-            rows.append((*(tool - true(time)), *off))
+            prediction_error = np.zeros(2) if followed is None else followed.position - true(time)
+            rows.append((*(tool - true(time)), *prediction_error))
         time += PERIOD_S
     found = np.array(rows)
     return _rms(found[:, :2] - found[:, :2].mean(axis=0)), _rms(found[:, 2:])
@@ -127,12 +128,12 @@ def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser(description="the servo law alone")
     add_case_options(parser, MOTIONS, default=MOTIONS[:6])
     add_options(parser)
-    asked = parser.parse_args(arguments)
-    asked.reality = ["ideal"]
-    asked.free = False
+    options = parser.parse_args(arguments)
+    options.reality = ["ideal"]
+    options.free = False
     found = []
-    with Campaign(asked) as campaign:
-        for fields, result in campaign.run(tried, [asdict(case) for case in cases(asked)]):
+    with Campaign(options) as campaign:
+        for fields, result in campaign.run(run_trial, [asdict(case) for case in cases(options)]):
             case = Case(**fields)
             if "errors" not in result:
                 print(f"{case}: {result['why']}", flush=True)
@@ -140,12 +141,12 @@ def main(arguments: list[str]) -> int:
             found.append([1e3 * error for error in result["errors"]])
             predicted, known, late, tool = found[-1]
             print(
-                f"{case}: prediction {predicted:.2f}, servo that knows {known:.2f}, "
+                f"{case}: prediction {predicted:.2f}, servo with the true motion {known:.2f}, "
                 f"at the exposure {late:.2f}, servo {tool:.2f} mm",
                 flush=True,
             )
         for name, column in zip(
-            ("prediction", "servo that knows", "servo that knows at the exposure", "servo"),
+            ("prediction", "servo with true motion", "servo with motion at exposure", "servo"),
             np.array(found).reshape(-1, 4).T,
             strict=True,
         ):
@@ -153,15 +154,15 @@ def main(arguments: list[str]) -> int:
         return 0
 
 
-def tried(**fields: Any) -> dict[str, Any]:  # Any: fields of `Case`
-    """The errors of a trial, m, or why there are none."""
+def run_trial(**fields: Any) -> dict[str, Any]:  # Any: fields of `Case`
+    """Errors of a trial, m, or why its curve was rejected."""
     case = Case(**fields)
     try:
-        seen = vantage(case.robot, LOOKS[case.plane])
-        path = course(case, seen, np.array(Plane.model_validate(case.plane).axes))
-        known, _ = errors(case, seen, path, "now")
-        late, _ = errors(case, seen, path, "exposure")
-        tool, predicted = errors(case, seen, path, "images")
+        viewpoint = vantage(case.robot, LOOKS[case.plane])
+        path = course(case, viewpoint, np.array(Plane.model_validate(case.plane).axes))
+        known, _ = errors(case, viewpoint, path, "now")
+        late, _ = errors(case, viewpoint, path, "exposure")
+        tool, predicted = errors(case, viewpoint, path, "images")
     except Failure as failure:
         return {"outcome": "SKIPPED", "why": str(failure)}
     return {"errors": [predicted, known, late, tool]}

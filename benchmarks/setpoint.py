@@ -1,11 +1,11 @@
-"""What a set-point costs, guard included, of one arm and of several that can never meet.
+"""CPU time of a set-point, guard included, for one arm and for several that cannot meet.
 
     python -m benchmarks.setpoint [--arms 8] [--rounds 7] [--reality lab]
 
-UR5s and Pandas by turns stand 4 m apart and move, all at once: from posture to posture and back
-along a trajectory, or after a stream of set-points from a servo whose target circles. A line has,
-for one kind of motion, microseconds of CPU for all set-points of a period, one arm alone and all of
-them, and the ratio: medians of rounds that alternate, a motion each.
+UR5s and Pandas stand 4 m apart, alternately, and all move at once: between two postures along a
+trajectory, or with a stream of set-points from a servo with a circling target. For each kind of
+motion, prints the CPU microseconds of all set-points of a period, for one arm and for all of them,
+and the ratio: medians over alternating rounds of one motion each.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from bt_dualarm.trajectory.path_timing import point_to_point
 from tests.sim.worlds import arm, file_of
 
 _SECONDS = 1.5
-_APART_M = 4.0
+_DISTANCE_M = 4.0
 _POSTURES = {"ur5": "present", "panda": "look_out"}
 _ROBOTS = tuple(_POSTURES)
 _PLANE = np.array(((0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
@@ -42,34 +42,36 @@ Begin: TypeAlias = Callable[[World, str, JointController], None]
 
 
 def world_of(robots: tuple[str, ...], reality: str) -> World:
-    """Arms in a row, each in the posture in which it shows something."""
+    """A world with arms in a row, each in its working posture."""
     arms = {
-        f"arm{i}": arm(robot, (0.0, _APART_M * i, 0.4), posture=_POSTURES[robot])
+        f"arm{i}": arm(robot, (0.0, _DISTANCE_M * i, 0.4), posture=_POSTURES[robot])
         for i, robot in enumerate(robots)
     }
     return World(file_of(arms, reality=reality), 1)
 
 
 def swing(world: World, name: str, controller: JointController) -> None:
-    """There and back along a trajectory."""
+    """Move back and forth along a trajectory."""
     here = controller.setpoint.q
     limits = world.robots[name].limits.scaled(0.5)
     there = here + 0.2 * np.cos(np.arange(len(here)))
-    way = point_to_point(here, there, limits, controller.period)
+    forth = point_to_point(here, there, limits, controller.period)
     back = point_to_point(there, here, limits, controller.period)
-    controller.follow(way.then(back))
+    controller.follow(forth.then(back))
 
 
 def follow(world: World, name: str, controller: JointController) -> None:
-    """A stream of set-points, from a servo whose target circles."""
+    """Follow a stream of set-points from a servo with a circling target."""
     kinematics = Kinematics(world.robots[name], world.arms[name].base)
     limits = world.robots[name].limits
     start = controller.setpoint
     period = controller.period
-    controller.stream(PlanarServo(kinematics, limits, period, start, _PLANE, _circling, 60.0))
+    controller.stream(
+        PlanarServo(kinematics, limits, period, start, _PLANE, _circling_target, 60.0)
+    )
 
 
-def _circling(time: float, displacement: Vector) -> PlaneTarget:  # noqa: ARG001 # it is known
+def _circling_target(time: float, displacement: Vector) -> PlaneTarget:  # noqa: ARG001 - given
     sine = _RADIUS * math.sin(_SPIN * time)
     cosine = _RADIUS * math.cos(_SPIN * time)
     return PlaneTarget(
@@ -80,14 +82,14 @@ def _circling(time: float, displacement: Vector) -> PlaneTarget:  # noqa: ARG001
 
 
 def cost(robots: tuple[str, ...], reality: str, begin: Begin) -> float:
-    """Microseconds of CPU for the set-points of a period, on average over a motion."""
+    """Mean CPU time of the set-points of a period over a motion, µs."""
     world = world_of(robots, reality)
     reservations = Reservations()
     period = 2 * world.timestep
     arms = {name: JointController(world, name, period, reservations) for name in world.arms}
     for controller in arms.values():
         controller.update(world.time)
-        controller.stop()  # the guard looks at the world's shapes once
+        controller.stop()  # the guard reads the world's shapes once
     for name, controller in arms.items():
         begin(world, name, controller)
     spent = 0.0
@@ -120,7 +122,7 @@ def main() -> None:
         for _ in range(arguments.rounds):
             alone = [cost((robot,), arguments.reality, begin) for robot in _ROBOTS]
             rounds.append((*alone, cost(many, arguments.reality, begin)))
-        ratio = median(2.0 * every / (one + other) for one, other, every in rounds)
+        ratio = median(2.0 * all_arms / (one + other) for one, other, all_arms in rounds)
         each = [f"{median(row):.1f}" for row in zip(*rounds, strict=True)]
         print(
             f"{kind:10} {_ROBOTS[0]} {each[0]} us, {_ROBOTS[1]} {each[1]} us, "

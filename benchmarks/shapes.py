@@ -1,10 +1,10 @@
-"""How well the shapes of contacts stand for the meshes: python -m benchmarks.shapes [--count N].
+"""Accuracy of the collision shapes of meshes: python -m benchmarks.shapes [--count N].
 
-Every arm of the catalog in random configurations: does it touch itself? The judge is coal, which
-comes with PlaCo: triangles against triangles of the URDF's own meshes. A false alarm is a
-configuration that is free and is refused; missed is one that touches and is not refused, as a mesh
-may stand out of its hulls by 2 mm. Printed besides: how many parts the meshes have, their volume
-against that of one hull a mesh, and what a check costs near home and anywhere, in CPU time.
+Each arm of the catalog is checked for self-collision in random configurations. The reference is
+coal, which comes with PlaCo: triangles against triangles of the URDF's own meshes. A false alarm is
+a free configuration that is refused; a miss is one in contact that is not refused, because a mesh
+may protrude from its hulls by 2 mm. Also prints the number of convex parts of the meshes, their
+volume relative to that of one hull per mesh, and the CPU time of a check near home and anywhere.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ from bt_dualarm.spec.values import PoseSpec
 
 COUNT = 2000
 NEAR_RAD = 0.25
-"""Standard deviation of configurations near home."""
+"""Standard deviation of the joint positions near home."""
 
 
 def world_of(robot: str) -> World:
-    """One arm on the ground and nothing else."""
+    """A world with one arm on the ground."""
     idle = NodeSpec(kind="succeed", name="succeed", ports={})
     arm = ArmSpec(robot=robot, base=PoseSpec(xyz=(0.0, 0.0, 0.0)), tree=idle)
     file = TreeFile(name="shapes", world=WorldSpec(scene="empty"), objects={}, arms={"arm1": arm})
@@ -42,7 +42,7 @@ def world_of(robot: str) -> World:
 
 
 def exact(triangles: Matrix) -> coal.CollisionGeometry:
-    """A mesh, of shape (n, 3, 3), with all its dents."""
+    """The exact mesh of triangles of shape (n, 3, 3), not its hull."""
     model = coal.BVHModelOBBRSS()
     model.beginModel(len(triangles), 3 * len(triangles))
     for corners in triangles:
@@ -78,15 +78,15 @@ class Judge:
         ]
 
     def free(self, checker: CollisionChecker) -> bool:
-        """Whether nothing touches where the checker has placed the arm."""
+        """Whether the arm is free of self-contact in the configuration of the checker."""
         data = checker.data
-        places = {
+        poses = {
             body: coal.Transform3s(data.xmat[body].reshape(3, 3), data.xpos[body])
             for body in self._meshes
         }
         request = coal.CollisionRequest()
         return not any(
-            coal.collide(one, places[first], other, places[second], request, coal.CollisionResult())
+            coal.collide(one, poses[first], other, poses[second], request, coal.CollisionResult())
             for first, second in self._pairs
             for one in self._meshes[first]
             for other in self._meshes[second]
@@ -107,7 +107,7 @@ def _corners(mesh: Path, scale: tuple[float, ...]) -> Matrix:
 
 
 def parts_of(robot: Robot) -> tuple[int, int, float]:
-    """How many meshes, how many parts, and the parts' volume against that of the outlines."""
+    """Numbers of meshes and parts, and the volume of the parts relative to that of the outlines."""
     shapes = [
         mesh_shapes(shape.mesh, shape.size)
         for link in robot.model.links
@@ -121,7 +121,7 @@ def parts_of(robot: Robot) -> tuple[int, int, float]:
 
 
 def touches_itself(checker: CollisionChecker, q: Vector) -> bool:
-    """Whether links are deeper in one another than a touch; the ground does not count."""
+    """Whether links overlap by more than the tolerance; the ground does not count."""
     checker.place(q)
     found = checker.data.contact
     own = checker.moving[found.geom].all(axis=1) if len(found.geom) else np.zeros(0, bool)

@@ -1,24 +1,25 @@
-"""How well things are located by the wrist camera, and how often a pick by sight succeeds.
+"""Perception with the wrist camera: errors of `locate`, success rates of picks and counts.
 
     python -m benchmarks.sight [--locate 60] [--marker 30] [--pick 100] [--seed 0] [--sets lab]
 
-Locating: boxes, cylinders and balls of 20 to 70 mm in several colors, somewhere on the table,
-looked at from 0.35 m above by each robot of the catalog in turn; the error is against the
-simulator, which no skill reads. Markers of 30 to 45 mm likewise, on a gray block. Picking: the
+``--locate``: boxes, cylinders and spheres of 20 to 70 mm in several colors at random poses on the
+table, viewed from 0.35 m above by each robot in turn; the error is relative to the simulator, which
+no skill reads. ``--marker``: markers of 30 to 45 mm on a gray block, likewise. ``--pick``: the
 shipped tree ``pick_by_sight`` with a Panda or a UR5 and a box or cylinder anywhere within reach.
-The thing is picked if it was lifted and stands where it was carried, in truth; it is placed if the
-tree says SUCCESS, too: it then came to rest as it was let go. A SUCCESS after which it is not there
-is counted as a lie, also where the hand drew it up afterwards.
-Exit code 1 if a figure is missed in `lab`: 2 mm and 1° in 95 % of the located, 1 mm and 0.5° of
-those with a marker, 98 % of the picks, no false success.
+An object counts as picked if it was lifted and truly is at its goal in the end; as placed if the
+tree succeeds, too, that is, if the object came to rest when released. A SUCCESS after which it is
+not at its goal is false, even if the hand dragged it away afterwards.
 
-``--sizes N`` looks at N things that are as large as the file declares, and at N for each of six
-factors by which they are larger or smaller; every one of the latter has to be refused as such.
+Goals in `lab`: 95 % located within 2 mm and 1°, with a marker within 1 mm and 0.5°, 98 % of the
+picks, no false success; exits with code 1 if one is missed.
 
-``--counts N`` counts each of `SETTINGS`, none to three things apart, touching, stacked, or of
-another size, N times with other boxes and cylinders; a wrong number is a lie, in any reality. What
-goes beyond the picture, by what `count` says itself, is no part of the truth, which is of whole
-things.
+``--sizes N`` views N objects of the declared size, and N for each of six factors by which they are
+larger or smaller; all of the latter have to be refused.
+
+``--counts N`` counts each of `SETTINGS` N times with different boxes and cylinders: none to three
+objects, apart, touching, stacked, or of another size. A wrong number is a failure in any reality.
+A count that is too low does not count as wrong if `count` reports that part of the objects is
+outside the image.
 """
 
 from __future__ import annotations
@@ -47,7 +48,7 @@ PUT = (0.20, -0.40)
 
 @dataclass(frozen=True)
 class Located:
-    """What came of locating one thing; mm and degrees."""
+    """Result of locating one object; mm and degrees."""
 
     robot: str
     shape: str
@@ -59,7 +60,7 @@ class Located:
 
 
 def obj(rng: np.random.Generator, shapes: tuple[str, ...]) -> dict[str, Any]:
-    """A thing that lies on the table, as a tree file has it, without a place."""
+    """A random object as in a tree file, without its pose."""
     shape = shapes[int(rng.integers(len(shapes)))]
     edges = rng.uniform(0.02, 0.07, 3).round(4)
     sizes = {
@@ -72,7 +73,7 @@ def obj(rng: np.random.Generator, shapes: tuple[str, ...]) -> dict[str, Any]:
 
 
 def marked(rng: np.random.Generator) -> dict[str, Any]:
-    """A gray block with a marker, likewise."""
+    """A gray block with a marker, as in a tree file, without its pose."""
     names = list(BITS)
     marker = {
         "dictionary": names[int(rng.integers(len(names)))],
@@ -84,12 +85,12 @@ def marked(rng: np.random.Generator) -> dict[str, Any]:
 
 
 def height(one: dict[str, Any]) -> float:
-    """Height in m of the middle of a thing that lies on the table."""
+    """Height of the center of an object on the table, m."""
     return TOP + float(one["size"][0] if one["shape"] == "sphere" else one["size"][-1] / 2)
 
 
 def locate(number: int, reality: str, seed: int, *, by_marker: bool = False) -> Located:
-    """One robot, one thing."""
+    """Locate one object with one robot."""
     rng = np.random.default_rng((seed, number))
     robot = ROBOTS[number % len(ROBOTS)]
     one = obj(rng, ("box", "box", "cylinder", "sphere"))
@@ -133,11 +134,11 @@ def locate(number: int, reality: str, seed: int, *, by_marker: bool = False) -> 
 
 
 SIZES = (1.0, 0.7, 0.86, 0.92, 1.08, 1.14, 1.3)
-"""Factors by which things are larger than declared."""
+"""Factors by which objects are larger than declared."""
 
 
-def sized(number: int, ratio: float, reality: str, seed: int) -> str:
-    """What `locate` says of a thing that is larger than declared by a factor: its code."""
+def locate_resized(number: int, ratio: float, reality: str, seed: int) -> str:
+    """Code with which `locate` ends for an object larger than declared by a factor."""
     rng = np.random.default_rng((seed, number, 7))
     robot = ROBOTS[number % len(ROBOTS)]
     declared = obj(rng, ("box", "box", "cylinder", "sphere"))
@@ -165,11 +166,11 @@ def sized(number: int, ratio: float, reality: str, seed: int) -> str:
 
 
 def report_sizes(count: int, reality: str, seed: int, campaign: Campaign) -> bool:
-    """Print what was said of things of each size; whether no wrong one was taken."""
+    """Print the codes for each size; returns whether no wrong size was accepted."""
     good = True
     for ratio in SIZES:
         cases = [{"ratio": ratio, **case} for case in _cases(count, reality, seed)]
-        codes = Counter(code for _, code in campaign.run(sized, cases))
+        codes = Counter(code for _, code in campaign.run(locate_resized, cases))
         good &= ratio == 1.0 or not codes["SUCCESS"]
         print(f"{reality}: {ratio:g} times as large: {dict(codes)}", flush=True)
     return good
@@ -189,12 +190,12 @@ SETTINGS: dict[str, tuple[tuple[float, float, float, float], ...]] = {
     "one larger": ((0.0, 0.0, 0.0, 1.25),),
     "one larger, one not": ((-1.4, 0.0, 0.0, 1.0), (1.4, 0.3, 0.0, 1.25)),
 }
-"""Things to count: place from the middle along and across, in their width, that above the table, in
-their height, and their size as a multiple of the declared one."""
+"""Objects to count: position along and across, in object widths; height above the table, in object
+heights; and size as a multiple of the declared one."""
 
 
-def counted(setting: str, number: int, reality: str, seed: int) -> str:
-    """What `count` says of some things: right, wrong and why, or the code of its failure."""
+def count_objects(setting: str, number: int, reality: str, seed: int) -> str:
+    """Verdict on a result of `count`: right, wrong and why, or the code of its failure."""
     rng = np.random.default_rng((seed, number, 11))
     robot = COUNTING[number % len(COUNTING)]
     kind = obj(rng, ("box", "cylinder"))
@@ -232,19 +233,19 @@ def counted(setting: str, number: int, reality: str, seed: int) -> str:
     if leaf.metrics["found"] == truth:
         return "right"
     if float(leaf.metrics["found"]) < truth and float(leaf.metrics["beyond_share"]) > 0.0:
-        return "beyond the picture"
+        return "outside the image"
     return f"wrong: {kind} by {robot}: {leaf.metrics['found']} of {truth}"
 
 
 def report_counts(count: int, reality: str, seed: int, campaign: Campaign) -> bool:
-    """Print how often each setting was counted right; whether no number was wrong."""
+    """Print how often each setting was counted correctly; returns whether no number was wrong."""
     good = True
     for setting in SETTINGS:
         cases = [{"setting": setting, **case} for case in _cases(count, reality, seed)]
         verdicts = Counter[str]()
-        for case, verdict in campaign.run(counted, cases):
-            what, _, why = verdict.partition(": ")
-            verdicts[what] += 1
+        for case, verdict in campaign.run(count_objects, cases):
+            kind, _, why = verdict.partition(": ")
+            verdicts[kind] += 1
             if why:
                 print(f"   {setting}, {case['number']}: {why}")
         good &= not verdicts["wrong"]
@@ -256,15 +257,15 @@ def _cases(count: int, reality: str, seed: int) -> list[dict[str, Any]]:
     return [{"number": number, "reality": reality, "seed": seed} for number in range(count)]
 
 
-def picked(number: int, reality: str, seed: int) -> dict[str, str]:
-    """What came of a pick, and why."""
+def run_pick(number: int, reality: str, seed: int) -> dict[str, str]:
+    """Outcome of a pick, and why."""
     verdict, why = pick(number, reality, seed, TREE.read_text(encoding="utf-8"))
     outcome = "SUCCESS" if verdict in ("placed", "picked") else "FAILURE"
     return {"outcome": outcome, "code": verdict, "why": why}
 
 
 def pick(number: int, reality: str, seed: int, text: str) -> tuple[str, str]:
-    """One pick: placed, picked, lied or failed, and why."""
+    """Verdict on one pick: placed, picked, lied or failed; and why."""
     rng = np.random.default_rng((seed, number, 1))
     one = obj(rng, ("box", "box", "cylinder"))
     x = MIDDLE[0] + float(rng.uniform(-0.22, 0.22))
@@ -288,18 +289,18 @@ def pick(number: int, reality: str, seed: int, text: str) -> tuple[str, str]:
         place = run.world.object_pose("cube").position
     failed = [leaf for leaf in result.arms["arm1"].runs if leaf.status == "FAILURE"]
     why = "; ".join(f"{leaf.skill} {leaf.code}: {leaf.reason}" for leaf in failed[:1])
-    there = float(np.hypot(*(place[:2] - PUT))) < 0.005
+    is_at_goal = float(np.hypot(*(place[:2] - PUT))) < 0.005
     if result.outcome == "SUCCESS":
-        return ("placed" if there else "lied"), why
+        return ("placed" if is_at_goal else "lied"), why
     lifted = result.arms["arm1"].leaves.get("sequence/lift")
-    picked = there and lifted is not None and lifted.status == "SUCCESS"
+    picked = is_at_goal and lifted is not None and lifted.status == "SUCCESS"
     return (
         "picked" if picked else "failed"
     ), f"({x:.2f}, {y:.2f}) {one['shape']} {size} {color}: {why}"
 
 
-def report_located(found: list[Located], what: str, most_mm: float, most_deg: float) -> bool:
-    """Print the figures of one reality; whether they are as they should be."""
+def report_located(found: list[Located], label: str, most_mm: float, most_deg: float) -> bool:
+    """Print the figures of one reality; returns whether they meet the goal."""
     good = [one for one in found if one.code == "SUCCESS"]
     for one in found:
         if one.code != "SUCCESS" or one.error_mm > most_mm or one.turned_deg > most_deg:
@@ -307,7 +308,7 @@ def report_located(found: list[Located], what: str, most_mm: float, most_deg: fl
     errors = np.array([(one.error_mm, one.turned_deg) for one in good])
     within = int(((errors[:, 0] <= most_mm) & (errors[:, 1] <= most_deg)).sum())
     print(
-        f"{what}: located {len(good)} of {len(found)}; "
+        f"{label}: located {len(good)} of {len(found)}; "
         f"{within} within {most_mm:g} mm and {most_deg:g} deg; place "
         f"rms {_rms(errors[:, 0]):.2f}, p95 {np.quantile(errors[:, 0], 0.95):.2f}, "
         f"max {errors[:, 0].max():.2f} mm; turn rms {_rms(errors[:, 1]):.2f}, "
@@ -323,14 +324,14 @@ def _rms(values: Vector) -> float:
 
 
 def main() -> int:
-    """Read the arguments, locate, pick, report."""
+    """Parse the options and run the benchmark; returns the exit code."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--locate", type=int, default=60, help="things to locate in each reality")
+    parser.add_argument("--locate", type=int, default=60, help="objects to locate in each reality")
     parser.add_argument("--marker", type=int, default=30, help="likewise, by markers")
     parser.add_argument("--pick", type=int, default=100, help="picks in each reality")
-    parser.add_argument("--sizes", type=int, default=0, help="things of each other size")
+    parser.add_argument("--sizes", type=int, default=0, help="objects of each size")
     parser.add_argument("--counts", type=int, default=0, help="times each setting is counted")
-    parser.add_argument("--seed", type=int, default=0, help="seed of places, things and robots")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the poses and objects")
     parser.add_argument("--sets", nargs="+", default=["lab", "rough"], help="realities")
     add_options(parser)
     arguments = parser.parse_args()
@@ -338,8 +339,8 @@ def main() -> int:
         return run_sets(arguments, campaign)
 
 
-def located(**case: Any) -> dict[str, Any]:  # Any: arguments of `locate`
-    """What came of locating a thing."""
+def run_locate(**case: Any) -> dict[str, Any]:  # Any: arguments of `locate`
+    """Result of locating an object as JSON values."""
     found = locate(**case)
     outcome = "SUCCESS" if found.code == "SUCCESS" else "FAILURE"
     return {"outcome": outcome, "code": found.code, "found": asdict(found)}
@@ -350,23 +351,23 @@ def run_sets(arguments: argparse.Namespace, campaign: Campaign) -> int:
     good = True
     seed = arguments.seed
     for reality in arguments.sets:
-        counted = reality == "lab"
+        has_goals = reality == "lab"
         if arguments.locate:
             cases = _cases(arguments.locate, reality, seed)
-            found = [Located(**one["found"]) for _, one in campaign.run(located, cases)]
-            good &= report_located(found, reality, 2.0, 1.0) or not counted
+            found = [Located(**one["found"]) for _, one in campaign.run(run_locate, cases)]
+            good &= report_located(found, reality, 2.0, 1.0) or not has_goals
         if arguments.marker:
             cases = [
                 {**case, "by_marker": True} for case in _cases(arguments.marker, reality, seed)
             ]
-            seen = [Located(**one["found"]) for _, one in campaign.run(located, cases)]
-            good &= report_located(seen, f"{reality}, markers", 1.0, 0.5) or not counted
+            found = [Located(**one["found"]) for _, one in campaign.run(run_locate, cases)]
+            good &= report_located(found, f"{reality}, markers", 1.0, 0.5) or not has_goals
         if arguments.sizes:
             good &= report_sizes(arguments.sizes, reality, seed, campaign)
         if arguments.counts:
             good &= report_counts(arguments.counts, reality, seed, campaign)
         verdicts = Counter[str]()
-        for case, one in campaign.run(picked, _cases(arguments.pick, reality, seed)):
+        for case, one in campaign.run(run_pick, _cases(arguments.pick, reality, seed)):
             verdicts[one["code"]] += 1
             if one["code"] != "placed":
                 print(f"   {case['number']} {one['code']} {one['why']}", flush=True)
@@ -374,7 +375,7 @@ def run_sets(arguments: argparse.Namespace, campaign: Campaign) -> int:
             print(f"{reality}: {dict(verdicts)} of {arguments.pick} picks", flush=True)
             taken = verdicts["picked"] + verdicts["placed"]
             enough = taken >= 0.98 * arguments.pick and not verdicts["lied"]
-            good &= enough or not counted
+            good &= enough or not has_goals
     return 0 if good else 1
 
 

@@ -1,17 +1,17 @@
-"""Endurance: days of pick, handover, place and track in one process, and many starts and ends.
+"""Endurance: simulated days of pick, handover, place and track, or many starts and ends of runs.
 
     python -m benchmarks.soak [--hours 24] [--segment 1] [--seed 0]
     python -m benchmarks.soak --starts 1000
 
-A UR5 picks a bar, hands it to a Panda, takes it back and places it, over and over; meanwhile
-another UR5 moves a cube along circles, and another Panda tracks it by its camera. Every simulated
+In one process, a UR5 repeatedly picks a bar, hands it to a Panda, takes it back and places it;
+another UR5 moves a cube along circles, and another Panda tracks it with its camera. Every simulated
 hour (``--segment``) the run ends, and the next one begins with the next seed and a new record; only
-the last two records are kept. Prints a row per segment, and what is not as it should be: memory
-that differs by more than 1 % from that after the first hour, success that drifts, and processes,
-threads or files that stay.
+the last two records are kept. Prints a row per segment, and all problems: memory that differs by
+more than 1 % from that after the first hour, success rates that drift, and leaked processes,
+threads or files.
 
-With ``--starts``, runs of several trees are started and ended after half a second, every tenth
-with a record.
+With ``--starts``, runs of several trees are started instead, and ended after half a second; every
+tenth has a record.
 """
 
 from __future__ import annotations
@@ -125,7 +125,7 @@ CONFIDENCE: Final = 0.99
 
 @dataclass(frozen=True)
 class Usage:
-    """What this process holds of the system.
+    """Resources that this process uses.
 
     Attributes:
         memory_mb: Resident memory, MB.
@@ -141,7 +141,7 @@ class Usage:
 
     @classmethod
     def now(cls) -> Usage:
-        """Usage at this moment, after a garbage collection."""
+        """Current usage, after a garbage collection."""
         gc.collect()
         status = Path("/proc/self/status").read_text(encoding="ascii")
         (resident,) = (line for line in status.splitlines() if line.startswith("VmRSS:"))
@@ -213,7 +213,7 @@ def soak(
         ) as run:
             run.watch(counts)
             result = run.finish()
-            # A second request skips the plots, which belong to no task of the soak.
+            # A second request skips the plots, which the benchmark does not need.
             run.stop()
             run.stop()
         if result.error:
@@ -253,7 +253,7 @@ def starts(count: int, folder: Path, seed: int = 0) -> Iterator[tuple[int, Usage
 
 
 def growth_of(usages: Sequence[Usage]) -> list[str]:
-    """What grew since the first usage, as sentences."""
+    """Resources that grew since the first usage, as sentences."""
     first = usages[0]
     found = []
     furthest = max(usages, key=lambda one: abs(one.memory_mb / first.memory_mb - 1))
@@ -287,11 +287,11 @@ def drift_of(segments: Sequence[Segment]) -> list[str]:
 
 
 def problems_of(segments: Sequence[Segment], first_hour: float = 1.0) -> list[str]:
-    """Everything that is not as it should be, as sentences.
+    """All problems, as sentences.
 
     Args:
         segments: All segments, in their order.
-        first_hour: Simulated hours after which memory must not grow any more.
+        first_hour: Simulated hours after which memory must not grow.
     """
     settled = [one for one in segments if one.hours >= first_hour - 1e-9] or list(segments)
     total = sum((one.done for one in segments), Counter())
@@ -299,20 +299,20 @@ def problems_of(segments: Sequence[Segment], first_hour: float = 1.0) -> list[st
     return idle + growth_of([one.usage for one in settled]) + drift_of(segments)
 
 
-def _print(what: str, usage: Usage, more: str) -> None:
+def _print(label: str, usage: Usage, more: str) -> None:
     print(
-        f"| {what} | {usage.memory_mb:.1f} | {usage.threads} | {usage.files} | {usage.children} | "
+        f"| {label} | {usage.memory_mb:.1f} | {usage.threads} | {usage.files} | {usage.children} | "
         f"{more} |",
         flush=True,
     )
 
 
 def main() -> int:
-    """Print the table; returns 1 if something is not as it should be."""
+    """Print the table; returns 1 if there is a problem."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--hours", type=float, default=24.0, help="simulated hours (24)")
     parser.add_argument("--segment", type=float, default=1.0, help="simulated hours of a run (1)")
-    parser.add_argument("--starts", type=int, help="start and end so many runs instead")
+    parser.add_argument("--starts", type=int, help="number of runs to start and end instead")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="soak_") as name:
@@ -320,7 +320,7 @@ def main() -> int:
             problems = _starts(arguments.starts, Path(name), arguments.seed)
         else:
             problems = _soak(arguments.hours, arguments.segment, arguments.seed, Path(name))
-    print("\n".join(problems) or "nothing grew, nothing drifted, nothing stayed")
+    print("\n".join(problems) or "no growth, no drift, no leaks")
     return 1 if problems else 0
 
 

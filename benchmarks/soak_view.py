@@ -1,17 +1,16 @@
-"""What a live view stands: browsers that come and go, and requests that no page would make.
+"""The live view under load: browsers that come and go, hostile requests, slow clients.
 
     python -m benchmarks.soak_view [TREE] [--rounds 250]
     python -m benchmarks.soak_view [TREE] --slow 200
 
-While a run goes on, a process opens the page over and over, breaks off in the middle of requests,
-sends what is no HTTP, bodies of 10 MB, other hosts' names and foreign origins, four of each kind a
-round. It prints how often the page was opened, what strangers were served, what the run's process
-has grown by from a tenth of the rounds to the last, and whether the hash is that of a run that
-nobody looked at.
+During a run, a process repeatedly opens the page, aborts requests, and sends data that is not HTTP,
+bodies of 10 MB, wrong host names and foreign origins. Prints how often the page was opened, how
+many hostile requests were served, by how much the run's process has grown since a tenth of the
+rounds, and whether the hash equals that of an unobserved run.
 
-With --slow, a process opens so many connections of each kind of slow client (idle, half a request,
-half a body, readers that take nothing) and leaves them open while a page is asked for all that it
-shows. It prints how long the answers took, and what the run's process needed meanwhile.
+With --slow N, a process opens N connections of each kind of slow client (idle, half a request, half
+a body, readers that take nothing) and leaves them open while everything that a page shows is
+requested. Prints the response times and the resources of the run's process.
 """
 
 from __future__ import annotations
@@ -121,14 +120,14 @@ for name, begun in kinds.items():
 
 
 def size() -> tuple[float, int, int]:
-    """Memory of this process in MB, its threads, its open files."""
+    """Memory of this process in MB, its threads and open files."""
     pages = int(Path("/proc/self/statm").read_text(encoding="utf-8").split()[1])
     files = len([*Path("/proc/self/fd").iterdir()])
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6, threading.active_count(), files
 
 
 def soak(view: LiveView, rounds: int) -> None:
-    """Let strangers in; when they have gone, let the run go on as fast as it can."""
+    """Run the hostile client; afterwards let the run continue at full speed."""
     command = [sys.executable, "-c", STRANGERS, view.url, str(rounds)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as strangers:
         sizes = []
@@ -147,11 +146,11 @@ def soak(view: LiveView, rounds: int) -> None:
     view.gate.go()
 
 
-def slowed(view: LiveView, count: int) -> None:
-    """Ask as a page does while slow clients of each kind keep connections open."""
+def serve_slow_clients(view: LiveView, count: int) -> None:
+    """Send the requests of a page while slow clients of each kind keep connections open."""
     command = [sys.executable, "-c", SLOW, view.url, str(count)]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-    with subprocess.Popen(command, text=True, **pipes) as clients:  # type: ignore[call-overload]  # two of its keywords
+    with subprocess.Popen(command, text=True, **pipes) as clients:  # type: ignore[call-overload]  # by keyword
         for name in clients.stdout or ():
             took = []
             for what in ("", "now", "log?after=0", "series") * 10:
@@ -170,10 +169,10 @@ def slowed(view: LiveView, count: int) -> None:
     view.gate.go()
 
 
-def watched(run: Run, stop: StopRequest, pending_fault: Callable[[LiveView], None]) -> str:
-    """Hash of a run that strangers trouble."""
+def run_disturbed(run: Run, stop: StopRequest, disturb: Callable[[LiveView], None]) -> str:
+    """Hash of a run during which the live view is disturbed."""
     with LiveView(run, stop, paused=False) as view:
-        thread = threading.Thread(target=pending_fault, args=(view,))
+        thread = threading.Thread(target=disturb, args=(view,))
         view.gate.set_speed(0.1)
         thread.start()
         sha256 = run.finish().state_sha256
@@ -184,23 +183,23 @@ def watched(run: Run, stop: StopRequest, pending_fault: Callable[[LiveView], Non
 
 
 def main() -> None:
-    """Run the tree twice: troubled, and alone."""
+    """Run the tree with and without the disturbance, and compare the hashes."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("tree", nargs="?", default="pick_and_track")
     parser.add_argument("--rounds", type=int, default=250)
     parser.add_argument("--slow", type=int, help="connections of each kind of slow client")
     arguments = parser.parse_args()
-    pending_fault = partial(soak, rounds=arguments.rounds)
+    disturb = partial(soak, rounds=arguments.rounds)
     if arguments.slow is not None:
-        pending_fault = partial(slowed, count=arguments.slow)
+        disturb = partial(serve_slow_clients, count=arguments.slow)
     plain = bt_dualarm.run(arguments.tree).state_sha256
     stop = StopRequest()
     with (
         TemporaryDirectory() as folder,
         bt_dualarm.open(arguments.tree, stop=stop, record=Path(folder) / "out") as run,
     ):
-        troubled = watched(run, stop, pending_fault)
-    print("the hash is the same" if troubled == plain else "THE HASH IS ANOTHER")
+        disturbed = run_disturbed(run, stop, disturb)
+    print("the hash is the same" if disturbed == plain else "THE HASH DIFFERS")
 
 
 if __name__ == "__main__":

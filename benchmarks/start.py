@@ -1,8 +1,8 @@
-"""How long ``bt-run`` takes to its first tick: python benchmarks/start.py [TREE].
+"""Time of ``bt-run`` to its first tick: python benchmarks/start.py [TREE].
 
-From the start of the process to the line that says that the first leaf runs; and the CPU time of
-the whole process, which a machine with other work stretches less. The first run warms the caches
-(compiled Python, hulls of meshes) and does not count.
+Measures the time from the start of the process to the line that reports the first running leaf, and
+the CPU time of the whole process, which depends less on the load of the machine. The first run
+warms the caches (compiled Python, hulls of meshes) and does not count.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ RUNS = 10
 
 
 def seconds(tree: str, environment: dict[str, str]) -> tuple[float, float]:
-    """Seconds from the start of one process to its first word, and those of the CPU."""
+    """Time from the start of one process to its first line, and its CPU time, s."""
     program = Path(sys.executable).with_name("bt-run")
     command = [str(program), tree, "--duration", "0.1", "--display", "log"]
     before = cpu_of_children()
@@ -30,19 +30,19 @@ def seconds(tree: str, environment: dict[str, str]) -> tuple[float, float]:
         took = time.perf_counter() - began
         process.stdout.read()
     if "RUNNING" not in line:
-        raise SystemExit(f"the first word of {' '.join(command)} was {line!r}")
+        raise SystemExit(f"the first line of {' '.join(command)} was {line!r}")
     return took, cpu_of_children() - before
 
 
 def cpu_of_children() -> float:
-    """Seconds of all processes that this one has waited for."""
+    """CPU time of all child processes that have ended, s."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
 
 
 def main(tree: str) -> None:
-    """Print the fastest, the middle and the slowest run."""
-    with tempfile.TemporaryDirectory() as folder:  # as if Python may write beside the code
+    """Print the fastest, the median and the slowest run."""
+    with tempfile.TemporaryDirectory() as folder:  # so that Python can write byte code
         environment = os.environ | {"PYTHONPYCACHEPREFIX": folder}
         environment.pop("PYTHONDONTWRITEBYTECODE", None)
         runs = [seconds(tree, environment) for _ in range(RUNS + 1)][1:]

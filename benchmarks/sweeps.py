@@ -1,7 +1,7 @@
-"""Sweeps under random kills, on several engines, and what a trial costs beside its run.
+"""Sweeps under random kills on several engines, and the overhead of a trial over its run.
 
-python -m benchmarks.sweeps --trials 40                 # the same table whatever is killed
-python -m benchmarks.sweeps --trials 40 --cost          # and efficiency and overhead
+python -m benchmarks.sweeps --trials 40                 # the same table, whatever is killed
+python -m benchmarks.sweeps --trials 40 --cost          # also efficiency and overhead
 python -m benchmarks.sweeps --rows 100000               # a report over many rows
 """
 
@@ -32,15 +32,15 @@ from bt_dualarm.sweeps.trial import TrialJob, run_trial
 
 
 def main() -> None:
-    """Read the arguments, and print the figures."""
+    """Parse the options and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--tree", default="circle")
     parser.add_argument("--trials", type=int, default=40)
     parser.add_argument("--kill-every", type=float, default=2.0, help="mean wall-clock s (2)")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--dask", action="store_true", help="also on a cluster of two")
+    parser.add_argument("--dask", action="store_true", help="also on a Dask cluster of two workers")
     parser.add_argument("--cost", action="store_true", help="measure efficiency and overhead")
-    parser.add_argument("--rows", type=int, default=0, help="only write a report of made-up rows")
+    parser.add_argument("--rows", type=int, default=0, help="only write a report of generated rows")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="sweeps_") as scratch:
         if arguments.rows:
@@ -64,31 +64,33 @@ def _kills(arguments: argparse.Namespace, scratch: Path) -> None:
     print(f"{trials} trials of {tree}", flush=True)
     hashes: list[tuple[str, str]] = []
 
-    def said(what: str, value: str, began: float) -> None:
-        hashes.append((value, what))
-        print(f"  {value}  {what} ({time.monotonic() - began:.0f} s)", flush=True)
+    def report(label: str, value: str, began: float) -> None:
+        hashes.append((value, label))
+        print(f"  {value}  {label} ({time.monotonic() - began:.0f} s)", flush=True)
 
     began = time.monotonic()
-    said("undisturbed", _finished(_command(tree, trials, scratch / "plain")), began)
+    report("undisturbed", _finish(_command(tree, trials, scratch / "plain")), began)
     began = time.monotonic()
-    said(*_disturbed(tree, trials, scratch / "killed", arguments.kill_every, rng), began)
+    report(*_run_with_kills(tree, trials, scratch / "killed", arguments.kill_every, rng), began)
     parts = [scratch / "part1", scratch / "part2"]
     began = time.monotonic()
     for number, part in enumerate(parts, 1):
-        _finished(_command(tree, trials, part, "--shard", f"{number}/2"))
-    said("two shards, merged", merge(parts, scratch / "merged").sha256[:16], began)
+        _finish(_command(tree, trials, part, "--shard", f"{number}/2"))
+    report("two shards, merged", merge(parts, scratch / "merged").sha256[:16], began)
     if arguments.dask:
         began = time.monotonic()
         with _Cluster(2) as cluster:
-            said(
-                *_disturbed(tree, trials, scratch / "dask", arguments.kill_every, rng, cluster),
+            report(
+                *_run_with_kills(
+                    tree, trials, scratch / "dask", arguments.kill_every, rng, cluster
+                ),
                 began,
             )
     print("all equal" if len({value for value, _ in hashes}) == 1 else "DIFFERENT")
 
 
 class _Cluster:
-    """A Dask scheduler and workers, each a nanny with a worker, that are replaced when killed.
+    """A Dask scheduler and workers, each under a nanny, which are replaced when killed.
 
     Args:
         count: Number of workers.
@@ -104,7 +106,7 @@ class _Cluster:
     def __enter__(self) -> _Cluster:
         port = self.address.rpartition(":")[2]
         self._processes = [
-            _started("scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard")
+            _start("scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard")
         ]
         self.replace()
         return self
@@ -119,18 +121,18 @@ class _Cluster:
             process.wait()
 
     def replace(self) -> None:
-        """Start as many workers as are missing, as a supervisor does."""
+        """Start the missing workers, as a supervisor does."""
         scheduler, *nannies = self._processes
         living = [one for one in nannies if one.poll() is None]
         missing = self._count - len(living)
         more = [
-            _started("worker", self.address, "--nthreads", "1", "--no-dashboard")
+            _start("worker", self.address, "--nthreads", "1", "--no-dashboard")
             for _ in range(missing)
         ]
         self._processes = [scheduler, *living, *more]
 
     def victims(self) -> dict[str, list[int]]:
-        """Process ids by what they are."""
+        """Process ids by the kind of process."""
         nannies = [one.pid for one in self._processes[1:] if one.poll() is None]
         below = [pid for nanny in nannies for pid in _descendants(nanny)]
         trials = [pid for pid in below if "sweeps.worker" in _line_of(pid)]
@@ -138,13 +140,13 @@ class _Cluster:
         return {"trials": trials, "workers": workers, "nannies": nannies}
 
 
-def _started(*words: str) -> subprocess.Popen[bytes]:
+def _start(*words: str) -> subprocess.Popen[bytes]:
     command = [sys.executable, "-m", "distributed.cli.dask_" + words[0], *words[1:]]
     quiet = subprocess.DEVNULL
     return subprocess.Popen(command, stdout=quiet, stderr=quiet, start_new_session=True)
 
 
-def _disturbed(
+def _run_with_kills(
     tree: str,
     trials: int,
     out: Path,
@@ -179,31 +181,31 @@ def _disturbed(
                 with suppress(ProcessLookupError):
                     os.kill(int(rng.choice(victims[kind])), signal.SIGKILL)
                     killed[kind] += 1
-        said, complaints = client.communicate()
-        # A client that was killed is started again; one that gives up is too, as a user would.
+        output, errors = client.communicate()
+        # A client that was killed or has given up is started again, as a user would.
         if client.returncode == 0:
             break
         if client.returncode > 0:
             killed["clients that gave up"] += 1
-            print(f"  exit code {client.returncode}: {complaints.strip()[-300:]}", flush=True)
+            print(f"  exit code {client.returncode}: {errors.strip()[-300:]}", flush=True)
     table = read_rows([out])
     crashed = 0 if table is None else table["outcome"].to_pylist().count("CRASHED")
-    # A trial whose worker was killed three times has no result, and the table is another one.
+    # A trial whose worker was killed three times has no result, and the table differs.
     parts = [f"{count} {name}" for name, count in sorted(killed.items())]
     where = "killed" if cluster is None else "killed on a Dask cluster"
-    return f"{', '.join(parts)} {where}, {crashed} trials without a result", _hash(said)
+    return f"{', '.join(parts)} {where}, {crashed} trials without a result", _hash(output)
 
 
-def _finished(command: Sequence[str]) -> str:
+def _finish(command: Sequence[str]) -> str:
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         raise SystemExit(f"exit code {done.returncode}: {done.stderr}")
     return _hash(done.stdout)
 
 
-def _hash(said: str) -> str:
+def _hash(output: str) -> str:
     return next(
-        line.rpartition(" ")[2] for line in said.splitlines() if line.startswith("hash of all")
+        line.rpartition(" ")[2] for line in output.splitlines() if line.startswith("hash of all")
     )
 
 
@@ -228,7 +230,7 @@ def _line_of(pid: int) -> str:
 
 
 def _cost(tree: str, trials: int, scratch: Path) -> None:
-    """CPU of a trial beside its run, and the speed-up by a worker per core."""
+    """Print the CPU time of a trial relative to its run, and the speed-up by workers."""
     manifest = checked(Manifest(tree, tuple(range(trials))))
     jobs = [
         TrialJob(manifest.tree, None, (), trial, None, None, "none", scratch / "records")
@@ -258,17 +260,17 @@ def _cost(tree: str, trials: int, scratch: Path) -> None:
 
 
 def _report(rows: int, scratch: Path) -> None:
-    """Time of a report over made-up rows."""
+    """Print the time of a report over generated rows."""
     rng = np.random.default_rng(0)
     manifest = checked(
         Manifest("circle", tuple(range(rows // 25)), {
             "speed": values_of("0.2:1.0:5"), "radius": values_of("0.05:0.15:5"),
         })
     )  # fmt: skip
-    made = []
+    generated = []
     for trial in manifest.trials():
         works = rng.random() > 0.1 * float(str(trial.params["speed"]))
-        made.append(
+        generated.append(
             {
                 "trial": trial.index,
                 "identity": trial.identity,
@@ -288,7 +290,7 @@ def _report(rows: int, scratch: Path) -> None:
                 "processor": "kind",
             }
         )
-    table = table_of(made)
+    table = table_of(generated)
     began = time.perf_counter()
     cpu = time.process_time()
     write_report(scratch, table, "circle")

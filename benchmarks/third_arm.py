@@ -1,8 +1,8 @@
-"""The main job beside a third arm: python -m benchmarks.third_arm [PLACES [SEED]].
+"""The demo beside a third arm: python -m benchmarks.third_arm [PLACES [SEED]].
 
 `pick_and_track` is run with one more arm of the catalog, 1.2 to 3 m from the nearer of the two,
-that swings to and fro all the time as fast as it can. Printed for each place is how the two arms
-end, and how that differs from what they do without it. The exit code is 1 if one of them fails.
+which swings back and forth at full speed. For each base pose of the third arm, prints how the two
+arms end, and how much later than without it. Exits with code 1 if one of them fails.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ NEAREST_M = 1.2
 FARTHEST_M = 3.0
 
 LONGEST_S = 60.0
-"""Simulated seconds after which a run ends: the job takes a third of that."""
+"""Simulated seconds after which a run ends; the demo takes a third of that."""
 
-_BASES = ((0.0, 0.0), (1.6, 0.11))  # of the two arms of the job, in m
+_BASES = ((0.0, 0.0), (1.6, 0.11))  # x and y of the two arms of the demo, m
 
 _ARM = """
   arm3:
@@ -51,13 +51,13 @@ _ARM = """
 
 @dataclass(frozen=True)
 class Place:
-    """Where the third arm stands.
+    """Base pose of the third arm.
 
     Attributes:
         robot: Name of the robot in the catalog.
-        x: Place of its base in m.
-        y: Place of its base in m.
-        yaw: Turn of its base in degrees.
+        x: Position of its base, m.
+        y: Position of its base, m.
+        yaw: Rotation of its base, degrees.
     """
 
     robot: str
@@ -77,14 +77,14 @@ class Place:
 
 
 def places(count: int, seed: int) -> list[Place]:
-    """Places all around the two arms, robot after robot of the catalog."""
+    """Random base poses around the two arms, with the robots of the catalog in turn."""
     rng = np.random.default_rng(seed)
     found: list[Place] = []
     while len(found) < count:
         base = np.array(_BASES[int(rng.integers(2))])
         angle = rng.uniform(-np.pi, np.pi)
-        away = rng.uniform(NEAREST_M, FARTHEST_M)
-        x, y = base + away * np.array((np.cos(angle), np.sin(angle)))
+        distance = rng.uniform(NEAREST_M, FARTHEST_M)
+        x, y = base + distance * np.array((np.cos(angle), np.sin(angle)))
         if min(np.hypot(x - at[0], y - at[1]) for at in _BASES) < NEAREST_M:
             continue
         robot = MEASURED[len(found) % len(MEASURED)]
@@ -94,7 +94,7 @@ def places(count: int, seed: int) -> list[Place]:
 
 
 def run_beside(place: Place | None, skills: Registry) -> RunResult:
-    """The job with an arm at a place, or without a third arm."""
+    """Result of the demo with or without a third arm."""
     text = (share_dir("trees") / "pick_and_track.yaml").read_text(encoding="utf-8")
     text += "" if place is None else place.text
     options = RunOptions(duration=LONGEST_S, renderer="ray")
@@ -103,7 +103,7 @@ def run_beside(place: Place | None, skills: Registry) -> RunResult:
 
 
 def failures(result: RunResult) -> list[str]:
-    """Sentences on the leaves of the two arms that failed, and on an arm that did not end."""
+    """Sentences about each of the two arms that did not succeed."""
     return [
         f"{name}: {result.arms[name].outcome}; "
         + "; ".join(f"{leaf.path} {leaf.code}: {leaf.reason}" for leaf in result.arms[name].runs)
@@ -112,8 +112,8 @@ def failures(result: RunResult) -> list[str]:
     ]
 
 
-def ended(place: dict[str, Any] | None) -> dict[str, Any]:
-    """When the two arms end beside a third one, s, and what failed."""
+def evaluate(place: dict[str, Any] | None) -> dict[str, Any]:
+    """Times at which the two arms end beside a third one, s, and the failures."""
     result = run_beside(None if place is None else Place(**place), registry())
     wrong = failures(result)
     ends = {name: result.arms[name].ended_s or float("nan") for name in ("arm1", "arm2")}
@@ -121,17 +121,19 @@ def ended(place: dict[str, Any] | None) -> dict[str, Any]:
 
 
 def main() -> int:
-    """Print a line for each place; the exit code."""
+    """Print a line for each base pose; returns the exit code."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("places", type=int, nargs="?", default=PLACES)
     parser.add_argument("seed", type=int, nargs="?", default=SEED)
     add_options(parser)
     options = parser.parse_args()
-    stands = [None, *map(asdict, places(options.places, options.seed))]
+    base_poses = [None, *map(asdict, places(options.places, options.seed))]
     failed = 0
     alone: dict[str, float] = {}
     with Campaign(options) as campaign:
-        for number, (case, found) in enumerate(campaign.run(ended, [{"place": s} for s in stands])):
+        for number, (case, found) in enumerate(
+            campaign.run(evaluate, [{"place": s} for s in base_poses])
+        ):
             place = case["place"]
             if place is None:
                 alone = found["ends"]
@@ -142,9 +144,9 @@ def main() -> int:
                 for name, end in found["ends"].items()
             )
             where = f"{place['robot']} at ({place['x']:.2f}, {place['y']:.2f})"
-            said = "; ".join(found["wrong"]) or later
-            print(f"[{number}/{options.places}] {where}: {said}", flush=True)
-        print(f"the main job fails beside {failed} of {options.places} arms")
+            result = "; ".join(found["wrong"]) or later
+            print(f"[{number}/{options.places}] {where}: {result}", flush=True)
+        print(f"the demo fails beside {failed} of {options.places} arms")
         return int(failed > 0)
 
 

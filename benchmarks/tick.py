@@ -1,6 +1,6 @@
-"""What a tick of 100 running leaves costs, ours against bare py_trees, in one process run.
+"""Cost of a tick of 100 running leaves, compared with bare py_trees, in one process.
 
-Prints microseconds per tick of each (the best of many rounds, taken in turns) and their ratio.
+Prints microseconds per tick of each (the best of many alternating rounds) and their ratio.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ ROUNDS = 30
 
 
 class Busy(Skill):
-    """Runs for ever."""
+    """Skill that runs forever."""
 
     def run(self) -> Iterator[float | None]:
-        """Never ends."""
+        """Yield forever."""
         while True:
             yield None
 
 
 def ours() -> Callable[[], Any]:
-    """A parallel of skills on our leaves."""
+    """Tick of a parallel node of our leaves, which run skills."""
     idle = SimpleNamespace(
         enter=lambda anew: None,  # noqa: ARG005 - a leaf calls it by this name
         release=lambda: None,
@@ -41,7 +41,7 @@ def ours() -> Callable[[], Any]:
     )
     context: Any = SkillContext(
         "busy",
-        idle,  # type: ignore[arg-type]  # all that a leaf asks of its arm here
+        idle,  # type: ignore[arg-type]  # sufficient here
         lambda: 0.0,
         np.random.default_rng(0),
         logging.getLogger(__name__),
@@ -56,14 +56,14 @@ def ours() -> Callable[[], Any]:
 
 
 def bare() -> Callable[[], Any]:
-    """A parallel of py_trees' own behaviors that stay RUNNING."""
+    """Tick of a parallel node of py_trees behaviors that stay RUNNING."""
     root = py_trees.composites.Parallel("parallel", py_trees.common.ParallelPolicy.SuccessOnAll())
     root.add_children([py_trees.behaviours.Running(f"leaf {i}") for i in range(LEAVES)])
     return root.tick_once
 
 
-def best_of_turns(ticks: list[Callable[[], Any]]) -> list[float]:
-    """Microseconds per tick of each, the best round of each."""
+def best_of_rounds(ticks: list[Callable[[], Any]]) -> list[float]:
+    """Microseconds per tick of each in its best round."""
     best = [float("inf")] * len(ticks)
     for _ in range(ROUNDS):
         for index, tick in enumerate(ticks):
@@ -73,8 +73,8 @@ def best_of_turns(ticks: list[Callable[[], Any]]) -> list[float]:
 
 
 def main() -> None:
-    """Measure and print."""
-    ours_us, bare_us = best_of_turns([ours(), bare()])
+    """Measure both, and print the figures."""
+    ours_us, bare_us = best_of_rounds([ours(), bare()])
     print(f"tick of {LEAVES} running leaves: ours {ours_us:.0f} us, py_trees {bare_us:.0f} us")
     print(f"ratio {ours_us / bare_us:.2f}")
 

@@ -1,8 +1,8 @@
-"""Timing of curves: duration against the bound without jerk limits, and violations of any limit.
+"""Timing of curves: duration relative to the bound without jerk limits, and limit violations.
 
     python benchmarks/timing.py [--robots ur5 panda] [--speeds 1.0 0.5 0.2]
 
-The curves of the main job: a circle of 0.1 m and a 1:2 Lissajous curve in the YZ plane.
+The curves of the demo: a circle of 0.1 m and a 1:2 Lissajous curve in the YZ plane.
 """
 
 from __future__ import annotations

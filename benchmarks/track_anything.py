@@ -1,18 +1,18 @@
-"""Following any motion: robots by planes by kinds of motion, each with its theoretical bound.
+"""Tracking of arbitrary motions by all robots, with a theoretical bound for each.
 
     python -m benchmarks.track_anything [--trials N] [--seed S] [--robot NAME ...]
         [--motion KIND ...] [--reality lab rough] [--camera FPS/MS ...] [--share 0.8] [--free]
         [--lines]
 
-Every trial draws its plane, curve, reality and camera from its seed. The curve is timed by the
-follower's own limits along the true path, and then stretched: ``--share 0.8`` needs 80 % of the
-fastest speed, which is 64 % of the accelerations; above 1 no arm can follow. Of two numbers, each
-trial draws its own between them. `track` ends by ``until_still``. With ``--free`` the curve leans
-out of the plane by up to 45°, and is followed in space. Printed are median and 95th percentile of
-the true root mean square error in the plane, less its mean, during the motion, by follower and by
-kind of motion, beside the bound: the error of the filter with an ideal arm, true positions and the
-measured noise. Then the outcomes, SUCCESS with a true error above ``max_error``, the reasons of
-failures of motions beyond the follower, and runs that did not end.
+Each trial has a random plane, curve, reality and camera. The curve is timed with the follower's own
+limits along the true path, and then scaled in time: ``--share 0.8`` needs 80 % of the top speed,
+which is 64 % of the accelerations; above 1 no arm can follow. With two numbers, each trial draws a
+value between them. `track` ends by ``until_still``. With ``--free`` the curve is tilted out of the
+plane by up to 45°, and is followed in space. Prints median and 95th percentile of the true RMS
+error in the plane, minus its mean, during the motion, by follower and by kind of motion, and the
+bound: the error of the filter with an ideal arm, true positions and the measured noise. Then prints
+the outcomes, the number of SUCCESS with a true error above ``max_error``, the reasons of failures
+for motions beyond the follower, and the number of runs that did not end.
 """
 
 from __future__ import annotations
@@ -63,23 +63,23 @@ MOTIONS: Final = (
     "hidden 1 s",
 )
 COMES_TO_REST: Final = "comes to rest"
-"""A short motion, which asks whether ``until_still`` ends; only if `--motion` names it."""
+"""A short motion that tests whether ``until_still`` ends; only used if `--motion` names it."""
 
 CAMERAS: Final = ("60/20", "30/35", "90/0", "40/49")
-"""Frames a second and latency in ms."""
+"""Frame rates in Hz and latencies in ms."""
 
 _REST_S = 3.0  # before the target moves
-_MOVE_S = 10.0  # time to wait for a motion that no image shows: the target left, and came back
-_AFTER_S = 15.0  # after its motion, in which `track` has to end
+_MOVE_S = 10.0  # wait for the motion; it may be missed if the target is hidden meanwhile
+_AFTER_S = 15.0  # time after the motion within which `track` has to end
 _STILL_S = 1.0
 _REGAINED_S = 0.5
 _STEP_M = 0.03
-_CALM_S = 1.0  # after the motion the tool may come to rest
+_CALM_S = 1.0  # time after the motion in which the tool may come to rest
 _SETTLED_S = 1.0
 _PERIOD_S = 0.01  # of the samples of a motion
 _SIZE_M = 0.05
 _HIDDEN_M = 5.0  # behind the camera
-_ASKED_A_FRAME = 4
+_PREDICTIONS_PER_FRAME = 4
 _FRAMES_BEFORE = 0.5  # s at rest before the motion, for the bound
 
 
@@ -92,11 +92,11 @@ class Case:
         motion: Kind of motion, one of `MOTIONS`, or `COMES_TO_REST`.
         plane: A named plane of the world.
         reality: Model mismatch of the follower.
-        camera: Frames a second and latency in ms, as ``60/20``.
+        camera: Frame rate in Hz and latency in ms, as ``60/20``.
         share: Speed of the target as a fraction of the fastest that the follower could execute.
         sized: Whether the target's size is known.
-        seed: Of the curve and of the run.
-        free: Whether the curve leans out of the plane and is followed in space.
+        seed: Seed of the curve and of the run.
+        free: Whether the curve is tilted out of the plane and followed in space.
     """
 
     robot: str
@@ -118,23 +118,23 @@ class Case:
 
     @property
     def fps(self) -> float:
-        """Frames a second."""
+        """Frame rate, Hz."""
         return float(self.camera.partition("/")[0])
 
     @property
     def latency(self) -> float:
-        """Age of an image when it comes, s."""
+        """Age of an image when it arrives, s."""
         return 1e-3 * float(self.camera.partition("/")[2])
 
 
 @dataclass(frozen=True)
-class Found:
+class Measured:
     """Measurements of one trial.
 
     Attributes:
-        rms: Root mean square of the true error in the plane, less its mean, during the motion, m.
+        rms: RMS of the true error in the plane, minus its mean, during the motion, m.
         whole: The same from `_SETTLED_S` to the end of `track`, m.
-        bound: That of the filter with an ideal arm, m.
+        bound: RMS error of the filter with an ideal arm, m.
         code: Failure code of `track`; ``SUCCESS`` without one, ``ENDLESS`` if it did not end.
         cause: Its metric ``cause``, if any.
         judged: The metric ``error_rms_m``, m.
@@ -159,29 +159,35 @@ class Found:
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """Motion of the target in the plane: positions of shape (n, 2), m, every `_PERIOD_S`."""
+    """Motion of the target in the plane.
 
-    places: Matrix
+    Attributes:
+        positions: Positions every `_PERIOD_S`, of shape (n, 2), m.
+        hidden: Times from and until which the target is hidden, s.
+        turning: Frequency at which it rotates back and forth, rad/s; 0 for none.
+    """
+
+    positions: Matrix
     hidden: tuple[float, float] = (np.inf, np.inf)
     turning: float = 0.0
 
     def at(self, time: float) -> Vector:
         """Position ``time`` seconds after the motion began, of shape (2,), m."""
-        index = min(max(time / _PERIOD_S, 0.0), len(self.places) - 1.0)
-        first = min(int(index), len(self.places) - 2)
+        index = min(max(time / _PERIOD_S, 0.0), len(self.positions) - 1.0)
+        first = min(int(index), len(self.positions) - 2)
         share = index - first
-        place: Vector = (1.0 - share) * self.places[first] + share * self.places[first + 1]
-        return place
+        position: Vector = (1.0 - share) * self.positions[first] + share * self.positions[first + 1]
+        return position
 
     @property
     def duration(self) -> float:
         """Length of the motion, s."""
-        return _PERIOD_S * (len(self.places) - 1)
+        return _PERIOD_S * (len(self.positions) - 1)
 
 
 @dataclass
 class _Carrier(IdleObserver):
-    """Moves the target, and keeps where target and tool were."""
+    """Moves the target, and records the positions of tool and target."""
 
     world: World
     place: Vector
@@ -210,7 +216,7 @@ class _Carrier(IdleObserver):
 def add_case_options(
     parser: argparse.ArgumentParser, motions: Sequence[str], default: Sequence[str]
 ) -> None:
-    """Add what `cases` reads, but for ``reality`` and ``free``."""
+    """Add the options that `cases` reads, except ``reality`` and ``free``."""
     parser.add_argument("--trials", type=int, default=40)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--robot", nargs="+", default=list(MEASURED), choices=robot_names())
@@ -224,7 +230,7 @@ def add_case_options(
         type=float,
         nargs="+",
         default=[0.8],
-        help="fraction of the follower's speed; of two, at random between them",
+        help="fraction of the follower's speed; two numbers are a random range",
     )
 
 
@@ -237,49 +243,49 @@ def _camera(text: str) -> str:
         possible = False
     if not possible:
         raise argparse.ArgumentTypeError(
-            f"{text!r}: frames a second and latency in ms are expected, as in 60/20"
+            f"{text!r}: frame rate in Hz and latency in ms are expected, as in 60/20"
         )
     return text
 
 
-def cases(asked: argparse.Namespace) -> Iterator[Case]:
+def cases(options: argparse.Namespace) -> Iterator[Case]:
     """All trials: each robot by each motion in random order, everything else at random."""
-    rng = np.random.default_rng(asked.seed)
+    rng = np.random.default_rng(options.seed)
 
     def share() -> float:
-        """The one that was asked for, or a random one of a range."""
-        low, *high = asked.share
+        """The given share, or a random one of the range."""
+        low, *high = options.share
         return round(float(rng.uniform(low, high[0])), 3) if high else float(low)
 
     pairs: list[tuple[str, str]] = []
-    for _ in range(asked.trials):
+    for _ in range(options.trials):
         if not pairs:
-            pairs = list(itertools.product(asked.robot, asked.motion))
+            pairs = list(itertools.product(options.robot, options.motion))
         robot, motion = pairs.pop(int(rng.integers(len(pairs))))
         yield Case(
             robot,
             motion,
-            str(rng.choice(asked.plane)),
-            str(rng.choice(asked.reality)),
-            str(rng.choice(asked.camera)),
+            str(rng.choice(options.plane)),
+            str(rng.choice(options.reality)),
+            str(rng.choice(options.camera)),
             share(),
             bool(rng.integers(2)),
             int(rng.integers(1, 10**6)),
-            asked.free,
+            options.free,
         )
 
 
-def course(case: Case, seen: Vantage, axes: Matrix) -> Course:
-    """The target's motion, timed by what the follower can execute.
+def course(case: Case, viewpoint: Vantage, axes: Matrix) -> Course:
+    """The target's motion, timed by the limits of the follower.
 
     Raises:
-        Failure: The follower cannot execute the drawn curve at any speed.
+        Failure: The follower cannot execute the random curve at any speed.
     """
     rng = np.random.default_rng(case.seed)
     robot = load_robot(case.robot)
     xyz, rpy = BASE
     arm = Kinematics(robot, Pose.from_rpy(xyz, np.radians(rpy).tolist()))
-    tool = Pose.from_matrix(arm.matrix(seen.q))
+    tool = Pose.from_matrix(arm.matrix(viewpoint.q))
 
     if case.motion == COMES_TO_REST:
         length = rng.uniform(0.4, 1.2)
@@ -292,7 +298,9 @@ def course(case: Case, seen: Vantage, axes: Matrix) -> Course:
         return Pose(tool.position + at @ axes, tool.quaternion)
 
     def timed(path: CartesianPath) -> Matrix:
-        motion: Trajectory = trace(arm, path, seen.q, robot.limits, _PERIOD_S * case.share).motion
+        motion: Trajectory = trace(
+            arm, path, viewpoint.q, robot.limits, _PERIOD_S * case.share
+        ).motion
         points = [axes @ (arm.matrix(q)[:3, 3] - tool.position) for q in motion.q]
         return np.array(points)
 
@@ -322,34 +330,34 @@ def course(case: Case, seen: Vantage, axes: Matrix) -> Course:
         radii = radius * (grown if case.motion == "spiral" else np.ones(len(angles)))
     points = radii[:, None] * np.column_stack((np.cos(angles), np.sin(angles)))
     path = through([pose(at) for at in points], closed=case.motion == "spline")
-    places = timed(path)
-    duration = _PERIOD_S * (len(places) - 1)
+    positions = timed(path)
+    duration = _PERIOD_S * (len(positions) - 1)
     hidden = (np.inf, np.inf)
     if case.motion.startswith("hidden"):
         begin = rng.uniform(0.3, 0.6) * duration
         hidden = (begin, begin + float(case.motion.split()[1]))
-    return Course(places, hidden, rng.uniform(1.0, 2.0) if case.motion == "rotating" else 0.0)
+    return Course(positions, hidden, rng.uniform(1.0, 2.0) if case.motion == "rotating" else 0.0)
 
 
-def follow(case: Case, registry: Registry) -> Found:
+def follow(case: Case, registry: Registry) -> Measured:
     """Run one trial.
 
     Raises:
         Failure: As `course`.
     """
-    seen = vantage(case.robot, LOOKS[case.plane])
+    viewpoint = vantage(case.robot, LOOKS[case.plane])
     axes = np.array(Plane.model_validate(case.plane).axes)
     normal = np.cross(*axes)
     curve = axes
     if case.free:
         axes = np.vstack((axes, normal))
-        curve = axes[:2] @ _leaning(axes, np.random.default_rng(case.seed))
-    path = course(case, seen, curve)
-    place = seen.ahead(DISTANCE_M)
+        curve = axes[:2] @ _tilt(axes, np.random.default_rng(case.seed))
+    path = course(case, viewpoint, curve)
+    place = viewpoint.ahead(DISTANCE_M)
     end = _REST_S + path.duration
     with tempfile.TemporaryDirectory() as folder:
         start = place + path.at(0.0) @ curve
-        tree = _tree(case, seen.write_page(Path(folder)), start, end + _AFTER_S)
+        tree = _tree(case, viewpoint.write_description(Path(folder)), start, end + _AFTER_S)
         file = load_tree_file(tree, registry.kinds, folder=Path(folder))
         with Run(file, registry, RunOptions(seed=case.seed, renderer="ray")) as run:
             carrier = _Carrier(run.world, place, normal, curve, path)
@@ -364,7 +372,7 @@ def follow(case: Case, registry: Registry) -> Found:
         code = "ENDLESS"
     allowed = float(leaf.metrics.get("max_error_m", 0.01))
     calm = rows[rows[:, 0] > end + _CALM_S, 1:4] @ axes.T
-    return Found(
+    return Measured(
         rms=_rms(away),
         whole=_rms(_errors(rows[rows[:, 0] >= _SETTLED_S], axes)),
         bound=bound(case, path, noise),
@@ -378,8 +386,8 @@ def follow(case: Case, registry: Registry) -> Found:
     )
 
 
-def _leaning(axes: Matrix, rng: np.random.Generator) -> Matrix:
-    """Rotation by up to 45° about a direction in the plane, to be multiplied from the right."""
+def _tilt(axes: Matrix, rng: np.random.Generator) -> Matrix:
+    """Matrix, applied from the right, of a rotation by up to 45° about a direction in the plane."""
     about = rng.uniform(0.0, 2.0 * np.pi)
     turn = (
         rng.uniform(0.25, 1.0)
@@ -392,15 +400,15 @@ def _leaning(axes: Matrix, rng: np.random.Generator) -> Matrix:
 
 
 def _errors(rows: Matrix, axes: Matrix) -> Vector:
-    """True distances of the tool from the target, less their mean, of shape (n,), m.
+    """Distances of the true error vectors of the tool from their mean, of shape (n,), m.
 
     Args:
         rows: Time, tool and target, of shape (n, 7), s and m.
         axes: Unit vectors along which the distance counts, of shape (k, 3).
     """
     error = (rows[:, 1:4] - rows[:, 4:7]) @ axes.T
-    away: Vector = np.linalg.norm(error - error.mean(axis=0), axis=1)
-    return away
+    distances: Vector = np.linalg.norm(error - error.mean(axis=0), axis=1)
+    return distances
 
 
 def _rms(away: Vector) -> float:
@@ -408,9 +416,9 @@ def _rms(away: Vector) -> float:
 
 
 def _regained(path: Course, rows: Matrix, axes: Matrix, allowed: float) -> float:
-    """Time from the end of the occlusion until the error stays within a bound for 0.1 s, s.
+    """Time from the end of the occlusion until the error stays within ``allowed`` for 0.1 s, s.
 
-    The error is less its mean from the start of the motion until the occlusion: the mean over the
+    The error excludes its mean from the start of the motion to the occlusion: the mean over the
     whole motion would contain the occlusion. NaN if the target was not hidden, if it came to rest
     before it could have been regained, or if `track` ended before it reappeared.
     """
@@ -432,28 +440,28 @@ def _regained(path: Course, rows: Matrix, axes: Matrix, allowed: float) -> float
 def bound(case: Case, path: Course, noise: float) -> float:
     """Error of the filter with an ideal arm, m: true positions and white noise, predicted to now.
 
-    Between two frames the newest sighting ages from the latency to the latency and a period.
+    Between two frames the age of the newest sighting grows from the latency by one period.
     While the target is hidden there are no sightings.
     """
     rng = np.random.default_rng(case.seed)
-    times = _PERIOD_S * np.arange(len(path.places))
-    spline = CubicSpline(times, path.places)
+    times = _PERIOD_S * np.arange(len(path.positions))
+    spline = CubicSpline(times, path.positions)
     estimate = TargetEstimate()
     errors = []
     for stamp in np.arange(-_FRAMES_BEFORE, path.duration, 1.0 / case.fps):
         hidden = path.hidden[0] <= stamp < path.hidden[1]
         if not hidden:
-            seen = spline(max(stamp, 0.0)) + rng.normal(0.0, noise, 2)
-            estimate.update(float(stamp), seen, max(noise, 1e-6))
-        for share in range(_ASKED_A_FRAME):
-            now = float(stamp) + case.latency + share / _ASKED_A_FRAME / case.fps
+            sighting = spline(max(stamp, 0.0)) + rng.normal(0.0, noise, 2)
+            estimate.update(float(stamp), sighting, max(noise, 1e-6))
+        for share in range(_PREDICTIONS_PER_FRAME):
+            now = float(stamp) + case.latency + share / _PREDICTIONS_PER_FRAME / case.fps
             if 0.0 <= now <= path.duration:
                 errors.append(estimate.predict(now).position - spline(now))
     return float(np.sqrt(np.mean(np.sum(np.square(errors), axis=1))))
 
 
-def _tree(case: Case, page: str, start: Vector, limit: float) -> dict[str, Data]:
-    """The tree file."""
+def _tree(case: Case, robot: str, start: Vector, limit: float) -> dict[str, Data]:
+    """The tree file of a trial."""
     xyz, rpy = BASE
     cube: dict[str, Data] = {
         "shape": "box",
@@ -480,7 +488,7 @@ def _tree(case: Case, page: str, start: Vector, limit: float) -> dict[str, Data]
     if case.sized or case.free:
         track["target_size"] = _SIZE_M
     arm: dict[str, Data] = {
-        "robot": page,
+        "robot": robot,
         "base": {"xyz": list(xyz), "rpy": list(rpy)},
         "posture": POSTURE,
         "camera": camera,
@@ -490,10 +498,10 @@ def _tree(case: Case, page: str, start: Vector, limit: float) -> dict[str, Data]
     return {"bt_dualarm": 1, "world": world, "objects": {"cube": cube}, "arms": {"arm1": arm}}
 
 
-def summary(results: list[tuple[Case, Found]]) -> Iterator[str]:
+def summary(results: list[tuple[Case, Measured]]) -> Iterator[str]:
     """Lines of the tables."""
     yield f"{'':<14} {'trials':>6} {'median':>8} {'p95':>8} {'bound':>8}  mm RMS; outcomes"
-    groups: dict[str, list[Found]] = defaultdict(list)
+    groups: dict[str, list[Measured]] = defaultdict(list)
     for case, found in results:
         for name in (case.robot, case.motion, f"{case.camera} {case.reality}", "all"):
             groups[name].append(found)
@@ -505,70 +513,70 @@ def summary(results: list[tuple[Case, Found]]) -> Iterator[str]:
         "all",
     ]
     for name in filter(groups.__contains__, order):
-        all_found = groups[name]
-        rms = 1e3 * np.array([one.rms for one in all_found])
-        least = 1e3 * np.median([one.bound for one in all_found])
-        codes = Counter(f"{one.code} {one.cause}".strip() for one in all_found)
-        said = ", ".join(f"{count} {code}" for code, count in codes.most_common())
+        measurements = groups[name]
+        rms = 1e3 * np.array([one.rms for one in measurements])
+        median_bound = 1e3 * np.median([one.bound for one in measurements])
+        codes = Counter(f"{one.code} {one.cause}".strip() for one in measurements)
+        text = ", ".join(f"{count} {code}" for code, count in codes.most_common())
         yield (
             f"{name:<14} {len(rms):6d} {np.median(rms):8.2f} {np.percentile(rms, 95):8.2f} "
-            f"{least:8.2f}  {said}"
+            f"{median_bound:8.2f}  {text}"
         )
-    every = [one for _, one in results]
-    if not every:
+    all_runs = [one for _, one in results]
+    if not all_runs:
         return
-    yield f"SUCCESS with a true RMS above max_error: {sum(map(_is_false, every))}"
-    worse = sum(one.code == "SUCCESS" and one.rms > one.allowed for one in every)
+    yield f"SUCCESS with a true RMS above max_error: {sum(map(_is_false, all_runs))}"
+    worse = sum(one.code == "SUCCESS" and one.rms > one.allowed for one in all_runs)
     yield f"the same during the motion alone, without the rests: {worse}"
     refused = [(case, one) for case, one in results if case.share > 1.0 and one.code != "SUCCESS"]
     if refused:
-        right = sum(_says_why(case, one) for case, one in refused)
+        right = sum(_is_cause_right(case, one) for case, one in refused)
         yield f"beyond the follower, with the right reason: {right} of {len(refused)}"
-    shakes = [1e3 * one.shake for one in every if not np.isnan(one.shake)]
+    shakes = [1e3 * one.shake for one in all_runs if not np.isnan(one.shake)]
     yield (
-        f"ended at most {max(one.ended for one in every):.2f} s after the motion; "
+        f"ended at most {max(one.ended for one in all_runs):.2f} s after the motion; "
         f"{len(shakes)} after more than {_CALM_S:g} s, during which the tool shook by at most "
         f"{max(shakes, default=0.0):.2f} mm RMS"
     )
-    yield f"did not end: {sum(one.code == 'ENDLESS' for one in every)}"
-    back = [one.regained for one in every if not np.isnan(one.regained)]
-    if back:
-        soon = sum(time <= _REGAINED_S for time in back)
-        yield f"regained within {_REGAINED_S:g} s of the target's return: {soon} of {len(back)}"
+    yield f"did not end: {sum(one.code == 'ENDLESS' for one in all_runs)}"
+    times = [one.regained for one in all_runs if not np.isnan(one.regained)]
+    if times:
+        soon = sum(time <= _REGAINED_S for time in times)
+        yield f"regained within {_REGAINED_S:g} s of the target's return: {soon} of {len(times)}"
 
 
 def main(arguments: list[str]) -> int:
-    """Print the tables; exit code 1 for a false SUCCESS or a run that did not end."""
+    """Print the tables; returns 1 after a false SUCCESS or a run that did not end."""
     parser = argparse.ArgumentParser(description="following any motion")
     add_case_options(parser, (*MOTIONS, COMES_TO_REST), default=MOTIONS)
     parser.add_argument("--reality", nargs="+", default=["lab", "rough"])
     parser.add_argument("--free", action="store_true", help="curves in space, followed in space")
     parser.add_argument("--lines", action="store_true", help="print each trial")
     add_options(parser)
-    asked = parser.parse_args(arguments)
-    results: list[tuple[Case, Found]] = []
-    with Campaign(asked) as campaign:
-        for fields, result in campaign.run(tried, [asdict(case) for case in cases(asked)]):
+    options = parser.parse_args(arguments)
+    results: list[tuple[Case, Measured]] = []
+    with Campaign(options) as campaign:
+        for fields, result in campaign.run(run_trial, [asdict(case) for case in cases(options)]):
             case = Case(**fields)
             if "found" not in result:
-                print(f"{case}: not drawn: {result['why']}", flush=True)
+                print(f"{case}: rejected: {result['why']}", flush=True)
                 continue
-            found = Found(**result["found"])
+            found = Measured(**result["found"])
             results.append((case, found))
-            if asked.lines:
+            if options.lines:
                 print(
                     f"{case}: {1e3 * found.rms:6.2f} mm, bound {1e3 * found.bound:5.2f}, "
                     f"judged {1e3 * found.judged:6.2f} of {1e3 * found.allowed:.1f} "
                     f"{found.code} {found.cause}".rstrip(),
                     flush=True,
                 )
-        for said in summary(results):
-            print(said)
+        for text in summary(results):
+            print(text)
         return int(any(one.code == "ENDLESS" or _is_false(one) for _, one in results))
 
 
-def tried(**fields: Any) -> dict[str, Any]:  # Any: fields of `Case`
-    """What came of a trial, or why it was not drawn."""
+def run_trial(**fields: Any) -> dict[str, Any]:  # Any: fields of `Case`
+    """Measurements of a trial, or why its curve was rejected."""
     try:
         found = follow(Case(**fields), registry())
     except Failure as failure:
@@ -578,10 +586,10 @@ def tried(**fields: Any) -> dict[str, Any]:  # Any: fields of `Case`
     return {"outcome": outcome, "code": found.code, "found": asdict(found)}
 
 
-def _says_why(case: Case, found: Found) -> bool:
-    """Whether the reason of a failure is right for a target that is too fast for the follower.
+def _is_cause_right(case: Case, found: Measured) -> bool:
+    """Whether the cause of a failure is right for a target that is too fast for the follower.
 
-    It is the speed; or the latency, if an ideal arm with that camera would not follow, either; or
+    Right are the speed; the latency, if an ideal arm with that camera would not follow either; and
     the occlusion, if there was one.
     """
     if found.code != "NOT_FOLLOWING":
@@ -591,8 +599,8 @@ def _says_why(case: Case, found: Found) -> bool:
     return found.cause == "speed" or (found.cause == "occlusion" and "hidden" in case.motion)
 
 
-def _is_false(found: Found) -> bool:
-    """Whether it is a SUCCESS whose true error is above what is allowed."""
+def _is_false(found: Measured) -> bool:
+    """Whether it is a SUCCESS with a larger true error than allowed."""
     return found.code == "SUCCESS" and found.whole > found.allowed
 
 

@@ -1,19 +1,19 @@
-"""Tracking by vision alone, in figures: error, bound, faults of the camera, cover, twins, cost.
+"""Visual tracking: error, bound, camera faults, occlusion, a second target, CPU time.
 
     python -m benchmarks.tracking [--quick] [--seeds 10] [--figure N ...] [--reality lab] [--jobs 2]
                                   [--out DIR]
 
-Prints every figure with its goal, and ends with exit code 1 if one misses it. 60 Hz, 320x240, one
-frame of latency, gains and filter as shipped; figures 1 to 4 in the reality that is
-asked for, the others in ``lab``. ``--quick`` takes one seed and thins the others out.
+Prints every figure with its goal, and exits with code 1 if one is missed. 60 Hz, 320x240, one frame
+of latency, gains and filter as shipped; figures 1 to 4 in ``--reality``, the others in ``lab``.
+``--quick`` uses one seed and fewer cases.
 
-    1  the five experiments, and five curves that nothing was tuned on, at 60 Hz
-    2  the same at 30 Hz; predictive against proportional control
-    3  measured error against the bound of the estimator at its measured noise
+    1  the five experiments, and five curves on which nothing was tuned, at 60 Hz
+    2  the same at 30 Hz; predictive versus proportional control
+    3  measured error relative to the bound of the estimator at its measured noise
     4  a map over latency, lost frames and shake of the camera (``tracking_map.png``)
-    5  a screen before the target for 0.05 to 2 s
-    6  a twin that crosses; other colors
-    7  what it costs
+    5  a screen in front of the target for 0.05 to 2 s
+    6  a second target of the same color that crosses the view; other colors
+    7  CPU time of each part
 """
 
 from __future__ import annotations
@@ -49,33 +49,33 @@ GOALS: Final[Mapping[RealityName, Mapping[float, tuple[float, float]]]] = {
     "lab": {60.0: (1.0, 3.0), 30.0: (2.5, 7.0)},
     "rough": {60.0: (2.0, 6.0), 30.0: (4.0, 12.0)},
 }
-"""RMS and largest error in mm that are asked for, by frames a second."""
+"""Goals for RMS and largest error in mm, by frame rate in Hz."""
 
 
 def experiments(fps: float) -> Iterator[Cell]:
-    """The five that the filter was chosen on, then the others."""
+    """The five on which the filter was tuned, then the others."""
     for cell in (*(Cell(case, speed) for case, speed in CASES), *UNTUNED):
         yield replace(cell, fps=fps)
 
 
 def errors(bench: Bench, fps: float) -> None:
-    """Figures 1 and 2."""
+    """Print the errors and losses of figures 1 and 2."""
     rms, worst = GOALS[bench.reality][fps]
     cells = list(experiments(fps))
     for cell, result in zip(cells, bench.results(cells), strict=True):
         lost = sum(trial.lost_count for trial in result.trials)
-        bench.say(f"{cell.name}: RMS", 1e3 * result.rms, rms)
-        bench.say(f"{cell.name}: max", 1e3 * result.worst, worst)
-        bench.say(f"{cell.name}: losses", lost, 0, "")
+        bench.report(f"{cell.name}: RMS", 1e3 * result.rms, rms)
+        bench.report(f"{cell.name}: max", 1e3 * result.worst, worst)
+        bench.report(f"{cell.name}: losses", lost, 0, "")
 
 
 def figure_1(bench: Bench) -> None:
-    """60 Hz."""
+    """Errors at 60 Hz."""
     errors(bench, 60.0)
 
 
 def figure_2(bench: Bench) -> None:
-    """30 Hz, and against proportional control."""
+    """Errors at 30 Hz, and relative to proportional control."""
     errors(bench, 30.0)
     for case, speed in CASES:
         for fps in (60.0, 30.0) if speed == 1.0 else ():
@@ -83,21 +83,21 @@ def figure_2(bench: Bench) -> None:
             plain = bench.result(replace(cell, controller="proportional"))
             ratio = bench.result(cell).rms / plain.rms
             print(f"  {cell.name}, {fps:g} Hz: proportional {1e3 * plain.rms:.2f} mm RMS")
-            bench.say(f"{cell.name}, {fps:g} Hz: predictive ÷ proportional", ratio, 1 / 12, "")
+            bench.report(f"{cell.name}, {fps:g} Hz: predictive ÷ proportional", ratio, 1 / 12, "")
 
 
 def figure_3(bench: Bench) -> None:
-    """Against the estimator's bound."""
+    """Errors relative to the bound of the estimator."""
     cells = list(experiments(60.0))
     for cell, result in zip(cells, bench.results(cells), strict=True):
         bound = result.bound
         noise = 1e3 * result.mean("sighting_sd")
         print(f"  {cell.name}: noise {noise:.3f} mm, bound {1e3 * bound:.2f} mm")
-        bench.say(f"{cell.name}: RMS ÷ bound", result.rms / bound, 1.5, "")
+        bench.report(f"{cell.name}: RMS ÷ bound", result.rms / bound, 1.5, "")
 
 
 def figure_4(bench: Bench) -> None:
-    """The map of a faulty camera, and where in it nothing holds."""
+    """Map over camera faults, and its unstable points."""
     spots = survey(bench.trials, coarse=bench.quick)
     print(table(spots))
     for spot in spots:
@@ -105,11 +105,11 @@ def figure_4(bench: Bench) -> None:
             print(f"  {spot.faults}: {complaint}")
     draw(spots, bench.seeds, bench.out / "tracking_map.png")
     unstable = sum(bool(spot.complaints) for spot in spots)
-    bench.say(f"of {len(spots)} places of the map without stability", unstable, 0, "")
+    bench.report(f"of {len(spots)} points of the map that are not stable", unstable, 0, "")
 
 
 def figure_5(bench: Bench) -> None:
-    """Covered: regained, and no motion on old data."""
+    """Occlusion: the target is regained, and old data causes no motion."""
     rng = np.random.default_rng(0)
     times = 3 if bench.quick else 20
     old = 0
@@ -123,21 +123,23 @@ def figure_5(bench: Bench) -> None:
                 except TrialError as error:
                     print(f"  covered from {begin:.2f} s for {length} s: {error}")
                     continue
-                back = came_back(trial, begin, length)
-                if not back:
+                is_regained = came_back(trial, begin, length)
+                if not is_regained:
                     print(
                         f"  covered from {begin:.2f} s for {length} s: {trial.reason or 'astray'}"
                     )
-                regained += back
+                regained += is_regained
                 old += trial.old_data_steps
-            bench.say(f"covered for {length} s: not regained of {times}", times - regained, 0, "")
+            bench.report(
+                f"covered for {length} s: not regained of {times}", times - regained, 0, ""
+            )
     print(f"  {ages.asked} set-points by prediction")
-    bench.say("oldest data that a set-point was made of", 1e3 * ages.oldest, 100, "ms")
-    bench.say("control steps that moved toward older data", old, 0, "")
+    bench.report("oldest data that a set-point was made of", 1e3 * ages.oldest, 100, "ms")
+    bench.report("control steps that moved toward older data", old, 0, "")
 
 
 def figure_6(bench: Bench) -> None:
-    """A twin crosses; cubes of other colors."""
+    """A second target that crosses; cubes of other colors."""
     times = 4 if bench.quick else 20
     rng = np.random.default_rng(1)
     thefts = 0
@@ -150,16 +152,16 @@ def figure_6(bench: Bench) -> None:
             worst = 1e3 * trial.error.max()
             print(f"  crossing {seed}: {worst:.1f} mm, lost {trial.lost_count} times, {stolen=}")
         thefts += stolen
-    bench.say(f"thefts by a twin that crosses {times} times", thefts, 0, "")
+    bench.report(f"thefts by a twin that crosses {times} times", thefts, 0, "")
     colors = ("yellow", "red", "green", "blue", "orange")
     results = list(bench.results([Cell("circle", 1.0, more={"color": color}) for color in colors]))
     for color, result in zip(colors[1:], results[1:], strict=True):
         ratio = result.rms / results[0].rms
-        bench.say(f"{color}: RMS by that of yellow", ratio, 1.2, "")
+        bench.report(f"{color}: RMS by that of yellow", ratio, 1.2, "")
 
 
 def figure_7(bench: Bench) -> None:
-    """Processor time of each part by simulated time, while one run goes on."""
+    """CPU time of each part relative to simulated time."""
     spent: dict[str, float] = {}
     parts: Mapping[str, tuple[type, str]] = {
         "camera": (Camera, "capture"),
@@ -177,7 +179,7 @@ def figure_7(bench: Bench) -> None:
     simulated = trial.frames / 60.0
     for name, seconds in spent.items():
         print(f"  {name:<58} {100 * seconds / simulated:9.2f} %")
-    bench.say(
+    bench.report(
         "all together, of a core at real time", 100 * sum(spent.values()) / simulated, 40, "%"
     )
 
@@ -197,14 +199,14 @@ FIGURES = (figure_1, figure_2, figure_3, figure_4, figure_5, figure_6, figure_7)
 
 
 def main() -> int:
-    """Measure what was asked for."""
+    """Print the requested figures; returns the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--figure", type=int, action="append", choices=range(1, 8))
     parser.add_argument("--reality", choices=REALITY_NAMES, default="lab")
     parser.add_argument("--out", type=Path, default=Path("out"))
-    parser.add_argument("--jobs", type=int, default=1, help="processes side by side")
+    parser.add_argument("--jobs", type=int, default=1, help="parallel processes")
     arguments = parser.parse_args()
     seeds = 1 if arguments.quick else arguments.seeds
     bench = Bench(seeds, arguments.quick, arguments.out, arguments.jobs, arguments.reality)

@@ -1,4 +1,4 @@
-"""Running cells of the tracking experiments for the benchmarks, side by side where asked."""
+"""Runs cells of the tracking experiments for the benchmarks, optionally in parallel."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from bt_dualarm.spec.document import RealityName
 
 @dataclass
 class Bench:
-    """What all figures need; every printed line goes through `say`.
+    """Settings, results and missed goals that all figures share.
 
     Attributes:
         seeds: Number of repetitions.
-        quick: True to thin out.
-        out: Folder of the pictures.
-        jobs: Number of processes that run trials side by side; figures 1 to 4 use them.
-        reality: Reality of all cells that it runs.
+        quick: Whether to run fewer cases.
+        out: Folder for images.
+        jobs: Number of parallel processes for trials, in figures 1 to 4.
+        reality: Reality of all cells.
         missed: Goals that were missed.
     """
 
@@ -35,24 +35,24 @@ class Bench:
     missed: list[str] = field(default_factory=list)
     _known: dict[str, Result] = field(default_factory=dict)
 
-    def say(self, what: str, value: float, goal: float, unit: str = "mm") -> None:
-        """One figure with its goal: an upper limit."""
+    def report(self, label: str, value: float, goal: float, unit: str = "mm") -> None:
+        """Print a figure with its goal, an upper limit, and record whether it is missed."""
         good = value <= goal
         verdict = "ok" if good else "MISSED"
-        print(f"  {what:<58} {value:9.3f} {unit:<3} (goal ≤ {goal:.3g}) {verdict}", flush=True)
+        print(f"  {label:<58} {value:9.3f} {unit:<3} (goal ≤ {goal:.3g}) {verdict}", flush=True)
         if not good:
-            self.missed.append(what)
+            self.missed.append(label)
 
     def result(self, cell: Cell) -> Result:
-        """All seeds of a cell, run once.
+        """Results of all seeds of a cell, run once.
 
         Raises:
-            TrialError: One could not be measured.
+            TrialError: A trial could not be measured.
         """
         return next(self.results([cell]))
 
     def results(self, cells: Sequence[Cell]) -> Iterator[Result]:
-        """All seeds of all cells, each run once, as they come; errors as `result`."""
+        """Results of all cells in order, each run once; raises like `result`."""
         new = [cell for cell in cells if cell.command(0) not in self._known]
         running = self.trials(new)
         for cell in cells:
@@ -61,18 +61,18 @@ class Bench:
             yield self._known[cell.command(0)]
 
     def trials(self, cells: Sequence[Cell]) -> Iterator[list[Trial | TrialError]]:
-        """All seeds of each cell as they come, or why there is no measurement."""
+        """Trials of all seeds of each cell in order, or why there is no measurement."""
         real = [replace(cell, reality=self.reality) for cell in cells]
         runs = [(cell, seed) for cell in real for seed in range(self.seeds)]
-        coming = run_trials(runs, self.registry, self.jobs)
-        yield from (list(islice(coming, self.seeds)) for _ in cells)
+        results_of_runs = run_trials(runs, self.registry, self.jobs)
+        yield from (list(islice(results_of_runs, self.seeds)) for _ in cells)
 
 
 def _measured(trials: Sequence[Trial | TrialError]) -> list[Trial]:
-    """The trials, if all of them are.
+    """The trials, if all of them could be measured.
 
     Raises:
-        TrialError: One is not.
+        TrialError: One of them could not.
     """
     for trial in trials:
         if isinstance(trial, TrialError):

@@ -1,17 +1,17 @@
-"""Cells in which two to five arms get in each other's way, without a keyword on coordination.
+"""Cells in which two to five arms obstruct each other, without keywords for coordination.
 
     python -m benchmarks.traffic [--cells 20] [--seed 0] [--reality lab] [--orders 1] [--quick]
     python -m benchmarks.traffic --only 17
 
-Arms of several robots stand around one table. They fill a tray in its middle (``bin``), take what
-lies there to shelves of their own (``table``), or reach for places across it (``cross``). A cell
-counts if each of its trees succeeds while its arm is the only one that moves; what is drawn
-otherwise is left out. Printed for each cell are the outcome, the makespan over that of one arm
-after the other, and the share of the longest single tree in that sum, below which no traffic can
-get. Contacts of arms are true ones. With ``--quick``, the arms of a cell run alone only if it
-fails, and there are no makespans: that takes a fourth of the time. With ``--orders 2`` each cell
-runs once more with its arms listed in reverse, and each leaf must end in the same way. Exit code 1
-after a contact or if one does not.
+Arms of several robots stand around one table. They fill a tray in its middle (``bin``), take the
+objects in it to shelves of their own (``table``), or reach for positions across it (``cross``). A
+cell counts if each of its trees succeeds while its arm is the only one that moves; other cells are
+left out. For each cell, the outcome is printed, the makespan relative to that of one arm after the
+other, and the share of the longest single tree in that sum, which is a lower bound. Contacts are
+those of the simulation. With ``--quick``, the arms of a cell run alone only if it fails, and there
+are no makespans: that takes a fourth of the time. With ``--orders 2`` each cell runs once more with
+its arms listed in reverse, and each leaf must end with the same code. Exits with code 1 after a
+contact or if a leaf does not.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Cell:
 
     Attributes:
         seed: Seed of the cell.
-        kind: What its arms do.
+        kind: One of `KINDS`.
         file: Tree file.
     """
 
@@ -85,14 +85,14 @@ class Cell:
 
 
 class ArmContacts(IdleObserver):
-    """Pairs of arms whose bodies touch, with the time of the first contact."""
+    """Pairs of arms whose bodies touch, with the time of the first contact, s."""
 
     def __init__(self, world: World) -> None:
         self._world = world
         self.pairs: dict[tuple[str, str], float] = {}
 
     def after_step(self, time: float) -> None:
-        """Look at all contacts."""
+        """Record contacts between arms."""
         data = self._world.data
         for first, second in data.contact.geom[data.contact.dist < 0.0].tolist():
             names = [
@@ -131,23 +131,23 @@ def _box(size: Sequence[float], xyz: Sequence[float], color: str, *, fixed: bool
 
 
 def _arm(name: str, kind: str, bearing: float, objects: Tree, rng: np.random.Generator) -> Tree:
-    """An arm that looks at the middle from a bearing in rad, and its objects."""
+    """An arm that faces the middle from a bearing in rad; adds its objects to ``objects``."""
     robot = str(rng.choice(ROBOTS))
     home = Kinematics(load_robot(robot), Pose.from_rpy((0, 0, 0))).forward(
         load_robot(robot).postures["home"]
     )
-    away = float(home.position[0]) + 0.26  # at home the tool is not above the tray
+    distance = float(home.position[0]) + 0.26  # at home the tool is not above the tray
     outward = np.array((math.cos(bearing), math.sin(bearing)))
     across = np.array((-outward[1], outward[0]))
     base = {
-        "xyz": [*np.round(away * outward, 4).tolist(), 0.0],
+        "xyz": [*np.round(distance * outward, 4).tolist(), 0.0],
         "rpy": [0.0, 0.0, round(math.degrees(bearing) + 180.0, 3)],
     }
     speed = round(float(rng.uniform(0.4, 1.0)), 2)
     if kind == "cross":
         return {"robot": robot, "base": base, "tree": {"sequence": _reaches(rng, speed)}}
     side = 1.0 if rng.random() < 0.5 else -1.0
-    shelf = away * outward + 0.75 * min(away, 0.55) * side * across
+    shelf = distance * outward + 0.75 * min(distance, 0.55) * side * across
     objects[f"shelf_{name}"] = _box(
         (0.16, 0.16, SHELF_TOP_M), (*shelf, SHELF_TOP_M / 2), "gray", fixed=True
     )
@@ -179,17 +179,17 @@ def _reaches(rng: np.random.Generator, speed: float) -> list[Any]:
     return [*leaves, {"go_home": {"speed": speed}}]
 
 
-def _played(file: Tree, skills: Registry) -> tuple[RunResult, ArmContacts]:
+def _play(file: Tree, skills: Registry) -> tuple[RunResult, ArmContacts]:
     with Run(load_tree_file(file, skills.kinds), skills, RunOptions(renderer="ray")) as run:
         contacts = ArmContacts(run.world)
         run.watch(contacts)
         return run.finish(), contacts
 
 
-def _played_first(cell: Cell, skills: Registry) -> tuple[RunResult, ArmContacts] | None:
+def _try_play(cell: Cell, skills: Registry) -> tuple[RunResult, ArmContacts] | None:
     """The run of a cell; None if its arms or objects overlap at the start."""
     try:
-        return _played(cell.file, skills)
+        return _play(cell.file, skills)
     except DualArmError:
         return None
 
@@ -205,10 +205,10 @@ def _codes(result: RunResult) -> dict[str, list[str]]:
 
 
 def _is_feasible(cell: Cell, skills: Registry, alone: dict[str, float]) -> bool:
-    """Whether each arm does its task alone; fills in how long it takes, s."""
+    """Whether each arm succeeds alone; fills ``alone`` with the durations, s."""
     for arm in cell.arms:
         try:
-            result, _ = _played(cell.alone(arm), skills)
+            result, _ = _play(cell.alone(arm), skills)
         except DualArmError:
             return False
         if result.outcome != "SUCCESS":
@@ -217,15 +217,15 @@ def _is_feasible(cell: Cell, skills: Registry, alone: dict[str, float]) -> bool:
     return True
 
 
-def judged(seed: int, reality: str, *, quick: bool, orders: int) -> dict[str, Any]:
-    """What comes of a cell, and what to print of it."""
+def evaluate(seed: int, reality: str, *, quick: bool, orders: int) -> dict[str, Any]:
+    """Outcome of a cell and the lines to print."""
     cell = generate(seed, reality)
     alone: dict[str, float] = {}
-    played = _played_first(cell, registry()) if quick else None
+    played = _try_play(cell, registry()) if quick else None
     needs_check = played is None or played[0].outcome != "SUCCESS"
     if needs_check and not _is_feasible(cell, registry(), alone):
         return {"outcome": "SKIPPED"}
-    result, contacts = played or _played(cell.file, registry())
+    result, contacts = played or _play(cell.file, registry())
     found: dict[str, Any] = {"outcome": str(result.outcome), "codes": [], "wrong": 0}
     makespan = ""
     line = f"cell {cell.seed}: {cell.kind}, {len(cell.arms)} arms, {result.outcome}"
@@ -246,10 +246,10 @@ def judged(seed: int, reality: str, *, quick: bool, orders: int) -> dict[str, An
         found["wrong"] += 1
         line += f"\n    {when:.3f} s: {pair[0]} touches {pair[1]}"
     if orders == 2:
-        again, _ = _played(cell.reversed(), registry())
+        again, _ = _play(cell.reversed(), registry())
         if _codes(again) != _codes(result):
             found["wrong"] += 1
-            line += "\n    in reverse order it ends in another way"
+            line += "\n    ends differently in reverse order"
     return {**found, "line": line}
 
 
@@ -261,7 +261,7 @@ def main() -> int:
     parser.add_argument("--reality", default="lab", choices=("ideal", "lab", "rough"))
     parser.add_argument("--orders", type=int, default=1, choices=(1, 2))
     parser.add_argument("--quick", action="store_true", help="no makespans")
-    parser.add_argument("--only", type=int, help="the one seed to run")
+    parser.add_argument("--only", type=int, help="run only this seed")
     add_options(parser)
     options = parser.parse_args()
     with Campaign(options) as campaign:
@@ -272,13 +272,13 @@ def run_cells(options: argparse.Namespace, campaign: Campaign) -> int:
     """Run the cells and print the figures; returns the exit code."""
     only = options.only
     seeds = itertools.count(options.seed) if only is None else iter([only])
-    words = {name: getattr(options, name) for name in ("reality", "quick", "orders")}
-    cases = ({"seed": seed, **words} for seed in seeds)
+    settings = {name: getattr(options, name) for name in ("reality", "quick", "orders")}
+    cases = ({"seed": seed, **settings} for seed in seeds)
     counted = complete = wrong = left_out = 0
     codes = Counter[str]()
     ratios: list[float] = []
     bounds: list[float] = []
-    for _, found in campaign.run(judged, cases, options.cells if only is None else 1):
+    for _, found in campaign.run(evaluate, cases, options.cells if only is None else 1):
         if found["outcome"] == "SKIPPED":
             left_out += 1
             continue
@@ -290,20 +290,20 @@ def run_cells(options: argparse.Namespace, campaign: Campaign) -> int:
             ratios.append(found["ratio"])
             bounds.append(found["bound"])
         print(found["line"], flush=True)
-    print(f"{counted} cells ({left_out} drawn that cannot be done by each arm alone)")
+    print(f"{counted} cells ({left_out} left out, in which an arm fails even alone)")
     print(f"  complete: {complete} ({complete / max(counted, 1):.0%})")
     if ratios:
-        allows = [ratio for ratio, bound in zip(ratios, bounds, strict=True) if bound <= 0.6]
+        parallel = [ratio for ratio, bound in zip(ratios, bounds, strict=True) if bound <= 0.6]
         print(f"  makespan over one by one: median {statistics.median(ratios):.2f}")
-        if allows:
-            share = sum(ratio <= 0.7 for ratio in allows) / len(allows)
+        if parallel:
+            share = sum(ratio <= 0.7 for ratio in parallel) / len(parallel)
             print(
-                f"  of {len(allows)} cells with a bound of 0.6 or less: median "
-                f"{statistics.median(allows):.2f}, 0.7 or less in {share:.0%}"
+                f"  of {len(parallel)} cells with a bound of 0.6 or less: median "
+                f"{statistics.median(parallel):.2f}, 0.7 or less in {share:.0%}"
             )
     for code, times in codes.most_common():
         print(f"  {times:4d}  {code}")
-    print(f"  contacts between arms and other ends in reverse order: {wrong}")
+    print(f"  contacts between arms and different ends in reverse order: {wrong}")
     return 1 if wrong else 0
 
 

@@ -1,18 +1,18 @@
-"""The tasks by which two-arm systems are judged, rebuilt from their published facts.
+"""Tasks of public two-arm benchmarks, rebuilt from their published facts.
 
     python -m benchmarks.two_arm_tasks [--trials 5] [--robots fr3 panda ur5e xarm7] [--seed 0]
                                        [--reality lab] [--only TASK ...] [--speed 0.5] [--verbose]
 
-Eleven tasks after DuoBench and robosuite: places, sizes, masses and joints are those of the
-benchmarks as far as they are known, but for what docs/benchmarks.md lists; starts are drawn anew
-for each trial. Each arm has a tree of its own, and the goals of the file judge by the true world.
-Unlike in the benchmarks, the objects are known to the trees by their declarations, and no policy is
+Eleven tasks after DuoBench and robosuite: poses, sizes, masses and joints are those of the
+benchmarks as far as they are known, except for what docs/benchmarks.md lists; each trial has its
+own random start. Each arm has its own tree, and the goals of the file are checked in the true
+world. Unlike in the benchmarks, trees know the objects by their declarations, and no policy is
 learned: the figures show whether arms of this framework can do these tasks, not how they compare
 with learning from images.
 
 Sources: RobotControlStack/duobench, `src/duobench/tasks`; ARISE-Initiative/robosuite,
 `robosuite/environments/manipulation/two_arm_*.py`. Steps of DuoBench (at 30 Hz) are those quoted
-from Table 4 of arXiv 2606.11901. Exit code 1 if less than 90 % succeed.
+from Table 4 of arXiv 2606.11901. Exits with code 1 if less than 90 % succeed.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ Tree = dict[str, Any]
 ROBOTS: Final = ("fr3", "panda", "ur5e", "xarm7")
 SHARE: Final = 0.9
 _UP: Final = 0.8095
-"""Height of the frame in which DuoBench gives positions, m."""
+"""Height of the frame of DuoBench's positions, m."""
 
 _TOP: Final = 0.0125
 """Height of the table's top in that frame, m."""
@@ -53,12 +53,12 @@ LIMIT_S: Final = 150.0
 
 
 def _xyz(x: float, y: float, z: float) -> list[float]:
-    """Position in the world, m, of one in the frame of DuoBench."""
+    """Position in the world, m, from one in the frame of DuoBench."""
     return [round(float(one), 4) for one in (x, y, z + _UP)]
 
 
 def _on_table(x: float, y: float, height: float) -> list[float]:
-    """Position of the center of something of this height that stands on the table, m."""
+    """Position of the center of an object of this height on the table, m."""
     return _xyz(x, y, _TOP + height / 2)
 
 
@@ -111,14 +111,14 @@ def _file(
     }
 
 
-def _off(rng: np.random.Generator, x: float, y: float) -> tuple[float, float]:
+def _offset(rng: np.random.Generator, x: float, y: float) -> tuple[float, float]:
     """Random offset within half-widths, m."""
     return float(rng.uniform(-x, x)), float(rng.uniform(-y, y))
 
 
 def _long_box(rng: np.random.Generator, y: float) -> Tree:
-    """Upright box of 32 by 32 by 96 mm at a random place."""
-    dx, dy = _off(rng, 0.175, 0.175)
+    """Upright box of 32 by 32 by 96 mm at a random pose."""
+    dx, dy = _offset(rng, 0.175, 0.175)
     at = _on_table(0.5 + dx, y + dy, 0.096)
     return _box([0.032, 0.032, 0.096], 0.0049, at, rng.uniform(-180, 180), friction=1.5)
 
@@ -157,16 +157,16 @@ def transfer_gate(rng: np.random.Generator, robot: str) -> Tree:
     return _file(robot, objects, left, right, {"done": {"object": "box", "on": "mat"}})
 
 
-def _filled(
+def _opened_and_filled(
     robot: str, objects: Tree, inside: Tree, operate: Tree, opened: float, shut: float
 ) -> Tree:
-    """File in which the left arm holds something open while the right one puts a cube in.
+    """File in which the left arm holds an object open while the right one puts a cube in.
 
     Args:
         robot: Name of both robots.
         objects: The objects; the joint is that of the first one, whose part ``handle`` is grasped.
         inside: Pose of the cube in it.
-        operate: Ports of `operate`, without the position.
+        operate: Ports of `operate` except the position.
         opened: Position in which it is held, degrees.
         shut: Position in which it is left, degrees.
     """
@@ -234,18 +234,20 @@ def spring_door(rng: np.random.Generator, robot: str) -> Tree:
             }
         },
     }
-    dx, dy = _off(rng, 0.05, 0.10)
+    dx, dy = _offset(rng, 0.05, 0.10)
     cube = _box([0.032] * 3, 0.0016, _on_table(0.4 + dx, -0.35 + dy, 0.032), rng.uniform(-180, 180))
     inside = {"xyz": _xyz(0.625, 0.064, _TOP + 0.038 + 0.016), "rpy": [0, 0, 0]}
     pull = {"object": "oven", "joint": "hinge", "force": 80}
-    file = _filled(robot, {"oven": oven, "cube": cube | {"friction": 1.5}}, inside, pull, 70, 4)
+    file = _opened_and_filled(
+        robot, {"oven": oven, "cube": cube | {"friction": 1.5}}, inside, pull, 70, 4
+    )
     file["goal"]["done"]["within"] = 0.05
     return file
 
 
 def carry_pot(rng: np.random.Generator, robot: str) -> Tree:
     """Both arms lift a pot by its handles and set it on a stove."""
-    dx, dy = _off(rng, 0.1, 0.1)
+    dx, dy = _offset(rng, 0.1, 0.1)
     handle = {"shape": "box", "size": [0.008, 0.07, 0.018]}
     stem = {"shape": "box", "size": [0.042, 0.01, 0.018]}
     parts: Tree = {"body": {"shape": "cup", "size": [0.15, 0.165], "wall": 0.0045}}
@@ -267,7 +269,7 @@ def carry_pot(rng: np.random.Generator, robot: str) -> Tree:
 
 def transfer_cube(rng: np.random.Generator, robot: str) -> Tree:
     """One arm hands a box to the other one in the air, which puts it into a bowl."""
-    dx, dy = _off(rng, 0.05, 0.05)
+    dx, dy = _offset(rng, 0.05, 0.05)
     bowl = {"shape": "bowl", "size": [0.09, 0.03], "wall": 0.004, "mass": 0.05}
     bowl["pose"] = {"xyz": _on_table(0.6 + dx, 0.3 + dy, 0.03)}
     objects = {"box": _long_box(rng, -0.2), "bowl": bowl}
@@ -292,10 +294,10 @@ def bin_sort(rng: np.random.Generator, robot: str) -> Tree:
     trees: dict[str, list[Any]] = {}
     goal: Tree = {}
     for side, y, color in (("left", 0.2, "white"), ("right", -0.2, "black")):
-        bx, by = _off(rng, 0.05, 0.05)
+        bx, by = _offset(rng, 0.05, 0.05)
         bowl_at = _on_table(0.6 + bx, 2.0 * y + by, 0.03)
         while True:
-            dx, dy = _off(rng, 0.175, 0.125)
+            dx, dy = _offset(rng, 0.175, 0.125)
             cube_at = _on_table(0.5 + dx, y + dy, 0.032)
             if np.hypot(cube_at[0] - bowl_at[0], cube_at[1] - bowl_at[1]) >= 0.125:
                 break
@@ -316,10 +318,10 @@ def block_balance(rng: np.random.Generator, robot: str) -> Tree:
     """A beam is laid on a cube, and loaded with two blocks at the same moment."""
     places: list[tuple[float, float]] = []
     while len(places) < 4:
-        # The benchmark lets them overlap; none of these begins within another one.
+        # The original benchmark allows overlaps; here all objects start apart.
         x, y = float(rng.uniform(0.38, 0.6)), float(rng.uniform(-0.3, 0.3))
-        apart = 0.17 if len(places) < 2 else 0.12
-        if all(math.hypot(x - other[0], y - other[1]) > apart for other in places):
+        clearance = 0.17 if len(places) < 2 else 0.12
+        if all(math.hypot(x - other[0], y - other[1]) > clearance for other in places):
             places.append((x, y))
     cube, beam, first, second = places
     if first[1] < second[1]:
@@ -368,7 +370,7 @@ def block_balance(rng: np.random.Generator, robot: str) -> Tree:
 def transfer_reorient(rng: np.random.Generator, robot: str) -> Tree:
     """A lying peg is handed over and set upright into its socket."""
     dy = float(rng.uniform(-0.15, 0.15))
-    sx, sy = _off(rng, 0.1, 0.1)
+    sx, sy = _offset(rng, 0.1, 0.1)
     peg: Tree = {"shape": "prism", "size": [0.0196, 0.1], "sides": 6, "mass": 0.21}
     peg["pose"] = {"xyz": _xyz(0.52, -0.2 + dy, _TOP + 0.0171), "quat": _LYING}
     socket: Tree = {"shape": "tube", "size": [0.034, 0.05], "wall": 0.013, "mass": 0.5}
@@ -424,11 +426,13 @@ def hinge_chest(rng: np.random.Generator, robot: str) -> Tree:
             }
         },
     }
-    dx, dy = _off(rng, 0.175, 0.175)
+    dx, dy = _offset(rng, 0.175, 0.175)
     cube = _box([0.032] * 3, 0.0016, _on_table(0.5 + dx, 0.2 + dy, 0.032), rng.uniform(-180, 180))
     inside = {"xyz": _xyz(0.545, -0.24, _TOP + 0.008 + 0.016), "rpy": [0, 0, 0]}
     lift = {"object": "chest", "joint": "hinge"}
-    file = _filled(robot, {"chest": chest, "cube": cube | {"friction": 1.5}}, inside, lift, 80, 0)
+    file = _opened_and_filled(
+        robot, {"chest": chest, "cube": cube | {"friction": 1.5}}, inside, lift, 80, 0
+    )
     file["goal"]["done"]["within"] = 0.1
     return file
 
@@ -442,7 +446,7 @@ def two_arm_lift(rng: np.random.Generator, robot: str) -> Tree:
         for number, y in enumerate((-0.045, 0.045)):
             stem = {"shape": "box", "size": [0.085, 0.015, 0.015]}
             parts[f"{name}{number}"] = stem | {"pose": {"xyz": [0.11 * side, y, 0.06]}}
-    dx, dy = _off(rng, 0.03, 0.03)
+    dx, dy = _offset(rng, 0.03, 0.03)
     pose = {"xyz": _on_table(0.45 + dx, dy, 0.14), "rpy": [0, 0, 90 + float(rng.uniform(-60, 60))]}
     pot = {"shape": "compound", "mass": 1.2, "parts": parts, "pose": pose, "friction": 1.0}
     to = {"xyz": [*pose["xyz"][:2], round(pose["xyz"][2] + 0.15, 4)]}
@@ -471,7 +475,7 @@ def two_arm_handover(rng: np.random.Generator, robot: str) -> Tree:
             "color": "black",
         },
     }
-    dx, dy = _off(rng, 0.1, 0.05)
+    dx, dy = _offset(rng, 0.1, 0.05)
     pose = {
         "xyz": _on_table(0.45 + dx, -0.3 + dy, head),
         "rpy": [0, 0, float(rng.uniform(-180, 180))],
@@ -488,7 +492,7 @@ def two_arm_handover(rng: np.random.Generator, robot: str) -> Tree:
 
 
 def two_arm_transport(rng: np.random.Generator, robot: str) -> Tree:
-    """A hammer comes out of a lidded bin into another arm's, trash out of that (robosuite)."""
+    """A hammer moves from a lidded bin to another arm's bin, trash out of that one (robosuite)."""
     wall = {"shape": "bin", "size": [0.3, 0.3, 0.1], "wall": 0.01, "fixed": True}
     start, target, trash = (0.3, -0.33), (0.28, 0.28), (0.66, 0.28)
     objects: Tree = {
@@ -532,12 +536,12 @@ def two_arm_transport(rng: np.random.Generator, robot: str) -> Tree:
         {"hand_over": {"object": "hammer", "to": "left"}},
         "go_home",
     ]
-    lies = {"on": "target", "rpy": [0, 0, 0]}
+    in_target = {"on": "target", "rpy": [0, 0, 0]}
     left = [
         {"grasp": {"object": "cube"}},
         {"place": {"at": {"on": "trash_bin"}}},
-        {"take_over": {"object": "hammer", "from": "right", "then_at": lies}},
-        {"place": {"at": lies}},
+        {"take_over": {"object": "hammer", "from": "right", "then_at": in_target}},
+        {"place": {"at": in_target}},
         "go_home",
     ]
     goal = {
@@ -572,7 +576,7 @@ _MOVING: Final = frozenset(
 
 
 def at_speed(tree: Any, speed: float) -> Any:  # Any: a part of a tree file
-    """A tree whose leaves move freely at a fraction of the arms' limits."""
+    """The tree with a speed for each free motion, as a fraction of the arms' limits."""
     if isinstance(tree, list):
         return [at_speed(one, speed) for one in tree]
     if tree == "go_home":
@@ -607,7 +611,7 @@ def played(name: str, robot: str, seed: int, reality: str, speed: float) -> dict
             try:
                 file = load_tree_file(path, registry().kinds)
                 run = Run(file, registry(), RunOptions(seed=seed, renderer="ray"))
-            except DualArmError:  # something would begin within something else
+            except DualArmError:  # objects would overlap at the start
                 if attempt == _ATTEMPTS - 1:
                     raise
                 continue
@@ -634,7 +638,7 @@ def played(name: str, robot: str, seed: int, reality: str, speed: float) -> dict
 
 
 def main() -> int:
-    """Play, print the figures."""
+    """Play all trials and print the figures."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--trials", type=int, default=5)
     parser.add_argument("--robots", nargs="+", default=list(ROBOTS), choices=ROBOTS)

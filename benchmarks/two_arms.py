@@ -1,9 +1,9 @@
-"""Two arms in each other's way: python -m benchmarks.two_arms [REACHES [SEED]].
+"""Two arms that obstruct each other: python -m benchmarks.two_arms [REACHES [SEED]].
 
 A UR5 and a Panda stand face to face and reach for random poses in the space between them, both at
-once, knowing nothing of each other's aims; the one that is through first goes behind its base.
-Printed: how many of the reaches succeeded, why the others did not, in how many physics steps the
-arms touched, and how near they came.
+once, without knowledge of each other's goals; the arm that finishes first moves behind its base.
+Prints how many of the reaches succeeded, why the others failed, in how many physics steps the arms
+touched, and their smallest distance.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ LAST = """
                 {to: {xyz: [X, 0.25, 0.9], quat: [0, 1, 0, 0]}, give_way: true, patience: 20}
 """
 BEHIND = {"arm1": -0.3, "arm2": 1.3}
-"""Where along x an arm goes that is through: the other one does not reach there."""
+"""Where an arm that has finished moves along x, out of reach of the other one."""
 
 
 class Contacts(IdleObserver):
@@ -69,13 +69,13 @@ class Contacts(IdleObserver):
         self.steps = 0
         self.first_s = float("inf")
         self._world = world
-        self._of = arms_of_geoms(world)
+        self._owners = arms_of_geoms(world)
 
     def after_step(self, time: float) -> None:
-        """Look at all contacts."""
+        """Count the step if the arms touch."""
         data = self._world.data
         if data.ncon:
-            owners = self._of[data.contact.geom]
+            owners = self._owners[data.contact.geom]
             touching = (owners >= 0).all(axis=1) & (owners[:, 0] != owners[:, 1])
             if (touching & (data.contact.dist < 0.0)).any():
                 self.steps += 1
@@ -83,7 +83,7 @@ class Contacts(IdleObserver):
 
 
 def target(arm: Kinematics, rng: np.random.Generator) -> Pose:
-    """A random pose of the tool, pointing down, in the box between the arms; within reach."""
+    """A random reachable pose of the tool in the box between the arms, pointing down."""
     while True:
         place = rng.uniform((0.3, -0.35, 0.5), (0.7, 0.35, 0.9))
         turn = rng.uniform((155, -25, -180), (205, 25, 180))
@@ -96,7 +96,7 @@ def target(arm: Kinematics, rng: np.random.Generator) -> Pose:
 
 
 def tree(rng: np.random.Generator, reaches: int) -> str:
-    """A file in which both arms reach for places in one box between them."""
+    """A tree file in which both arms reach for poses in the box between them."""
     text = HEAD
     for name, robot, x, yaw in (("arm1", "ur5", 0.0, 0), ("arm2", "panda", 1.0, 180)):
         text += ARM.replace("NAME", name).replace("ROBOT", robot)
@@ -113,20 +113,20 @@ def tree(rng: np.random.Generator, reaches: int) -> str:
 
 
 def run(text: str, seed: int, skills: Registry) -> tuple[RunResult, Contacts]:
-    """The result, and when the arms touched."""
+    """Run a tree file; returns the result and the contacts of the arms."""
     file = load_tree_file(text, skills.kinds)
-    with Run(file, skills, RunOptions(seed=seed)) as opened:
-        contacts = Contacts(opened.world)
-        opened.watch(contacts)
-        return opened.finish(), contacts
+    with Run(file, skills, RunOptions(seed=seed)) as opened_run:
+        contacts = Contacts(opened_run.world)
+        opened_run.watch(contacts)
+        return opened_run.finish(), contacts
 
 
-def reached(text: str, number: int) -> dict[str, Any]:
-    """What came of the reaches of a file."""
+def reach(text: str, number: int) -> dict[str, Any]:
+    """Outcome of the reaches of a file."""
     result, contacts = run(text, number, registry())
-    said = []
+    messages = []
     if contacts.steps:
-        said.append(f"run {number}: the arms touch at {contacts.first_s:.2f} s")
+        messages.append(f"run {number}: the arms touch at {contacts.first_s:.2f} s")
     codes = []
     nearest = float("inf")
     for arm in result.arms.values():
@@ -136,10 +136,10 @@ def reached(text: str, number: int) -> dict[str, Any]:
         for leaf in leaves:
             if leaf.status != "SUCCESS":
                 when = f"{leaf.started_s:.1f}-{leaf.ended_s:.1f} s"
-                said.append(f"run {number} {arm.name} {when}: {leaf.code}: {leaf.reason}")
+                messages.append(f"run {number} {arm.name} {when}: {leaf.code}: {leaf.reason}")
     return {
         "outcome": "FAILURE" if contacts.steps else "SUCCESS",
-        "said": said,
+        "said": messages,
         "codes": codes,
         "nearest_m": nearest,
         "contacts": contacts.steps,
@@ -148,7 +148,7 @@ def reached(text: str, number: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Print what came of all reaches; each that did not succeed, with its reason."""
+    """Print the outcomes of all reaches, and the reason of each failure."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("reaches", type=int, nargs="?", default=REACHES)
     parser.add_argument("seed", type=int, nargs="?", default=SEED)
@@ -165,7 +165,7 @@ def main() -> None:
     sim = 0.0
     began = time.perf_counter()
     with Campaign(options) as campaign:
-        for _, found in campaign.run(reached, cases):
+        for _, found in campaign.run(reach, cases):
             touched += found["contacts"]
             sim += found["sim_time_s"]
             nearest = min(nearest, found["nearest_m"])
@@ -175,7 +175,7 @@ def main() -> None:
         wall = time.perf_counter() - began
         count = sum(codes.values())
         share = codes["SUCCESS"] / max(count, 1)
-        print(f"{count} reaches in {sim:.0f} s simulated, {wall:.0f} s on the wall")
+        print(f"{count} reaches in {sim:.0f} s simulated, {wall:.0f} s wall-clock time")
         print(f"succeeded            {codes['SUCCESS']:4d}  {100 * share:.1f} %")
         for code, number in codes.most_common():
             if code != "SUCCESS":

@@ -1,11 +1,11 @@
-"""Whether ``until_still`` waits for a movement: targets that never move, and ones that do.
+"""Whether ``until_still`` waits for a motion: targets that never move, and targets that do.
 
 Usage: python -m benchmarks.until_still [RUNS] [SEED]
 
-A Panda looks at a cube that is off the middle of its image, nearer or farther than it believes, by
-cameras of all rates, latencies and shakes, with and without knowing the cube's size. In half of the
-runs the cube never moves: until the end of the given time `track` must not end. In the others it
-moves by 15 mm, in some direction, and `track` must end once it rests.
+A Panda tracks a cube that is not in the middle of its image and nearer or farther than assumed,
+with cameras of several frame rates, latencies and noise, and with and without the cube's size. In
+half of the runs the cube never moves, and `track` must not end within 12 s. In the others it moves
+by 15 mm in a random direction, and `track` must end once it rests.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import bt_dualarm as bt
 from benchmarks.campaign import Campaign, add_options
 from bt_dualarm.runtime.outcome import Outcome
 
-CENTER = np.array((0.68, 0.11, 0.70))  # in the middle of the image, 0.35 m before the camera
+CENTER = np.array((0.68, 0.11, 0.70))  # middle of the image, 0.35 m in front of the camera
 MOVED_M = 0.015
 FAILED = "it failed"
 MOVES_S = 4.0
@@ -34,11 +34,11 @@ class Case:
     """One run.
 
     Attributes:
-        place: Of the cube at the start, of shape (3,), in m.
-        way: What it moves by, of shape (3,), in m.
-        camera: What its camera has, as in a tree file.
+        place: Position of the cube at the start, of shape (3,), m.
+        way: Displacement of the cube, of shape (3,), m.
+        camera: Properties of the camera, as in a tree file.
         known: Whether the cube's size is known.
-        seed: Of the run.
+        seed: Seed of the run.
     """
 
     place: np.ndarray[Any, np.dtype[np.float64]]
@@ -49,12 +49,12 @@ class Case:
 
     @property
     def moves(self) -> bool:
-        """Whether it moves at all."""
+        """Whether the cube moves."""
         return bool(self.way.any())
 
 
 def draw(rng: np.random.Generator, *, moves: bool) -> Case:
-    """A case at random."""
+    """A random case."""
     place = CENTER + rng.uniform((-0.15, -0.07, -0.07), (0.12, 0.07, 0.07))
     angle = rng.uniform(0.0, 2.0 * np.pi)
     way = MOVED_M * np.array((0.0, np.cos(angle), np.sin(angle))) if moves else np.zeros(3)
@@ -70,7 +70,7 @@ def draw(rng: np.random.Generator, *, moves: bool) -> Case:
 
 
 def tree(case: Case) -> dict[str, Any]:
-    """The case as a tree file."""
+    """The tree file of a case."""
     track: dict[str, Any] = {"until_still": 1.0}
     if case.known:
         track["target_size"] = 0.05
@@ -101,7 +101,7 @@ def tree(case: Case) -> dict[str, Any]:
 
 
 def ends_well(case: Case) -> str:
-    """What is wrong with the run of a case; empty if nothing is."""
+    """Failure of the run of a case, or an empty text."""
     with bt.open(tree(case), seed=case.seed, renderer="ray") as run:
         while not run.done and run.time < GIVEN_S:
             share = min(max((run.time - MOVES_S) / LASTS_S, 0.0), 1.0)
@@ -116,11 +116,11 @@ def ends_well(case: Case) -> str:
         return f"it ended at {run.time:.1f} s" if early else ""
 
 
-def judged(**fields: Any) -> dict[str, Any]:  # Any: fields of `Case`
-    """What is wrong with the run of a case."""
-    said = ends_well(_case_of(fields))
-    code = "" if not said else "FAILED" if said.startswith(FAILED) else "WRONG"
-    return {"outcome": "FAILURE" if said else "SUCCESS", "code": code, "said": said}
+def evaluate(**fields: Any) -> dict[str, Any]:  # Any: fields of `Case`
+    """Failure of the run of a case as JSON values."""
+    failure = ends_well(_case_of(fields))
+    code = "" if not failure else "FAILED" if failure.startswith(FAILED) else "WRONG"
+    return {"outcome": "FAILURE" if failure else "SUCCESS", "code": code, "said": failure}
 
 
 def _case_of(fields: Mapping[str, Any]) -> Case:
@@ -129,7 +129,7 @@ def _case_of(fields: Mapping[str, Any]) -> Case:
 
 
 def main() -> None:
-    """Print how many of each half ended as they should, and each that did not."""
+    """Print the failures, and the counts of each half."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("runs", type=int, nargs="?", default=40)
     parser.add_argument("seed", type=int, nargs="?", default=0)
@@ -141,12 +141,12 @@ def main() -> None:
     wrong = {False: 0, True: 0}
     failed = {False: 0, True: 0}
     with Campaign(options) as campaign:
-        for fields, found in campaign.run(judged, cases):
-            if said := found["said"]:
+        for fields, found in campaign.run(evaluate, cases):
+            if failure := found["said"]:
                 case = _case_of(fields)
-                counts = failed if said.startswith(FAILED) else wrong
+                counts = failed if failure.startswith(FAILED) else wrong
                 counts[case.moves] += 1
-                print(f"{'moves' if case.moves else 'rests'}: {said}; {case}", flush=True)
+                print(f"{'moves' if case.moves else 'rests'}: {failure}; {case}", flush=True)
         print(f"never moved: {wrong[False]} of {runs - runs // 2} ended, {failed[False]} failed")
         ended = runs // 2 - wrong[True] - failed[True]
         print(f"moved by 15 mm: {ended} of {runs // 2} ended once it rested, {failed[True]} failed")

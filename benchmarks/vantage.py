@@ -1,4 +1,4 @@
-"""Where an arm's wrist camera looks squarely at a plane: a page of the robot that starts there."""
+"""Postures in which an arm's wrist camera faces a plane, and robot descriptions with them."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ from bt_dualarm.spec.node_types import NodeSpec
 from bt_dualarm.spec.values import PoseSpec
 
 BASE = ((0.0, 0.0, 1.5), (0.0, 10.0, 0.0))
-"""Of the arm, xyz in m and rpy in degrees: above the floor, and leaning, so without a pedestal."""
+"""Base of the arm, xyz in m and rpy in degrees: above the floor; tilted, so without a pedestal."""
 
 POSTURE = "vantage"
-"""Name of the posture on the page that is written."""
+"""Name of the posture in the robot description."""
 
 _TRIES = 40
-_ROOM = 0.3  # rad that joints are away from their limits
+_ROOM = 0.3  # distance of the joints from their limits, rad
 _REACH = (0.35, 0.75)  # shares of the largest distance from the first joint
-_AROUND_M = 0.12  # to every side of it nothing is in the way, either
-_CLEAR_M = 0.5  # ahead of the camera there is nothing
+_AROUND_M = 0.12  # offset to each side at which the camera pose has to be free, too
+_CLEAR_M = 0.5  # free distance in front of the camera
 _VIEW = tuple((x, y) for x in (-0.08, 0.0, 0.08) for y in (-0.08, 0.0, 0.08))  # m, at that depth
 _ARM = "arm1"
 _MOUNT = "wrist"
@@ -54,29 +54,29 @@ class Vantage:
     condition: float
 
     def ahead(self, distance: float) -> Vector:
-        """The point in the middle of the image, of shape (3,), in m."""
+        """Point in the middle of the image at a distance, of shape (3,), m."""
         return self.camera.position + distance * self.camera.turn(np.array((0.0, 0.0, 1.0)))
 
-    def write_page(self, folder: Path) -> str:
-        """Write the robot's page with this posture into a folder; the page's name."""
+    def write_description(self, folder: Path) -> str:
+        """Write a robot description with this posture to a folder; returns its file name."""
         shipped = share_dir("assets") / "robots" / f"{self.robot}.yaml"
-        page = yaml.safe_load(shipped.read_text(encoding="utf-8"))
-        page["postures"][POSTURE] = np.degrees(self.q).tolist()
+        description = yaml.safe_load(shipped.read_text(encoding="utf-8"))
+        description["postures"][POSTURE] = np.degrees(self.q).tolist()
         name = f"{self.robot}_{POSTURE}.yaml"
-        (folder / name).write_text(yaml.safe_dump(page), encoding="utf-8")
+        (folder / name).write_text(yaml.safe_dump(description), encoding="utf-8")
         return name
 
 
 @lru_cache(maxsize=64)
 def vantage(robot: str, normal: tuple[float, float, float], seed: int = 0) -> Vantage:
-    """The best conditioned of some random places from which an arm looks along a unit vector.
+    """The best conditioned of some random postures in which an arm looks along a unit vector.
 
     Raises:
-        Failure: ``OUT_OF_REACH``: none of them is free and within reach.
+        Failure: ``OUT_OF_REACH`` if none of them is free and within reach.
     """
     rng = np.random.default_rng(seed)
-    stand = _Stand(robot)
-    found = (stand.try_one(np.array(normal), rng) for _ in range(_TRIES))
+    arm_alone = _ArmAlone(robot)
+    found = (arm_alone.try_one(np.array(normal), rng) for _ in range(_TRIES))
     fit = [one for one in found if one is not None]
     if not fit:
         reason = f"{robot} looks along {normal} from none of {_TRIES} random places"
@@ -84,8 +84,8 @@ def vantage(robot: str, normal: tuple[float, float, float], seed: int = 0) -> Va
     return min(fit, key=lambda one: one.condition)
 
 
-class _Stand:
-    """One arm alone in the world."""
+class _ArmAlone:
+    """One arm alone in a world."""
 
     def __init__(self, robot: str) -> None:
         xyz, rpy = BASE
@@ -109,11 +109,11 @@ class _Stand:
         self.camera_in_tool = np.linalg.inv(tool) @ camera
 
     def try_one(self, normal: Vector, rng: np.random.Generator) -> Vantage | None:
-        """A random place and turn of the camera; None where the arm cannot work around it."""
+        """A random pose of the camera; None if it or a pose beside it is not feasible."""
         center, reach = self.kinematics.bounding_ball
-        away = rng.normal(size=3)
-        away *= rng.uniform(*_REACH) * reach / np.linalg.norm(away)
-        camera = _looking(center + away, normal, rng.uniform(-np.pi, np.pi))
+        offset = rng.normal(size=3)
+        offset *= rng.uniform(*_REACH) * reach / np.linalg.norm(offset)
+        camera = _looking(center + offset, normal, rng.uniform(-np.pi, np.pi))
         q = self._configuration(camera, self.home)
         if q is None:
             return None
@@ -137,12 +137,12 @@ class _Stand:
         return q if fits else None
 
     def _sees(self, camera: Matrix) -> bool:
-        """Whether the arm, as the checker has placed it, leaves the view ahead free."""
+        """Whether the arm in the checker's configuration is out of the camera's view."""
         hit = np.full(1, -1, np.int32)
         for x, y in _VIEW:
-            way = camera[:3, :3] @ np.array((x, y, _CLEAR_M))
+            ray = camera[:3, :3] @ np.array((x, y, _CLEAR_M))
             share = mujoco.mj_ray(
-                *(self.checker.model, self.checker.data, camera[:3, 3], way, None, 1, -1, hit)
+                *(self.checker.model, self.checker.data, camera[:3, 3], ray, None, 1, -1, hit)
             )
             if 0.0 <= share <= 1.0:
                 return False
@@ -150,7 +150,7 @@ class _Stand:
 
 
 def _looking(position: Vector, along: Vector, roll: float) -> Matrix:
-    """Pose, of shape (4, 4), of a camera that looks along a unit vector."""
+    """Pose of a camera that looks along a unit vector, of shape (4, 4)."""
     aside = np.eye(3)[int(np.argmin(np.abs(along)))]
     right = np.cross(along, aside)
     right /= np.linalg.norm(right)

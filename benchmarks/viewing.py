@@ -1,10 +1,10 @@
-"""What the live view costs: CPU time of a run with one browser and without, in turns.
+"""Cost of the live view: CPU time of a run with and without one browser.
 
     python -m benchmarks.viewing [TREE] [--rounds 3]
 
-The browser is a process that asks as the page does: the run every 80 ms, the log every 400 ms, a
-camera's picture with each of these; its own time is not counted. Of both runs a record is kept,
-which is not written to its end.
+Runs alternate with and without a browser. The browser is a process that sends the page's requests:
+the state of the run every 80 ms, and every 400 ms the log and a camera image; its own time is not
+counted. Both runs keep a record, which is not completed.
 """
 
 from __future__ import annotations
@@ -43,38 +43,38 @@ except OSError:
 
 
 def cost(tree: str, *, viewed: bool) -> float:
-    """CPU time of this process for the run, in s."""
+    """CPU time of this process for a run, s."""
     stop = StopRequest()
     with (
         TemporaryDirectory() as folder,
         bt_dualarm.open(tree, stop=stop, record=Path(folder) / "out") as run,
     ):
-        took = watched(run, stop) if viewed else finished(run)
+        took = finish_with_browser(run, stop) if viewed else finish(run)
         if run.open_record is not None:
             run.open_record.recorder.close()
         return took
 
 
-def finished(run: Run) -> float:
-    """CPU time of the run alone, in s."""
+def finish(run: Run) -> float:
+    """CPU time of the run alone, s."""
     before = time.process_time()
     run.finish()
     return time.process_time() - before
 
 
-def watched(run: Run, stop: StopRequest) -> float:
-    """CPU time of the run with a browser that looks on, in s."""
+def finish_with_browser(run: Run, stop: StopRequest) -> float:
+    """CPU time of the run with a browser connected, s."""
     with LiveView(run, stop, paused=False) as view:
         view.gate.set_speed(None)
         command = [sys.executable, "-c", BROWSER, view.url, [*run.arms][-1]]
         with subprocess.Popen(command) as browser:
-            took = finished(run)
+            took = finish(run)
             browser.terminate()
         return took
 
 
 def main() -> None:
-    """Take turns."""
+    """Run both kinds alternately and print the ratio."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("tree", nargs="?", default="pick_and_track")
     parser.add_argument("--rounds", type=int, default=3)
@@ -83,9 +83,9 @@ def main() -> None:
     ratios = []
     for _ in range(arguments.rounds):
         plain = cost(arguments.tree, viewed=False)
-        seen = cost(arguments.tree, viewed=True)
-        ratios.append(seen / plain)
-        print(f"without {plain:.2f} s, with one browser {seen:.2f} s of CPU")
+        viewed = cost(arguments.tree, viewed=True)
+        ratios.append(viewed / plain)
+        print(f"without {plain:.2f} s, with one browser {viewed:.2f} s of CPU")
     print(f"median of the ratios {statistics.median(ratios):.3f}")
 
 

@@ -1,8 +1,8 @@
-"""What a tick of 100 leaves that wait for another arm costs, beside 100 that wait for time.
+"""Cost of a tick of 100 leaves that wait for another arm, compared with 100 that wait for time.
 
     python -m benchmarks.waiting_leaves [--rounds 30]
 
-Ticks a tree with 100 leaves in a parallel, without physics, in turns with other kinds of leaves.
+Ticks a tree with 100 leaves in a parallel node, without physics, alternating between leaf types.
 Prints the median per leaf and tick, and the difference to `wait`.
 """
 

@@ -1,11 +1,11 @@
-"""How often ``bt-why`` names the planted cause first: mistakes in shipped trees, one run each.
+"""How often ``bt-why`` ranks the planted cause first: mistakes in shipped trees, one run each.
 
     python -m benchmarks.why [WORD] [--unseen | --interactions]
 
-With ``--unseen`` those that were planted before the rules were looked at for them, likewise with
-``--interactions`` those in which two features meet. Prints a line
-for each mistake and the count. A cause counts if it is the first of the first story, of the kind
-that was planted, and its sentence has the names that belong to it.
+``--unseen`` runs the mistakes that were planted before the rules were checked for them;
+``--interactions`` likewise those in which two features interact. Prints a line for each mistake and
+the count. A cause counts if it is the first of the first story, has the planted kind, and its
+sentence contains the expected names.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from bt_dualarm.replay.record import Record
 
 
 def first_cause(mistake: Mistake, folder: Path) -> Cause | None:
-    """What is named first after a run of the mistake; None if nothing is.
+    """The cause that is ranked first after a run of the mistake, or None.
 
     Raises:
-        DualArmError: The run is refused before anything moves.
+        DualArmError: The file check rejects the mistake.
     """
     bt_dualarm.run(mistake.tree, record=folder, duration=mistake.duration)
     text = stories(Record.read(folder))
@@ -41,7 +41,7 @@ def first_cause(mistake: Mistake, folder: Path) -> Cause | None:
 
 
 def is_named(mistake: Mistake, cause: Cause | None) -> bool:
-    """Whether that is the cause that was planted."""
+    """Whether the cause is the planted one."""
     if cause is None or cause.kind != mistake.kind:
         return False
     return all(name in f"{cause.sentence} {cause.leaf}" for name in mistake.names)
@@ -54,8 +54,8 @@ SETS: Final[Mapping[str, Callable[[], Iterable[Mistake]]]] = {
 }
 
 
-def judged(family: str, name: str) -> dict[str, Any]:
-    """Whether the planted cause of a mistake is named first, and a line on it."""
+def evaluate(family: str, name: str) -> dict[str, Any]:
+    """Whether the planted cause of a mistake is ranked first, and the lines to print."""
     mistake = next(mistake for mistake in SETS[family]() if mistake.name == name)
     lines = []
     cause = None
@@ -63,17 +63,17 @@ def judged(family: str, name: str) -> dict[str, Any]:
         try:
             cause = first_cause(mistake, Path(folder) / "record")
         except DualArmError as error:
-            lines.append(f"refused before it moved: {error}")
+            lines.append(f"rejected by the file check: {error}")
     good = is_named(mistake, cause)
-    said = "nothing" if cause is None else f"{cause.kind}: {cause.sentence}"
-    lines.append(f"{'yes' if good else 'NO '} {mistake.name} ({mistake.kind}) <- {said}")
+    text = "nothing" if cause is None else f"{cause.kind}: {cause.sentence}"
+    lines.append(f"{'yes' if good else 'NO '} {mistake.name} ({mistake.kind}) <- {text}")
     code = "" if good else mistake.kind
     return {"outcome": "SUCCESS" if good else "FAILURE", "code": code, "lines": lines}
 
 
 def main(arguments: list[str]) -> None:
-    """Run all mistakes that have these words in their names."""
-    parser = argparse.ArgumentParser(description="how often bt-why names the planted cause")
+    """Run all mistakes whose names contain these words."""
+    parser = argparse.ArgumentParser(description="how often bt-why ranks the planted cause first")
     parser.add_argument("words", nargs="*", metavar="WORD")
     for option in list(SETS)[1:]:
         parser.add_argument(option, dest="family", action="store_const", const=option)
@@ -85,10 +85,10 @@ def main(arguments: list[str]) -> None:
     named = 0
     with Campaign(options) as campaign:
         cases = [{"family": options.family, "name": name} for name in names]
-        for _, found in campaign.run(judged, cases):
+        for _, found in campaign.run(evaluate, cases):
             named += found["outcome"] == "SUCCESS"
             print("\n".join(found["lines"]), flush=True)
-        print(f"the planted cause is named first for {named} of {len(names)} mistakes")
+        print(f"the planted cause is ranked first for {named} of {len(names)} mistakes")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""Thirty mistakes in which two features meet, planted before the rules were looked at for them.
+"""Thirty mistakes in which two features interact, planted before the rules were checked for them.
 
-Arms and objects that are removed or spawned while others work, motions that are repeated, recovery
-branches with a ``fail`` of their own, what is held, keys that branches write or do not.
+Arms and objects that are removed or spawned while others work, repeated motions, recovery branches
+with their own ``fail``, held objects, keys that some branches write.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _DOWN = [180, 0, 0]
 
 
 def interactions() -> list[Mistake]:
-    """All of them."""
+    """All mistakes of this module."""
     return [
         *_of_removed(),
         *_of_trackers(),
@@ -32,14 +32,14 @@ def interactions() -> list[Mistake]:
 
 
 def _cell(*leaves: Tree, objects: Tree | None = None, **others: list[Tree]) -> Tree:
-    """A UR5 that does something beside a stand with a cube; others face it, half a meter beyond."""
+    """A tree file with a UR5 beside a stand with a cube, and other UR5s that face it."""
     arms = {"arm1": {"robot": "ur5", "tree": {"sequence": [*leaves]}}}
     for name, sequence in others.items():
         base = {"xyz": [1.1, 0.1, 0], "rpy": [0, 0, 180]}
         arms[name] = {"robot": "ur5", "base": base, "tree": {"sequence": sequence}}
-    things = {"stand": _STAND, "cube": _ON_STAND} if objects is None else objects
+    world_objects = {"stand": _STAND, "cube": _ON_STAND} if objects is None else objects
     world = {"scene": "empty", "reality": "ideal"}
-    return {"bt_dualarm": 1, "name": "cell", "world": world, "objects": things, "arms": arms}
+    return {"bt_dualarm": 1, "name": "cell", "world": world, "objects": world_objects, "arms": arms}
 
 
 def _wait(seconds: float) -> Tree:
@@ -51,7 +51,7 @@ def _reach(*xyz: float, **more: object) -> Tree:
 
 
 def _of_removed() -> Iterator[Mistake]:
-    """What is taken away, and what others wanted with it."""
+    """Arms and objects that are removed or spawned while others need them."""
     tree = _cell({"remove": {"arm": "arm2"}}, _wait(2), arm2=[_wait(20)])
     yield Mistake("an arm is removed while it waits", tree, "TAKEN_AWAY", ("arm2", "remove"))
     away = [{"remove": {"arm": "arm2"}}, _wait(2)]
@@ -82,7 +82,7 @@ def _of_removed() -> Iterator[Mistake]:
 
 
 def _of_trackers() -> Iterator[Mistake]:
-    """A camera that follows, and what keeps it from that."""
+    """Trackers, and causes that prevent tracking."""
     tree = shipped("visual_tracking")
     slow = {"velocity": 0.01, "acceleration": 0.05, "jerk": 0.05}
     tree["arms"]["arm2"]["limits"] = slow
@@ -104,7 +104,7 @@ def _of_trackers() -> Iterator[Mistake]:
 
 
 def _of_repeated() -> Iterator[Mistake]:
-    """Motions from where the tool is, done again from where they have ended."""
+    """Relative motions that are repeated from where they have ended."""
     circle = {"circle": {"plane": "yz", "radius": 0.12, "end": "rim", "speed": 1.0}}
     tree = _cell({"repeat": {"times": 20, "child": circle}}, objects={})
     yield Mistake("a circle that ends on its rim, repeated", tree, "DRIFT", ("circle",), 60.0)
@@ -118,7 +118,7 @@ def _of_repeated() -> Iterator[Mistake]:
 
 
 def _of_recoveries() -> Iterator[Mistake]:
-    """Branches that say that the tree gives up, after what has failed."""
+    """Recovery branches that give up after the actual failure."""
     gave_up = {"fail": {"code": "GAVE_UP", "reason": "no more attempts"}}
     far = _reach(1.6, 0.2, 0.4)
     tree = _cell({"selector": [far, {"sequence": ["go_home", gave_up]}]}, objects={})
@@ -147,19 +147,19 @@ def _of_recoveries() -> Iterator[Mistake]:
 
 
 def _of_held() -> Iterator[Mistake]:
-    """What an arm holds, and what it then meets."""
+    """Held objects, and collisions with them."""
     rod = {**_CUBE, "size": [0.03, 0.03, 0.3], "pose": {"xyz": [0.55, -0.3, 0.3]}}
     stand = box((0.1, 0.1, 0.1495), (0.55, -0.3, 0.07475))
     block = box((0.2, 0.2, 0.3), (0.45, 0.35, 0.15))
     low = _reach(0.45, 0.35, 0.45)
-    things = {"rod": rod, "stand": stand, "block": block}
+    world_objects = {"rod": rod, "stand": stand, "block": block}
     take = {"approach_and_attach": {"object": "rod"}}
-    tree = _cell(take, _LIFT, low, objects=things)
+    tree = _cell(take, _LIFT, low, objects=world_objects)
     yield Mistake("a held rod and a block at the goal", tree, "IN_THE_WAY", ("block", "rod"), 40.0)
     wall = box((0.3, 0.3, 0.4), (0.4, 0.45, 0.2))
     carry = {"transport": {"object": "rod", "to": {"xyz": [0.4, 0.45, 0.5]}}}
-    things = {"rod": rod, "stand": stand, "wall": wall}
-    tree = _cell(take, _LIFT, carry, objects=things)
+    world_objects = {"rod": rod, "stand": stand, "wall": wall}
+    tree = _cell(take, _LIFT, carry, objects=world_objects)
     yield Mistake("carried into a wall", tree, "IN_THE_WAY", ("wall", "rod"), 40.0)
     long = {**rod, "size": [0.03, 0.03, 0.36], "pose": {"xyz": [0.55, -0.3, 0.33]}}
     fold = {"move_joints": {"by": {"wrist_1_joint": 120}}}
@@ -174,7 +174,7 @@ def _of_held() -> Iterator[Mistake]:
 
 
 def _of_others() -> Iterator[Mistake]:
-    """Two arms, and what one of them holds, spawns or has taken."""
+    """Two arms, one of which holds, spawns or takes an object."""
     reach = [_wait(8), _reach(0.55, 0.0, 0.5, patience=2.0)]
     hold = [_TAKE, _reach(0.55, 0.0, 0.6), _wait(100)]
     tree = _cell(*reach, arm2=hold)
@@ -206,7 +206,7 @@ def _of_others() -> Iterator[Mistake]:
 
 
 def _of_keys() -> Iterator[Mistake]:
-    """Keys of the blackboard that a branch did not write, or that another one writes."""
+    """Keys of the blackboard that a branch does not write, or that another branch writes."""
     there = {"set": {"key": "there", "value": {"xyz": [0.4, 0.2, 0.4], "rpy": _DOWN}}}
     differs = {"compare": {"value": 1, "to": 2}}
     chosen = {"if": {"condition": differs, "then": there, "else": "succeed"}}

@@ -1,4 +1,4 @@
-"""A mistake planted in a shipped tree, and what such trees are edited with."""
+"""A mistake planted in a shipped tree, and functions to edit such trees."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ Tree = dict[str, Any]
 
 @dataclass(frozen=True)
 class Mistake:
-    """A shipped tree with one thing wrong.
+    """A tree with one mistake.
 
     Attributes:
         name: Name of the mistake.
         tree: The tree, as Python data.
         kind: Kind of the cause that was planted.
-        names: Words that its sentence must have: the object, the leaf, the key.
+        names: Texts that the sentence on the cause must contain: the object, the leaf, the key.
         duration: Simulated seconds of the run.
     """
 
@@ -33,7 +33,7 @@ class Mistake:
 
 
 def shipped(name: str) -> Tree:
-    """A shipped tree as Python data, ideal so that runs are short."""
+    """A shipped tree as Python data, in `ideal` so that runs are short."""
     text = (TREES / f"{name}.yaml").read_text(encoding="utf-8")
     tree: Tree = yaml.load(text, yaml.CSafeLoader)  # called 67 times while tests are collected
     tree["world"] = {**tree.get("world", {}), "reality": "ideal"}
@@ -48,5 +48,5 @@ def steps(tree: Tree, arm: str = "arm1") -> list[Tree]:
 
 def box(size: tuple[float, ...], at: tuple[float, ...], color: str = "gray", **more: Any) -> Tree:
     """A fixed box."""
-    said = {"shape": "box", "size": [*size], "mass": 5, "color": color, "fixed": True}
-    return {**said, "pose": {"xyz": [*at]}, **more}
+    fields = {"shape": "box", "size": [*size], "mass": 5, "color": color, "fixed": True}
+    return {**fields, "pose": {"xyz": [*at]}, **more}

@@ -1,4 +1,4 @@
-"""Mistakes planted in the shipped trees, each with the cause that should be found for it."""
+"""Mistakes planted in shipped trees, each with its expected cause."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from benchmarks.why_mistake import Mistake, box, shipped, steps
 
 
 def mistakes() -> Iterator[Mistake]:
-    """All of them."""
+    """All mistakes of this module and of `why_mistakes_of_trees`."""
     yield from _out_of_reach()
     yield from _in_the_way()
     yield from _sight()
     yield from _grasp()
-    yield from trees.of_board()
+    yield from trees.of_blackboard()
     yield from trees.of_time()
     yield from trees.of_leaves()
-    yield from trees.of_words()
+    yield from trees.of_messages()
 
 
 def _out_of_reach() -> Iterator[Mistake]:

@@ -1,4 +1,4 @@
-"""Mistakes planted in the trees themselves: keys, times, leaves that exclude each other."""
+"""Mistakes in the trees themselves: keys, times, leaves that exclude each other."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from benchmarks.why_mistake import Mistake, Tree, box, shipped, steps
 
 
-def of_board() -> Iterator[Mistake]:
-    """Keys that were not written in time, and conditions that do not hold."""
+def of_blackboard() -> Iterator[Mistake]:
+    """Keys that are not written in time, and conditions that do not hold."""
     tree = shipped("reach_to_pose")
     steps(tree)[0]["reach_to_pose"] = {"offset": "{step}"}
     steps(tree).insert(0, {"selector": [{"succeed": {}}, _set("step", {"xyz": [0, 0, 0.1]})]})
@@ -30,7 +30,7 @@ def _set(key: str, value: object) -> Tree:
 
 
 def of_time() -> Iterator[Mistake]:
-    """Timeouts, time limits, arms that wait for one another."""
+    """Timeouts, time limits, arms that wait for each other."""
     for seconds in (0.2, 0.6):
         tree = shipped("reach_to_pose")
         child = steps(tree)[1]
@@ -47,7 +47,7 @@ def of_time() -> Iterator[Mistake]:
 
 
 def _crossing(gap: float) -> Tree:
-    """Two arms that are to end where the other one stays."""
+    """Two arms, each of which has to reach a pose that the other one blocks."""
     arms = {}
     for name, side in (("left", 1), ("right", -1)):
         pose = {"xyz": [0.45, -side * (0.05 + gap) * 0.2, 0.3], "rpy": [180, 0, 0]}
@@ -58,7 +58,7 @@ def _crossing(gap: float) -> Tree:
 
 
 def of_leaves() -> Iterator[Mistake]:
-    """Leaves that are asked for what cannot be."""
+    """Leaves with impossible ports, and leaves that exclude each other."""
     tree = shipped("circle")
     tree["params"] = {}
     both = [{"circle": {"plane": "yz", "radius": 0.05}}, {"go_home": {}}]
@@ -81,8 +81,8 @@ def of_leaves() -> Iterator[Mistake]:
     yield Mistake("a force limit too low", tree, "LOW_FORCE_LIMIT", ("10 N",))
 
 
-def of_words() -> Iterator[Mistake]:
-    """Words that hide a cause, or another arm's failure."""
+def of_messages() -> Iterator[Mistake]:
+    """Messages of the author that hide a cause, and failures that follow from another one."""
     tree = shipped("circle")
     tree["params"] = {}
     fail = {"fail": {"code": "NO_WORK", "reason": "nothing to do today"}}

@@ -1,4 +1,4 @@
-"""Nineteen more mistakes, planted before the rules of ``bt-why`` were looked at for them.
+"""Nineteen more mistakes, planted before the rules of ``bt-why`` were checked for them.
 
 Other robots, grippers, sight alone, perturbed realities, parameters of subtrees, wrong units.
 """
@@ -11,15 +11,15 @@ from benchmarks.why_mistake import TREES, Mistake, Tree, box, shipped, steps
 
 
 def unseen() -> list[Mistake]:
-    """All of them."""
+    """All mistakes of this module."""
     return [*_of_units(), *_of_sight(), *_of_cameras(), *_of_grips(), *_of_two_arms()]
 
 
 def _reaching(robot: str, *leaves: Tree, **world: object) -> Tree:
-    """One arm of another robot, in rough reality."""
+    """A tree file with one arm of a given robot, in `rough`."""
     arms = {"arm1": {"robot": robot, "tree": {"sequence": [*leaves]}}}
-    said = {"scene": "empty", "reality": "rough", **world}
-    return {"bt_dualarm": 1, "name": "reaching", "world": said, "arms": arms}
+    world_fields = {"scene": "empty", "reality": "rough", **world}
+    return {"bt_dualarm": 1, "name": "reaching", "world": world_fields, "arms": arms}
 
 
 def _real(name: str, reality: str = "lab") -> Tree:
@@ -29,7 +29,7 @@ def _real(name: str, reality: str = "lab") -> Tree:
 
 
 def _of_units() -> Iterator[Mistake]:
-    """Centimeters for meters, and a value that comes in through a subtree."""
+    """Centimeters instead of meters, and a value from the parameters of a subtree."""
     pose = {"xyz": [45, 25, 35], "rpy": [180, 0, 0]}
     tree = _reaching("xarm7", {"reach_to_pose": {"to": pose}})
     yield Mistake("a pose in centimeters", tree, "OUT_OF_REACH", ("centimeters",))
@@ -47,7 +47,7 @@ def _of_units() -> Iterator[Mistake]:
 
 
 def _of_sight() -> Iterator[Mistake]:
-    """Things that are looked for by sight alone."""
+    """Objects that are searched by sight alone."""
     tree = _real("pick_by_sight")
     tree["objects"]["lid"] = box((0.8, 0.6, 0.01), (0.35, -0.48, 0.52), "white")
     yield Mistake("a lid over what is looked for", tree, "OCCLUDED", ("lid",), 40.0)
@@ -80,7 +80,7 @@ def _of_sight() -> Iterator[Mistake]:
 
 
 def _of_cameras() -> Iterator[Mistake]:
-    """Cameras that are late or lose pictures, and a range of another color."""
+    """Cameras that are late or lose frames, and a range of another color."""
     tree = _real("visual_tracking")
     tree["arms"]["arm2"]["camera"]["latency"] = 5.0
     yield Mistake("pictures that come 5 s late", tree, "LATE_PICTURES", ("latency", "5"), 20.0)
@@ -95,7 +95,7 @@ def _of_cameras() -> Iterator[Mistake]:
 
 
 def _of_grips() -> Iterator[Mistake]:
-    """Things that fingers cannot hold."""
+    """Objects that fingers cannot hold, and faults of grasps."""
     if not (TREES / "grasp_and_place.yaml").exists():
         return
     tree = _real("grasp_and_place")
@@ -120,7 +120,7 @@ def _of_grips() -> Iterator[Mistake]:
 
 
 def _of_two_arms() -> Iterator[Mistake]:
-    """Arms that stand in each other's way, or take what the other one holds."""
+    """Arms that obstruct each other or need the same object, and a timeout of a scan."""
     arms = {}
     for name, robot, side in (("left", "panda", 1), ("right", "xarm7", -1)):
         pose = {"xyz": [0.45, -side * 0.02, 0.3], "rpy": [180, 0, 0]}
