@@ -11,7 +11,7 @@ from bt_dualarm.safety.guard import GuardReport, SeparationRule, TrajectoryGuard
 from bt_dualarm.trajectory.set_points import SetPoint, TrajectorySource
 from tests.families import some
 from tests.sim.worlds import PAGES, WIDE, world_with
-from tests.trajectory.test_time_scaling import drawn
+from tests.trajectory.test_time_scaling import circular
 
 SLOW_S = 0.7
 """Long enough for the slower speed to be reached and kept for a while."""
@@ -24,7 +24,7 @@ AGAIN_S = 0.5
 def test_a_motion_soon_regains_its_planned_speed(robot: str, begin: float) -> None:
     """However long it was slowed, and wherever it is on its path."""
     world = world_with(robot)
-    whole = drawn(world.robots["arm1"], 0.6)
+    whole = circular(world.robots["arm1"], 0.6)
     motion = TrajectorySource(whole)
     report = GuardReport()
     check = FailSafeCheck(world, "arm1", whole.dt, Reservations())
