@@ -9,6 +9,7 @@ import pytest
 from tests.matrix.columns import columns
 from tests.matrix.operations import ROWS
 from tests.matrix.recordings import Recordings
+from tests.own_models import tried_here
 from tests.undrawn import undrawn
 
 SIGNS = {"passed": ".", "failed": "F", "error": "E", "skipped": "s"}
@@ -31,6 +32,13 @@ def worker(request: pytest.FixtureRequest) -> str:
 def records_without_pictures() -> Iterator[None]:
     """Plots and stills have their own tests, and would take half the time of a short run."""
     with undrawn():
+        yield
+
+
+@pytest.fixture(autouse=True, scope="package")
+def models_tried_here() -> Iterator[None]:
+    """The models of these records are the tests' own."""
+    with tried_here():
         yield
 
 

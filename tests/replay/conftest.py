@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from tests.own_models import tried_here
 from tests.undrawn import undrawn
 
 
@@ -13,4 +14,11 @@ from tests.undrawn import undrawn
 def records_without_images() -> Iterator[None]:
     """Record without rendering camera images, which these tests do not look at."""
     with undrawn():
+        yield
+
+
+@pytest.fixture(autouse=True, scope="module")
+def models_tried_here() -> Iterator[None]:
+    """Most of these tests make the records that they read."""
+    with tried_here():
         yield

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
+from tests.own_models import tried_here
 from tests.undrawn import undrawn
 
 
@@ -13,4 +14,11 @@ from tests.undrawn import undrawn
 def records_without_pictures() -> Iterator[None]:
     """Record without plots, which the browser views do not use."""
     with undrawn():
+        yield
+
+
+@pytest.fixture(autouse=True, scope="package")
+def models_tried_here() -> Iterator[None]:
+    """The records that a browser shows are the tests' own."""
+    with tried_here():
         yield
