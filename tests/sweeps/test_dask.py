@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Iterator
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,6 @@ import pytest
 
 import bt_dualarm as bt
 from bt_dualarm.sweeps.table import read_rows
-
-pytest.importorskip("distributed")
 
 SKILL = '''
 import multiprocessing, os, signal
@@ -52,7 +51,11 @@ arms:
   arm1: {robot: ur5, tree: {sequence: [PREEMPT, {wait: {seconds: 0.2}}]}}
 """
 
-pytestmark = pytest.mark.slow
+# Not by `importorskip`: every process that collects these tests would import Dask, for a second.
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(find_spec("distributed") is None, reason="Dask is not installed"),
+]
 
 
 @pytest.fixture(scope="module")

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+from typing import Any
+
 import numpy as np
 import pytest
-from scipy import stats
 
 from bt_dualarm.core.pose import Vector
 from bt_dualarm.sweeps.statistics import (
@@ -16,8 +18,14 @@ from bt_dualarm.sweeps.statistics import (
 )
 
 
+@pytest.fixture(scope="module")
+def stats() -> Any:
+    """SciPy's module, which takes half a second of each process that collects tests with it."""
+    return import_module("scipy.stats")
+
+
 @pytest.mark.parametrize(("k", "n"), [(0, 1), (1, 1), (0, 10), (10, 10), (97, 100), (3, 7)])
-def test_interval_is_that_of_wilson(k: int, n: int) -> None:
+def test_interval_is_that_of_wilson(k: int, n: int, stats: Any) -> None:
     theirs = stats.binomtest(k, n).proportion_ci(method="wilson")
     assert SuccessRate(k, n).interval == pytest.approx((theirs.low, theirs.high), abs=1e-12)
 
@@ -89,7 +97,7 @@ def test_too_few_pairs_are_undecided() -> None:
 
 
 @pytest.mark.parametrize("n", [6, 12, 13, 40])
-def test_randomization_test_agrees_with_scipy(n: int) -> None:
+def test_randomization_test_agrees_with_scipy(n: int, stats: Any) -> None:
     difference = np.random.default_rng(n).normal(0.3, 1.0, n)
     expected = stats.permutation_test(
         (difference,), np.mean, permutation_type="samples", n_resamples=20_000, rng=0
