@@ -621,7 +621,7 @@ def mcap(cell: Cell) -> None:
 
 def mp4(cell: Cell) -> None:
     """The video has 25 frames per second and shows motion."""
-    of = cell.filmed if WHOLE else cell.recordings.beginning(cell.column, 0.24)
+    of = cell.filmed if WHOLE else cell.recordings.beginning(cell.column, 0.12)
     film = cv2.VideoCapture(str(_exported(cell, "mp4", "film.mp4", of)))
     count = film.get(cv2.CAP_PROP_FRAME_COUNT)
     assert film.get(cv2.CAP_PROP_FPS) == 25

@@ -59,7 +59,7 @@ def test_a_video_has_25_frames_per_second(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     video = tmp_path / "a.mp4"
-    begun = recorded(tmp_path / "begun", FAILING, duration=0.25)
+    begun = recorded(tmp_path / "begun", FAILING, duration=0.1)
     assert cli.record(["export", str(begun.folder), "--mp4", str(video)]) == 0
     reader = cv2.VideoCapture(str(video))
     count = reader.get(cv2.CAP_PROP_FRAME_COUNT)

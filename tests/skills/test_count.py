@@ -40,7 +40,7 @@ def count(
         half = spec["size"][0] if spec["shape"] == "sphere" else spec["size"][-1] / 2
         pose = {"xyz": [0.38 + x, -0.45 + y, TOP + below + half], "rpy": [0, 0, 15]}
         objects[name] = spec | {"pose": pose}
-    look = {"look_at": {"at": {"xyz": [0.38, -0.45, TOP]}, "distance": 0.4}}
+    look = {"look_at": {"at": {"xyz": [0.38, -0.45, TOP]}, "distance": 0.4, "speed": 1.0}}
     tree = {"sequence": [look, {"count": {"object": "kind"} | ports}]}
     arm = {"robot": "ur5", "base": {"xyz": [0, 0, TOP]}, "camera": {}, "tree": tree}
     file = {
