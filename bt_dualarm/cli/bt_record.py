@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -50,6 +51,12 @@ def main(argv: Sequence[str] | None) -> int:
     from bt_dualarm.replay.record import Record
 
     record: Record | None = None
+    for _, target in wanted:  # all of them before the first, which may take minutes
+        try:
+            with suppress(FileNotFoundError):
+                target.lstat()
+        except OSError as error:
+            raise DualArmError(f"cannot write {target}: {error.strerror or error}") from error
     for name, target in wanted:
         try:
             if name == "lerobot":
@@ -157,12 +164,9 @@ def _counted(done: Demonstrations) -> str:
 
 
 def _csv(record: Record, target: Path) -> None:
-    from bt_dualarm.core.share import write_text
-    from bt_dualarm.export.tables import tables_of
+    from bt_dualarm.export.tables import write_tables
 
-    target.mkdir(parents=True, exist_ok=True)
-    for name, content in tables_of(record):
-        write_text(target / name, content)
+    write_tables(record, target)
 
 
 _FORMATS: dict[str, Callable[[Record, Path], None]] = {

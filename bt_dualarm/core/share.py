@@ -43,6 +43,23 @@ def cache_dir() -> Path:
     return root / "bt_dualarm"
 
 
+def start_of_name(name: str) -> str:
+    """The name of a file, cut so that 55 bytes can be added: file systems allow 255."""
+    return os.fsencode(name)[:200].decode(errors="ignore")
+
+
+def beside(path: Path, ending: str = "") -> Path:
+    """A new hidden name in a path's folder, for a file or folder that will replace the path.
+
+    The random part is needed: threads share a process id, and containers often have the same ids.
+
+    Args:
+        path: The path.
+        ending: End of the name.
+    """
+    return path.with_name(f".{start_of_name(path.name)}.{os.getpid()}.{token_hex(4)}{ending}")
+
+
 def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
     """Create or replace a file; a reader sees either the old or the complete new content.
 
@@ -53,22 +70,21 @@ def write_atomically(path: Path, write: Callable[[BinaryIO], object]) -> None:
     Raises:
         OSError: The disk is full or the folder is not writable; nothing is left behind.
     """
-    # The random part is needed: threads share a process id, and containers often have the same ids.
-    beside = path.with_name(f".{path.name}.{os.getpid()}.{token_hex(4)}")
+    half = beside(path)
     try:
-        with beside.open("xb") as file:
+        with half.open("xb") as file:
             write(file)
             file.flush()
             os.fsync(file.fileno())
-        beside.replace(path)
+        half.replace(path)
     finally:
-        beside.unlink(missing_ok=True)
+        half.unlink(missing_ok=True)
 
 
 def leftovers(path: Path) -> list[Path]:
     """Temporary files of this path that processes left behind when they were killed."""
-    ending = re.compile(re.escape(f".{path.name}.") + r"\d+\.[0-9a-f]{8}")
-    return [beside for beside in path.parent.iterdir() if ending.fullmatch(beside.name)]
+    name = re.compile(re.escape(f".{start_of_name(path.name)}.") + r"\d+\.[0-9a-f]{8}")
+    return [file for file in path.parent.iterdir() if name.fullmatch(file.name)]
 
 
 def write_text(path: Path, text: str) -> None:

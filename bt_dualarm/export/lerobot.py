@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from secrets import token_hex
 from types import TracebackType
 from typing import Any, Final, TypeAlias
 
@@ -22,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bt_dualarm.core.pose import Matrix
-from bt_dualarm.core.share import write_text
+from bt_dualarm.core.share import beside, write_text
 from bt_dualarm.export.video import Encoder, Picture
 from bt_dualarm.replay.record import Facts, Moment, Record, ReplayError
 from bt_dualarm.replay.timeline import GripperKind, file_part, gripper_kind, joints_of
@@ -753,7 +752,7 @@ def write_dataset(
     if append and not (target / "meta" / "info.json").is_file():
         raise ReplayError(f"cannot append to {target}: there is no data set in it")
     target = Path(os.path.abspath(target))  # noqa: PTH100 - a name of its own, links not followed
-    half = target.with_name(f".{target.name}.half.{token_hex(4)}")
+    half = beside(target)
     written = failed = left_out = frames = 0
     try:
         if append:
@@ -801,7 +800,7 @@ def _linked(source: str, target: str) -> None:
 def _put(half: Path, target: Path) -> None:
     """Move a folder to its target, replacing an older one."""
     if target.is_dir() and any(target.iterdir()):
-        old = target.with_name(f".{target.name}.old.{token_hex(4)}")
+        old = beside(target)
         target.replace(old)
         half.replace(target)
         shutil.rmtree(old)

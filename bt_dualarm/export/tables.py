@@ -5,18 +5,54 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import astuple
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Final
 
 import mujoco
 
-from bt_dualarm.replay.record import Record
+from bt_dualarm.core.share import write_text
+from bt_dualarm.replay.record import Record, ReplayError
 from bt_dualarm.replay.timeline import file_part, gripper_states
 from bt_dualarm.spec.node_types import escaped
 
 _FORMULAS: Final = frozenset("=+-@\t\r\n\uff1d\uff0b\uff0d\uff20")
 """First characters of cells that spreadsheets interpret as formulas, with full-width forms."""
+
+_TABLE: Final = re.compile(r"(events|notes|arm_.+|gripper_.+|states_\d+)\.csv")
+
+
+def write_tables(record: Record, folder: Path) -> None:
+    """Write all tables of a record to a folder; those of an earlier export are replaced.
+
+    Args:
+        record: The record.
+        folder: The folder; created if missing.
+
+    Raises:
+        ReplayError: The folder has a table that this record does not, so that those of two runs
+            would be mixed; an arm has a name that is invalid in tree files. Nothing is replaced.
+        OSError: The folder cannot be written to.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(prefix=".", dir=folder) as scratch:
+        names = []
+        for name, content in tables_of(record):
+            write_text(Path(scratch) / name, content)
+            names.append(name)
+        there = sorted(path.name for path in folder.iterdir() if _TABLE.fullmatch(path.name))
+        stale = [name for name in there if name not in names]
+        if stale:
+            raise ReplayError(
+                f"cannot write {folder}: it has tables that this record does not, "
+                f"{', '.join(stale[:3])}{' …' if len(stale) > 3 else ''}; "
+                "delete them, or write to another folder"
+            )
+        for name in names:
+            (Path(scratch) / name).replace(folder / name)
 
 
 def tables_of(record: Record) -> Iterator[tuple[str, str]]:

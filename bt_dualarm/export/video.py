@@ -11,7 +11,6 @@ from functools import cache
 from io import BytesIO
 from itertools import pairwise
 from pathlib import Path
-from secrets import token_hex
 from tempfile import TemporaryFile
 from typing import Final, Self, TypeAlias
 
@@ -21,7 +20,7 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw, ImageFont
 
 from bt_dualarm.core.pose import Matrix, Vector
-from bt_dualarm.core.share import write_atomically
+from bt_dualarm.core.share import beside, write_atomically
 from bt_dualarm.replay.record import Facts, Moment, Record, ReplayError
 from bt_dualarm.replay.timeline import Change, Timeline, TimelineNode
 from bt_dualarm.robots.mjspec import OBJECT_GROUP, SCENE_GROUP, TOOL_SITE
@@ -478,16 +477,15 @@ def write_film(record: Record, path: Path) -> None:
         ReplayError: The record shows no arm or object, or imageio-ffmpeg is not installed.
         OSError: The file cannot be written.
     """
-    # The random part is needed: another process may write the same file.
-    beside = path.with_name(f".{path.stem}.{token_hex(4)}.half.mp4")
+    half = beside(path, ".mp4")
     try:
-        beside.touch()
-        with Encoder(beside, (FILM.width, FILM.height), FILM.fps) as film:
+        half.touch()
+        with Encoder(half, (FILM.width, FILM.height), FILM.fps) as film:
             for picture in pictures(record, FILM):
                 film.add(picture)
-        beside.replace(path)
+        half.replace(path)
     finally:
-        beside.unlink(missing_ok=True)
+        half.unlink(missing_ok=True)
 
 
 class Encoder:

@@ -29,7 +29,7 @@ import scipy
 
 from bt_dualarm.core.errors import CatalogError
 from bt_dualarm.core.pose import Matrix
-from bt_dualarm.core.share import cache_dir
+from bt_dualarm.core.share import cache_dir, start_of_name
 from bt_dualarm.robots.urdf import Shape
 from bt_dualarm.robots.urdf_arm import Urdf
 from bt_dualarm.spec.problems import Problem
@@ -84,7 +84,7 @@ def as_stl(path: Path) -> Path:
     if path.suffix.lower() == ".stl" and _is_binary_stl(path):
         return path
     digest = hashlib.sha256(path.read_bytes()).hexdigest()[:16]
-    name = f"{path.stem}-{digest}.stl"
+    name = f"{start_of_name(path.stem)}-{digest}.stl"
     converted = cache_dir() / "meshes" / name
     try:
         _convert_once(path, converted)
@@ -225,7 +225,8 @@ def _extents(mesh: Path, scale: tuple[float, ...], changed: int, size: int) -> E
     if size < _MIN_CACHED_BYTES:
         return _measured(mesh, scale)
     key = repr((str(mesh.resolve()), scale, changed, size)).encode() + _source()
-    cached = cache_dir() / "extents" / f"{mesh.stem}-{hashlib.sha256(key).hexdigest()[:16]}.json"
+    digest = hashlib.sha256(key).hexdigest()[:16]
+    cached = cache_dir() / "extents" / f"{start_of_name(mesh.stem)}-{digest}.json"
     try:
         return Extents(*map(float, json.loads(cached.read_bytes())))
     except (OSError, ValueError, TypeError):
@@ -646,7 +647,7 @@ def mesh_shapes(path: Path, scale: tuple[float, ...]) -> MeshShapes:
     """
     mesh = as_stl(path)
     digest = hashlib.sha256(mesh.read_bytes() + repr(scale).encode() + _source()).hexdigest()[:16]
-    cached = cache_dir() / "hulls" / f"{path.stem}-{digest}.npz"
+    cached = cache_dir() / "hulls" / f"{start_of_name(path.stem)}-{digest}.npz"
     hulls = _read_hulls(cached)
     if hulls is None:
         hulls = _computed_hulls(mesh, scale)
@@ -728,7 +729,7 @@ def object_hulls(path: Path, scale: float) -> tuple[Matrix, ...]:
     mesh = as_stl(path)
     key = mesh.read_bytes() + f"object {scale!r}".encode() + _source()
     digest = hashlib.sha256(key).hexdigest()[:16]
-    cached = cache_dir() / "hulls" / f"{path.stem}-{digest}.npz"
+    cached = cache_dir() / "hulls" / f"{start_of_name(path.stem)}-{digest}.npz"
     hulls = _read_hulls(cached)
     if hulls is None:
         triangles = stl_triangles(mesh) * scale

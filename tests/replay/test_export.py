@@ -26,6 +26,11 @@ def failed(tmp_path_factory: pytest.TempPathFactory) -> Record:
     return recorded(tmp_path_factory.mktemp("failed"), FAILING)
 
 
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory: pytest.TempPathFactory) -> Record:
+    return recorded(tmp_path_factory.mktemp("begun"), FAILING, duration=0.1)
+
+
 def test_tables_have_the_values_of_the_record(failed: Record) -> None:
     tables = dict(tables_of(failed))
     assert set(tables) == {"events.csv", "notes.csv", "arm_arm1.csv", "states_0.csv"}
@@ -55,11 +60,46 @@ def test_the_command_writes_page_and_tables(
     assert (tables / "events.csv").exists()
 
 
+def test_tables_of_two_runs_are_not_mixed(
+    failed: Record, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """All tables of an earlier export are replaced, or none."""
+    command = ["export", str(failed.folder), "--csv", str(tmp_path)]
+    names = {"analysis.ipynb", *dict(tables_of(failed))}
+    for name in names:
+        (tmp_path / name).write_text("before", encoding="utf-8")
+    assert cli.record(command) == 0
+    assert {path.name for path in tmp_path.iterdir()} == names
+    assert [
+        name for name in names if (tmp_path / name).read_text(encoding="utf-8") == "before"
+    ] == ["analysis.ipynb"]
+    (tmp_path / "events.csv").write_text("before", encoding="utf-8")
+    (tmp_path / "gripper_arm2.csv").write_text("before", encoding="utf-8")
+    capsys.readouterr()
+    assert cli.record(command) == 2
+    assert "it has tables that this record does not, gripper_arm2.csv" in capsys.readouterr().err
+    assert {path.name for path in tmp_path.iterdir()} == names | {"gripper_arm2.csv"}
+    assert (tmp_path / "events.csv").read_text(encoding="utf-8") == "before"
+
+
+@pytest.mark.parametrize("end", [".html", ".mcap", ".mp4", ".webp", "_csv", "_lerobot"])
+def test_name_may_be_as_long_as_the_file_system_allows(
+    begun: Record, tmp_path: Path, capsys: pytest.CaptureFixture[str], end: str
+) -> None:
+    """A longer one is refused before the record is read, which may take minutes."""
+    target = tmp_path / ("é" * 100 + "x" * (55 - len(end)) + end)
+    assert cli.record(["export", str(begun.folder), f"--{end[1:]}", str(target)]) == 0
+    assert [path.name for path in tmp_path.iterdir()] == [target.name]
+    capsys.readouterr()
+    longer = tmp_path / f"x{target.name}"
+    assert cli.record(["export", "no such record", f"--{end[1:]}", str(longer)]) == 2
+    assert "File name too long" in capsys.readouterr().err
+
+
 def test_a_video_has_25_frames_per_second(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    begun: Record, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     video = tmp_path / "a.mp4"
-    begun = recorded(tmp_path / "begun", FAILING, duration=0.1)
     assert cli.record(["export", str(begun.folder), "--mp4", str(video)]) == 0
     reader = cv2.VideoCapture(str(video))
     count = reader.get(cv2.CAP_PROP_FRAME_COUNT)
@@ -69,7 +109,7 @@ def test_a_video_has_25_frames_per_second(
     assert good
     assert first.shape == (720, 1280, 3)
     assert len(np.unique(first[:, :880])) > 50, "a scene, not one color"
-    assert {path.name for path in tmp_path.iterdir()} == {"a.mp4", "begun"}
+    assert [path.name for path in tmp_path.iterdir()] == ["a.mp4"]
     nowhere = str(tmp_path / "no" / "a.mp4")
     assert cli.record(["export", str(begun.folder), "--mp4", nowhere]) == 2
     assert "cannot write" in capsys.readouterr().err

@@ -88,6 +88,13 @@ def test_decomposition_is_cached(folder: Path, monkeypatch: pytest.MonkeyPatch) 
     assert all((one == other).all() for one, other in zip(first, again, strict=True))
 
 
+def test_mesh_file_may_have_the_longest_name(folder: Path) -> None:
+    """Names in the cache have a digest besides; 255 bytes is what file systems allow."""
+    file = folder / ("é" * 125 + "x.obj")
+    (folder / "parts" / "bracket.obj").rename(file)
+    assert len(meshes.object_hulls(file, 0.001)) == 2
+
+
 @pytest.mark.usefixtures("without_pictures")
 def test_mesh_object_is_picked_carried_placed_and_replayed(folder: Path) -> None:
     goal = {"xyz": [0.25, -0.50, 0.4305]}
