@@ -26,6 +26,7 @@ from fcntl import F_SETFL, fcntl
 from importlib import import_module
 from multiprocessing.connection import Connection
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Final, Protocol
 
 from bt_dualarm.core.errors import DualArmError
@@ -41,7 +42,7 @@ MOST_MEMORY_MB: Final = 1500.0
 _LAST_BYTES: Final = 4096
 """Bytes of a dead worker's messages that are read."""
 
-_PROGRAM: Final = "from bt_dualarm.sweeps.worker import serve; serve()"
+_PROGRAM: Final = "import sys; from bt_dualarm.sweeps.worker import serve; serve(sys.argv[1])"
 _ROOT: Final = str(Path(__file__).parents[2])
 ONE_THREAD: Final = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"
@@ -123,6 +124,7 @@ class Worker:
         self._errors: int | None = None
         self._requests: Connection | None = None
         self._answers: Connection | None = None
+        self._scratch: TemporaryDirectory[str] | None = None
 
     @property
     def answers(self) -> Connection | None:
@@ -186,7 +188,9 @@ class Worker:
                 pipe.close()
         if self._errors is not None:
             os.close(self._errors)
-        self._process = self._requests = self._answers = self._errors = None
+        if self._scratch is not None:
+            self._scratch.cleanup()
+        self._process = self._requests = self._answers = self._errors = self._scratch = None
 
     def _try(self) -> None:
         self._attempts += 1
@@ -205,6 +209,8 @@ class Worker:
         self._deadline = time.monotonic() + (self.timeout or float("inf"))
 
     def _start(self) -> None:
+        # Temporary files of the process, which cannot delete them itself once it is killed.
+        self._scratch = TemporaryDirectory(prefix="bt_sweep_", ignore_cleanup_errors=True)
         child_in, writing = os.pipe()
         reading, child_out = os.pipe()
         paths = [_ROOT, os.environ.get("PYTHONPATH", "")]
@@ -215,7 +221,7 @@ class Worker:
         try:
             # A process group of its own: Ctrl-C in a terminal is for the sweep alone.
             self._process = subprocess.Popen(  # noqa: S603 - this interpreter, a fixed program
-                [sys.executable, "-P", "-c", _PROGRAM],
+                [sys.executable, "-P", "-c", _PROGRAM, self._scratch.name],
                 stdin=child_in,
                 stdout=child_out,
                 stderr=self._errors,

@@ -295,7 +295,7 @@ def _of_result(result: RunResult) -> dict[str, Cell]:
 
 def _cause(job: TrialJob, first: RunResult) -> dict[str, Cell]:
     """Repeat a failed trial with a record, and diagnose it."""
-    with tempfile.TemporaryDirectory(prefix="bt_sweep_") as scratch:
+    with tempfile.TemporaryDirectory() as scratch:
         kept = job.keep == "failures"
         record = job.records / job.trial.identity if kept else Path(scratch) / "record"
         again, *_ = _run(job, record)

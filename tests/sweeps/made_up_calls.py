@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import time
 from pathlib import Path
+from tempfile import NamedTemporaryFile
 from typing import Any
 
 import numpy as np
@@ -28,6 +30,13 @@ def die(number: int, times: int, folder: str) -> int:
         deaths.write_text("x" * (before + 1))
         os.kill(os.getpid(), signal.SIGKILL)
     return number
+
+
+def linger(number: int, folder: str) -> None:
+    """Never return, after writing a temporary file."""
+    with NamedTemporaryFile() as file:
+        (Path(folder) / f"lingers_{number}").write_text(file.name)
+        time.sleep(600)
 
 
 def even(number: int) -> int | None:

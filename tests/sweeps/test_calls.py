@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 import re
 import shutil
+import subprocess
+import sys
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing
@@ -262,6 +266,46 @@ def test_worker_processes_run_calls(tmp_path: Path) -> None:
         engine.close()
     here = [call.run() for call in calls]
     assert [row["result"] for row in rows] == [row["result"] for row in here]
+
+
+LINGER = """
+import sys, time
+from pathlib import Path
+from bt_dualarm.sweeps.calls import calls_of
+from bt_dualarm.sweeps.engine import ProcessEngine, Task
+
+engine = ProcessEngine(1)
+cases = [{"number": 0, "folder": sys.argv[1]}]
+engine.submit(Task(next(iter(calls_of("tests.sweeps.made_up_calls:linger", cases)))))
+while not Path(sys.argv[1], "lingers_0").exists():
+    engine.completed(0.1)
+print("begun", flush=True)
+sys.stdin.read()
+engine.close()
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("is_killed", [False, True])
+def test_workers_leave_no_temporary_files(tmp_path: Path, is_killed: bool) -> None:
+    """Neither those that are killed in the middle of a call, nor those whose parent is killed."""
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    command = [sys.executable, "-c", LINGER, str(tmp_path)]
+    pipe = subprocess.PIPE
+    environment = os.environ | {"TMPDIR": str(scratch)}
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, env=environment) as parent:
+        assert parent.stdout is not None
+        assert parent.stdout.readline() == b"begun\n"
+        used = Path((tmp_path / "lingers_0").read_text())
+        assert used.is_relative_to(scratch)
+        assert used.exists()
+        if is_killed:
+            parent.kill()
+    until = time.monotonic() + 20.0
+    while any(scratch.iterdir()) and is_killed and time.monotonic() < until:
+        time.sleep(0.05)
+    assert [*scratch.iterdir()] == []
 
 
 def test_every_benchmark_is_a_campaign_or_a_listed_exception() -> None:
