@@ -39,7 +39,7 @@ from bt_dualarm.runtime.run import Run
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry, faults
 from bt_dualarm.skill.skill import Skill
-from bt_dualarm.spec.node_types import Unit, metadata_of
+from bt_dualarm.spec.node_types import Unit, counted, metadata_of
 from bt_dualarm.spec.yaml_reader import Data
 
 # Small worlds in which the examples of skills succeed.
@@ -315,7 +315,7 @@ def _lacks_unit(field: FieldInfo) -> bool:
 def _last_two(candidate: Candidate, performance: Performance) -> tuple[LeafReport, LeafReport]:
     """Runs of the leaf under test; those of the scenario's own leaves come first."""
     runs = performance.leaves(candidate.name)
-    _hold(len(runs) >= 2, f"it was run {len(runs)} times, not twice")
+    _hold(len(runs) >= 2, f"it was run {counted(len(runs), 'time')}, not twice")
     return runs[-2], runs[-1]
 
 

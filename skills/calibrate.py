@@ -139,9 +139,10 @@ class Calibrate(Skill):
 
     def _correct(self, views: list[MarkView], mark: Vector) -> None:
         if len(views) < _FEWEST:
+            viewpoints = "one viewpoint" if len(views) == 1 else f"{len(views)} viewpoints"
             raise Failure(
                 "NOT_SEEN",
-                f"the mark was seen from {len(views)} viewpoints; at least {_FEWEST} are needed",
+                f"the mark was seen from {viewpoints}; at least {_FEWEST} are needed",
                 views=len(views),
             )
         found = hand_eye(views, mark)

@@ -201,9 +201,10 @@ class Locate(Skill):
 
     def _refuse_unseen(self) -> None:
         seen = self._seen
+        images = "one image" if self.ports.frames == 1 else f"{self.ports.frames} images"
         raise Failure(
             "NOT_SEEN",
-            f"nothing of this color and shape in {self.ports.frames} images; {seen.others}",
+            f"nothing of this color and shape in {images}; {seen.others}",
             frames=self.ports.frames,
             unlike=seen.unlike,
             beyond_share=seen.beyond,
@@ -234,12 +235,14 @@ class Locate(Skill):
         best = min(self._seen.objects, key=lambda one: one.best.sigma_m)
         sigma_rad = self._seen.sigma_rad(best)
         size = self._seen.size_of(best)
+        viewpoints = "one viewpoint" if len(best.views) == 1 else f"{len(best.views)} viewpoints"
+        shows = "image shows" if len(best.astray) == 1 else "images show"
         raise Failure(
             "INACCURATE",
-            f"from {len(best.views)} viewpoints the object is known to "
+            f"from {viewpoints} the object is known to "
             f"{1e3 * best.best.sigma_m:.1f} mm and {np.degrees(sigma_rad):.1f}°, "
             f"its size to {100 * size.sigma:.1f} %"
-            + (f"; {len(best.astray)} images show it elsewhere" if best.astray else ""),
+            + (f"; {len(best.astray)} {shows} it elsewhere" if best.astray else ""),
             views=len(best.views),
             rejected=len(best.astray),
             sigma_m=best.best.sigma_m,

@@ -157,10 +157,11 @@ class Scan(Skill):
         found = len(seen.objects)
         if not viewpoints:
             raise Failure("OUT_OF_REACH", "no viewpoint above the area is reachable")
+        places = "one place" if viewpoints == 1 else f"{viewpoints} places"
         raise Failure(
             "NOT_SEEN",
-            f"{found} of {self.ports.least} objects of this color and shape from {viewpoints} "
-            f"places; in the last image {seen.others}",
+            f"{found} of {self.ports.least} objects of this color and shape from {places}; "
+            f"in the last image {seen.others}",
             found=found,
             places=viewpoints,
             beyond_share=seen.beyond,

@@ -206,7 +206,7 @@ class TakeOver(Skill):
         if reasons:
             raise Failure(
                 "OUT_OF_REACH",
-                f"none of {len(reasons)} handovers was possible; the first: {reasons[0]}",
+                f"no handover was possible ({len(reasons)} tried); the first: {reasons[0]}",
                 tries=search.tries,
             )
         raise search.refusal()

@@ -31,6 +31,7 @@ from bt_dualarm.spec.node_types import (
     PortModel,
     Slot,
     always,
+    counted,
     port,
     success,
 )
@@ -175,7 +176,9 @@ class Await(LanguageLeaf):
         values, lost = cell.shared.values_since(name, cell.taken.get(name, 0))
         if lost:
             cell.taken[name] = cell.shared.written(name)
-            raise Failure("LOST_VALUES", f"{lost} values of '{name}' were not taken in time")
+            were = "was" if lost == 1 else "were"
+            reason = f"{counted(lost, 'value')} of '{name}' {were} not taken in time"
+            raise Failure("LOST_VALUES", reason)
         for value in values:
             cell.taken[name] = cell.taken.get(name, 0) + 1
             if self._accepts(value):

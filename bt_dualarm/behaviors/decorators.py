@@ -27,6 +27,7 @@ from bt_dualarm.spec.node_types import (
     WrittenKey,
     always,
     as_child,
+    counted,
     port,
 )
 from bt_dualarm.spec.values import Duration
@@ -106,7 +107,7 @@ class Retry(Node):
             return child.status
         self._failures += 1
         if self._failures >= self.ports.times:
-            raise Failure("RETRIES_USED_UP", f"failed {self._failures} times")
+            raise Failure("RETRIES_USED_UP", f"failed {counted(self._failures, 'time')}")
         if self.ports.delay > 0.0:
             self._resume = self.time + self.ports.delay
         return Status.RUNNING

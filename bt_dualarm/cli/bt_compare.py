@@ -51,20 +51,23 @@ def main(argv: Sequence[str] | None) -> int:
 
 
 def _print(found: Comparison) -> None:
-    print(f"{found.pairs} pairs of trials, {found.equal_states} of them with equal states")
+    from bt_dualarm.spec.node_types import counted
+
+    print(
+        f"{counted(found.pairs, 'pair')} of trials, {found.equal_states} of them with equal states"
+    )
     if found.only_in_a or found.only_in_b:
         print(f"without a partner: {found.only_in_a} in A, {found.only_in_b} in B")
     rates = found.rates
     print(
         f"success: {found.verdict.upper()} "
         f"({100 * rates.difference:+.1f} points, p = {rates.p_value:.3f}; only A succeeds "
-        f"{rates.only_a} times, only B {rates.only_b} times)"
+        f"{counted(rates.only_a, 'time')}, only B {counted(rates.only_b, 'time')})"
     )
     needed = rates.runs_needed()
     if found.verdict == "undecided" and needed is not None:
-        print(
-            f"         about {max(needed - found.pairs, 1)} more pairs would decide this difference"
-        )
+        more = counted(max(needed - found.pairs, 1), "more pair")
+        print(f"         about {more} would decide this difference")
     if not found.metrics:
         return
     rows = (_row(one) for one in found.metrics[:_MOST_METRICS])

@@ -157,10 +157,12 @@ def _lerobot(arguments: argparse.Namespace) -> None:
 
 def _counted(done: Demonstrations) -> str:
     """Numbers of episodes by kind."""
-    said = [f"{done.episodes} {'episode' if done.episodes == 1 else 'episodes'}"]
-    said += [f"{done.failed} of them failed: success is false"] if done.failed else []
+    from bt_dualarm.spec.node_types import counted
+
+    said = [counted(done.episodes, "episode")]
+    said += [f"{done.failed} failed (success is false)"] if done.failed else []
     said += [f"{done.left_out} left out"] if done.left_out else []
-    return f"{', '.join(said)}, {done.frames} frames"
+    return f"{', '.join(said)}, {counted(done.frames, 'frame')}"
 
 
 def _csv(record: Record, target: Path) -> None:

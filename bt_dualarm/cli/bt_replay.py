@@ -83,22 +83,24 @@ def _command_line() -> argparse.ArgumentParser:
 
 
 def _lines(found: Agreement) -> Iterator[str]:
+    from bt_dualarm.spec.node_types import counted
+
     for sentence in found.changed:
         yield f"changed since: {sentence}"
     differs = found.difference
     if differs is None and found.agrees:
         hashed = ", and the hash of all states" if found.hash_agrees else ""
-        yield f"the same: {found.steps} steps, {found.time_s:.3f} s{hashed}"
+        yield f"the same: {counted(found.steps, 'step')}, {found.time_s:.3f} s{hashed}"
         return
     if differs is None:
-        yield f"{found.steps} steps are the same, but the hash of all states differs"
+        yield "no step differs, but the hash of all states differs"
         return
     yield f"differs at step {differs.step}, {differs.time_s:.3f} s (of {found.until_s:.3f} s)"
     for number in differs.numbers[:_MOST_NUMBERS]:
         yield f"  {number.name}: {number.recorded!r} in the record, {number.now!r} now"
     left_out = len(differs.numbers) - _MOST_NUMBERS
     if left_out > 0:
-        yield f"  and {left_out} more numbers"
+        yield f"  and {counted(left_out, 'more number')}"
     if differs.event:
         yield f"  {differs.event}"
     elif differs.doing:

@@ -76,6 +76,7 @@ def _robot(arguments: argparse.Namespace) -> int:
 def _list(arguments: argparse.Namespace, tree: KinematicTree) -> int:
     """The chains that could be arms, most likely ones first."""
     from bt_dualarm.robots.urdf_arm import arm_chains
+    from bt_dualarm.spec.node_types import counted
 
     chains = arm_chains(tree)
     if not chains:
@@ -83,7 +84,7 @@ def _list(arguments: argparse.Namespace, tree: KinematicTree) -> int:
     print(f"{arguments.urdf}: root link {tree.root}; chains that could be arms:")
     for chain in chains:
         print(f"\n  --base {chain.base} --tool {chain.tool}")
-        print(f"    {len(chain.joints)} joints: {', '.join(chain.joints)}")
+        print(f"    {counted(len(chain.joints), 'joint')}: {', '.join(chain.joints)}")
     print(f"\nThe whole robot stands on --base {tree.root}; any link between can also be the base.")
     return SUCCEEDED
 

@@ -124,6 +124,7 @@ def _share(text: str) -> float:
 
 
 def _run(arguments: argparse.Namespace, stop: StopRequest) -> int:
+    from bt_dualarm.spec.node_types import counted
     from bt_dualarm.sweeps.api import sweep
 
     realities = None if arguments.reality is None else arguments.reality.split(",")
@@ -156,7 +157,8 @@ def _run(arguments: argparse.Namespace, stop: StopRequest) -> int:
     if stop.asked:
         left = result.progress.total - result.progress.done
         print(
-            f"bt-sweep: interrupted, {left} trials left; run the same command to continue",
+            f"bt-sweep: interrupted, {counted(left, 'trial')} left; "
+            "run the same command to continue",
             file=sys.stderr,
         )
     return SUCCEEDED if (result.complete or result.enough) and not _lost(result) else FAILED
@@ -173,14 +175,15 @@ def _merge(arguments: argparse.Namespace) -> int:
     _print_result(result, arguments.out)
     if not result.complete:
         missing = result.progress.total - len(result.table)
-        print(f"bt-sweep: {missing} of {result.progress.total} trials are missing", file=sys.stderr)
+        print(f"bt-sweep: missing trials: {missing} of {result.progress.total}", file=sys.stderr)
     return SUCCEEDED if result.complete and not _lost(result) else FAILED
 
 
 def _print_result(result: SweepResult, out: Path) -> None:
+    from bt_dualarm.spec.node_types import counted
     from bt_dualarm.sweeps.report import PAGE, causes_of
 
-    print(f"{len(result.table)} trials: {result.rate} succeed (95 % interval)")
+    print(f"{counted(len(result.table), 'trial')}: {result.rate} succeed (95 % interval)")
     for cause in causes_of(result.table)[:8]:
         where = f" [{cause.where}]" if cause.where else ""
         what = " ".join(filter(None, (cause.code, cause.arm, cause.leaf)))
@@ -188,9 +191,10 @@ def _print_result(result: SweepResult, out: Path) -> None:
     if result.boundary is not None:
         print(f"boundary: {result.boundary}")
     if result.progress.audited:
-        print(f"audit: {result.progress.audited} trials gave the same state on another worker")
+        audited = counted(result.progress.audited, "trial")
+        print(f"audit: {audited} gave the same state on another worker")
     if result.progress.retried:
-        print(f"{result.progress.retried} trials were repeated because their workers had died")
+        print(f"trials repeated because their workers had died: {result.progress.retried}")
     print(f"hash of all results: {result.sha256[:16]}")
     print(f"report: {out / PAGE}")
 
@@ -217,8 +221,10 @@ def _panel(state: Progress) -> Group:
     from rich.progress_bar import ProgressBar
     from rich.text import Text
 
+    from bt_dualarm.spec.node_types import counted
+
     head = Text.assemble(
-        (f"{state.done}/{state.total} trials", "bold"),
+        (f"{state.done}/{counted(state.total, 'trial')}", "bold"),
         f"  {_left(state)}" + (f"  {state.known} known before" if state.known else ""),
     )
     rate = Text(f"success {state.rate}") if state.done else Text("success: after the first trial")

@@ -14,7 +14,7 @@ from bt_dualarm.replay.record import Facts, Record
 from bt_dualarm.replay.timeline import Change, Scene, Timeline, TimelineNode
 from bt_dualarm.spec.cell import CLAIM
 from bt_dualarm.spec.expressions import keys_in
-from bt_dualarm.spec.node_types import REFERENCE
+from bt_dualarm.spec.node_types import REFERENCE, counted
 
 
 @dataclass(frozen=True, eq=False)
@@ -377,7 +377,9 @@ def _camera(e: Evidence, since: float) -> Iterator[str]:
     if not frames:
         return
     seen = [look for look in looks if look["pixel"]]
-    sentence = f"its camera took {len(frames)} images; the target was detected in {len(seen)}"
+    sentence = (
+        f"its camera took {counted(len(frames), 'image')}; the target was detected in {len(seen)}"
+    )
     if seen:
         (x, y) = seen[-1]["pixel"]
         area = seen[-1]["area_px"]

@@ -21,6 +21,7 @@ from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.runtime.outcome import Ending
 from bt_dualarm.skill.cell import waiting_sentence
 from bt_dualarm.spec.joints import moved_name
+from bt_dualarm.spec.node_types import counted
 from bt_dualarm.spec.values import PoseSpec
 from bt_dualarm.spec.yaml_reader import with_tuples
 
@@ -173,7 +174,7 @@ def _drifted(e: Evidence) -> Iterator[Cause]:
     each = ", ".join(f"{1e3 * x:.0f}" for x in whole / len(steps))
     sentence = (
         f"{e.leaf.path!r} ({e.leaf.kind}) starts each time where it ended before: between "
-        f"runs the tool moved by ({each}) mm, {distance:.2f} m in {len(steps)} runs; "
+        f"runs the tool moved by ({each}) mm, {distance:.2f} m in {counted(len(steps), 'run')}; "
         f"then {e.reason}"
     )
     remedy = f"return to a fixed pose before each {e.leaf.kind}"

@@ -33,6 +33,7 @@ from bt_dualarm.perception.target_filter import TargetEstimate
 from bt_dualarm.runtime.interruption import StopRequest
 from bt_dualarm.runtime.plots import COLORS
 from bt_dualarm.skill.registry import Registry
+from bt_dualarm.spec.node_types import counted
 from bt_dualarm.spec.yaml_reader import Data
 
 # Theoretical bounds: the smallest error for a camera of this rate, latency and noise.
@@ -487,10 +488,10 @@ def _lines(runs: Sequence[Cell], forecast: Forecast, console: Console) -> RunIsO
         over += 1
         forecast.count(cell)
         if over == len(runs) or runs[over] != cell:
-            words = f"{_label(cell)}: {over} of {len(runs)} runs", str(forecast)
+            words = f"{_label(cell)}: {over} of {counted(len(runs), 'run')}", str(forecast)
             console.print(", ".join(filter(None, words)), markup=False, soft_wrap=True)
 
-    console.print(f"{len(runs)} runs", soft_wrap=True)
+    console.print(counted(len(runs), "run"), soft_wrap=True)
     return is_over
 
 

@@ -773,9 +773,7 @@ def write_dataset(
                 failed += not episode.succeeded
                 frames += episode.length
             if not written:
-                raise ReplayError(
-                    f"none of {len(folders)} runs succeeded: there is nothing to write"
-                )
+                raise ReplayError("no run succeeded: there is nothing to write")
             writer.finish()
         _put(half, target)
     finally:

@@ -30,6 +30,7 @@ from bt_dualarm.planning.problem import (
     refuse_contact,
 )
 from bt_dualarm.robots.robot import Robot
+from bt_dualarm.spec.node_types import counted
 from bt_dualarm.trajectory.path_timing import time_path
 from bt_dualarm.trajectory.paths import blended, line
 from bt_dualarm.trajectory.trajectory import Trajectory
@@ -299,7 +300,7 @@ class _ConstrainedSearch:
         raise Failure(
             "NO_PLAN",
             f"no collision-free path was found along which the arm keeps {self._strict.names}"
-            f"{ends} ({self._count} poses)",
+            f"{ends} ({counted(self._count, 'pose')})",
             **numbers,
         )
 

@@ -24,6 +24,7 @@ from bt_dualarm.replay.timeline import (
 )
 from bt_dualarm.robots.mjspec import TOOL_SITE, joint_motors
 from bt_dualarm.runtime.history_file import MOST_MEMORY
+from bt_dualarm.spec.node_types import counted
 from bt_dualarm.spec.problems import Named, suggestion
 
 Column: TypeAlias = npt.NDArray[np.float64]
@@ -300,8 +301,9 @@ class RunData:
 
     def __repr__(self) -> str:
         return (
-            f"<RunData {self.name}: {self.outcome or 'killed'}, {len(self.time)} states until "
-            f"{self._record.until:.2f} s, arms {', '.join(self._record.arms)}>"
+            f"<RunData {self.name}: {self.outcome or 'killed'}, "
+            f"{counted(len(self.time), 'state')} until {self._record.until:.2f} s, "
+            f"arms {', '.join(self._record.arms)}>"
         )
 
     def _must_have(self, arm: str) -> None:

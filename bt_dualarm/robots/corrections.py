@@ -17,6 +17,7 @@ import numpy as np
 from bt_dualarm.robots.robot import BodyEntry, OriginEntry, PositionEntry, RobotFile
 from bt_dualarm.robots.urdf import Inertial, KinematicTree, inertial_of, stops_of
 from bt_dualarm.robots.urdf_xml import ANGLE, AttributeReader, Element, Origin
+from bt_dualarm.spec.node_types import counted
 from bt_dualarm.spec.problems import Problem, suggestion
 
 _ROUNDING: Final = 1e-4  # rad; data sheets round 2π to 6.2832
@@ -161,7 +162,9 @@ def _ranges(
     for side in ("lower", "upper"):
         values = getattr(position, side)
         if len(values) != len(joints):
-            message = f"has {len(values)} values, the arm {len(joints)} joints"
+            message = (
+                f"has {counted(len(values), 'value')}, the arm {counted(len(joints), 'joint')}"
+            )
             problems.append(file.problem(("limits", "position", side), message))
             sound = False
     for number, name in enumerate(joints if sound else ()):

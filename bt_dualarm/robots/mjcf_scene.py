@@ -21,6 +21,7 @@ from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.robots.urdf_xml import AttributeReader, DescriptionError, Element, Range, parse_xml
 from bt_dualarm.spec.document import MOST_PARTS, FixtureSpec
 from bt_dualarm.spec.joints import MOST_JOINTS
+from bt_dualarm.spec.node_types import counted
 from bt_dualarm.spec.problems import Problem, in_order, is_name, suggestion
 from bt_dualarm.spec.scene import MOST_CAMERAS, MOST_FIXTURES, SceneContent, SceneFile
 from bt_dualarm.spec.yaml_reader import Data, DataPath, Source, Span, with_tuples
@@ -270,7 +271,8 @@ class _Reader(AttributeReader):
         count = len(text.split())
         if count not in counts:
             expected = " or ".join(str(one) for one in counts)
-            message = f"<{element.tag}> {attribute}: expected {expected} numbers, not {count}"
+            noun = "number" if counts == (1,) else "numbers"
+            message = f"<{element.tag}> {attribute}: expected {expected} {noun}, not {count}"
             self.add(element, message, "", attribute)
             return ()
         return self._numbers(element, attribute, text, count, within)
@@ -558,7 +560,9 @@ class _Reader(AttributeReader):
         data: dict[str, Any] = {"fixed": not bodies.is_free}
         moved = {part for joint in bodies.joints.values() for part in joint["parts"]}
         if len(bodies.parts) > MOST_PARTS or len(bodies.joints) > MOST_JOINTS:
-            message = f"{len(bodies.parts)} geoms and {len(bodies.joints)} joints"
+            message = (
+                f"{counted(len(bodies.parts), 'geom')} and {counted(len(bodies.joints), 'joint')}"
+            )
             self.add(element, f"{message}; at most {MOST_PARTS} and {MOST_JOINTS} in one body")
         for key, joint in list(bodies.joints.items()):
             joint["mass"] = min(max(sum(bodies.masses[one] for one in joint["parts"]), 1e-3), 1e3)

@@ -53,6 +53,7 @@ from bt_dualarm.robots.urdf import (
 from bt_dualarm.robots.urdf_arm import Urdf, mesh_finder, robot_data_dir
 from bt_dualarm.robots.urdf_xml import AttributeReader, DescriptionError, Origin, Range
 from bt_dualarm.spec.document import ArmSpec
+from bt_dualarm.spec.node_types import counted
 from bt_dualarm.spec.problems import Problem, suggestion
 from bt_dualarm.spec.yaml_reader import DataPath as Place
 
@@ -156,7 +157,9 @@ def posture_problems(file: RobotFile, stops: Mapping[str, Stops]) -> Iterator[Pr
         yield file.problem(("postures",), "the posture 'home' is missing", "an arm starts there")
     for name, angles in postures.items():
         if len(angles) != len(joints):
-            message = f"has {len(angles)} angles, the arm {len(joints)} joints"
+            message = (
+                f"has {counted(len(angles), 'angle')}, the arm {counted(len(joints), 'joint')}"
+            )
             yield file.problem(("postures", name), message, _listed(joints))
             continue
         for number, angle in enumerate(np.deg2rad(angles)):
@@ -244,7 +247,7 @@ def _per_joint(file: RobotFile, what: str, limit: LimitEntry, problems: list[Pro
     place = ("limits", what, "value")
     values = limit.value if isinstance(limit.value, tuple) else (limit.value,) * dof
     if len(values) != dof:
-        message = f"has {len(values)} values, the arm {dof} joints"
+        message = f"has {counted(len(values), 'value')}, the arm {counted(dof, 'joint')}"
         problems.append(file.problem(place, message))
         return np.ones(dof)
     for number, value in enumerate(values):
@@ -278,7 +281,9 @@ def friction_of(file: RobotFile, effort: Vector, problems: list[Problem]) -> Joi
         if values is None:
             continue
         if len(values) != len(effort):
-            message = f"has {len(values)} values, the arm {len(effort)} joints"
+            message = (
+                f"has {counted(len(values), 'value')}, the arm {counted(len(effort), 'joint')}"
+            )
             problems.append(file.problem(("friction", name), message))
             return JointFriction.typical(effort)
         found[name] = np.array(values)

@@ -17,6 +17,7 @@ from xml.parsers import expat
 
 from bt_dualarm.core.errors import CatalogError
 from bt_dualarm.core.pose import Pose
+from bt_dualarm.spec.node_types import counted
 from bt_dualarm.spec.problems import Location, Problem, in_order, nearest
 
 MAX_BYTES: Final = 8 * 1024 * 1024
@@ -32,7 +33,9 @@ class DescriptionError(CatalogError):
         self.problems = in_order(problems)
         shown = [str(problem) for problem in self.problems[:MAX_PROBLEMS]]
         left = len(self.problems) - len(shown)
-        super().__init__("\n".join([*shown, f"and {left} more problems"] if left else shown))
+        super().__init__(
+            "\n".join([*shown, f"and {counted(left, 'more problem')}"] if left else shown)
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -46,6 +46,7 @@ from bt_dualarm.spec.node_types import (
     NodeSpec,
     NodeType,
     all_of,
+    counted,
     is_dynamic,
     is_unknown,
     metadata_of,
@@ -272,7 +273,8 @@ def _joints(node: NodeSpec, port: str, value: Data, robot: Robot) -> Iterator[Pr
                 yield node.port_problem((port, name), message, _known(name, robot.joints), key=True)
     elif len(value) != len(robot.joints):
         dof = len(robot.joints)
-        message = f"{node.kind}: {port}: {len(value)} values for the {dof} joints of {robot.name}"
+        values = counted(len(value), "value")
+        message = f"{node.kind}: {port}: {values} for the {dof} joints of {robot.name}"
         yield node.port_problem((port,), message, f"base to tip: {', '.join(robot.joints)}")
 
 

@@ -24,6 +24,7 @@ from bt_dualarm.runtime.clock import Periodic, exact
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.skill import Samples
 from bt_dualarm.spec.faults import FaultEvent
+from bt_dualarm.spec.node_types import counted
 from bt_dualarm.spec.problems import Named
 
 _MOST_METRICS = 6
@@ -92,7 +93,7 @@ class Series:
         return int(self.values.shape[1]) == 3
 
     def __repr__(self) -> str:
-        return f"<Series {self.arm}:{self.leaf} {self.name}, {len(self.time)} samples>"
+        return f"<Series {self.arm}:{self.leaf} {self.name}, {counted(len(self.time), 'sample')}>"
 
 
 class SeriesLog:

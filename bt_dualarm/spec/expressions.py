@@ -38,6 +38,7 @@ from bt_dualarm.spec.node_types import (
     QUANTITY,
     REFERENCE,
     as_text,
+    counted,
     in_words,
     is_expression,
     key_name,
@@ -262,7 +263,7 @@ def _refuse_others(expression: Expression) -> None:
                 raise expression.error(node, message, f"functions: {', '.join(FUNCTIONS)}")
             function = FUNCTIONS[node.func.id]
             if not function.least <= len(node.args) <= function.most:
-                message = f"{node.func.id} takes {function.count} values, not {len(node.args)}"
+                message = f"{node.func.id} takes {function.count}, not {len(node.args)}"
                 raise expression.error(node, message)
             below = [*node.args]
         else:
@@ -691,7 +692,9 @@ class Function:
     @property
     def count(self) -> str:
         """Number of its arguments as text."""
-        return str(self.least) if self.least == self.most else f"{self.least} to {self.most}"
+        if self.least == self.most:
+            return counted(self.least, "value")
+        return f"{self.least} to {self.most} values"
 
 
 def _rounded(number: float, digits: float = 0) -> float:

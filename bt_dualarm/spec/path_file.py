@@ -16,7 +16,7 @@ from xml.parsers import expat
 
 from pydantic import AfterValidator
 
-from bt_dualarm.spec.node_types import NodeSpec, NodeType, metadata_of, reference_of
+from bt_dualarm.spec.node_types import NodeSpec, NodeType, counted, metadata_of, reference_of
 from bt_dualarm.spec.problems import Problem
 from bt_dualarm.spec.values import RelativePath, below_tree
 
@@ -214,7 +214,7 @@ class _Pen:
             numbers = self._tokens[at : at + count]
             at += count
             if len(numbers) < count or any(isinstance(one, str) for one in numbers):
-                raise ValueError(f"the command {command!r} needs {count} numbers")
+                raise ValueError(f"the command {command!r} needs {counted(count, 'number')}")
             if command in "Mm" and found:
                 raise ValueError("has a second subpath: one line without lifting the pen is needed")
             if not found and command not in "Mm":

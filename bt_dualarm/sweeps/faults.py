@@ -658,8 +658,9 @@ def summary_of(campaign: FaultCampaign) -> str:
     handled = sum(one.is_handled for one in campaign.trials)
     breaches = sum(one.is_breach for one in campaign.trials)
     share = 100 * handled / total if total else math.nan
+    breaks = "breaks" if breaches == 1 else "break"
     return (
-        f"{handled} of {total} faults are handled ({share:.0f} %), {breaches} break a rule; "
+        f"{handled} of {total} faults are handled ({share:.0f} %), {breaches} {breaks} a rule; "
         f"{100 * campaign.coverage:.0f} % of the branches were taken"
     )
 

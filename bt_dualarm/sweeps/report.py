@@ -266,7 +266,10 @@ class _Report:
             )
         crashed = sum(one.count for one in self.causes if one.code == "WORKER_DIED")
         if crashed:
-            self.notes.append(f"{crashed} trials have no result: their workers died each time.")
+            have = "has" if crashed == 1 else "have"
+            self.notes.append(
+                f"{counted(crashed, 'trial')} {have} no result: a worker died each time."
+            )
 
     def command(self, cause: FailureCause) -> str:
         """Command that repeats the first trial of a cause; empty if its tree is not a file."""
@@ -309,7 +312,8 @@ class _Report:
         """The report as Markdown."""
         lines = [
             f"# Sweep of {self.title}",
-            f"**{self.rate}** of {len(self.table)} trials succeeded (Wilson interval, 95 %).",
+            f"**{self.rate}** of {counted(len(self.table), 'trial')} succeeded "
+            "(Wilson interval, 95 %).",
             *self.notes,
             "## What breaks",
         ]
@@ -371,8 +375,9 @@ class _Report:
         low, high = self.rate.interval
         body = [
             f"<h1>Sweep of <code>{html.escape(self.title)}</code></h1>",
-            f'<p class="headline"><b>{100 * self.rate.value:.1f} %</b> of {len(self.table)} trials '
-            f"succeeded <span>95 % interval {100 * low:.1f} to {100 * high:.1f} %</span></p>",
+            f'<p class="headline"><b>{100 * self.rate.value:.1f} %</b> of '
+            f"{counted(len(self.table), 'trial')} succeeded "
+            f"<span>95 % interval {100 * low:.1f} to {100 * high:.1f} %</span></p>",
             _bar(self.rate),
             *(f'<p class="note">{html.escape(note)}</p>' for note in self.notes),
             "<h2>What breaks</h2>",
@@ -434,7 +439,8 @@ class _Report:
             for metric in self.metrics[:_MOST_METRICS]
         ]
         table = _html_table(("5 %", "median", "95 %", "largest", "trials", "metric"), rows, 5)
-        return f"<details open><summary>{len(self.metrics)} metrics</summary>{table}</details>"
+        metrics = counted(len(self.metrics), "metric")
+        return f"<details open><summary>{metrics}</summary>{table}</details>"
 
 
 def html_cells(cells: Sequence[CellRate]) -> str:

@@ -12,6 +12,7 @@ import numpy as np
 
 from bt_dualarm.core.later import Later
 from bt_dualarm.core.pose import Vector
+from bt_dualarm.spec.node_types import counted
 
 CONFIDENCE: Final = 0.95
 """Confidence of all intervals."""
@@ -95,7 +96,7 @@ class Boundary:
             f"{name} ± {spacing / 2:.2g}"
             for name, spacing in zip(self.names, self.spacing, strict=True)
         )
-        return f"{len(self.points)} points in {', '.join(self.names)} ({spread})"
+        return f"{counted(len(self.points), 'point')} in {', '.join(self.names)} ({spread})"
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from bt_dualarm.core.share import write_text
 from bt_dualarm.runtime.interruption import StopRequest
+from bt_dualarm.spec.node_types import counted
 from bt_dualarm.spec.yaml_reader import read_tree
 from bt_dualarm.sweeps.dispatch import run_jobs
 from bt_dualarm.sweeps.engine import Done, Engine, Task
@@ -151,7 +152,7 @@ class SweepResult:
 
     def __repr__(self) -> str:
         state = "" if self.complete else ", incomplete"
-        return f"<SweepResult {len(self.table)} trials{state}: {self.rate} succeed>"
+        return f"<SweepResult {counted(len(self.table), 'trial')}{state}: {self.rate} succeed>"
 
     def _repr_html_(self) -> str:
         from bt_dualarm.sweeps.report import cells_of, html_cells
