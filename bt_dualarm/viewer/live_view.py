@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 from threading import Lock
 from typing import Final
 
@@ -11,7 +12,9 @@ import mujoco
 import numpy as np
 
 from bt_dualarm.control.controller import JointController
+from bt_dualarm.replay.record import ReplayError
 from bt_dualarm.runtime.arm_runtime import Arms, ArmView, IdleObserver
+from bt_dualarm.runtime.history_file import HistoryError
 from bt_dualarm.runtime.interruption import StopRequest
 from bt_dualarm.runtime.run import Run
 from bt_dualarm.sim.world import World
@@ -254,7 +257,7 @@ class LiveView:
         """Handlers of requests, by name."""
         past = {} if self._past is None else self._past.questions
         return {
-            **past,
+            **{name: partial(self._of_past, asked) for name, asked in past.items()},
             "": lambda _: self._page(),
             "now": self._now,
             "series": lambda query: PageAnswer.of(
@@ -315,8 +318,23 @@ class LiveView:
     def _eye(self, query: Query) -> PageAnswer:
         """Last image of a camera, or its image at a given time."""
         if "t" in query and self._past is not None:
-            return self._past.questions["eye"](query)
+            return self._of_past(self._past.questions["eye"], query)
         return PageAnswer.jpeg(self._pictures.jpeg(text_in(query, "arm")))
+
+    def _of_past(self, asked: Asked, query: Query) -> PageAnswer:
+        """Answer of the record, which has nothing until a second has passed or the run is held.
+
+        Raises:
+            ViewError: It has nothing yet.
+        """
+        try:
+            return asked(query)
+        except (ReplayError, HistoryError) as error:
+            if self._past is None or self._past.past.has_states:
+                raise
+            nothing = "nothing has happened yet: press Go"
+            begun = "the first second is not recorded yet: press Pause, or ask again later"
+            raise ViewError(begun if self._run.time > 0.0 else nothing) from error
 
     @property
     def _buttons(self) -> Mapping[str, Callable[[Data], None]]:

@@ -108,6 +108,14 @@ class PastView:
                 self._again_at = now + took + max(_REREAD_S, _REREAD_FACTOR * took)
             return self._record
 
+    @property
+    def has_states(self) -> bool:
+        """Whether at least the first state has been written."""
+        try:
+            return len(self.record.times) > 0
+        except (ReplayError, HistoryError):
+            return False
+
     def _up_to(self, time: float) -> Record:
         """The record up to at least this time, if possible; avoids reading it again if it can."""
         if self._record is not None and time <= self._record.until:

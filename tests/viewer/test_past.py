@@ -180,6 +180,8 @@ def test_past_of_a_live_run_is_shown(tmp_path: Path) -> None:
         try:
             browser = Browser(view.url)
             browser.now()
+            for asked in ("why", "why?of=arm1:sequence&t=0", "at?t=0", "eye?arm=arm1&t=0"):
+                assert browser.ask(asked) == (400, b"nothing has happened yet: press Go")
             browser.press("go")
             held = browser.held()
             [key] = held["arms"][0]["board"]
