@@ -380,6 +380,7 @@ class _Loading:
             given=dict(scope.values),
         )
         self._read_images(file)
+        file.anchor()
         return file
 
     def _read_images(self, file: TreeFile) -> None:

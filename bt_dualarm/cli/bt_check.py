@@ -9,7 +9,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bt_dualarm.cli.entry import FAILED, SUCCEEDED, add_params, add_skills, imported_skills
+from bt_dualarm.cli.entry import (
+    FAILED,
+    SUCCEEDED,
+    add_params,
+    add_skills,
+    given_path,
+    imported_skills,
+)
 from bt_dualarm.core.errors import DualArmError
 
 if TYPE_CHECKING:
@@ -50,7 +57,7 @@ def _command_line() -> argparse.ArgumentParser:
     parser.add_argument(
         "--graph",
         metavar="OUT",
-        type=Path,
+        type=given_path,
         help="write a diagram of the trees to OUT.dot (Graphviz) or OUT.mmd (Mermaid)",
     )
     parser.add_argument("--json", action="store_true", help="print the problems as a JSON array")

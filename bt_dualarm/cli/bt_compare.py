@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bt_dualarm.cli.entry import FAILED, SUCCEEDED, print_json, print_parts, table
+from bt_dualarm.cli.entry import FAILED, SUCCEEDED, given_path, print_json, print_parts, table
 
 if TYPE_CHECKING:
     from bt_dualarm.sweeps.comparison import Comparison
@@ -36,8 +35,8 @@ def main(argv: Sequence[str] | None) -> int:
         epilog=_EPILOG,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("a", metavar="A", type=Path, help="folder of the first sweep")
-    parser.add_argument("b", metavar="B", type=Path, help="folder of the second sweep")
+    parser.add_argument("a", metavar="A", type=given_path, help="folder of the first sweep")
+    parser.add_argument("b", metavar="B", type=given_path, help="folder of the second sweep")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     arguments = parser.parse_args(argv)
     from bt_dualarm.sweeps.comparison import compare

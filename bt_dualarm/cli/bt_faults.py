@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from bt_dualarm.cli.entry import FAILED, SUCCEEDED, add_skills, seed, with_trials
+from bt_dualarm.cli.entry import FAILED, SUCCEEDED, add_skills, given_path, seed, with_trials
 from bt_dualarm.runtime.interruption import StopRequest
 
 if TYPE_CHECKING:
@@ -59,7 +59,13 @@ def main(argv: Sequence[str] | None) -> int:
         help="also N sampled faults of joints, cameras, objects, planner and partners (0)",
     )
     add("--jobs", metavar="N", type=int, help="worker processes (default: one per core)")
-    add("--out", metavar="DIR", type=Path, default=Path("out/faults"), help="folder (out/faults)")
+    add(
+        "--out",
+        metavar="DIR",
+        type=given_path,
+        default=Path("out/faults"),
+        help="folder (out/faults)",
+    )
     add("--ascii", action="store_true", help="draw with ASCII characters only")
     add_skills(parser)
     arguments = parser.parse_args(argv)

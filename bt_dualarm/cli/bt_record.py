@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bt_dualarm.cli.entry import SUCCEEDED
+from bt_dualarm.cli.entry import SUCCEEDED, given_path
 from bt_dualarm.core.errors import DualArmError
 
 if TYPE_CHECKING:
@@ -83,17 +83,17 @@ def _command_line() -> argparse.ArgumentParser:
         "folders",
         metavar="DIR",
         nargs="+",
-        type=Path,
+        type=given_path,
         help="a folder written by bt-run --record; several with --lerobot",
     )
-    add("--html", metavar="FILE", type=Path, help="the bt-replay page as one file")
-    add("--mcap", metavar="FILE", type=Path, help="time-stamped JSON messages")
+    add("--html", metavar="FILE", type=given_path, help="the bt-replay page as one file")
+    add("--mcap", metavar="FILE", type=given_path, help="time-stamped JSON messages")
     add("--mp4", metavar="FILE", type=_film, help="a video, 25 frames per simulated second")
     add("--webp", metavar="FILE", type=_animation, help="an animation of at most 3 MB")
-    add("--lerobot", metavar="FOLDER", type=Path, help="a data set, one episode per DIR")
+    add("--lerobot", metavar="FOLDER", type=given_path, help="a data set, one episode per DIR")
     add("--only-successes", action="store_true", help="leave out runs that did not succeed")
     add("--append", action="store_true", help="add the runs to the data set in FOLDER")
-    add("--csv", metavar="FOLDER", type=Path, help="a folder of tables")
+    add("--csv", metavar="FOLDER", type=given_path, help="a folder of tables")
     return parser
 
 

@@ -6,10 +6,9 @@ import argparse
 import json
 import sys
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bt_dualarm.cli.entry import FAILED, SUCCEEDED, add_skills, add_view
+from bt_dualarm.cli.entry import FAILED, SUCCEEDED, add_skills, add_view, given_path
 
 if TYPE_CHECKING:
     from bt_dualarm.replay.rerun import Agreement
@@ -74,7 +73,7 @@ def _command_line() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("folder", metavar="DIR", type=Path, help="a folder written by bt-run --record")
+    add("folder", metavar="DIR", type=given_path, help="a folder written by bt-run --record")
     add("--check", action="store_true", help="compare states and statuses, step by step")
     add("--json", action="store_true", help="print one JSON object, with --check")
     add_view(parser)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bt_dualarm.cli.entry import SUCCEEDED
+from bt_dualarm.cli.entry import SUCCEEDED, given_path
 from bt_dualarm.core.errors import DualArmError
 
 if TYPE_CHECKING:
@@ -47,7 +47,10 @@ def _command_line() -> argparse.ArgumentParser:
     parser.add_argument("--base", metavar="LINK", help="the fixed link")
     parser.add_argument("--tool", metavar="LINK", help="the link that carries the tool")
     parser.add_argument(
-        "--out", metavar="FILE", type=Path, help="the description file (default: the terminal)"
+        "--out",
+        metavar="FILE",
+        type=given_path,
+        help="the description file (default: the terminal)",
     )
     return parser
 

@@ -26,6 +26,7 @@ from bt_dualarm.cli.entry import (
     add_view,
     complain,
     early,
+    given_path,
     imported_skills,
     seed,
 )
@@ -77,7 +78,7 @@ def command_line() -> argparse.ArgumentParser:
     add(
         "--record",
         metavar="DIR",
-        type=_folder,
+        type=given_path,
         help="write summary, events, samples and plots to this folder",
     )
     add(
@@ -122,7 +123,7 @@ def _add_conditions(parser: argparse.ArgumentParser) -> None:
     add(
         "--faults",
         metavar="FILE",
-        type=Path,
+        type=given_path,
         help="inject the faults in the section 'faults' of this file, in addition to the tree's",
     )
     add(
@@ -144,12 +145,6 @@ def _add_conditions(parser: argparse.ArgumentParser) -> None:
         help="end the run if a tick or callback of a skill, or the import of all skills, does not "
         "return within this wall-clock time (default: 30; 0: no limit)",
     )
-
-
-def _folder(text: str) -> Path:
-    if not text.strip():
-        raise argparse.ArgumentTypeError("empty folder name; '.' is the current folder")
-    return Path(text)
 
 
 def _seconds(text: str) -> float:

@@ -15,6 +15,7 @@ from bt_dualarm.cli.entry import (
     SUCCEEDED,
     add_skills,
     escape,
+    given_path,
     imported_skills,
     print_json,
     print_parts,
@@ -431,7 +432,7 @@ def _command_line() -> argparse.ArgumentParser:
     parser.add_argument(
         "--schema",
         metavar="FILE",
-        type=Path,
+        type=given_path,
         nargs="?",
         const=_STDOUT,
         help="write the JSON Schema of tree files, including the installed skills",

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from bt_dualarm.cli.entry import FAILED, SUCCEEDED, add_skills, positive, with_trials
+from bt_dualarm.cli.entry import FAILED, SUCCEEDED, add_skills, given_path, positive, with_trials
 from bt_dualarm.runtime.interruption import StopRequest
 
 if TYPE_CHECKING:
@@ -73,7 +73,12 @@ def _command_line() -> argparse.ArgumentParser:
         default=[],
         help="values of a parameter that the file declares (may be repeated)",
     )
-    add("--faults", metavar="FILE", type=Path, help="inject the faults in this file in every trial")
+    add(
+        "--faults",
+        metavar="FILE",
+        type=given_path,
+        help="inject the faults in this file in every trial",
+    )
     add("--reality", metavar="NAME,...", help="ideal, lab, rough (default: the file's)")
     add("--sample", choices=("lhs", "sobol"), help="draw samples from ranges of parameters")
     add("--samples", metavar="N", type=_count, default=0, help="number of samples")
@@ -93,8 +98,16 @@ def _command_line() -> argparse.ArgumentParser:
     add("--keep", choices=("failures", "all", "none"), default="failures", help="records to keep")
     add("--timeout", metavar="S", type=positive, help="give up a trial after S wall-clock seconds")
     add("--watchdog", metavar="S", type=positive, help="wall-clock budget of a tick of skill code")
-    add("--merge", metavar="DIR", nargs="+", type=Path, help="report on the trials in folders")
-    add("--out", metavar="DIR", type=Path, default=Path("out/sweep"), help="folder (out/sweep)")
+    add(
+        "--merge", metavar="DIR", nargs="+", type=given_path, help="report on the trials in folders"
+    )
+    add(
+        "--out",
+        metavar="DIR",
+        type=given_path,
+        default=Path("out/sweep"),
+        help="folder (out/sweep)",
+    )
     add("--quiet", action="store_true", help="print only the result")
     add_skills(parser)
     return parser

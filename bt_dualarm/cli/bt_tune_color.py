@@ -10,7 +10,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
-from bt_dualarm.cli.entry import FAILED, SUCCEEDED, add_params, add_skills, imported_skills, seed
+from bt_dualarm.cli.entry import (
+    FAILED,
+    SUCCEEDED,
+    add_params,
+    add_skills,
+    given_path,
+    imported_skills,
+    seed,
+)
 from bt_dualarm.core.errors import DualArmError
 
 if TYPE_CHECKING:
@@ -96,7 +104,12 @@ def _add_color(add: _Add) -> None:
 def _add_output(group: argparse._ArgumentGroup) -> None:
     add = group.add_argument
     save = group.add_mutually_exclusive_group().add_argument
-    add("--out", metavar="PNG", type=Path, help="write image, mask and candidates side by side")
+    add(
+        "--out",
+        metavar="PNG",
+        type=given_path,
+        help="write image, mask and candidates side by side",
+    )
     add("--json", action="store_true", help="print the result as JSON")
     add(
         "--serve",
@@ -108,7 +121,7 @@ def _add_output(group: argparse._ArgumentGroup) -> None:
     )
     save("--write", action="store_true", help="write the color into the tree file")
     add("--line", metavar="N", type=int, help="line of the leaf, if several look for a color")
-    save("--snippet", metavar="YAML", type=Path, help="write the color into a separate file")
+    save("--snippet", metavar="YAML", type=given_path, help="write the color into a separate file")
 
 
 def _color(text: str) -> Color:

@@ -5,9 +5,8 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Sequence
-from pathlib import Path
 
-from bt_dualarm.cli.entry import FAILED, SUCCEEDED
+from bt_dualarm.cli.entry import FAILED, SUCCEEDED, given_path
 
 _EPILOG = """\
 examples:
@@ -51,7 +50,7 @@ def _command_line() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("folder", metavar="DIR", type=Path, help="a folder written by bt-run --record")
+    add("folder", metavar="DIR", type=given_path, help="a folder written by bt-run --record")
     add("about", metavar="LEAF|TIME", nargs="?", help="name or path of a leaf, or a time in s")
     add("--json", action="store_true", help="print one JSON object")
     return parser

@@ -475,7 +475,7 @@ def add_skills(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--skills",
         metavar="DIR",
-        type=Path,
+        type=given_path,
         action="append",
         default=[],
         help="folder with your own skills, in addition to the shipped ones (may be repeated)",
@@ -525,6 +525,16 @@ def seed(text: str) -> int:
     if not text.isascii() or not text.isdecimal() or int(text) >= 2**32:
         raise argparse.ArgumentTypeError(f"{text!r} is not a whole number from 0 to 4294967295")
     return int(text)
+
+
+def given_path(text: str) -> Path:
+    """The value of an argument that is a path.
+
+    An empty one, as of a variable of the shell that is not set, would be the current folder.
+    """
+    if not text.strip():
+        raise argparse.ArgumentTypeError("empty path; '.' is the current folder")
+    return Path(text)
 
 
 def positive(text: str) -> float:

@@ -6,14 +6,14 @@ import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
+from numbers import Real
 from typing import Any, Final, TypeAlias
 
 import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from bt_dualarm.core.errors import DualArmError
+from bt_dualarm.core.errors import DualArmError, RunError
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.replay.record import Facts, Record, ReplayError
 from bt_dualarm.replay.timeline import (
@@ -24,6 +24,7 @@ from bt_dualarm.replay.timeline import (
 )
 from bt_dualarm.robots.mjspec import TOOL_SITE, joint_motors
 from bt_dualarm.runtime.history_file import MOST_MEMORY
+from bt_dualarm.runtime.options import checked_path
 from bt_dualarm.spec.node_types import counted
 from bt_dualarm.spec.problems import Named, suggestion
 
@@ -409,5 +410,10 @@ def load(folder: str | os.PathLike[str], *, most_memory: int = MOST_MEMORY) -> R
     Raises:
         ReplayError: There is no such folder, or no record in it.
         HistoryError: A file is damaged or takes too much memory; the message states which and why.
+        RunError: An argument is invalid.
     """
-    return RunData(Record.read(Path(folder), most_memory))
+    # Absolute: images are read from it when they are asked for.
+    path = checked_path(folder, "folder").absolute()
+    if not isinstance(most_memory, Real) or isinstance(most_memory, bool) or not most_memory > 0:
+        raise RunError(f"most_memory: {most_memory!r} is not a number of bytes above 0")
+    return RunData(Record.read(path, int(most_memory)))

@@ -12,7 +12,13 @@ from bt_dualarm.core.errors import RunError
 from bt_dualarm.runtime.file_check import Checked, checked_faults
 from bt_dualarm.runtime.file_check import check as check_tree
 from bt_dualarm.runtime.interruption import StopRequest
-from bt_dualarm.runtime.options import RunOptions, checked_folder, checked_reality, find_tree
+from bt_dualarm.runtime.options import (
+    RunOptions,
+    checked_params,
+    checked_path,
+    checked_reality,
+    find_tree,
+)
 from bt_dualarm.runtime.outcome import RunResult
 from bt_dualarm.runtime.run import Run
 from bt_dualarm.sim.frame import RendererKind
@@ -116,7 +122,7 @@ def open(  # noqa: A001 - used with the name of its module before it, as gzip.op
     Raises:
         DualArmError: The same errors as `run`.
     """
-    folder = None if record is None else checked_folder(record)
+    folder = None if record is None else checked_path(record, "record")
     realistic = None if reality is None else checked_reality(reality)
     options = RunOptions(seed, duration, renderer, realistic, folder, real_time, watchdog, frames)
     registry = registry_of(skills)
@@ -142,7 +148,8 @@ def check(
         RegistryError: A skill is invalid.
         RunError: An argument is invalid.
     """
-    return check_tree(_input(tree), registry_of(skills).kinds, params).problems
+    kinds = registry_of(skills).kinds
+    return check_tree(tree_input(tree), kinds, checked_params(params)).problems
 
 
 def checked_file(
@@ -155,7 +162,7 @@ def checked_file(
 
 def _checked(tree: Tree, params: Mapping[str, object] | None, registry: Registry) -> Checked:
     # build=False: the run composes the world itself and raises the same errors.
-    return check_tree(_input(tree), registry.kinds, params, build=False)
+    return check_tree(tree_input(tree), registry.kinds, checked_params(params), build=False)
 
 
 def registry_of(skills: Skills = ()) -> Registry:
@@ -165,20 +172,33 @@ def registry_of(skills: Skills = ()) -> Registry:
         RegistryError: A skill is invalid, or two have the same name.
         RunError: An element is neither a skill class nor a folder.
     """
-    given = [skills] if isinstance(skills, (str, os.PathLike, type)) else list(skills)
+    single = isinstance(skills, (str, os.PathLike, type)) or not isinstance(skills, Iterable)
+    given: list[object] = [skills] if single else list(skills)
     classes = [one for one in given if isinstance(one, type) and issubclass(one, Skill)]
-    folders = [Path(one) for one in given if isinstance(one, (str, os.PathLike))]
+    folders = [checked_path(one, "skills") for one in given if isinstance(one, (str, os.PathLike))]
     if len(classes) + len(folders) < len(given):
         raise RunError("skills are classes derived from Skill, or folders of files that have some")
     return Registry.load(folders, classes)
 
 
 def faults_input(faults: GivenFaults) -> TreeInput:
-    """Faults in the form of a file's section."""
-    return {"faults": dict(faults)} if isinstance(faults, Mapping) else Path(faults)
+    """Faults in the form of a file's section.
+
+    Raises:
+        RunError: They are neither a path nor a mapping.
+    """
+    if isinstance(faults, Mapping):
+        return {"faults": dict(faults)}
+    return checked_path(faults, "faults")
 
 
-def _input(tree: Tree) -> TreeInput:
+def tree_input(tree: Tree) -> TreeInput:
+    """A tree, with the path of a shipped one for its name.
+
+    Raises:
+        NoSuchTree: There is no file and no shipped tree of this name.
+        RunError: It is no tree in any form.
+    """
     if isinstance(tree, Mapping):
         return tree
     if isinstance(tree, str):

@@ -60,7 +60,7 @@ class Start:
         objects = {name: spec.model_dump(mode="json") for name, spec in file.objects.items()}
         data = {
             "name": file.name,
-            "path": str(file.path.absolute()),
+            "path": str(file.root.absolute() / file.path.name),
             "texts": dict(file.texts),
             "params": dict(file.given),
             "seed": self.seed,

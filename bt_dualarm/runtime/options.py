@@ -50,10 +50,13 @@ def find_tree(given: str) -> Path:
     Raises:
         NoSuchTree: It is neither.
     """
+    trees = share_dir("trees")
+    names = [tree.stem for tree in sorted(trees.glob("*.yaml"))]
+    if not given.strip():
+        raise NoSuchTree(f"tree: {given!r} is not a path\n  = shipped trees: {', '.join(names)}")
     path = Path(given)
     if path.is_file():
         return path
-    trees = share_dir("trees")
     name = given.removeprefix("./").removeprefix("trees/").removesuffix(".yaml")
     shipped = trees / f"{name}.yaml"
     if shipped.is_file() and shipped.resolve().is_relative_to(trees.resolve()):
@@ -62,7 +65,6 @@ def find_tree(given: str) -> Path:
         raise NoSuchTree(f"{given}: is a folder, not a tree file")
     if path.exists():
         raise NoSuchTree(f"{given}: is a pipe or a device, not a tree file")
-    names = [tree.stem for tree in sorted(trees.glob("*.yaml"))]
     beside = [tree.name for tree in sorted(path.parent.glob("*.yaml"))] if "." in given else []
     near = difflib.get_close_matches(name, names, n=1)
     files = difflib.get_close_matches(path.name, beside, n=1)
@@ -150,15 +152,33 @@ def checked_seed(seed: object) -> int:
     return number
 
 
-def checked_folder(folder: str | os.PathLike[str]) -> Path:
-    """The folder of a record.
+def checked_path(given: object, what: str) -> Path:
+    """The path that an argument names.
+
+    Args:
+        given: The argument.
+        what: Its name.
 
     Raises:
-        RunError: The text is empty, which `Path` would read as the current folder.
+        RunError: It is no path, or an empty text, which `Path` would read as the current folder.
     """
-    if isinstance(folder, str) and not folder.strip():
-        raise RunError("empty name of a record folder; '.' is the current folder")
-    return Path(folder)
+    text = os.fspath(given) if isinstance(given, os.PathLike) else given
+    if not isinstance(text, str) or not text.strip() or "\0" in text:
+        raise RunError(f"{what}: {given!r} is not a path; '.' is the current folder")
+    return Path(text)
+
+
+def checked_params(params: object) -> Mapping[str, object]:
+    """Values of parameters by name; empty for None.
+
+    Raises:
+        RunError: The argument is not a mapping.
+    """
+    if params is None:
+        return {}
+    if not isinstance(params, Mapping):
+        raise RunError(f"params: {params!r} is not a mapping from names to values")
+    return params
 
 
 def checked_seconds(seconds: object, what: str) -> float:

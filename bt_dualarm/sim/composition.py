@@ -118,7 +118,7 @@ class Present(dict[str, Part]):
 
     def __missing__(self, name: str) -> NoReturn:
         """Called for an absent name."""
-        hint = nearest(name, self)
+        hint = nearest(str(name), self)
         raise AbsentError(self._code, f"no {self._kind} {name!r} in the world{hint}")
 
     @classmethod

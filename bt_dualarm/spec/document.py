@@ -836,11 +836,19 @@ class TreeFile(TreeContent):
     texts: Mapping[str, str] = Field(default_factory=dict, repr=False)
     given: Mapping[str, object] = Field(default_factory=dict, repr=False)
 
+    _root: Path | None = PrivateAttr(default=None)
+
     @model_validator(mode="after")
     def _objects_know_their_folder(self) -> Self:
         for obj in self.objects.values():
             obj.look_in(self.root)
         return self
+
+    def anchor(self) -> None:
+        """Makes `root` absolute: what is read later, after a change of directory, is the same."""
+        self._root = self.root.absolute()
+        for obj in self.objects.values():
+            obj.look_in(self._root)
 
     def in_reality(self, reality: Reality) -> TreeFile:
         """Returns the file with this model mismatch for all arms."""
@@ -878,12 +886,12 @@ class TreeFile(TreeContent):
     def texts_by_name(self) -> dict[str, str]:
         """Texts of the files below the file's folder, by their path relative to it."""
         return {
-            Path(path).relative_to(self.root).as_posix(): text
+            Path(path).relative_to(self.path.parent).as_posix(): text
             for path, text in self.texts.items()
-            if Path(path).is_relative_to(self.root)
+            if Path(path).is_relative_to(self.path.parent)
         }
 
     @property
     def root(self) -> Path:
         """Folder from which relative paths in the file start."""
-        return self.path.parent
+        return self._root or self.path.parent

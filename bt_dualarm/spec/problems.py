@@ -126,10 +126,10 @@ def _nearest(given: str, valid: tuple[str, ...]) -> str | None:
     return names[close[0]] if close else None
 
 
-def suggestion(given: str, valid: Iterable[str], noun: str) -> str:
+def suggestion(given: object, valid: Iterable[str], noun: str) -> str:
     """Returns a hint for an unknown name: the nearest valid name, otherwise all of them."""
     names: Sequence[str] = sorted(valid)
-    close = nearest(given, names)
+    close = nearest(str(given), names)
     if close:
         return f"did you mean '{close}'?"
     return f"available: {', '.join(names)}" if names else f"no {noun} is available"

@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from functools import cache, partial
+from numbers import Real
 from pathlib import Path
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, TypeAlias, get_args
 
 import numpy as np
 
 from bt_dualarm.experiments.trials import usable_cores
-from bt_dualarm.runtime.api import GivenFaults, Tree, faults_input
+from bt_dualarm.runtime.api import GivenFaults, Tree, faults_input, tree_input
 from bt_dualarm.runtime.interruption import StopRequest
+from bt_dualarm.runtime.options import (
+    checked_params,
+    checked_path,
+    checked_seconds,
+    checked_seed,
+)
 from bt_dualarm.spec.yaml_reader import is_yaml
 from bt_dualarm.sweeps.comparison import Comparison
 from bt_dualarm.sweeps.comparison import compare as compare_folders
@@ -111,24 +119,36 @@ def sweep(
 
     Raises:
         SweepError: An argument is invalid, or the folder cannot be written to.
+        RunError: An argument has no value of its kind.
         SpecError, NoSuchTree, RegistryError: The tree, or a skill, cannot be used.
     """
     fields: dict[str, Any] = {  # Any: fields of `Manifest`
         "seeds": None if seeds is None else _seeds(seeds),
-        "params": {name: _values(name, given) for name, given in (params or {}).items()},
-        "realities": (reality,) if isinstance(reality, str) else tuple(reality or ()),
+        "params": {name: _values(name, given) for name, given in checked_params(params).items()},
+        "realities": None if reality is None else _names(reality),
         "sampler": sample,
         "samples": samples,
         "sampling_seed": sampling_seed,
         "search": search,
         "duration": duration,
         "watchdog": watchdog,
-        "skills": tuple(Path(one) for one in skills),
+        "skills": tuple(checked_path(one, "skills") for one in _folders(skills)),
         "faults": None if faults is None else faults_input(faults),
     }
-    given = {name: value for name, value in fields.items() if value not in (None, 0, (), {})}
+    for what, seconds in (("duration", duration), ("watchdog", watchdog)):
+        if seconds not in (None, math.inf):
+            checked_seconds(seconds, what)
+    if keep not in get_args(Keep):
+        raise SweepError(f"keep: {keep!r} is not one of {', '.join(get_args(Keep))}")
+    folder = checked_path(out, "out")
+    # What a manifest file may not be given besides; an empty list of seeds is an error of its own.
+    defaults = {"params": {}, "samples": 0, "sampling_seed": 0, "search": 0, "skills": ()}
+    given = {
+        name: value
+        for name, value in fields.items()
+        if value is not None and (name not in defaults or value != defaults[name])
+    }
     manifest = checked(_manifest_of(tree, given))
-    folder = Path(out)
     condition = None if until is None else StopCondition.of(until)
     part = shard_of(shard)
     start = engine_of(jobs, timeout, dask)
@@ -195,7 +215,8 @@ def merge(folders: Sequence[Path], out: Path) -> SweepResult:
     for row in table.to_pylist():
         progress.count(row)
     progress.total = max(wanted, len(table))
-    return SweepResult(out, table, digest(table), len(table) >= wanted, False, progress)
+    complete = len(table) >= wanted
+    return SweepResult(out.absolute(), table, digest(table), complete, False, progress)
 
 
 def _trials_of(folders: Sequence[Path]) -> int:
@@ -227,8 +248,9 @@ def compare(a: PathLike, b: PathLike) -> Comparison:
 
     Raises:
         SweepError: A folder is not one of a sweep, or no trials can be paired.
+        RunError: An argument is not a path.
     """
-    return compare_folders(Path(a), Path(b))
+    return compare_folders(checked_path(a, "a"), checked_path(b, "b"))
 
 
 def engine_of(jobs: int | None, timeout: float | None, dask: str | None) -> Callable[[], Engine]:
@@ -237,13 +259,13 @@ def engine_of(jobs: int | None, timeout: float | None, dask: str | None) -> Call
     Raises:
         SweepError: They contradict each other.
     """
-    if timeout is not None and not timeout > 0:
+    if timeout is not None and not (isinstance(timeout, Real) and timeout > 0):
         raise SweepError(f"timeout: {timeout!r} is not a number of seconds above 0")
     if dask is not None:
         if jobs is not None:
             raise SweepError("jobs and dask are mutually exclusive: Dask decides how many run")
         return lambda: DaskEngine(dask, timeout)
-    if jobs is not None and not 1 <= jobs <= 1024:
+    if jobs is not None and not (isinstance(jobs, int) and 1 <= jobs <= 1024):
         raise SweepError(f"jobs: {jobs!r} is not a number of workers from 1 to 1024")
     return lambda: ProcessEngine(jobs or usable_cores(), timeout)
 
@@ -262,8 +284,7 @@ def _manifest_of(tree: Tree, given: dict[str, Any]) -> Manifest:  # Any: fields 
             name = sorted(beside)[0]
             raise SweepError(f"{name}: the manifest file {tree} defines it; change it there")
         return replace(read_manifest(Path(tree)), **given)  # type: ignore[arg-type]
-    path = Path(tree) if isinstance(tree, os.PathLike) else tree
-    return Manifest(path, **{"seeds": tuple(range(DEFAULT_SEEDS))} | given)
+    return Manifest(tree_input(tree), **{"seeds": tuple(range(DEFAULT_SEEDS))} | given)
 
 
 def _seeds(seeds: int | str | Iterable[int]) -> tuple[int, ...]:
@@ -271,9 +292,25 @@ def _seeds(seeds: int | str | Iterable[int]) -> tuple[int, ...]:
         return seeds_of(seeds)
     if isinstance(seeds, int):
         if isinstance(seeds, bool) or seeds < 1:
-            raise SweepError(f"{seeds!r} is not a number of seeds, at least 1")
+            raise SweepError(f"seeds: {seeds!r} is not a number of seeds, at least 1")
         return tuple(range(seeds))
-    return tuple(int(seed) for seed in seeds)
+    if not isinstance(seeds, Iterable):
+        raise SweepError(f"seeds: {seeds!r} is neither a number of seeds nor a list of them")
+    return tuple(map(checked_seed, seeds))
+
+
+def _names(reality: str | Iterable[str]) -> tuple[str, ...]:
+    if isinstance(reality, str):
+        return (reality,)
+    if not isinstance(reality, Iterable):
+        raise SweepError(f"reality: {reality!r} is neither a name nor a list of names")
+    return tuple(reality)
+
+
+def _folders(skills: PathLike | Iterable[PathLike]) -> list[PathLike]:
+    if isinstance(skills, (str, os.PathLike)) or not isinstance(skills, Iterable):
+        return [skills]
+    return list(skills)
 
 
 def _values(name: str, given: object) -> Values:

@@ -421,7 +421,7 @@ class DaskEngine:
     """
 
     def __init__(self, address: str, timeout: float | None = None) -> None:
-        match = _ADDRESS.fullmatch(address)
+        match = _ADDRESS.fullmatch(str(address))
         if match is None:
             raise SweepError(
                 f"{address!r} is no Dask cluster: tcp://HOST:PORT of a scheduler, or local:N for N "

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
 from pathlib import Path
-from typing import Any, Final, Literal, TypeAlias
+from typing import Any, Final, Literal, TypeAlias, get_args
 
 from pydantic import ValidationError
 
@@ -158,6 +158,13 @@ class Manifest:
 
     def __post_init__(self) -> None:
         ranges = [name for name, one in self.params.items() if _is_range(one)]
+        for what in ("samples", "sampling_seed", "search"):
+            number = getattr(self, what)
+            whole = isinstance(number, int) and not isinstance(number, bool) and number >= 0
+            if not whole and (number is not None or what != "search"):
+                raise SweepError(f"{what}: {number!r} is not a whole number of at least 0")
+        if self.sampler not in (None, *get_args(SamplerName)):
+            raise SweepError(f"sample: {self.sampler!r} is not a sampler: lhs or sobol")
         if self.sampler is None:
             if self.samples:
                 raise SweepError("a number of samples needs a sampler: lhs or sobol")
@@ -485,10 +492,10 @@ def shard_of(text: str) -> tuple[int, int]:
     Raises:
         SweepError: The text is not of this form.
     """
-    match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", text)
+    match = re.fullmatch(r"(\d{1,6})/(\d{1,6})", str(text))
     number, count = (int(match[1]), int(match[2])) if match else (0, 0)
     if not 1 <= number <= count:
-        raise SweepError(f"{text!r} is not a shard: 1/4 to 4/4 are the shards of four")
+        raise SweepError(f"shard: {text!r} is not a shard: 1/4 to 4/4 are the shards of four")
     return number, count
 
 

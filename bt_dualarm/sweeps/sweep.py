@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field
 from functools import partial
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -115,9 +116,9 @@ class StopCondition:
         Raises:
             SweepError: The text is not of this form.
         """
-        match = re.fullmatch(r"\s*ci\s*<\s*(0?\.\d+|1(?:\.0*)?)\s*", text)
+        match = re.fullmatch(r"\s*ci\s*<\s*(0?\.\d+|1(?:\.0*)?)\s*", str(text))
         if match is None or float(match[1]) <= 0:
-            raise SweepError(f"{text!r} is not a condition: ci<0.02 ends at a 2 percent interval")
+            raise SweepError(f"until: {text!r} is not a condition such as ci<0.02, a 2 % interval")
         return cls(float(match[1]))
 
 
@@ -126,7 +127,7 @@ class SweepResult:
     """Result of a sweep.
 
     Attributes:
-        folder: Output folder.
+        folder: Output folder, absolute.
         table: Rows in the order of the trials, a ``pyarrow.Table``; ``to_pandas()`` and
             ``to_pylist()`` convert it.
         sha256: Hash of all results without the costs, the same for every engine and order.
@@ -191,8 +192,8 @@ def run_sweep(
     Raises:
         SweepError: The folder cannot be written to, or an audit found another result.
     """
-    if not 0.0 <= audit <= 1.0:
-        raise SweepError(f"{audit:g} is not a fraction of trials to audit, 0 to 1")
+    if not isinstance(audit, Real) or not 0.0 <= audit <= 1.0:
+        raise SweepError(f"audit: {audit!r} is not a fraction of trials, 0 to 1")
     stop = stop or StopRequest()
     store = RowStore(out)
     wanted = list(manifest.trials(shard))
@@ -215,7 +216,7 @@ def run_sweep(
     table = _table_of(out, wanted, watch)
     write_table(table, out / TABLE)
     complete = len(table) == len(wanted)
-    return SweepResult(out, table, digest(table), complete, watch.enough, state)
+    return SweepResult(out.absolute(), table, digest(table), complete, watch.enough, state)
 
 
 def _job(manifest: Manifest, trial: TrialSpec, keep: Keep, rules: Rules, out: Path) -> TrialJob:
