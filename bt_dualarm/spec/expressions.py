@@ -179,10 +179,12 @@ def parse(text: str) -> Expression:
     except SyntaxError as error:
         column = (error.offset or 0) - 1  # at the end of the text it has none
         at = origin[column if 0 <= column < len(origin) else -1]
+        # By what is missing, because each version of Python has other words for other errors.
+        is_part = "was never closed" in error.msg or error.msg.startswith("expected 'else'")
         message = (
             "this expression is not complete"
-            if error.msg != "invalid syntax"
-            else (f"'{shown(text)}' is not an expression")
+            if is_part
+            else f"'{shown(text)}' is not an expression"
         )
         raise ExpressionError(message, at, at + 1, _GRAMMAR) from error
     except (RecursionError, MemoryError, ValueError) as error:

@@ -376,3 +376,20 @@ def test_a_skill_cannot_have_a_port_with_the_name_of_a_condition() -> None:
 
     with pytest.raises(DualArmError, match="'until' cannot be the name of a port"):
         registry_with(Watch)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("({n} + 1", "this expression is not complete"),
+        ("1 if {on}", "this expression is not complete"),
+        ("{n} - not 1", "'{n} - not 1' is not an expression"),
+        ("(* {n})", "'(* {n})' is not an expression"),
+        ("{n} + 1)", "'{n} + 1)' is not an expression"),
+    ],
+)
+def test_an_error_reads_the_same_in_every_version_of_python(text: str, message: str) -> None:
+    """Python's own words for them differ between 3.11 and 3.13."""
+    with pytest.raises(ExpressionError) as found:
+        parse(text)
+    assert str(found.value) == message
