@@ -23,13 +23,6 @@ def dotted_name(path: Path) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-def room_of(dotted: str) -> str:
-    """Folder of a module relative to the package; the name of the module for a root module."""
-    place = ROOT.joinpath(*dotted.split("."))
-    inside = dotted.split(".")[1:] if place.is_dir() else dotted.split(".")[1:-1]
-    return ".".join(inside) or dotted.rpartition(".")[2]
-
-
 def is_module(dotted: str) -> bool:
     place = ROOT.joinpath(*dotted.split("."))
     return place.is_dir() or place.with_suffix(".py").is_file()

@@ -29,7 +29,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final, Protocol
 
-from bt_dualarm.core.errors import DualArmError
 from bt_dualarm.sweeps.job import Job, Row
 from bt_dualarm.sweeps.manifest import SweepError
 
@@ -99,10 +98,6 @@ class Engine(Protocol):
 
     def close(self) -> None:
         """End all workers at once; unfinished tasks are lost."""
-
-
-class WorkerDied(DualArmError):  # noqa: N818 - it reads as a sentence
-    """The process of a worker ended before its trial did; the message states how."""
 
 
 class Worker:

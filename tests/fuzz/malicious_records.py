@@ -156,7 +156,7 @@ def _sparse(path: Path) -> None:
 
 
 def _many_lines(files: Files) -> None:
-    files.others["events.jsonl"] = as_json(files.events[0]).replace(b"}", b"}") + b"\n"
+    files.others["events.jsonl"] = as_json(files.events[0]) + b"\n"
     files.raw["events.jsonl"] = lambda line: line * 100_000
 
 

@@ -11,7 +11,6 @@ import signal
 import stat
 import unicodedata
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -89,24 +88,6 @@ SLOW: Final[dict[str, Callable[[Path, Path], int]]] = {
     "--resume": lambda record, _: cli.run(["--resume", f"{record}@0.2", "--display", "quiet"]),
 }
 """Readers that render videos or run the tree again."""
-
-
-@dataclass
-class Count:
-    """Results of readings.
-
-    Attributes:
-        readings: Number of readings.
-        refused: Number of readings that ended with an error message.
-        faults: Broken rules: reader, record, and what is wrong.
-    """
-
-    readings: int = 0
-    refused: int = 0
-    faults: list[tuple[str, str, str]] | None = None
-
-    def __post_init__(self) -> None:
-        self.faults = []
 
 
 @contextlib.contextmanager

@@ -37,17 +37,15 @@ def straight(start: Pose, end: Pose, share: float) -> Pose:
 
 
 class Maze:
-    """Counts edges; the goal, and on demand the start, is in a pocket.
+    """The goal, and on demand the start, is in a pocket.
 
     The joint positions are the sides on which the edges began: trees may meet with different ones.
     """
 
     def __init__(self, *pockets: float) -> None:
         self.pockets = pockets
-        self.edges = 0
 
     def edge(self, start: Pose, end: Pose, q: Vector) -> Vector | None:
-        self.edges += 1
         is_blocked = any(
             crosses_pocket(center, start.position, end.position) for center in self.pockets
         )
