@@ -102,7 +102,7 @@ def instability(one: Figures) -> str:
     if one.fault:
         return one.fault
     if one.worst > _FAR_MM:
-        return f"it deviates from its path by {one.worst:.1f} mm"
+        return f"it is {one.worst:.1f} mm off its path"
     first, _, last = one.thirds
     if last > _GROWTH * first + _GROWTH_MM:
         return f"its error grows from {first:.2f} to {last:.2f} mm"
