@@ -41,6 +41,7 @@ from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
     from bt_dualarm.arm.arm import Arm as Arm
+    from bt_dualarm.arm.branches import beginning_at as beginning_at
     from bt_dualarm.arm.branches import first_possible as first_possible
     from bt_dualarm.arm.gripper import ArmGripper as ArmGripper
     from bt_dualarm.arm.passengers import PassengerCheck as PassengerCheck
@@ -286,6 +287,7 @@ _CONTENTS: Final = {
     "blended_path": "trajectory.paths:blended",
     "drawn_path": "trajectory.paths:drawn",
     "turned_path": "trajectory.paths:turned_about",
+    "beginning_at": "arm.branches:beginning_at",
     "first_possible": "arm.branches:first_possible",
     "follow_curve": "skill.path_following:follow_curve",
     "points_in": "spec.path_file:points_in",

@@ -20,6 +20,7 @@ from bt_dualarm import (
     Trajectory,
     Vector,
     Vector3,
+    beginning_at,
     first_possible,
     make_room,
     port,
@@ -240,7 +241,11 @@ class ApproachAndAttach(Skill):
         standoff = surface @ Pose.from_rpy((0, 0, -ports.standoff))
         end = surface @ Pose.from_rpy((0, 0, self._depth()))
         q_line = yield from self._free_line(standoff, end)
-        to_standoff = yield from arm.plan([q_line[0]], ports.speed, self._unseen)
+        turned = arm.turned([q_line])
+        to_standoff = yield from arm.plan(
+            [q_line[0]], ports.speed, self._unseen, turned=[rows[0] for rows in turned]
+        )
+        q_line = beginning_at(to_standoff.end, (q_line, *turned))
         self._refuse_motion_through(to_standoff)
         to_surface = arm.time_path(q_line, ports.approach_speed)
         return Approach(to_standoff, to_surface, q_line, standoff)

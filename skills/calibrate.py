@@ -129,7 +129,7 @@ class Calibrate(Skill):
         """Move the tool to a pose; returns whether that was possible."""
         try:
             goals = self.arm.configurations(pose)
-            for _ in self.arm.travel(goals, self.ports.speed):
+            for _ in self.arm.travel(goals, self.ports.speed, turns=True):
                 yield progress
         except Failure as failure:
             if failure.code not in _UNREACHED:

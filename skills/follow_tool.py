@@ -107,7 +107,7 @@ class FollowTool(Skill):
             if away < near[0] and here.angle(goal) < near[1]:
                 return
             goals = arm.configurations(goal)
-            yield from arm.travel(goals, self.ports.approach_speed)
+            yield from arm.travel(goals, self.ports.approach_speed, turns=True)
             arm.world.arms.require(self.ports.arm)
             near = _CATCHABLE
         raise Failure(

@@ -16,13 +16,13 @@ from bt_dualarm import (
     Inserting,
     InsertingPorts,
     KnownShape,
+    Matrix,
     ObjectName,
     PortModel,
     Pose,
     Skill,
     Speed,
     Trajectory,
-    Vector,
     port,
     poses_alike,
     shared_grasp,
@@ -147,18 +147,27 @@ class Insert(Skill):
                 first = first or failure.with_traceback(None)  # would keep this frame alive
             else:
                 self._bottoms = [(spun, bottom)]
-                return (yield from self.arm.plan(starts, self.ports.speed))
+                turned = [rows[0] for rows in self.arm.turned(starts)]
+                return (
+                    yield from self.arm.plan(
+                        [rows[0] for rows in starts], self.ports.speed, turned=turned
+                    )
+                )
         assert first is not None  # noqa: S101 - the goal itself is one of them
         raise first
 
-    def _starts_above(self, bottom: Pose) -> Generator[None, None, list[Vector]]:
-        """Configurations above the hole from which the arm can go down to the bottom and beyond."""
+    def _starts_above(self, bottom: Pose) -> Generator[None, None, list[Matrix]]:
+        """Descents from above the hole after which the arm can go beyond the bottom.
+
+        Returns:
+            For each branch configurations down to the bottom, of shape (n, dof), rad.
+        """
         arm = self.arm
         ports = self.ports
         peg = frozenset({self.ports.object})
         above = bottom.raised(ports.depth + _CLEAR_M)
         deepest = bottom.raised(-ports.tolerance)
-        starts: list[Vector] = []
+        starts: list[Matrix] = []
         refusals: list[Failure] = []
         for down, _ in arm.lines(above, bottom, deepest):
             try:
@@ -168,7 +177,7 @@ class Insert(Skill):
                     failure.with_traceback(None)
                 )  # a traceback would keep this frame alive
             else:
-                starts.append(down[0])
+                starts.append(down)
             yield
             if len(starts) == _STARTS or len(refusals) == _TRIES:
                 break

@@ -83,6 +83,7 @@ class ReachToPose(Skill):
             patience=self.ports.patience,
             planner=self.ports.planner,
             keep=None if kept is None else kept.constraint,
+            turns=self.ports.posture is None,
         )
         if kept is None:
             yield from motion

@@ -87,6 +87,7 @@ class Transport(Skill):
             self.ports.speed,
             planner=self.ports.planner,
             keep=None if kept is None else kept.constraint,
+            turns=True,
         )
         if kept is not None:
             motion = kept.through(motion, self.metrics)

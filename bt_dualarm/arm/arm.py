@@ -113,6 +113,7 @@ class Arm(ArmMotions):
         planner: Planner = DEFAULT_PLANNER,
         keep: PathConstraint | None = None,
         began_s: float | None = None,
+        turns: bool = False,
     ) -> Iterator[float | None]:
         """Plan to one of several goals and execute the plan, waiting for other arms; once per tick.
 
@@ -126,15 +127,18 @@ class Arm(ArmMotions):
             planner: Planner to use if the straight path is blocked.
             keep: Constraint along the whole path, if there is one.
             began_s: As for `plan`: the arm may think of its next motion while it takes images.
+            turns: Whether the motion may end in a goal with joints rotated by whole turns, at the
+                same pose of the tool, if there is none to the goals themselves.
 
         Raises:
             Failure: As `plan` and `follow`.
         """
         move = self.past_others(speed, ignore)
         give_way = give_way and keep is None
-        return replace(move, search=planner, give_way=give_way, wait_s=patience, keep=keep).go(
-            goals, began_s
+        move = replace(
+            move, search=planner, give_way=give_way, wait_s=patience, keep=keep, turns=turns
         )
+        return move.go(goals, began_s)
 
     def past_others(self, speed: float, ignore: frozenset[str] = frozenset()) -> PastOthers:
         """Motions other than `travel` that wait for moving arms and replan."""

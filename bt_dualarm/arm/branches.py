@@ -6,7 +6,10 @@ from collections.abc import Callable, Generator, Iterable
 from itertools import islice
 from typing import Final, TypeVar
 
+import numpy as np
+
 from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.pose import Matrix, Vector
 
 MOST_BRANCHES: Final = 16
 """Branches to try: an arm of six joints has eight, and their full turns."""
@@ -55,3 +58,13 @@ def first_possible(
     if refusal is None:
         raise ValueError("there are no branches to choose from")
     raise refusal
+
+
+def beginning_at(q: Vector, paths: Iterable[Matrix]) -> Matrix:
+    """The path, of shape (n, dof), rad, that begins at a configuration, or nearest to it.
+
+    Args:
+        q: Configuration in which a motion to one of the paths ends, of shape (dof,), rad.
+        paths: Configurations along each path, of shape (n, dof), rad; at least one path.
+    """
+    return min(paths, key=lambda rows: float(np.abs(rows[0] - q).max()))

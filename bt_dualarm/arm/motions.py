@@ -96,6 +96,8 @@ class ArmMotions(ArmState):
     Attributes:
         checks: Maximum number of configurations that a plan with the default planner checks.
         resting: Names of the other arms that are known to stay where they are.
+        may_turn: Whether plans may end in their ``turned`` goals: not while another arm may be the
+            reason that there is no motion to the others.
     """
 
     def __init__(self, shared: SharedArm, leaf: str) -> None:
@@ -108,6 +110,7 @@ class ArmMotions(ArmState):
         self._raised: BaseException | None = None
         self.checks = CHECKS
         self.resting: frozenset[str] = frozenset()
+        self.may_turn = True
 
     # The leaf's life
 
@@ -634,6 +637,14 @@ class ArmMotions(ArmState):
         checker = self.checker()
         return found if any(checker.free(q) for q in found) else every
 
+    def turned(self, paths: Sequence[Matrix]) -> list[Matrix]:
+        """Paths with joints rotated by whole turns, nearest first, see `Kinematics.turned`.
+
+        Args:
+            paths: Configurations along each path, of shape (n, dof), rad.
+        """
+        return self.kinematics.turned(paths, self.setpoint.q)
+
     def plan(
         self,
         goals: Sequence[Vector],
@@ -642,6 +653,7 @@ class ArmMotions(ArmState):
         planner: Planner = DEFAULT_PLANNER,
         keep: PathConstraint | None = None,
         began_s: float | None = None,
+        turned: Sequence[Vector] = (),
     ) -> Generator[None, None, Trajectory]:
         """Plan a collision-free motion to one of several configurations, straight where possible.
 
@@ -659,6 +671,8 @@ class ArmMotions(ArmState):
                 held object is kept upright, if it stands so at both ends; the motion then ends in
                 one of the goals.
             began_s: Simulated time at which the caller began to plan, s; by default now.
+            turned: Goals with joints rotated by whole turns, see `turned`: tried if there is no
+                motion to the others, and nothing to be kept.
 
         Raises:
             Failure: ``IN_COLLISION`` or ``JOINT_LIMIT`` of the start, or of the preferred goal if
@@ -672,7 +686,9 @@ class ArmMotions(ArmState):
             keep = kept_upright(self.world, self.robot, self.kinematics, self.name, ends)
         due = (self.time if began_s is None else began_s) + PLANNING_S
         for replan in range(REPLANS, -1, -1):
-            found = yield from self._plan_once(goals, speed, ignore, planner, keep, at_goals, due)
+            found = yield from self._plan_once(
+                goals, turned, speed, ignore, planner, keep, at_goals, due
+            )
             due = self.time + PLANNING_S
             motion = self.within_efforts(found)
             try:
@@ -687,6 +703,7 @@ class ArmMotions(ArmState):
     def _plan_once(
         self,
         goals: Sequence[Vector],
+        turned: Sequence[Vector],
         speed: float,
         ignore: frozenset[str],
         planner: Planner,
@@ -705,6 +722,7 @@ class ArmMotions(ArmState):
                 self._shared.seed,
                 planner,
                 self.checks if planner == DEFAULT_PLANNER else CHECKS,
+                turned=tuple(turned) if self.may_turn and keep is None else (),
             )
         )
         fault = self._shared.no_plan()

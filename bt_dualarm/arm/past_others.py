@@ -16,10 +16,10 @@ from bt_dualarm.core.errors import BlockedFailure, CollisionFailure, Failure
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.planning.path_constraints import PathConstraint
 from bt_dualarm.planning.path_search import DEFAULT_PLANNER, Planner
-from bt_dualarm.planning.problem import CHECKS, yielding_configurations
+from bt_dualarm.planning.problem import CHECKS, QUICK_CHECKS, yielding_configurations
 from bt_dualarm.trajectory.trajectory import Trajectory
 
-_QUICK_CHECKS = (30_000, 10_000)
+_QUICK_CHECKS = (QUICK_CHECKS, 10_000)
 """Checks of a first and of a repeated plan while another arm may be the reason that there is none:
 about a second of computing, and a third of one."""
 
@@ -56,6 +56,8 @@ class PastOthers:
         give_way: Whether the arm moves aside if one that has waited longer waits for it.
         wait_s: Simulated seconds after which it no longer waits or replans.
         keep: Constraint along the paths of `go`, if there is one.
+        turns: Whether `go` may end in a goal with joints rotated by whole turns if there is no
+            motion to the goals themselves.
     """
 
     arm: ArmMotions
@@ -67,6 +69,7 @@ class PastOthers:
     give_way: bool = True
     wait_s: float = WAIT_S
     keep: PathConstraint | None = None
+    turns: bool = False
 
     def go(self, goals: Sequence[Vector], began_s: float | None = None) -> Iterator[float | None]:
         """Plan and execute a motion to one of several goals; yields once per tick.
@@ -82,7 +85,11 @@ class PastOthers:
 
         def planned() -> Generator[None, None, Trajectory]:
             began = starts.pop() if starts else None
-            return self.arm.plan(goals, self.speed, self.ignore, self.search, self.keep, began)
+            paths = [q[None] for q in goals] if self.turns else []
+            turned = [q for (q,) in self.arm.turned(paths)]
+            return self.arm.plan(
+                goals, self.speed, self.ignore, self.search, self.keep, began, turned
+            )
 
         return self.along(planned)
 
@@ -259,6 +266,7 @@ class PastOthers:
             is_thorough = is_last or number in _THOROUGH or not arm.controller.neighbors
             arm.checks = CHECKS if is_thorough else _QUICK_CHECKS[number > 1]
             arm.resting = staying
+            arm.may_turn = is_last or not arm.controller.neighbors
             try:
                 found = yield from attempt()
             except Failure as refusal:
@@ -283,6 +291,7 @@ class PastOthers:
             finally:
                 arm.checks = CHECKS
                 arm.resting = frozenset()
+                arm.may_turn = True
             self.traffic.block(
                 arm.name,
                 arm.leaf,

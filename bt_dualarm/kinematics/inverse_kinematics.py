@@ -7,6 +7,7 @@ workspace is the set of points that the tool can reach in any orientation.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -24,6 +25,7 @@ from bt_dualarm.kinematics.solver import (
     SINGULAR_CONDITION,
     STEP,
     TOOL,
+    TURN,
     Chain,
     Continuation,
     FrameTask,
@@ -178,6 +180,14 @@ _PATH_ROOM = 0.05
 
 _TOO_NEAR = 0.002
 """Distance to a limit below which another branch of a path is preferred, rad."""
+
+_TURNED_ROOM = 0.1
+"""Distance that joints rotated by whole turns keep from their limits, rad: motions that follow a
+path, such as a retreat, were planned without the turn."""
+
+_MOST_TURNED = 8
+"""Number of proposals for each path with joints rotated by a whole turn: a UR5 has up to 31, and
+those that rotate a single joint are among the nearest eight."""
 
 _EVERY = 8
 """Samples of a path per evaluation of the condition number."""
@@ -442,6 +452,33 @@ class Kinematics(Chain):
                 if len(rows) == len(goals):
                     return np.vstack((start, rows))
         raise refusal
+
+    def turned(self, paths: Sequence[Matrix], near: Vector) -> list[Matrix]:
+        """The same paths of the tool, with joints rotated by a whole turn.
+
+        Solutions are within half a turn of ``near`` where the limits permit it. If the arm's own
+        links or obstacles block that rotation of a joint, the opposite one may be free.
+
+        Args:
+            paths: Configurations along each path, of shape (n, dof), rad.
+            near: Configuration before the path, of shape (dof,), rad.
+
+        Returns:
+            Configurations, of shape (n, dof), rad, that keep 0.1 rad from the limits: at most eight
+            for each path, the nearest to ``near`` first.
+        """
+        found: list[Matrix] = []
+        for rows in paths:
+            lowest = np.ceil((self.lower + _TURNED_ROOM - rows.min(axis=0)) / TURN)
+            highest = np.floor((self.upper - _TURNED_ROOM - rows.max(axis=0)) / TURN)
+            choices = [
+                [turn for turn in (0.0, -TURN, TURN) if not turn or low <= turn / TURN <= high]
+                for low, high in zip(lowest.tolist(), highest.tolist(), strict=True)
+            ]
+            turns = [np.array(turn) for turn in itertools.product(*choices) if any(turn)]
+            turns.sort(key=lambda turn: float(np.linalg.norm(rows[0] + turn - near)))
+            found += [rows + turn for turn in turns[:_MOST_TURNED]]
+        return sorted(found, key=lambda rows: float(np.linalg.norm(rows[0] - near)))
 
     def _attempts(
         self,

@@ -42,6 +42,7 @@ __all__ = [
     "NEAR_LIMIT",
     "SINGULAR_CONDITION",
     "TOOL",
+    "TURN",
     "Chain",
     "Mechanism",
     "Posture",
@@ -393,7 +394,8 @@ _PULLED = 12
 _ALIKE = 1e-2
 """Largest joint difference of two solutions that count as the same, rad."""
 
-_TURN = 2.0 * np.pi
+TURN = 2.0 * np.pi
+"""Rotation of a joint that leaves the pose of every link as it is, rad."""
 
 
 @dataclass(frozen=True)
@@ -463,7 +465,7 @@ class Multistart:
         rng = np.random.default_rng(seed)
         # Drawn once, so that a search does not depend on those before it.
         self._scatter = rng.uniform(0.0, 1.0, (_RESTARTS, mechanism.dof))
-        self._whole_turns = mechanism.upper - mechanism.lower > _TURN
+        self._whole_turns = mechanism.upper - mechanism.lower > TURN
 
     def residuals(self, q: Vector, goals: Sequence[Matrix]) -> list[tuple[float, float]]:
         """Distance in m and angle in rad of each frame from its target."""
@@ -594,7 +596,7 @@ class Multistart:
         lower = self._mechanism.lower
         upper = self._mechanism.upper
         # Only joints with a range of more than a turn have an equivalent angle within it.
-        turned = q - _TURN * np.round((q - near) / _TURN)
+        turned = q - TURN * np.round((q - near) / TURN)
         fits = self._whole_turns & (turned >= lower) & (turned <= upper)
         return np.where(fits, turned, q)
 

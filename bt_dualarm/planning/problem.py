@@ -77,6 +77,10 @@ ROOM_M = 2e-3
 """Distance that a motion keeps from everything but the arm itself if there is such a motion, m: at
 full speed an arm is off by 0.6 mm in `lab`, and more in `rough`."""
 
+QUICK_CHECKS = 30_000
+"""The same for a search that often fails, or is one of many; about a second. A motion to one of
+`PlanningProblem.turned` is mostly found within a thousand: the joint then rotates freely."""
+
 _ROOMY_CHECKS = 30_000
 """Maximum number of checks of the search for such a motion, before one without that distance."""
 
@@ -123,6 +127,8 @@ class PlanningProblem:
         planner: Name of the planner that searches if the straight path is not free.
         checks: Maximum number of configurations that are checked.
         roomy: Stricter checker, by which a motion is searched first; None for none.
+        turned: Goals with joints rotated by whole turns, nearest first: tried only if no motion to
+            one of ``goals`` was found.
     """
 
     checker: CollisionChecker
@@ -134,6 +140,7 @@ class PlanningProblem:
     planner: Planner = DEFAULT_PLANNER
     checks: int = CHECKS
     roomy: CollisionChecker | None = None
+    turned: tuple[Vector, ...] = ()
 
     @property
     def straight(self) -> Matrix:
@@ -163,7 +170,13 @@ def admitted(problem: PlanningProblem) -> PlanningProblem:
         raise refusals.pop(0)
     ends = problem.start, *goals
     strict = problem.checker.without_new_contacts(ends)
-    return replace(problem, checker=strict, goals=tuple(goals), roomy=strict.keeping(ROOM_M, ends))
+    return replace(
+        problem,
+        checker=strict,
+        goals=tuple(goals),
+        roomy=strict.keeping(ROOM_M, ends),
+        turned=tuple(q for q in problem.turned if strict.free(q)),
+    )
 
 
 def _check_end(problem: PlanningProblem, q: Vector) -> None:
@@ -195,6 +208,19 @@ def motion_around(
     Raises:
         Failure: ``NO_PLAN``.
     """
+    if problem.turned:
+        try:
+            return motion_around(replace(problem, turned=()), abandoned)
+        except Failure as failure:
+            if failure.code != "NO_PLAN":
+                raise
+            refusal = failure.with_traceback(None)  # would keep this frame alive
+        try:
+            checks = min(problem.checks, QUICK_CHECKS)
+            turned = replace(problem, goals=problem.turned, turned=(), checks=checks)
+            return motion_around(turned, abandoned)
+        except Failure as failure:
+            raise (refusal if failure.code == "NO_PLAN" else failure) from None
     if problem.roomy is not None:
         close = replace(problem, roomy=None)
         checks = min(problem.checks, _ROOMY_CHECKS)

@@ -9,11 +9,11 @@ from itertools import islice
 import numpy as np
 
 from bt_dualarm.arm.arm import Arm
-from bt_dualarm.arm.branches import first_possible
+from bt_dualarm.arm.branches import beginning_at, first_possible
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Pose
 from bt_dualarm.grasping.candidates import CLEAR, RankedGrasp
-from bt_dualarm.planning.problem import refuse_contact
+from bt_dualarm.planning.problem import QUICK_CHECKS, refuse_contact
 from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.grasp_search import WantedGrasp
@@ -28,6 +28,10 @@ _DESCENT_M = 0.05  # length of the descent to a goal, and of the retreat from it
 
 TRIES = 16
 """Grasps for which an approach is searched until the object counts as out of reach."""
+
+_SEARCHES = 3
+"""Grasps to which no path may be found before the search for the others checks less: each takes
+seconds of computing, and an arm that is enclosed finds none to any of them."""
 
 _ONWARD_ROOM_M = 0.006
 """Distance that the arm keeps along the path of a part, if a grasp allows it: softly followed, the
@@ -112,6 +116,8 @@ def first_approach(
     beyond = list[Pose]()
     cramped: GraspApproach | None = None
     roomier = _ROOMIER
+    searched = 0  # in vain
+    checks = arm.checks
     while left and len(reasons) < TRIES and roomier:
         # What is next to an unreachable grasp, or to one that does not suit the goal, is no better:
         # it comes last.
@@ -138,14 +144,24 @@ def first_approach(
                 room = 0.0
                 rows = yield from _rows_to(arm, out, ranked, wanted, seen, lift)
             unknown = touched if seen else frozenset[str]()
-            motion = yield from arm.plan([rows[0]], speed, unknown, began_s=began_s)
-            found = GraspApproach(ranked, motion, rows, standoff)
+            turned = arm.turned([rows])
+            arm.checks = checks if searched < _SEARCHES else min(checks, QUICK_CHECKS)
+            try:
+                motion = yield from arm.plan(
+                    [rows[0]], speed, unknown, began_s=began_s, turned=[one[0] for one in turned]
+                )
+            finally:
+                arm.checks = checks
+            found = GraspApproach(
+                ranked, motion, beginning_at(motion.end, (rows, *turned)), standoff
+            )
             if wanted.onward is None or room:
                 return found
             cramped = found
         except Failure as failure:
             if failure.code in ("BUSY", "OVERLOADED"):
                 raise
+            searched += failure.code == "NO_PLAN"
             reasons.append(failure.with_traceback(None))  # a traceback would keep this frame alive
             reason = reason or (
                 f"no path to {wanted.label}: {failure.reason}"

@@ -311,7 +311,7 @@ def _refusal(
     camera_in_tool = arm.tool_pose.inverse @ camera_now(arm)
     try:
         goals = arm.configurations(camera @ camera_in_tool.inverse)
-        yield from arm.travel(goals, speed, ignore, began_s=began_s)
+        yield from arm.travel(goals, speed, ignore, began_s=began_s, turns=True)
     except Failure as failure:
         if failure.code not in _UNREACHED:
             raise

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from math import degrees
@@ -13,7 +13,7 @@ from typing import Any, ClassVar, TypeAlias
 import numpy as np
 
 from bt_dualarm.arm.arm import Arm
-from bt_dualarm.arm.branches import MOST_BRANCHES, first_possible
+from bt_dualarm.arm.branches import MOST_BRANCHES, beginning_at, first_possible
 from bt_dualarm.arm.motions import ArmMotions
 from bt_dualarm.arm.past_others import PastOthers
 from bt_dualarm.core.errors import Failure, Number
@@ -207,7 +207,12 @@ def follow_curve(
     plan = yield from move.when_clear(
         lambda: _Plan.of(move, path, end, tool_speed, from_here=from_here)
     )
-    plan = yield from _enter(move, path, plan, lambda: plan.others(move, path, end, tool_speed))
+    first = plan
+    further = [
+        lambda: first.others(move, path, end, tool_speed),
+        lambda: first.turned(move, path, end, tool_speed),
+    ]
+    plan = yield from _enter(move, path, plan, further)
     source = arm.begin(plan.motion, along_path=True)
     deviation = PathDeviation(arm, source, record)
     for progress in _monitored(arm, source, deviation, tolerance):
@@ -296,6 +301,23 @@ class _Plan:
             yield
         return found
 
+    def turned(
+        self, move: PastOthers, path: CartesianPath, end: Pose | None, tool_speed: float | None
+    ) -> Generator[None, None, list[_Plan]]:
+        """Plans with joints rotated by whole turns, nearest first; yields once per plan.
+
+        None while another arm may be the reason that there is no motion to this one.
+        """
+        arm = move.arm
+        found = list[_Plan]()
+        branches = islice(joint_paths(arm.kinematics, path, arm.setpoint.q), MOST_BRANCHES)
+        own = beginning_at(self.motion.start, branches)
+        for rows in arm.turned([own]) if arm.may_turn else ():
+            with contextlib.suppress(Failure):
+                found.append(self._along(arm, path, rows, move.speed, end, tool_speed))
+            yield
+        return found
+
     @classmethod
     def _along(
         cls,
@@ -380,7 +402,7 @@ def _enter(
     move: PastOthers,
     path: CartesianPath,
     plan: _Plan,
-    others: Callable[[], Generator[None, None, list[_Plan]]],
+    further: Sequence[Callable[[], Generator[None, None, list[_Plan]]]],
 ) -> Generator[float | None, None, _Plan]:
     """Move to the first configuration of a plan, on a straight tool path if that is near and free.
 
@@ -391,7 +413,7 @@ def _enter(
         move: Motion to the start.
         path: Path of the tool, in the world.
         plan: Plan in the preferred branch.
-        others: Plans in the further branches.
+        further: Plans in the further branches, then those with joints rotated by whole turns.
 
     Returns:
         The plan whose start the arm has reached.
@@ -423,15 +445,21 @@ def _enter(
             if failure.code != "NO_PLAN":
                 raise
             refusal = failure.with_traceback(None)  # would keep this frame alive
-        found = yield from others()
-        if not found:
-            raise refusal
-        try:
-            motion = yield from arm.plan([one.motion.start for one in found], move.speed)
-        except Failure as failure:
-            raise (refusal if failure.code == "NO_PLAN" else failure) from None
-        chosen = min(found, key=lambda one: float(np.abs(one.motion.start - motion.end).max()))
-        return motion
+        for plans in further:
+            found = yield from plans()
+            if not found:
+                continue
+            try:
+                motion = yield from arm.plan([one.motion.start for one in found], move.speed)
+            except Failure as failure:
+                if failure.code != "NO_PLAN":
+                    raise
+            else:
+                chosen = min(
+                    found, key=lambda one: float(np.abs(one.motion.start - motion.end).max())
+                )
+                return motion
+        raise refusal
 
     if float(np.abs(start - arm.setpoint.q).max()) >= 1e-9:
         for progress in move.to_line(entry, lambda: chosen.motion):

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from bt_dualarm.arm.arm import Arm
+from bt_dualarm.arm.branches import beginning_at
 from bt_dualarm.arm.past_others import PastOthers
 from bt_dualarm.collision.support import MARGIN_M, Support, support_below
 from bt_dualarm.core.errors import Failure, Number
@@ -344,18 +345,26 @@ class SettingDown:
         ports = self._ports
         move = arm.past_others(ports.speed)
         descents: list[_Descent] = []
+        turned: list[Matrix] = []  # the same descents, with joints rotated by whole turns
         began = [began_s]
 
         def above() -> Generator[None, None, Trajectory]:
             descents[:] = [(yield from self._descent(goal, move))]
             starts = [rows[0] for rows in descents[0].branches]
+            turned[:] = arm.turned(descents[0].branches)
             first_s = began.pop() if began else None
             return (
-                yield from arm.plan(starts, ports.speed, planner=ports.planner, began_s=first_s)
+                yield from arm.plan(
+                    starts,
+                    ports.speed,
+                    planner=ports.planner,
+                    began_s=first_s,
+                    turned=[rows[0] for rows in turned],
+                )
             )
 
         def down(q: Vector) -> Matrix:
-            return min(descents[0].branches, key=lambda rows: float(np.abs(rows[0] - q).max()))
+            return beginning_at(q, [*descents[0].branches, *turned])
 
         def whole() -> Generator[None, None, Trajectory]:
             begin = OverlappedMotion.of((yield from above()))

@@ -7,6 +7,7 @@ import pytest
 
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
+from bt_dualarm.kinematics.solver import TURN
 from bt_dualarm.robots.robot_description import load_robot
 
 TARGETS = 8
@@ -49,3 +50,23 @@ def test_nearest_solution_is_optimal_in_the_null_space(name: str) -> None:
         free = np.linalg.svd(arm.jacobian(q))[2][-1]  # of shape (dof,), length 1
         at_a_limit = arm.room(q) < 1e-3
         assert at_a_limit or abs(free @ (home - q)) < 0.05
+
+
+@pytest.mark.parametrize("name", ["ur5", "xarm7", "jaco2", "panda"])
+def test_turned_paths_are_the_same_for_the_tool_and_keep_the_limits(name: str) -> None:
+    """Nearest first; a Panda's joints cannot make a whole turn."""
+    robot = load_robot(name)
+    arm = Kinematics(robot, Pose.identity())
+    home = robot.postures["home"]
+    path = home + np.linspace(0.3, 0.6, 5)[:, None]
+    turned = arm.turned([path, path[::-1]], home)
+    assert bool(turned) == (name != "panda")
+    for rows in turned:
+        turns = min((rows - one for one in (path, path[::-1])), key=np.ptp)
+        np.testing.assert_allclose(turns, np.broadcast_to(turns[0], turns.shape), atol=1e-12)
+        np.testing.assert_allclose(turns / TURN, np.round(turns / TURN), atol=1e-12)
+        assert np.abs(turns / TURN).max() == pytest.approx(1.0)
+        assert arm.room(rows) > 0.09
+    away = [float(np.linalg.norm(rows[0] - home)) for rows in turned]
+    assert away == sorted(away)
+    assert len(turned) <= 2 * 8

@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,6 +24,8 @@ from bt_dualarm.planning.problem import (
     straight_motion,
 )
 from bt_dualarm.sim.world import World
+from bt_dualarm.spec.document import ObjectSpec
+from bt_dualarm.spec.values import PoseSpec
 from bt_dualarm.trajectory.trajectory import use_of_limits
 from tests.control.walls import ABOVE, LEFT, RIGHT, locked_world, problem_in, walled_world
 from tests.sim.worlds import arm, file_of
@@ -144,6 +148,39 @@ def test_the_reachable_one_of_several_goals_is_reached() -> None:
     near = RIGHT + np.array((-0.2, 0.0, 0.0, 0.0, 0.3, 0.0))
     corners = path_around(problem_in(locked_world(), RIGHT, LEFT, near, checks=3000)).corners
     np.testing.assert_allclose(corners, [RIGHT, near], atol=1e-12)
+
+
+def test_a_joint_rotates_the_other_way_around_if_the_nearer_way_is_blocked() -> None:
+    """Past the wall there is no way below the roof, but one around the back of the arm."""
+    boxes: dict[str, Any] = {
+        "roof": {"size": (3.0, 3.0, 0.01), "pose": PoseSpec(xyz=(0, 0, 0.7))},
+        "wall": {"size": (2.0, 0.01, 0.69), "pose": PoseSpec(xyz=(1.24, 0, 0.345))},
+    }
+    objects = {name: ObjectSpec(shape="box", fixed=True, **one) for name, one in boxes.items()}
+    world = World(file_of({"arm1": arm("ur5", (0.0, 0.0, 0.0))}, objects))
+    limits = world.arms["arm1"].robot.limits
+    # So that the arm cannot fold to pass the wall: shoulder, elbow and wrist keep their branch.
+    limits = replace(
+        limits,
+        lower=np.array((-2 * np.pi, -2.0, 1.2, -2 * np.pi, -3.1, -2 * np.pi)),
+        upper=np.array((2 * np.pi, 0.3, 2.1, 2 * np.pi, -0.05, 2 * np.pi)),
+    )
+    start, goal = np.deg2rad(((-41, -94, 113, -109, -90, 0), (12, -94, 113, -109, -90, 0)))
+    blocked = admitted(problem_in(world, start, goal, limits=limits, checks=20_000))
+    with pytest.raises(Failure) as caught:
+        motion_around(blocked)
+    assert caught.value.code == "NO_PLAN"
+    turned = goal - np.array((2 * np.pi, 0, 0, 0, 0, 0))
+    motion = motion_around(replace(blocked, turned=(turned,)))
+    np.testing.assert_allclose(motion.end, turned, atol=1e-12)
+    refuse_contact(blocked.checker, motion)
+
+
+def test_a_motion_to_the_goal_itself_does_not_depend_on_turned_goals(world: World) -> None:
+    problem = admitted(problem_in(world, RIGHT, LEFT))
+    turned = (LEFT - np.array((2 * np.pi, 0, 0, 0, 0, 0)), RIGHT)
+    one, other = (motion_around(replace(problem, turned=those)) for those in ((), turned))
+    np.testing.assert_array_equal(one.q, other.q)
 
 
 @pytest.mark.parametrize("swapped", [False, True])
