@@ -11,7 +11,7 @@ import itertools
 import json
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -22,9 +22,16 @@ from bt_dualarm.core.errors import CatalogError
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.robots.meshes import mesh_problems
 from bt_dualarm.robots.mjspec import TOOL_SITE, robot_spec
-from bt_dualarm.robots.robot import Flange, JointFriction, JointLimits, Robot
+from bt_dualarm.robots.robot import (
+    Flange,
+    JointFriction,
+    JointLimits,
+    LockedJoint,
+    Robot,
+    locked_joints,
+)
 from bt_dualarm.robots.robot_description import RANGES
-from bt_dualarm.robots.urdf import TURNING, KinematicTree, Selection, read_urdf, stops_of
+from bt_dualarm.robots.urdf import KinematicTree, Selection, read_urdf
 from bt_dualarm.robots.urdf_arm import Urdf, mesh_finder, robot_data_dir, turning_joints
 from bt_dualarm.robots.urdf_xml import AttributeReader, DescriptionError
 from bt_dualarm.spec.yaml_reader import ScalarError, plain_value
@@ -217,7 +224,8 @@ def template_of(urdf: Path, folder: Path, base: str, tool: str) -> DescriptionTe
     if not joints:
         raise CatalogError(f"there is no revolute joint between {base!r} and {tool!r}")
     locked = _locked(tree, base, joints)
-    arm = _read(tree, Selection(base, joints, locked, frozenset({base, tool})), urdf, folder)
+    at = {name: np.radians(one.at) if one.turns else one.at for name, one in locked.items()}
+    arm = _read(tree, Selection(base, joints, at, frozenset({base, tool})), urdf, folder)
     velocity, effort = (
         np.array([getattr(arm.stops[joint], what) for joint in joints])
         for what in ("velocity", "effort")
@@ -232,7 +240,7 @@ def template_of(urdf: Path, folder: Path, base: str, tool: str) -> DescriptionTe
         base_link=base,
         tool_link=tool,
         joints=joints,
-        locked={name: _shown(tree, name, value) for name, value in locked.items()},
+        locked={name: joint.at for name, joint in locked.items()},
         acceleration=acceleration,
         jerk=_rounded(acceleration / _RISE_S),
         velocity=None if (velocity_limit == velocity).all() else velocity_limit,
@@ -253,22 +261,13 @@ def _read(tree: KinematicTree, selection: Selection, urdf: Path, folder: Path) -
     return arm
 
 
-def _locked(tree: KinematicTree, base: str, joints: tuple[str, ...]) -> dict[str, float]:
-    """Positions of locked joints that cannot be at zero, at the limit next to it, rad."""
-    found = {}
-    for link in tree.subtree(base):
-        joint = tree.above.get(link)
-        if link == base or joint is None or joint.kind != "revolute" or joint.name in joints:
-            continue
-        reader = AttributeReader()
-        stops = stops_of(joint, reader)
-        if not reader.problems and not stops.lower <= 0 <= stops.upper:
-            found[joint.name] = stops.lower if stops.lower > 0 else stops.upper
-    return found
-
-
-def _shown(tree: KinematicTree, name: str, value: float) -> float:
-    return float(np.degrees(value)) if tree.joints[name].kind in TURNING else value
+def _locked(tree: KinematicTree, base: str, joints: tuple[str, ...]) -> dict[str, LockedJoint]:
+    """Locked joints that cannot be at zero, at the limit next to it."""
+    return {
+        name: replace(joint, at=joint.lower if joint.lower > 0 else joint.upper)
+        for name, joint in locked_joints(tree, base, joints, {}).items()
+        if not joint.lower <= 0 <= joint.upper
+    }
 
 
 def _robot(arm: Urdf, base: str, tool: str, joints: tuple[str, ...], effort: Vector) -> Robot:

@@ -683,9 +683,9 @@ def _span(joint: Joint) -> tuple[float, float]:
     free = ONE_TURN if joint.kind in TURNING else 10.0
     if element is None or joint.kind == "continuous":
         return -free, free
-    lower = _number(element, "lower", 0.0)
-    upper = _number(element, "upper", 0.0)
-    return (max(lower, -free), min(upper, free)) if lower <= upper else (-free, free)
+    lower = max(_number(element, "lower", 0.0), -free)
+    upper = min(_number(element, "upper", 0.0), free)
+    return (lower, upper) if lower <= upper else (-free, free)
 
 
 def _number(element: Element, name: str, default: float) -> float:

@@ -144,9 +144,14 @@ def locked_problems(file: RobotFile, tree: KinematicTree) -> Iterator[Problem]:
     if entry.base_link not in tree.links:
         return
     for name, held in locked_joints(tree, entry.base_link, entry.joints, entry.locked).items():
-        if name in entry.locked and not held.lower <= held.at <= held.upper:
-            message = f"joint '{name}' cannot be at {held.at:g} {held.unit}"
+        if held.lower <= held.at <= held.upper:
+            continue
+        message = f"joint '{name}' cannot be at {held.at:g} {held.unit}"
+        if name in entry.locked:
             yield file.problem(("locked", name), message, f"its limits are {held.span}")
+        else:
+            hint = f"its limits are {held.span}: give its position in 'locked'"
+            yield file.problem(("joints",), f"{message}, where it is locked", hint)
 
 
 def posture_problems(file: RobotFile, stops: Mapping[str, Stops]) -> Iterator[Problem]:

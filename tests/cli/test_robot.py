@@ -59,6 +59,25 @@ def test_guessed_limits_are_marked_as_guessed(folder: Path) -> None:
     assert all(limit["source"].startswith("Guessed by bt-robot") for limit in limits.values())
 
 
+@pytest.mark.parametrize(
+    ("kind", "span", "at"),
+    [
+        ("prismatic", 'lower="0.1" upper="0.3"', 0.1),
+        ("revolute", 'lower="-2" upper="-1"', -57.2958),
+    ],
+)
+def test_a_joint_that_cannot_be_at_zero_is_locked_at_the_limit_next_to_it(
+    kind: str, span: str, at: float, folder: Path
+) -> None:
+    """Such as the lift of a torso; the page says so."""
+    urdf = URDF.replace('"slide" type="prismatic"', f'"slide" type="{kind}"')
+    urdf = urdf.replace('lower="0" upper="0.04"', span)
+    (folder / "small.urdf").write_text(urdf, encoding="utf-8")
+    assert cli.robot(["small.urdf", "--base", "base", "--tool", "flange", "--out", "arm.yaml"]) == 0
+    assert "# these cannot be at zero" in (folder / "arm.yaml").read_text(encoding="utf-8")
+    assert load_robot("arm.yaml", folder).locked["slide"].at == pytest.approx(at, abs=1e-3)
+
+
 WRONG = {
     "no file": (["none.urdf"], "there is no URDF 'none.urdf'"),
     "no such link": (["small.urdf", "--base", "bas", "--tool", "flange"], "did you mean 'base'?"),

@@ -107,6 +107,23 @@ def test_a_description_cannot_lock_a_joint_beyond_its_limits(tmp_path: Path) -> 
     )
 
 
+@pytest.mark.parametrize(("kind", "limits"), [("prismatic", "0.1 to 0.3 m"), ("revolute", "-40.1")])
+def test_a_joint_that_cannot_be_at_zero_needs_a_position(
+    kind: str, limits: str, tmp_path: Path
+) -> None:
+    """It was locked at zero all the same, outside its limits."""
+    span = {"prismatic": 'lower="0.1" upper="0.3"', "revolute": 'lower="-0.7" upper="-0.2"'}[kind]
+    urdf = URDF.replace('"slide" type="prismatic"', f'"slide" type="{kind}"')
+    urdf = urdf.replace('lower="0" upper="0.04"', span)
+    with pytest.raises(DescriptionError) as caught:
+        load_robot(written(tmp_path, urdf), tmp_path)
+    (problem,) = caught.value.problems
+    assert problem.place.line == line_of(PAGE, "joints:")
+    assert "joint 'slide' cannot be at 0" in problem.message
+    assert limits in problem.hint
+    assert "'locked'" in problem.hint
+
+
 MISTAKEN = """\
 bt_dualarm: 1
 name: locked_mistakes
