@@ -126,6 +126,33 @@ def joint_problems(file: RobotFile, tree: KinematicTree) -> Iterator[Problem]:
         yield file.problem(("joints",), "the joints are not in order, base to tip", hint)
 
 
+def mount_problems(file: RobotFile, tree: KinematicTree) -> Iterator[Problem]:
+    """Report a flange or a camera on a link that moves relative to the tool.
+
+    Motions place the tool, and the camera or the gripper with it.
+    """
+    entry = file.entry
+
+    def moving(link: str) -> list[str] | None:
+        chain = tree.chain(entry.base_link, link) if link in tree.links else None
+        return None if chain is None else [one.name for one in chain if one.name in entry.joints]
+
+    mounts: list[tuple[Place, str, str]] = [
+        (("cameras", name, "link"), f"camera '{name}'", camera.link)
+        for name, camera in entry.cameras.items()
+    ]
+    if entry.flange is not None:
+        mounts.append((("flange", "link"), "the flange", entry.flange.link))
+    for place, what, link in mounts:
+        # A link that is not there is reported elsewhere.
+        if None not in (moving(link), moving(entry.tool.link)) and (
+            moving(link) != moving(entry.tool.link)
+        ):
+            message = f"{what} is on '{link}', which moves relative to the tool"
+            hint = f"a link is needed that moves with the tool's, '{entry.tool.link}'"
+            yield file.problem(place, message, hint)
+
+
 def locked_problems(file: RobotFile, tree: KinematicTree) -> Iterator[Problem]:
     """Report joints that cannot be locked, or not at the given position."""
     entry = file.entry
@@ -334,6 +361,7 @@ def description_of(file: RobotFile) -> ArmDescription:
     if file.entry.base_link not in tree.links:  # nothing else can be checked
         problems += locked_problems(file, tree)
         raise DescriptionError(problems)
+    problems += mount_problems(file, tree)
     tree = corrected(file, tree, problems)
     problems += locked_problems(file, tree)
     pairs = _disabled(srdf, problems)

@@ -153,6 +153,23 @@ def test_all_problems_are_reported_at_once(tmp_path: Path) -> None:
     }
 
 
+@pytest.mark.parametrize(
+    "mount",
+    [
+        "cameras: {eye: {link: upper, xyz: [0, 0, 0], forward: [0, 0, 1], up: [1, 0, 0]}}",
+        "flange: {link: upper}",
+    ],
+)
+def test_what_is_mounted_moves_with_the_tool(mount: str, tmp_path: Path) -> None:
+    """`look_at` placed the tool so that a camera above the elbow looked elsewhere: SUCCESS."""
+    with pytest.raises(DescriptionError) as caught:
+        loaded(tmp_path, URDF, PAGE + mount)
+    (problem,) = caught.value.problems
+    assert "is on 'upper', which moves relative to the tool" in problem.message
+    assert problem.place.line == line_of(PAGE + mount, mount)
+    loaded(tmp_path, URDF, PAGE + mount.replace("upper", "finger"))
+
+
 def test_an_entity_bomb_is_refused_before_its_expansion(tmp_path: Path) -> None:
     """A billion laughs: each entity is ten of the one before it."""
     laughs = "".join(f'<!ENTITY l{n} "{f"&l{n - 1};" * 10}">' for n in range(1, 10))
