@@ -55,6 +55,10 @@ OVERSPEED = 1.05
 """Measured joint speed, as a fraction of its limit, at which a motion fails. Set-points keep the
 limit: an arm that is that fast was pushed, or could not brake."""
 
+OVERSPEED_RAD_S = 0.05
+"""Speed beyond the limit at which a motion fails at the earliest, rad/s: in `rough`, friction that
+was not foreseen lets a joint be too fast by up to 0.04 rad/s, however low its limit is."""
+
 _CRAWL = 0.01
 """Fraction of the velocity limits below which a stop need not be on the path: it is the shortest,
 and deviates by some micrometers."""
@@ -347,9 +351,11 @@ class JointController:
         report = self._guard.report
         report.fastest_share = max(report.fastest_share, speed_share)
         if speed_share > OVERSPEED and self.fault is None:
-            shares = np.abs(self._hardware.v) / self._torque.top_speed
-            self.fault = overspeed_failure(self._robot, shares)
-            self.stop()
+            speeds = np.abs(self._hardware.v)
+            most = self._torque.top_speed
+            if (speeds > np.maximum(OVERSPEED * most, most + OVERSPEED_RAD_S)).any():
+                self.fault = overspeed_failure(self._robot, speeds / most)
+                self.stop()
         if self._motion is None:
             return
         if position_error > MAX_POSITION_ERROR and self.fault is None:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from itertools import cycle
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 import pytest
+import yaml
 
 from bt_dualarm.core.pose import Pose
+from bt_dualarm.core.share import share_dir
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.values import Plane
 from tests.families import some
@@ -278,3 +281,15 @@ def test_obstacle_between_tool_and_curve_is_avoided(robot: str, stage: Stage) ->
     }
     play = stage.run(file)
     assert play.arm().outcome == "SUCCESS", play.arm().runs
+
+
+def test_a_slow_arm_may_be_as_fast_as_it_can(stage: Stage, tmp_path: Path) -> None:
+    """Friction lets a joint be too fast by 0.02 rad/s in `rough`: 8 % of this arm's limit."""
+    description = yaml.safe_load((share_dir("assets") / "robots/ur5.yaml").read_text("utf-8"))
+    description["limits"]["velocity"] = {"value": 0.25, "source": "chosen for this test"}
+    (tmp_path / "slow.yaml").write_text(yaml.safe_dump(description), encoding="utf-8")
+    tree = {"circle": {"plane": "xy", "radius": 0.08, "speed": 1.0}}
+    arm = {"robot": str(tmp_path / "slow.yaml"), "tree": tree}
+    world = {"scene": "empty", "reality": "rough"}
+    leaf = stage.run({"name": "slow", "world": world, "arms": {"arm1": arm}}, seed=2).leaf("circle")
+    assert leaf.status == "SUCCESS", leaf.reason
