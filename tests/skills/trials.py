@@ -450,7 +450,14 @@ TRIALS: dict[tuple[str, str], Trial] = {
         carried(to={"xyz": [0.05, -0.5, 0.522]}, tolerance=0.001), moves=True
     ),
     ("carry_together", "NO_CONTACT"): Trial(carried(to={"xyz": [0.05, -0.5, 0.6]}), moves=True),
-    ("carry_together", "NOT_OPEN"): Trial(carried(), deeds=((9.0, jams),), moves=True),
+    # With joints without friction, the jammed hand rattles on the beam, which the stand bears: by
+    # 0.01°, at 0.1 rad/s.
+    ("carry_together", "NOT_OPEN"): Trial(
+        carried(),
+        {"arm": SCENARIOS["carry_together"].arm | {"reality": "lab"}},
+        deeds=((9.0, jams),),
+        moves=True,
+    ),
     ("carry_together", "SPILLED"): Trial(
         carried(),
         {"objects": BEAM | {"rider": RIDER | {"pose": {"xyz": [0, -0.45, 0.565]}}}},
