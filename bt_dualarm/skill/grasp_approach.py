@@ -9,7 +9,7 @@ from itertools import islice
 import numpy as np
 
 from bt_dualarm.arm.arm import Arm
-from bt_dualarm.arm.branches import beginning_at, first_possible
+from bt_dualarm.arm.branches import MOST_BRANCHES, beginning_at, first_possible
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Pose
 from bt_dualarm.grasping.candidates import CLEAR, RankedGrasp
@@ -23,7 +23,6 @@ from bt_dualarm.trajectory.trajectory import Trajectory
 
 _OPENINGS = 8  # openings to check while the fingers close next to other parts
 _PASSING = 3  # openings with which the hand passes other parts of the object
-_BRANCHES = 4  # branches to try for a goal at which the object will be set down
 _DESCENT_M = 0.05  # length of the descent to a goal, and of the retreat from it
 
 TRIES = 16
@@ -269,7 +268,7 @@ def refuse_goal(
         above = tool.raised(_DESCENT_M)
         out = tool @ Pose.from_rpy((0.0, 0.0, -_DESCENT_M))
         try:
-            for down, back in islice(arm.lines(above, tool, out), _BRANCHES):
+            for down, back in islice(arm.lines(above, tool, out), MOST_BRANCHES):
                 contact = closed.first_contact(down)
                 try:
                     if contact is not None:

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from bt_dualarm.arm.arm import Arm
-from bt_dualarm.arm.branches import beginning_at
+from bt_dualarm.arm.branches import MOST_BRANCHES, beginning_at
 from bt_dualarm.arm.past_others import PastOthers
 from bt_dualarm.collision.support import MARGIN_M, Support, support_below
 from bt_dualarm.core.errors import Failure, Number
@@ -137,7 +137,6 @@ was detected or not: a tray gives way there under hardly more than the object's 
 _OFF_M: Final = 0.003  # length of the compliant start of the retreat
 _LOWERING: Final = (0.8, 0.45, 0.3)  # fractions of the speed below the approach height
 _BRANCHES: Final = 3  # free branches of the inverse kinematics among which the planner chooses
-_TRIES: Final = 12  # blocked branches after which the search for free ones ends
 
 
 class SettingDownPorts(PortModel):
@@ -561,7 +560,15 @@ class SettingDown:
                     tool, _LOWEST_M, (yield from self._branches_down(tool, _LOWEST_M)), turned
                 )
             except Failure:
-                continue  # every higher descent contains this one
+                # Every higher descent contains this one. But a redundant arm has endless branches:
+                # those tried here need not include the one that is free.
+                if not (turned and self._arm.kinematics.dof > 6):
+                    continue
+                try:
+                    branches = yield from self._branches_down(tool, height)
+                except Failure:
+                    continue
+                return _Descent(tool, height, branches, turned)
             for share in (1.0, *_LOWER) if turned else _LOWER:
                 try:
                     branches = yield from self._branches_down(tool, share * height)
@@ -620,7 +627,7 @@ class SettingDown:
                 if len(refusals) % 2:
                     continue  # most are found out soon: two are checked in one tick
             yield
-            if len(found) == _BRANCHES or len(refusals) == _TRIES:
+            if len(found) == _BRANCHES or len(refusals) == MOST_BRANCHES:
                 break
         if narrow and (not found or arm.world.passengers_of(self._name)):
             found = [*found, *narrow]

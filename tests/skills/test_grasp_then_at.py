@@ -68,3 +68,36 @@ def test_goal_that_no_grasp_allows_is_refused_before_any_motion() -> None:
     assert "could not be set down at `then_at`" in leaf.reason
     assert leaf.ended_s is not None
     assert leaf.ended_s < 1.5  # it only opens its gripper
+
+
+OVEN = {
+    "floor": ([0.552, 0.35, 0.038], [0, 0, 0.019]),
+    "top": ([0.552, 0.35, 0.031], [0, 0, 0.2835]),
+    "back": ([0.552, 0.02, 0.23], [0, 0.165, 0.153]),
+    "left": ([0.04, 0.33, 0.23], [-0.256, -0.01, 0.153]),
+    "right": ([0.181, 0.33, 0.23], [0.1855, -0.01, 0.153]),
+}
+"""Sizes and places of the parts of an oven that is open at its front, m."""
+
+
+@pytest.mark.parametrize("xyz", some([[0.364, -0.286, 0.016], [0.412, -0.391, 0.016]], 2), ids=str)
+def test_the_few_free_branches_of_a_redundant_arm_are_found_in_an_oven(xyz: list[float]) -> None:
+    """Its elbow has room in a small part of its self-motion: both leaves have to find that."""
+    parts = {
+        name: {"shape": "box", "size": size, "pose": {"xyz": at}}
+        for name, (size, at) in OVEN.items()
+    }
+    objects = {
+        "oven": {"shape": "compound", "mass": 10, "fixed": True, "parts": parts}
+        | {"pose": {"xyz": [0.7, 0, 0], "rpy": [0, 0, -90]}},
+        "cube": {"shape": "box", "size": [0.032] * 3, "mass": 0.01, "pose": {"xyz": xyz}},
+    }
+    inside = {"xyz": [0.625, 0.064, 0.054], "rpy": [0, 0, 0]}
+    base = {"xyz": [0, -0.05, 0.33], "rpy": [51.2, -10, 26.6]}
+    grasp = {"object": "cube", "then_at": inside}
+    tree = {"sequence": [{"grasp": grasp}, {"place": {"at": inside}}]}
+    arm = {"robot": "fr3", "gripper": "robotiq_2f85", "base": base, "tree": tree}
+    world = {"scene": "empty", "time_limit": 60}
+    file = {"bt_dualarm": 1, "name": "oven", "world": world, "objects": objects}
+    result = bt.run(file | {"arms": {"arm1": arm}})
+    assert [leaf.status for leaf in result.arms["arm1"].runs] == ["SUCCESS"] * 2
