@@ -185,16 +185,42 @@ class Chain(Mechanism):
         A ball around the first joint whose radius is the sum of distances from joint to joint to
         tool (triangle inequality): the tool may not reach all of it, but nothing beyond.
         """
+        joints, tool, _ = self._joints_at_home
+        steps = np.diff([*joints, tool.position], axis=0)
+        return joints[0].copy(), float(np.linalg.norm(steps, axis=1).sum())
+
+    def is_beyond(self, pose: Pose) -> bool:
+        """Whether the tool can certainly not reach a pose in the world, without a search.
+
+        The pose determines the axis of the last joint, and so a circle about it on which the joint
+        before it is. That has to have a point in a ball such as `bounding_ball`.
+        """
+        joints, tool, axis = self._joints_at_home
+        radius = float(np.linalg.norm(np.diff(joints[:-1], axis=0), axis=1).sum())
+        # In the frame of the tool, from the last joint:
+        along = tool.inverse.turn(axis)
+        last = tool.inverse.apply(joints[-1])
+        center = pose.inverse.apply(joints[0]) - last
+        before = tool.inverse.apply(joints[-2]) - last
+        apart = float((center - before) @ along)
+        across = np.linalg.norm(np.cross(along, center)) - np.linalg.norm(np.cross(along, before))
+        return bool(np.hypot(apart, across) > radius)
+
+    @cached_property
+    def _joints_at_home(self) -> tuple[Matrix, Pose, Vector]:
+        """Positions of the joints, of shape (dof, 3), m, tool, and axis of the last joint, (3,).
+
+        All in the world. Distances from joint to joint are the same in every configuration: any
+        will do.
+        """
         children = {
             str(joint.get("name")): str(child.get("link"))
             for joint in ET.fromstring(self.robot.urdf_text).iter("joint")  # noqa: S314 # our own
             for child in joint.iter("child")
         }
-        self.set_state(self.robot.postures["home"])
-        positions = [self.frame(children[name])[:3, 3] for name in self.joints]
-        # Distances from joint to joint are the same in every configuration: any will do.
-        steps = np.diff([*positions, self.frame(TOOL)[:3, 3]], axis=0)
-        return positions[0].copy(), float(np.linalg.norm(steps, axis=1).sum())
+        axis = self.jacobian(self.robot.postures["home"])[3:, -1]
+        joints = np.array([self.frame(children[name])[:3, 3] for name in self.joints])
+        return joints, Pose.from_matrix(self.frame(TOOL)), axis
 
 
 def with_tool(robot: Robot) -> str:

@@ -263,6 +263,9 @@ class HandoverSearch:
                 if grasp is None:
                     yield None
                     continue
+                if self._kinematics[self._arm.name].is_beyond(lies @ grasp.tool):
+                    self._note(f"UNREACHABLE of {self._arm.name}")
+                    continue
                 self.tries += 1
                 plan, refused = self._try(lies, tool, grasp, (here, back, there, giver, taker))
                 if plan is None:

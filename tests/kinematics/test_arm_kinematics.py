@@ -137,6 +137,19 @@ def test_bounding_ball_contains_the_workspace_tightly(name: str) -> None:
     assert 0.6 * radius < farthest <= radius
 
 
+@pytest.mark.parametrize("name", robot_names())
+def test_no_configuration_is_beyond_the_bound_of_poses(name: str) -> None:
+    """And a hand that points back to the base is, where its tool only just gets."""
+    arm = ARMS[name]
+    rng = np.random.default_rng(0)
+    tools = [arm.forward(rng.uniform(arm.lower, arm.upper)) for _ in range(1000)]
+    assert not any(arm.is_beyond(tool) for tool in tools)
+    center, radius = arm.bounding_ball
+    away = Pose.from_rpy((0.0, 0.0, radius))
+    back = Pose.from_rpy((0.0, 0.0, 0.0), (np.pi, 0.0, 0.0))
+    assert arm.is_beyond(Pose(center, np.array((1.0, 0.0, 0.0, 0.0))) @ away @ back)
+
+
 def test_target_outside_the_workspace_is_invalid() -> None:
     """There is no search for it, and a path that ends there is refused."""
     arm = ARMS["ur5"]

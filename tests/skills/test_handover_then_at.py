@@ -63,3 +63,41 @@ def test_goal_that_no_grasp_allows_is_refused() -> None:
 def test_goal_needs_an_orientation() -> None:
     (leaf,) = bt.run(_file(0.0, {"xyz": GOAL["xyz"]})).arms["arm1"].runs
     assert (leaf.code, leaf.ended_s) == ("INVALID_TARGET", 0.0)
+
+
+def test_hands_that_come_from_the_same_side_meet_where_the_taker_can_reach() -> None:
+    """The taker needs a grasp from above, as the giver has: it could not face that.
+
+    Most poses turn the giver's hand toward the taker, whose own hand would have to point back to
+    its base: these are left out, instead of using up all attempts.
+    """
+    size = {"handle": [0.12, 0.03, 0.03], "head": [0.03, 0.05, 0.03]}
+    parts: dict[str, Any] = {name: {"shape": "box", "size": edges} for name, edges in size.items()}
+    parts["head"] |= {"pose": {"xyz": [0.075, 0, 0]}}
+    pose = {"xyz": [-0.16, -0.33, 0.0152], "rpy": [0, 0, 82]}
+    hammer = {"shape": "compound", "mass": 0.15, "friction": 3, "parts": parts, "pose": pose}
+    bin_ = {"shape": "bin", "size": [0.3, 0.3, 0.1], "wall": 0.01, "fixed": True}
+    bin_["pose"] = {"xyz": [-0.17, 0.28, 0.05]}
+    lies = {"on": "bin", "rpy": [0, 0, 0]}
+    head = {"object": "hammer", "part": "head", "approach": [0, 0, -1]}
+    trees = (
+        {"take_over": {"object": "hammer", "from": "arm2", "then_at": lies}},
+        {"sequence": [{"grasp": head}, {"hand_over": {"object": "hammer", "to": "arm1"}}]},
+    )
+    bases = ({"xyz": [0, 0.6, 0], "rpy": [0, 0, -90]}, {"xyz": [0, -0.6, 0], "rpy": [0, 0, 90]})
+    arms = {
+        f"arm{i + 1}": {"robot": "xarm7", "gripper": "robotiq_2f85", "base": bases[i]}
+        | {"tree": trees[i]}
+        for i in range(2)
+    }
+    result = bt.run(
+        {
+            "bt_dualarm": 1,
+            "name": "same_side",
+            "world": {"scene": "empty", "time_limit": 60},
+            "objects": {"hammer": hammer, "bin": bin_},
+            "arms": arms,
+        }
+    )
+    (taken,) = result.arms["arm1"].runs
+    assert taken.status == "SUCCESS", taken.reason
