@@ -252,6 +252,12 @@ def _too_far(e: Evidence) -> Iterator[Cause]:
         yield e.cause("OUT_OF_REACH", f"the path leaves the workspace of {e.robot}{how}", remedy)
         return
     what, point = named
+    if e.leaf.kind == "take_over":  # the giver brings it from where it is
+        giver = e.ports.get("from")
+        sentence = f"{giver} and {e.arm} found no place to hand over {what}: {e.reason}"
+        remedy = f"another place (`at` of `hand_over`), or another grasp of {giver} (`point`)"
+        yield e.cause("OUT_OF_REACH", sentence, remedy)
+        return
     gap = _gap(e, point)
     away = float(np.linalg.norm(point - base))
     slip = _unit_slip(e, point)
@@ -265,12 +271,6 @@ def _too_far(e: Evidence) -> Iterator[Cause]:
             f"{away:.2f} m away from it"
         )
         remedy = f"bring {what} or the base of {e.arm} at least {1e3 * gap:.0f} mm nearer"
-        yield e.cause("OUT_OF_REACH", sentence, remedy)
-        return
-    if e.leaf.kind == "take_over":
-        giver = e.ports.get("from")
-        sentence = f"{giver} and {e.arm} found no place to hand over {what}: {e.reason}"
-        remedy = f"another place (`at` of `hand_over`), or another grasp of {giver} (`point`)"
         yield e.cause("OUT_OF_REACH", sentence, remedy)
         return
     sentence = f"{e.robot} cannot reach {what} with this orientation: {e.reason}"

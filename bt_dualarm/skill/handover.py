@@ -397,7 +397,6 @@ class HandoverSearch:
                 "OUT_OF_REACH",
                 f"no grasp of {arm} on {self._object!r} beside the hand of {self._giver} lets it "
                 f"set it down at `then_at`: {first.reason}",
-                grasps=len(self.grasps),
             )
         often = sorted(self.reasons, key=lambda reason: (-self.reasons[reason], reason))
         return Failure(
@@ -405,7 +404,6 @@ class HandoverSearch:
             f"no pose of {self._object!r} lets {self._giver} present it and {arm} take it: "
             f"{', '.join(often[:3]) or 'none is within the reach of both'}",
             tries=self.tries,
-            grasps=len(self.grasps),
         )
 
     # Grasps of the taker

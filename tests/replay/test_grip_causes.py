@@ -102,3 +102,32 @@ def test_the_remedy_for_an_assumed_mass_is_to_give_it(tmp_path: Path) -> None:
     assert cause.kind == "OVERLOADED", cause
     assert "the leaf assumes 1 kg, as `mass` is not given; obj has 0.2 kg" in cause.sentence
     assert cause.remedy == "give the leaf the mass: mass: 0.2"
+
+
+FAR = """\
+bt_dualarm: 1
+name: far
+world: {scene: empty, time_limit: 20}
+objects:
+  shelf: {shape: box, fixed: true, size: [0.2, 0.2, 0.2], pose: {xyz: [0.35, -0.4, 0.1]}}
+  bar: {shape: box, size: [0.16, 0.035, 0.035], mass: 0.3, pose: {xyz: [0.35, -0.4, 0.2175]}}
+arms:
+  arm1:
+    robot: ur5
+    gripper: robotiq_2f85
+    tree: {sequence: [{grasp: {object: bar}}, {hand_over: {object: bar, to: arm2}}]}
+  arm2:
+    robot: panda
+    gripper: panda_hand
+    base: {xyz: [2.5, 0, 0], rpy: [0, 0, 180]}
+    tree: {take_over: {object: bar, from: arm1}}
+"""
+
+
+def test_a_handover_without_a_place_is_not_due_to_what_is_near_the_giver(tmp_path: Path) -> None:
+    """The giver holds the bar above the shelf, and would bring it."""
+    [_, story] = sorted(stories(recorded(tmp_path, FAR)), key=lambda story: story.arm)
+    cause = story.causes[0]
+    assert cause.kind == "OUT_OF_REACH"
+    assert cause.sentence.startswith("arm1 and arm2 found no place to hand over bar")
+    assert "`point`" in cause.remedy
