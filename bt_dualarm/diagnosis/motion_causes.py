@@ -450,6 +450,8 @@ def coordination_causes(e: Evidence) -> Iterator[Cause]:
         return
     if e.code == "DEADLOCK":
         remedy = "meet and claim in the same order in all trees, or give one wait a timeout"
+        if "cannot go on" in e.reason or "cannot return" in e.reason:  # an arm is in the way
+            remedy = "let the arm that waits do so elsewhere, or come there later"
         yield e.cause("DEADLOCK", e.reason, remedy, leaf=e.leaf.path)
         return
     waits = [

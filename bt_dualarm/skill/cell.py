@@ -773,7 +773,7 @@ def _remedy(stuck: Sequence[CellWait]) -> str:
             why = f": {wait.why}" if wait.why else ""
             found.append(
                 f"; {wait.arm} cannot go on{why}. Let {' and '.join(in_the_way)} wait elsewhere, "
-                "with what it holds, for example after `go_home`"
+                f"for example after `go_home`, or come there only when {wait.arm} is done"
             )
     return "".join(found)
 

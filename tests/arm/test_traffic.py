@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,8 @@ import bt_dualarm as bt
 from benchmarks.handover import generate as handover
 from benchmarks.traffic import generate as traffic_cell
 from bt_dualarm.arm.traffic import Traffic
+from bt_dualarm.diagnosis.story import stories
+from bt_dualarm.replay.record import Record
 from tests.families import some
 
 
@@ -169,8 +172,8 @@ def _covered(
     return {"bt_dualarm": 1, "name": "covered", "world": world, "cell": cell, "arms": arms}
 
 
-def test_arm_that_waits_for_an_arm_waiting_for_it_is_a_deadlock() -> None:
-    result = bt.run(_covered([{"meet": "both"}]))
+def test_arm_that_waits_for_an_arm_waiting_for_it_is_a_deadlock(tmp_path: Path) -> None:
+    result = bt.run(_covered([{"meet": "both"}]), record=tmp_path / "record")
     failed = [run for arm in result.arms.values() for run in arm.runs if run.code]
     assert sorted(run.code for run in failed) == ["DEADLOCK", "PARTNER_GONE"]
     [deadlock] = [run for run in failed if run.code == "DEADLOCK"]
@@ -178,6 +181,12 @@ def test_arm_that_waits_for_an_arm_waiting_for_it_is_a_deadlock() -> None:
     assert "waits at 'both' for late" in deadlock.reason
     assert "Let there wait elsewhere" in deadlock.reason
     assert result.sim_time_s < 25.0
+    [remedy] = [
+        story.causes[0].remedy
+        for story in stories(Record.read(tmp_path / "record"))
+        if story.code == "DEADLOCK"
+    ]
+    assert "elsewhere" in remedy, "not in which order they claim or meet"
 
 
 @pytest.mark.parametrize("waits", ["meet", "await"])
