@@ -87,7 +87,9 @@ class HandOver(Skill):
         taker = self.ports.to
         if taker == arm.name:
             raise Failure("INVALID_TARGET", f"{arm.name} cannot hand over to itself")
-        yield from self._refuse_empty()
+        if (yield from self._has_handed_over()):
+            yield from self._retreat()
+            return
         label = handover_label(name, arm.name, taker)
         with JointPart(self.context, label, (arm.name, taker)) as joint:
             yield from joint.meet()
@@ -103,16 +105,17 @@ class HandOver(Skill):
                     if not (yield from self._pass_on(joint, taker, number)):
                         continue  # the taker could not grasp it there
                     self.metrics["handover_s"] = self.time - arrived
-                    for progress in retreat_from(
-                        arm, taker, name, self.ports.retreat, self.ports.retreat_speed
-                    ):
-                        yield 0.8 + 0.2 * (progress or 0.0)
+                    yield from self._retreat()
                 joint.send(clear=True)
                 self._passengers.refuse_spilled()
                 return
 
-    def _refuse_empty(self) -> Iterator[None]:
-        """Check that the arm holds the object."""
+    def _has_handed_over(self) -> Generator[None, None, bool]:
+        """Whether the taker has the object: a former attempt was halted while the arm retreated.
+
+        Raises:
+            Failure: ``NOT_HELD``: neither of them has it.
+        """
         arm = self.arm
         name = self.ports.object
         arm.world.objects.require(name)
@@ -120,8 +123,19 @@ class HandOver(Skill):
         if held is not None and held.by_gripper:
             yield from arm.gripper.until_decided()
             held = arm.world.attachments.find(arm.name, name)
-        if held is None:
-            raise Failure("NOT_HELD", f"{arm.name} does not hold {name!r}: `grasp` it first")
+        if held is not None:
+            return False
+        if arm.world.attachments.find(self.ports.to, name) is not None:
+            return True
+        raise Failure("NOT_HELD", f"{arm.name} does not hold {name!r}: `grasp` it first")
+
+    def _retreat(self) -> Iterator[float]:
+        """Retreat from the object, which the taker holds."""
+        ports = self.ports
+        for progress in retreat_from(
+            self.arm, ports.to, ports.object, ports.retreat, ports.retreat_speed
+        ):
+            yield 0.8 + 0.2 * (progress or 0.0)
 
     def _weigh(self) -> Iterator[float | None]:
         """Raise and lower the object until the arm knows its mass, if it has to estimate that.

@@ -44,6 +44,7 @@ _ELSEWHERE = _MOTIONS | {
     "SINGULAR",
     "COLLISION",
 }
+_OPENS_S = 2.0  # time in which a giver opens its gripper
 _HELD_UP_S = 2.0  # wait where the guard has stopped the approach
 _HOLD_S = 0.12  # time for which the pads must press
 _CLOSING_S = 2.5
@@ -152,6 +153,9 @@ class TakeOver(Skill):
             )
         if arm.name in arm.world.grippers:
             yield from arm.gripper.until_decided()
+        if (yield from self._has_taken(giver)):
+            return
+        if arm.name in arm.world.grippers:
             arm.gripper.refuse_full()
             self._open()
         label = handover_label(name, giver, arm.name)
@@ -166,6 +170,22 @@ class TakeOver(Skill):
                         yield 0.9
                 raise
             self.metrics["handover_s"] = self.time - float(joint.messages(giver)["arrived_s"])
+
+    def _has_taken(self, giver: str) -> Generator[float | None, None, bool]:
+        """Whether this arm has the object already: a former attempt was halted near its end.
+
+        From the moment in which it has confirmed that it keeps the object, the giver opens.
+        """
+        held = self.arm.world.attachments
+        name = self.ports.object
+        began = self.time
+        while held.find(self.arm.name, name) is not None:
+            if held.find(giver, name) is None:
+                return True
+            if self.time - began > _OPENS_S:
+                return False
+            yield 0.7
+        return False
 
     def _take(self, joint: JointPart, giver: str) -> Iterator[float | None]:
         """Choose a place and a grasp, and take the object there; elsewhere if that fails."""

@@ -151,6 +151,30 @@ def test_failure_names_the_removed_arm(who: str, at: float, stage: Stage) -> Non
     assert all(one.arm == other and one.share == 1.0 for one in play.world.attachments)
 
 
+@pytest.mark.parametrize(("who", "at"), some(product(NAMES, HANDED_S), 5))
+def test_another_attempt_completes_a_handover_that_was_cut_off(
+    who: str, at: float, stage: Stage
+) -> None:
+    """Whichever arm has the object then, and wherever the hands are."""
+    cut: Tree = {"parallel": {"policy": "any", "children": [{"wait": at}]}}
+    trees = {}
+    for name, before, leaf in (("arm1", [GRASP], GIVE), ("arm2", [], TAKES)):
+        attempts: Tree = {"retry": {"times": 3, "child": leaf}}
+        if name == who:
+            halted = copy.deepcopy(cut)
+            halted["parallel"]["children"].append({"sequence": [*before, leaf]})
+            attempts = {"sequence": [halted, attempts]}
+        else:
+            attempts = {"sequence": [*before, attempts]}
+        trees[name] = {"sequence": [attempts, "go_home"]}
+    watch = Watch()
+    play = watched(stage, file_with(trees["arm1"], trees["arm2"]), watch)
+    outcomes = {name: str(play.arm(name).outcome) for name in NAMES}
+    assert outcomes == dict.fromkeys(NAMES, "SUCCESS")
+    assert play.world.attachments.holders("cube") == ("arm2",)
+    assert watch.unheld_s < 0.02
+
+
 def test_result_does_not_depend_on_the_order_of_the_arms(stage: Stage) -> None:
     file = file_with({"sequence": [GRASP, GIVE]}, TAKES)
     reverse = {**file, "arms": dict(reversed(file["arms"].items()))}
