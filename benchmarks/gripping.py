@@ -224,7 +224,7 @@ def main() -> None:
         for reality in args.sets
         for seed in range(1, args.seeds + 1)
     )
-    names = ("robot", "gripper", "thing", "way", "reality", "seed")
+    names = ("robot", "gripper", "obj", "way", "reality", "seed")
     settings = {"seconds": args.seconds, "share": args.share}
     cases = [{**dict(zip(names, one, strict=True)), **settings} for one in each]
     with Campaign(args) as campaign:

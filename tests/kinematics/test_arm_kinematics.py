@@ -138,8 +138,8 @@ def test_bounding_ball_contains_the_workspace_tightly(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", robot_names())
-def test_no_configuration_is_beyond_the_bound_of_poses(name: str) -> None:
-    """And a hand that points back to the base is, where its tool only just gets."""
+def test_no_reachable_pose_is_beyond_the_bound(name: str) -> None:
+    """A hand at the edge of the workspace that points back to the base is beyond it."""
     arm = ARMS[name]
     rng = np.random.default_rng(0)
     tools = [arm.forward(rng.uniform(arm.lower, arm.upper)) for _ in range(1000)]

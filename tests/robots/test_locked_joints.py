@@ -108,7 +108,7 @@ def test_a_description_cannot_lock_a_joint_beyond_its_limits(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize(("kind", "limits"), [("prismatic", "0.1 to 0.3 m"), ("revolute", "-40.1")])
-def test_a_joint_that_cannot_be_at_zero_needs_a_position(
+def test_locked_joint_that_cannot_be_at_zero_needs_a_position(
     kind: str, limits: str, tmp_path: Path
 ) -> None:
     """It was locked at zero all the same, outside its limits."""
@@ -116,9 +116,9 @@ def test_a_joint_that_cannot_be_at_zero_needs_a_position(
     urdf = URDF.replace('"slide" type="prismatic"', f'"slide" type="{kind}"')
     urdf = urdf.replace('lower="0" upper="0.04"', span)
     with pytest.raises(DescriptionError) as caught:
-        load_robot(written(tmp_path, urdf), tmp_path)
+        load_robot(write_robot(tmp_path, urdf), tmp_path)
     (problem,) = caught.value.problems
-    assert problem.place.line == line_of(PAGE, "joints:")
+    assert problem.place.line == line_of(DESCRIPTION, "joints:")
     assert "joint 'slide' cannot be at 0" in problem.message
     assert limits in problem.hint
     assert "'locked'" in problem.hint

@@ -160,14 +160,14 @@ def test_all_problems_are_reported_at_once(tmp_path: Path) -> None:
         "flange: {link: upper}",
     ],
 )
-def test_what_is_mounted_moves_with_the_tool(mount: str, tmp_path: Path) -> None:
+def test_mount_that_moves_relative_to_the_tool_is_refused(mount: str, tmp_path: Path) -> None:
     """`look_at` placed the tool so that a camera above the elbow looked elsewhere: SUCCESS."""
     with pytest.raises(DescriptionError) as caught:
-        loaded(tmp_path, URDF, PAGE + mount)
+        loaded(tmp_path, URDF, DESCRIPTION + mount)
     (problem,) = caught.value.problems
     assert "is on 'upper', which moves relative to the tool" in problem.message
-    assert problem.place.line == line_of(PAGE + mount, mount)
-    loaded(tmp_path, URDF, PAGE + mount.replace("upper", "finger"))
+    assert problem.place.line == line_of(DESCRIPTION + mount, mount)
+    loaded(tmp_path, URDF, DESCRIPTION + mount.replace("upper", "finger"))
 
 
 def test_an_entity_bomb_is_refused_before_its_expansion(tmp_path: Path) -> None:
