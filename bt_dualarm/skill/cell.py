@@ -481,7 +481,7 @@ class CellState:
             if known.tries != one.tries:
                 known.tries = one.tries
                 known.why = one.why
-                if known.failure is not None:  # it has been told, and tries another path
+                if known.failure is not None:  # it has got its failure, and tries another path
                     known.confirmed_by = None
                     known.failure = None
                 self._is_changed = True

@@ -144,7 +144,7 @@ class WantedGrasp:
             for any.
         goal: Pose in the world at which the arm has to be able to set the object down; None for
             any.
-        mass_is_assumed: Whether nobody has told the arm the mass.
+        mass_is_assumed: Whether the mass is neither declared nor a port.
     """
 
     name: str | None
