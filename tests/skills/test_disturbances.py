@@ -67,7 +67,7 @@ def tear_off(world: World) -> None:
 
 
 def carry_off(world: World) -> None:
-    """Detach the cube, if it is error, and move it far away."""
+    """Detach the cube, if it is present, and move it far away."""
     tear_off(world)
     if "cube" in world.objects:
         steals("cube")(world)
