@@ -571,6 +571,10 @@ class ObjectSpec(Value):
         for _, texture in self.textures:
             texture.look_in(folder)
 
+    def anchor(self) -> None:
+        """Makes that folder absolute, so that a change of the working directory has no effect."""
+        self.look_in(self._folder.absolute())
+
     @property
     def textures(self) -> tuple[tuple[DataPath, TextureSpec], ...]:
         """Its textures and those of its parts, with their paths in the object's entry."""
@@ -845,10 +849,10 @@ class TreeFile(TreeContent):
         return self
 
     def anchor(self) -> None:
-        """Makes `root` absolute: what is read later, after a change of directory, is the same."""
+        """Makes `root` and the folders of objects absolute: see `ObjectSpec.anchor`."""
         self._root = self.root.absolute()
-        for obj in self.objects.values():
-            obj.look_in(self._root)
+        for obj in self.objects.values():  # fixtures start from the folder of their scene
+            obj.anchor()
 
     def in_reality(self, reality: Reality) -> TreeFile:
         """Returns the file with this model mismatch for all arms."""

@@ -264,7 +264,7 @@ def test_a_wrong_correction_is_reported_at_its_line(what: str, tmp_path: Path) -
 @pytest.mark.parametrize(
     ("ends", "expected"),
     [
-        ("lower: [-1], upper: [1, 1]", "has 1 values, the arm 2 joints"),
+        ("lower: [-1], upper: [1, 1]", "has 1 value, the arm 2 joints"),
         ("lower: [0.5, -1], upper: [0.5, 1]", "joint 'first' turns from 0.5 to 0.5 rad"),
     ],
 )
