@@ -17,10 +17,11 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from benchmarks.rendering import WINDOW, best_ms, staged
+from benchmarks.rendering import WINDOW, best_ms, demo_world
 from bt_dualarm.robots.mjspec import LOOP_GROUPS
 from bt_dualarm.sim.frame import Exposure, Image
-from bt_dualarm.sim.renderers import GlRenderer, open_context
+from bt_dualarm.sim.renderers import GlContext, GlRenderer, open_context
+from bt_dualarm.sim.world import World
 
 WIDTH, HEIGHT = 320, 240
 
@@ -59,7 +60,12 @@ def main() -> None:
     context = open_context()
     print(f"our context, without any setting: {context.platform}")
 
-    world = staged()
+    with demo_world() as world:
+        measure(world, context)
+
+
+def measure(world: World, context: GlContext) -> None:
+    """Compare images, times and memory of both renderers in a world."""
     model = world.model
     data = world.data
     camera = world.arms["arm2"].camera_id

@@ -136,6 +136,8 @@ def main() -> None:
     parser.add_argument("--trial", type=float, default=1.0, help="duration of a trial, s (1)")
     parser.add_argument("--dask", action="store_true", help="on Dask instead of processes")
     arguments = parser.parse_args()
+    if len(set(arguments.workers)) < 3:
+        parser.error("--workers: three costs are estimated from at least three different numbers")
     start = dask_engine if arguments.dask else process_engine
     print("| workers | trials per s | CPU of one core | ms per trial | peak memory MB |")
     print("|---|---|---|---|---|")
