@@ -46,7 +46,7 @@ from bt_dualarm.runtime.recorder import EVENTS, HISTORY, SUMMARY
 from bt_dualarm.sim.frame import RendererKind
 from bt_dualarm.spec.document import LONGEST_NAME, ArmSpec, ObjectSpec
 from bt_dualarm.spec.node_types import one_line
-from bt_dualarm.spec.problems import Name, ThingName
+from bt_dualarm.spec.problems import BodyName, Name
 from bt_dualarm.spec.yaml_reader import MAX_DEPTH, MAX_NODES, with_tuples
 
 # Types of all facts of a record, validated before use: a record may come from an untrusted source.
@@ -177,7 +177,7 @@ class _Start(_Facts):
     faults: Annotated[dict[Name, dict[str, Any]], Field(max_length=200)] = {}
     timestep: Annotated[float, Field(ge=1e-5, le=0.1)]
     time_limit: Annotated[float, Field(gt=0.0, le=LONGEST_S)]
-    objects: Annotated[dict[ThingName, _Object], Field(max_length=1000)]
+    objects: Annotated[dict[BodyName, _Object], Field(max_length=1000)]
     arms: Annotated[dict[Name, _ArmFacts], Field(min_length=1, max_length=100)]
     pages: Annotated[dict[_Path, Label], Field(max_length=1000)]
     skills: Annotated[dict[Label, _Skill], Field(max_length=1000)]
@@ -267,7 +267,7 @@ class _Fault(_Note):
     sentence: _Text
     active: bool
     leaf: Annotated[str, StringConstraints(max_length=8192), AfterValidator(_printable)]
-    objects: Annotated[list[ThingName], Field(max_length=16)]
+    objects: Annotated[list[BodyName], Field(max_length=16)]
 
 
 class _Event(_Facts):

@@ -18,6 +18,7 @@ from bt_dualarm.runtime.options import (
     checked_path,
     checked_reality,
     find_tree,
+    listed,
 )
 from bt_dualarm.runtime.outcome import RunResult
 from bt_dualarm.runtime.run import Run
@@ -172,8 +173,7 @@ def registry_of(skills: Skills = ()) -> Registry:
         RegistryError: A skill is invalid, or two have the same name.
         RunError: An element is neither a skill class nor a folder.
     """
-    single = isinstance(skills, (str, os.PathLike, type)) or not isinstance(skills, Iterable)
-    given: list[object] = [skills] if single else list(skills)
+    given = listed(skills)
     classes = [one for one in given if isinstance(one, type) and issubclass(one, Skill)]
     folders = [checked_path(one, "skills") for one in given if isinstance(one, (str, os.PathLike))]
     if len(classes) + len(folders) < len(given):

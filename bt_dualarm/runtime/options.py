@@ -6,7 +6,7 @@ import difflib
 import math
 import operator
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from numbers import Real
 from pathlib import Path
@@ -166,6 +166,13 @@ def checked_path(given: object, what: str) -> Path:
     if not isinstance(text, str) or not text.strip() or "\0" in text:
         raise RunError(f"{what}: {given!r} is not a path; '.' is the current folder")
     return Path(text)
+
+
+def listed(given: object) -> list[object]:
+    """The values of an argument that may be a single value or several."""
+    if isinstance(given, (str, os.PathLike)) or not isinstance(given, Iterable):
+        return [given]
+    return list(given)
 
 
 def checked_params(params: object) -> Mapping[str, object]:

@@ -38,7 +38,7 @@ from bt_dualarm.spec.goals import Conditions
 from bt_dualarm.spec.joints import MOST_JOINTS, Articulation, PartJoint, moved_name, refuse_joints
 from bt_dualarm.spec.many import MOST_OBJECTS, Group, ManySpec, members
 from bt_dualarm.spec.node_types import NodeSpec, one_line, port
-from bt_dualarm.spec.problems import Name, Problem, ThingName, written_as
+from bt_dualarm.spec.problems import BodyName, Name, Problem, written_as
 from bt_dualarm.spec.shapes import (
     SIZE_IN_WORDS,
     WALL_IN_WORDS,
@@ -832,7 +832,7 @@ class TreeFile(TreeContent):
     """
 
     # What a joint moves is an object of its own.
-    objects: Annotated[dict[ThingName, ObjectSpec], Field(default_factory=dict)]
+    objects: Annotated[dict[BodyName, ObjectSpec], Field(default_factory=dict)]
     path: InstanceOf[Path] = Path()
     groups: InstanceOf[tuple[Group, ...]] = ()
     scene_source: InstanceOf[Source] | None = Field(default=None, repr=False)

@@ -16,7 +16,7 @@ from pydantic import ConfigDict, Discriminator, Field, Tag, ValidationError, mod
 
 from bt_dualarm.spec.explain import explain, in_base_units
 from bt_dualarm.spec.node_types import NodeSpec, port
-from bt_dualarm.spec.problems import Name, Problem, SpecError, ThingName, suggestion
+from bt_dualarm.spec.problems import BodyName, Name, Problem, SpecError, suggestion
 from bt_dualarm.spec.values import Duration, Value
 from bt_dualarm.spec.yaml_reader import Source, TreeInput, read_tree, with_tuples
 
@@ -233,7 +233,7 @@ class PushedObject(FaultSpec):
     refers: ClassVar[Mapping[str, str]] = {"object": "object"}
 
     kind: Literal["pushed_object"] = port(..., "Kind of the fault")
-    object: ThingName = port(..., "Object that is pushed")
+    object: BodyName = port(..., "Object that is pushed")
     force: tuple[_Force, _Force, _Force] = port(..., "Force along the world's axes", unit="N")
 
     @model_validator(mode="after")
@@ -255,8 +255,8 @@ class SwappedObject(FaultSpec):
     refers: ClassVar[Mapping[str, str]] = {"object": "object", "other": "object"}
 
     kind: Literal["swapped_object"] = port(..., "Kind of the fault")
-    object: ThingName = port(..., "One object")
-    other: ThingName = port(..., "Object with which it swaps places")
+    object: BodyName = port(..., "One object")
+    other: BodyName = port(..., "Object with which it swaps places")
 
     @model_validator(mode="after")
     def _are_two(self) -> Self:
@@ -276,7 +276,7 @@ class RemovedObject(FaultSpec):
     refers: ClassVar[Mapping[str, str]] = {"object": "object"}
 
     kind: Literal["removed_object"] = port(..., "Kind of the fault")
-    object: ThingName = port(..., "Object that is removed")
+    object: BodyName = port(..., "Object that is removed")
 
     @property
     def sentence(self) -> str:
@@ -290,7 +290,7 @@ class ReducedFriction(FaultSpec):
     refers: ClassVar[Mapping[str, str]] = {"object": "object"}
 
     kind: Literal["reduced_friction"] = port(..., "Kind of the fault")
-    object: ThingName = port(..., "Object that is slippery")
+    object: BodyName = port(..., "Object that is slippery")
     friction: float = port(0.05, "Coefficient of sliding friction", ge=0.0, le=10.0)
 
     @property

@@ -166,7 +166,7 @@ NAME_PATTERN: Final = r"^[A-Za-z][A-Za-z0-9_-]{0,47}$"
 and paths of nodes."""
 
 Name: TypeAlias = Annotated[str, StringConstraints(pattern=NAME_PATTERN)]
-ThingName: TypeAlias = Annotated[
+BodyName: TypeAlias = Annotated[
     str, StringConstraints(pattern=f"{NAME_PATTERN[:-1]}([.]{NAME_PATTERN[1:-1]})?$")
 ]
 """Name of an object, or of what moves on a joint of it: ``OBJECT.JOINT``."""

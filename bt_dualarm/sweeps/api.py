@@ -24,6 +24,7 @@ from bt_dualarm.runtime.options import (
     checked_path,
     checked_seconds,
     checked_seed,
+    listed,
 )
 from bt_dualarm.spec.yaml_reader import is_yaml
 from bt_dualarm.sweeps.comparison import Comparison
@@ -132,7 +133,7 @@ def sweep(
         "search": search,
         "duration": duration,
         "watchdog": watchdog,
-        "skills": tuple(checked_path(one, "skills") for one in _folders(skills)),
+        "skills": tuple(checked_path(one, "skills") for one in listed(skills)),
         "faults": None if faults is None else faults_input(faults),
     }
     for what, seconds in (("duration", duration), ("watchdog", watchdog)):
@@ -305,12 +306,6 @@ def _names(reality: str | Iterable[str]) -> tuple[str, ...]:
     if not isinstance(reality, Iterable):
         raise SweepError(f"reality: {reality!r} is neither a name nor a list of names")
     return tuple(reality)
-
-
-def _folders(skills: PathLike | Iterable[PathLike]) -> list[PathLike]:
-    if isinstance(skills, (str, os.PathLike)) or not isinstance(skills, Iterable):
-        return [skills]
-    return list(skills)
 
 
 def _values(name: str, given: object) -> Values:
