@@ -73,6 +73,7 @@ if TYPE_CHECKING:
     from bt_dualarm.runtime.api import check as check
     from bt_dualarm.runtime.api import open as open  # noqa: A004 - read as bt.open
     from bt_dualarm.runtime.api import run as run
+    from bt_dualarm.runtime.interruption import StopRequest as StopRequest
     from bt_dualarm.runtime.outcome import ArmResult as ArmResult
     from bt_dualarm.runtime.outcome import Ending as Ending
     from bt_dualarm.runtime.outcome import LeafResult as LeafResult
@@ -230,6 +231,7 @@ _CONTENTS: Final = {
     "sweep": "sweeps.api:sweep",
     "compare": "sweeps.api:compare",
     "SweepResult": "sweeps.sweep:SweepResult",
+    "StopRequest": "runtime.interruption:StopRequest",
     # Parts of a skill
     "Skill": "skill.skill:Skill",
     "SkillContext": "skill.skill:SkillContext",

@@ -15,6 +15,7 @@ from bt_dualarm.replay.timeline import RecordedFrame
 from bt_dualarm.runtime.outcome import ArmResult, LeafResult, RunResult
 from bt_dualarm.runtime.run import ArmHandle, Run, TreeHandle
 from bt_dualarm.skill.skill import Skill, SkillContext
+from bt_dualarm.sweeps.sweep import SweepResult
 
 DOCS: Final = Path(__file__).parent
 
@@ -24,10 +25,10 @@ _MACHINERY: Final = frozenset(
         "declares",
         "enter",
         "leaf",
+        "pending_fault",
         "shared",
         "spawn_all",
         "touched",
-        "trouble",
         "views",
         "write",
     }
@@ -39,6 +40,7 @@ _FRONT_DOOR: Final = (
     "bt_dualarm.learning.",
     "bt_dualarm.replay.",
     "bt_dualarm.spec.problems",
+    "bt_dualarm.sweeps.",
 )
 """Modules of the façade that are not for authors of skills."""
 
@@ -75,6 +77,7 @@ def tables_of_python() -> str:
         ("`arm.gripper`", "gripper.", (GripperTrack,)),
         ("`data.objects[…]`", "object.", (ObjectTrack,)),
         ("`data.frames(…)`", "frame.", (RecordedFrame,)),
+        ("`bt.sweep(…)` gives a `SweepResult`", "result.", (SweepResult,)),
     ):
         rows = []
         for kind in kinds:

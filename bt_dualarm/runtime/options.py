@@ -133,6 +133,10 @@ class RunOptions:
             raise RunError(f"there is no renderer {self.renderer!r}; {hint}")
         if self.reality is not None:
             object.__setattr__(self, "reality", checked_reality(self.reality))
+        for name in ("real_time", "frames"):
+            value = getattr(self, name)
+            if not isinstance(value, bool):
+                raise RunError(f"{name}: {value!r} is not True or False")
         if self.frames and self.record is None:
             raise RunError("frames are written to a record: give its folder")
 

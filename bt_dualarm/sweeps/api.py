@@ -116,7 +116,7 @@ def sweep(
         faults: Faults to inject in every trial in addition to the tree's: a file with a section
             ``faults``, or a mapping from names to faults.
         stop: Request to end early.
-        progress: Called after each change.
+        progress: Called after each change, and some times a second while trials run.
 
     Raises:
         SweepError: An argument is invalid, or the folder cannot be written to.
@@ -141,6 +141,10 @@ def sweep(
             checked_seconds(seconds, what)
     if keep not in get_args(Keep):
         raise SweepError(f"keep: {keep!r} is not one of {', '.join(get_args(Keep))}")
+    if stop is not None and not isinstance(stop, StopRequest):
+        raise SweepError(f"stop: {stop!r} is not a StopRequest")
+    if progress is not None and not callable(progress):
+        raise SweepError(f"progress: {progress!r} cannot be called")
     folder = checked_path(out, "out")
     # What a manifest file may not be given besides; an empty list of seeds is an error of its own.
     defaults = {"params": {}, "samples": 0, "sampling_seed": 0, "search": 0, "skills": ()}

@@ -133,7 +133,7 @@ class SweepResult:
         sha256: Hash of all results without the costs, the same for every engine and order.
         complete: Whether every trial of the manifest (of the shard) has a row.
         enough: Whether the requested interval was reached before all trials had run.
-        progress: Counts.
+        progress: Numbers of trials, in all and by outcome.
         boundary: Boundary of success, if it was searched.
     """
 

@@ -76,7 +76,7 @@ def test_of_parameters(value: Any) -> None:
         {"jobs": ""}, {"jobs": 1.5}, {"keep": ""}, {"keep": "some"}, {"until": 3}, {"audit": ""},
         {"shard": 3}, {"sample": "random"}, {"samples": "x"}, {"sampling_seed": ""},
         {"search": "x"}, {"duration": ""}, {"duration": 0}, {"watchdog": ""}, {"timeout": ""},
-        {"dask": 3},
+        {"dask": 3}, {"stop": 3}, {"progress": 3},
     ],
 )  # fmt: skip
 def test_of_sweeps(given: dict[str, Any]) -> None:
@@ -84,6 +84,13 @@ def test_of_sweeps(given: dict[str, Any]) -> None:
     about = {"seeds": "seed", "dask": "Dask"}.get(name, name)
     with pytest.raises(bt.DualArmError, match=about):
         bt.sweep(TREE, out="out", **given)
+
+
+@pytest.mark.parametrize("name", ["real_time", "frames"])
+@pytest.mark.parametrize("value", ["yes", "", 1, None])
+def test_of_flags(name: str, value: Any) -> None:
+    with pytest.raises(bt.DualArmError, match=f"{name}: {value!r} is not True or False"):
+        bt.run(TREE, **{name: value})
 
 
 def test_of_records() -> None:
