@@ -214,7 +214,7 @@ def carried(pair: str, speed: float, reality: str, seed: int, count: int) -> dic
         "code": ", ".join(bad),
         "outcomes": outcomes,
         "errors": errors,
-        "said": failures,
+        "message": failures,
         "samples": observer.samples,
     }
 
@@ -286,7 +286,7 @@ def run_speeds(arguments: argparse.Namespace, campaign: Campaign) -> int:
             for number in range(-(-arguments.paths // PATHS_PER_RUN))
         ]
         for case, run in campaign.run(carried, cases):
-            for line in run["said"]:
+            for line in run["message"]:
                 print(line, flush=True)
             most = add(run, found)
             print(f"  {case['pair']}: {most[0]:.1f} N, {most[1]:.1f} N m at most", flush=True)

@@ -189,7 +189,7 @@ def evaluate(seed: int) -> dict[str, Any]:
         result, contacts = run(seed, registry())
     except DualArmError as error:  # a block overlaps an arm or a stand
         messages = [f"run {seed} refused: {str(error).splitlines()[0]}"]
-        return {"outcome": "SKIPPED", "wrong": 0, "codes": [], "said": messages}
+        return {"outcome": "SKIPPED", "wrong": 0, "codes": [], "message": messages}
     messages = [
         f"run {seed} {arm.name} {leaf.skill} {leaf.started_s:.1f}: {leaf.reason}"
         for arm in result.arms.values()
@@ -205,7 +205,7 @@ def evaluate(seed: int) -> dict[str, Any]:
             messages.append(f"run {seed} {when:.3f} s: {first} touches {second}")
     codes = [leaf.code or leaf.status for arm in result.arms.values() for leaf in arm.runs]
     outcome = "FAILURE" if wrong else "SUCCESS"
-    return {"outcome": outcome, "wrong": wrong, "codes": codes, "said": messages}
+    return {"outcome": outcome, "wrong": wrong, "codes": codes, "message": messages}
 
 
 def main() -> int:
@@ -224,7 +224,7 @@ def main() -> int:
             refused += found["outcome"] == "SKIPPED"
             wrong += found["wrong"]
             codes.update(found["codes"])
-            for line in found["said"]:
+            for line in found["message"]:
                 print(line, flush=True)
         print(f"{options.runs} runs, {refused} refused, {time.perf_counter() - began:.0f} s")
         print(", ".join(f"{code} {count}" for code, count in codes.most_common()))

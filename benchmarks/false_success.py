@@ -51,12 +51,12 @@ class Judge(IdleObserver):
     Attributes:
         world: World of the run.
         goals: Goal position of each transport, by the name of its node, m.
-        lies: Deviations of the true state from a SUCCESS, as sentences.
+        deviations: Deviations of the true state from a SUCCESS, as sentences.
     """
 
     world: World
     goals: dict[str, Vector]
-    lies: list[str] = field(default_factory=list)
+    deviations: list[str] = field(default_factory=list)
     _in_hand: dict[str, Pose] = field(default_factory=dict)
     _holders: frozenset[str] = frozenset()
     _detached_at: Vector | None = None
@@ -71,18 +71,22 @@ class Judge(IdleObserver):
             return
         check = getattr(self, f"_{change.kind}", None)
         for deviation in check(change) if check else ():
-            self.lies.append(f"{change.time:.2f} s: {change.arm}/{change.path}: {deviation}")
+            self.deviations.append(f"{change.time:.2f} s: {change.arm}/{change.path}: {deviation}")
 
     def at_the_end(self) -> None:
         """Check that a held object has not moved in the hand, and a detached one has stayed."""
         for arm, before in self._in_hand.items():
             slipped = before.distance(self._held_at(arm))
             if slipped > SLIPPED_M:
-                self.lies.append(f"at the end: it moved by {1e3 * slipped:.1f} mm in the hand")
+                self.deviations.append(
+                    f"at the end: it moved by {1e3 * slipped:.1f} mm in the hand"
+                )
         if self._detached_at is not None:
             away = float(np.linalg.norm(self._position - self._detached_at))
             if away > AWAY_M:
-                self.lies.append(f"at the end: it is {1e3 * away:.1f} mm from its release pose")
+                self.deviations.append(
+                    f"at the end: it is {1e3 * away:.1f} mm from its release pose"
+                )
 
     @property
     def _position(self) -> Vector:
@@ -139,7 +143,7 @@ class PlayedRun:
     seed: int
     succeeded: bool
     reason: str
-    lies: tuple[str, ...]
+    deviations: tuple[str, ...]
 
 
 def play(file: TreeFile, skills: Registry, reality: RealityName, seed: int) -> PlayedRun:
@@ -164,7 +168,7 @@ def play(file: TreeFile, skills: Registry, reality: RealityName, seed: int) -> P
     ]
     succeeded = result.outcome == "SUCCESS"
     reason = "" if succeeded else "; ".join(reasons) or f"{result.ending} {result.error}"
-    return PlayedRun(seed, succeeded, reason, tuple(judge.lies))
+    return PlayedRun(seed, succeeded, reason, tuple(judge.deviations))
 
 
 @cache
@@ -175,7 +179,7 @@ def _file(tree: str) -> TreeFile:
 def evaluate(tree: str, reality: RealityName, seed: int) -> dict[str, Any]:
     """Whether a run succeeded, why not, and the deviations from a SUCCESS."""
     one = play(_file(tree), registry(), reality, seed)
-    outcome = "FALSE_SUCCESS" if one.lies else "SUCCESS" if one.succeeded else "FAILURE"
+    outcome = "FALSE_SUCCESS" if one.deviations else "SUCCESS" if one.succeeded else "FAILURE"
     return {"outcome": outcome, **asdict(one)}
 
 
@@ -196,8 +200,8 @@ def main() -> int:
             cases = [{"tree": tree, "reality": reality, "seed": seed} for seed in seeds]
             for case, one in campaign.run(evaluate, cases):
                 succeeded = succeeded + one["succeeded"]
-                false = false + bool(one["lies"])
-                for line in (*one["lies"], *((one["reason"],) if one["reason"] else ())):
+                false = false + bool(one["deviations"])
+                for line in (*one["deviations"], *((one["reason"],) if one["reason"] else ())):
                     print(f"    {tree} {reality} seed {case['seed']}: {line}", flush=True)
             good = succeeded >= GOAL_SHARE[reality] * arguments.seeds and not false
             missed |= not good

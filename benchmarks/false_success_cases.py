@@ -50,11 +50,11 @@ class Case:
         leaves: Leaves of the arm; the last one is judged.
         goal: Goal pose of the object.
         around: Other objects.
-        deed: Intervention, called at each step from its start until it returns True.
+        intervention: Intervention, called at each step from its start until it returns True.
         begins: Start of the intervention: ``("released" or "held", seconds after that)``.
         gripper: Name of the gripper, None for a tool that welds.
         tolerance: Largest distance of the object from the goal, m.
-        lies: Initial position of the object, m; None for the default one on the table.
+        start: Initial position of the object, m; None for the default one on the table.
     """
 
     name: str
@@ -63,11 +63,11 @@ class Case:
     leaves: Sequence[Mapping[str, Any]]
     goal: Pose
     around: Mapping[str, Any] = field(default_factory=dict)
-    deed: Callable[[World], bool] | None = None
+    intervention: Callable[[World], bool] | None = None
     begins: tuple[str, float] = ("released", 0.0)
     gripper: str | None = "robotiq_2f85"
     tolerance: float = 0.008
-    lies: tuple[float, float, float] | None = None
+    start: tuple[float, float, float] | None = None
 
 
 def standing(obj: Mapping[str, Any]) -> float:
@@ -86,11 +86,11 @@ def fixed(shape: str, size: Sequence[float], xyz: Sequence[float], **pose: Any) 
 # Interventions
 
 
-def once(deed: Change) -> Callable[[World], bool]:
+def once(intervention: Change) -> Callable[[World], bool]:
     """Make a change as an intervention that is done after one call."""
 
     def do(world: World) -> bool:
-        deed(world)
+        intervention(world)
         return True
 
     return do
@@ -249,32 +249,55 @@ def place_cases() -> Iterator[Case]:
     yield placing("on a loose ball", CUBE, goal, around={"loose": loose})
     goal = on_table(CUBE)
     yield placing(
-        "pushed when released", CUBE, goal, deed=kick_object(0.5), begins=("released", 0.2)
+        "pushed when released", CUBE, goal, intervention=kick_object(0.5), begins=("released", 0.2)
     )
-    yield placing("pushed lightly", CUBE, goal, deed=displace(0.012), begins=("released", 0.4))
+    yield placing(
+        "pushed lightly", CUBE, goal, intervention=displace(0.012), begins=("released", 0.4)
+    )
     tall = on_table(TALL)
-    yield placing("knocked over", TALL, tall, deed=kick_object(0.8), begins=("released", 0.4))
+    yield placing(
+        "knocked over", TALL, tall, intervention=kick_object(0.8), begins=("released", 0.4)
+    )
     round_goal = on_table(BALL)
     yield placing(
-        "a ball that rolls", BALL, round_goal, deed=kick_object(0.4), begins=("released", 0.4)
+        "a ball that rolls",
+        BALL,
+        round_goal,
+        intervention=kick_object(0.4),
+        begins=("released", 0.4),
     )
     yield placing(
-        "a ball that creeps", BALL, round_goal, deed=kick_object(0.04), begins=("released", 0.8)
+        "a ball that creeps",
+        BALL,
+        round_goal,
+        intervention=kick_object(0.04),
+        begins=("released", 0.8),
     )
     under = {"shelf": shelf}
     high = pose(*GOAL, TABLE + 0.06 + 0.025)
     sunk = sink_ground("shelf", 0.04)
-    yield placing("its ground sinks", CUBE, high, around=under, deed=sunk, begins=("released", 0.6))
+    yield placing(
+        "its ground sinks", CUBE, high, around=under, intervention=sunk, begins=("released", 0.6)
+    )
     lost = sink_ground("shelf", 0.05)
-    yield placing("no ground any more", CUBE, high, around=under, deed=lost, begins=("held", 0.5))
+    yield placing(
+        "no ground any more", CUBE, high, around=under, intervention=lost, begins=("held", 0.5)
+    )
     for seconds in (0.4, 2.2, 60.0):
         name = f"sticks to a finger for {seconds:g} s"
-        yield placing(name, CUBE, goal, deed=stick_to_tool(seconds))
+        yield placing(name, CUBE, goal, intervention=stick_to_tool(seconds))
     for seconds in (1.3, 2.5, 60.0):
-        deed = stick_to_tool(seconds, 5e-4)
+        intervention = stick_to_tool(seconds, 5e-4)
         name = f"sticks to the cup for {seconds:g} s"
-        yield placing(name, CUBE, goal, deed=deed, gripper="suction_cup", begins=("released", 0.2))
-    yield placing("taken away", CUBE, goal, deed=remove, begins=("released", 0.6))
+        yield placing(
+            name,
+            CUBE,
+            goal,
+            intervention=intervention,
+            gripper="suction_cup",
+            begins=("released", 0.2),
+        )
+    yield placing("taken away", CUBE, goal, intervention=remove, begins=("released", 0.6))
     for off in (0.012, 0.02):
         at = {"xyz": [START[0] + off, START[1], TABLE + 0.06], "rpy": [0, 0, 0]}
         grasp = {"grasp": {"at": at, "width": 0.04, "height": 0.12, "depth": 0.04}}
@@ -283,12 +306,12 @@ def place_cases() -> Iterator[Case]:
         yield Case(name, "place", TALL, (grasp, there), tall)
     for across in (0.01, 0.014):
         name = f"slid by {1e3 * across:.0f} mm in the hand"
-        yield placing(name, CUBE, goal, deed=slide_object(across), begins=("held", 1.0))
+        yield placing(name, CUBE, goal, intervention=slide_object(across), begins=("held", 1.0))
     for angle in (12.0, 20.0):
         name = f"tilted by {angle:.0f}° in the hand"
-        yield placing(name, TALL, tall, deed=turn_object(angle), begins=("held", 1.0))
+        yield placing(name, TALL, tall, intervention=turn_object(angle), begins=("held", 1.0))
     yield placing(
-        "turned about the tool", TALL, tall, deed=turn_object(12, 2), begins=("held", 1.0)
+        "turned about the tool", TALL, tall, intervention=turn_object(12, 2), begins=("held", 1.0)
     )
 
 
@@ -297,7 +320,7 @@ def transport_cases() -> Iterator[Case]:
     goal = pose(0.30, -0.40, 0.60)
     to = {"xyz": goal.position.tolist(), "rpy": [0, 0, 0]}
     leaves = (GRASP, {"transport": {"object": THING, "to": to, "speed": 0.3}})
-    for name, obj, deed in (
+    for name, obj, intervention in (
         ("slid by 6 mm", CUBE, slide_object(0.006)),
         ("slid by 15 mm", TALL, slide_object(0.015)),
         ("slid down by 15 mm", TALL, slide_object(0.0, 0.015)),
@@ -307,7 +330,9 @@ def transport_cases() -> Iterator[Case]:
         ("fell out", CUBE, displace(0.3, 0.0, 0.2)),
         ("taken away", CUBE, remove),
     ):
-        yield Case(name, "transport", obj, leaves, goal, {}, deed, ("held", 0.7), tolerance=0.005)
+        yield Case(
+            name, "transport", obj, leaves, goal, {}, intervention, ("held", 0.7), tolerance=0.005
+        )
 
 
 def detach_cases() -> Iterator[Case]:
@@ -327,11 +352,14 @@ def detach_cases() -> Iterator[Case]:
     wall = fixed("box", [0.02, 0.1, 0.08], (*GOAL, TABLE + 0.04))
     yield let_go("on a wall", pose(GOAL[0] + 0.015, GOAL[1], TABLE + 0.106), around={"w": wall})
     yield let_go(
-        "pushed", pose(*GOAL, TABLE + 0.026), deed=kick_object(1.0), begins=("released", 0.02)
+        "pushed",
+        pose(*GOAL, TABLE + 0.026),
+        intervention=kick_object(1.0),
+        begins=("released", 0.02),
     )
     rolls = pose(*GOAL, TABLE + 0.026)
-    yield let_go("a ball", rolls, BALL, deed=kick_object(0.05), begins=("released", 0.05))
-    yield let_go("stuck in the air", pose(0.30, -0.40, 0.55), deed=stick_to_tool(60.0))
+    yield let_go("a ball", rolls, BALL, intervention=kick_object(0.05), begins=("released", 0.05))
+    yield let_go("stuck in the air", pose(0.30, -0.40, 0.55), intervention=stick_to_tool(60.0))
     held = (GRASP, CARRY, {"detach": {"object": THING}})
     yield Case("the fingers are shut", "detach", CUBE, held, pose(0.30, -0.40, 0.60))
 
@@ -341,7 +369,7 @@ def insert_cases() -> Iterator[Case]:
     goal = pose(0.25, -0.45, TABLE + 0.025)
     at = {"xyz": goal.position.tolist(), "rpy": [0, 0, 0]}
     leaves = (GRASP, {"insert": {"object": THING, "at": at, "depth": 0.012}})
-    for name, deed in (
+    for name, intervention in (
         ("slid across by 7 mm", slide_object(0.007)),
         ("slid across by 14 mm", slide_object(0.014)),
         ("slid out by 6 mm", slide_object(0.0, 0.006)),
@@ -350,14 +378,16 @@ def insert_cases() -> Iterator[Case]:
         ("turned about the tool", turn_object(8.0, 2)),
         ("taken away", remove),
     ):
-        yield Case(name, "insert", CUBE, leaves, goal, {}, deed, ("held", 0.8), tolerance=0.0048)
+        yield Case(
+            name, "insert", CUBE, leaves, goal, {}, intervention, ("held", 0.8), tolerance=0.0048
+        )
 
 
 def regrasp_cases() -> Iterator[Case]:
     """Scenarios in which an object does not stay where `regrasp` sets it down, or is not taken."""
     goal = pose(*START, TABLE + 0.06)
     leaves = (GRASP, {"regrasp": {"object": THING}})
-    for name, deed, begins in (
+    for name, intervention, begins in (
         ("slid by 14 mm", slide_object(0.014), ("held", 0.5)),
         ("tilted by 20°", turn_object(20.0), ("held", 0.5)),
         ("pushed by 15 mm", displace(0.015), ("released", 0.4)),
@@ -366,7 +396,7 @@ def regrasp_cases() -> Iterator[Case]:
         ("taken away", remove, ("released", 1.0)),
         ("put far away", displace(0.3, 0.0, 0.05), ("released", 3.0)),
     ):
-        yield Case(name, "regrasp", TALL, leaves, goal, {}, deed, begins, tolerance=0.01)
+        yield Case(name, "regrasp", TALL, leaves, goal, {}, intervention, begins, tolerance=0.01)
     edge = {"regrasp": {"object": THING, "at": {"xyz": [0.30, -0.249, TABLE + 0.06]}}}
     yield Case("at the edge", "regrasp", TALL, (GRASP, edge), goal)
 
@@ -381,7 +411,7 @@ class Hand(IdleObserver):
     """Intervenes as a case demands, and checks the true state when the judged leaf ends.
 
     Attributes:
-        lies: Errors of the true state after a SUCCESS, as sentences.
+        deviations: Errors of the true state after a SUCCESS, as sentences.
         errors: Exceptions of the interventions and checks.
     """
 
@@ -392,7 +422,7 @@ class Hand(IdleObserver):
         self._held = self._done = False
         self._began_s = 0.0
         self._succeeded_s: float | None = None
-        self.lies: list[str] = []
+        self.deviations: list[str] = []
         self.errors: list[Exception] = []
 
     def on_event(self, change: StatusChange) -> None:
@@ -415,7 +445,7 @@ class Hand(IdleObserver):
     def _intervene(self, time: float) -> None:
         case = self._case
         world = self._world
-        if case.deed is None or self._done:
+        if case.intervention is None or self._done:
             return
         holds = any(one.arm == "arm1" for one in world.attachments)
         if holds and not self._held:
@@ -428,35 +458,35 @@ class Hand(IdleObserver):
             if event == "released" and not holds:
                 self._since = time + delay
         if self._since is not None and time >= self._since:
-            self._done = case.deed(world)
+            self._done = case.intervention(world)
 
     def _judge(self, when: str) -> None:
         case = self._case
         world = self._world
         if THING not in world.objects:
-            self.lies.append(f"{when}: it is not there")
+            self.deviations.append(f"{when}: it is not there")
             return
         true = world.object_pose(THING)
         goal = case.goal
         if case.skill == "regrasp":
             held = world.attachments.find("arm1", THING)
             if held is None:
-                self.lies.append(f"{when}: it is not held")
+                self.deviations.append(f"{when}: it is not held")
                 return
             goal = world.arms["arm1"].tool_link_pose @ held.relative
         away = true.distance(goal)
         turn = bt.KnownShape(case.obj["shape"], tuple(case.obj["size"])).angle(true, goal)
         if away > case.tolerance + 1e-3:
-            self.lies.append(f"{when}: it is {1e3 * away:.1f} mm away")
+            self.deviations.append(f"{when}: it is {1e3 * away:.1f} mm away")
         if case.skill != "detach" and turn > np.radians(6.0):
-            self.lies.append(f"{when}: it is turned by {np.degrees(turn):.1f}°")
+            self.deviations.append(f"{when}: it is turned by {np.degrees(turn):.1f}°")
         if case.skill == "place" and world.touches("arm1", THING):
-            self.lies.append(f"{when}: the tool touches it")
+            self.deviations.append(f"{when}: the tool touches it")
 
 
 def file_of(case: Case) -> dict[str, Any]:
     """The tree file of a case."""
-    full_pose = case.lies or (*START, TABLE + standing(case.obj) + 5e-4)
+    full_pose = case.start or (*START, TABLE + standing(case.obj) + 5e-4)
     arm: dict[str, Any] = {"robot": "ur5", "base": {"xyz": [0, 0, TABLE]}}
     if case.gripper:
         arm["gripper"] = case.gripper
@@ -480,21 +510,21 @@ def play(case: Case) -> tuple[LeafReport, list[str]]:
     if hand.errors:
         raise hand.errors[0]
     runs = [leaf for leaf in result.arms["arm1"].runs if leaf.skill != "wait"]
-    return runs[-1], hand.lies
+    return runs[-1], hand.deviations
 
 
 def evaluate(skill: str, name: str) -> dict[str, Any]:
     """Result of a case, and the errors of a false SUCCESS."""
     case = next(case for case in cases() if (case.skill, case.name) == (skill, name))
-    leaf, lies = play(case)
+    leaf, deviations = play(case)
     status = f"{leaf.status} {leaf.code or ''}".strip()
     return {
-        "outcome": "FALSE_SUCCESS" if lies else "SUCCESS",
+        "outcome": "FALSE_SUCCESS" if deviations else "SUCCESS",
         "code": leaf.code,
         "skill": leaf.skill,
-        "stayed": leaf.skill == skill and leaf.status == "SUCCESS" and not lies,
-        "said": f"{leaf.skill}: {status} {leaf.reason}",
-        "lies": lies,
+        "stayed": leaf.skill == skill and leaf.status == "SUCCESS" and not deviations,
+        "message": f"{leaf.skill}: {status} {leaf.reason}",
+        "deviations": deviations,
     }
 
 
@@ -515,9 +545,9 @@ def main() -> int:
             exceptions += found["code"] == "EXCEPTION"
             elsewhere += found["skill"] != case["skill"]
             stayed += found["stayed"]
-            false += bool(found["lies"])
-            print(f"{case['skill']:10} {case['name']:36} {found['said']}", flush=True)
-            for deviation in found["lies"]:
+            false += bool(found["deviations"])
+            print(f"{case['skill']:10} {case['name']:36} {found['message']}", flush=True)
+            for deviation in found["deviations"]:
                 print(f"    FALSE: {deviation}", flush=True)
         print(
             f"{len(chosen)} cases: {false} false SUCCESS; {stayed} stayed nevertheless, "

@@ -125,15 +125,15 @@ def run_trial(seed: int, reality: str, speed: float) -> dict[str, Any]:
     if leaf.code in OUT_OF_REACH or not moved:
         code = leaf.code or "no motion of the leader"
         line = f"{head}: left out: {leaf.code} {leaf.reason}"
-        return {"outcome": "SKIPPED", "code": code, "said": line}
+        return {"outcome": "SKIPPED", "code": code, "message": line}
     if leaf.status != "SUCCESS":
         line = f"{head}: {leaf.code}: {leaf.reason}"
-        return {"outcome": "FAILURE", "code": leaf.code, "said": line}
+        return {"outcome": "FAILURE", "code": leaf.code, "message": line}
     errors = transform.errors_m(BEGIN_S - 0.1, leaf.ended_s or 0.0)
     largest = float(errors.max(initial=0.0))
     rms = float(np.sqrt(np.mean(errors**2)))
     line = f"{head}: {1e3 * largest:.2f} mm, rms {1e3 * rms:.2f} mm"
-    return {"outcome": "SUCCESS", "largest_m": largest, "said": line}
+    return {"outcome": "SUCCESS", "largest_m": largest, "message": line}
 
 
 def main() -> int:
@@ -155,7 +155,7 @@ def main() -> int:
     lost = 0
     with Campaign(options) as campaign:
         for _, found in campaign.run(run_trial, cases, options.trials if only is None else 1):
-            print(found["said"], flush=True)
+            print(found["message"], flush=True)
             if found["outcome"] == "SKIPPED":
                 left_out[found["code"]] += 1
             elif found["outcome"] == "FAILURE":

@@ -177,7 +177,7 @@ def _verdict(result: bt.RunResult, worst: dict[str, float]) -> str:
             float(leaf.metrics.get("lifted_m", 1.0)) < LIFTED_SHARE * 0.04
             or float(leaf.metrics.get("placed_error_m", 0.0)) > FALSE_M
         ):
-            return "lied"
+            return "false success"
     for name, leaf in leaves:
         if leaf.status == "FAILURE":
             before = name.endswith("grasp") and "lifted_m" not in leaf.metrics
@@ -209,7 +209,7 @@ def main() -> int:
             middle = np.median(tally.shaken, axis=0)
             least = np.min(tally.shaken, axis=0)
             print(f"  shaken, m/s², x y z: median {middle.round(1)}, least {least.round(1)}")
-        return 1 if tally.verdicts["lied"] else 0
+        return 1 if tally.verdicts["false success"] else 0
 
 
 if __name__ == "__main__":

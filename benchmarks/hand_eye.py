@@ -81,7 +81,7 @@ def run_calibration(robot: str, reality: str, seed: int) -> dict[str, Any]:
     return {
         "outcome": str(leaf.status),
         "code": leaf.code,
-        "said": f"{leaf.status} {leaf.reason} views {leaf.metrics.get('views')}",
+        "message": f"{leaf.status} {leaf.reason} views {leaf.metrics.get('views')}",
         "before": asdict(before),
         "after": asdict(after),
         "residuals": [
@@ -106,7 +106,7 @@ def main() -> None:
             after = Error(**found["after"])
             first, last = found["residuals"]
             print(
-                f"{case['robot']:6} {case['reality']:6} {case['seed']} {found['said']} "
+                f"{case['robot']:6} {case['reality']:6} {case['seed']} {found['message']} "
                 f"aim {before.aim_mm:.2f} -> {after.aim_mm:.2f} mm, "
                 f"place {before.shift_mm:.2f} -> {after.shift_mm:.2f} mm, "
                 f"turn {before.turn_deg:.3f} -> {after.turn_deg:.3f} deg, "

@@ -138,7 +138,7 @@ def insert(seed: int, **settings: str) -> dict[str, Any]:
     return {
         "outcome": "SUCCESS" if is_in else "FAILURE",
         "code": leaf.code,
-        "said": "in" if is_in else f"{leaf.skill} {leaf.code}: {leaf.reason}",
+        "message": "in" if is_in else f"{leaf.skill} {leaf.code}: {leaf.reason}",
         "off_m": offset,
         "height_m": height,
         "places": leaf.metrics.get("search_places", ""),
@@ -165,7 +165,9 @@ def main() -> int:
                 forces.append((found["rim_n"], found["hole_n"]))
             head = f"seed {case['seed']}: {1e3 * found['off_m']:.2f} mm offset, {found['places']}"
             felt = f"{found['rim_n']:.1f} N at the rim, {found['hole_n']:.1f} N in the hole"
-            print(f"{head} places, {found['seconds']:.0f} s, {felt}, {found['said']}", flush=True)
+            print(
+                f"{head} places, {found['seconds']:.0f} s, {felt}, {found['message']}", flush=True
+            )
         middle = float(np.median(seconds)) if seconds else float("nan")
         rim, hole = np.median(forces, axis=0).tolist() if forces else (float("nan"), float("nan"))
         print(

@@ -90,9 +90,9 @@ def interrupt_run(rng: np.random.Generator, number: int, folder: Path) -> tuple[
 def interrupt_blocker(rng: np.random.Generator, number: int, folder: Path) -> tuple[str, list[str]]:
     """One blocking skill; returns a description of the case and its faults."""
     phase = PHASES[number % len(PHASES)]
-    deed = str(rng.choice(DEEDS))
+    action = str(rng.choice(DEEDS))
     names = [KINDS[index].name for index in rng.integers(len(KINDS), size=rng.integers(3))]
-    ports = {"phase": phase, "deed": deed, "signals": " ".join(names)}
+    ports = {"phase": phase, "action": action, "signals": " ".join(names)}
     folder.mkdir()
     tree = folder / "blocked.yaml"
     tree.write_text(BLOCKED.format(ports=json.dumps(ports)), encoding="utf-8")
@@ -106,7 +106,7 @@ def interrupt_blocker(rng: np.random.Generator, number: int, folder: Path) -> tu
     if seconds > LONGEST_S:
         faults.append("too late")
     faults += _record_faults(folder / "out", at_rest=False)
-    return f"{' '.join((deed, 'in', phase, *names))}, {seconds:.1f} s", faults
+    return f"{' '.join((action, 'in', phase, *names))}, {seconds:.1f} s", faults
 
 
 def interrupt_planning(

@@ -201,7 +201,7 @@ def carry(arms: int, reality: str, seed: int) -> dict[str, Any]:
     return {
         "outcome": "SUCCESS" if first is None or not lifted else "FAILURE",
         "code": "" if first is None else first.code,
-        "said": "" if first is None else f"{first.skill}: {first.code}: {first.reason}",
+        "message": "" if first is None else f"{first.skill}: {first.code}: {first.reason}",
         "name": run.name,
         "lifted": lifted,
         "carried": first is None,
@@ -239,7 +239,7 @@ def main() -> int:
                     false += bool(found["fell"])
                 if not is_carried or found["fell"]:
                     fell = f"  fell: {', '.join(found['fell'])}" if found["fell"] else ""
-                    print(f"  {given['seed']} {found['name']}: {found['said']}{fell}")
+                    print(f"  {given['seed']} {found['name']}: {found['message']}{fell}")
             lifted = sum(n for kind, n in outcomes.items() if not kind.startswith("refused"))
             share = outcomes["carried"] / max(lifted, 1)
             millimeters = 1e3 * np.array(moved or [np.nan])

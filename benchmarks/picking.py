@@ -18,7 +18,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -61,7 +61,7 @@ arms:
             - transport: {{object: cube, to: {{xyz: [0.30, -0.45, 0.650]}}}}
 """
 
-Verdict: TypeAlias = Literal["picked", "refused", "failed", "lied"]
+Verdict: TypeAlias = Literal["picked", "refused", "failed", "false success"]
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ def attempt(place: Place, skills: Registry, back: float = 0.0) -> Attempt:
     succeeded = arm.outcome == "SUCCESS"
     verdict: Verdict = "failed"
     if succeeded or observer.holds():
-        verdict = "picked" if succeeded and observer.holds() else "lied"
+        verdict = "picked" if succeeded and observer.holds() else "false success"
     elif observer.moved < 1e-3:
         verdict = "refused"
     return Attempt(place, verdict, reach, _reasons(failed), observer.time_attached)
@@ -196,18 +196,14 @@ def report(attempts: Sequence[Attempt]) -> bool:
             where = f"({one.place.x:.3f}, {one.place.y:.3f}), {one.place.yaw:.0f}°"
             reach = "within reach" if one.within_reach else "out of reach"
             print(f"{number:3} {one.verdict:8} {reach:13} at {where:24} {one.reason}")
-    print(
-        "picked {picked}, refused {refused}, failed {failed}, lied {lied}".format_map(
-            {name: counts[name] for name in ("picked", "refused", "failed", "lied")}
-        )
-    )
+    print(", ".join(f"{name} {counts[name]}" for name in get_args(Verdict)))
     print(f"within reach: {len(reachable)} of {len(attempts)}, picked {100 * share:.1f} % of them")
     seconds = [one.seconds for one in attempts if one.verdict == "picked"]
     if seconds:
         print(
             f"simulated time to attach: median {np.median(seconds):.2f} s, max {max(seconds):.2f} s"
         )
-    return share >= 0.95 and counts["failed"] == counts["lied"] == 0
+    return share >= 0.95 and counts["failed"] == counts["false success"] == 0
 
 
 def draw(attempts: Sequence[Attempt], back: float, path: Path) -> None:
@@ -220,7 +216,7 @@ def draw(attempts: Sequence[Attempt], back: float, path: Path) -> None:
     (left, right), (front, back) = TABLE
     axes.add_patch(Rectangle((left, front), right - left, back - front, color="#eee4d8", zorder=0))
     styles = {"picked": ("o", "#2a8c4a"), "refused": ("s", "#8a8f98"), "failed": ("X", "#c2402f")}
-    for verdict, (marker, color) in {**styles, "lied": ("P", "#7a1fa2")}.items():
+    for verdict, (marker, color) in {**styles, "false success": ("P", "#7a1fa2")}.items():
         found = [one.place for one in attempts if one.verdict == verdict]
         label = f"{verdict} ({len(found)})"
         axes.scatter(

@@ -357,7 +357,7 @@ def try_pose(number: int, seed: int, reality: str, *, tight: bool) -> dict[str, 
     declared = f"{number:3} {one.label}: {leaf.skill} {leaf.status} {leaf.code or ''}"
     if leaf.skill != "place":
         counts["not held"] += 1
-        return {"outcome": "SKIPPED", "counts": counts, "said": f"{declared} {leaf.reason}"}
+        return {"outcome": "SKIPPED", "counts": counts, "message": f"{declared} {leaf.reason}"}
     counts["asked"] += 1
     counts["jumps"] += "the motion starts" in leaf.reason
     counts["exceptions"] += leaf.code == "EXCEPTION"
@@ -381,7 +381,7 @@ def try_pose(number: int, seed: int, reality: str, *, tight: bool) -> dict[str, 
         reachable = oracle.reachable is not False
         counts["reachable"] += reachable
         declared += f" ({'reachable' if reachable else 'out of reach'}) {leaf.reason}"
-    return {"outcome": leaf.status, "code": leaf.code, "counts": counts, "said": declared}
+    return {"outcome": leaf.status, "code": leaf.code, "counts": counts, "message": declared}
 
 
 def run_poses(options: argparse.Namespace, campaign: Campaign) -> int:
@@ -391,7 +391,7 @@ def run_poses(options: argparse.Namespace, campaign: Campaign) -> int:
     cases = [{"number": number, **settings} for number in range(options.poses)]
     for _, found in campaign.run(try_pose, cases):
         counts.update(found["counts"])
-        print(found["said"], flush=True)
+        print(found["message"], flush=True)
     share = counts["placed"] / max(counts["reachable"], 1)
     print(
         f"{options.reality}: {options.poses} poses, {counts['not held']} not held before, "
@@ -424,7 +424,7 @@ def place_once(seed: int, **settings: str) -> dict[str, Any]:
     ]
     found = {
         "figures": figures,
-        "said": f"seed {seed}: {mass:.2f} kg " + " ".join(f"{value:.3g}" for value in figures),
+        "message": f"seed {seed}: {mass:.2f} kg " + " ".join(f"{value:.3g}" for value in figures),
     }
     if ground.pressed <= 0.0:
         message = f"seed {seed}: released before the ground bore any weight"
@@ -454,7 +454,7 @@ def run_seeds(options: argparse.Namespace, campaign: Campaign) -> int:
         if "figures" in found:
             rows.append(found["figures"])
             if options.verbose:
-                print(found["said"])
+                print(found["message"])
     worst = np.max(rows, axis=0).tolist() if rows else [float("nan")] * 6
     arm = f"{options.robot}, {options.gripper}, {options.reality}"
     print(f"{arm}: {len(rows)} placed, {failed} not")

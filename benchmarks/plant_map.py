@@ -78,7 +78,7 @@ MAPS: Final = (
     ),
     Scales(
         "delay of the drives [s]",
-        "their bandwidth [Hz]",
+        "bandwidth of the drives [Hz]",
         (0.0, 0.001, 0.002, 0.003, 0.004),
         (100.0, 200.0, 500.0, 1000.0),
         _drives,

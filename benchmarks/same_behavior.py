@@ -75,7 +75,7 @@ import contextlib, io, json, os, sys
 from pathlib import Path
 from bt_dualarm import cli
 os.environ["COLUMNS"] = "100"
-def said(command, *arguments):
+def output(command, *arguments):
     out = io.StringIO()
     with contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
         try:
@@ -83,11 +83,11 @@ def said(command, *arguments):
         except SystemExit as end:
             code = end.code
     return f"{out.getvalue()}\\nexit code {code}"
-texts = {f"{command} --help": said(command, "--help") for command in sys.argv[1:]}
-texts["bt-skills"] = said("bt-skills")
+texts = {f"{command} --help": output(command, "--help") for command in sys.argv[1:]}
+texts["bt-skills"] = output("bt-skills")
 texts["schema"] = Path("assets/schema/tree.schema.json").read_text()
 for path in sorted(Path("tests/golden/mistakes").glob("*.yaml")):
-    texts[f"mistake {path.stem}"] = said("bt-check", str(path))
+    texts[f"mistake {path.stem}"] = output("bt-check", str(path))
 print(json.dumps(texts))
 """
 

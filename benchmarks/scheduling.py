@@ -54,7 +54,7 @@ while True:
 """Program of a stub: the identity is the only text of 24 hexadecimal digits in a job."""
 
 
-def made_up_row() -> Row:
+def synthetic_row() -> Row:
     """A row like that of a run, without its identity."""
     return {
         "trial": 0,
@@ -81,7 +81,7 @@ def made_up_row() -> Row:
 
 def process_engine(workers: int, trial_s: float) -> Engine:
     """Engine whose worker processes are stubs."""
-    engine_module._PROGRAM = STUB % {"trial": trial_s, "row": dict(made_up_row())}  # type: ignore[misc]
+    engine_module._PROGRAM = STUB % {"trial": trial_s, "row": dict(synthetic_row())}  # type: ignore[misc]
     return ProcessEngine(workers)
 
 
@@ -91,7 +91,7 @@ def dask_engine(workers: int, trial_s: float) -> Engine:
 
     def stub(job: Job, timeout: float | None) -> tuple[Row, str]:  # noqa: ARG001 - as `run_in_child`
         time.sleep(trial_s)
-        return {**made_up_row(), "identity": job.identity}, "stub"
+        return {**synthetic_row(), "identity": job.identity}, "stub"
 
     engine_module.run_in_child = stub
     cluster = distributed.LocalCluster(

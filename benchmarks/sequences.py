@@ -107,7 +107,7 @@ def main() -> int:
     parser.add_argument(
         "--length", type=int, default=2, choices=(2, 3), help="number of skills with --only"
     )
-    parser.add_argument("--tell", action="store_true", help="also print reported failures")
+    parser.add_argument("--failures", action="store_true", help="also print reported failures")
     add_options(parser, jobs=1)
     options = parser.parse_args()
     with Campaign(options) as campaign:
@@ -136,7 +136,7 @@ def run_cases(options: argparse.Namespace, campaign: Campaign) -> int:
             print(one.label)
             for leaf in one.leaves:
                 print("   ", *leaf)
-        elif options.tell:
+        elif options.failures:
             for skill, status, code, reason in one.leaves:
                 if status != "SUCCESS":
                     print(f"    {one.seed} {one.label}: {skill}: {code}: {reason}", flush=True)

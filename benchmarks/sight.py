@@ -291,7 +291,7 @@ def pick(number: int, reality: str, seed: int, text: str) -> tuple[str, str]:
     why = "; ".join(f"{leaf.skill} {leaf.code}: {leaf.reason}" for leaf in failed[:1])
     is_at_goal = float(np.hypot(*(place[:2] - PUT))) < 0.005
     if result.outcome == "SUCCESS":
-        return ("placed" if is_at_goal else "lied"), why
+        return ("placed" if is_at_goal else "false success"), why
     lifted = result.arms["arm1"].leaves.get("sequence/lift")
     picked = is_at_goal and lifted is not None and lifted.status == "SUCCESS"
     return (
@@ -374,7 +374,7 @@ def run_sets(arguments: argparse.Namespace, campaign: Campaign) -> int:
         if arguments.pick:
             print(f"{reality}: {dict(verdicts)} of {arguments.pick} picks", flush=True)
             taken = verdicts["picked"] + verdicts["placed"]
-            enough = taken >= 0.98 * arguments.pick and not verdicts["lied"]
+            enough = taken >= 0.98 * arguments.pick and not verdicts["false success"]
             good &= enough or not has_goals
     return 0 if good else 1
 

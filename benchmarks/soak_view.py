@@ -40,7 +40,7 @@ place, rounds = urlsplit(sys.argv[1]), int(sys.argv[2])
 port, base, rng = place.port, place.path, random.Random(5)
 good = {"Host": f"127.0.0.1:{port}"}
 counts = {"opened": 0, "strange": 0, "served": 0, "refused": 0, "broken": 0}
-GO = json.dumps({"deed": "explode"})
+GO = json.dumps({"action": "explode"})
 def ask(path, body=None, headers=good, method=None):
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=20)
     try:

@@ -139,7 +139,7 @@ def reach(text: str, number: int) -> dict[str, Any]:
                 messages.append(f"run {number} {arm.name} {when}: {leaf.code}: {leaf.reason}")
     return {
         "outcome": "FAILURE" if contacts.steps else "SUCCESS",
-        "said": messages,
+        "message": messages,
         "codes": codes,
         "nearest_m": nearest,
         "contacts": contacts.steps,
@@ -170,7 +170,7 @@ def main() -> None:
             sim += found["sim_time_s"]
             nearest = min(nearest, found["nearest_m"])
             codes.update(found["codes"])
-            for line in found["said"]:
+            for line in found["message"]:
                 print(line, flush=True)
         wall = time.perf_counter() - began
         count = sum(codes.values())

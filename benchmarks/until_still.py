@@ -120,7 +120,7 @@ def evaluate(**fields: Any) -> dict[str, Any]:  # Any: fields of `Case`
     """Failure of the run of a case as JSON values."""
     failure = ends_well(_case_of(fields))
     code = "" if not failure else "FAILED" if failure.startswith(FAILED) else "WRONG"
-    return {"outcome": "FAILURE" if failure else "SUCCESS", "code": code, "said": failure}
+    return {"outcome": "FAILURE" if failure else "SUCCESS", "code": code, "message": failure}
 
 
 def _case_of(fields: Mapping[str, Any]) -> Case:
@@ -142,7 +142,7 @@ def main() -> None:
     failed = {False: 0, True: 0}
     with Campaign(options) as campaign:
         for fields, found in campaign.run(evaluate, cases):
-            if failure := found["said"]:
+            if failure := found["message"]:
                 case = _case_of(fields)
                 counts = failed if failure.startswith(FAILED) else wrong
                 counts[case.moves] += 1

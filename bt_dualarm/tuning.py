@@ -732,7 +732,7 @@ class Tuning:
         with (
             self._saving
         ):  # browsers send concurrent requests, and a save reads and writes the tree file
-            return {"said": self._save(color)}
+            return {"message": self._save(color)}
 
     def _seen(self, color: Color) -> dict[str, Data]:
         look = ColorView(self._shot.frame, color)

@@ -21,8 +21,8 @@ from hypothesis import settings
 
 from bt_dualarm.skill.registry import Registry
 from tests.commands import BtRun, Ran, in_this_process
+from tests.no_plots import BT_RUN_NO_PLOTS, no_plots
 from tests.plays import Stage
-from tests.undrawn import BT_RUN_UNDRAWN, undrawn
 
 # A first example may trigger lazy imports, on a busy machine.
 settings.register_profile("unhurried", deadline=None)
@@ -135,9 +135,9 @@ def main_job(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRe
 
 
 @pytest.fixture
-def without_pictures() -> Iterator[None]:
+def without_plots() -> Iterator[None]:
     """Records of this process have no plots."""
-    with undrawn():
+    with no_plots():
         yield
 
 
@@ -155,7 +155,7 @@ def bt_run(tmp_path: Path) -> BtRun:
     def run(*arguments: str | Path) -> Ran:
         folder = next(folders)
         done = subprocess.run(
-            [sys.executable, "-c", BT_RUN_UNDRAWN, *arguments, *recording_to(folder)],
+            [sys.executable, "-c", BT_RUN_NO_PLOTS, *arguments, *recording_to(folder)],
             env=os.environ | {"OMP_NUM_THREADS": "1"},
             capture_output=True,
             text=True,

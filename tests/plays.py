@@ -22,7 +22,7 @@ from bt_dualarm.runtime.run import Run
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
 
-Deed = Callable[[World], None]
+Intervention = Callable[[World], None]
 """Intervention in the running world."""
 
 STOPPED = 0.02
@@ -35,13 +35,13 @@ class Play(IdleObserver):
 
     Attributes:
         opened: The run, not started yet, or finished.
-        deeds: Interventions, each at the first step at or after its simulated time in s.
+        interventions: Interventions, each at the first step at or after its simulated time in s.
         changes: Status changes of all nodes.
         errors: Exceptions of interventions and watchers.
     """
 
     opened: Run
-    deeds: list[tuple[float, Deed]] = field(default_factory=list)
+    interventions: list[tuple[float, Intervention]] = field(default_factory=list)
     watchers: list[Callable[[World], None]] = field(default_factory=list)
     changes: list[StatusChange] = field(default_factory=list)
     _seen: dict[str, list[tuple[float, Vector, Vector]]] = field(default_factory=dict)
@@ -74,8 +74,8 @@ class Play(IdleObserver):
             self.errors.append(error)
 
     def _look(self, time: float) -> None:
-        while self.deeds and time >= self.deeds[0][0] - 1e-9:
-            self.deeds.pop(0)[1](self.world)
+        while self.interventions and time >= self.interventions[0][0] - 1e-9:
+            self.interventions.pop(0)[1](self.world)
         for name, body in self.world.arms.items():
             self._seen.setdefault(name, []).append((time, body.q, body.v))
         for watch in self.watchers:
@@ -136,7 +136,7 @@ class Stage:
         *,
         seed: int = 0,
         duration: float | None = None,
-        deeds: Iterable[tuple[float, Deed]] = (),
+        interventions: Iterable[tuple[float, Intervention]] = (),
     ) -> Play:
         """Check the file and assemble its world, without running it.
 
@@ -144,7 +144,7 @@ class Stage:
             content: YAML, which may be indented; or the parsed content.
             seed: Seed of the run.
             duration: Simulated seconds after which the run ends.
-            deeds: As in `Play`, in the order of their times.
+            interventions: As in `Play`, in the order of their times.
         """
         self._count += 1
         path = self._folder / f"play{self._count}.yaml"
@@ -152,7 +152,7 @@ class Stage:
         path.write_text("bt_dualarm: 1\n" + text, encoding="utf-8")
         file = load_tree_file(path, self.registry.kinds)
         options = RunOptions(seed=seed, duration=duration, renderer="ray")
-        return Play(Run(file, self.registry, options), list(deeds))
+        return Play(Run(file, self.registry, options), list(interventions))
 
     def run(self, content: str | dict[str, Any], **options: Any) -> Play:
         """Like ``play``, but run to the end."""

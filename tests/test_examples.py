@@ -16,8 +16,8 @@ from typing import Any
 import matplotlib as mpl
 import pytest
 
+from tests.no_plots import no_plots
 from tests.source import ROOT, imports_of
-from tests.undrawn import undrawn
 
 FOLDER = ROOT / "examples"
 SCRIPTS = sorted(FOLDER.glob("*.py"))
@@ -53,7 +53,7 @@ def test_example_prints_what_its_docstring_shows(
 ) -> None:
     """``...`` stands for any text, as in doctest."""
     monkeypatch.setattr(sys, "argv", [str(script), str(folder)])
-    with nullcontext() if script.stem.endswith(LOOKED_AT) else undrawn():
+    with nullcontext() if script.stem.endswith(LOOKED_AT) else no_plots():
         runpy.run_path(str(script), run_name="__main__")
     printed = capsys.readouterr().out
     shown = shown_output(script)

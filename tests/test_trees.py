@@ -12,7 +12,7 @@ from bt_dualarm.core.share import share_dir
 from tests import glossary
 from tests.commands import BtRun, Ran
 from tests.families import some
-from tests.undrawn import undrawn
+from tests.no_plots import no_plots
 
 TREES = sorted(path.stem for path in share_dir("trees").glob("*.yaml"))
 MAIN_JOB = "pick_and_track"
@@ -69,7 +69,7 @@ def test_shipped_tree_succeeds(
     if name == MAIN_JOB:
         ran = request.getfixturevalue("main_job")
     else:
-        with nullcontext() if name in DRAWN else undrawn():
+        with nullcontext() if name in DRAWN else no_plots():
             ran = bt_run_here(f"trees/{name}.yaml")
     assert ran.code == 0, ran.err
     assert ran.summary["outcome"] == "SUCCESS"
@@ -151,7 +151,7 @@ def check_both_curves(ran: Ran) -> None:
 
 def test_main_job_succeeds_with_a_weld(bt_run_here: BtRun) -> None:
     """A magnetic tool works, too; then the arm has no gripper."""
-    with undrawn():
+    with no_plots():
         ran = bt_run_here(
             "trees/pick_and_track.yaml", "--param", "grasp=attach", "--param", "speed=1.0"
         )
@@ -236,7 +236,7 @@ CHECKS = {
 }
 
 
-@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.usefixtures("without_plots")
 def test_runs_are_determined_by_the_seed(bt_run: BtRun, bt_run_here: BtRun) -> None:
     """With one seed, a fresh process and one that has run others reach the same state, bit for bit.
 

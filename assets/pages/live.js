@@ -7,8 +7,8 @@ const page = {
 const NAME = Math.random().toString(36).slice(2) + Math.random().toString(36).slice(2);
 let source = serverSource;
 const ask = what => source.ask(what);
-function press(deed, value) {
-  source.press(deed, value).catch(error => { get("facts").textContent = error.message; });
+function press(action, value) {
+  source.press(action, value).catch(error => { get("facts").textContent = error.message; });
 }
 
 // ---- the scene ------------------------------------------------------------------------------
@@ -181,14 +181,14 @@ async function follow() {
   if (following) { setTimeout(follow, 100); return; }
   following = true;
   try {
-    const said = await ask("log?after=" + page.lines);
-    page.lines = said.next;
-    page.failures = said.failures;
-    addLines(said.lines);
+    const reply = await ask("log?after=" + page.lines);
+    page.lines = reply.next;
+    page.failures = reply.failures;
+    addLines(reply.lines);
     dimLog.at = null;
     await readTracks();
     show();
-  } catch { /* `look` says so */ } finally { following = false; }
+  } catch { /* `look` shows the error */ } finally { following = false; }
   if (page.kind !== "record") setTimeout(follow, 250);
 }
 // The run is over: its record is left to be looked at, as long as the page asks now and then.
@@ -235,8 +235,8 @@ function begin(now) {
 async function why(of, title, time) {
   try {
     const at = time === undefined ? "" : "&t=" + time;
-    const told = await ask("why" + (of === null ? "" : "?of=" + encodeURIComponent(of) + at));
-    showWhy(title, told.stories, () => { page.chosen = null; show(); });
+    const reply = await ask("why" + (of === null ? "" : "?of=" + encodeURIComponent(of) + at));
+    showWhy(title, reply.stories, () => { page.chosen = null; show(); });
   } catch (error) {
     const story = page.kind === "live" && !page.live.recorded ? "Reasons need a record: bt-run --record DIR." : error.message;
     showWhy(title, [], () => { page.chosen = null; show(); });
@@ -307,9 +307,9 @@ window.onkeydown = event => {
   if (keys[event.key]) { event.preventDefault(); keys[event.key](); }
 };
 window.onresize = show;
-// A page that is closed says so: the command need not wait for it any longer.
+// A page that is closed sends a message: the command need not wait for it any longer.
 window.onpagehide = () => {
-  const left = JSON.stringify({ deed: "leave", value: NAME });
+  const left = JSON.stringify({ action: "leave", value: NAME });
   if (page.isLive) navigator.sendBeacon("do", new Blob([left], { type: "application/json" }));
 };
 async function start() {

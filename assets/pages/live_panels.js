@@ -49,11 +49,11 @@ function rowOf(arm, node, index, hands) {
   return row;
 }
 function gripperText({ name, opening_m: opening, force_n: force, holds }) {
-  const said = [];
-  if (opening !== null) said.push((1000 * opening).toFixed(1) + " mm open");
-  if (force !== null) said.push(force.toFixed(1) + " N");
-  said.push(holds.length ? "holds " + holds.join(", ") : "holds nothing");
-  return name.replace(/_/g, " ") + ": " + said.join(", ");
+  const parts = [];
+  if (opening !== null) parts.push((1000 * opening).toFixed(1) + " mm open");
+  if (force !== null) parts.push(force.toFixed(1) + " N");
+  parts.push(holds.length ? "holds " + holds.join(", ") : "holds nothing");
+  return name.replace(/_/g, " ") + ": " + parts.join(", ");
 }
 function showTrees(arms, hands) {
   const shown = arms.flatMap((arm, index) => {
@@ -78,28 +78,28 @@ function listed(title, pairs) {
   return [made("h2", "", title), list];
 }
 function storyOf(story) {
-  const told = made("div", "story"), code = story.code && story.code !== story.status ? " " + story.code : "";
+  const panel = made("div", "story"), code = story.code && story.code !== story.status ? " " + story.code : "";
   const when = story.ended_s === null ? "running at " + seconds(story.at_s) + ", for " +
     seconds(story.at_s - story.began_s) : story.status + code + " at " + seconds(story.at_s);
-  told.append(made("div", story.status, "", made("b", "mark", when), " " + story.arm + ": " + story.leaf + " ",
+  panel.append(made("div", story.status, "", made("b", "mark", when), " " + story.arm + ": " + story.leaf + " ",
     made("span", "kind", story.place)));
   for (const cause of story.causes) {
-    told.append(made("p", "cause", cause.sentence));
-    if (cause.remedy) told.append(made("p", "remedy", cause.remedy));
+    panel.append(made("p", "cause", cause.sentence));
+    if (cause.remedy) panel.append(made("p", "remedy", cause.remedy));
   }
   if (story.reason && story.causes.every(cause => !cause.sentence.includes(story.reason))) {
-    told.append(made("p", "cause", "It said: " + story.reason));
+    panel.append(made("p", "cause", "Its message: " + story.reason));
   }
-  told.append(...listed("From the root down", story.chain.map(link =>
+  panel.append(...listed("From the root down", story.chain.map(link =>
     [link.status, link.path.split("/").pop() + (link.place ? "  (" + link.place + ")" : "")])));
-  told.append(...listed("Ports", Object.entries(story.ports)));
-  told.append(...listed("Keys", story.keys.map(key => [key.key, worded(key.value) + (key.leaf === null
+  panel.append(...listed("Ports", Object.entries(story.ports)));
+  panel.append(...listed("Keys", story.keys.map(key => [key.key, worded(key.value) + (key.leaf === null
     ? ", written by nobody" : ", written by " + key.leaf + " at " + seconds(key.time_s))])));
-  told.append(...listed("Numbers", Object.entries(story.numbers).slice(0, 16)));
+  panel.append(...listed("Numbers", Object.entries(story.numbers).slice(0, 16)));
   if (story.before.length) {
-    told.append(made("h2", "", "In the second before"), made("ul", "", "", ...story.before.map(text => made("li", "", text))));
+    panel.append(made("h2", "", "In the second before"), made("ul", "", "", ...story.before.map(text => made("li", "", text))));
   }
-  return told;
+  return panel;
 }
 function showWhy(title, stories, close) {
   const shut = made("button", "", "×"), head = made("h3", "", title);
@@ -124,9 +124,9 @@ const SIGNALS = [
   { name: "gripper force", unit: "N", of: row => Math.abs(row[7]), known: row => Number.isFinite(row[7]) },
 ];
 for (const signal of SIGNALS) {
-  const plot = made("canvas"), says = made("span");
-  const caption = made("figcaption", "", "", made("span", "", signal.name + " (" + signal.unit + ")"), says);
-  Object.assign(signal, { plot, says, figure: made("figure", "", "", caption, plot) });
+  const plot = made("canvas"), valueLabel = made("span");
+  const caption = made("figcaption", "", "", made("span", "", signal.name + " (" + signal.unit + ")"), valueLabel);
+  Object.assign(signal, { plot, valueLabel, figure: made("figure", "", "", caption, plot) });
   get("signals").append(signal.figure);
 }
 function niceTop(value) {
@@ -136,7 +136,7 @@ function niceTop(value) {
 function showSignals(tracks, names, until, now, failures) {
   if (get("signals").hidden) return;
   const from = 0;
-  for (const { plot, says, of, known, figure } of SIGNALS) {
+  for (const { plot, valueLabel, of, known, figure } of SIGNALS) {
     const all = names.map(name => (tracks.get(name) || []).filter(row => row[0] <= until && (!known || known(row))));
     figure.hidden = Boolean(known) && all.every(curve => !curve.length);
     if (figure.hidden) continue;
@@ -174,7 +174,7 @@ function showSignals(tracks, names, until, now, failures) {
       pen.beginPath(); pen.moveTo(x(time), 6); pen.lineTo(x(time), low); pen.stroke();
     }
     pen.globalAlpha = 1;
-    const said = [];
+    const shown = [];
     curves.forEach((curve, index) => {
       pen.strokeStyle = css(colorOf(index));
       pen.lineWidth = 1.4;
@@ -182,10 +182,10 @@ function showSignals(tracks, names, until, now, failures) {
       curve.forEach((row, i) => pen.lineTo(x(row[0]), y(values[index][i])));
       pen.stroke();
       const at = curve.findLastIndex(row => row[0] <= now + 1e-6);
-      if (at >= 0) said.push(made("b", "", values[index][at].toFixed(Math.max(0, 2 - Math.floor(Math.log10(top))))));
-      if (at >= 0) said.at(-1).style.color = css(colorOf(index));
+      if (at >= 0) shown.push(made("b", "", values[index][at].toFixed(Math.max(0, 2 - Math.floor(Math.log10(top))))));
+      if (at >= 0) shown.at(-1).style.color = css(colorOf(index));
     });
-    says.replaceChildren(...said.flatMap(each => [each, "  "]));
+    valueLabel.replaceChildren(...shown.flatMap(each => [each, "  "]));
     pen.strokeStyle = style.getPropertyValue("--ink");
     pen.lineWidth = 1;
     pen.beginPath(); pen.moveTo(x(now), 4); pen.lineTo(x(now), low); pen.stroke();
@@ -260,12 +260,12 @@ function showEyes(cameras, source, shown) {
   for (const { arm, look, size } of cameras.filter(camera => camera.look)) {
     if (!eyes.has(arm)) {
       const image = made("img"), marks = svg("svg", { viewBox: "0 0 " + size.join(" ") });
-      const says = made("p"), card = made("div", "eye", "", made("div", "", "", image, marks), says);
+      const caption = made("p"), card = made("div", "eye", "", made("div", "", "", image, marks), caption);
       image.alt = "picture of the camera of " + arm;
       get("eyes").append(card);
-      eyes.set(arm, { image, marks, says, card });
+      eyes.set(arm, { image, marks, caption, card });
     }
-    const { image, marks, says } = eyes.get(arm), address = source(arm, look.stamp);
+    const { image, marks, caption } = eyes.get(arm), address = source(arm, look.stamp);
     if (image.dataset.of !== address && (image.complete || !image.src)) {
       image.dataset.of = address;
       image.src = address;
@@ -285,7 +285,7 @@ function showEyes(cameras, source, shown) {
     }
     marks.replaceChildren(...drawn);
     const found = look.pixel ? "found, " + Math.round(look.area_px) + " px²" : look.pixel === null ? "nothing found" : "";
-    says.replaceChildren(made("span", "", arm + " at " + seconds(look.stamp)), made("span", "", found));
+    caption.replaceChildren(made("span", "", arm + " at " + seconds(look.stamp)), made("span", "", found));
   }
 }
 

@@ -9,8 +9,8 @@ const serverSource = {
   async mesh(name) { return (await this.answer("mesh?name=" + encodeURIComponent(name))).arrayBuffer(); },
   // `then`: of a time that is over; the stamp is that of the picture.
   eye(arm, stamp, then) { return "eye?arm=" + encodeURIComponent(arm) + (then ? "&t=" : "&of=") + stamp; },
-  press(deed, value) {
-    const body = JSON.stringify({ deed, value });
+  press(action, value) {
+    const body = JSON.stringify({ action, value });
     return this.answer("do", { method: "POST", body, headers: { "Content-Type": "application/json" } });
   },
 };

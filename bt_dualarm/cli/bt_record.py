@@ -78,7 +78,7 @@ def _command_line() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = parser.add_argument
-    add("deed", choices=("export",), metavar="export", help="the action: export")
+    add("action", choices=("export",), metavar="export", help="the action: export")
     add(
         "folders",
         metavar="DIR",
@@ -159,10 +159,10 @@ def _counted(done: Demonstrations) -> str:
     """Numbers of episodes by kind."""
     from bt_dualarm.spec.node_types import counted
 
-    said = [counted(done.episodes, "episode")]
-    said += [f"{done.failed} failed (success is false)"] if done.failed else []
-    said += [f"{done.left_out} left out"] if done.left_out else []
-    return f"{', '.join(said)}, {counted(done.frames, 'frame')}"
+    parts = [counted(done.episodes, "episode")]
+    parts += [f"{done.failed} failed (success is false)"] if done.failed else []
+    parts += [f"{done.left_out} left out"] if done.left_out else []
+    return f"{', '.join(parts)}, {counted(done.frames, 'frame')}"
 
 
 def _csv(record: Record, target: Path) -> None:

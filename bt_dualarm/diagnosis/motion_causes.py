@@ -395,9 +395,9 @@ def _at_work(e: Evidence) -> Cause:
 
 def _held_up(e: Evidence) -> Cause | None:
     """Cause for another arm that this one waited for, by its guard."""
-    said = e.notes("guard", since=e.began, until=e.ended + 0.05)
-    reasons = [e.reason, *(str(note["reason"]) for note in reversed(said[-3:]))]
-    if e.code != "TIMED_OUT" and not (said and said[-1]["does"] == "stopped"):
+    notes = e.notes("guard", since=e.began, until=e.ended + 0.05)
+    reasons = [e.reason, *(str(note["reason"]) for note in reversed(notes[-3:]))]
+    if e.code != "TIMED_OUT" and not (notes and notes[-1]["does"] == "stopped"):
         return _waited_for(e)
     for reason in reasons:
         for other in e.record.arms:

@@ -296,9 +296,9 @@ def differences(features: Facts, others: Facts) -> list[str]:
         elif ours.get("names") != theirs.get("names"):
             lacks = [one for one in theirs["names"] or () if one not in (ours["names"] or ())]
             more = [one for one in ours["names"] or () if one not in (theirs["names"] or ())]
-            said = [f"lacks {_listed(lacks)}"] if lacks else []
-            said += [f"has {_listed(more)} besides"] if more else []
-            found.append(f"its {name} {' and '.join(said) or 'has a different order'}")
+            differences = [f"lacks {_listed(lacks)}"] if lacks else []
+            differences += [f"has {_listed(more)} besides"] if more else []
+            found.append(f"its {name} {' and '.join(differences) or 'has a different order'}")
         elif (ours["dtype"], ours["shape"]) != (theirs["dtype"], theirs["shape"]):
             found.append(
                 f"its {name} is {ours['dtype']} of shape {ours['shape']}, "
@@ -437,16 +437,16 @@ class DatasetWriter:
             self._info = dict(info)
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise ReplayError(f"cannot append: this is not a LeRobot data set: {error}") from error
-        videos = [name for name, said in info["features"].items() if said["dtype"] == "video"]
+        videos = [name for name, feature in info["features"].items() if feature["dtype"] == "video"]
         for path in sorted(self._folder.glob("meta/episodes/*/*.parquet")):
             for row in self._parquet.read_table(path).to_pylist():
                 for key in videos:
-                    said = {
+                    statistics = {
                         name.rpartition("/")[2]: value
                         for name, value in row.items()
                         if name.startswith(f"stats/{key}/")
                     }
-                    self._pixels.setdefault(key, []).append(said)
+                    self._pixels.setdefault(key, []).append(statistics)
 
     def add(self, episode: Episode, source: str) -> None:
         """Add an episode.
@@ -478,8 +478,8 @@ class DatasetWriter:
         row |= {f"data/{name}": at for name, at in self._add_frames(columns).items()}
         statistics = {name: _statistics(values) for name, values in columns.items()}
         for key, view in episode.views.items():
-            said, statistics[key] = self._add_film(key, view)
-            row |= {f"videos/{key}/{name}": value for name, value in said.items()}
+            columns, statistics[key] = self._add_film(key, view)
+            row |= {f"videos/{key}/{name}": value for name, value in columns.items()}
             self._pixels.setdefault(key, []).append(statistics[key])
         for feature, found in statistics.items():
             row |= {f"stats/{feature}/{name}": value for name, value in found.items()}
@@ -585,15 +585,15 @@ class DatasetWriter:
         assert self._info is not None  # noqa: S101 - there is an episode
         paths = sorted(self._folder.glob("data/*/*.parquet"))
         found: Facts = {}
-        for name, said in self._info["features"].items():
-            if said["dtype"] == "video":
+        for name, feature in self._info["features"].items():
+            if feature["dtype"] == "video":
                 found[name] = _pooled(self._pixels[name])
                 continue
             parts = []
             for path in paths:
                 column = self._parquet.read_table(path, columns=[name])[name].combine_chunks()
-                flat = column.flatten() if said["shape"] != [1] else column
-                parts.append(flat.to_numpy(zero_copy_only=False).reshape(-1, *said["shape"]))
+                flat = column.flatten() if feature["shape"] != [1] else column
+                parts.append(flat.to_numpy(zero_copy_only=False).reshape(-1, *feature["shape"]))
             found[name] = _statistics(np.concatenate(parts))
         return found
 
@@ -636,14 +636,14 @@ def _tasks(pa: Any, tasks: list[str]) -> Any:  # the package has no types
         _column("task", "unicode", "object"),
     ]
     names = {**_column("", "unicode", "object"), "name": None, "field_name": None}
-    said = {
+    metadata = {
         "index_columns": ["task"],
         "column_indexes": [{**names, "metadata": {"encoding": "UTF-8"}}],
         "columns": columns,
         "creator": {"library": "pyarrow", "version": pa.__version__},
         "pandas_version": "2.0.0",
     }
-    return table.replace_schema_metadata({"pandas": json.dumps(said)})
+    return table.replace_schema_metadata({"pandas": json.dumps(metadata)})
 
 
 def _column(name: str, kind: str, numpy_kind: str) -> Facts:

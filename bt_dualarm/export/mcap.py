@@ -791,11 +791,11 @@ def _statuses(record: Record) -> Iterator[Message]:
     for event in record.events:
         time = float(event["time_s"])
         yield Message("/status", "bt_dualarm.StatusChange", time, event)
-        said = ": ".join(filter(None, (event["new"], event["code"], event["reason"])))
+        message = ": ".join(filter(None, (event["new"], event["code"], event["reason"])))
         content = {
             "timestamp": timestamp(time),
             "level": _ERROR if event["new"] == "FAILURE" else _INFO,
-            "message": said,
+            "message": message,
             "name": f"{event['arm']}:{event['path']}",
             "file": "",
             "line": 0,

@@ -516,12 +516,12 @@ class Encoder:
         program = imageio_ffmpeg.get_ffmpeg_exe()
         # The prefix, because ffmpeg takes what stands before a colon for a protocol.
         command = [program, "-v", "error", "-y", *images, "-i", "-", *coded, f"file:{path}"]
-        self._said = TemporaryFile()  # noqa: SIM115 - as long as the process
+        self._messages = TemporaryFile()  # noqa: SIM115 - as long as the process
         self._process = subprocess.Popen(  # noqa: S603 - the package's program
             command,
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
-            stderr=self._said,
+            stderr=self._messages,
             start_new_session=True,  # Ctrl-C is for this process, which then ends that one
         )
 
@@ -554,15 +554,15 @@ class Encoder:
         Raises:
             OSError: The file is not complete.
         """
-        if self._said.closed:
+        if self._messages.closed:
             return
         assert self._process.stdin is not None  # noqa: S101 - a pipe
         with suppress(BrokenPipeError):
             self._process.stdin.close()
         code = self._process.wait()
-        with self._said as said:
-            said.seek(0)
-            lines = said.read().decode(errors="replace").splitlines()
+        with self._messages as file:
+            file.seek(0)
+            lines = file.read().decode(errors="replace").splitlines()
         if code:
             why = lines[0].rpartition("] ")[2] if lines else f"it ended with {code}"
             raise OSError(f"the encoder ffmpeg failed: {why}")

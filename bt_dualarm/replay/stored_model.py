@@ -119,10 +119,10 @@ def _forked(content: bytes, states: Sequence[Vector]) -> str:
         with os.fdopen(reading, "rb") as answer:
             if not select.select([answer], [], [], 3.0 * _SECONDS)[0]:
                 os.kill(child, signal.SIGKILL)
-            said = answer.read()
+            output = answer.read()
     finally:
         ended = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    return _verdict(said, ended)
+    return _verdict(output, ended)
 
 
 def _spawned(trials: Sequence[tuple[bytes, Sequence[Vector]]]) -> list[str]:
@@ -153,9 +153,9 @@ def _spawned(trials: Sequence[tuple[bytes, Sequence[Vector]]]) -> list[str]:
     return complaints or [_verdict(b"", done.returncode)]
 
 
-def _verdict(said: bytes, ended: int) -> str:
-    if said:
-        return said.decode("utf-8", "replace").removeprefix(_VALID)[:1000]
+def _verdict(output: bytes, ended: int) -> str:
+    if output:
+        return output.decode("utf-8", "replace").removeprefix(_VALID)[:1000]
     if ended in (-signal.SIGKILL, -signal.SIGXCPU):
         return "MuJoCo does not finish loading it"
     return f"MuJoCo crashes on it (a process that tried ended with {ended})"

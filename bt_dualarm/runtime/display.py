@@ -99,12 +99,12 @@ def _lines(row: _Row, time: float, width: int, symbols: Symbols) -> list[Text]:
     right = _state(node, time, width, symbols)
     if node.name != node.kind and left.cell_len + len(node.kind) + right.cell_len + 4 <= width:
         left.append(f" ({node.kind})", style="dim")
-    said = node.reason or node.waiting
+    text = node.reason or node.waiting
     style = "red" if node.reason else "yellow"
-    beside = cell_len(said) + 3 <= width - left.cell_len - right.cell_len
-    if said and beside:
-        left.append(f"  {said}", style=style)
-    below = _wrapped(said, row.below, width, style) if said and not beside else []
+    beside = cell_len(text) + 3 <= width - left.cell_len - right.cell_len
+    if text and beside:
+        left.append(f"  {text}", style=style)
+    below = _wrapped(text, row.below, width, style) if text and not beside else []
     return [_aligned(left, right, width, symbols), *below]
 
 
@@ -117,12 +117,12 @@ def _aligned(left: Text, right: Text, width: int, symbols: Symbols) -> Text:
     return left.append_text(right)
 
 
-def _wrapped(said: str, below: str, width: int, style: str) -> list[Text]:
+def _wrapped(text: str, below: str, width: int, style: str) -> list[Text]:
     """Lines of the reason of a failure or a wait, behind the guides of the tree."""
     room = max(8, width - cell_len(below))
     return [
         Text(below, style="dim", no_wrap=True).append(line, style=f"{style} not dim")
-        for line in textwrap.wrap(said, room)
+        for line in textwrap.wrap(text, room)
     ]
 
 

@@ -92,7 +92,7 @@ class Shapes(NamedTuple):
         triangles: Indices of their corners, of shape (f, 3).
         normals: Outward unit normals of the triangles, of shape (f, 3).
         offsets: Distances of the triangles' planes from the geom's origin, of shape (f,), m.
-        heaps: First and end corner, first and end triangle of each geom, of shape (n, 4).
+        mesh_ranges: First and end corner, first and end triangle of each geom, of shape (n, 4).
         owners: Id of the geom of each face, of shape (f + n,): of each triangle, then of each shape
             as a whole (the one face of a plane).
     """
@@ -105,7 +105,7 @@ class Shapes(NamedTuple):
     triangles: Numbers
     normals: Matrix
     offsets: Vector
-    heaps: Numbers
+    mesh_ranges: Numbers
     owners: Numbers
 
 

@@ -280,10 +280,10 @@ def meet_hull(shapes: Shapes, index: int, axes: Matrix, fan: Fan, marks: Marks) 
         fan: The rays.
         marks: Intersections so far, with eye and turn for this shape; changed.
     """
-    heap = shapes.heaps[index]
+    mesh_range = shapes.mesh_ranges[index]
     eye = marks.eyes[index]
     turn = marks.turns[index]
-    corners = in_camera(shapes.corners[heap[0] : heap[1]], eye, turn, fan)
+    corners = in_camera(shapes.corners[mesh_range[0] : mesh_range[1]], eye, turn, fan)
     top, bottom, left, right = box_of(fan, corners)
     if top >= bottom or left >= right:
         return
@@ -294,12 +294,12 @@ def meet_hull(shapes: Shapes, index: int, axes: Matrix, fan: Fan, marks: Marks) 
         return
     # In the loop, numbers instead of rows, and no call with an array that remains one: numba counts
     # references to arrays by atomic operations, which would take a third of the time of an image.
-    first = heap[0]
+    first = mesh_range[0]
     normals = shapes.normals
     rays = fan.rays
     faces = marks.faces
     distances = marks.distances
-    for number in range(heap[2], heap[3]):
+    for number in range(mesh_range[2], mesh_range[3]):
         normal = normals[number, 0], normals[number, 1], normals[number, 2]
         height = shapes.offsets[number] - (
             normal[0] * eye[0] + normal[1] * eye[1] + normal[2] * eye[2]

@@ -94,7 +94,7 @@ def shapes_of(model: mujoco.MjModel, geoms: Sequence[int]) -> tuple[Shapes, list
         triangles=np.vstack([_NO_HULL.triangles, *shifted]),
         normals=np.vstack([_NO_HULL.normals, *(body.normals for body in bodies)]),
         offsets=np.concatenate([_NO_HULL.offsets, *(body.offsets for body in bodies)]),
-        heaps=np.column_stack((ends[:-1, 0], ends[1:, 0], ends[:-1, 1], ends[1:, 1])),
+        mesh_ranges=np.column_stack((ends[:-1, 0], ends[1:, 0], ends[:-1, 1], ends[1:, 1])),
         owners=np.concatenate([np.repeat(known, np.diff(ends[:, 1])), known]).astype(np.int64),
     )
     return shapes, sorted(set(geoms) - set(known))

@@ -193,7 +193,7 @@ def causes_of(table: pa.Table) -> tuple[FailureCause, ...]:
 
 def _where(columns: _Columns, rows: Sequence[int]) -> str:
     """Values of parameters to which these rows are confined, while other rows have others."""
-    said = []
+    parts = []
     for name, values in columns.params.items():
         inside = {values[row] for row in rows}
         everywhere = set(values)
@@ -201,10 +201,10 @@ def _where(columns: _Columns, rows: Sequence[int]) -> str:
             continue
         numbers = [value for value in inside if _is_number(value)]
         if len(numbers) == len(inside) and len(inside) > 2:
-            said.append(f"{name} {_shown(min(numbers))} to {_shown(max(numbers))}")  # type: ignore[type-var]
+            parts.append(f"{name} {_shown(min(numbers))} to {_shown(max(numbers))}")  # type: ignore[type-var]
         elif len(inside) <= 2:
-            said.append(f"{name} {' or '.join(sorted(map(_shown, inside)))}")
-    return ", ".join(said)
+            parts.append(f"{name} {' or '.join(sorted(map(_shown, inside)))}")
+    return ", ".join(parts)
 
 
 def metrics_of(table: pa.Table) -> tuple[MetricSummary, ...]:

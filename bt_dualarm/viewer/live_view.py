@@ -278,9 +278,9 @@ class LiveView:
             ViewError: There is no such command, or its value is invalid.
             GateError: A value is outside the allowed range.
         """
-        button = self._buttons.get(str(asked.get("deed", "")))
+        button = self._buttons.get(str(asked.get("action", "")))
         if button is None:
-            raise ViewError(f"there is no button {str(asked.get('deed'))[:40]!r}")
+            raise ViewError(f"there is no button {str(asked.get('action'))[:40]!r}")
         try:
             button(asked.get("value"))
         except (TypeError, ValueError, AttributeError) as error:

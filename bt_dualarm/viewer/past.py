@@ -471,7 +471,9 @@ class RecordView:
         Raises:
             ViewError: Always.
         """
-        raise ViewError(f"a record is only looked at: {str(asked.get('deed'))[:40]!r} does nothing")
+        raise ViewError(
+            f"a record is only looked at: {str(asked.get('action'))[:40]!r} does nothing"
+        )
 
     def _now(self) -> Json:
         record = self.past.record

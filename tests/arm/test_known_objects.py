@@ -99,7 +99,7 @@ def test_unknown_object_in_the_drawer_does_not_keep_the_arm_from_opening_it(stag
             "objects": CABINET | {"cube": cube},
             "arms": {"arm1": GRIPPING | {"tree": {"sequence": [PULLS, pull]}}},
         },
-        deeds=[(0.05, lambda world: world.spawn_object("cube", Pose.from_rpy(IN_DRAWER)))],
+        interventions=[(0.05, lambda world: world.spawn_object("cube", Pose.from_rpy(IN_DRAWER)))],
     )
     assert play.run().outcome == "SUCCESS", play.leaves("operate")
 

@@ -35,8 +35,8 @@ def play(
     cube = {"cube": ON_TABLE["cube"] | {"mass": 0.5}}
     arm = GRIPPING | {"gripper": gripper}
     file = Scenario(cube, arm=arm, scene="table").file(grasp, CARRY)
-    deeds = ((GOING, pulls(newton, axis)), (GOING + 0.1, pulls(0.0)))
-    one = stage.play(file, deeds=deeds)
+    interventions = ((GOING, pulls(newton, axis)), (GOING + 0.1, pulls(0.0)))
+    one = stage.play(file, interventions=interventions)
     commands: list[tuple[float, float]] = []
 
     def note(world: World) -> None:

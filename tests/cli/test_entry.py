@@ -24,7 +24,7 @@ from bt_dualarm.cli.safe_streams import SafeStream
 from bt_dualarm.runtime.interruption import StopRequest
 from tests.families import some
 from tests.listening import HEEDING, STOPPING, wait_until, wait_until_it_listens
-from tests.undrawn import BT_RUN_UNDRAWN
+from tests.no_plots import BT_RUN_NO_PLOTS
 
 PROGRAM = f"{HEEDING}import sys; import bt_dualarm.cli as cli; "
 COMMANDS = {
@@ -196,7 +196,7 @@ def test_record_is_complete_after_the_terminal_is_closed(tmp_path: Path, display
     ours, theirs = os.openpty()
     arguments = ("circle", "--real-time", "--display", display, "--record", str(tmp_path / "out"))
     with subprocess.Popen(
-        [sys.executable, "-c", f"{HEEDING}{BT_RUN_UNDRAWN}", *arguments],
+        [sys.executable, "-c", f"{HEEDING}{BT_RUN_NO_PLOTS}", *arguments],
         stdin=theirs,
         stdout=theirs,
         stderr=theirs,
@@ -214,7 +214,7 @@ def test_record_is_complete_after_the_terminal_is_closed(tmp_path: Path, display
 
 def test_ignored_sighup_stays_ignored(tmp_path: Path) -> None:
     """``nohup`` ignores SIGHUP."""
-    command = ["nohup", sys.executable, "-c", BT_RUN_UNDRAWN]
+    command = ["nohup", sys.executable, "-c", BT_RUN_NO_PLOTS]
     arguments = ("circle", "--duration", "0.5", "--real-time", "--record", str(tmp_path / "out"))
     with subprocess.Popen([*command, *arguments], stdout=subprocess.DEVNULL) as process:
         wait_until(process, (tmp_path / "out" / "events.jsonl").exists)

@@ -24,7 +24,7 @@ from bt_dualarm.experiments.report import Campaign, Result
 from bt_dualarm.experiments.trials import Cell
 from bt_dualarm.sim import renderers
 from tests.docs.test_docs import ONE_CELL
-from tests.experiments.test_results import made_up
+from tests.experiments.test_results import synthetic_trial
 from tests.families import some
 
 ONE = ("--case", "circle", "--speed", "1", "--controller", "predictive")
@@ -135,7 +135,7 @@ def test_full_disk_at_the_end_leaves_the_numbers(
     def fail(folder: Path, results: object) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(folder))
 
-    done = Campaign([Result(Cell("circle", 1.0), [made_up()])])
+    done = Campaign([Result(Cell("circle", 1.0), [synthetic_trial()])])
     monkeypatch.setattr(report, "run_all", lambda *_: done)
     monkeypatch.setattr(report, "write_report", fail)
     numbers = tmp_path / "numbers.json"

@@ -18,7 +18,7 @@ from bt_dualarm.core.share import share_dir
 from bt_dualarm.runtime.options import NoSuchTree, find_tree, shipped_trees
 from bt_dualarm.runtime.run import Run
 from tests.families import some
-from tests.undrawn import BT_RUN_UNDRAWN
+from tests.no_plots import BT_RUN_NO_PLOTS
 
 WAITING = """\
 bt_dualarm: 1
@@ -113,7 +113,7 @@ def test_outcome_is_printed_before_images_are_drawn(
     assert (tmp_path / "out" / "overview.png").is_file()
 
 
-@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.usefixtures("without_plots")
 def test_record_has_summary_and_events(
     waiting: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -130,7 +130,7 @@ def test_record_has_summary_and_events(
     assert not (folder / "run.log").exists(), "nothing was logged"
 
 
-@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.usefixtures("without_plots")
 def test_runs_with_equal_seeds_are_identical(waiting: Path, tmp_path: Path) -> None:
     hashes = set()
     for number in "12":
@@ -281,7 +281,7 @@ def test_version_is_that_of_the_package(capsys: pytest.CaptureFixture[str]) -> N
 def test_closed_pipe_does_not_stop_the_run(waiting: Path, tmp_path: Path) -> None:
     """``bt-run … | head -1`` runs to its end and writes its record."""
     out = tmp_path / "out"
-    command = f"{sys.executable} -c '{BT_RUN_UNDRAWN}' {waiting}"
+    command = f"{sys.executable} -c '{BT_RUN_NO_PLOTS}' {waiting}"
     done = subprocess.run(
         ["bash", "-c", f"{command} --record {out} | true; exit ${{PIPESTATUS[0]}}"],
         capture_output=True,
@@ -306,7 +306,7 @@ def test_signal_ends_the_run_in_order(tmp_path: Path, number: signal.Signals, co
     command = [
         sys.executable,
         "-c",
-        BT_RUN_UNDRAWN,
+        BT_RUN_NO_PLOTS,
         "circle",
         "--real-time",
         "--record",
@@ -331,7 +331,7 @@ def test_real_time_run_takes_the_simulated_time(waiting: Path) -> None:
     assert time.perf_counter() - began >= 0.2
 
 
-@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.usefixtures("without_plots")
 def test_divergence_reports_where_its_states_are(
     waiting: Path,
     tmp_path: Path,

@@ -95,7 +95,7 @@ def test_leaf_fails_with_the_joint_and_the_torque(stage: Stage) -> None:
         "world": {"scene": "empty", "time_limit": 20, "reality": "lab"},
         "arms": {"arm1": arm | {"collision": {"stop": True}, "tree": tree}},
     }
-    play = stage.run(file, deeds=[(0.4, pushes("arm1/wrist_3_link", 80.0))])
+    play = stage.run(file, interventions=[(0.4, pushes("arm1/wrist_3_link", 80.0))])
     found = play.leaf("move_linear")
     assert found.code == "COLLISION", (found.code, found.reason)
     assert float(found.metrics["torque_nm"]) > float(found.metrics["threshold_nm"])

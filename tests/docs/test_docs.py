@@ -16,7 +16,7 @@ import pytest
 
 from bt_dualarm.core.share import share_dir
 from tests.commands import Ran, in_this_process
-from tests.undrawn import undrawn
+from tests.no_plots import no_plots
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
@@ -175,7 +175,7 @@ def records(main_job: Ran, tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert main_job.code == 0, main_job.err
     folder = tmp_path_factory.mktemp("records")
     (folder / "out").symlink_to(main_job.folder)
-    with pytest.MonkeyPatch.context() as patch, undrawn():
+    with pytest.MonkeyPatch.context() as patch, no_plots():
         run_in(folder, BEGINNING, patch)
     return folder
 
@@ -219,7 +219,7 @@ def test_examples_work_in_the_order_of_the_page(
             if command == MAIN_JOB:
                 shutil.copytree(request.getfixturevalue("records"), tmp_path, dirs_exist_ok=True)
                 continue
-            with undrawn():  # drawing has its own tests
+            with no_plots():  # drawing has its own tests
                 code, output = run_in(tmp_path, SHORTER.get(command, command), monkeypatch)
             if block.language == "console":
                 assert output == block.output

@@ -7,12 +7,12 @@ import pytest
 
 from bt_dualarm.experiments.report import Result, over_time, overlay
 from bt_dualarm.experiments.trials import Cell, ControllerName
-from tests.experiments.test_results import made_up
+from tests.experiments.test_results import synthetic_trial
 
 
 def result(controller: ControllerName, seeds: tuple[int, ...]) -> Result:
     """A result in which seed s is (1 + s) hundredths of a second late."""
-    trials = [made_up(0.01 * (1 + seed), seed) for seed in seeds]
+    trials = [synthetic_trial(0.01 * (1 + seed), seed) for seed in seeds]
     return Result(Cell("circle", 1.0, controller), trials)
 
 

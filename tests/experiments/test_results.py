@@ -39,7 +39,7 @@ from bt_dualarm.runtime.options import find_tree
 from bt_dualarm.skill.registry import Registry
 
 
-def made_up(late: float = 0.02, seed: int = 0) -> Trial:
+def synthetic_trial(late: float = 0.02, seed: int = 0) -> Trial:
     """A tool that lags ``late`` seconds behind a cube on a circle of 0.1 m with a period of 2 s."""
     times = np.linspace(0.0, 5.98, 300)
 
@@ -62,7 +62,7 @@ def made_up(late: float = 0.02, seed: int = 0) -> Trial:
 
 def test_lag_is_measured() -> None:
     """On a circle every error is the chord of the lag, and the amplitude is preserved."""
-    trial = made_up(late=0.03)
+    trial = synthetic_trial(late=0.03)
     chord = 2 * 0.1 * np.sin(np.pi * 0.03 / 2)
     assert trial.rms == pytest.approx(chord, rel=1e-9)
     assert trial.error.max() == pytest.approx(chord, rel=1e-9)
@@ -73,7 +73,7 @@ def test_lag_is_measured() -> None:
 
 def test_bounds_grow_with_latency_and_noise() -> None:
     cell = Cell("circle", 1.0)
-    trial = made_up()
+    trial = synthetic_trial()
     assert estimator_bound(trial, cell) < estimator_bound(trial, replace(cell, latency=0.05))
     assert estimator_bound(trial, cell) < estimator_bound(replace(trial, sighting_sd=1e-3), cell)
     assert estimator_bound(trial, cell) < 1e-3
@@ -109,7 +109,7 @@ def test_every_experiment_has_its_own_gain() -> None:
 
 
 def test_json_has_one_number_per_seed() -> None:
-    result = Result(Cell("circle", 1.0), [made_up(seed=0), made_up(seed=1)])
+    result = Result(Cell("circle", 1.0), [synthetic_trial(seed=0), synthetic_trial(seed=1)])
     content = json.loads(json.dumps(result.as_json()))
     for name in ("seeds", "yz_rms_m", "yz_max_m", "lag_s", "lost_count", "bound_m"):
         assert len(content[name]) == 2
@@ -118,8 +118,8 @@ def test_json_has_one_number_per_seed() -> None:
 def test_report_needs_no_other_files(tmp_path: Path) -> None:
     """HTML contains its figures, and Markdown has them in the same folder."""
     results = [
-        Result(Cell("circle", 1.0, "proportional", label="3:2, fast"), [made_up(0.03)]),
-        Result(Cell("circle", 1.0, "predictive", label="3:2, fast"), [made_up(0.001)]),
+        Result(Cell("circle", 1.0, "proportional", label="3:2, fast"), [synthetic_trial(0.03)]),
+        Result(Cell("circle", 1.0, "predictive", label="3:2, fast"), [synthetic_trial(0.001)]),
     ]
     write_report(tmp_path, results)
     sources: list[str] = []

@@ -14,7 +14,7 @@ from rich.console import Console
 
 from bt_dualarm.experiments.report import Result, row, table_of
 from bt_dualarm.experiments.trials import CASES, UNTUNED, Cell, ControllerName
-from tests.experiments.test_results import made_up
+from tests.experiments.test_results import synthetic_trial
 
 CELLS = (*(Cell(case, speed) for case, speed in CASES), *UNTUNED)
 
@@ -38,7 +38,7 @@ def test_every_number_is_complete_and_in_one_line(
     cell: Cell, controller: ControllerName, late: float, lost: int, width: int
 ) -> None:
     """The family: all experiments, with errors up to the diameter of the curve."""
-    trial = replace(made_up(late), lost_count=lost)
+    trial = replace(synthetic_trial(late), lost_count=lost)
     result = Result(replace(cell, controller=controller), [trial])
     lines = shown([result], width)
     assert max(map(len, lines)) <= width
@@ -48,6 +48,6 @@ def test_every_number_is_complete_and_in_one_line(
 
 @pytest.mark.parametrize("width", [20, 50, 79])
 def test_narrow_table_is_folded_and_complete(width: int) -> None:
-    lines = shown([Result(UNTUNED[1], [made_up()])], width)
+    lines = shown([Result(UNTUNED[1], [synthetic_trial()])], width)
     assert max(map(len, lines)) <= width
     assert "…" not in "".join(lines)

@@ -11,7 +11,7 @@ from bt_dualarm.experiments import trials
 from bt_dualarm.experiments.trials import Cell, Trial, TrialError
 from bt_dualarm.runtime.interruption import StopRequest
 from bt_dualarm.skill.registry import Registry
-from tests.experiments.test_results import made_up
+from tests.experiments.test_results import synthetic_trial
 
 CIRCLE = Cell("circle", 1.0)
 LISSAJOUS = Cell("lissajous", 1.0)
@@ -26,7 +26,7 @@ def runs(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int]]:
         done.append((cell.case, seed))
         if cell.speed == 0.2:
             raise TrialError("nothing to measure")
-        return made_up(seed=seed)
+        return synthetic_trial(seed=seed)
 
     monkeypatch.setattr(trials, "run_trial", run_trial)
     return done

@@ -12,7 +12,7 @@ from bt_dualarm.experiments import trials
 from bt_dualarm.experiments.trials import Cell, Trial, TrialError
 from bt_dualarm.runtime.interruption import StopRequest
 from bt_dualarm.skill.registry import Registry
-from tests.experiments.test_results import made_up
+from tests.experiments.test_results import synthetic_trial
 
 RUNS = [(Cell("circle", 1.0), seed) for seed in range(6)]
 
@@ -26,7 +26,7 @@ def test_trial_that_is_incomplete_at_a_stop_request_is_not_yielded(
     def run_trial(cell: Cell, seed: int, registry: Registry, stop: StopRequest) -> Trial:
         if seed == last:
             stop.ask()
-        return made_up(seed=seed)
+        return synthetic_trial(seed=seed)
 
     monkeypatch.setattr(trials, "run_trial", run_trial)
     found = list(trials.run_trials(RUNS, registry, 1, stop))

@@ -17,7 +17,7 @@ from bt_dualarm.replay.record import Record
 from bt_dualarm.runtime import interruption
 from tests.commands import Ran
 from tests.families import some
-from tests.undrawn import BT_RUN_UNDRAWN
+from tests.no_plots import BT_RUN_NO_PLOTS
 
 HERE = Path(__file__).parent
 
@@ -36,7 +36,7 @@ arms:
     tree: {{wait: 10}}
 """
 
-pytestmark = pytest.mark.usefixtures("without_pictures")
+pytestmark = pytest.mark.usefixtures("without_plots")
 
 NEEDS_PROC = pytest.mark.skipif(
     not Path("/proc/self/stat").exists(), reason="who sleeps is told by /proc"
@@ -60,7 +60,7 @@ CASES = [
 PROGRAM = f"""\
 from bt_dualarm.runtime import interruption
 interruption.STOPPING_S = 0.5
-{BT_RUN_UNDRAWN}
+{BT_RUN_NO_PLOTS}
 """
 
 
@@ -93,11 +93,11 @@ def check_record(ran: Ran) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("phase", "deed"), some(CASES, 3))
+@pytest.mark.parametrize(("phase", "action"), some(CASES, 3))
 def test_blocking_code_is_reported_and_aborted(
-    phase: str, deed: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    phase: str, action: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    ran = run(tmp_path, capsys, BUDGET_S, phase=phase, deed=deed)
+    ran = run(tmp_path, capsys, BUDGET_S, phase=phase, action=action)
     assert ran.code == 154
     assert signal.getitimer(signal.ITIMER_VIRTUAL) == (0.0, 0.0), "no timer is left behind"
     check_record(ran)
@@ -140,7 +140,7 @@ def test_blocking_code_is_aborted_sooner_after_a_stop_signal(
     request.addfinalizer(partial(signal.signal, signal.SIGHUP, signal.getsignal(signal.SIGHUP)))
     signal.signal(signal.SIGHUP, signal.SIG_DFL)  # under nohup it would stay ignored
     monkeypatch.setattr(interruption, "STOPPING_S", 1e6 if " " in signals else 0.5)
-    ran = run(tmp_path, capsys, 0, phase=phase, deed="spin", signals=signals)
+    ran = run(tmp_path, capsys, 0, phase=phase, action="spin", signals=signals)
     assert ran.code == code
     check_record(ran)
     assert ran.summary["ending"] == "a stop was requested"
@@ -149,13 +149,13 @@ def test_blocking_code_is_aborted_sooner_after_a_stop_signal(
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("deed", "signals", "code"),
+    ("action", "signals", "code"),
     [("swallow", "", 154), ("deadlock", "SIGTERM SIGINT", 143)],
 )
 def test_uninterruptible_code_ends_the_run_with_the_record_so_far(
-    deed: str, signals: str, code: int, tmp_path: Path
+    action: str, signals: str, code: int, tmp_path: Path
 ) -> None:
-    ran = run_apart(tmp_path, 0 if signals else BUDGET_APART_S, deed=deed, signals=signals)
+    ran = run_apart(tmp_path, 0 if signals else BUDGET_APART_S, action=action, signals=signals)
     assert ran.code == code, ran.err
     assert "arm1: timeout/blocker at blocker.py:" in ran.err
     assert "and cannot be interrupted" in ran.err
@@ -166,7 +166,7 @@ def test_uninterruptible_code_ends_the_run_with_the_record_so_far(
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "deed",
+    "action",
     some(
         [
             "hold the lock of Python",
@@ -178,10 +178,10 @@ def test_uninterruptible_code_ends_the_run_with_the_record_so_far(
     ),
 )
 def test_code_that_holds_the_gil_ends_the_run_with_the_record_so_far(
-    deed: str, tmp_path: Path
+    action: str, tmp_path: Path
 ) -> None:
     """No Python thread runs any more, whether the code computes or sleeps."""
-    ran = run_apart(tmp_path, BUDGET_APART_S, deed=deed)
+    ran = run_apart(tmp_path, BUDGET_APART_S, action=action)
     assert ran.code == 154, ran.err
     assert 'blocker.py", line' in ran.err
     assert "bt-run: error: arm1: timeout/blocker at blocker.py:" in ran.err
@@ -196,7 +196,7 @@ def test_code_that_holds_the_gil_ends_the_run_with_the_record_so_far(
 
 def test_skill_cannot_end_the_process(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """An exit with the code of SUCCESS makes the leaf fail."""
-    ran = run(tmp_path, capsys, BUDGET_S, deed="leave", phase="step")
+    ran = run(tmp_path, capsys, BUDGET_S, action="leave", phase="step")
     assert ran.code == 1
     check_record(ran)
     leaf = ran.summary["arms"]["arm1"]["leaves"][0]

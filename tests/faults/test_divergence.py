@@ -29,7 +29,7 @@ arms:
 pytestmark = pytest.mark.slow
 
 
-@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.usefixtures("without_plots")
 @pytest.mark.parametrize("into", ["qpos", "qvel", "xfrc_applied"])
 def test_divergence_is_reported_and_its_states_are_kept(
     into: str, bt_run_here: BtRun, tmp_path: Path

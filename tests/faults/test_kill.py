@@ -17,7 +17,7 @@ import pytest
 
 from tests.families import some
 from tests.listening import HEEDING, STOPPING, wait_until, wait_until_it_listens
-from tests.undrawn import BT_RUN_UNDRAWN
+from tests.no_plots import BT_RUN_NO_PLOTS
 
 ENDLESS = """\
 bt_dualarm: 1
@@ -38,7 +38,7 @@ arms:
 """
 
 PROGRAM = f"{HEEDING}import bt_dualarm.cli as cli, sys; sys.exit(cli.run())"
-UNDRAWN = f"{HEEDING}{BT_RUN_UNDRAWN}"
+UNDRAWN = f"{HEEDING}{BT_RUN_NO_PLOTS}"
 
 RNG = np.random.default_rng(5)
 EARLY = [(STOPPING[n % 3], float(seconds)) for n, seconds in enumerate(RNG.uniform(0, 1.5, 6))]

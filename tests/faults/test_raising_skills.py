@@ -66,7 +66,7 @@ def test_leaf_fails_and_the_other_arm_goes_on(
     check_other_arm(play)
 
 
-@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.usefixtures("without_plots")
 @pytest.mark.parametrize("phase", some(PHASES, 2))
 def test_record_log_and_report_have_the_exception(
     phase: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -39,14 +39,14 @@ class Threaded(Skill):
     """Calls an action of its arm from its own thread."""
 
     class Ports(PortModel):
-        deed: str = port(..., "what it does")
+        action: str = port(..., "what it does")
 
-    example = "threaded: {deed: halt}"
+    example = "threaded: {action: halt}"
     ports: Ports
 
     def run(self) -> Iterator[float | None]:
         """Moves first if the action stops a motion."""
-        if self.ports.deed in MOVING:
+        if self.ports.action in MOVING:
             self.arm.begin(self.arm.straight_to(self.arm.setpoint.q + 0.3, 0.5))
         for _ in range(5):
             yield None
@@ -58,7 +58,7 @@ class Threaded(Skill):
 
     def _do(self) -> None:
         with pytest.raises(SkillError):
-            ACTIONS[self.ports.deed](self.arm)
+            ACTIONS[self.ports.action](self.arm)
 
 
 FILE = """
@@ -66,7 +66,7 @@ world: {scene: empty, time_limit: 5}
 objects:
   ball: {shape: sphere, size: [0.03], mass: 0.1, pose: {xyz: [0.5, -0.5, 0.03]}}
 arms:
-  arm1: {robot: ur5, posture: up, tree: {threaded: {deed: DEED}}}
+  arm1: {robot: ur5, posture: up, tree: {threaded: {action: ACTION}}}
   arm2: {robot: ur3, base: {xyz: [0, -3, 0]}, tree: {go_home: {}}}
 """
 
@@ -76,19 +76,19 @@ def own(tmp_path: Path) -> Stage:
     return Stage(tmp_path, registry_with(Threaded))
 
 
-@pytest.mark.parametrize("deed", ACTIONS)
+@pytest.mark.parametrize("action", ACTIONS)
 def test_leaf_that_controls_its_arm_from_a_thread_fails_with_the_reason(
-    deed: str, own: Stage
+    action: str, own: Stage
 ) -> None:
     """The attempt has no effect: the arm goes on as before until the leaf fails."""
-    play = own.run(FILE.replace("DEED", deed))
+    play = own.run(FILE.replace("ACTION", action))
     (leaf,) = play.arm("arm1").runs
     assert (leaf.status, leaf.code) == ("FAILURE", "EXCEPTION")
     assert leaf.reason.startswith("test_threads.py:")
     assert "Threaded" in leaf.reason
     assert "from thread 'a thread of its own'" in leaf.reason
     assert leaf.ended_s == pytest.approx(0.12, abs=0.021), "at the next tick"
-    if deed not in MOVING:
+    if action not in MOVING:
         assert play.joint_travel["arm1"] < 2e-3
     assert not play.world.attachments
     assert play.arm("arm2").outcome == "SUCCESS"
@@ -110,7 +110,7 @@ class Bystander(Skill):
 
 def test_run_may_be_advanced_by_any_thread(tmp_path: Path) -> None:
     """With a new thread for each step, nothing is refused, and the states are the same bits."""
-    tree = FILE.replace("threaded: {deed: DEED}", "bystander: {}")
+    tree = FILE.replace("threaded: {action: ACTION}", "bystander: {}")
     file = tmp_path / "tree.yaml"
     file.write_text("bt_dualarm: 1\n" + tree, encoding="utf-8")
     hashes = []

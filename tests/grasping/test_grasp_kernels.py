@@ -100,7 +100,7 @@ def test_force_of_a_pinch_agrees_with_its_formula(seed: int, width: float, frict
 @settings(max_examples=4, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(primitives(), poses(), poses())
 def test_clearance_is_the_least_distance_of_all_points(
-    solid: Solid, lies: Pose, tool: Pose
+    solid: Solid, pose: Pose, tool: Pose
 ) -> None:
     """It is exact if positive; otherwise only its sign counts."""
     tool = Pose(0.2 * tool.position, tool.quaternion)
@@ -111,7 +111,7 @@ def test_clearance_is_the_least_distance_of_all_points(
     widths = np.array([[JAW.widest_opening, 0.03]])
     row = np.array([[*tool.position, *tool.quaternion]])
     at = np.vstack([finger_points(JAW, width) for width in widths[0]] + [palm])
-    near = Pose(0.2 * lies.position, lies.quaternion)
+    near = Pose(0.2 * pose.position, pose.quaternion)
     least = float(solid.distance(near.inverse.apply(tool.apply(at))).min())
     for kernel in (lower_clearances, plain(lower_clearances)):
         clearances = np.array([0.5])

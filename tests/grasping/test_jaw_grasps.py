@@ -162,8 +162,8 @@ def test_antipodal_pairs_of_an_unknown_type_are_an_error() -> None:
 def test_fingers_do_not_close_on_an_opening(shape: str, size: tuple[float, ...]) -> None:
     """The bounding box of a tray has six sides, the tray only five."""
     obj = ObjectSpec(shape=shape, size=size, wall=0.003, mass=0.05)  # type: ignore[arg-type]
-    lies = Load(0.05, np.array([0.0, -9.81, 0.0]), 0.0, np.zeros(3))
-    found = jaw_grasps(body_of(obj).solid, JAW, lies, 0.8)
+    load = Load(0.05, np.array([0.0, -9.81, 0.0]), 0.0, np.zeros(3))
+    found = jaw_grasps(body_of(obj).solid, JAW, load, 0.8)
     assert found
     solid = body_of(obj).solid
     for one in (one for one in found if one.width > 0.01):  # the others grasp a single wall

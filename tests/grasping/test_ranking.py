@@ -35,23 +35,23 @@ def test_object_on_a_table_is_grasped_without_touching_the_table(
 ) -> None:
     """An object of 20 to 70 mm on a table has grasps in which no finger is inside the table."""
     size = {"box": (edge,) * 3, "cylinder": (edge / 2, edge), "sphere": (edge / 2,)}[shape]
-    lies = Pose.from_rpy((0.2, -0.1, edge / 2), (0.0, 0.0, yaw))
-    found = ranked(jaw_grasps(solid_of(shape, size), jaw, LOAD, 0.8), lies, jaw, [TABLE], no_cost)
+    pose = Pose.from_rpy((0.2, -0.1, edge / 2), (0.0, 0.0, yaw))
+    found = ranked(jaw_grasps(solid_of(shape, size), jaw, LOAD, 0.8), pose, jaw, [TABLE], no_cost)
     assert found
     assert [one.cost for one in found] == sorted(one.cost for one in found)
     for one in found[::9]:
         assert one.clearance >= -1e-4
         for opening in (jaw.widest_opening, one.grasp.width):
             assert one.tool.apply(finger_points(jaw, opening))[:, 2].min() >= -1e-4
-        assert np.allclose(one.tool.matrix, (lies @ one.grasp.tool).matrix)
+        assert np.allclose(one.tool.matrix, (pose @ one.grasp.tool).matrix)
 
 
 def test_unreachable_grasps_are_left_out() -> None:
     grasps = jaw_grasps(solid_of("box", (0.04, 0.04, 0.04)), JAW, LOAD, 0.8)
-    lies = Pose.from_rpy((0.0, 0.0, 0.02))
-    assert ranked(grasps, lies, JAW, [TABLE], lambda _: math.inf) == ()
+    pose = Pose.from_rpy((0.0, 0.0, 0.02))
+    assert ranked(grasps, pose, JAW, [TABLE], lambda _: math.inf) == ()
     from_above = ranked(
-        grasps, lies, JAW, [TABLE], lambda tool: 0.5 * (1.0 + tool.rotation_matrix[2, 2])
+        grasps, pose, JAW, [TABLE], lambda tool: 0.5 * (1.0 + tool.rotation_matrix[2, 2])
     )
     assert from_above[0].tool.rotation_matrix[2, 2] == pytest.approx(-1.0)
 

@@ -9,8 +9,8 @@ import pytest
 from tests.matrix.columns import columns
 from tests.matrix.operations import ROWS
 from tests.matrix.recordings import Recordings
+from tests.no_plots import no_plots
 from tests.own_models import tried_here
-from tests.undrawn import undrawn
 
 SIGNS = {"passed": ".", "failed": "F", "error": "E", "skipped": "s"}
 
@@ -29,9 +29,9 @@ def worker(request: pytest.FixtureRequest) -> str:
 
 
 @pytest.fixture(autouse=True, scope="package")
-def records_without_pictures() -> Iterator[None]:
+def records_without_plots() -> Iterator[None]:
     """Plots and stills have their own tests, and would take half the time of a short run."""
-    with undrawn():
+    with no_plots():
         yield
 
 

@@ -6,14 +6,14 @@ from collections.abc import Iterator
 
 import pytest
 
+from tests.no_plots import no_plots
 from tests.own_models import tried_here
-from tests.undrawn import undrawn
 
 
 @pytest.fixture(autouse=True, scope="package")
 def records_without_images() -> Iterator[None]:
     """Record without rendering camera images, which these tests do not look at."""
-    with undrawn():
+    with no_plots():
         yield
 
 

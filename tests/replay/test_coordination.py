@@ -16,7 +16,7 @@ from bt_dualarm.runtime.display import draw_tree
 from bt_dualarm.runtime.report import UNICODE
 from bt_dualarm.viewer.events import rows_at, rows_of
 from tests.matrix.recordings import output_of
-from tests.undrawn import undrawn
+from tests.no_plots import no_plots
 
 TREE = """
 bt_dualarm: 1
@@ -57,7 +57,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The record of a run that ends at its time limit, with two arms at the bin."""
     parent = tmp_path_factory.mktemp("waiting")
     (parent / "waiting.yaml").write_text(TREE)
-    with undrawn():
+    with no_plots():
         bt.run(parent / "waiting.yaml", record=parent / "record")
     return parent / "record"
 
@@ -113,7 +113,7 @@ def test_a_page_of_the_record_agrees_with_the_live_one(
 ) -> None:
     """Also after the wait of a leaf that goes on, as that of the arm that came first."""
     live = Waits()
-    with undrawn(), bt.open(f"trees/{tree}.yaml", duration=seconds, record=tmp_path / "r") as run:
+    with no_plots(), bt.open(f"trees/{tree}.yaml", duration=seconds, record=tmp_path / "r") as run:
         run.watch(live)
         run.finish()
     record = Record.read(tmp_path / "r")
@@ -173,7 +173,7 @@ def test_the_explanation_names_what_the_other_arm_did(folder: Path) -> None:
 def test_the_run_is_repeated_and_resumed_bit_for_bit(folder: Path, tmp_path: Path) -> None:
     assert output_of("bt-replay", folder, "--check").code == 0
     digest = (Record.read(folder).summary or {})["state_sha256"]
-    with undrawn():
+    with no_plots():
         output = output_of("bt-run", "--resume", f"{folder}@0.7", "--record", tmp_path / "again")
     assert output.code == 1, "one tree fails"
     assert (Record.read(tmp_path / "again").summary or {})["state_sha256"] == digest

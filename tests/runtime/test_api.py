@@ -154,7 +154,7 @@ def test_a_failed_tree_raises_nothing() -> None:
     assert "so be it" in leaf.reason
 
 
-@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.usefixtures("without_plots")
 def test_the_hash_equals_that_of_the_record(tmp_path: Path) -> None:
     result = bt.run(ONE, record=tmp_path / "out")
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
@@ -361,7 +361,7 @@ def test_a_finished_run_stays_finished() -> None:
     assert (run.done, run.result) == (True, result)
 
 
-@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.usefixtures("without_plots")
 def test_a_run_that_is_left_early_is_closed_as_unfinished(tmp_path: Path) -> None:
     with bt.open(ONE, record=tmp_path) as run:
         run.step(0.1)
@@ -508,7 +508,7 @@ def test_an_unclosed_run_is_cleaned_up_before_the_interpreter_ends() -> None:
     assert (done.stdout, done.stderr) == ("cleaned up with colorsys\n", "")
 
 
-@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.usefixtures("without_plots")
 @pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError, SystemExit])
 def test_an_exception_in_the_block_closes_everything(
     error: type[BaseException], tmp_path: Path

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import bt_dualarm as bt
-from tests.undrawn import undrawn
+from tests.no_plots import no_plots
 
 TREE = """
 bt_dualarm: 1
@@ -34,7 +34,7 @@ arms:
 
 def test_conditions_on_what_the_camera_sees() -> None:
     """The ball is where the last condition expects it, but out of view, so this is unknown."""
-    with undrawn():
+    with no_plots():
         result = bt.run(TREE)
     assert result.outcome == "SUCCESS", result.arms["arm1"].leaves
     leaves = result.arms["arm1"].leaves

@@ -107,7 +107,7 @@ def test_goals_do_not_change_the_run(result: bt.RunResult) -> None:
     assert (result.outcome, result.is_false_success) == ("SUCCESS", True)
 
 
-@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.usefixtures("without_plots")
 @pytest.mark.parametrize(
     ("section", "condition", "expected"),
     [
@@ -135,7 +135,7 @@ def test_a_violated_invariant_ends_the_run(
     assert replay([str(tmp_path), "--check"]) == 0
 
 
-@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.usefixtures("without_plots")
 def test_bt_why_names_the_goals_that_were_missed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -20,7 +20,7 @@ from tests.replay.runs import PARTS, SHORT, write_short
 
 REGISTRY = registry_of()
 
-pytestmark = pytest.mark.usefixtures("without_pictures")
+pytestmark = pytest.mark.usefixtures("without_plots")
 LATER = SHORT.replace('reach_to_pose: {offset: "{goal}"}', "wait: {seconds: 0.2}")
 
 

@@ -161,7 +161,7 @@ def record(
     return content
 
 
-@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.usefixtures("without_plots")
 def test_the_summary_has_exactly_the_fields_that_programs_expect(tmp_path: Path) -> None:
     summary = record(tmp_path / "new" / "folder")
     assert list(summary) == [
@@ -208,7 +208,7 @@ def test_the_summary_has_exactly_the_fields_that_programs_expect(tmp_path: Path)
     assert leaf["metrics"] == {"path_rms_m": 1e-4, "odd": None}
 
 
-@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.usefixtures("without_plots")
 def test_an_attachment_is_remembered_after_its_end(tmp_path: Path) -> None:
     (held,) = record(tmp_path)["attachments"]
     assert (held["arm"], held["object"]) == ("arm1", "cube")
@@ -217,7 +217,7 @@ def test_an_attachment_is_remembered_after_its_end(tmp_path: Path) -> None:
     assert held["lifted_m"] == 0.0, "it fell"
 
 
-@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.usefixtures("without_plots")
 def test_the_events_are_lines_of_json(tmp_path: Path) -> None:
     record(tmp_path)
     (line,) = (tmp_path / "events.jsonl").read_text().splitlines()
@@ -234,7 +234,7 @@ def test_the_events_are_lines_of_json(tmp_path: Path) -> None:
     }
 
 
-@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.usefixtures("without_plots")
 def test_samples_have_the_positions_of_tools_and_objects(tmp_path: Path) -> None:
     record(tmp_path)
     samples = np.load(tmp_path / "samples.npz")
@@ -260,7 +260,7 @@ def test_a_removed_object_is_nan() -> None:
     assert np.isnan(tracks.positions()["object_cube"][:, 0]).tolist() == [False] * 2 + [True] * 2
 
 
-@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.usefixtures("without_plots")
 def test_only_equal_runs_have_equal_hashes(tmp_path: Path) -> None:
     first, again, other = (
         record(tmp_path / str(number), push=push)["state_sha256"]
@@ -270,7 +270,7 @@ def test_only_equal_runs_have_equal_hashes(tmp_path: Path) -> None:
     assert first != other
 
 
-@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.usefixtures("without_plots")
 def test_a_divergence_leaves_its_last_states(tmp_path: Path) -> None:
     record(tmp_path, ending=Ending.DIVERGED)
     states = np.load(tmp_path / "divergence.npz")

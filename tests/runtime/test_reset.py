@@ -85,7 +85,7 @@ def test_observers_stay_and_nothing_is_logged(caplog: pytest.LogCaptureFixture) 
         assert caplog.records == []
 
 
-@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.usefixtures("without_plots")
 def test_an_impossible_reset_is_refused_with_its_reason(tmp_path: Path) -> None:
     with (
         bt.open(TREE, record=tmp_path / "out") as run,

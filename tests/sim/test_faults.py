@@ -262,7 +262,7 @@ def test_unknown_names_in_a_fault_file_are_located(tmp_path: Path) -> None:
         bt.open(TREE, faults=file)
 
 
-@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.usefixtures("without_plots")
 def test_record_of_faults_can_be_replayed_resumed_and_explained(tmp_path: Path) -> None:
     faults = of_joint("frozen_joint", begin=0.5, until=3.0)
     result = bt.run(TREE, faults=faults, record=tmp_path / "r")
@@ -282,7 +282,7 @@ def test_record_of_faults_can_be_replayed_resumed_and_explained(tmp_path: Path) 
     assert record.summary["faults"][0]["kind"] == "frozen_joint"
 
 
-@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.usefixtures("without_plots")
 def test_unrelated_fault_is_not_reported_as_a_cause(tmp_path: Path) -> None:
     """An active fault of an uninvolved object explains nothing."""
     tree = TREE | {"arms": {"arm1": TREE["arms"]["arm1"] | {"tree": {"fail": "on purpose"}}}}

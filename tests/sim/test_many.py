@@ -136,7 +136,7 @@ def test_count_may_be_a_parameter() -> None:
     assert [one.message for one in found] == ["spawn: there is no object 'cube2'"]
 
 
-@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.usefixtures("without_plots")
 def test_sampled_objects_are_recorded_and_repeatable(tmp_path: Any) -> None:
     text = file_of("{wait: 0.2}", cube=SCATTERED)
     runs = [bt.run(text, seed=5, record=tmp_path / f"{i}") for i in range(2)]

@@ -95,7 +95,7 @@ def test_mesh_file_may_have_the_longest_name(folder: Path) -> None:
     assert len(meshes.object_hulls(file, 0.001)) == 2
 
 
-@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.usefixtures("without_plots")
 def test_mesh_object_is_picked_carried_placed_and_replayed(folder: Path) -> None:
     goal = {"xyz": [0.25, -0.50, 0.4305]}
     tree = [

@@ -381,7 +381,7 @@ def tree_with(texture: dict[str, Any]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.usefixtures("without_plots")
 def test_record_can_be_replayed_without_the_image_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -50,7 +50,7 @@ def test_arm_can_move_after_it_touched_the_wrong_object(robot: str, stage: Stage
     arm = {"robot": robot, "base": {"xyz": [0, 0, 0.4]}}
     aside: Tree = {"reach_to_pose": {"offset": {"xyz": [0, 0.05, 0.05]}}}
     scenario = Scenario(ON_TABLE | other, arm=arm, scene="table")
-    play = stage.play(scenario.file({"selector": [PICK, aside]}), deeds=((1.0, swap),))
+    play = stage.play(scenario.file({"selector": [PICK, aside]}), interventions=((1.0, swap),))
     play.run()
     first, second = play.arm().runs[:2]
     assert first.code == "PROXIMITY_NOT_REACHED", first

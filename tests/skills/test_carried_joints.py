@@ -33,7 +33,7 @@ def file_of(*leaves: Tree | str, **chest: object) -> Tree:
     }
 
 
-@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.usefixtures("without_plots")
 def test_chest_is_carried_shut_and_opened_where_it_is_placed(tmp_path: Path) -> None:
     """The run replays identically; the arm infers the lid angle from joint sensor and hand."""
     file = file_of(TAKE, {"place": {"at": THERE}}, SHUT, KNOB, OPEN, "release")

@@ -124,7 +124,8 @@ def test_tracking_fails_when_the_arm_that_holds_the_target_is_removed(stage: Sta
     """The held object falls; the tracking arm stops and fails with LOST."""
     removed = 6.0
     play = stage.play(
-        TRACKED.replace("FIXED", "false"), deeds=((removed, lambda w: w.remove_arm("arm1")),)
+        TRACKED.replace("FIXED", "false"),
+        interventions=((removed, lambda w: w.remove_arm("arm1")),),
     )
     play.run()
     assert play.arm("arm1").outcome == "REMOVED"

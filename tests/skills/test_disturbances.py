@@ -14,7 +14,7 @@ from bt_dualarm.core.pose import Pose
 from bt_dualarm.sim.world import World
 from bt_dualarm.testing import Candidate
 from tests.families import WHOLE, some
-from tests.plays import Deed, Stage
+from tests.plays import Intervention, Stage
 from tests.skills.candidates import REGISTRY
 from tests.skills.scenarios import CUBE, WALL, Scenario, Tree
 from tests.skills.trials import steals
@@ -111,7 +111,7 @@ class Case:
     node: Tree
     scenario: Scenario
     claim: Callable[[World], bool]
-    disturbances: tuple[Deed, ...]
+    disturbances: tuple[Intervention, ...]
     fractions: tuple[float, ...] = ()
 
 
@@ -176,8 +176,8 @@ def test_success_is_true_when_reported(skill: str, number: int, stage: Stage) ->
         moments = moments[number % 2 :: 2]
     successes = 0
     for moment in moments:
-        deeds = [(moment, case.disturbances[number])]
-        play = stage.play(case.scenario.file(case.node), deeds=deeds)
+        interventions = [(moment, case.disturbances[number])]
+        play = stage.play(case.scenario.file(case.node), interventions=interventions)
         true: list[bool] = []
 
         def record_claim(

@@ -64,7 +64,7 @@ def test_facing_camera_turns_with_a_target_around_the_arm(stage: Stage) -> None:
 def test_facing_camera_searches_for_a_lost_target(stage: Stage) -> None:
     """The arm stops, searches across the last line of sight, and fails."""
     ports = FACING | {"lost_timeout": 2.0}
-    play = stage.play(WHERE.file({"track": ports}), deeds=lost_at(3.0))
+    play = stage.play(WHERE.file({"track": ports}), interventions=lost_at(3.0))
     play.watchers.append(carried(around))
     play.run()
     leaf = play.leaf("track")

@@ -50,7 +50,7 @@ def test_failure_is_truthful(
     file = trial.scenario(skill).file(
         {"force_success": {"child": again}}, {"wait": {"seconds": 1.2}}
     )
-    play = stage.run(file, deeds=trial.deeds)
+    play = stage.run(file, interventions=trial.interventions)
     found = [(leaf.code, leaf.reason) for leaf in play.leaves(skill)]
     failed = [leaf for leaf in play.leaves(skill) if leaf.status == "FAILURE"]
     assert [leaf.code for leaf in failed] == [code] * times, found

@@ -36,7 +36,7 @@ TARGETS: dict[str, Any] = {
 }
 
 
-@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.usefixtures("without_plots")
 @pytest.mark.parametrize("robot", some(TARGETS, 2))
 def test_five_joints_execute_motions_with_enough_free_axes(robot: str, tmp_path: Path) -> None:
     """Lines, curves and poses outside the vertical plane of the arm."""

@@ -9,7 +9,7 @@ import pytest
 
 import bt_dualarm as bt
 from tests.plays import Stage
-from tests.skills.test_unnamed import failure, task
+from tests.skills.test_unnamed_objects import failure, task
 
 TALL: dict[str, Any] = {"size": [0.04, 0.04, 0.20], "pose": {"xyz": [0.40, -0.45, 0.50]}}
 

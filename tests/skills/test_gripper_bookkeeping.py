@@ -123,7 +123,7 @@ def test_object_lost_at_rest_frees_the_gripper(stage: Stage) -> None:
         world.data.qpos[world.model.jnt_qposadr[joint]] += 2.0
 
     file = scene().file(GRASP, {"wait": {"seconds": 2.0}}, TAKE_OTHER)
-    play = stage.play(file, deeds=((4.5, take_away),))
+    play = stage.play(file, interventions=((4.5, take_away),))
     play.run()
     assert play.world.attachments.attached_to("arm1") == ("other",), codes(play)
 

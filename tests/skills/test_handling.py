@@ -96,7 +96,7 @@ def tear_off(world: World) -> None:
 
 def test_object_lost_in_transport_is_reported(stage: Stage) -> None:
     """The cube is torn off unnoticed: the arm arrives, the cube does not."""
-    play = stage.play(TABLE.file(PICK, CARRY), deeds=((4.6, tear_off),))
+    play = stage.play(TABLE.file(PICK, CARRY), interventions=((4.6, tear_off),))
     play.run()
     leaf = play.leaf("transport")
     assert leaf.code == "NOT_ATTACHED", leaf.reason
@@ -114,7 +114,7 @@ def test_slip_in_transport_is_reported_as_not_reached(stage: Stage) -> None:
         world.step()
         world.attach("arm1", "cube")
 
-    play = stage.play(TABLE.file(PICK, CARRY), deeds=((4.6, slip),))
+    play = stage.play(TABLE.file(PICK, CARRY), interventions=((4.6, slip),))
     play.run()
     leaf = play.leaf("transport")
     assert leaf.code == "NOT_REACHED", leaf.reason
@@ -131,7 +131,9 @@ def test_removing_a_held_object_ends_the_attachment(stage: Stage) -> None:
 
 def test_removal_of_a_carried_object_is_a_failure(stage: Stage) -> None:
     """If the object vanishes during the motion, the leaf fails with a reason, not an exception."""
-    play = stage.play(TABLE.file(PICK, CARRY), deeds=((4.6, lambda w: w.remove_object("cube")),))
+    play = stage.play(
+        TABLE.file(PICK, CARRY), interventions=((4.6, lambda w: w.remove_object("cube")),)
+    )
     play.run()
     leaf = play.leaf("transport")
     assert leaf.code == "NOT_ATTACHED", leaf.reason

@@ -143,7 +143,7 @@ def test_bar_stays_held_when_one_arm_is_halted(who: str, at: float, stage: Stage
 @pytest.mark.parametrize(("who", "at"), some(product(("arm1", "arm2"), (7.8, 8.4, 8.5)), 4))
 def test_failure_names_the_removed_arm(who: str, at: float, stage: Stage) -> None:
     file = file_with({"sequence": [GRASP, GIVE]}, TAKES)
-    play = stage.run(file, deeds=((at, lambda world: world.remove_arm(who)),))
+    play = stage.run(file, interventions=((at, lambda world: world.remove_arm(who)),))
     other, skill = ("arm2", "take_over") if who == "arm1" else ("arm1", "hand_over")
     leaf = play.leaf(skill, other)
     assert leaf.code == "PARTNER_GONE"
@@ -258,7 +258,7 @@ def test_taker_uses_the_pose_that_it_has_located(looks: bool, stage: Stage) -> N
             "seen": {"type": "boolean", "written_by": ["arm2"]},
         }
     }
-    play = stage.play(file, deeds=((SLIDES_S, slide),))
+    play = stage.play(file, interventions=((SLIDES_S, slide),))
     play.run()
     waits = play.leaf("wait")
     assert waits.ended_s is not None

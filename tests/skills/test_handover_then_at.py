@@ -78,10 +78,10 @@ def test_hands_that_come_from_the_same_side_meet_where_the_taker_can_reach() -> 
     hammer = {"shape": "compound", "mass": 0.15, "friction": 3, "parts": parts, "pose": pose}
     bin_ = {"shape": "bin", "size": [0.3, 0.3, 0.1], "wall": 0.01, "fixed": True}
     bin_["pose"] = {"xyz": [-0.17, 0.28, 0.05]}
-    lies = {"on": "bin", "rpy": [0, 0, 0]}
+    pose = {"on": "bin", "rpy": [0, 0, 0]}
     head = {"object": "hammer", "part": "head", "approach": [0, 0, -1]}
     trees = (
-        {"take_over": {"object": "hammer", "from": "arm2", "then_at": lies}},
+        {"take_over": {"object": "hammer", "from": "arm2", "then_at": pose}},
         {"sequence": [{"grasp": head}, {"hand_over": {"object": "hammer", "to": "arm1"}}]},
     )
     bases = ({"xyz": [0, 0.6, 0], "rpy": [0, 0, -90]}, {"xyz": [0, -0.6, 0], "rpy": [0, 0, 90]})

@@ -41,7 +41,7 @@ def pushed(stage: Stage, hold: Tree, reality: str = "ideal", *more: Tree) -> tup
         "arms": {"arm1": {"robot": "ur5", "tree": {"sequence": [{"hold_still": hold}, *more]}}},
     }
     begin, end = PUSH_S
-    play = stage.play(file, deeds=((begin, pushes(HAND, NEWTON)), (end, pushes(HAND, 0.0))))
+    play = stage.play(file, interventions=((begin, pushes(HAND, NEWTON)), (end, pushes(HAND, 0.0))))
     tool = Tool()
     play.watchers.append(tool.record)
     play.run()
@@ -85,5 +85,5 @@ def test_arm_halted_under_a_push_returns_without_a_jump(stage: Stage) -> None:
         },
     }
     push = ((2.0, pushes("arm1/panda_hand", NEWTON)), (4.5, pushes("arm1/panda_hand", 0.0)))
-    play = stage.run(file, deeds=push)
+    play = stage.run(file, interventions=push)
     assert play.leaf("move_linear").status == "SUCCESS", play.leaf("move_linear").reason

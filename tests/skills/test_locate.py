@@ -194,7 +194,7 @@ def test_wait_for_ends_when_the_object_comes_into_view(stage: Stage) -> None:
     def back(world: bt.World) -> None:
         world.model.body_pos[world.object_body("thing"), 1] = y
 
-    play = stage.run(file, deeds=((0.0, away), (1.5, back)))
+    play = stage.run(file, interventions=((0.0, away), (1.5, back)))
     leaf = play.leaf("wait_for")
     assert leaf.status == "SUCCESS", leaf.reason
     assert 1.7 <= float(leaf.metrics["waited_s"]) <= 2.0

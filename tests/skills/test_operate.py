@@ -28,7 +28,7 @@ def file_of(*leaves: Any, objects: Tree | None = None, **arm: Any) -> dict[str, 
     }
 
 
-@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.usefixtures("without_plots")
 def test_opened_drawer_is_recorded_replayed_and_resumed(tmp_path: Path) -> None:
     """A cube inside moves along; the record contains the drawer as a moving object."""
     cube = CUBE | {"size": [0.04, 0.04, 0.04], "pose": {"xyz": [0.45, -0.65, 0.467]}}

@@ -42,7 +42,7 @@ def final_position(play: Play) -> np.ndarray[Any, Any]:
 )
 def test_displaced_cube_is_picked_and_placed(x: float, y: float, stage: Stage) -> None:
     """It is displaced by 30 mm and 20° before the camera looks."""
-    play = stage.run(TEXT, seed=6, deeds=((0.0, moves("cube", x, y, 20.0)),))
+    play = stage.run(TEXT, seed=6, interventions=((0.0, moves("cube", x, y, 20.0)),))
     assert play.result is not None
     assert play.result.outcome == "SUCCESS", [leaf.reason for leaf in play.arm().runs]
     assert float(play.leaf("locate").metrics["located_error_m"]) < 0.002

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tests.skills.test_unnamed import failure
+from tests.skills.test_unnamed_objects import failure
 
 
 def test_unstable_capsule_is_not_blamed_on_the_support() -> None:

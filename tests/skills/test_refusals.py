@@ -16,7 +16,7 @@ from bt_dualarm.arm.arm import Arm
 from bt_dualarm.arm.motions import WAIT_S
 from bt_dualarm.spec.problems import SpecError
 from bt_dualarm.trajectory.set_points import TrajectorySource
-from tests.plays import STOPPED, Deed, Stage
+from tests.plays import STOPPED, Intervention, Stage
 from tests.skills.scenarios import CUBE, PRESENTING, SCENARIOS, Scenario, Tree
 from tests.skills.searches import give_up_soon
 from tests.skills.trials import BESIDE, HALVES, HAND, MIRRORED, PANDA, SPLIT, knocks
@@ -49,7 +49,7 @@ class Case:
         names: Prefix of each required text metric.
         scenario: World, arm and leaves before.
         beside: Another node that runs at the same time, in YAML.
-        deeds: Timed changes of the world.
+        interventions: Timed changes of the world.
         other: Another arm.
         moves: Whether the arm may have moved when it fails.
     """
@@ -61,7 +61,7 @@ class Case:
     names: dict[str, str] = field(default_factory=dict)
     scenario: Scenario = field(default_factory=lambda: Scenario(arm=PRESENTING))
     beside: str = ""
-    deeds: tuple[tuple[float, Deed], ...] = ()
+    interventions: tuple[tuple[float, Intervention], ...] = ()
     other: Tree | None = None
     moves: bool = False
 
@@ -152,7 +152,7 @@ CASES = {
         "move_linear: {offset: {xyz: [0, 0.1, 0]}}",
         " mm from its planned position",
         {"path_error_m": (0.005, 0.1), "progress": FRACTION},
-        deeds=knocks(HAND, 0.4),
+        interventions=knocks(HAND, 0.4),
         moves=True,
     ),
     "stopped": Case(
@@ -185,7 +185,7 @@ def test_motion_fails_with_its_reason_and_metrics(
         give_up_soon(monkeypatch)
     if case.code == "TIMED_OUT":
         wait_shortly(monkeypatch)
-    play = stage.run(case.file, deeds=case.deeds)
+    play = stage.run(case.file, interventions=case.interventions)
     (leaf,) = play.leaves(case.leaf.partition(":")[0])
     assert (leaf.status, leaf.code) == ("FAILURE", case.code), leaf.reason
     assert case.says in leaf.reason

@@ -8,7 +8,7 @@ import numpy as np
 
 import bt_dualarm as bt
 from tests.skills.test_grasp_from import TALL
-from tests.skills.test_unnamed import task
+from tests.skills.test_unnamed_objects import task
 
 
 def test_regrasp_from_another_side_holds_the_object() -> None:

@@ -14,7 +14,7 @@ from bt_dualarm.runtime import outcome
 from bt_dualarm.sim.world import World
 from bt_dualarm.testing import registry_with
 from tests.families import some
-from tests.plays import Deed, Play, Stage
+from tests.plays import Intervention, Play, Stage
 from tests.skills.candidates import candidate
 from tests.skills.scenarios import SCENARIOS, Tree, node_of
 
@@ -69,14 +69,14 @@ def test_arm_can_be_removed_while_it_works(
         take: Tree = {
             "sequence": [{"wait": {"seconds": max(at, 0.02)}}, {"remove": {"arm": "arm1"}}]
         }
-        deeds: list[tuple[float, Deed]] = []
+        interventions: list[tuple[float, Intervention]] = []
         if name == "last":
             take = idle
-            deeds = [(at + 0.006, partial(World.remove_arm, name="arm1"))]
+            interventions = [(at + 0.006, partial(World.remove_arm, name="arm1"))]
         caplog.clear()
         with caplog.at_level(logging.WARNING):
             file = file_of(skill, example, take, f"arm{9 * (number % 2)}")
-            play = stage.run(file, deeds=deeds)
+            play = stage.run(file, interventions=interventions)
         assert without_faults(play, caplog), name
         halted = play.arm("arm1").runs[-1].status == "INVALID"
         assert play.arm("arm1").outcome == ("REMOVED" if halted else "SUCCESS"), name
@@ -106,7 +106,7 @@ def test_partner_or_object_of_a_skill_can_be_removed(
     take = World.remove_arm if kind == "arm" else World.remove_object
     at = max(leaf.started_s + fraction * ((leaf.ended_s or 0.0) - leaf.started_s), 0.01)
     file = SCENARIOS[skill].file(node_of(stage.registry.skills[skill].example))
-    play = stage.run(file, deeds=[(at, partial(take, name=name))])
+    play = stage.run(file, interventions=[(at, partial(take, name=name))])
     assert play.result is not None
     assert not play.result.error
     found = [

@@ -37,7 +37,7 @@ def test_ball_that_falls_on_the_arm_is_in_the_metrics(robot: str, node: Tree, st
         "arms": {"arm1": {"robot": robot, "base": {"xyz": [0, 0, 0.4]}, "tree": node}},
     }
     (name,) = node
-    leaf = stage.run(file, deeds=[(0.6, drop)]).leaf(name)
+    leaf = stage.run(file, interventions=[(0.6, drop)]).leaf(name)
     assert leaf.metrics["touched"] == "ball"
     assert 0.0 < float(leaf.metrics["touch_force_n"]) < 1e4
     clear = stage.run(file).leaf(name)
@@ -67,7 +67,7 @@ def test_collision_beyond_the_force_limit_is_a_failure(robot: str, stage: Stage)
         "objects": {"wall": wall},
         "arms": {"arm1": arm},
     }
-    leaf = stage.run(file, deeds=[(0.25, put_wall)]).leaf("move_linear")
+    leaf = stage.run(file, interventions=[(0.25, put_wall)]).leaf("move_linear")
     assert (leaf.status, leaf.code) == ("FAILURE", "FORCE_LIMIT")
     assert leaf.metrics["second"] == leaf.metrics["touched"] == "wall"
     assert leaf.metrics["force_limit_n"] == 20

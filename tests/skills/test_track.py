@@ -13,7 +13,7 @@ from bt_dualarm.core.pose import Vector
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.tracking import stale_after
 from tests.families import some
-from tests.plays import STOPPED, Deed, Play, Stage
+from tests.plays import STOPPED, Intervention, Play, Stage
 from tests.skills.scenarios import CUBE, LOOKING, SCENARIOS, Scenario, Tree
 
 CENTER = np.array((0.68, 0.11, 0.70))
@@ -202,7 +202,7 @@ def test_other_objects_do_not_distract_from_the_target(controller: str, stage: S
     }
     node: Tree = {"track": TRACK["track"] | {"controller": controller, "duration": 4.0}}
     play = stage.play(
-        scenario(**others).file(node), deeds=((2.0, lambda w: w.spawn_object("large")),)
+        scenario(**others).file(node), interventions=((2.0, lambda w: w.spawn_object("large")),)
     )
     play.run()
     leaf = play.leaf("track")
@@ -210,7 +210,7 @@ def test_other_objects_do_not_distract_from_the_target(controller: str, stage: S
     assert play.joint_travel["arm1"] < 0.05, "the target was at rest"
 
 
-def lost_at(time: float) -> tuple[tuple[float, Deed], ...]:
+def lost_at(time: float) -> tuple[tuple[float, Intervention], ...]:
     return ((time, lambda world: world.remove_object("cube")),)
 
 
@@ -229,7 +229,9 @@ def test_lost_target_leads_to_hold_then_search_then_failure(how: Tree, stage: St
     timeout = 2.0
     radius = 0.05
     ports = how | {"lost_timeout": timeout, "search_radius": radius}
-    play = stage.play(scenario().file({"track": TRACK["track"] | ports}), deeds=lost_at(gone))
+    play = stage.play(
+        scenario().file({"track": TRACK["track"] | ports}), interventions=lost_at(gone)
+    )
     place = swaying if how.get("controller") == "proportional" else sliding
     play.watchers.append(carried(place))
     tools: list[tuple[float, Vector]] = []
@@ -258,7 +260,7 @@ def test_lost_target_leads_to_hold_then_search_then_failure(how: Tree, stage: St
 def test_set_points_only_brake_on_old_data(stage: Stage) -> None:
     """Once the prediction is too uncertain, and until the search, speed only decreases."""
     gone = 3.0
-    play = stage.play(scenario().file(TRACK), deeds=lost_at(gone))
+    play = stage.play(scenario().file(TRACK), interventions=lost_at(gone))
     play.watchers.append(carried(sliding))
     speeds: list[tuple[float, float]] = []
 
@@ -280,7 +282,7 @@ def test_set_points_only_brake_on_old_data(stage: Stage) -> None:
 def test_target_that_returns_in_time_is_tracked_again(stage: Stage) -> None:
     """An absence shorter than the timeout is counted, but no failure."""
     there_and_back = ((2.0, hide), (2.8, lambda world: world.spawn_object("cube")))
-    play = stage.play(scenario().file(TRACK), deeds=there_and_back)
+    play = stage.play(scenario().file(TRACK), interventions=there_and_back)
     play.run()
     leaf = play.leaf("track")
     assert leaf.status == "SUCCESS", leaf.reason
@@ -380,7 +382,7 @@ def test_periodic_motion_is_predicted_for_a_limited_time(stage: Stage) -> None:
     """1.5 s after the target disappeared, the tool comes to rest; the search begins later."""
     gone = 3.5
     node: Tree = {"track": TRACK["track"] | {"duration": 10.0}}
-    play = stage.play(scenario().file(node), deeds=lost_at(gone))
+    play = stage.play(scenario().file(node), interventions=lost_at(gone))
     play.watchers.append(carried(circling))
     play.run()
     leaf = play.leaf("track")
@@ -442,7 +444,7 @@ def hide(world: World) -> None:
 def test_no_success_without_the_target(stage: Stage) -> None:
     """The duration ends while the target is absent: it must return first."""
     node: Tree = {"track": TRACK["track"] | {"duration": 2.0, "lost_timeout": 1.0}}
-    play = stage.play(scenario().file(node), deeds=lost_at(1.8))
+    play = stage.play(scenario().file(node), interventions=lost_at(1.8))
     play.run()
     assert play.leaf("track").code == "LOST"
 
@@ -565,7 +567,7 @@ def test_error_seen_by_the_camera_agrees_with_the_true_error(stage: Stage) -> No
 def test_target_lost_while_braking_is_a_failure(later: float, stage: Stage) -> None:
     """The duration ends at 2 s; then the tool comes to rest, and checks the target once more."""
     node: Tree = {"track": TRACK["track"] | {"duration": 2.0, "lost_timeout": 0.5}}
-    play = stage.play(scenario().file(node), deeds=lost_at(2.0 + later))
+    play = stage.play(scenario().file(node), interventions=lost_at(2.0 + later))
     play.watchers.append(carried(circling))
     play.run()
     leaf = play.leaf("track")
@@ -689,7 +691,7 @@ def test_of_two_objects_the_one_of_the_right_size_is_tracked(stage: Stage) -> No
 def test_twin_is_not_mistaken_for_the_lost_target(stage: Stage) -> None:
     """The cube vanishes at 2 s; the search sees the twin, 0.15 m aside."""
     node: Tree = {"track": TRACK["track"] | {"lost_timeout": 2.0}}
-    play = stage.play(scenario({"fov": 70}, **TWIN).file(node), deeds=lost_at(2.0))
+    play = stage.play(scenario({"fov": 70}, **TWIN).file(node), interventions=lost_at(2.0))
     play.run()
     leaf = play.leaf("track")
     assert leaf.code == "LOST", leaf.reason

@@ -93,7 +93,7 @@ def test_object_removed_during_the_approach_is_not_there(stage: Stage) -> None:
         timestep=0.002,
         beside="[2, 0, 0]",
     )
-    play = stage.run(text, deeds=[(1.5, lambda world: world.remove_object("cube"))])
+    play = stage.run(text, interventions=[(1.5, lambda world: world.remove_object("cube"))])
     leaf = play.leaf("approach_and_attach")
     assert (leaf.status, leaf.code) == ("FAILURE", "NOT_THERE")
     assert leaf.ended_s == pytest.approx(1.52, abs=0.03)

@@ -10,7 +10,7 @@ from bt_dualarm.robots.gripper import FINGERS
 from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.sim.world import World
 from bt_dualarm.testing import after
-from tests.plays import Deed
+from tests.plays import Intervention
 from tests.skills.scenarios import (
     ABOVE,
     BEAM,
@@ -47,13 +47,13 @@ class Trial:
     Attributes:
         node: The leaf, alone or within other nodes.
         changes: Fields of the skill's scenario that differ here.
-        deeds: Changes of the world, with their simulated times in s.
+        interventions: Changes of the world, with their simulated times in s.
         moves: Whether the arm may have moved when it fails.
     """
 
     node: Tree
     changes: dict[str, Any] = field(default_factory=dict)
-    deeds: tuple[tuple[float, Deed], ...] = ()
+    interventions: tuple[tuple[float, Intervention], ...] = ()
     moves: bool = False
 
     def scenario(self, skill: str) -> Scenario:
@@ -87,7 +87,7 @@ FLAT_EIGHT = [
 """A curve along a singularity; other curves of this width end before it."""
 
 
-def pushes(body: str, newton: float) -> Deed:
+def pushes(body: str, newton: float) -> Intervention:
     """Push a body along x from then on."""
 
     def push(world: World) -> None:
@@ -96,7 +96,7 @@ def pushes(body: str, newton: float) -> Deed:
     return push
 
 
-def slides_in_hand(name: str, meters: float) -> Deed:
+def slides_in_hand(name: str, meters: float) -> Intervention:
     """Move an object along the pads that hold it, across the tool."""
 
     def slide(world: World) -> None:
@@ -107,7 +107,7 @@ def slides_in_hand(name: str, meters: float) -> Deed:
     return slide
 
 
-def steals(name: str) -> Deed:
+def steals(name: str) -> Intervention:
     """Move an object far away."""
 
     def steal(world: World) -> None:
@@ -117,7 +117,7 @@ def steals(name: str) -> Deed:
     return steal
 
 
-def drags(joint: str, newton: float) -> Deed:
+def drags(joint: str, newton: float) -> Intervention:
     """Set the dry friction of a joint from then on."""
 
     def drag(world: World) -> None:
@@ -127,17 +127,17 @@ def drags(joint: str, newton: float) -> Deed:
     return drag
 
 
-def hides(name: str) -> Deed:
+def hides(name: str) -> Intervention:
     """Remove an object from the world."""
     return lambda world: world.remove_object(name)
 
 
-def departs(arm: str) -> Deed:
+def departs(arm: str) -> Intervention:
     """Remove an arm from the world."""
     return lambda world: world.remove_arm(arm)
 
 
-def shifts(name: str, meters: float) -> Deed:
+def shifts(name: str, meters: float) -> Intervention:
     """Move a fixed object along y."""
 
     def shift(world: World) -> None:
@@ -146,7 +146,7 @@ def shifts(name: str, meters: float) -> Deed:
     return shift
 
 
-def shrinks(name: str, sides: slice = slice(None)) -> Deed:
+def shrinks(name: str, sides: slice = slice(None)) -> Intervention:
     """Make an object smaller by a seventh, in all directions or those of `sides`."""
 
     def shrink(world: World) -> None:
@@ -178,7 +178,7 @@ def slab(xyz: list[float], size: list[float], **fields: Any) -> dict[str, Any]:
     return WALL | {"size": size, "pose": {"xyz": xyz}, "spawned": True} | fields
 
 
-def knocks(body: str, at: float) -> tuple[tuple[float, Deed], ...]:
+def knocks(body: str, at: float) -> tuple[tuple[float, Intervention], ...]:
     """Push harder than any arm can resist, for 0.15 s."""
     return (at, pushes(body, 400.0)), (at + 0.15, pushes(body, 0.0))
 
@@ -310,7 +310,7 @@ GREY = TARGET["cube"] | {"color": "gray"}
 def moving(skill: str, node: Tree, at: float, body: str = HAND) -> dict[tuple[str, str], Trial]:
     """Trials for every motion: the arm is knocked, or another leaf moves it."""
     return {
-        (skill, "TRACKING_ERROR"): Trial(node, deeds=knocks(body, at), moves=True),
+        (skill, "TRACKING_ERROR"): Trial(node, interventions=knocks(body, at), moves=True),
         (skill, "BUSY"): Trial(while_moving(node), moves=True),
     }
 
@@ -319,8 +319,8 @@ def losing(skill: str, ports: Tree) -> dict[tuple[str, str], Trial]:
     """Trials for objects carried along a path: they get thinner, or vanish."""
     carrying = {"objects": ON_TABLE, "scene": "table", "before": (GRASP,), "arm": GRIPPING}
     return {
-        (skill, code): Trial({skill: ports}, carrying, ((4.9, deed),), moves=True)
-        for code, deed in (("SLIPPED", shrinks("cube")), ("DROPPED", steals("cube")))
+        (skill, code): Trial({skill: ports}, carrying, ((4.9, intervention),), moves=True)
+        for code, intervention in (("SLIPPED", shrinks("cube")), ("DROPPED", steals("cube")))
     }
 
 
@@ -348,7 +348,7 @@ STIFF_CHEST: Tree = {
 """A chest that slides before its lid opens."""
 
 
-def slips(name: str, meters: float) -> Deed:
+def slips(name: str, meters: float) -> Intervention:
     """Move a body on its joint, as if the fingers had slipped along it."""
 
     def slip(world: World) -> None:
@@ -358,7 +358,7 @@ def slips(name: str, meters: float) -> Deed:
     return slip
 
 
-def narrows(name: str, part: str, factor: float) -> Deed:
+def narrows(name: str, part: str, factor: float) -> Intervention:
     """Scale the thickness of a part of an object."""
 
     def narrow(world: World) -> None:
@@ -397,7 +397,7 @@ def partner(arm: Tree, tree: Tree) -> Tree:
     return {"arm2": arm | {"tree": tree}}
 
 
-def presses(body: str, newton: float) -> Deed:
+def presses(body: str, newton: float) -> Intervention:
     """Push a body downward from then on."""
 
     def press(world: World) -> None:
@@ -440,11 +440,13 @@ TRIALS: dict[tuple[str, str], Trial] = {
         },
     ),
     ("carry_together", "OUT_OF_REACH"): Trial(carried(to={"xyz": [0, -3, 0.6]})),
-    ("carry_together", "NOT_GRASPED"): Trial(carried(), deeds=((2.4, jams),), moves=True),
+    ("carry_together", "NOT_GRASPED"): Trial(carried(), interventions=((2.4, jams),), moves=True),
     ("carry_together", "SLIPPED"): Trial(
-        carried(), deeds=((5.0, shrinks("beam", slice(1, 3))),), moves=True
+        carried(), interventions=((5.0, shrinks("beam", slice(1, 3))),), moves=True
     ),
-    ("carry_together", "DROPPED"): Trial(carried(), deeds=((5.0, steals("beam")),), moves=True),
+    ("carry_together", "DROPPED"): Trial(
+        carried(), interventions=((5.0, steals("beam")),), moves=True
+    ),
     ("carry_together", "INTERNAL_FORCE"): Trial(carried(most_internal_force=0.3), moves=True),
     ("carry_together", "NOT_REACHED"): Trial(
         carried(to={"xyz": [0.05, -0.5, 0.522]}, tolerance=0.001), moves=True
@@ -455,17 +457,17 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("carry_together", "NOT_OPEN"): Trial(
         carried(),
         {"arm": SCENARIOS["carry_together"].arm | {"reality": "lab"}},
-        deeds=((9.0, jams),),
+        interventions=((9.0, jams),),
         moves=True,
     ),
     ("carry_together", "SPILLED"): Trial(
         carried(),
         {"objects": BEAM | {"rider": RIDER | {"pose": {"xyz": [0, -0.45, 0.565]}}}},
-        deeds=((5.0, steals("rider")),),
+        interventions=((5.0, steals("rider")),),
         moves=True,
     ),
     ("carry_together", "NOT_PLACED"): Trial(
-        carried(), deeds=((10.2, slides_in_hand("beam", 0.02)),), moves=True
+        carried(), interventions=((10.2, slides_in_hand("beam", 0.02)),), moves=True
     ),
     ("spawn", "NOT_SPAWNED"): Trial(
         {"sequence": [{"spawn": {"object": "cube"}}, {"spawn": {"object": "cube"}}]}
@@ -487,7 +489,7 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("follow_tool", "INVALID_TARGET"): Trial(
         {"follow_tool": {"arm": "arm2", "duration": 1.0}},
         {"before": ({"wait": {"seconds": 0.5}},)},
-        deeds=((0.2, departs("arm2")),),
+        interventions=((0.2, departs("arm2")),),
     ),
     ("follow_tool", "UNREACHABLE"): Trial(
         {"follow_tool": {"arm": "arm2", "offset": {"xyz": [0.0, 0.0, -0.1]}, "duration": 1.0}}
@@ -499,19 +501,19 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ),
     ("follow_tool", "PARTNER_GONE"): Trial(
         {"follow_tool": {"arm": "arm2", "duration": 5.0}},
-        deeds=((1.0, departs("arm2")),),
+        interventions=((1.0, departs("arm2")),),
         moves=True,
     ),
     ("hold_still", "INVALID_TARGET"): Trial({"hold_still": {"compliance": 0.02, "duration": 1.0}}),
     ("hold_still", "MOVED"): Trial(
         {"hold_still": {"compliance": 0.0005, "max_displacement": 0.005, "duration": 4.0}},
-        deeds=((2.0, pushes(HAND, 40.0)), (2.4, pushes(HAND, 0.0))),
+        interventions=((2.0, pushes(HAND, 40.0)), (2.4, pushes(HAND, 0.0))),
         moves=True,
     ),
     ("hold_still", "PARTNER_GONE"): Trial(
         {"hold_still": {"partner": "arm2", "duration": 4.0}},
         {"others": BESIDE_ANOTHER},
-        deeds=((1.0, departs("arm2")),),
+        interventions=((1.0, departs("arm2")),),
         moves=True,
     ),
     # Motions of the joints
@@ -531,7 +533,9 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ),
     ("reach_to_pose", "NOT_REACHED"): Trial(
         {"reach_to_pose": {"offset": {"xyz": [0, 0, 0.05]}, "tolerance": 1e-4}},
-        deeds=((0.0, pushes("arm1/forearm_link", 105.0)),),  # just beyond what is compensated
+        interventions=(
+            (0.0, pushes("arm1/forearm_link", 105.0)),
+        ),  # just beyond what is compensated
         moves=True,
     ),
     **moving("reach_to_pose", {"reach_to_pose": {"posture": "up"}}, 0.5),
@@ -646,7 +650,9 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("open_gripper", "INVALID_TARGET"): Trial(
         {"open_gripper": {"width": "{width}"}}, {"before": known_late("width", 0.2)}
     ),
-    ("open_gripper", "NOT_OPEN"): Trial({"open_gripper": {"width": 0.02}}, deeds=((0.0, jams),)),
+    ("open_gripper", "NOT_OPEN"): Trial(
+        {"open_gripper": {"width": 0.02}}, interventions=((0.0, jams),)
+    ),
     ("close_gripper", "EMPTY"): Trial(TAKE, {"objects": {}}),
     ("close_gripper", "INVALID_TARGET"): Trial(
         {"close_gripper": {"force": "{force}"}}, {"before": known_late("force", 500)}
@@ -654,7 +660,7 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("close_gripper", "NOT_THERE"): Trial(
         {"close_gripper": {"force": 40, "object": "cube"}}, {"before": REMOVED}
     ),
-    ("close_gripper", "NOT_CLOSED"): Trial(TAKE, {"objects": {}}, deeds=((0.0, clogs),)),
+    ("close_gripper", "NOT_CLOSED"): Trial(TAKE, {"objects": {}}, interventions=((0.0, clogs),)),
     ("close_gripper", "GRIPPER_FULL"): Trial(
         {"close_gripper": {"force": 40, "object": "other"}},
         {"before": (GRASP,), "objects": TWO_CUBES, "scene": "table"},
@@ -667,12 +673,14 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("release", "INVALID_TARGET"): Trial(
         {"release": {"speed": "{speed}"}}, {"before": (TAKE, *known_late("speed", 1.5))}
     ),
-    ("release", "NOT_OPEN"): Trial({"release": {}}, deeds=((0.5, jams),)),
+    ("release", "NOT_OPEN"): Trial({"release": {}}, interventions=((0.5, jams),)),
     ("holding", "NOT_HOLDING"): Trial({"holding": {}}, {"before": ()}),
     ("operate", "NOT_HELD"): Trial(OPERATE, {"before": ()}),
     ("operate", "NOT_THERE"): Trial(OPERATE, {"before": ({"remove": {"object": "cabinet"}},)}),
     ("operate", "INVALID_TARGET"): Trial({"operate": _OPERATED | {"to": 0.3}}, {"before": ()}),
-    ("operate", "BLOCKED"): Trial(OPERATE, deeds=((5.8, drags("cabinet.slide", 1e3)),), moves=True),
+    ("operate", "BLOCKED"): Trial(
+        OPERATE, interventions=((5.8, drags("cabinet.slide", 1e3)),), moves=True
+    ),
     ("operate", "FORCE_LIMIT"): Trial(
         {"operate": _OPERATED | {"force": 20}},
         {"objects": cabinet_that(friction=10.0, damping=300.0)},
@@ -681,7 +689,7 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("operate", "NOT_REACHED"): Trial(
         OPERATE,
         {"before": ({"grasp": PULLS["grasp"] | {"approach": [1, 0, 0]}},)},
-        deeds=(
+        interventions=(
             (8.2, slips("cabinet.slide", -0.008)),
             (8.22, drags("cabinet.slide", 1e3)),
         ),
@@ -693,10 +701,10 @@ TRIALS: dict[tuple[str, str], Trial] = {
         moves=True,
     ),
     ("operate", "SLIPPED"): Trial(
-        OPERATE, deeds=((6.1, narrows("cabinet.slide", "handle", 0.6)),), moves=True
+        OPERATE, interventions=((6.1, narrows("cabinet.slide", "handle", 0.6)),), moves=True
     ),
     ("operate", "DROPPED"): Trial(
-        OPERATE, deeds=((6.1, narrows("cabinet.slide", "handle", 0.01)),), moves=True
+        OPERATE, interventions=((6.1, narrows("cabinet.slide", "handle", 0.01)),), moves=True
     ),
     ("grasp", "GRIPPER_FULL"): Trial({"grasp": {"object": "other"}}, CLOSED),
     ("grasp", "INVALID_TARGET"): Trial(GRASP, {"objects": cube_that(fixed=True)}),
@@ -711,9 +719,9 @@ TRIALS: dict[tuple[str, str], Trial] = {
         {"objects": cube_that(shape="sphere", size=[0.02]), "arm": SUCKING},
     ),
     ("grasp", "OUT_OF_REACH"): Trial(GRASP, {"objects": CUBE_AWAY}),
-    ("grasp", "NOT_GRASPED"): Trial(GRASP, deeds=((1.6, steals("cube")),), moves=True),
-    ("grasp", "SLIPPED"): Trial(GRASP, deeds=((2.6, shrinks("cube")),), moves=True),
-    ("grasp", "DROPPED"): Trial(GRASP, deeds=((2.6, steals("cube")),), moves=True),
+    ("grasp", "NOT_GRASPED"): Trial(GRASP, interventions=((1.6, steals("cube")),), moves=True),
+    ("grasp", "SLIPPED"): Trial(GRASP, interventions=((2.6, shrinks("cube")),), moves=True),
+    ("grasp", "DROPPED"): Trial(GRASP, interventions=((2.6, steals("cube")),), moves=True),
     ("place", "NOT_HELD"): Trial(PLACE, {"before": ()}),
     ("place", "NOT_REACHED"): Trial(
         {"place": {"object": "cube", "at": {"xyz": [0.35, -0.45, 0.4205]}, "tolerance": 0.001}},
@@ -732,14 +740,14 @@ TRIALS: dict[tuple[str, str], Trial] = {
         {"place": {"object": "cube", "at": {"xyz": [0.35, -0.249, 0.425]}}}, moves=True
     ),
     ("place", "NOT_PLACED"): Trial(
-        PLACE, deeds=((3.6, slides_in_hand("cube", 0.012)),), moves=True
+        PLACE, interventions=((3.6, slides_in_hand("cube", 0.012)),), moves=True
     ),
     ("place", "NO_CONTACT"): Trial(
         {"place": {"object": "cube", "at": {"xyz": [0.35, -0.45, 0.5]}}}, moves=True
     ),
-    ("place", "NOT_OPEN"): Trial(PLACE, deeds=((4.2, jams),), moves=True),
-    ("place", "SLIPPED"): Trial(PLACE, deeds=((3.6, shrinks("cube")),), moves=True),
-    ("place", "DROPPED"): Trial(PLACE, deeds=((3.6, steals("cube")),), moves=True),
+    ("place", "NOT_OPEN"): Trial(PLACE, interventions=((4.2, jams),), moves=True),
+    ("place", "SLIPPED"): Trial(PLACE, interventions=((3.6, shrinks("cube")),), moves=True),
+    ("place", "DROPPED"): Trial(PLACE, interventions=((3.6, steals("cube")),), moves=True),
     ("place", "SPILLED"): Trial(PLACE, LOADED, ((3.6, steals("rider")),), moves=True),
     ("regrasp", "NOT_HELD"): Trial({"regrasp": {}}, {"before": ()}),
     ("regrasp", "GRIPPER_FULL"): Trial({"regrasp": {"object": "other"}}, CLOSED),
@@ -762,13 +770,13 @@ TRIALS: dict[tuple[str, str], Trial] = {
         {"regrasp": {"at": {"xyz": [0.35, -0.249, 0.425]}}}, moves=True
     ),
     ("regrasp", "NOT_PLACED"): Trial(
-        AGAIN, deeds=((3.6, slides_in_hand("cube", 0.012)),), moves=True
+        AGAIN, interventions=((3.6, slides_in_hand("cube", 0.012)),), moves=True
     ),
     ("regrasp", "NO_CONTACT"): Trial({"regrasp": {"at": {"xyz": [0.35, -0.45, 0.5]}}}, moves=True),
-    ("regrasp", "NOT_OPEN"): Trial(AGAIN, deeds=((4.2, jams),), moves=True),
-    ("regrasp", "NOT_GRASPED"): Trial(AGAIN, deeds=((7.0, steals("cube")),), moves=True),
-    ("regrasp", "SLIPPED"): Trial(AGAIN, deeds=((3.6, shrinks("cube")),), moves=True),
-    ("regrasp", "DROPPED"): Trial(AGAIN, deeds=((3.6, steals("cube")),), moves=True),
+    ("regrasp", "NOT_OPEN"): Trial(AGAIN, interventions=((4.2, jams),), moves=True),
+    ("regrasp", "NOT_GRASPED"): Trial(AGAIN, interventions=((7.0, steals("cube")),), moves=True),
+    ("regrasp", "SLIPPED"): Trial(AGAIN, interventions=((3.6, shrinks("cube")),), moves=True),
+    ("regrasp", "DROPPED"): Trial(AGAIN, interventions=((3.6, steals("cube")),), moves=True),
     ("insert", "NOT_HELD"): Trial(INSERT, {"before": ()}),
     ("insert", "NO_CONTACT"): Trial(inserted([0.25, -0.45, 0.5]), moves=True),
     ("insert", "NOT_FOUND"): Trial(inserted([0.262, -0.45, 0.425], radius=0.0002), moves=True),
@@ -776,8 +784,8 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("insert", "NOT_INSERTED"): Trial(
         INSERT, {"objects": ON_TABLE}, ((4.9, slides_in_hand("cube", 0.008)),), moves=True
     ),
-    ("insert", "SLIPPED"): Trial(INSERT, deeds=((6.0, shrinks("cube")),), moves=True),
-    ("insert", "DROPPED"): Trial(INSERT, deeds=((6.0, steals("cube")),), moves=True),
+    ("insert", "SLIPPED"): Trial(INSERT, interventions=((6.0, shrinks("cube")),), moves=True),
+    ("insert", "DROPPED"): Trial(INSERT, interventions=((6.0, steals("cube")),), moves=True),
     # Handing over
     ("hand_over", "NOT_HELD"): Trial(GIVE, {"before": ()}),
     ("hand_over", "NOT_THERE"): Trial(GIVE, {"before": REMOVED}),
@@ -787,8 +795,10 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("hand_over", "PARTNER_GONE"): Trial(
         GIVE, {"others": partner(TAKER, {"sequence": ["fail", TAKES]})}, moves=True
     ),
-    ("hand_over", "NOT_TAKEN"): Trial(GIVE, deeds=((8.65, presses("cube", 12.0)),), moves=True),
-    ("hand_over", "NOT_OPEN"): Trial(GIVE, deeds=((8.9, jams),), moves=True),
+    ("hand_over", "NOT_TAKEN"): Trial(
+        GIVE, interventions=((8.65, presses("cube", 12.0)),), moves=True
+    ),
+    ("hand_over", "NOT_OPEN"): Trial(GIVE, interventions=((8.9, jams),), moves=True),
     ("hand_over", "SPILLED"): Trial(GIVE, LOADED_BAR, ((4.5, steals("rider")),), moves=True),
     ("take_over", "SPILLED"): Trial(TAKES_FROM, LOADED_BAR, ((10.5, steals("rider")),), moves=True),
     ("take_over", "GRIPPER_FULL"): Trial(
@@ -806,8 +816,12 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("take_over", "OUT_OF_REACH"): Trial(
         TAKES_FROM, {"arm": TAKER | {"base": {"xyz": [2.3, 0, 0], "rpy": [0, 0, 180]}}}, moves=True
     ),
-    ("take_over", "SLIPPED"): Trial(TAKES_FROM, deeds=((9.0, shrinks("cube")),), moves=True),
-    ("take_over", "DROPPED"): Trial(TAKES_FROM, deeds=((10.5, steals("cube")),), moves=True),
+    ("take_over", "SLIPPED"): Trial(
+        TAKES_FROM, interventions=((9.0, shrinks("cube")),), moves=True
+    ),
+    ("take_over", "DROPPED"): Trial(
+        TAKES_FROM, interventions=((10.5, steals("cube")),), moves=True
+    ),
     # Handling objects
     ("approach_and_attach", "INVALID_TARGET"): Trial(
         {"approach_and_attach": {"object": "cube", "direction": [0, 0, 0]}}
@@ -818,13 +832,15 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("approach_and_attach", "NOT_THERE"): Trial(PICK, {"before": REMOVED}),
     ("approach_and_attach", "OUT_OF_REACH"): Trial(PICK, {"objects": CUBE_AWAY}),
     ("approach_and_attach", "PROXIMITY_NOT_REACHED"): Trial(
-        PICK, deeds=((1.0, steals("cube")),), moves=True
+        PICK, interventions=((1.0, steals("cube")),), moves=True
     ),
     **moving("approach_and_attach", PICK, 0.8),
     ("transport", "SLIPPED"): Trial(
-        CARRY_FAR, GRASPED, deeds=((4.6, shrinks("cube")),), moves=True
+        CARRY_FAR, GRASPED, interventions=((4.6, shrinks("cube")),), moves=True
     ),
-    ("transport", "DROPPED"): Trial(CARRY_FAR, GRASPED, deeds=((4.6, steals("cube")),), moves=True),
+    ("transport", "DROPPED"): Trial(
+        CARRY_FAR, GRASPED, interventions=((4.6, steals("cube")),), moves=True
+    ),
     ("transport", "NOT_ATTACHED"): Trial(CARRY, {"before": ()}),
     ("transport", "UNREACHABLE"): Trial({"transport": {"object": "cube", "to": FAR}}, moves=True),
     ("transport", "IN_COLLISION"): Trial(
@@ -843,7 +859,7 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ),
     ("transport", "NOT_REACHED"): Trial(
         {"transport": CARRY["transport"] | {"tolerance": 1e-4}},
-        deeds=((4.0, pushes(HAND, 117.0)),),  # just beyond what is compensated
+        interventions=((4.0, pushes(HAND, 117.0)),),  # just beyond what is compensated
         moves=True,
     ),
     **moving("transport", CARRY, 4.6),
@@ -854,7 +870,7 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("calibrate", "NO_CAMERA"): Trial({"calibrate": {}}, {"arm": BLIND}),
     ("calibrate", "NOT_SEEN"): Trial({"calibrate": {"color": "red"}}),
     ("calibrate", "NOT_STILL"): Trial(
-        {"calibrate": {"speed": 1.0}}, deeds=((4.0, shifts("mark", 0.02)),), moves=True
+        {"calibrate": {"speed": 1.0}}, interventions=((4.0, shifts("mark", 0.02)),), moves=True
     ),
     **moving("calibrate", {"calibrate": {}}, 0.6, "arm1/panda_hand"),
     ("track", "NO_CAMERA"): Trial(TRACK, {"arm": BLIND}),
@@ -865,10 +881,10 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("track", "NOT_STILL"): Trial(
         {"track": {"until_still": 1.0, "rest_timeout": 0.5, "wait": 1.0}}, moves=True
     ),
-    ("track", "LOST"): Trial(TRACK, deeds=((1.0, hides("cube")),), moves=True),
+    ("track", "LOST"): Trial(TRACK, interventions=((1.0, hides("cube")),), moves=True),
     ("track", "NOT_FOLLOWING"): Trial(
         {"track": TRACK["track"] | {"max_error": 0.001}},
-        deeds=((1.0, shifts("cube", 0.05)),),
+        interventions=((1.0, shifts("cube", 0.05)),),
         moves=True,
     ),
     ("track", "IN_COLLISION"): Trial(
@@ -879,12 +895,12 @@ TRIALS: dict[tuple[str, str], Trial] = {
             "scene": "table",
             "before": LOOK_HOLDING,
         },
-        deeds=((5.6, shifts("other", 0.08)),),
+        interventions=((5.6, shifts("other", 0.08)),),
         moves=True,
     ),
     ("track", "UNREACHABLE"): Trial(  # at 0.1 m/s: an object that jumps is not the target
         TRACK,
-        deeds=tuple((1.0 + 0.02 * step, shifts("cube", 0.002)) for step in range(70)),
+        interventions=tuple((1.0 + 0.02 * step, shifts("cube", 0.002)) for step in range(70)),
         moves=True,
     ),
     **moving("track", TRACK, 1.0, "arm1/panda_hand"),

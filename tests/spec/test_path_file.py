@@ -158,7 +158,7 @@ def test_nothing_outside_the_folder_is_read(tmp_path: Path) -> None:
     assert problems(folder, "inner/ok.csv") == ""
 
 
-@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.usefixtures("without_plots")
 def test_the_record_has_the_file(tmp_path: Path) -> None:
     """A replay needs the record alone."""
     (tmp_path / "logo.svg").write_text(svg("M 0 0 C 0 60 80 60 80 0"))

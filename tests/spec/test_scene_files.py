@@ -69,7 +69,7 @@ def test_fixtures_are_fixed_objects_and_mounts_are_poses(cell: Path) -> None:
     assert upper.position[0] - lower.position[0] == pytest.approx(0.3)
 
 
-@pytest.mark.usefixtures("without_pictures")
+@pytest.mark.usefixtures("without_plots")
 def test_a_run_in_the_cell_succeeds_and_can_be_replayed_without_the_scene(cell: Path) -> None:
     """The goal names a fixture, and the record contains the text of the scene."""
     result = bt.run(cell, record=cell.parent / "out")

@@ -28,9 +28,9 @@ from bt_dualarm.sweeps.engine import Done, Engine, ProcessEngine, Task
 from bt_dualarm.sweeps.job import COST_COLUMNS
 from bt_dualarm.sweeps.manifest import SweepError
 from bt_dualarm.sweeps.sweep import Progress
-from tests.sweeps import made_up_calls
+from tests.sweeps import example_calls
 
-MODULE = "tests.sweeps.made_up_calls"
+MODULE = "tests.sweeps.example_calls"
 
 
 @dataclass
@@ -96,7 +96,7 @@ def test_dead_worker_costs_one_attempt_and_three_deaths_are_reported(
     times = {1: 0, 2: 1, 3: 3, 4: 0}
     cases = [{"number": n, "times": t, "folder": str(tmp_path)} for n, t in times.items()]
     with pytest.raises(SystemExit) as end, Campaign(options(tmp_path / "out")) as campaign:
-        found = [result for _, result in campaign.run(made_up_calls.die, cases)]
+        found = [result for _, result in campaign.run(example_calls.die, cases)]
     assert end.value.code == 1
     assert found == [1, 2, 4]
     output = capsys.readouterr().err
@@ -106,7 +106,7 @@ def test_dead_worker_costs_one_attempt_and_three_deaths_are_reported(
     # The case has died often enough to succeed now: only it runs again.
     with Campaign(options(tmp_path / "out")) as campaign:
         campaign._start = HereEngine
-        assert [result for _, result in campaign.run(made_up_calls.die, cases)] == [1, 2, 3, 4]
+        assert [result for _, result in campaign.run(example_calls.die, cases)] == [1, 2, 3, 4]
 
 
 def test_finished_calls_do_not_run_again(tmp_path: Path) -> None:
@@ -135,7 +135,7 @@ def test_results_do_not_depend_on_workers_or_order(tmp_path: Path) -> None:
         ])  # fmt: skip
     assert all(rows == lists[0] for rows in lists)
     cases = [{"number": n, "folder": str(tmp_path)} for n in range(3)]
-    found = results_here(None, made_up_calls.square, cases, turn=1)
+    found = results_here(None, example_calls.square, cases, turn=1)
     assert [one["third"] for one in found] == [0.0, 1 / 3, 2 / 3]
     assert [one["parts"] for one in found] == [[0, None], [1, None], [2, None]]
     assert math.isnan(found[0]["nan"])
@@ -155,7 +155,7 @@ def test_exception_of_the_function_is_reported_with_its_case(
     assert str(states[-1].rate) == "40.0 % (11.8 to 76.9)"
     assert states[-1].failures == {"ValueError": 1, "TypeError": 1, "ODD": 1}
     with pytest.raises(SystemExit):
-        results_here(tmp_path, made_up_calls.quarrel, [{"number": 2}, {"number": 3}])
+        results_here(tmp_path, example_calls.quarrel, [{"number": 2}, {"number": 3}])
     output = capsys.readouterr().err
     assert f"{MODULE}:quarrel(number=3): ERROR ValueError: nothing comes of 3" in output
     assert 'raise ValueError(f"nothing comes of' in output
@@ -165,12 +165,12 @@ def test_endless_cases_run_until_enough_of_them_count(tmp_path: Path) -> None:
     cases: Iterator[dict[str, Any]] = ({"number": n} for n in count(1))
     with Campaign(options(tmp_path)) as campaign:
         campaign._start = partial(HereEngine, 1)
-        found = [result for _, result in campaign.run(made_up_calls.even, cases, wanted=3)]
+        found = [result for _, result in campaign.run(example_calls.even, cases, wanted=3)]
         assert found == [None, 2, None, 4, None, 6]
         campaign._start = nothing_left
-        again = campaign.run(made_up_calls.even, ({"number": n} for n in count(1)), wanted=3)
+        again = campaign.run(example_calls.even, ({"number": n} for n in count(1)), wanted=3)
         assert [result for _, result in again] == found
-        assert not list(campaign.run(made_up_calls.even, cases, wanted=0))
+        assert not list(campaign.run(example_calls.even, cases, wanted=0))
 
 
 def test_items_can_be_accessed_by_number_in_any_order() -> None:
@@ -191,7 +191,7 @@ def interrupted(campaign: Campaign) -> None:
     """Raise Ctrl-C after the first of four cases."""
     with campaign:
         campaign._start = HereEngine
-        for _ in campaign.run(made_up_calls.even, [{"number": n} for n in range(4)]):
+        for _ in campaign.run(example_calls.even, [{"number": n} for n in range(4)]):
             raise KeyboardInterrupt
 
 
@@ -199,9 +199,9 @@ def test_calls_started_ahead_do_not_affect_the_next_run(tmp_path: Path) -> None:
     with Campaign(options(tmp_path / "out")) as campaign:
         campaign._start = partial(HereEngine, -1)  # the oldest first, as the list is endless
         endless = ({"number": n} for n in count())
-        assert len(list(campaign.run(made_up_calls.even, endless, wanted=1))) == 1
+        assert len(list(campaign.run(example_calls.even, endless, wanted=1))) == 1
         cases = [{"number": n, "folder": str(tmp_path)} for n in range(4)]
-        found = [result["square"] for _, result in campaign.run(made_up_calls.square, cases)]
+        found = [result["square"] for _, result in campaign.run(example_calls.square, cases)]
     assert found == [0, 1, 4, 9]
 
 
@@ -211,7 +211,7 @@ def test_temporary_folder_is_deleted_unless_results_are_missing(
     with Campaign(options(None)) as campaign:
         folder = campaign._folder
         campaign._start = HereEngine
-        assert len(list(campaign.run(made_up_calls.even, [{"number": 2}]))) == 1
+        assert len(list(campaign.run(example_calls.even, [{"number": 2}]))) == 1
     assert not folder.exists()
     campaign = Campaign(options(None))
     with pytest.raises(SystemExit) as end:
@@ -276,7 +276,7 @@ from bt_dualarm.sweeps.engine import ProcessEngine, Task
 
 engine = ProcessEngine(1)
 cases = [{"number": 0, "folder": sys.argv[1]}]
-engine.submit(Task(next(iter(calls_of("tests.sweeps.made_up_calls:linger", cases)))))
+engine.submit(Task(next(iter(calls_of("tests.sweeps.example_calls:linger", cases)))))
 while not Path(sys.argv[1], "lingers_0").exists():
     engine.completed(0.1)
 print("begun", flush=True)

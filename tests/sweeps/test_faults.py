@@ -25,7 +25,7 @@ from bt_dualarm.sweeps.job import Row
 from bt_dualarm.sweeps.manifest import SweepError, TrialSpec
 from bt_dualarm.sweeps.trial import TrialJob
 from tests.behaviors.test_faults import TREE
-from tests.sweeps.made_up import InstantEngine, row_of
+from tests.sweeps.synthetic import InstantEngine, row_of
 
 
 class HereEngine(InstantEngine):

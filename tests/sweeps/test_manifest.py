@@ -24,7 +24,7 @@ from bt_dualarm.sweeps.manifest import (
     shard_of,
     values_of,
 )
-from tests.sweeps.made_up import TREE
+from tests.sweeps.synthetic import TREE
 
 
 def manifest(**fields: object) -> Manifest:

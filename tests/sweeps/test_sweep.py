@@ -19,7 +19,7 @@ from bt_dualarm.sweeps.report import causes_of, cells_of, write_report
 from bt_dualarm.sweeps.search import search_boundary
 from bt_dualarm.sweeps.sweep import Progress, StopCondition, run_sweep
 from bt_dualarm.sweeps.trial import TrialJob, lost_row, run_trial
-from tests.sweeps.made_up import TREE, InstantEngine, row_of
+from tests.sweeps.synthetic import TREE, InstantEngine, row_of
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,7 @@ from bt_dualarm.sweeps.table import (
     read_rows,
     table_of,
 )
-from tests.sweeps.made_up import TREE, row_of
+from tests.sweeps.synthetic import TREE, row_of
 
 
 @pytest.fixture(scope="module")

@@ -82,7 +82,7 @@ def test_clicked_color_is_saved(browser: Browser, saved: Path) -> None:
     assert [one["centroid_px"] for one in seen["found"]] == [[30.0, 30.0], [65.0, 15.0]]
     assert seen["mask"].startswith("data:image/png;base64,")
     status, reply = browser.post("/save", {"color": seen["color"]})
-    assert (status, reply) == (200, {"said": f"written: {saved}"})
+    assert (status, reply) == (200, {"message": f"written: {saved}"})
     assert f"color: {seen['notation']}\n" in saved.read_text(encoding="utf-8")
 
 

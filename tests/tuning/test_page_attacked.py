@@ -105,7 +105,7 @@ def test_concurrent_saves_all_succeed(tmp_path: Path) -> None:
     tuning = Tuning(shot, Color.named("blue"), IntoTree(path, "arm1", None, registry))
 
     def save(hue: int) -> str:
-        return str(tuning.save({"color": [{"hue": [hue, hue + 10]}]})["said"])
+        return str(tuning.save({"color": [{"hue": [hue, hue + 10]}]})["message"])
 
     with ThreadPoolExecutor(8) as pool:
         replies = list(pool.map(save, range(16)))

@@ -47,8 +47,8 @@ class Browser:
         found: dict[str, Any] = self.fetch("now")
         return found
 
-    def press(self, deed: str, value: object = None) -> None:
-        status, content = self.ask("do", {"deed": deed, "value": value})
+    def press(self, action: str, value: object = None) -> None:
+        status, content = self.ask("do", {"action": action, "value": value})
         assert status == 200, content
 
     def until(self, what: str, is_so: Callable[[Any], bool]) -> Any:

@@ -6,14 +6,14 @@ from collections.abc import Iterator
 
 import pytest
 
+from tests.no_plots import no_plots
 from tests.own_models import tried_here
-from tests.undrawn import undrawn
 
 
 @pytest.fixture(autouse=True, scope="package")
-def records_without_pictures() -> Iterator[None]:
+def records_without_plots() -> Iterator[None]:
     """Record without plots, which the browser views do not use."""
-    with undrawn():
+    with no_plots():
         yield
 
 

@@ -120,7 +120,7 @@ def test_reasons_are_those_of_bt_why(failed: Record) -> None:
 def test_invalid_request_is_refused(failed: Record, question: str) -> None:
     with shown(failed.folder) as browser:
         assert browser.ask(question)[0] == 400
-        assert browser.ask("do", {"deed": "go"})[0] == 400
+        assert browser.ask("do", {"action": "go"})[0] == 400
         assert browser.ask("elsewhere")[0] == 403
 
 

@@ -214,6 +214,6 @@ def test_run_is_shown_after_its_end_until_the_page_is_closed(
         waits.start()
         assert answer_of(view, "now", page="one")["over"]
         assert waits.is_alive()
-        view.do({"deed": "leave", "value": "one"})
+        view.do({"action": "leave", "value": "one"})
         waits.join(30)
         assert not waits.is_alive()

@@ -165,7 +165,7 @@ def test_ambiguous_request_is_refused(browser: Browser) -> None:
     line = f"POST {address.path}do HTTP/1.1\r\n"
     host = f"Host: 127.0.0.1:{address.port}\r\n"
     kind = "Content-Type: application/json\r\n"
-    body = json.dumps({"deed": "go"})
+    body = json.dumps({"action": "go"})
     length = f"Content-Length: {len(body)}\r\n"
     good = line + host + kind + length
     for head, status in (

@@ -112,7 +112,7 @@ def test_unauthorized_requests_are_refused(tree: Path) -> None:
     """Without the token, or with another host, origin or content type, nothing happens."""
     with watched(tree) as (_, browser, _):
         port = browser.place.port
-        go = {"deed": "go"}
+        go = {"action": "go"}
         refused = [
             browser.ask("now", token=False),
             browser.ask("0123456789abcdef012345/now", token=False),
@@ -140,20 +140,20 @@ def test_unauthorized_requests_are_refused(tree: Path) -> None:
         b"[]",
         b"[" * 15_000,
         b" " * 30_000,
-        {"deed": "explode"},
-        {"deed": "speed", "value": "fast"},
-        {"deed": "speed", "value": -1},
-        {"deed": "speed", "value": [1]},
-        {"deed": "speed", "value": True},
-        {"deed": "speed", "value": 10**400},
-        {"deed": "speed", "value": -(10**400)},
-        b'{"deed": "speed", "value": 1e999}',
-        b'{"deed": "speed", "value": NaN}',
-        b'{"deed": "speed", "value": ' + b"9" * 15_000 + b"}",
-        {"deed": "break", "value": 10**4000},
-        {"deed": "break", "value": "x\n" * 60},
-        {"deed": "break", "value": "x" * 400},
-        {"deed": {"deed": "go"}},
+        {"action": "explode"},
+        {"action": "speed", "value": "fast"},
+        {"action": "speed", "value": -1},
+        {"action": "speed", "value": [1]},
+        {"action": "speed", "value": True},
+        {"action": "speed", "value": 10**400},
+        {"action": "speed", "value": -(10**400)},
+        b'{"action": "speed", "value": 1e999}',
+        b'{"action": "speed", "value": NaN}',
+        b'{"action": "speed", "value": ' + b"9" * 15_000 + b"}",
+        {"action": "break", "value": 10**4000},
+        {"action": "break", "value": "x\n" * 60},
+        {"action": "break", "value": "x" * 400},
+        {"action": {"action": "go"}},
     ],
 )
 def test_invalid_command_is_refused_without_effect(tree: Path, body: object) -> None:

@@ -59,7 +59,7 @@ class Blocker(Skill):
         """Where and how."""
 
         phase: str = port("step", "where to block")
-        deed: str = port("spin", "how to block")
+        action: str = port("spin", "how to block")
         signals: str = port("", "names of signals that this process gets before, with blanks")
 
     example: ClassVar[str] = "blocker"
@@ -95,4 +95,4 @@ class Blocker(Skill):
             os.write(1, b"blocking\n")  # for those who measure how long it takes from here on
             for name in self.ports.signals.split():
                 os.kill(os.getpid(), getattr(signal, name))
-            DEEDS[self.ports.deed]()
+            DEEDS[self.ports.action]()

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 import pytest
 
-BT_RUN_UNDRAWN = """
+BT_RUN_NO_PLOTS = """
 import sys
 from bt_dualarm.cli import run
 from bt_dualarm.runtime import plots
@@ -18,7 +18,7 @@ sys.exit(run())
 
 
 @contextmanager
-def undrawn() -> Iterator[None]:
+def no_plots() -> Iterator[None]:
     """Within the context, this process draws no plots.
 
     tests/runtime/test_record.py and tests/test_trees.py check that they are drawn otherwise.

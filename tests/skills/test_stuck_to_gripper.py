@@ -24,4 +24,4 @@ def test_object_stuck_to_the_gripper_counts_as_held_again(name: str) -> None:
     assert first.code == "NOT_PLACED"
     assert "stuck to the gripper" in first.reason
     assert second.status == "SUCCESS", second.reason
-    assert not hand.lies
+    assert not hand.deviations

@@ -1,4 +1,4 @@
-"""Heaps of every shape under every kind of light, small enough for kernels in plain Python.
+"""Piles of every shape under every kind of light, small enough for kernels in plain Python.
 
 As a program, it writes the pickled images of the given seeds to standard output.
 """
@@ -22,8 +22,8 @@ _CORNERS = np.random.default_rng(5).normal(0.0, 0.1, (12, 3))
 _ROCK = "  ".join(" ".join(f"{value:.4f}" for value in corner) for corner in _CORNERS)
 
 
-def heap(seed: int) -> tuple[Any, Any]:
-    """A heap of colored or textured shapes on a finite tiled floor."""
+def pile(seed: int) -> tuple[Any, Any]:
+    """A pile of colored or textured shapes on a finite tiled floor."""
     rng = np.random.default_rng(seed)
 
     def numbers(values: Any) -> str:
@@ -62,7 +62,7 @@ def heap(seed: int) -> tuple[Any, Any]:
 
 def rendered(seed: int) -> tuple[Any, Any, Any]:
     """Geoms and distances hit by rays, and an image with a window and blocks."""
-    model, data = heap(seed)
+    model, data = pile(seed)
     fan = fan_of(Viewpoint(np.array((1.2, 0.3, 0.5)), np.zeros(3), 45.0), WIDTH, HEIGHT)
     hits = RayScene(model, (0,)).trace(data, fan)
     exposure = Exposure(0, 2 * WIDTH, 2 * HEIGHT, (5, 3, 55, 41), stride=2)
