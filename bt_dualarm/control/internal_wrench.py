@@ -15,8 +15,9 @@ Marcus, IJRR 10(4), 1991). What a contact wrench exceeds it by is internal::
     internal moment of arm i:  m_i - share_i l² alpha    about its grasp
 
 While the arms carry an object of known mass freely, the sum of all wrenches beyond its load is
-zero: what is measured of it is an error. It is then not distributed by these shares, but by how
-little the joint torques of each arm tell (`without_load`).
+zero; while it still stands, its support bears its weight at most. What is measured beyond that is
+an error. It is not distributed by these shares, but by how little the joint torques of each arm
+tell (`without_load`): at rest, dry friction hides 80 N at the tool of a UR10.
 """
 
 from __future__ import annotations
@@ -103,25 +104,32 @@ def internal_wrenches(shares: Sequence[float], points: Matrix, wrenches: Matrix)
     return np.hstack((forces - required, moments - share * BORNE_GYRATION_M**2 * alpha))
 
 
-def without_load(points: Matrix, wrenches: Matrix, doubts: Matrix) -> Matrix:
-    """Most likely internal wrenches if the measured ones should add up to nothing.
+def without_load(
+    points: Matrix, wrenches: Matrix, doubts: Matrix, support_n: float = 0.0
+) -> Matrix:
+    """Most likely wrenches if the measured ones should add up to what a support bears.
 
     Args:
         points: Positions of the grasps in the world, of shape (n, 3), m.
         wrenches: Measured wrenches on the object about the grasps, beyond its load, (n, 6).
         doubts: Covariance of each of them, of shape (n, 6, 6).
+        support_n: Largest force of a support on the object, N: the standard deviation of the sum
+            of the wrenches. Its moment is that of the same force at a grasp.
 
     Returns:
-        Wrenches, of shape (n, 6), that add up to zero.
+        Wrenches, of shape (n, 6), that add up to zero if there is no support.
     """
     to_middle = np.zeros((len(points), 6, 6))
     to_middle[:, range(6), range(6)] = 1.0
-    x, y, z = (points - points.mean(axis=0)).T
+    arms = points - points.mean(axis=0)
+    x, y, z = arms.T
     to_middle[:, (3, 4, 5), (1, 2, 0)] = np.column_stack((-z, -x, -y))
     to_middle[:, (4, 5, 3), (0, 1, 2)] = np.column_stack((z, x, y))
     spread = doubts @ to_middle.transpose(0, 2, 1)
     total = (to_middle @ wrenches[:, :, None]).sum(axis=0)
-    solved = np.linalg.solve((to_middle @ spread).sum(axis=0), total)
+    lever = float(np.linalg.norm(arms, axis=1).max())
+    support = np.diag(np.square(support_n * np.array((1.0, 1.0, 1.0, lever, lever, lever))))
+    solved = np.linalg.solve((to_middle @ spread).sum(axis=0) + support, total)
     left: Matrix = wrenches - (spread @ solved)[:, :, 0]
     return left
 
@@ -239,16 +247,16 @@ class InternalWrenchRegulator:
         dof = max(part.stop for part in parts.values())
         self._added = SetPoint(np.zeros(dof), np.zeros(dof), np.zeros(dof))
         self._has_looked = False
-        self._freely = False
+        self._support_n: float | None = None
 
-    def begin(self, *, freely: bool = False) -> None:
+    def begin(self, support_n: float | None = None) -> None:
         """Begin a new motion: the set-points of the arms include what they have yielded so far.
 
         Args:
-            freely: Whether the arms carry all of the object, and know its mass: the wrenches beyond
-                its load then add up to nothing.
+            support_n: Largest force of a support on the object, N: its weight, or 0 if the arms
+                carry all of it. None if they do not know its mass.
         """
-        self._freely = freely
+        self._support_n = support_n
         zero = np.zeros_like(self._added.q)
         self._added = SetPoint(zero, zero, zero)
         self._share = 0.0
@@ -278,10 +286,11 @@ class InternalWrenchRegulator:
         points = np.array([arm.position for arm in arms])
         wrenches = np.array([arm.wrench for arm in arms])
         lags = np.array([arm.lag for arm in arms])
-        if self._freely:
-            found = without_load(points, wrenches, np.array([arm.doubt for arm in arms]))
-        else:
-            found = internal_wrenches(self._shares, points, wrenches)
+        likely = wrenches
+        if self._support_n is not None:
+            doubts = np.array([arm.doubt for arm in arms])
+            likely = without_load(points, wrenches, doubts, self._support_n)
+        found = internal_wrenches(self._shares, points, likely)
         strain = internal_wrenches(self._shares, points, self._masses * lags) / self._masses
         center = np.asarray(self._shares) @ points
         moments = wrenches[:, 3:] + crossed(points - center, wrenches[:, :3])

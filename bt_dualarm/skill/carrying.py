@@ -37,7 +37,7 @@ from bt_dualarm.skill.carry_planning import (
     Proposal,
     shares_of,
 )
-from bt_dualarm.skill.grasp_search import WantedGrasp, grasps_on
+from bt_dualarm.skill.grasp_search import GRAVITY, WantedGrasp, grasps_on
 from bt_dualarm.skill.grip import Grip, TouchSense, make_room
 from bt_dualarm.skill.guarded_move import TOUCHDOWN_M_S, Lag
 from bt_dualarm.skill.joint import JointPart
@@ -624,8 +624,12 @@ class _Coupled:
             scale = min(scale, slow / max(top, 1e-9))
         if scale < 0.999:
             motion = at_scale(motion, scale)
-        knows_mass = not any(world.nominal[name].estimates_payload for name in parts)
-        self._regulator.begin(freely=knows_mass and self._number > self._lifts and not slow)
+        support: float | None = 0.0
+        if any(world.nominal[name].estimates_payload for name in parts):
+            support = None
+        elif self._number <= self._lifts or slow:
+            support = GRAVITY * world.loaded_mass(self._object)
+        self._regulator.begin(support)
         return CoupledMotion(motion, parts, limits, self._regulator, self._regulator.is_pressed)
 
     def _execute(

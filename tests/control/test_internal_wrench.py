@@ -96,6 +96,18 @@ def test_measurement_with_less_uncertainty_prevails() -> None:
     np.testing.assert_allclose(found, true, atol=0.02)
 
 
+def test_support_bears_no_more_than_the_weight() -> None:
+    """Of 78 N that an arm feels by its own dry friction, a support of 12 N explains a part."""
+    measured = np.zeros((2, 6))
+    measured[1, :3] = -78.0, -78.0, -49.0
+    doubts = np.array([np.eye(6), 40.0**2 * np.eye(6)])
+    likely = without_load(POINTS, measured, doubts, support_n=12.0)
+    assert np.linalg.norm(total(POINTS, likely)[:3]) < 12.0
+    assert np.linalg.norm(internal_wrenches(SHARES, POINTS, likely)[:, :3], axis=1).max() < 12.0
+    # A support that may bear anything explains all of it.
+    np.testing.assert_allclose(without_load(POINTS, measured, doubts, 1e9), measured, atol=1e-6)
+
+
 PERIOD_S = 0.004
 STIFFNESS = np.array((8e5, 8e5, 8e5, 2e3, 2e3, 2e3))
 """Growth of an arm's force per displacement, N/m/s, by its disturbance observer, as measured with a

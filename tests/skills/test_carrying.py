@@ -171,6 +171,50 @@ def test_tray_is_carried_by_its_handles() -> None:
         assert tool[0] == pytest.approx(side, abs=5e-3)
 
 
+def test_dry_friction_of_an_arm_at_rest_is_no_internal_force() -> None:
+    """After its approach, the joints of the UR10e hide 78 N; the hands press with 5 N."""
+    handle: Tree = {"shape": "box", "size": [0.06, 0.03, 0.03]}
+    parts: Tree = {
+        "pan": {"shape": "tray", "size": [0.4, 0.3, 0.04], "wall": 0.006},
+        "left": handle | {"pose": {"xyz": [-0.23, 0, 0]}},
+        "right": handle | {"pose": {"xyz": [0.23, 0, 0]}},
+    }
+    stand: Tree = {"shape": "box", "size": [0.2, 0.2, 0.35], "mass": 1, "fixed": True}
+    arm: Tree = {"gripper": "robotiq_2f85"}
+    ports: Tree = {"object": "tray", "set_down": False}
+    to = {"xyz": [-0.044, 0.061, 0.53], "rpy": [0, 0, 10]}
+    file: dict[str, Any] = {
+        "bt_dualarm": 1,
+        "world": {"scene": "empty", "reality": "lab", "seed": 1},
+        "objects": {
+            "tray": {
+                "shape": "compound",
+                "mass": 1.2,
+                "parts": parts,
+                "pose": {"xyz": [0, -0.05, 0.3705]},
+            },
+            "stand": stand | {"pose": {"xyz": [0, -0.05, 0.175]}},
+        },
+        "arms": {
+            "arm1": arm
+            | {
+                "robot": "panda",
+                "base": {"xyz": [-0.677, 0, 0.15]},
+                "tree": {"carry_together": ports | {"with": ["arm2"], "to": to}},
+            },
+            "arm2": arm
+            | {
+                "robot": "ur10e",
+                "base": {"xyz": [0.867, 0, 0.15], "rpy": [0, 0, 180]},
+                "tree": {"carry_together": ports | {"with": ["arm1"]}},
+            },
+        },
+    }
+    found = leaf(bt.run(file))
+    assert found.status == "SUCCESS", (found.code, found.reason)
+    assert found.metrics["internal_force_n"] < 10.0
+
+
 def test_arm_that_cannot_reach_is_named() -> None:
     """Solving for all arms at once spreads the error: the first arm would be blamed."""
     partner = copy.deepcopy(PARTNER) | {"tree": follows()}
