@@ -418,6 +418,9 @@ class Carrying:
         gripper = arm.gripper
         description = gripper.description
         yield from arm.relax()
+        # A compliant arm still compensates the moment with which the hands twist each other: once
+        # they open, that would turn it away from its set-point.
+        arm.controller.compliance.active = False
         yield from self._sync()
         gripper.command(
             min(gripper.width + 2.0 * _ROOM_M, description.stroke) if description.fingers else 1.0

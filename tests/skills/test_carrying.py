@@ -215,6 +215,52 @@ def test_dry_friction_of_an_arm_at_rest_is_no_internal_force() -> None:
     assert found.metrics["internal_force_n"] < 10.0
 
 
+def test_opening_hands_do_not_turn() -> None:
+    """What compensated the moment between compliant hands turned one of them by 2.3°."""
+    stand: Tree = {"shape": "box", "size": [0.2, 0.2, 0.35], "mass": 1, "fixed": True}
+    beam: Tree = {"shape": "box", "size": [0.6, 0.06, 0.04], "mass": 1.5}
+    to = {"xyz": [0, -0.05, 0.3705], "rpy": [0, 0, 0]}
+    bases: dict[str, Any] = {
+        "arm1": {"xyz": [-0.677, 0, 0.15]},
+        "arm2": {"xyz": [0.686, 0, 0.15], "rpy": [0, 0, 180]},
+    }
+    robots = {"arm1": ("fr3", "panda_hand"), "arm2": ("ur5e", "robotiq_2f85")}
+    file: dict[str, Any] = {
+        "bt_dualarm": 1,
+        "world": {"scene": "empty"},
+        "objects": {
+            "beam": beam | {"pose": {"xyz": [0, -0.05, 0.3705]}},
+            "stand": stand | {"pose": {"xyz": [0, -0.05, 0.175]}},
+        },
+        "arms": {
+            arm: {
+                "robot": robot,
+                "gripper": gripper,
+                "base": bases[arm],
+                "tree": {
+                    "carry_together": {"object": "beam", "with": [other], "speed": 0.7}
+                    | ({"to": to} if arm == "arm1" else {})
+                },
+            }
+            for (arm, (robot, gripper)), other in zip(robots.items(), ("arm2", "arm1"), strict=True)
+        },
+    }
+    turned = dict.fromkeys(robots, 0.0)
+    closed: dict[str, Pose] = {}
+    with bt.open(file) as run:
+        while not run.done:
+            run.step(0.02)
+            for arm in robots:
+                tool = run.arms[arm].tool_pose
+                if run.arms[arm].holds:
+                    closed[arm] = tool
+                elif arm in closed and tool.distance(closed[arm]) < 0.01:  # not yet on its retreat
+                    turned[arm] = max(turned[arm], tool.angle(closed[arm]))
+        assert run.finish().outcome == "SUCCESS"
+    assert closed.keys() == robots.keys()
+    assert max(turned.values()) < np.radians(0.5)
+
+
 def test_arm_that_cannot_reach_is_named() -> None:
     """Solving for all arms at once spreads the error: the first arm would be blamed."""
     partner = copy.deepcopy(PARTNER) | {"tree": follows()}
