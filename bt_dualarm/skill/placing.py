@@ -541,7 +541,8 @@ class SettingDown:
 
         Raises:
             Failure: That of the descent requested, see `_branches_down`, if there is no other, or
-                if another arm is in the way, which may leave.
+                if another arm is in the way, which may leave; that of a pose that looks the same,
+                if another arm is in the way there.
         """
         height = self._ports.height
         upright = goal @ self._in_tool.inverse
@@ -551,7 +552,7 @@ class SettingDown:
             if move.may_leave(failure):
                 raise
             # A traceback would keep this frame alive.
-            refusal = failure.with_traceback(None)
+            refusals = [failure.with_traceback(None)]
         for turned, alike in poses_alike(self._arm.world.objects[self._name], goal):
             tool = alike @ self._in_tool.inverse
             yield
@@ -559,7 +560,8 @@ class SettingDown:
                 lowest = _Descent(
                     tool, _LOWEST_M, (yield from self._branches_down(tool, _LOWEST_M)), turned
                 )
-            except Failure:
+            except Failure as failure:
+                refusals.append(failure.with_traceback(None))
                 # Every higher descent contains this one. But a redundant arm has endless branches:
                 # those tried here need not include the one that is free.
                 if not (turned and self._arm.kinematics.dof > 6):
@@ -580,7 +582,8 @@ class SettingDown:
                     continue
                 return _Descent(tool, begin, branches, turned)
             return lowest
-        raise refusal
+        # Another arm may leave: the requested pose may be beyond reach, but not its equals.
+        raise max(refusals, key=lambda one: move.may_leave(one) + move.may_clear(one))
 
     def _branches_down(self, tool: Pose, height: float) -> Generator[None, None, list[Matrix]]:
         """Straight descent to a pose of the tool, in branches that allow search and retreat.

@@ -83,6 +83,61 @@ def test_box_is_rotated_by_its_symmetry_only() -> None:
     assert float(leaf.metrics["placed_turned_rad"]) < np.radians(1.0)
 
 
+def stand(x: float, y: float) -> dict[str, Any]:
+    """A fixed stand of 0.2 m with its center at (x, y)."""
+    pose = {"xyz": [x, y, 0.1]}
+    return {"shape": "box", "size": [0.12, 0.12, 0.2], "mass": 1, "fixed": True, "pose": pose}
+
+
+def test_arm_waits_for_another_one_where_a_rotated_box_is_to_stand() -> None:
+    """As requested, the hand would be out of reach; turned by 180°, it is where the other is."""
+    result = bt.run(
+        {
+            "bt_dualarm": 1,
+            "world": {"scene": "empty"},
+            "objects": {
+                "bar": {"shape": "box", "size": [0.24, 0.04, 0.04], "mass": 0.2}
+                | {"pose": {"xyz": [0.45, -0.4, 0.2203]}},
+                "from": stand(0.45, -0.4),
+                "to": stand(0.88, 0.0),
+            },
+            "cell": {"signals": {"there": {"type": "boolean", "written_by": ["other"]}}},
+            "arms": {
+                "arm1": {
+                    "robot": "ur5",
+                    "gripper": "robotiq_2f85",
+                    "tree": {
+                        "sequence": [
+                            {"await": "there"},
+                            {"grasp": {"object": "bar", "point": [0.09, 0, 0]}},
+                            {"place": {"at": {"xyz": [0.88, 0, 0.2203], "rpy": [0, 0, 0]}}},
+                        ]
+                    },
+                },
+                "other": {
+                    "robot": "ur5",
+                    "base": {"xyz": [0.8, 0.7, 0], "rpy": [0, 0, -90]},
+                    "tree": {
+                        "sequence": [
+                            {
+                                "reach_to_pose": {
+                                    "to": {"xyz": [0.78, 0.02, 0.42], "rpy": [180, 0, 0]}
+                                }
+                            },
+                            {"signal": "there"},
+                            {"wait": 8},
+                            "go_home",
+                        ]
+                    },
+                },
+            },
+        }
+    )
+    leaf = result.arms["arm1"].runs[-1]
+    assert (leaf.skill, leaf.status) == ("place", "SUCCESS"), leaf.reason
+    assert abs(float(leaf.metrics["spun_rad"])) == pytest.approx(np.pi)
+
+
 def test_marked_box_is_not_rotated() -> None:
     """Its marker would not be where it was requested."""
     marked = {"shape": "box", "size": [0.05, 0.05, 0.10], "mass": 0.3}
