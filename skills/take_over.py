@@ -455,16 +455,25 @@ class TakeOver(Skill):
         return arm.name in arm.world.grippers and bool(arm.gripper.description.fingers)
 
     def _press(self, joint: JointPart, goal: Pose, along: np.ndarray) -> Iterator[float | None]:
-        """Press a cup on slowly, beyond the estimated face, until contact."""
+        """Press a cup on slowly, beyond the estimated face, until it seals or presses firmly.
+
+        Far from the giver's fingers, a cup that goes on pressing turns the object in them.
+        """
         arm = self.arm
+        arm.gripper.command(force=self._force(arm.gripper.description.force.most))
         sense = TouchSense(arm, along)
         rows = arm.line_on(goal.shifted(_PRESSED_M * along))
         motion = arm.begin(arm.time_path(rows, 0.01), may_touch=True, compliant=True)
-        while not motion.done and sense.force() < _PRESSED_N:
+        while not (motion.done or arm.gripper.holding) and sense.force() < _PRESSED_N:
             yield 0.5
             arm.check()
             joint.check()
         yield from arm.halt()
+
+    def _force(self, needed: float) -> float:
+        """Force of each pad, or of a cup, for one that the load needs, N."""
+        force = self.arm.gripper.description.force.clipped(self.ports.force or needed)
+        return min(force, self.ports.most_force or math.inf)
 
     def _close(self, joint: JointPart, plan: HandoverPlan) -> Iterator[float | None]:
         """Close gently, yield to the object, then grip it with the required force."""
@@ -478,9 +487,7 @@ class TakeOver(Skill):
         gripper = arm.gripper
         description = gripper.description
         grasp = plan.grasp
-        needed = grasp.force if description.fingers else description.force.most
-        most = self.ports.most_force or math.inf
-        force = min(description.force.clipped(self.ports.force or needed), most)
+        force = self._force(grasp.force if description.fingers else description.force.most)
         gentle = min(description.force.least, force) if description.fingers else force
         gripper.command(force=gentle)
         yield from self._until_holding(joint, yields=bool(description.fingers))

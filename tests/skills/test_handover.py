@@ -225,6 +225,45 @@ SLID_M = 0.012
 SLIDES_S = 8.0
 
 
+def test_cup_does_not_turn_the_object_in_the_fingers_of_the_giver() -> None:
+    """It pressed on 60 mm beside them, where it had sealed, until the bar was tilted by 3.5°."""
+    web = {"shape": "box", "size": [0.24, 0.05, 0.03]}
+    top = {"shape": "box", "size": [0.08, 0.05, 0.03], "pose": {"xyz": [0, 0, 0.03]}}
+    shelf = {"shape": "box", "size": [0.2, 0.2, 0.2], "mass": 1, "fixed": True}
+    bar = {"shape": "compound", "mass": 0.3, "parts": {"web": web, "top": top}}
+    result = bt.run(
+        {
+            "bt_dualarm": 1,
+            "world": {"scene": "empty", "time_limit": 40.0},
+            "objects": {
+                "shelf": shelf | {"pose": {"xyz": [0.35, -0.4, 0.1]}},
+                "bar": bar | {"pose": {"xyz": [0.35, -0.4, 0.2158], "rpy": [0, 0, 30]}},
+            },
+            "arms": {
+                "arm1": {
+                    "robot": "ur5",
+                    "gripper": "robotiq_2f85",
+                    "tree": {
+                        "sequence": [
+                            {"grasp": {"object": "bar"}},
+                            {"hand_over": {"object": "bar", "to": "arm2"}},
+                        ]
+                    },
+                },
+                "arm2": {
+                    "robot": "ur10e",
+                    "gripper": "suction_cup",
+                    "base": {"xyz": [1.15, 0.1, 0], "rpy": [0, 0, 180]},
+                    "tree": {"take_over": {"object": "bar", "from": "arm1"}},
+                },
+            },
+        }
+    )
+    taken = result.arms["arm2"].runs[-1]
+    assert taken.status == "SUCCESS", taken.reason
+    assert float(taken.metrics["held_error_m"]) < 2e-3
+
+
 def slide(world: World) -> None:
     """Slide the bar along its longest axis."""
     start = world.pose_address("cube")
