@@ -73,7 +73,7 @@ class OverlapError(WorldError):
         reason: One sentence.
         depth: Penetration, m.
         other: Name of the other arm, object or part of the scene; ``obj`` if an arm overlaps with
-            itself.
+            itself, ``OBJ/pedestal`` if it does with its pedestal.
     """
 
     def __init__(self, obj: str, reason: str, depth: float, other: str) -> None:

@@ -34,17 +34,26 @@ def deepest_overlap(
     Returns:
         An error that describes it; None if no depth exceeds the tolerated one.
     """
-    worst: tuple[float, list[str], list[bool]] | None = None
+    worst: tuple[float, list[int], list[str], list[bool]] | None = None
     for geoms, distance in zip(data.contact.geom.tolist(), data.contact.dist, strict=True):
         names = [name_of_geom(model, geom) for geom in geoms]
         own = [part == name or part.startswith(f"{name}/") for part in names]
         counts = any(own) and (kind == "arm" or not all(own))
         if counts and -distance > max(tolerated, worst[0] if worst else 0.0):
-            worst = float(-distance), names, own
+            worst = float(-distance), geoms, names, own
     if worst is None:
         return None
-    depth, names, own = worst
+    depth, geoms, names, own = worst
     deep = f"{1000 * depth:.0f} mm deep in"
+    # A link may have the name of the body that the world adds below a base, but not of its geom.
+    pedestal = f"{name}/pedestal"
+    below = [model.geom(geom).name == pedestal for geom in geoms]
+    if all(own) and any(below):
+        reason = (
+            f"{kind} {name!r} would collide with its pedestal, which fills the gap below its base: "
+            f"{names[below.index(False)]} would be {deep} it"
+        )
+        return OverlapError(name, reason, depth, pedestal)
     if all(own):
         reason = f"{kind} {name!r} would collide with itself: {names[0]} {deep} {names[1]}"
         return OverlapError(name, reason, depth, name)

@@ -64,3 +64,20 @@ def test_an_arm_that_begins_in_collision_with_itself_is_an_error(
     assert "'exclude'" in problem.hint
     write_robot(tmp_path, lowered, description + "exclude: [[base, lower]]\n")
     assert check(tmp_path / "tree.yaml", registry.kinds).problems == ()
+
+
+def test_an_arm_that_begins_in_collision_with_its_pedestal_is_an_error(
+    tmp_path: Path, registry: Registry
+) -> None:
+    """The pedestal is not a part of the robot: `exclude` of its description cannot name it."""
+    lowered = URDF.replace('<origin xyz="0 0 0.3" rpy="0 0 0"/>', '<origin xyz="0 0 -0.25"/>')
+    description = DESCRIPTION.replace("[0, 30]", "[0, 110]\n  down: [0, 0]")
+    write_robot(tmp_path, lowered, description + "exclude: [[base, lower]]\n")
+    tree = TREE.replace("xyz: [2, 0, 0.4]}", "xyz: [2, 0, 0.4]}, posture: down")
+    (tmp_path / "tree.yaml").write_text(tree, encoding="utf-8")
+    (problem,) = check(tmp_path / "tree.yaml", registry.kinds).problems
+    assert (problem.severity, problem.place.line) == ("error", line_of(tree, "arm2"))
+    assert problem.message == (
+        "arm 'arm2' would collide with its pedestal, which fills the gap below its base: "
+        "arm2/lower would be 30 mm deep in it"
+    )
