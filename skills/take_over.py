@@ -423,7 +423,11 @@ class TakeOver(Skill):
             arm.check()
             joint.check()
             arm.refuse_when_held_up(motion, _HELD_UP_S)
-            pushes = arm.time - began > _EDGE_S and sense.force() > _PUSHES_N
+            pushes = False
+            if arm.time - began > _EDGE_S:
+                pushes = sense.exceeds(_PUSHES_N)
+            else:
+                sense.listen()
             # The giver's pads detect a push at once, its joints only later.
             if joint.messages(giver).get("pushed") == number or pushes:
                 yield from arm.halt(give_way=True)

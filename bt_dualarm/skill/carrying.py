@@ -342,7 +342,7 @@ class Carrying:
             yield 0.2 + 0.05 * motion.progress
             arm.check()
             self._joint.check()
-            if sense.force() > ports.touch and arm.time - began > _EDGE_S:
+            if sense.exceeds(ports.touch) and arm.time - began > _EDGE_S:
                 yield from arm.halt(give_way=True)
                 yield from arm.relax()
                 break

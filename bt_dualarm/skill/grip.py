@@ -121,6 +121,16 @@ class Grip:
 _TARE_S: Final = (0.1, 0.5)
 """Age of the force samples whose mean is the zero: they contain friction and model errors."""
 
+_DEVIATIONS: Final = 5.0
+"""Standard deviations of the noise that a contact has to exceed: of the 30 to 100 samples of an
+approach, less than one in a thousand would by chance."""
+
+_MEDIAN_OF_NORMAL: Final = 0.6745
+"""Median magnitude of a normal variable with a standard deviation of 1."""
+
+_CHANGES: Final = 100  # from which the noise is estimated
+_FEW: Final = 8
+
 
 class TouchSense:
     """Contact force against a motion of the tool, relative to its value a moment ago.
@@ -140,8 +150,14 @@ class TouchSense:
         self._direction = direction
         self._alone = alone
         self._felt = deque[tuple[float, float]]()
+        self._latest: float | None = None
+        self._changes = deque[float](maxlen=_CHANGES)
         self._zero = 0.0
         self.most = 0.0
+
+    def listen(self) -> None:
+        """Sample the noise, where no contact is expected yet; to be called once per tick."""
+        self._sample()
 
     def force(self, *, stands: bool = False) -> float:
         """Current contact force, N; to be called once per tick.
@@ -152,7 +168,7 @@ class TouchSense:
         """
         now = self._arm.time
         latest, earliest = _TARE_S
-        felt = self._against()
+        felt = self._sample()
         self._felt.append((now, felt))
         while now - self._felt[0][0] > earliest:
             self._felt.popleft()
@@ -162,6 +178,28 @@ class TouchSense:
         rise = felt - self._zero
         self.most = max(self.most, rise)
         return rise
+
+    def exceeds(self, force: float) -> bool:
+        """Whether the contact force exceeds ``force`` in N, and noise; instead of `force`.
+
+        Noise of the encoders appears as a force in proportion to the mass that the tool moves: a
+        few newtons for an arm of 20 kg, and more than 40 N for one of 150 kg. Its standard
+        deviation follows from the median change between two samples, which contacts and joints
+        that break away hardly affect.
+        """
+        rise = self.force()
+        before = list(self._changes)[:-1]  # the latest change may be a contact
+        # The median of a few changes may be small by chance, or they are those of a start.
+        change = float(np.median(before) if len(before) >= _FEW else max(before, default=0.0))
+        deviation = change / (_MEDIAN_OF_NORMAL * math.sqrt(2.0))
+        return rise > max(force, _DEVIATIONS * deviation)
+
+    def _sample(self) -> float:
+        felt = self._against()
+        if self._latest is not None:
+            self._changes.append(abs(felt - self._latest))
+        self._latest = felt
+        return felt
 
     def _against(self) -> float:
         """Force against the motion, N, that explains the external joint torques.

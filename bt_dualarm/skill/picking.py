@@ -321,21 +321,22 @@ class Taking:
         opening = self._opening_of(approach)
         if opening is not None:
             arm.gripper.command(opening)
+        sense = TouchSense(arm, along, alone=True)
         while running.parameter.s < standoff_s:
             yield 0.5 * running.parameter.s / standoff_s
             arm.check()
             watch.look(arm.time)
+            sense.listen()
             arm.refuse_when_held_up(running, wait_s)
         self._entered = approach
         arm.expect_contact(compliant=False)
-        sense = TouchSense(arm, along, alone=True)
         began = arm.time
         stopped = False
         while not running.done:
             yield 0.5 + 0.2 * running.progress
             arm.check()
             arm.refuse_when_held_up(running, wait_s)
-            if sense.force() > self._ports.touch and arm.time - began > _EDGE_S:
+            if sense.exceeds(self._ports.touch) and arm.time - began > _EDGE_S:
                 stopped = True
                 yield from arm.halt(give_way=True)
                 yield from arm.relax()
