@@ -463,18 +463,20 @@ class ArmMotions(ArmState):
                 object may keep each other from their set-points.
 
         Raises:
-            Failure: ``TRACKING_ERROR`` when it does not get there within `SETTLE_S`.
+            Failure: ``TRACKING_ERROR`` when it does not get there within `SETTLE_S`, or the time
+                in which its joints break away if their dry friction takes longer to overcome.
         """
         self.controller.compliance.active = False
         began = self.time
         while True:
             self.check()
             error = self._servo_error
-            late = self.time - began > SETTLE_S
+            passed = self.time - began
+            late = passed > SETTLE_S
             if self.controller.at_rest and error < (most if late else SETTLED_RAD):
                 self._lease.give_back()  # the next leaf need not wait for the last oscillation
                 return
-            if late:
+            if late and passed > self.controller.breakaway_s(SETTLED_RAD):
                 raise Failure(
                     "TRACKING_ERROR",
                     f"the arm does not come to rest at its goal: {np.degrees(error):.2f}° away",

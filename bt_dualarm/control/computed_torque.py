@@ -13,7 +13,13 @@ import numpy as np
 
 from bt_dualarm.collision.checker import OutsideContacts
 from bt_dualarm.control.collision_detection import CollisionDetector
-from bt_dualarm.control.dynamics import ArmDynamics, control_law, joint_constants
+from bt_dualarm.control.dynamics import (
+    BANDWIDTH,
+    OBSERVER_BANDWIDTH,
+    ArmDynamics,
+    control_law,
+    joint_constants,
+)
 from bt_dualarm.control.kernel_rows import (
     BASELINE_TORQUE,
     COMPENSATION,
@@ -159,6 +165,23 @@ class ComputedTorque:
         """Joint velocities without noise: commanded plus filtered error, of shape (dof,), rad/s."""
         mean_velocity: Vector = self._state[SENT_V] + self._state[MEAN_V_ERROR]
         return mean_velocity
+
+    def breakaway_s(self, error: float) -> float:
+        """Longest time until a joint breaks away that dry friction keeps from its set-point, s.
+
+        Where a joint stands, the observer takes the motor torque for a disturbance after a lag,
+        and the law compensates it: the torque rises at a constant rate, in proportion to the
+        joint's inertia. It may begin with the opposite dry friction, that of the motion before.
+
+        Args:
+            error: Position error, rad.
+        """
+        # Of three equal poles, the disturbance lags a ramp by 3/w, and the velocity is 3/w² off.
+        lag = 3.0 / OBSERVER_BANDWIDTH + 6.0 * BANDWIDTH / OBSERVER_BANDWIDTH**2
+        rate = np.diag(self._inertias[0]) * BANDWIDTH**2 * error / lag
+        friction = self._nominal.friction
+        dry = np.maximum(friction.static, friction.coulomb) * (1.0 + friction.uncertainty)
+        return float((2.0 * dry / rate).max())
 
     def command(self, sent: SetPoint, time: float) -> SetPoint:
         """Command the torques for a set-point that is known to keep the limits; return it.

@@ -176,6 +176,10 @@ class JointController:
         """Whether the arm is at rest, and no joint lags behind a motion that has just ended."""
         return self.at_rest and bool((np.abs(self._torque.observer.v) < _STILL).all())
 
+    def breakaway_s(self, error: float) -> float:
+        """Time until no joint is kept ``error`` rad from its set-point; see `ComputedTorque`."""
+        return self._torque.breakaway_s(error)
+
     def follow(
         self,
         trajectory: Trajectory,
