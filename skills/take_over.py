@@ -513,7 +513,7 @@ class TakeOver(Skill):
     def _until_holding(self, joint: JointPart, *, yields: bool = False) -> Iterator[float | None]:
         """Wait until the gripper holds; meanwhile follow a finger that has met the object first."""
         arm = self.arm
-        began = arm.time
+        latest = arm.time + arm.gripper.closing_limit_s(_CLOSING_S)
         since: float | None = None
         sense = LoadSense(arm)
         relaxing: Iterator[float] = iter(())
@@ -527,7 +527,7 @@ class TakeOver(Skill):
             arm.check()
             joint.check()
             since = None if not arm.gripper.holding else arm.time if since is None else since
-            if since is None and arm.time - began > _CLOSING_S:
+            if since is None and arm.time > latest:
                 raise Failure(
                     "NOT_GRASPED",
                     "the gripper closed on something else or nothing",

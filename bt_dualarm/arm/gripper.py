@@ -39,6 +39,7 @@ _REST_STEPS: Final = 2.5  # encoder steps within the window of the speed measure
 _OPEN_M: Final = 1e-3  # tolerance of the opening, in addition to an encoder step
 _NO_VACUUM: Final = 0.01
 _TIMEOUT_S: Final = 1.0  # timeout in addition to twice the nominal opening time
+_CLOSING_SHARE: Final = 1.5  # time limit of a closing motion over its time at constant speed
 _DECIDED_S: Final = 1.0  # time for fingers to open or build up force
 _FELT: Final = 0.1  # fraction of the minimum commandable force; the fingers' own friction is less
 _PRESSING: Final = 0.8  # fraction of the commanded force
@@ -146,6 +147,14 @@ class ArmGripper:
         if not self.description.fingers:
             return self.commanded.width <= 0.0 and presses
         return self.at_rest and presses and self.width > self.closed_width
+
+    def closing_limit_s(self, least: float) -> float:
+        """Time after a command to close until which the fingers have to hold something, s.
+
+        Args:
+            least: Limit for fingers that are fast enough, s; slow or wide open ones get more.
+        """
+        return max(least, _CLOSING_SHARE * self.width / max(self.commanded.speed, 1e-3))
 
     @property
     def is_lost(self) -> bool:

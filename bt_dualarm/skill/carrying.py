@@ -370,14 +370,14 @@ class Carrying:
             force=force, speed=description.speed.least if not description.fingers else None
         )
         self._metrics["grip_force_n"] = force
-        began = arm.time
+        latest = arm.time + gripper.closing_limit_s(_CLOSING_S)
         since: float | None = None
         try:
             while since is None or arm.time - since < _HOLD_S:
                 yield 0.25
                 self._joint.check()
                 since = None if not gripper.holding else arm.time if since is None else since
-                if arm.time - began > _CLOSING_S and since is None:
+                if arm.time > latest and since is None:
                     raise Failure(
                         "NOT_GRASPED",
                         "the gripper closed on something else or nothing",

@@ -388,13 +388,13 @@ class Taking:
         gripper.command(
             force=force, speed=description.speed.least if not description.fingers else None
         )
-        began = arm.time
+        latest = arm.time + gripper.closing_limit_s(_CLOSING_S)
         since = None
         try:
             while since is None or arm.time - since < _HOLD_S:
                 yield None
                 since = None if not gripper.holding else arm.time if since is None else since
-                if since is None and arm.time - began > _CLOSING_S:
+                if since is None and arm.time > latest:
                     break
         except GeneratorExit:  # halted: release what is not attached yet
             gripper.command(description.stroke if description.fingers else 1.0)
