@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bt_dualarm.arm.passengers import kept_upright
+from bt_dualarm.arm.passengers import kept_upright, poured_out
 from bt_dualarm.arm.shared_arm import SharedArm
 from bt_dualarm.arm.state import ArmContacts, ArmState
 from bt_dualarm.collision.checker import TOUCH, CollisionChecker
@@ -378,8 +378,10 @@ class ArmMotions(ArmState):
             until_s: Time of the motion as planned after which contact is intended, s.
         """
         # Arms that follow this one's tool yield on their own; the guard keeps them apart.
-        followers = self._shared.traffic.followers(self.name)
-        return PlanMonitor(self.world, self.name, motion, ignore | followers, until_s)
+        ignore |= self._shared.traffic.followers(self.name)
+        # What the motion pours out falls off sooner or later, and is then where nobody knows yet.
+        ignore |= poured_out(motion.trajectory, self.world, self.name)
+        return PlanMonitor(self.world, self.name, motion, ignore, until_s)
 
     def check(self) -> None:
         """Raise the error of the running motion, if there is one.

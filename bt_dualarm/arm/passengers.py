@@ -149,6 +149,27 @@ def _scale(motion: Trajectory, world: World, held: Attachment, one: Passenger) -
     return largest_scale(lambda scale: bool(stays(scale, bearable).all()))
 
 
+def poured_out(motion: Trajectory, world: World, arm: str) -> frozenset[str]:
+    """Names of the passengers that a motion tilts farther than they can stand, as to pour them out.
+
+    Args:
+        motion: Motion of the arm.
+        world: World that the arm is in.
+        arm: Name of the arm.
+    """
+    found = set[str]()
+    for held in world.attachments:
+        upon = world.passengers_of(held.object) if held.arm == arm else ()
+        if not upon:
+            continue
+        _, turns = accelerations_of(motion, world.nominal[arm], held.relative.position)
+        for one in upon:
+            up = turns @ held.relative.turn(one.up)
+            if up[:, 2].min() < math.cos(math.atan(steepest(world, held.object, one))):
+                found.add(one.object)
+    return frozenset(found)
+
+
 def slowed_for_passengers(motion: Trajectory, world: World, arm: str) -> Trajectory:
     """A motion at the speed at which passengers stay, see `riding_speed_scale`."""
     scale = riding_speed_scale(motion, world, arm)

@@ -190,6 +190,32 @@ def test_passenger_may_be_poured_out() -> None:
     assert cube[2] < TOP + 0.1
 
 
+def test_balls_are_poured_out_one_after_the_other() -> None:
+    """The first ones that fell were in the way of those that were still in the cup."""
+    pour = {"rotate_tool": {"axis": [1, 0, 0], "frame": "world", "angle": -135, "speed": 0.2}}
+    file = file_of(
+        "ur5",
+        "cup",
+        "ball",
+        {"grasp": {"object": "carrier", "approach": [0, 1, 0]}},
+        {"transport": {"object": "carrier", "to": {"xyz": [0.45, 0.0, TOP + 0.2]}}},
+        pour,
+        {"wait": 1.0},
+    )
+    file["objects"]["rider"] = {"shape": "sphere", "size": [0.006], "mass": 0.002} | {
+        "friction": 0.2,
+        "pose": {"xyz": [0.45, -0.2, TOP + 0.01]},
+        "many": {"pile": 12, "area": [0.03, 0.03]},
+    }
+    box = {"shape": "bin", "size": [0.3, 0.3, 0.05], "fixed": True}
+    file["objects"]["box"] = box | {"pose": {"xyz": [0.45, 0.1, TOP + 0.025]}}
+    with bt.open(file) as run:
+        result = run.finish()
+        balls = [run.world.object_pose(f"rider{number}").position for number in range(1, 13)]
+    assert result.outcome == "SUCCESS", [one.reason for one in result.arms["arm1"].runs]
+    assert max(ball[2] for ball in balls) < TOP + 0.05
+
+
 def test_tall_passenger_in_a_bin_is_an_obstacle_to_the_open_hand() -> None:
     """A finger pushed a wall of the bin 47 mm before the goal: NOT_GRASPED."""
     file = file_of("ur5", "bin", "can", {"grasp": {"object": "carrier"}})
