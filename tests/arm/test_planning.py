@@ -10,7 +10,8 @@ import pytest
 from bt_dualarm.arm.motions import HALT_S, PLANNING_S
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose
-from bt_dualarm.planning.problem import PlanningProblem
+from bt_dualarm.planning.path_constraints import POSES, ConstrainedProblem, PathConstraint
+from bt_dualarm.planning.problem import CHECKS, PlanningProblem
 from bt_dualarm.planning.process import PlanningProcess
 from bt_dualarm.trajectory.set_points import SetPoint
 from bt_dualarm.trajectory.trajectory import Trajectory
@@ -97,6 +98,25 @@ def test_leaf_halted_while_planning_abandons_its_problem() -> None:
     assert unanswered.waiting == 1
     work.close()
     assert unanswered.waiting == 0
+
+
+def test_search_is_as_much_shorter_with_a_constraint_as_without() -> None:
+    """While another arm might leave, an arm with passengers searched to the end each time."""
+    asked: list[int] = []
+
+    class Recording(Unanswered):
+        def solve(self, problem: ConstrainedProblem) -> object:  # type: ignore[override]
+            asked.append(problem.poses)
+            return super().solve(problem.problem)
+
+    bench = WalledBench(Recording())
+    arm = bench.first
+    keep = PathConstraint(arm.robot, arm.kinematics.base, Pose.identity(), lowest=0.0)
+    for arm.checks in (CHECKS, CHECKS // 8):
+        work = arm.plan([LEFT], 1.0, keep=keep)
+        next(work)
+        work.close()
+    assert asked == [POSES, POSES // 8]
 
 
 def test_planning_failure_reports_the_planner_and_the_planning_time() -> None:
