@@ -113,6 +113,7 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.inserting import Inserting as Inserting
     from bt_dualarm.skill.inserting import InsertingPorts as InsertingPorts
     from bt_dualarm.skill.joint import JointPart as JointPart
+    from bt_dualarm.skill.joint import into_held as into_held
     from bt_dualarm.skill.joint import shared_grasp as shared_grasp
     from bt_dualarm.skill.keeping import KeptPath as KeptPath
     from bt_dualarm.skill.left_standing import LeftStanding as LeftStanding
@@ -302,6 +303,7 @@ _CONTENTS: Final = {
     "refuse_lost": "skill.tracking_end:refuse_lost",
     "TrackingScore": "skill.scoring:TrackingScore",
     "HANDS_APART_M": "collision.distance:HANDS_APART_M",
+    "into_held": "skill.joint:into_held",
     "shared_grasp": "skill.joint:shared_grasp",
     "CellWait": "skill.cell:CellWait",
     "ToolFollowing": "control.tool_following:ToolFollowing",

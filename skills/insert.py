@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator
-from contextlib import ExitStack
 
 import numpy as np
 
 from bt_dualarm import (
-    HANDS_APART_M,
     Angle,
     CarriedPose,
     Failure,
@@ -23,9 +21,9 @@ from bt_dualarm import (
     Skill,
     Speed,
     Trajectory,
+    into_held,
     port,
     poses_alike,
-    shared_grasp,
 )
 
 _CLEAR_M = 0.004  # height above the rim from which the peg is lowered
@@ -77,11 +75,7 @@ class Insert(Skill):
         alike = poses_alike(arm.world.declared_objects[name], goal)
         self._bottoms = [(angle, pose @ in_tool.inverse) for angle, pose in alike]
         grip = Grip(arm, name)
-        into = self.ports.into
-        with ExitStack() as shared:
-            for holder in () if into is None else arm.world.attachments.holders(into):
-                if into is not None and holder != arm.name:
-                    shared.enter_context(shared_grasp(arm, holder, into, HANDS_APART_M))
+        with into_held(arm, self.ports.into):
             try:
                 yield from self._go_above(grip)
                 ((spun, bottom),) = self._bottoms

@@ -8,12 +8,14 @@ from bt_dualarm import (
     FreeAxes,
     Keep,
     KeptPath,
+    ObjectName,
     Offset,
     PathSkill,
     PortModel,
     Pose,
     Speed,
     ToolPose,
+    into_held,
     line_path,
     nearest_allowed,
     port,
@@ -35,6 +37,7 @@ class MoveLinear(PathSkill):
         tolerance: float = PathSkill.TOLERANCE
         free: FreeAxes | None = PathSkill.FREE
         keep: Keep | None = port(None, "limits that have to hold along the whole line")
+        into: ObjectName | None = PathSkill.INTO
 
     failures = {**PathSkill.failures, **KeptPath.failures}
     example = "move_linear: {offset: {xyz: [0, 0, 0.10], frame: tool}, speed: 0.3}"
@@ -45,13 +48,14 @@ class MoveLinear(PathSkill):
         tool = self.arm.commanded_tool_pose
         free = self.ports.free or ()
         path = line_path(tool, nearest_allowed(tool, self._goal(tool), free))
-        if self.ports.keep is None:
-            yield from self.along(path, free=free)
-            return
-        kept = KeptPath(self.arm, self.ports.keep)
-        kept.refuse_path(path.poses)
-        # Nothing would keep the limits on a motion to another branch.
-        yield from kept.through(self.along(path, from_here=True), self.metrics)
+        with into_held(self.arm, self.ports.into):
+            if self.ports.keep is None:
+                yield from self.along(path, free=free)
+                return
+            kept = KeptPath(self.arm, self.ports.keep)
+            kept.refuse_path(path.poses)
+            # Nothing would keep the limits on a motion to another branch.
+            yield from kept.through(self.along(path, from_here=True), self.metrics)
 
     def _goal(self, tool: Pose) -> Pose:
         to = self.ports.to

@@ -10,11 +10,13 @@ import numpy as np
 from bt_dualarm import (
     Angle,
     Failure,
+    ObjectName,
     PathSkill,
     PortModel,
     Speed,
     Vector,
     Vector3,
+    into_held,
     port,
     turned_path,
 )
@@ -30,6 +32,7 @@ class RotateTool(PathSkill):
         point: Vector3 = port((0.0, 0.0, 0.0), "point on the axis, in the tool frame", unit="m")
         speed: Speed = PathSkill.SPEED
         tolerance: float = PathSkill.TOLERANCE
+        into: ObjectName | None = PathSkill.INTO
 
     failures = PathSkill.failures | {
         "INVALID_TARGET": "the axis has no direction, or the angle is 0",
@@ -46,7 +49,8 @@ class RotateTool(PathSkill):
             axis = tool.turn(axis)
         path = turned_path(tool, tool.apply(np.array(ports.point)), axis, ports.angle)
         goal = path.end
-        yield from self.along(path)
+        with into_held(self.arm, ports.into):
+            yield from self.along(path)
         self.metrics["angle_error_rad"] = self.arm.tool_pose.angle(goal)
 
     def _axis(self) -> Vector:

@@ -754,7 +754,7 @@ def _new_rules(
     least[(payload[:, None] | payload) & gripping[:, None] & gripping] = -np.inf
     for partner, obj, hands_m in shared:
         hands = scratch.marks(world.arms[partner].tool_geom_ids)
-        pairs = (hands[:, None] & tool) | (tool[:, None] & hands)
+        pairs = (hands[:, None] & gripping) | (gripping[:, None] & hands)
         least[pairs] = np.minimum(least[pairs], hands_m)
         if world.object_geom(obj) in held:
             its = scratch.marks(world.payload_geoms(obj))

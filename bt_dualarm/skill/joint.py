@@ -8,10 +8,11 @@ part of the wait-for graph of all arms.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Any, Final
 
 from bt_dualarm.arm.arm import Arm
+from bt_dualarm.collision.distance import HANDS_APART_M
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.skill.cell import Appointment
 from bt_dualarm.skill.making_room import ASIDES, WaitingPlace
@@ -187,3 +188,21 @@ def shared_grasp(arm: Arm, partner: str, obj: str, hands_m: float = HANDS_M) -> 
         yield
     finally:
         attachments.dissent(arm.name, partner, obj)
+
+
+@contextmanager
+def into_held(arm: Arm, obj: str | None) -> Iterator[None]:
+    """Let an arm's hand, and what it holds, come to an object in another hand, within a block.
+
+    The arm that holds the object has to consent, as `hold_still` with a ``partner`` does. Plans
+    still avoid contact with the object; they and the guard keep no other distance from it.
+
+    Args:
+        arm: Arm of the leaf.
+        obj: Name of the object; None for none. Of an object in no other hand nothing changes.
+    """
+    with ExitStack() as shared:
+        for holder in () if obj is None else arm.world.attachments.holders(obj):
+            if obj is not None and holder != arm.name:
+                shared.enter_context(shared_grasp(arm, holder, obj, HANDS_APART_M))
+        yield

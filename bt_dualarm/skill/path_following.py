@@ -509,6 +509,7 @@ class PathSkill(Skill):
         SPEED: Declaration of the port ``speed``.
         TOLERANCE: Declaration of the port ``tolerance``.
         FREE: Declaration of the port ``free``.
+        INTO: Declaration of the port ``into``.
     """
 
     # Any: a declaration stands for a value of the type that the port's own annotation names.
@@ -524,6 +525,11 @@ class PathSkill(Skill):
     )
     FREE: ClassVar[Any] = port(
         None, "rotations about the tool's own axes that do not count, by default none"
+    )
+    INTO: ClassVar[Any] = port(
+        None,
+        "object, held by another arm with `hold_still`, to which tool and held object may come "
+        "as near as they need, such as a plate in whose hole a peg is put",
     )
     failures: ClassVar[dict[str, str]] = {
         "SINGULAR": "the path leads through a singularity of the arm; nothing was executed",

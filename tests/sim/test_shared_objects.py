@@ -30,7 +30,10 @@ def world_of(reality: str) -> World:
     world = World(
         file_of(
             {"arm1": arm("ur5"), "arm2": arm("ur5", (1.1, 0.0, 0.4), 180.0)},
-            {"bar": box((0, 0, 0), mass=1.0, spawned=False)},
+            {
+                "bar": box((0, 0, 0), mass=1.0, spawned=False),
+                "pitcher": box((0, 0, 0), spawned=False),
+            },
             reality=reality,
         )
     )
@@ -178,3 +181,20 @@ def test_object_in_both_hands_is_no_obstacle_between_them(world: World) -> None:
         assert "bar" not in (gap.first, gap.second)
         contact = CollisionChecker(world, name).contact(here[name])
         assert contact is None or "bar" not in (contact.first, contact.second)
+
+
+def test_what_a_hand_holds_may_be_as_near_to_the_other_hand_as_hands(world: World) -> None:
+    """It kept the 45 mm of plans from the fingers around the cup into which it was to pour."""
+    world.attach("arm1", "bar")
+    beside = world.arms["arm1"].tool_pose @ Pose.from_rpy((0.1, 0.0, 0.0))
+    world.spawn_object("pitcher", beside)
+    world.attach("arm2", "pitcher")
+    q = world.hardware["arm2"].q
+    gap = ArmDistance(world, "arm2").gap({"arm2": q})
+    assert (gap.first, gap.second) == ("pitcher", "arm1/wrist_3_link")
+    assert CLEAR_M < gap.meters < 0.04
+    held = world.attachments
+    held.consent("arm1", "arm2", "bar", CLEAR_M)
+    assert CollisionChecker(world, "arm2", 0.04).contact(q) is not None
+    held.consent("arm2", "arm1", "bar", CLEAR_M)
+    assert CollisionChecker(world, "arm2", 0.04).contact(q) is None
