@@ -60,6 +60,8 @@ _PUSHES_N = 20.0  # contact force that the joints feel, at which the approach en
 _EARLY_M = 0.015  # before the goal, where fingers still reach around the object
 _TOUCH_M = 0.004  # distance at which a bare tool can be attached to the object
 _NEAR_M = 0.001
+_NEARING_M_S = 0.02  # speed of a bare tool where it may touch the object, and its distance then
+_NEARING_M = 0.01
 _STEP_M = 0.0005  # longest step of the set-point along a pull
 _MOST_STEPS = 24
 _RAISE_M = 0.00025  # step of a hand without pads, and their number
@@ -414,9 +416,16 @@ class TakeOver(Skill):
         arm.refuse_collision_along(rows, frozenset({name}))
         along = goal.rotation_matrix[:, 2]
         sense = TouchSense(arm, along, alone=True)
-        motion = arm.begin(
-            arm.time_path(rows, self.ports.approach_speed), may_touch=True, compliant=True
-        )
+        path = arm.time_path(rows, self.ports.approach_speed)
+        if self._is_bare:
+            # It stops in contact, not before: a faster one would turn the object in the fingers.
+            fast = arm.commanded_tool_pose.distance(goal) - self._tip_m() - _NEARING_M
+            path = arm.slowing_path(
+                rows,
+                self.ports.approach_speed,
+                lambda lengths: np.where(lengths < fast, np.inf, _NEARING_M_S),
+            )
+        motion = arm.begin(path, may_touch=True, compliant=True)
         began = arm.time
         while not motion.done:
             yield 0.3 + 0.2 * motion.progress
@@ -452,6 +461,19 @@ class TakeOver(Skill):
     def _is_bare(self) -> bool:
         """Whether the tool has no gripper: it is attached to the object by a weld."""
         return self.arm.name not in self.arm.world.grippers
+
+    def _tip_m(self) -> float:
+        """Distance, m, by which the bare tool reaches beyond its frame: that of boxes around it."""
+        world = self.arm.world
+        tool = world.nominal[self.arm.name].tool_pose_at(self.arm.q)
+        into = tool.rotation_matrix[:, 2]
+        farthest = 0.0
+        for geom in world.arms[self.arm.name].tool_geom_ids:
+            rotation = world.sensed.geom_xmat[geom].reshape(3, 3)
+            center, half = world.model.geom_aabb[geom].reshape(2, 3)
+            tip = world.sensed.geom_xpos[geom] + rotation @ center - tool.position
+            farthest = max(farthest, float(tip @ into + half @ np.abs(into @ rotation)))
+        return farthest
 
     @property
     def _has_fingers(self) -> bool:
