@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import colorsys
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Final
 
@@ -99,6 +99,19 @@ _LOST_CODES: Final = frozenset(
 """Failure codes that an object which was removed from the world may cause."""
 
 
+_FRAMES: Final = ("above", "on", "beside", "in_frame")
+"""Keys of a relative pose that name an object."""
+
+_MISPLACED_M: Final = 0.01
+"""Motion in m of such an object that makes a pose relative to it useless."""
+
+_MISPLACED_CODES: Final = frozenset(
+    {"UNREACHABLE", "OUT_OF_REACH", "SINGULAR", "PATH_BROKEN", "IN_COLLISION", "NO_PLAN"}
+    | {"INVALID_TARGET", "NO_CONTACT", "NOT_REACHED", "NOT_SUPPORTED", "NOT_PLACED"}
+)
+"""Failure codes of leaves with a goal that is not where it should be."""
+
+
 def world_causes(e: Evidence) -> Iterator[Cause]:
     """Yields causes in an object or arm that the leaf uses."""
     removal = e.timeline.removal(e.arm)
@@ -134,11 +147,57 @@ def world_causes(e: Evidence) -> Iterator[Cause]:
         yield e.cause("FELL", sentence, "release it where something supports it")
     if e.code == "SPILLED":
         yield e.cause("SPILLED", e.reason, "a slower motion, or a carrier with walls")
+    yield from _moved_since(e)
     if e.code == "UNKNOWN_POSE":
         remedy = "let `locate` find it before, or give the pose in the world"
         yield e.cause("POSE_UNKNOWN", e.reason, remedy)
     if e.code == "NOT_SPAWNED":
         yield e.cause("NO_ROOM", e.reason, "another pose, or clear this one")
+
+
+def _moved_since(e: Evidence) -> Iterator[Cause]:
+    """Yields a cause if the object to which a pose is relative had moved since the arm knew it."""
+    age = e.numbers.get("known_for_s")
+    objects = {name for port in e.leaf.ports.values() for name in _references(port)}
+    objects &= e.record.start["objects"].keys()
+    # The age is that of the oldest pose: of several, the arm may have seen another one since.
+    if e.code not in _MISPLACED_CODES or not isinstance(age, (int, float)) or len(objects) != 1:
+        return
+    (name,) = objects
+    before, now = e.scene(max(e.began - age, 0.0)), e.scene(e.began)
+    if not (before.has(name) and now.has(name)):
+        return
+    moved = float(np.linalg.norm(now.position(name) - before.position(name)))
+    if moved < _MISPLACED_M:
+        return
+    sentence = (
+        f"{name} was {1e3 * moved:.0f} mm from where {e.arm} assumed it, by its pose of "
+        f"{age:.1f} s before ({e.numbers['known_by']})"
+    )
+    holders = [
+        arm
+        for arm in e.record.arms
+        if any(
+            name in names and before.time <= began <= e.began
+            for began, names in held_over_time(e.record, arm)
+        )
+    ]
+    if holders:
+        sentence += f"; {' and '.join(holders)} held it meanwhile"
+    remedy = f"let `locate` find {name} before, or give the pose in the world"
+    yield e.cause("POSE_OUTDATED", sentence, remedy)
+
+
+def _references(value: object) -> Iterator[str]:
+    """Names of objects to which poses in a port are relative."""
+    if isinstance(value, Mapping):
+        for key, part in value.items():
+            if key in _FRAMES and isinstance(part, str):
+                yield part.partition(".")[0]
+            yield from _references(part)
+    elif isinstance(value, list):
+        for part in value:
+            yield from _references(part)
 
 
 def _held_by_another(e: Evidence, name: str) -> Iterator[Cause]:
