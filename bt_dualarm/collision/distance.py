@@ -220,10 +220,12 @@ objects."""
 def added_distances(world: World, arm: str, *, tool_avoids_payloads: bool) -> Matrix | None:
     """What is added to the distances of pairs of geoms of one arm and others, m.
 
-    It is infinite between an object that arms hold together and the partner's tool, and what that
-    holds: they may touch. Between their tools it is what `HANDS_APART_M` exceeds the distance that
-    they keep. It is infinite as well between an object and what it was taken from, or is placed on,
-    a tray in another arm's hand. Between the arm's tool and the payloads of others it is what
+    It is infinite between an object that arms hold together and the links of these arms: it is a
+    part of each of them, and only their plans keep it from these links. It is infinite as well
+    between an object that they may hold together and the partner's tool, and what that holds: they
+    may touch. Between their tools it is what `HANDS_APART_M` exceeds the distance that they keep.
+    It is infinite as well between an object and what it was taken from, or is placed on, a tray in
+    another arm's hand. Between the arm's tool and the payloads of others it is what
     `HANDS_APART_M` exceeds `PAYLOAD_APART_M`.
 
     Args:
@@ -236,12 +238,14 @@ def added_distances(world: World, arm: str, *, tool_avoids_payloads: bool) -> Ma
     """
     attachments = world.attachments
     shared = {(one.partner, one.object): one.hands_m for one in attachments.shared_grasps(arm)}
+    own = list(world.arms[arm].tool_geom_ids)
+    pairs: list[tuple[list[int], list[int], float]] = []
     for obj in attachments.attached_to(arm):
         for other in attachments.holders(obj):
             if other != arm:  # whatever they have consented to, it is in both hands
                 shared.setdefault((other, obj), HANDS_APART_M)
-    own = list(world.arms[arm].tool_geom_ids)
-    pairs: list[tuple[list[int], list[int], float]] = []
+                links = [*world.arms[arm].geom_ids, *world.arms[other].geom_ids]
+                pairs.append((list(world.payload_geoms(obj)), links, np.inf))
     for (partner, obj), hands_m in shared.items():
         if partner not in world.arms or obj not in world.objects:
             continue

@@ -81,6 +81,24 @@ def held_before_the_tool(ahead: float) -> World:
     return world
 
 
+def test_distance_of_an_object_from_links_of_arms_that_hold_it_together_does_not_count() -> None:
+    """It is a part of each of them: plans of `carry_together` let a beam pass their forearms."""
+    arms = {"arm1": arm("ur5", (3.0, 0.0, 0.4)), "arm2": arm("ur5")}
+    world = World(file_of(arms, {"beam": box((0.0, 0.0, 2.0), 0.1)}))
+    start = world.pose_address("beam")
+    elbow = world.data.body("arm2/forearm_link").xpos
+    world.data.qpos[start : start + 3] = elbow + np.array((0.0, 0.0, 0.13))
+    mujoco.mj_forward(world.model, world.data)
+    world.attach("arm1", "beam")
+    world.sense()
+    alone = ArmDistance(world, "arm1").gap({})
+    assert 0.0 < alone.meters < HANDS_APART_M
+    assert (alone.first, alone.second) == ("beam", "arm2/forearm_link")
+    world.attach("arm2", "beam")
+    for name in arms:
+        assert ArmDistance(world, name).gap({}).meters > HANDS_APART_M
+
+
 def test_distance_of_a_tool_from_a_payload_counts_unless_it_may_touch_it() -> None:
     """A tool keeps less distance from payloads than hands from each other, to pass them."""
     world = held_before_the_tool(0.03)
