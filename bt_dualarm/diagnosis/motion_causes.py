@@ -67,7 +67,12 @@ def _pressed(e: Evidence) -> Iterator[Cause]:
         )
         yield e.cause("LOW_FORCE_LIMIT", sentence, "a higher force_limit, or a slower motion")
     else:
-        yield e.cause("PRESSED", e.reason, f"move {second} away, or move more slowly")
+        # Nothing in a record tells encoder noise, which a heavy arm feels as a force, from contact.
+        advice = (
+            f"move {second} away, or move more slowly; an arm of more than 150 kg may need "
+            "a higher force_limit"
+        )
+        yield e.cause("PRESSED", e.reason, advice)
 
 
 def _collided(e: Evidence) -> Iterator[Cause]:
