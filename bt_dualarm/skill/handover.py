@@ -221,7 +221,9 @@ class HandoverSearch:
         self._each = max(_EACH, _OF_FIXED // len(self._alike)) if is_fixed else _EACH
         self._center = body_of(declared).center
         known_mass = None if world.nominal[arm.name].estimates_payload else world.loaded_mass(obj)
-        self.mass = mass or wish.mass or known_mass or UNKNOWN_KG
+        known_mass = mass or wish.mass or known_mass
+        self.mass = known_mass or UNKNOWN_KG
+        self._mass_is_assumed = known_mass is None
         self._obstructed_at_goal = False
         self._cramped = np.zeros(0)
         self.grasps = self._grasps(margin, shake, most_force)
@@ -385,10 +387,11 @@ class HandoverSearch:
                 f"room at `then_at`; {elsewhere}",
             )
         if not self.grasps:
+            assumed = " (assumed, as `mass` is not given)" if self._mass_is_assumed else ""
             return Failure(
                 "OUT_OF_REACH",
-                f"no grasp of {arm} on {self._object!r} leaves the hand of {self._giver} room; "
-                f"{elsewhere}",
+                f"no grasp of {arm} on {self._object!r} leaves the hand of {self._giver} room and "
+                f"holds {self.mass:.3g} kg{assumed}; {elsewhere}",
             )
         if self._suits_none:
             first = next(iter(self._unsuited.values()))

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import bt_dualarm as bt
+from bt_dualarm.control.payload_estimation import PayloadEstimator
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.sim.world import World
 from tests.families import some
@@ -174,6 +175,22 @@ def test_another_attempt_completes_a_handover_that_was_cut_off(
     assert outcomes == dict.fromkeys(NAMES, "SUCCESS")
     assert play.world.attachments.holders("cube") == ("arm2",)
     assert watch.unheld_s < 0.02
+
+
+@pytest.mark.parametrize(
+    ("reality", "weight"),
+    [("ideal", "0.3 kg;"), ("rough", "1 kg (assumed, as `mass` is not given);")],
+)
+def test_refusal_states_the_mass_that_no_grasp_can_hold(
+    reality: str, weight: str, stage: Stage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Large arms cannot weigh a light bar: the mass is assumed then, and not the hand too near."""
+    monkeypatch.setattr(PayloadEstimator, "update", lambda *_: False)
+    takes = {"take_over": TAKES["take_over"] | {"most_force": 2.0}}
+    play = stage.run(file_with({"sequence": [GRASP, GIVE]}, takes, reality=reality))
+    refusal = play.leaf("take_over", "arm2")
+    assert refusal.code == "OUT_OF_REACH"
+    assert f"leaves the hand of arm1 room and holds {weight}" in refusal.reason
 
 
 def test_result_does_not_depend_on_the_order_of_the_arms(stage: Stage) -> None:
