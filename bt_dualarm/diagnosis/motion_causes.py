@@ -224,7 +224,11 @@ def _in_the_way(e: Evidence) -> Iterator[Cause]:
     if other in e.record.arms or holders:
         cause = other_arm(e, (holders or [other])[0])
         more = f"; {first} would touch {other}, which it holds" if holders else ""
-        yield e.cause(cause.kind, cause.sentence + more, cause.remedy, leaf=cause.leaf)
+        remedy = cause.remedy
+        if holders and "into" in e.ports and not e.ports["into"]:
+            remedy += f"; or, if they are to meet, name it: into: {other}"
+            remedy += f", while {holders[0]} is in hold_still with partner: {e.arm}"
+        yield e.cause(cause.kind, cause.sentence + more, remedy, leaf=cause.leaf)
         return
     holds = f", which {e.arm} holds," if "/" not in first else ""
     remedy = f"move {other} away, or take another path"

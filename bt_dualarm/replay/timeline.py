@@ -294,14 +294,15 @@ class Scene:
         return found
 
     def held(self, arm: str) -> list[str]:
-        """Objects that are welded to an arm."""
+        """Objects that an arm holds: those that are welded to it, and those assumed gripped."""
+        changes = [held for time, held in held_over_time(self._record, arm) if time <= self.time]
+        names = list(changes[-1]) if changes else []
         welds = self.model.eq_type == mujoco.mjtEq.mjEQ_WELD
-        names = []
         for weld in np.flatnonzero(welds & (self.data.eq_active != 0)):
             pair = {self._name(int(self.model.eq_obj1id[weld])): 0}
             pair[self._name(int(self.model.eq_obj2id[weld]))] = 1
             if any(name.startswith(f"{arm}/") for name in pair):
-                names += [name for name in pair if "/" not in name]
+                names += [name for name in pair if "/" not in name and name not in names]
         return names
 
     def beside(self, name: str, within: float) -> list[tuple[str, float]]:

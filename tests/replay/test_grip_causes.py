@@ -36,6 +36,7 @@ AROUND = "\n".join(
 )
 NEIGHBOR = f"  beside: {{shape: box, size: {CUBE}, mass: 1, pose: {{xyz: [0.55, -0.45, 0.425]}}}}"
 GRASP = "grasp: {object: obj}"
+APPROACH = "{offset: {xyz: [0.1, 0, 0]}}"
 HIGH = "place: {object: obj, at: {xyz: [0.25, -0.4, 0.47]}}"
 
 
@@ -131,3 +132,28 @@ def test_a_handover_without_a_place_is_not_due_to_what_is_near_the_giver(tmp_pat
     assert cause.kind == "OUT_OF_REACH"
     assert cause.sentence.startswith("arm1 and arm2 found no place to hand over bar")
     assert "`point`" in cause.remedy
+
+
+def test_what_another_gripper_holds_is_in_the_way_of_the_arm_that_holds_it(tmp_path: Path) -> None:
+    """Only welded objects counted as held: the advice was to move the object away."""
+    text = FILE.format(
+        size=[0.24, 0.05, 0.05],
+        height=0.425,
+        steps=f"[await: held, {GRASP.replace('obj}', 'other}')}, move_linear: {APPROACH}]",
+        others=NEIGHBOR.replace("beside", "other").replace("0.55", "0.15"),
+    )
+    text += """\
+  arm2:
+    robot: ur5
+    gripper: robotiq_2f85
+    base: {xyz: [0.95, -0.45, 0.4], rpy: [0, 0, 180]}
+    tree: {sequence: [grasp: {object: obj}, signal: held]}
+cell: {signals: {held: {type: boolean, written_by: [arm2]}}}
+"""
+    [story] = stories(recorded(tmp_path, text))
+    cause = story.causes[0]
+    assert cause.kind == "OTHER_ARM"
+    assert cause.sentence.endswith("other would touch obj, which it holds")
+    assert cause.remedy.endswith(
+        "if they are to meet, name it: into: obj, while arm2 is in hold_still with partner: arm1"
+    )
