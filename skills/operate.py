@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -132,6 +133,8 @@ class Operate(Skill):
     def _move(self, goal: float, limit: float, grip: Grip | None) -> Iterator[float]:
         """Follow the path of the joint softly from where it is to its goal.
 
+        It waits for other arms that are in the way, but does not move aside for them.
+
         Raises:
             Failure: ``BLOCKED``, ``FORCE_LIMIT``, ``SLIPPED``, ``DROPPED``; as planning.
         """
@@ -144,7 +147,15 @@ class Operate(Skill):
         if max(start.distance(pose) for pose in poses) < 1e-5:
             return
         rows = arm.kinematics.follow_on(poses, arm.setpoint.q, changes_posture=True)
-        path.refuse_contact(arm, rows)
+
+        def checked() -> Generator[None, None, None]:
+            yield from ()
+            path.refuse_contact(arm, rows)
+
+        move = replace(arm.past_others(ports.speed), give_way=False)
+        for _ in move.when_clear(checked):
+            yield 0.0
+            arm.check()
         timed, _ = arm.slow_path(rows, ports.speed, ports.tool_speed, ports.speed)
         motion = arm.begin(timed, may_touch=True, compliant=True)
         began = self._last = self.time
@@ -157,6 +168,7 @@ class Operate(Skill):
         ):
             yield motion.progress
             arm.check()
+            arm.refuse_when_held_up(motion)
             if grip is not None:
                 grip.look()
             moved = part.owner_moved_m
