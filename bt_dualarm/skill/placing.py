@@ -532,28 +532,29 @@ class SettingDown:
     def _descent(self, goal: Pose, move: PastOthers) -> Generator[None, None, _Descent]:
         """Descent to a goal: as requested, from a lower height, or with a round object rotated.
 
-        The one requested is preferred, then the smallest rotation, then the largest height. Yields
-        once for each branch that is checked.
+        The one requested is preferred, then the smallest rotation, then the largest height. If
+        another arm that may leave is in the way of the one requested, no lower height is tried for
+        it: rather than that the arm waits. Yields once for each branch that is checked.
 
         Args:
             goal: Pose of the object in the world.
             move: Motion above the goal.
 
         Raises:
-            Failure: That of the descent requested, see `_branches_down`, if there is no other, or
-                if another arm is in the way, which may leave; that of a pose that looks the same,
-                if another arm is in the way there.
+            Failure: That of the descent requested, see `_branches_down`, if there is no other; that
+                of a rotated one, if another arm that may leave is in the way only there.
         """
         height = self._ports.height
         upright = goal @ self._in_tool.inverse
         try:
             return _Descent(upright, height, (yield from self._branches_down(upright, height)))
         except Failure as failure:
-            if move.may_leave(failure):
-                raise
             # A traceback would keep this frame alive.
             refusals = [failure.with_traceback(None)]
+        waits = move.may_leave(refusals[0])
         for turned, alike in poses_alike(self._arm.world.objects[self._name], goal):
+            if waits and not turned:
+                continue
             tool = alike @ self._in_tool.inverse
             yield
             try:
