@@ -31,6 +31,7 @@ from bt_dualarm import (
     twin_at,
 )
 
+_NO_GRASP = ("OUT_OF_REACH", "TOO_HEAVY")  # what another opening or direction may avoid
 _UNKNOWN_FRICTION = 0.5  # assumed for an object that is not declared
 
 # Rest of the object before the grasp is planned
@@ -146,32 +147,47 @@ class Grasp(Skill):
         try:
             yield from self._take(wanted)
         except Failure as failure:
-            narrow = half_open(self.arm, wanted) if self._is_cramped(failure) else None
-            if narrow is None:
-                raise
             # A traceback would keep this frame alive.
-            yield from self._take_half_open(narrow, failure.with_traceback(None))
+            refusal = failure.with_traceback(None)
+        else:
+            return
+        for other in self._others(wanted, refusal):
+            try:
+                yield from self._take(other)
+            except Failure as failure:
+                if failure.code not in (*_NO_GRASP, "DEADLOCK"):
+                    raise
+            else:
+                if other.opening != wanted.opening:
+                    self.metrics["opening_m"] = other.opening or 0.0
+                return
+        raise refusal
 
     def _take(self, wanted: WantedGrasp) -> Iterator[float | None]:
         taking = Taking(self.arm, self.ports, wanted, self.ports.at is not None, self.metrics)
         yield from taking.through(grasps_on(self.arm, wanted))
 
-    def _take_half_open(self, wanted: WantedGrasp, refusal: Failure) -> Iterator[float | None]:
-        """Take an object that fingers cannot reach wide open; if not even so, for that reason."""
-        try:
-            yield from self._take(wanted)
-        except Failure as failure:
-            if self._is_cramped(failure):
-                raise refusal from None
-            raise
-        self.metrics["opening_m"] = wanted.opening or 0.0
+    def _others(self, wanted: WantedGrasp, refusal: Failure) -> Iterator[WantedGrasp]:
+        """Grasps to try where the usual ones are impossible: half open, and from other directions.
 
-    def _is_cramped(self, refusal: Failure) -> bool:
-        """Whether no grasp is possible because of something beside the object, but no other arm."""
-        if refusal.code not in ("OUT_OF_REACH", "TOO_HEAVY"):
-            return False
-        if self.arm.past_others(self.ports.speed).blockers(refusal):  # it was waited for
-            return False
+        Args:
+            wanted: The usual ones.
+            refusal: Why none of them is possible.
+        """
+        if not self.arm.gripper.description.fingers:
+            return
+        if refusal.code != "DEADLOCK":
+            is_waited_for = self.arm.past_others(self.ports.speed).blockers(refusal)
+            if refusal.code not in _NO_GRASP or is_waited_for:
+                return
+            narrow = half_open(self.arm, wanted) if self._is_cramped(refusal) else None
+            if narrow is not None:
+                yield narrow
+        yield replace(wanted, between=True)
+
+    @staticmethod
+    def _is_cramped(refusal: Failure) -> bool:
+        """Whether no grasp is possible because of something beside the object."""
         cause = refusal.__cause__
         attempts = cause.exceptions if isinstance(cause, ExceptionGroup) else ()
         codes = {one.code for one in attempts if isinstance(one, Failure)}

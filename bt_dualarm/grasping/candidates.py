@@ -35,6 +35,9 @@ from bt_dualarm.grasping.grasp import (
 CLEAR = 0.002
 """Clearance of the palm and of open pads from the object, m."""
 
+_APPROACHES = 8
+"""Number of directions of approach around an antipodal pair, in a whole turn."""
+
 _EACH = 32
 """Largest number of grasps per antipodal pair: eight approaches at four depths."""
 
@@ -91,6 +94,7 @@ def jaw_grasps(
     point: Vector | None = None,
     *,
     on_edges: bool = False,
+    between: bool = False,
 ) -> tuple[Grasp, ...]:
     """Grasps of a parallel gripper, smallest force first.
 
@@ -103,13 +107,15 @@ def jaw_grasps(
         shares: Where along a long solid the pads close, as fractions of half its length.
         point: Point in the solid's frame at which the pads close instead, of shape (3,), m.
         on_edges: Whether the pads close on edges of meshes, instead of on their faces.
+        between: Whether the approaches are those halfway between the usual ones, which are 45°
+            apart.
     """
     if isinstance(solid, CompoundSolid):
         found: list[Grasp] = []
         for part, pose, others in _pieces(solid):
             grasps = jaw_grasps(
                 part, jaw, _load_on(load, pose), friction, seed, shares, _in(pose, point),
-                on_edges=on_edges,
+                on_edges=on_edges, between=between,
             )  # fmt: skip
             if others:
                 found += _beside(grasps, pose, jaw, [solid.surfaces[index] for index in others])
@@ -123,11 +129,19 @@ def jaw_grasps(
         if on_edges
         else _pairs(solid, down, np.random.default_rng(seed), shares, point)
     )
+    if between:
+        pairs = (_turned(pair, math.pi / _APPROACHES) for pair in pairs)
     lines = np.array([
         np.concatenate((pair.center, pair.axis, pair.around)) for pair in pairs
     ]).reshape(-1, 9)  # fmt: skip
     rows = _closed(solid, jaw, load, friction, lines)
     return _sorted(grasp for row in rows for grasp in _both_sides(row, jaw))
+
+
+def _turned(pair: AntipodalPair, angle: float) -> AntipodalPair:
+    """A pair whose first direction of approach is turned about its axis, rad."""
+    other = np.asarray(np.cross(pair.axis, pair.around), dtype=float)
+    return replace(pair, around=math.cos(angle) * pair.around + math.sin(angle) * other)
 
 
 def _sorted(grasps: Iterable[Grasp]) -> tuple[Grasp, ...]:

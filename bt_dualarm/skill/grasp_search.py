@@ -145,6 +145,7 @@ class WantedGrasp:
         goal: Pose in the world at which the arm has to be able to set the object down; None for
             any.
         mass_is_assumed: Whether the mass is neither declared nor a port.
+        between: Whether fingers approach in the directions halfway between the usual ones.
     """
 
     name: str | None
@@ -164,6 +165,7 @@ class WantedGrasp:
     onward: JointPath | None = None
     goal: Pose | None = None
     mass_is_assumed: bool = False
+    between: bool = False
 
     def off_point(self, grasp: Grasp) -> float:
         """Distance of the point from the line along which a grasp closes or pulls, m.
@@ -376,7 +378,10 @@ def _grasps_on(
     def bearing(load: Load) -> tuple[tuple[Grasp, ...], int]:
         """Grasps that bear a load, as requested, and how many there are of any kind."""
         if jaw is not None:
-            found = jaw_grasps(solid, jaw, load, jaw.friction, point=point, on_edges=on_edges)
+            found = jaw_grasps(
+                solid, jaw, load, jaw.friction,
+                point=point, on_edges=on_edges, between=wanted.between,
+            )  # fmt: skip
         else:
             cup = cup_measures(description, friction)
             cup = replace(cup, most_force=min(cup.most_force, wanted.most_force))
