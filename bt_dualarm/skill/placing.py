@@ -534,7 +534,7 @@ class SettingDown:
 
         The one requested is preferred, then the smallest rotation, then the largest height. If
         another arm that may leave is in the way of the one requested, no lower height is tried for
-        it: rather than that the arm waits. Yields once for each branch that is checked.
+        it; the arm waits instead. Yields once for each branch that is checked.
 
         Args:
             goal: Pose of the object in the world.
