@@ -3,7 +3,7 @@
     python -m benchmarks.two_arm_tasks [--trials 5] [--robots fr3 panda ur5e xarm7] [--seed 0]
                                        [--reality lab] [--only TASK ...] [--speed 0.5] [--verbose]
 
-Eleven tasks after DuoBench and robosuite: poses, sizes, masses and joints are those of the
+Thirteen tasks after DuoBench and robosuite: poses, sizes, masses and joints are those of the
 benchmarks as far as they are known, except for what docs/benchmarks.md lists; each trial has its
 own random start. Each arm has its own tree, and the goals of the file are checked in the true
 world. Unlike in the benchmarks, trees know the objects by their declarations, and no policy is
@@ -551,6 +551,125 @@ def two_arm_transport(rng: np.random.Generator, robot: str) -> Tree:
     return _file(robot, objects, left, right, goal, opposed=True)
 
 
+def pour_marbles(rng: np.random.Generator, robot: str) -> Tree:
+    """Both arms lift a cup; marbles are poured from one into the other; both are set down."""
+    objects: Tree = {}
+    trees: dict[str, list[Any]] = {}
+    targets = {
+        side: {"xyz": _on_table(0.5, 0.3 * sign, 0.0725), "rpy": [0, 0, 0]}
+        for side, sign in (("left", 1.0), ("right", -1.0))
+    }
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        dx, dy = _offset(rng, 0.05, 0.05)
+        cup: Tree = {"shape": "cup", "size": [0.034, 0.0725], "wall": 0.004, "mass": 0.088}
+        cup["friction"] = 0.3
+        cup["pose"] = {"xyz": _on_table(0.5 + dx, 0.3 * sign + dy, 0.0725)}
+        objects[f"{side}_cup"] = cup
+    x, y, z = objects["right_cup"]["pose"]["xyz"]
+    marbles = {"shape": "sphere", "size": [0.005], "mass": 0.00052, "friction": 0.2}
+    pile = {"pile": 20, "area": [0.036, 0.036], "gap": 0.001}
+    objects["marble"] = marbles | {"pose": {"xyz": [x, y, round(z + 0.01, 4)]}, "many": pile}
+    # Plans keep 45 mm from another arm: the lip is that high above the other mouth, and about
+    # 28 mm beside its middle, as marbles leave it with 0.3 m/s.
+    below = {"xyz": _xyz(0.5, 0.035, 0.17), "rpy": [0, 0, 0]}
+    above = {"xyz": _xyz(0.5, -0.01, 0.305), "rpy": [0, 0, 0]}
+    tilt: Tree = {"axis": [1, 0, 0], "frame": "world", "speed": 0.3}
+    # The wrist of an xArm7 turns far enough about the hand only, those of the others sideways.
+    approach = [1, 0, 0] if robot == "xarm7" else [0, 1, 0]
+    trees["left"] = [
+        {"grasp": {"object": "left_cup", "approach": [0, -1, 0], "then_at": targets["left"]}},
+        {"transport": {"to": below}},
+        {"meet": "ready"},
+        {
+            "parallel": {
+                "policy": "any",
+                "children": ["hold_still", {"meet": "poured"}],
+            }
+        },
+        {"place": {"at": targets["left"]}},
+        "go_home",
+    ]
+    trees["right"] = [
+        {"grasp": {"object": "right_cup", "approach": approach, "then_at": targets["right"]}},
+        {"meet": "ready"},
+        {"transport": {"to": above}},
+        {"rotate_tool": {"angle": -125, **tilt}},
+        {"wait": 1},
+        {"rotate_tool": {"angle": 125, **tilt}},
+        {"meet": "poured"},
+        {"place": {"at": targets["right"]}},
+        "go_home",
+    ]
+    goal: Tree = {
+        f"marble{number}": {"object": f"marble{number}", "in_zone": "mouth"}
+        for number in range(1, 21)
+    }
+    for side, at in targets.items():
+        goal[side] = {"object": f"{side}_cup", "at": {"xyz": at["xyz"]}, "within": 0.05}
+        goal[side] |= {"tilt": 20, "held": False}
+    file = _file(robot, objects, trees["left"], trees["right"], goal)
+    meeting = ["left", "right"]
+    zone = {"size": [0.064, 0.064, 0.105], "pose": {"xyz": [0, 0, 0.0163]}, "around": "left_cup"}
+    file["cell"] = {
+        "rendezvous": {"ready": meeting, "poured": meeting},
+        "zones": {"mouth": zone},
+    }
+    return file
+
+
+def two_arm_peg_in_hole(rng: np.random.Generator, robot: str) -> Tree:
+    """One arm puts a peg into the hole of a plate that the other one holds (robosuite)."""
+    radius = float(rng.uniform(0.015, 0.03))
+    frame = {
+        "left": ([0.12, 0.02, 0.34], [-0.11, 0, 0]),
+        "right": ([0.12, 0.02, 0.34], [0.11, 0, 0]),
+        "top": ([0.1, 0.02, 0.12], [0, 0, 0.11]),
+        "bottom": ([0.1, 0.02, 0.12], [0, 0, -0.11]),
+    }
+    parts = {
+        name: {"shape": "box", "size": size, "pose": {"xyz": xyz}}
+        for name, (size, xyz) in frame.items()
+    }
+    dx, dy = _offset(rng, 0.03, 0.03)
+    plate: Tree = {"shape": "compound", "mass": 0.2, "parts": parts, "friction": 1.0}
+    yaw = round(float(rng.uniform(-10, 10)), 1)
+    plate["pose"] = {"xyz": _on_table(0.45 + dx, 0.2 + dy, 0.34), "rpy": [0, 0, yaw]}
+    dx, dy = _offset(rng, 0.03, 0.03)
+    lying = {"rpy": [90, 0, round(float(rng.uniform(-10, 10)), 1)]}
+    peg: Tree = {"shape": "cylinder", "size": [round(radius, 4), 0.26], "mass": 0.2}
+    peg["pose"] = {"xyz": _on_table(0.45 + dx, -0.2 + dy, 2.0 * peg["size"][0])} | lying
+    held = {"xyz": _xyz(0.45, 0.1, 0.4), "rpy": [0, 0, 0]}
+    # Along y, with its middle 90 mm before the plate, its end is 40 mm beyond.
+    inserted = {"xyz": _xyz(0.45, 0.01, 0.4), "rpy": [90, 0, 0]}
+    before = {"xyz": _xyz(0.45, -0.13, 0.4), "rpy": [90, 0, 0]}
+    left: list[Any] = [
+        {"grasp": {"object": "plate", "part": "top", "approach": [0, 0, -1]}},
+        {"transport": {"to": held}},
+        {"meet": "ready"},
+        {
+            "parallel": {
+                "policy": "any",
+                "children": [{"hold_still": {"partner": "right"}}, {"meet": "inserted"}],
+            }
+        },
+    ]
+    right: list[Any] = [
+        {"grasp": {"object": "peg", "point": [0, 0, 0.1], "approach": [0, 0, -1]}},
+        {"transport": {"to": before}},
+        {"meet": "ready"},
+        {"move_linear": {"offset": {"xyz": [0, 0.14, 0]}, "speed": 0.2, "into": "plate"}},
+        {"meet": "inserted"},
+    ]
+    goal = {
+        "plate": {"object": "plate", "at": held, "within": 0.01, "held_by": "left"},
+        "peg": {"object": "peg", "at": inserted, "within": 0.03, "angle": 18, "held_by": "right"},
+    }
+    file = _file(robot, {"plate": plate, "peg": peg}, left, right, goal, opposed=True)
+    meeting = ["left", "right"]
+    file["cell"] = {"rendezvous": {"ready": meeting, "inserted": meeting}}
+    return file
+
+
 TASKS: Final = {
     one.__name__: (one, steps)
     for one, steps in (
@@ -565,6 +684,8 @@ TASKS: Final = {
         (two_arm_lift, 0),
         (two_arm_handover, 0),
         (two_arm_transport, 0),
+        (pour_marbles, 442),
+        (two_arm_peg_in_hole, 0),
     )
 }
 """Tasks by name, with the length of an episode of DuoBench in steps of 1/30 s."""

@@ -23,3 +23,9 @@ def test_one_task_succeeds() -> None:
     found = played("two_arm_lift", "panda", 0, "lab", speed=1.0)
     assert found["outcome"] == "SUCCESS", found["why"]
     assert not found["false_success"]
+
+
+def test_peg_is_put_into_a_hole_that_another_arm_holds() -> None:
+    """Without `into` of `move_linear`, the arms kept what they hold 45 mm apart."""
+    found = played("two_arm_peg_in_hole", "panda", 200, "lab", speed=1.0)
+    assert found["outcome"] == "SUCCESS", found["why"]
