@@ -158,9 +158,16 @@ def transfer_gate(rng: np.random.Generator, robot: str) -> Tree:
 
 
 def _opened_and_filled(
-    robot: str, objects: Tree, inside: Tree, operate: Tree, opened: float, shut: float
+    robot: str,
+    objects: Tree,
+    inside: Tree,
+    operate: Tree,
+    opened: float,
+    shut: float,
+    opens: str,
+    **grasp: Any,
 ) -> Tree:
-    """File in which the left arm holds an object open while the right one puts a cube in.
+    """File in which one arm holds an object open while the other one puts a cube in.
 
     Args:
         robot: Name of both robots.
@@ -169,9 +176,13 @@ def _opened_and_filled(
         operate: Ports of `operate` except the position.
         opened: Position in which it is held, degrees.
         shut: Position in which it is left, degrees.
+        opens: Name of the arm that holds it open.
+        grasp: Further ports of its `grasp`.
     """
-    left = [
-        {"grasp": {"object": operate["object"], "part": "handle", "then_to": opened}},
+    fills = "left" if opens == "right" else "right"
+    handle = {"object": operate["object"], "part": "handle", "then_to": opened}
+    opening = [
+        {"grasp": handle | grasp},
         {"operate": operate | {"to": opened}},
         {"signal": "opened"},
         {"await": "filled"},
@@ -179,7 +190,7 @@ def _opened_and_filled(
         "release",
         "go_home",
     ]
-    right = [
+    filling = [
         {"await": "opened"},
         {"grasp": {"object": "cube", "then_at": inside}},
         {"place": {"at": inside}},
@@ -187,8 +198,9 @@ def _opened_and_filled(
         {"signal": "filled"},
     ]
     goal = {"done": {"object": "cube", "at": inside, "held": False}}
-    file = _file(robot, objects, left, right, goal)
-    written = {"opened": "left", "filled": "right"}
+    trees = {opens: opening, fills: filling}
+    file = _file(robot, objects, trees["left"], trees["right"], goal)
+    written = {"opened": opens, "filled": fills}
     file["cell"] = {
         "signals": {name: {"type": "boolean", "written_by": [arm]} for name, arm in written.items()}
     }
@@ -239,7 +251,7 @@ def spring_door(rng: np.random.Generator, robot: str) -> Tree:
     inside = {"xyz": _xyz(0.625, 0.064, _TOP + 0.038 + 0.016), "rpy": [0, 0, 0]}
     pull = {"object": "oven", "joint": "hinge", "force": 80}
     file = _opened_and_filled(
-        robot, {"oven": oven, "cube": cube | {"friction": 1.5}}, inside, pull, 70, 4
+        robot, {"oven": oven, "cube": cube | {"friction": 1.5}}, inside, pull, 70, 4, "left"
     )
     file["goal"]["done"]["within"] = 0.05
     return file
@@ -393,8 +405,8 @@ def transfer_reorient(rng: np.random.Generator, robot: str) -> Tree:
 
 
 def hinge_chest(rng: np.random.Generator, robot: str) -> Tree:
-    """One arm holds the lid of a chest open while the other one puts a cube in."""
-    bar = {"shape": "box", "size": [0.016, 0.06, 0.016], "color": "red"}
+    """The right arm holds the lid of a chest open while the left one puts a cube in."""
+    bar = {"shape": "cylinder", "size": [0.008, 0.06], "color": "red"}
     stem = {"shape": "box", "size": [0.03, 0.02, 0.01]}
     chest: Tree = {
         "shape": "compound",
@@ -409,8 +421,8 @@ def hinge_chest(rng: np.random.Generator, robot: str) -> Tree:
                 "pose": {"xyz": [0, 0, 0.04]},
             },
             "lid": {"shape": "box", "size": [0.2, 0.244, 0.01], "pose": {"xyz": [0, 0, 0.086]}},
-            "handle": bar | {"pose": {"xyz": [-0.135, 0.085, 0.086]}},
-            "stem": stem | {"pose": {"xyz": [-0.113, 0.085, 0.086]}},
+            "handle": bar | {"pose": {"xyz": [-0.135, -0.085, 0.086], "rpy": [90, 0, 0]}},
+            "stem": stem | {"pose": {"xyz": [-0.113, -0.085, 0.086]}},
         },
         "joints": {
             "hinge": {
@@ -428,11 +440,11 @@ def hinge_chest(rng: np.random.Generator, robot: str) -> Tree:
     }
     dx, dy = _offset(rng, 0.175, 0.175)
     cube = _box([0.032] * 3, 0.0016, _on_table(0.5 + dx, 0.2 + dy, 0.032), rng.uniform(-180, 180))
-    inside = {"xyz": _xyz(0.545, -0.24, _TOP + 0.008 + 0.016), "rpy": [0, 0, 0]}
+    inside = {"xyz": _xyz(0.56, -0.16, _TOP + 0.008 + 0.016), "rpy": [0, 0, 0]}
     lift = {"object": "chest", "joint": "hinge"}
-    file = _opened_and_filled(
-        robot, {"chest": chest, "cube": cube | {"friction": 1.5}}, inside, lift, 80, 0
-    )
+    objects = {"chest": chest, "cube": cube | {"friction": 1.5}}
+    # Held from its side, the lid leaves the other side of the chest to the arm that fills.
+    file = _opened_and_filled(robot, objects, inside, lift, 80, 0, "right", approach=[0, 1, 0])
     file["goal"]["done"]["within"] = 0.1
     return file
 
