@@ -415,7 +415,8 @@ class ArmMotions(ArmState):
     def refuse_when_held_up(self, motion: TrajectorySource, wait_s: float = WAIT_S) -> None:
         """Refuse to wait longer than a time in s for a motion that the guard has stopped.
 
-        While it waits, arms that wait for this one in turn move aside.
+        While it waits, arms that wait for this one in turn move aside. It does not wait for arms
+        whose trees have ended.
 
         Raises:
             Failure: ``TIMED_OUT`` with what is in the way.
@@ -426,7 +427,7 @@ class ArmMotions(ArmState):
             return
         traffic.block(self.name, self._lease.leaf, self.controller.neighbors, may_yield=False)
         try:
-            self.refuse_deadlock()
+            stays = self.refuse_deadlock()
         except Failure as deadlock:
             # This path is blocked for good; another one may lead past the arms that stay.
             traffic.advance(self.name)
@@ -434,14 +435,16 @@ class ArmMotions(ArmState):
                 deadlock.code, deadlock.reason, progress=motion.progress
             ) from deadlock
         waited_s = self.time - motion.held_since
-        if waited_s <= wait_s:
+        if waited_s <= wait_s and not stays:
             return
-        raise BlockedFailure(
+        failure = BlockedFailure(
             "TIMED_OUT",
             f"blocked: {motion.held_up}",
             progress=motion.progress,
             waited_s=waited_s,
         )
+        failure.stays = stays
+        raise failure
 
     def refuse_deadlock(self) -> bool:
         """Refuse to wait for arms that are waiting for this one.

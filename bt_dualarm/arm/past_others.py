@@ -181,6 +181,7 @@ class PastOthers:
         """Plan and execute, and keep the arm's rank at the end."""
         until = self.arm.time + self.wait_s
         replans = REPLANS
+        stuck_at = np.empty(0)
         while True:
             motion = yield from self._when_clear(planning, until)
             try:
@@ -191,7 +192,11 @@ class PastOthers:
                 else:
                     yield from follow(motion, wait_s)
             except BlockedFailure as failure:
-                if replans <= 0 and (self.arm.time > until or failure.code == "DEADLOCK"):
+                # A plan that got no farther past an arm that stays will not do so the next time.
+                is_stuck = failure.stays and np.array_equal(self.arm.setpoint.q, stuck_at)
+                stuck_at = self.arm.setpoint.q.copy()
+                is_over = self.arm.time > until or is_stuck or failure.code == "DEADLOCK"
+                if replans <= 0 and is_over:
                     raise
             else:
                 return

@@ -228,4 +228,9 @@ class BlockedFailure(Failure):
 
     The code is ``IN_COLLISION``, ``TIMED_OUT`` if the arm has waited for the obstacle to leave, or
     ``DEADLOCK`` if the obstacle is an arm that waits for this one.
+
+    Attributes:
+        stays: Whether the obstacle is an arm whose tree has ended, which is going to stay there.
     """
+
+    stays = False

@@ -279,3 +279,34 @@ def test_arm_stopped_by_the_guard_plans_past_an_arm_that_waits_for_it(x: float) 
     assert [
         (arm, one.code) for arm in result.arms for one in result.arms[arm].runs if one.code
     ] == []
+
+
+def test_arm_stopped_by_one_that_has_ended_does_not_wait_for_it() -> None:
+    """It moved aside, and cannot return past a hand that stays: it tried that for a minute."""
+
+    def cube(x: float) -> dict[str, Any]:
+        pose = {"xyz": [x, -0.45, 0.425]}
+        return {"shape": "box", "size": [0.05, 0.05, 0.05], "mass": 0.2, "pose": pose}
+
+    def arm(x: float, y: float, yaw: float, *leaves: dict[str, Any]) -> dict[str, Any]:
+        base = {"xyz": [x, y, 0.4], "rpy": [0, 0, yaw]}
+        tree = {"sequence": list(leaves)}
+        return {"robot": "ur5", "gripper": "robotiq_2f85", "base": base, "tree": tree}
+
+    file = {
+        "bt_dualarm": 1,
+        "name": "beside",
+        "world": {"scene": "table", "time_limit": 150},
+        "cell": {"signals": {"held": {"type": "boolean", "written_by": ["stays"]}}},
+        "objects": {"near": cube(0.25), "far": cube(0.4)},
+        "arms": {
+            "returns": arm(0, 0, 0, {"grasp": {"object": "near"}}, {"await": "held"}),
+            "stays": arm(0.95, -0.45, 180, {"grasp": {"object": "far"}}, {"signal": "held"}),
+        },
+    }
+    result = bt.run(file)
+    grasp, waits = result.arms["returns"].runs
+    assert grasp.status == "SUCCESS"
+    assert (waits.code, waits.status) == ("DEADLOCK", "FAILURE")
+    assert "moved aside for stays" in waits.reason
+    assert result.sim_time_s < 20.0
