@@ -190,6 +190,25 @@ def test_passenger_may_be_poured_out() -> None:
     assert cube[2] < TOP + 0.1
 
 
+def test_held_cup_is_tilted_about_its_lip() -> None:
+    """The lip stays where it is, wherever the hand has grasped the cup."""
+    lip = np.array((0.03, 0.0, 0.04))
+    over = {"transport": {"object": "carrier", "to": {"xyz": [0.45, 0.0, TOP + 0.3]}}}
+    pour = {"rotate_tool": {"axis": "y", "angle": 60, "frame": "object", "point": lip.tolist()}}
+    poses = []
+    for leaves in ([over], [over, pour]):
+        with bt.open(
+            file_of("ur5", "cup", "ball", {"grasp": {"object": "carrier"}}, *leaves)
+        ) as run:
+            result = run.finish()
+            poses.append(run.world.object_pose("carrier"))
+        assert result.outcome == "SUCCESS", [one.reason for one in result.arms["arm1"].runs]
+    before, after = poses
+    assert after.apply(lip) == pytest.approx(before.apply(lip), abs=1e-3)
+    turned = (before.inverse @ after).rotation.as_rotvec(degrees=True)
+    assert turned == pytest.approx((0.0, 60.0, 0.0), abs=0.5)
+
+
 def test_balls_are_poured_out_one_after_the_other() -> None:
     """The first ones that fell were in the way of those that were still in the cup."""
     pour = {"rotate_tool": {"axis": [1, 0, 0], "frame": "world", "angle": -135, "speed": 0.2}}

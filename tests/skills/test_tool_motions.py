@@ -77,6 +77,7 @@ def test_move_linear_to_a_place_keeps_the_orientation(stage: Stage) -> None:
         ("move_linear: {offset: {xyz: [0.5, 0, 0]}}", "SINGULAR"),
         ("rotate_tool: {angle: 0}", "INVALID_TARGET"),
         ("rotate_tool: {angle: 30, axis: [0, 0, 0]}", "INVALID_TARGET"),
+        ("rotate_tool: {angle: 30, frame: object}", "INVALID_TARGET"),
         ("move_through: {poses: [{xyz: [0.6, 0, 0.7]}, {xyz: [0.6, 0, 0.7]}]}", "INVALID_TARGET"),
     ],
 )
