@@ -125,13 +125,15 @@ class Grasp(Skill):
             if gripper.holding:
                 return
             yield from Taking.open(self.arm)
-        lies = None if self.ports.at is None else self.ports.at.pose
-        if name is not None and lies is None:
+        object_pose = None if self.ports.at is None else self.ports.at.pose
+        if name is not None and object_pose is None:
             yield from self._wait_for_rest(name)
             self._refuse_held_elsewhere(name)
-        if name is not None and lies is not None:
-            name = self.metrics["taken"] = twin_at(self.arm.world, name, lies.position)
-        wanted = WantedGrasp.named(self.arm, name, self.ports, lies) if name else self._unnamed()
+        if name is not None and object_pose is not None:
+            name = self.metrics["taken"] = twin_at(self.arm.world, name, object_pose.position)
+        wanted = (
+            WantedGrasp.named(self.arm, name, self.ports, object_pose) if name else self._unnamed()
+        )
         if self.ports.open_to is not None and not gripper.description.fingers:
             raise Failure(
                 "INVALID_TARGET", f"{gripper.description.name} has no fingers to `open_to`"
@@ -141,7 +143,9 @@ class Grasp(Skill):
             point=None if self.ports.point is None else np.array(self.ports.point),
             opening=self.ports.open_to,
             onward=None if name is None else self._onward(name),
-            goal=None if self.ports.then_at is None else self.ports.then_at.pose_from(wanted.lies),
+            goal=None
+            if self.ports.then_at is None
+            else self.ports.then_at.pose_from(wanted.object_pose),
         )
         refuse_too_frail(self.arm, wanted.label, self.ports.most_force)
         try:
@@ -240,15 +244,15 @@ class Grasp(Skill):
         if ports.at is None or ports.width is None:
             raise Failure("INVALID_TARGET", "neither `object` nor `at` and `width` are given")
         width = ports.width
-        lies = ports.at.pose
+        object_pose = ports.at.pose
         edges = (ports.depth or width, width, ports.height or width)
-        name = object_at(self.arm.world, lies.position, 0.5 * float(np.linalg.norm(edges)))
+        name = object_at(self.arm.world, object_pose.position, 0.5 * float(np.linalg.norm(edges)))
         mass = ports.mass_of(None)
         most_force = ports.most_force or math.inf
         friction = ports.friction or _UNKNOWN_FRICTION
         return WantedGrasp(
             name,
-            lies,
+            object_pose,
             mass,
             ports.shake,
             ports.margin,

@@ -192,7 +192,7 @@ class HandOver(Skill):
             yield from self._stand(joint, partial(_is_beyond, joint, taker, number))
             plan: HandoverPlan = joint.messages(taker)["plan"]
             number = plan.number
-            self._passengers = PassengerCheck(arm.world, self.ports.object, [plan.lies])
+            self._passengers = PassengerCheck(arm.world, self.ports.object, [plan.object_pose])
             try:
                 for progress in arm.travel([plan.giver_q], self.ports.speed, patience=_PATIENCE_S):
                     joint.check()

@@ -93,6 +93,6 @@ class Regrasp(Skill):
         )  # refuses before anything moves
         ports_of_placing = SettingDownPorts(speed=ports.speed, tolerance=_TOLERANCE_M)
         setting_down = SettingDown(arm, ports_of_placing, held, self.metrics)
-        lies = yield from setting_down.through(goal)
+        object_pose = yield from setting_down.through(goal)
         yield from setting_down.stays_at(goal, _WITHIN_M)
-        return WantedGrasp.named(arm, name, ports, lies, unlike)
+        return WantedGrasp.named(arm, name, ports, object_pose, unlike)

@@ -214,7 +214,7 @@ class TakeOver(Skill):
                 continue
             self.metrics |= {"plan": plan.number, "tries": search.tries}
             joint.send(plan=plan)
-            passengers = PassengerCheck(arm.world, name, [plan.lies])
+            passengers = PassengerCheck(arm.world, name, [plan.object_pose])
             reason = yield from self._meet_at(joint, giver, plan)
             if not reason:
                 with shared_grasp(arm, giver, name):
@@ -344,11 +344,11 @@ class TakeOver(Skill):
         out = arm.commanded_tool_pose
         try:
             try:
-                lies = tool_pose_of(arm.world, giver) @ object_in_hand(arm, giver, name)
-                yield from self._approach(joint, giver, plan.number, lies @ plan.grasp.tool)
+                object_pose = tool_pose_of(arm.world, giver) @ object_in_hand(arm, giver, name)
+                yield from self._approach(joint, giver, plan.number, object_pose @ plan.grasp.tool)
                 yield from self._close(joint, plan)
-                lies = tool_pose_of(arm.world, giver) @ object_in_hand(arm, giver, name)
-                self._hold(name, lies, plan.grasp.tool)
+                object_pose = tool_pose_of(arm.world, giver) @ object_in_hand(arm, giver, name)
+                self._hold(name, object_pose, plan.grasp.tool)
                 felt = yield from self._relax(joint)
                 joint.send(grasped=plan.number)
                 yield from self._bear(joint, giver, name, felt, plan.number)
@@ -578,20 +578,20 @@ class TakeOver(Skill):
             felt = -float(sense.look()[2])
         return felt
 
-    def _hold(self, name: str, lies: Pose, meant: Pose) -> None:
+    def _hold(self, name: str, object_pose: Pose, meant: Pose) -> None:
         """Believe that the object is held, as well as by the giver, which bears its weight.
 
         Args:
             name: Name of the object.
-            lies: Its estimated pose in the world.
+            object_pose: Its estimated pose in the world.
             meant: Planned pose of the tool in its frame.
         """
         arm = self.arm
         if arm.name not in arm.world.grippers:
-            arm.attach(name, lies, share=0.0)
+            arm.attach(name, object_pose, share=0.0)
             return
         most = self.ports.most_force or math.inf
-        arm.gripper.hold(name, arm.gripper.between_the_pads(lies, meant), most, share=0.0)
+        arm.gripper.hold(name, arm.gripper.between_the_pads(object_pose, meant), most, share=0.0)
         self._grip = Grip(arm, name)
 
     def _watch(self) -> None:

@@ -266,13 +266,13 @@ def passengers_to(world: World, arm: str, now: Pose, then: Pose) -> list[Passeng
         if not upon:
             continue
         in_tool = world.robots[arm].tool.inverse @ held.relative
-        lies = then @ in_tool
+        object_pose = then @ in_tool
         stands_now = stands_at(world, held.object, now @ in_tool)
-        if stands_now and not stands_at(world, held.object, lies):
+        if stands_now and not stands_at(world, held.object, object_pose):
             raise Failure(
                 "SPILLED",
                 f"{' and '.join(one.object for one in upon)} would fall off {held.object!r} there: "
                 "set it down first",
             )
-        found.append(PassengerCheck(world, held.object, [lies]))
+        found.append(PassengerCheck(world, held.object, [object_pose]))
     return found

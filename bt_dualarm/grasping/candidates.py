@@ -584,7 +584,7 @@ class RankedGrasp:
 
 def ranked(
     grasps: Sequence[Grasp],
-    lies: Pose,
+    object_pose: Pose,
     jaw: JawMeasures | None,
     obstacles: Sequence[Obstacle],
     reach: Callable[[Pose], float],
@@ -596,17 +596,17 @@ def ranked(
 
     Args:
         grasps: Grasps on the object.
-        lies: Pose of the object in the world.
+        object_pose: Pose of the object in the world.
         jaw: Dimensions of a parallel gripper; None for a cup, which needs no clearance beside it.
         obstacles: Obstacles, without the object itself.
         reach: Effort of the arm to get to a tool pose in the world, in [0, 1]; infinite if it
             cannot.
     """
     found = []
-    for grasp, room in zip(grasps, _rooms(grasps, lies, jaw, obstacles), strict=True):
+    for grasp, room in zip(grasps, _rooms(grasps, object_pose, jaw, obstacles), strict=True):
         if room < -_TOUCHING:
             continue
-        tool = lies @ grasp.tool
+        tool = object_pose @ grasp.tool
         effort = reach(tool)
         if math.isinf(effort):
             continue
@@ -619,7 +619,10 @@ def ranked(
 
 
 def _rooms(
-    grasps: Sequence[Grasp], lies: Pose, jaw: JawMeasures | None, obstacles: Sequence[Obstacle]
+    grasps: Sequence[Grasp],
+    object_pose: Pose,
+    jaw: JawMeasures | None,
+    obstacles: Sequence[Obstacle],
 ) -> list[float]:
     """Clearance of palm and fingers, open or closed on the object, from the obstacles, m.
 
@@ -635,7 +638,7 @@ def _rooms(
     widths = np.array([(jaw.widest_opening, grasp.width) for grasp in grasps])
     points = _moving_points(jaw)
     for obstacle in obstacles:
-        pose = (lies.inverse @ obstacle.pose).matrix
+        pose = (object_pose.inverse @ obstacle.pose).matrix
         lower_clearances(*obstacle.solid.form, pose, tools, widths, points, -_TOUCHING, rooms)
     return rooms.tolist()
 

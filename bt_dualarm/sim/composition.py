@@ -511,8 +511,8 @@ def _stable_center_offset(obj: ObjectSpec, solid: ObjectBody, pose: Pose, shift:
     """
     if obj.shape in ("sphere", "ellipsoid"):
         return np.zeros(3)
-    lies = abs(float(pose.rotation_matrix[2, 2])) < _UPRIGHT
-    return shift * (0, 0, 1) if solid.is_axisymmetric and lies else shift
+    is_lying = abs(float(pose.rotation_matrix[2, 2])) < _UPRIGHT
+    return shift * (0, 0, 1) if solid.is_axisymmetric and is_lying else shift
 
 
 def noisy_pose(name: str, obj: ObjectSpec, seed: int) -> Pose:

@@ -175,7 +175,7 @@ class CarryPlanning:
         self._beyond: Failure | None = None
 
     def plan(
-        self, lies: Pose, goals: Sequence[Pose], parts: Sequence[Section]
+        self, object_pose: Pose, goals: Sequence[Pose], parts: Sequence[Section]
     ) -> Generator[None, None, CarryPlan]:
         """Choose grasps; yields once per attempt.
 
@@ -197,7 +197,7 @@ class CarryPlanning:
             raise Failure(
                 "INVALID_TARGET", f"{holder} holds {self._object!r} already, and the others do not"
             )
-        poses = _poses_of(lies, goals, self._ports)
+        poses = _poses_of(object_pose, goals, self._ports)
         refusals: list[Failure] = []
         best: tuple[float, CarryPlan] | None = None
         tried = (
@@ -212,7 +212,7 @@ class CarryPlanning:
             if around and not any(isinstance(one, CollisionFailure) for one in refusals):
                 continue  # searching around obstacles takes much longer
             left = count
-            for combination in self._combinations(lies, parts, apart):
+            for combination in self._combinations(object_pose, parts, apart):
                 yield
                 if combination is None:
                     continue
@@ -246,7 +246,7 @@ class CarryPlanning:
         ) from ExceptionGroup("no way", refusals)
 
     def _combinations(
-        self, lies: Pose, parts: Sequence[Section], apart: bool
+        self, object_pose: Pose, parts: Sequence[Section], apart: bool
     ) -> Iterator[dict[str, RankedGrasp] | None]:
         """Grasps of all arms: near ends for near arms first, then the best grasps first.
 
@@ -255,7 +255,7 @@ class CarryPlanning:
         """
         names = list(self._proposals)
         bases = [self._world.arms[name].base.position for name in names]
-        places = [(lies @ part.pose).position for part in parts]
+        places = [(object_pose @ part.pose).position for part in parts]
 
         def distance(order: tuple[int, ...]) -> float:
             return sum(float(np.linalg.norm(bases[i] - places[k])) for i, k in enumerate(order))
@@ -314,8 +314,8 @@ class CarryPlanning:
         Raises:
             Failure: That of the first branch, if there is no plan.
         """
-        lies = poses[0]
-        grasps = {name: lies.inverse @ one.tool for name, one in chosen.items()}
+        object_pose = poses[0]
+        grasps = {name: object_pose.inverse @ one.tool for name, one in chosen.items()}
         widths = {name: one.grasp.width for name, one in chosen.items()}
         checker = GroupChecker(
             self._world, self._kinematics.parts, self._object, grasps, PLANNING_MARGIN_M, widths
@@ -324,7 +324,7 @@ class CarryPlanning:
         near = {name: one.q for name, one in self._proposals.items()}
         refusal: Failure | None = None
         best: tuple[float, CarryPlan] | None = None
-        branches = self._kinematics.branches(holding(grasps, lies), near)
+        branches = self._kinematics.branches(holding(grasps, object_pose), near)
         for q in itertools.islice(branches, _AROUND if around else _BRANCHES):
             yield
             joined = planner.joined(q)
@@ -410,7 +410,7 @@ def shares_of(obj: ObjectSpec, grasps: Iterable[Pose]) -> list[float]:
     return shares_at([grasp.position - center for grasp in grasps])
 
 
-def _poses_of(lies: Pose, goals: Sequence[Pose], ports: CarryPorts) -> list[Pose]:
+def _poses_of(object_pose: Pose, goals: Sequence[Pose], ports: CarryPorts) -> list[Pose]:
     """Poses of the object from where it lies to where it is lowered by touch."""
     end = [goals[-1].raised(ports.height), goals[-1].raised(FREE_M)] if ports.set_down else []
-    return [lies, lies.raised(ports.lift), *goals[:-1], *(end or [goals[-1]])]
+    return [object_pose, object_pose.raised(ports.lift), *goals[:-1], *(end or [goals[-1]])]

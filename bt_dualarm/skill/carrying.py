@@ -253,7 +253,7 @@ class Carrying:
         """
         arm = self._arm
         world = arm.world
-        lies = world.object_pose(self._object)
+        object_pose = world.object_pose(self._object)
         parts = self._sections()
         mass = self._mass
         shares = shares_of(world.objects[self._object], [part.pose for part in parts])
@@ -263,7 +263,7 @@ class Carrying:
         for part, share in zip(parts, shares, strict=True):
             wanted = WantedGrasp(
                 self._object,
-                lies @ part.pose,
+                object_pose @ part.pose,
                 share * (mass or UNKNOWN_KG),
                 self._ports.shake,
                 self._ports.margin,
@@ -311,11 +311,11 @@ class Carrying:
         if len(set(asked.values())) > 1:
             raise Failure("INVALID_TARGET", f"{' and '.join(asked)} were given different goals")
         leader = next(iter(asked))
-        lies = self._arm.world.object_pose(self._object)
-        goals = [goal.pose_from(lies) for goal in asked[leader]]
+        object_pose = self._arm.world.object_pose(self._object)
+        goals = [goal.pose_from(object_pose) for goal in asked[leader]]
         if self._arm.name == leader:
             planning = CarryPlanning(self._arm, self._proposals, self._object, self._ports)
-            plan = yield from planning.plan(lies, goals, self._sections())
+            plan = yield from planning.plan(object_pose, goals, self._sections())
             self._joint.send(plan=plan)
             return plan, goals
         yield from self._joint.until(lambda: "plan" in self._joint.messages(leader), (leader,))
@@ -385,8 +385,8 @@ class Carrying:
                         expected_m=chosen.width,
                     )
             self._metrics["width_m"] = gripper.width
-            lies = arm.tool_pose @ plan.grasps[arm.name].inverse
-            why_not = gripper.why_not(self._object, lies)
+            object_pose = arm.tool_pose @ plan.grasps[arm.name].inverse
+            why_not = gripper.why_not(self._object, object_pose)
             if why_not is not None:
                 raise Failure("NOT_GRASPED", why_not, width_m=gripper.width)
             yield from self._sync()
@@ -394,7 +394,7 @@ class Carrying:
             # The object still stands: what is not yet added to the model is not held.
             gripper.command(description.stroke if description.fingers else 1.0)
             raise
-        gripper.hold(self._object, lies)
+        gripper.hold(self._object, object_pose)
 
     def _bear(self, plan: CarryPlan) -> None:
         """Add this arm's share of the weight to its model, at its grasp."""
@@ -532,8 +532,10 @@ class _Coupled:
         """Lift, carry along the path, and lower until contact."""
         ports = self._ports
         if self._plan.chosen:  # otherwise it is in the air already
-            lies = self._object_pose()
-            yield from self._leg([lies, lies.raised(ports.lift)], 0.3 * ports.speed, 0.25)
+            object_pose = self._object_pose()
+            yield from self._leg(
+                [object_pose, object_pose.raised(ports.lift)], 0.3 * ports.speed, 0.25
+            )
         above = [goals[-1]]
         if self._plan.set_down:
             above = [goals[-1].raised(ports.height), goals[-1].raised(FREE_M)]

@@ -127,7 +127,7 @@ def first_approach(
         suits = False
         try:
             if wanted.goal is not None:
-                in_object = wanted.lies.inverse @ ranked.tool
+                in_object = wanted.object_pose.inverse @ ranked.tool
                 refuse_goal(arm, wanted.name or "", wanted.goal, in_object, ranked.grasp.width)
             suits = True
             room = 0.0 if wanted.onward is None else _ONWARD_ROOM_M
@@ -324,7 +324,7 @@ def _refuse_own_links(arm: Arm, wanted: WantedGrasp, rows: Matrix, lift: float) 
         allowed[pairs] = checker.least[pairs]
     checker.least[:] = allowed
     for row in (0, len(rows) // 2, len(rows) - 1):
-        checker.move_object(name, wanted.lies.raised(lift * row / max(len(rows) - 1, 1)))
+        checker.move_object(name, wanted.object_pose.raised(lift * row / max(len(rows) - 1, 1)))
         contact = checker.contact(rows[row])
         if contact is not None:
             raise contact.failure()
@@ -387,7 +387,7 @@ def _refuse_other_parts(arm: Arm, wanted: WantedGrasp, rows: Matrix, width: floa
     if not world.objects[name].is_free or len(body_of(world.objects[name]).parts) < 2:
         return
     checker = arm.checker(frozenset(world.objects.keys() - {name}))
-    checker.move_object(name, wanted.lies)
+    checker.move_object(name, wanted.object_pose)
     for opening in np.linspace(
         description.stroke, min(width + 2.0 * CLEAR, description.stroke), _PASSING
     ):

@@ -124,7 +124,7 @@ class WantedGrasp:
     Attributes:
         name: Name of the declared object; with ``edges`` that of the object assumed at the pose,
             or None.
-        lies: Estimated pose of the object in the world.
+        object_pose: Estimated pose of the object in the world.
         mass: Assumed mass, kg.
         shake: Largest acceleration of the tool, m/s².
         margin: Safety factor of the grip.
@@ -136,7 +136,8 @@ class WantedGrasp:
             within 30°; None for any.
         unlike: Pose of the tool in the object's frame from which the grasp has to differ by at
             least 45°, also after half a turn about the tool axis; None for any.
-        section: Piece of the object at which it is grasped, whose pose is ``lies``; None for all.
+        section: Piece of the object at which it is grasped, whose pose is ``object_pose``; None for
+            all.
         part: Name of the declared part at which it is grasped; None for any.
         point: Point in the object's frame at which it is grasped, of shape (3,), m; None for any.
         opening: Opening of the fingers during the approach, m; None for the widest.
@@ -149,7 +150,7 @@ class WantedGrasp:
     """
 
     name: str | None
-    lies: Pose
+    object_pose: Pose
     mass: float
     shake: float
     margin: float
@@ -182,7 +183,12 @@ class WantedGrasp:
 
     @classmethod
     def named(
-        cls, arm: Arm, name: str, ports: TakingPorts, lies: Pose | None, unlike: Pose | None = None
+        cls,
+        arm: Arm,
+        name: str,
+        ports: TakingPorts,
+        object_pose: Pose | None,
+        unlike: Pose | None = None,
     ) -> WantedGrasp:
         """Specification for a declared object.
 
@@ -190,7 +196,7 @@ class WantedGrasp:
             arm: Arm that picks it.
             name: Name of the object.
             ports: Approach and load.
-            lies: Estimated pose in the world; by default the true one.
+            object_pose: Estimated pose in the world; by default the true one.
             unlike: As the attribute.
 
         Raises:
@@ -209,7 +215,7 @@ class WantedGrasp:
             declared = _PULLED_KG
         return cls(
             name,
-            lies or (world.object_pose(name) if hung is None else arm.known.pose(name).pose),
+            object_pose or (world.object_pose(name) if hung is None else arm.known.pose(name).pose),
             ports.mass_of(declared),
             ports.shake,
             ports.margin,
@@ -297,7 +303,7 @@ class WantedGrasp:
         axes = grasp.tool.rotation_matrix
         if self.edges is not None and grasp.width > 0.0 and abs(float(axes[1, 1])) <= _ALONG:
             return False
-        if self.along is not None and self.lies.turn(axes[:, 2]) @ self.along < _AS_ASKED:
+        if self.along is not None and self.object_pose.turn(axes[:, 2]) @ self.along < _AS_ASKED:
             return False
         if self.unlike is None:
             return True
@@ -316,7 +322,7 @@ def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
         Failure: ``TOO_WIDE``, ``TOO_HEAVY``, ``NO_FACE``, or ``OUT_OF_REACH`` if all of them are
             obstructed; each with its numbers.
     """
-    obstacles = obstacles_around(arm, wanted.name, wanted.lies.position)
+    obstacles = obstacles_around(arm, wanted.name, wanted.object_pose.position)
     try:
         return _grasps_on(arm, wanted, obstacles, on_edges=False)
     except Failure as failure:
@@ -361,9 +367,9 @@ def _grasps_on(
     friction = wanted.friction(arm.world)
     # Rotations of a round object about its axis are equivalent: grasps are generated relative to
     # the arm's base, so that they do not depend on the declared rotation.
-    symmetry = _turned_to(arm.kinematics.base.position, wanted.lies, solid)
-    lies = wanted.lies @ symmetry
-    gravity = lies.rotation_matrix.T @ np.array([0.0, 0.0, -GRAVITY])
+    symmetry = _turned_to(arm.kinematics.base.position, wanted.object_pose, solid)
+    object_pose = wanted.object_pose @ symmetry
+    gravity = object_pose.rotation_matrix.T @ np.array([0.0, 0.0, -GRAVITY])
     load = Load(wanted.margin * wanted.mass, gravity, wanted.shake, wanted.center(arm.world))
     _refuse_weight(arm, wanted)
     point = None if wanted.point is None else symmetry.inverse.apply(wanted.point)
@@ -396,7 +402,7 @@ def _grasps_on(
     here = arm.tool_pose
 
     def free(found: Sequence[Grasp], of: Sequence[Obstacle]) -> tuple[RankedGrasp, ...]:
-        return ranked(found, wanted.lies, jaw, of, lambda tool: _rotation_cost(tool, here))
+        return ranked(found, wanted.object_pose, jaw, of, lambda tool: _rotation_cost(tool, here))
 
     found, of_any_kind = bearing(load)
     if not found:
@@ -455,12 +461,12 @@ def _at_point(found: tuple[Grasp, ...], wanted: WantedGrasp) -> tuple[Grasp, ...
     return tuple(one for one, d in zip(found, off, strict=True) if d <= nearest + _SAME_POINT_M)
 
 
-def _turned_to(base: Vector, lies: Pose, solid: Solid) -> Pose:
+def _turned_to(base: Vector, object_pose: Pose, solid: Solid) -> Pose:
     """Symmetry rotation of a solid after which its x axis points away from an arm's base.
 
     Args:
         base: Position of the base in the world, of shape (3,), m.
-        lies: Pose of the solid in the world.
+        object_pose: Pose of the solid in the world.
         solid: The solid; the identity is returned for one that is not round.
     """
     identity = Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
@@ -468,8 +474,8 @@ def _turned_to(base: Vector, lies: Pose, solid: Solid) -> Pose:
         return identity
     z = np.array((0.0, 0.0, 1.0))
     if not (isinstance(solid, Capsule) and solid.half_length == 0.0):
-        z = lies.rotation_matrix[:, 2]
-    away = lies.position - base
+        z = object_pose.rotation_matrix[:, 2]
+    away = object_pose.position - base
     for direction in (away, np.eye(3)[0], np.eye(3)[2]):  # the first that is not parallel to z
         x = direction - (direction @ z) * z
         if np.linalg.norm(x) > 0.1 * np.linalg.norm(direction):
@@ -478,7 +484,7 @@ def _turned_to(base: Vector, lies: Pose, solid: Solid) -> Pose:
     matrix = np.eye(4)
     matrix[:3, :3] = np.column_stack((x, np.cross(z, x), z))
     turned = Pose.from_matrix(matrix)
-    return Pose(np.zeros(3), lies.inverse.quaternion) @ turned
+    return Pose(np.zeros(3), object_pose.inverse.quaternion) @ turned
 
 
 def obstacles_around(arm: Arm, name: str | None, position: Vector) -> list[Obstacle]:

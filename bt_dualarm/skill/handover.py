@@ -123,14 +123,14 @@ class HandoverPlan:
 
     Attributes:
         number: Number of the plan, from 1.
-        lies: Pose of the object in the world.
+        object_pose: Pose of the object in the world.
         giver_q: Configuration of the giver, of shape (dof,), rad.
         taker_q: Configuration of the taker at the standoff, of shape (dof,), rad.
         grasp: Grasp of the taker on the object.
     """
 
     number: int
-    lies: Pose
+    object_pose: Pose
     giver_q: Vector
     taker_q: Vector
     grasp: Grasp
@@ -256,27 +256,31 @@ class HandoverSearch:
         for checker in (here, taker):  # of the configurations in which the arms wait
             checker.keep_clear(_CLEAR_M)
         found = list[HandoverPlan]()
-        for lies in self._poses():
-            tool = lies @ self._in_giver.inverse
+        for object_pose in self._poses():
+            tool = object_pose @ self._in_giver.inverse
             refused = False
-            for grasp in self._best(lies, tool):
+            for grasp in self._best(object_pose, tool):
                 if self.tries >= _TRIES or number >= _PLANS or refused:
                     break
                 if grasp is None:
                     yield None
                     continue
-                if self._kinematics[self._arm.name].is_beyond(lies @ grasp.tool):
+                if self._kinematics[self._arm.name].is_beyond(object_pose @ grasp.tool):
                     self._note(f"UNREACHABLE of {self._arm.name}")
                     continue
                 self.tries += 1
-                plan, refused = self._try(lies, tool, grasp, (here, back, there, giver, taker))
+                plan, refused = self._try(
+                    object_pose, tool, grasp, (here, back, there, giver, taker)
+                )
                 if plan is None:
                     yield None
                     continue
                 if any(_alike(plan, other) for other in found):
                     continue
                 number += 1
-                plan = HandoverPlan(number, plan.lies, plan.giver_q, plan.taker_q, plan.grasp)
+                plan = HandoverPlan(
+                    number, plan.object_pose, plan.giver_q, plan.taker_q, plan.grasp
+                )
                 found.append(plan)
                 yield plan
                 break  # another pose next
@@ -285,7 +289,7 @@ class HandoverSearch:
 
     def _try(
         self,
-        lies: Pose,
+        object_pose: Pose,
         tool: Pose,
         grasp: Grasp,
         checkers: tuple[CollisionChecker, ...],
@@ -293,7 +297,7 @@ class HandoverSearch:
         """Plan for a pose and a grasp, or None; and whether the giver is the reason."""
         here, back, there, giver, taker = checkers
         arm = self._arm
-        seen = tool.inverse @ lies @ grasp.tool
+        seen = tool.inverse @ object_pose @ grasp.tool
         try:
             q = self._both.solve(
                 (
@@ -315,7 +319,7 @@ class HandoverSearch:
         if not self._can_retreat(giver_q, back):
             self._note(f"the retreat of {self._giver}")
             return None, True
-        goal = lies @ grasp.tool
+        goal = object_pose @ grasp.tool
         out = goal @ Pose.from_rpy((0.0, 0.0, -self._standoff))
         try:
             rows = arm.line(out, goal)
@@ -348,7 +352,7 @@ class HandoverSearch:
         if contact is not None:
             self._note(f"{contact.first} at {contact.second}, at the standoff")
             return None, False
-        return HandoverPlan(0, lies, giver_q, rows[0], grasp), False
+        return HandoverPlan(0, object_pose, giver_q, rows[0], grasp), False
 
     def _presents(self, tool: Pose) -> bool:
         """Whether the giver reaches a pose of its tool, whatever the taker does.
@@ -429,12 +433,12 @@ class HandoverSearch:
             return cup_grasps(self._solid, cup, load)
         jaw = jaw_measures(description, friction)
         jaw = replace(jaw, palm=jaw.palm - _PALM_M)
-        lies = world.nominal[self._giver].tool_pose_at(self._giver_q) @ self._in_giver
+        object_pose = world.nominal[self._giver].tool_pose_at(self._giver_q) @ self._in_giver
         grasps: tuple[Grasp, ...] = ()
         for shares in (_SHARES, _FINE_SHARES):
             found = jaw_grasps(self._solid, jaw, load, jaw.friction, shares=shares)
             weak = [grasp for grasp in found if grasp.force <= most_force]
-            order = ranked(weak, lies, jaw, self._hand(), lambda _: 0.0)
+            order = ranked(weak, object_pose, jaw, self._hand(), lambda _: 0.0)
             grasps = tuple(one.grasp for one in order if one.clearance >= _ROOM_M)
             self._obstructed_at_goal = bool(grasps) and self._goal is not None
             if self._goal is not None:
@@ -476,19 +480,19 @@ class HandoverSearch:
             found.append(Obstacle(Box(half.copy()), pose))
         return found
 
-    def _best(self, lies: Pose, tool: Pose) -> Iterator[Grasp | None]:
+    def _best(self, object_pose: Pose, tool: Pose) -> Iterator[Grasp | None]:
         """Grasps that suit a pose of the object best: from the taker's side, facing the giver.
 
         Yields None for each that is found not to suit the goal.
         """
         if not self.grasps:
             return
-        toward = lies.position - self._kinematics[self._arm.name].bounding_ball[0]
+        toward = object_pose.position - self._kinematics[self._arm.name].bounding_ball[0]
         toward = toward / max(float(np.linalg.norm(toward)), 1e-9)
         giver_axis = tool.rotation_matrix[:, 2]
-        axes = np.array([lies.turn(one.tool.rotation_matrix[:, 2]) for one in self.grasps])
+        axes = np.array([object_pose.turn(one.tool.rotation_matrix[:, 2]) for one in self.grasps])
         margins = np.array([one.margin for one in self.grasps])
-        offsets = np.array([lies.turn(one.tool.position) for one in self.grasps])
+        offsets = np.array([object_pose.turn(one.tool.position) for one in self.grasps])
         cost = (
             1.0
             - axes @ toward
@@ -565,8 +569,8 @@ class HandoverSearch:
 
     def _stands(self, quaternion: Vector) -> bool:
         """Whether what rides on the object stands with an orientation of the giver's tool."""
-        lies = Pose(np.zeros(3), quaternion) @ Pose(np.zeros(3), self._in_giver.quaternion)
-        return stands_at(self._world, self._object, lies)
+        object_pose = Pose(np.zeros(3), quaternion) @ Pose(np.zeros(3), self._in_giver.quaternion)
+        return stands_at(self._world, self._object, object_pose)
 
     def _positions(self) -> list[tuple[float, Vector]]:
         """Positions of the object and their costs: within comfortable reach of both arms."""
@@ -646,7 +650,10 @@ class HandoverSearch:
 
 
 def _alike(one: HandoverPlan, other: HandoverPlan) -> bool:
-    return one.lies.distance(other.lies) < 0.05 and one.lies.angle(other.lies) < 0.3
+    return (
+        one.object_pose.distance(other.object_pose) < 0.05
+        and one.object_pose.angle(other.object_pose) < 0.3
+    )
 
 
 # Sensors of the load

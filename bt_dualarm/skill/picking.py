@@ -81,7 +81,7 @@ class Taking:
         self._ports = ports
         self._wanted = wanted
         self._metrics = metrics
-        self._seen = wanted.lies if seen else None
+        self._seen = wanted.object_pose if seen else None
         self._entered: GraspApproach | None = None  # whose straight part has begun
         self._motion: OverlappedMotion
 
@@ -414,8 +414,10 @@ class Taking:
         if name is None or why_not is not None:
             numbers = {"width_m": gripper.width, "expected_m": grasp.width}
             raise Failure("NOT_GRASPED", why_not or _NOT_IT, **numbers)
-        lies = gripper.between_the_pads(self._wanted.lies, approach.ranked.grasp.tool)
-        gripper.hold(name, lies, self._wanted.most_force, mass_declared=self._wanted.edges is None)
+        object_pose = gripper.between_the_pads(self._wanted.object_pose, approach.ranked.grasp.tool)
+        gripper.hold(
+            name, object_pose, self._wanted.most_force, mass_declared=self._wanted.edges is None
+        )
         return name
 
     def _force(self, needed: float) -> float:

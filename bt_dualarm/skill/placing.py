@@ -38,7 +38,7 @@ _FEELS_S: Final = 0.25  # time in addition to the closing time; a vacuum reaches
 
 
 def came_along(
-    arm: Arm, held: Attachment, width: float, lies: Pose
+    arm: Arm, held: Attachment, width: float, object_pose: Pose
 ) -> Generator[float, None, bool]:
     """Test with the gripper, clear of the released object, whether that sticks to it.
 
@@ -54,14 +54,14 @@ def came_along(
         arm: Arm whose gripper has released the object.
         held: Attachment before the release.
         width: Opening of the fingers when they held it, m.
-        lies: Pose in the world at which it was released.
+        object_pose: Pose in the world at which it was released.
 
     Returns:
         Whether something is in the gripper.
     """
     gripper = arm.gripper
     description = arm.gripper.description
-    if held.object not in arm.world.objects or not is_beyond(arm, held.object, lies):
+    if held.object not in arm.world.objects or not is_beyond(arm, held.object, object_pose):
         return False
     if description.fingers:
         goal = max(width - _NARROWER_M, 0.0)
@@ -265,10 +265,10 @@ class SettingDown:
             if isinstance(failure, Failure) and failure.code == "SLIPPED":
                 yield from grip.judge(failure)
             raise
-        lies = self._touched @ self._in_tool
-        self._metrics["believed_error_m"] = lies.distance(goal)
-        yield from self._release(grip.width, lies)
-        return lies
+        object_pose = self._touched @ self._in_tool
+        self._metrics["believed_error_m"] = object_pose.distance(goal)
+        yield from self._release(grip.width, object_pose)
+        return object_pose
 
     def stays_at(self, goal: Pose, within_m: float | None = None) -> Iterator[float]:
         """Wait until the released object rests, and check its true pose, as a referee.
@@ -647,7 +647,7 @@ class SettingDown:
         """Height above a pose at which the tool made contact, from the encoders, m."""
         return float(self._touched.position[2] - tool.position[2])
 
-    def _release(self, width: float, lies: Pose) -> Iterator[float | None]:
+    def _release(self, width: float, object_pose: Pose) -> Iterator[float | None]:
         """Open, retreat, and check that the object did not come along.
 
         The retreat begins as soon as there is `_APART_M` on each side of the object. An object that
@@ -655,7 +655,7 @@ class SettingDown:
 
         Args:
             width: Opening of the fingers when they held it, m.
-            lies: Pose of the object in the world at the release.
+            object_pose: Pose of the object in the world at the release.
 
         Raises:
             Failure: ``NOT_OPEN``; ``NOT_PLACED`` if it sticks to the gripper; as motions.
@@ -679,7 +679,7 @@ class SettingDown:
 
         self._test: Generator[float, None, bool] | None = None
         self._sticks: bool | None = None
-        yield from move.along(planned, partial(self._retreat, width, lies))
+        yield from move.along(planned, partial(self._retreat, width, object_pose))
         while self._test is not None and self._sticks is None:
             yield 1.0
             self._continue_test(width)
@@ -687,7 +687,7 @@ class SettingDown:
             self._refuse_sticking()
 
     def _retreat(
-        self, width: float, lies: Pose, motion: Trajectory, wait_s: float
+        self, width: float, object_pose: Pose, motion: Trajectory, wait_s: float
     ) -> Iterator[float | None]:
         """Execute the retreat: compliant at first, as the tool may still be in contact."""
         arm = self._arm
@@ -705,15 +705,15 @@ class SettingDown:
             if not in_contact:
                 watch.look(arm.time)
                 arm.refuse_when_held_up(running, wait_s)
-                if self._test is None and self._is_beyond(lies):
-                    self._test = came_along(arm, self._held, width, lies)
+                if self._test is None and self._is_beyond(object_pose):
+                    self._test = came_along(arm, self._held, width, object_pose)
             self._continue_test(width)
         yield from arm.settle()
         if self._test is None:
-            self._test = came_along(arm, self._held, width, lies)
+            self._test = came_along(arm, self._held, width, object_pose)
 
-    def _is_beyond(self, lies: Pose) -> bool:
-        return self._left.is_there and is_beyond(self._arm, self._name, lies)
+    def _is_beyond(self, object_pose: Pose) -> bool:
+        return self._left.is_there and is_beyond(self._arm, self._name, object_pose)
 
     def _continue_test(self, width: float) -> None:
         """Continue the test whether the object stuck to the gripper; open again at its end."""

@@ -113,33 +113,33 @@ class _Resolver:
     def _next_to(self, of: PoseOf | None, wanted: RelativePose) -> Pose:
         """Pose above, on or beside an object."""
         name = wanted.reference
-        lies = self._object(name)
+        object_pose = self._object(name)
         turn = Pose(np.zeros(3), wanted.local.quaternion)
         what, solid, current = self._moved(of)
         orientation = turn if wanted.is_oriented else current
         reference = self._solid(name)
         along = wanted.direction
-        distance = self._surface(lies, wanted) + wanted.by
+        distance = self._surface(object_pose, wanted) + wanted.by
         if solid is not None:
             distance += solid.reach(orientation.inverse.turn(-along))
-        position = lies.position + distance * along + np.array(wanted.xyz)
+        position = object_pose.position + distance * along + np.array(wanted.xyz)
         if wanted.beside is not None and what != "tool" and solid is not None:
             # The two bottoms are at the same height.
             down = np.array((0.0, 0.0, -1.0))
             position[2] += solid.reach(orientation.inverse.turn(down))
-            position[2] -= reference.reach(lies.inverse.turn(down))
+            position[2] -= reference.reach(object_pose.inverse.turn(down))
         return Pose(position, turn.quaternion)
 
-    def _surface(self, lies: Pose, wanted: RelativePose) -> float:
+    def _surface(self, object_pose: Pose, wanted: RelativePose) -> float:
         """Distance of the object's surface from its origin, along the direction, m.
 
         In something hollow, an object stands on the inner floor, not at the height of the rim.
         """
         body = self._body(wanted.reference)
-        along = lies.inverse.turn(wanted.direction)
+        along = object_pose.inverse.turn(wanted.direction)
         if wanted.on is not None and not body.is_simple:
-            place = lies.position + np.array((*wanted.xyz[:2], 0.0))
-            start = lies.inverse.apply(place + _FARTHEST_M * wanted.direction)
+            place = object_pose.position + np.array((*wanted.xyz[:2], 0.0))
+            start = object_pose.inverse.apply(place + _FARTHEST_M * wanted.direction)
             length = body.ray(start, -along)
             if np.isfinite(length):
                 return _FARTHEST_M - length

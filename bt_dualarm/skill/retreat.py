@@ -18,9 +18,9 @@ from bt_dualarm.trajectory.trajectory import Trajectory
 _BESIDE_M: Final = 0.005  # clearance of fingertips or lip from the placed object
 
 
-def is_beyond(arm: Arm, name: str, lies: Pose) -> bool:
+def is_beyond(arm: Arm, name: str, object_pose: Pose) -> bool:
     """Whether an object at a pose in the world reaches neither between the pads nor to the cup."""
-    return _distance_beyond(arm, name, arm.tool_pose.inverse @ lies) > _BESIDE_M
+    return _distance_beyond(arm, name, arm.tool_pose.inverse @ object_pose) > _BESIDE_M
 
 
 def _distance_beyond(arm: Arm, name: str, in_tool: Pose) -> float:
