@@ -138,14 +138,13 @@ class Grasp(Skill):
             raise Failure(
                 "INVALID_TARGET", f"{gripper.description.name} has no fingers to `open_to`"
             )
+        then_at = self.ports.then_at
         wanted = replace(
             wanted,
             point=None if self.ports.point is None else np.array(self.ports.point),
             opening=self.ports.open_to,
             onward=None if name is None else self._onward(name),
-            goal=None
-            if self.ports.then_at is None
-            else self.ports.then_at.pose_from(wanted.object_pose),
+            goal=None if then_at is None else then_at.pose_from(wanted.object_pose),
         )
         refuse_too_frail(self.arm, wanted.label, self.ports.most_force)
         try:

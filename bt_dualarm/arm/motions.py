@@ -437,14 +437,13 @@ class ArmMotions(ArmState):
         waited_s = self.time - motion.held_since
         if waited_s <= wait_s and not stays:
             return
-        failure = BlockedFailure(
+        raise BlockedFailure(
             "TIMED_OUT",
             f"blocked: {motion.held_up}",
+            stays=stays,
             progress=motion.progress,
             waited_s=waited_s,
         )
-        failure.stays = stays
-        raise failure
 
     def refuse_deadlock(self) -> bool:
         """Refuse to wait for arms that are waiting for this one.

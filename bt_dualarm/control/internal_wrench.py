@@ -121,14 +121,14 @@ def without_load(
     """
     to_middle = np.zeros((len(points), 6, 6))
     to_middle[:, range(6), range(6)] = 1.0
-    arms = points - points.mean(axis=0)
-    x, y, z = arms.T
+    levers = points - points.mean(axis=0)
+    x, y, z = levers.T
     to_middle[:, (3, 4, 5), (1, 2, 0)] = np.column_stack((-z, -x, -y))
     to_middle[:, (4, 5, 3), (0, 1, 2)] = np.column_stack((z, x, y))
     spread = doubts @ to_middle.transpose(0, 2, 1)
     total = (to_middle @ wrenches[:, :, None]).sum(axis=0)
-    lever = float(np.linalg.norm(arms, axis=1).max())
-    support = np.diag(np.square(support_n * np.array((1.0, 1.0, 1.0, lever, lever, lever))))
+    longest = float(np.linalg.norm(levers, axis=1).max())
+    support = np.diag(np.square(support_n * np.array((1.0, 1.0, 1.0, longest, longest, longest))))
     solved = np.linalg.solve((to_middle @ spread).sum(axis=0) + support, total)
     left: Matrix = wrenches - (spread @ solved)[:, :, 0]
     return left

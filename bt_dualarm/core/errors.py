@@ -229,8 +229,13 @@ class BlockedFailure(Failure):
     The code is ``IN_COLLISION``, ``TIMED_OUT`` if the arm has waited for the obstacle to leave, or
     ``DEADLOCK`` if the obstacle is an arm that waits for this one.
 
-    Attributes:
+    Args:
+        code: As of `Failure`.
+        reason: As of `Failure`.
         stays: Whether the obstacle is an arm whose tree has ended, which is going to stay there.
+        numbers: As of `Failure`.
     """
 
-    stays = False
+    def __init__(self, code: str, reason: str, *, stays: bool = False, **numbers: Number) -> None:
+        super().__init__(code, reason, **numbers)
+        self.stays = stays

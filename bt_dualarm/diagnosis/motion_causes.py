@@ -220,7 +220,7 @@ def _in_the_way(e: Evidence) -> Iterator[Cause]:
         yield e.cause("SELF_COLLISION", sentence)
         return
     other = second.partition("/")[0]
-    holders = [arm for arm in e.record.arms if other in e.scene(e.ended).held(arm)]
+    holders = e.scene(e.ended).holders(other)
     if other in e.record.arms or holders:
         cause = other_arm(e, (holders or [other])[0])
         more = f"; {first} would touch {other}, which it holds" if holders else ""
@@ -426,7 +426,7 @@ def _waited_for(e: Evidence) -> Cause | None:
         return None
     for body in e.scene(e.ended).near(wanted[1], _AT_TARGET_M):
         owner = body.partition("/")[0]
-        holders = [arm for arm in e.record.arms if owner in e.scene(e.ended).held(arm)]
+        holders = e.scene(e.ended).holders(owner)
         other = (holders or [owner])[0]
         if other in e.record.arms and other != e.arm:
             cause = other_arm(e, other)

@@ -16,6 +16,7 @@ from bt_dualarm.replay.record import Facts
 from bt_dualarm.replay.timeline import CameraSight, Change, TimelineNode, held_over_time
 from bt_dualarm.robots.gripper import load_gripper
 from bt_dualarm.spec.document import ObjectSpec
+from bt_dualarm.spec.relative_pose import RELATIONS
 from bt_dualarm.spec.values import Color
 from bt_dualarm.spec.yaml_reader import with_tuples
 
@@ -99,11 +100,8 @@ _LOST_CODES: Final = frozenset(
 """Failure codes that an object which was removed from the world may cause."""
 
 
-_FRAMES: Final = ("above", "on", "beside", "in_frame")
-"""Keys of a relative pose that name an object."""
-
 _MISPLACED_M: Final = 0.01
-"""Motion in m of such an object that makes a pose relative to it useless."""
+"""Motion in m of an object that makes a pose relative to it useless."""
 
 _MISPLACED_CODES: Final = frozenset(
     {"UNREACHABLE", "OUT_OF_REACH", "SINGULAR", "PATH_BROKEN", "IN_COLLISION", "NO_PLAN"}
@@ -192,7 +190,7 @@ def _references(value: object) -> Iterator[str]:
     """Names of objects to which poses in a port are relative."""
     if isinstance(value, Mapping):
         for key, part in value.items():
-            if key in _FRAMES and isinstance(part, str):
+            if key in RELATIONS and isinstance(part, str):
                 yield part.partition(".")[0]
             yield from _references(part)
     elif isinstance(value, list):
@@ -289,11 +287,7 @@ def _fell_before(e: Evidence, name: str) -> Iterator[Cause]:
 
 def _is_held(e: Evidence, name: str, time: float) -> bool:
     """Whether an arm held an object at a time, by a weld or with its gripper."""
-    for arm in e.record.arms:
-        held = [names for began, names in held_over_time(e.record, arm) if began <= time]
-        if (held and name in held[-1]) or name in e.scene(time).held(arm):
-            return True
-    return False
+    return bool(e.scene(time).holders(name))
 
 
 def _carried_meanwhile(e: Evidence, name: str) -> Iterator[Cause]:
@@ -338,7 +332,7 @@ def not_attached(e: Evidence, name: str) -> Cause:
         taker = "grasp" if e.code == "NOT_HELD" else "approach_and_attach"
         of = f", then_to: {e.ports['to']}" if e.leaf.kind == "operate" else ""
         return e.cause("NEVER_ATTACHED", sentence, f"{taker}: {{object: {name}{of}}} before")
-    holders = [arm for arm in e.record.arms if name in e.scene(e.ended).held(arm)]
+    holders = e.scene(e.ended).holders(name)
     who = f"; {holders[0]} holds it" if holders else ""
     return e.cause("LOST_HOLD", f"{e.arm} no longer held {name}{who}")
 

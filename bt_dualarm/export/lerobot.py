@@ -296,9 +296,9 @@ def differences(features: Facts, others: Facts) -> list[str]:
         elif ours.get("names") != theirs.get("names"):
             lacks = [one for one in theirs["names"] or () if one not in (ours["names"] or ())]
             more = [one for one in ours["names"] or () if one not in (theirs["names"] or ())]
-            differences = [f"lacks {_listed(lacks)}"] if lacks else []
-            differences += [f"has {_listed(more)} besides"] if more else []
-            found.append(f"its {name} {' and '.join(differences) or 'has a different order'}")
+            parts = [f"lacks {_listed(lacks)}"] if lacks else []
+            parts += [f"has {_listed(more)} besides"] if more else []
+            found.append(f"its {name} {' and '.join(parts) or 'has a different order'}")
         elif (ours["dtype"], ours["shape"]) != (theirs["dtype"], theirs["shape"]):
             found.append(
                 f"its {name} is {ours['dtype']} of shape {ours['shape']}, "
@@ -478,8 +478,8 @@ class DatasetWriter:
         row |= {f"data/{name}": at for name, at in self._add_frames(columns).items()}
         statistics = {name: _statistics(values) for name, values in columns.items()}
         for key, view in episode.views.items():
-            columns, statistics[key] = self._add_film(key, view)
-            row |= {f"videos/{key}/{name}": value for name, value in columns.items()}
+            location, statistics[key] = self._add_film(key, view)
+            row |= {f"videos/{key}/{name}": value for name, value in location.items()}
             self._pixels.setdefault(key, []).append(statistics[key])
         for feature, found in statistics.items():
             row |= {f"stats/{feature}/{name}": value for name, value in found.items()}

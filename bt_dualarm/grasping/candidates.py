@@ -35,9 +35,6 @@ from bt_dualarm.grasping.grasp import (
 CLEAR = 0.002
 """Clearance of the palm and of open pads from the object, m."""
 
-_APPROACHES = 8
-"""Number of directions of approach around an antipodal pair, in a whole turn."""
-
 _EACH = 32
 """Largest number of grasps per antipodal pair: eight approaches at four depths."""
 
@@ -130,7 +127,9 @@ def jaw_grasps(
         else _pairs(solid, down, np.random.default_rng(seed), shares, point)
     )
     if between:
-        pairs = (_turned(pair, math.pi / _APPROACHES) for pair in pairs)
+        from bt_dualarm.grasping.grasp_kernels import APPROACHES
+
+        pairs = (_turned(pair, math.pi / APPROACHES) for pair in pairs)
     lines = np.array([
         np.concatenate((pair.center, pair.axis, pair.around)) for pair in pairs
     ]).reshape(-1, 9)  # fmt: skip

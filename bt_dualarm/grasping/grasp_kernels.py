@@ -40,7 +40,7 @@ _HIT: Final = 2e-5
 _SLOPE: Final = 1e-5
 """Step of the central differences of normals, m."""
 
-_ROLLS: Final = 8
+APPROACHES: Final = 8
 """Number of directions of approach around a grasp axis, in a whole turn."""
 
 _HIGHER: Final = (0.0, 0.004, 0.008, 0.016)
@@ -339,8 +339,8 @@ def close_along(
     count = 0
     for row in pairs:
         other = cross(row[3:6], row[6:9])
-        for roll in range(_ROLLS):
-            angle = roll * 2.0 * math.pi / _ROLLS
+        for roll in range(APPROACHES):
+            angle = roll * 2.0 * math.pi / APPROACHES
             approach = math.cos(angle) * row[6:9] + math.sin(angle) * other
             # Depth of the object behind the pair: the palm stays clear of it.
             behind = reach(kind, numbers, -approach) + dot(row, approach)

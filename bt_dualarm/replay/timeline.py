@@ -305,6 +305,10 @@ class Scene:
                 names += [name for name in pair if "/" not in name and name not in names]
         return names
 
+    def holders(self, name: str) -> list[str]:
+        """Arms that hold an object, in the order of the file."""
+        return [arm for arm in self._record.arms if name in self.held(arm)]
+
     def beside(self, name: str, within: float) -> list[tuple[str, float]]:
         """Other objects within a distance in m of one, with their distances in m, nearest first."""
         others = [other for other in self._record.start["objects"] if self.has(other)]

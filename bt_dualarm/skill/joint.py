@@ -202,7 +202,8 @@ def into_held(arm: Arm, obj: str | None) -> Iterator[None]:
         obj: Name of the object; None for none. Of an object in no other hand nothing changes.
     """
     with ExitStack() as shared:
-        for holder in () if obj is None else arm.world.attachments.holders(obj):
-            if obj is not None and holder != arm.name:
-                shared.enter_context(shared_grasp(arm, holder, obj, HANDS_APART_M))
+        if obj is not None:
+            for holder in arm.world.attachments.holders(obj):
+                if holder != arm.name:
+                    shared.enter_context(shared_grasp(arm, holder, obj, HANDS_APART_M))
         yield
