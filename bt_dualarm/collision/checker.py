@@ -90,6 +90,35 @@ def _sensed_pose(world: World, obj: str) -> Pose:
     return Pose(pose[:3].copy(), pose[3:].copy())
 
 
+class Violation(NamedTuple):
+    """Two geoms that are closer than allowed.
+
+    Attributes:
+        geoms: Their indices.
+        distance: Their distance, m; negative for penetration.
+        excess: What the distance lacks, m.
+    """
+
+    geoms: tuple[int, int]
+    distance: float
+    excess: float
+
+
+class BoxPairs(NamedTuple):
+    """Pairs of boxes of which contacts do not tell the distance, see `ScratchModel.apart`.
+
+    Attributes:
+        first: Index of the first geom of each pair, of shape (n,).
+        second: Index of the second one.
+        reach_squared: Square of the distance of their centers beyond which they keep their minimum
+            distance for certain, of shape (n,), m².
+    """
+
+    first: npt.NDArray[np.int64]
+    second: npt.NDArray[np.int64]
+    reach_squared: Vector
+
+
 class _State(TypedDict):
     """Pickled state of a scratch model."""
 
@@ -132,12 +161,30 @@ class ScratchModel:
         self._carried = (*carried, *(one for one in held if one.address not in addresses))
         self._begin()
 
-    def worst_contact(self, least: Matrix) -> int | None:
-        """Index of the contact that violates its minimum distance most; None if none does.
+    def worst_violation(self, least: Matrix, boxes: BoxPairs) -> Violation | None:
+        """Pair of geoms that violates its minimum distance most; None if none does.
 
         Args:
             least: Minimum distances of all pairs of geoms, of shape (ngeom, ngeom), m.
+            boxes: Pairs of boxes that `box_pairs` found, measured whether or not MuJoCo reports a
+                contact.
         """
+        worst = self._worst_contact(least)
+        if not len(boxes.first):
+            return worst
+        between = self._centers.take(boxes.first, 0) - self._centers.take(boxes.second, 0)
+        near = np.einsum("ij,ij->i", between, between) < boxes.reach_squared
+        if np.count_nonzero(near):
+            for index in np.flatnonzero(near).tolist():
+                pair = int(boxes.first[index]), int(boxes.second[index])
+                kept = float(least[pair])
+                distance = self.apart(*pair, kept)
+                if distance < kept and (worst is None or kept - distance > worst.excess):
+                    worst = Violation(pair, distance, kept - distance)
+        return worst
+
+    def _worst_contact(self, least: Matrix) -> Violation | None:
+        """Contact that violates its minimum distance most, as `worst_violation`."""
         if self.data.ncon == 0:
             return None
         found = self.data.contact
@@ -147,14 +194,31 @@ class ScratchModel:
         worst = int(excess.argmax())
         while excess[worst] > 0.0:
             pair = int(first[worst]), int(second[worst])
-            if found.dist[worst] <= 0.0 or not self.boxes[list(pair)].all():
-                return worst
+            distance = float(found.dist[worst])
             most = float(least[pair])
-            if self.apart(*pair, most) < most:
-                return worst
+            if distance > 0.0 and self.boxes[list(pair)].all():
+                distance = self.apart(*pair, most)
+            if distance < most:
+                return Violation(pair, distance, most - distance)
             excess[worst] = 0.0
             worst = int(excess.argmax())
         return None
+
+    def box_pairs(self, least: Matrix, moving: Marks) -> BoxPairs:
+        """Pairs of boxes that have to keep a distance from each other, of which one moves.
+
+        Args:
+            least: Minimum distances of all pairs of geoms, of shape (ngeom, ngeom), m.
+            moving: Geoms that move.
+        """
+        boxes = self.boxes & self.solid
+        bodies = self.model.geom_bodyid
+        wanted = (least > 0.0) & boxes[:, None] & boxes & (moving[:, None] | moving)
+        wanted &= bodies[:, None] != bodies
+        first, second = np.nonzero(np.triu(wanted))
+        bounds = self.model.geom_rbound
+        reach = bounds[first] + bounds[second] + least[first, second]
+        return BoxPairs(first, second, reach**2)
 
     def apart(self, first: int, second: int, most: float) -> float:
         """Distance of two geoms, at most ``most``, m.
@@ -245,7 +309,8 @@ class ScratchModel:
         """Set the initial positions."""
         data = self.data
         data.qpos[:] = self._positions
-        # Poses of held objects and their links as views: looking up a field costs more.
+        # Fields of the state as views: looking one up costs more.
+        self._centers = data.geom_xpos
         self._views = [
             (
                 data.qpos[held.address : held.address + 3],
@@ -398,6 +463,7 @@ class CollisionChecker:
         self.least = rules.least.copy()
         self._tool = rules.tool
         self._gripping = rules.gripping
+        self._boxes = rules.boxes
         self.let_stand(self.present)
 
     @property
@@ -523,19 +589,18 @@ class CollisionChecker:
 
     def contact(self, q: Vector) -> Contact | None:
         """Deepest contact that the arm would have at ``q``, of shape (dof,), rad; None if free."""
-        worst = self._deepest(q)
+        worst = self._worst_at(q)
         if worst is None:
             return None
-        found = self.data.contact
-        first, second = sorted(found.geom[worst].tolist(), key=lambda geom: not self.moving[geom])
+        first, second = sorted(worst.geoms, key=lambda geom: not self.moving[geom])
         names = name_of_geom(self.model, first), name_of_geom(self.model, second)
         if self.moving[second] and "/" not in names[1]:  # name the held object first
             names = names[::-1]
-        return Contact(*names, float(-found.dist[worst]), tuple(np.asarray(q).tolist()))
+        return Contact(*names, -worst.distance, tuple(np.asarray(q).tolist()))
 
     def free(self, q: Vector) -> bool:
         """Whether the arm is free of collisions at ``q``, of shape (dof,), rad."""
-        return self._deepest(q) is None
+        return self._worst_at(q) is None
 
     def first_contact(self, rows: Matrix) -> tuple[int, Contact] | None:
         """Index and contact of the first configuration in contact, of rows (n, dof), rad."""
@@ -543,32 +608,6 @@ class CollisionChecker:
             contact = self.contact(q)
             if contact is not None:
                 return i, contact
-        return None
-
-    def close_boxes(self, q: Vector) -> Contact | None:
-        """Two boxes of different arms that are nearer than allowed though no contact reports them.
-
-        To be asked where hands come as near as `SharedGrasp` allows, see `ScratchModel.apart`.
-
-        Args:
-            q: Configuration of shape (dof,), rad.
-        """
-        scratch = self._scratch
-        self.place(q)
-        boxes = scratch.boxes & scratch.solid
-        wanted = (self.moving & boxes)[:, None] & (~self.moving & boxes) & (self.least > 0.0)
-        first, second = np.nonzero(wanted)
-        centers = self.data.geom_xpos
-        bounds = self.model.geom_rbound
-        most = self.least[first, second]
-        spare = np.linalg.norm(centers[first] - centers[second], axis=1)
-        spare -= bounds[first] + bounds[second] + most
-        for index in np.flatnonzero(spare < 0.0).tolist():
-            pair = int(first[index]), int(second[index])
-            distance = scratch.apart(*pair, float(most[index]))
-            if distance < most[index]:
-                one, other = (name_of_geom(self.model, geom) for geom in pair)
-                return Contact(one, other, -distance, tuple(np.asarray(q).tolist()))
         return None
 
     def keep_clear(self, distance: float, *, itself: bool = False) -> None:
@@ -621,10 +660,10 @@ class CollisionChecker:
         self._scratch.data.qpos[self._addresses] = q
         self._scratch.settle()
 
-    def _deepest(self, q: Vector) -> int | None:
-        """Index of the contact at ``q`` that violates its minimum distance most; None if free."""
+    def _worst_at(self, q: Vector) -> Violation | None:
+        """Pair that violates its minimum distance most at ``q``; None if the arm is free there."""
         self.place(q)
-        return self._scratch.worst_contact(self.least)
+        return self._scratch.worst_violation(self.least, self._boxes)
 
     def _allow(self, first: _Geoms, second: _Geoms, distance: float) -> None:
         """Let two geoms, or all of two sets, come as near as a distance in m."""
@@ -644,6 +683,7 @@ class _Rules:
         tool: Geoms of the tool.
         gripping: Geoms of the tool and of held objects.
         least: Minimum allowed distance of each pair of geoms, of shape (ngeom, ngeom), m.
+        boxes: Boxes of different arms that have to keep a distance.
     """
 
     fingers: list[int]
@@ -653,6 +693,7 @@ class _Rules:
     tool: Marks
     gripping: Marks
     least: Matrix
+    boxes: BoxPairs
 
 
 class _KnownRules:
@@ -770,6 +811,7 @@ def _new_rules(
         tool=tool,
         gripping=gripping,
         least=least,
+        boxes=scratch.box_pairs(least, moving),
     )
 
 

@@ -65,21 +65,21 @@ class GroupChecker:
             hand = scratch.marks(world.arms[arm].tool_geom_ids)
             least[hand[:, None] & hand] = -np.inf
         self._least = least
+        self._boxes = scratch.box_pairs(least, self.moving)
         self._open(world, parts, widths)
         self._let_stand(geoms)
 
     def contact(self, q: Vector) -> Contact | None:
         """Deepest contact at joint positions of all arms, side by side, rad; None if free."""
         self._place(q)
-        worst = self._scratch.worst_contact(self._least)
+        worst = self._scratch.worst_violation(self._least, self._boxes)
         if worst is None:
             return None
-        found = self._scratch.data.contact
-        pair = sorted(found.geom[worst].tolist(), key=lambda one: not self.moving[one])
+        pair = sorted(worst.geoms, key=lambda one: not self.moving[one])
         names = [name_of_geom(self._scratch.model, one) for one in pair]
         if self.moving[pair[1]] and "/" not in names[1]:  # name the held object first
             names.reverse()
-        return Contact(names[0], names[1], float(-found.dist[worst]))
+        return Contact(names[0], names[1], -worst.distance)
 
     def first_contact(self, rows: Matrix) -> tuple[int, Contact] | None:
         """Index and contact of the first configuration in contact, of rows (n, dof), rad."""

@@ -341,9 +341,8 @@ class HandoverSearch:
             return None, False
         there.move_other(body, giver_q)
         found = there.first_contact(rows)
-        near = there.close_boxes(rows[-1]) if found is None else found[1]
-        if near is not None:
-            self._note(f"{near.first} at {near.second}")
+        if found is not None:
+            self._note(f"{found[1].first} at {found[1].second}")
             return None, False
         # Each arm comes to its place while the other one may already be at its own.
         taker.move_other(body, giver_q)

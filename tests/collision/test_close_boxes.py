@@ -5,21 +5,26 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
-from bt_dualarm.collision.checker import CollisionChecker
+from bt_dualarm.collision.checker import CollisionChecker, Contact
+from bt_dualarm.collision.group import GroupChecker
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.sim.world import World
+from bt_dualarm.spec.document import ObjectSpec
+from bt_dualarm.spec.values import PoseSpec
 from tests.sim.worlds import arm, file_of
 
 MARGIN_M = 0.045
+BALL = PoseSpec(xyz=(0.0, 0.6, 0.02))
 
 
 def two_hands() -> World:
-    """Two arms whose hands can meet."""
+    """Two arms whose hands can meet, and a ball that either may hold."""
     first = arm("panda", gripper="robotiq_2f85")
     second = arm("panda", (0.9, 0.0, 0.4), 180.0, gripper="robotiq_2f85")
-    return World(file_of({"arm1": first, "arm2": second}))
+    ball = ObjectSpec(shape="sphere", size=(0.02,), mass=0.05, pose=BALL)
+    return World(file_of({"arm1": first, "arm2": second}, {"ball": ball}))
 
 
 def beside(world: World, count: int) -> list[Vector]:
@@ -41,29 +46,58 @@ def beside(world: World, count: int) -> list[Vector]:
     return found
 
 
+def nearest_boxes(model: mujoco.MjModel, data: mujoco.MjData, world: World) -> float:
+    """Smallest distance of two boxes of both arms, at most `MARGIN_M`, m, by brute force."""
+    boxes = np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_BOX)
+    first, second = (
+        [one for one in boxes if one in world.arms[name].geom_ids] for name in ("arm1", "arm2")
+    )
+    distances = [
+        float(mujoco.mj_geomDistance(model, data, one, other, MARGIN_M, None))
+        for one in first
+        for other in second
+    ]
+    return min(distances)
+
+
+def names_both_arms(contact: Contact) -> bool:
+    """Whether a contact is one between the arms."""
+    return {one.partition("/")[0] for one in (contact.first, contact.second)} == {"arm1", "arm2"}
+
+
 def test_close_boxes_are_found_where_no_contact_is_reported() -> None:
-    """All boxes nearer than the margin are found; contacts miss some of them."""
+    """Boxes nearer than the margin are never free; contacts miss some of them."""
     world = two_hands()
     checker = CollisionChecker(world, "arm1", MARGIN_M)
-    missed = 0
+    missed = apart = 0
     for q in beside(world, 60):
         contact = checker.contact(q)
-        close = checker.close_boxes(q)
-        model, data = checker.model, checker.data
-        boxes = np.flatnonzero(model.geom_type == mujoco.mjtGeom.mjGEOM_BOX)
-        hands = [
-            [one for one in boxes if one in world.arms[name].geom_ids] for name in ("arm1", "arm2")
-        ]
-        nearest = min(
-            mujoco.mj_geomDistance(model, data, one, other, MARGIN_M, None)
-            for one in hands[0]
-            for other in hands[1]
-        )
-        assert (close is not None) == (nearest < MARGIN_M)
-        if close is not None:
-            assert {close.first.partition("/")[0], close.second.partition("/")[0]} == {
-                "arm1",
-                "arm2",
-            }
-            missed += contact is None
+        nearest = nearest_boxes(checker.model, checker.data, world)
+        assert checker.free(q) == (contact is None)
+        if nearest >= MARGIN_M:
+            apart += contact is None
+            continue
+        assert contact is not None
+        assert -contact.depth <= nearest
+        assert names_both_arms(contact)
+        found = checker.data.contact
+        missed += not (found.dist < checker.least[found.geom[:, 0], found.geom[:, 1]]).any()
     assert missed > 0
+    assert apart > 0
+
+
+def test_arms_that_carry_together_keep_their_boxes_from_others() -> None:
+    """A group of arms keeps its margin from the hand of an arm outside it."""
+    world = two_hands()
+    grasp = {"arm1": Pose.from_rpy((0.0, 0.0, 0.0))}
+    group = GroupChecker(world, {"arm1": slice(0, 7)}, "ball", grasp, MARGIN_M, {"arm1": 0.04})
+    checker = CollisionChecker(world, "arm1")
+    checker.open_fingers(0.04)
+    near = 0
+    for q in beside(world, 60):
+        checker.place(q)
+        if nearest_boxes(checker.model, checker.data, world) < MARGIN_M:
+            near += 1
+            contact = group.contact(q)
+            assert contact is not None
+    assert near > 0
