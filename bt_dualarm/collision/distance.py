@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from types import ModuleType
+from typing import Final
 
 import mujoco
 import numpy as np
@@ -61,6 +62,9 @@ class Gap:
     def true_meters(self) -> float:
         """Distance between the two bodies; infinite beyond the horizon."""
         return self.meters - self.added
+
+
+_NO_GAP: Final = Gap()
 
 
 class ArmDistance:
@@ -147,13 +151,13 @@ class ArmDistance:
         for name, q in configurations.items():
             data.qpos[world.arms[name].qpos_ids] = q
         self._scratch.settle()
-        gaps = dict.fromkeys(horizons, Gap())
+        gaps = dict.fromkeys(horizons, _NO_GAP)
         if data.ncon:
             geoms = data.contact.geom
             distances = data.contact.dist
             if self._added is not None:
                 distances = distances + self._added[geoms[:, 0], geoms[:, 1]]
-            owners = self._owner[geoms].max(axis=1)
+            owners = np.maximum(self._owner[geoms[:, 0]], self._owner[geoms[:, 1]])
             for name in horizons:
                 gaps[name] = self._nearest(distances, owners == self._others.index(name))
         if len(self._boxes):
@@ -178,9 +182,11 @@ class ArmDistance:
 
         Contacts do not tell, see `ScratchModel.apart`.
         """
-        centers = self.data.geom_xpos[self._boxes]
-        least = np.linalg.norm(centers[:, 0] - centers[:, 1], axis=1) - self._box_reach
-        if least.min() >= max(horizons.values()):
+        first, second = self._boxes.T
+        centers = self.data.geom_xpos
+        between = centers.take(first, 0) - centers.take(second, 0)
+        least = np.sqrt(np.einsum("ij,ij->i", between, between)) - self._box_reach
+        if not np.count_nonzero(least < max(horizons.values())):
             return
         owners = self._owner[self._boxes[:, 1]]
         for name, horizon in horizons.items():
