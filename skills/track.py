@@ -194,7 +194,8 @@ class Track(Skill):
         while not tracking.locked:
             if self.time - began > self.ports.wait:
                 waited = self.time - began
-                raise Failure("NOT_SEEN", f"no target in {waited:.1f} s", waited_s=waited)
+                reason = f"no target in {waited:.1f} s{tracking.status.not_it}"
+                raise Failure("NOT_SEEN", reason, waited_s=waited)
             yield
 
     def _follow(self, tracking: PlaneTracking, score: TrackingScore) -> Iterator[float | None]:

@@ -686,6 +686,15 @@ def _of_target(e: Evidence, name: str) -> Iterator[Cause]:
         yield gone
         return
     since = e.began if last_seen is None else last_seen
+    looks = e.notes("look", since=since, until=e.ended)
+    if 2 * e.numbers.get("spanned_images", 0) > len(looks) > 0:
+        sentence = (
+            f"{name} reached from border to border of the image, which does not show where its "
+            "center is"
+        )
+        remedy = "a camera farther away or with a larger `fov`, or a smaller target"
+        yield e.cause("TOO_LARGE_IN_VIEW", sentence, remedy)
+        return
     sights = [
         (scene.time, sight)
         for scene in e.moments(since=since)

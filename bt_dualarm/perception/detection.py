@@ -154,6 +154,12 @@ class Detection:
             touches_border=touches_border,
         )
 
+    def spans(self, frame: Frame) -> bool:
+        """Whether it reaches from one border of the whole image to the opposite one."""
+        left, top, right, bottom = self.bounds_px
+        across = left <= 0 and right >= frame.width
+        return across or (top <= 0 and bottom >= frame.height)
+
     @property
     def plain(self) -> JsonList:
         """The measurements in JSON's types, for `Frame.answer`."""

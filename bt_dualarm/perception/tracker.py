@@ -55,6 +55,10 @@ _SAME_SIZE_LATE = (1.3, 1.12)  # much later, possibly from another direction
 _LATE_S = 1.0
 _SLACK_PX = 1.46  # allowed change of width or height, in addition to their uncertainty
 _PERSISTENCE = 4.0  # the shift of an occluded target persists for many frames, unlike noise
+_SPANS_IMAGE: Final = (
+    "it reaches from border to border of the image, which does not show where its center is; it is "
+    "too near or too large"
+)
 _FULL = 0.97  # at this fraction of the target's fill ratio, an outline is as simple as its own
 # Time for which whole views of another size mean another depth: of a size that is unlike that of a
 # covered part, which loses either width or height, and otherwise.
@@ -650,6 +654,8 @@ class TargetTracker:
         detection: Detection in the last frame, if any.
         frames: Number of frames so far.
         lost_count: Number of losses so far.
+        spanned_images: Number of frames in which an object of its color reached from one border of
+            the image to the opposite one.
         last_stamp: Stamp of the last sighting of the locked target, s; -inf before the first.
         lost_since: Stamp of the last sighting before the current loss, s; None if not lost.
         sightings: Sightings so far.
@@ -672,6 +678,7 @@ class TargetTracker:
         self.detection: Detection | None = None
         self.frames = 0
         self.lost_count = 0
+        self.spanned_images = 0
         self.last_stamp = -math.inf
         self.lost_since: float | None = None
         self.sightings = Sightings()
@@ -685,6 +692,7 @@ class TargetTracker:
         self.distractors = Distractors()
         self._settings = settings or TrackerSettings()
         self._hunting = True
+        self._spans_image = False
         self._cut_off_since: float | None = None
         self._in_row = 0
         self._extent_px = 0.0
@@ -705,6 +713,11 @@ class TargetTracker:
     def age(self, time: float) -> float:
         """Seconds since the last exposure that showed the locked target; inf before the first."""
         return time - self.last_stamp
+
+    @property
+    def refused(self) -> str:
+        """Why an object of its color in view is not the target; empty if there is none."""
+        return _SPANS_IMAGE if self._spans_image else self.distractors.reason
 
     @property
     def width(self) -> float | None:
@@ -768,6 +781,7 @@ class TargetTracker:
         self._focal_px = frame.focal_px
         self._noise_px = frame.noise_px
         chosen = self._choose(frame)
+        self.spanned_images += self._spans_image
         self.detection = None if chosen is None else chosen.detection
         if chosen is None:
             self._missed(frame.stamp)
@@ -895,7 +909,11 @@ class TargetTracker:
         """All detections of the color that can be localized."""
         settings = self._settings
         found = []
+        self._spans_image = False
         for detection in detect_all(frame, self._color, settings.min_area, settings.max_area):
+            if detection.spans(frame):
+                self._spans_image = True
+                continue
             try:
                 sighting = self._localizer.locate(detection, frame)
             except LocalizationError:

@@ -612,7 +612,7 @@ class PlaneTracking:
             has_moved=any(one.has_moved for one in self._rest_detectors),
             still_for=still if self.in_view else 0.0,
             unseen_for=self.unseen_for,
-            refused=self._tracker.distractors.reason,
+            refused=self._tracker.refused,
             obstacle=self._obstacle,
         )
 
@@ -888,11 +888,16 @@ class PlaneTracking:
         ``old_data_steps`` counts the control steps toward a target whose newest sighting was older
         than `STALE_S`, and whose position was uncertain by more than `FORESEEN_M`; ``foreseen_s``
         is the time for which a target out of view was followed by its prediction. ``beyond_s``,
-        only if above zero, is the time for which the target has been out of reach at the end.
+        only if above zero, is the time for which the target has been out of reach at the end;
+        ``spanned_images``, only if above zero, the number of images in which an object of its color
+        reached from border to border.
         """
-        beyond: dict[str, Number] = {"beyond_s": self.beyond_for} if self.beyond_for > 0.0 else {}
+        rare: dict[str, float] = {
+            "beyond_s": self.beyond_for,
+            "spanned_images": self._tracker.spanned_images,
+        }
         return {
-            **beyond,
+            **{name: number for name, number in rare.items() if number > 0},
             "frames": self._tracker.frames,
             "lost_count": self._tracker.lost_count,
             "refused_sightings": self._tracker.distractors.count,

@@ -62,7 +62,7 @@ class TrackingStatus(NamedTuple):
         has_moved: Whether it has moved.
         still_for: Time since it came to rest after a motion, s.
         unseen_for: Time without it, s.
-        refused: Why the last candidate was not accepted as the lost target, if any.
+        refused: Why an object of its color in view is not the target; empty if there is none.
         obstacle: What is in the way to a target not yet reached, if anything.
     """
 
@@ -76,6 +76,13 @@ class TrackingStatus(NamedTuple):
     unseen_for: float = 0.0
     refused: str = ""
     obstacle: Failure | None = None
+
+    @property
+    def not_it(self) -> str:
+        """Clause for a message: why an object of its color in view is not it; may be empty."""
+        if not self.refused:
+            return ""
+        return f"; an object of its color in view is not the target: {self.refused}"
 
 
 class TrackingEnd:
@@ -174,7 +181,7 @@ class TrackingEnd:
             raise Failure(
                 "NOT_SEEN",
                 "the target went out of view before it came within reach, and has not been "
-                f"seen for {self._waited:.1f} s",
+                f"seen for {self._waited:.1f} s{status.not_it}",
                 waited_s=self._waited,
             )
         if self._beyond > until.reach_timeout:
@@ -191,7 +198,7 @@ class TrackingEnd:
                 raise Failure(
                     "LOST",
                     f"of {self._apart:.1f} s since the target was last followed, it was out of "
-                    f"view for {self._unseen:.1f} s",
+                    f"view for {self._unseen:.1f} s{status.not_it}",
                     unseen_s=self._unseen,
                 )
             self._error.refuse_apart(self._apart, self._unseen)
@@ -205,7 +212,5 @@ def refuse_lost(status: TrackingStatus, lost_timeout: float) -> None:
     """
     unseen = status.unseen_for
     if unseen > lost_timeout:
-        reason = f"the target was last seen {unseen:.1f} s ago"
-        if status.refused:
-            reason += f"; an object of its color in view is not the target: {status.refused}"
+        reason = f"the target was last seen {unseen:.1f} s ago{status.not_it}"
         raise Failure("LOST", reason, unseen_s=unseen)

@@ -49,6 +49,39 @@ def test_only_the_exposed_region_counts() -> None:
     assert cut.touches_border
 
 
+@pytest.mark.parametrize("stride", [1, 3])
+@pytest.mark.parametrize(
+    ("bounds", "spans"),
+    [
+        ((0, 0, 200, 100), True),
+        ((0, 40, 200, 60), True),
+        ((80, 0, 120, 100), True),
+        ((0, 0, 120, 60), False),
+        ((80, 40, 200, 100), False),
+        ((6, 40, 192, 60), False),
+    ],
+)
+def test_what_reaches_opposite_borders_of_the_image_spans_it(
+    bounds: tuple[int, int, int, int], spans: bool, stride: int
+) -> None:
+    image = np.zeros((100, 200, 3), np.uint8)
+    left, top, right, bottom = bounds
+    image[top:bottom, left:right] = (255, 255, 0)
+    frame = Frame(1.5, image, Pose.identity(), 0.9, (0, 0, 200, 100), stride)
+    found = detect(frame, YELLOW)
+    assert found is not None
+    assert found.spans(frame) == spans
+
+
+def test_a_window_that_a_target_spans_is_not_the_image() -> None:
+    region = 140, 0, 160, 100
+    frame = painted(region)
+    found = detect(frame, YELLOW)
+    assert found is not None
+    assert found.touches_border
+    assert not found.spans(frame)
+
+
 def test_an_empty_region_has_no_detection() -> None:
     assert detect(painted((50, 50, 50, 60)), YELLOW) is None
 

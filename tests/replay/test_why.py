@@ -196,3 +196,13 @@ def test_a_target_that_never_came_within_reach_is_the_cause_and_not_the_time(
     [story] = stories(recorded(tmp_path, FAR_TARGET))
     assert story.causes[0].kind == "LEFT_REACH", story.causes
     assert "out of reach for 1." in story.causes[0].sentence
+
+
+def test_a_target_larger_than_the_image_is_the_cause(tmp_path: Path) -> None:
+    """Its color is right and its center within the view: `track` cannot tell where that is."""
+    board = FAR_TARGET.replace("0.05, 0.05, 0.05", "0.02, 0.9, 0.9")
+    assert board != FAR_TARGET
+    short = board.replace("reach: 0.1", "wait: 1.0")
+    [story] = stories(recorded(tmp_path, short))
+    assert story.causes[0].kind == "TOO_LARGE_IN_VIEW", story.causes
+    assert "cube reached from border to border" in story.causes[0].sentence

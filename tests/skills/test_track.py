@@ -688,6 +688,24 @@ def test_of_two_objects_the_one_of_the_right_size_is_tracked(stage: Stage) -> No
     assert leaf.metrics["similar_objects"] == 0
 
 
+@pytest.mark.parametrize(
+    ("width", "height", "seen"),
+    [(0.1, 0.1, True), (0.9, 0.9, False), (0.9, 0.1, False), (0.1, 0.9, False)],
+)
+def test_target_that_spans_the_image_is_not_followed(
+    width: float, height: float, seen: bool, stage: Stage
+) -> None:
+    """Its center is outside the image or not; the camera cannot tell, and the skill says so."""
+    board = CUBE | {"size": [0.02, width, height], "fixed": True, "pose": {"xyz": CENTER.tolist()}}
+    node: Tree = {"track": {"duration": 1.0, "wait": 1.0, "reach_timeout": 1.0}}
+    leaf = stage.run(scenario(cube=board).file(node)).leaf("track")
+    assert (leaf.status == "SUCCESS") == seen, leaf.reason
+    assert (leaf.metrics.get("spanned_images", 0) > 10) == (not seen)
+    if not seen:
+        assert leaf.code == "NOT_SEEN"
+        assert "from border to border of the image" in leaf.reason
+
+
 def test_twin_is_not_mistaken_for_the_lost_target(stage: Stage) -> None:
     """The cube vanishes at 2 s; the search sees the twin, 0.15 m aside."""
     node: Tree = {"track": TRACK["track"] | {"lost_timeout": 2.0}}
