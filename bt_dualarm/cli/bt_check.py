@@ -34,13 +34,18 @@ examples:
   bt-check my_tree.yaml --graph my_tree.mmd
 
 exit code:
-  0 no errors (possibly warnings)   1 a file has errors   2 invalid command line
+  0 no errors (possibly warnings)   1 a file has errors
+  2 invalid command line, or a file does not exist (the others are checked)
   154 a skill file could not be imported within 30 s
 """
 
 
 def main(argv: Sequence[str] | None) -> int:
-    """Check tree files; returns the exit code."""
+    """Check tree files; returns the exit code.
+
+    Raises:
+        NoSuchTree: Some files do not exist; all others are checked before.
+    """
     return _check(_command_line().parse_args(argv))
 
 
@@ -68,11 +73,19 @@ def _command_line() -> argparse.ArgumentParser:
 
 def _check(arguments: argparse.Namespace) -> int:
     from bt_dualarm.runtime.file_check import check as check_file
-    from bt_dualarm.runtime.options import find_tree
+    from bt_dualarm.runtime.options import NoSuchTree, find_tree
     from bt_dualarm.spec.problems import errors
 
     _refuse_graph(arguments)
-    paths = [find_tree(given) for given in arguments.files]
+    paths: list[Path] = []
+    missing: list[str] = []
+    for given in arguments.files:
+        try:
+            paths.append(find_tree(given))
+        except NoSuchTree as error:
+            missing.append(str(error))
+    if not paths:
+        raise NoSuchTree("\n".join(missing))
     kinds = imported_skills("bt-check", arguments.skills).kinds
     params = dict(arguments.param)
     checked = [check_file(path, kinds, params) for path in paths]
@@ -86,6 +99,8 @@ def _check(arguments: argparse.Namespace) -> int:
         print(json.dumps([problem.as_dict() for problem in problems], indent=2))
     else:
         _print(found)
+    if missing:
+        raise NoSuchTree("\n".join(missing))
     return FAILED if errors(problems) else SUCCEEDED
 
 

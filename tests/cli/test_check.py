@@ -63,6 +63,18 @@ def test_missing_file_is_code_2(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert "bt-check: error:" in capsys.readouterr().err
 
 
+def test_missing_files_keep_no_others_from_being_checked(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = [str(folder / f"{name}.yaml") for name in ("missing", "bad", "gone", "good")]
+    assert cli.check(files) == 2
+    shown = capsys.readouterr()
+    assert f"{files[1]}: 2 errors\n" in shown.out
+    assert f"{files[3]}: fine\n" in shown.out
+    assert f"{files[0]}: there is no such file" in shown.err
+    assert f"{files[2]}: there is no such file" in shown.err
+
+
 def test_shipped_tree_is_found_by_its_name(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.check(["circle"]) == 0
     assert capsys.readouterr().out.endswith("circle.yaml: fine\n")
