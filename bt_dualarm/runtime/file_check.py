@@ -132,6 +132,7 @@ class Names:
     Attributes:
         robots: Robots that could be read, by the arm's name.
         problems: Problems found by `look_up`.
+        warnings: Warnings found by `look_up`.
     """
 
     file: TreeFile
@@ -140,9 +141,10 @@ class Names:
     left_out: frozenset[DataPath] = frozenset()
     robots: dict[str, Robot] = field(default_factory=dict)
     problems: list[Problem] = field(default_factory=list)
+    warnings: list[Problem] = field(default_factory=list)
 
     def look_up(self) -> None:
-        """Find every name that does not exist."""
+        """Find every name that does not exist, and every gripper too heavy for its arm."""
         if not {("world",), ("world", "scene")} & self.left_out:
             self._scene()
         self._meshes()
@@ -156,6 +158,8 @@ class Names:
             if robot is not None:
                 robot = self._locked(("arms", name, "locked"), arm, robot, gripper)
                 self.robots[name] = robot if gripper is None else with_gripper(robot, gripper)
+                if gripper is not None and robot.payload is not None:
+                    self._weigh(("arms", name, "gripper"), gripper, robot.name, robot.payload)
                 self._arm(("arms", name), arm, robot)
                 self.problems += self._nodes(name, arm, robot)
             if ("arms", name, "gripper") not in self.left_out:
@@ -226,6 +230,14 @@ class Names:
         except CatalogError as error:
             self._add(path, f"{what} '{name}' cannot be used", str(error))
         return None
+
+    def _weigh(self, path: DataPath, gripper: Gripper, robot: str, payload: float) -> None:
+        """Warn of a gripper that leaves nothing of a robot's payload, in kg."""
+        if gripper.mass >= payload:
+            message = f"gripper '{gripper.name}' weighs {gripper.mass:.3g} kg"
+            hint = f"the payload of {robot}, the gripper included, is {payload:g} kg"
+            problem = self.source.problem(path, message, hint)
+            self.warnings.append(replace(problem, severity="warning"))
 
     def _arm(self, path: DataPath, arm: ArmSpec, robot: Robot) -> None:
         if arm.posture not in robot.postures:
@@ -607,6 +619,7 @@ def check(
         return Checked(None, in_order(wrong))
     robots = names.robots
     warnings = (
+        *names.warnings,
         *out_of_reach(file, robots, kinds),
         *overloads(file, robots, kinds),
         *missing_markers(file, kinds),

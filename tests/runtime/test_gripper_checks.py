@@ -98,3 +98,27 @@ def test_an_error_in_a_description_is_reported_at_its_own_line(tmp_path: Path) -
     assert any("gripper 'claw.yaml' cannot be used" in line for line in lines)
     assert any("claw.yaml:3:" in line and "a box has 3 sizes" in line for line in lines)
     assert any("claw.yaml:4:" in line and "the smaller value comes first" in line for line in lines)
+
+
+@pytest.mark.parametrize(("mass", "is_heavy"), [(2.5, False), (3.5, True)])
+def test_a_gripper_heavier_than_the_payload_is_a_warning(
+    mass: float, is_heavy: bool, tmp_path: Path
+) -> None:
+    (tmp_path / "block.yaml").write_text(
+        "title: Block\n"
+        "tool: {xyz: [0, 0, 0.1]}\n"
+        f"palm: {{mass: {mass}, shapes: [{{shape: sphere, size: [0.05], xyz: [0, 0, 0.05]}}]}}\n"
+        "cup: {radius: 0.020, depth: 0.008, seal: 0.9}\n"
+        "force: {value: [5, 60], source: my own cup}\n"
+        "payload: {value: 1, source: my own cup}\n",
+        encoding="utf-8",
+    )
+    text = (
+        "bt_dualarm: 1\nname: heavy\nworld: {scene: empty}\n"
+        "arms: {arm1: {robot: ur3, gripper: block.yaml, tree: go_home}}\n"
+    )
+    checked = check(text, KINDS, folder=tmp_path)
+    assert checked.file is not None, checked.problems
+    assert [(p.severity, p.place.line, p.message) for p in checked.problems] == (
+        [("warning", 4, "gripper 'block' weighs 3.5 kg")] if is_heavy else []
+    )
