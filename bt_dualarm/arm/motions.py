@@ -16,6 +16,7 @@ from bt_dualarm.arm.passengers import kept_upright, poured_out
 from bt_dualarm.arm.shared_arm import SharedArm
 from bt_dualarm.arm.state import ArmContacts, ArmState
 from bt_dualarm.collision.checker import TOUCH, CollisionChecker
+from bt_dualarm.collision.distance import PLANNING_MARGIN_M, RESTING_MARGIN_M
 from bt_dualarm.control.computed_torque import SOFTEST
 from bt_dualarm.control.dynamics import BANDWIDTH
 from bt_dualarm.control.tool_following import ToolFollowing
@@ -61,12 +62,6 @@ SETTLED_RAD = 5e-4
 PLANNING_S = 0.1
 """Simulated seconds that a search for a path takes, and the computation of a curve, independent of
 the computing time, so that runs repeat. To check a straight motion takes a few milliseconds."""
-
-PLANNING_MARGIN_M = 0.045
-"""Distance in meters that plans keep from other arms: more than the guard keeps."""
-
-RESTING_MARGIN_M = 0.034
-"""Distance in meters that plans keep from arms whose trees have ended: they do not move."""
 
 _STAYS_CLEAR_M = 0.003  # by which an arm sags at most, at rest
 

@@ -218,6 +218,12 @@ HANDS_APART_M = 0.03
 """Distance that hands keep from each other where they share no object, m: `guard.CLEAR_M`."""
 
 
+PLANNING_MARGIN_M = 0.045
+"""Distance that plans keep from other arms, m: more than the guard keeps."""
+
+RESTING_MARGIN_M = 0.034
+"""Distance that plans keep from arms whose trees have ended, m: these do not move."""
+
 PAYLOAD_APART_M = 0.002
 """Distance that a tool keeps from what another arm holds, m: planned motions keep no more from
 objects."""

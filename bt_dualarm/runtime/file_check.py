@@ -13,6 +13,7 @@ from pydantic import ValidationError
 
 from bt_dualarm.behaviors.language import LANGUAGE
 from bt_dualarm.behaviors.load import load
+from bt_dualarm.collision.distance import RESTING_MARGIN_M, ArmDistance
 from bt_dualarm.core.errors import (
     CatalogError,
     Failure,
@@ -612,13 +613,15 @@ def check(
         return Checked(None, loaded.wrong)
     names = Names(file, source, kinds, loaded.left_out)
     names.look_up()
-    wrong = [*errors(loaded.problems), *names.problems]
+    of_world: list[Problem] = []
     if build and not names.problems and not loaded.left_out:
-        wrong += _problems_of_the_world(file, source, loaded.name)
+        of_world = _problems_of_the_world(file, source, loaded.name)
+    wrong = [*errors(loaded.problems), *names.problems, *errors(of_world)]
     if wrong or loaded.file is None:
         return Checked(None, in_order(wrong))
     robots = names.robots
     warnings = (
+        *of_world,
         *names.warnings,
         *out_of_reach(file, robots, kinds),
         *overloads(file, robots, kinds),
@@ -657,7 +660,7 @@ def checked_faults(file: TreeFile, given: TreeInput) -> dict[str, FaultSpec]:
 
 
 def _problems_of_the_world(file: TreeFile, source: Source, name: str) -> list[Problem]:
-    """Problems of composing the world, and of overlapping objects in it."""
+    """Problems of composing the world, and of what is in contact or near each other in it."""
     try:
         world = World(file, file.world.seed)
     except RoomError as error:
@@ -672,11 +675,34 @@ def _problems_of_the_world(file: TreeFile, source: Source, name: str) -> list[Pr
     except (CatalogError, WorldError) as error:
         return [Problem(Location(name), str(error))]
     # A tool slightly inside an object is about to grasp it: only objects are pushed away.
-    return [
+    overlaps = [
         _overlap(file, source, error)
         for error in world.overlaps(SHALLOW_DEPTH)
         if error.depth > MAX_DEPTH or error.obj in file.objects
     ]
+    return [*overlaps, *_near_arms(world, source)]
+
+
+def _near_arms(world: World, source: Source) -> Iterator[Problem]:
+    """Yields a warning for each pair of arms that begin nearer to each other than plans allow."""
+    names = list(world.arms)
+    for i, name in enumerate(names):
+        horizons = dict.fromkeys(names[:i], RESTING_MARGIN_M)
+        for other, gap in ArmDistance(world, name).gaps({}, horizons).items() if horizons else ():
+            if 0.0 < gap.meters < RESTING_MARGIN_M:
+                message = f"{gap.first} begins {1e3 * gap.meters:.0f} mm from {gap.second}"
+                hint = (
+                    f"plans keep {1e3 * RESTING_MARGIN_M:.0f} mm from other arms: once {name} or "
+                    f"{other} has left this posture, it cannot return while the other one is there"
+                )
+                problem = source.problem(_placing(name, source), message, hint)
+                yield replace(problem, severity="warning")
+
+
+def _placing(arm: str, source: Source) -> DataPath:
+    """Path of the entry that places an arm: its base, or its robot without one."""
+    base = ("arms", arm, "base")
+    return base if source.get(base) is not None else ("arms", arm, "robot")
 
 
 def _overlap(file: TreeFile, source: Source, error: OverlapError) -> Problem:

@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 
 from bt_dualarm.arm.arm import Arm
-from bt_dualarm.arm.motions import PLANNING_MARGIN_M
 from bt_dualarm.collision.checker import CollisionChecker
+from bt_dualarm.collision.distance import PLANNING_MARGIN_M
 from bt_dualarm.collision.group import GroupChecker
 from bt_dualarm.control.internal_wrench import CarryingArm
 from bt_dualarm.core.errors import CollisionFailure, Failure

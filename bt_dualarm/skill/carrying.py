@@ -16,9 +16,9 @@ import numpy as np
 import scipy
 
 from bt_dualarm.arm.arm import Arm
-from bt_dualarm.arm.motions import PLANNING_MARGIN_M
 from bt_dualarm.arm.passengers import PassengerCheck
 from bt_dualarm.arm.payload import UNKNOWN_KG, PayloadCheck
+from bt_dualarm.collision.distance import PLANNING_MARGIN_M
 from bt_dualarm.collision.group import GroupChecker
 from bt_dualarm.control.internal_wrench import CarryingArm, InternalWrenchRegulator
 from bt_dualarm.core.errors import Failure, Number

@@ -24,10 +24,10 @@ from typing import Final
 import numpy as np
 
 from bt_dualarm.arm.arm import Arm
-from bt_dualarm.arm.motions import PLANNING_MARGIN_M
 from bt_dualarm.arm.passengers import stands_at
 from bt_dualarm.arm.payload import UNKNOWN_KG, cup_measures, jaw_measures
 from bt_dualarm.collision.checker import CollisionChecker
+from bt_dualarm.collision.distance import PLANNING_MARGIN_M
 from bt_dualarm.control.dynamics import ArmDynamics, refuse_overload
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose, Vector

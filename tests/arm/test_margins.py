@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from bt_dualarm.arm.arm import Arm
-from bt_dualarm.arm.motions import PLANNING_MARGIN_M
 from bt_dualarm.arm.traffic import Traffic
 from bt_dualarm.collision.checker import CollisionChecker
+from bt_dualarm.collision.distance import PLANNING_MARGIN_M
 from bt_dualarm.sim.world import World
 from tests.families import some
 from tests.sim.worlds import WIDE, arm, file_of

@@ -259,6 +259,34 @@ def test_all_mistakes_are_reported_at_once(tmp_path: Path, registry: Registry) -
     ]
 
 
+def test_warnings_of_the_world_hide_no_other_ones(tmp_path: Path, registry: Registry) -> None:
+    path = tmp_path / "task.yaml"
+    text = FILE.format(**{**GOOD, "tree": "{reach_to_pose: {to: {xyz: [5, 0, 0]}}}"})
+    path.write_text(text.replace("xyz: [0.4, 0, 0.1]", "xyz: [0.4, 0, 0.022]"))
+    checked = check(path, registry.kinds)
+    pushed, far = (problem.message for problem in checked.problems)
+    assert pushed == "object 'cube' would be 3 mm deep in floor"
+    assert "out of reach of arm1" in far
+    assert checked.file is not None
+
+
+@pytest.mark.parametrize(("y", "millimeters"), [(0.28, 20), (0.3, 25), (0.4, None)])
+def test_arms_that_begin_too_near_each_other_are_a_warning(
+    y: float, millimeters: int | None, registry: Registry
+) -> None:
+    """`go_home` would fail there once one of them had left, with a reason that is known before."""
+    text = (
+        "bt_dualarm: 1\nworld: {scene: empty}\narms:\n  a: {robot: ur5, tree: go_home}\n"
+        f"  b: {{robot: ur5, base: {{xyz: [0, {y}, 0]}}, tree: go_home}}\n"
+    )
+    found = [(p.severity, p.place.line, p.message) for p in check(text, registry.kinds).problems]
+    assert len(found) == (millimeters is not None)
+    if millimeters is not None:
+        severity, line, message = found[0]
+        assert (severity, line) == ("warning", 5)
+        assert f"begins {millimeters} mm from a/" in message
+
+
 def test_overlaps_are_reported_with_mistakes_in_trees(tmp_path: Path, registry: Registry) -> None:
     text = FILE.format(**{**GOOD, "tree": "circel"})
     other = "  ball: {shape: sphere, size: [0.05], mass: 0.1, pose: {xyz: [0.4, 0, 0.1]}}\n"
