@@ -267,7 +267,7 @@ def in_base_units(data: Data, validate: Callable[[Data], object], model: type[Ba
 
 def _has_quantity(data: Data) -> bool:
     if isinstance(data, str):
-        return QUANTITY.fullmatch(data.lower()) is not None
+        return QUANTITY.fullmatch(data) is not None
     if isinstance(data, (dict, list, tuple)):
         return any(map(_has_quantity, data.values() if isinstance(data, dict) else data))
     return False

@@ -53,28 +53,32 @@ from bt_dualarm.spec.yaml_reader import Data, DataPath, Json, Source
 
 _DIGITS: Final = r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?"
 
-QUANTITY: Final = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([a-z°%]+)\s*")
+QUANTITY: Final = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([a-zA-Z°%/²]+)\s*")
 """Text with a unit; groups: number, unit."""
 
 SECONDS: Final[Mapping[str, float]] = {"ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
 DEGREES: Final[Mapping[str, float]] = {"deg": 1.0, "°": 1.0, "rad": math.degrees(1.0)}
 _METERS: Final[Mapping[str, float]] = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 _KILOGRAMS: Final[Mapping[str, float]] = {"g": 1e-3, "kg": 1.0}
-_HERTZ: Final[Mapping[str, float]] = {"hz": 1.0, "khz": 1e3, "fps": 1.0}
-_NEWTONS: Final[Mapping[str, float]] = {"n": 1.0, "kn": 1e3}
-_KNOWN: Final = {
+_HERTZ: Final[Mapping[str, float]] = {"Hz": 1.0, "kHz": 1e3, "fps": 1.0}
+_NEWTONS: Final[Mapping[str, float]] = {"N": 1.0, "kN": 1e3}
+_KNOWN: Final[Mapping[str, tuple[str, Mapping[str, float]]]] = {
     "m": ("meters", _METERS),
     "s": ("seconds", SECONDS),
     "deg": ("degrees", DEGREES),
     "kg": ("kilograms", _KILOGRAMS),
     "Hz": ("Hz", _HERTZ),
     "N": ("newtons", _NEWTONS),
+    "m/s": ("m/s", {"m/s": 1.0}),
+    "m/s²": ("m/s²", {"m/s²": 1.0}),
     "px": ("pixels", {"px": 1.0}),
     "": ("as a share", {"%": 0.01}),
 }
 
 
-QUANTITY_PATTERN: Final = rf"^\s*{_DIGITS}\s*(mm|cm|m|ms|s|min|h|deg|°|rad|g|kg|Hz|kHz|N|kN|px)\s*$"
+_NAMES: Final = "|".join(name for unit, (_, units) in _KNOWN.items() if unit for name in units)
+
+QUANTITY_PATTERN: Final = rf"^\s*{_DIGITS}\s*({_NAMES})\s*$"
 """Regular expression of a number with one of the known units, for editors."""
 
 
@@ -89,21 +93,25 @@ def number_in(text: str, unit: str) -> float | None:
         The number, None if the text has no unit of this quantity.
     """
     _, others = _KNOWN.get(unit, ("", {}))
-    match = QUANTITY.fullmatch(text.lower())
+    match = QUANTITY.fullmatch(text)
     if match is None or match[2] not in others:
         return None
     return float(match[1]) * others[match[2]]
 
 
 def bare(text: str, unit: str) -> str:
-    """Returns a hint with the bare number of a text with a unit: ``in meters: 0.06``.
+    """Returns a hint for text in the place of a number: ``in meters: 0.06``.
 
-    It is empty if the text has no unit of this quantity. Arguments as `number_in`.
+    For text without a unit of this quantity the hint names the units. It is empty if the quantity
+    has none. Arguments as `number_in`.
     """
-    number = number_in(text, unit)
-    if number is None:
-        return ""
-    name, _ = _KNOWN[unit]
+    name, others = _KNOWN.get(unit, ("", {}))
+    match = QUANTITY.fullmatch(text)
+    # Upper and lower case are distinct in units, but their confusion is a frequent mistake.
+    factors = {other.lower(): factor for other, factor in others.items()}
+    if match is None or match[2].lower() not in factors:
+        return f"in {name}, or with a unit: {', '.join(others)}" if len(others) > 1 else ""
+    number = float(match[1]) * factors[match[2].lower()]
     words = f"in {name}" if unit else name
     return f"{words}: {number:.6g}"
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ import pytest
 from bt_dualarm.behaviors.language import LANGUAGE
 from bt_dualarm.behaviors.load import load
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.node_types import NodeType
+from bt_dualarm.spec.node_types import QUANTITY_PATTERN, NodeType
 from bt_dualarm.spec.reference import json_schema
 from bt_dualarm.spec.yaml_reader import read_text
 
@@ -31,6 +32,7 @@ arms:
         - reach_to_pose: {offset: {xyz: ["-3 cm", 0, "+2 cm"], rpy: ["-10 deg", 0, 0]}}
         - reach_to_pose: {offset: {xyz: [-3 cm, "{d}", "{d} - 1 cm"]}}
         - circle: {plane: yz, radius: 5 cm}
+        - follow_path: {points: [[0, 0], [0, 9]], tool_speed: 0.1 m/s}
         - log: 3 cm
         - set: {key: k, value: 3 cm}
         - log: "{k}"
@@ -57,11 +59,12 @@ def test_a_quantity_is_converted_to_the_unit_of_its_field(
     arm = file.arms["arm1"]
     assert arm.base.xyz == pytest.approx((0, 0, 0.4))
     assert arm.base.rpy == pytest.approx((0, 0, -28.6478898))
-    move, beside_keys, circle, log, written, _ = arm.tree.children
+    move, beside_keys, circle, path, log, written, _ = arm.tree.children
     assert move.ports["offset"]["xyz"] == pytest.approx([-0.03, 0, 0.02])
     assert move.ports["offset"]["rpy"] == [-10, 0, 0]
     assert beside_keys.ports["offset"]["xyz"] == pytest.approx([-0.03, 0.05, 0.04])
     assert circle.ports["radius"] == pytest.approx(0.05)
+    assert path.ports["tool_speed"] == pytest.approx(0.1)
     # Text remains text.
     assert log.ports["message"] == "3 cm"
     assert written.ports["value"] == "3 cm"
@@ -74,6 +77,8 @@ def test_a_quantity_is_converted_to_the_unit_of_its_field(
         ("radius: 5 kg", "radius: expected a number, not text '5 kg'"),
         ("radius: -5 cm", "radius: must be"),
         ("radius: 5 - cm", "radius: expected a number"),
+        ("radius: 5 CM", "in meters: 0.05"),
+        ("radius: 5 inch", "in meters, or with a unit: mm, cm, m"),
     ],
 )
 def test_another_quantity_or_a_number_out_of_range_is_an_error(
@@ -107,6 +112,22 @@ def test_a_scene_has_numbers_with_a_unit(tmp_path: Path, skills: Mapping[str, No
 def test_the_schema_for_editors_accepts_quantities(skills: Mapping[str, NodeType]) -> None:
     schema: Any = json_schema({**LANGUAGE, **skills})
     jsonschema.validate(read_text(TREE, "tree.yaml").data, schema)
+
+
+@pytest.mark.parametrize(
+    "value", ["50 mm", "50 MM", "5 Mm", " +5.cm ", "0.05 M", "0.05 m/s", "30 Hz", "5 deg"]
+)
+def test_the_schema_for_editors_agrees_about_units(
+    value: str, skills: Mapping[str, NodeType]
+) -> None:
+    """What the check accepts, an editor accepts; a unit in the wrong case is accepted by none."""
+    text = TREE.replace("radius: 5 cm", f'radius: "{value}"')
+    is_valid = load(text, skills).file is not None
+    schema: Any = json_schema({**LANGUAGE, **skills})
+    data = read_text(text, "tree.yaml").data
+    assert is_valid == (value.strip() in ("50 mm", "+5.cm"))
+    assert jsonschema.Draft202012Validator(schema).is_valid(data) or not is_valid
+    assert bool(re.search(QUANTITY_PATTERN, value)) != (value in ("50 MM", "5 Mm", "0.05 M"))
 
 
 PARAMETERS_TREE = """\
