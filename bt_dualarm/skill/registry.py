@@ -9,6 +9,7 @@ import inspect
 import os
 import re
 import sys
+import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -358,11 +359,20 @@ def _in_folder(folder: Path) -> Iterator[tuple[str, type[Skill] | Exception]]:
         try:
             skills = list(_skills_in(imported(file)))
         except BaseException as error:  # noqa: BLE001 - a file may raise anything
-            yield str(file), import_error(error, str(file))
+            origin = _raised_at(file, error)
+            yield origin, import_error(error, origin)
             continue
         if not skills:
             yield str(file), TypeError("has no subclass of Skill")
         yield from ((str(file), skill) for skill in skills)
+
+
+def _raised_at(file: Path, error: BaseException) -> str:
+    """Returns a file and its line that raised an error, if one did."""
+    # A loader makes the path of a file absolute.
+    path = str(Path.cwd() / file)
+    lines = [at.lineno for at in traceback.extract_tb(error.__traceback__) if at.filename == path]
+    return f"{file}:{lines[-1]}" if lines else str(file)
 
 
 def _files_in(folder: Path) -> list[Path]:

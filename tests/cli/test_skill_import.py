@@ -108,4 +108,4 @@ def test_skill_file_that_would_end_the_program_is_an_import_error(
     file.write_text(line + "\n", encoding="utf-8")
     assert cli.check(["circle", "--skills", str(tmp_path)]) == 2
     err = capsys.readouterr().err
-    assert err == f"bt-check: error: {file}: cannot be imported: {message}\n"
+    assert err == f"bt-check: error: {file}:1: cannot be imported: {message}\n"

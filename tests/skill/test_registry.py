@@ -93,12 +93,12 @@ def test_valid_skill_is_registered(folder: Path) -> None:
                                            " capital letters, digits and _"),
         ("WaveOnce", "Wait", "wave.py: 'wait' is a node type of the language; rename the class"),
         ("from bt_dualarm.skill.skill", "from bt_dualarm.skil",
-         "wave.py: cannot be imported: ModuleNotFoundError: No module named 'bt_dualarm.skil'"),
+         "wave.py:3: cannot be imported: ModuleNotFoundError: No module named 'bt_dualarm.skil'"),
         ("failures =", 'brings_in = ("angle",)\n        failures =', "wave.py: WaveOnce: brings_in"
          " names 'angle', which is not a port with the name of an object or arm"),
         ("class WaveOnce(Skill)", "class WaveOnce", "wave.py: has no subclass of Skill"),
         ('"""A skill."""', "1 / 0",
-         "wave.py: cannot be imported: ZeroDivisionError: division by zero"),
+         "wave.py:2: cannot be imported: ZeroDivisionError: division by zero"),
     ],
 )  # fmt: skip
 def test_invalid_skill_is_refused(old: str, new: str, complaint: str, folder: Path) -> None:
