@@ -103,6 +103,7 @@ class MoveUntilContact(Skill):
         """Move, compare the force with that of a moment ago, stop, release the contact force."""
         direction = unit_vector(self.ports.direction)
         self.arm.refuse_shared()
+        yield from self.arm.come_to_rest()  # the motion of a halted leaf may still be braking
         start = self.arm.commanded_tool_pose
         end = start.shifted(self.ports.distance * direction)
         rows = self.arm.line_on(end)

@@ -46,9 +46,10 @@ PACKAGE = {
             needs = ("scipy.spatial",)
 
             def run(self):
+                yield from self.arm.come_to_rest()
                 start = self.arm.commanded_tool_pose
                 low = Pose.from_rotation(start.position - (0, 0, self.ports.depth), start.rotation)
-                way = self.arm.line(start, low)
+                way = self.arm.line_on(low)
                 for path in (way, way[::-1]):
                     yield from self.arm.follow(self.arm.time_path(path, self.ports.speed))
                 away = self.arm.tool_pose.distance(start)

@@ -210,9 +210,10 @@ class ArmMotions(ArmState):
             compliant: Whether the arm complies on contact, until the next motion begins.
 
         Raises:
-            Failure: ``BUSY`` when another leaf moves the arm; ``INVALID_TARGET`` if it holds
-                something that moves on a joint or that another arm holds as well, unless contact
-                is intended.
+            Failure: ``BUSY`` when another leaf moves the arm; ``TRACKING_ERROR`` if the motion
+                begins elsewhere, or at rest while the arm still moves, see `come_to_rest`;
+                ``INVALID_TARGET`` if it holds something that moves on a joint or that another arm
+                holds as well, unless contact is intended.
         """
         if not may_touch:
             self._refuse_bound()

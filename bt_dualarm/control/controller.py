@@ -189,7 +189,7 @@ class JointController:
         compliant: bool = False,
         most_scale: float = 1.0,
     ) -> TrajectorySource:
-        """Start following a trajectory; it must begin at the last set-point.
+        """Start following a trajectory; it must begin at the last set-point, and with its velocity.
 
         Args:
             trajectory: Trajectory from rest to rest.
@@ -199,9 +199,9 @@ class JointController:
             most_scale: Largest time scale of the motion, above 0 to 1.
 
         Raises:
-            Failure: ``TRACKING_ERROR`` if it starts elsewhere.
+            Failure: ``TRACKING_ERROR`` if it starts elsewhere, or at rest while the arm moves.
         """
-        self._refuse_elsewhere(trajectory.start)
+        self._refuse_elsewhere(trajectory)
         motion = TrajectorySource(trajectory, along_path, most_scale)
         self._follow(motion, may_touch=may_touch, compliant=compliant)
         return motion
@@ -214,9 +214,9 @@ class JointController:
             compliant: Whether the arm is compliant, during the motion and afterwards.
 
         Raises:
-            Failure: ``TRACKING_ERROR`` if it starts elsewhere.
+            Failure: ``TRACKING_ERROR`` if it starts elsewhere, or at rest while the arm moves.
         """
-        self._refuse_elsewhere(motion.trajectory.start)
+        self._refuse_elsewhere(motion.trajectory)
         self._follow(motion, may_touch=True, compliant=compliant)
 
     def _follow(self, motion: TrajectorySource, *, may_touch: bool, compliant: bool) -> None:
@@ -241,13 +241,23 @@ class JointController:
         self._may_touch = False
         self.compliance.active = False
 
-    def _refuse_elsewhere(self, start: Vector) -> None:
-        away = float(np.abs(start - self.setpoint.q).max())
+    def _refuse_elsewhere(self, trajectory: Trajectory) -> None:
+        q, v, _ = trajectory.set_point(0)
+        away = float(np.abs(q - self.setpoint.q).max())
         if away > 1e-6:
             raise Failure(
                 "TRACKING_ERROR",
                 f"the motion starts {np.degrees(away):.3g}° from where the arm is",
                 start_error_rad=away,
+            )
+        # The gate would let the arm leave the path, and with it what was checked and reserved.
+        faster = float(np.abs(v - self.setpoint.v).max())
+        if faster > 1e-6:
+            raise Failure(
+                "TRACKING_ERROR",
+                f"the motion starts at rest, but the arm moves at {np.degrees(faster):.3g}°/s: "
+                "a skill waits with arm.come_to_rest()",
+                start_error_rad_s=faster,
             )
 
     def stream(self, source: Stream, *, may_touch: bool = False) -> None:

@@ -263,6 +263,25 @@ def test_motion_must_start_at_the_current_configuration() -> None:
     assert controller.at_rest
 
 
+def test_motion_must_not_start_at_rest_while_the_arm_moves() -> None:
+    """The gate would let the arm leave the path that was checked and reserved."""
+    world = world_with("ur5")
+    controller = controlled(world)
+    start = controller.setpoint.q
+    limits = world.robots["arm1"].limits
+    controller.follow(point_to_point(start, start + 0.5, limits, controller.period))
+    run(world, 0.2, controller)
+    moving = controller.setpoint
+    with pytest.raises(Failure, match=r"the arm moves at .*°/s: a skill waits with .*come_to_rest"):
+        controller.follow(point_to_point(moving.q, start, limits, controller.period))
+    controller.stop()
+    run(world, 1.0, controller)
+    controller.follow(point_to_point(controller.setpoint.q, start, limits, controller.period))
+    run(world, 2.0, controller)
+    assert controller.setpoint.q == pytest.approx(start, abs=1e-9)
+    assert controller.clipped == 0
+
+
 def test_nan_torques_raise_a_divergence_error() -> None:
     world = world_with("ur5")
     controller = controlled(world)

@@ -114,6 +114,17 @@ def test_no_contact_is_detected_in_free_space(robot: str, reality: str, stage: S
     assert leaf.code == "NO_CONTACT", leaf.metrics
 
 
+def test_guarded_move_waits_for_the_braking_of_a_halted_leaf(stage: Stage) -> None:
+    """It began from a set-point that moved: the gate clipped 100 of its own set-points."""
+    fast: Tree = {"move_joints": {"by": [30, 0, 0, 0, 0, 60], "speed": 1.0}}
+    halted: Tree = {"force_success": {"child": {"timeout": {"seconds": 0.25, "child": fast}}}}
+    file = above("ur5", "ideal", plate=False)
+    file["arms"]["arm1"]["tree"] = {"sequence": [halted, DOWN]}
+    play = stage.run(file)
+    assert play.leaf("move_until_contact").code == "NO_CONTACT"
+    assert play.arm().clipped_setpoints == 0
+
+
 @pytest.mark.parametrize(("gripper", "speed"), [("panda_hand", 0.01), ("robotiq_2f85", 0.03)])
 def test_held_object_does_not_slide_when_pressed_on_the_floor(
     gripper: str, speed: float, stage: Stage
