@@ -305,6 +305,10 @@ _RUN_OUT_S = 0.8
 _JERK_SHARE = 0.9
 """Fraction of the jerk limit for a change; rounding to the grid of set-points takes the rest."""
 
+_BACK_S = 0.01
+"""Planned time by which a motion may go back on its path: while its time scale falls to zero, a new
+stop can take it slightly below, because the joints ahead have become faster, s."""
+
 _SPARSE = 8.0
 """Spacing in set-points above which a long motion is evaluated one set-point at a time."""
 
@@ -688,6 +692,9 @@ def change_scale(
         try:
             parameters = _profile(begin, scale, (rate / longer, jerk / longer**2), motion.dt)
         except Failure:  # Ruckig found no root; it may find one for a slower change
+            continue
+        if parameters[:, 0].min() < max(begin.s - _BACK_S, 0.0):
+            # While the time scale falls, a slower change would let it fall far below zero first.
             continue
         rows = _sampled(motion, parameters)
         if _within(rows, motion.dt, limits):

@@ -80,6 +80,34 @@ def test_motion_slows_down_stops_and_resumes(name: str) -> None:
     assert np.abs((q - start) - moved).max() < 1e-9  # all joints stay on the straight line
 
 
+@pytest.mark.parametrize("low", [0.0, 0.3])
+@pytest.mark.parametrize("slowed", [5, 7, 9, 11])
+@pytest.mark.parametrize("began", [1, 3, 8])
+def test_motion_does_not_go_back_on_its_path(began: int, slowed: int, low: float) -> None:
+    """Slowed soon after its start, and faster again before that is over, as the guard does it.
+
+    The only change found let the time scale fall to -0.8 first: the arm went back, and beyond its
+    start the run ended with a ValueError.
+    """
+    robot = load_robot("ur5")
+    start = robot.postures["home"]
+    motion = TrajectorySource(point_to_point(start, start + 0.3, robot.limits, DT))
+    piece = 5
+    points = [motion.next(0.0) for _ in range(1 + piece * began)]
+    farthest = 0.0
+    for scale in (*[low] * slowed, *[1.0] * 100):
+        ahead = motion.to_rest_after(piece, scale, robot.limits)
+        if ahead is not None:
+            motion.take(ahead)
+        for _ in range(piece):
+            points.append(motion.next(0.0))
+            farthest = max(farthest, motion.parameter.s)
+            assert motion.parameter.s > farthest - 0.011
+    assert motion.done
+    q, v, a = (np.array([getattr(point, key) for point in points]) for key in ("q", "v", "a"))
+    assert use_of_limits(Trajectory(DT, q, v, a), robot.limits).within
+
+
 def test_unscaled_motion_is_sent_as_planned() -> None:
     whole = circular(load_robot("ur5"), 1.0)
     motion = TrajectorySource(whole, along_path=True)
