@@ -17,7 +17,7 @@ from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.robots.robot import JointLimits
 from bt_dualarm.trajectory.cubic_spline import cubic_spline
 from bt_dualarm.trajectory.kernel_arrays import Spline
-from bt_dualarm.trajectory.trajectory import Trajectory
+from bt_dualarm.trajectory.trajectory import Trajectory, use_of_limits
 
 _FIRST_RAMP_S: Final = 0.04
 _LONGER: Final = 1.3
@@ -88,7 +88,8 @@ def _too_fast(speed: float, fastest: float, reason: str) -> Failure:
 
 def _fastest(path: Spline, length: float, limits: JointLimits) -> float:
     """Largest constant speed within the joint limits, m/s."""
-    s = np.linspace(0.0, length, max(64, math.ceil(length / 5e-4)))
+    # Second and third derivatives of a cubic spline are largest at its knots.
+    s = np.union1d(np.linspace(0.0, length, max(64, math.ceil(length / 5e-4))), path.knots)
     rates = [np.abs(path(s, order)).max(axis=0) for order in (1, 2, 3)]
     bounds = (limits.velocity, limits.acceleration, limits.jerk)
     speeds = [
@@ -131,9 +132,5 @@ def _timed(
 
 def _keeps(motion: Trajectory, limits: JointLimits) -> bool:
     """Whether a motion keeps the limits of velocity, acceleration and jerk."""
-    jerk = np.abs(np.diff(motion.a, axis=0)).max(axis=0) / motion.dt
-    return bool(
-        (np.abs(motion.v) <= limits.velocity).all()
-        and (np.abs(motion.a) <= limits.acceleration).all()
-        and (jerk <= limits.jerk).all()
-    )
+    use = use_of_limits(motion, limits)
+    return max(use.velocity, use.acceleration, use.jerk) <= 1.0

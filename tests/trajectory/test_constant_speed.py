@@ -58,6 +58,25 @@ def test_motion_is_smooth_and_within_the_limits() -> None:
     assert not motion.v[[0, -1]].any()
 
 
+def test_changes_of_velocity_keep_the_acceleration_limit_too() -> None:
+    """An FR3 reaches its full acceleration within a period: between two set-points it had more."""
+    robot = load_robot("fr3", Path(), None)
+    arm = Kinematics(robot, Pose.identity())
+    q = robot.postures["home"]
+    tool = arm.forward(q)
+    corners = [
+        Pose(tool.position + np.array(step), tool.quaternion)
+        for step in ((0, 0, 0), (0.04, 0, 0), (0.04, 0.08, 0.05))
+    ]
+    path = blended(corners, 0.003)
+    rows = joint_path(arm, path, q)
+    with pytest.raises(Failure) as too_fast:
+        at_constant_speed(rows, path.lengths, 50.0, robot.limits, DT)
+    fastest = float(too_fast.value.numbers["fastest_m_s"])
+    motion, _ = at_constant_speed(rows, path.lengths, fastest, robot.limits, DT)
+    assert (np.abs(np.diff(motion.v, axis=0)) <= DT * robot.limits.acceleration).all()
+
+
 def _means(rows: Matrix) -> Matrix:
     return 0.5 * (rows[1:] + rows[:-1])
 
