@@ -240,6 +240,7 @@ class Meet(LanguageLeaf):
                 if attendance.failure is not None:
                     raise attendance.failure
                 if attendance.asked_by:
+                    attendance.is_aside = True  # already on the way: it must not take place then
                     yield from place.make_room(attendance)
                     attendance.is_aside = place.is_left
                     cell.shared.resume(attendance)

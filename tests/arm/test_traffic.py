@@ -215,6 +215,22 @@ def test_waiting_arm_moves_aside_and_comes_back(waits: str) -> None:
     assert moved[-1] < 0.002
 
 
+def test_rendezvous_does_not_take_place_while_an_arm_moves_aside() -> None:
+    """The arm that it makes room for is back at the rendezvous before it has moved aside."""
+    file = _covered([{"meet": "both"}], [{"go_home": {"speed": 0.8}}])
+    file["world"]["time_limit"] = 60
+    file["arms"]["there"]["limits"] = {"velocity": 0.06}
+    with bt.open(file) as run:
+        while run.time < 1.0 or run.trees["there"].status == "RUNNING":
+            run.step(0.1)
+        back = run.arms["there"].tool_pose.position
+        result = run.finish()
+    assert result.outcome == "SUCCESS"
+    met = [arm.runs[-1].ended_s for arm in result.arms.values()]
+    assert met[0] == met[1]
+    assert np.linalg.norm(back - [0.0, 0.0, 0.4]) < 0.002
+
+
 def test_arm_that_works_while_it_waits_does_not_move_aside() -> None:
     """Only an arm that does nothing but wait moves aside; a deadlock is reported after 18 s."""
     both = {"parallel": [{"meet": "both"}, {"hold_still": {"duration": 30.0}}]}
