@@ -163,7 +163,11 @@ class TakeOver(Skill):
         label = handover_label(name, giver, arm.name)
         with JointPart(self.context, label, (giver, arm.name)) as joint:
             yield from joint.meet()
-            yield from joint.until(lambda: "wish" in joint.messages(giver))
+            # The giver may have to raise the object first, to weigh it.
+            move = arm.past_others(self.ports.speed)
+            for _ in joint.until(lambda: "wish" in joint.messages(giver), moves_aside=True):
+                yield from move.make_way()
+                yield 0.0
             try:
                 yield from self._take(joint, giver)
             except Failure as failure:

@@ -114,6 +114,20 @@ def test_bar_is_held_at_any_time(reality: str, stage: Stage) -> None:
     assert play.world.attachments.shared_grasps("arm2") == ()
 
 
+def test_taker_makes_room_where_the_giver_weighs_the_object(stage: Stage) -> None:
+    """Its hand is 90 mm above the end of a bar that the giver raises by 50 mm to learn its mass."""
+    grasp = {"grasp": {"object": "cube", "point": [-0.1, 0, 0]}}
+    held = {"transport": {"to": {"xyz": [0.5, -0.3, 0.35], "rpy": [0, 0, 0]}}}
+    above = {"reach_to_pose": {"to": {"xyz": [0.66, -0.3, 0.44], "rpy": [180, 0, 90]}}}
+    giver = {"sequence": [grasp, held, {"meet": "held"}, {"meet": "near"}, GIVE]}
+    taker = {"sequence": [{"meet": "held"}, above, {"meet": "near"}, TAKES]}
+    bar = {"cube": ON_SHELF["cube"] | {"size": [0.4, 0.035, 0.035]}}
+    file = file_with(giver, taker, reality="rough", objects=bar)
+    file["cell"] = {"rendezvous": {"held": list(NAMES), "near": list(NAMES)}}
+    play = stage.run(file)
+    assert [play.arm(name).outcome for name in NAMES] == ["SUCCESS", "SUCCESS"]
+
+
 def test_object_is_presented_in_the_requested_orientation(stage: Stage) -> None:
     given = {"hand_over": {"object": "cube", "to": "arm2", "orientation": [0, 0, -90]}}
     taken: dict[str, float] = {}
