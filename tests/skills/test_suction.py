@@ -88,3 +88,28 @@ def test_tall_object_does_not_tip_over(
     box["pose"] = {"xyz": [x, y, TOP + 0.5 * size[2] + 0.001], "rpy": [0, 0, yaw]}
     play = stage.run(file_of(robot, box, [{"grasp": {"object": "thing"}}], "lab"))
     assert play.leaf("grasp").status == "SUCCESS", play.leaf("grasp").reason
+
+
+def test_lift_waits_for_a_hand_that_comes_near_as_the_cup_takes_hold() -> None:
+    """Another hand slowly descends toward the far end of a board, until it returns home.
+
+    From the moment in which the cup holds it, the board is a part of its arm: the other hand, which
+    may come as near as it likes to an object, is then too near for any motion.
+    """
+    board = {"shape": "box", "size": [0.5, 0.06, 0.02], "mass": 0.2}
+    board["pose"] = {"xyz": [0.4, -0.3, TOP + 0.01]}
+    grasp = {"grasp": {"object": "thing", "point": [-0.15, 0, 0.01]}}
+    file = {"bt_dualarm": 1} | file_of("ur5", board, [grasp], "ideal")
+    above = {"xyz": [0.62, -0.3, TOP + 0.1], "rpy": [180, 0, 90]}
+    down = {"move_linear": {"offset": {"xyz": [0, 0, -0.065]}, "speed": 0.02}}
+    leaves = [
+        {"reach_to_pose": {"to": above}},
+        {"wait": 1.0},
+        {"force_success": {"child": {"timeout": {"seconds": 6, "child": down}}}},
+        "go_home",
+    ]
+    base = {"xyz": [1.15, -0.3, TOP], "rpy": [0, 0, 180]}
+    other = {"robot": "panda", "gripper": "panda_hand", "base": base}
+    file["arms"]["arm2"] = other | {"tree": {"sequence": leaves}}
+    result = bt.run(file)
+    assert result.outcome == "SUCCESS", result.arms["arm1"].runs[-1].reason
