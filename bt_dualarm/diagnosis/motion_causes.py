@@ -214,12 +214,14 @@ def _in_the_way(e: Evidence) -> Iterator[Cause]:
     held = e.scene(e.ended).held(e.arm)
     if second in held and second != first:  # two shapes of one arm, in whichever order
         first, second = second, first
-    if second.startswith(f"{e.arm}/"):
-        what = first if first.startswith(f"{e.arm}/") else f"{first}, which {e.arm} holds,"
-        sentence = f"the arm would collide with itself: {what} would touch {second}"
+    other = second.partition("/")[0]
+    # A leaf may plan for its partners, too.
+    if other == e.arm or (other in e.record.arms and first.startswith(f"{other}/")):
+        who = "the arm" if other == e.arm else other
+        what = first if first.startswith(f"{other}/") else f"{first}, which {other} holds,"
+        sentence = f"{who} would collide with itself: {what} would touch {second}"
         yield e.cause("SELF_COLLISION", sentence)
         return
-    other = second.partition("/")[0]
     holders = e.scene(e.ended).holders(other)
     if other in e.record.arms or holders:
         cause = other_arm(e, (holders or [other])[0])
@@ -266,6 +268,12 @@ def _too_far(e: Evidence) -> Iterator[Cause]:
         sentence = f"{giver} and {e.arm} found no place to hand over {what}: {e.reason}"
         remedy = f"another place (`at` of `hand_over`), or another grasp of {giver} (`point`)"
         yield e.cause("OUT_OF_REACH", sentence, remedy)
+        return
+    if e.leaf.kind == "carry_together":  # each arm holds it elsewhere; one leaf plans for all
+        arms = " and ".join([e.arm, *e.ports.get("with", ())])
+        obj = e.ports["object"]
+        sentence = f"{arms} found no grasps with which they can carry {obj}: {e.reason}"
+        yield e.cause("OUT_OF_REACH", sentence, "another path, or other positions of the bases")
         return
     gap = _gap(e, point)
     away = float(np.linalg.norm(point - base))

@@ -118,13 +118,15 @@ class Proposal:
         carrying: Sensors and model for the internal wrench.
         q: Joint positions of the last set-point, of shape (dof,), rad.
         grasps: Grasps at each section that its hand can hold, the best first.
-        why_not: Why it has none; None if it has some.
+        refusals: Why it has none at a section; None where it has some.
+        why_not: Why it has none at all; None if it has some.
     """
 
     goals: tuple[PoseSpec, ...]
     carrying: CarryingArm
     q: Vector
     grasps: tuple[tuple[RankedGrasp, ...], ...]
+    refusals: tuple[Failure | None, ...]
     why_not: Failure | None
 
 
@@ -180,7 +182,8 @@ class CarryPlanning:
         """Choose grasps; yields once per attempt.
 
         Raises:
-            Failure: ``OUT_OF_REACH`` with the reason of the first attempt, caused by all.
+            Failure: ``OUT_OF_REACH`` with the reason of the first attempt, caused by all; that of
+                the leader where no arm can hold the object at a section.
         """
         held = {name: self._world.attachments.find(name, self._object) for name in self._proposals}
         if all(held.values()):
@@ -197,6 +200,16 @@ class CarryPlanning:
             raise Failure(
                 "INVALID_TARGET", f"{holder} holds {self._object!r} already, and the others do not"
             )
+        for k, part in enumerate(parts):
+            refusal = self._proposals[self._leader].refusals[k]
+            if refusal is not None and not any(one.grasps[k] for one in self._proposals.values()):
+                at = ", ".join(f"{x:.3g}" for x in part.pose.position.round(4) + 0.0)
+                raise Failure(
+                    refusal.code,
+                    f"no arm can hold {self._object!r} at ({at}) m in its frame, where one of "
+                    f"{len(parts)} has to: {refusal.reason}",
+                    **refusal.numbers,
+                ) from refusal
         poses = _poses_of(object_pose, goals, self._ports)
         refusals: list[Failure] = []
         best: tuple[float, CarryPlan] | None = None
@@ -282,11 +295,11 @@ class CarryPlanning:
             return self._reachable[key]
         found = self._reachable[key] = []
         known = list[Pose]()  # out of reach, or where grasps are apart already found
-        beyond = 0
+        beyond: list[Failure] = []
         alone = MultiArmKinematics({name: (self._world.robots[name], self._world.arms[name].base)})
         near = {name: self._proposals[name].q}
         for one in self._proposals[name].grasps[section]:
-            if len(found) >= _GRASPS or beyond >= _MOST_TRIES:
+            if len(found) >= _GRASPS or len(beyond) >= _MOST_TRIES:
                 break
             if any(
                 one.tool.distance(other) < _NEAR_M and one.tool.angle(other) < _NEAR_RAD
@@ -296,14 +309,15 @@ class CarryPlanning:
             try:
                 alone.solve((ToolTarget(name, one.tool),), near)
             except Failure as failure:
-                self._beyond = self._beyond or failure.with_traceback(None)
+                beyond.append(failure.with_traceback(None))
                 known.append(one.tool)
-                beyond += 1
                 yield
             else:
                 found.append(one)
                 if apart:
                     known.append(one.tool)
+        if beyond and not found:
+            self._beyond = self._beyond or beyond[0]
         return found
 
     def _with(

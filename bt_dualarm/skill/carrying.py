@@ -181,15 +181,16 @@ class Carrying:
             raise Failure("INVALID_TARGET", f"object {obj!r} is fixed: no arm can carry it")
         yield from arm.halt()
         grasps: tuple[tuple[RankedGrasp, ...], ...] = ()
+        refusals: tuple[Failure | None, ...] = ()
         why_not = None
         if world.attachments.find(arm.name, obj) is None:
             arm.gripper.refuse_full()
             try:
-                grasps = self._grasps_at_sections()
+                grasps, refusals = self._grasps_at_sections()
             except Failure as failure:
                 why_not = failure.with_traceback(None)
         carrying = CarryingArm(world.nominal[arm.name], world.hardware[arm.name], arm.controller)
-        mine = Proposal(self._goals, carrying, arm.setpoint.q.copy(), grasps, why_not)
+        mine = Proposal(self._goals, carrying, arm.setpoint.q.copy(), grasps, refusals, why_not)
         self._joint.send(proposal=mine)
         self._proposals[arm.name] = mine
         yield from self._until(lambda messages: "proposal" in messages)
@@ -245,8 +246,10 @@ class Carrying:
             for name in farthest_apart(centers, count)
         ]
 
-    def _grasps_at_sections(self) -> tuple[tuple[RankedGrasp, ...], ...]:
-        """Grasps of this arm's hand at each section.
+    def _grasps_at_sections(
+        self,
+    ) -> tuple[tuple[tuple[RankedGrasp, ...], ...], tuple[Failure | None, ...]]:
+        """Grasps of this arm's hand at each section, and why it has none at a section.
 
         Raises:
             Failure: If it has none at any of them, with the reason for the first.
@@ -258,8 +261,8 @@ class Carrying:
         mass = self._mass
         shares = shares_of(world.objects[self._object], [part.pose for part in parts])
         self._refuse_width(parts[0])
-        found = []
-        refusals: list[Failure] = []
+        found = list[tuple[RankedGrasp, ...]]()
+        refusals = list[Failure | None]()
         for part, share in zip(parts, shares, strict=True):
             wanted = WantedGrasp(
                 self._object,
@@ -269,21 +272,22 @@ class Carrying:
                 self._ports.margin,
                 section=part.solid,
             )
+            grasps: tuple[RankedGrasp, ...] = ()
+            refusal: Failure | None = None
             try:
-                order = grasps_on(arm, wanted)
+                grasps = tuple(one for one in grasps_on(arm, wanted) if part.allows(one.grasp))
+                if not grasps:
+                    refusal = Failure(
+                        "OUT_OF_REACH",
+                        f"no grasp of {arm.name} leaves room for the rest of the object",
+                    )
             except Failure as failure:
-                refusals.append(failure.with_traceback(None))
-                order = ()
-            found.append(tuple(one for one in order if part.allows(one.grasp)))
-        if not any(found):
-            raise (
-                refusals[0]
-                if refusals
-                else Failure(
-                    "OUT_OF_REACH", f"no grasp of {arm.name} leaves room for the rest of the object"
-                )
-            )
-        return tuple(found)
+                refusal = failure.with_traceback(None)
+            found.append(grasps)
+            refusals.append(refusal)
+        if refusals[0] is not None and not any(found):
+            raise refusals[0]
+        return tuple(found), tuple(refusals)
 
     def _refuse_width(self, part: Section) -> None:
         """Check that the fingers open around the ends of the object."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,8 @@ import pytest
 import bt_dualarm as bt
 from bt_dualarm.behaviors.report import LeafReport
 from bt_dualarm.core.pose import Pose
+from bt_dualarm.diagnosis.story import stories
+from bt_dualarm.replay.record import Record
 from bt_dualarm.sim.grippers import GripperCommand
 from bt_dualarm.skill import carrying
 from bt_dualarm.skill.carrying import pose_held
@@ -261,15 +264,67 @@ def test_opening_hands_do_not_turn() -> None:
     assert max(turned.values()) < np.radians(0.5)
 
 
-def test_arm_that_cannot_reach_is_named() -> None:
+def test_arm_that_cannot_reach_is_named(tmp_path: Path) -> None:
     """Solving for all arms at once spreads the error: the first arm would be blamed."""
     partner = copy.deepcopy(PARTNER) | {"tree": follows()}
     partner["base"] = {"xyz": [1.6, 0, 0.4]}
     file = file_of(TOGETHER)
+    file["arms"]["arm1"]["base"] = {"xyz": [-1.0, 0, 0.4]}  # its middle is out of reach of both
     file["arms"]["arm2"] = partner
-    found = leaf(bt.run(file))
+    found = leaf(bt.run(file, record=tmp_path / "record"))
     assert found.code == "OUT_OF_REACH"
     assert "the tool of arm2" in found.reason
+    cause = stories(Record.read(tmp_path / "record"))[0].causes[0]
+    assert cause.kind == "OUT_OF_REACH"
+    assert cause.sentence.startswith("arm1 and arm2 found no grasps")
+
+
+def _three(load: Tree, stand: list[float], to: list[float], arms: list[Tree]) -> dict[str, Any]:
+    """Tree file in which three arms carry a load from a stand of this width, 0.5 m high."""
+    names = [f"arm{i}" for i in (1, 2, 3)]
+    for name, arm in zip(names, arms, strict=True):
+        ports: Tree = {"object": "load", "with": [one for one in names if one != name]}
+        if name == "arm1":
+            ports |= {"to": {"xyz": to}, "set_down": False}
+        arm["tree"] = {"carry_together": ports}
+    pose = {"xyz": [0, 0, 0.5 + 0.5 * load["size"][-1]]}
+    box = {"shape": "box", "size": [*stand, 0.5], "fixed": True, "pose": {"xyz": [0, 0, 0.25]}}
+    return {
+        "bt_dualarm": 1,
+        "name": "three",
+        "world": {"scene": "empty"},
+        "objects": {"stand": box, "load": load | {"mass": 2, "pose": pose}},
+        "arms": dict(zip(names, arms, strict=True)),
+    }
+
+
+def _at(robot: str, gripper: str, x: float, y: float, yaw: float) -> Tree:
+    base = {"xyz": [x, y, 0.35], "rpy": [0, 0, yaw]}
+    return {"robot": robot, "gripper": gripper, "base": base}
+
+
+def test_place_at_which_no_hand_has_room_is_named() -> None:
+    """The stand is in the way of all hands in the middle; the reach of an arm was blamed."""
+    bases = ((-1.0, 0.0, 0.0), (1.0, 0.0, 180.0), (0.0, -0.65, 90.0))
+    arms = [_at("ur5", "robotiq_2f85", *base) for base in bases]
+    board = {"shape": "box", "size": [0.9, 0.12, 0.025]}
+    found = leaf(bt.run(_three(board, [0.4, 0.1], [0, 0, 0.6], arms)))
+    assert found.code == "OUT_OF_REACH"
+    assert "no arm can hold 'load' at (0, 0, 0) m in its frame" in found.reason
+
+
+def test_partner_that_collides_with_itself_does_not_count_as_in_the_way(tmp_path: Path) -> None:
+    arms = [
+        _at("panda", "panda_hand", -0.744, 0.429, -30),
+        _at("ur5e", "robotiq_2f85", 0.755, 0.436, 210),
+        _at("ur5e", "robotiq_2f85", 0, -0.871, 90),
+    ]
+    disk = {"shape": "cylinder", "size": [0.28, 0.02]}
+    file = _three(disk, [0.2, 0.2], [0, -0.08, 0.72], arms)
+    assert leaf(bt.run(file, record=tmp_path / "record")).code == "OUT_OF_REACH"
+    cause = stories(Record.read(tmp_path / "record"))[0].causes[0]
+    assert cause.kind == "SELF_COLLISION"
+    assert cause.sentence.startswith("arm3 would collide with itself: arm3/upper_arm_link")
 
 
 @pytest.mark.parametrize("which", some(["arm1", "arm2"], 2))
