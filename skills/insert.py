@@ -29,6 +29,7 @@ from bt_dualarm import (
 _CLEAR_M = 0.004  # height above the rim from which the peg is lowered
 _STARTS = 3  # free branches of the inverse kinematics among which the planner chooses
 _TRIES = 12  # blocked branches after which the search for free ones ends
+_OUT = 0.1  # fraction of the arm's limits with which a peg is raised out of its hole
 
 
 class _PegPorts(PortModel):
@@ -77,6 +78,7 @@ class Insert(Skill):
         grip = Grip(arm, name)
         with into_held(arm, self.ports.into):
             try:
+                yield from self._leave_hole(grip)
                 yield from self._go_above(grip)
                 ((spun, bottom),) = self._bottoms
                 if spun:
@@ -119,6 +121,31 @@ class Insert(Skill):
                 height_off_m=float(error[2]),
                 turned_rad=turned,
             )
+
+    def _leave_hole(self, grip: Grip) -> Iterator[float]:
+        """Raise a peg that a former attempt has left in the hole, out of which no plan leads."""
+        arm = self.arm
+        ports = self.ports
+        here = arm.commanded_tool_pose
+        for _, bottom in self._bottoms:
+            *beside, height = here.position - bottom.position
+            if (
+                np.hypot(*beside) <= ports.radius + ports.tolerance
+                and -ports.tolerance <= height < ports.depth
+                and here.angle(bottom) <= ports.angle_tolerance
+            ):
+                arm.controller.compliance.active = False  # it would sink as it relaxes
+                yield from arm.relax()
+                out = arm.commanded_tool_pose
+                above = float(bottom.position[2]) + ports.depth + _CLEAR_M
+                rows = arm.line_on(out.raised(above - float(out.position[2])))
+                motion = arm.begin(arm.time_path(rows, _OUT), may_touch=True, compliant=True)
+                while not motion.done:
+                    yield 0.0
+                    arm.check()
+                    grip.look()
+                yield from arm.settle()
+                return
 
     def _go_above(self, grip: Grip) -> Iterator[float]:
         """Move above the hole, in a branch that also reaches the bottom from there."""

@@ -64,3 +64,21 @@ def test_compliant_arm_on_the_bottom_need_not_reach_the_full_force(
     assert leaf.code == ("" if has_bottom else "NO_CONTACT")
     if has_bottom:
         assert 30.0 < leaf.metrics["push_n"] < 60.0
+
+
+def test_peg_that_was_halted_in_its_hole_is_inserted_again() -> None:
+    """No plan leads out of the hole, in which the peg is wherever a `timeout` or a jam ended it."""
+    file = yaml.safe_load((share_dir("trees") / "peg_in_hole.yaml").read_text())
+    leaves = file["arms"]["arm1"]["tree"]["sequence"]
+    insert = leaves[1]
+    leaves[1] = {"selector": [{"timeout": {"seconds": 7.0, "child": insert}}, insert]}
+    heights: dict[float, float] = {}
+    with bt.open(file) as run:
+        while not run.done:
+            run.step(0.1)
+            heights[run.time] = float(run.world.object_pose("peg").position[2])
+        result = run.finish()
+    first, second = (one for one in result.arms["arm1"].runs if one.skill == "insert")
+    assert (first.code, second.status) == ("HALTED", "SUCCESS"), second.reason
+    halted = min(heights, key=lambda time: abs(time - (first.ended_s or 0.0)))
+    assert heights[halted] < 0.45, "it was not in the hole, whose rim is at 0.42 m"
