@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from bt_dualarm.behaviors.report import StatusChange
+from bt_dualarm.core.pose import Vector
 from bt_dualarm.runtime.arm_runtime import IdleObserver
 from bt_dualarm.runtime.goals import CHECK_S
 from bt_dualarm.sim.contact_monitor import arms_of_geoms
@@ -20,6 +21,10 @@ STOPPING_S: Final = 1.0
 
 STOPPED: Final = 0.02
 """Joint speed in rad/s below which an arm is at rest."""
+
+REST_S: Final = 0.1
+"""Simulated seconds over which that speed is averaged: noise of the encoders shakes an arm at rest
+with up to 0.03 rad/s (a Panda in `rough`)."""
 
 POSITION_MARGIN: Final = 0.02
 """How far in rad a joint may be beyond its limit: the controller's error at the limit."""
@@ -47,6 +52,7 @@ class RuleCheck(IdleObserver):
         self._generation = -1
         self._owners = np.empty(0, np.int64)
         self._rests_from: dict[str, float] = {}
+        self._resting: dict[str, tuple[float, Vector]] = {}  # where joints were, and when
         self.broken = ""
 
     def on_event(self, change: StatusChange) -> None:
@@ -55,6 +61,7 @@ class RuleCheck(IdleObserver):
             return
         if change.new == "RUNNING":
             self._rests_from.pop(change.arm, None)
+            self._resting.pop(change.arm, None)
         else:
             self._rests_from[change.arm] = change.time + STOPPING_S
 
@@ -96,7 +103,14 @@ class RuleCheck(IdleObserver):
             if share.max() > SPEED_MARGIN:
                 joint = body.robot.joints[int(share.argmax())]
                 return f"{joint} of {name} moves at {100 * share.max():.0f} % of its speed limit"
-            if time > self._rests_from.get(name, np.inf) and v.max() > STOPPED:
-                joint = body.robot.joints[int(v.argmax())]
-                return f"{joint} of {name}, whose tree has ended, moves at {v.max():.3f} rad/s"
+            if time <= self._rests_from.get(name, np.inf):
+                continue
+            since, before = self._resting.setdefault(name, (time, q.copy()))
+            if time - since < REST_S - 1e-9:
+                continue
+            self._resting[name] = (time, q.copy())
+            mean = np.abs(q - before) / (time - since)
+            if mean.max() > STOPPED:
+                joint = body.robot.joints[int(mean.argmax())]
+                return f"{joint} of {name}, whose tree has ended, moves at {mean.max():.3f} rad/s"
         return ""
