@@ -741,23 +741,21 @@ def _same(first: Matrix, second: Matrix) -> bool:
     return bool(away.max() < _ALIKE_M)
 
 
-_APART_M: Final = 0.003
+_APART_M: Final = 0.005
 _MOST_POINTS: Final = 40
 """Distance of points on the surface of a part, m, and largest number of them along an edge."""
 
 
 def _surface(corners: Matrix) -> Matrix:
-    """Points on the surface of a hull, in a grid on each of its triangles, of shape (n, 3), m."""
-    hull = scipy.spatial.ConvexHull(corners)
+    """Points on the surface of a hull, its edges included, of shape (n, 3), m."""
     found = []
-    for a, b, c in corners[hull.simplices]:
-        longest = max(float(np.linalg.norm(side)) for side in (b - a, c - a, c - b))
-        count = min(int(longest / _APART_M) + 1, _MOST_POINTS)
-        i, j = np.meshgrid(np.arange(count + 1), np.arange(count + 1))
-        inside = i + j <= count
-        shares = np.column_stack((i[inside], j[inside])) / count
-        found.append(a + shares @ np.array((b - a, c - a)))
-    points: Matrix = np.vstack(found)
-    # Slender triangles have many points side by side: one in each cell of a grid is enough.
-    _, kept = np.unique((points / _APART_M).round().astype(int), axis=0, return_index=True)
-    return points[kept]
+    for triangle in corners[scipy.spatial.ConvexHull(corners).simplices]:
+        sides = np.linalg.norm(triangle - np.roll(triangle, 1, axis=0), axis=1)
+        counts = np.minimum((sides / _APART_M).astype(int) + 1, _MOST_POINTS)
+        # Rows parallel to the shortest side: those of slender triangles have few points.
+        a, b, c = np.roll(triangle, -int(sides.argmin()) - 1, axis=0)
+        for share in np.arange(counts.max() + 1) / counts.max():
+            along = np.linspace(0.0, share, math.ceil(share * counts.min()) + 1)
+            found.append(a + share * (b - a) + along[:, None] * (c - b))
+    points: Matrix = np.unique(np.vstack(found).round(9), axis=0)
+    return points

@@ -170,3 +170,16 @@ def test_fingers_do_not_close_on_an_opening(shape: str, size: tuple[float, ...])
         for side in (-0.5, 0.5):
             pad = one.tool.apply(np.array([[0.0, side * one.width, JAW.pad_center]]))
             assert float(solid.distance(pad)[0]) < 0.5 * JAW.pad_length
+
+
+@pytest.mark.parametrize("height", [0.02, 0.03, 0.06])
+def test_fingertips_stay_above_a_thin_floor(height: float) -> None:
+    """Points on both sides of a floor of 3 mm count: those of one side let fingertips into it."""
+    obj = ObjectSpec(shape="bin", size=(0.16, 0.12, height), mass=0.1)
+    load = Load(0.1, np.array([0.0, 0.0, -9.81]), 8.0, np.zeros(3))
+    tips = [
+        float(one.tool.apply(np.array([0.0, 0.0, JAW.tip]))[2])
+        for one in jaw_grasps(body_of(obj).solid, JAW, load, 0.8)
+        if one.tool.rotation_matrix[2, 2] < -0.999  # straight down, over a wall
+    ]
+    assert min(tips) > 0.003 - 0.5 * height - 2e-4
