@@ -232,7 +232,10 @@ class OnlineStep:
             motion = solve_ruckig(request, self._limits.jerk, self._solver)
         except Failure as refusal:
             raise DivergenceError(f"a motion cannot be continued: {refusal.reason}") from refusal
-        return np.array(motion.at_time(self._period))
+        state = np.array(motion.at_time(self._period))
+        # Rounding leaves a velocity after the end of a joint's motion: it would never be at rest.
+        state[1:, np.array(motion.independent_min_durations) <= self._period] = 0.0
+        return state
 
 
 def feasible(limits: Matrix, q: Vector, v: Vector, a: Vector) -> Flags:

@@ -208,3 +208,20 @@ def test_stream_that_cannot_stop_in_time_is_braked() -> None:
     motion = sent_for(limiter, onward)
     assert_within_limits(motion, limits)
     assert motion.q[-1][0] == pytest.approx(limits.upper[0], abs=1e-6)
+
+
+@ROBOTS
+@given(seed=SEEDS)
+@thorough
+def test_joint_held_beyond_its_limit_comes_to_rest_exactly(robot: str, seed: int) -> None:
+    """With a velocity of 1e-18 rad/s, left by rounding, an arm counted as moving forever."""
+    rng = np.random.default_rng(seed)
+    limits = LIMITS[robot]
+    start = rng.uniform(limits.lower, limits.upper)
+    goal = rng.choice([limits.lower, limits.upper])
+    limiter = SetPointLimiter(limits, PERIOD, start)
+    count = len(point_to_point(start, goal, limits, PERIOD)) + 20
+    sent = sent_for(limiter, [at_rest(goal + 1e-4 * np.sign(goal - start))] * count)
+    assert sent.q[-1] == pytest.approx(goal, abs=1e-9)
+    assert not sent.v[-1].any()
+    assert not sent.a[-1].any()
