@@ -99,7 +99,7 @@ def test_lift_waits_for_a_hand_that_comes_near_as_the_cup_takes_hold() -> None:
     board = {"shape": "box", "size": [0.5, 0.06, 0.02], "mass": 0.2}
     board["pose"] = {"xyz": [0.4, -0.3, TOP + 0.01]}
     grasp = {"grasp": {"object": "thing", "point": [-0.15, 0, 0.01]}}
-    file = {"bt_dualarm": 1} | file_of("ur5", board, [grasp], "ideal")
+    file: Tree = {"bt_dualarm": 1} | file_of("ur5", board, [grasp], "ideal")
     above = {"xyz": [0.62, -0.3, TOP + 0.1], "rpy": [180, 0, 90]}
     down = {"move_linear": {"offset": {"xyz": [0, 0, -0.065]}, "speed": 0.02}}
     leaves = [
