@@ -21,6 +21,7 @@ import copy
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
+from pathlib import Path
 from types import MappingProxyType
 from typing import Final, TypeAlias
 
@@ -31,6 +32,7 @@ from pydantic.fields import FieldInfo
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.behaviors.report import LeafReport
 from bt_dualarm.core.pose import Vector
+from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.runtime.api import registry_of
 from bt_dualarm.runtime.arm_runtime import IdleObserver
 from bt_dualarm.runtime.options import RunOptions
@@ -223,6 +225,7 @@ STOPPING_S: Final = 1.0
 """Simulated seconds that an arm has to come to rest."""
 
 _PHASES: Final = (0.0, 0.1, 0.3, 0.5, 0.7, 0.9, 0.98)
+_BRAKES_AFTER_S: Final = 0.2
 _SHORTEST_S: Final = 0.01  # halts at the second tick
 _UNITLESS: Final = ("share", "fraction", "number of", "image error")
 
@@ -295,6 +298,20 @@ def starts_again_after_it_was_halted(candidate: Candidate) -> None:
         _hold(second.status == "SUCCESS", f"after a halt: {second.code}: {second.reason}")
 
 
+def starts_while_the_arm_brakes(candidate: Candidate) -> None:
+    """It may begin while the motion of a leaf that was halted before it still brakes.
+
+    All motions are planned from rest: one that begins earlier leaves the path that was checked.
+    """
+    joints = load_robot(str(candidate.scenario.arm["robot"]), Path(), None).joints
+    fast: Tree = {"move_joints": {"by": dict.fromkeys(joints[-2:], 20), "speed": 1.0}}
+    performance = candidate.perform(after(_BRAKES_AFTER_S, fast), candidate.node)
+    leaf = performance.leaves(candidate.name)[-1]
+    _hold(leaf.code != "TRACKING_ERROR", f"after a halted motion: {leaf.reason}")
+    clipped = performance.result.clipped_setpoints
+    _hold(clipped == 0, f"after a halted motion, {clipped} set-points were beyond the limits")
+
+
 def never_started_and_never_heard_of(candidate: Candidate) -> None:
     """A leaf that is never ticked has no effect when its tree is halted."""
     performance = candidate.perform({"selector": [{"succeed": {}}, candidate.node]})
@@ -342,6 +359,7 @@ LAWS: Final[Mapping[str, Law]] = MappingProxyType(
         },
         "starts again after success": starts_again_after_success,
         "starts again after it was halted": starts_again_after_it_was_halted,
+        "starts while the arm brakes": starts_while_the_arm_brakes,
         "has no effect if never ticked": never_started_and_never_heard_of,
     }
 )

@@ -18,16 +18,18 @@ REPEATED = "starts again after success"
 HALTS = [law for law in LAWS if " when halted at " in law]
 AGAIN = [law for law in LAWS if law.startswith("starts again ")]
 NEVER = [law for law in LAWS if law.startswith("has no effect ")]
+BRAKES = [law for law in LAWS if law == "starts while the arm brakes"]
 CASES = sorted(
     {
-        *product(SKILLS, set(LAWS) - {*HALTS, *AGAIN, *NEVER}),
+        *product(SKILLS, set(LAWS) - {*HALTS, *AGAIN, *NEVER, *BRAKES}),
         *some(product(sorted(SKILLS), HALTS), 24),
         *some(product(sorted(SKILLS), AGAIN), 9),
         *some(product(sorted(SKILLS), NEVER), 4),
+        *some(product(sorted(SKILLS), BRAKES), 4),
     }
 )
 """Pairs of skill and law. Moments of halting and kinds of restart are spread over the skills; one
-skill in four is checked for the law of a skill that is never ticked."""
+skill in four is checked for the laws of a skill that is never ticked, or starts on a moving arm."""
 
 
 @pytest.mark.parametrize(("name", "law"), CASES)

@@ -69,6 +69,15 @@ class OnlyOnce(Idler):
         yield from super().run()
 
 
+class Hasty(Idler):
+    """Begins a motion at once, whether the arm is at rest or not."""
+
+    example = "hasty: {}"
+
+    def run(self) -> Iterator[float | None]:
+        yield from self.arm.follow(self.arm.straight_to(self.arm.setpoint.q + 0.1, 0.5))
+
+
 def candidate(skill: type[Skill]) -> Candidate:
     known = Registry.load()
     name = yaml_name(skill)
@@ -90,6 +99,7 @@ def test_correct_skill_obeys_every_law(law: str) -> None:
         (Messy, "leaves the arm stopped when halted at 50%", "left in a mess"),
         (OnlyOnce, "starts again after success", "once is enough"),
         (OnlyOnce, "starts again after it was halted", "once is enough"),
+        (Hasty, "starts while the arm brakes", "the arm moves at .* waits with arm.come_to_rest"),
     ],
     ids=lambda value: value if isinstance(value, str) else yaml_name(value),
 )
