@@ -3,7 +3,7 @@
     python -m benchmarks.two_arm_tasks [--trials 5] [--robots fr3 panda ur5e xarm7] [--seed 0]
                                        [--reality lab] [--only TASK ...] [--speed 0.5] [--verbose]
 
-Thirteen tasks after DuoBench and robosuite: poses, sizes, masses and joints are those of the
+Fifteen tasks after DuoBench and robosuite: poses, sizes, masses and joints are those of the
 benchmarks as far as they are known, except for what docs/benchmarks.md lists; each trial has its
 own random start. Each arm has its own tree, and the goals of the file are checked in the true
 world. Unlike in the benchmarks, trees know the objects by their declarations, and no policy is
@@ -32,6 +32,7 @@ import numpy as np
 from benchmarks.campaign import Campaign, add_options, registry
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.core.errors import DualArmError
+from bt_dualarm.core.pose import Pose
 from bt_dualarm.runtime.options import RunOptions
 from bt_dualarm.runtime.run import Run
 
@@ -69,6 +70,13 @@ def _box(size: list[float], mass: float, xyz: list[float], yaw: float = 0.0, **m
 
 def _fixed(size: list[float], xyz: list[float], **more: Any) -> Tree:
     return {"shape": "box", "size": size, "fixed": True, "pose": {"xyz": xyz}, **more}
+
+
+def _between(x: list[float], y: list[float], z: list[float]) -> Tree:
+    """Part of a compound that is a box between these coordinates."""
+    spans = np.array([x, y, z])
+    size, xyz = np.diff(spans)[:, 0], spans.mean(axis=1)
+    return {"shape": "box", "size": size.round(5).tolist(), "pose": {"xyz": xyz.round(5).tolist()}}
 
 
 def arms(robot: str, left: Tree, right: Tree, *, opposed: bool = False) -> Tree:
@@ -682,6 +690,132 @@ def two_arm_peg_in_hole(rng: np.random.Generator, robot: str) -> Tree:
     return file
 
 
+def join_blocks(rng: np.random.Generator, robot: str) -> Tree:
+    """A block is put onto a peg of a wall, and the peg of another block into it in the air."""
+    bottom, top, wall_peg = [-0.02, -0.01], [0.01, 0.02], 0.12
+    hole, peg = [-0.01, 0.01], [-0.008, 0.008]
+    # Two sockets of 20 by 20 mm: that for the other block is open to +y, that for the wall to +x.
+    h_parts = {
+        "bar": _between([-0.0928, -0.0178], [-0.058, -0.028], [-0.02, 0.005]),
+        "floor": _between([-0.0178, 0.07], [-0.058, 0.045], bottom),
+        "roof": _between([-0.0178, 0.07], [-0.058, 0.045], top),
+        "back": _between([-0.0178, 0.01], [-0.058, 0.045], hole),
+        "front": _between([0.03, 0.07], [-0.024, 0.045], hole),
+        "side": _between([0.01, 0.07], [-0.058, -0.044], hole),
+        "middle": _between([0.01, 0.03], [-0.024, -0.01], hole),
+    }
+    p_parts = {
+        "bar": _between([-0.013, 0.017], [0.0551, 0.1301], [-0.02, 0.005]),
+        "shoulder": _between([-0.028, 0.032], [0.02, 0.0551], [-0.02, 0.02]),
+        "peg": _between(peg, [-0.03, 0.02], peg),
+    }
+    dx, dy = _offset(rng, 0.05, 0.075)
+    h_block: Tree = {"shape": "compound", "mass": 0.1, "parts": h_parts, "friction": 3.0}
+    h_block["pose"] = {"xyz": _on_table(0.5 + dx, -0.2 + dy, 0.04)}
+    dx, dy = _offset(rng, 0.075, 0.05)
+    p_block: Tree = {"shape": "compound", "mass": 0.05, "parts": p_parts, "friction": 3.0}
+    p_block["pose"] = {"xyz": _on_table(0.5 + dx, 0.2 + dy, 0.04)}
+    wall: Tree = {"shape": "compound", "fixed": True, "pose": {"xyz": _xyz(0.7, 0.0, _TOP)}}
+    wall["parts"] = {
+        "plate": _between([0.0, 0.02], [-0.06, 0.06], [0.0, 0.2]),
+        "peg": _between([-0.05, 0.0], peg, [wall_peg - 0.008, wall_peg + 0.008]),
+    }
+
+    def at_peg(x: float, y: float) -> Tree:
+        return {"xyz": _xyz(x, y, _TOP + wall_peg), "rpy": [0, 0, 0]}
+
+    # 3 mm from the wall, and from each other.
+    on_wall, joined = at_peg(0.627, 0.034), at_peg(0.647, 0.062)
+    # The wall comes first: arms whose held objects are joined cannot move together.
+    h_grasp = {"object": "h_block", "point": [-0.065, -0.043, -0.0075], "approach": [0, 0, -1]}
+    p_grasp = {"object": "p_block", "point": [0.002, 0.105, -0.0075], "approach": [0, 0, -1]}
+    right: list[Any] = [
+        {"grasp": h_grasp},
+        {"transport": {"to": at_peg(0.547, 0.034)}},
+        {"move_linear": {"offset": {"xyz": [0.08, 0, 0]}, "speed": 0.1}},
+        {"meet": "ready"},
+        {
+            "parallel": {
+                "policy": "any",
+                "children": [{"hold_still": {"partner": "left"}}, {"meet": "joined"}],
+            }
+        },
+    ]
+    left: list[Any] = [
+        {"grasp": p_grasp},
+        {"meet": "ready"},
+        {"transport": {"to": at_peg(0.647, 0.162)}},
+        {"move_linear": {"offset": {"xyz": [0, -0.1, 0]}, "speed": 0.1, "into": "h_block"}},
+        {"meet": "joined"},
+    ]
+    goal = {
+        "on_wall": {"object": "h_block", "at": on_wall, "within": 0.01, "held_by": "right"},
+        "joined": {"object": "p_block", "at": joined, "within": 0.01, "held_by": "left"},
+    }
+    objects = {"h_block": h_block, "p_block": p_block, "wall": wall}
+    # Side by side, the forearm of one UR5e would come to the wrist of the other one.
+    file = _file(robot, objects, left, right, goal, opposed=robot == "ur5e")
+    meeting = ["left", "right"]
+    file["cell"] = {"rendezvous": {"ready": meeting, "joined": meeting}}
+    return file
+
+
+def ball_maze(rng: np.random.Generator, robot: str) -> Tree:
+    """Both arms lift a maze, and tilt it until a ball has rolled into its other corner."""
+    yaw = round(float(rng.uniform(-180, 180)), 1)
+    parts = {"floor": _between([-0.116, 0.116], [-0.116, 0.116], [0.0, 0.003])}
+    # Of two pairs of handles that are equally far apart, arms carry it by the first one.
+    sides = [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)]
+    for number, (x, y) in enumerate(sides if round(yaw / 90.0) % 2 else sides[2:] + sides[:2]):
+        for name, away, thick, wide in (("hold", 0.136, 0.04, 0.02), ("rim", 0.108, 0.016, 0.232)):
+            parts[f"{name}{number}"] = {
+                "shape": "box",
+                "size": [thick, wide, 0.034] if x else [wide, thick, 0.034],
+                "pose": {"xyz": [away * x, away * y, 0.02]},
+            }
+    # The walls of its maze 2, between x and y of their middles.
+    for number, (x1, y1, x2, y2) in enumerate(
+        (
+            (-0.07, -0.06, -0.07, 0.1),
+            (-0.03, -0.1, -0.03, -0.02),
+            (-0.07, 0.03, 0.04, 0.03),
+            (-0.04, -0.01, 0.0, -0.01),
+            (0.01, -0.1, 0.01, -0.02),
+            (0.05, -0.06, 0.05, 0.02),
+            (0.05, -0.05, 0.1, -0.05),
+        )
+    ):
+        half_x, half_y = (0.0, 0.0015) if x2 > x1 else (0.0015, 0.0)
+        parts[f"wall{number}"] = _between(
+            [x1 - half_x, x2 + half_x], [y1 - half_y, y2 + half_y], [0.003, 0.023]
+        )
+    dx, dy = _offset(rng, 0.15, 0.15)
+    at = _xyz(0.5 + dx, dy, _TOP)
+    board: Tree = {"shape": "compound", "mass": 0.4, "parts": parts, "friction": 0.05}
+    board["pose"] = {"xyz": at, "rpy": [0, 0, yaw]}
+    ball: Tree = {"shape": "sphere", "size": [0.01], "mass": 0.01, "friction": 0.05}
+    start = Pose.from_rpy(at, (0.0, 0.0, math.radians(yaw))).apply(np.array([-0.09, 0.09, 0.0131]))
+    ball["pose"] = {"xyz": start.round(4).tolist()}
+
+    def tilted(x: float, y: float) -> Tree:
+        """Pose in which the ball rolls in this direction of the board."""
+        return {"xyz": _xyz(0.45, 0.0, _TOP + 0.15), "rpy": [-12.0 * y, 12.0 * x, yaw]}
+
+    left: list[Any] = []
+    right: list[Any] = []
+    # Each time it rolls as far as the next wall.
+    for x, y in ((0, 0), (0, -1), (1, 0), (0, 1), (-1, 0), (-0.5, 1), (1, 0), (0.5, -1), (1, 0)):
+        carry: Tree = {"object": "board", "with": ["right"], "to": tilted(x, y), "set_down": False}
+        left += [{"carry_together": carry}, {"wait": 1.0}]
+        right.append({"carry_together": {"object": "board", "with": ["left"]}})
+    goal: Tree = {"done": {"object": "ball", "in_zone": "red_square"}}
+    goal |= {arm: {"object": "board", "held_by": arm} for arm in ("left", "right")}
+    file = _file(robot, {"board": board, "ball": ball}, left, right, goal)
+    zone: Tree = {"shape": "cylinder", "size": [0.011, 0.04], "around": "board"}
+    file["cell"] = {"zones": {"red_square": zone | {"pose": {"xyz": [0.09, -0.09, 0.013]}}}}
+    return file
+
+
 TASKS: Final = {
     one.__name__: (one, steps)
     for one, steps in (
@@ -698,6 +832,8 @@ TASKS: Final = {
         (two_arm_transport, 0),
         (pour_marbles, 442),
         (two_arm_peg_in_hole, 0),
+        (join_blocks, 829),
+        (ball_maze, 350),
     )
 }
 """Tasks by name, with the length of an episode of DuoBench in steps of 1/30 s."""

@@ -29,3 +29,9 @@ def test_peg_is_put_into_a_hole_that_another_arm_holds() -> None:
     """Without `into` of `move_linear`, the arms kept what they hold 45 mm apart."""
     found = played("two_arm_peg_in_hole", "panda", 200, "lab", speed=1.0)
     assert found["outcome"] == "SUCCESS", found["why"]
+
+
+@pytest.mark.parametrize("name", ["join_blocks", "ball_maze"])
+def test_task_of_duobench_succeeds(name: str) -> None:
+    found = played(name, "panda", 0, "lab", speed=1.0)
+    assert found["outcome"] == "SUCCESS", found["why"]
