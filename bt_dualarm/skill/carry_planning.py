@@ -11,7 +11,7 @@ import numpy as np
 
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.collision.checker import CollisionChecker
-from bt_dualarm.collision.distance import PLANNING_MARGIN_M
+from bt_dualarm.collision.distance import PLANNING_MARGIN_M, RESTING_MARGIN_M
 from bt_dualarm.collision.group import GroupChecker
 from bt_dualarm.control.internal_wrench import CarryingArm
 from bt_dualarm.core.errors import CollisionFailure, Failure
@@ -393,7 +393,12 @@ class CarryPlanning:
     def _approach(
         self, chosen: Mapping[str, RankedGrasp], q: Mapping[str, Vector]
     ) -> dict[str, Matrix]:
-        """Straight approaches that end in a configuration, each of shape (n, dof), rad."""
+        """Straight approaches that end in a configuration, each of shape (n, dof), rad.
+
+        Raises:
+            Failure: An arm cannot follow its own, or would be too near something on it, such as
+                another arm: the guard stops arms there that group motions allow to be nearer.
+        """
         found = {}
         out = Pose.from_rpy((0.0, 0.0, -self._ports.standoff))
         for name, one in chosen.items():
@@ -403,18 +408,26 @@ class CarryPlanning:
             })  # fmt: skip
             rows = alone.follow_on([[ToolTarget(name, pose)] for pose in poses], {name: q[name]})
             found[name] = rows[name][::-1].copy()
-            checker = CollisionChecker(self._world, name)
+        for name, own in found.items():
+            others = sorted(found.keys() - {name})
             hand = list(self._world.arms[name].tool_geom_ids)
             its = list(self._world.object_geoms(self._object))
-            checker.least[np.ix_(hand, its)] = checker.least[np.ix_(its, hand)] = -np.inf
             gripper = self._world.grippers.get(name)
-            if gripper is not None and gripper.gripper.fingers:
-                checker.open_fingers(gripper.gripper.stroke)
-            contact = checker.first_contact(found[name])
-            # The others will have moved by then.
-            others = self._proposals.keys() - {name}
-            if contact is not None and contact[1].second.partition("/")[0] not in others:
-                raise contact[1].failure()
+            # A plan leads to the standoff; from there, any arm may be the first at its end.
+            for margin, end, path in (
+                (PLANNING_MARGIN_M, 0, own[:1]),
+                (RESTING_MARGIN_M, 0, own),
+                (RESTING_MARGIN_M, -1, own[-1:]),
+            ):
+                checker = CollisionChecker(self._world, name, dict.fromkeys(others, margin))
+                checker.least[np.ix_(hand, its)] = checker.least[np.ix_(its, hand)] = -np.inf
+                if gripper is not None and gripper.gripper.fingers:
+                    checker.open_fingers(gripper.gripper.stroke)
+                for other in others:
+                    checker.move_other(self._world.arms[other], found[other][end])
+                contact = checker.first_contact(path)
+                if contact is not None:
+                    raise contact[1].failure()
         return found
 
 

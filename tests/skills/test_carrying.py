@@ -414,3 +414,50 @@ def test_arms_retreat_differently_where_a_straight_retreat_is_impossible(
     assert result.outcome == "SUCCESS", leaf(result).reason
     assert leaf(result).metrics["retreated_m"] < 0.1
     assert leaf(result).metrics["placed_error_m"] < 2e-3
+
+
+def with_four_handles(x: float, y: float, yaw: float) -> dict[str, Any]:
+    """Two arms side by side, as on a torso, lift a small board by two of its four handles."""
+    board: Tree = {
+        "shape": "compound",
+        "mass": 0.4,
+        "pose": {"xyz": [x, y, 0.822], "rpy": [0, 0, yaw]},
+    }
+    parts: Tree = {
+        f"handle{i}": {"shape": "box", "size": [*size, 0.034], "pose": {"xyz": [*place, 0.02]}}
+        for i, (place, size) in enumerate(
+            (
+                ((0.13, 0), (0.04, 0.02)),
+                ((-0.13, 0), (0.04, 0.02)),
+                ((0, 0.13), (0.02, 0.04)),
+                ((0, -0.13), (0.02, 0.04)),
+            )
+        )
+    }
+    parts["floor"] = {"shape": "box", "size": [0.232, 0.232, 0.006], "pose": {"xyz": [0, 0, 0.003]}}
+    table: Tree = {"shape": "box", "size": [0.78, 1.392, 0.04], "pose": {"xyz": [0.495, 0, 0.802]}}
+    up: Tree = {"to": {"xyz": [0.45, 0, 1.072], "rpy": [0, 0, yaw]}}
+    arms = {
+        name: {
+            "robot": "fr3",
+            "gripper": "robotiq_2f85",
+            "base": {"xyz": [0, 0.0502 * side, 1.1515], "rpy": [-51.2 * side, -10, -26.6 * side]},
+            "tree": {
+                "carry_together": {"object": "board", "with": [other], "set_down": False, **goal}
+            },
+        }
+        for name, other, side, goal in (("left", "right", 1, up), ("right", "left", -1, {}))
+    }
+    return {
+        "bt_dualarm": 1,
+        "world": {"scene": "empty", "time_limit": 60},
+        "objects": {"table": table | {"fixed": True}, "board": board | {"parts": parts}},
+        "arms": arms,
+    }
+
+
+@pytest.mark.parametrize(("x", "y", "yaw"), [(0.55, 0.01, 150), (0.58, 0.07, 150)])
+def test_arms_can_approach_grasps_that_are_close_together(x: float, y: float, yaw: float) -> None:
+    """Grasps were chosen whose approaches the guard stops: a `DEADLOCK` next to the object."""
+    result = bt.run(with_four_handles(x, y, yaw))
+    assert result.outcome == "SUCCESS", [leaf(result, arm).reason for arm in result.arms]

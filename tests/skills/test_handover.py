@@ -220,6 +220,7 @@ def test_result_does_not_depend_on_the_order_of_the_arms(stage: Stage) -> None:
 def test_giver_that_stays_near_does_not_fail_the_handover(stage: Stage) -> None:
     """Its open fingers end within the 30 mm that arms keep from each other."""
     give: Tree = {"object": "box", "to": "taker", "at": {"xyz": [0.45, -0.05, 0.45]}}
+    give["retreat"] = 0.03
     giver: Tree = {"robot": "ur3e", "gripper": "panda_hand"}
     slowly: Tree = {"go_home": {"speed": 0.1}}
     giver["tree"] = {"sequence": [{"grasp": {"object": "box"}}, {"hand_over": give}, slowly]}
