@@ -365,6 +365,10 @@ class _Loading:
             message = f"'{name}' is already the name of a fixture of the scene"
             self.problems.append(source.problem((section, name), message, key=True))
         objects, groups, wrong = expanded({**fixtures, **content.objects})
+        entries = {name: group.entry for group in groups for name in group.names}
+        for name in (objects.keys() - fixtures.keys()) & content.arms.keys():
+            message = f"'{name}' is the name of an object and of an arm: rename one"
+            wrong.append((entries.get(name, name), message))
         for entry, message in wrong:
             self.problems.append(source.problem(("objects", entry), message, key=True))
         fields = dict(content) | {"objects": objects}

@@ -812,12 +812,6 @@ class TreeContent(Value):
     never: Conditions = Field(default_factory=dict)
     faults: Faults = Field(default_factory=dict)
 
-    @model_validator(mode="after")
-    def _names_are_unique(self) -> Self:
-        for name in self.objects.keys() & self.arms.keys():
-            raise ValueError(f"'{name}' is the name of an object and of an arm: rename one")
-        return self
-
 
 class TreeFile(TreeContent):
     """A tree file.

@@ -146,7 +146,7 @@ def test_parameter_without_default_must_be_given(write: Write) -> None:
         ("- succeed", "- a: 1\n              b: 2", "21:11: a node has one key"),
         ("- succeed", "- set: {key: 'a b', value: 1}", "key: text 'a b' cannot be a key"),
         ("- succeed", "- compare: {value: '{}', to: 1}", "'{}' is not a reference to a key"),
-        ("cube:", "arm1:", "'arm1' is the name of an object and of an arm: rename one"),
+        ("cube:", "arm1:", "9:3: 'arm1' is the name of an object and of an arm: rename one"),
         ("range: [0.1, 1]", "range: [1, 0.1]", "speed: the range goes from 1 down to 0.1"),
         ("default: 0.5", "default: 5", "3:34: default of speed: must be at most 1, not 5"),
         ("type: integer", "type: int", "type: expected one of"),
@@ -158,6 +158,21 @@ def test_mistake_is_reported_with_its_place(
     assert old in GOOD
     found = messages(write(GOOD.replace(old, new, 1)))
     assert any(expected in message for message in found), found
+
+
+def test_every_object_with_the_name_of_an_arm_is_reported(write: Write) -> None:
+    """One of a group is reported at its entry."""
+    text = """
+    bt_dualarm: 1
+    objects:
+      left: {shape: box, size: [0.1, 0.1, 0.1], mass: 1, pose: {xyz: [1, 0, 0.05]}}
+      part: {shape: sphere, size: [0.02], mass: 1, many: {grid: [2, 1], spacing: [0.1, 0.1]}}
+    arms:
+      part2: {robot: ur5, tree: {wait: 1}}
+      left: {robot: ur5, tree: {wait: 1}}
+    """
+    clash = "is the name of an object and of an arm: rename one"
+    assert messages(write(text)) == [f"3:3: 'left' {clash}", f"4:3: 'part2' {clash}"]
 
 
 def test_all_problems_are_reported_at_once_in_order(write: Write) -> None:
