@@ -170,7 +170,10 @@ class BehaviorEnv(gymnasium.Env[Any, Any]):
         self.run.step(self.run.world.timestep)
 
     def _checked(self, action: Action) -> Vector:
-        values = np.asarray(action, dtype=float)
+        try:
+            values = np.asarray(action, dtype=float)
+        except (TypeError, ValueError):
+            raise RunError(f"action: {action!r} is no array of numbers"[:400]) from None
         if values.shape != self.action_space.shape or not np.isfinite(values).all():
             raise RunError(
                 f"action: expected {self.action_space.shape[0]} finite numbers from -1 to 1, "

@@ -76,6 +76,7 @@ class RunView(Protocol):
         """Current state of every arm of the file, in its order."""
 
 
+@runtime_checkable
 class Observer(Protocol):
     """Observer of a run, such as a display; one that raises is dropped, and the run continues."""
 

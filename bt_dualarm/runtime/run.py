@@ -14,6 +14,7 @@ import operator
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
+from numbers import Real
 from pathlib import Path
 from threading import Event, Lock, Thread
 from typing import Final
@@ -209,7 +210,7 @@ def _checked_viewpoint(
         points.append(point)
     if np.linalg.norm((points[0] - points[1])[:2]) < 1e-6:
         raise RunError("eye is straight above or below look_at: move it a little to one side")
-    if not 1.0 <= fov <= 170.0:
+    if not isinstance(fov, Real) or not 1.0 <= float(fov) <= 170.0:
         raise RunError(f"fov: {fov!r} is not from 1 to 170 degrees")
     return Viewpoint(points[0], points[1], float(fov))
 
@@ -472,7 +473,16 @@ class Run:
         raise RunError(f"there is no camera '{camera}'; {suggestion(camera, known, 'camera')}")
 
     def watch(self, observer: Observer) -> None:
-        """Add an observer, notified after those that are already registered."""
+        """Add an observer, notified after those that are already registered.
+
+        Raises:
+            RunError: It lacks a method of an observer.
+        """
+        if not isinstance(observer, Observer):
+            raise RunError(
+                f"watch: {observer!r} is not an observer: it needs the methods on_event, "
+                "after_ticks and after_step"
+            )
         self._watching.append(observer)
         self._parts.feed.watch(observer)
 

@@ -414,6 +414,12 @@ def test_wrong_action_is_refused(reach: Any, action: Any) -> None:
         reach.step(np.array(action, np.float32))
 
 
+def test_action_that_is_no_array_is_refused(reach: Any) -> None:
+    reach.reset(seed=0)
+    with pytest.raises(RunError, match="action: 'left' is no array of numbers"):
+        reach.step("left")
+
+
 def test_missing_gymnasium_is_reported_with_the_command_to_install_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

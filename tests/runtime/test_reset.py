@@ -143,9 +143,15 @@ def test_images_show_the_world() -> None:
         ({"eye": [0, 1, 2]}, "look_at: None is not a point"),
         ({"eye": [0, 0, 2], "look_at": [0, 0, 1]}, "straight above"),
         ({"eye": [0, 0, 2], "look_at": [1, 0, 1], "fov": 0}, "fov: 0 is not from 1 to 170"),
+        ({"eye": [0, 0, 2], "look_at": [1, 0, 1], "fov": "wide"}, "fov: 'wide' is not from"),
         ({"camera": "arm2", "eye": [0, 0, 2]}, "give either a camera, or eye"),
     ],
 )
 def test_a_wrong_argument_is_named(given: dict[str, Any], message: str) -> None:
     with bt.open(TREE) as run, pytest.raises(RunError, match=message):
         run.render(**given)
+
+
+def test_an_observer_without_its_methods_is_refused() -> None:
+    with bt.open(TREE) as run, pytest.raises(RunError, match="watch: 5 is not an observer"):
+        run.watch(5)  # type: ignore[arg-type]
