@@ -174,6 +174,7 @@ if TYPE_CHECKING:
     from bt_dualarm.spec.values import GripWidth as GripWidth
     from bt_dualarm.spec.values import JointAngles as JointAngles
     from bt_dualarm.spec.values import JointName as JointName
+    from bt_dualarm.spec.values import JointOffsets as JointOffsets
     from bt_dualarm.spec.values import JointPosition as JointPosition
     from bt_dualarm.spec.values import ObjectName as ObjectName
     from bt_dualarm.spec.values import Offset as Offset
@@ -257,6 +258,7 @@ _CONTENTS: Final = {
     "GripSpeed": "spec.values:GripSpeed",
     "GripWidth": "spec.values:GripWidth",
     "JointAngles": "spec.values:JointAngles",
+    "JointOffsets": "spec.values:JointOffsets",
     "JointName": "spec.values:JointName",
     "JointPosition": "spec.values:JointPosition",
     "Keep": "spec.path_keep:Keep",

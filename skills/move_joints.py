@@ -9,6 +9,7 @@ import numpy as np
 from bt_dualarm import (
     Failure,
     JointAngles,
+    JointOffsets,
     PortModel,
     Skill,
     Speed,
@@ -27,7 +28,7 @@ class MoveJoints(Skill):
         to: JointAngles | None = port(
             None, "angles of all joints, base to tip, or {joint: angle} for some", unit="deg"
         )
-        by: JointAngles | None = port(None, "the same, relative to the current angles", unit="deg")
+        by: JointOffsets | None = port(None, "the same, relative to the current angles", unit="deg")
         speed: Speed = port(0.5, "fraction of the arm's limits")
 
     failures = {
@@ -62,7 +63,7 @@ class MoveJoints(Skill):
             goal[joint] = angle
         return goal if by is None else now + goal
 
-    def _by_index(self, angles: JointAngles | None, dof: int) -> Mapping[int, float]:
+    def _by_index(self, angles: JointAngles | JointOffsets | None, dof: int) -> Mapping[int, float]:
         joints = self.arm.robot.joints
         if isinstance(angles, dict):
             unknown = [name for name in angles if name not in joints]

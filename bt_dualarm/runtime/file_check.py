@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final, TypeVar
@@ -267,8 +267,14 @@ class Names:
                     if value not in robot.postures:
                         message = f"{node.kind}: there is no posture of {robot.name} '{value}'"
                         yield node.port_problem((port,), message, _known(value, robot.postures))
-                elif metadata_of(declared, OfJoints) and isinstance(value, (dict, list)):
-                    yield from _joints(node, port, value, robot)
+                elif isinstance(value, (dict, list)):
+                    of_joints = metadata_of(declared, OfJoints)
+                    if of_joints is None:
+                        continue
+                    wrong = list(_joints(node, port, value, robot))
+                    yield from wrong
+                    if not (wrong or of_joints.are_offsets):
+                        self.warnings += _beyond_limits(node, port, value, robot)
 
     def _unknown(self, path: DataPath, what: str, given: str, known: Iterable[str]) -> None:
         self._add(path, f"there is no {what} '{given}'", _known(given, known))
@@ -289,6 +295,23 @@ def _joints(node: NodeSpec, port: str, value: Data, robot: Robot) -> Iterator[Pr
         values = counted(len(value), "value")
         message = f"{node.kind}: {port}: {values} for the {dof} joints of {robot.name}"
         yield node.port_problem((port,), message, f"base to tip: {', '.join(robot.joints)}")
+
+
+def _beyond_limits(
+    node: NodeSpec, port: str, value: Mapping[str, Data] | Sequence[Data], robot: Robot
+) -> Iterator[Problem]:
+    """Yields a warning for each literal angle, in degrees, beyond the limits of its joint."""
+    angles = value if isinstance(value, Mapping) else dict(enumerate(value))
+    for key, angle in angles.items():
+        joint = robot.joints.index(key) if isinstance(key, str) else key
+        if not isinstance(angle, (int, float)):
+            continue
+        low, high = np.degrees((robot.limits.lower[joint], robot.limits.upper[joint])).tolist()
+        if not low - 1e-6 <= angle <= high + 1e-6:
+            message = f"{node.kind}: {port}: {robot.joints[joint]} cannot be at {angle:g}°"
+            hint = f"its limits are {low:.5g}° and {high:.5g}°"
+            problem = node.port_problem((port, key), message, hint)
+            yield replace(problem, severity="warning")
 
 
 def _known(given: str, known: Iterable[str]) -> str:

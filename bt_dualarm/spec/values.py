@@ -606,7 +606,14 @@ class OfPosture:
 
 @dataclass(frozen=True)
 class OfJoints:
-    """Metadata of a port with a value for each of the arm's joints, or for some by name."""
+    """Metadata of a port with a value for each of the arm's joints, or for some by name.
+
+    Attributes:
+        are_offsets: Whether the values are added to the current ones; others are within the limits
+            of the joints.
+    """
+
+    are_offsets: bool = False
 
 
 @dataclass(frozen=True)
@@ -633,4 +640,9 @@ PostureName: TypeAlias = Annotated[str, OfPosture()]
 """Name of a posture in the robot's description, which the check knows."""
 
 JointAngles: TypeAlias = Annotated[tuple[Angle, ...] | dict[str, Angle], OfJoints()]
-"""Angles of all joints from base to tip, or of some by name; the check knows the joints."""
+"""Angles of all joints from base to tip, or of some by name; the check knows joints and limits."""
+
+JointOffsets: TypeAlias = Annotated[
+    tuple[Angle, ...] | dict[str, Angle], OfJoints(are_offsets=True)
+]
+"""Changes of the angles of all joints from base to tip, or of some by name."""

@@ -270,6 +270,27 @@ def test_warnings_of_the_world_hide_no_other_ones(tmp_path: Path, registry: Regi
     assert checked.file is not None
 
 
+@pytest.mark.parametrize(
+    ("ports", "warned"),
+    [
+        ("to: [0, -90, 900, 0, 0, 0]", ["elbow_joint cannot be at 900°"]),
+        ("to: {elbow_joint: -181, wrist_3_joint: 361}", ["-181°", "wrist_3_joint cannot be at"]),
+        ("to: {elbow_joint: 180, wrist_3_joint: -360}", []),
+        ("by: {elbow_joint: -300}", []),
+    ],
+)
+def test_joint_angles_beyond_limits_are_warnings(
+    ports: str, warned: list[str], registry: Registry
+) -> None:
+    text = FILE.format(**{**GOOD, "tree": f"{{move_joints: {{{ports}}}}}"})
+    problems = check(text, registry.kinds).problems
+    assert len(problems) == len(warned)
+    for problem, part in zip(problems, warned, strict=True):
+        assert (problem.severity, problem.place.line) == ("warning", 11)
+        assert part in problem.message
+        assert problem.hint.startswith("its limits are -")
+
+
 @pytest.mark.parametrize(("y", "millimeters"), [(0.28, 20), (0.3, 25), (0.4, None)])
 def test_arms_that_begin_too_near_each_other_are_a_warning(
     y: float, millimeters: int | None, registry: Registry
