@@ -226,8 +226,8 @@ class CollisionDetectedFailure(Failure):
 class BlockedFailure(Failure):
     """A running motion is abandoned because of an obstacle that has not been touched yet.
 
-    The code is ``IN_COLLISION``, ``TIMED_OUT`` if the arm has waited for the obstacle to leave, or
-    ``DEADLOCK`` if the obstacle is an arm that waits for this one.
+    The code is ``IN_COLLISION``; ``TIMED_OUT`` if the guard has stopped the arm, and the obstacle
+    has not left in time or is going to stay; ``DEADLOCK`` if it is an arm that waits for this one.
 
     Args:
         code: As of `Failure`.
