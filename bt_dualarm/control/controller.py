@@ -59,6 +59,10 @@ OVERSPEED_RAD_S = 0.05
 """Speed beyond the limit at which a motion fails at the earliest, rad/s: in `rough`, friction that
 was not foreseen lets a joint be too fast by up to 0.04 rad/s, however low its limit is."""
 
+OVERSPEED_S = 0.02
+"""Time for which a joint must be that fast, s. One that friction has held and lets go is too fast
+for up to 15 ms (an FR3 in `rough`, by 0.06 rad/s); one that was pushed remains so."""
+
 _CRAWL = 0.01
 """Fraction of the velocity limits below which a stop need not be on the path: it is the shortest,
 and deviates by some micrometers."""
@@ -107,6 +111,7 @@ class JointController:
         self.touch = self._torque.touch
         self.compliance = self._torque.compliance
         self._force = ForceLimit(world, name, self.touch)
+        self._too_fast_steps = 0
         self._hold = self.setpoint
         self._sent_s = world.time - period
         self._before = self.setpoint
@@ -364,10 +369,14 @@ class JointController:
             self._abort(self._guard.touch() or excess)
         report = self._guard.report
         report.fastest_share = max(report.fastest_share, speed_share)
-        if speed_share > OVERSPEED and self.fault is None:
+        if speed_share <= OVERSPEED:
+            self._too_fast_steps = 0
+        elif self.fault is None:
             speeds = np.abs(self._hardware.v)
             most = self._torque.top_speed
-            if (speeds > np.maximum(OVERSPEED * most, most + OVERSPEED_RAD_S)).any():
+            is_too_fast = (speeds > np.maximum(OVERSPEED * most, most + OVERSPEED_RAD_S)).any()
+            self._too_fast_steps = self._too_fast_steps + 1 if is_too_fast else 0
+            if self._too_fast_steps * self.period > OVERSPEED_S:
                 self.fault = overspeed_failure(self._robot, speeds / most)
                 self.stop()
         if self._motion is None:

@@ -282,6 +282,23 @@ def test_motion_must_not_start_at_rest_while_the_arm_moves() -> None:
     assert controller.clipped == 0
 
 
+@pytest.mark.parametrize(("seconds", "fails"), [(0.012, False), (0.04, True)])
+def test_joint_that_stays_too_fast_is_a_failure(seconds: float, fails: bool) -> None:
+    """One that friction lets go is so for some milliseconds; one that is pushed remains so."""
+    world = world_with("ur5")
+    controller = controlled(world)
+    body = world.arms["arm1"]
+    wrist = body.dof_ids[-1]
+    limit = world.robots["arm1"].limits.velocity[-1]
+    world.data.qvel[wrist] = 1.2 * limit
+    world.data.qfrc_applied[wrist] = 40.0
+    run(world, seconds, controller)
+    assert body.v[-1] > 1.05 * limit
+    assert (controller.fault is not None) == fails
+    if fails:
+        assert "times as fast as the robot allows" in str(controller.fault)
+
+
 def test_nan_torques_raise_a_divergence_error() -> None:
     world = world_with("ur5")
     controller = controlled(world)

@@ -293,3 +293,12 @@ def test_a_slow_arm_may_be_as_fast_as_it_can(stage: Stage, tmp_path: Path) -> No
     world = {"scene": "empty", "reality": "rough"}
     leaf = stage.run({"name": "slow", "world": world, "arms": {"arm1": arm}}, seed=2).leaf("circle")
     assert leaf.status == "SUCCESS", leaf.reason
+
+
+def test_joint_that_friction_lets_go_is_not_too_fast(stage: Stage) -> None:
+    """For some milliseconds, joint 2 of this FR3 exceeds its limit of 1 rad/s by 0.06 rad/s."""
+    circle = {"circle": {"plane": "xy", "radius": 0.05, "speed": 1.0}}
+    arm = {"robot": "fr3", "gripper": "panda_hand", "base": {"xyz": [-0.1, 0, 0]}, "tree": circle}
+    world = {"scene": "empty", "reality": "rough"}
+    leaf = stage.run({"name": "fast", "world": world, "arms": {"arm1": arm}}, seed=0).leaf("circle")
+    assert leaf.status == "SUCCESS", leaf.reason
