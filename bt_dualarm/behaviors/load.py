@@ -419,6 +419,8 @@ class _Loading:
             source, name, FilePath(source.file).parent, source.texts, read_mjcf
         )
         self.problems += problems
+        if scene is None or scene.content is None:
+            self.left_out.add(("world", "scene"))
         return scene
 
     def _what_is_sound(
@@ -447,8 +449,14 @@ class _Loading:
         objects = {
             name: one for name, one in parts["objects"].items() if isinstance(one, ObjectSpec)
         }
-        parts["objects"] = {**expanded({**_fixtures(scene), **objects})[0]}
+        fixtures = _fixtures(scene)
+        expanded_objects, groups, _ = expanded({**fixtures, **objects})
+        parts["objects"] = {**expanded_objects}
         fields: dict[str, Any] = {"world": world, "cell": cell, "path": path, **parts}
+        fields |= {"groups": groups, "fixtures": frozenset(fixtures)}
+        if scene is not None and scene.content is not None:
+            fields["arms"] = _on_mounts(fields["arms"], scene.content.cameras)
+            fields["scene_source"] = scene.source
         return TreeFile.model_construct(name="", **fields)
 
     def _sound_one(self, model: type[Value], data: Data, path: DataPath) -> Value | None:

@@ -146,7 +146,7 @@ class Names:
 
     def look_up(self) -> None:
         """Find every name that does not exist, and every gripper too heavy for its arm."""
-        if not {("world",), ("world", "scene")} & self.left_out:
+        if self._knows_scene:
             self._scene()
         self._meshes()
         for name, arm in self.file.arms.items():
@@ -167,6 +167,11 @@ class Names:
                 self.problems += gripper_problems(name, arm, gripper, self.kinds)
         joints = {name: robot.joints for name, robot in self.robots.items()}
         self.problems += joint_problems(self.file.faults, self.source, joints)
+
+    @property
+    def _knows_scene(self) -> bool:
+        """Whether the scene could be read; otherwise it may have names that the file refers to."""
+        return not {("world",), ("world", "scene")} & self.left_out
 
     def _scene(self) -> None:
         world = self.file.world
@@ -245,7 +250,9 @@ class Names:
             what = f"posture of {robot.name}"
             self._unknown((*path, "posture"), what, arm.posture, robot.postures)
         camera = arm.camera
-        if camera and isinstance(camera.mount, str) and camera.mount not in robot.cameras:
+        if not camera or not isinstance(camera.mount, str) or not self._knows_scene:
+            return
+        if camera.mount not in robot.cameras:
             what = f"camera mount of {robot.name}"
             self._unknown((*path, "camera", "mount"), what, camera.mount, robot.cameras)
 

@@ -108,6 +108,28 @@ def test_errors_of_a_scene_have_its_lines(
     assert not line or line in {one.place.line for one in problems}
 
 
+@pytest.mark.parametrize("scene", ["boards: 1", "fov: 3"])
+def test_mounts_of_a_scene_with_errors_are_not_called_unknown(cell: Path, scene: str) -> None:
+    broken = SCENE.replace("shape: shelf", f"shape: shelf, {scene}")
+    (cell.parent / "scenes" / "cell.yaml").write_text(broken, encoding="utf-8")
+    messages = [problem.message for problem in bt.check(cell)]
+    assert len(messages) == 1, messages
+    assert "overhead" not in messages[0]
+
+
+def test_an_error_elsewhere_in_the_tree_file_leaves_the_scene_known(cell: Path) -> None:
+    """Its mounts exist all the same, and an error of a fixture is at the fixture's line."""
+    scene = cell.parent / "scenes" / "cell.yaml"
+    mesh = "shape: mesh, file: wall.stl"
+    scene.write_text(SCENE.replace("shape: box, size: [2, 0.1, 1.5]", mesh), encoding="utf-8")
+    cell.write_text(TREE.replace("on: bench", "on: [bench]"), encoding="utf-8")
+    fixture, goal = sorted(bt.check(cell), key=lambda one: one.message)
+    assert "wall.stl" in fixture.message
+    assert (Path(fixture.place.file), fixture.place.line) == (scene, 6)
+    assert Path(goal.place.file) == cell
+    assert "on: expected" in goal.message
+
+
 def test_an_object_within_a_fixture_is_an_error(cell: Path) -> None:
     cell.write_text(TREE.replace("[0.3, -0.4, 0.42]", "[0.4, -1.2, 0.42]"), encoding="utf-8")
     (problem,) = [one for one in bt.check(cell) if one.severity == "error"]
