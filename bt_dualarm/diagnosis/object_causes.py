@@ -16,6 +16,7 @@ from bt_dualarm.replay.record import Facts
 from bt_dualarm.replay.timeline import CameraSight, Change, TimelineNode, held_over_time
 from bt_dualarm.robots.gripper import load_gripper
 from bt_dualarm.spec.document import ObjectSpec
+from bt_dualarm.spec.joints import moved_name
 from bt_dualarm.spec.relative_pose import RELATIONS
 from bt_dualarm.spec.values import Color
 from bt_dualarm.spec.yaml_reader import with_tuples
@@ -209,10 +210,10 @@ def _held_by_another(e: Evidence, name: str) -> Iterator[Cause]:
 def _hand_full(e: Evidence) -> Iterator[Cause]:
     """Yields a cause for each object that the arm has grasped and not released."""
     for name in sorted(carried(e)):
-        taken = [leaf for kind in _GRASPING_LEAVES for leaf in _ended(e, kind, name, arm=e.arm)]
-        if not taken:
+        taken, _ = _last_taken(e, name)
+        if taken is None:
             continue
-        node, change = max(taken, key=lambda pair: pair[1].index)
+        node, change = taken
         sentence = (
             f"{e.arm} still holds {name}, which {node.path!r} ({node.kind}) took at "
             f"{change.time:.2f} s"
@@ -301,22 +302,26 @@ def _carried_meanwhile(e: Evidence, name: str) -> Iterator[Cause]:
 
 def not_attached(e: Evidence, name: str) -> Cause:
     """Cause for an arm that does not hold an object that a leaf requires to be held."""
-    lost = [*_ended(e, "detach", name, arm=e.arm), *_ended(e, "place", name, arm=e.arm)]
-    taken = [leaf for kind in _GRASPING_LEAVES for leaf in _ended(e, kind, name, arm=e.arm)]
-    if lost and (not taken or lost[-1][1].index > taken[-1][1].index):
-        node, change = lost[-1]
+    wanted = moved_name(name, str(e.ports["joint"])) if e.leaf.kind == "operate" else name
+    taken, released = _last_taken(e, name)
+    changes = held_over_time(e.record, e.arm)
+    if wanted != name and not any(wanted in held for time, held in changes if time <= e.ended):
+        taken = None  # the arm has held other parts of the object only
+    if taken is not None and released is not None:
+        node, change = released
         sentence = f"{node.path!r} ({node.kind}) had released {name} at {change.time:.2f} s"
         remedy = f"release {name} later"
         return e.cause("LET_GO", sentence, remedy, leaf=node.path, time_s=change.time)
-    if not taken:
+    if taken is None:
         attempts = [
             (node, change)
             for node in e.timeline.leaves()
             if node.arm == e.arm
-            and node.kind in _GRASPING_LEAVES
+            and node.kind in (*_GRASPING_LEAVES, "take_over")
             and name in map(str, node.ports.values())
             for change in node.changes
-            if change.old == "RUNNING" and change.time <= e.ended + 1e-9
+            if change.old == "RUNNING" and change.new != "SUCCESS"
+            if change.time <= e.ended + 1e-9
         ]
         if attempts:
             node, change = max(attempts, key=lambda pair: pair[1].index)
@@ -328,10 +333,14 @@ def not_attached(e: Evidence, name: str) -> Cause:
             )
             remedy = f"let the tree end where {node.path!r} fails"
             return e.cause("NEVER_ATTACHED", sentence, remedy, leaf=node.path, time_s=change.time)
-        sentence = f"{e.arm} never grasped {name}: no leaf had grasped it before"
         taker = "grasp" if e.code == "NOT_HELD" else "approach_and_attach"
         of = f", then_to: {e.ports['to']}" if e.leaf.kind == "operate" else ""
-        return e.cause("NEVER_ATTACHED", sentence, f"{taker}: {{object: {name}{of}}} before")
+        remedy = f"{taker}: {{object: {name}{of}}} before"
+        sentence = f"{e.arm} never grasped {wanted}: no leaf had grasped it before"
+        if wanted != name and name in e.scene(e.ended).held(e.arm):
+            sentence = f"{e.arm} holds {name} by a part that {e.ports['joint']!r} does not move"
+            remedy = f"put {name} down, and {remedy}"
+        return e.cause("NEVER_ATTACHED", sentence, remedy)
     holders = e.scene(e.ended).holders(name)
     who = f"; {holders[0]} holds it" if holders else ""
     return e.cause("LOST_HOLD", f"{e.arm} no longer held {name}{who}")
@@ -341,9 +350,8 @@ def carried(e: Evidence) -> set[str]:
     """Objects that are welded to the arm, or that a leaf has grasped and none has released."""
     names = set(e.scene(e.ended).held(e.arm))
     for name in e.record.start["objects"]:
-        taken = [leaf for kind in _GRASPING_LEAVES for leaf in _ended(e, kind, name, arm=e.arm)]
-        freed = [leaf for kind in _RELEASING_LEAVES for leaf in _ended(e, kind, name, arm=e.arm)]
-        if taken and (not freed or taken[-1][1].index > freed[-1][1].index):
+        taken, released = _last_taken(e, name)
+        if taken is not None and released is None:
             names.add(name)
     return names
 
@@ -356,6 +364,27 @@ def _too_heavy(e: Evidence) -> Cause:
     loads = ", ".join(f"{name} ({objects[name]['mass']:g} kg)" for name in names) or "what it holds"
     sentence = f"{loads} is too heavy for {e.robot}: {e.reason}"
     return e.cause("OVERLOADED", sentence, "a lighter object, a slower motion or a stronger robot")
+
+
+def _last_taken(
+    e: Evidence, name: str
+) -> tuple[tuple[TimelineNode, Change] | None, tuple[TimelineNode, Change] | None]:
+    """The arm's last leaf that took an object, and the leaf that has released it since, if any."""
+    kinds = (*_GRASPING_LEAVES, "take_over")
+    taken = [leaf for kind in kinds for leaf in _ended(e, kind, name, arm=e.arm)]
+    if not taken:
+        return None, None
+    last = max(taken, key=lambda pair: pair[1].index)
+    released = [
+        (node, change)
+        for node in e.timeline.leaves()
+        if node.arm == e.arm and node.kind in (*_RELEASING_LEAVES, "hand_over")
+        if node.ports.get("object") in (None, name)  # None: whatever the arm holds
+        for change in node.changes
+        if change.new == "SUCCESS" and last[1].index < change.index
+        if change.time <= e.ended + 1e-9
+    ]
+    return last, min(released, key=lambda pair: pair[1].index, default=None)
 
 
 def _ended(

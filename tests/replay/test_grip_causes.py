@@ -73,6 +73,13 @@ def test_an_object_that_was_never_grasped(tmp_path: Path) -> None:
     assert (cause.kind, cause.remedy) == ("NEVER_ATTACHED", "grasp: {object: obj} before")
 
 
+@pytest.mark.parametrize("releases", ["place: {at: {xyz: [0.3, -0.4, 0.426]}}", "release"])
+def test_a_leaf_that_released_the_object_without_its_name(releases: str, tmp_path: Path) -> None:
+    cause = why(tmp_path, CUBE, f"[{GRASP}, {releases}, {HIGH}]")
+    assert cause.kind == "LET_GO", cause
+    assert f"({releases.partition(':')[0]}) had released obj at" in cause.sentence
+
+
 def test_a_hand_that_does_not_fit_at_the_goal_needs_another_grasp(tmp_path: Path) -> None:
     """With a grasp from the side, the hand would be in the wall; from above there is room."""
     wall = "{shape: box, size: [0.1, 0.02, 0.2], mass: 1, pose: {xyz: [0.2, %g, 0.501]}}"

@@ -88,7 +88,43 @@ def test_handle_that_slides_out_of_the_hand(tmp_path: Path) -> None:
 def test_nothing_is_held(tmp_path: Path) -> None:
     cause = causes_of(tmp_path, OPENS)[0]
     assert cause.kind == "NEVER_ATTACHED", cause
+    assert cause.sentence == "arm1 never grasped cabinet.slide: no leaf had grasped it before"
     assert cause.remedy == "grasp: {object: cabinet, then_to: 0.15} before"
+
+
+CHEST: Tree = {
+    "chest": {
+        "shape": "compound",
+        "mass": 0.25,
+        "pose": {"xyz": [0.4, -0.4, 0.4205]},
+        "parts": {
+            "body": {"shape": "box", "size": [0.2, 0.035, 0.04]},
+            "lid": {"shape": "box", "size": [0.03, 0.035, 0.006], "pose": {"xyz": [0, 0, 0.025]}},
+        },
+        "joints": {
+            "hinge": {"type": "hinge", "parts": ["lid"], "axis": [0, -1, 0], "mass": 0.01}
+            | {"anchor": [-0.015, 0, 0.022], "range": [0, 100]}
+        },
+    }
+}
+
+
+@pytest.mark.parametrize(
+    ("leaves", "sentence"),
+    [
+        ([], "arm1 holds chest by a part that 'hinge' does not move"),
+        (
+            [{"place": {"at": {"xyz": [0.45, -0.35, 0.4205]}}}],
+            "arm1 never grasped chest.hinge: no leaf had grasped it before",
+        ),
+    ],
+)
+def test_an_arm_that_has_held_other_parts(
+    leaves: list[Tree], sentence: str, tmp_path: Path
+) -> None:
+    lifts: Tree = {"operate": {"object": "chest", "joint": "hinge", "to": 60}}
+    cause = causes_of(tmp_path, {"grasp": {"object": "chest"}}, *leaves, lifts, objects=CHEST)[0]
+    assert (cause.kind, cause.sentence) == ("NEVER_ATTACHED", sentence)
 
 
 def test_end_of_the_motion_is_out_of_reach(tmp_path: Path) -> None:
