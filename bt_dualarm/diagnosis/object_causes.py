@@ -335,7 +335,7 @@ def not_attached(e: Evidence, name: str) -> Cause:
             return e.cause("NEVER_ATTACHED", sentence, remedy, leaf=node.path, time_s=change.time)
         taker = "grasp" if e.code == "NOT_HELD" else "approach_and_attach"
         of = f", then_to: {e.ports['to']}" if e.leaf.kind == "operate" else ""
-        remedy = f"{taker}: {{object: {name}{of}}} before"
+        remedy = f"{taker}: {{object: {wanted}{of}}} before"
         sentence = f"{e.arm} never grasped {wanted}: no leaf had grasped it before"
         if wanted != name and name in e.scene(e.ended).held(e.arm):
             sentence = f"{e.arm} holds {name} by a part that {e.ports['joint']!r} does not move"

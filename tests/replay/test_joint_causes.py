@@ -89,7 +89,7 @@ def test_nothing_is_held(tmp_path: Path) -> None:
     cause = causes_of(tmp_path, OPENS)[0]
     assert cause.kind == "NEVER_ATTACHED", cause
     assert cause.sentence == "arm1 never grasped cabinet.slide: no leaf had grasped it before"
-    assert cause.remedy == "grasp: {object: cabinet, then_to: 0.15} before"
+    assert cause.remedy == "grasp: {object: cabinet.slide, then_to: 0.15} before"
 
 
 CHEST: Tree = {
