@@ -293,6 +293,10 @@ _LONGER = (1.0, 1.3, 1.7, 2.4, 4.0, 7.0)
 """Duration factors of a time scale change that are tried in turn, relative to what the joint speeds
 alone would allow."""
 
+_LOWER = (0.8, 0.5)
+"""Shares of a higher time scale that are tried in turn where it is out of reach: where the motion
+as planned needs all of an acceleration limit, nothing is left for the change."""
+
 _MAX_RATE = 25.0
 """Upper bound of the time scale's rate of change, 1/s: at rest, the joints impose none."""
 
@@ -738,6 +742,10 @@ def _advance(
     change = None
     if begin.scale != scale or begin.change:
         change = change_scale(motion, begin, scale, limits)
+        # Otherwise a motion at rest would remain there: nothing changes until it moves on. Changes
+        # of a falling time scale could each take the motion back a little.
+        for share in _LOWER if scale > begin.scale and begin.change >= 0.0 else ():
+            change = change or change_scale(motion, begin, share * scale, limits)
         if change is None and begin.change:
             return None
     if change is None:

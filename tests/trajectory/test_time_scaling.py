@@ -12,7 +12,7 @@ from bt_dualarm.robots.robot import Robot
 from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.trajectory.path_timing import point_to_point
 from bt_dualarm.trajectory.paths import circle
-from bt_dualarm.trajectory.set_points import TrajectorySource
+from bt_dualarm.trajectory.set_points import ScaledPiece, TrajectorySource, sampled_at
 from bt_dualarm.trajectory.trajectory import Trajectory, use_of_limits
 
 DT = 0.004
@@ -106,6 +106,33 @@ def test_motion_does_not_go_back_on_its_path(began: int, slowed: int, low: float
     assert motion.done
     q, v, a = (np.array([getattr(point, key) for point in points]) for key in ("q", "v", "a"))
     assert use_of_limits(Trajectory(DT, q, v, a), robot.limits).within
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_motion_resumes_wherever_it_was_stopped(name: str) -> None:
+    """At full speed, most of the acceleration limits is in use all along the path.
+
+    From some places a Panda cannot reach the full time scale: it stood still there for good.
+    """
+    robot = load_robot(name)
+    whole = circular(robot, 1.0)
+    piece = 5
+    for stopped_s in np.arange(0.02, whole.duration, 0.04):
+        motion = TrajectorySource(whole)
+        still = np.array(((stopped_s, 0.0, 0.0),))
+        motion.take(ScaledPiece(still, sampled_at(whole, still), 0.0))
+        points = [motion.next(0.0)]
+        for _ in range(len(whole)):
+            ahead = motion.to_rest_after(piece, 1.0, robot.limits)
+            if ahead is not None:
+                motion.take(ahead)
+            points += [motion.next(0.0) for _ in range(piece)]
+            if motion.done:
+                break
+        assert motion.done, f"stopped at {stopped_s:.2f} s"
+        q, v, a = (np.array([getattr(point, key) for point in points]) for key in ("q", "v", "a"))
+        use = use_of_limits(Trajectory(DT, q, v, a), robot.limits)
+        assert max(use.velocity, use.acceleration, use.jerk) < 1.0 + 1e-6  # rounding
 
 
 def test_unscaled_motion_is_sent_as_planned() -> None:
