@@ -122,7 +122,7 @@ class Insert(Skill):
                 turned_rad=turned,
             )
 
-    def _leave_hole(self, grip: Grip) -> Iterator[float]:
+    def _leave_hole(self, grip: Grip) -> Iterator[float | None]:
         """Raise a peg that a former attempt has left in the hole, out of which no plan leads."""
         arm = self.arm
         ports = self.ports
@@ -134,6 +134,7 @@ class Insert(Skill):
                 and -ports.tolerance <= height < ports.depth
                 and here.angle(bottom) <= ports.angle_tolerance
             ):
+                yield from arm.come_to_rest()  # the halted attempt may still be braking
                 arm.controller.compliance.active = False  # it would sink as it relaxes
                 yield from arm.relax()
                 out = arm.commanded_tool_pose
