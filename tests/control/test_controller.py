@@ -282,23 +282,6 @@ def test_motion_must_not_start_at_rest_while_the_arm_moves() -> None:
     assert controller.clipped == 0
 
 
-@pytest.mark.parametrize(("seconds", "fails"), [(0.012, False), (0.04, True)])
-def test_joint_that_stays_too_fast_is_a_failure(seconds: float, fails: bool) -> None:
-    """One that friction lets go is so for some milliseconds; one that is pushed remains so."""
-    world = world_with("ur5")
-    controller = controlled(world)
-    body = world.arms["arm1"]
-    wrist = body.dof_ids[-1]
-    limit = world.robots["arm1"].limits.velocity[-1]
-    world.data.qvel[wrist] = 1.2 * limit
-    world.data.qfrc_applied[wrist] = 40.0
-    run(world, seconds, controller)
-    assert body.v[-1] > 1.05 * limit
-    assert (controller.fault is not None) == fails
-    if fails:
-        assert "times as fast as the robot allows" in str(controller.fault)
-
-
 def test_nan_torques_raise_a_divergence_error() -> None:
     world = world_with("ur5")
     controller = controlled(world)
@@ -354,7 +337,10 @@ def test_user_robots_are_part_of_these_tests() -> None:
 @pytest.mark.parametrize("name", ROBOTS)
 @pytest.mark.parametrize("share", [0.4, 1.0])
 def test_joint_faster_than_the_robot_allows_is_a_fault(name: str, share: float) -> None:
-    """The measured speed counts, against the robot's limits even if the arm declares lower ones."""
+    """The measured speed counts, against the robot's limits even if the arm declares lower ones.
+
+    One that friction lets go is too fast for a few milliseconds only.
+    """
     world = world_with(name, limits={"velocity": share})
     controller = controlled(world)
     body = world.arms["arm1"]
@@ -364,10 +350,11 @@ def test_joint_faster_than_the_robot_allows_is_a_fault(name: str, share: float) 
     run(world, 0.3, controller)
     assert controller.fault is None
     assert 0.0 < float(controller.guard["fastest_share"]) < share * 1.02
-    for times, fails in ((0.99, False), (1.2, True)):
-        world.data.qvel[body.dof_ids[-1]] = times * limits.velocity[-1] / share
-        world.sense()
-        controller.update(world.time)
+    for times, seconds, fails in ((1.2, 0.014, False), (0.99, 0.03, False), (1.2, 0.03, True)):
+        for _ in range(round(seconds / world.timestep)):
+            world.data.qvel[body.dof_ids[-1]] = times * limits.velocity[-1] / share
+            world.sense()
+            controller.update(world.time)
         assert isinstance(controller.fault, Failure) == fails
     assert isinstance(controller.fault, Failure)
     assert controller.fault.code == "TRACKING_ERROR"
