@@ -364,24 +364,16 @@ class _Loading:
             section = "objects" if name in content.objects else "arms"
             message = f"'{name}' is already the name of a fixture of the scene"
             self.problems.append(source.problem((section, name), message, key=True))
-        objects, groups, wrong = expanded({**fixtures, **content.objects})
-        entries = {name: group.entry for group in groups for name in group.names}
-        for name in (objects.keys() - fixtures.keys()) & content.arms.keys():
+        in_scene, wrong = _in_scene(scene, content.objects, content.arms)
+        entries = {name: group.entry for group in in_scene["groups"] for name in group.names}
+        for name in (in_scene["objects"].keys() - fixtures.keys()) & content.arms.keys():
             message = f"'{name}' is the name of an object and of an arm: rename one"
             wrong.append((entries.get(name, name), message))
         for entry, message in wrong:
             self.problems.append(source.problem(("objects", entry), message, key=True))
-        fields = dict(content) | {"objects": objects}
-        if scene is not None and scene.content is not None:
-            fields["arms"] = _on_mounts(content.arms, scene.content.cameras)
-            fields["scene_source"] = scene.source
+        fields = dict(content) | in_scene
         file = TreeFile.model_construct(
-            **fields,
-            path=path,
-            groups=groups,
-            fixtures=frozenset(fixtures),
-            texts=self._texts,
-            given=dict(scope.values),
+            **fields, path=path, texts=self._texts, given=dict(scope.values)
         )
         self._read_images(file)
         file.anchor()
@@ -449,14 +441,9 @@ class _Loading:
         objects = {
             name: one for name, one in parts["objects"].items() if isinstance(one, ObjectSpec)
         }
-        fixtures = _fixtures(scene)
-        expanded_objects, groups, _ = expanded({**fixtures, **objects})
-        parts["objects"] = {**expanded_objects}
-        fields: dict[str, Any] = {"world": world, "cell": cell, "path": path, **parts}
-        fields |= {"groups": groups, "fixtures": frozenset(fixtures)}
-        if scene is not None and scene.content is not None:
-            fields["arms"] = _on_mounts(fields["arms"], scene.content.cameras)
-            fields["scene_source"] = scene.source
+        arms = {name: one for name, one in parts["arms"].items() if isinstance(one, ArmSpec)}
+        in_scene, _ = _in_scene(scene, objects, arms)
+        fields: dict[str, Any] = {"world": world, "cell": cell, "path": path, **parts, **in_scene}
         return TreeFile.model_construct(name="", **fields)
 
     def _sound_one(self, model: type[Value], data: Data, path: DataPath) -> Value | None:
@@ -480,6 +467,20 @@ class _Loading:
 def _fixtures(scene: SceneFile | None) -> dict[str, ObjectSpec]:
     """Returns the fixtures of a scene as objects by name."""
     return {} if scene is None or scene.content is None else {**scene.content.fixtures}
+
+
+def _in_scene(
+    scene: SceneFile | None, objects: Mapping[str, ObjectSpec], arms: Mapping[str, ArmSpec]
+) -> tuple[dict[str, Any], list[tuple[str, str]]]:
+    """Returns the fields of a tree file that its scene adds to, and as `expanded` the errors."""
+    fixtures = _fixtures(scene)
+    found, groups, wrong = expanded({**fixtures, **objects})
+    fields: dict[str, Any] = {"objects": found, "groups": groups, "arms": arms}
+    fields["fixtures"] = frozenset(fixtures)
+    if scene is not None and scene.content is not None:
+        fields["arms"] = _on_mounts(arms, scene.content.cameras)
+        fields["scene_source"] = scene.source
+    return fields, wrong
 
 
 def _on_mounts(arms: Mapping[str, ArmSpec], mounts: Mapping[str, PoseSpec]) -> dict[str, ArmSpec]:

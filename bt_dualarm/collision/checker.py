@@ -172,8 +172,7 @@ class ScratchModel:
         worst = self._worst_contact(least)
         if not len(boxes.first):
             return worst
-        between = self._centers.take(boxes.first, 0) - self._centers.take(boxes.second, 0)
-        near = np.einsum("ij,ij->i", between, between) < boxes.reach_squared
+        near = self.squared_between(boxes.first, boxes.second) < boxes.reach_squared
         if np.count_nonzero(near):
             for index in np.flatnonzero(near).tolist():
                 pair = int(boxes.first[index]), int(boxes.second[index])
@@ -219,6 +218,14 @@ class ScratchModel:
         bounds = self.model.geom_rbound
         reach = bounds[first] + bounds[second] + least[first, second]
         return BoxPairs(first, second, reach**2)
+
+    def squared_between(
+        self, first: npt.NDArray[np.int64], second: npt.NDArray[np.int64]
+    ) -> Vector:
+        """Squares of the distances between the centers of pairs of geoms, of shape (n,), m²."""
+        between = self._centers.take(first, 0) - self._centers.take(second, 0)
+        squares: Vector = np.einsum("ij,ij->i", between, between)
+        return squares
 
     def apart(self, first: int, second: int, most: float) -> float:
         """Distance of two geoms, at most ``most``, m.

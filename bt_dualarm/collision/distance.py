@@ -182,10 +182,7 @@ class ArmDistance:
 
         Contacts do not tell, see `ScratchModel.apart`.
         """
-        first, second = self._boxes.T
-        centers = self.data.geom_xpos
-        between = centers.take(first, 0) - centers.take(second, 0)
-        least = np.sqrt(np.einsum("ij,ij->i", between, between)) - self._box_reach
+        least = np.sqrt(self._scratch.squared_between(*self._boxes.T)) - self._box_reach
         if not np.count_nonzero(least < max(horizons.values())):
             return
         owners = self._owner[self._boxes[:, 1]]

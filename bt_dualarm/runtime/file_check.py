@@ -270,14 +270,12 @@ class Names:
                 value = node.ports.get(port)
                 if value is None or is_dynamic(value):
                     continue
-                if metadata_of(declared, OfPosture) and isinstance(value, str):
-                    if value not in robot.postures:
-                        message = f"{node.kind}: there is no posture of {robot.name} '{value}'"
-                        yield node.port_problem((port,), message, _known(value, robot.postures))
-                elif isinstance(value, (dict, list)):
-                    of_joints = metadata_of(declared, OfJoints)
-                    if of_joints is None:
-                        continue
+                of_posture = metadata_of(declared, OfPosture)
+                if of_posture and isinstance(value, str) and value not in robot.postures:
+                    message = f"{node.kind}: there is no posture of {robot.name} '{value}'"
+                    yield node.port_problem((port,), message, _known(value, robot.postures))
+                of_joints = metadata_of(declared, OfJoints)
+                if of_joints is not None and isinstance(value, (dict, list)):
                     wrong = list(_joints(node, port, value, robot))
                     yield from wrong
                     if not (wrong or of_joints.are_offsets):
@@ -725,14 +723,15 @@ def _near_arms(world: World, source: Source) -> Iterator[Problem]:
                     f"plans keep {1e3 * RESTING_MARGIN_M:.0f} mm from other arms: once {name} or "
                     f"{other} has left this posture, it cannot return while the other one is there"
                 )
-                problem = source.problem(_placing(name, source), message, hint)
-                yield replace(problem, severity="warning")
+                yield replace(_at_base(source, name, message, hint), severity="warning")
 
 
-def _placing(arm: str, source: Source) -> DataPath:
-    """Path of the entry that places an arm: its base, or its robot without one."""
+def _at_base(source: Source, arm: str, message: str, hint: str = "") -> Problem:
+    """Problem at the base of an arm, or at its name if the file gives no base."""
     base = ("arms", arm, "base")
-    return base if source.get(base) is not None else ("arms", arm, "robot")
+    if source.get(base) is None:
+        return source.problem(base[:2], message, hint, key=True)
+    return source.problem(base, message, hint)
 
 
 def _overlap(file: TreeFile, source: Source, error: OverlapError) -> Problem:
@@ -744,10 +743,8 @@ def _overlap(file: TreeFile, source: Source, error: OverlapError) -> Problem:
         key = posture if source.get(posture) is not None else ("arms", error.obj, "robot")
         hint = "another posture; or 'exclude' of its description, for links that always overlap"
         problem = source.problem(key, str(error), hint)
-    elif source.get(("arms", error.obj, "base")) is None:
-        problem = source.problem(("arms", error.obj), str(error), key=True)
     else:
-        problem = source.problem(("arms", error.obj, "base"), str(error))
+        problem = _at_base(source, error.obj, str(error))
     if error.depth > MAX_DEPTH:
         return problem
     pushed = f"contacts will push it out, by {1000 * error.depth:.0f} mm or farther"

@@ -410,25 +410,33 @@ class CarryPlanning:
             found[name] = rows[name][::-1].copy()
         for name, own in found.items():
             others = sorted(found.keys() - {name})
-            hand = list(self._world.arms[name].tool_geom_ids)
-            its = list(self._world.object_geoms(self._object))
-            gripper = self._world.grippers.get(name)
+            standoff = self._approach_checker(name, others, PLANNING_MARGIN_M)
+            straight = self._approach_checker(name, others, RESTING_MARGIN_M)
             # A plan leads to the standoff; from there, any arm may be the first at its end.
-            for margin, end, path in (
-                (PLANNING_MARGIN_M, 0, own[:1]),
-                (RESTING_MARGIN_M, 0, own),
-                (RESTING_MARGIN_M, -1, own[-1:]),
+            for checker, end, path in (
+                (standoff, 0, own[:1]),
+                (straight, 0, own),
+                (straight, -1, own[-1:]),
             ):
-                checker = CollisionChecker(self._world, name, dict.fromkeys(others, margin))
-                checker.least[np.ix_(hand, its)] = checker.least[np.ix_(its, hand)] = -np.inf
-                if gripper is not None and gripper.gripper.fingers:
-                    checker.open_fingers(gripper.gripper.stroke)
                 for other in others:
                     checker.move_other(self._world.arms[other], found[other][end])
                 contact = checker.first_contact(path)
                 if contact is not None:
                     raise contact[1].failure()
         return found
+
+    def _approach_checker(
+        self, name: str, others: Sequence[str], margin: float
+    ) -> CollisionChecker:
+        """Checker of an arm with an open hand around the object, which keeps from other arms."""
+        checker = CollisionChecker(self._world, name, dict.fromkeys(others, margin))
+        hand = list(self._world.arms[name].tool_geom_ids)
+        its = list(self._world.object_geoms(self._object))
+        checker.least[np.ix_(hand, its)] = checker.least[np.ix_(its, hand)] = -np.inf
+        gripper = self._world.grippers.get(name)
+        if gripper is not None and gripper.gripper.fingers:
+            checker.open_fingers(gripper.gripper.stroke)
+        return checker
 
 
 def shares_of(obj: ObjectSpec, grasps: Iterable[Pose]) -> list[float]:
