@@ -488,8 +488,8 @@ class ArmMotions(ArmState):
         """Move the set-point to the measured configuration, which ends any contact force.
 
         As the arm yields, the contact pushes it farther away, so this takes a few iterations; the
-        final configuration does not matter. It ends early where the guard lets the arm not move at
-        all: an object that it has just taken may be in the path of another arm.
+        final configuration does not matter. It ends early where the guard does not let the arm move
+        at all: an object that it has just taken may be in the path of another arm.
 
         Args:
             stays_compliant: Whether a compliant arm stays so: its contact continues. It then yields

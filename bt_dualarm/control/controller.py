@@ -60,8 +60,8 @@ OVERSPEED_RAD_S = 0.05
 was not foreseen lets a joint be too fast by up to 0.04 rad/s, however low its limit is."""
 
 OVERSPEED_S = 0.02
-"""Time for which a joint must be that fast, s. One that friction has held and lets go is too fast
-for up to 15 ms (an FR3 in `rough`, by 0.06 rad/s); one that was pushed remains so."""
+"""Time for which a joint must be that fast, s. One that breaks away from dry friction is too
+fast for up to 15 ms (an FR3 in `rough`, by 0.06 rad/s); one that was pushed remains so."""
 
 _CRAWL = 0.01
 """Fraction of the velocity limits below which a stop need not be on the path: it is the shortest,

@@ -428,7 +428,7 @@ class CarryPlanning:
     def _approach_checker(
         self, name: str, others: Sequence[str], margin: float
     ) -> CollisionChecker:
-        """Checker of an arm with an open hand around the object, which keeps from other arms."""
+        """Checker of an arm whose open hand may touch the object; with margins to other arms, m."""
         checker = CollisionChecker(self._world, name, dict.fromkeys(others, margin))
         hand = list(self._world.arms[name].tool_geom_ids)
         its = list(self._world.object_geoms(self._object))

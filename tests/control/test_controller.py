@@ -339,7 +339,7 @@ def test_user_robots_are_part_of_these_tests() -> None:
 def test_joint_faster_than_the_robot_allows_is_a_fault(name: str, share: float) -> None:
     """The measured speed counts, against the robot's limits even if the arm declares lower ones.
 
-    One that friction lets go is too fast for a few milliseconds only.
+    One that breaks away from dry friction is too fast for a few milliseconds only.
     """
     world = world_with(name, limits={"velocity": share})
     controller = controlled(world)
