@@ -471,7 +471,7 @@ def _fixtures(scene: SceneFile | None) -> dict[str, ObjectSpec]:
 
 def _in_scene(
     scene: SceneFile | None, objects: Mapping[str, ObjectSpec], arms: Mapping[str, ArmSpec]
-) -> tuple[dict[str, Any], list[tuple[str, str]]]:
+) -> tuple[dict[str, Any], list[tuple[str, str]]]:  # as TreeFile.model_construct takes them
     """Returns the fields of a tree file that its scene adds to, and as `expanded` the errors."""
     fixtures = _fixtures(scene)
     found, groups, wrong = expanded({**fixtures, **objects})
