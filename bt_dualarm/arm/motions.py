@@ -72,6 +72,8 @@ WAIT_S = 60.0
 """Simulated seconds that an arm waits by default for others to leave its goal or its path: long
 enough for several of them, one after the other, to pick and place there."""
 
+_STAYS_S = 1.0  # after which arms that the guard has stopped stay there, unless others move
+
 _RELAXATIONS = 4
 _YIELD_S = 0.1  # time for a contact to push the arm away
 
@@ -174,7 +176,9 @@ class ArmMotions(ArmState):
         Args:
             trajectory: Motion that begins at the last set-point.
             ignore: Names of the objects that may be touched.
-            wait_s: Simulated seconds that it waits for another arm to leave its path.
+            wait_s: Simulated seconds that it waits for another arm to leave its path. If they are
+                fewer than `WAIT_S`, the caller has another plan, and an arm that has stopped in the
+                path ends the motion before it gets there.
 
         Raises:
             Failure: ``BUSY`` when another leaf moves the arm, ``TRACKING_ERROR`` when the arm
@@ -185,7 +189,7 @@ class ArmMotions(ArmState):
         holders = {one for name in ignore for one in self.world.attachments.holders(name)}
         # Unless it may touch something that another arm holds.
         motion.tool_avoids_payloads = holders <= {self.name}
-        watch = self.watch(motion, ignore)
+        watch = self.watch(motion, ignore, waits_for_arms=wait_s >= WAIT_S)
         while not motion.done:
             yield motion.progress
             self.check()
@@ -365,6 +369,8 @@ class ArmMotions(ArmState):
         motion: TrajectorySource,
         ignore: frozenset[str] = frozenset(),
         until_s: float | None = None,
+        *,
+        waits_for_arms: bool = False,
     ) -> PlanMonitor:
         """Monitor that checks a running motion against the world as it changes.
 
@@ -372,12 +378,16 @@ class ArmMotions(ArmState):
             motion: Motion that has just begun.
             ignore: Names of the objects that may be touched.
             until_s: Time of the motion as planned after which contact is intended, s.
+            waits_for_arms: Whether the motion waits for other arms that stand in its path, instead
+                of another plan.
         """
         # Arms that follow this one's tool yield on their own; the guard keeps them apart.
         ignore |= self._shared.traffic.followers(self.name)
         # What the motion pours out falls off sooner or later, and is then where nobody knows yet.
         ignore |= poured_out(motion.trajectory, self.world, self.name)
-        return PlanMonitor(self.world, self.name, motion, ignore, until_s)
+        return PlanMonitor(
+            self.world, self.name, motion, ignore, until_s, waits_for_arms=waits_for_arms
+        )
 
     def check(self) -> None:
         """Raise the error of the running motion, if there is one.
@@ -421,7 +431,16 @@ class ArmMotions(ArmState):
         if motion.held_since is None:
             traffic.advance(self.name)
             return
-        traffic.block(self.name, self._lease.leaf, self.controller.neighbors, may_yield=False)
+        waited_s = self.time - motion.held_since
+        traffic.block(
+            self.name,
+            self._lease.leaf,
+            self.controller.neighbors,
+            may_yield=False,
+            # Who waits less gives the path up then. At first the others may still be braking.
+            has_other_path=wait_s < WAIT_S or waited_s < _STAYS_S,
+            why=motion.held_up,
+        )
         try:
             stays = self.refuse_deadlock()
         except Failure as deadlock:
@@ -430,7 +449,6 @@ class ArmMotions(ArmState):
             raise BlockedFailure(
                 deadlock.code, deadlock.reason, progress=motion.progress
             ) from deadlock
-        waited_s = self.time - motion.held_since
         if waited_s <= wait_s and not stays:
             return
         raise BlockedFailure(

@@ -302,6 +302,7 @@ class PastOthers:
                 arm.leaf,
                 blockers,
                 may_yield=self.give_way,
+                has_other_path=self.give_way,
                 wanted=[np.array(one.at) for one in theirs if one.at],
                 why=why,
             )

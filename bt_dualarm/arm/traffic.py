@@ -33,6 +33,7 @@ class BlockedArm:
         blockers: Names of the arms that are in its way now; none while it moves on.
         tries: How often it has found others in its way.
         may_yield: Whether it can move aside: not in the middle of a straight line, for example.
+        has_other_path: Whether it takes another path, or moves aside, if the blockers stay.
         wanted: Configurations, of shape (dof,), rad, that it was to take and the blockers prevent.
         why: What its last try to go on met, as a clause.
     """
@@ -42,6 +43,7 @@ class BlockedArm:
     since: float
     blockers: frozenset[str]
     may_yield: bool
+    has_other_path: bool = True
     tries: int = 1
     wanted: tuple[Vector, ...] = ()
     why: str = ""
@@ -83,6 +85,7 @@ class Traffic:
         blockers: Collection[str],
         *,
         may_yield: bool = True,
+        has_other_path: bool = True,
         wanted: Sequence[Vector] = (),
         why: str = "",
     ) -> None:
@@ -93,6 +96,7 @@ class Traffic:
             path: Path of its leaf in its tree.
             blockers: Names of the arms in its way.
             may_yield: Whether it can move aside.
+            has_other_path: As of `BlockedArm`.
             wanted: As of `BlockedArm`.
             why: As of `BlockedArm`.
         """
@@ -107,6 +111,7 @@ class Traffic:
             since,
             frozenset(blockers) - {arm},
             may_yield,
+            has_other_path,
             1 if known is None else known.tries + 1,
             tuple(wanted),
             why,

@@ -469,6 +469,8 @@ def coordination_causes(e: Evidence) -> Iterator[Cause]:
         remedy = "meet and claim in the same order in all trees, or give one wait a timeout"
         if "cannot go on" in e.reason or "cannot return" in e.reason:  # an arm is in the way
             remedy = "let the arm that waits do so elsewhere, or come there later"
+        elif "prescribed path" in e.reason:
+            remedy = "let one arm move when the other is done: claim a zone, or meet in between"
         yield e.cause("DEADLOCK", e.reason, remedy, leaf=e.leaf.path)
         return
     waits = [

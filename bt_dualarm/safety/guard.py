@@ -555,6 +555,8 @@ class PlanMonitor:
         ignore: Names of objects that may be touched.
         until_s: Time of the motion as planned after which it is not checked, as contact is
             intended, s; None for its end.
+        waits_for_arms: Whether the motion waits, held by the guard, for other arms in its path
+            also if these are at rest: it has a prescribed path, and they may move on.
     """
 
     def __init__(
@@ -564,10 +566,13 @@ class PlanMonitor:
         motion: TrajectorySource,
         ignore: frozenset[str],
         until_s: float | None = None,
+        *,
+        waits_for_arms: bool = False,
     ) -> None:
         self._world = world
         self._arm = arm
         self._motion = motion
+        self._waits_for_arms = waits_for_arms
         self._ignore = ignore
         self._bounds = BoundingSpheres(world, arm)
         self._bounded = world.model
@@ -616,7 +621,7 @@ class PlanMonitor:
         if not near:
             self._checked = ahead
             return
-        if all(self._is_moving(name) for name in near):  # will be elsewhere: check again later
+        if all(self._may_leave(name) for name in near):  # check again later
             return
         checker = CollisionChecker(self._world, self._arm, ignore=self._ignore)
         waiting = False
@@ -624,7 +629,7 @@ class PlanMonitor:
             contact = checker.contact(q)
             if contact is None or contact.failure().obstacle not in self._moved:
                 continue
-            if not self._is_moving(contact.second):
+            if not self._may_leave(contact.second):
                 raise self._failure(contact)
             waiting = True
         if not waiting:  # an arm that moves now may stop there
@@ -675,12 +680,15 @@ class PlanMonitor:
         picked: Matrix = rows[[*kept[1:], -1]]
         return picked
 
-    def _is_moving(self, body: str) -> bool:
-        """Whether a link of an arm, or an object that an arm holds, is moving."""
+    def _may_leave(self, body: str) -> bool:
+        """Whether a link of an arm, or an object that an arm holds, is not there for good."""
         world = self._world
         holders = {attached.arm for attached in world.attachments if attached.object == body}
         arms = (world.hardware.get(name) for name in holders or {body.partition("/")[0]})
-        return any(arm is not None and np.abs(arm.v).max() > _RESTING for arm in arms)
+        return any(
+            arm is not None and (self._waits_for_arms or np.abs(arm.v).max() > _RESTING)
+            for arm in arms
+        )
 
     def _others(self) -> dict[str, Vector]:
         """Joint positions of the other arms and poses of objects that this arm does not hold.

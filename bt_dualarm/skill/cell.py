@@ -164,10 +164,11 @@ class Obstruction(CellWait):
 
     Which arms are in its way is known from its last try; ``confirmed_by`` is the number of the try
     that decides whether they still are when nothing else can continue. ``why`` is what that try
-    met, as a clause.
+    met, as a clause. ``has_other_path`` is that of `BlockedArm`.
     """
 
     blockers: frozenset[str] = frozenset()
+    has_other_path: bool = True
     tries: int = 0
     why: str = ""
     confirmed_by: int | None = None
@@ -480,6 +481,7 @@ class CellState:
                 self._begin(known)
             if known.tries != one.tries:
                 known.tries = one.tries
+                known.has_other_path = one.has_other_path
                 known.why = one.why
                 if known.failure is not None:  # it has got its failure, and tries another path
                     known.confirmed_by = None
@@ -742,8 +744,10 @@ class CellState:
             return True
         if wait.asked_by:
             return True  # it is moving aside
-        if isinstance(wait, Obstruction) and not wait.blockers.isdisjoint(self._obstructed):
-            return True  # of motions that are in each other's way, one moves aside
+        if isinstance(wait, Obstruction):
+            theirs = [self._obstructed[one] for one in wait.blockers if one in self._obstructed]
+            if theirs and any(one.has_other_path for one in (wait, *theirs)):
+                return True  # of motions that are in each other's way, one moves aside
         kind, _, name = wait.target.partition(" ")
         if kind == "signal" and self._signals[name].count != wait.seen:
             return True  # it will see the new value in its next tick
@@ -768,13 +772,17 @@ def _remedy(stuck: Sequence[CellWait]) -> str:
     waiting = {wait.arm for wait in stuck if not isinstance(wait, Obstruction)}
     found = []
     for wait in stuck:
-        in_the_way = sorted(wait.blockers & waiting) if isinstance(wait, Obstruction) else []
-        if isinstance(wait, Obstruction) and in_the_way:
-            why = f": {wait.why}" if wait.why else ""
+        if not isinstance(wait, Obstruction):
+            continue
+        why = f": {wait.why}" if wait.why else ""
+        in_the_way = sorted(wait.blockers & waiting)
+        if in_the_way:
             found.append(
                 f"; {wait.arm} cannot go on{why}. Let {' and '.join(in_the_way)} wait elsewhere, "
                 f"for example after `go_home`, or come there only when {wait.arm} is done"
             )
+        elif not wait.has_other_path:
+            found.append(f"; {wait.arm} cannot leave its prescribed path{why}")
     return "".join(found)
 
 

@@ -214,6 +214,7 @@ def follow_curve(
     ]
     plan = yield from _enter(move, path, plan, further)
     source = arm.begin(plan.motion, along_path=True)
+    source.tool_avoids_payloads = True
     deviation = PathDeviation(arm, source, record)
     for progress in _monitored(arm, source, deviation, tolerance):
         yield _ENTRY_SHARE + plan.share * progress
@@ -384,7 +385,7 @@ def _monitored(
                 progress=source.progress,
             )
 
-    watch = arm.watch(source)
+    watch = arm.watch(source, waits_for_arms=True)
     try:
         while not source.done:
             yield source.progress

@@ -326,3 +326,114 @@ def test_arm_stopped_by_one_that_has_ended_does_not_wait_for_it() -> None:
     assert (waits.code, waits.status) == ("DEADLOCK", "FAILURE")
     assert "moved aside for stays" in waits.reason
     assert result.sim_time_s < 20.0
+
+
+CIRCLE = {"circle": {"radius": 0.15, "plane": "xy", "speed": 0.1}}
+LINE = {"move_linear": {"to": {"xyz": [0.45, 0.4, 0.75], "rpy": [180, 0, 0]}, "speed": 0.1}}
+
+
+def facing_arms(
+    robot: str,
+    far: float,
+    own: list[dict[str, Any]],
+    other: list[dict[str, Any]],
+    gripper: str | None = None,
+) -> dict[str, Any]:
+    """Two arms that face each other at a distance in m, and meet before they begin."""
+
+    def arm(x: float, yaw: float, leaves: list[dict[str, Any]]) -> dict[str, Any]:
+        base = {"xyz": [x, 0, 0.4], "rpy": [0, 0, yaw]}
+        hand = {} if gripper is None else {"gripper": gripper}
+        return {"robot": robot, "base": base, "tree": {"sequence": leaves}, **hand}
+
+    return {
+        "bt_dualarm": 1,
+        "name": "facing",
+        "world": {"scene": "empty", "reality": "ideal", "time_limit": 90},
+        "cell": {"rendezvous": {"go": ["arm1", "arm2"]}},
+        "arms": {"arm1": arm(0, 0, own), "arm2": arm(far, 180, other)},
+    }
+
+
+def reach(x: float, y: float, z: float = 0.75) -> dict[str, Any]:
+    """A leaf that moves the tool to a position in m, pointing down."""
+    return {"reach_to_pose": {"to": {"xyz": [x, y, z], "rpy": [180, 0, 0]}}}
+
+
+@pytest.mark.parametrize(
+    ("robot", "far", "begin", "leaf", "blocked"),
+    some(
+        [
+            ("ur5", 1.2, -0.4, LINE, (0.5, 0.2)),
+            ("panda", 1.2, 0.0, CIRCLE, (0.5, 0.2)),
+            ("panda", 1.2, -0.4, LINE, (0.5, 0.2)),
+            ("ur5", 1.3, 0.0, CIRCLE, (0.6, 0.0)),
+        ],
+        2,
+    ),
+)
+def test_prescribed_path_waits_for_an_arm_that_rests_in_it(
+    robot: str, far: float, begin: float, leaf: dict[str, Any], blocked: tuple[float, float]
+) -> None:
+    """It failed with IN_COLLISION as soon as the other arm stopped, although that moved on."""
+    wait = 3 if leaf is CIRCLE and robot == "ur5" else 0.1
+    comes: list[dict[str, Any]]
+    comes = [{"meet": "go"}, {"wait": wait}, reach(*blocked), {"wait": 2}, {"go_home": None}]
+    result = bt.run(facing_arms(robot, far, [reach(0.45, begin), {"meet": "go"}, leaf], comes))
+    assert result.outcome == "SUCCESS"
+
+
+@pytest.mark.parametrize("robot", some(["ur5", "xarm7", "panda"], 3))
+def test_prescribed_paths_that_block_each_other_are_a_deadlock(robot: str) -> None:
+    """Both arms waited for a minute; neither may leave its path."""
+
+    def leaves(x: float, y: float, leaf: dict[str, Any]) -> list[dict[str, Any]]:
+        return [reach(x, y), {"meet": "go"}, leaf]
+
+    circle = {"circle": {"radius": 0.2, "plane": "xy", "direction": "clockwise"}}
+    line = {"move_linear": {"to": {"xyz": [0.35, 0.1, 0.75], "rpy": [180, 0, 0]}}}
+    file = facing_arms(robot, 1.0, leaves(0.35, 0.2, circle), leaves(0.65, -0.2, line))
+    result = bt.run(file)
+    failed = [run for arm in result.arms.values() for run in arm.runs if run.status == "FAILURE"]
+    # Where the first of them fails, the other one waits for an arm that has ended.
+    assert sorted(run.code for run in failed) == ["DEADLOCK", "TIMED_OUT"]
+    [deadlock] = [run for run in failed if run.code == "DEADLOCK"]
+    assert "cannot leave its prescribed path: arm" in deadlock.reason
+    assert result.sim_time_s < 12.0
+
+
+def test_path_keeps_the_tool_off_what_another_arm_holds() -> None:
+    """A line led the fingers into a rod that the other arm carried past."""
+    line = {"move_linear": {"to": {"xyz": [0.45, 0.5, 0.75], "rpy": [180, 0, 0]}, "speed": 0.5}}
+    own = [reach(0.45, -0.45), {"meet": "go"}, {"wait": 0.4}, line]
+    other = [
+        reach(0.68, 0.55, 0.8),
+        {"spawn": {"object": "rod"}},
+        {"meet": "go"},
+        {"reach_to_pose": {"to": {"xyz": [0.68, -0.2, 0.75], "rpy": [180, 0, 0]}, "speed": 1.0}},
+    ]
+    file = facing_arms("ur5", 1.1, own, other, "robotiq_2f85")
+    pose = {"xyz": [0.5, 0.55, 0.78]}
+    rod = {"shape": "box", "size": [0.5, 0.03, 0.03], "mass": 0.2, "pose": pose, "spawned": False}
+    file["objects"] = {"rod": rod}
+    file["world"]["time_limit"] = 12
+    touched = set[str]()
+    with bt.open(file) as opened:
+        world = opened.world
+
+        def look() -> None:
+            contacts = world.data.contact
+            for geoms, distance in zip(contacts.geom, contacts.dist, strict=True):
+                bodies = {world.model.body(world.model.geom_bodyid[geom]).name for geom in geoms}
+                if distance < 0.0 and "rod" in bodies:
+                    touched.update(body for body in bodies if body.startswith("arm1/"))
+
+        world.on_forces.append(look)
+        is_held = False
+        while not opened.done:
+            opened.step(0.02)
+            if "rod" in world.objects and not is_held:
+                world.attach("arm2", "rod")
+                is_held = True
+    assert is_held
+    assert not touched

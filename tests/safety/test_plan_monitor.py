@@ -174,6 +174,23 @@ def test_an_arm_that_passes_by_does_not_matter_but_one_that_stays_does() -> None
         scene.advance(0.5)
 
 
+def test_a_motion_without_another_plan_waits_for_an_arm_that_stays() -> None:
+    """The guard holds it; an object that another arm has put down there is in its path for good."""
+    scene = Scene(other=(0.8, 0.0, 0.4))
+    scene.monitor = PlanMonitor(scene.world, "arm1", scene.motion, frozenset(), waits_for_arms=True)
+    other = scene.world.arms["arm2"]
+    scene.advance(0.3)
+    other.data.qpos[other.qpos_ids[0]] += np.pi  # toward the first arm
+    scene.world.sense()
+    scene.advance(1.0)
+    body = scene.world.arms["arm1"]
+    q = scene.motion.trajectory.q[round(scene.motion.parameter.s / DT) + 200]
+    x, y, z = Kinematics(body.robot, body.base).forward(q).position.tolist()
+    scene.put("cube", (x, y, z))  # nearer than the arm
+    with pytest.raises(Failure, match="cube now blocks the path"):
+        scene.advance(2 * MONITOR_PERIOD_S)
+
+
 def end_of_motion(scene: Scene) -> tuple[float, float, float]:
     """Position of the tool at the end of the motion, m."""
     body = scene.world.arms["arm1"]
