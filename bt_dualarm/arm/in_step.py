@@ -89,8 +89,7 @@ class MotionPair:
             seconds = max(_seconds(one.motion), _seconds(two.motion))
             for waiting in (one, two):
                 self._start(waiting, seconds)
-            one.motion.partner = two.motion
-            two.motion.partner = one.motion
+            _pair(one.motion, two.motion)
             return
         for arm, waiting in [*self._waiting.items()]:
             other = self._running.get(self._other[arm])
@@ -98,6 +97,7 @@ class MotionPair:
                 # It rejoins the motion with which it was in step.
                 left = _seconds(other) * (1.0 - other.progress)
                 self._start(waiting, max(left, _seconds(waiting.motion)))
+                _pair(waiting.motion, other)
             elif arm in self._alone:
                 self._start(waiting, _seconds(waiting.motion))
 
@@ -111,6 +111,11 @@ class MotionPair:
         motion.seconds = seconds
         if 0.0 < duration < seconds:
             motion.cap(duration / seconds)
+
+
+def _pair(one: TrajectorySource, two: TrajectorySource) -> None:
+    one.partner = two
+    two.partner = one
 
 
 def _seconds(motion: TrajectorySource) -> float:

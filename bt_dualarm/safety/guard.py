@@ -352,7 +352,7 @@ class TrajectoryGuard:
         refusal = self._take_next_piece(wait, scale, reason, time)
         if refusal is None:
             return wait, None
-        self._motion.note_advance(0.0, time)
+        self._motion.note_share(0.0, time)
         return LOOK_S, self._hold(sent, refusal, time)
 
     def _change_to(self, scale: float, reason: str) -> bool:

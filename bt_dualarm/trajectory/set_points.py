@@ -379,8 +379,9 @@ class TrajectorySource:
         self.waits = False
         self.seconds = 0.0
         self.partner: TrajectorySource | None = None
-        self._advance = _Advance()
-        self._advance_before = self._advance
+        self._share = _Share()
+        self._share_before = self._share
+        self._left_before = _Left()
         self.held_since: float | None = None
         self.held_up = ""
         self.leaves_path = False
@@ -452,23 +453,29 @@ class TrajectorySource:
             time: Simulated time, s.
         """
         most = self.most_scale
-        if self.partner is None:
+        other = self.partner
+        if other is None:
             return min(scale, most)
-        self.note_advance(scale / most, time)
-        other = self.partner.advance_before(time)
-        lead_s = (self.progress - other.progress) * self.seconds
+        self.note_share(scale / most, time)
+        lead_s = other.left_before(time) - self.left_before(time)
         slower = 1.0 - _CATCH_UP * max(lead_s - _LEAD_S, 0.0)
-        return min(scale, most * max(min(other.share, slower), _LEAST_SHARE))
+        return min(scale, most * max(min(other.share_before(time), slower), _LEAST_SHARE))
 
-    def note_advance(self, share: float, time: float) -> None:
+    def note_share(self, share: float, time: float) -> None:
         """Note for the partner which share of its largest time scale this motion may have."""
-        if time > self._advance.time:
-            self._advance_before = self._advance
-        self._advance = _Advance(time, min(share, 1.0), self.progress)
+        if time > self._share.time:
+            self._share_before = self._share
+        self._share = _Share(time, min(share, 1.0))
 
-    def advance_before(self, time: float) -> _Advance:
-        """What `note_advance` noted last before a simulated time in s."""
-        return self._advance if self._advance.time < time else self._advance_before
+    def share_before(self, time: float) -> float:
+        """Share that `note_share` noted last before a simulated time in s."""
+        share = self._share if self._share.time < time else self._share_before
+        return share.share
+
+    def left_before(self, time: float) -> float:
+        """What was left of `seconds` before the set-point for a simulated time in s."""
+        before = self._left_before
+        return before.seconds if before.time == time else (1.0 - self.progress) * self.seconds
 
     def measure(self, position: Vector) -> None:
         """Store the measured tool position, of shape (3,), m, at the time of the next set-point."""
@@ -484,10 +491,12 @@ class TrajectorySource:
         self._measured.clear()
         return taken
 
-    def next(self, time: float) -> SetPoint:  # noqa: ARG002 - a trajectory counts its own time
-        """Next set-point."""
+    def next(self, time: float) -> SetPoint:
+        """Next set-point, for a simulated time in s."""
         if self.waits:
             return SetPoint(*self.trajectory.set_point(0))
+        if self.partner is not None:
+            self._left_before = _Left(time, (1.0 - self.progress) * self.seconds)
         if self._ahead is not None:
             return self._next_ahead(self._ahead)
         i = min(self._next, self._count - 1)
@@ -571,18 +580,29 @@ class TrajectorySource:
 
 
 @dataclass(frozen=True)
-class _Advance:
-    """How a motion advances, for its partner.
+class _Share:
+    """How fast the surroundings of a motion let it be, for its partner.
 
     Attributes:
         time: Simulated time, s.
-        share: Fraction of its largest time scale that its surroundings allow.
-        progress: Fraction of the motion that was sent.
+        share: Fraction of its largest time scale that they allow.
     """
 
     time: float = -1.0
     share: float = 1.0
-    progress: float = 0.0
+
+
+@dataclass(frozen=True)
+class _Left:
+    """What was left of a motion, for its partner.
+
+    Attributes:
+        time: Simulated time of a set-point, s.
+        seconds: Time that the motion still took before that set-point, s.
+    """
+
+    time: float = -1.0
+    seconds: float = 0.0
 
 
 @runtime_checkable

@@ -86,6 +86,47 @@ def test_replanned_motion_rejoins_its_partner() -> None:
     assert steps(again) == pytest.approx(steps(other), abs=3)
 
 
+@pytest.mark.parametrize("first", ["short", "long"])
+def test_equally_advanced_motions_do_not_slow_each_other(first: str) -> None:
+    """However long ago the guard of either arm has looked, whichever controller comes first."""
+    pair = MotionPair("arm1", "arm2")
+    short, long = motion(0.4), motion(1.0)
+    pair.begin("arm1", "a", 0.0, short)
+    pair.begin("arm2", "b", 0.0, long)
+    pair.start()
+    looks = {id(short): 0.012, id(long): 0.1}
+    order = (short, long) if first == "short" else (long, short)
+    for k in range(200):
+        time = 0.004 * k
+        for source in order:
+            if k % round(looks[id(source)] / 0.004) == 0:
+                assert source.paced(1.0, time) == source.most_scale
+            source.next(time)
+
+
+def test_motion_does_not_keep_the_pace_of_one_that_was_given_up() -> None:
+    """Its partner was held up, and has planned anew: they keep the pace of each other again."""
+    pair = MotionPair("arm1", "arm2")
+    first, other, again = motion(1.0), motion(1.0), motion(0.2)
+    pair.begin("arm1", "a", 0.0, first)
+    pair.begin("arm2", "b", 0.0, other)
+    pair.start()
+    for k in range(100):
+        first.next(0.004 * k)
+        other.next(0.004 * k)
+    first.note_share(0.0, 0.4)  # held up
+    pair.begin("arm1", "a", 0.404, again)
+    pair.start()
+    for k in range(101, 254):  # 251 set-points, and what rounding adds
+        time = 0.004 * k
+        assert other.paced(1.0, time) == 1.0
+        assert again.paced(1.0, time) == again.most_scale
+        again.next(time)
+        other.next(time)
+    assert again.done
+    assert other.done
+
+
 class Moving:
     """Times at which each arm moved, by the true joint speeds."""
 
@@ -144,6 +185,18 @@ def test_arms_in_step_move_at_the_same_time(backwards: bool, stage: Stage) -> No
     assert begin1 == pytest.approx(begin2, abs=0.06)
     assert end1 == pytest.approx(end2, abs=0.1)
     assert begin1 > 0.5
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+def test_step_takes_as_long_as_its_longer_motion(backwards: bool, stage: Stage) -> None:
+    """Nothing slows either arm; the node begins and ends one tick beside its child."""
+    fast, slow = reach(0.0, 0.05, 0.05, 0.5), reach(0.0, 0.2, -0.1, 0.5)
+    alone, _ = played(stage, fast, slow, backwards=backwards)
+    both, _ = played(stage, step("arm2", fast), step("arm1", slow), backwards=backwards)
+    longest = max(run.ended_s for run in alone.arm("arm1").runs + alone.arm("arm2").runs)
+    for name in ("arm1", "arm2"):
+        (run,) = both.arm(name).runs
+        assert run.ended_s - 0.02 == pytest.approx(longest, abs=0.021)
 
 
 def test_halting_one_arm_stops_its_partner(stage: Stage) -> None:
