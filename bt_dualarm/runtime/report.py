@@ -118,6 +118,8 @@ _MOST_METRICS = 6
 """Most metrics printed per leaf; the record has all of them."""
 
 _SHOWN_AS = {
+    "m_s": (1.0, "m/s"),
+    "rad_s": (180 / math.pi, "deg/s"),
     "m": (1e3, "mm"),
     "rad": (180 / math.pi, "deg"),
     "s": (1.0, "s"),
@@ -126,7 +128,7 @@ _SHOWN_AS = {
     "kg": (1.0, "kg"),
     "px": (1.0, "px"),
 }
-"""Factor and name of the printed unit, by the suffix of a metric's name."""
+"""Factor and name of the printed unit, by the suffix of a metric's name; the first one counts."""
 
 _PENDING = " (its figures are being drawn)"
 """The report is printed before the plots are drawn, so that the user need not wait for them."""
@@ -266,8 +268,8 @@ def in_words(name: str, value: Number) -> str:
         return f"{plain} {'yes' if value else 'no'}"
     if isinstance(value, str):
         return f"{plain} {value}"
-    stem, _, unit = name.rpartition("_")
-    if not stem or unit not in _SHOWN_AS:
-        return f"{plain} {value:.3g}" if isinstance(value, float) else f"{plain} {value}"
-    factor, shown = _SHOWN_AS[unit]
-    return f"{stem.replace('_', ' ')} {value * factor:.3g} {shown}"
+    for unit, (factor, shown) in _SHOWN_AS.items():
+        stem = name.removesuffix(f"_{unit}")
+        if stem != name:
+            return f"{stem.replace('_', ' ')} {value * factor:.3g} {shown}"
+    return f"{plain} {value:.3g}" if isinstance(value, float) else f"{plain} {value}"

@@ -94,6 +94,8 @@ def test_a_failed_tree_reports_the_leaf_that_a_timeout_halted() -> None:
         ("frames", 12345, "frames 12345"),
         ("grip_force_n", 20.04, "grip force 20 N"),
         ("torque_nm", 3.0, "torque 3 N m"),
+        ("tool_speed_m_s", 0.03, "tool speed 0.03 m/s"),
+        ("turn_rad_s", 0.0174533, "turn 1 deg/s"),
         ("weighed_kg", 0.25, "weighed 0.25 kg"),
         ("residual_px", 0.21, "residual 0.21 px"),
         ("share", 0.123456, "share 0.123"),
