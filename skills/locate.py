@@ -235,13 +235,15 @@ class Locate(Skill):
         best = min(self._seen.objects, key=lambda one: one.best.sigma_m)
         sigma_rad = self._seen.sigma_rad(best)
         size = self._seen.size_of(best)
+        # From one viewpoint, a larger object farther away looks the same.
+        known_size = f"to {100 * size.sigma:.1f} %" if size.sigma < 1.0 else "not at all"
         viewpoints = "one viewpoint" if len(best.views) == 1 else f"{len(best.views)} viewpoints"
         shows = "image shows" if len(best.astray) == 1 else "images show"
         raise Failure(
             "INACCURATE",
             f"from {viewpoints} the object is known to "
             f"{1e3 * best.best.sigma_m:.1f} mm and {np.degrees(sigma_rad):.1f}°, "
-            f"its size to {100 * size.sigma:.1f} %"
+            f"its size {known_size}"
             + (f"; {len(best.astray)} {shows} it elsewhere" if best.astray else ""),
             views=len(best.views),
             rejected=len(best.astray),

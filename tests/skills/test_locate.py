@@ -224,6 +224,15 @@ def test_removed_object_is_not_seen(
     assert (leaf.status, leaf.code, leaf.metrics.get("found")) == (status, code, found)
 
 
+@pytest.mark.parametrize("reality", ["ideal", "lab"])
+def test_size_is_not_known_from_one_viewpoint(reality: str, stage: Stage) -> None:
+    """A larger object farther away looks the same: it was said to be known to 15,000 %."""
+    tree = {"locate": {"object": "thing", "views": 1, "accuracy": 0.0005}}
+    leaf = stage.run(before_camera("panda", tree, reality=reality)).leaf("locate")
+    assert leaf.code == "INACCURATE"
+    assert "its size not at all" in leaf.reason
+
+
 def test_nearest_object_to_the_base_comes_first(stage: Stage) -> None:
     """The first pose is that of cube ``a``, whichever of the two identical cubes is named."""
     tree = TABLE.replace("LOCATE", "{object: b, score: a, pose: '{p}', count: '{count}'}")
