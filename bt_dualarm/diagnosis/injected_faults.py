@@ -7,12 +7,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
+
 from bt_dualarm.diagnosis.evidence import Cause, Evidence
 from bt_dualarm.replay.record import Facts, Record
 from bt_dualarm.spec.faults import CAMERA_FAULTS, KINDS, AbsentPartner, NoPlan
 
 _WAITING_CODES: Final = ("", "HALTED", "TIMEOUT", "TIMED_OUT", "PARTNER_GONE")
 """Codes of leaves that may have waited for another arm."""
+
+_MOVED_M: Final = 0.005
+"""Distance from where an object was before a fault at which the fault has moved it, m."""
 
 
 @dataclass(frozen=True)
@@ -52,16 +57,37 @@ def injected_causes(e: Evidence) -> Iterator[Cause]:
 
     A fault explains it if it was active while the leaf ran, and concerns what the leaf works with:
     its arm, its camera if it took images, an object that it names or holds, the planner if no path
-    was found, the partner if it waited.
+    was found, the partner if it waited. So does one that was over by then, but has moved such an
+    object, which has lain where it came to rest ever since.
     """
     found = [
         one
         for one in _injected(e.record)
-        if one.begin <= e.ended + 1e-9 and one.until >= e.began - 1e-9 and _concerns(e, one.event)
+        if one.begin <= e.ended + 1e-9
+        and (one.until >= e.began - 1e-9 or _has_moved_something(e, one))
+        and _concerns(e, one.event)
     ]
     for one in sorted(found, key=lambda one: str(one.event["arm"]) != e.arm):
         remedy = "it is a test: remove the fault, or let the tree handle it"
         yield e.cause("INJECTED", one.sentence, remedy, time_s=one.begin)
+
+
+def _has_moved_something(e: Evidence, one: _Injected) -> bool:
+    """Whether an object is no longer where it was before a fault, and no arm has held it since."""
+    before, after = e.scene(one.begin), e.scene(e.began)
+    held = {
+        name
+        for note in e.record.notes
+        if note["kind"] == "holds" and one.begin <= note["time_s"] <= e.began
+        for name in note["gripped"]
+    }
+    return any(
+        name not in held
+        and before.has(name)
+        and after.has(name)
+        and np.linalg.norm(after.position(name) - before.position(name)) > _MOVED_M
+        for name in map(str, one.event["objects"])
+    )
 
 
 def _concerns(e: Evidence, event: Facts) -> bool:

@@ -289,3 +289,38 @@ def test_unrelated_fault_is_not_reported_as_a_cause(tmp_path: Path) -> None:
     bt.run(tree, faults=fault("removed_object", 0.0, 5.0, object="can"), record=tmp_path / "r")
     causes = stories(Record.read(tmp_path / "r"))[0].causes
     assert [cause.kind for cause in causes] == ["SAID_SO"]
+
+
+@pytest.mark.parametrize("pushed", ["can", "other"])
+@pytest.mark.usefixtures("without_plots")
+def test_push_that_is_over_explains_why_its_object_is_not_found(
+    pushed: str, tmp_path: Path
+) -> None:
+    """It is far from where the camera looks; a push of another object explains nothing."""
+    can = {"shape": "box", "size": [0.04] * 3, "mass": 0.1, "color": "red"}
+    tree = {
+        "bt_dualarm": 1,
+        "objects": {
+            "can": can | {"pose": {"xyz": [0.4, -0.4, 0.42]}},
+            "other": can | {"color": "blue", "pose": {"xyz": [0.2, -0.6, 0.42]}},
+            "gone": can | {"color": "green", "spawned": False},
+        },
+        "arms": {
+            "arm1": {
+                "robot": "panda",
+                "base": {"xyz": [0, 0, 0.4]},
+                "camera": {},
+                "tree": {
+                    "sequence": [
+                        {"look_at": {"at": {"xyz": [0.4, -0.4, 0.42]}, "distance": 0.35}},
+                        {"look_at": {"at": {"xyz": [0.42, -0.4, 0.42]}, "distance": 0.35}},
+                        {"locate": {"object": "can" if pushed == "can" else "gone"}},
+                    ]
+                },
+            }
+        },
+    }
+    push = fault("pushed_object", 0.1, 0.4, object=pushed, force=[3.0, 0.0, 0.0])
+    assert bt.run(tree, faults=push, record=tmp_path / "r").outcome == "FAILURE"
+    causes = [cause.kind for cause in stories(Record.read(tmp_path / "r"))[0].causes]
+    assert (causes[0] == "INJECTED") == (pushed == "can")
