@@ -168,7 +168,11 @@ class Track(Skill):
             else None,
             reach=ports.reach,
             search_radius=ports.search_radius,
-            error=FollowingError(ports.max_error, ports.lost_timeout),
+            error=FollowingError(
+                ports.max_error,
+                ports.lost_timeout,
+                proportional=ports.controller == "proportional",
+            ),
             facing=ports.orientation == "facing",
         )
         score = TrackingScore(self.arm, tracking.axes, ports.score)

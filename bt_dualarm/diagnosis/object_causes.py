@@ -567,7 +567,10 @@ def sight_causes(e: Evidence) -> Iterator[Cause]:
 
 
 _NOT_FOLLOWED: Final = {
-    "latency": ("LATE_PICTURES", "a smaller latency, a higher fps, or a slower target"),
+    "latency": (
+        "LATE_PICTURES",
+        "a smaller latency, noise or drop of the camera, a higher fps, or a slower target",
+    ),
     "reach": ("LEFT_REACH", "a larger `reach`, or a target that stays nearer"),
     "occlusion": ("OCCLUDED", "keep the line of sight to the target clear"),
     "guard": (

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
-from collections.abc import Callable
 from enum import StrEnum
 from typing import Final, NamedTuple
 
@@ -20,7 +19,7 @@ _FEWEST = 3  # minimum number of sightings in a mean
 _PATIENT_LOSSES = 3  # losses before an arrival after which the approach may begin again
 _NEARER = 0.9  # below this fraction of the smallest error so far, the error has decreased
 _RESTING = 0.25  # spread of a target at rest, as a fraction of the error
-_AT_LIMIT = 0.9  # above this fraction of its acceleration, the arm limits the tracking
+_AT_LIMIT = 0.9  # above this fraction of its limits, the arm limits the tracking
 
 ERROR_SHARE: Final = 0.2
 """Default of the largest error, as a fraction of the target's width."""
@@ -86,6 +85,7 @@ class FollowingError:
         bound: Largest root mean square, m; None for `ERROR_SHARE` of the target's width, at least
             `LEAST_ERROR_M`.
         patience: Longest time without a decrease of the error before the arrival, s.
+        proportional: Whether gains move the tool, not a prediction.
 
     Attributes:
         arrived: Whether the tool has arrived and follows within the bound.
@@ -93,17 +93,19 @@ class FollowingError:
         bound: Largest root mean square, m.
         counts_from: Time from which errors count, s; None before.
         need: Velocity and acceleration that the target needs, root mean squares, m/s and m/s².
-        limit: Returns the acceleration that the arm has in the plane, m/s²; only the reason of a
-            failure needs it.
+        limit: Acceleration that the arm has in the plane, m/s².
+        speed_share: Speed of the arm's fastest joint as a fraction of its limit.
     """
 
-    def __init__(self, bound: float | None, patience: float) -> None:
+    def __init__(self, bound: float | None, patience: float, *, proportional: bool = False) -> None:
         self.arrived = False
         self.largest = 0.0
         self.bound = _UNKNOWN_SIZE_M if bound is None else bound
         self.counts_from: float | None = None
         self.need = (0.0, 0.0)
-        self.limit: Callable[[], float] = lambda: math.inf
+        self.limit = math.inf
+        self.speed_share = 0.0
+        self._proportional = proportional
         self._by_size = bound is None
         self._patience = patience
         self._seen: deque[_Seen] = deque()
@@ -120,6 +122,9 @@ class FollowingError:
         self._returns = False  # whether the target was out of view
         self._slowed_by = ""  # why the guard slowed the arm last
         self._latest: deque[dict[ErrorCause, float]] = deque(maxlen=_FEWEST)
+        self._newest = 0.0  # stamp of the newest sighting
+        self._too_fast_at = -math.inf
+        self._too_fast_by = ""  # what the target needed then
 
     @property
     def rms(self) -> float:
@@ -184,7 +189,11 @@ class FollowingError:
         self._began = stamp if self._began is None else self._began
         if self.counts_from is None and stamp - self._began > self._patience:
             self.counts_from = stamp
-        attributed = _attributed(sample, square)
+        self._newest = stamp
+        if self._needed > _AT_LIMIT * self.limit or self.speed_share > _AT_LIMIT:
+            self._too_fast_at = stamp
+            self._too_fast_by = self._describe_need()
+        attributed = self._attributed(sample, square)
         self._slowed_by = sample.slowed or self._slowed_by
         self._latest.append(attributed)
         # Until the tool has arrived again its error is due to the time without the target.
@@ -258,10 +267,10 @@ class FollowingError:
                 return cause
         if self._trembles():
             return ErrorCause.JITTER
-        if self._needed > _AT_LIMIT * self.limit():
+        by_arm = self._integrals[ErrorCause.SPEED] > self._integrals[ErrorCause.LATENCY]
+        if self._proportional or by_arm or self._was_too_fast:
             return ErrorCause.SPEED
-        by_images = self._integrals[ErrorCause.LATENCY] > self._integrals[ErrorCause.SPEED]
-        return ErrorCause.LATENCY if by_images else ErrorCause.SPEED
+        return ErrorCause.LATENCY
 
     def explain(self, cause: ErrorCause) -> str:
         """A clause that names a cause with its numbers."""
@@ -273,15 +282,14 @@ class FollowingError:
             return f"most of that while the guard slowed the arm: {self._slowed_by}"
         if cause is ErrorCause.JITTER:
             return "the target rests, but the tool does not"
-        velocity, acceleration = self.need
-        hertz = acceleration / max(2.0 * math.pi * velocity, 1e-6)
-        need = (
-            f"the target needs {self._needed:.2g} m/s² at {hertz:.2g} Hz, the arm has "
-            f"{self.limit():.2g} m/s² there"
-        )
         if cause is ErrorCause.LATENCY:
-            return f"its motion cannot be predicted from images so late or rare; {need}"
-        return f"it is too fast for the arm: {need}"
+            need = self._describe_need()
+            return f"its motion cannot be predicted from images so late, rare or unsteady; {need}"
+        if self._proportional and not self._was_too_fast:
+            return (
+                f"it is too fast for proportional control by these gains; {self._describe_need()}"
+            )
+        return f"it is too fast for the arm: {self._too_fast_by}"
 
     def metrics(self) -> dict[str, Number]:
         """``seen_rms_m`` and ``seen_max_m`` since the arrival, ``error_rms_m`` over all time.
@@ -300,6 +308,39 @@ class FollowingError:
     def _needed(self) -> float:
         """Largest acceleration of a sinusoidal motion with the target's root mean square."""
         return math.sqrt(2.0) * self.need[1]
+
+    def _describe_need(self) -> str:
+        """What the target needs now, and what the arm has."""
+        velocity, acceleration = self.need
+        hertz = acceleration / max(2.0 * math.pi * velocity, 1e-6)
+        need = (
+            f"the target needs {self._needed:.2g} m/s² at {hertz:.2g} Hz, the arm has "
+            f"{self.limit:.2g} m/s² there"
+        )
+        if self.speed_share > _AT_LIMIT:
+            need += f", and a joint moves at {100.0 * self.speed_share:.0f} % of its velocity limit"
+        return need
+
+    @property
+    def _was_too_fast(self) -> bool:
+        """Whether the target needed more than the arm has, so recently that the arm still lags."""
+        return self._newest - self._too_fast_at <= _WINDOW_S
+
+    def _attributed(self, sample: FollowingSample, square: float) -> dict[ErrorCause, float]:
+        """Squared error of a sighting in m², shared among prediction and arm."""
+        if not sample.within_reach:
+            return {ErrorCause.REACH: square}
+        late = 0.0
+        if sample.predicted is not None:
+            off = sample.predicted - sample.target
+            late = min(float(off @ off), square)
+        if sample.slowed:
+            arm = ErrorCause.GUARD
+        elif self._proportional or self._was_too_fast:
+            arm = ErrorCause.SPEED
+        else:
+            return {ErrorCause.LATENCY: square}
+        return {ErrorCause.LATENCY: late, arm: square - late}
 
     def _integrate(self, stamp: float, squares: dict[ErrorCause, float]) -> None:
         """Add squared errors, in m², that hold since the last call, if they count."""
@@ -371,17 +412,3 @@ class FollowingError:
         if len(squares) < _FEWEST:
             squares = [one.square for one in list(self._seen)[-_FEWEST:]]
         return math.sqrt(math.fsum(squares) / len(squares))
-
-
-def _attributed(sample: FollowingSample, square: float) -> dict[ErrorCause, float]:
-    """Squared error of a sighting in m², shared among prediction and arm."""
-    if not sample.within_reach:
-        return {ErrorCause.REACH: square}
-    if sample.predicted is None:
-        return {ErrorCause.SPEED: square}
-    off = sample.predicted - sample.target
-    late = min(float(off @ off), square)
-    return {
-        ErrorCause.LATENCY: late,
-        ErrorCause.GUARD if sample.slowed else ErrorCause.SPEED: square - late,
-    }

@@ -526,7 +526,7 @@ class PlaneTracking:
             Facing.of_arm(arm.kinematics, arm.setpoint.q, view, distance) if facing else None
         )
         self._view = view
-        allowed = self._limits_of_motion()()
+        allowed = self._limits_of_motion()
         self._servo_gains = servo_gains(camera, allowed.jerk)
         estimate = DualFilterEstimate(self._servo_gains.calmness, self._servo_gains.calm_jerk)
         depth = None if target_size is None else distance
@@ -849,12 +849,11 @@ class PlaneTracking:
             for was, rate in zip(error.need, rates, strict=True)
         ]
         error.need = math.sqrt(squares[0]), math.sqrt(squares[1])
-        # Not a method, which would make a cycle of references.
-        limits = self._limits_of_motion()
-        error.limit = lambda: limits().acceleration
+        error.limit = self._limits_of_motion().acceleration
+        error.speed_share = float(np.abs(self._arm.setpoint.v / self._limits.velocity).max())
 
-    def _limits_of_motion(self) -> Callable[[], PlaneLimits]:
-        """Limits of the motion along the followed axes where the arm is now, when asked."""
+    def _limits_of_motion(self) -> PlaneLimits:
+        """Limits of the motion along the followed axes where the arm is now."""
         arm = self._arm
         kinematics = arm.kinematics
         limits = self._limits
@@ -862,11 +861,11 @@ class PlaneTracking:
         axes = self._axes
         facing = self._facing
         if facing is None:
-            return lambda: plane_limits(kinematics, limits, q, axes)
+            return plane_limits(kinematics, limits, q, axes)
         start = self._view.position
         camera = arm.world.nominal[arm.name].camera_pose_at(q)
         at = axes @ (camera.position - start)
-        return lambda: facing_limits(kinematics, limits, q, camera, facing, at)
+        return facing_limits(kinematics, limits, q, camera, facing, at)
 
     def close(self) -> None:
         """Unsubscribe from the camera."""
