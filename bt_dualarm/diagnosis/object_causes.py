@@ -610,10 +610,13 @@ def _too_slow(e: Evidence, name: str) -> Cause:
         / max(step, 1e-6)
         for what, path in paths.items()
     }
-    sentence = (
-        f"{name} was in view; {e.arm} was too slow: the target moved at up to "
-        f"{top['target']:.2f} m/s, the tool at up to {top['tool']:.2f} m/s"
-    )
+    sentence = f"{name} was in view: {e.reason}"
+    is_slower = top["tool"] < top["target"]  # otherwise it lacked acceleration, or swung
+    if is_slower:
+        sentence = (
+            f"{name} was in view; {e.arm} was too slow: the target moved at up to "
+            f"{top['target']:.2f} m/s, the tool at up to {top['tool']:.2f} m/s"
+        )
     shares = {what: float(share) for what, share in e.record.arms[e.arm]["limits"].items()}
     shares["speed"] = float(e.ports.get("speed") or 1.0)
     least = min(shares, key=lambda what: shares[what])
@@ -625,7 +628,7 @@ def _too_slow(e: Evidence, name: str) -> Cause:
     elif e.ports.get("controller") == "proportional":
         gains = ", ".join(f"{key} {e.ports[key]:g} m" for key in ("gain_u", "gain_v"))
         sentence += f"; a proportional controller moves by its gains ({gains}) at full error"
-        remedy = "larger gains, or controller: predictive"
+        remedy = f"{'larger' if is_slower else 'smaller'} gains, or controller: predictive"
     return e.cause("TOO_SLOW", sentence, remedy)
 
 

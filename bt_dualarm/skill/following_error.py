@@ -286,9 +286,7 @@ class FollowingError:
             need = self._describe_need()
             return f"its motion cannot be predicted from images so late, rare or unsteady; {need}"
         if self._proportional and not self._was_too_fast:
-            return (
-                f"it is too fast for proportional control by these gains; {self._describe_need()}"
-            )
+            return f"proportional control by these gains does not follow; {self._describe_need()}"
         return f"it is too fast for the arm: {self._too_fast_by}"
 
     def metrics(self) -> dict[str, Number]:

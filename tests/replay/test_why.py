@@ -15,6 +15,7 @@ from benchmarks.why_mistakes_unseen import unseen
 from bt_dualarm import cli
 from bt_dualarm.diagnosis.story import stories
 from bt_dualarm.replay.record import Record
+from bt_dualarm.runtime.options import find_tree
 from tests.families import some
 from tests.replay.runs import SHORT, recorded
 
@@ -79,6 +80,18 @@ MISTAKES = [
 def test_the_planted_mistake_is_named_first(mistake: Mistake, tmp_path: Path) -> None:
     cause = first_cause(mistake, tmp_path)
     assert is_named(mistake, cause), cause
+
+
+def test_gains_that_make_the_tool_swing_are_to_be_smaller(tmp_path: Path) -> None:
+    """It called the tool, which moved faster than its target, too slow, and asked for more."""
+    text = find_tree("visual_tracking").read_text()
+    gains = "controller: proportional, gain_u: 0.5, gain_v: 0.5"
+    [story] = stories(recorded(tmp_path, text.replace("controller: predictive", gains)))
+    cause = story.causes[0]
+    assert (story.code, cause.kind) == ("NOT_FOLLOWING", "TOO_SLOW")
+    assert "too slow" not in cause.sentence
+    assert "proportional control by these gains does not follow" in cause.sentence
+    assert cause.remedy == "smaller gains, or controller: predictive"
 
 
 def test_there_are_at_least_90_mistakes() -> None:
