@@ -125,9 +125,16 @@ class KnownObjects:
             if not world.objects[name].is_free or world.attachments.find(self._arm, name):
                 continue
             known = self.where(name)
-            if known is not None and known.on == part:
+            if known is not None and self._is_upon(known.on, part):
                 found.add(name)
         return frozenset(found)
+
+    def _is_upon(self, on: str, base: str) -> bool:
+        """Whether what stands on one object stands on another one, directly or in between."""
+        while on and on != base:
+            below = self.where(on)
+            on = "" if below is None else below.on
+        return on == base
 
     def joint_position(self, name: str) -> float:
         """Estimated position in rad or m of the joint on which an object moves.
@@ -245,10 +252,13 @@ class KnownObjects:
         self._unknown[name] = why
 
     def _set(self, name: str, known: KnownPose) -> None:
+        # What stands on it moves with it, and bears it nowhere.
         poses = {
             other: there.pose
             for other in self._world.objects
-            if self._parts and (there := self.where(other)) is not None
+            if self._parts
+            and (there := self.where(other)) is not None
+            and not self._is_upon(there.on, name)
         }
         self._known[name] = self._stood(name, known, poses, self.pose)
         self._unknown.pop(name, None)
@@ -297,8 +307,9 @@ class KnownObjects:
     ) -> KnownPose:
         """A pose with what the object stands on, if that moves on a joint.
 
-        It stands on the highest surface below its center of mass. What stands on an object that
-        stands in a drawer, stands in the drawer.
+        It stands on the highest surface below its center of mass, of what reaches lower than it
+        does: the content of a bin does not bear the bin. What stands on an object that stands in a
+        drawer, stands in the drawer.
 
         Args:
             name: Name of the object.
@@ -314,6 +325,7 @@ class KnownObjects:
         center = known.pose.apply(body.center)
         local = known.pose.inverse.turn(_DOWN)
         height = body.solid.reach(local) - float(local @ body.center)
+        lowest = float(center[2]) - height
         nearest = _FALLS_M
         below = ""
         for other, pose in poses.items():
@@ -323,7 +335,11 @@ class KnownObjects:
             if its is not None and its.owner == name:  # its own lid
                 continue
             to_local = pose.inverse
-            gap = body_of(objects[other]).ray(to_local.apply(center), to_local.turn(_DOWN)) - height
+            its_body = body_of(objects[other])
+            down = to_local.turn(_DOWN)
+            if float(pose.position[2]) - its_body.solid.reach(down) >= lowest:
+                continue
+            gap = its_body.ray(to_local.apply(center), down) - height
             if -_SINKS_M <= gap < nearest:
                 nearest = gap
                 below = other

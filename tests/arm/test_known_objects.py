@@ -85,6 +85,50 @@ def test_known_objects_move_with_the_drawer(sensor: bool) -> None:
     assert moved.pose.position == pytest.approx(np.add(IN_DRAWER, (0.0, 0.1, 0.0)))
 
 
+def bin_at(x: float, y: float, z: float, content_m: float) -> dict[str, ObjectSpec]:
+    """A bin whose bottom is at a point, and a cube of an edge on its floor."""
+    given = {"shape": "bin", "size": (0.06, 0.045, 0.03), "wall": 0.003, "mass": 0.06}
+    container = ObjectSpec.model_validate(given | {"pose": {"xyz": (x, y, z + 0.015)}})
+    return {"bin": container, "content": box((x, y, z + 0.003 + 0.5 * content_m), content_m)}
+
+
+@pytest.mark.parametrize("content_m", [0.004, 0.02, 0.04])
+def test_content_of_a_bin_in_the_drawer_stands_in_the_drawer_like_the_bin(content_m: float) -> None:
+    """The bin stands on the drawer, not on what is within it, however high that is."""
+    x, y, _ = IN_DRAWER
+    _, known = world_of(bin_at(x, y, FLOOR_Z, content_m))
+    assert known.standing_on("cabinet.slide") == {"bin", "content"}
+
+
+@pytest.mark.parametrize("content_m", [0.004, 0.02, 0.04])
+def test_content_of_a_bin_moves_with_it_from_the_hand_into_the_drawer(content_m: float) -> None:
+    """The bin and its content were believed to stand on each other, without end."""
+    x, y, _ = ELSEWHERE
+    world, known = world_of(bin_at(x, y, 0.0, content_m))
+    for _ in range(50):
+        world.step()
+    world.attach("arm1", "bin")
+    known.took("bin")
+    known.left("bin")
+    world.attachments.detach("arm1", "bin")
+    before = known.pose("bin").pose.inverse @ known.pose("content").pose
+    assert known.standing_on("cabinet.slide") == set()
+
+    known.saw("bin", Pose.from_rpy((*IN_DRAWER[:2], FLOOR_Z + 0.015)))
+    assert known.standing_on("cabinet.slide") == {"bin", "content"}
+    joint = world.model.body_jntadr[world.object_body("cabinet.slide")]
+    world.data.qpos[world.model.jnt_qposadr[joint]] = 0.1
+    world.sense()
+    after = known.pose("bin").pose.inverse @ known.pose("content").pose
+    assert after.distance(before) < 1e-9
+    assert known.pose("bin").pose.position[1] == pytest.approx(IN_DRAWER[1] + 0.1)
+
+    upside_down = Pose.from_rpy((*ELSEWHERE[:2], ELSEWHERE[2] + 0.1), (np.pi, 0.0, 0.0))
+    known.saw("bin", upside_down)  # its content is believed to be below it then
+    assert known.pose("bin").pose.distance(upside_down) < 1e-9
+    assert known.standing_on("cabinet.slide") == set()
+
+
 def test_unknown_object_in_the_drawer_does_not_keep_the_arm_from_opening_it(stage: Stage) -> None:
     """The object appeared there after the check, put there by no arm: no skill may look it up."""
     cube = CUBE | {
