@@ -12,6 +12,7 @@ import numpy.typing as npt
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.perception.shape_fit import (
     PLACE,
+    SHAKE,
     TURN,
     UNKNOWNS,
     OutlineScene,
@@ -21,6 +22,7 @@ from bt_dualarm.perception.shape_fit import (
     information_weight,
     outline_error,
     project,
+    shake_information,
 )
 
 Stack = npt.NDArray[np.float64]
@@ -99,7 +101,14 @@ class ExpectedFit:
         error, change = outline_error(seen, edge, self._scene.rim)
         by_size = (outline_error(larger, edge, self._scene.rim)[0] - error) / _SIZE_STEP
         every = np.column_stack((change, by_size))
-        found: Matrix = information_weight(len(edge)) * every.T @ every
+        weight = information_weight(len(edge))
+        found: Matrix = weight * every.T @ every
+        if view.shake_rad:
+            by_shake = change[:, SHAKE]
+            both = weight * by_shake.T @ every
+            found -= both.T @ np.linalg.solve(
+                shake_information(by_shake, weight, view.shake_rad), both
+            )
         return found
 
     def accuracy(self, more: Stack) -> Accuracy:

@@ -100,7 +100,14 @@ def markers_in(frame: Frame, marker: MarkerSpec) -> list[OutlineView]:
         detection = Detection.at(frame, (x, y), area, box)
         around = np.array(edge, float).reshape(-1, 2)
         views.append(
-            MarkerView(frame.pose, frame.focal_px, around - middle, detection, corners - middle)
+            MarkerView(
+                frame.pose,
+                frame.focal_px,
+                around - middle,
+                detection,
+                corners - middle,
+                shake_rad=frame.shake_rad,
+            )
         )
     return views
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Final, Literal
 
@@ -374,12 +374,15 @@ class OutlineView:
         focal_px: Focal length in pixels.
         edge: Points of the outline relative to the image center, of shape (n, 2), px.
         detection: Detection with its position and area.
+        shake_rad: Standard deviation of the rotation of a shaking camera about its x and y axes,
+            rad: it shifts the image as a whole.
     """
 
     camera: Pose
     focal_px: float
     edge: Matrix
     detection: Detection
+    shake_rad: float = field(default=0.0, kw_only=True)
 
     @property
     def is_whole(self) -> bool:
@@ -431,6 +434,7 @@ def outlines(frame: Frame, color: ColorFilter, min_area: float) -> list[OutlineV
             frame.focal_px,
             np.array(edge, float).reshape(-1, 2),
             Detection.of_plain(frame, seen),
+            shake_rad=frame.shake_rad,
         )
         for edge, seen in frame.answer(f"all outlines {color.name} from {min_area!r} px", look)
     ]
@@ -509,6 +513,9 @@ length, rim."""
 PLACE: Final = slice(0, 3)
 TURN: Final = slice(3, 6)
 MOUNT_TURN: Final = slice(6, 9)
+SHAKE: Final = slice(
+    6, 8
+)  # what a shake changes in one image, by the rotation of the mount about x, y
 MOUNT_SHIFT: Final = slice(9, 12)
 FOCAL: Final = 12
 RIM: Final = 13
@@ -709,6 +716,7 @@ SIZE_ROOM: Final = 0.03
 
 _HUBER_PX: Final = 1.0
 _ROUNDS: Final = 25
+_SHAKE_ROUNDS: Final = 3
 _DONE: Final = 1e-7
 _BEST: Final = 3
 _FAR: Final = 1e6
@@ -717,6 +725,22 @@ _FAR: Final = 1e6
 def information_weight(count: int) -> float:
     """Weight of the squared distance of each of so many points of an outline, 1/px²."""
     return _INDEPENDENT / count / EDGE_DOUBT**2
+
+
+def shake_information(by_shake: Matrix, weights: Vector | float, shake_rad: float) -> Matrix:
+    """Information of an outline and the prior about the shake of its image, of shape (2, 2).
+
+    Unknowns of one image only are eliminated from the normal equations by their Schur complement
+    (Triggs et al., Bundle Adjustment, 2000, section 6.1).
+
+    Args:
+        by_shake: Derivatives of the distances of its points by the shake, of shape (n, 2), px/rad.
+        weights: Weights of their squares, of shape (n,) or one for all, 1/px².
+        shake_rad: Standard deviation of the shake, rad, above 0.
+    """
+    weighted = by_shake * np.reshape(weights, (-1, 1))
+    information: Matrix = weighted.T @ by_shake + np.eye(2) / shake_rad**2
+    return information
 
 
 @dataclass(frozen=True, eq=False)
@@ -927,8 +951,23 @@ class ShapeFitter:
             weight = information_weight(len(error))
             size = np.maximum(np.abs(error), 1e-12)
             robust = weight * np.minimum(_HUBER_PX / size, 1.0)
+            shake = np.zeros(2)  # the most probable one for this scene
+            for _ in range(_SHAKE_ROUNDS if view.shake_rad else 0):
+                by_shake = change[:, SHAKE]
+                slant = by_shake.T @ (robust * error) + shake / view.shake_rad**2
+                shake -= np.linalg.solve(shake_information(by_shake, robust, view.shake_rad), slant)
+                shift = view.focal_px * np.array((shake[1], -shake[0]))
+                error, change = outline_error(seen, view.edge + shift, scene.rim)
+                size = np.maximum(np.abs(error), 1e-12)
+                robust = weight * np.minimum(_HUBER_PX / size, 1.0)
             normal = normal + (change * robust[:, None]).T @ change
             slope = slope + change.T @ (robust * error)
+            if view.shake_rad:
+                cost += 0.5 * float(shake @ shake) / view.shake_rad**2
+                by_shake = change[:, SHAKE]
+                both = (by_shake * robust[:, None]).T @ change
+                stiffness = shake_information(by_shake, robust, view.shake_rad)
+                normal = normal - both.T @ np.linalg.solve(stiffness, both)
             inner = np.minimum(size, _HUBER_PX)
             cost += weight * float(np.sum(inner * (size - 0.5 * inner)))
             square = square + float(error @ error)

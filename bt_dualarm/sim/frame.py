@@ -336,6 +336,11 @@ class Frame:
         """Focal length in pixels, the same in x and y."""
         return focal_length_px(self.height, self.fov_rad)
 
+    @property
+    def shake_rad(self) -> float:
+        """Standard deviation of the camera's mean rotation about its x and y axes by shake, rad."""
+        return self.noise_px / math.sqrt(self.merges) / self.focal_px
+
     @cached_property
     def world_in_camera(self) -> Pose:
         """Pose of the world in the camera: the inverse of ``pose``."""

@@ -93,6 +93,34 @@ def test_jacobian_equals_finite_differences(name: str) -> None:
         assert np.median(np.abs(slope - change[:, unknown])) < 2e-3 * scale
 
 
+@pytest.mark.parametrize(("shake_px", "flat"), [(0.5, True), (2.0, False)])
+@pytest.mark.parametrize("name", SHAPES)
+def test_shaking_cameras_do_not_pretend_to_be_accurate(
+    name: str, shake_px: float, flat: bool
+) -> None:
+    """Each image is shifted as a whole: its points agree, and yet all of them are off.
+
+    Errors were up to ten times the stated standard deviation.
+    """
+    shape = SHAPES[name]
+    shake = shake_px / FOCAL_PX
+    excess = []
+    for seed in some(range(18), 3):
+        rng = np.random.default_rng(seed)
+        axes = turn_by(np.array((0.0, 0.0, rng.uniform(-3, 3))))
+        scene = OutlineScene.believed(PLACE + rng.uniform(-0.02, 0.02, 3), axes)
+        views = []
+        for camera in cameras(6):
+            turn = turn_by(np.array((*rng.normal(0.0, shake, 2), 0.0)))
+            view = seen(replace(scene, mount_turn=turn), shape, camera, 0.1)
+            views.append(replace(view, shake_rad=shake))
+        fitter = ShapeFitter(shape, flat=flat)
+        best = fitter.again(fitter.first(views[0]), views)[0]
+        excess.append(np.linalg.norm(best.pose.position - scene.position) / best.sigma_m)
+    assert max(excess) < 3.5
+    assert np.sqrt(np.mean(np.square(excess))) < 2.0
+
+
 @pytest.mark.parametrize("name", SHAPES)
 def test_a_pose_is_found_despite_mount_errors(name: str) -> None:
     """For 30 arms with mount errors of several mm, six views each, errors match the stated sigma.
