@@ -12,7 +12,6 @@ import numpy.typing as npt
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.perception.shape_fit import (
     PLACE,
-    SHAKE,
     TURN,
     UNKNOWNS,
     OutlineScene,
@@ -20,9 +19,9 @@ from bt_dualarm.perception.shape_fit import (
     ShapeFitter,
     cross_matrix,
     information_weight,
+    lost_to_shake,
     outline_error,
     project,
-    shake_information,
 )
 
 Stack = npt.NDArray[np.float64]
@@ -104,11 +103,7 @@ class ExpectedFit:
         weight = information_weight(len(edge))
         found: Matrix = weight * every.T @ every
         if view.shake_rad:
-            by_shake = change[:, SHAKE]
-            both = weight * by_shake.T @ every
-            found -= both.T @ np.linalg.solve(
-                shake_information(by_shake, weight, view.shake_rad), both
-            )
+            found -= lost_to_shake(every, weight, view.shake_rad)
         return found
 
     def accuracy(self, more: Stack) -> Accuracy:

@@ -730,9 +730,6 @@ def information_weight(count: int) -> float:
 def shake_information(by_shake: Matrix, weights: Vector | float, shake_rad: float) -> Matrix:
     """Information of an outline and the prior about the shake of its image, of shape (2, 2).
 
-    Unknowns of one image only are eliminated from the normal equations by their Schur complement
-    (Triggs et al., Bundle Adjustment, 2000, section 6.1).
-
     Args:
         by_shake: Derivatives of the distances of its points by the shake, of shape (n, 2), px/rad.
         weights: Weights of their squares, of shape (n,) or one for all, 1/px².
@@ -741,6 +738,23 @@ def shake_information(by_shake: Matrix, weights: Vector | float, shake_rad: floa
     weighted = by_shake * np.reshape(weights, (-1, 1))
     information: Matrix = weighted.T @ by_shake + np.eye(2) / shake_rad**2
     return information
+
+
+def lost_to_shake(change: Matrix, weights: Vector | float, shake_rad: float) -> Matrix:
+    """Information of an outline that is lost because its image shakes, a square matrix.
+
+    Unknowns of one image only are eliminated from the normal equations by their Schur complement
+    (Triggs et al., Bundle Adjustment, 2000, section 6.1).
+
+    Args:
+        change: Derivatives of the distances of its points by all unknowns, with n rows.
+        weights: As of `shake_information`.
+        shake_rad: As of `shake_information`.
+    """
+    by_shake = change[:, SHAKE]
+    both = (by_shake * np.reshape(weights, (-1, 1))).T @ change
+    lost: Matrix = both.T @ np.linalg.solve(shake_information(by_shake, weights, shake_rad), both)
+    return lost
 
 
 @dataclass(frozen=True, eq=False)
@@ -947,27 +961,23 @@ class ShapeFitter:
             seen = project(scene, self.shape, view)
             if seen is None:
                 return normal, slope, math.inf, math.inf
-            error, change = outline_error(seen, view.edge, scene.rim)
-            weight = information_weight(len(error))
-            size = np.maximum(np.abs(error), 1e-12)
-            robust = weight * np.minimum(_HUBER_PX / size, 1.0)
-            shake = np.zeros(2)  # the most probable one for this scene
-            for _ in range(_SHAKE_ROUNDS if view.shake_rad else 0):
-                by_shake = change[:, SHAKE]
-                slant = by_shake.T @ (robust * error) + shake / view.shake_rad**2
-                shake -= np.linalg.solve(shake_information(by_shake, robust, view.shake_rad), slant)
+            weight = information_weight(len(view.edge))
+            shake = np.zeros(2)  # in the end the most probable one for this scene
+            for left in range(_SHAKE_ROUNDS if view.shake_rad else 0, -1, -1):
                 shift = view.focal_px * np.array((shake[1], -shake[0]))
                 error, change = outline_error(seen, view.edge + shift, scene.rim)
                 size = np.maximum(np.abs(error), 1e-12)
                 robust = weight * np.minimum(_HUBER_PX / size, 1.0)
+                if left:
+                    by_shake = change[:, SHAKE]
+                    slant = by_shake.T @ (robust * error) + shake / view.shake_rad**2
+                    stiffness = shake_information(by_shake, robust, view.shake_rad)
+                    shake -= np.linalg.solve(stiffness, slant)
             normal = normal + (change * robust[:, None]).T @ change
             slope = slope + change.T @ (robust * error)
             if view.shake_rad:
                 cost += 0.5 * float(shake @ shake) / view.shake_rad**2
-                by_shake = change[:, SHAKE]
-                both = (by_shake * robust[:, None]).T @ change
-                stiffness = shake_information(by_shake, robust, view.shake_rad)
-                normal = normal - both.T @ np.linalg.solve(stiffness, both)
+                normal = normal - lost_to_shake(change, robust, view.shake_rad)
             inner = np.minimum(size, _HUBER_PX)
             cost += weight * float(np.sum(inner * (size - 0.5 * inner)))
             square = square + float(error @ error)
