@@ -818,5 +818,7 @@ class Attachments:
                     composition.remove_weld(self._spec, held.name)
                 del self._held[key]
                 self._leave_all_to_the_last(held.object)
+            elif held.carrier == name:
+                self._held[key] = replace(held, carrier="")
         for consent in [one for one in self._consents if name in one]:
             del self._consents[consent]

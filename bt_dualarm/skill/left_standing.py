@@ -74,9 +74,14 @@ class LeftStanding:
             self._corners.popleft()
         reach = 0.5 * float(np.linalg.norm(corners[-1] - corners[0]))
         still = max(_STILL_M, self._still_share * reach)
-        self.rests = now - self._corners[0][0] >= REST_S and all(
+        self.rests = self._spans and all(
             np.linalg.norm(corners - were, axis=1).max() <= still for _, were in self._corners
         )
+
+    @property
+    def _spans(self) -> bool:
+        """Whether the samples cover `REST_S`: without that, rest cannot be told."""
+        return bool(self._corners) and self._corners[-1][0] - self._corners[0][0] >= REST_S
 
     def _box_corners(self) -> Matrix:
         """Corners of its bounding box in the world, of shape (8, 3), m: they move farthest."""
@@ -89,7 +94,7 @@ class LeftStanding:
     def until_rest(self, longest: float) -> Iterator[float]:
         """Wait until it rests or is gone, or ``longest`` seconds have passed; once per tick."""
         until = self._arm.time + max(longest, REST_S)
-        while self.is_there and not self.rests and self._arm.time <= until:
+        while self.is_there and not self.rests and (self._arm.time <= until or not self._spans):
             yield 1.0
             self.look()
 

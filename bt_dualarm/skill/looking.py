@@ -343,7 +343,11 @@ def gazes(
     for share, around in _LEANS:
         turn = np.cos(around) * side + np.sin(around) * np.cross(along, side)
         sight = np.cos(share * lean) * along + np.sin(share * lean) * turn
-        rolled = [_gaze(point, distance, sight, side, roll) for roll in _ROLLS]
+        x = side - (side @ sight) * sight
+        if np.linalg.norm(x) < _PARALLEL:  # leaned by 90°: sight lies along side
+            x = along - (along @ sight) * sight
+        x /= np.linalg.norm(x)
+        rolled = [_gaze(point, distance, sight, x, roll) for roll in _ROLLS]
         yield from sorted(rolled, key=near.angle)
 
 
@@ -355,9 +359,11 @@ _LEANS: Final = (
 """Fractions of the angle ``lean``, and the direction of leaning, rad."""
 
 
-def _gaze(point: Vector, distance: float, sight: Vector, side: Vector, roll: float) -> Pose:
-    x = side - (side @ sight) * sight
-    x /= np.linalg.norm(x)
+_PARALLEL: Final = 1e-6
+"""Largest sine of the angle between parallel lines."""
+
+
+def _gaze(point: Vector, distance: float, sight: Vector, x: Vector, roll: float) -> Pose:
     matrix = np.eye(4)
     matrix[:3, :3] = np.column_stack((x, np.cross(sight, x), sight))
     matrix[:3, 3] = point - distance * sight

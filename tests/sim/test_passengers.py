@@ -192,3 +192,18 @@ def test_object_taken_from_a_held_tray_may_be_near_it() -> None:
     assert CollisionChecker(world, "arm2", kept).least[upper, tray] <= 0.0
     world.attachments.detach("arm2", "upper")
     assert world.attachments.on_carriers("arm1") == []
+
+
+def test_object_taken_from_a_held_tray_outlives_the_tray() -> None:
+    """Whatever asked what the object may touch failed: the removed tray is not in the world."""
+    arms = {"arm1": arm("ur5", (0.0, 0.0, 0.4)), "arm2": arm("panda", (1.3, 0.0, 0.4), 180.0)}
+    world = World(file_of(arms, {"table": TABLE, **STANDING}))
+    for _ in range(100):
+        world.step()
+    world.attach("arm1", "tray")
+    world.attach("arm2", "upper")
+    world.remove_object("tray")
+    assert world.attachments.on_carriers("arm2") == []
+    CollisionChecker(world, "arm2", {"arm1": 0.03})
+    world.spawn_object("tray")
+    assert world.attachments.on_carriers("arm2") == []  # it is not the tray of before

@@ -184,3 +184,18 @@ def test_object_that_settled_after_planning_is_touched(robot: str, stage: Stage)
     play = stage.run(file)
     assert play.arm().outcome == "SUCCESS", play.arm().runs
     assert play.leaf("approach_and_attach").metrics["gap_m"] < 0.0
+
+
+@pytest.mark.parametrize("tick_hz", [50, 60, 100])
+@pytest.mark.parametrize("settle", [0.05, 0.25, 0.3])
+def test_object_at_rest_is_detached_however_short_the_wait(
+    settle: float, tick_hz: float, stage: Stage
+) -> None:
+    """Rest is told from 0.25 s: the wait ended one tick before, and the object "still moved"."""
+    wait: Tree = {"wait": {"seconds": 0.5}}
+    arm = {"robot": "ur5", "base": {"xyz": [0, 0, 0.4]}, "tick_hz": tick_hz}
+    file = Scenario(ON_TABLE, arm=arm, scene="table").file(
+        wait, {"detach": {"object": "cube", "settle": settle}}
+    )
+    leaf = stage.run(file).leaf("detach")
+    assert leaf.status == "SUCCESS", leaf.reason
