@@ -100,7 +100,7 @@ class ApproachAndAttach(Skill):
         if name in self.arm.held:
             return
         if self.arm.world.objects[name].fixed:
-            raise Failure("INVALID_TARGET", f"object {name!r} is fixed: no arm can carry it")
+            raise Failure("INVALID_TARGET", self.arm.world.fixed_reason(name))
         yield from self._close_empty_fingers()
         approach = yield from self._go_to_standoff()
         try:

@@ -106,7 +106,7 @@ class CloseGripper(Skill):
         if name is None:
             return None
         if world.objects[name].fixed:
-            raise Failure("INVALID_TARGET", f"object {name!r} is fixed: no arm can carry it")
+            raise Failure("INVALID_TARGET", world.fixed_reason(name))
         return world.object_pose(name) if self.ports.at is None else self.ports.at.pose
 
     def _closed(self) -> bool:

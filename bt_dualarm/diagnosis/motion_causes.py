@@ -14,7 +14,7 @@ from bt_dualarm.core.errors import DualArmError
 from bt_dualarm.core.pose import Vector
 from bt_dualarm.diagnosis.evidence import LOOK_BACK_S, Cause, Evidence, descend
 from bt_dualarm.diagnosis.joint_causes import MovedJoint
-from bt_dualarm.diagnosis.object_causes import carried
+from bt_dualarm.diagnosis.object_causes import GRASPING_LEAVES, carried
 from bt_dualarm.kinematics.inverse_kinematics import Workspace
 from bt_dualarm.replay.timeline import ContactPoint, TimelineNode
 from bt_dualarm.robots.robot_description import load_robot
@@ -490,7 +490,8 @@ def coordination_causes(e: Evidence) -> Iterator[Cause]:
     for other in others or [name for name in e.timeline.roots if f"{name} " in e.reason]:
         if other == e.arm or other not in e.timeline.roots:
             continue
-        named = e.ports.get("object")
+        # Grasping is the only thing for which it does not help that the other arm goes away.
+        named = e.ports.get("object") if e.leaf.kind in GRASPING_LEAVES else None
         is_in_path = bool(waits) and waits[-1]["target"] == "path"
         if is_in_path and isinstance(named, str) and named in e.scene(e.ended).held(other):
             remedy = f"let {other} place {named} before {e.leaf.path!r}"

@@ -74,7 +74,7 @@ def _writes(e: Evidence, node: TimelineNode, key: str) -> bool:
     return did or node.ports.get("key") == key
 
 
-_GRASPING_LEAVES: Final = ("approach_and_attach", "grasp", "regrasp")
+GRASPING_LEAVES: Final = ("approach_and_attach", "grasp", "regrasp")
 """Node types that grasp an object."""
 
 _RELEASING_LEAVES: Final = ("detach", "place", "insert", "release")
@@ -117,7 +117,7 @@ def world_causes(e: Evidence) -> Iterator[Cause]:
     if removal is not None and e.code in ("", "HALTED") and removal[1].time <= e.ended + 1e-9:
         yield _taken_away(e, e.arm, removal)
     name = e.ports.get("object")
-    if isinstance(name, str) and e.code and e.leaf.kind in _GRASPING_LEAVES:
+    if isinstance(name, str) and e.code and e.leaf.kind in GRASPING_LEAVES:
         yield from _held_by_another(e, name)
         if e.code == "GRIPPER_FULL":
             yield from _hand_full(e)
@@ -138,7 +138,9 @@ def world_causes(e: Evidence) -> Iterator[Cause]:
     is_carried = "joint" not in e.ports and e.ports.get("then_to") is None
     is_fixed = is_carried and e.record.start["objects"].get(name, {}).get("fixed")
     if e.code == "INVALID_TARGET" and is_fixed:
-        yield e.cause("FIXED", f"{name} is fixed: no arm can carry it", "fixed: false")
+        moves = "; `part`" in e.reason
+        remedy = f"the `part` of {name} that is to be moved" if moves else "fixed: false"
+        yield e.cause("FIXED", f"{name} is fixed: no arm can carry it", remedy)
     if e.code == "NOT_AT_REST":
         yield from _carried_meanwhile(e, str(name))
         moved = 1e3 * float(e.numbers.get("moved_m", 0.0))
@@ -317,7 +319,7 @@ def not_attached(e: Evidence, name: str) -> Cause:
             (node, change)
             for node in e.timeline.leaves()
             if node.arm == e.arm
-            and node.kind in (*_GRASPING_LEAVES, "take_over")
+            and node.kind in (*GRASPING_LEAVES, "take_over")
             and name in map(str, node.ports.values())
             for change in node.changes
             if change.old == "RUNNING" and change.new != "SUCCESS"
@@ -370,7 +372,7 @@ def _last_taken(
     e: Evidence, name: str
 ) -> tuple[tuple[TimelineNode, Change] | None, tuple[TimelineNode, Change] | None]:
     """The arm's last leaf that took an object, and the leaf that has released it since, if any."""
-    kinds = (*_GRASPING_LEAVES, "take_over")
+    kinds = (*GRASPING_LEAVES, "take_over")
     taken = [leaf for kind in kinds for leaf in _ended(e, kind, name, arm=e.arm)]
     if not taken:
         return None, None
@@ -753,10 +755,24 @@ def _of_target(e: Evidence, name: str) -> Iterator[Cause]:
         sentence = f"the background of {name} has its color: {share:.0f} % of the image"
         remedy = "`color` with ranges that match only the object, or a marker on it"
         yield e.cause("SAME_COLOR_BEHIND", sentence, remedy)
+    elif e.numbers.get("unlike"):
+        yield _unlike(e, name, next((one for _, one in sights if one.hidden_by), sight))
     else:
-        away = f"{sight.distance_m:.2f} m away"
-        sentence = f"{name} was in view, {away}, but was not detected as the target"
+        sentence = (
+            f"{name} was in view, {sight.distance_m:.2f} m away, but was not detected as the "
+        )
+        sentence += "target"
         yield e.cause("NOT_RECOGNISED", sentence, "tune the color ranges (bt-tune-color)")
+
+
+def _unlike(e: Evidence, name: str, sight: CameraSight) -> Cause:
+    """Cause of not finding a target whose color was found, in an outline of another shape."""
+    if sight.hidden_by:
+        sentence = f"{sight.hidden_by} hid a part of {name}, {sight.distance_m:.2f} m away"
+        return e.cause("OCCLUDED", sentence, f"move {sight.hidden_by}, or look from elsewhere")
+    sentence = f"{name} was in view, {sight.distance_m:.2f} m away: {e.reason}"
+    remedy = f"the shape and size that {name} has, or a look at it from elsewhere, once it rests"
+    return e.cause("NOT_RECOGNISED", sentence, remedy)
 
 
 def _hidden(e: Evidence, name: str, sight: CameraSight) -> Cause:

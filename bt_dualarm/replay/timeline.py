@@ -241,7 +241,7 @@ class CameraSight:
 
     Attributes:
         state: ``seen``, ``hidden`` or ``outside``.
-        hidden_by: Body that hides most of it, or empty.
+        hidden_by: Body that hides the largest part of it, also if it is ``seen``; empty if none.
         off_axis_deg: Angle between the view axis and the object's center.
         half_view_deg: Angle between the view axis and the upper edge of the image.
         distance_m: Distance from the camera in m.
@@ -373,12 +373,10 @@ class Scene:
         if not inside.any():
             return CameraSight("outside", "", angle, math.degrees(half), distance)
         blockers = [self._blocker(camera, eye, point, name) for point in points[inside]]
-        free = blockers.count("")
-        if 3 * free > len(blockers):
-            return CameraSight("seen", "", angle, math.degrees(half), distance)
         hiding = [blocker for blocker in blockers if blocker]
-        most = max(hiding, key=hiding.count)
-        return CameraSight("hidden", most, angle, math.degrees(half), distance)
+        most = max(hiding, key=hiding.count, default="")
+        state = "seen" if 3 * (len(blockers) - len(hiding)) > len(blockers) else "hidden"
+        return CameraSight(state, most, angle, math.degrees(half), distance)
 
     def _points(self, name: str) -> Matrix:
         """The center of an object and points near its corners in the world, of shape (9, 3), m."""

@@ -303,7 +303,7 @@ class World(WorldView):
         self.arms.require(arm)
         self.objects.require(obj)
         if self.objects[obj].fixed:
-            raise WorldError(f"object {obj!r} is fixed: no arm can carry it")
+            raise WorldError(self.fixed_reason(obj))
         link = self.nominal[arm].tool_link_pose_at(self.hardware[arm].q)
         return link.inverse @ (pose or self.object_pose(obj))
 

@@ -98,6 +98,17 @@ class WorldView:
                 return other
         return name
 
+    def fixed_reason(self, name: str) -> str:
+        """Why no arm can carry a fixed object, and which of its parts move on joints."""
+        moved = [
+            part
+            for obj in self.declared_objects.values()
+            if obj.joint is not None and obj.joint.owner == name
+            for part in obj.parts
+        ]
+        may = f"; `part` may name one that moves: {', '.join(moved)}" if moved else ""
+        return f"object {name!r} is fixed: no arm can carry it{may}"
+
     def joint_position(self, name: str) -> float:
         """True position in rad or m of the joint on which an object moves.
 

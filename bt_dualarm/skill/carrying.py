@@ -178,7 +178,7 @@ class Carrying:
         world = arm.world
         obj = self._object
         if world.objects[obj].fixed:
-            raise Failure("INVALID_TARGET", f"object {obj!r} is fixed: no arm can carry it")
+            raise Failure("INVALID_TARGET", world.fixed_reason(obj))
         yield from arm.halt()
         grasps: tuple[tuple[RankedGrasp, ...], ...] = ()
         refusals: tuple[Failure | None, ...] = ()

@@ -206,7 +206,7 @@ class WantedGrasp:
         world.objects.require(name)
         name = world.part_owner(name, ports.part)
         if world.objects[name].fixed:
-            raise Failure("INVALID_TARGET", f"object {name!r} is fixed: no arm can carry it")
+            raise Failure("INVALID_TARGET", world.fixed_reason(name))
         if ports.part is not None and body_of(world.objects[name]).part(ports.part) is None:
             raise Failure("INVALID_TARGET", f"object {name!r} has no part {ports.part!r}")
         hung = world.objects[name].joint

@@ -164,3 +164,28 @@ cell: {signals: {held: {type: boolean, written_by: [arm2]}}}
     assert cause.remedy.endswith(
         "if they are to meet, name it: into: obj, while arm2 is in hold_still with partner: arm1"
     )
+
+
+def test_fingers_that_hide_a_part_of_what_they_hold_are_named(tmp_path: Path) -> None:
+    """Its color was found, in another outline: the advice was to tune the color."""
+    text = FILE.replace("mass: 0.2", "mass: 0.2, color: yellow").format(
+        size=CUBE,
+        height=0.425,
+        steps=f"[{GRASP}, reach_to_pose: {{to: {{xyz: [0.45, -0.25, 0.6], rpy: [180, 0, 0]}}}}]",
+        others="",
+    )
+    text += """\
+  arm2:
+    robot: panda
+    base: {xyz: [0.95, -0.2, 0.4], rpy: [0, 0, 180]}
+    camera: {}
+    tree:
+      sequence:
+        - wait: 5
+        - look_at: {at: {xyz: [0.45, -0.25, 0.58]}, distance: 0.4, direction: [-1, 0, -0.2]}
+        - locate: {object: obj}
+"""
+    [story] = stories(recorded(tmp_path, text))
+    assert story.code == "NOT_SEEN"
+    assert story.causes[0].kind == "OCCLUDED"
+    assert story.causes[0].sentence.startswith("arm1/gripper/left hid a part of obj, 0.40 m away")

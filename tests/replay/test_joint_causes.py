@@ -127,6 +127,13 @@ def test_an_arm_that_has_held_other_parts(
     assert (cause.kind, cause.sentence) == ("NEVER_ATTACHED", sentence)
 
 
+def test_drawer_that_was_grasped_by_what_does_not_move(tmp_path: Path) -> None:
+    """The advice was to let go of the whole cabinet (`fixed: false`)."""
+    cause = causes_of(tmp_path, {"grasp": {"object": "cabinet"}})[0]
+    assert cause.kind == "FIXED", cause
+    assert "`part`" in cause.remedy
+
+
 def test_end_of_the_motion_is_out_of_reach(tmp_path: Path) -> None:
     """The arm can grasp the handle, but is too far away to push the drawer shut."""
     grasps: Tree = {"grasp": {"object": "cabinet", "part": "handle"}}
