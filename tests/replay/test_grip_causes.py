@@ -189,3 +189,33 @@ def test_fingers_that_hide_a_part_of_what_they_hold_are_named(tmp_path: Path) ->
     assert story.code == "NOT_SEEN"
     assert story.causes[0].kind == "OCCLUDED"
     assert story.causes[0].sentence.startswith("arm1/gripper/left hid a part of obj, 0.40 m away")
+
+
+def test_object_of_another_arm_in_the_path_is_no_advice_to_place_it(tmp_path: Path) -> None:
+    """A leaf that only looks at it was told that the other arm holds it already."""
+    text = FILE.replace("    gripper: robotiq_2f85\n", "")
+    text = text.replace("mass: 0.2", "mass: 0.2, color: yellow").format(
+        size=[0.06, 0.06, 0.06],
+        height=0.43,
+        steps="[approach_and_attach: {object: obj}, "
+        "reach_to_pose: {to: {xyz: [0.5775, -0.2169, 0.6193], rpy: [180, 0, 0]}}, wait: 30]",
+        others="",
+    )
+    text += """\
+  arm2:
+    robot: panda
+    base: {xyz: [0.95, -0.2, 0.4], rpy: [0, 0, 180]}
+    camera: {}
+    tree:
+      sequence:
+        - wait: 5
+        - look_at:
+            at: {xyz: [0.5775, -0.2169, 0.6193]}
+            distance: 0.368
+            direction: [0.2417, -0.9752, -0.0625]
+        - timeout: {seconds: 4, child: {locate: {object: obj}}}
+"""
+    causes = [
+        story.causes[0] for story in stories(recorded(tmp_path, text)) if "locate" in story.leaf
+    ]
+    assert [cause.kind for cause in causes] == ["OTHER_ARM"]
