@@ -490,7 +490,7 @@ def prepare(file: TreeFile, registry: Registry, options: RunOptions, stop: StopR
             recorder = Recorder(folder.path, assembly.world, states, log.take, history)
             feed.watch(recorder, history)
             open_record = OpenRecord(folder, trace, history, recorder)
-        referee = Referee(assembly.world, file)
+        referee = Referee(assembly.world, file, assembly.faults.takes_away)
         if referee.watches:
             feed.watch(referee)
         conditions = _conditions(file.world.time_limit, options, stop, referee)

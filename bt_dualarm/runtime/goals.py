@@ -6,7 +6,7 @@ Trees, skills and controllers never read them. They cannot turn a failure into a
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Final
 
 import mujoco
@@ -32,13 +32,15 @@ class Referee(IdleObserver):
     Args:
         world: World of the run.
         file: Tree file.
+        taken_away: Name of the fault that has taken an object away; empty if none has.
 
     Attributes:
         violation: Sentence on the first violated invariant, empty while none is.
     """
 
-    def __init__(self, world: World, file: TreeFile) -> None:
+    def __init__(self, world: World, file: TreeFile, taken_away: Callable[[str], str]) -> None:
         self._world = world
+        self._taken_away = taken_away
         self._zones = file.cell.zones
         self._goals = file.goal
         self._always = file.always
@@ -113,6 +115,9 @@ class Referee(IdleObserver):
         if one.object is not None:
             if one.object not in world.objects:
                 return f"{one.object} is not in the world"
+            fault = self._taken_away(one.object)
+            if fault:
+                return f"{one.object} is taken away by the fault {fault!r}"
             subject = one.object
             pose = world.object_pose(subject)
         else:

@@ -116,6 +116,15 @@ class WorldFaults:
         """Whether the tree of an arm does not tick."""
         return bool(self._active_on(arm, AbsentPartner))
 
+    def takes_away(self, name: str) -> str:
+        """Name of the fault that has taken an object away; empty if none has."""
+        found = (
+            n
+            for n, one in self._active.items()
+            if isinstance(one, RemovedObject) and one.object == name
+        )
+        return next(found, "")
+
     def _active_on(self, arm: str, kind: type[FaultSpec]) -> str:
         found = (
             n for n, one in self._active.items() if isinstance(one, kind) and one.on_arm == arm

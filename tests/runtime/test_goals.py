@@ -148,3 +148,21 @@ def test_bt_why_names_the_goals_that_were_missed(
 def test_an_invariant_that_holds_ends_nothing() -> None:
     ended = bt.run(TREE | {"always": {"calm": {"tool": "arm2", "speed": 0.5, "force": 5}}})
     assert ended.outcome == "SUCCESS"
+
+
+@pytest.mark.parametrize(
+    "goal",
+    [
+        {"object": "cube", "held": False},
+        {"object": "cube", "height": [0.3, 100.0]},
+        {"object": "cube", "at": {"xyz": [0.5, 0.2, 0.325]}},
+    ],
+)
+def test_an_object_that_a_fault_has_taken_away_meets_no_goal(goal: dict[str, Any]) -> None:
+    """It is kept far above: it met what asks for no place, or was "49675 mm" from its own."""
+    gone: dict[str, Any] = {"kind": "removed_object", "object": "cube"}
+    for until, met in ((9.0, False), (0.2, True)):  # until after the run, or during it
+        file = TREE | {"goal": {"there": goal}, "faults": {"gone": gone | {"until": until}}}
+        [found] = bt.run(file).goals.values()
+        assert found.met is met
+        assert found.reason == ("" if met else "cube is taken away by the fault 'gone'")
