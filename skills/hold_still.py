@@ -10,6 +10,7 @@ import numpy as np
 from bt_dualarm import (
     HANDS_APART_M,
     ArmName,
+    CellWait,
     Duration,
     Failure,
     PortModel,
@@ -69,22 +70,33 @@ class HoldStill(Skill):
         with ExitStack() as shared:
             for obj in arm.held if partner is not None else ():
                 shared.enter_context(shared_grasp(arm, str(partner), obj, HANDS_APART_M))
-            yield from self._hold()
+            wait = None if partner is None else self._depend(partner, shared)
+            yield from self._hold(wait)
         ended = self.time
         while np.abs(arm.setpoint.q - arm.q).max() > _BACK_RAD and self.time - ended < _BACK_S:
             yield 1.0
             arm.check()
         yield from arm.settle()
 
-    def _refuse_alone(self) -> None:
+    def _depend(self, partner: str, shared: ExitStack) -> CellWait:
+        """Let the cell know that nothing but the partner ends this, to find arms that block it."""
+        cell = self.context.cell
+        has_timeout = self.ports.duration is not None
+        wait = cell.shared.hold_still(cell.arm, self.context.name, partner, has_timeout=has_timeout)
+        shared.callback(cell.shared.end, wait)
+        return wait
+
+    def _refuse_alone(self, wait: CellWait | None) -> None:
         partner = self.ports.partner
-        if partner is None:
+        if partner is None or wait is None:
             return
         self.arm.world.arms.require(partner)
         if self.context.cell.shared.has_ended(partner):
             raise Failure("PARTNER_GONE", f"the tree of {partner} has ended")
+        if wait.failure is not None:
+            raise wait.failure
 
-    def _hold(self) -> Iterator[float | None]:
+    def _hold(self, wait: CellWait | None) -> Iterator[float | None]:
         arm = self.arm
         ports = self.ports
         start = arm.setpoint.q
@@ -104,7 +116,7 @@ class HoldStill(Skill):
                 arm.check()
                 if not np.array_equal(arm.setpoint.q, start):
                     raise Failure("INTERRUPTED", f"another leaf has moved {arm.name}")
-                self._refuse_alone()
+                self._refuse_alone(wait)
                 if self.time - began < ready:
                     zero.append(arm.external_wrench[:3])
                     continue

@@ -53,7 +53,8 @@ class CellWait:
         path: Path of the node.
         since: Simulated time in seconds at which it began to wait.
         target: What it waits at or for: ``rendezvous handover``, ``signal ready``, ``zone bin``;
-            ``path`` if other arms are in the way of a motion.
+            ``path`` if other arms are in the way of a motion; ``tool arm2`` or ``partner arm2`` if
+            it follows that arm's tool, or holds still for it.
         has_timeout: Whether it ends by itself.
         failure: Failure that ends it, None if there is none.
         seen: Number of values of a signal that it has looked at.
@@ -201,6 +202,8 @@ def waiting_sentence(target: str, others: Sequence[str], since: float) -> str:
         return f"waits for the next motion of {listed} since {since:.2f} s"
     if kind == "tool":
         return f"follows the tool of {listed} since {since:.2f} s"
+    if kind == "partner":
+        return f"holds still for {listed} since {since:.2f} s"
     if kind == "joint":
         return f"waits for {listed or 'the next tick'} in {name} since {since:.2f} s"
     if kind == "path":
@@ -352,6 +355,12 @@ class CellState:
         self._begin(wait)
         return wait
 
+    def hold_still(self, arm: str, path: str, partner: str, *, has_timeout: bool) -> CellWait:
+        """Begin to depend on another arm for which the tool is held still, until `end`."""
+        wait = CellWait(arm, path, self.clock(), f"partner {partner}", has_timeout)
+        self._begin(wait)
+        return wait
+
     def has_ended(self, arm: str) -> bool:
         """Whether the tree of an arm has ended, or the arm was removed, as far as visible."""
         return arm in self._ended
@@ -423,7 +432,7 @@ class CellState:
         if isinstance(wait, Obstruction):
             return tuple(sorted(wait.blockers))
         kind, _, name = wait.target.partition(" ")
-        if kind in ("tool", "motion"):
+        if kind in ("tool", "motion", "partner"):
             return (name,)
         if isinstance(wait, Appointment):
             if wait.action is not None:
@@ -776,11 +785,13 @@ def _remedy(stuck: Sequence[CellWait]) -> str:
             continue
         why = f": {wait.why}" if wait.why else ""
         in_the_way = sorted(wait.blockers & waiting)
+        holding = [one.arm for one in stuck if one.target == f"partner {wait.arm}"]
         if in_the_way:
-            found.append(
-                f"; {wait.arm} cannot go on{why}. Let {' and '.join(in_the_way)} wait elsewhere, "
-                f"for example after `go_home`, or come there only when {wait.arm} is done"
-            )
+            advice = f"Let {' and '.join(in_the_way)} wait elsewhere, for example after `go_home`, "
+            advice += f"or come there only when {wait.arm} is done"
+            if in_the_way == holding:
+                advice = f"Let {holding[0]} hold still elsewhere, or in another posture"
+            found.append(f"; {wait.arm} cannot go on{why}. {advice}")
         elif not wait.has_other_path:
             found.append(f"; {wait.arm} cannot leave its prescribed path{why}")
     return "".join(found)

@@ -238,6 +238,26 @@ def test_arm_that_works_while_it_waits_does_not_move_aside() -> None:
     assert not [run for run in result.arms["there"].runs if run.code == "DEADLOCK"]
 
 
+def test_arm_that_holds_still_for_the_one_that_it_blocks_is_a_deadlock() -> None:
+    """It does not end by itself: the blocked arm waited for a minute, and then failed."""
+    both = {"policy": "any", "children": [{"hold_still": {"partner": "late"}}, {"meet": "both"}]}
+    file = _covered([{"parallel": both}, {"meet": "both"}])
+    file["world"]["time_limit"] = 90
+    result = bt.run(file)
+    [deadlock] = [run for arm in result.arms.values() for run in arm.runs if run.code == "DEADLOCK"]
+    assert deadlock.path == "sequence/reach_to_pose"
+    assert "there holds still for late since" in deadlock.reason
+    assert "Let there hold still elsewhere, or in another posture" in deadlock.reason
+    assert result.sim_time_s < 25.0
+
+
+def test_arm_that_holds_still_for_a_while_may_be_waited_for() -> None:
+    """With a duration it ends by itself, and its arm may leave then."""
+    held = {"hold_still": {"partner": "late", "duration": 8.0}}
+    result = bt.run(_covered([held, {"go_home": {"speed": 0.8}}, {"meet": "both"}]))
+    assert result.outcome == "SUCCESS"
+
+
 def test_arm_does_not_wait_for_one_whose_tree_has_ended() -> None:
     result = bt.run(_covered([]))
     [failed] = [run for run in result.arms["late"].runs if run.code]
