@@ -282,7 +282,7 @@ class Posture:
         if self.condition > SINGULAR_CONDITION:
             return 0.5, f"it is near a singularity, condition number {self.condition:.0f}"
         if self.room < NEAR_LIMIT:
-            return 0.5, f"a joint is {self.room:.3f} rad from its limit"
+            return 0.5, f"a joint is {max(self.room, 0.0):.3f} rad from its limit"
         return 1.0, ""
 
 
