@@ -136,6 +136,18 @@ def test_stuck_encoder_repeats_its_reading() -> None:
         assert readings(run)[0] == pytest.approx(pan(run))
 
 
+def test_arm_that_is_spawned_after_its_fault_has_ended_has_sound_encoders() -> None:
+    """The fault begins before the arm is removed, and ends before the arm is spawned again."""
+    waits = {"wait": {"seconds": 0.6}}
+    other = {"robot": "ur5", "base": {"xyz": [0, 2, 0.2]}}
+    comes_and_goes = [waits, {"remove": {"arm": "arm1"}}, waits, {"spawn": {"arm": "arm1"}}]
+    other["tree"] = {"sequence": comes_and_goes}
+    tree = TREE | {"arms": TREE["arms"] | {"arm2": other}}
+    result = bt.run(tree, faults=of_joint("stuck_encoder"))
+    assert [(event.name, event.is_active) for event in result.faults] == [("x", True), ("x", False)]
+    assert [run.status for run in result.arms["arm1"].runs][-2:] == ["SUCCESS", "SUCCESS"]
+
+
 def test_encoder_with_backlash_lags_by_half_of_it() -> None:
     with opened(of_joint("loose_joint", begin=0.0, until=0.5, play=2.0), 0.45) as run:
         assert pan(run) - readings(run)[0] == pytest.approx(np.radians(1.0), abs=1e-6)
