@@ -274,7 +274,9 @@ class WorldFaults:
         # Those of removed arms are sound, so that an arm that is spawned again is not impaired by a
         # fault that has ended meanwhile.
         by_joint: dict[tuple[str, int], list[_Reading]] = {
-            (arm, index): [] for arm, robot in self._world.robots.items() for index in range(robot.dof)
+            (arm, index): []
+            for arm, robot in self._world.robots.items()
+            for index in range(robot.dof)
         }
         for name, reading in self._readings.items():
             fault = self._active[name]

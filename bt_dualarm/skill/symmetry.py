@@ -21,7 +21,7 @@ def poses_alike(spec: ObjectSpec, goal: Pose) -> list[tuple[float, Pose]]:
     """Poses in which an object looks as at a goal, with their rotation from it, rad.
 
     The goal itself is the first, then the smallest rotation. Round objects are rotated about their
-    axis, spheres, prisms and boxes without a marker about the vertical.
+    axis, spheres, prisms and boxes about the vertical; what has a marker is not rotated.
 
     Args:
         spec: The object.
@@ -35,11 +35,13 @@ def _turns_into_itself(spec: ObjectSpec, goal: Pose) -> tuple[Vector, list[float
     """Axis in the world, of shape (3,), and rotations about it, rad, the smallest first."""
     up = np.array((0.0, 0.0, 1.0))
     shape = KnownShape.of(spec)
+    if spec.marker:
+        return up, [0.0]
     if spec.shape == "box":
-        return up, [0.0] if spec.marker else _turns_of_box(goal, spec.size)
+        return up, _turns_of_box(goal, spec.size)
     if spec.shape == "prism":
         upright = abs(float(goal.rotation_matrix[2, 2])) >= _UPRIGHT
-        return up, _turns(shape.fold) if upright and not spec.marker else [0.0]
+        return up, _turns(shape.fold) if upright else [0.0]
     if spec.shape == "sphere":
         return up, _turns(_ROUND)
     if shape.spins is None:

@@ -26,7 +26,7 @@ OBJECTS: dict[str, dict[str, Any]] = {
     "box": {"shape": "box", "size": [0.05, 0.05, 0.10], "mass": 0.3},
     "prism": {"shape": "prism", "size": [0.027, 0.10], "mass": 0.3},
 }
-MARKER = {"marker": {"id": 1, "size": 0.03}}
+MARKER = {"marker": {"id": 1, "size": 0.02}}
 
 
 @cache
@@ -62,9 +62,10 @@ def test_carried_object_is_rotated_by_its_symmetry(kind: str, roll: float, fold:
     assert float(leaf.metrics["believed_turned_rad"]) < np.radians(1.0)
 
 
-def test_carried_object_is_not_rotated_if_that_is_visible() -> None:
+@pytest.mark.parametrize("kind", ["box", "cylinder"])
+def test_carried_object_is_not_rotated_if_that_is_visible(kind: str) -> None:
     """The marker would not be where it was requested."""
-    leaf = carried("box", 0, marked=True)
+    leaf = carried(kind, 0, marked=True)
     assert leaf.code == "UNREACHABLE", leaf.reason
     assert "object_error_m" not in leaf.metrics, "refused before any motion"
 
@@ -123,6 +124,7 @@ def test_peg_is_rotated_by_its_symmetry_above_its_hole(
         ({"shape": "box", "size": [0.05, 0.05, 0.1]}, 4),
         ({"shape": "box", "size": [0.05, 0.06, 0.1]}, 2),
         ({"shape": "box", "size": [0.05, 0.05, 0.1]} | MARKER, 1),
+        ({"shape": "cylinder", "size": [0.03, 0.1]} | MARKER, 1),
         ({"shape": "bin", "size": [0.05, 0.05, 0.1]}, 1),
     ],
 )
