@@ -46,6 +46,7 @@ class Count(Skill):
         """Evaluate one averaged image from the current pose."""
         ports = self.ports
         seen = ports.sighted(self.arm, self.context.cell.zones)
+        yield from self.arm.come_to_rest()  # the motion of a halted leaf may still be braking
         picture = yield from still_picture(self.arm, ports.frames)
         if picture is None:
             raise Failure("NOT_SEEN", "the camera gave no image in time")

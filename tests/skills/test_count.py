@@ -186,3 +186,21 @@ def test_region_limits_the_count(stage: Stage) -> None:
     leaf = count(stage, CUBE, specs, region=region)
     assert (leaf.status, leaf.metrics["found"]) == ("SUCCESS", 1), leaf.reason
     assert leaf.metrics["unlike"] == 0
+
+
+def test_images_of_a_braking_arm_are_not_averaged(stage: Stage) -> None:
+    """The leaf before is halted in the middle of a fast motion of the camera."""
+    cubes = {
+        f"cube{i}": CUBE | {"color": "red", "fixed": True} | {"pose": {"xyz": [x, -0.45, 0.42]}}
+        for i, x in enumerate((0.33, 0.40))
+    }
+    look = {"look_at": {"at": {"xyz": [0.38, -0.45, TOP]}, "distance": 0.4, "speed": 1.0}}
+    aside = {"reach_to_pose": {"offset": {"xyz": [0, 0.12, 0]}, "speed": 1.0}}
+    halted = {"force_success": {"child": {"timeout": {"seconds": 0.2, "child": aside}}}}
+    tree = {"sequence": [look, halted, {"count": {"object": "cube0"}}]}
+    arm = {"robot": "ur5", "base": {"xyz": [0, 0, TOP]}, "camera": {}, "tree": tree}
+    play = stage.run({"world": {"scene": "table"}, "objects": cubes, "arms": {"arm1": arm}})
+    assert play.leaf("reach_to_pose").code == "HALTED"
+    leaf = play.leaf("count")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert leaf.metrics["found"] == 2
