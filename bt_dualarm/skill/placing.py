@@ -127,7 +127,7 @@ _LOWEST_M: Final = 0.008  # minimum height above the goal at which the descent b
 _CLEAR_M: Final = 0.003  # clearance to the height at which the descent is still free
 _LOWER: Final = (0.7, 0.5, 0.35, 0.25)  # fractions of the height to try if it is not free
 _NEAR_M: Final = 0.0015  # height above the goal beyond which a contact may be joint friction
-_FALSE: Final = 3  # descents until a contact beyond that height counts
+_FALSE: Final = 3  # further descents before a contact beyond that height counts
 
 _ON_CARRIER_N: Final = 1.5  # contact force on a carrier in another arm's hand
 _ON_CARRIER_M: Final = 0.001
@@ -498,7 +498,7 @@ class SettingDown:
             touched=touched,
         )
         low = tool().raised(-self._search)
-        for _ in range(_FALSE):
+        for descents in range(_FALSE, -1, -1):
             if not felt:
                 yield from arm.settle()
                 found = self._support_at(tool() @ self._in_tool) if self._carrier else None
@@ -511,11 +511,12 @@ class SettingDown:
                     why = f"{self._carrier!r} is no longer below it, and {why}"
                 raise Failure("NO_CONTACT", why)
             height = self._height(tool())
-            if height <= _NEAR_M:
+            if height <= _NEAR_M or not descents:
                 break
-            felt, most = yield from guarded_descent(
+            felt, next_n = yield from guarded_descent(
                 arm, low, ports.down_speed, force, grip.look, lightly=True
             )
+            most = max(most, next_n)
             self._touched = arm.tool_pose
         self._metrics |= {"impact_n": most, "height_off_m": height}
         if abs(height) > ports.tolerance:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Generator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +12,9 @@ import pytest
 import bt_dualarm as bt
 from benchmarks import cycle_time
 from benchmarks.placing import run, task
+from bt_dualarm.arm.arm import Arm
+from bt_dualarm.skill import placing
+from bt_dualarm.skill.guarded_move import guarded_descent
 from tests.families import some
 
 LIMIT_N = 15.0
@@ -82,3 +87,56 @@ def test_slow_arm_places_on_the_ground(robot: str) -> None:
     placed = bt.run(file).arms["arm1"].runs[-1]
     assert (placed.skill, placed.status) == ("place", "SUCCESS"), placed.reason
     assert abs(float(placed.metrics["height_off_m"])) < 2e-4
+
+
+ON_BLOCK: dict[str, Any] = {
+    "bt_dualarm": 1,
+    "name": "on_block",
+    "world": {"scene": "table"},
+    "objects": {
+        "bar": {"shape": "box", "size": [0.04, 0.04, 0.06], "mass": 0.1}
+        | {"pose": {"xyz": [0.40, -0.30, 0.43]}},
+        "block": {"shape": "box", "size": [0.1, 0.1, 0.06], "mass": 1}
+        | {"pose": {"xyz": [0.30, -0.45, 0.43]}},
+    },
+    "arms": {
+        "arm1": {
+            "robot": "ur5",
+            "gripper": "robotiq_2f85",
+            "base": {"xyz": [0, 0, 0.4]},
+            # The block is 3 mm higher, so that contact with it may be friction of the joints.
+            "tree": {
+                "sequence": [
+                    {"grasp": {"object": "bar"}},
+                    {"place": {"at": {"xyz": [0.30, -0.45, 0.487]}}},
+                ]
+            },
+        }
+    },
+}
+
+
+@pytest.mark.parametrize("is_removed", [False, True])
+def test_every_contact_with_the_support_counts(
+    is_removed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The largest of their forces is reported; a support that is gone at last is missed."""
+    forces: list[float] = []
+
+    def descent(
+        arm: Arm, *given: Any, **options: Any
+    ) -> Generator[float, None, tuple[bool, float]]:
+        if is_removed and len(forces) == 2:
+            arm.world.remove_object("block")
+        felt, force = yield from guarded_descent(arm, *given, **options)
+        forces.append(force)
+        return felt, force
+
+    monkeypatch.setattr(placing, "guarded_descent", descent)
+    leaf = bt.run(ON_BLOCK).arms["arm1"].runs[-1]
+    assert len(forces) == 3
+    if is_removed:
+        assert leaf.code == "NO_CONTACT", leaf.reason
+    else:
+        assert leaf.status == "SUCCESS", leaf.reason
+        assert float(leaf.metrics["impact_n"]) >= max(forces)
