@@ -148,6 +148,7 @@ class ArmMotions(ArmState):
 
     def release(self) -> None:
         """Stop the motion that this leaf has begun; harmless otherwise."""
+        self._shared.traffic.arrive(self.name, self.leaf)
         if self._lease.give_back():
             self._begun = None
             self._shared.traffic.stop_leading(self.name)

@@ -154,7 +154,7 @@ class PastOthers:
                 if (yield from self._when_clear(attempt, until)):
                     return
         finally:
-            self.traffic.arrive(self.arm.name)
+            self.traffic.arrive(self.arm.name, self.arm.leaf)
 
     def along(self, planning: Planning, follow: Following | None = None) -> Iterator[float | None]:
         """Plan and execute the plan to its end; yields once per tick.
@@ -175,7 +175,7 @@ class PastOthers:
         try:
             yield from self._along(planning, follow)
         finally:
-            self.traffic.arrive(self.arm.name)
+            self.traffic.arrive(self.arm.name, self.arm.leaf)
 
     def _along(self, planning: Planning, follow: Following | None = None) -> Iterator[float | None]:
         """Plan and execute, and keep the arm's rank at the end."""
@@ -221,7 +221,7 @@ class PastOthers:
         try:
             return (yield from self._when_clear(attempt, self.arm.time + self.wait_s))
         finally:
-            self.traffic.arrive(self.arm.name)
+            self.traffic.arrive(self.arm.name, self.arm.leaf)
 
     def make_way(self) -> Iterator[float | None]:
         """Move aside if another arm waits for this one to leave its path; yields once per tick.

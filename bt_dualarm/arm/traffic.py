@@ -123,10 +123,18 @@ class Traffic:
             self._changing()
             self._blocked[arm] = replace(self._blocked[arm], blockers=frozenset())
 
-    def arrive(self, arm: str) -> None:
-        """Record that an arm has reached its goal, or has given up."""
+    def arrive(self, arm: str, path: str) -> None:
+        """Record that a leaf has reached its goal, has given up, or was halted.
+
+        Args:
+            arm: Name of its arm; what another leaf of this arm waits for stays recorded.
+            path: Path of the leaf in its tree.
+        """
+        known = self._blocked.get(arm)
+        if known is not None and known.path != path:
+            return
         self._refused.pop(arm, None)
-        if arm in self._blocked:
+        if known is not None:
             self._changing()
             del self._blocked[arm]
 

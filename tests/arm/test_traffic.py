@@ -71,7 +71,7 @@ def test_changes_take_effect_in_the_next_step(traffic: Traffic, clock: Clock) ->
     assert not traffic.must_yield("b"), "a's tree may have been ticked before b's, or after"
     clock.now = 1.1
     assert traffic.must_yield("b")
-    traffic.arrive("a")
+    traffic.arrive("a", "leaf")
     assert traffic.must_yield("b")
     clock.now = 1.2
     assert not traffic.must_yield("b")
@@ -88,12 +88,21 @@ def test_an_arm_keeps_its_rank_until_it_arrives(traffic: Traffic, clock: Clock) 
     clock.now = 3.0
     assert traffic.must_yield("early")
     assert not traffic.must_yield("late")
-    traffic.arrive("late")
+    traffic.arrive("late", "leaf")
     clock.now = 4.0
     traffic.block("late", "leaf", {"early"})
     clock.now = 5.0
     assert traffic.must_yield("late")
     assert not traffic.must_yield("early")
+
+
+def test_leaf_that_ends_does_not_end_the_wait_of_another_one(traffic: Traffic) -> None:
+    """They may run in a `parallel`."""
+    traffic.block("a", "parallel/reach_to_pose", {"b"})
+    traffic.arrive("a", "parallel/wait")
+    assert [one.arm for one in traffic.blocked] == ["a"]
+    traffic.arrive("a", "parallel/reach_to_pose")
+    assert not traffic.blocked
 
 
 def test_an_arm_that_does_not_wait_need_not_move(traffic: Traffic, clock: Clock) -> None:
@@ -400,6 +409,23 @@ def test_prescribed_path_waits_for_an_arm_that_rests_in_it(
     comes: list[dict[str, Any]]
     comes = [{"meet": "go"}, {"wait": wait}, reach(*blocked), {"wait": 2}, {"go_home": None}]
     result = bt.run(facing_arms(robot, far, [reach(0.45, begin), {"meet": "go"}, leaf], comes))
+    assert result.outcome == "SUCCESS"
+
+
+def test_arm_does_not_move_aside_for_one_whose_leaf_was_halted() -> None:
+    """The guard has stopped that arm on a prescribed path, and a timeout ends its leaf."""
+    line = {"force_success": {"child": {"timeout": {"seconds": 5, "child": LINE}}}}
+    own = [reach(0.45, -0.4), {"meet": "go"}, line, {"wait": 5}, reach(0.45, -0.4)]
+    other = [{"meet": "go"}, reach(0.5, 0.2), {"wait": 4}, reach(0.45, 0.1)]
+    with bt.open(facing_arms("ur5", 1.2, own, other)) as run:
+        run.step(8.0)
+        halted = run.arms["arm1"].tool_pose
+        waiting = run.arms["arm2"].tool_pose
+        run.step(3.5)
+        assert run.arms["arm1"].tool_pose.distance(halted) < 1e-3, "not on its way back yet"
+        assert run.arms["arm2"].tool_pose.distance(waiting) < 1e-3
+        result = run.finish()
+    assert [run.code for run in result.arms["arm1"].runs].count("HALTED") == 1
     assert result.outcome == "SUCCESS"
 
 
