@@ -800,8 +800,13 @@ class TakeOver(Skill):
         error = arm.world.object_pose(name).distance(estimate)
         self.metrics["held_error_m"] = error
         if error > _HELD_M:
-            arm.gripper.let_go(name)
-            raise Failure("DROPPED", f"{name!r} is no longer held")
+            if arm.name in arm.world.grippers:
+                arm.gripper.let_go(name)  # a bare tool would let it fall
+            raise Failure(
+                "DROPPED",
+                f"{name!r} is {1e3 * error:.0f} mm from where {arm.name} should hold it",
+                held_error_m=error,
+            )
 
 
 def _has_answered(joint: JointPart, giver: str, question: tuple[int, int]) -> bool:

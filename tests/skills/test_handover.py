@@ -317,6 +317,42 @@ def slide(world: World) -> None:
     world.data.qpos[start : start + 3] += SLID_M * world.object_pose("cube").rotation_matrix[:, 0]
 
 
+def test_taker_with_a_bare_tool_keeps_what_it_has_taken_elsewhere() -> None:
+    """The giver is wrong about the plate by 40 mm; the failure named the gripper that is not there.
+
+    The plate did not fall: the tool is attached to it.
+    """
+    plate = {"shape": "box", "size": [0.24, 0.02, 0.16], "mass": 0.2}
+    wrong = {"xyz": [0.44, -0.3, 0.48], "rpy": [0, 0, 0]}
+    grasp = {"grasp": {"object": "plate", "at": wrong, "point": [-0.04, 0, 0.06]}}
+    base = {"xyz": [1.1, 0, 0.4], "rpy": [0, 0, 180]}
+    file: Tree = {
+        "bt_dualarm": 1,
+        "world": {"scene": "table", "time_limit": 40.0},
+        "objects": {"plate": plate | {"pose": {"xyz": [0.4, -0.3, 0.48]}}},
+        "arms": {
+            "arm1": {
+                "robot": "ur5",
+                "gripper": "robotiq_2f85",
+                "base": {"xyz": [0, 0, 0.4]},
+                "tree": {
+                    "sequence": [grasp, {"hand_over": {"object": "plate", "to": "arm2"}}],
+                },
+            },
+            "arm2": {
+                "robot": "ur5",
+                "base": base,
+                "tree": {"take_over": {"object": "plate", "from": "arm1"}},
+            },
+        },
+    }
+    with bt.open(file) as run:
+        taken = run.finish().arms["arm2"].runs[-1]
+        assert run.world.attachments.holders("plate") == ("arm2",)
+    assert taken.code == "DROPPED", taken.reason
+    assert "40 mm from where arm2 should hold it" in taken.reason
+
+
 @pytest.mark.parametrize("looks", [True, False])
 def test_taker_uses_the_pose_that_it_has_located(looks: bool, stage: Stage) -> None:
     """Without its camera, it uses the giver's estimate, although the bar has slipped there."""
