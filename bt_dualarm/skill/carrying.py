@@ -113,7 +113,7 @@ class Carrying:
         "DROPPED": "the object was lost",
         "INTERNAL_FORCE": "the arms pressed against each other through the object with more than "
         "the allowed force or moment",
-        "NOT_REACHED": "the object touched something above its goal, or did not get to it",
+        "NOT_REACHED": "what the object touched is above or below its goal, or it did not get there",
         "NO_CONTACT": "no support was detected below it",
         "NOT_OPEN": "the fingers did not open",
         "NOT_PLACED": "it is not at its goal at the end: it fell, slid, was moved, or was not held "
@@ -747,7 +747,9 @@ class _Coupled:
             yield from self._arm.relax()
             raise Failure(
                 "NOT_REACHED",
-                f"it touched something {1e3 * height:.1f} mm above its goal",
+                f"it touched something {1e3 * height:.1f} mm above its goal"
+                if height > 0.0
+                else f"what it touched is {-1e3 * height:.1f} mm below its goal",
                 height_off_m=height,
             )
 

@@ -461,3 +461,12 @@ def test_arms_can_approach_grasps_that_are_close_together(x: float, y: float, ya
     """Grasps were chosen whose approaches the guard stops: a `DEADLOCK` next to the object."""
     result = bt.run(with_four_handles(x, y, yaw))
     assert result.outcome == "SUCCESS", [leaf(result, arm).reason for arm in result.arms]
+
+
+def test_support_below_the_goal_is_reported_as_that() -> None:
+    """The failure said that it was -12.5 mm above."""
+    to = {"xyz": [0.0, -0.45, 0.538], "rpy": [0, 0, 0]}
+    result = bt.run(file_of(TOGETHER | {"to": to, "set_down": True, "search": 0.03}))
+    assert leaf(result).code == "NOT_REACHED"
+    assert leaf(result).reason.startswith("what it touched is 1")
+    assert leaf(result).reason.endswith("mm below its goal")
