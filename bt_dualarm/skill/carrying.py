@@ -113,7 +113,7 @@ class Carrying:
         "DROPPED": "the object was lost",
         "INTERNAL_FORCE": "the arms pressed against each other through the object with more than "
         "the allowed force or moment",
-        "NOT_REACHED": "what the object touched is above or below its goal, or it did not get there",
+        "NOT_REACHED": "what the object touched is above or below its goal, or it is not at it",
         "NO_CONTACT": "no support was detected below it",
         "NOT_OPEN": "the fingers did not open",
         "NOT_PLACED": "it is not at its goal at the end: it fell, slid, was moved, or was not held "
