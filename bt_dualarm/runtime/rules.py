@@ -70,6 +70,10 @@ class RuleCheck(IdleObserver):
         if self.broken or time < self._next - 1e-9:
             return
         self._next = time + CHECK_S
+        if self._generation != self._world.generation:
+            self._generation = self._world.generation
+            self._owners = arms_of_geoms(self._world)
+            self._resting.clear()  # an arm may have come back, and stands elsewhere
         found = self._touching() or (self._moving(time) if self._of_motion else "")
         if found:
             self.broken = f"{found} at {time:.3f} s"
@@ -79,9 +83,6 @@ class RuleCheck(IdleObserver):
         contacts = self._world.data.contact
         if not len(contacts.geom):
             return ""
-        if self._generation != self._world.generation:
-            self._generation = self._world.generation
-            self._owners = arms_of_geoms(self._world)
         pairs = self._owners[contacts.geom]
         both = (pairs[:, 0] != pairs[:, 1]) & (pairs.min(axis=1) >= 0)
         both &= contacts.dist <= 0.0

@@ -104,6 +104,21 @@ def test_an_arm_that_is_spawned_again_may_move(world: Any) -> None:
     assert check.broken == ""
 
 
+def test_an_arm_that_is_spawned_again_has_not_moved_there() -> None:
+    """It stands where its tree begins, elsewhere than where the one before ended."""
+    comes_back = [{"remove": {"arm": "goes"}}, {"wait": 0.5}, {"spawn": {"arm": "goes"}}]
+    goes = {"robot": "ur5", "tree": {"reach_to_pose": {"offset": {"xyz": [0, 0, 0.2]}}}}
+    stays = {"robot": "ur3", "base": {"xyz": [0, 2, 0]}}
+    stays["tree"] = {"sequence": [{"wait": 4}, *comes_back, {"wait": 2}]}
+    world = {"scene": "empty", "time_limit": 10}
+    file = {"bt_dualarm": 1, "world": world, "arms": {"goes": goes, "stays": stays}}
+    with bt.open(file) as run:
+        check = RuleCheck(run.world)
+        run.watch(check)
+        assert run.finish().outcome == "SUCCESS"
+    assert check.broken == ""
+
+
 def test_arms_that_encoder_noise_shakes_are_at_rest() -> None:
     """A Panda in `rough` stands with joint speeds of up to 0.03 rad/s, around zero."""
     world = {"scene": "empty", "reality": "rough", "time_limit": 5}
