@@ -73,6 +73,16 @@ class MotionPair:
         """Forget the motion of an arm that was stopped."""
         self._waiting.pop(arm, None)
 
+    def give_up(self, arm: str) -> None:
+        """Let the other arm's motion go on alone, as the leaf that moved this arm has ended.
+
+        A motion that is stopped for a new plan still counts, so that the other one waits for it.
+        """
+        self.abandon(arm)
+        running = self._running.get(arm)
+        if running is not None and running.partner is not None:
+            running.partner.partner = None
+
     def leave(self, arm: str) -> None:
         """Record that an arm begins no further motion in step."""
         self._waiting.pop(arm, None)

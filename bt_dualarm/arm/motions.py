@@ -152,7 +152,7 @@ class ArmMotions(ArmState):
         if self._lease.give_back():
             self._begun = None
             self._shared.traffic.stop_leading(self.name)
-            self._shared.traffic.abandon_motion(self.name)
+            self._shared.traffic.give_up_motion(self.name)
             if self.is_present:
                 self.controller.stop()
 

@@ -205,6 +205,11 @@ class Traffic:
         if arm in self._pairs:
             self._pairs[arm][1].abandon(arm)
 
+    def give_up_motion(self, arm: str) -> None:
+        """Record that the leaf has ended that moved an arm, whether its motion has or not."""
+        if arm in self._pairs:
+            self._pairs[arm][1].give_up(arm)
+
     @property
     def waiting_motions(self) -> tuple[WaitingMotion, ...]:
         """Motions that wait for the next motion of another arm."""

@@ -199,6 +199,18 @@ def test_step_takes_as_long_as_its_longer_motion(backwards: bool, stage: Stage) 
         assert run.ended_s - 0.02 == pytest.approx(longest, abs=0.021)
 
 
+def test_motion_goes_on_alone_if_the_leaf_of_the_other_one_is_halted(stage: Stage) -> None:
+    """It crept at a tenth of its speed to its end, behind a motion that had been given up."""
+    halted = {"timeout": {"seconds": 0.5, "child": reach(0.0, -0.2, 0.1, 0.1)}}
+    first = step("arm2", {"sequence": [{"force_success": {"child": halted}}, {"wait": 3}]})
+    play, moving = played(stage, first, step("arm1", reach(-0.1, 0.0, 0.1, 0.2)))
+    assert ("arm1", "INVALID", "HALTED") in codes(play)
+    _, alone = played(stage, {"wait": 0.1}, reach(-0.1, 0.0, 0.1, 0.2))
+    begin, end = moving.span("arm2")
+    free_begin, free_end = alone.span("arm2")
+    assert end - begin < free_end - free_begin + 0.7
+
+
 def test_halting_one_arm_stops_its_partner(stage: Stage) -> None:
     halted = {"timeout": {"seconds": 0.8, "child": step("arm1", reach(0.0, 0.2, -0.1, 0.1))}}
     play, moving = played(stage, step("arm2", reach(0.0, 0.1, 0.1, 0.5)), halted)
