@@ -332,6 +332,8 @@ class PastOthers:
         """Move away from the other arms, as far as that is possible."""
         arm = self.arm
         others = [arm.world.arms[name].base.position for name in arm.controller.neighbors]
+        if not others:  # removed meanwhile
+            return
         goals = yielding_configurations(
             arm.checker(self.ignore),
             others,

@@ -262,3 +262,13 @@ def test_configuration_near_self_collision_comes_last(
     clear.keep_clear(0.003, itself=True)
     assert clear.free(first)
     assert any(np.abs(q - grazing).max() < 0.01 for q in others), "it is still among them"
+
+
+def test_arm_does_not_move_aside_for_one_that_was_just_removed() -> None:
+    """What that arm waited for is visible to the end of the step in which it is removed."""
+    arm = Bench().first
+    move = arm.past_others(0.5)
+    move.traffic.block("removed", "leaf", {arm.name})
+    arm.world.data.time += 0.1
+    assert move.traffic.is_in_the_way(arm.name)
+    assert list(move.make_way()) == []
