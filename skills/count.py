@@ -46,7 +46,11 @@ class Count(Skill):
         """Evaluate one averaged image from the current pose."""
         ports = self.ports
         seen = ports.sighted(self.arm, self.context.cell.zones)
-        yield from self.arm.come_to_rest()  # the motion of a halted leaf may still be braking
+        try:
+            yield from self.arm.come_to_rest()  # the motion of a halted leaf may still be braking
+        except Failure as failure:
+            if failure.code != "BUSY":  # a leaf beside this one may move the arm, or hold it still
+                raise
         picture = yield from still_picture(self.arm, ports.frames)
         if picture is None:
             raise Failure("NOT_SEEN", "the camera gave no image in time")

@@ -204,3 +204,20 @@ def test_images_of_a_braking_arm_are_not_averaged(stage: Stage) -> None:
     leaf = play.leaf("count")
     assert leaf.status == "SUCCESS", leaf.reason
     assert leaf.metrics["found"] == 2
+
+
+@pytest.mark.parametrize(
+    "beside",
+    [
+        {"hold_still": {"duration": 2.0}},
+        {"reach_to_pose": {"offset": {"xyz": [0, 0.05, 0]}, "speed": 0.05}},
+    ],
+)
+def test_count_works_beside_a_leaf_that_has_the_arm(beside: Tree, stage: Stage) -> None:
+    cube = CUBE | {"color": "red", "fixed": True, "pose": {"xyz": [0.38, -0.45, 0.42]}}
+    look = {"look_at": {"at": {"xyz": [0.38, -0.45, TOP]}, "distance": 0.4}}
+    tree = {"sequence": [look, {"parallel": [beside, {"count": {"object": "cube0"}}]}]}
+    arm = {"robot": "ur5", "base": {"xyz": [0, 0, TOP]}, "camera": {}, "tree": tree}
+    file = {"world": {"scene": "table"}, "objects": {"cube0": cube}, "arms": {"arm1": arm}}
+    leaf = stage.run(file).leaf("count")
+    assert (leaf.status, leaf.metrics.get("found")) == ("SUCCESS", 1), leaf.reason
