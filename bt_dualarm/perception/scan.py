@@ -79,6 +79,10 @@ class SquareCorners(KnownShape):
             ((-1.0, 1.0, 0.0), (1.0, 1.0, 0.0), (1.0, -1.0, 0.0), (-1.0, -1.0, 0.0))
         )
 
+    def guesses(self, *, flat: bool) -> list[Matrix]:  # noqa: ARG002 - as the base class
+        """None: the corners in one image determine both possible rotations."""
+        return []
+
     def canonical(self, pose: Pose) -> Pose:
         """The pose itself: a marker has no symmetry."""
         return pose

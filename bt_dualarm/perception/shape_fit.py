@@ -15,6 +15,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from operator import attrgetter
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
@@ -91,7 +92,10 @@ class KnownShape:
         if obj.shape in ("compound", "mesh"):
             body = body_of(obj)
             alike = body.hull_half_turns
-            return cls("hull", (far,), unit, 1, False, alike != body.half_turns, True, alike)
+            is_oriented = alike != body.half_turns
+            if body.is_coaxial:
+                return cls("hull", (far,), unit, 0, 0 in alike, is_oriented, True, alike)
+            return cls("hull", (far,), unit, 1, False, is_oriented, True, alike)
         return cls("hull", (far,), unit, *_symmetry(obj))
 
     @cached_property
@@ -719,6 +723,13 @@ _ROUNDS: Final = 25
 _SHAKE_ROUNDS: Final = 3
 _DONE: Final = 1e-7
 _BEST: Final = 3
+_LIKELIER: Final = 0.5
+"""Difference of the costs of two fits above which one is likelier: one standard deviation."""
+
+_OTHER_RAD: Final = math.radians(20.0)
+"""Angle above which an orientation is another one: more than a step between guesses."""
+
+_ORIGIN: Final = np.zeros(3)
 _FAR: Final = 1e6
 
 
@@ -848,17 +859,34 @@ class ShapeFitter:
 
     def first(self, view: OutlineView) -> list[ShapeFit]:
         """Possible fits to a single image, the likeliest first; none if it is another shape."""
-        guesses = [self._placed(view, axes) for axes in self.shape.guesses(flat=self.flat)]
-        ranked = sorted(
-            (scene for scene in guesses if scene is not None),
-            key=lambda scene: self._misfit(scene, view),
-        )
-        fits = [self._solved(scene, [view]) for scene in ranked[:_BEST]]
-        return sorted(fits, key=lambda fit: fit.cost)
+        scenes = self._likeliest(self.shape.guesses(flat=self.flat), view)
+        return sorted((self._solved(scene, [view]) for scene in scenes), key=lambda fit: fit.cost)
 
     def again(self, fits: Sequence[ShapeFit], views: Sequence[OutlineView]) -> list[ShapeFit]:
-        """Fits to all images, starting from fits to some of them; the likeliest first."""
-        return sorted((self._solved(fit.scene, views) for fit in fits), key=lambda fit: fit.cost)
+        """Fits to all images, starting from fits to some of them; the likeliest first.
+
+        The last image may be the first one that tells two orientations apart: from above, a bottle
+        looks the same upside down. An orientation that no fit has replaces them if it is likelier.
+        """
+        cost = attrgetter("cost")
+        found = sorted((self._solved(fit.scene, views) for fit in fits), key=cost)
+        others = [
+            axes
+            for axes in self.shape.guesses(flat=self.flat)
+            if all(self.shape.angle(_pose(_ORIGIN, axes), fit.pose) > _OTHER_RAD for fit in found)
+        ]
+        tried = [self._solved(scene, views) for scene in self._likeliest(others, views[-1])]
+        likelier = [fit for fit in tried if fit.cost < found[0].cost - _LIKELIER]
+        return sorted([*likelier, *found], key=cost)[:_BEST]
+
+    def _likeliest(self, guesses: Sequence[Matrix], view: OutlineView) -> list[OutlineScene]:
+        """The scenes with one of some rotations that agree best with a single image."""
+        scenes = [self._placed(view, axes) for axes in guesses]
+        ranked = sorted(
+            (scene for scene in scenes if scene is not None),
+            key=lambda scene: self._misfit(scene, view),
+        )
+        return ranked[:_BEST]
 
     def size_of(
         self, fit: ShapeFit, views: Sequence[OutlineView], edge: int | None = None

@@ -159,6 +159,10 @@ class BodyPart:
 _AXES: Final = np.eye(3).ravel()
 
 
+_ON_AXIS_M: Final = 1e-6  # distance of a center from an axis on which it is
+_ON_AXIS: Final = 1e-9  # 1 less the cosine of the angle between axes that are parallel
+
+
 @dataclass(frozen=True, eq=False)
 class ObjectBody:
     """Body of an object in its own frame.
@@ -184,6 +188,16 @@ class ObjectBody:
     def is_axisymmetric(self) -> bool:
         """Whether its z axis is an axis of revolution."""
         return self.shape in ("cylinder", "capsule", "tube", "cup", "bowl")
+
+    @property
+    def is_coaxial(self) -> bool:
+        """Whether all parts are round about its z axis, as those of a bottle."""
+        return all(
+            part.kind in ("cylinder", "capsule", "sphere")
+            and float(np.hypot(*part.pose.position[:2])) < _ON_AXIS_M
+            and (part.kind == "sphere" or abs(part.pose.rotation_matrix[2, 2]) > 1.0 - _ON_AXIS)
+            for part in self.parts
+        )
 
     @cached_property
     def solid(self) -> Solid:

@@ -9,6 +9,8 @@ import pytest
 
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.perception.shape_fit import KnownShape
+from bt_dualarm.spec.document import ObjectSpec
+from bt_dualarm.spec.yaml_reader import with_tuples
 
 CUBE = KnownShape("box", (0.05, 0.05, 0.05))
 PLATE = KnownShape("box", (0.08, 0.08, 0.02))
@@ -16,6 +18,15 @@ BRICK = KnownShape("box", (0.03, 0.05, 0.08))
 CAN = KnownShape("cylinder", (0.03, 0.08))
 PILL = KnownShape("capsule", (0.02, 0.04))
 BALL = KnownShape("sphere", (0.03,))
+
+
+def bottle(*ends: float) -> KnownShape:
+    """A body with a neck on its axis at each of these heights."""
+    neck = {"shape": "cylinder", "size": [0.012, 0.04]}
+    parts = {f"neck{i}": {**neck, "pose": {"xyz": [0, 0, z]}} for i, z in enumerate(ends)}
+    parts["body"] = {"shape": "cylinder", "size": [0.03, 0.08]}
+    given = {"shape": "compound", "mass": 0.2, "parts": parts}
+    return KnownShape.of(ObjectSpec.model_validate(with_tuples(given)))
 
 
 def turned(*rpy: float) -> Pose:
@@ -34,6 +45,8 @@ def turned(*rpy: float) -> Pose:
         (CAN, turned(180, 0, 30)),
         (PILL, turned(180, 0, 30)),
         (BALL, turned(10, 20, 30)),
+        (bottle(0.06), turned(0, 0, 77)),
+        (bottle(0.06, -0.06), turned(180, 0, 30)),
     ],
 )
 def test_rotations_that_look_alike_are_equal(shape: KnownShape, alike: Pose) -> None:
@@ -50,6 +63,7 @@ def test_rotations_that_look_alike_are_equal(shape: KnownShape, alike: Pose) -> 
         (PLATE, turned(90, 0, 0), 90),
         (BRICK, turned(0, 0, 90), 90),
         (CAN, turned(0, 25, 0), 25),
+        (bottle(0.06), turned(180, 0, 0), 180),
     ],
 )
 def test_other_rotations_differ_by_the_smallest_angle(

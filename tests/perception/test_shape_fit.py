@@ -24,6 +24,9 @@ from bt_dualarm.perception.shape_fit import (
     turn_by,
 )
 from bt_dualarm.skill.looking import SIDES
+from bt_dualarm.spec.document import ObjectSpec
+from bt_dualarm.spec.shapes import PartSpec
+from bt_dualarm.spec.values import PoseSpec
 from tests.families import some
 
 SHAPES = {
@@ -181,3 +184,30 @@ def test_a_wrong_shape_leaves_a_larger_residual() -> None:
         fitter = ShapeFitter(SHAPES["cube"])
         best = fitter.again(fitter.first(views[0]), views)[0]
         assert best.residual_px > 0.8, name
+
+
+def test_a_later_view_decides_which_end_is_up() -> None:
+    """From above, a can with a peg has the outline of the can, whichever end is up."""
+    place = PoseSpec(xyz=(0.008, 0.0, 0.06))
+    parts = {
+        "can": PartSpec(shape="cylinder", size=(0.03, 0.08)),
+        "peg": PartSpec(shape="box", size=(0.02, 0.016, 0.04), pose=place),
+    }
+    shape = KnownShape.of(ObjectSpec(shape="compound", mass=0.2, parts=parts))
+    fitter = ShapeFitter(shape)
+    for yaw in (0.1, 1.2, 2.3):
+        for over in (0.0, np.pi):
+            axes = turn_by(np.array((0.0, 0.0, yaw))) @ turn_by(np.array((over, 0.0, 0.0)))
+            scene = OutlineScene.believed(PLACE, axes)
+            slanted = [(np.pi + tilt, 0.0, 0.2) for tilt in (0.0, 0.8, -0.8)]
+            turns = [Pose.from_rpy((0.0, 0.0, 0.0), rpy) for rpy in slanted]
+            views = [
+                seen(scene, shape, Pose(PLACE - 0.4 * turn.rotation_matrix[:, 2], turn.quaternion))
+                for turn in turns
+            ]
+            fits = fitter.first(views[0])
+            for count in (2, 3):
+                fits = fitter.again(fits, views[:count])
+            true = Pose.from_matrix(np.block([[axes, PLACE[:, None]], [np.zeros((1, 3)), 1.0]]))
+            assert shape.angle(fits[0].pose, true) < np.radians(3.0)
+            assert fits[0].pose.distance(true) < 1e-3
