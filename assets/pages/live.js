@@ -44,10 +44,16 @@ function waysShown(now) {
   page.shown.arms.forEach((arm, index) => {
     const color = colorOf(index);
     if (get("ways").checked) {
-      const track = (page.tracks.get(arm.arm) || []).filter(row => row[0] <= now + 1e-6);
-      const points = track.flatMap(row => [row[1], row[2], row[3]]);  // samples are 40 ms apart:
-      if (arm.tool && track.length) points.push(...arm.tool);         // the last bit leads to the tool
-      found.push([[...color, 0.9], new Float32Array(points), 2.2]);
+      const lives = new Map();  // one trail for each stay in the world: it did not move in between
+      for (const row of (page.tracks.get(arm.arm) || []).filter(row => row[0] <= now + 1e-6)) {
+        if (!lives.has(row[LIFE])) lives.set(row[LIFE], []);
+        lives.get(row[LIFE]).push(row);
+      }
+      for (const [life, rows] of lives) {
+        const points = rows.flatMap(row => [row[1], row[2], row[3]]);  // samples are 40 ms apart:
+        if (arm.tool && life === arm.life) points.push(...arm.tool);   // the last bit leads to the tool
+        found.push([[...color, 0.9], new Float32Array(points), 2.2]);
+      }
     }
     if (get("plans").checked && arm.ahead) found.push([[...color, 0.45], floats(arm.ahead), 4]);
   });

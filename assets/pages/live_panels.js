@@ -112,10 +112,12 @@ function showWhy(title, stories, close) {
 }
 
 // ---- signals --------------------------------------------------------------------------------
-// Rows of an arm: time, tool x y z in m, error in degrees, share of torque, opening in m, force in N.
+// Rows of an arm: time, tool x y z in m, error in degrees, share of torque, opening in m, force in N, and
+// which stay of the arm in the world it is: curves are interrupted where it was spawned again.
+const LIFE = 8;
 const SIGNALS = [
   { name: "tool speed", unit: "m/s", of: (row, before) => {
-    const passed = before ? row[0] - before[0] : 0;
+    const passed = before && before[LIFE] === row[LIFE] ? row[0] - before[0] : 0;
     return passed > 0 ? Math.hypot(row[1] - before[1], row[2] - before[2], row[3] - before[3]) / passed : 0;
   } },
   { name: "joint error", unit: "°", of: row => row[4] },
@@ -179,7 +181,10 @@ function showSignals(tracks, names, until, now, failures) {
       pen.strokeStyle = css(colorOf(index));
       pen.lineWidth = 1.4;
       pen.beginPath();
-      curve.forEach((row, i) => pen.lineTo(x(row[0]), y(values[index][i])));
+      curve.forEach((row, i) => {
+        if (i && row[LIFE] !== curve[i - 1][LIFE]) pen.moveTo(x(row[0]), y(values[index][i]));
+        pen.lineTo(x(row[0]), y(values[index][i]));
+      });
       pen.stroke();
       const at = curve.findLastIndex(row => row[0] <= now + 1e-6);
       if (at >= 0) shown.push(made("b", "", values[index][at].toFixed(Math.max(0, 2 - Math.floor(Math.log10(top))))));

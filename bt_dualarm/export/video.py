@@ -108,7 +108,7 @@ class FilmScene:
     at_left: bool = True
     at_top: bool = False
     _worlds: dict[int, _World] = field(default_factory=dict)
-    _trails: dict[str, deque[tuple[float, Vector]]] = field(default_factory=dict)
+    _trails: dict[tuple[str, int], deque[tuple[float, Vector]]] = field(default_factory=dict)
     _looks: dict[str, list[Facts]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -141,7 +141,9 @@ class FilmScene:
     ) -> None:
         draw = ImageDraw.Draw(image, "RGBA")
         for arm, color in zip(self.record.arms, ARM_COLORS * 9, strict=False):
-            trail = self._trails.setdefault(arm, deque())
+            # A trail ends with the stay of its arm: spawned again, the tool is elsewhere at once.
+            life = self.record.lives(arm, moment.generation)
+            trail = self._trails.setdefault((arm, life), deque())
             site = mujoco.mj_name2id(world.model, mujoco.mjtObj.mjOBJ_SITE, f"{arm}/{TOOL_SITE}")
             if site >= 0:
                 trail.append((moment.time, world.data.site_xpos[site].copy()))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from bisect import bisect_right
-from collections import OrderedDict, defaultdict
+from collections import Counter, OrderedDict, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
@@ -704,6 +704,33 @@ class Record:
         if rows is None or at >= len(rows):
             return None
         return GripperState(*rows[at].astype(float).tolist())
+
+    def lives(self, arm: str, generation: int) -> int:
+        """Number of stays in the world that an arm has begun by a generation of the world.
+
+        Raises:
+            ReplayError: As `model`, which is read for generations that lasted for no state.
+        """
+        return self._lives[generation].get(arm, 0)
+
+    @cached_property
+    def _lives(self) -> Mapping[int, Mapping[str, int]]:
+        """Number of stays that each arm has begun, by generation and name."""
+        present = dict[int, set[str]]()
+        for block in self._framed:
+            names = present.setdefault(_generation(block), set())
+            names.update(arm for _, arm, _ in _rows_of_arms(block))
+        lives = Counter[str]()
+        before = set[str]()
+        found = dict[int, Mapping[str, int]]()
+        for number in sorted(self.models):
+            if number not in present:
+                model = self.model(number)
+                present[number] = {arm for arm in self.arms if len(joint_motors(model, arm))}
+            lives.update(present[number] - before)
+            before = present[number]
+            found[number] = dict(lives)
+        return found
 
     @cached_property
     def _compiled(self) -> OrderedDict[int, mujoco.MjModel]:

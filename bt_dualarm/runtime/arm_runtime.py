@@ -323,6 +323,9 @@ class ArmLifecycles:
         name: Name of the arm in the file.
         robot: Name of its robot in the catalog, or title of its own description file.
         leniency: Exceptions that the file grants to the arm.
+
+    Attributes:
+        begun: Number of stays that have begun.
     """
 
     def __init__(self, name: str, robot: str, leniency: Leniency) -> None:
@@ -335,9 +338,11 @@ class ArmLifecycles:
         self._runs = 0
         self._fault = ""
         self._latest: ArmRuntime | None = None
+        self.begun = 0
 
     def begin(self, arm: ArmRuntime) -> None:
         """Begin the next stay; the previous one has ended."""
+        self.begun += 1
         if self._latest is not None:
             over = self._latest.result()
             self._over.add(over)
@@ -513,6 +518,10 @@ class Arms:
     def view(self, name: str) -> ArmView:
         """Current state of one arm of the file, or its last state after its removal."""
         return self._lifecycles[name].view()
+
+    def lives_of(self, name: str) -> int:
+        """Number of stays in the world that an arm of the file has begun."""
+        return self._lifecycles[name].begun
 
     def results(self) -> dict[str, ArmResult]:
         """Results of all arms of the file, by name."""

@@ -136,7 +136,8 @@ def series_of(record: Record) -> Json:
             sent = sent_to(record, arm, index)
             if sent is not None:
                 row = row_of(model, data, arm, sent[0], sent[3])
-                rows[name].append((*row, gripper_force(record, name, index)))
+                force = gripper_force(record, name, index)
+                rows[name].append((*row, force, record.lives(name, generation)))
     return series_text(
         {name: np.array(points).reshape(-1, len(COLUMNS)) for name, points in rows.items()}
     )

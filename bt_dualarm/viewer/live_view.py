@@ -166,7 +166,8 @@ class Snapshot(IdleObserver):
                 model, data, arm, gripper.gripper.name, gripper.force
             )
         facts |= signals.arm_numbers(row)
-        return {**facts, "ahead": self._ahead[view.name].of(controller, data)}
+        life = self._arms.lives_of(view.name)
+        return {**facts, "life": life, "ahead": self._ahead[view.name].of(controller, data)}
 
 
 def _clock() -> float:

@@ -249,7 +249,8 @@ class PastView:
             gripper = str(record.arms[name]["gripper"])
             force = gripper_force(record, name, index)
             facts["gripper"] = signals.gripper(model, data, arm, gripper, force)
-        return {**facts, "ahead": self._path_ahead(record, arm, index)}
+        life = record.lives(name, generation)
+        return {**facts, "life": life, "ahead": self._path_ahead(record, arm, index)}
 
     def _path_ahead(self, record: Record, arm: ModelIndices, index: int) -> str:
         """Tool path of the set-points of the next seconds: points in m, as base64."""

@@ -273,10 +273,13 @@ PERIOD: Final = Fraction(1, 25)
 MOST_ROWS: Final = 6000
 """Largest number of samples kept per arm: four minutes at 25 Hz; longer runs are thinned."""
 
-COLUMNS: Final = ("time", "x", "y", "z", "error_deg", "torque_share", "opening_m", "force_n")
+COLUMNS: Final = (
+    "time", "x", "y", "z", "error_deg", "torque_share", "opening_m", "force_n", "life"
+)  # fmt: skip
 """Columns of a sample: simulated time in s, tool position in m, largest deviation of a joint from
 its set-point, largest share of a motor's torque limit, opening of the fingers, and force of a pad
-or cup; NaN if the arm has none."""
+or cup, NaN if the arm has none; and which stay of the arm in the world it is, from 1: between two
+of them the tool did not move from one place to the other."""
 
 Row = tuple[float, ...]
 
@@ -284,7 +287,7 @@ Row = tuple[float, ...]
 def row_of(
     model: mujoco.MjModel, data: mujoco.MjData, arm: ModelIndices, setpoint: Vector, torque: Vector
 ) -> Row:
-    """A sample without the gripper's force, which the state does not contain.
+    """A sample without the gripper's force and the stay, which the state does not contain.
 
     Args:
         model: The compiled world.
@@ -300,7 +303,7 @@ def row_of(
 
 
 def series_text(arms: Mapping[str, Vector]) -> Json:
-    """Samples of arms, each of shape (n, 8), JSON-ready: 32-bit floats as base64."""
+    """Samples of arms, each of shape (n, 9), JSON-ready: 32-bit floats as base64."""
     return {"columns": COLUMNS, "arms": {name: as_text(rows) for name, rows in arms.items()}}
 
 
@@ -354,7 +357,8 @@ class Signals(IdleObserver):
                 gripper = world.grippers.get(present.name)
                 with self._lock:
                     rows = self._rows.setdefault(present.name, array("f"))
-                    rows.extend((*row, np.nan if gripper is None else gripper.force))
+                    force = np.nan if gripper is None else gripper.force
+                    rows.extend((*row, force, self._arms.lives_of(present.name)))
         if any(len(rows) > MOST_ROWS * len(COLUMNS) for rows in self._rows.values()):
             self._stride *= 2
             with self._lock:

@@ -51,6 +51,27 @@ arms:
         - look_at: {at: {xyz: [0.45, 0, 0.02]}, distance: 0.35}
         - track: {color: yellow, plane: xy, duration: 0.5}
 """
+RETURNING = """\
+bt_dualarm: 1
+name: returning
+world: {scene: empty, time_limit: 20}
+arms:
+  arm1:
+    robot: ur5
+    tree:
+      sequence:
+        - wait: 0.5 s
+        - remove: {arm: arm2}
+        - spawn: {arm: arm2}
+        - wait: 0.1 s
+  arm2:
+    robot: panda
+    base: {xyz: [0, 1.5, 0]}
+    removable: true
+    last_life_counts: true
+    tree: {sequence: [{reach_to_pose: {offset: {xyz: [0.1, 0, 0.1]}, speed: 1}}, {wait: 0.2 s}]}
+"""
+"""A run in which an arm is removed and spawned again."""
 
 
 def write_short(folder: Path, text: str = SHORT) -> Path:

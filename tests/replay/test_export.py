@@ -13,9 +13,16 @@ from PIL import Image
 
 from bt_dualarm import cli
 from bt_dualarm.export.tables import tables_of
-from bt_dualarm.export.video import Encoder, FilmPanel, clear_corner, followed, write_animation
+from bt_dualarm.export.video import (
+    Encoder,
+    FilmPanel,
+    FilmScene,
+    clear_corner,
+    followed,
+    write_animation,
+)
 from bt_dualarm.replay.record import Record
-from tests.replay.runs import SHORT, recorded
+from tests.replay.runs import RETURNING, SHORT, recorded
 
 BACK = 'reach_to_pose: {offset: "{goal}"}'
 FAILING = SHORT.replace(BACK, "reach_to_pose: {offset: {xyz: [3, 0, 0]}}")
@@ -212,3 +219,19 @@ def test_no_cell_is_a_formula(failed: Record) -> None:
     assert rows[0]["kind"] == "'\tx"
     assert rows[0]["time_s"] == "-0.5"
     assert "\x1b" not in tables["events.csv"]
+
+
+def test_no_trail_leads_to_an_arm_that_was_spawned_again(tmp_path: Path) -> None:
+    """Its earlier trail would lead from where it was removed straight to its home posture."""
+    record = recorded(tmp_path, RETURNING)
+    moments = [record.moment(record.index_at(time)) for time in (0.1, 0.3, 0.48, 0.6, 0.64)]
+    assert [record.lives("arm2", moment.generation) for moment in moments] == [1, 1, 1, 2, 2]
+    [viewpoint] = followed(record, [0.6], 4 / 3)
+    whole, since = (FilmScene(record, (160, 120)) for _ in range(2))
+    for moment in moments[:3]:
+        whole.draw(moment, viewpoint)
+    for moment in moments[3:]:
+        images = [np.asarray(scene.draw(moment, viewpoint)).astype(int) for scene in (whole, since)]
+    differs = np.abs(images[0] - images[1]).max(axis=2) > 40
+    # The other arm did not move: its trail is a point.
+    assert np.count_nonzero(differs) == 0

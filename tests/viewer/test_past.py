@@ -24,6 +24,7 @@ from bt_dualarm.viewer.events import rows_of
 from bt_dualarm.viewer.live_view import LiveView
 from bt_dualarm.viewer.past import RecordView
 from bt_dualarm.viewer.server import Served
+from bt_dualarm.viewer.signals import COLUMNS
 from tests.listening import HEEDING
 from tests.replay.runs import SHORT, recorded, write_short
 from tests.viewer.browsers import Browser
@@ -91,7 +92,7 @@ def test_record_is_shown_at_any_time(failed: Record) -> None:
 
 def test_signals_and_log_cover_the_whole_record(failed: Record) -> None:
     with shown(failed.folder) as browser:
-        rows = numbers(browser.fetch("series")["arms"]["arm1"]).reshape(-1, 8)
+        rows = numbers(browser.fetch("series")["arms"]["arm1"]).reshape(-1, len(COLUMNS))
         np.testing.assert_allclose(rows[[0, -1], 0], failed.times[[0, -1]], atol=1e-3)
         assert np.ptp(rows[:, 1:4], axis=0).max() == pytest.approx(0.06, abs=0.01), "aside"
         lines = browser.fetch("log?after=0")["lines"]

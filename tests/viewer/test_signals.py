@@ -22,6 +22,7 @@ from bt_dualarm.viewer.live_view import LiveView
 from bt_dualarm.viewer.past import Pictures, RecordView
 from bt_dualarm.viewer.server import Viewers
 from bt_dualarm.viewer.signals import COLUMNS, Signals
+from tests.replay.runs import RETURNING
 
 GRASPING = """\
 bt_dualarm: 1
@@ -122,6 +123,28 @@ def test_failures_are_listed_separately_from_the_log(grasped: tuple[Path, Any, A
     assert answer_of(RecordView(folder), "log")["failures"] == log["failures"]
     now = answer_of(RecordView(folder), "now")
     assert now["begin"] == pytest.approx(log["failures"][0]["time"], abs=1e-3)
+
+
+def test_an_arm_that_was_spawned_again_begins_another_life(tmp_path: Path) -> None:
+    """Its tool jumps home within a sample: no trail leads there, and it has no speed."""
+    stop = StopRequest()
+    with (
+        bt_dualarm.open(RETURNING, stop=stop, record=tmp_path / "out") as run,
+        LiveView(run, stop, paused=False) as view,
+    ):
+        view.gate.set_speed(None)
+        run.finish()
+        live = answer_of(view, "series")
+        now = answer_of(view, "now")
+    record = RecordView(tmp_path / "out")
+    for series in (live, answer_of(record, "series")):
+        rows = table(series, "arm2")
+        [back] = np.flatnonzero(np.diff(rows[:, 8]))
+        assert set(rows[:, 8]) == {1.0, 2.0}
+        assert np.linalg.norm(rows[back + 1, 1:4] - rows[back, 1:4]) > 0.05
+        assert set(table(series)[:, 8]) == {1.0}
+    lives = [[arm["life"] for arm in at["arms"]] for at in (now, answer_of(record, "at", t=0.3))]
+    assert lives == [[1, 2], [1, 1]]
 
 
 def test_samples_of_long_runs_are_thinned(monkeypatch: pytest.MonkeyPatch) -> None:
