@@ -301,13 +301,18 @@ def _is_narrow(solid: Solid, cup: CupMeasures) -> bool:
 
 def _is_open(tool: Pose, cup: CupMeasures, others: Sequence[tuple[Solid, Pose]]) -> bool:
     """Whether the other parts of a compound leave room for a cup and for what is behind it."""
-    behind = np.zeros((_BEHIND, 3))
-    behind[:, 2] = -cup.radius * (1.0 + np.arange(_BEHIND))
-    room = np.where(np.arange(_BEHIND) < _SLENDER, 1.0, _WIDE) * cup.radius
+    behind, radii = _cup_balls(cup)
     points = tool.apply(behind)
     return all(
-        bool((other.distance(pose.inverse.apply(points)) >= room).all()) for other, pose in others
+        bool((other.distance(pose.inverse.apply(points)) >= radii).all()) for other, pose in others
     )
+
+
+def _cup_balls(cup: CupMeasures) -> tuple[Matrix, Vector]:
+    """Balls that stand for a cup, its tube, flange and wrist: centers (n, 3), radii (n,), m."""
+    centers = np.zeros((_BEHIND, 3))
+    centers[:, 2] = -cup.radius * (1.0 + np.arange(_BEHIND))
+    return centers, np.where(np.arange(_BEHIND) < _SLENDER, 1.0, _WIDE) * cup.radius
 
 
 def seals(solid: Solid, cup: CupMeasures, place: Vector, normal: Vector) -> bool:
@@ -584,7 +589,7 @@ class RankedGrasp:
 def ranked(
     grasps: Sequence[Grasp],
     object_pose: Pose,
-    jaw: JawMeasures | None,
+    hand: JawMeasures | CupMeasures | None,
     obstacles: Sequence[Obstacle],
     reach: Callable[[Pose], float],
 ) -> tuple[RankedGrasp, ...]:
@@ -596,13 +601,13 @@ def ranked(
     Args:
         grasps: Grasps on the object.
         object_pose: Pose of the object in the world.
-        jaw: Dimensions of a parallel gripper; None for a cup, which needs no clearance beside it.
+        hand: Dimensions of the gripper; None for a cup whose clearance does not count.
         obstacles: Obstacles, without the object itself.
         reach: Effort of the arm to get to a tool pose in the world, in [0, 1]; infinite if it
             cannot.
     """
     found = []
-    for grasp, room in zip(grasps, _rooms(grasps, object_pose, jaw, obstacles), strict=True):
+    for grasp, room in zip(grasps, _rooms(grasps, object_pose, hand, obstacles), strict=True):
         if room < -_TOUCHING:
             continue
         tool = object_pose @ grasp.tool
@@ -620,22 +625,31 @@ def ranked(
 def _rooms(
     grasps: Sequence[Grasp],
     object_pose: Pose,
-    jaw: JawMeasures | None,
+    hand: JawMeasures | CupMeasures | None,
     obstacles: Sequence[Obstacle],
 ) -> list[float]:
     """Clearance of palm and fingers, open or closed on the object, from the obstacles, m.
 
-    Of grasps in collision, any value below `-_TOUCHING`.
+    Of grasps in collision, any value below `-_TOUCHING`. A cup has at least 0, as the balls that
+    stand for it are wider than it is.
     """
     rooms = np.full(len(grasps), math.inf)
-    if jaw is None or not grasps:
+    if hand is None or not grasps:
         return rooms.tolist()
+    if isinstance(hand, CupMeasures):
+        centers, radii = _cup_balls(hand)
+        points = np.vstack([(object_pose @ grasp.tool).apply(centers) for grasp in grasps])
+        for obstacle in obstacles:
+            away = obstacle.solid.distance(obstacle.pose.inverse.apply(points))
+            rooms = np.minimum(rooms, (away.reshape(len(grasps), -1) - radii).min(axis=1))
+        positive: list[float] = np.maximum(rooms, 0.0).tolist()
+        return positive
     from bt_dualarm.grasping.grasp_kernels import lower_clearances
 
     # In the object's frame, where the grasps are given: only the obstacles need a transform.
     tools = np.array([(*grasp.tool.position, *grasp.tool.quaternion) for grasp in grasps])
-    widths = np.array([(jaw.widest_opening, grasp.width) for grasp in grasps])
-    points = _moving_points(jaw)
+    widths = np.array([(hand.widest_opening, grasp.width) for grasp in grasps])
+    points = _moving_points(hand)
     for obstacle in obstacles:
         pose = (object_pose.inverse @ obstacle.pose).matrix
         lower_clearances(*obstacle.solid.form, pose, tools, widths, points, -_TOUCHING, rooms)

@@ -26,6 +26,7 @@ from bt_dualarm.grasping.candidates import (
 from bt_dualarm.grasping.grasp import (
     Box,
     Capsule,
+    CupMeasures,
     Cylinder,
     Grasp,
     JawMeasures,
@@ -374,23 +375,26 @@ def _grasps_on(
     _refuse_weight(arm, wanted)
     point = None if wanted.point is None else symmetry.inverse.apply(wanted.point)
     jaw: JawMeasures | None = None
+    cup: CupMeasures | None = None
     if description.fingers:
         jaw = jaw_measures(description, friction)
         jaw = replace(jaw, most_force=min(jaw.most_force, wanted.most_force))
         if wanted.opening is not None:
             jaw = replace(jaw, widest_opening=min(jaw.widest_opening, wanted.opening))
         _refuse_width(solid, jaw, wanted)
+    else:
+        cup = cup_measures(description, friction)
+        cup = replace(cup, most_force=min(cup.most_force, wanted.most_force))
 
     def bearing(load: Load) -> tuple[tuple[Grasp, ...], int]:
         """Grasps that bear a load, as requested, and how many there are of any kind."""
+        found: tuple[Grasp, ...] = ()
         if jaw is not None:
             found = jaw_grasps(
                 solid, jaw, load, jaw.friction,
                 point=point, on_edges=on_edges, between=wanted.between,
             )  # fmt: skip
-        else:
-            cup = cup_measures(description, friction)
-            cup = replace(cup, most_force=min(cup.most_force, wanted.most_force))
+        elif cup is not None:
             found = cup_grasps(solid, cup, load, point=point)
         if not found:
             raise _no_grasp(solid, jaw, arm, wanted, point)
@@ -402,7 +406,9 @@ def _grasps_on(
     here = arm.tool_pose
 
     def free(found: Sequence[Grasp], of: Sequence[Obstacle]) -> tuple[RankedGrasp, ...]:
-        return ranked(found, wanted.object_pose, jaw, of, lambda tool: _rotation_cost(tool, here))
+        return ranked(
+            found, wanted.object_pose, jaw or cup, of, lambda tool: _rotation_cost(tool, here)
+        )
 
     found, of_any_kind = bearing(load)
     if not found:

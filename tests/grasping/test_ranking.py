@@ -8,14 +8,21 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from bt_dualarm.core.pose import Pose
-from bt_dualarm.grasping.candidates import Obstacle, finger_points, jaw_grasps, ranked
-from bt_dualarm.grasping.grasp import Box, JawMeasures, Load, solid_of
+from bt_dualarm.grasping.candidates import (
+    Obstacle,
+    cup_grasps,
+    finger_points,
+    jaw_grasps,
+    ranked,
+)
+from bt_dualarm.grasping.grasp import Box, CupMeasures, JawMeasures, Load, solid_of
 from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.values import PoseSpec
 from tests.grasping.families import JAW, JAWS, SIZES
 
 TABLE = Obstacle(Box(np.array([1.0, 1.0, 0.5])), Pose.from_rpy((0.0, 0.0, -0.5)))
+CUP = CupMeasures(0.02, 2e-3, 60.0, 0.5)
 LOAD = Load(0.3, np.array([0.0, 0.0, -9.81]), 8.0, np.zeros(3))
 
 
@@ -72,7 +79,21 @@ def test_obstacles_do_not_exclude_grasps_with_a_cup() -> None:
     grasps = jaw_grasps(solid_of("box", (0.04, 0.04, 0.04)), JAW, LOAD, 0.8)
     inside = Obstacle(Box(np.full(3, 0.2)), Pose.identity())
     assert ranked(grasps, Pose.identity(), JAW, [inside], no_cost) == ()
-    assert len(ranked(grasps, Pose.identity(), None, [inside], no_cost)) == len(grasps)
+    for hand in (None, CUP):
+        assert len(ranked(grasps, Pose.identity(), hand, [inside], no_cost)) == len(grasps)
+
+
+def test_a_cup_prefers_faces_with_room_for_the_wrist() -> None:
+    """Beside a box on a table, the wrist has none; an arm that hangs head first is turned so."""
+    grasps = cup_grasps(solid_of("box", (0.12, 0.08, 0.07)), CUP, LOAD)
+    pose = Pose.from_rpy((0.0, 0.0, 0.035))
+    found = ranked(
+        grasps, pose, CUP, [TABLE], lambda tool: 0.4 * (1.0 - tool.rotation_matrix[2, 2])
+    )
+    assert found[0].tool.rotation_matrix[2, 2] == pytest.approx(-1.0)
+    assert found[0].clearance > 0.02
+    sides = [one for one in found if abs(one.tool.rotation_matrix[2, 2]) < 0.1]
+    assert sides[0].clearance == 0.0
 
 
 def test_fingertips_keep_a_distance_from_the_floor_of_a_tray() -> None:
