@@ -768,15 +768,16 @@ def _of_target(e: Evidence, name: str) -> Iterator[Cause]:
 def _unlike(e: Evidence, name: str, sight: CameraSight) -> Cause:
     """Cause of not finding a target whose color was found, in an outline of another shape."""
     if sight.hidden_by:
-        sentence = f"{sight.hidden_by} hid a part of {name}, {sight.distance_m:.2f} m away"
-        return e.cause("OCCLUDED", sentence, f"move {sight.hidden_by}, or look from elsewhere")
+        return _hidden(e, name, sight)
     sentence = f"{name} was in view, {sight.distance_m:.2f} m away: {e.reason}"
     remedy = f"the shape and size that {name} has, or a look at it from elsewhere, once it rests"
     return e.cause("NOT_RECOGNISED", sentence, remedy)
 
 
 def _hidden(e: Evidence, name: str, sight: CameraSight) -> Cause:
-    sentence = f"{sight.hidden_by} is between the camera and {name}, {sight.distance_m:.2f} m away"
+    hidden = name if sight.state == "hidden" else f"a part of {name}"
+    sentence = f"{sight.hidden_by} is between the camera and {hidden}, "
+    sentence += f"{sight.distance_m:.2f} m away"
     return e.cause("OCCLUDED", sentence, f"move {sight.hidden_by}, or look from elsewhere")
 
 

@@ -74,6 +74,21 @@ MISTAKES = [
     )
     for mistake in SELECTED
 ]
+HALF_HIDDEN = """
+bt_dualarm: 1
+world: {scene: empty}
+objects:
+  cube: {shape: box, size: [0.05, 0.05, 0.05], mass: 0.1, color: red, pose: {xyz: [0.45, 0, 0.025]}}
+  bar: {shape: box, size: [0.3, 0.02, 0.02], pose: {xyz: [0.45, 0.02, 0.1]}, fixed: true}
+arms:
+  arm1:
+    robot: panda
+    camera: {mount: wrist}
+    tree:
+      sequence:
+        - look_at: {at: {xyz: [0.45, 0, 0.025]}, distance: 0.4}
+        - locate: {object: cube}
+"""
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
@@ -219,3 +234,10 @@ def test_a_target_larger_than_the_image_is_the_cause(tmp_path: Path) -> None:
     [story] = stories(recorded(tmp_path, short))
     assert story.causes[0].kind == "TOO_LARGE_IN_VIEW", story.causes
     assert "cube reached from border to border" in story.causes[0].sentence
+
+
+def test_a_bar_that_hides_a_part_of_an_outline_is_the_cause(tmp_path: Path) -> None:
+    """Most of the cube is in view: its color is found, but not its shape."""
+    [story] = stories(recorded(tmp_path, HALF_HIDDEN))
+    assert story.causes[0].kind == "OCCLUDED", story.causes
+    assert "bar is between the camera and a part of cube" in story.causes[0].sentence

@@ -213,7 +213,7 @@ def test_images_of_a_braking_arm_are_not_averaged(stage: Stage) -> None:
         {"reach_to_pose": {"offset": {"xyz": [0, 0.05, 0]}, "speed": 0.05}},
     ],
 )
-def test_count_works_beside_a_leaf_that_has_the_arm(beside: Tree, stage: Stage) -> None:
+def test_count_works_beside_a_leaf_that_has_the_arm(beside: dict[str, Any], stage: Stage) -> None:
     cube = CUBE | {"color": "red", "fixed": True, "pose": {"xyz": [0.38, -0.45, 0.42]}}
     look = {"look_at": {"at": {"xyz": [0.38, -0.45, TOP]}, "distance": 0.4}}
     tree = {"sequence": [look, {"parallel": [beside, {"count": {"object": "cube0"}}]}]}
