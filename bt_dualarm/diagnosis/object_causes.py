@@ -15,6 +15,7 @@ from bt_dualarm.diagnosis.evidence import Cause, Evidence
 from bt_dualarm.replay.record import Facts
 from bt_dualarm.replay.timeline import CameraSight, Change, TimelineNode, held_over_time
 from bt_dualarm.robots.gripper import load_gripper
+from bt_dualarm.sim.object_body import half_extents
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.joints import moved_name
 from bt_dualarm.spec.relative_pose import RELATIONS
@@ -429,10 +430,13 @@ def grip_causes(e: Evidence) -> Iterator[Cause]:
         sentence = f"{name} ({facts['mass']:g} kg) is too heavy for the grip: {e.reason}"
         yield e.cause("OVERLOADED", sentence, "a lighter object, or a stronger gripper")
     opening = _opening(e)
-    size = " by ".join(f"{1e3 * side:g}" for side in facts["size"])
+    sides = facts["size"]
+    if 0 < len(sides) < 3:  # a radius, and a length
+        sides = 2.0 * half_extents(facts["shape"], sides, np.eye(3))
+    size = " by ".join(f"{1e3 * side:.3g}" for side in sides)
     measures = f"{size} mm" if size else f"a {facts['shape']}"
     opens = "" if opening is None else f", and the fingers open {1e3 * opening:.0f} mm"
-    wide = opening is not None and facts["shape"] == "box" and sorted(facts["size"])[1] > opening
+    wide = opening is not None and facts["shape"] == "box" and sorted(sides)[1] > opening
     if e.code == "TOO_WIDE":
         sentence = f"{name} is {measures}{opens}: {e.reason}"
         yield e.cause("TOO_WIDE", sentence, "a smaller object, or fingers that open wider")

@@ -386,7 +386,7 @@ def _grasps_on(
         cup = cup_measures(description, friction)
         cup = replace(cup, most_force=min(cup.most_force, wanted.most_force))
 
-    def bearing(load: Load) -> tuple[tuple[Grasp, ...], int]:
+    def bearing(load: Load, asked: WantedGrasp = wanted) -> tuple[tuple[Grasp, ...], int]:
         """Grasps that bear a load, as requested, and how many there are of any kind."""
         found: tuple[Grasp, ...] = ()
         if jaw is not None:
@@ -400,8 +400,8 @@ def _grasps_on(
             raise _no_grasp(solid, jaw, arm, wanted, point)
         found = tuple(replace(one, tool=symmetry @ one.tool) for one in found)
         count = len(found)
-        found = tuple(one for one in found if wanted.allows(one))
-        return (found if wanted.point is None else _at_point(found, wanted)), count
+        found = tuple(one for one in found if asked.allows(one))
+        return (found if asked.point is None else _at_point(found, asked)), count
 
     here = arm.tool_pose
 
@@ -441,10 +441,17 @@ def _grasps_on(
                     mass_kg=wanted.mass,
                     grasps=len(found),
                 )
-            reason = (
-                f"the gripper has no room around {wanted.label}: {' and '.join(worst)} "
-                f"{'is' if len(worst) == 1 else 'are'} too near"
-            )
+            near = f"{' and '.join(worst)} {'is' if len(worst) == 1 else 'are'} too near"
+            elsewhere = free(bearing(load, replace(wanted, along=None))[0], obstacles)
+            if elsewhere:
+                raise Failure(
+                    "OUT_OF_REACH",
+                    f"no grasp of {wanted.label} {wanted.request} has room: {near}; "
+                    f"{len(elsewhere)} others have",
+                    grasps=len(found),
+                    other_grasps=len(elsewhere),
+                )
+            reason = f"the gripper has no room around {wanted.label}: {near}"
         raise Failure("OUT_OF_REACH", reason, grasps=len(found))
     return order
 

@@ -219,3 +219,25 @@ def test_object_of_another_arm_in_the_path_is_no_advice_to_place_it(tmp_path: Pa
         story.causes[0] for story in stories(recorded(tmp_path, text)) if "locate" in story.leaf
     ]
     assert [cause.kind for cause in causes] == ["OTHER_ARM"]
+
+
+def test_an_approach_without_room_is_to_be_changed(tmp_path: Path) -> None:
+    """The fingers find room at the rim of a wide cup only from above; it was to be turned."""
+    text = FILE.replace("shape: box", "shape: cup, wall: 0.004").format(
+        size=[0.046, 0.08],
+        height=0.44,
+        steps="[grasp: {object: obj, approach: [0, -1, 0]}]",
+        others="",
+    )
+    [story] = stories(recorded(tmp_path, text))
+    assert "table is too near" in story.reason
+    assert story.causes[0].remedy == "another `approach`, or none"
+
+
+def test_a_round_object_is_as_wide_as_twice_its_radius(tmp_path: Path) -> None:
+    text = FILE.replace("shape: box", "shape: cylinder").format(
+        size=[0.05, 0.12], height=0.46, steps=f"[{GRASP}]", others=""
+    )
+    [story] = stories(recorded(tmp_path, text))
+    assert story.code == "TOO_WIDE"
+    assert "obj is 100 by 100 by 120 mm" in story.causes[0].sentence

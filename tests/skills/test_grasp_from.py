@@ -55,7 +55,7 @@ def test_object_too_heavy_for_the_requested_grasps_fails_with_too_heavy() -> Non
 
 
 def test_obstacle_that_leaves_no_room_for_the_gripper_is_named() -> None:
-    """The tube around the object is named, the post that is far enough away is not."""
+    """The tube is named, not the post that is far enough away, and how many grasps have room."""
     file = task({"grasp": {"object": "cube", "approach": [0, -1, 0]}}, **TALL)
     fixed = {"mass": 1, "fixed": True}
     file["objects"] |= {
@@ -67,7 +67,8 @@ def test_obstacle_that_leaves_no_room_for_the_gripper_is_named() -> None:
     with bt.open(file) as run:
         (leaf,) = [one for one in run.finish().arms["arm1"].runs if one.skill == "grasp"]
     assert leaf.code == "OUT_OF_REACH"
-    assert leaf.reason == "the gripper has no room around 'cube': tube is too near"
+    assert leaf.reason.startswith("no grasp of 'cube' within 30° of `approach` has room: tube is")
+    assert leaf.reason.endswith(f"; {leaf.metrics['other_grasps']:g} others have")
 
 
 @pytest.mark.parametrize("seed", [0, 3])
