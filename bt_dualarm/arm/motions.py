@@ -583,7 +583,7 @@ class ArmMotions(ArmState):
             )
         return bandwidth
 
-    def halt(self, *, give_way: bool = False) -> Iterator[None]:
+    def halt(self, *, give_way: bool = False, longest_s: float = HALT_S) -> Iterator[None]:
         """Brake with bounded jerk; yields once per tick until the arm is at rest.
 
         An arm that is pressed against something is at rest as well, wherever its set-point is. A
@@ -591,9 +591,10 @@ class ArmMotions(ArmState):
 
         Args:
             give_way: Whether to become compliant at once, since the arm has just touched something.
+            longest_s: Simulated seconds in which it has to come to rest.
 
         Raises:
-            Failure: ``TRACKING_ERROR`` when it still moves after `HALT_S`.
+            Failure: ``TRACKING_ERROR`` when it still moves then.
         """
         self._lease.refuse_other_threads()
         self._begun = None
@@ -604,8 +605,9 @@ class ArmMotions(ArmState):
         self.controller.stop()
         began = self.time
         while not self.controller.at_rest:
-            if self.time - began > HALT_S:
-                raise Failure("TRACKING_ERROR", f"the arm still moves {HALT_S:g} s after its stop")
+            if self.time - began > longest_s:
+                reason = f"the arm still moves {longest_s:g} s after its stop"
+                raise Failure("TRACKING_ERROR", reason)
             yield None
 
     @property

@@ -39,6 +39,18 @@ def test_stop_ends_the_motion_of_another_leaf(stage: Stage) -> None:
     assert play.speed_after(stop.ended_s + 0.02) < STOPPED
 
 
+@pytest.mark.parametrize("longest", [5.0, 7.0])
+def test_stop_waits_as_long_as_it_is_told(longest: float, stage: Stage) -> None:
+    """A play of the encoder lets the arm swing; `stop` gave up after 5 s, with another code."""
+    raised = "{timeout: {seconds: 0.5, child: {reach_to_pose: {offset: {xyz: [0, 0, 0.1]}}}}}"
+    tree = f"sequence: [{{force_success: {{child: {raised}}}}}, {{stop: {{longest: {longest}}}}}]"
+    fault = "{kind: loose_joint, arm: arm1, joint: shoulder_lift_joint, play: 6, begin: 0.1}"
+    file = WORLD.replace("TREE", tree).replace("posture: present", "posture: home")
+    stop = stage.run(f"{file}faults: {{swings: {fault}}}", duration=10.0).leaf("stop")
+    assert stop.code == "TIMED_OUT", stop.reason
+    assert longest < float(stop.metrics["took_s"]) < longest + 0.1
+
+
 def test_stop_succeeds_at_rest(stage: Stage) -> None:
     play = stage.run(WORLD.replace("TREE", "stop: {}"))
     assert play.leaf("stop").metrics == {"stopping_s": 0.0}
