@@ -151,7 +151,7 @@ class ArmMotions(ArmState):
         self._shared.traffic.arrive(self.name, self.leaf)
         if self._lease.give_back():
             self._begun = None
-            self._shared.traffic.stop_leading(self.name)
+            self._stop_following_tool()
             self._shared.traffic.give_up_motion(self.name)
             if self.is_present:
                 self.controller.stop()
@@ -356,6 +356,19 @@ class ArmMotions(ArmState):
             left = motion.trajectory.piece(row, len(motion.trajectory))
             motion.cap(min(motion.most_scale, following.time_scale_of(left)))
         return following
+
+    def _stop_following_tool(self) -> None:
+        """Follow no tool any more; a motion of the other arm is slowed down for it no longer."""
+        traffic = self._shared.traffic
+        leader = traffic.leader(self.name)
+        if leader is None:
+            return
+        traffic.stop_leading(self.name)
+        motion = self._shared.controllers[leader].motion
+        if not isinstance(motion, TrajectorySource) or traffic.followers(leader):
+            return
+        if motion.partner is None:  # otherwise it remains as slow as that one
+            motion.cap(1.0)
 
     def tool_pose_of(self, other: str) -> Pose:
         """Measured pose of another arm's tool, from its encoders."""
@@ -598,7 +611,7 @@ class ArmMotions(ArmState):
         """
         self._lease.refuse_other_threads()
         self._begun = None
-        self._shared.traffic.stop_leading(self.name)
+        self._stop_following_tool()
         self._shared.traffic.abandon_motion(self.name)
         if give_way:
             self.controller.compliance.soften()

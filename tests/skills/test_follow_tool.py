@@ -116,6 +116,17 @@ def test_halted_follower_does_not_slow_the_leader(stage: Stage) -> None:
     assert play.leaf("move_linear").ended_s == free.leaf("move_linear").ended_s
 
 
+def test_leader_is_as_fast_as_alone_once_its_follower_has_ended(stage: Stage) -> None:
+    """It remained as slow as the follower had needed until the end of its motion."""
+    slow = {"speed": 0.05, "max_error": 0.5, "duration": 1.0}
+    play, _ = followed(stage, pair("panda", "ur5", *FAST[:2], follow=slow))
+    follow, move = play.leaf("follow_tool", arm="arm2"), play.leaf("move_linear")
+    assert follow.status == "SUCCESS", follow.reason
+    assert follow.ended_s is not None
+    assert move.ended_s is not None
+    assert follow.ended_s < move.ended_s < follow.ended_s + 1.0
+
+
 @pytest.mark.parametrize("moves", [True, False])
 def test_following_ends_when_the_leader_waits_at_rest(moves: bool, stage: Stage) -> None:
     """With `until_still`, following ends by itself once the other arm has moved: no deadlock."""
