@@ -103,7 +103,7 @@ class Carrying:
         "NOT_THERE": "the object is not in the world",
         "INVALID_TARGET": "the object is fixed or has no two ends, no arm or several arms with "
         "different goals were given one, or an arm is named that cannot take part",
-        "GRIPPER_FULL": "the gripper holds something else",
+        "GRIPPER_FULL": "the gripper holds something else, or something is attached to the tool",
         "TOO_WIDE": "the fingers do not open that far",
         "TOO_HEAVY": "no grasp of this gripper can support its share of the weight",
         "NO_FACE": "the ends have no sides for the fingers, or no face for the cup",
@@ -183,7 +183,8 @@ class Carrying:
         grasps: tuple[tuple[RankedGrasp, ...], ...] = ()
         refusals: tuple[Failure | None, ...] = ()
         why_not = None
-        if world.attachments.find(arm.name, obj) is None:
+        held = world.attachments.find(arm.name, obj)
+        if held is None or not held.by_gripper:
             arm.gripper.refuse_full()
             try:
                 grasps, refusals = self._grasps_at_sections()

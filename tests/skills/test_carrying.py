@@ -470,3 +470,13 @@ def test_support_below_the_goal_is_reported_as_that() -> None:
     assert leaf(result).code == "NOT_REACHED"
     assert leaf(result).reason.startswith("what it touched is 1")
     assert leaf(result).reason.endswith("mm below its goal")
+
+
+def test_object_that_is_attached_to_a_tool_is_not_carried_together() -> None:
+    """Open fingers would not release it; if all tools had it, it was said to have been dropped."""
+    file = file_of(TOGETHER)
+    tree = file["arms"]["arm1"]["tree"]
+    file["arms"]["arm1"]["tree"] = {"sequence": [{"approach_and_attach": {"object": "beam"}}, tree]}
+    result = bt.run(file)
+    assert leaf(result).code == "GRIPPER_FULL"
+    assert "'beam' is attached to the tool: `detach` it first" in leaf(result).reason
