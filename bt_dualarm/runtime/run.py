@@ -498,8 +498,9 @@ class Run:
 
     def spawn_all(self) -> None:
         """Spawn every arm that the file declares, before the first step."""
-        for name in self._arms.keys() - self.world.arms.keys():
-            self.world.spawn_arm(name)
+        for name in self._arms:
+            if name not in self.world.arms:
+                self.world.spawn_arm(name)
         self.assembly.arms.follow(0, ticked_from=0)
 
     def views(self) -> tuple[ArmView, ...]:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+import bt_dualarm as bt
 from bt_dualarm.behaviors.load import load_tree_file
 from bt_dualarm.runtime.assembly import control_period
 from bt_dualarm.runtime.options import RunOptions
@@ -45,6 +46,17 @@ def loaded(folder: Path, registry: Registry, seconds: float) -> TreeFile:
     path = folder / "two.yaml"
     path.write_text(FILE % seconds)
     return load_tree_file(path, registry.kinds)
+
+
+def test_arms_are_spawned_in_the_order_of_the_file() -> None:
+    """`--dry-run` named another one of two arms that overlap each time."""
+    arms = {
+        name: {"robot": "ur3", "base": {"xyz": [i, 0, 0]}, "spawned": i == 0, "tree": {"wait": 1}}
+        for i, name in enumerate("gecafdb")
+    }
+    with bt.open({"bt_dualarm": 1, "world": {"scene": "empty"}, "arms": arms}) as run:
+        run.spawn_all()
+        assert list(run.world.arms) == list(arms)
 
 
 def test_an_arm_spawned_by_a_leaf_runs_its_own_tree(tmp_path: Path, registry: Registry) -> None:
