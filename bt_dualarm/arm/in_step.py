@@ -46,6 +46,7 @@ class MotionPair:
         self._other = {first: second, second: first}
         self._waiting: dict[str, WaitingMotion] = {}
         self._running: dict[str, TrajectorySource] = {}
+        self._scales: dict[str, float] = {}  # largest ones of the running motions alone
         self._alone: set[str] = set()
         self._resumes: set[str] = set()
 
@@ -81,6 +82,7 @@ class MotionPair:
         self.abandon(arm)
         running = self._running.get(arm)
         if running is not None and running.partner is not None:
+            running.partner.cap(self._scales[self._other[arm]])
             running.partner.partner = None
 
     def leave(self, arm: str) -> None:
@@ -116,6 +118,7 @@ class MotionPair:
         self._waiting.pop(waiting.arm)
         self._resumes.discard(waiting.arm)
         self._running[waiting.arm] = motion
+        self._scales[waiting.arm] = motion.most_scale
         duration = motion.trajectory.duration
         motion.waits = False
         motion.seconds = seconds

@@ -127,6 +127,18 @@ def test_motion_does_not_keep_the_pace_of_one_that_was_given_up() -> None:
     assert other.done
 
 
+def test_motion_has_its_own_speed_again_if_the_other_one_was_given_up() -> None:
+    pair = MotionPair("arm1", "arm2")
+    long, short = motion(10.0), motion(1.0)
+    pair.begin("arm1", "a", 0.0, long)
+    pair.begin("arm2", "b", 0.0, short)
+    pair.start()
+    short.next(0.004)
+    assert short.paced(1.0, 0.008) == pytest.approx(0.1)
+    pair.give_up("arm1")
+    assert short.paced(1.0, 0.012) == 1.0
+
+
 class Moving:
     """Times at which each arm moved, by the true joint speeds."""
 
