@@ -12,6 +12,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory, gettempdir
 from typing import TYPE_CHECKING, Final
@@ -427,7 +428,8 @@ def _show_trees(arguments: argparse.Namespace, opened: Run) -> int:
     console = Console(highlight=False, height=_UNFOLDED_HEIGHT)
     symbols = suited_symbols(console, ascii_only=arguments.ascii)
     renderer = opened.renderer or ""
-    console.print(Picture(opened.name, opened.time, None, renderer, opened.views(), symbols))
+    views = [replace(one, tree=opened.trees[one.name].snapshot()) for one in opened.views()]
+    console.print(Picture(opened.name, opened.time, None, renderer, views, symbols))
     return SUCCEEDED
 
 

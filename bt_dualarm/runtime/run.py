@@ -22,7 +22,7 @@ from typing import Final
 import numpy as np
 
 from bt_dualarm.behaviors.report import NodeView, StatusName
-from bt_dualarm.core.errors import DualArmError, RunError
+from bt_dualarm.core.errors import DualArmError, OverlapError, RunError
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.runtime.arm_runtime import Arms, ArmView, IdleObserver, Observer
 from bt_dualarm.runtime.assembly import Assembly, OpenRecord, prepare
@@ -497,10 +497,16 @@ class Run:
         return self._parts.watchdog
 
     def spawn_all(self) -> None:
-        """Spawn every arm that the file declares, before the first step."""
+        """Spawn every arm that the file declares, before the first step.
+
+        Those that overlap others stay away: a file may spawn them when these have been removed.
+        """
         for name in self._arms:
             if name not in self.world.arms:
-                self.world.spawn_arm(name)
+                try:
+                    self.world.spawn_arm(name)
+                except OverlapError as error:
+                    _log.warning("%s, unless that was removed before", error)
         self.assembly.arms.follow(0, ticked_from=0)
 
     def views(self) -> tuple[ArmView, ...]:

@@ -95,6 +95,30 @@ def test_bt_run_warns_before_it_runs(folder: Path, capsys: pytest.CaptureFixture
     assert "warning: reach_to_pose: to: out of reach of arm1" in capsys.readouterr().err
 
 
+def test_dry_run_draws_arms_that_are_never_present_together(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A run of the file succeeds; the second arm stands where the first one has been removed."""
+    path = folder / "replaced.yaml"
+    path.write_text(
+        """\
+bt_dualarm: 1
+world: {scene: empty}
+arms:
+  boss:
+    robot: ur3
+    base: {xyz: [0, 3, 0]}
+    tree: {sequence: [{remove: {arm: old}}, {spawn: {arm: new}}]}
+  old: {robot: ur3, removable: true, tree: {wait: 1}}
+  new: {robot: ur5, spawned: false, tree: {log: "a new arm"}}
+"""
+    )
+    assert cli.run([str(path), "--dry-run", "--ascii"]) == 0
+    out, err = capsys.readouterr()
+    assert "log" in out
+    assert "arm 'new' would be" in err
+
+
 def test_dry_run_draws_all_trees_and_ticks_none(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.run(["spawn_and_command", "--dry-run", "--ascii"]) == 0
     out, _ = capsys.readouterr()
