@@ -24,7 +24,7 @@ from bt_dualarm.core.share import write_atomically
 from bt_dualarm.runtime.interruption import StopRequest
 from bt_dualarm.runtime.outcome import Holding, Holdings, RunResult, Series, Tracks
 from bt_dualarm.sim.frame import Viewpoint
-from bt_dualarm.sim.painter import StillRenderer, best_viewpoint
+from bt_dualarm.sim.painter import LOST_M, StillRenderer, best_viewpoint
 
 REFERENCES = ("planned", "target")
 """Names of reference series: drawn in black and dashed, errors are measured from them."""
@@ -312,6 +312,25 @@ def _during(
     return {name: path for name, path in then.items() if _moved(path)}
 
 
+def _without_lost(paths: Mapping[str, Matrix], bases: Mapping[str, Vector]) -> dict[str, Matrix]:
+    """The paths, without the sections of objects that are far from all arms: NaN there.
+
+    A fault that takes an object away puts it there, and an object may roll or fall out of the cell.
+    """
+    arms = [*bases.values(), *(path for name, path in paths.items() if name.startswith(_TOOL))]
+    points = np.vstack([np.zeros((0, 3)), *arms])
+    if not len(points):
+        return dict(paths)
+    low = np.nanmin(points, axis=0) - LOST_M
+    high = np.nanmax(points, axis=0) + LOST_M
+    return {
+        name: path
+        if name.startswith(_TOOL)
+        else np.where(((path < low) | (path > high)).any(axis=1, keepdims=True), np.nan, path)
+        for name, path in paths.items()
+    }
+
+
 def _moved(path: Matrix) -> bool:
     """Whether a path has positions and moves."""
     known = path[~np.isnan(path[:, 0])]
@@ -382,6 +401,7 @@ def _drawings(result: RunResult, observed: Observed) -> Iterator[tuple[str, Call
     shown = _drawn(len(time))
     time = time[shown]
     paths = {name: path[shown] for name, path in observed.tracks.positions().items()}
+    paths = _without_lost(paths, observed.tracks.bases)
     stills = [still for still in observed.stills if still.is_sound]
     fixed = {name: one for still in stills for name, one in still.fixed_outlines().items()}
     yield "overview", partial(overview, paths, observed.tracks.bases, fixed)

@@ -40,6 +40,9 @@ _FAR_M: Final = 50.0
 _WIDEST_DEG: Final = 150.0
 _BIAS_M: Final = 2e-3  # against self-shadowing by the limited precision of the depths
 
+LOST_M: Final = 2.0
+"""Distance from all arms beyond which objects are ignored: they would make the rest tiny."""
+
 _CORNERS: Final = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
 
 
@@ -61,6 +64,10 @@ class ScenePainter:
         self._planes = model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
         drawn = np.isin(model.geom_group, LOOP_GROUPS) & ~self._planes
         self._casters = np.flatnonzero(drawn)
+        groups = model.geom_group[self._casters]
+        is_object = groups == OBJECT_GROUP
+        self._of_arms = ~is_object & (groups != SCENE_GROUP)
+        self._movable = is_object & (model.body_weldid[model.geom_bodyid[self._casters]] != 0)
 
     def trace(self, data: mujoco.MjData, fan: Fan) -> Hits:
         """Trace rays; returns what they hit."""
@@ -158,7 +165,14 @@ class ScenePainter:
         local = boxes[:, None, :3] + _CORNERS * boxes[:, None, 3:]
         axes = data.geom_xmat[self._casters].reshape(-1, 3, 3)
         places = data.geom_xpos[self._casters][:, None]
-        points = (np.einsum("gij,gcj->gci", axes, local) + places).reshape(-1, 3)
+        corners = np.einsum("gij,gcj->gci", axes, local) + places
+        arms = corners[self._of_arms].reshape(-1, 3)
+        if len(arms):  # a single object that has been thrown away would make the rest tiny
+            low = arms.min(axis=0) - LOST_M
+            high = arms.max(axis=0) + LOST_M
+            lost = self._movable & ((corners < low) | (corners > high)).any(axis=(1, 2))
+            corners = corners[~lost]
+        points = corners.reshape(-1, 3)
         if not len(points):
             return None
         middle: Vector = (points.min(axis=0) + points.max(axis=0)) / 2
@@ -232,9 +246,6 @@ _AZIMUTHS_DEG: Final = tuple(range(30, 390, 45))
 _SKETCH: Final = (120, 90)
 """Size in pixels of the images in which candidate viewpoints are compared."""
 
-_LOST_M: Final = 2.0
-"""Distance from all arms beyond which objects are ignored: they would make the rest tiny."""
-
 
 @dataclass(frozen=True, eq=False)
 class StillRenderer:
@@ -277,8 +288,8 @@ class StillRenderer:
         arms = self.corners((groups != SCENE_GROUP) & (groups != OBJECT_GROUP))
         objects = self.corners(groups == OBJECT_GROUP)
         if len(arms):
-            low = arms.min(axis=0) - _LOST_M
-            high = arms.max(axis=0) + _LOST_M
+            low = arms.min(axis=0) - LOST_M
+            high = arms.max(axis=0) + LOST_M
             objects = objects[((objects > low) & (objects < high)).all(axis=1)]
         return np.vstack((arms, objects))
 

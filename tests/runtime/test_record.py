@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
+import bt_dualarm
 from bt_dualarm.behaviors.report import LeafReport, StatusChange
 from bt_dualarm.core.errors import SkillError
 from bt_dualarm.core.pose import Pose
@@ -395,6 +396,38 @@ def test_the_overview_shows_tools_that_stand_still_and_every_base() -> None:
     legend: Any = figure.axes[0].get_legend()
     labels = [text.get_text() for text in legend.get_texts()]
     assert labels == ["tool of arm1"], "an object at rest is not shown"
+
+
+TAKEN_AWAY = """
+bt_dualarm: 1
+world: {scene: empty}
+objects:
+  ball: {shape: sphere, size: [0.05], mass: 1, pose: {xyz: [0.6, 0.4, 0.05]}}
+arms:
+  arm1: {robot: ur5, tree: {wait: 0.3 s}}
+faults:
+  gone: {kind: removed_object, object: ball, begin: 0.1 s, until: 0.2 s}
+"""
+
+
+def test_the_overview_is_not_widened_by_an_object_far_away(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A fault takes it 50 m away, and puts it back."""
+    drawn: list[Any] = []
+    overview = plots.overview
+
+    def drawing(paths: Any, *given: Any) -> Figure:
+        drawn.append(paths)
+        return overview(paths, *given)
+
+    monkeypatch.setattr(plots, "overview", drawing)
+    bt_dualarm.run(TAKEN_AWAY, record=tmp_path / "out")
+    [paths] = drawn
+    heights = paths["object_ball"][:, 2]
+    assert np.isnan(heights).mean() == pytest.approx(1 / 3, abs=0.05)
+    assert np.nanmax(heights) < 0.1
+    assert not np.isnan(heights[[0, -1]]).any()
 
 
 def test_every_curve_of_the_overview_has_its_own_color() -> None:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pytest
 
 from bt_dualarm.core.pose import Matrix
-from bt_dualarm.robots.mjspec import LOOP_GROUPS
+from bt_dualarm.robots.mjspec import COLLISION_GROUP, LOOP_GROUPS, OBJECT_GROUP
 from bt_dualarm.sim.frame import Image, Viewpoint
 from bt_dualarm.sim.painter import ScenePainter
 from bt_dualarm.sim.renderers import RayScene, Shading, fan_of
@@ -115,3 +115,12 @@ def test_two_lamps_cast_separate_shadows() -> None:
         assert alone.sum() > 200
         change = plain[alone].astype(int) - image[alone]
         assert 40 < np.median(change) < 110, "about half of 255, reduced by oblique incidence"
+
+
+def test_an_object_far_away_does_not_blur_the_shadows_of_the_others() -> None:
+    """A fault takes objects 50 m away, and the map of the shadows has only so many points."""
+    box = '<body pos="{pos}">{joint}<geom type="box" size=".1 .1 .1" group="{group}"/></body>'
+    arm = box.format(pos="0.5 0.5 0.1", joint="", group=COLLISION_GROUP)
+    far = box.format(pos="0 0 50", joint="<freejoint/>", group=OBJECT_GROUP)
+    lights = LAMP.format(place="0.3 -0.4 2", casts="true")
+    np.testing.assert_array_equal(painted(lights + arm + far)[0], painted(lights + arm)[0])
