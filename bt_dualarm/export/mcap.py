@@ -406,6 +406,22 @@ _FIELDS: Final[dict[str, dict[str, Schema]]] = {
     },
     "bt_dualarm.Ports": {**_NOTED, "leaf": _TEXT, "ports": {"type": "object"}},
     "bt_dualarm.Wrote": {**_NOTED, "leaf": _TEXT, "key": _TEXT, "value": _ANY},
+    "bt_dualarm.Waits": {
+        **_NOTED,
+        "leaf": _TEXT,
+        "target": _TEXT,
+        "others": _list(_TEXT),
+        "since": _NUMBER,
+    },
+    "bt_dualarm.Fault": {
+        **_NOTED,
+        "name": _TEXT,
+        "fault": _TEXT,
+        "sentence": _TEXT,
+        "active": _FLAG,
+        "leaf": _TEXT,
+        "objects": _list(_TEXT),
+    },
     "bt_dualarm.Guard": {**_NOTED, "does": _TEXT, "reason": _TEXT},
     "bt_dualarm.Holds": {**_NOTED, "gripped": _list(_TEXT), "welded": _list(_TEXT)},
     "bt_dualarm.Gripper": {
@@ -806,7 +822,7 @@ def _statuses(record: Record) -> Iterator[Message]:
 def _notes(record: Record) -> Iterator[Message]:
     for note in record.notes:
         kind = note["kind"]
-        arm = note["arm"]
+        arm = note["arm"] or "world"  # a fault of an object belongs to no arm
         content = {name: value for name, value in note.items() if name not in ("kind", "arm")}
         schema = f"bt_dualarm.{str(kind).capitalize()}"
         yield Message(f"/{arm}/{kind}", schema, float(note["time_s"]), content)

@@ -81,6 +81,25 @@ def test_every_message_matches_its_schema(tmp_path: Path) -> None:
     assert image.content["frame_id"] in {frame["child_frame_id"] for frame in frames}
 
 
+def test_a_fault_of_an_object_belongs_to_the_world(tmp_path: Path) -> None:
+    """Its topic once was ``//fault``."""
+    push = "{kind: pushed_object, object: ball, force: [1, 0, 0], begin: 0.1 s, until: 0.2 s}"
+    late = "{arm: arm1, leaf: wait, effect: fail, phase: end}"
+    text = f"""
+bt_dualarm: 1
+world: {{scene: empty}}
+objects: {{ball: {{shape: sphere, size: [0.05], mass: 1, pose: {{xyz: [0.8, 0.4, 0.05]}}}}}}
+arms: {{arm1: {{robot: ur5, tree: {{wait: 0.3 s}}}}}}
+faults: {{push: {push}, late: {late}}}
+"""
+    bt_dualarm.run(text, record=tmp_path)
+    faults = [m for m in messages_of(Record.read(tmp_path)) if m.schema == "bt_dualarm.Fault"]
+    assert {message.topic for message in faults} == {"/world/fault", "/arm1/fault"}
+    for message in faults:
+        jsonschema.validate(json.loads(json.dumps(message.content)), schema_of(message.schema))
+        assert {"name", "fault", "objects"} <= set(schema_of(message.schema)["required"])
+
+
 def test_joints_are_those_of_the_state_and_of_the_set_point(short: Record) -> None:
     messages = {m.topic: m for m in messages_of(short) if m.time_s == short.times[-1]}
     joints: Any = messages["/arm1/joints"].content["joints"]
