@@ -26,11 +26,11 @@ def arms_of_geoms(world: World) -> npt.NDArray[np.int64]:
 
 
 class ContactMonitor:
-    """New contacts of one arm; objects that it touched at the start or holds do not count.
+    """New contacts of one arm; objects that it touched or held at the start do not count.
 
     Args:
         arm: Name of the arm.
-        already: Names of the objects that it touches at the start.
+        already: Names of the objects that it touches or holds at the start.
 
     Attributes:
         forces_n: Largest normal force of a contact, by the name of the object, N.
@@ -65,9 +65,9 @@ class Contacts:
 
     def watch(self, arm: str) -> ContactMonitor:
         """Start to monitor an arm that is in the world."""
-        monitor = ContactMonitor(
-            arm, frozenset(obj for one, obj, _ in self._foreign_contacts() if one == arm)
-        )
+        touched = {obj for one, obj, _ in self._foreign_contacts() if one == arm}
+        held = {held.object for held in self._world.attachments if held.arm == arm}
+        monitor = ContactMonitor(arm, frozenset(touched | held))
         self._monitors.append(monitor)
         return monitor
 

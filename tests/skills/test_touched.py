@@ -45,6 +45,25 @@ def test_ball_that_falls_on_the_arm_is_in_the_metrics(robot: str, node: Tree, st
     assert "touched" not in clear.metrics
 
 
+def test_an_object_that_was_held_does_not_count_as_touched(stage: Stage) -> None:
+    """A cup still touches the box that it has released; `place` need not name it."""
+    box: Tree = {"shape": "box", "size": [0.12, 0.08, 0.07], "mass": 0.3}
+    place: Tree = {"place": {"at": {"xyz": [0.45, 0.1, 0.035]}}}
+    arm: Tree = {
+        "robot": "xarm7",
+        "gripper": "suction_cup",
+        "tree": {"sequence": [{"grasp": {"object": "box"}}, place]},
+    }
+    file: Tree = {
+        "world": {"scene": "empty", "reality": "lab", "time_limit": 30},
+        "objects": {"box": {**box, "pose": {"xyz": [0.45, 0, 0.035]}}},
+        "arms": {"arm1": arm},
+    }
+    leaf = stage.run(file).leaf("place")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert "touched" not in leaf.metrics
+
+
 def put_wall(world: World) -> None:
     """Spawn the wall in the direction of motion, as near to the tool as there is room."""
     x, y, z = world.arms["arm1"].tool_pose.position.tolist()
