@@ -65,8 +65,8 @@ class Support:
 
     Attributes:
         below: Distance by which it is lowered until contact, m; negative if it touches higher up.
-        tilt: Largest angle by which it tips until it rests, rad, for any center of mass within
-            `MARGIN_M` of its middle.
+        tilt: Largest angle by which it tips until it rests, rad, if its center of mass is up to
+            `MARGIN_M` from the declared one.
         slope: Slope of the supporting surface, rad.
         friction: Coefficient of friction between the two.
         rolls: Whether it would roll away: a round object on a surface that slopes or bulges.
@@ -121,7 +121,9 @@ def support_below(
     # Rays into a void are cut off: the hull needs finite gaps, and a facet that deep is steeper
     # than 45 degrees in any case.
     gaps = np.minimum(gaps, nearest + max(float(np.ptp(lower[:, :2])), below))
-    flat = np.column_stack((lower[:, :2] - pose.position[:2], gaps))
+    spec = world.objects[name]
+    body = body_of(spec)
+    flat = np.column_stack((lower[:, :2] - pose.apply(body.center)[:2], gaps))
     hull = _LowerHull(flat)
     around = np.arange(8) * (math.pi / 4.0)
     # An object thinner than the margin could not keep it from its own edges.
@@ -134,9 +136,7 @@ def support_below(
     slope = max((hit.slope for hit in bearing), default=0.0)
     coefficients = [float(world.model.geom_friction[hit.geom, 0]) for hit in bearing]
     # MuJoCo combines the friction of two geoms by their maximum.
-    friction = max(world.objects[name].friction, min(coefficients, default=0.0))
-    spec = world.objects[name]
-    body = body_of(spec)
+    friction = max(spec.friction, min(coefficients, default=0.0))
     axis = pose.rotation_matrix[:, 2]
     if spec.shape == "capsule" and abs(axis[2]) > _UPRIGHT:
         unstable = tilt > _LEVEL

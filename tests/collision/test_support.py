@@ -42,6 +42,8 @@ def world() -> Iterator[World]:
         "rod": loose("box", [0.2, 0.004, 0.004], 0.8),
         "tube": {"shape": "tube", "size": [0.002, 0.2], "wall": 0.0005}
         | {"mass": 0.1, "pose": {"xyz": [-0.5, 0.9, 0.3]}},
+        "offset": {"shape": "compound", "mass": 0.1, "pose": {"xyz": [-0.5, 1.1, 0.06]}}
+        | {"parts": {"block": {"shape": "box", "size": [0.05] * 3, "pose": {"xyz": [0, 0.1, 0]}}}},
         "globe": fixed("sphere", [0.03], [0.20, -0.5, 0.43]),
         "ramp": fixed("box", [0.2, 0.2, 0.02], [0.5, -0.4, 0.45], 0, 20, 0),
         "wall": fixed("box", [0.01, 0.1, 0.1], [0.30, -0.6, 0.45]),
@@ -99,6 +101,16 @@ def test_center_of_mass_keeps_three_millimeters_from_an_edge(
 ) -> None:
     """In addition, rays are 3.3 mm apart here, and the edge is known no more exactly."""
     found = at(world, "cube", 0.35, EDGE_Y - inside, 0.425)
+    assert found is not None
+    assert (found.tilt < math.radians(5)) == stands
+
+
+@pytest.mark.parametrize(("inside", "stands"), [(0.007, True), (0.002, False), (-0.002, False)])
+def test_the_center_of_mass_counts_and_not_the_frame(
+    world: World, inside: float, stands: bool
+) -> None:
+    """The frame of a compound or mesh may be anywhere: here 0.1 m beside its only part."""
+    found = at(world, "offset", 0.35, EDGE_Y - inside - 0.1, 0.425)
     assert found is not None
     assert (found.tilt < math.radians(5)) == stands
 
