@@ -711,7 +711,9 @@ def refuse_object_mesh(path: Path, folder: Path, scale: float) -> None:
     except OSError as error:
         raise MeshError(path, f"cannot be read: {error}") from error
     if largest > MAX_OBJECT_EXTENT:
-        hint = "a mesh in millimeters needs scale: 0.001"
+        hint = "it needs a smaller scale"
+        if scale == 1.0:  # the default
+            hint = "a mesh in millimeters needs scale: 0.001"
         raise MeshError(
             path, f"extends over {largest:.3g} m; at most {MAX_OBJECT_EXTENT:g} m is allowed", hint
         )

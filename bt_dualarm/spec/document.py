@@ -513,7 +513,7 @@ class ObjectSpec(Value):
     )
     pose: PoseSpec = port(
         PoseSpec(xyz=(0.0, 0.0, 0.0)),
-        "Pose of its center in the world; of a compound, pose of its frame",
+        "Pose of its center in the world; of a compound or mesh, pose of its frame",
     )
     noise: NoiseSpec = port(NoiseSpec(), "Bounds within which the seed may move it")
     many: ManySpec | None = port(

@@ -141,3 +141,5 @@ def test_scale_wrong_by_a_factor_of_1000_is_an_error_with_a_hint(folder: Path) -
     (problem,) = bt.check(file_with(obj | AT_REST))
     assert "extends over 80 m" in problem.message
     assert problem.hint == "a mesh in millimeters needs scale: 0.001"
+    (problem,) = bt.check(file_with(obj | {"scale": 0.5} | AT_REST))
+    assert problem.hint == "it needs a smaller scale"
