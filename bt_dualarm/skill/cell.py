@@ -749,7 +749,11 @@ class CellState:
         active: Mapping[str, Sequence[ActiveNode]],
     ) -> bool:
         wait = self._waits.get((arm, node.path))
-        if wait is None or wait.has_timeout or wait.failure is not None or node.may_be_halted:
+        if wait is None or wait.failure is not None:
+            return True
+        if isinstance(wait, Obstruction) and wait.blockers and wait.blockers <= self._gone.keys():
+            return False  # they stay there, whatever ends its wait later
+        if wait.has_timeout or node.may_be_halted:
             return True
         if wait.asked_by:
             return True  # it is moving aside

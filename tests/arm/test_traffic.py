@@ -267,8 +267,14 @@ def test_arm_that_holds_still_for_a_while_may_be_waited_for() -> None:
     assert result.outcome == "SUCCESS"
 
 
-def test_arm_does_not_wait_for_one_whose_tree_has_ended() -> None:
-    result = bt.run(_covered([]))
+@pytest.mark.parametrize("timeout", [None, 30])
+def test_arm_does_not_wait_for_one_whose_tree_has_ended(timeout: float | None) -> None:
+    """A node around the leaf that may end its wait later does not change that."""
+    file = _covered([])
+    late = file["arms"]["late"]
+    if timeout is not None:
+        late["tree"] = {"timeout": {"seconds": timeout, "child": late["tree"]}}
+    result = bt.run(file)
     [failed] = [run for run in result.arms["late"].runs if run.code]
     assert failed.code == "IN_COLLISION"
     assert "there/" in failed.reason
