@@ -6,7 +6,7 @@ import subprocess
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from io import BytesIO
 from itertools import pairwise
@@ -50,6 +50,7 @@ STATUS: Final[dict[str, tuple[str, RGB]]] = {
     "RUNNING": ("▶", (190, 110, 0)),
     "SUCCESS": ("✔", (24, 128, 56)),
     "FAILURE": ("✘", (200, 30, 40)),
+    "HALTED": ("■", (110, 115, 125)),
 }
 """Mark and color of each status, as on the terminal."""
 
@@ -311,6 +312,7 @@ def _outer_half(model: mujoco.MjModel, tip: int) -> list[int]:
 
 
 _SIZES: Final = (19, 18, 17, 16, 15, 14, 13, 12, 11, 10)
+_MOST_REASON_LINES: Final = 3
 _INDENT: Final = 1.3
 """Indentation of a child, in letter heights."""
 
@@ -343,22 +345,28 @@ class FilmPanel:
 
     def __post_init__(self) -> None:
         self._timeline = Timeline(self.record)
-        whole = len([*self._lines(self.record.until, folded=False)])
         room = self.size[1] - 110 / self._scale
-        fitting = [size for size in _SIZES if whole * size * 1.6 < room * self._scale]
-        self._folded = not fitting
-        self._letters = round((fitting or _SIZES[-1:])[0] / self._scale)
+        for size in _SIZES:
+            self._letters = round(size / self._scale)
+            whole = len([*self._lines(self.record.until, folded=False)])
+            self._folded = whole * size * 1.6 >= room * self._scale
+            if not self._folded:
+                break
 
     @property
     def _scale(self) -> float:
         """Scale of the layout, which is designed for a width of 400 pixels."""
         return 400.0 / self.size[0]
 
+    @property
+    def _margin(self) -> int:
+        return round(20 / self._scale)
+
     def draw(self, time: float) -> Image.Image:
         """Render the panel at a time in s."""
         image = Image.new("RGB", self.size, PAPER)
         draw = ImageDraw.Draw(image)
-        margin = round(20 / self._scale)
+        margin = self._margin
         title = font(round(22 / self._scale), bold=True)
         small = font(round(18 / self._scale))
         draw.text((margin, margin), self.record.name, fill=INK, font=title)
@@ -411,7 +419,23 @@ class FilmPanel:
             yield _PanelLine(0, "", "", INK)
             robot = self.record.arms[arm]["robot"]
             yield _PanelLine(0, "●", f"{arm}   {robot}", color, bold=True)
-            yield from _of_node(root, root.standing_at(time), 0, time, folded=folded)
+            for line in _of_node(root, root.standing_at(time), 0, time, folded=folded):
+                yield from [line] if line.mark else self._wrapped(line)
+
+    def _wrapped(self, line: _PanelLine) -> list[_PanelLine]:
+        """A reason in at most three lines, each as wide as the panel."""
+        letters = font(self._letters)
+        room = self.size[0] - 2 * self._margin - line.depth * _INDENT * self._letters
+        texts = [""]
+        for word in line.text.split():
+            longer = f"{texts[-1]} {word}".strip()
+            if texts[-1] and letters.getlength(longer) > room:
+                texts.append(word)
+            else:
+                texts[-1] = longer
+        if len(texts) > _MOST_REASON_LINES:
+            texts[_MOST_REASON_LINES - 1] += " …"
+        return [replace(line, text=text) for text in texts[:_MOST_REASON_LINES]]
 
 
 def _of_node(
@@ -419,25 +443,18 @@ def _of_node(
 ) -> Iterator[_PanelLine]:
     change = standing.get(node.path)
     status = "INVALID" if change is None else change.new
+    if change is not None and (change.old, change.new) == ("RUNNING", "INVALID"):
+        status = "HALTED"
     mark, color = STATUS[status]
     runs = change is not None and status == "RUNNING" and not node.children
     end = f"{time - change.time:.1f} s" if change is not None and runs else ""
     ink = INK if status == "SUCCESS" and node.children else color
     yield _PanelLine(depth, mark, node.path.rpartition("/")[2], ink, bold=runs, end=end, lit=runs)
     if change is not None and status == "FAILURE" and not node.children and change.reason:
-        yield from (_PanelLine(depth + 1, "", text, color) for text in _wrapped(change.reason))
+        yield _PanelLine(depth + 1, "", change.reason, color)
     if not folded or status == "RUNNING":
         for child in node.children:
             yield from _of_node(child, standing, depth + 1, time, folded=folded)
-
-
-def _wrapped(reason: str, width: int = 40) -> list[str]:
-    lines = [""]
-    for word in reason.split():
-        if len(lines[-1]) + len(word) > width:
-            lines.append("")
-        lines[-1] = f"{lines[-1]} {word}".strip()
-    return lines[:3]
 
 
 Picture = npt.NDArray[np.uint8]

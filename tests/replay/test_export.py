@@ -175,6 +175,29 @@ def test_the_panel_highlights_running_and_failed_leaves(failed: Record) -> None:
     assert after.count(red) > during.count(red) + 50
 
 
+@pytest.mark.parametrize("width", [250, 400])
+def test_the_panel_marks_what_was_halted_and_shows_whole_reasons(
+    width: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on the terminal; reasons are wrapped to the width of the panel, whatever the letters."""
+    reason = "the tool gets no closer to the target than 136.7 mm and 3.5 degrees"
+    late = "timeout: {seconds: 0.1, child: {wait: 1 s}}"
+    tree = f"{{selector: [{{{late}}}, {{fail: {{reason: {reason}}}}}]}}"
+    record = recorded(
+        tmp_path,
+        f"bt_dualarm: 1\nworld: {{scene: empty}}\narms: {{arm1: {{robot: ur5, tree: {tree}}}}}\n",
+    )
+    texts: list[str] = []
+
+    def write(_: object, __: object, text: str, **___: object) -> None:
+        texts.append(text)
+
+    monkeypatch.setattr("PIL.ImageDraw.ImageDraw.text", write)
+    FilmPanel(record, (width, 450)).draw(record.until)
+    assert "■" in texts
+    assert reason in " ".join(texts)
+
+
 def test_the_camera_follows_without_a_jolt(failed: Record) -> None:
     """It keeps its direction, and moves by no more than 0.5 m/s."""
     times = np.arange(0.02, failed.until, 0.04).tolist()
