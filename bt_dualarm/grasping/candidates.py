@@ -196,18 +196,21 @@ def _beside(
 
     No point of their surfaces may be where the fingers close, or where the palm is.
     """
-    points = np.vstack((np.zeros((0, 3)), *others))
+    # One row per coordinate: a bowl has thousands of points, which are checked for each grasp.
+    points = np.ascontiguousarray(np.vstack((np.zeros((0, 3)), *others)).T)
     wide = 0.5 * jaw.pad_width
     for grasp in grasps:
         tool = pose @ grasp.tool
-        x, y, z = tool.inverse.apply(points).T
+        here = tool.inverse
+        x, y, z = here.rotation_matrix @ points + here.position[:, None]
+        if ((z < -jaw.palm) & (x * x + y * y < jaw.palm_radius**2)).any():
+            continue
         beside = np.abs(y)
         before = (np.abs(x) < wide - _TOUCHING) & (z > -jaw.palm)
         before &= beside > 0.5 * grasp.width + _TOUCHING
         before &= beside < 0.5 * jaw.widest_opening + jaw.thickness
-        palm = (z < -jaw.palm) & (np.hypot(x, y) < jaw.palm_radius)
         ahead = float(z[before].min(initial=math.inf)) - jaw.tip
-        if ahead >= -_TOUCHING and not palm.any():
+        if ahead >= -_TOUCHING:
             yield replace(grasp, tool=tool, ahead=ahead)
 
 
