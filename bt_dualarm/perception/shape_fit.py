@@ -14,7 +14,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property
 from operator import attrgetter
 from typing import TYPE_CHECKING, Final, Literal
 
@@ -25,7 +25,7 @@ from bt_dualarm.core.later import Later
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.perception.detection import Blob, ColorFilter, Detection, detect_blobs
 from bt_dualarm.sim.frame import Frame, Image, JsonList, LazyFrame
-from bt_dualarm.sim.object_body import body_of, half_extents
+from bt_dualarm.sim.object_body import Folds, body_of, half_extents
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.shapes import DEFAULT_SIDES
 from bt_dualarm.spec.values import ShapeName
@@ -69,7 +69,8 @@ class KnownShape:
             show in its outline. Among poses that look alike, the one with the smallest rotation is
             assumed.
         concave: Whether the outline may be concave, of which only the convex hull is known.
-        half_turns: Axes about which half a turn brings the hull of a concave shape into itself.
+        hull_folds: Symmetry of the hull of a concave shape.
+        folds: Symmetry of the object itself, whose outline may have more.
     """
 
     kind: ShapeName | Literal["hull"]
@@ -79,7 +80,8 @@ class KnownShape:
     flips: bool = False
     one_way: bool = False
     concave: bool = False
-    half_turns: tuple[int, ...] = ()
+    hull_folds: Folds = (1, 1, 1)
+    folds: Folds = (1, 1, 1)
 
     @classmethod
     def of(cls, obj: ObjectSpec) -> KnownShape:
@@ -91,11 +93,12 @@ class KnownShape:
         unit = tuple((x, y, z) for x, y, z in (corners / far).tolist())
         if obj.shape in ("compound", "mesh"):
             body = body_of(obj)
-            alike = body.hull_half_turns
-            is_oriented = alike != body.half_turns
+            hull = body.hull_folds
+            own = body.folds
             if body.is_coaxial:
-                return cls("hull", (far,), unit, 0, 0 in alike, is_oriented, True, alike)
-            return cls("hull", (far,), unit, 1, False, is_oriented, True, alike)
+                flips = hull[0] % 2 == 0
+                return cls("hull", (far,), unit, 0, flips, flips and own[0] % 2 > 0, True)
+            return cls("hull", (far,), unit, 1, False, hull != own, True, hull, own)
         return cls("hull", (far,), unit, *_symmetry(obj))
 
     @cached_property
@@ -232,7 +235,11 @@ class KnownShape:
             cosine = abs(cosine) if reversible else cosine
             return math.acos(min(max(cosine, -1.0), 1.0))
         # A symmetry of the outline is a symmetry of the object, unless the object is oriented.
-        turns = self._symmetries[: self.fold] if self.one_way else self._symmetries
+        turns = self._symmetries
+        if self.concave:
+            turns = _group(self.folds)
+        elif self.one_way:
+            turns = self._symmetries[: self.fold]
         traces = [float(np.trace(first.T @ second @ turn)) for turn in turns]
         return math.acos(min(max((max(traces) - 1.0) / 2.0, -1.0), 1.0))
 
@@ -240,7 +247,7 @@ class KnownShape:
     def _symmetries(self) -> tuple[Matrix, ...]:
         """Rotations of a box, or of a hull that is not a body of revolution, into itself."""
         if self.concave:
-            return (np.eye(3), *(2.0 * np.diag(np.eye(3)[i]) - np.eye(3) for i in self.half_turns))
+            return _group(self.hull_folds)
         if self.kind == "hull":
             about = [_about_z(2.0 * math.pi * k / self.fold) for k in range(self.fold)]
             over = [turn @ _about_x(math.pi) for turn in about] if self.flips else []
@@ -285,6 +292,28 @@ class KnownShape:
             level = np.delete(np.array(self.size), int(np.argmax(np.abs(up[2]))))
             whole = math.pi / 2 if abs(level[0] - level[1]) < _SAME else math.pi
         return [step * _YAW_STEP for step in range(max(round(whole / _YAW_STEP), 1))]
+
+
+@cache
+def _group(folds: Folds) -> tuple[Matrix, ...]:
+    """All rotations that follow from those about the three axes, the identity first."""
+    about = (_about_x, _about_y, _about_z)
+    steps = [
+        turn(2.0 * math.pi / fold) for turn, fold in zip(about, folds, strict=True) if fold > 1
+    ]
+    found = [np.eye(3)]
+    for one in found:  # which grows meanwhile
+        for step in steps:
+            turn = one @ step
+            whole = np.round(turn)
+            turn = np.where(np.abs(turn - whole) < _ROUNDING, whole, turn)
+            if np.abs(np.array(found) - turn).max(axis=(1, 2)).min() > _SAME_TURN:
+                found.append(turn)
+    return tuple(found)
+
+
+_ROUNDING: Final = 1e-12
+_SAME_TURN: Final = 1e-6
 
 
 def _symmetry(obj: ObjectSpec) -> tuple[int, bool, bool]:

@@ -683,7 +683,7 @@ MAX_OBJECT_BYTES: Final = 20_000_000
 MAX_OBJECT_EXTENT: Final = 10.0
 """Largest extent of an object, m, as that of one that is given by a size."""
 
-_OBJECT_LOSS: Final = 0.005
+OBJECT_LOSS: Final = 0.005
 """Fraction of an object's extent by which a point may lie outside of its simplified hulls."""
 
 
@@ -735,7 +735,7 @@ def object_hulls(path: Path, scale: float) -> tuple[Matrix, ...]:
     hulls = _read_hulls(cached)
     if hulls is None:
         triangles = stl_triangles(mesh) * scale
-        loss = min(LOSS_M, _OBJECT_LOSS * float(np.ptp(triangles.reshape(-1, 3), axis=0).max()))
+        loss = min(LOSS_M, OBJECT_LOSS * float(np.ptp(triangles.reshape(-1, 3), axis=0).max()))
         hulls = [low_poly_hull(part, loss) for part in convex_parts(triangles)]
         with suppress(OSError), _atomic_file(cached) as raw:
             np.savez(raw, *(array for hull in hulls for array in (hull.vertices, hull.triangles)))

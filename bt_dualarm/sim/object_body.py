@@ -22,7 +22,7 @@ import scipy
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.grasping.grasp import Box, CompoundSolid, Cylinder, MeshSolid, Solid
 from bt_dualarm.grasping.grasp import solid_of as simple_solid
-from bt_dualarm.robots.meshes import object_hulls
+from bt_dualarm.robots.meshes import OBJECT_LOSS, object_hulls
 from bt_dualarm.robots.mjspec import GEOM_TYPES, half_sizes
 from bt_dualarm.spec.colors import rgba_of
 from bt_dualarm.spec.document import ObjectSpec
@@ -163,6 +163,10 @@ _ON_AXIS_M: Final = 1e-6  # distance of a center from an axis on which it is
 _ON_AXIS: Final = 1e-9  # 1 less the cosine of the angle between axes that are parallel
 
 
+Folds: TypeAlias = tuple[int, int, int]
+"""Numbers of rotations about the x, y and z axis that change nothing: 1 if only a whole turn."""
+
+
 @dataclass(frozen=True, eq=False)
 class ObjectBody:
     """Body of an object in its own frame.
@@ -241,24 +245,49 @@ class ObjectBody:
         return found
 
     @cached_property
-    def half_turns(self) -> tuple[int, ...]:
-        """Axes, 0 to 2, about which half a turn brings every part into the place of one alike."""
+    def folds(self) -> Folds:
+        """As `hull_folds`, of rotations that bring every part into the place of one alike.
+
+        Of a mesh those into itself, whatever the convex parts into which it was divided.
+        """
         placed = [part.pose.apply(_outline(part)) for part in self.parts]
-        found = []
-        for axis in range(3):
-            signs = np.where(np.arange(3) == axis, 1.0, -1.0)
-            if all(any(_same(one * signs, other) for other in placed) for one in placed):
-                found.append(axis)
-        return tuple(found)
+
+        def fits(axis: int, fold: int) -> bool:
+            turn = _part_of_turn(axis, fold)
+            if self.shape == "mesh":
+                away = self.solid.distance(np.vstack(placed) @ turn.T)
+                return bool(np.abs(away).max() < self._alike_m)
+            return all(any(_same(one @ turn.T, other) for other in placed) for one in placed)
+
+        first, second, third = (
+            max(fold for fold in _divisors(most) if fold == 1 or fits(axis, fold))
+            for axis, most in enumerate(self.hull_folds)
+        )
+        return first, second, third
 
     @cached_property
-    def hull_half_turns(self) -> tuple[int, ...]:
-        """Axes, 0 to 2, about which half a turn brings the convex hull into itself."""
-        return tuple(
-            axis
+    def hull_folds(self) -> Folds:
+        """Numbers of rotations about each axis, in a whole turn, of the convex hull into itself."""
+        corners = self.corners
+        planes = scipy.spatial.ConvexHull(corners).equations
+
+        def fits(axis: int, fold: int) -> bool:
+            turned = corners @ _part_of_turn(axis, fold).T
+            # By its planes: of corners on one plane, a hull may have any.
+            return bool((turned @ planes[:, :3].T + planes[:, 3]).max() < self._alike_m)
+
+        first, second, third = (
+            next(fold for fold in range(_MOST_FOLDS, 0, -1) if fold == 1 or fits(axis, fold))
             for axis in range(3)
-            if _same(self.corners * np.where(np.arange(3) == axis, 1.0, -1.0), self.corners)
         )
+        return first, second, third
+
+    @property
+    def _alike_m(self) -> float:
+        """Distance up to which surfaces count as the same, m."""
+        if self.shape != "mesh":
+            return _ALIKE_M
+        return OBJECT_LOSS * float(np.ptp(self.corners, axis=0).max())
 
     @cached_property
     def center(self) -> Vector:
@@ -745,6 +774,20 @@ _RING: Final = 36
 
 _ALIKE_M: Final = 1e-4
 """Distance of corners up to which two parts are in the same place, m."""
+
+
+_MOST_FOLDS: Final = 72
+"""Largest number of rotations about an axis that is looked for: that of a fine mesh of a tube."""
+
+
+def _part_of_turn(axis: int, fold: int) -> Matrix:
+    """Rotation about one of the three axes by a fraction of a turn, of shape (3, 3)."""
+    turn = 2.0 * math.pi / fold
+    return Pose.from_rpy((0.0, 0.0, 0.0), turn * np.eye(3)[axis]).rotation_matrix
+
+
+def _divisors(number: int) -> list[int]:
+    return [one for one in range(1, number + 1) if number % one == 0]
 
 
 def _same(first: Matrix, second: Matrix) -> bool:

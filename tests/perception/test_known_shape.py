@@ -29,6 +29,21 @@ def bottle(*ends: float) -> KnownShape:
     return KnownShape.of(ObjectSpec.model_validate(with_tuples(given)))
 
 
+def bars(*yaws: float, middle: float = 0.0) -> KnownShape:
+    """A compound of equal bars at these angles about its z axis, in degrees."""
+    parts = {}
+    for yaw in yaws:
+        x, y = middle * np.cos(np.radians(yaw)), middle * np.sin(np.radians(yaw))
+        pose = {"xyz": [float(x), float(y), 0], "rpy": [0, 0, yaw]}
+        parts[f"bar{yaw:g}"] = {"shape": "box", "size": [0.08, 0.02, 0.03], "pose": pose}
+    given = {"shape": "compound", "mass": 0.2, "parts": parts}
+    return KnownShape.of(ObjectSpec.model_validate(with_tuples(given)))
+
+
+CROSS = bars(0, 90)
+STAR = bars(0, 120, 240, middle=0.04)
+
+
 def turned(*rpy: float) -> Pose:
     roll, pitch, yaw = np.radians(rpy)
     return Pose.from_rpy((0.1, 0.2, 0.3), (roll, pitch, yaw))
@@ -46,6 +61,10 @@ def turned(*rpy: float) -> Pose:
         (PILL, turned(180, 0, 30)),
         (BALL, turned(10, 20, 30)),
         (bottle(0.06), turned(0, 0, 77)),
+        (CROSS, turned(0, 0, 90)),
+        (CROSS, turned(180, 0, -90)),
+        (STAR, turned(0, 0, 120)),
+        (STAR, turned(180, 0, 240)),
         (bottle(0.06, -0.06), turned(180, 0, 30)),
     ],
 )
@@ -64,6 +83,9 @@ def test_rotations_that_look_alike_are_equal(shape: KnownShape, alike: Pose) -> 
         (BRICK, turned(0, 0, 90), 90),
         (CAN, turned(0, 25, 0), 25),
         (bottle(0.06), turned(180, 0, 0), 180),
+        (CROSS, turned(0, 0, 60), 30),
+        (STAR, turned(0, 0, 180), 60),
+        (STAR, turned(0, 180, 0), 60),
     ],
 )
 def test_other_rotations_differ_by_the_smallest_angle(

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 import bt_dualarm as bt
-from bt_dualarm.core.pose import Matrix
+from bt_dualarm.core.pose import Matrix, Pose
+from bt_dualarm.perception.shape_fit import KnownShape
 from bt_dualarm.replay.record import Record
 from bt_dualarm.replay.rerun import check_record
 from bt_dualarm.robots import meshes
@@ -31,6 +32,19 @@ def box_mesh(size: tuple[float, float, float], center: tuple[float, float, float
 
 BRACKET = np.vstack((box_mesh((80, 30, 10), (0, 0, -25)), box_mesh((10, 30, 50), (35, 0, 5))))
 """An L-shaped bracket of two plates, in millimeters."""
+
+
+def star_mesh(tips: int, inner: float) -> Matrix:
+    """Triangles of a star of 70 mm, 40 mm high, in millimeters; ``inner`` is a share of 35 mm."""
+    around = np.arange(2 * tips) * np.pi / tips
+    radius = 35.0 * np.where(np.arange(2 * tips) % 2, inner, 1.0)
+    rim = np.column_stack((radius * np.cos(around), radius * np.sin(around)))
+    found = []
+    for one, other in zip(rim, np.roll(rim, -1, axis=0), strict=True):
+        low, high = ([(*point, z) for point in (one, other)] for z in (-20.0, 20.0))
+        found += [[(0.0, 0.0, 20.0), *high], [(0.0, 0.0, -20.0), low[1], low[0]]]
+        found += [[low[0], low[1], high[1]], [low[0], high[1], high[0]]]
+    return np.array(found)
 
 
 def write_obj(path: Path, triangles: Matrix) -> None:
@@ -75,6 +89,22 @@ def test_bracket_is_decomposed_into_two_convex_parts(folder: Path) -> None:
     assert len(body.parts) == 2
     assert sum(part.weight for part in body.parts) == pytest.approx(39e-6, rel=1e-3)  # m³
     assert body.ray(np.array((0.0, 0.0, 0.02)), np.array((1.0, 0.0, 0.0))) == pytest.approx(0.03)
+
+
+@pytest.mark.parametrize(("tips", "inner"), [(3, 0.45), (4, 0.9), (5, 0.45), (6, 0.9)])
+def test_star_is_the_same_after_a_turn_to_its_next_tip(
+    tips: int, inner: float, folder: Path
+) -> None:
+    """Its convex parts are not: planes across the axes of the mesh cut them."""
+    write_obj(folder / "star.obj", star_mesh(tips, inner))
+    obj = ObjectSpec(shape="mesh", file="star.obj", scale=0.001, mass=0.1)
+    obj.look_in(folder)
+    assert body_of(obj).folds[2] == tips
+    shape = KnownShape.of(obj)
+    here = Pose.identity()
+    for share, angle in ((1.0, 0.0), (0.5, 0.5)):
+        there = Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, share * 2.0 * np.pi / tips))
+        assert shape.angle(here, there) == pytest.approx(angle * 2.0 * np.pi / tips, abs=1e-6)
 
 
 def test_decomposition_is_cached(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
