@@ -272,9 +272,15 @@ class ObjectBody:
         planes = scipy.spatial.ConvexHull(corners).equations
 
         def fits(axis: int, fold: int) -> bool:
-            turned = corners @ _part_of_turn(axis, fold).T
-            # By its planes: of corners on one plane, a hull may have any.
-            return bool((turned @ planes[:, :3].T + planes[:, 3]).max() < self._alike_m)
+            turn = _part_of_turn(axis, fold)
+            from_axis = np.delete(corners, axis, axis=1)
+            farthest = corners[[int((from_axis**2).sum(axis=1).argmax())]]
+            # By its planes: of corners on one plane, a hull may have any. Most rotations take the
+            # corner farthest from the axis out of it.
+            return all(
+                float((points @ turn.T @ planes[:, :3].T + planes[:, 3]).max()) < self._alike_m
+                for points in (farthest, corners)
+            )
 
         first, second, third = (
             next(fold for fold in range(_MOST_FOLDS, 0, -1) if fold == 1 or fits(axis, fold))
