@@ -118,8 +118,11 @@ class Present(dict[str, Part]):
 
     def __missing__(self, name: str) -> NoReturn:
         """Called for an absent name."""
-        hint = nearest(str(name), self)
-        raise AbsentError(self._code, f"no {self._kind} {name!r} in the world{hint}")
+        # A tree names what its file declares: it is not misspelled, but removed or not yet there.
+        present = ", ".join(sorted(self)) or "none"
+        raise AbsentError(
+            self._code, f"no {self._kind} {name!r} in the world now (there are: {present})"
+        )
 
     @classmethod
     def arms(cls, parts: Mapping[str, Part] | None = None) -> Self:

@@ -253,7 +253,10 @@ REFUSED: dict[str, tuple[Callable[[World], object], str]] = {
     ),
     "spawn the unknown": (lambda w: w.spawn_arm("amr1"), "did you mean 'arm1'"),
     "spawn an unknown object": (lambda w: w.spawn_object("bal"), "did you mean 'ball'"),
-    "remove the absent": (lambda w: w.remove_arm("arm2"), "no arm 'arm2' in the world"),
+    "remove the absent": (
+        lambda w: w.remove_arm("arm2"),
+        r"no arm 'arm2' in the world now \(there are: arm1\)",  # not: did you mean 'arm1'?
+    ),
     "remove an absent object": (lambda w: w.remove_object("ball"), "no object 'ball' in the world"),
     "attach to the absent": (lambda w: w.attach("arm2", "cube"), "no arm 'arm2'"),
     "attach the absent": (lambda w: w.attach("arm1", "ball"), "no object 'ball'"),
