@@ -316,7 +316,7 @@ def below_tree(kind: str, *suffixes: str) -> Callable[[str], str]:
             raise ValueError(f"expected {kind}, not {path!r}")
         steps = path.replace("\\", "/").split("/")
         if steps[0] == "" or ".." in steps or ":" in steps[0]:
-            raise ValueError(f"{path!r} is not below the folder of the tree file")
+            raise ValueError(f"{path!r} is not below the folder of the tree or scene file")
         return path
 
     return checked

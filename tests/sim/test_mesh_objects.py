@@ -143,10 +143,10 @@ def test_mesh_object_is_picked_carried_placed_and_replayed(folder: Path) -> None
 @pytest.mark.parametrize(
     ("path", "message"),
     [
-        ("/etc/bracket.stl", "is not below the folder of the tree file"),
-        ("../bracket.stl", "is not below the folder of the tree file"),
-        ("parts/../../bracket.stl", "is not below the folder of the tree file"),
-        ("C:/bracket.stl", "is not below the folder of the tree file"),
+        ("/etc/bracket.stl", "is not below the folder of the tree or scene file"),
+        ("../bracket.stl", "is not below the folder of the tree or scene file"),
+        ("parts/../../bracket.stl", "is not below the folder of the tree or scene file"),
+        ("C:/bracket.stl", "is not below the folder of the tree or scene file"),
         ("parts/bracket.dae", "expected an STL or OBJ file"),
         ("parts/nothing.stl", "does not exist"),
         ("parts/link.obj", "is a link to a place outside"),

@@ -145,8 +145,8 @@ def test_nothing_outside_the_folder_is_read(tmp_path: Path) -> None:
     (folder / "inner").mkdir()
     (folder / "inner" / "ok.csv").write_text("0,0\n30,0\n")
     for file, message in (
-        ("../out.csv", "'../out.csv' is not below the folder of the tree file"),
-        (str(tmp_path / "out.csv"), "is not below the folder of the tree file"),
+        ("../out.csv", "'../out.csv' is not below the folder of the tree or scene file"),
+        (str(tmp_path / "out.csv"), "is not below the folder of the tree or scene file"),
         ("link.csv", "link.csv: leads out of the folder"),
         ("huge.csv", "huge.csv: is larger than 256 KiB"),
         ("bytes.csv", "bytes.csv: is not text in UTF-8"),
