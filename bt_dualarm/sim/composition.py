@@ -121,7 +121,7 @@ class Present(dict[str, Part]):
         # A tree names what its file declares: it is not misspelled, but removed or not yet there.
         present = ", ".join(sorted(self)) or "none"
         raise AbsentError(
-            self._code, f"no {self._kind} {name!r} in the world now (there are: {present})"
+            self._code, f"no {self._kind} {name!r} in the world (there are: {present})"
         )
 
     @classmethod

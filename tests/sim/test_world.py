@@ -255,7 +255,7 @@ REFUSED: dict[str, tuple[Callable[[World], object], str]] = {
     "spawn an unknown object": (lambda w: w.spawn_object("bal"), "did you mean 'ball'"),
     "remove the absent": (
         lambda w: w.remove_arm("arm2"),
-        r"no arm 'arm2' in the world now \(there are: arm1\)",  # not: did you mean 'arm1'?
+        r"no arm 'arm2' in the world \(there are: arm1\)",  # not: did you mean 'arm1'?
     ),
     "remove an absent object": (lambda w: w.remove_object("ball"), "no object 'ball' in the world"),
     "attach to the absent": (lambda w: w.attach("arm2", "cube"), "no arm 'arm2'"),
