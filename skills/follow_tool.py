@@ -78,10 +78,10 @@ class FollowTool(Skill):
         yield from self._approach(offset)
         following = arm.follow_tool(ports.arm, offset, ports.speed)
         error = _Error()
-        wait = self.context.cell.shared.follow(
+        wait = self.context.cell.shared.depend(
             self.context.cell.arm,
             self.context.name,
-            ports.arm,
+            f"tool {ports.arm}",
             has_timeout=ports.duration is not None,
         )
         try:

@@ -82,14 +82,16 @@ class HoldStill(Skill):
         """Let the cell know that nothing but the partner ends this, to find arms that block it."""
         cell = self.context.cell
         has_timeout = self.ports.duration is not None
-        wait = cell.shared.hold_still(cell.arm, self.context.name, partner, has_timeout=has_timeout)
+        wait = cell.shared.depend(
+            cell.arm, self.context.name, f"partner {partner}", has_timeout=has_timeout
+        )
         shared.callback(cell.shared.end, wait)
         return wait
 
     def _refuse_alone(self, wait: CellWait | None) -> None:
-        partner = self.ports.partner
-        if partner is None or wait is None:
+        if wait is None:
             return
+        partner = str(self.ports.partner)
         self.arm.world.arms.require(partner)
         if self.context.cell.shared.has_ended(partner):
             raise Failure("PARTNER_GONE", f"the tree of {partner} has ended")

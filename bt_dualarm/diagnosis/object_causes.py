@@ -762,10 +762,8 @@ def _of_target(e: Evidence, name: str) -> Iterator[Cause]:
     elif e.numbers.get("unlike"):
         yield _unlike(e, name, next((one for _, one in sights if one.hidden_by), sight))
     else:
-        sentence = (
-            f"{name} was in view, {sight.distance_m:.2f} m away, but was not detected as the "
-        )
-        sentence += "target"
+        away = f"{sight.distance_m:.2f} m away"
+        sentence = f"{name} was in view, {away}, but was not detected as the target"
         yield e.cause("NOT_RECOGNISED", sentence, "tune the color ranges (bt-tune-color)")
 
 
@@ -780,8 +778,8 @@ def _unlike(e: Evidence, name: str, sight: CameraSight) -> Cause:
 
 def _hidden(e: Evidence, name: str, sight: CameraSight) -> Cause:
     hidden = name if sight.state == "hidden" else f"a part of {name}"
-    sentence = f"{sight.hidden_by} is between the camera and {hidden}, "
-    sentence += f"{sight.distance_m:.2f} m away"
+    away = f"{sight.distance_m:.2f} m away"
+    sentence = f"{sight.hidden_by} is between the camera and {hidden}, {away}"
     return e.cause("OCCLUDED", sentence, f"move {sight.hidden_by}, or look from elsewhere")
 
 

@@ -98,7 +98,7 @@ class KnownShape:
             if body.is_coaxial:
                 flips = hull[0] % 2 == 0
                 return cls("hull", (far,), unit, 0, flips, flips and own[0] % 2 > 0, True)
-            return cls("hull", (far,), unit, 1, False, hull != own, True, hull, own)
+            return cls("hull", (far,), unit, concave=True, hull_folds=hull, folds=own)
         return cls("hull", (far,), unit, *_symmetry(obj))
 
     @cached_property
@@ -234,12 +234,9 @@ class KnownShape:
             reversible = self.kind != "hull" or (self.flips and not self.one_way)
             cosine = abs(cosine) if reversible else cosine
             return math.acos(min(max(cosine, -1.0), 1.0))
-        # A symmetry of the outline is a symmetry of the object, unless the object is oriented.
-        turns = self._symmetries
-        if self.concave:
-            turns = _group(self.folds)
-        elif self.one_way:
-            turns = self._symmetries[: self.fold]
+        turns = _group(self.folds) if self.concave else self._symmetries
+        if self.one_way:  # of the symmetries of its outline, half turns are none of the object
+            turns = turns[: self.fold]
         traces = [float(np.trace(first.T @ second @ turn)) for turn in turns]
         return math.acos(min(max((max(traces) - 1.0) / 2.0, -1.0), 1.0))
 
@@ -546,9 +543,7 @@ length, rim."""
 PLACE: Final = slice(0, 3)
 TURN: Final = slice(3, 6)
 MOUNT_TURN: Final = slice(6, 9)
-SHAKE: Final = slice(
-    6, 8
-)  # what a shake changes in one image, by the rotation of the mount about x, y
+SHAKE: Final = slice(6, 8)  # a shake acts in one image like a rotation of the mount about x and y
 MOUNT_SHIFT: Final = slice(9, 12)
 FOCAL: Final = 12
 RIM: Final = 13

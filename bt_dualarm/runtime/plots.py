@@ -24,7 +24,7 @@ from bt_dualarm.core.share import write_atomically
 from bt_dualarm.runtime.interruption import StopRequest
 from bt_dualarm.runtime.outcome import Holding, Holdings, RunResult, Series, Tracks
 from bt_dualarm.sim.frame import Viewpoint
-from bt_dualarm.sim.painter import LOST_M, StillRenderer, best_viewpoint
+from bt_dualarm.sim.painter import StillRenderer, are_lost, best_viewpoint
 
 REFERENCES = ("planned", "target")
 """Names of reference series: drawn in black and dashed, errors are measured from them."""
@@ -321,12 +321,10 @@ def _without_lost(paths: Mapping[str, Matrix], bases: Mapping[str, Vector]) -> d
     points = np.vstack([np.zeros((0, 3)), *arms])
     if not len(points):
         return dict(paths)
-    low = np.nanmin(points, axis=0) - LOST_M
-    high = np.nanmax(points, axis=0) + LOST_M
     return {
         name: path
         if name.startswith(_TOOL)
-        else np.where(((path < low) | (path > high)).any(axis=1, keepdims=True), np.nan, path)
+        else np.where(are_lost(path, points)[:, None], np.nan, path)
         for name, path in paths.items()
     }
 

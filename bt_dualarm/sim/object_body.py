@@ -271,22 +271,21 @@ class ObjectBody:
         corners = self.corners
         planes = scipy.spatial.ConvexHull(corners).equations
 
-        def fits(axis: int, fold: int) -> bool:
-            turn = _part_of_turn(axis, fold)
+        def holds(points: Matrix) -> bool:
+            # By its planes, as of corners on one plane a hull may have any.
+            return bool((points @ planes[:, :3].T + planes[:, 3]).max() < self._alike_m)
+
+        def most(axis: int) -> int:
             from_axis = np.delete(corners, axis, axis=1)
             farthest = corners[[int((from_axis**2).sum(axis=1).argmax())]]
-            # By its planes: of corners on one plane, a hull may have any. Most rotations take the
-            # corner farthest from the axis out of it.
-            return all(
-                float((points @ turn.T @ planes[:, :3].T + planes[:, 3]).max()) < self._alike_m
-                for points in (farthest, corners)
-            )
+            for fold in range(_MOST_FOLDS, 1, -1):
+                turn = _part_of_turn(axis, fold)
+                # Most rotations take the corner farthest from the axis out of the hull.
+                if holds(farthest @ turn.T) and holds(corners @ turn.T):
+                    return fold
+            return 1
 
-        first, second, third = (
-            next(fold for fold in range(_MOST_FOLDS, 0, -1) if fold == 1 or fits(axis, fold))
-            for axis in range(3)
-        )
-        return first, second, third
+        return most(0), most(1), most(2)
 
     @property
     def _alike_m(self) -> float:

@@ -40,10 +40,23 @@ _FAR_M: Final = 50.0
 _WIDEST_DEG: Final = 150.0
 _BIAS_M: Final = 2e-3  # against self-shadowing by the limited precision of the depths
 
-LOST_M: Final = 2.0
+_LOST_M: Final = 2.0
 """Distance from all arms beyond which objects are ignored: they would make the rest tiny."""
 
 _CORNERS: Final = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+
+
+def are_lost(points: Matrix, arms: Matrix) -> npt.NDArray[np.bool_]:
+    """Which points of objects are so far from all arms that pictures ignore them, of shape (...).
+
+    Args:
+        points: Points in the world, of shape (..., 3), m; NaN is not lost.
+        arms: Points of all arms, of shape (n, 3), m, with at least one that is not NaN.
+    """
+    low = np.nanmin(arms, axis=0) - _LOST_M
+    high = np.nanmax(arms, axis=0) + _LOST_M
+    lost: npt.NDArray[np.bool_] = ((points < low) | (points > high)).any(axis=-1)
+    return lost
 
 
 class ScenePainter:
@@ -167,11 +180,8 @@ class ScenePainter:
         places = data.geom_xpos[self._casters][:, None]
         corners = np.einsum("gij,gcj->gci", axes, local) + places
         arms = corners[self._of_arms].reshape(-1, 3)
-        if len(arms):  # a single object that has been thrown away would make the rest tiny
-            low = arms.min(axis=0) - LOST_M
-            high = arms.max(axis=0) + LOST_M
-            lost = self._movable & ((corners < low) | (corners > high)).any(axis=(1, 2))
-            corners = corners[~lost]
+        if len(arms):
+            corners = corners[~(self._movable & are_lost(corners, arms).any(axis=1))]
         points = corners.reshape(-1, 3)
         if not len(points):
             return None
@@ -288,9 +298,7 @@ class StillRenderer:
         arms = self.corners((groups != SCENE_GROUP) & (groups != OBJECT_GROUP))
         objects = self.corners(groups == OBJECT_GROUP)
         if len(arms):
-            low = arms.min(axis=0) - LOST_M
-            high = arms.max(axis=0) + LOST_M
-            objects = objects[((objects > low) & (objects < high)).all(axis=1)]
+            objects = objects[~are_lost(objects, arms)]
         return np.vstack((arms, objects))
 
     def clarity(self, viewpoint: Viewpoint) -> float:

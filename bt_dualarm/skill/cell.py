@@ -349,15 +349,17 @@ class CellState:
         self._begin(wait)
         return wait
 
-    def follow(self, arm: str, path: str, leader: str, *, has_timeout: bool) -> CellWait:
-        """Begin to depend on another arm whose tool is followed, until `end`."""
-        wait = CellWait(arm, path, self.clock(), f"tool {leader}", has_timeout)
-        self._begin(wait)
-        return wait
+    def depend(self, arm: str, path: str, target: str, *, has_timeout: bool) -> CellWait:
+        """Begin to depend on another arm, until `end`.
 
-    def hold_still(self, arm: str, path: str, partner: str, *, has_timeout: bool) -> CellWait:
-        """Begin to depend on another arm for which the tool is held still, until `end`."""
-        wait = CellWait(arm, path, self.clock(), f"partner {partner}", has_timeout)
+        Args:
+            arm: Name of the arm that depends on it.
+            path: Path of its node.
+            target: ``tool arm2`` if it follows that arm's tool, ``partner arm2`` if it holds still
+                for that arm.
+            has_timeout: Whether it ends by itself.
+        """
+        wait = CellWait(arm, path, self.clock(), target, has_timeout)
         self._begin(wait)
         return wait
 

@@ -24,6 +24,16 @@ arms:
     base: {{xyz: [0, 0, 0.4]}}
     tree: {{sequence: {steps}}}
 """
+LOOKS = """\
+  arm2:
+    robot: panda
+    base: {xyz: [0.95, -0.2, 0.4], rpy: [0, 0, 180]}
+    camera: {}
+    tree:
+      sequence:
+        - wait: 5
+"""
+"""The beginning of an arm that looks from the other side."""
 CUBE = [0.05, 0.05, 0.05]
 AROUND = "\n".join(
     f"  {name}: {{shape: box, size: {CUBE}, mass: 1, pose: {{xyz: [{x}, {y}, 0.425]}}}}"
@@ -174,17 +184,13 @@ def test_fingers_that_hide_a_part_of_what_they_hold_are_named(tmp_path: Path) ->
         steps=f"[{GRASP}, reach_to_pose: {{to: {{xyz: [0.45, -0.25, 0.6], rpy: [180, 0, 0]}}}}]",
         others="",
     )
-    text += """\
-  arm2:
-    robot: panda
-    base: {xyz: [0.95, -0.2, 0.4], rpy: [0, 0, 180]}
-    camera: {}
-    tree:
-      sequence:
-        - wait: 5
+    text += (
+        LOOKS
+        + """\
         - look_at: {at: {xyz: [0.45, -0.25, 0.58]}, distance: 0.4, direction: [-1, 0, -0.2]}
         - locate: {object: obj}
 """
+    )
     [story] = stories(recorded(tmp_path, text))
     assert story.code == "NOT_SEEN"
     assert story.causes[0].kind == "OCCLUDED"
@@ -201,20 +207,16 @@ def test_object_of_another_arm_in_the_path_is_no_advice_to_place_it(tmp_path: Pa
         "reach_to_pose: {to: {xyz: [0.5775, -0.2169, 0.6193], rpy: [180, 0, 0]}}, wait: 30]",
         others="",
     )
-    text += """\
-  arm2:
-    robot: panda
-    base: {xyz: [0.95, -0.2, 0.4], rpy: [0, 0, 180]}
-    camera: {}
-    tree:
-      sequence:
-        - wait: 5
+    text += (
+        LOOKS
+        + """\
         - look_at:
             at: {xyz: [0.5775, -0.2169, 0.6193]}
             distance: 0.368
             direction: [0.2417, -0.9752, -0.0625]
         - timeout: {seconds: 4, child: {locate: {object: obj}}}
 """
+    )
     causes = [
         story.causes[0] for story in stories(recorded(tmp_path, text)) if "locate" in story.leaf
     ]
