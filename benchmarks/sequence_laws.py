@@ -20,7 +20,7 @@ from benchmarks.sequence_generator import Ports, SkillSequence, Step
 from bt_dualarm.behaviors.report import StatusChange
 from bt_dualarm.core.errors import Number
 from bt_dualarm.core.pose import Pose, Vector, camera_pose
-from bt_dualarm.perception.shape_fit import KnownShape
+from bt_dualarm.perception.known_shape import KnownShape
 from bt_dualarm.robots.gripper import FINGERS
 from bt_dualarm.runtime.arm_runtime import IdleObserver
 from bt_dualarm.runtime.outcome import RunResult

@@ -57,11 +57,11 @@ if TYPE_CHECKING:
     from bt_dualarm.core.pose import Vector as Vector
     from bt_dualarm.grasping.candidates import RankedGrasp as RankedGrasp
     from bt_dualarm.learning.api import gym as gym
+    from bt_dualarm.perception.known_shape import KnownShape as KnownShape
     from bt_dualarm.perception.scan import MarkView as MarkView
     from bt_dualarm.perception.scan import SightedObject as SightedObject
     from bt_dualarm.perception.scan import SightedObjects as SightedObjects
     from bt_dualarm.perception.scan import hand_eye as hand_eye
-    from bt_dualarm.perception.shape_fit import KnownShape as KnownShape
     from bt_dualarm.planning.path_search import Planner as Planner
     from bt_dualarm.replay.data import ArmTrack as ArmTrack
     from bt_dualarm.replay.data import GripperTrack as GripperTrack
@@ -368,7 +368,7 @@ _CONTENTS: Final = {
     "standing_of": "skill.looking:standing_of",
     "own_camera": "skill.looking:own_camera",
     "still_picture": "skill.looking:still_picture",
-    "KnownShape": "perception.shape_fit:KnownShape",
+    "KnownShape": "perception.known_shape:KnownShape",
     "SightedObject": "perception.scan:SightedObject",
     "SightedObjects": "perception.scan:SightedObjects",
 }

@@ -18,8 +18,8 @@ from bt_dualarm.core.later import Later
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.perception.detection import ColorFilter, Detection
 from bt_dualarm.perception.expected_fit import ExpectedFit
+from bt_dualarm.perception.known_shape import KnownShape
 from bt_dualarm.perception.shape_fit import (
-    KnownShape,
     OutlineScene,
     OutlineView,
     ShapeFit,

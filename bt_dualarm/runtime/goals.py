@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from bt_dualarm.core.pose import Pose, Vector
-from bt_dualarm.perception.shape_fit import KnownShape
+from bt_dualarm.perception.known_shape import KnownShape
 from bt_dualarm.runtime.arm_runtime import IdleObserver
 from bt_dualarm.runtime.outcome import GoalResult
 from bt_dualarm.sim.contact_monitor import ContactMonitor, Contacts

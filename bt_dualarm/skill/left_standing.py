@@ -13,7 +13,7 @@ import numpy as np
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Matrix, Pose
-from bt_dualarm.perception.shape_fit import KnownShape
+from bt_dualarm.perception.known_shape import KnownShape
 
 REST_S: Final = 0.25
 """Simulated seconds for which an object has to keep its pose, to be at rest."""

@@ -18,8 +18,9 @@ from bt_dualarm.collision.support import bearing_ahead
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.perception.detection import ColorFilter, ColorlessError, Detection, color_of, detect
+from bt_dualarm.perception.known_shape import KnownShape
 from bt_dualarm.perception.scan import MarkView, SightedObject, SightedObjects
-from bt_dualarm.perception.shape_fit import SIZE_ROOM, SIZE_SIGMAS, KnownShape, merged
+from bt_dualarm.perception.shape_fit import SIZE_ROOM, SIZE_SIGMAS, merged
 from bt_dualarm.sim.camera import GuardedCamera
 from bt_dualarm.sim.composition import marker_height
 from bt_dualarm.sim.frame import Frame

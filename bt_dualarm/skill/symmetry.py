@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from bt_dualarm.core.pose import Pose, Vector
-from bt_dualarm.perception.shape_fit import KnownShape
+from bt_dualarm.perception.known_shape import KnownShape
 from bt_dualarm.spec.document import ObjectSpec
 
 _ROUND = 24  # rotations of a round object to try, in a whole turn

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bt_dualarm.core.pose import Pose
-from bt_dualarm.perception.shape_fit import KnownShape
+from bt_dualarm.perception.known_shape import KnownShape
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.yaml_reader import with_tuples
 

@@ -11,8 +11,8 @@ import pytest
 import bt_dualarm as bt
 from bt_dualarm.core.errors import RendererError
 from bt_dualarm.core.pose import Pose
+from bt_dualarm.perception.known_shape import KnownShape
 from bt_dualarm.perception.scan import MarkerFitter, SquareCorners, markers_in
-from bt_dualarm.perception.shape_fit import KnownShape
 from bt_dualarm.sim.camera import Camera
 from bt_dualarm.sim.composition import black_parts, marker_height
 from bt_dualarm.sim.frame import RendererKind

@@ -9,13 +9,13 @@ import pytest
 
 from bt_dualarm.core.pose import Matrix, Pose
 from bt_dualarm.perception.detection import Detection
+from bt_dualarm.perception.known_shape import KnownShape
 from bt_dualarm.perception.shape_fit import (
     FOCAL_DOUBT,
     INSIDE_PX,
     MOUNT_SHIFT_DOUBT,
     MOUNT_TURN_DOUBT,
     UNKNOWNS,
-    KnownShape,
     OutlineScene,
     OutlineView,
     ShapeFitter,

@@ -10,7 +10,7 @@ import pytest
 
 import bt_dualarm as bt
 from bt_dualarm.core.pose import Matrix, Pose
-from bt_dualarm.perception.shape_fit import KnownShape
+from bt_dualarm.perception.known_shape import KnownShape
 from bt_dualarm.replay.record import Record
 from bt_dualarm.replay.rerun import check_record
 from bt_dualarm.robots import meshes

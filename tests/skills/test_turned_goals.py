@@ -12,7 +12,7 @@ import pytest
 from bt_dualarm.behaviors.report import LeafReport
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose
-from bt_dualarm.perception.shape_fit import KnownShape
+from bt_dualarm.perception.known_shape import KnownShape
 from bt_dualarm.skill.inserting import Inserting
 from bt_dualarm.skill.symmetry import poses_alike, turns_alike
 from bt_dualarm.spec.document import ObjectSpec
