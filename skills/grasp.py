@@ -130,7 +130,7 @@ class Grasp(Skill):
             yield from self._wait_for_rest(name)
             self._refuse_held_elsewhere(name)
         if name is not None and object_pose is not None:
-            name = self.metrics["taken"] = twin_at(self.arm.world, name, object_pose.position)
+            name = self.metrics["taken"] = twin_at(self.arm.world, name, object_pose)
         wanted = (
             WantedGrasp.named(self.arm, name, self.ports, object_pose) if name else self._unnamed()
         )

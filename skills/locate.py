@@ -42,7 +42,11 @@ class Locate(Skill):
 
     class Ports(SightPorts):
         accuracy: float = port(
-            0.001, "largest standard deviation of the position", unit="m", ge=1e-4, le=0.1
+            0.001,
+            "largest standard deviation of the position of its center",
+            unit="m",
+            ge=1e-4,
+            le=0.1,
         )
         angle_accuracy: Angle = port(
             1.0,
@@ -169,7 +173,7 @@ class Locate(Skill):
 
     def _report(self, found: list[SightedObject]) -> None:
         poses = [self._seen.pose(obj) for obj in found]
-        best = found[0].best
+        best = self._seen.fit(found[0])
         if self.ports.object is not None:
             alike = None if self.ports.is_by_marker else self._seen.shape.canonical
             self.arm.known.located(self.ports.object, poses[0], alike)
@@ -180,7 +184,7 @@ class Locate(Skill):
         self.metrics |= {
             "found": len(poses),
             "views": len(found[0].views),
-            "sigma_m": best.sigma_m,
+            "sigma_m": found[0].best.sigma_m,
             "sigma_rad": self._seen.sigma_rad(found[0]),
             "size_ratio": self._seen.size_of(found[0]).ratio,
             "residual_px": best.residual_px,
@@ -193,11 +197,8 @@ class Locate(Skill):
         if name is None or name not in self.arm.world.objects:
             return
         truth = self.arm.world.object_pose(name)
-        nearest = min(poses, key=truth.distance)
-        self.metrics |= {
-            "located_error_m": nearest.distance(truth),
-            "located_turned_rad": self._seen.shape.angle(nearest, truth),
-        }
+        away, turned = min(self._seen.shape.away(pose, truth) for pose in poses)
+        self.metrics |= {"located_error_m": away, "located_turned_rad": turned}
 
     def _refuse_unseen(self) -> None:
         seen = self._seen

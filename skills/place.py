@@ -107,7 +107,8 @@ class Place(Skill):
         camera = camera_now(arm)
         distance = max(_LOOK_M, 5.0 * looked_for.shape.extent)
         sight = camera.rotation_matrix[:, 2]
-        poses = gazes(goal.position, distance, sight, _LEAN, camera)
+        middle = goal.apply(np.array(looked_for.shape.center))
+        poses = gazes(middle, distance, sight, _LEAN, camera)
         if (yield from look_at(arm, poses, self.ports.speed)) is None:
             raise Failure("NOT_SEEN", "no camera pose that sees the goal is reachable")
         picture = yield from still_picture(arm, _PICTURES)
@@ -116,7 +117,7 @@ class Place(Skill):
         if not looked_for.objects:
             raise Failure("NOT_SEEN", f"it was not detected at its goal; {looked_for.others}")
         error, sigma = min(
-            (float(np.linalg.norm(one.position - goal.position)), one.best.sigma_m)
+            (float(np.linalg.norm(one.position - middle)), one.best.sigma_m)
             for one in looked_for.objects
         )
         self.metrics |= {"seen_error_m": error, "sigma_m": sigma}

@@ -42,7 +42,7 @@ class KnownShape:
             those of `ShapeName`.
         size: Edges of a box; radius and length of a cylinder, or of a capsule without its caps;
             radius of a sphere; distance of the farthest corner of a hull; m.
-        hull: Corners of a hull for a farthest distance of 1.
+        hull: Corners of a hull relative to its center, for a farthest distance of 1.
         fold: Number of rotations about the z axis, in a whole turn, of a hull into itself; 0 for
             any rotation.
         flips: Whether half a turn about the x axis brings a hull into itself.
@@ -52,6 +52,8 @@ class KnownShape:
         concave: Whether the outline may be concave, of which only the convex hull is known.
         hull_folds: Symmetry of the hull of a concave shape.
         folds: Symmetry of the object itself, whose outline may have more.
+        center: Position of the shape's center in the frame of the object, m: compounds and meshes
+            may have that frame anywhere. The shape's frame has the same axes.
     """
 
     kind: ShapeName | Literal["hull"]
@@ -63,28 +65,34 @@ class KnownShape:
     concave: bool = False
     hull_folds: Folds = (1, 1, 1)
     folds: Folds = (1, 1, 1)
+    center: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @classmethod
     def of(cls, obj: ObjectSpec) -> KnownShape:
         """Shape of a declared object."""
         if obj.shape in ("box", "cylinder", "capsule", "sphere"):
             return cls(obj.shape, obj.size)
-        corners = body_of(obj).corners
+        body = body_of(obj)
+        x, y, z = body.middle.tolist()
+        center = (x, y, z)
+        corners = body.corners - body.middle
         far = float(np.linalg.norm(corners, axis=1).max())
         unit = tuple((x, y, z) for x, y, z in (corners / far).tolist())
         if obj.shape in ("compound", "mesh"):
-            body = body_of(obj)
             hull = body.hull_folds
             own = body.folds
             if body.is_coaxial:
                 flips = hull[0] % 2 == 0
-                return cls("hull", (far,), unit, 0, flips, flips and own[0] % 2 > 0, True)
-            return cls("hull", (far,), unit, concave=True, hull_folds=hull, folds=own)
+                one_way = flips and own[0] % 2 > 0
+                return cls("hull", (far,), unit, 0, flips, one_way, concave=True, center=center)
+            return cls(
+                "hull", (far,), unit, concave=True, hull_folds=hull, folds=own, center=center
+            )
         return cls("hull", (far,), unit, *_symmetry(obj))
 
     @cached_property
     def points(self) -> Matrix:
-        """Points whose convex hull is the shape, (n, 3), in its frame; empty for round shapes."""
+        """Points whose convex hull is the shape, (n, 3), from its center; of round ones none."""
         if self.kind == "hull":
             scaled: Matrix = self.size[0] * np.array(self.hull)
             return scaled
@@ -193,33 +201,66 @@ class KnownShape:
         return float(half_extents(self.kind, self.size, rotation)[2])
 
     def canonical(self, pose: Pose) -> Pose:
-        """The equivalent pose with the smallest rotation from the axes of the world."""
-        axes = pose.rotation_matrix
+        """The pose of the object that looks alike and has the smallest rotation in the world."""
         if self.kind == "sphere":
             return Pose(pose.position, np.array((1.0, 0.0, 0.0, 0.0)))
+        axes = pose.rotation_matrix
         if self._is_axisymmetric:
             looks_alike = self.kind != "hull" or self.flips
             up = axes[:, 2] * (np.sign(axes[2, 2]) or 1.0) if looks_alike else axes[:, 2]
-            return pose_of(pose.position, _least_turn_to(up))
-        alike = [axes @ turn for turn in self._symmetries]
-        return pose_of(pose.position, max(alike, key=lambda one: float(np.trace(one))))
+            smallest = _least_turn_to(up)
+        else:
+            alike = [axes @ turn for turn in self._symmetries]
+            smallest = max(alike, key=lambda one: float(np.trace(one)))
+        return pose_of(self._turned_about_center(pose, smallest), smallest)
+
+    def away(self, one: Pose, other: Pose) -> tuple[float, float]:
+        """Distance, m, and angle, rad, between two poses of the object, up to its symmetry.
+
+        The distance is that of its frame after the rotation of the object into itself that makes
+        the angle smallest.
+        """
+        angle = self.angle(one, other)
+        if not any(self.center):
+            return one.distance(other), angle
+        first = one.rotation_matrix
+        second = other.rotation_matrix
+        turn = max(self._own_turns, key=lambda turn: self._cosine(first, second, turn))
+        position = self._turned_about_center(other, second @ turn)
+        return float(np.linalg.norm(one.position - position)), angle
 
     def angle(self, one: Pose, other: Pose) -> float:
-        """Angle between two poses in rad, up to the shape's symmetry."""
+        """Angle between two poses in rad, up to the symmetry of the object."""
         if self.kind == "sphere":
             return 0.0
         first = one.rotation_matrix
         second = other.rotation_matrix
+        cosine = max(self._cosine(first, second, turn) for turn in self._own_turns)
+        return math.acos(min(max(cosine, -1.0), 1.0))
+
+    def _turned_about_center(self, pose: Pose, axes: Matrix) -> Vector:
+        """Position of the object's frame, of shape (3,), m, after a rotation about its center."""
+        if not any(self.center):
+            return pose.position
+        moved: Vector = pose.position + (pose.rotation_matrix - axes) @ np.array(self.center)
+        return moved
+
+    def _cosine(self, first: Matrix, second: Matrix, turn: Matrix) -> float:
+        """Cosine of the angle from one rotation to another after a turn; of what spins, of axes."""
         if self._is_axisymmetric:
-            cosine = float(first[:, 2] @ second[:, 2])
-            reversible = self.kind != "hull" or (self.flips and not self.one_way)
-            cosine = abs(cosine) if reversible else cosine
-            return math.acos(min(max(cosine, -1.0), 1.0))
+            return float(first[:, 2] @ second[:, 2]) * float(turn[2, 2])
+        return (float(np.trace(first.T @ second @ turn)) - 1.0) / 2.0
+
+    @cached_property
+    def _own_turns(self) -> tuple[Matrix, ...]:
+        """Rotations of the object into itself; not those about its axis if any is."""
+        if self._is_axisymmetric:
+            is_reversible = self.kind != "hull" or (self.flips and not self.one_way)
+            over = np.diag((1.0, -1.0, -1.0))
+            return (np.eye(3), over) if is_reversible else (np.eye(3),)
         turns = _group(self.folds) if self.concave else self._symmetries
-        if self.one_way:  # of the symmetries of its outline, half turns are none of the object
-            turns = turns[: self.fold]
-        traces = [float(np.trace(first.T @ second @ turn)) for turn in turns]
-        return math.acos(min(max((max(traces) - 1.0) / 2.0, -1.0), 1.0))
+        # Of the symmetries of its outline, half turns are none of the object if it has an opening.
+        return turns[: self.fold] if self.one_way else turns
 
     @cached_property
     def _symmetries(self) -> tuple[Matrix, ...]:
@@ -229,7 +270,7 @@ class KnownShape:
         if self.kind == "hull":
             about = [_about_z(2.0 * math.pi * k / self.fold) for k in range(self.fold)]
             over = [turn @ _about_x(math.pi) for turn in about] if self.flips else []
-            return (*about, *over)  # in this order, see `angle`
+            return (*about, *over)  # in this order, see `_own_turns`
         found = []
         for order in itertools.permutations(range(3)):
             if all(abs(self.size[i] - self.size[k]) < _SAME for i, k in enumerate(order)):

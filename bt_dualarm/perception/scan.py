@@ -483,9 +483,15 @@ class SightedObjects:
             reasons.append("an object extends beyond the image")
         return "; ".join(reasons) or self._none_found
 
+    def fit(self, obj: SightedObject) -> ShapeFit:
+        """Fit of the frame of an object; of equivalent poses the one with the smallest rotation."""
+        found = canonical(obj.best, self.shape)
+        center = np.array(self.shape.center)
+        return found.about(-center) if center.any() else found
+
     def pose(self, obj: SightedObject) -> Pose:
-        """Pose of an object in the world; of equivalent ones the one with the smallest rotation."""
-        return canonical(obj.best, self._fitter.shape).pose
+        """Pose of the frame of an object in the world, see `fit`."""
+        return self.fit(obj).pose
 
     def expected(self, obj: SightedObject) -> ExpectedFit:
         """Accuracy that further images of an object will give."""

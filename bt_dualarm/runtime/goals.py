@@ -143,13 +143,12 @@ class Referee(IdleObserver):
         if one.at is None:
             return ""
         goal = one.at.pose_from(pose)
-        distance = pose.distance(goal)
+        if one.object is None:
+            distance, angle = pose.distance(goal), pose.angle(goal)
+        else:
+            distance, angle = KnownShape.of(self._world.objects[one.object]).away(pose, goal)
         if distance > one.within:
             return f"{subject} is {_mm(distance)} from its place, not within {_mm(one.within)}"
-        angle = pose.angle(goal)
-        if one.object is not None:
-            obj = self._world.objects[one.object]
-            angle = KnownShape.of(obj).angle(pose, goal)
         if math.degrees(angle) > one.angle:
             return f"{subject} is turned by {math.degrees(angle):.1f}°, not within {one.angle:g}°"
         return ""

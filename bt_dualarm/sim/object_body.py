@@ -164,7 +164,7 @@ _ON_AXIS: Final = 1e-9  # 1 less the cosine of the angle between axes that are p
 
 
 Folds: TypeAlias = tuple[int, int, int]
-"""Numbers of rotations about the x, y and z axis that change nothing: 1 if only a whole turn."""
+"""Numbers of rotations about axes along x, y and z that change nothing: 1 if only a whole turn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,12 +250,12 @@ class ObjectBody:
 
         Of a mesh those into itself, whatever the convex parts into which it was divided.
         """
-        placed = [part.pose.apply(_outline(part)) for part in self.parts]
+        placed = [part.pose.apply(_outline(part)) - self.middle for part in self.parts]
 
         def fits(axis: int, fold: int) -> bool:
             turn = _part_of_turn(axis, fold)
             if self.shape == "mesh":
-                away = self.solid.distance(np.vstack(placed) @ turn.T)
+                away = self.solid.distance(np.vstack(placed) @ turn.T + self.middle)
                 return bool(np.abs(away).max() < self._alike_m)
             return all(any(_same(one @ turn.T, other) for other in placed) for one in placed)
 
@@ -267,8 +267,11 @@ class ObjectBody:
 
     @cached_property
     def hull_folds(self) -> Folds:
-        """Numbers of rotations about each axis, in a whole turn, of the convex hull into itself."""
-        corners = self.corners
+        """Numbers of rotations, in a whole turn, of the convex hull into itself.
+
+        About the lines through its `middle` that are parallel to the x, y and z axis.
+        """
+        corners = self.corners - self.middle
         planes = scipy.spatial.ConvexHull(corners).equations
 
         def holds(points: Matrix) -> bool:
@@ -286,6 +289,18 @@ class ObjectBody:
             return 1
 
         return most(0), most(1), most(2)
+
+    @cached_property
+    def middle(self) -> Vector:
+        """Center of its shape, of shape (3,), m: its frame unless that may be anywhere.
+
+        Of compounds and meshes the centroid of the convex hull, which its rotations into itself
+        keep.
+        """
+        if self.shape not in ("compound", "mesh"):
+            return np.zeros(3)
+        middle = _moments(self.corners)[0]
+        return np.where(np.abs(middle) < self._alike_m, 0.0, middle)
 
     @property
     def _alike_m(self) -> float:

@@ -100,9 +100,7 @@ class LeftStanding:
 
     def away_from(self, goal: Pose) -> tuple[float, float]:
         """Distance, m, and angle, rad, from a pose, up to the symmetry of the object."""
-        pose = self.pose
-        spec = self._arm.world.objects[self._name]
-        return pose.distance(goal), KnownShape.of(spec).angle(pose, goal)
+        return KnownShape.of(self._arm.world.objects[self._name]).away(self.pose, goal)
 
     def until_placed(
         self,

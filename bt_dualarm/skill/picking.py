@@ -478,7 +478,7 @@ def object_at(world: World, place: Vector, radius: float) -> str | None:
         radius: Largest distance of the object's center from there, m.
     """
     distances = {
-        name: float(np.linalg.norm(world.object_pose(name).position - place))
+        name: float(np.linalg.norm(world.object_middle(name) - place))
         for name, declared in world.objects.items()
         if declared.is_free
     }
@@ -486,25 +486,26 @@ def object_at(world: World, place: Vector, radius: float) -> str | None:
     return nearest if nearest is not None and distances[nearest] <= radius else None
 
 
-def twin_at(world: World, name: str, place: Vector) -> str:
-    """Name of the object at a position: the named one, or another of the same shape and size.
+def twin_at(world: World, name: str, pose: Pose) -> str:
+    """Name of the object at a pose: the named one, or another of the same shape and size.
 
     Args:
         world: World that plans use.
         name: Name of an object.
-        place: Estimated position of such an object in the world, of shape (3,), m.
+        pose: Estimated pose of such an object in the world.
 
     Returns:
         The name of the nearest one, if it is near enough; otherwise the given name.
     """
     wanted = world.declared_objects[name]
+    body = body_of(wanted)
+    place = pose.apply(body.middle)
     away = {
-        other: float(np.linalg.norm(world.object_pose(other).position - place))
+        other: float(np.linalg.norm(world.object_middle(other) - place))
         for other, obj in world.objects.items()
-        if obj.is_free and body_of(obj) is body_of(wanted)
+        if obj.is_free and body_of(obj) is body
     }
     nearest = min(away, key=lambda other: (away[other], other != name), default=name)
-    body = body_of(wanted)
     least = min(wanted.size) if body.is_simple else float(np.ptp(body.corners, axis=0).min())
     return nearest if away.get(nearest, math.inf) < 0.5 * least else name
 

@@ -78,7 +78,7 @@ class TrackingScore:
         if self._target is None or self._target not in world.objects:
             return
         tool = world.data.site_xpos[world.arms[self._arm.name].tool_site]
-        truth = world.data.xpos[world.object_body(self._target)]
+        truth = world.object_middle(self._target)
         if tracking.turns:
             tool = self._tracked(tracking, truth)
         if tracking.error.counts_from is not None:
@@ -239,8 +239,7 @@ class TrackingScore:
     def _nearest(self, point: Vector) -> str | None:
         world = self._arm.world
         away = {
-            name: float(np.linalg.norm(world.object_pose(name).position - point))
-            for name in world.objects
+            name: float(np.linalg.norm(world.object_middle(name) - point)) for name in world.objects
         }
         name = min(away, key=away.__getitem__, default=None)
         return name if name is not None and away[name] < _NEAR_M else None

@@ -20,21 +20,24 @@ PILL = KnownShape("capsule", (0.02, 0.04))
 BALL = KnownShape("sphere", (0.03,))
 
 
-def bottle(*ends: float) -> KnownShape:
-    """A body with a neck on its axis at each of these heights."""
+def bottle(*ends: float, middle: float = 0.0) -> KnownShape:
+    """A body with its middle at a height, and a neck on its axis at each of some heights."""
     neck = {"shape": "cylinder", "size": [0.012, 0.04]}
     parts = {f"neck{i}": {**neck, "pose": {"xyz": [0, 0, z]}} for i, z in enumerate(ends)}
-    parts["body"] = {"shape": "cylinder", "size": [0.03, 0.08]}
+    body = {"shape": "cylinder", "size": [0.03, 0.08], "pose": {"xyz": [0, 0, middle]}}
+    parts["body"] = body
     given = {"shape": "compound", "mass": 0.2, "parts": parts}
     return KnownShape.of(ObjectSpec.model_validate(with_tuples(given)))
 
 
-def bars(*yaws: float, middle: float = 0.0) -> KnownShape:
-    """A compound of equal bars at these angles about its z axis, in degrees."""
+def bars(
+    *yaws: float, middle: float = 0.0, at: tuple[float, float, float] = (0, 0, 0)
+) -> KnownShape:
+    """A compound of equal bars at these angles about an axis along z through `at`, in degrees."""
     parts = {}
     for yaw in yaws:
         x, y = middle * np.cos(np.radians(yaw)), middle * np.sin(np.radians(yaw))
-        pose = {"xyz": [float(x), float(y), 0], "rpy": [0, 0, yaw]}
+        pose = {"xyz": [float(x) + at[0], float(y) + at[1], at[2]], "rpy": [0, 0, yaw]}
         parts[f"bar{yaw:g}"] = {"shape": "box", "size": [0.08, 0.02, 0.03], "pose": pose}
     given = {"shape": "compound", "mass": 0.2, "parts": parts}
     return KnownShape.of(ObjectSpec.model_validate(with_tuples(given)))
@@ -42,6 +45,10 @@ def bars(*yaws: float, middle: float = 0.0) -> KnownShape:
 
 CROSS = bars(0, 90)
 STAR = bars(0, 120, 240, middle=0.04)
+
+
+ELSEWHERE = (0.3, -0.2, 0.1)
+"""Position of a center in the frame of an object whose frame is far from it."""
 
 
 def turned(*rpy: float) -> Pose:
@@ -73,6 +80,31 @@ def test_rotations_that_look_alike_are_equal(shape: KnownShape, alike: Pose) -> 
     one = turned(0, 0, 0)
     assert shape.angle(one, alike) == pytest.approx(0.0, abs=1e-7)
     assert shape.canonical(alike).angle(one) == pytest.approx(0.0, abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("shape", "turn"),
+    [
+        (bars(0, 90, at=ELSEWHERE), (180, 0, -90)),
+        (bars(0, 120, 240, middle=0.04, at=ELSEWHERE), (180, 0, 240)),
+        (bars(0, at=ELSEWHERE), (0, 180, 0)),
+        (bottle(0.02, 0.14, middle=0.08), (180, 0, 30)),
+    ],
+)
+def test_shapes_turn_about_their_center_wherever_their_frame_is(
+    shape: KnownShape, turn: tuple[float, float, float]
+) -> None:
+    """The frame of the object, which moves then, is where the canonical pose has it."""
+    one = turned(0, 0, 0)
+    about = Pose.from_rpy(shape.center)
+    alike = one @ about @ Pose.from_rpy((0, 0, 0), np.radians(turn).tolist()) @ about.inverse
+    assert one.distance(alike) > 0.05
+    assert shape.away(one, alike) == pytest.approx((0.0, 0.0), abs=1e-7)
+    canonical = shape.canonical(alike)
+    assert one.distance(canonical) < 1e-9
+    assert one.angle(canonical) < 1e-7
+    aside = Pose(alike.position + np.array((0.0, 0.003, 0.004)), alike.quaternion)
+    assert shape.away(one, aside) == pytest.approx((0.005, 0.0), abs=1e-7)
 
 
 @pytest.mark.parametrize(

@@ -45,10 +45,18 @@ def around(time: float) -> Vector:
     return moved
 
 
-def test_facing_camera_turns_with_a_target_around_the_arm(stage: Stage) -> None:
-    """The camera aims within 0.1°; the tool turns along with the target."""
-    play = stage.play(WHERE.file({"track": FACING}))
-    play.watchers.append(carried(around))
+@pytest.mark.parametrize("at", [(0.0, 0.0, 0.0), (0.1, 0.2, -0.1)])
+def test_facing_camera_turns_with_a_target_around_the_arm(
+    at: tuple[float, float, float], stage: Stage
+) -> None:
+    """The camera aims within 0.1° at its center, wherever its frame is; the tool turns along."""
+    part = {"shape": "sphere", "size": BALL["size"], "pose": {"xyz": at}}
+    frame = (CENTER - at).tolist()
+    ball = {"shape": "compound", "parts": {"ball": part}, "pose": {"xyz": frame}}
+    ball |= {key: BALL[key] for key in ("color", "mass", "fixed")}
+    where = scenario({"fps": 60, "latency": 0.02}, cube=ball)
+    play = stage.play(where.file({"track": FACING}))
+    play.watchers.append(carried(lambda time: around(time) - at))
     tools = []
     play.watchers.append(lambda w: tools.append(w.arms["arm1"].tool_pose))
     play.run()

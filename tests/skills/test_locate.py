@@ -73,6 +73,26 @@ def test_every_shape_is_located(shape: str, stage: Stage) -> None:
     assert np.degrees(turned) < 1.0
 
 
+@pytest.mark.parametrize("at", [(0.0, 0.0, 0.0), (0.3, -0.2, 0.1)])
+def test_compound_is_located_wherever_its_frame_is(
+    at: tuple[float, float, float], stage: Stage
+) -> None:
+    """A cross, of which quarter turns cannot be told: they move its frame if that is elsewhere."""
+    file = before_camera("ur5", {"locate": {"object": "thing"}}, "brick", reality="lab")
+    brick = file["objects"]["thing"]
+    middle = Pose.from_rpy(brick["pose"]["xyz"], (0, 0, np.radians(70)))
+    bar = {"shape": "box", "size": [0.08, 0.02, 0.03]}
+    parts = {f"at_{yaw}": bar | {"pose": {"xyz": at, "rpy": [0, 0, yaw]}} for yaw in (0, 90)}
+    frame = (middle @ Pose.from_rpy(at).inverse).position.tolist()
+    cross = {"shape": "compound", "parts": parts, "pose": {"xyz": frame, "rpy": [0, 0, 70]}}
+    file["objects"]["thing"] = cross | {key: brick[key] for key in ("color", "mass", "fixed")}
+    play = stage.run(file, seed=2)
+    away, turned = errors(play)
+    assert np.degrees(turned) < 1.0
+    # The error of the rotation moves a frame that is farther from the center.
+    assert away < 0.002 + float(np.linalg.norm(at)) * turned
+
+
 @pytest.mark.parametrize(
     ("shape", "ratio", "reality"),
     some(
