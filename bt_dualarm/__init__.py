@@ -146,6 +146,7 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.skill import Ticks as Ticks
     from bt_dualarm.skill.skill import unit_vector as unit_vector
     from bt_dualarm.skill.symmetry import poses_alike as poses_alike
+    from bt_dualarm.skill.symmetry import true_error as true_error
     from bt_dualarm.skill.tracking import PlaneTracking as PlaneTracking
     from bt_dualarm.skill.tracking import TrackingGains as TrackingGains
     from bt_dualarm.skill.tracking_end import EndConditions as EndConditions
@@ -313,6 +314,7 @@ _CONTENTS: Final = {
     "grasps_on": "skill.grasp_search:grasps_on",
     "half_open": "skill.grasp_search:half_open",
     "poses_alike": "skill.symmetry:poses_alike",
+    "true_error": "skill.symmetry:true_error",
     "RankedGrasp": "grasping.candidates:RankedGrasp",
     "Grip": "skill.grip:Grip",
     "held_through": "skill.grip:held_through",

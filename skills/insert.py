@@ -102,11 +102,11 @@ class Insert(Skill):
         if name not in self.arm.world.objects:
             raise Failure("NOT_INSERTED", f"object {name!r} was removed from the world")
         ports = self.ports
-        spec = self.arm.world.objects[name]
-        true = self.arm.world.object_pose(name)
+        shape = KnownShape.of(self.arm.world.objects[name])
+        true = shape.nearest(self.arm.world.object_pose(name), goal)
         error = true.position - goal.position
         beside = float(np.linalg.norm(error[:2]))
-        turned = KnownShape.of(spec).angle(true, goal)
+        turned = shape.angle(true, goal)
         self.metrics |= {"inserted_error_m": true.distance(goal), "inserted_turned_rad": turned}
         if (
             abs(error[2]) > ports.tolerance

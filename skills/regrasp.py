@@ -17,6 +17,7 @@ from bt_dualarm import (
     grasps_on,
     port,
     refuse_too_frail,
+    true_error,
 )
 
 _TOLERANCE_M = 0.004  # tolerance of the placing height
@@ -65,7 +66,7 @@ class Regrasp(Skill):
         if held is None:
             raise Failure("DROPPED", f"{name!r} is no longer held")
         estimate = arm.tool_pose @ arm.robot.tool.inverse @ held.relative
-        error = arm.world.object_pose(name).distance(estimate)
+        error, _ = true_error(arm.world, name, estimate)
         self.metrics["held_error_m"] = error
         if error > _WITHIN_M:
             arm.gripper.let_go(name)

@@ -34,6 +34,7 @@ from bt_dualarm import (
     port,
     shared_grasp,
     tool_pose_of,
+    true_error,
 )
 
 _MOTIONS = frozenset({"NO_PLAN", "IN_COLLISION", "TIMED_OUT", "DEADLOCK", "UNREACHABLE"})
@@ -797,7 +798,7 @@ class TakeOver(Skill):
             raise Failure("DROPPED", f"{name!r} is no longer held")
         # The true pose, as a referee only.
         estimate = arm.tool_pose @ arm.robot.tool.inverse @ held.relative
-        error = arm.world.object_pose(name).distance(estimate)
+        error, _ = true_error(arm.world, name, estimate)
         self.metrics["held_error_m"] = error
         if error > _HELD_M:
             if arm.name in arm.world.grippers:

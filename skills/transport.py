@@ -11,7 +11,6 @@ from bt_dualarm import (
     Failure,
     Keep,
     KeptPath,
-    KnownShape,
     ObjectName,
     PassengerCheck,
     Planner,
@@ -23,6 +22,7 @@ from bt_dualarm import (
     held_through,
     port,
     poses_alike,
+    true_error,
 )
 
 
@@ -174,15 +174,11 @@ class Transport(Skill):
         if name not in self.arm.held:
             raise Failure("NOT_ATTACHED", f"object {name!r} was lost on the path")
         held = self.arm.world.attachments.find(self.arm.name, name)
-        spec = self.arm.world.objects[name]
-        true = self.arm.world.object_pose(name)
         if held is not None:
             estimate = self.arm.tool_pose @ self.arm.robot.tool.inverse @ held.relative
             self.metrics["believed_error_m"] = estimate.distance(goal)
             self.metrics["believed_turned_rad"] = estimate.angle(goal)
-        # True pose, for the score only: no sensor measures how far the object moved in the gripper.
-        away = true.distance(goal)
-        turn = KnownShape.of(spec).angle(true, goal)
+        away, turn = true_error(self.arm.world, name, goal)
         self.metrics |= {"object_error_m": away, "object_turned_rad": turn}
         if away > self.ports.tolerance or turn > self.ports.angle_tolerance:
             raise Failure(

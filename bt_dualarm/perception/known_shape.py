@@ -214,20 +214,19 @@ class KnownShape:
             smallest = max(alike, key=lambda one: float(np.trace(one)))
         return pose_of(self._turned_about_center(pose, smallest), smallest)
 
-    def away(self, one: Pose, other: Pose) -> tuple[float, float]:
-        """Distance, m, and angle, rad, between two poses of the object, up to its symmetry.
+    def nearest(self, pose: Pose, goal: Pose) -> Pose:
+        """Of the poses in which the object is as in one, that with the smallest angle to a goal.
 
-        The distance is that of its frame after the rotation of the object into itself that makes
-        the angle smallest.
+        Its frame moves with it if that is not at the center.
         """
-        angle = self.angle(one, other)
-        if not any(self.center):
-            return one.distance(other), angle
-        first = one.rotation_matrix
-        second = other.rotation_matrix
-        turn = max(self._own_turns, key=lambda turn: self._cosine(first, second, turn))
-        position = self._turned_about_center(other, second @ turn)
-        return float(np.linalg.norm(one.position - position)), angle
+        axes = pose.rotation_matrix
+        wanted = goal.rotation_matrix
+        turned = axes @ max(self._own_turns, key=lambda turn: self._cosine(wanted, axes, turn))
+        return pose_of(self._turned_about_center(pose, turned), turned)
+
+    def away(self, pose: Pose, goal: Pose) -> tuple[float, float]:
+        """Distance, m, and angle, rad, of the `nearest` pose from a goal."""
+        return self.nearest(pose, goal).distance(goal), self.angle(pose, goal)
 
     def angle(self, one: Pose, other: Pose) -> float:
         """Angle between two poses in rad, up to the symmetry of the object."""
@@ -246,7 +245,7 @@ class KnownShape:
         return moved
 
     def _cosine(self, first: Matrix, second: Matrix, turn: Matrix) -> float:
-        """Cosine of the angle from one rotation to another after a turn; of what spins, of axes."""
+        """Cosine of the angle of rotations, the second one after a turn; of what spins, of axes."""
         if self._is_axisymmetric:
             return float(first[:, 2] @ second[:, 2]) * float(turn[2, 2])
         return (float(np.trace(first.T @ second @ turn)) - 1.0) / 2.0
@@ -254,6 +253,8 @@ class KnownShape:
     @cached_property
     def _own_turns(self) -> tuple[Matrix, ...]:
         """Rotations of the object into itself; not those about its axis if any is."""
+        if self.kind == "sphere":
+            return (np.eye(3),)
         if self._is_axisymmetric:
             is_reversible = self.kind != "hull" or (self.flips and not self.one_way)
             over = np.diag((1.0, -1.0, -1.0))

@@ -91,6 +91,10 @@ class SquareCorners(KnownShape):
         """Angle between two poses in rad."""
         return one.angle(other)
 
+    @property
+    def _own_turns(self) -> tuple[Matrix, ...]:
+        return (np.eye(3),)
+
 
 def markers_in(frame: Frame, marker: MarkerSpec) -> list[OutlineView]:
     """Detect all markers with a given id in an image."""

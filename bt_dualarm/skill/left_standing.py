@@ -13,7 +13,7 @@ import numpy as np
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Matrix, Pose
-from bt_dualarm.perception.known_shape import KnownShape
+from bt_dualarm.skill.symmetry import true_error
 
 REST_S: Final = 0.25
 """Simulated seconds for which an object has to keep its pose, to be at rest."""
@@ -100,7 +100,7 @@ class LeftStanding:
 
     def away_from(self, goal: Pose) -> tuple[float, float]:
         """Distance, m, and angle, rad, from a pose, up to the symmetry of the object."""
-        return KnownShape.of(self._arm.world.objects[self._name]).away(self.pose, goal)
+        return true_error(self._arm.world, self._name, goal)
 
     def until_placed(
         self,

@@ -10,6 +10,7 @@ import scipy
 
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.perception.known_shape import KnownShape
+from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ObjectSpec
 
 _ROUND = 24  # rotations of a round object to try, in a whole turn
@@ -17,18 +18,30 @@ _SAME_EDGE_M = 1e-6  # difference of the edges of a square
 _UPRIGHT = math.cos(math.radians(5.0))  # cosine of an axis about which rotations keep pads level
 
 
+def true_error(world: World, name: str, pose: Pose) -> tuple[float, float]:
+    """Distance, m, and angle, rad, of an object's true pose from another one, up to its symmetry.
+
+    For the score only: no sensor measures how an object lies in a gripper, or where it is left.
+    """
+    return KnownShape.of(world.objects[name]).away(world.object_pose(name), pose)
+
+
 def poses_alike(spec: ObjectSpec, goal: Pose) -> list[tuple[float, Pose]]:
     """Poses in which an object looks as at a goal, with their rotation from it, rad.
 
     The goal itself is the first, then the smallest rotation. Round objects are rotated about their
-    axis, spheres, prisms and boxes about the vertical; what has a marker is not rotated.
+    axis; spheres, prisms, boxes, and compounds and meshes with a symmetry about the vertical. What
+    has a marker is not rotated.
 
     Args:
         spec: The object.
         goal: Its pose in the world.
     """
     axis, turns = _turns_into_itself(spec, goal)
-    return [(angle, goal if angle == 0.0 else _turned(goal, axis, angle)) for angle in turns]
+    center = goal.apply(np.array(KnownShape.of(spec).center))
+    return [
+        (angle, goal if angle == 0.0 else _turned(goal, axis, angle, center)) for angle in turns
+    ]
 
 
 def _turns_into_itself(spec: ObjectSpec, goal: Pose) -> tuple[Vector, list[float]]:
@@ -44,6 +57,10 @@ def _turns_into_itself(spec: ObjectSpec, goal: Pose) -> tuple[Vector, list[float
         return up, _turns(shape.fold) if upright else [0.0]
     if spec.shape == "sphere":
         return up, _turns(_ROUND)
+    if shape.concave and shape.spins is None:
+        upright = np.abs(goal.rotation_matrix[2])
+        vertical = int(upright.argmax())
+        return up, _turns(_fold(shape, vertical)) if upright[vertical] >= _UPRIGHT else [0.0]
     if shape.spins is None:
         return up, [0.0]
     axis = goal.turn(shape.spins)
@@ -55,7 +72,8 @@ def turns_alike(spec: ObjectSpec) -> list[Pose]:
     """Rotations in an object's frame about its axis after which it looks the same.
 
     The identity comes first, then the smallest rotation. A box turns about the axis across which it
-    is square, otherwise by half a turn about its longest one; what has a marker does not turn.
+    is square, otherwise by half a turn about its longest one; a compound or mesh about the axis of
+    most rotations. What has a marker does not turn.
     """
     shape = KnownShape.of(spec)
     axis = np.array((0.0, 0.0, 1.0))
@@ -75,8 +93,19 @@ def turns_alike(spec: ObjectSpec) -> list[Pose]:
     elif shape.spins is not None:
         axis = np.asarray(shape.spins, dtype=float)
         turns = _turns(_ROUND)
-    rotation = scipy.spatial.transform.Rotation
-    return [Pose.from_rotation(np.zeros(3), rotation.from_rotvec(turn * axis)) for turn in turns]
+    elif shape.concave:
+        along = max((2, 1, 0), key=lambda axis: _fold(shape, axis))
+        axis = np.eye(3)[along]
+        turns = _turns(_fold(shape, along))
+    center = np.array(shape.center)
+    rotations = [scipy.spatial.transform.Rotation.from_rotvec(turn * axis) for turn in turns]
+    return [Pose.from_rotation(center - one.apply(center), one) for one in rotations]
+
+
+def _fold(shape: KnownShape, axis: int) -> int:
+    """Number of rotations about an axis that are worth trying: a wheel may have any number."""
+    fold = shape.folds[axis]
+    return max(count for count in range(1, min(fold, _ROUND) + 1) if fold % count == 0)
 
 
 def _turns(count: int) -> list[float]:
@@ -97,12 +126,13 @@ def _turns_of_box(goal: Pose, size: Sequence[float]) -> list[float]:
     return [0.0, *((np.pi / 2, -np.pi / 2) if quarter else ()), np.pi]
 
 
-def _turned(pose: Pose, axis: Vector, angle: float) -> Pose:
-    """Pose rotated about its origin and an axis of the world by an angle, rad."""
+def _turned(pose: Pose, axis: Vector, angle: float, center: Vector) -> Pose:
+    """Pose rotated by an angle, rad, about a line of the world through a center, of shape (3,)."""
     if axis[2] == 1.0:
         turn = Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, angle))
     else:
         turn = Pose.from_rotation(
             np.zeros(3), scipy.spatial.transform.Rotation.from_rotvec(angle * axis)
         )
-    return Pose(pose.position, (turn @ Pose(np.zeros(3), pose.quaternion)).quaternion)
+    turned = turn @ Pose(pose.position - center, pose.quaternion)
+    return Pose(center + turned.position, turned.quaternion)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
 from typing import Any
 
@@ -18,6 +18,7 @@ from bt_dualarm.skill.symmetry import poses_alike, turns_alike
 from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.yaml_reader import with_tuples
 from tests.families import some
+from tests.plays import Stage
 from tests.skills.test_placing_paths import board, placed
 
 OBJECTS: dict[str, dict[str, Any]] = {
@@ -27,6 +28,14 @@ OBJECTS: dict[str, dict[str, Any]] = {
     "prism": {"shape": "prism", "size": [0.027, 0.10], "mass": 0.3},
 }
 MARKER = {"marker": {"id": 1, "size": 0.02}}
+
+
+def cross(bars: int, at: Sequence[float] = (0.0, 0.0, 0.0)) -> dict[str, Any]:
+    """A compound of equal bars about an axis through a point of its frame."""
+    bar = {"shape": "box", "size": [0.08, 0.01, 0.03]}
+    yaws = [180.0 * number / bars for number in range(bars)]
+    parts = {f"bar{i}": bar | {"pose": {"xyz": at, "rpy": [0, 0, yaws[i]]}} for i in range(bars)}
+    return {"shape": "compound", "parts": parts}
 
 
 @cache
@@ -68,6 +77,40 @@ def test_carried_object_is_not_rotated_if_that_is_visible(kind: str) -> None:
     leaf = carried(kind, 0, marked=True)
     assert leaf.code == "UNREACHABLE", leaf.reason
     assert "object_error_m" not in leaf.metrics, "refused before any motion"
+
+
+def test_carried_object_may_have_been_located_turned_by_its_symmetry(stage: Stage) -> None:
+    """Its frame, beside it, is not where the arm takes it to be, but it is where it should be."""
+    at = (0.03, 0.05, 0.0)
+
+    def frame(x: float, y: float, z: float, yaw: float) -> dict[str, Any]:
+        pose = Pose.from_rpy((x, y, z), (0, 0, np.radians(yaw))) @ Pose.from_rpy(at).inverse
+        return {"xyz": pose.position.tolist(), "rpy": [0, 0, yaw]}
+
+    thing = cross(2, at) | {"mass": 0.1, "color": "red", "pose": frame(0.45, 0.1, 0.016, 77)}
+    top = {
+        "shape": "box",
+        "size": [1.2, 1.2, 0.02],
+        "fixed": True,
+        "pose": {"xyz": [0.4, 0, -0.01]},
+    }
+    goal = frame(0.45, -0.15, 0.15, -130)
+    steps: list[dict[str, Any]] = [
+        {"look_at": {"at": {"xyz": [0.45, 0.1, 0.02]}, "distance": 0.35}},
+        {"locate": {"object": "thing", "pose": "{seen}"}},
+        {"grasp": {"object": "thing", "at": "{seen}"}},
+        {"transport": {"object": "thing", "to": goal}},
+    ]
+    arm = {"robot": "ur5e", "gripper": "robotiq_2f85", "camera": {}, "tree": {"sequence": steps}}
+    world = {"scene": "empty", "reality": "lab"}
+    play = stage.run(
+        {"world": world, "objects": {"top": top, "thing": thing}, "arms": {"arm1": arm}}
+    )
+    leaf = play.leaf("transport")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert float(leaf.metrics["object_error_m"]) < 0.002
+    true = play.world.object_pose("thing")
+    assert true.position[:2] != pytest.approx(goal["xyz"][:2], abs=0.03), "no other pose was shown"
 
 
 class _Above(Failure):
@@ -126,25 +169,31 @@ def test_peg_is_rotated_by_its_symmetry_above_its_hole(
         ({"shape": "box", "size": [0.05, 0.05, 0.1]} | MARKER, 1),
         ({"shape": "cylinder", "size": [0.03, 0.1]} | MARKER, 1),
         ({"shape": "bin", "size": [0.05, 0.05, 0.1]}, 1),
+        (cross(4), 8),
+        (cross(2, at=[0.1, -0.2, 0.3]), 4),
+        (cross(3), 6),
+        (cross(1, at=[0.1, -0.2, 0.3]), 2),
     ],
 )
 def test_equivalent_poses_are_symmetric(
     fields: dict[str, Any], count: int, rpy: tuple[float, float, float]
 ) -> None:
-    """Each is the goal up to the symmetry of the object, at its position; the goal is first."""
+    """Each is the goal up to the symmetry of the object, about its center; the goal is first."""
     spec = ObjectSpec.model_validate(with_tuples(fields | {"mass": 0.1}))
     goal = Pose.from_rpy((0.1, 0.2, 0.3), np.radians(rpy).tolist())
     alike = poses_alike(spec, goal)
     assert alike[0] == (0.0, goal)
     assert np.all(np.diff(np.abs([angle for angle, _ in alike])) >= -1e-12)
     shape = KnownShape.of(spec)
+    center = np.array(shape.center)
     for angle, pose in alike:
-        assert pose.position == pytest.approx(goal.position)
+        assert pose.apply(center) == pytest.approx(goal.apply(center))
+        assert shape.away(pose, goal) == pytest.approx((0.0, 0.0), abs=1e-6)
         assert pose.angle(goal) == pytest.approx(abs(angle), abs=1e-6)
         assert shape.angle(pose, goal) < 1e-6
     if rpy[0] in (0, 180) and rpy[1] == 0:
         assert len(alike) == count
-    elif spec.shape in ("box", "prism") and not (spec.shape == "box" and rpy[0] == 90):
+    elif spec.shape == "prism" or (spec.shape in ("box", "compound") and rpy[0] != 90):
         assert len(alike) == 1, "a tilted object has no equivalent pose, which keeps the pads level"
 
 
@@ -159,6 +208,8 @@ def test_equivalent_poses_are_symmetric(
         ({"shape": "cylinder", "size": (0.02, 0.1)}, 2, 24),
         ({"shape": "box", "size": (0.05, 0.05, 0.1)} | MARKER, 2, 1),
         ({"shape": "bin", "size": (0.1, 0.1, 0.05)}, 2, 1),
+        (cross(4), 2, 8),
+        (cross(3, at=(0.1, -0.2, 0.3)), 2, 6),
     ],
 )
 def test_symmetries_are_rotations_about_the_axis(
@@ -171,4 +222,5 @@ def test_symmetries_are_rotations_about_the_axis(
     assert turns[0].angle(Pose.identity()) == pytest.approx(0.0)
     for turn in turns:
         assert turn.turn(np.eye(3)[axis]) == pytest.approx(np.eye(3)[axis])
-        assert KnownShape.of(spec).angle(turn, Pose.identity()) < 1e-6
+        away = KnownShape.of(spec).away(turn, Pose.identity())
+        assert away == pytest.approx((0.0, 0.0), abs=1e-6)
