@@ -10,8 +10,16 @@ from typing import Final
 
 import numpy as np
 
-from bt_dualarm.core.pose import Pose, Vector
-from bt_dualarm.grasping.grasp import Box, Capsule, CompoundSolid, Cylinder, Grasp, Solid
+from bt_dualarm.core.pose import Matrix, Pose, Vector
+from bt_dualarm.grasping.grasp import (
+    Box,
+    Capsule,
+    CompoundSolid,
+    Cylinder,
+    Grasp,
+    MeshSolid,
+    Solid,
+)
 
 HALF_M: Final = 0.03
 """Half the length of a section, m: about a pad's."""
@@ -68,6 +76,8 @@ def sections(
 ) -> list[Section]:
     """Sections of a solid along its longest axis, from one end to the other, or around a disk.
 
+    The longest axis of a mesh is that of its bounding box.
+
     Args:
         solid: The solid.
         count: Number of sections, at least 2.
@@ -78,7 +88,8 @@ def sections(
     Returns:
         The sections; none if the solid is too short for them, or has no two ends.
     """
-    axis, half = _long_axis(solid)
+    axis, low, high = _long_axis(solid)
+    half = 0.5 * (high - low)
     if half <= 2.0 * HALF_M:
         return []
     if isinstance(solid, Cylinder) and axis == 0:
@@ -88,8 +99,9 @@ def sections(
     for share in np.linspace(-1.0, 1.0, count):
         place = share * spread * (half - HALF_M)
         outward = np.sign(round(place, 9)) * direction
-        pose = Pose(place * direction, np.array((1.0, 0.0, 0.0, 0.0)))
-        found.append(Section(_part(solid, axis), pose, outward, direction))
+        part, center = _part(solid, axis, 0.5 * (low + high) + place)
+        pose = Pose(center, np.array((1.0, 0.0, 0.0, 0.0)))
+        found.append(Section(part, pose, outward, direction))
     return found
 
 
@@ -184,24 +196,49 @@ def shares_at(places: Sequence[Vector]) -> list[float]:
     return [float(one) for one in found / found.sum()]
 
 
-def _long_axis(solid: Solid) -> tuple[int, float]:
-    """Index of the longest axis of a solid, and half its length along it, m; 0 for no axis."""
+def _long_axis(solid: Solid) -> tuple[int, float, float]:
+    """Index of the longest axis of a solid, and where it begins and ends, m; 0 for no axis."""
+    if isinstance(solid, MeshSolid):
+        points = solid.corners.reshape(-1, 3)
+        low = points.min(axis=0)
+        high = points.max(axis=0)
+        axis = int(np.argmax(high - low))
+        return axis, float(low[axis]), float(high[axis])
+    axis = 2
+    half = 0.0
     if isinstance(solid, Box):
         axis = int(np.argmax(solid.half))
-        return axis, float(solid.half[axis])
-    if isinstance(solid, Cylinder):
-        if solid.half_length < _FLAT * solid.radius:
-            return 0, float(solid.radius)
-        return 2, float(solid.half_length)
-    if isinstance(solid, Capsule):
-        return 2, float(solid.half_length)
-    return 0, 0.0
+        half = float(solid.half[axis])
+    elif isinstance(solid, Cylinder) and solid.half_length < _FLAT * solid.radius:
+        axis, half = 0, float(solid.radius)
+    elif isinstance(solid, Cylinder | Capsule):
+        half = float(solid.half_length)
+    return axis, -half, half
 
 
-def _part(solid: Solid, axis: int) -> Solid:
-    """A section of a solid along one of its axes."""
+def _part(solid: Solid, axis: int, place: float) -> tuple[Solid, Vector]:
+    """A section of a solid about a place along one of its axes, m, and its center, (3,), m."""
+    center = place * np.eye(3)[axis]
     if isinstance(solid, Box):
         half = solid.half.copy()
         half[axis] = HALF_M
-        return Box(half)
-    return Cylinder(float(getattr(solid, "radius", HALF_M)), HALF_M)
+        return Box(half), center
+    if isinstance(solid, MeshSolid):
+        points = _between(solid, axis, place - HALF_M, place + HALF_M)
+        center = 0.5 * (points.min(axis=0) + points.max(axis=0))
+        return MeshSolid.hull_of(points - center), center
+    return Cylinder(float(getattr(solid, "radius", HALF_M)), HALF_M), center
+
+
+def _between(solid: MeshSolid, axis: int, low: float, high: float) -> Matrix:
+    """Points of shape (n, 3) whose hull is the part of a convex mesh between two planes, m."""
+    starts = solid.corners.reshape(-1, 3)
+    ends = np.roll(solid.corners, -1, axis=1).reshape(-1, 3)
+    along = starts[:, axis]
+    found = [starts[(along >= low) & (along <= high)]]
+    for level in (low, high):
+        crosses = (along - level) * (ends[:, axis] - level) < 0.0
+        start, end = starts[crosses], ends[crosses]
+        share = (level - start[:, axis]) / (end[:, axis] - start[:, axis])
+        found.append(start + share[:, None] * (end - start))
+    return np.unique(np.vstack(found).round(9), axis=0)

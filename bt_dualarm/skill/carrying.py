@@ -213,14 +213,18 @@ class Carrying:
     def _sections(self) -> list[Section]:
         """Sections at which the arms hold the object; of a compound, parts that are far apart."""
         world = self._arm.world
-        solid = world.object_solid(self._object)
+        parts = body_of(world.objects[self._object]).parts
         count = len(self._members)
-        if isinstance(solid, CompoundSolid):
+        if len(parts) > 1:
             found = self._parts_apart(count)
         else:
-            from_world = world.object_pose(self._object).inverse
+            (part,) = parts
+            from_world = (world.object_pose(self._object) @ part.pose).inverse
             bases = [from_world.apply(world.arms[name].base.position) for name in self._members]
-            found = sections(solid, count, self._ports.spread, bases)
+            found = [
+                replace(one, pose=part.pose @ one.pose)
+                for one in sections(part.solid, count, self._ports.spread, bases)
+            ]
         if not found:
             raise Failure(
                 "INVALID_TARGET",
@@ -402,11 +406,15 @@ class Carrying:
         gripper.hold(self._object, object_pose)
 
     def _bear(self, plan: CarryPlan) -> None:
-        """Add this arm's share of the weight to its model, at its grasp."""
+        """Add this arm's share of the weight to its model, at its grasp.
+
+        All grasps are shifted by as much as their weighted center is beside the center of mass.
+        """
         center = sum(
             (plan.shares[name] * plan.grasps[name].position for name in self._members), np.zeros(3)
         )
-        at = plan.grasps[self._arm.name].position - center
+        mass_center = body_of(self._arm.world.objects[self._object]).center
+        at = mass_center + plan.grasps[self._arm.name].position - center
         identity = np.array((1.0, 0.0, 0.0, 0.0))
         share = plan.shares[self._arm.name]
         self._arm.world.attachments.bear(self._arm.name, self._object, share, Pose(at, identity))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from bt_dualarm.core.pose import Pose
-from bt_dualarm.grasping.grasp import Box, Capsule, CompoundSolid, Cylinder, Grasp
+from bt_dualarm.grasping.grasp import Box, Capsule, CompoundSolid, Cylinder, Grasp, MeshSolid
 from bt_dualarm.grasping.sections import HALF_M, farthest_apart, section_at, sections, shares_at
 
 
@@ -88,6 +88,21 @@ def test_section_at_a_part_is_centered_there_and_keeps_the_other_parts() -> None
         [0] * 3,
     ]
     assert section.allows(grasp((1, 0, 0), (0, 0, -1)))
+
+
+@pytest.mark.parametrize("corner", [(0.0, 0.0, 0.0), (-0.6, -0.025, -0.025)])
+def test_sections_of_a_convex_mesh_are_slices_of_it(corner: tuple[float, float, float]) -> None:
+    """Wherever its frame is; here it becomes narrower toward one end."""
+    ends = np.array([(x, y, z) for x in (-0.6, 0.6) for y in (-1, 1) for z in (-1, 1)])
+    ends[:, 1:] *= np.where(ends[:, :1] < 0.0, 0.025, 0.015)
+    left, right = sections(MeshSolid.hull_of(ends - corner), 2, 1.0)
+    assert left.pose.position == pytest.approx(np.array((-(0.6 - HALF_M), 0, 0)) - corner)
+    assert right.pose.position == pytest.approx(np.array((0.6 - HALF_M, 0, 0)) - corner)
+    assert right.outward == pytest.approx((1, 0, 0))
+    x, y = np.eye(3)[:2]
+    assert right.solid.reach(x) == pytest.approx(HALF_M)
+    assert right.solid.reach(y) == pytest.approx(0.015 + 0.01 * 2.0 * HALF_M / 1.2)
+    assert right.solid.distance(np.zeros((1, 3)))[0] < 0.0
 
 
 def test_objects_without_two_ends_have_no_sections() -> None:

@@ -155,6 +155,42 @@ def test_check_finds_a_leaf_without_a_partner(ports: Tree, partner: Tree, messag
     assert message in str(raised.value)
 
 
+BARS: dict[str, Tree] = {
+    "prism": {"shape": "prism", "size": [0.025, 1.2], "sides": 8},
+    "compound": {
+        "shape": "compound",
+        "parts": {
+            "bar": {"shape": "box", "size": [1.2, 0.05, 0.05], "pose": {"xyz": [0.3, -0.2, 0.25]}}
+        },
+    },
+}
+
+
+ON_A_SIDE = Pose.from_rpy((0, 0, 0), (np.pi / 8, 0, 0)) @ Pose.from_rpy(
+    (0, 0, 0), (0, np.pi / 2, 0)
+)
+
+
+@pytest.mark.parametrize(
+    ("kind", "pose"),
+    [
+        ("prism", {"xyz": [0, -0.45, 0.5236], "quat": ON_A_SIDE.quaternion.tolist()}),
+        ("compound", {"xyz": [-0.3, -0.25, 0.2755]}),
+    ],
+)
+def test_bar_is_carried_by_its_ends_wherever_its_frame_is(kind: str, pose: Tree) -> None:
+    """The arms bear it at its center of mass: otherwise they would twist it out of each hand."""
+    x, y, z = pose["xyz"]
+    file = file_of(TOGETHER | {"to": {"xyz": [x, y, z + 0.2]}}, follows())
+    beam = file["objects"]["beam"]
+    file["objects"]["beam"] = BARS[kind] | {"mass": beam["mass"], "color": "red", "pose": pose}
+    result = bt.run(file)
+    found = leaf(result)
+    assert result.outcome == "SUCCESS", found.reason
+    assert float(found.metrics["placed_error_m"]) < 0.002
+    assert float(found.metrics["internal_moment_nm"]) < 2.0
+
+
 def test_tray_is_carried_by_its_handles() -> None:
     """They are the parts farthest from each other; the plate between them is an obstacle."""
     beam = {"shape": "compound", "mass": 2.5, "pose": {"xyz": [0, -0.45, 0.535]}}
