@@ -11,8 +11,7 @@ import numpy as np
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.arm.known_objects import KnownPose
 from bt_dualarm.core.errors import Failure, Number
-from bt_dualarm.core.pose import Pose
-from bt_dualarm.grasping.grasp import Solid
+from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.sim.object_body import ObjectBody, body_of, body_of_part
 from bt_dualarm.spec.node_types import PortModel, metadata_of
 from bt_dualarm.spec.relative_pose import FRAME_WORDS, PoseOf, RelativePose
@@ -115,37 +114,46 @@ class _Resolver:
         name = wanted.reference
         object_pose = self._object(name)
         turn = Pose(np.zeros(3), wanted.local.quaternion)
-        what, solid, current = self._moved(of)
+        what, moved, current = self._moved(of)
         orientation = turn if wanted.is_oriented else current
-        reference = self._solid(name)
+        reference = self._body(name)
         along = wanted.direction
-        distance = self._surface(object_pose, wanted) + wanted.by
-        if solid is not None:
-            distance += solid.reach(orientation.inverse.turn(-along))
-        position = object_pose.position + distance * along + np.array(wanted.xyz)
-        if wanted.beside is not None and what != "tool" and solid is not None:
+        middle = object_pose.position + _beside(along, object_pose.turn(_middle(reference)))
+        distance = self._surface(object_pose, middle, wanted) + wanted.by
+        if moved is not None:
+            distance += moved.solid.reach(orientation.inverse.turn(-along))
+        position = middle + distance * along + np.array(wanted.xyz)
+        if moved is not None:
+            position -= _beside(along, orientation.turn(_middle(moved)))
+        if wanted.beside is not None and what != "tool" and moved is not None:
             # The two bottoms are at the same height.
             down = np.array((0.0, 0.0, -1.0))
-            position[2] += solid.reach(orientation.inverse.turn(down))
-            position[2] -= reference.reach(object_pose.inverse.turn(down))
+            position[2] = object_pose.position[2] + wanted.xyz[2]
+            position[2] += moved.solid.reach(orientation.inverse.turn(down))
+            position[2] -= reference.solid.reach(object_pose.inverse.turn(down))
         return Pose(position, turn.quaternion)
 
-    def _surface(self, object_pose: Pose, wanted: RelativePose) -> float:
+    def _surface(self, object_pose: Pose, middle: Vector, wanted: RelativePose) -> float:
         """Distance of the object's surface from its origin, along the direction, m.
 
         In something hollow, an object stands on the inner floor, not at the height of the rim.
+
+        Args:
+            object_pose: Pose of the object.
+            middle: Point of the line along the direction on which it counts, of shape (3,), m.
+            wanted: The relative pose.
         """
         body = self._body(wanted.reference)
         along = object_pose.inverse.turn(wanted.direction)
         if wanted.on is not None and not body.is_simple:
-            place = object_pose.position + np.array((*wanted.xyz[:2], 0.0))
+            place = middle + np.array((*wanted.xyz[:2], 0.0))
             start = object_pose.inverse.apply(place + _FARTHEST_M * wanted.direction)
             length = body.ray(start, -along)
             if np.isfinite(length):
                 return _FARTHEST_M - length
         return body.solid.reach(along)
 
-    def _moved(self, of: PoseOf | None) -> tuple[str, Solid | None, Pose]:
+    def _moved(self, of: PoseOf | None) -> tuple[str, ObjectBody | None, Pose]:
         """What has the pose, its shape if it counts, and its current orientation."""
         what: Literal["tool", "held", "object", "point"] = "point" if of is None else of.what
         name: str | None = getattr(self._ports, "object", None)
@@ -161,8 +169,8 @@ class _Resolver:
             relative = self._arm.world.attachments.find(self._arm.name, name)
             assert relative is not None  # noqa: S101 - it is held
             tool_link = self._arm.commanded_tool_pose @ self._arm.robot.tool.inverse
-            return what, self._solid(name), tool_link @ relative.relative
-        return what, self._solid(name), declared.pose.pose
+            return what, self._body(name), tool_link @ relative.relative
+        return what, self._body(name), declared.pose.pose
 
     def _object(self, name: str) -> Pose:
         """Pose of an object, or of a part of one, as the arm knows it."""
@@ -173,9 +181,6 @@ class _Resolver:
         if part is None:
             return known.pose
         return known.pose @ self._arm.world.declared_objects[owner].parts[part].pose.pose
-
-    def _solid(self, name: str) -> Solid:
-        return self._body(name).solid
 
     def _body(self, name: str) -> ObjectBody:
         """Shape of an object, or of a part of one, in its own frame."""
@@ -190,3 +195,17 @@ class _Resolver:
         if not dot or name in world.declared_objects:
             return name, None
         return world.part_owner(owner, part), part
+
+
+def _middle(body: ObjectBody) -> Vector:
+    """Point of a body that is to be above or beside another one, in its frame, of shape (3,), m.
+
+    Its origin, but the frame of a mesh, other than that of a compound, has not been chosen for it.
+    """
+    return body.middle if body.shape == "mesh" else np.zeros(3)
+
+
+def _beside(along: Vector, vector: Vector) -> Vector:
+    """The part of a vector across a unit vector, both of shape (3,)."""
+    across: Vector = vector - (vector @ along) * along
+    return across

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 from pydantic import ValidationError
@@ -21,6 +24,8 @@ from bt_dualarm.spec.values import ObjectName, PoseSpec
 from bt_dualarm.spec.yaml_reader import Data
 from tests.arm.test_arm import Bench
 from tests.plays import Stage
+from tests.sim import worlds
+from tests.sim.test_mesh_objects import box_mesh, write_obj
 from tests.sim.worlds import box
 from tests.skills.scenarios import Scenario
 
@@ -100,6 +105,37 @@ def test_surfaces_of_two_objects_touch(shape: str) -> None:
         x, y, z = resolved(arm, "of", beside, object="thing").xyz
         assert (y, z) == pytest.approx((0.1, 0.48 + half), abs=1e-9)  # both rest on the same level
         assert x > 0.55 + 0.01 + 0.019
+
+
+@pytest.mark.parametrize("corner", [(0.0, 0.0, 0.0), (0.1, -0.2, 0.3)])
+def test_meshes_are_placed_by_their_middle(
+    corner: tuple[float, float, float], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The frame of a mesh may be anywhere; poses of a mesh are those of its frame all the same."""
+    monkeypatch.setattr(worlds, "WORLD", tmp_path)
+    objects: dict[str, Any] = {}
+    for name, size in (("slab", (200, 100, 40)), ("thing", (40, 60, 80))):
+        middle = (1000.0 * corner[0], 1000.0 * corner[1], 1000.0 * corner[2])
+        write_obj(tmp_path / f"{name}.obj", box_mesh(size, middle))
+        turned = Pose.from_rpy((0.5, 0.1, 0.5), (0, 0, np.pi / 2)) @ Pose.from_rpy(corner).inverse
+        x, y, z = turned.position.tolist()
+        pose = PoseSpec(xyz=(x, y, z), rpy=(0.0, 0.0, 90.0))
+        objects[name] = ObjectSpec(
+            shape="mesh", file=f"{name}.obj", scale=0.001, mass=0.1, pose=pose, fixed=True
+        )
+    arm = Bench(**objects).first
+    above = resolved(arm, "tool", {"above": "slab", "by": 0.1})
+    assert above.xyz == pytest.approx((0.5, 0.1, 0.62))
+    beside: dict[str, Data] = {"beside": "slab", "side": "+x", "by": 0.03}
+    assert resolved(arm, "tool", beside).xyz == pytest.approx((0.58, 0.1, 0.5))
+    cases: list[tuple[dict[str, Data], tuple[float, float, float]]] = [
+        ({"on": "slab"}, (0.5, 0.1, 0.56)),
+        ({"on": "slab", "xyz": [0.01, 0.02, 0]}, (0.51, 0.12, 0.56)),
+        (beside, (0.60, 0.1, 0.52)),
+    ]
+    for given, expected in cases:
+        found = resolved(arm, "of", given | {"rpy": [0, 0, 0]}, object="thing")
+        assert found.pose.apply(np.array(corner)) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(
