@@ -20,6 +20,7 @@ from bt_dualarm.behaviors.leaf import LanguageLeaf
 from bt_dualarm.behaviors.node import Became, Children, NodeParts, halt_running
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.skill.articulated import MovedPart
 from bt_dualarm.skill.condition import Condition
 from bt_dualarm.skill.looking import SightPorts, still_picture
@@ -389,7 +390,8 @@ class ObjectAt(_Leaf):
         """
         name = self.ports.object
         if name in self.arm.held:
-            found = [self.arm.known.pose(name).pose.position]
+            middle = body_of(self.arm.world.declared_objects[name]).middle
+            found = [self.arm.known.pose(name).pose.apply(middle)]
         else:
             look = SightPorts(object=name, by=self.ports.by)
             seen = look.sighted(self.arm)

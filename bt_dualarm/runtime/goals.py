@@ -120,21 +120,23 @@ class Referee(IdleObserver):
                 return f"{one.object} is taken away by the fault {fault!r}"
             subject = one.object
             pose = world.object_pose(subject)
+            center = world.object_middle(subject)
         else:
             if one.tool is None or one.tool not in world.arms:
                 return f"{one.tool} is not in the world"
             subject = f"the tool of {one.tool}"
             pose = world.arms[one.tool].tool_pose
+            center = pose.position
         checks = (
             self._away(one, subject, pose),
-            self._outside(one, subject, pose.position),
+            self._outside(one, subject, center),
             self._not_on(one),
             _tilted(one, subject, pose),
-            _at_another_height(one, subject, pose.position),
+            _at_another_height(one, subject, center),
             self._held_otherwise(one),
             self._too_fast(one, subject),
             self._too_firm(one),
-            self._too_near(one, subject, pose.position),
+            self._too_near(one, subject, center),
             self._joint_elsewhere(one),
         )
         return next(filter(None, checks), "")
@@ -240,7 +242,7 @@ class Referee(IdleObserver):
             return ""
         world = self._world
         if one.distance_to in world.objects:
-            other = world.object_pose(one.distance_to).position
+            other = world.object_middle(one.distance_to)
         elif one.distance_to in world.arms:
             other = world.arms[one.distance_to].tool_pose.position
         else:

@@ -323,7 +323,8 @@ def grasps_on(arm: Arm, wanted: WantedGrasp) -> tuple[RankedGrasp, ...]:
         Failure: ``TOO_WIDE``, ``TOO_HEAVY``, ``NO_FACE``, or ``OUT_OF_REACH`` if all of them are
             obstructed; each with its numbers.
     """
-    obstacles = obstacles_around(arm, wanted.name, wanted.object_pose.position)
+    center = wanted.object_pose.apply(wanted.center(arm.world))
+    obstacles = obstacles_around(arm, wanted.name, center)
     try:
         return _grasps_on(arm, wanted, obstacles, on_edges=False)
     except Failure as failure:
@@ -506,7 +507,7 @@ def obstacles_around(arm: Arm, name: str | None, position: Vector) -> list[Obsta
     Args:
         arm: Arm by whose sensors they are known.
         name: Name of the object, if it is declared.
-        position: Its position in the world, of shape (3,), m.
+        position: Position of its center in the world, of shape (3,), m.
     """
     world = arm.world
     model = arm.world.model

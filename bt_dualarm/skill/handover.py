@@ -220,6 +220,7 @@ class HandoverSearch:
         is_fixed = wish.position is not None and wish.quaternion is not None
         self._each = max(_EACH, _OF_FIXED // len(self._alike)) if is_fixed else _EACH
         self._center = body_of(declared).center
+        self._middle = body_of(declared).middle
         known_mass = None if world.nominal[arm.name].estimates_payload else world.loaded_mass(obj)
         known_mass = mass or wish.mass or known_mass
         self.mass = known_mass or UNKNOWN_KG
@@ -451,7 +452,7 @@ class HandoverSearch:
     ) -> tuple[Grasp, ...]:
         """Grasps with which the hand has room where the object will be set down."""
         world = self._world
-        obstacles = obstacles_around(self._arm, self._object, goal.position)
+        obstacles = obstacles_around(self._arm, self._object, goal.apply(self._middle))
         free = set[int]()
         roomy = set[int]()
         for _, alike in poses_alike(world.declared_objects[self._object], goal):
@@ -486,12 +487,14 @@ class HandoverSearch:
         """
         if not self.grasps:
             return
-        toward = object_pose.position - self._kinematics[self._arm.name].bounding_ball[0]
+        toward = object_pose.apply(self._middle) - self._kinematics[self._arm.name].bounding_ball[0]
         toward = toward / max(float(np.linalg.norm(toward)), 1e-9)
         giver_axis = tool.rotation_matrix[:, 2]
         axes = np.array([object_pose.turn(one.tool.rotation_matrix[:, 2]) for one in self.grasps])
         margins = np.array([one.margin for one in self.grasps])
-        offsets = np.array([object_pose.turn(one.tool.position) for one in self.grasps])
+        offsets = np.array(
+            [object_pose.turn(one.tool.position - self._middle) for one in self.grasps]
+        )
         cost = (
             1.0
             - axes @ toward
@@ -554,6 +557,7 @@ class HandoverSearch:
         now = self._world.nominal[self._giver].tool_pose_at(self._giver_q)
         # Who asks for a pose in which what rides on it would fall, or holds it so, pours it out.
         stays = self._wish.quaternion is None and self._stands(now.quaternion)
+        is_asked = self._wish.position is not None  # which is that of its frame
         for place_cost, place in self._positions():
             orientations = self._orientations(place, now)
             if stays:
@@ -562,7 +566,8 @@ class HandoverSearch:
                 tool = Pose(np.zeros(3), quaternion)
                 # The position is that of the object, whichever way the tool is turned.
                 turned = tool @ Pose(np.zeros(3), self._in_giver.quaternion)
-                found.append((place_cost + turn_cost, len(found), Pose(place, turned.quaternion)))
+                origin = place if is_asked else place - turned.turn(self._middle)
+                found.append((place_cost + turn_cost, len(found), Pose(origin, turned.quaternion)))
         for _, _, pose in sorted(found, key=lambda one: one[:2]):
             yield pose
 
@@ -572,7 +577,7 @@ class HandoverSearch:
         return stands_at(self._world, self._object, object_pose)
 
     def _positions(self) -> list[tuple[float, Vector]]:
-        """Positions of the object and their costs: within comfortable reach of both arms."""
+        """Positions of its center and their costs: within comfortable reach of both arms."""
         if self._wish.position is not None:
             return [(0.0, self._wish.position)]
         balls = [self._kinematics[name].bounding_ball for name in (self._giver, self._arm.name)]

@@ -16,7 +16,10 @@ from bt_dualarm.skill.cell import CellAccess, CellState
 from bt_dualarm.skill.condition import Condition
 from bt_dualarm.skill.skill import SkillContext
 from bt_dualarm.spec.cell import CellSpec
+from bt_dualarm.spec.document import ObjectSpec
 from bt_dualarm.spec.node_types import PortModel, port
+from bt_dualarm.spec.shapes import PartSpec
+from bt_dualarm.spec.values import PoseSpec
 from bt_dualarm.testing import registry_with
 from tests.behaviors.ticking import Stage, rows
 
@@ -29,7 +32,10 @@ class ArmStage(Stage):
     """A tree whose arm has encoders, a force estimate and an estimate of the held object."""
 
     def __init__(self, folder: Path, tree: str, *more: type[Condition], **sensed: Any) -> None:
-        estimate = SimpleNamespace(pose=Pose.from_rpy((0.5, 0, 0.6)))
+        # Its center is 0.2 m above its frame.
+        estimate = SimpleNamespace(pose=Pose.from_rpy((0.5, 0, 0.4)))
+        ball = PartSpec(shape="sphere", size=(0.02,), pose=PoseSpec(xyz=(0, 0, 0.2)))
+        held = ObjectSpec(shape="compound", parts={"ball": ball}, mass=0.1)
         self.sensed = {
             "tool_pose": Pose.from_rpy((0.5, 0, 0.5)),
             "q": np.array([0.0, 0.1]),
@@ -40,7 +46,7 @@ class ArmStage(Stage):
             "tool_pose_of": lambda _: Pose.from_rpy((0.5, 0.2, 0.5)),
             "controller": SimpleNamespace(at_rest=False),
             "known": SimpleNamespace(pose={"cube": estimate}.__getitem__),
-            "world": SimpleNamespace(arms=("arm1", "arm2")),
+            "world": SimpleNamespace(arms=("arm1", "arm2"), declared_objects={"cube": held}),
             **sensed,
         }
         super().__init__(folder, tree, *more)

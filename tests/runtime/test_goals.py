@@ -41,6 +41,14 @@ TREE: dict[str, Any] = {
             "fixed": True,
             "pose": {"xyz": [-0.5, 0.5, 0.5], "rpy": [0, 30, 0]},
         },
+        # Its center is 0.5 m from its frame.
+        "ball": {
+            "shape": "compound",
+            "parts": {"all": {"shape": "sphere", "size": [0.02], "pose": {"xyz": [0, 0, 0.5]}}},
+            "mass": 0.1,
+            "fixed": True,
+            "pose": {"xyz": [0.5, 0.2, 0.3], "rpy": [0, 45, 0]},
+        },
         "later": {
             "shape": "sphere",
             "size": [0.02],
@@ -65,6 +73,10 @@ CASES: list[tuple[dict[str, object], str]] = [
     ({"object": "cube", "in_zone": "bin"}, ""),
     ({"object": "cube", "in_zone": "tube"}, ""),
     ({"object": "rod", "in_zone": "bin"}, "outside bin"),
+    ({"object": "ball", "height": [0.65, 0.66]}, ""),
+    ({"object": "ball", "in_zone": "bin"}, "outside bin"),
+    ({"object": "ball", "distance_to": "cube", "apart": 0.4}, ""),
+    ({"object": "cube", "distance_to": "ball", "apart": 0.4}, ""),
     ({"object": "cube", "on": "tray"}, ""),
     ({"object": "tray", "on": "cube"}, "does not stand on"),
     ({"object": "rod", "on": "tray"}, "does not stand on"),

@@ -495,3 +495,18 @@ def test_object_is_presented_at_the_requested_pose(robot: str, yaw: float) -> No
     assert result.outcome == "SUCCESS"
     assert pose.position == pytest.approx(at["xyz"], abs=0.01)
     assert pose.turn(np.array((0.0, 0.0, 1.0))) == pytest.approx([0.0, -1.0, 0.0], abs=0.05)
+
+
+def test_place_does_not_depend_on_the_frame_of_the_object(stage: Stage) -> None:
+    """The arms bring the center of a compound to where both reach it, not its frame."""
+    places = []
+    for at in ((0.0, 0.0, 0.0), (0.3, -0.2, 0.25)):
+        file = file_with({"sequence": [GRASP, GIVE]}, TAKES)
+        bar = file["objects"]["cube"]
+        frame = (np.array(bar["pose"]["xyz"]) - at).tolist()
+        part = {"shape": bar.pop("shape"), "size": bar.pop("size"), "pose": {"xyz": at}}
+        bar |= {"shape": "compound", "parts": {"bar": part}, "pose": {"xyz": frame}}
+        play = watched(stage, file)
+        assert play.leaf("take_over", "arm2").status == "SUCCESS"
+        places.append(play.world.object_middle("cube"))
+    assert places[0] == pytest.approx(places[1], abs=0.002)
