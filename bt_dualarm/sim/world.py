@@ -21,7 +21,7 @@ from bt_dualarm.robots.robot import Robot
 from bt_dualarm.robots.robot_description import load_arm
 from bt_dualarm.sim import composition
 from bt_dualarm.sim.arm_devices import ArmDevices
-from bt_dualarm.sim.arm_models import mass_with
+from bt_dualarm.sim.arm_models import mass_with, principal_with
 from bt_dualarm.sim.composition import (
     ArmBody,
     MountingSurface,
@@ -34,6 +34,7 @@ from bt_dualarm.sim.composition import (
 )
 from bt_dualarm.sim.grippers import Attachment, Attachments
 from bt_dualarm.sim.many import drawn
+from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.sim.passengers import Passenger, Passengers
 from bt_dualarm.sim.penetration import MAX_DEPTH, deepest_overlap
 from bt_dualarm.sim.shared_body import shared_bodies
@@ -342,6 +343,14 @@ class World(WorldView):
     def loaded_mass(self, obj: str) -> float:
         """Mass of an object with what moves on its joints and with its passengers, kg."""
         return mass_with(self.objects[obj], self.placed_on(obj))
+
+    def loaded_center(self, obj: str) -> Vector:
+        """Center of mass of the same, in the frame of the object, of shape (3,), m."""
+        spec = self.objects[obj]
+        upon = self.placed_on(obj)
+        if spec.moved or upon:
+            return principal_with((spec, Pose.identity()), *upon)[0].position
+        return body_of(spec).center
 
     def placed_on(self, obj: str) -> list[tuple[ObjectSpec, Pose]]:
         """The passengers of an object, with their poses in its frame when they were noticed."""

@@ -21,8 +21,7 @@ from bt_dualarm.grasping.sections import Section, shares_at
 from bt_dualarm.kinematics.multi_arm import MultiArmKinematics, ToolTarget, holding
 from bt_dualarm.kinematics.solver import Chain
 from bt_dualarm.planning.carrying import CarriedPath, CarryPlanner, path_through
-from bt_dualarm.sim.object_body import body_of
-from bt_dualarm.spec.document import ObjectSpec
+from bt_dualarm.sim.world import World
 from bt_dualarm.spec.node_types import PortModel, port
 from bt_dualarm.spec.values import Angle, Duration, PoseSpec, Speed
 from bt_dualarm.trajectory.paths import line
@@ -368,7 +367,7 @@ class CarryPlanning:
 
     def _shares(self, grasps: Mapping[str, Pose]) -> dict[str, float]:
         """Share of the weight that each arm bears with these grasps."""
-        shares = shares_of(self._world.objects[self._object], grasps.values())
+        shares = shares_of(self._world, self._object, grasps.values())
         return dict(zip(grasps, shares, strict=True))
 
     def _condition(self, path: CarriedPath) -> float:
@@ -439,9 +438,9 @@ class CarryPlanning:
         return checker
 
 
-def shares_of(obj: ObjectSpec, grasps: Iterable[Pose]) -> list[float]:
+def shares_of(world: World, obj: str, grasps: Iterable[Pose]) -> list[float]:
     """Share of an object's weight that each of several grasps, in the object's frame, bears."""
-    center = body_of(obj).center
+    center = world.loaded_center(obj)
     return shares_at([grasp.position - center for grasp in grasps])
 
 

@@ -264,7 +264,7 @@ class Carrying:
         object_pose = world.object_pose(self._object)
         parts = self._sections()
         mass = self._mass
-        shares = shares_of(world.objects[self._object], [part.pose for part in parts])
+        shares = shares_of(world, self._object, [part.pose for part in parts])
         self._refuse_width(parts[0])
         found = list[tuple[RankedGrasp, ...]]()
         refusals = list[Failure | None]()
@@ -413,7 +413,7 @@ class Carrying:
         center = sum(
             (plan.shares[name] * plan.grasps[name].position for name in self._members), np.zeros(3)
         )
-        mass_center = body_of(self._arm.world.objects[self._object]).center
+        mass_center = self._arm.world.loaded_center(self._object)
         at = mass_center + plan.grasps[self._arm.name].position - center
         identity = np.array((1.0, 0.0, 0.0, 0.0))
         share = plan.shares[self._arm.name]

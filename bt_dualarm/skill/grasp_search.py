@@ -34,7 +34,6 @@ from bt_dualarm.grasping.grasp import (
     MeshSolid,
     Solid,
 )
-from bt_dualarm.sim.arm_models import principal_with
 from bt_dualarm.sim.composition import name_of_geom
 from bt_dualarm.sim.object_body import body_of, unit_ball
 from bt_dualarm.sim.world import World
@@ -257,13 +256,9 @@ class WantedGrasp:
         """Center of mass in the frame of its shape, of shape (3,), m."""
         if self.section is not None or self.name is None or self.edges is not None:
             return np.zeros(3)
-        obj = world.objects[self.name]
-        if obj.joint is not None:
+        if world.objects[self.name].joint is not None:
             return self._pulled_at(world)
-        upon = world.placed_on(self.name)
-        if obj.moved or upon:
-            return principal_with((obj, Pose.identity()), *upon)[0].position
-        return body_of(obj).center
+        return world.loaded_center(self.name)
 
     def _pulled_at(self, world: World) -> Vector:
         """Point at which something on a joint is pulled, of shape (3,), m.

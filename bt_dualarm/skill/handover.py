@@ -219,7 +219,7 @@ class HandoverSearch:
         self._alike = turns_alike(declared)
         is_fixed = wish.position is not None and wish.quaternion is not None
         self._each = max(_EACH, _OF_FIXED // len(self._alike)) if is_fixed else _EACH
-        self._center = body_of(declared).center
+        self._center = world.loaded_center(obj)
         self._middle = body_of(declared).middle
         known_mass = None if world.nominal[arm.name].estimates_payload else world.loaded_mass(obj)
         known_mass = mass or wish.mass or known_mass

@@ -191,6 +191,25 @@ def test_bar_is_carried_by_its_ends_wherever_its_frame_is(kind: str, pose: Tree)
     assert float(found.metrics["internal_moment_nm"]) < 2.0
 
 
+def test_models_of_the_arms_bear_what_stands_on_the_beam_where_it_is() -> None:
+    """Weighted by their shares, the loads of their models are at the common center of mass."""
+    weight = {"shape": "box", "size": [0.04, 0.04, 0.04], "mass": 1.0, "friction": 1.0}
+    weight["pose"] = {"xyz": [0.35, -0.45, 0.571]}
+    file = file_of(TOGETHER, follows(), weight=weight)
+    with bt.open(file) as run:
+        run.step(AT_S - 2.0)
+        world = run.world
+        assert set(world.attachments.holders("beam")) == {"arm1", "arm2"}
+        borne = np.zeros(3)
+        for name in ("arm1", "arm2"):
+            (load,) = world.nominal[name].loads
+            link = run.arms[name].tool_pose @ world.robots[name].tool.inverse
+            borne += load.share * (link @ load.pose).position
+        beam, weight_at = (world.object_pose(name).position for name in ("beam", "weight"))
+        mass = file["objects"]["beam"]["mass"]
+        assert borne == pytest.approx((mass * beam + weight_at) / (mass + 1.0), abs=0.003)
+
+
 def test_tray_is_carried_by_its_handles() -> None:
     """They are the parts farthest from each other; the plate between them is an obstacle."""
     beam = {"shape": "compound", "mass": 2.5, "pose": {"xyz": [0, -0.45, 0.535]}}
