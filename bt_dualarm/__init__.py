@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from bt_dualarm.arm.branches import beginning_at as beginning_at
     from bt_dualarm.arm.branches import first_possible as first_possible
     from bt_dualarm.arm.gripper import ArmGripper as ArmGripper
+    from bt_dualarm.arm.known_objects import Released as Released
     from bt_dualarm.arm.passengers import PassengerCheck as PassengerCheck
     from bt_dualarm.arm.passengers import passengers_to as passengers_to
     from bt_dualarm.collision.distance import HANDS_APART_M as HANDS_APART_M
@@ -373,6 +374,7 @@ _CONTENTS: Final = {
     "KnownShape": "perception.known_shape:KnownShape",
     "SightedObject": "perception.scan:SightedObject",
     "SightedObjects": "perception.scan:SightedObjects",
+    "Released": "arm.known_objects:Released",
 }
 
 __all__ = ["__version__", *_CONTENTS]

@@ -9,10 +9,12 @@ import numpy as np
 from bt_dualarm import (
     CarriedPose,
     Failure,
+    KnownShape,
     ObjectName,
     PassengerCheck,
     PortModel,
     Pose,
+    Released,
     SettingDown,
     SettingDownPorts,
     SightedObjects,
@@ -64,17 +66,25 @@ class Place(Skill):
         arm = self.arm
         name = self.ports.object or next(iter(arm.gripper.held), "")
         held = arm.world.attachments.find(arm.name, name)
+        released: Released | None = None
         if held is None or not held.by_gripper:
-            what = repr(name) if name else "anything"
-            raise Failure("NOT_HELD", f"{arm.name} does not hold {what}")
+            released = self._released(name)
+            held = released.held
+            name = held.object
         arm.refuse_shared()
-        in_tool = arm.robot.tool.inverse @ held.relative
-        goal = self.ports.at.pose_from(arm.commanded_tool_pose @ in_tool)
+        if released is not None:
+            goal = self.ports.at.pose_from(released.pose)
+        else:
+            in_tool = arm.robot.tool.inverse @ held.relative
+            goal = self.ports.at.pose_from(arm.commanded_tool_pose @ in_tool)
         looked_for = self._looked_for(name)
         passengers = PassengerCheck(arm.world, name, [goal])
         setting_down = SettingDown(arm, self.ports, held, self.metrics)
         try:
-            yield from setting_down.through(goal)
+            if released is not None:
+                yield from setting_down.resume(released)
+            else:
+                yield from setting_down.through(goal)
         except Failure as failure:
             leans = np.arccos(min(1.0, np.abs(goal.rotation_matrix[2]).max()))
             if failure.code not in _REFUSALS or self.ports.at.is_oriented or leans < _LEANS:
@@ -85,10 +95,37 @@ class Place(Skill):
                 f"{np.degrees(leans):.0f}° from upright",
                 **failure.numbers,
             ) from None
-        if looked_for is not None:
-            yield from self._look(looked_for, goal)
-        yield from setting_down.stays_at(goal)
+        try:
+            if looked_for is not None:
+                yield from self._look(looked_for, goal)
+            yield from setting_down.stays_at(goal)
+        except Failure:
+            arm.known.released = None  # there is nothing more to do
+            raise
+        arm.known.released = None
         passengers.refuse_spilled()
+
+    def _released(self, name: str) -> Released:
+        """What an earlier run has released at the goal before it was halted, or could not retreat.
+
+        Args:
+            name: Name of the object; empty if any counts.
+
+        Raises:
+            Failure: ``NOT_HELD``: there is no such object.
+        """
+        arm = self.arm
+        released = arm.known.released
+        if released is not None and not arm.gripper.held:
+            obj = released.held.object
+            if name in ("", obj) and obj in arm.world.objects:
+                goal = self.ports.at.pose_from(released.pose)
+                shape = KnownShape.of(arm.world.objects[obj])
+                away, turned = shape.away(released.pose, goal)
+                if away <= self.ports.tolerance and turned <= self.ports.angle_tolerance:
+                    return released
+        what = repr(name) if name else "anything"
+        raise Failure("NOT_HELD", f"{arm.name} does not hold {what}")
 
     def _looked_for(self, name: str) -> SightedObjects | None:
         """Detector of the object, if the camera has to check; made before anything moves."""

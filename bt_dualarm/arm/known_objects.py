@@ -10,6 +10,7 @@ import numpy as np
 
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.sim.grippers import Attachment
 from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.sim.world import World
 
@@ -50,6 +51,23 @@ class KnownPose:
     held_since: float = 0.0
 
 
+@dataclass(frozen=True, eq=False)
+class Released:
+    """An object that an arm has released where it places it, and from which it still has to leave.
+
+    Attributes:
+        held: Its attachment to the gripper before.
+        width: Opening of the fingers when they held it, m.
+        pose: Estimated pose in the world at the release.
+        tool: Pose of the tool in the world then.
+    """
+
+    held: Attachment
+    width: float
+    pose: Pose
+    tool: Pose
+
+
 class KnownObjects:
     """Poses of objects as one arm knows them; all of its leaves share them.
 
@@ -60,9 +78,14 @@ class KnownObjects:
     Args:
         world: World that the arm is in, for the declarations and for what the arm holds.
         arm: Name of the arm.
+
+    Attributes:
+        released: What the arm has released last, if the leaf that did so was halted or failed
+            before the hand had left it.
     """
 
     def __init__(self, world: World, arm: str) -> None:
+        self.released: Released | None = None
         self._world = world
         self._arm = arm
         self._known: dict[str, KnownPose] = {}
@@ -220,6 +243,7 @@ class KnownObjects:
 
         What rides on it moves along from now on, also after its release.
         """
+        self.released = None
         self._known.pop(name, None)
         self._unknown[name] = f"{self._arm} had taken it, and lost it"
         carrier = self.where(name)

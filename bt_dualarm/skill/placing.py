@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Mapping
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
@@ -11,6 +11,7 @@ import numpy as np
 
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.arm.branches import MOST_BRANCHES, beginning_at
+from bt_dualarm.arm.known_objects import Released
 from bt_dualarm.arm.past_others import PastOthers
 from bt_dualarm.collision.support import MARGIN_M, Support, support_below
 from bt_dualarm.core.errors import Failure, Number
@@ -135,6 +136,7 @@ _ON_CARRIER_M: Final = 0.001
 was detected or not: a tray gives way there under hardly more than the object's weight."""
 
 _OFF_M: Final = 0.003  # length of the compliant start of the retreat
+_SAME_RAD: Final = 0.02  # rotation of the tool up to which it is still on its retreat
 _LOWERING: Final = (0.8, 0.45, 0.3)  # fractions of the speed below the approach height
 _BRANCHES: Final = 3  # free branches of the inverse kinematics among which the planner chooses
 
@@ -232,6 +234,7 @@ class SettingDown:
         self._force = ports.force
         self._search = ports.search
         self._carrier = ""
+        self._opens = False
 
     def through(self, goal: Pose) -> Generator[float | None, None, Pose]:
         """Move above a pose, lower the object until contact, open, retreat.
@@ -262,6 +265,8 @@ class SettingDown:
             yield from self._go_down(goal, grip, began_s)
         except BaseException as failure:
             attachments.place_on(arm.name, self._name, self._held.carrier)
+            if isinstance(failure, GeneratorExit) and self._opens:
+                self._let_go(grip.width, self._touched @ self._in_tool)
             if isinstance(failure, Failure) and failure.code == "SLIPPED":
                 yield from grip.judge(failure)
             raise
@@ -483,6 +488,7 @@ class SettingDown:
             # The fingers open while the arm brakes.
             if abs(self._height(tool())) <= min(_NEAR_M, ports.tolerance):
                 self._open(grip.width)
+                self._opens = True
 
         felt, most = yield from until_contact(
             arm,
@@ -666,13 +672,55 @@ class SettingDown:
         fingers = gripper.description.fingers
         self._open(width)
         apart = width + 2.0 * _APART_M
-        for _ in gripper.until_open():
-            if fingers and gripper.width >= apart:
-                break
-            yield 0.85
-        gripper.let_go(self._name)
+        try:
+            for _ in gripper.until_open():
+                if fingers and gripper.width >= apart:
+                    break
+                yield 0.85
+        except GeneratorExit:
+            self._let_go(width, object_pose)
+            raise
+        self._let_go(width, object_pose)
+        yield from self._leave(self._retreats(arm.commanded_tool_pose), width, object_pose)
+
+    def _let_go(self, width: float, object_pose: Pose) -> None:
+        """Detach the object, also where the leaf is halted: the hand opens all the same."""
+        arm = self._arm
+        arm.gripper.let_go(self._name)
+        arm.known.released = Released(self._held, width, object_pose, arm.commanded_tool_pose)
+
+    def resume(self, released: Released) -> Iterator[float | None]:
+        """Leave an object as after its release, where an earlier leaf was halted or failed then.
+
+        Yields once per tick.
+
+        Args:
+            released: The object, which is where it was released.
+
+        Raises:
+            Failure: ``NOT_OPEN``; ``NOT_PLACED`` if it sticks to the gripper; as motions.
+        """
+        arm = self._arm
+        self._open(released.width)
+        yield from arm.come_to_rest()
+        yield from arm.gripper.until_open()
+        tool = arm.commanded_tool_pose
+        left = self._ports.retreat - released.tool.distance(tool)
+        retreats: list[RetreatTo] = []
+        if left > _OFF_M and released.tool.angle(tool) < _SAME_RAD:
+            in_tool = tool.inverse @ released.pose
+            retreats = possible_retreats(arm, tool, self._name, in_tool, left)
+        yield from self._leave(retreats, released.width, released.pose)
+
+    def _leave(
+        self, retreats: Sequence[RetreatTo], width: float, object_pose: Pose
+    ) -> Iterator[float | None]:
+        """Retreat, if there are any retreats to try, and check that the object did not come along.
+
+        Other arguments and failures as `_release`.
+        """
+        arm = self._arm
         self._left = LeftStanding(arm, self._name)
-        retreats = self._retreats(arm.commanded_tool_pose)
         move = replace(arm.past_others(self._ports.speed, frozenset({self._name})), give_way=False)
 
         def planned() -> Generator[None, None, Trajectory]:
@@ -680,7 +728,10 @@ class SettingDown:
 
         self._test: Generator[float, None, bool] | None = None
         self._sticks: bool | None = None
-        yield from move.along(planned, partial(self._retreat, width, object_pose))
+        if retreats:
+            yield from move.along(planned, partial(self._retreat, width, object_pose))
+        else:
+            self._test = came_along(arm, self._held, width, object_pose)
         while self._test is not None and self._sticks is None:
             yield 1.0
             self._continue_test(width)

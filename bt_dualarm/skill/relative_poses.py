@@ -158,8 +158,13 @@ class _Resolver:
         what: Literal["tool", "held", "object", "point"] = "point" if of is None else of.what
         name: str | None = getattr(self._ports, "object", None)
         held = self._arm.held
+        released = self._arm.known.released
         if what == "held" and name is None and len(held) == 1:
             name = held[0]
+        if what == "held" and not held and released is not None:  # to be placed all the same
+            name = name or released.held.object
+            if name == released.held.object:
+                return what, self._body(name), released.pose
         declared = self._arm.world.declared_objects.get(name or "")
         if what in ("tool", "point") or name is None or declared is None:
             return what, None, Pose.identity()

@@ -13,6 +13,7 @@ import bt_dualarm as bt
 from benchmarks import cycle_time
 from benchmarks.placing import run, task
 from bt_dualarm.arm.arm import Arm
+from bt_dualarm.behaviors.report import LeafReport
 from bt_dualarm.skill import placing
 from bt_dualarm.skill.guarded_move import guarded_descent
 from tests.families import some
@@ -140,3 +141,39 @@ def test_every_contact_with_the_support_counts(
     else:
         assert leaf.status == "SUCCESS", leaf.reason
         assert float(leaf.metrics["impact_n"]) >= max(forces)
+
+
+def halted(
+    task_file: dict[str, Any], seconds: float, again: dict[str, Any] | None = None
+) -> list[LeafReport]:
+    """Both runs of `place`, of which the first one is halted at a time."""
+    before, place = task_file["arms"]["arm1"]["tree"]["sequence"]
+    once = {"selector": [{"timeout": {"seconds": seconds, "child": place}}, "succeed"]}
+    steps = [before, once, {"place": again or place["place"]}]
+    task_file["arms"]["arm1"]["tree"] = {"sequence": steps}
+    result = bt.run(task_file, seed=3)
+    return [leaf for leaf in result.arms["arm1"].runs if leaf.skill == "place"]
+
+
+@pytest.mark.parametrize("gripper", ["robotiq_2f85", "suction_cup"])
+def test_place_that_was_halted_after_the_release_can_be_completed(gripper: str) -> None:
+    """The hand leaves the object wherever it was halted, and its pose is verified."""
+    options = argparse.Namespace(robot="ur5", gripper=gripper, reality="lab")
+    whole = halted(task(options, 3), 60.0)[0]
+    assert whole.status == "SUCCESS", whole.reason
+    last = float(whole.ended_s or 0.0) - whole.started_s
+    for left in np.arange(0.06, 1.2, 0.3):
+        first, second = halted(task(options, 3), last - float(left))
+        assert (first.code, second.status) == ("HALTED", "SUCCESS"), (left, second.reason)
+        assert float(second.metrics["placed_error_m"]) < 2e-3
+
+
+def test_nothing_is_left_to_be_placed_twice_or_elsewhere() -> None:
+    options = argparse.Namespace(robot="ur5", gripper="robotiq_2f85", reality="lab")
+    first, again = halted(task(options, 3), 60.0)
+    assert (first.status, again.code) == ("SUCCESS", "NOT_HELD")
+    seconds = float(first.ended_s or 0.0) - first.started_s - 0.3
+    place = task(options, 3)["arms"]["arm1"]["tree"]["sequence"][1]["place"]
+    x, y, z = place["at"]["xyz"]
+    _, other = halted(task(options, 3), seconds, place | {"at": {"xyz": [x + 0.05, y, z]}})
+    assert other.code == "NOT_HELD"
