@@ -18,7 +18,7 @@ class Remove(Skill):
 
     failures = {
         "INVALID_TARGET": "an arm does not remove itself",
-        "NOT_REMOVED": "it is not in the world",
+        "NOT_REMOVED": "it is not in the world, or a part of another object",
     }
     example = "remove: {object: cube}"
     ports: Ports

@@ -28,7 +28,8 @@ class Spawn(Skill):
 
     brings_in = ("object", "arm")
     failures = {
-        "NOT_SPAWNED": "it is already in the world, or something occupies its pose",
+        "NOT_SPAWNED": "it is already in the world, or a part of another object, or something "
+        "occupies its pose",
     }
     example = "spawn: {object: cube}"
     ports: Ports

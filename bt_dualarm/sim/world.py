@@ -195,26 +195,31 @@ class World(WorldView):
         """Add a declared object at rest, at its declared pose or at ``pose``.
 
         Raises:
-            WorldError: Not declared, already present, or its place is occupied.
+            WorldError: Not declared, already present, a part on a joint of another object, or its
+                place, or that of a part on one of its joints, is occupied.
         """
         must_be_among(name, self._file.objects, "object", "declared")
+        self._refuse_part_on_joint(name)
         if name in self.objects:
             raise WorldError(f"object {name!r} is already present")
-        for each in self._with_moved(name):
+        together = self._with_moved(name)
+        for each in together:
             self._put_object(each, pose or self._poses[each])
         self._recompile()
-        error = deepest_overlap(self.model, self.data, "object", name)
-        if error is not None:
-            self.remove_object(name)
-            raise error
+        for each in together:
+            error = deepest_overlap(self.model, self.data, "object", each)
+            if error is not None:
+                self.remove_object(name)
+                raise error
 
     def remove_object(self, name: str) -> None:
         """Remove an object, even one that an arm holds.
 
         Raises:
-            WorldError: The object is not present.
+            WorldError: The object is not present, or a part on a joint of another object.
         """
         self.objects.require(name)
+        self._refuse_part_on_joint(name)
         for each in reversed(self._with_moved(name)):  # what hangs on it is a part of its tree
             if each in self.objects:
                 self.attachments.forget(each)
@@ -423,6 +428,14 @@ class World(WorldView):
             if obj.joint is not None and obj.joint.owner == name
         ]
         return [name, *moved]
+
+    def _refuse_part_on_joint(self, name: str) -> None:
+        """Refuse to add or remove a part alone: its joint is one of the object it belongs to."""
+        hung = self._file.objects[name].joint
+        if hung is not None:
+            raise WorldError(
+                f"{name!r} moves on a joint of {hung.owner!r}: it is added and removed with that"
+            )
 
     def _put_object(self, name: str, pose: Pose) -> None:
         self.objects[name] = obj = self._file.objects[name]

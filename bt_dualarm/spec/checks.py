@@ -852,7 +852,11 @@ def absent(file: TreeFile, source: Source, node_types: Mapping[str, NodeType]) -
     if any(map(is_dynamic, named)):
         return  # which object is spawned is known only at run time
     spawned = {value for value in named if isinstance(value, str)}
-    objects = {name for name, item in file.objects.items() if not item.spawned} - spawned
+    objects = {
+        name
+        for name, item in file.objects.items()
+        if not (item.spawned or (item.joint.owner if item.joint else name) in spawned)
+    }
     arms = {name for name, item in file.arms.items() if not item.spawned} - spawned
     for arm in sorted(arms):
         message = f"arm '{arm}' has spawned: false and no leaf spawns it: its tree never starts"

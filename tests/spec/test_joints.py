@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from bt_dualarm.core.errors import SpringError
+from bt_dualarm.core.errors import OverlapError, SpringError, WorldError
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.sim.arm_models import NominalLoad
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ObjectSpec, expanded
 from bt_dualarm.spec.joints import PartJoint
 from bt_dualarm.spec.yaml_reader import with_tuples
-from tests.sim.worlds import arm, file_of
+from tests.sim.worlds import arm, box, file_of
 
 DOOR: dict[str, Any] = {
     "shape": "compound",
@@ -120,6 +120,37 @@ def test_spawned_and_removed_together() -> None:
     world.remove_object("door")
     assert not world.objects
     assert np.array_equal(world.state(), before)
+
+
+def test_parts_on_joints_are_not_spawned_where_something_is() -> None:
+    """They count as much as the parts that stay: a cube in the panel is thrown away otherwise."""
+    data = DOOR | {"noise": {}, "pose": {"xyz": [1.0, 0.0, 0.4]}, "spawned": False}
+    objects, _, _ = expanded({"door": spec_of(data)})
+    panel = spec_of(DOOR).parts["panel"].pose.pose
+    hung = objects["door.hinge"].joint
+    assert hung is not None
+    in_panel = Pose.from_rpy((1.0, 0.0, 0.4)) @ hung.spec.displacement(hung.spec.start) @ panel
+    world = World(
+        file_of(
+            {"arm1": arm("ur5", (0.0, -2.0, 0.0))},
+            {"cube": box(tuple(in_panel.position.tolist())), **objects},
+        )
+    )
+    with pytest.raises(OverlapError, match=r"'door\.hinge' would be \d+ mm deep in cube"):
+        world.spawn_object("door")
+    assert set(world.objects) == {"cube"}
+
+
+def test_parts_on_joints_come_and_go_only_with_their_object() -> None:
+    world = world_with(DOOR)
+    refusal = "'door.hinge' moves on a joint of 'door': it is added and removed with that"
+    with pytest.raises(WorldError, match=refusal):
+        world.remove_object("door.hinge")
+    assert set(world.objects) == {"door", "door.hinge"}
+    world.remove_object("door")
+    with pytest.raises(WorldError, match=refusal):
+        world.spawn_object("door.hinge")
+    assert not world.objects
 
 
 def test_parts_on_joints_of_a_free_object_move_with_it() -> None:

@@ -101,6 +101,31 @@ def test_objects_that_no_leaf_spawns(tree: str, expected: list[str], tmp_path: P
     assert messages_of(task(tmp_path, tree, OBJECT)) == expected
 
 
+CHEST = """objects:
+  cube: {shape: sphere, size: [0.1], mass: 1, spawned: false}
+  chest:
+    shape: compound
+    fixed: true
+    spawned: false
+    parts: {rim: {shape: box, size: [1, 1, 1]}, lid: {shape: box, size: [1, 1, 0.1]}}
+    joints: {hinge: {type: hinge, range: [0, 90], parts: [lid], mass: 1}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("brought", "expected"),
+    [
+        ("chest", []),
+        ("cube", ["w: look: 'chest.hinge' has spawned: false and no leaf spawns it"]),
+    ],
+)
+def test_a_part_on_a_joint_is_spawned_with_its_object(
+    brought: str, expected: list[str], tmp_path: Path
+) -> None:
+    tree = f"sequence: [{{spawn: {{object: {brought}}}}}, {{look: {{object: chest.hinge}}}}]"
+    assert messages_of(task(tmp_path, tree, CHEST)) == expected
+
+
 @pytest.mark.parametrize("name", ["spawn", "bring", "unpack"])
 @pytest.mark.parametrize("brings", [True, False])
 def test_a_skill_spawns_what_it_declares(name: str, brings: bool, tmp_path: Path) -> None:
