@@ -83,6 +83,7 @@ class Assembly:
         seed: Random seed.
         frame_logs: Findings in the cameras' frames, by the arm's name.
         trees: Definition of the tree that an arm starts with when spawned, by the arm's name.
+        texts: Texts of the files that ports of the trees name, see `SkillContext`.
         faults: Injected faults of hardware and world.
     """
 
@@ -96,6 +97,7 @@ class Assembly:
     seed: int
     frame_logs: Mapping[str, FrameLog]
     trees: dict[str, NodeSpec]
+    texts: dict[str, str]
     faults: WorldFaults
 
     def close(self) -> None:
@@ -123,6 +125,7 @@ class _ArmFactory:
     trace: TraceEvents | None
     frame_logs: Mapping[str, FrameLog]
     trees: Mapping[str, NodeSpec]
+    texts: Mapping[str, str]
     cell: CellState
     controllers: dict[str, JointController]
     faults: WorldFaults
@@ -214,7 +217,7 @@ class _ArmFactory:
             log=logging.getLogger(f"bt_dualarm.skills.{arm.name}"),
             record=partial(self.series.add, arm.name, path),
             cell=cell,
-            texts=self.file.texts_by_name,
+            texts=self.texts,
         )
 
 
@@ -281,6 +284,7 @@ def assemble(
     planning = PlanningProcess()
     contacts = Contacts(world)
     trees = {name: arm.tree for name, arm in file.arms.items()}
+    texts = file.texts_by_name
     frame_logs = {name: FrameLog(name, trace) for name in file.arms}
     traffic = Traffic(lambda: world.time)
     faults = WorldFaults(world, file.faults, seed, on_fault)
@@ -307,6 +311,7 @@ def assemble(
         trace,
         frame_logs,
         trees,
+        texts,
         cell,
         {},
         faults,
@@ -320,7 +325,18 @@ def assemble(
     }
     arms = Arms(declared, factory.equip, world, leniency, cell)
     return Assembly(
-        world, arms, opened, message, series, planning, contacts, seed, frame_logs, trees, faults
+        world,
+        arms,
+        opened,
+        message,
+        series,
+        planning,
+        contacts,
+        seed,
+        frame_logs,
+        trees,
+        texts,
+        faults,
     )
 
 

@@ -11,7 +11,7 @@ import itertools
 import logging
 import math
 import operator
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 from fractions import Fraction
 from numbers import Real
@@ -601,7 +601,8 @@ def apply_edit(run: Run, before: TreeFile, now: TreeFile) -> list[str]:
     """Replace the trees of a run by those of an edited file, between two steps.
 
     Leaves with the same path, node type and ports keep running; other running leaves are halted and
-    restarted. Trees that have ended are not changed.
+    restarted. Trees that have ended are not changed. A leaf that starts from now on reads the files
+    that its ports name as they are now.
 
     Args:
         run: The run.
@@ -617,10 +618,13 @@ def apply_edit(run: Run, before: TreeFile, now: TreeFile) -> list[str]:
     other = [*_changes_besides_trees(before, now)]
     if other:
         raise RunError(f"{', '.join(other)}: during a run, only trees can be changed; restart it")
+    texts = now.texts_by_name
+    edited = {name for name, text in texts.items() if run.assembly.texts.get(name) != text}
+    run.assembly.texts.update(texts)
     present = {arm.name: arm for arm in run.assembly.arms.present}
     messages = []
     for name, arm in now.arms.items():
-        if same(before.arms[name].tree, arm.tree):
+        if same(before.arms[name].tree, arm.tree) and not _names(arm.tree, edited):
             continue
         run.assembly.trees[name] = arm.tree
         if name not in present:
@@ -632,6 +636,11 @@ def apply_edit(run: Run, before: TreeFile, now: TreeFile) -> list[str]:
         if replaced and run.open_record is not None:
             run.open_record.trace.of_edit(name, tree_facts(arm.tree))
     return messages
+
+
+def _names(tree: NodeSpec, files: Set[str]) -> bool:
+    """Whether a port of a tree names one of these files."""
+    return any(value in files for node in tree.walk() for value in map(str, node.ports.values()))
 
 
 def same(one: NodeSpec, other: NodeSpec) -> bool:
@@ -657,6 +666,9 @@ def _changes_besides_trees(before: TreeFile, now: TreeFile) -> Iterator[str]:
         yield "objects"
     if before.cell != now.cell:
         yield "cell"
+    for part in ("goal", "always", "never", "faults"):
+        if getattr(before, part) != getattr(now, part):
+            yield part
     if [*before.arms] != [*now.arms]:
         yield "arms"
         return

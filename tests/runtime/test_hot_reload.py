@@ -95,6 +95,9 @@ def test_a_leaf_that_changed_is_halted_and_restarted(edited: Edited) -> None:
         (SHORT.replace("mass: 1", "mass: 2"), "objects: during a run, only trees"),
         (SHORT.replace("[0, 0, 0.4]", "[0, 0, 0.5]"), "arms.arm1: during a run"),
         (SHORT.replace("time_limit: 20", "time_limit: 21"), "world: during a run"),
+        (SHORT + "goal: {there: {tool: arm1, height: [0, 1]}}\n", "goal: during a run"),
+        (SHORT + "never: {high: {tool: arm1, height: [2, 3]}}\n", "never: during a run"),
+        (SHORT + "faults: {jam: {arm: arm1, leaf: set}}\n", "faults: during a run"),
     ],
 )
 def test_an_edit_that_cannot_be_applied_is_reported_and_the_run_goes_on(
@@ -146,6 +149,28 @@ def test_the_record_contains_the_edit(edited: Edited) -> None:
     agreement = check_record(record, REGISTRY)
     assert agreement.agrees
     assert agreement.until_s == pytest.approx(0.3, abs=0.01)
+
+
+@pytest.mark.parametrize("saved", ["other.csv", "line.csv"])
+def test_a_path_file_is_read_with_the_edit(edited: Edited, saved: str) -> None:
+    """A name that is new and a file that has changed; the record contains both as edits."""
+    leaf = "follow_path: {file: FILE, scale: 0.001, tool_speed: 0.05}"
+    text = SHORT.replace('reach_to_pose: {offset: "{goal}"}', leaf)
+    edited.path.with_name("line.csv").write_text("0, 0\n20, 0\n")
+    edited.path.with_name("other.csv").write_text("0, 0\n30, 0\n")
+    edited.save(text.replace("FILE", "line.csv"))
+    with edited.run as run:
+        run.step(0.1)
+        if saved == "line.csv":
+            edited.save("0, 0\n30, 0\n", saved)
+        else:
+            edited.save(text.replace("FILE", saved))
+        run.step(0.1)
+        assert run.finish().outcome == "SUCCESS"
+        leaf_run = run.result.arms["arm1"].runs[-1]
+        assert leaf_run.metrics["path_length_m"] == pytest.approx(0.03)
+    notes = [note for note in Record.read(edited.record).notes if note["kind"] == "edited"]
+    assert len(notes) == 2
 
 
 def test_the_file_must_be_valid_at_first(tmp_path: Path) -> None:
