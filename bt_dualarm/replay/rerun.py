@@ -23,10 +23,11 @@ from bt_dualarm.runtime.interruption import StopRequest
 from bt_dualarm.runtime.observations import KnownFrame
 from bt_dualarm.runtime.options import RunOptions, checked_reality
 from bt_dualarm.runtime.outcome import Ending
-from bt_dualarm.runtime.run import Run
+from bt_dualarm.runtime.run import Run, changes_besides_trees
 from bt_dualarm.runtime.summary import processor, versions
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.registry import Registry
+from bt_dualarm.spec.document import TreeFile
 from bt_dualarm.spec.node_types import NodeSpec
 from bt_dualarm.spec.texture import as_text, is_image_text
 from bt_dualarm.spec.yaml_reader import Source, read_text
@@ -216,11 +217,16 @@ class Rerun:
 
     Attributes:
         run: The run; nothing has moved yet.
-        trees: Root of each arm's tree, as it was read.
+        file: Tree file, as it was read.
     """
 
     run: Run
-    trees: Mapping[str, NodeSpec]
+    file: TreeFile
+
+    @property
+    def trees(self) -> Mapping[str, NodeSpec]:
+        """Root of each arm's tree."""
+        return {name: arm.tree for name, arm in self.file.arms.items()}
 
 
 def rerun(
@@ -253,7 +259,7 @@ def rerun(
     if given and "faults" not in options:
         options["faults"] = checked_faults(file, {"faults": given})
     run = Run(file, registry, RunOptions(**options), stop=stop, warnings=checked.problems)
-    return Rerun(run, {name: arm.tree for name, arm in file.arms.items()})
+    return Rerun(run, file)
 
 
 def differences(record: Record, registry: Registry) -> Iterator[str]:
@@ -402,24 +408,35 @@ def check_record(record: Record, registry: Registry) -> Agreement:
 
 
 def _undisturbed(record: Record) -> int:
-    """Number of steps until the first intervention from outside the simulation.
-
-    A signal or a page halts whole trees; the watchdog, which uses the wall clock, ends a leaf. In
-    a repetition, that leaf would continue or block.
-    """
+    """Number of steps until the first intervention from outside the simulation."""
     timestep = float(record.start["timestep"])
-    roots = {name: str(arm["tree"]["name"]) for name, arm in record.arms.items()}
-    halts = [
-        float(event["time_s"])
-        for event in record.events
-        if event["path"] == roots.get(event["arm"])
-        and event["code"] in ("", "HALTED")
-        and event["new"] == "INVALID"
-    ]
-    overruns = [float(event["time_s"]) for event in record.events if event["code"] == "OVERRUN"]
-    edits = [float(note["time_s"]) for note in record.notes if note["kind"] == "edited"]
-    until = min([*halts, *overruns, *edits], default=record.steps * timestep)
+    until = min((time for time, _ in _interventions(record)), default=record.steps * timestep)
     return min(record.steps, round(until / timestep))
+
+
+def _interventions(record: Record) -> Iterator[tuple[float, str]]:
+    """Yields time in s and description of each intervention from outside the simulation.
+
+    A signal, a page or a limit of the run halts all trees; the watchdog, which uses the wall clock,
+    ends a leaf. In a repetition, that leaf would continue or block.
+    """
+    roots = {name: str(arm["tree"]["name"]) for name, arm in record.arms.items()}
+    of_roots = [event for event in record.events if event["path"] == roots.get(event["arm"])]
+    latest = {event["arm"]: event for event in of_roots}.values()
+    ended = [event for event in of_roots if event["new"] != "RUNNING"]
+    # Earlier halts, and those while other trees run on, are removals of arms by a tree.
+    if ended and all(event["new"] != "RUNNING" for event in latest):
+        for event in ended:
+            is_last = event["time_s"] == ended[-1]["time_s"]
+            if is_last and event["new"] == "INVALID" and event["code"] in ("", "HALTED"):
+                why = "" if record.summary is None else f": {record.summary['ending']}"
+                yield float(event["time_s"]), f"the tree of {event['arm']} was halted{why}"
+    for event in record.events:
+        if event["code"] == "OVERRUN":
+            yield float(event["time_s"]), f"the watchdog ended {event['arm']}:{event['path']}"
+    for note in record.notes:
+        if note["kind"] == "edited":
+            yield float(note["time_s"]), f"the tree of {note['arm']} was edited"
 
 
 _RESUME_STEP_S = 0.1
@@ -540,8 +557,25 @@ def _explained(
             was = record.start[name]
             lines.append(f"{name} is {given}, was {'not given' if was is None else was} then")
     lines += edited(record, remade.trees, time)
+    parts = _changed_parts(record, remade.file, registry)
+    if parts:
+        lines.append(f"changed in the file besides trees: {', '.join(parts)}")
+    lines += [
+        f"at {at:.3f} s of the record, {what}" for at, what in _interventions(record) if at <= time
+    ]
     lines += differences(record, registry)
     return "\n  = ".join(lines)
+
+
+def _changed_parts(record: Record, now: TreeFile, registry: Registry) -> list[str]:
+    """Parts of the tree file, besides trees, that are not as in the record."""
+    own = _own_text(record, from_disk=False)
+    was = check(own, registry.kinds, record.start["params"], build=False).file
+    if was is None:
+        return []
+    for obj in was.objects.values():  # a copy of the file elsewhere is no change
+        obj.look_in(now.root)
+    return [part for part in changes_besides_trees(was, now) if part != "goal"]
 
 
 def edited(record: Record, trees: Mapping[str, NodeSpec], time: float) -> Iterator[str]:

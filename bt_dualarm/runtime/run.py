@@ -615,7 +615,7 @@ def apply_edit(run: Run, before: TreeFile, now: TreeFile) -> list[str]:
     Raises:
         RunError: The edit changes more than trees; nothing is applied.
     """
-    other = [*_changes_besides_trees(before, now)]
+    other = [*changes_besides_trees(before, now)]
     if other:
         raise RunError(f"{', '.join(other)}: during a run, only trees can be changed; restart it")
     texts = now.texts_by_name
@@ -658,7 +658,7 @@ def same(one: NodeSpec, other: NodeSpec) -> bool:
     )
 
 
-def _changes_besides_trees(before: TreeFile, now: TreeFile) -> Iterator[str]:
+def changes_besides_trees(before: TreeFile, now: TreeFile) -> Iterator[str]:
     """Yields the paths of the changes outside trees."""
     if before.world != now.world:
         yield "world"

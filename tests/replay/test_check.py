@@ -80,6 +80,35 @@ def test_a_run_that_was_closed_agrees_until_then(tmp_path: Path, short: Record) 
     assert (found.steps, found.hash_agrees) == (250, None)
 
 
+REMOVING = """\
+bt_dualarm: 1
+name: removing
+world: {scene: empty, time_limit: 20}
+arms:
+  arm1:
+    robot: ur5
+    tree:
+      sequence: [{wait: 0.2}, {remove: {arm: arm2}}, {reach_to_pose: {offset: {xyz: [0, 0, 0.1]}}}]
+  arm2: {robot: ur3, base: {xyz: [0, 2, 0]}, tree: {wait: 9}}
+"""
+
+
+@pytest.mark.parametrize("is_killed", [False, True])
+def test_the_removal_of_an_arm_by_a_tree_is_no_intervention(
+    tmp_path: Path, is_killed: bool
+) -> None:
+    """It is repeated, so the record is compared beyond it, up to where the run was closed."""
+    with bt_dualarm.open(REMOVING, record=tmp_path) as run:
+        run.step(0.5)
+    if is_killed:
+        (tmp_path / "summary.json").unlink()
+        events = (tmp_path / "events.jsonl").read_text().splitlines(keepends=True)
+        (tmp_path / "events.jsonl").write_text("".join(one for one in events if "0.5," not in one))
+    found = check_record(Record.read(tmp_path), REGISTRY)
+    assert found.agrees
+    assert found.steps == 250
+
+
 def test_an_include_that_has_changed_since_is_taken_from_the_record(tmp_path: Path) -> None:
     record = recorded(tmp_path)
     (tmp_path / "parts.yaml").write_text("bt_dualarm: 1\n")

@@ -92,6 +92,33 @@ def test_another_node_type_in_the_past_is_refused(short: Record, tmp_path: Path)
         resumed(short, 0.4, REGISTRY, change)
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "part"),
+    [
+        ("mass: 1", "mass: 2", "objects"),
+        ("time_limit: 20", "time_limit: 20, timestep: 0.001", "world"),
+        ("posture: present", "posture: home", "arms.arm1"),
+    ],
+)
+def test_a_change_besides_trees_is_named(
+    short: Record, tmp_path: Path, old: str, new: str, part: str
+) -> None:
+    """Only that: the file in another folder is the same otherwise."""
+    with pytest.raises(PastChangedError) as refused:
+        resumed(short, 0.4, REGISTRY, edited(short, tmp_path, old, new))
+    assert f"changed in the file besides trees: {part}\n" in f"{refused.value}\n"
+
+
+def test_a_time_after_the_trees_were_halted_is_refused_with_the_reason(tmp_path: Path) -> None:
+    """The arms came to rest; a run that continues from there would have to halt the trees again."""
+    record = recorded(tmp_path, duration=0.5)
+    assert record.until > 0.5
+    with pytest.raises(PastChangedError) as refused:
+        resumed(record, record.until, REGISTRY, Changed(options={"duration": None}))
+    halted = "at 0.500 s of the record, the tree of arm1 was halted: the requested duration has"
+    assert halted in str(refused.value)
+
+
 @pytest.mark.parametrize("time", [0.0001, 99.0])
 def test_a_time_outside_the_record_is_refused(short: Record, time: float) -> None:
     with pytest.raises(ReplayError, match="the record goes from 0 to"):
