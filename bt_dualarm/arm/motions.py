@@ -27,6 +27,8 @@ from bt_dualarm.core.errors import (
     Failure,
     Number,
     SkillError,
+    rounded_down,
+    rounded_up,
 )
 from bt_dualarm.core.free_axes import FreeAxes, nearest_allowed
 from bt_dualarm.core.pose import Matrix, Pose, Vector
@@ -588,8 +590,8 @@ class ArmMotions(ArmState):
             raise Failure(
                 "INVALID_TARGET",
                 f"the compliance of {1e3 * compliance:.3g} mm/N is not possible here: this "
-                f"{self.robot.name} allows {1e3 * least:.2g} to {1e3 * most:.2g} mm/N in this "
-                "configuration",
+                f"{self.robot.name} allows {rounded_up(1e3 * least, 2):g} to "
+                f"{rounded_down(1e3 * most, 2):g} mm/N in this configuration",
                 compliance_m_per_n=compliance,
                 least_m_per_n=least,
                 most_m_per_n=most,

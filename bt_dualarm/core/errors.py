@@ -2,11 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Final, Self, TypeAlias
 
 Number: TypeAlias = float | int | bool | str
 """Type of a failure's numbers: JSON scalars only."""
+
+
+def rounded_down(most: float, digits: int = 3) -> float:
+    """The largest number of some digits up to an upper bound above 0.
+
+    Messages give bounds like this: a value that they advise must not be refused in turn.
+    """
+    unit = 10.0 ** (math.floor(math.log10(most)) + 1 - digits)
+    # What is a whole number but for rounding errors stays one.
+    return float(f"{math.floor(most / unit + 1e-9) * unit:.{digits}g}")
+
+
+def rounded_up(least: float, digits: int = 3) -> float:
+    """The smallest number of some digits from a lower bound above 0 on, see `rounded_down`."""
+    unit = 10.0 ** (math.floor(math.log10(least)) + 1 - digits)
+    return float(f"{math.ceil(least / unit - 1e-9) * unit:.{digits}g}")
 
 
 class DualArmError(Exception):

@@ -38,7 +38,7 @@ from bt_dualarm.kinematics.solver import (
     target_matrix,
     unreachable,
 )
-from bt_dualarm.robots.robot import JointLimits, Robot
+from bt_dualarm.robots.robot import JointLimits, Robot, degrees_within
 
 _STARTS = 8
 """Number of random starts besides the robot's postures."""
@@ -559,11 +559,13 @@ def refuse_beyond(joints: Sequence[str], q: Vector, limits: JointLimits) -> None
     beyond = np.maximum(limits.lower - q, q - limits.upper)
     worst = int(np.argmax(beyond))
     if beyond[worst] > 1e-9:
-        limit = limits.lower[worst] if q[worst] < limits.lower[worst] else limits.upper[worst]
+        low, high = degrees_within(limits.lower[worst], limits.upper[worst])
+        limit = low if q[worst] < limits.lower[worst] else high
+        away = float(np.degrees(beyond[worst]))
+        shown = f"{away:.1f}" if away >= 0.1 else f"{away:.1g}"
         raise Failure(
             "JOINT_LIMIT",
-            f"{joints[worst]} would be {np.rad2deg(beyond[worst]):.1f}° beyond its limit of "
-            f"{np.rad2deg(limit):.1f}°",
+            f"{joints[worst]} would be {shown}° beyond its limit of {limit}°",
             joint=joints[worst],
             beyond_rad=float(beyond[worst]),
         )

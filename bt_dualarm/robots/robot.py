@@ -836,6 +836,16 @@ class JointLimits:
         )
 
 
+def degrees_within(lower: float, upper: float) -> tuple[float, float]:
+    """Position limits in rad as degrees with three decimals, rounded to the inside.
+
+    As they are printed, a joint can be at them: rounded to the nearest, every second one could not.
+    """
+    low, high = 1e3 * np.degrees((lower, upper))
+    # What is a whole number but for rounding errors stays one; -0.0 becomes 0.0.
+    return float(np.ceil(low - 1e-6)) / 1e3 + 0.0, float(np.floor(high + 1e-6)) / 1e3 + 0.0
+
+
 @dataclass(frozen=True, eq=False)
 class CameraMount:
     """Mount of a camera on an arm: a link, and the camera's pose in it (OpenCV's axes)."""

@@ -32,6 +32,7 @@ from bt_dualarm.robots.robot import (
     RobotEntry,
     RobotFile,
     UrdfLimitEntry,
+    degrees_within,
     description_path,
     file_below,
     is_description_path,
@@ -197,8 +198,8 @@ def posture_problems(file: RobotFile, stops: Mapping[str, Stops]) -> Iterator[Pr
         for number, angle in enumerate(np.deg2rad(angles)):
             limits = stops.get(joints[number])
             if limits is not None and not limits.lower <= angle <= limits.upper:
-                span = f"{np.degrees(limits.lower):.1f}° to {np.degrees(limits.upper):.1f}°"
-                hint = f"{joints[number]}: {span}"
+                low, high = degrees_within(limits.lower, limits.upper)
+                hint = f"{joints[number]}: {low}° to {high}°"
                 yield file.problem(("postures", name, number), "is outside the limits", hint)
 
 

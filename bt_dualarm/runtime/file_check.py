@@ -28,7 +28,7 @@ from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics, Workspace
 from bt_dualarm.robots.gripper import Gripper, Interval, gripper_names, load_gripper
 from bt_dualarm.robots.meshes import MeshError, refuse_object_mesh
-from bt_dualarm.robots.robot import Robot, is_description_path, problems_of
+from bt_dualarm.robots.robot import Robot, degrees_within, is_description_path, problems_of
 from bt_dualarm.robots.robot_description import (
     COMES_OFF,
     load_robot,
@@ -314,7 +314,8 @@ def _beyond_limits(
         low, high = np.degrees((robot.limits.lower[joint], robot.limits.upper[joint])).tolist()
         if not low - 1e-6 <= angle <= high + 1e-6:
             message = f"{node.kind}: {port}: {robot.joints[joint]} cannot be at {angle:g}°"
-            hint = f"its limits are {low:.5g}° and {high:.5g}°"
+            low, high = degrees_within(robot.limits.lower[joint], robot.limits.upper[joint])
+            hint = f"its limits are {low:g}° and {high:g}°"
             problem = node.port_problem((port, key), message, hint)
             yield replace(problem, severity="warning")
 

@@ -18,7 +18,13 @@ import mujoco
 import numpy as np
 import numpy.typing as npt
 
-from bt_dualarm.core.errors import AbsentError, CatalogError, SpringError, WorldError
+from bt_dualarm.core.errors import (
+    AbsentError,
+    CatalogError,
+    SpringError,
+    WorldError,
+    rounded_down,
+)
 from bt_dualarm.core.later import Later
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.core.share import share_dir
@@ -459,7 +465,7 @@ def refuse_stiff_springs(model: mujoco.MjModel, joints: Mapping[str, Articulatio
             raise SpringError(
                 name,
                 f"a spring of {hung.spec.spring:g} {unit} is too stiff for what it moves, in time "
-                f"steps of {1e3 * step:g} ms: at most {stiffest:.5g} {unit}",
+                f"steps of {1e3 * step:g} ms: at most {rounded_down(stiffest, 5):g} {unit}",
             )
 
 

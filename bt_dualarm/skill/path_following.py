@@ -23,7 +23,7 @@ from bt_dualarm.planning.problem import joint_paths
 from bt_dualarm.skill.grip import held_through
 from bt_dualarm.skill.skill import Record, Skill, nowhere
 from bt_dualarm.spec.node_types import port
-from bt_dualarm.trajectory.constant_speed import at_constant_speed
+from bt_dualarm.trajectory.constant_speed import at_constant_speed, too_fast
 from bt_dualarm.trajectory.path_timing import timed_path
 from bt_dualarm.trajectory.paths import CartesianPath
 from bt_dualarm.trajectory.set_points import TrajectorySource
@@ -340,16 +340,9 @@ class _Plan:
         arm.refuse_collision_along(motion)
         asked_s = motion.duration
         motion = arm.within_efforts(motion)
-        if ramp is not None and motion.duration > asked_s + arm.period:
-            asked = path.length / (asked_s - ramp)
-            fastest = asked * asked_s / motion.duration
-            raise Failure(
-                "TOO_FAST",
-                f"the load does not allow the tool to move at {asked:.3g} m/s on the whole path; "
-                f"try {fastest:.3g} m/s",
-                asked_m_s=asked,
-                fastest_m_s=fastest,
-            )
+        if tool_speed is not None and motion.duration > asked_s + arm.period:
+            fastest = tool_speed * asked_s / motion.duration
+            raise too_fast(tool_speed, fastest, "the load does not allow it on the whole path")
         grip_scale = arm.grip_speed_scale
         leave = None
         if end is not None and not _is_at(path.end, end):

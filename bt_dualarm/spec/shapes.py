@@ -8,6 +8,7 @@ from typing import Annotated, Final, Literal, Protocol, TypeAlias
 
 from pydantic import Field, model_validator
 
+from bt_dualarm.core.errors import rounded_down, rounded_up
 from bt_dualarm.spec.colors import ObjectColor
 from bt_dualarm.spec.node_types import port
 from bt_dualarm.spec.texture import TextureSpec
@@ -65,6 +66,9 @@ SIZE_IN_WORDS: Final = (
 THINNEST_WALL: Final = 0.007
 """Minimum wall of a round hollow shape as a fraction of its radius: its wall consists of at most 32
 flat segments, which would be thinner at their edges than in their middle."""
+
+_ROUNDING: Final = 1e-9
+"""Share by which a wall may miss a bound that is computed from the size."""
 
 WALL_IN_WORDS: Final = (
     "Thickness of the walls of a hollow shape, by default 3 mm; of a table's top, 30 mm; or of the "
@@ -130,14 +134,15 @@ def refuse_size(shape: PartShape, shaped: Shaped) -> None:
         most = min(0.4 * size[0], 0.4 * size[1], 0.8 * size[2])
     else:
         most = 0.8 * size[0] if shape == "tube" else min(0.8 * size[0], 0.8 * size[1])
-        if wall < THINNEST_WALL * size[0]:
+        if wall < THINNEST_WALL * size[0] * (1.0 - _ROUNDING):
             raise ValueError(
                 f"the wall of {_a(shape)} with a radius of {1e3 * size[0]:g} mm is at least "
-                f"{1e3 * THINNEST_WALL * size[0]:.2g} mm, not {1e3 * wall:g} mm"
+                f"{rounded_up(1e3 * THINNEST_WALL * size[0], 2):g} mm, not {1e3 * wall:g} mm"
             )
-    if wall > most:
+    if wall > most * (1.0 + _ROUNDING):
         raise ValueError(
-            f"the wall of this {shape} is at most {1e3 * most:.4g} mm, not {1e3 * wall:g} mm"
+            f"the wall of this {shape} is at most {rounded_down(1e3 * most, 4):g} mm, not "
+            f"{1e3 * wall:g} mm"
         )
 
 

@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from bt_dualarm.core.errors import Failure
+from bt_dualarm.core.errors import Failure, rounded_down
 from bt_dualarm.core.pose import Matrix, Vector
 from bt_dualarm.robots.robot import JointLimits
 from bt_dualarm.trajectory.cubic_spline import cubic_spline
@@ -22,6 +22,9 @@ from bt_dualarm.trajectory.trajectory import Trajectory, use_of_limits
 _FIRST_RAMP_S: Final = 0.04
 _LONGER: Final = 1.3
 """Duration of the shortest ramp that is tried, s, and the ratio of one ramp to the next."""
+
+_SLOWER: Final = 0.9
+"""Ratio of one speed to the next that are tried to find a possible one."""
 
 _SPACING_M: Final = 3e-4
 """Minimum distance of samples, m: the third derivative of a spline amplifies the rounding of
@@ -49,22 +52,36 @@ def at_constant_speed(
         The motion, and the duration of each ramp in s.
 
     Raises:
-        Failure: ``TOO_FAST`` with the largest possible speed, ``fastest_m_s``: the joints cannot
-            follow, or the path is too short to reach the speed.
+        Failure: ``TOO_FAST`` with about the largest possible speed, ``fastest_m_s``: the joints
+            cannot follow, or the path is too short to reach the speed.
     """
     kept = _apart(lengths)
     path = cubic_spline(lengths[kept], samples[kept])
     length = float(lengths[-1])
-    fastest = _fastest(path, length, limits)
-    if speed > fastest:
-        raise _too_fast(speed, fastest, "a joint would exceed its limits on the path")
+    lower = _fastest(path, length, limits)
+    reason = "a joint would exceed its limits on the path"
+    if speed <= lower:
+        found = _with_ramps(path, length, speed, limits, dt)
+        if found is not None:
+            return found
+        lower = _SLOWER * speed
+        reason = "the path is too short to reach the speed smoothly"
+    while _with_ramps(path, length, rounded_down(lower), limits, dt) is None:
+        lower *= _SLOWER
+    raise too_fast(speed, lower, reason)
+
+
+def _with_ramps(
+    path: Spline, length: float, speed: float, limits: JointLimits, dt: float
+) -> tuple[Trajectory, float] | None:
+    """Motion with the shortest possible ramps, and their duration; None if there are none."""
     ramp = _FIRST_RAMP_S
     while speed * ramp <= length:
         motion, used = _timed(path, length, speed, ramp, dt)
         if _keeps(motion, limits):
             return motion, used
         ramp *= _LONGER
-    raise _too_fast(speed, 0.5 * speed, "the path is too short to reach the speed smoothly")
+    return None
 
 
 def _apart(lengths: Vector) -> list[int]:
@@ -77,12 +94,20 @@ def _apart(lengths: Vector) -> list[int]:
     return [*kept, len(lengths) - 1]
 
 
-def _too_fast(speed: float, fastest: float, reason: str) -> Failure:
+def too_fast(speed: float, fastest: float, reason: str) -> Failure:
+    """``TOO_FAST``, with a speed to try that is no higher than the largest possible one.
+
+    Args:
+        speed: Speed of the tool that was requested, m/s.
+        fastest: Largest possible speed, m/s.
+        reason: Why the requested one is not possible.
+    """
+    possible = rounded_down(fastest)
     return Failure(
         "TOO_FAST",
-        f"the tool cannot move at {speed:g} m/s: {reason}; try {fastest:.3g} m/s",
+        f"the tool cannot move at {speed:g} m/s: {reason}; try {possible:g} m/s",
         asked_m_s=speed,
-        fastest_m_s=fastest,
+        fastest_m_s=possible,
     )
 
 

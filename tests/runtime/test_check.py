@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.share import share_dir
+from bt_dualarm.kinematics.inverse_kinematics import refuse_beyond
+from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.runtime.file_check import check
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.problems import Problem, SpecError
@@ -289,6 +294,30 @@ def test_joint_angles_beyond_limits_are_warnings(
         assert (problem.severity, problem.place.line) == ("warning", 11)
         assert part in problem.message
         assert problem.hint.startswith("its limits are -")
+
+
+@pytest.mark.parametrize("name", ["baxter_left", "fr3", "panda", "so100", "ur5", "xarm7"])
+def test_limits_that_a_warning_names_are_possible(name: str, registry: Registry) -> None:
+    """Also to the skill, whose refusal names the same; rounded to the nearest they would not be."""
+    robot = load_robot(name, Path(), None)
+
+    def warned(joint: str, angle: float) -> str:
+        tree = f"{{move_joints: {{to: {{{joint}: {angle}}}}}}}"
+        text = FILE.format(**{**GOOD, "tree": tree}).replace("robot: ur5", f"robot: {name}")
+        found = check(text, registry.kinds, build=False).problems
+        return "".join(problem.hint for problem in found if "cannot be at" in problem.message)
+
+    for index, joint in enumerate(robot.joints):
+        named = re.fullmatch(r"its limits are (\S+)° and (\S+)°", warned(joint, 500.0))
+        assert named is not None
+        for bound, beyond in zip(map(float, named.groups()), (-1e-4, 1e-4), strict=True):
+            assert not warned(joint, bound)
+            q = robot.postures["home"].copy()
+            q[index] = np.radians(bound)
+            refuse_beyond(robot.joints, q, robot.limits)
+            q[index] += beyond
+            with pytest.raises(Failure, match=re.escape(f" beyond its limit of {bound}°")):
+                refuse_beyond(robot.joints, q, robot.limits)
 
 
 @pytest.mark.parametrize(("y", "millimeters"), [(0.28, 20), (0.3, 25), (0.4, None)])

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 import bt_dualarm as bt
 from bt_dualarm.collision.checker import CollisionChecker
@@ -196,6 +198,26 @@ def test_compiled_motion_checks_support_every_shape(shape: str) -> None:
     arm_with = swept_arm(checker, [checker.present])
     geoms = len(world.object_geoms("thing"))
     assert len(arm_with.shapes.ranges) >= geoms
+
+
+@pytest.mark.parametrize(
+    ("shape", "size", "wall"),
+    [
+        ("shelf", [0.5, 0.4, 0.71], 0.2),
+        ("bin", [0.35, 0.4, 0.5], 0.2),
+        ("tube", [0.0333, 0.1], 0.03),
+        ("cup", [0.0777, 0.1], 0.0005),
+    ],
+)
+def test_wall_that_a_refusal_allows_is_possible(shape: str, size: list[float], wall: float) -> None:
+    """Whatever rounding does to the bound, which follows from the size."""
+    data = {"shape": shape, "size": size, "mass": 1}
+    data |= {"boards": 7} if shape == "shelf" else {}
+    with pytest.raises(ValidationError) as refused:
+        ObjectSpec.model_validate(with_tuples(data | {"wall": wall}))
+    bound = re.search(r"at (?:most|least) (\S+) mm", str(refused.value))
+    assert bound is not None
+    ObjectSpec.model_validate(with_tuples(data | {"wall": float(bound[1]) / 1e3}))
 
 
 def test_inside_of_a_bin_is_free() -> None:

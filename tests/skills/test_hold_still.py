@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
 import pytest
 
+from bt_dualarm.behaviors.report import LeafReport
 from bt_dualarm.core.pose import Vector
 from bt_dualarm.sim.world import World
 from tests.plays import Play, Stage
@@ -58,6 +60,33 @@ def test_compliant_tool_yields_like_a_spring_and_returns(compliance: float, stag
     assert 0.05 * compliance * NEWTON < moved < 1.1 * compliance * NEWTON
     assert tool.moved_m(PUSH_S[0] - 0.05, leaf.ended_s or 0.0) < 5e-4
     assert leaf.metrics["held_force_n"] == pytest.approx(NEWTON, rel=0.2)
+
+
+@pytest.mark.parametrize("robot", ["ur5", "z1", "jaco2", "panda"])
+def test_compliance_that_a_refusal_allows_is_possible(robot: str, stage: Stage) -> None:
+    """Rounded to the nearest, every second one would be refused in turn."""
+
+    def held(compliance: float) -> LeafReport:
+        file = {
+            "name": "held",
+            "world": {"scene": "empty", "time_limit": 5.0},
+            "arms": {
+                "arm1": {
+                    "robot": robot,
+                    "base": {"xyz": [0, 0, 0.4]},
+                    "tree": {"hold_still": {"compliance": compliance, "duration": 0.1}},
+                }
+            },
+        }
+        return stage.run(file).leaf("hold_still")
+
+    refused = held(1e-6)
+    assert refused.code == "INVALID_TARGET"
+    allowed = re.search(r"allows (\S+) to (\S+) mm/N", refused.reason)
+    assert allowed is not None
+    for bound in allowed.groups():
+        if float(bound) <= 20.0:  # the largest value of the port
+            assert held(1e-3 * float(bound)).status == "SUCCESS"
 
 
 def test_stiff_arm_does_not_move(stage: Stage) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -89,6 +90,20 @@ def test_too_high_speed_is_refused_with_the_possible_one() -> None:
     at_constant_speed(rows, lengths, 0.99 * fastest, ROBOT.limits, DT)
     with pytest.raises(Failure, match="a joint would exceed its limits"):
         at_constant_speed(rows, lengths, 1.01 * fastest, ROBOT.limits, DT)
+
+
+@pytest.mark.parametrize("asked", [3.0, 0.7])
+@pytest.mark.parametrize("side", np.linspace(0.02, 0.1, 9).tolist())
+def test_speed_to_try_is_possible(asked: float, side: float) -> None:
+    """As the message gives it: rounded up it would be refused, with itself as the one to try."""
+    rows, lengths = samples(0.015, side=side)
+    with pytest.raises(Failure) as refused:
+        at_constant_speed(rows, lengths, asked, ROBOT.limits, DT)
+    advice = re.fullmatch(r".*; try (\S+) m/s", refused.value.reason)
+    assert advice is not None
+    speed = float(advice[1])
+    assert speed == refused.value.numbers["fastest_m_s"]
+    at_constant_speed(rows, lengths, speed, ROBOT.limits, DT)
 
 
 def test_sharper_corners_are_slower() -> None:
