@@ -36,7 +36,8 @@ def main(argv: Sequence[str] | None) -> int:
         for story in found:
             print(f"\n{story_text(story)}")
         if not found:
-            print("nothing failed" if record.summary is None else "every tree succeeded")
+            succeeded = (record.summary or {}).get("outcome") == "SUCCESS"
+            print("every tree succeeded" if succeeded else "nothing failed")
         for line in goals_missed(record):
             print(line)
     return SUCCEEDED if found or goals_missed(record) else FAILED

@@ -356,12 +356,6 @@ _AT_TARGET_M: Final = 0.15
 """Distance in m from a target within which a body blocks tool or wrist."""
 
 
-def _invariant(e: Evidence) -> str:
-    """Sentence on the violated invariant that ended the run, empty if none did."""
-    summary = e.record.summary or {}
-    return str(summary.get("error")) if summary.get("ending") == Ending.INVARIANT else ""
-
-
 def time_causes(e: Evidence) -> Iterator[Cause]:
     """Yields causes of a leaf that ran out of time, was halted, or was still running."""
     if e.code not in ("", "HALTED", "TIMED_OUT"):
@@ -390,19 +384,35 @@ def time_causes(e: Evidence) -> Iterator[Cause]:
         yield e.cause("TOO_LITTLE_TIME", sentence + _usual(e), remedy, leaf=limit.path)
     elif e.root_cause.at is not None:
         yield _at_work(e)
-    elif (e.root_cause.end is None or _ended_with_run(e)) and _invariant(e):
-        yield e.cause("INVARIANT", f"the run ended by an invariant: {_invariant(e)}")
     elif e.root_cause.end is None or _ended_with_run(e):
-        sentence = f"the run ended at {e.record.until:.2f} s: {ran}{_usual(e)}"
-        yield e.cause("TOO_LITTLE_TIME", sentence, "a later time_limit or --duration")
+        yield _cut_short(e, ran)
+
+
+def _cut_short(e: Evidence, ran: str) -> Cause:
+    """Cause for a leaf that was running when the run ended: why that ended.
+
+    Args:
+        e: The evidence.
+        ran: Clause on how long the leaf had run.
+    """
+    summary = e.record.summary or {}
+    ending = summary.get("ending")
+    if ending == Ending.INVARIANT:
+        return e.cause("INVARIANT", f"the run ended by an invariant: {summary.get('error')}")
+    ended = f"the run ended at {e.record.until:.2f} s"
+    if ending in (Ending.DURATION, Ending.TIME_LIMIT):
+        sentence = f"{ended}: {ran}{_usual(e)}"
+        return e.cause("TOO_LITTLE_TIME", sentence, "a later time_limit or --duration")
+    why = summary.get("error") or ending or "its process was ended"
+    return e.cause("RUN_ENDED", f"{ended}: {why}; {ran}")
 
 
 def _at_work(e: Evidence) -> Cause:
     """Cause for a leaf that was running at the requested time, with its later outcome."""
-    later = [each for each in e.leaf.changes if each.time > e.ended and each.old == "RUNNING"]
+    ends = [each for each in e.leaf.changes if each.time > e.began and each.old == "RUNNING"]
     came = "it was still running at the end of the record"
-    if later:
-        end = later[0]
+    if ends:
+        end = ends[0]
         what = {"SUCCESS": "it succeeded", "FAILURE": f"it failed with {end.code}"}
         came = f"{what.get(end.new, 'it was halted')} at {end.time:.2f} s"
     waits = ": it waits for its time to pass" if e.leaf.kind == "wait" else ""

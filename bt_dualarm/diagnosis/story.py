@@ -213,6 +213,9 @@ def _of_node(timeline: Timeline, node: TimelineNode) -> RootCause:
     root = timeline.roots[node.arm]
     end = node.last("FAILURE") or node.changes[-1]
     above = chain_of(root, node)
+    removal = timeline.removal(node.arm)
+    if removal is not None and end.new == "INVALID" and end.time == root.changes[-1].time:
+        return RootCause(above, None, at=removal[1].time)
     if node.children and end.new == "FAILURE":
         below = descend(node, end)
         return RootCause((*above[:-1], *below.chain), below.end, below.others)

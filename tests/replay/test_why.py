@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import pytest
 
+import bt_dualarm
 from benchmarks.why import first_cause, is_named
 from benchmarks.why_interactions import interactions
 from benchmarks.why_mistake import Mistake
@@ -17,7 +19,7 @@ from bt_dualarm.diagnosis.story import stories
 from bt_dualarm.replay.record import Record
 from bt_dualarm.runtime.options import find_tree
 from tests.families import some
-from tests.replay.runs import SHORT, recorded
+from tests.replay.runs import RETURNING, SHORT, recorded, write_short
 
 QUICK = (
     "a pose too far for a panda",
@@ -241,3 +243,40 @@ def test_a_bar_that_hides_a_part_of_an_outline_is_the_cause(tmp_path: Path) -> N
     [story] = stories(recorded(tmp_path, HALF_HIDDEN))
     assert story.causes[0].kind == "OCCLUDED", story.causes
     assert "bar is between the camera and a part of cube" in story.causes[0].sentence
+
+
+@pytest.mark.parametrize("ending", ["stopped", "diverged", "killed"])
+def test_what_ended_the_run_is_the_cause_and_not_its_duration(ending: str, tmp_path: Path) -> None:
+    """A later time limit would not help."""
+    with bt_dualarm.open(write_short(tmp_path), record=tmp_path / "out") as run:
+        run.step(0.3)
+        if ending == "diverged":
+            run.world.data.qvel[0] = math.nan
+        else:
+            run.stop()
+        run.finish()
+    if ending == "killed":
+        (tmp_path / "out/summary.json").unlink()
+    [story] = stories(Record.read(tmp_path / "out"))
+    cause = story.causes[0]
+    assert (cause.kind, cause.remedy) == ("RUN_ENDED", "")
+    said = {"stopped": "a stop was requested", "diverged": "the simulation diverged at 0.30"}
+    assert said.get(ending, "its process was ended") in cause.sentence
+
+
+def test_leaf_of_a_removed_arm_did_not_end_with_the_run(tmp_path: Path) -> None:
+    """Asked for by its name as well as without it."""
+    removing = RETURNING.replace("        - spawn: {arm: arm2}\n", "").replace("removable", "# ")
+    record = recorded(tmp_path, removing)
+    for asked in (None, "arm2:sequence/reach_to_pose"):
+        [story] = stories(record, asked)
+        assert story.causes[0].kind == "TAKEN_AWAY", story.causes
+        assert not any("at the end of the record" in cause.sentence for cause in story.causes)
+
+
+def test_a_run_that_ended_before_its_first_step_did_not_succeed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    record = recorded(tmp_path, duration=1e-4)
+    assert cli.why([str(record.folder)]) == 1
+    assert capsys.readouterr().out.splitlines()[-1] == "nothing failed"
