@@ -106,6 +106,7 @@ class PastOthers:
         start = self.arm.setpoint.q
 
         def planned() -> Generator[None, None, Trajectory]:
+            yield from self.arm.come_to_rest()  # the motion of a halted leaf may still be braking
             rows = self.arm.line_on(end)
             # After an interruption the line begins elsewhere, where it has not been checked.
             has_not_moved = bool(np.array_equal(self.arm.setpoint.q, start))

@@ -306,6 +306,7 @@ def make_room(
     to = description.stroke if opening is None else opening
     if not description.fingers or abs(arm.gripper.width - to) < _OPEN_M:
         return
+    yield from arm.come_to_rest()  # the motion of a halted leaf may still be braking
     beside = _beside(arm, arm.setpoint.q, to, ignore)
     if beside is None:
         return

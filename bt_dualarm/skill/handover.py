@@ -772,6 +772,7 @@ def retreat_from(
     Raises:
         Failure: As motions, if no retreat is possible.
     """
+    yield from arm.come_to_rest()  # the retreat of a halted attempt may still be braking
     ignore = frozenset({obj})
     directions = _retreat_directions(arm, partner)
     first: Failure | None = None

@@ -46,6 +46,22 @@ def test_full_gripper_refuses_another_object_and_keeps_its_own(gripper: str, sta
     assert between_the_pads(play.world, "cube")
 
 
+def test_grasp_beside_an_obstacle_waits_for_the_braking_of_a_halted_leaf(stage: Stage) -> None:
+    """There the arm retreats before the fingers open: from where it comes to rest."""
+    wall: Tree = {"shape": "box", "size": [0.02, 0.4, 0.1], "mass": 1, "fixed": True}
+    wall |= {"spawned": False, "pose": {"xyz": [0.537, 0.11, 0.682]}}
+    fast: Tree = {"move_linear": {"offset": {"xyz": [0, 0.12, 0]}, "speed": 1.0}}
+    file = scene(wall=wall).file(
+        {"force_success": {"child": "close_gripper"}},
+        {"spawn": {"object": "wall"}},
+        {"force_success": {"child": {"timeout": {"seconds": 0.3, "child": fast}}}},
+        GRASP,
+    )
+    play = stage.run(file)
+    assert codes(play)[1:] == ["SUCCESS", "HALTED", "SUCCESS"], play.arm().runs[-1].reason
+    assert play.arm().clipped_setpoints == 0
+
+
 def test_unnamed_object_fills_the_gripper(stage: Stage) -> None:
     file = scene().file(
         GRASP,
