@@ -156,6 +156,9 @@ class Track(Skill):
     def run(self) -> Iterator[float | None]:
         """Wait for the target, track it until the end that the ports define."""
         ports = self.ports
+        # The motion of a halted leaf may still be braking: plane, orientation and `reach` are those
+        # of where it ends.
+        yield from self.arm.come_to_rest()
         tracking = PlaneTracking(
             self.arm,
             color=ports.color,

@@ -714,3 +714,25 @@ def test_twin_is_not_mistaken_for_the_lost_target(stage: Stage) -> None:
     leaf = play.leaf("track")
     assert leaf.code == "LOST", leaf.reason
     assert leaf.metrics["refused_sightings"] > 10
+
+
+@pytest.mark.parametrize("robot", ["ur5", "panda", "xarm7"])
+def test_tool_keeps_the_plane_and_orientation_in_which_a_halted_motion_ends(
+    robot: str, stage: Stage
+) -> None:
+    """Those of an arm that still brakes are gone when the target is found."""
+    block: Tree = CUBE | {"size": [0.06, 0.06, 0.04], "pose": {"xyz": [0.45, 0, 0.02]}}
+    fast: Tree = {"reach_to_pose": {"offset": {"xyz": [0, 0.15, 0.1], "rpy": [0, 0, 30]}}}
+    fast["reach_to_pose"]["speed"] = 1.0
+    leaves: list[Tree] = [
+        {"look_at": {"at": {"xyz": [0.45, 0, 0.02]}, "distance": 0.35}},
+        {"force_success": {"child": {"timeout": {"seconds": 0.3, "child": fast}}}},
+        {"track": {"plane": "xy", "duration": 0.5}},
+    ]
+    camera = {"mount": "wrist", "resolution": [160, 120], "fov": 50, "fps": 30}
+    arm: Tree = {"robot": robot, "camera": camera, "tree": {"sequence": leaves}}
+    world = {"scene": "empty", "time_limit": 20}
+    play = stage.run({"world": world, "objects": {"block": block}, "arms": {"arm1": arm}})
+    leaf = play.leaf("track")
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert play.arm().clipped_setpoints == 0
