@@ -126,11 +126,12 @@ class Grasp(Skill):
                 return
             yield from Taking.open(self.arm)
         object_pose = None if self.ports.at is None else self.ports.at.pose
-        if name is not None and object_pose is None:
-            yield from self._wait_for_rest(name)
+        if name is not None:
+            if object_pose is None:
+                yield from self._wait_for_rest(name)
+            else:
+                name = self.metrics["taken"] = twin_at(self.arm.world, name, object_pose)
             self._refuse_held_elsewhere(name)
-        if name is not None and object_pose is not None:
-            name = self.metrics["taken"] = twin_at(self.arm.world, name, object_pose)
         wanted = (
             WantedGrasp.named(self.arm, name, self.ports, object_pose) if name else self._unnamed()
         )
