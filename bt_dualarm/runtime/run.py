@@ -15,7 +15,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 from fractions import Fraction
 from numbers import Real
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from threading import Event, Lock, Thread
 from typing import Final
 
@@ -640,7 +640,8 @@ def apply_edit(run: Run, before: TreeFile, now: TreeFile) -> list[str]:
 
 def _names(tree: NodeSpec, files: Set[str]) -> bool:
     """Whether a port of a tree names one of these files."""
-    return any(value in files for node in tree.walk() for value in map(str, node.ports.values()))
+    values = (str(value) for node in tree.walk() for value in node.ports.values())
+    return any(PurePosixPath(value).as_posix() in files for value in values)
 
 
 def same(one: NodeSpec, other: NodeSpec) -> bool:

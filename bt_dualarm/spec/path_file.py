@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Annotated, Final, TypeAlias
 from xml.parsers import expat
 
@@ -36,7 +36,13 @@ class ReadsText:
     """Metadata of a port that names a text file, which is read with the tree."""
 
 
-_below = below_tree("a CSV or SVG file", ".csv", ".svg")
+_below_tree = below_tree("a CSV or SVG file", ".csv", ".svg")
+
+
+def _below(path: str) -> str:
+    """The path without ``./`` and ``//``: as one of the names by which texts are known."""
+    return PurePosixPath(_below_tree(path)).as_posix()
+
 
 PathFile: TypeAlias = Annotated[RelativePath, AfterValidator(_below), ReadsText()]
 """Path of a CSV or SVG file, relative to the folder of the tree file."""

@@ -158,7 +158,7 @@ def test_a_path_file_is_read_with_the_edit(edited: Edited, saved: str) -> None:
     text = SHORT.replace('reach_to_pose: {offset: "{goal}"}', leaf)
     edited.path.with_name("line.csv").write_text("0, 0\n20, 0\n")
     edited.path.with_name("other.csv").write_text("0, 0\n30, 0\n")
-    edited.save(text.replace("FILE", "line.csv"))
+    edited.save(text.replace("FILE", "./line.csv"))
     with edited.run as run:
         run.step(0.1)
         if saved == "line.csv":

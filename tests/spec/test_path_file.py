@@ -158,6 +158,15 @@ def test_nothing_outside_the_folder_is_read(tmp_path: Path) -> None:
     assert problems(folder, "inner/ok.csv") == ""
 
 
+@pytest.mark.parametrize("file", ["./inner/ok.csv", "inner//ok.csv", "inner/./ok.csv"])
+def test_a_path_may_be_written_in_several_ways(file: str, tmp_path: Path) -> None:
+    (tmp_path / "inner").mkdir()
+    (tmp_path / "inner" / "ok.csv").write_text("0,0\n30,0\n")
+    (tmp_path / "tree.yaml").write_text(TREE.replace("FILE", file))
+    leaf = bt.run(tmp_path / "tree.yaml").arms["arm1"].leaves["follow_path"]
+    assert (leaf.status, leaf.reason) == ("SUCCESS", "")
+
+
 @pytest.mark.usefixtures("without_plots")
 def test_the_record_has_the_file(tmp_path: Path) -> None:
     """A replay needs the record alone."""
