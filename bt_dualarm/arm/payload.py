@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -264,7 +264,7 @@ def jaw_measures(description: Gripper, friction: float) -> JawMeasures:
     )
 
 
-@cache
+@lru_cache(maxsize=64)  # each run reads a user's own grippers again
 def _palm_depth(description: Gripper) -> float:
     """Distance from the tool frame back to what an object between open pads would meet, m.
 

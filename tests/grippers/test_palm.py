@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import gc
+
 import mujoco
 import numpy as np
 import pytest
 
 from bt_dualarm.arm.payload import jaw_measures
+from bt_dualarm.core.share import share_dir
+from bt_dualarm.robots.gripper import Gripper, GripperFile, gripper_of
 from bt_dualarm.sim.world import World
 from tests.plays import Stage
 from tests.sim.worlds import arm, file_of
@@ -35,6 +39,15 @@ def test_palm_is_where_rays_between_the_pads_hit_it(gripper: str) -> None:
             if int(geom[0]) in palm:
                 distances.append(distance)
     assert jaw.palm == pytest.approx(min(distances), abs=5e-4)
+
+
+def test_grippers_of_earlier_runs_are_not_kept() -> None:
+    """Those of a user's own file are read again in each run: a sweep has thousands."""
+    path = share_dir("assets") / "grippers" / "panda_hand.yaml"
+    for _ in range(200):
+        jaw_measures(gripper_of(GripperFile(path)), 0.8)
+    kept = sum(isinstance(one, Gripper) for one in gc.get_objects())
+    assert kept < 100
 
 
 def test_tall_thin_object_is_grasped_below_the_palm(stage: Stage) -> None:
