@@ -417,14 +417,14 @@ class SightedObjects:
             if region.outside_by(inverse.apply(one.position)) <= 2.0 * one.best.sigma_m
         ]
 
-    def _may_be_within(self, view: OutlineView) -> bool:
-        """Whether the line of sight through the middle of a candidate crosses the region."""
+    def _may_be_within(self, image: Frame, view: OutlineView) -> bool:
+        """Whether the line of sight through the visible part of a candidate crosses the region."""
         if self._region is None:
             return True
         frame, region = self._region
-        sight = view.camera.turn(np.array((*view.middle, view.focal_px)))
+        camera, sight = _sight(image, view)  # a candidate cut off by the border has no outline
         inverse = frame.inverse
-        return region.may_cross(inverse.apply(view.camera.position), inverse.turn(sight))
+        return region.may_cross(inverse.apply(camera), inverse.turn(sight))
 
     @property
     def shape(self) -> KnownShape:
@@ -438,7 +438,7 @@ class SightedObjects:
 
     def take(self, frame: Frame) -> None:
         """Process one image: refine known objects and add new ones."""
-        found = [one for one in self._find(frame) if self._may_be_within(one)]
+        found = [one for one in self._find(frame) if self._may_be_within(frame, one)]
         regions = [region for region in found if region.is_whole]
         cut = [region for region in found if not region.is_whole]
         area = sum(region.detection.area_px for region in cut)

@@ -100,8 +100,15 @@ BESIDE = [0.35, -0.28, 0.4]
 """Point at the center of an image whose border cuts the cube off."""
 
 
+TABLE_TOP = {"size": [0.5, 0.4, 0.1], "pose": {"xyz": [0.35, -0.5, 0.44]}}
+"""Region in which the cube is that the border cuts off."""
+
+
 @pytest.mark.parametrize("robot", ["ur5", "panda"])
-def test_object_at_the_image_border_is_viewed_next(robot: str, stage: Stage) -> None:
+@pytest.mark.parametrize("area", [{"center": [0.35, -0.5, 0.4]}, {"region": TABLE_TOP}])
+def test_object_at_the_image_border_is_viewed_next(
+    robot: str, area: dict[str, Any], stage: Stage
+) -> None:
     """The rows of viewpoints began elsewhere, and reached it third."""
     file: dict[str, Any] = {
         "world": {"scene": "table", "reality": "lab", "time_limit": 60},
@@ -111,7 +118,7 @@ def test_object_at_the_image_border_is_viewed_next(robot: str, stage: Stage) -> 
     file["objects"]["cube"] |= {"color": "red", "pose": {"xyz": [0.35, -0.46, 0.425]}}
     arm = file["arms"]["arm1"] | {"base": {"xyz": [0.35, 0.0, 0.4], "rpy": [0, 0, -90]}}
     look = {"look_at": {"at": {"xyz": BESIDE}, "distance": 0.35, "speed": 1.0}}
-    scan = {"scan": {"object": "cube", "center": [0.35, -0.5, 0.4], "speed": 1.0}}
+    scan = {"scan": {"object": "cube", "speed": 1.0} | area}
     file["arms"]["arm1"] = arm | {"tree": {"sequence": [look, scan]}}
     leaf = stage.run(file, seed=1).leaf("scan")
     assert leaf.status == "SUCCESS", leaf.reason
