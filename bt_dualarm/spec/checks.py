@@ -627,6 +627,10 @@ def _never_written(read: KeyRead, everywhere: set[str]) -> Problem:
         else:
             hint = suggestion(name, written, "key") if written else _OWN_KEYS
     if read.node.user:
+        parameters = read.node.source.get(("params",))
+        if isinstance(parameters, dict) and name in parameters:
+            hint = "it is a parameter of the file: declare it in the subtree as well, and use that "
+            hint += f'with params: {{{name}: "{{{name}}}"}}'
         hint += f"; the subtree is used at {read.node.user}"
     message = f"{read.node.kind}: no node before this one writes '{{{name}}}'"
     return Problem(read.location, message, hint)
