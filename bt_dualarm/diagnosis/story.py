@@ -57,6 +57,8 @@ _DATA_ERRORS: Final = (LookupError, TypeError, ValueError, AttributeError, Arith
 
 def causes_of(e: Evidence) -> tuple[Cause, ...]:
     """Causes of the end of a leaf, the most significant first; at least its own reason."""
+    if e.root_cause.end is not None and e.root_cause.end.new == "SUCCESS":
+        return (e.cause("SUCCESS", f"{e.leaf.path!r} succeeded"),)
     found: list[Cause] = []
     unreadable: list[Cause] = []
     for rule in _RULES:
@@ -211,7 +213,9 @@ def _named_nodes(timeline: Timeline, name: str) -> list[TimelineNode]:
 
 def _of_node(timeline: Timeline, node: TimelineNode) -> RootCause:
     root = timeline.roots[node.arm]
-    end = node.last("FAILURE") or node.changes[-1]
+    # A node that has ended is reset before it starts again, and when a halt reaches it.
+    ends = [change for change in node.changes if change.new != "INVALID" or change.old == "RUNNING"]
+    end = node.last("FAILURE") or ends[-1]
     above = chain_of(root, node)
     removal = timeline.removal(node.arm)
     if removal is not None and end.new == "INVALID" and end.time == root.changes[-1].time:

@@ -141,6 +141,19 @@ def test_a_leaf_that_succeeded_can_be_asked_for(failed: Record) -> None:
     assert (story.status, story.leaf) == ("SUCCESS", "sequence/set")
 
 
+def test_a_leaf_that_succeeded_before_a_halt_was_not_halted(tmp_path: Path) -> None:
+    """The halt of its parent resets it as well."""
+    tree = "{timeout: {seconds: 0.3, child: {sequence: [{log: done}, {wait: 5}]}}}"
+    text = f"bt_dualarm: 1\nworld: {{scene: empty}}\narms: {{arm1: {{robot: ur5, tree: {tree}}}}}"
+    record = recorded(tmp_path, text)
+    found = {name: stories(record, name)[0] for name in ("log", "wait")}
+    assert {name: story.status for name, story in found.items()} == {
+        "log": "SUCCESS",
+        "wait": "HALTED",
+    }
+    assert found["log"].causes[0].sentence == "'timeout/sequence/log' succeeded"
+
+
 def test_a_time_selects_the_nodes_running_then(failed: Record) -> None:
     [story] = stories(failed, "0.3")
     assert (story.status, story.leaf) == ("RUNNING", "sequence/aside/reach_to_pose")
