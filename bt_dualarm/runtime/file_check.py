@@ -253,8 +253,10 @@ class Names:
         if not camera or not isinstance(camera.mount, str) or not self._knows_scene:
             return
         if camera.mount not in robot.cameras:
-            what = f"camera mount of {robot.name}"
-            self._unknown((*path, "camera", "mount"), what, camera.mount, robot.cameras)
+            message = f"there is no camera mount of {robot.name} '{camera.mount}'"
+            hint = "its description declares none: add `cameras` there"
+            hint = _known(camera.mount, robot.cameras) if robot.cameras else hint
+            self._add((*path, "camera", "mount"), message, hint)
 
     def _nodes(self, name: str, arm: ArmSpec, robot: Robot) -> Iterator[Problem]:
         for node in arm.tree.walk():

@@ -37,3 +37,13 @@ def test_a_description_that_passes_the_check_is_run(
     assert cli.check([str(tmp_path / "reaching.yaml")]) == 0
     assert cli.run([str(tmp_path / "reaching.yaml")]) == 0, capsys.readouterr()
     assert f"arm1 · {load_robot(page, WORLD).title} " in capsys.readouterr().out
+
+
+def test_a_camera_on_an_arm_without_mounts_is_told_where_they_are_declared(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(WORLD / "robots", tmp_path / "robots")
+    tree = (TREE % PAGES[0]).replace("    tree:", "    camera: {}\n    tree:")
+    (tmp_path / "reaching.yaml").write_text(tree, encoding="utf-8")
+    assert cli.check([str(tmp_path / "reaching.yaml")]) == 1
+    assert "= its description declares none: add `cameras` there" in capsys.readouterr().out
