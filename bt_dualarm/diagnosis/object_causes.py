@@ -124,6 +124,7 @@ def world_causes(e: Evidence) -> Iterator[Cause]:
             yield from _hand_full(e)
         else:
             yield from _fell_before(e, name)
+            yield from _fell_meanwhile(e, name)
     if isinstance(name, str) and e.code in _LOST_CODES:
         gone = absence(e, name)
         if gone is not None:
@@ -287,6 +288,17 @@ def _fell_before(e: Evidence, name: str) -> Iterator[Cause]:
     fallen = float(before.position(name)[2]) - low
     sentence = f"{name} fell by {1e3 * fallen:.0f} mm after {before.time:.2f} s"
     yield e.cause("FELL", sentence, f"place {name} on a support", time_s=before.time)
+
+
+def _fell_meanwhile(e: Evidence, name: str) -> Iterator[Cause]:
+    """Yields a cause if the object that nobody held fell while the leaf was reaching for it."""
+    before, now = e.scene(e.began), e.scene(e.ended)
+    if not (before.has(name) and now.has(name)) or _is_held(e, name, e.began):
+        return
+    fallen = float(before.position(name)[2] - now.position(name)[2])
+    if fallen > _FALLEN_M and not _is_held(e, name, e.ended):
+        sentence = f"{name} fell by {1e3 * fallen:.0f} mm while {e.leaf.path!r} reached for it"
+        yield e.cause("FELL", sentence, f"place {name} on a support")
 
 
 def _is_held(e: Evidence, name: str, time: float) -> bool:

@@ -71,6 +71,14 @@ def test_an_object_that_lies_flat_is_too_wide(size: list[float], tmp_path: Path)
     assert "there is no room for fingers around its short side" in cause.sentence
 
 
+def test_an_object_declared_in_the_air_falls_before_the_gripper_is_there(tmp_path: Path) -> None:
+    text = FILE.format(size=CUBE, height=0.7, steps=f"[{GRASP}]", others="")
+    [story] = stories(recorded(tmp_path, text))
+    assert story.code == "NOT_GRASPED"
+    assert story.causes[0].kind == "FELL"
+    assert "obj fell by 275 mm while 'sequence/grasp' reached" in story.causes[0].sentence
+
+
 def test_a_goal_without_ground_below(tmp_path: Path) -> None:
     cause = why(tmp_path, CUBE, f"[{GRASP}, {HIGH}]")
     assert cause.kind == "NOTHING_THERE"
