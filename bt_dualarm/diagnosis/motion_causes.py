@@ -293,6 +293,8 @@ def _too_far(e: Evidence) -> Iterator[Cause]:
     sentence = f"{e.robot} cannot reach {what} with this orientation: {e.reason}"
     more = f"; it stays {1e3 * short:.0f} mm away" if short else ""
     remedy = "another orientation, or another base position"
+    if e.leaf.kind == "place":
+        remedy = "another grasp: give the leaf that takes it this goal as `then_at`; or " + remedy
     yield e.cause("OUT_OF_REACH", sentence + more, remedy)
 
 
@@ -309,7 +311,7 @@ def _unit_slip(e: Evidence, point: Vector) -> str:
 
 def target_of(e: Evidence) -> tuple[str, Vector] | None:
     """Target of the leaf: its name and its position in the world, of shape (3,), m."""
-    to = e.ports.get("to")
+    to = e.ports.get("to") or e.ports.get("at")
     name = e.ports.get("object")
     moved = _moved_part(e)
     if moved is not None:

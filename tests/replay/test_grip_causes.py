@@ -109,6 +109,14 @@ def test_a_hand_that_does_not_fit_at_the_goal_needs_another_grasp(tmp_path: Path
     assert cause.remedy.startswith("grasp it otherwise: give `then_at` of `grasp` this goal")
 
 
+def test_a_goal_out_of_reach_with_this_grasp_is_named_with_a_remedy(tmp_path: Path) -> None:
+    """Held from above, it cannot be set down at the edge of the workspace, where it can be held."""
+    cause = why(tmp_path, CUBE, f"[{GRASP}, place: {{at: {{xyz: [0.6, -0.7, 0.425]}}}}]")
+    assert cause.kind == "OUT_OF_REACH"
+    assert cause.sentence.startswith("ur5 cannot reach (0.6, -0.7, 0.425) with this orientation")
+    assert "`then_at`" in cause.remedy
+
+
 def test_no_neighbor_is_blamed_for_an_approach_without_a_grasp(tmp_path: Path) -> None:
     cause = why(
         tmp_path, [0.2, 0.2, 0.04], "[grasp: {object: obj, approach: [0, 0, -1]}]", NEIGHBOR
