@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
 
 import bt_dualarm as bt
+from bt_dualarm.arm.arm import Arm
+from bt_dualarm.core.pose import Matrix, Pose
 from tests.families import some
 
 SIZE = (0.03, 0.05, 0.06)
@@ -68,6 +71,39 @@ def test_goal_that_no_grasp_allows_is_refused_before_any_motion() -> None:
     assert "could not be set down at `then_at`" in leaf.reason
     assert leaf.ended_s is not None
     assert leaf.ended_s < 1.5  # it only opens its gripper
+
+
+def test_hand_without_room_at_the_goal_is_checked_in_one_branch(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Cup in a cup: all branches of 24 rotations of 16 grasps took over a minute."""
+    lines = Arm.lines
+    branches: list[int] = []
+
+    def counted(self: Arm, *poses: Pose) -> Iterator[list[Matrix]]:
+        branches.append(0)
+        for rows in lines(self, *poses):
+            branches[-1] += 1
+            yield rows
+
+    monkeypatch.setattr(Arm, "lines", counted)
+    cups = {"outer": ([0.04, 0.08], -0.2), "inner": ([0.03, 0.07], 0.2)}
+    objects = {
+        name: {"shape": "cup", "size": size, "mass": 0.1, "pose": {"xyz": [0.45, y, size[1] / 2]}}
+        for name, (size, y) in cups.items()
+    }
+    grasp = {
+        "object": "inner",
+        "approach": [0, 0, -1],
+        "then_at": {"on": "outer", "rpy": [0, 0, 0]},
+    }
+    arm = {"robot": "panda", "gripper": "panda_hand", "tree": {"grasp": grasp}}
+    world = {"scene": "empty", "time_limit": 5}
+    result = bt.run({"bt_dualarm": 1, "world": world, "objects": objects, "arms": {"arm1": arm}})
+    (leaf,) = result.arms["arm1"].runs
+    assert leaf.code == "OUT_OF_REACH"
+    assert "deep in outer" in leaf.reason
+    assert max(branches) == 1
 
 
 OVEN = {
