@@ -80,6 +80,9 @@ _MOST_EDGES = 24
 _SAMPLES = 48
 """Number of surface points that are sampled on a mesh."""
 
+_SAME_AXIS = math.cos(math.radians(5.0))
+"""Cosine of the largest angle between two axes that count as one."""
+
 
 def jaw_grasps(
     solid: Solid,
@@ -488,6 +491,10 @@ def _pairs(
     if point is None:
         yield from antipodal_pairs(solid, down, rng, shares)
         return
+    if isinstance(solid, MeshSolid):
+        # Sampled lines may pass far beside the point; those through it have the same directions.
+        yield from _through(solid, point, antipodal_pairs(solid, down, rng))
+        return
     along = np.array([0.0, 0.0, 1.0])
     for pair in antipodal_pairs(solid, down, rng, (0.0,)):
         shift = point - pair.center
@@ -496,7 +503,7 @@ def _pairs(
             shift = np.zeros(3)  # every line through a sphere passes through its center
         elif isinstance(solid, Cylinder | Capsule) and abs(float(pair.axis @ along)) < 0.5:
             shift = (shift @ along) * along  # so does every diameter through the axis
-        elif isinstance(solid, Capsule | MeshSolid):
+        elif isinstance(solid, Capsule):
             shift = np.zeros(3)
         yield replace(pair, center=pair.center + shift)
         if isinstance(solid, Box):
@@ -505,6 +512,21 @@ def _pairs(
                 center=pair.center + shift,
                 around=np.asarray(np.cross(pair.axis, pair.around), float),
             )
+
+
+def _through(
+    solid: MeshSolid, point: Vector, pairs: Iterable[AntipodalPair]
+) -> Iterator[AntipodalPair]:
+    """Pairs, and for each axis among them the line through a point."""
+    axes = list[Vector]()
+    for pair in pairs:
+        yield pair
+        if any(abs(float(pair.axis @ axis)) > _SAME_AXIS for axis in axes):
+            continue
+        axes.append(pair.axis)
+        ends = [solid.farthest_hit(point, side * pair.axis) for side in (1.0, -1.0)]
+        if ends[0] is not None and ends[1] is not None:
+            yield replace(pair, center=0.5 * (ends[0][0] + ends[1][0]))
 
 
 def square_to(axis: Vector, direction: Vector) -> Vector:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -15,7 +16,15 @@ from bt_dualarm.grasping.candidates import (
     jaw_grasps,
     least_width,
 )
-from bt_dualarm.grasping.grasp import JawMeasures, Load, Solid, held, pinching_force, solid_of
+from bt_dualarm.grasping.grasp import (
+    JawMeasures,
+    Load,
+    MeshSolid,
+    Solid,
+    held,
+    pinching_force,
+    solid_of,
+)
 from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.spec.document import ObjectSpec
 from tests.grasping.families import JAW, JAWS, hulls, loads, mesh_box, primitives
@@ -148,6 +157,19 @@ def test_mesh_of_a_box_is_grasped_like_the_box() -> None:
     box = jaw_grasps(solid_of("box", (0.05, 0.05, 0.05)), JAW, load, 0.8)
     assert mesh[0].width == pytest.approx(box[0].width, abs=1e-6)
     assert mesh[0].force == pytest.approx(box[0].force, rel=0.1)
+
+
+@pytest.mark.parametrize("x", [-0.15, -0.05, 0.0, 0.25])
+def test_long_mesh_can_be_grasped_at_any_point(x: float) -> None:
+    """Sampled lines passed up to 58 mm beside the point of a bar of 0.6 m."""
+    point = np.array((x, 0.0, 0.0))
+    corners = np.array(list(itertools.product((-0.3, 0.3), (-0.02, 0.02), (-0.02, 0.02))))
+    bar = MeshSolid.hull_of(corners)
+    load = Load(0.1, np.array((0.0, 0.0, -9.81)), 0.0, point)
+    grasps = jaw_grasps(bar, JAW, load, 0.8, point=point)
+    closings = [(point - one.tool.position, one.tool.rotation_matrix[:, 1]) for one in grasps]
+    off = [float(np.linalg.norm(np.cross(offset, axis))) for offset, axis in closings]
+    assert min(off) <= abs(JAW.pad_center) + 1e-9
 
 
 def test_antipodal_pairs_of_an_unknown_type_are_an_error() -> None:
