@@ -173,15 +173,21 @@ class Referee(IdleObserver):
         if one.on not in self._world.objects:
             return f"{one.on} is not in the world"
         model, data = self._world.model, self._world.data
-        upper, lower = self._world.object_body(one.object), self._world.object_body(one.on)
+        upper = self._world.object_body(one.object)
+        supports = set[int]()
         for contact in data.contact:
             bodies = [int(model.geom_bodyid[geom]) for geom in contact.geom]
-            if {upper, lower} == set(bodies):
+            if upper in bodies:
                 # The normal points from the first geom to the second one.
                 up = float(contact.frame[2]) * (1.0 if bodies[1] == upper else -1.0)
                 if up > 0.5:
-                    return ""
-        return f"{one.object} does not stand on {one.on}"
+                    supports.add(bodies[0] if bodies[1] == upper else bodies[1])
+        if self._world.object_body(one.on) in supports:
+            return ""
+        objects = self._world.objects
+        others = [name for name in objects if self._world.object_body(name) in supports]
+        but = f", but on {' and '.join(others)}" if others else ""
+        return f"{one.object} does not stand on {one.on}{but}"
 
     def _held_otherwise(self, one: ConditionSpec) -> str:
         if one.object is None or (one.held is None and one.held_by is None):

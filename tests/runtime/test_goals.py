@@ -80,6 +80,7 @@ CASES: list[tuple[dict[str, object], str]] = [
     ({"object": "cube", "on": "tray"}, ""),
     ({"object": "tray", "on": "cube"}, "does not stand on"),
     ({"object": "rod", "on": "tray"}, "does not stand on"),
+    ({"object": "cube", "on": "rod"}, "cube does not stand on rod, but on tray"),
     ({"object": "rod", "tilt": 31}, ""),
     ({"object": "rod", "tilt": 29}, "tilted by 30.0"),
     ({"object": "cube", "height": [0.3, 0.35]}, ""),
