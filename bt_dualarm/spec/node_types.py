@@ -102,15 +102,17 @@ def number_in(text: str, unit: str) -> float | None:
 def bare(text: str, unit: str) -> str:
     """Returns a hint for text in the place of a number: ``in meters: 0.06``.
 
-    For text without a unit of this quantity the hint names the units. It is empty if the quantity
-    has none. Arguments as `number_in`.
+    For text without a unit of this quantity the hint names the units. It is empty for a share or a
+    count. Arguments as `number_in`.
     """
     name, others = _KNOWN.get(unit, ("", {}))
     match = QUANTITY.fullmatch(text)
     # Upper and lower case are distinct in units, but their confusion is a frequent mistake.
     factors = {other.lower(): factor for other, factor in others.items()}
     if match is None or match[2].lower() not in factors:
-        return f"in {name}, or with a unit: {', '.join(others)}" if len(others) > 1 else ""
+        if len(others) > 1:
+            return f"in {name}, or with a unit: {', '.join(others)}"
+        return f"in {name}" if unit else ""
     number = float(match[1]) * factors[match[2].lower()]
     words = f"in {name}" if unit else name
     return f"{words}: {number:.6g}"
