@@ -235,8 +235,23 @@ def _in_the_way(e: Evidence) -> Iterator[Cause]:
     holds = f", which {e.arm} holds," if "/" not in first else ""
     remedy = f"move {other} away, or take another path"
     if e.leaf.kind == "place" and first.startswith(f"{e.arm}/"):
-        remedy = f"grasp it otherwise: give `then_at` of `grasp` this goal; or move {other} away"
+        remedy = f"grasp it otherwise: {_other_grasp(e)}; or move {other} away"
     yield e.cause("IN_THE_WAY", f"{second} is in the path: {first}{holds} would touch it", remedy)
+
+
+def _other_grasp(e: Evidence) -> str:
+    """What to change in the leaf that took the held object, for another grasp of it."""
+    taken = [
+        (change.index, leaf.kind)
+        for leaf in e.timeline.leaves()
+        if leaf.arm == e.arm and leaf.kind in ("grasp", "regrasp", "take_over")
+        for change in leaf.changes
+        if change.new == "SUCCESS" and change.time <= e.began + 1e-9
+    ]
+    _, kind = max(taken, default=(0, "grasp"))
+    if kind == "regrasp":  # it has no port for the goal
+        return "another `approach` of `regrasp`"
+    return f"give `then_at` of `{kind}` this goal"
 
 
 def other_arm(e: Evidence, other: str) -> Cause:
@@ -294,7 +309,7 @@ def _too_far(e: Evidence) -> Iterator[Cause]:
     more = f"; it stays {1e3 * short:.0f} mm away" if short else ""
     remedy = "another orientation, or another base position"
     if e.leaf.kind == "place":
-        remedy = "another grasp: give the leaf that takes it this goal as `then_at`; or " + remedy
+        remedy = f"grasp it otherwise: {_other_grasp(e)}; or {remedy}"
     yield e.cause("OUT_OF_REACH", sentence + more, remedy)
 
 

@@ -117,6 +117,17 @@ def test_a_goal_out_of_reach_with_this_grasp_is_named_with_a_remedy(tmp_path: Pa
     assert "`then_at`" in cause.remedy
 
 
+def test_a_hand_in_the_way_after_regrasp_needs_another_approach_of_it(tmp_path: Path) -> None:
+    """`regrasp` has no `then_at`."""
+    wall = "{shape: box, size: [0.1, 0.02, 0.2], mass: 1, pose: {xyz: [0.2, %g, 0.501]}}"
+    walls = f"  north: {wall % -0.38}\n  south: {wall % -0.52}"
+    regrasp = "regrasp: {object: obj, approach: [0, -1, 0]}"
+    steps = f"[{GRASP}, {regrasp}, place: {{at: {{xyz: [0.2, -0.45, 0.45]}}}}]"
+    cause = why(tmp_path, [0.04, 0.05, 0.1], steps, walls)
+    assert cause.kind == "IN_THE_WAY"
+    assert cause.remedy.startswith("grasp it otherwise: another `approach` of `regrasp`")
+
+
 def test_no_neighbor_is_blamed_for_an_approach_without_a_grasp(tmp_path: Path) -> None:
     cause = why(
         tmp_path, [0.2, 0.2, 0.04], "[grasp: {object: obj, approach: [0, 0, -1]}]", NEIGHBOR
