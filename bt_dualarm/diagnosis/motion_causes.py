@@ -512,8 +512,9 @@ def coordination_causes(e: Evidence) -> Iterator[Cause]:
     what = e.reason
     if waits:
         since = float(waits[-1]["since"])
-        what = f"{e.arm} {waiting_sentence(str(waits[-1]['target']), others, since)}"
-        what += f" ({e.reason})" if e.reason else ""
+        wait = waiting_sentence(str(waits[-1]["target"]), others, since)
+        repeats = not e.reason or e.reason.startswith(wait)
+        what = f"{e.arm} {wait}" if repeats else f"{e.arm} {wait} ({e.reason})"
     for other in others or [name for name in e.timeline.roots if f"{name} " in e.reason]:
         if other == e.arm or other not in e.timeline.roots:
             continue

@@ -170,6 +170,19 @@ def test_the_explanation_names_what_the_other_arm_did(folder: Path) -> None:
     assert "arm1 had failed at 0.52 s" in meeting.causes[0].sentence
 
 
+def test_a_wait_that_the_reason_states_is_not_stated_twice(tmp_path: Path) -> None:
+    writer = {"robot": "ur3", "tree": {"sequence": [{"wait": 0.1}, "fail"]}}
+    reader = {"robot": "ur3", "base": {"xyz": [2, 0, 0]}, "tree": {"await": "done"}}
+    signals = {"done": {"type": "boolean", "written_by": ["arm1"], "initial": False}}
+    file = {"bt_dualarm": 1, "world": {"scene": "empty"}, "cell": {"signals": signals}}
+    with no_plots():
+        bt.run(file | {"arms": {"arm1": writer, "arm2": reader}}, record=tmp_path / "record")
+    (waiting,) = stories(Record.read(tmp_path / "record"), "await")
+    assert waiting.code == "PARTNER_GONE"
+    sentence = waiting.causes[0].sentence
+    assert sentence.startswith("arm2 waits for signal 'done' of arm1 since 0.00 s: arm1 had failed")
+
+
 def test_the_run_is_repeated_and_resumed_bit_for_bit(folder: Path, tmp_path: Path) -> None:
     assert output_of("bt-replay", folder, "--check").code == 0
     digest = (Record.read(folder).summary or {})["state_sha256"]
