@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bt_dualarm.core.pose import Vector
 from bt_dualarm.perception.tracker import PLACES, Sightings
 from bt_dualarm.skill import scoring
 from bt_dualarm.skill.scoring import OVERLAP, TrackingScore
@@ -37,7 +38,8 @@ def followed(count: int, *, still: bool = False) -> tuple[TrackingScore, Any]:
         error=SimpleNamespace(counts_from=0.0),
     )
     world: Any = SimpleNamespace(objects={"cube"}, arms={"arm": SimpleNamespace(tool_site=0)})
-    world.object_body = {"cube": 0}.__getitem__
+    truth: list[Vector] = []
+    world.object_middle = lambda _: truth[-1]
     arm: Any = SimpleNamespace(world=world, name="arm", time=0.0)
     score = TrackingScore(arm, np.array(Plane.model_validate("yz").axes), "cube")
     for step in range(count + round(scoring.SETTLE_S / PERIOD_S)):
@@ -46,7 +48,8 @@ def followed(count: int, *, still: bool = False) -> tuple[TrackingScore, Any]:
         tool = (
             target_position(0.0 if still else arm.time - LATE_S) + OFFSET + rng.normal(0.0, 1e-4, 3)
         )
-        world.data = SimpleNamespace(xpos=true[None], site_xpos=tool[None])
+        truth.append(true)
+        world.data = SimpleNamespace(site_xpos=tool[None])
         stamp = arm.time - 0.013
         point = target_position(0.0 if still else stamp) + rng.normal(0.0, 2e-4, 3)
         seen.append(SimpleNamespace(stamp=stamp, point=point))  # type: ignore[arg-type]
