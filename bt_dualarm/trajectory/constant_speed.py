@@ -26,6 +26,10 @@ _LONGER: Final = 1.3
 _SLOWER: Final = 0.9
 """Ratio of one speed to the next that are tried to find a possible one."""
 
+_LEAST_SHARE: Final = 0.05
+"""Fraction of the first of these speeds at which the search ends: slower motions have ever more
+samples."""
+
 _SPACING_M: Final = 3e-4
 """Minimum distance of samples, m: the third derivative of a spline amplifies the rounding of
 inverse kinematics with its inverse cube."""
@@ -66,7 +70,8 @@ def at_constant_speed(
             return found
         lower = _SLOWER * speed
         reason = "the path is too short to reach the speed smoothly"
-    while _with_ramps(path, length, rounded_down(lower), limits, dt) is None:
+    least = _LEAST_SHARE * lower
+    while lower > least and _with_ramps(path, length, rounded_down(lower), limits, dt) is None:
         lower *= _SLOWER
     raise too_fast(speed, lower, reason)
 
