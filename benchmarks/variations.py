@@ -32,6 +32,7 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 import yaml
+from pydantic import ValidationError
 
 import bt_dualarm as bt
 from benchmarks.campaign import Campaign, add_options
@@ -40,6 +41,7 @@ from bt_dualarm.grasping.grasp import MeshSolid
 from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.document import ObjectSpec
+from bt_dualarm.spec.values import PoseSpec
 from bt_dualarm.spec.yaml_reader import with_tuples
 
 Tree: TypeAlias = dict[str, Any]
@@ -82,22 +84,20 @@ def _skills() -> frozenset[str]:
     return frozenset(Registry.load().skills)
 
 
+def _spec(given: object) -> PoseSpec | None:
+    """A pose in the world in numbers; None for an expression, or a relative one."""
+    try:
+        return PoseSpec.model_validate(with_tuples(given))
+    except ValidationError:
+        return None
+
+
 def _pose_of(given: Tree) -> Pose:
-    rpy = np.radians(given.get("rpy", (0.0, 0.0, 0.0))).tolist()
-    return Pose.from_rpy(given["xyz"], rpy)
+    return PoseSpec.model_validate(with_tuples(given)).pose
 
 
 def _as_given(pose: Pose) -> Tree:
     return {"xyz": pose.position.tolist(), "quat": pose.quaternion.tolist()}
-
-
-def _is_plain(given: object) -> bool:
-    """Whether a value is a pose in the world in numbers."""
-    return (
-        isinstance(given, dict)
-        and set(given) <= {"xyz", "rpy"}
-        and all(isinstance(x, int | float) for axis in given.values() for x in axis)
-    )
 
 
 def _leaves(node: Any, change: Callable[[Tree], Tree]) -> Any:
@@ -123,8 +123,10 @@ def _with_leaves(file: Tree, change: Callable[[Tree], Tree]) -> Tree:
     return file
 
 
-def _with_poses(file: Tree, of: Callable[[str, Tree], Tree]) -> Tree:
+def _with_poses(file: Tree, of: Callable[[str, PoseSpec], Pose | None]) -> Tree:
     """A file with each pose of a leaf changed by a function of the leaf's object and the pose.
+
+    The function returns None for a pose that stays; what has no orientation does not get one.
 
     Raises:
         NotVariableError: A pose is an expression, or relative.
@@ -141,10 +143,14 @@ def _with_poses(file: Tree, of: Callable[[str, Tree], Tree]) -> Tree:
             is_name = isinstance(poses, str) and "{" not in poses
             if poses is None or is_name or isinstance(poses, int | float):
                 continue
-            every = poses if isinstance(poses, list) else [poses]
-            if not all(map(_is_plain, every)):
-                raise NotVariableError(f"{skill}: {key}: {poses}")
-            moved = [of(name, one) for one in every]
+            moved = []
+            for given in poses if isinstance(poses, list) else [poses]:
+                spec = _spec(given)
+                if spec is None:
+                    raise NotVariableError(f"{skill}: {key}: {given}")
+                pose = of(name, spec)
+                there = given if pose is None else _as_given(pose)
+                moved.append(there if spec.is_oriented else {"xyz": there["xyz"]})
             ports[key] = moved if isinstance(poses, list) else moved[0]
         return {skill: ports}
 
@@ -173,10 +179,12 @@ def frames(file: Tree, folder: Path) -> Iterator[tuple[str, Tree]]:
         obj |= {"shape": "compound", "parts": {"all": part}}
         obj["pose"] = _as_given(_pose_of(obj["pose"]) @ back)
 
-    def moved(name: str, pose: Tree) -> Tree:
-        if name in names and "rpy" not in pose:
+    def moved(name: str, spec: PoseSpec) -> Pose | None:
+        if name not in names:
+            return None
+        if not spec.is_oriented:
             raise NotVariableError("a goal without an orientation")
-        return _as_given(_pose_of(pose) @ back) if name in names else pose
+        return spec.pose @ back
 
     yield "frames", _with_poses(file, moved)
 
@@ -209,10 +217,6 @@ def world(file: Tree, folder: Path) -> Iterator[tuple[str, Tree]]:
         holder[key] = _as_given(ELSEWHERE @ _pose_of(holder.get(key, {"xyz": (0, 0, 0)})))
         holder.pop("noise", None)
 
-    def moved(_: str, pose: Tree) -> Tree:
-        there = _as_given(ELSEWHERE @ _pose_of(pose))
-        return there if "rpy" in pose else {"xyz": there["xyz"]}
-
     def turned(leaf: Tree) -> Tree:
         ((skill, ports),) = leaf.items()
         if not isinstance(ports, dict):
@@ -223,7 +227,8 @@ def world(file: Tree, folder: Path) -> Iterator[tuple[str, Tree]]:
         axes = {key: ELSEWHERE.turn(np.array(one, float)).tolist() for key, one in along.items()}
         return {skill: ports | axes}
 
-    yield "world", _with_poses(_with_leaves(file, turned), moved)
+    turned_file = _with_leaves(file, turned)
+    yield "world", _with_poses(turned_file, lambda _, spec: ELSEWHERE @ spec.pose)
 
 
 def orders(file: Tree, folder: Path) -> Iterator[tuple[str, Tree]]:

@@ -360,6 +360,5 @@ def _tool_axis_along(position: Vector, direction: Vector, side: Vector) -> Pose:
     if np.linalg.norm(x) < 1e-3:
         x = np.cross(direction, np.eye(3)[int(np.argmin(np.abs(direction)))])
     x /= np.linalg.norm(x)
-    matrix = np.eye(4)
-    matrix[:3] = np.column_stack((x, np.cross(direction, x), direction, position))
-    return Pose.from_matrix(matrix)
+    axes = np.column_stack((x, np.cross(direction, x), direction))
+    return Pose.from_axes(position, axes.tolist())

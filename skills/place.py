@@ -67,16 +67,15 @@ class Place(Skill):
         name = self.ports.object or next(iter(arm.gripper.held), "")
         held = arm.world.attachments.find(arm.name, name)
         released: Released | None = None
-        if held is None or not held.by_gripper:
+        if held is not None and held.by_gripper:
+            object_pose = arm.commanded_tool_pose @ (arm.robot.tool.inverse @ held.relative)
+        else:
             released = self._released(name)
             held = released.held
             name = held.object
+            object_pose = released.pose
         arm.refuse_shared()
-        if released is not None:
-            goal = self.ports.at.pose_from(released.pose)
-        else:
-            in_tool = arm.robot.tool.inverse @ held.relative
-            goal = self.ports.at.pose_from(arm.commanded_tool_pose @ in_tool)
+        goal = self.ports.at.pose_from(object_pose)
         looked_for = self._looked_for(name)
         passengers = PassengerCheck(arm.world, name, [goal])
         setting_down = SettingDown(arm, self.ports, held, self.metrics)

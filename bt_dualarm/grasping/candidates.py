@@ -354,9 +354,7 @@ def _places(
 def _tools(place: Vector, normal: Vector) -> Iterator[Pose]:
     """Tool frames with the z axis into the surface, turned about it."""
     x = square_to(normal, np.array([1.0, 0.0, 0.0]))
-    matrix = np.eye(4)
-    matrix[:3] = np.column_stack((x, np.cross(-normal, x), -normal, place))
-    first = Pose.from_matrix(matrix)
+    first = Pose.from_axes(place, np.column_stack((x, np.cross(-normal, x), -normal)).tolist())
     for turn in np.arange(TURNS) * 2.0 * np.pi / TURNS:
         yield first @ Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, float(turn)))
 

@@ -10,7 +10,8 @@ from typing import Final
 
 import numpy as np
 
-from bt_dualarm.core.pose import Matrix, Pose, Vector
+from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.core.triangles import cut_at
 from bt_dualarm.grasping.grasp import (
     Box,
     Capsule,
@@ -224,21 +225,9 @@ def _part(solid: Solid, axis: int, place: float) -> tuple[Solid, Vector]:
         half[axis] = HALF_M
         return Box(half), center
     if isinstance(solid, MeshSolid):
-        points = _between(solid, axis, place - HALF_M, place + HALF_M)
+        _, above = cut_at(solid.corners, axis, place - HALF_M)
+        within, _ = cut_at(above, axis, place + HALF_M)
+        points = within.reshape(-1, 3)
         center = 0.5 * (points.min(axis=0) + points.max(axis=0))
         return MeshSolid.hull_of(points - center), center
     return Cylinder(float(getattr(solid, "radius", HALF_M)), HALF_M), center
-
-
-def _between(solid: MeshSolid, axis: int, low: float, high: float) -> Matrix:
-    """Points of shape (n, 3) whose hull is the part of a convex mesh between two planes, m."""
-    starts = solid.corners.reshape(-1, 3)
-    ends = np.roll(solid.corners, -1, axis=1).reshape(-1, 3)
-    along = starts[:, axis]
-    found = [starts[(along >= low) & (along <= high)]]
-    for level in (low, high):
-        crosses = (along - level) * (ends[:, axis] - level) < 0.0
-        start, end = starts[crosses], ends[crosses]
-        share = (level - start[:, axis]) / (end[:, axis] - start[:, axis])
-        found.append(start + share[:, None] * (end - start))
-    return np.unique(np.vstack(found).round(9), axis=0)

@@ -212,7 +212,7 @@ class KnownShape:
         else:
             alike = [axes @ turn for turn in self._symmetries]
             smallest = max(alike, key=lambda one: float(np.trace(one)))
-        return pose_of(self._turned_about_center(pose, smallest), smallest)
+        return Pose.from_axes(self._turned_about_center(pose, smallest), smallest.tolist())
 
     def nearest(self, pose: Pose, goal: Pose) -> Pose:
         """Of the poses in which the object is as in one, that with the smallest angle to a goal.
@@ -222,7 +222,7 @@ class KnownShape:
         axes = pose.rotation_matrix
         wanted = goal.rotation_matrix
         turned = axes @ max(self._own_turns, key=lambda turn: self._cosine(wanted, axes, turn))
-        return pose_of(self._turned_about_center(pose, turned), turned)
+        return Pose.from_axes(self._turned_about_center(pose, turned), turned.tolist())
 
     def away(self, pose: Pose, goal: Pose) -> tuple[float, float]:
         """Distance, m, and angle, rad, of the `nearest` pose from a goal."""
@@ -348,14 +348,6 @@ def _symmetry(obj: ObjectSpec) -> tuple[int, bool, bool]:
     if obj.shape == "shelf":
         return 1, False, False
     return (4 if is_square else 2), True, True  # a bin, tray or table
-
-
-def pose_of(position: Vector, axes: Matrix) -> Pose:
-    """Pose with a position, of shape (3,), m, and a rotation matrix, of shape (3, 3)."""
-    matrix = np.eye(4)
-    matrix[:3, :3] = axes
-    matrix[:3, 3] = position
-    return Pose.from_matrix(matrix)
 
 
 def _least_turn_to(z: Vector) -> Matrix:

@@ -21,7 +21,7 @@ import numpy.typing as npt
 from bt_dualarm.core.later import Later
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.perception.detection import Blob, ColorFilter, Detection, detect_blobs
-from bt_dualarm.perception.known_shape import KnownShape, pose_of
+from bt_dualarm.perception.known_shape import KnownShape
 from bt_dualarm.sim.frame import Frame, Image, JsonList, LazyFrame
 
 if TYPE_CHECKING:
@@ -470,7 +470,7 @@ class ShapeFit:
     @property
     def pose(self) -> Pose:
         """Pose of the object in the world."""
-        return pose_of(self.scene.position, self.scene.rotation)
+        return Pose.from_axes(self.scene.position, self.scene.rotation.tolist())
 
     def about(self, point: Vector) -> ShapeFit:
         """The fit of another point of the object, given in its frame, of shape (3,), m."""
@@ -553,10 +553,12 @@ class ShapeFitter:
         found = sorted((self._solved(fit.scene, views) for fit in fits), key=cost)
         if not found or found[0].residual_px < _EXPLAINED_PX:
             return found
+        guesses = self.shape.guesses(flat=self.flat)
+        turned = [Pose.from_axes(_ORIGIN, axes.tolist()) for axes in guesses]
         others = [
             axes
-            for axes in self.shape.guesses(flat=self.flat)
-            if all(self.shape.angle(pose_of(_ORIGIN, axes), fit.pose) > _OTHER_RAD for fit in found)
+            for axes, one in zip(guesses, turned, strict=True)
+            if all(self.shape.angle(one, fit.pose) > _OTHER_RAD for fit in found)
         ]
         tried = [self._solved(scene, views) for scene in self._likeliest(others, views[-1])]
         likelier = [fit for fit in tried if fit.cost < found[0].cost - _LIKELIER]

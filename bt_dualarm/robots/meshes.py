@@ -30,6 +30,7 @@ import scipy
 from bt_dualarm.core.errors import CatalogError
 from bt_dualarm.core.pose import Matrix
 from bt_dualarm.core.share import cache_dir, start_of_name
+from bt_dualarm.core.triangles import cut_at
 from bt_dualarm.robots.urdf import Shape
 from bt_dualarm.robots.urdf_arm import Urdf
 from bt_dualarm.spec.problems import Problem
@@ -238,8 +239,9 @@ def _extents(mesh: Path, scale: tuple[float, ...], changed: int, size: int) -> E
 
 @lru_cache(maxsize=1)
 def _source() -> bytes:
-    """Source of this module, part of all cache keys: a change of it invalidates the caches."""
-    return Path(__file__).read_bytes()
+    """Source of what computes, part of all cache keys: a change of it invalidates the caches."""
+    cuts = Path(__file__).parents[1] / "core" / "triangles.py"
+    return Path(__file__).read_bytes() + cuts.read_bytes()
 
 
 @contextmanager
@@ -453,8 +455,8 @@ def convex_parts(triangles: Matrix) -> tuple[Matrix, ...]:
         if part.saved < threshold:
             break
         parts.remove(part)
-        halves = _halves(part.triangles, part.axis, part.offset)
-        fine = (None, None) if part.fine is None else _halves(part.fine, part.axis, part.offset)
+        halves = cut_at(part.triangles, part.axis, part.offset)
+        fine = (None, None) if part.fine is None else cut_at(part.fine, part.axis, part.offset)
         parts += [_best_cut(*both, threshold) for both in zip(halves, fine, strict=True)]
     joined = _joined([_Piece.of(part.triangles, part.fine) for part in parts], threshold)
     found = [one.triangles if one.fine is None else one.fine for one in joined]
@@ -543,7 +545,7 @@ def _slices(triangles: Matrix, axis: int, offsets: Sequence[float]) -> list[tupl
     slices = []
     rest = triangles
     for offset in offsets:
-        below, rest = _halves(rest, axis, offset)
+        below, rest = cut_at(rest, axis, offset)
         slices.append(_hull(below))
     return [*slices, _hull(rest)]
 
@@ -579,35 +581,6 @@ def _most_saved(
         if min(lower[number], upper) > 0.0:  # half of a mesh with holes may be flat
             best = max(best, (saved, number), key=lambda one: (one[0], -one[1]))
     return best
-
-
-def _halves(triangles: Matrix, axis: int, offset: float) -> tuple[Matrix, Matrix]:
-    """Cut triangles by a plane normal to an axis: those below and above, of shape (m, 3, 3)."""
-    below = triangles[:, :, axis] <= offset
-    count = below.sum(axis=1)
-    crossing = (count == 1) | (count == 2)
-    # A crossing triangle has one corner alone on its side. Rotate that corner to the front, then
-    # split the triangle into a tip on its side and a quadrilateral (two triangles) on the other.
-    lower = count[crossing] == 1
-    alone = np.argmax(below[crossing] == lower[:, None], axis=1)
-    order = (alone[:, None] + np.arange(3)) % 3
-    first, second, third = np.take_along_axis(
-        triangles[crossing], order[:, :, None], axis=1
-    ).transpose(1, 0, 2)
-    ends = [_meeting(first, other, axis, offset) for other in (second, third)]
-    tips = np.stack((first, *ends), axis=1)
-    stumps = np.stack((ends[0], second, third), axis=1), np.stack((*ends, third), axis=1)
-    return (
-        np.concatenate((triangles[count == 3], tips[lower], *(one[~lower] for one in stumps))),
-        np.concatenate((triangles[count == 0], tips[~lower], *(one[lower] for one in stumps))),
-    )
-
-
-def _meeting(start: Matrix, end: Matrix, axis: int, offset: float) -> Matrix:
-    """Intersect line segments, of shape (n, 3) each, with a plane normal to an axis."""
-    share = (offset - start[:, axis]) / (end[:, axis] - start[:, axis])
-    points: Matrix = start + share[:, None] * (end - start)
-    return points
 
 
 def _hull(points: Matrix) -> tuple[Matrix, float]:

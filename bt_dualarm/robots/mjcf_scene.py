@@ -310,10 +310,7 @@ class _Reader(AttributeReader):
                 turn = _onto(_unit(zaxis))
         except ValueError as error:
             self.add(element, f"<{element.tag}>: {error}", "", given[0] if given else None)
-        matrix = np.eye(4)
-        matrix[:3, :3] = turn
-        matrix[:3, 3] = position
-        return Pose.from_matrix(matrix)
+        return Pose.from_axes(np.array(position), turn.tolist())
 
     # Bodies
 
@@ -515,10 +512,7 @@ class _Reader(AttributeReader):
                 message = "fromto is for capsules and cylinders with a size, of some length"
                 self.add(geom, message, "", "fromto")
                 return None
-            matrix = np.eye(4)
-            matrix[:3, :3] = _onto((end - start) / length)
-            matrix[:3, 3] = 0.5 * (start + end)
-            pose = Pose.from_matrix(matrix)
+            pose = Pose.from_axes(0.5 * (start + end), _onto((end - start) / length).tolist())
             half = (half[0], 0.5 * length)
         if not half and "size" in geom.attributes:
             return None  # reported already

@@ -339,10 +339,8 @@ class CameraEntry(Value):
         forward = np.asarray(self.forward) / np.linalg.norm(self.forward)
         right = np.cross(forward, self.up)
         right /= np.linalg.norm(right)
-        matrix = np.eye(4)
-        matrix[:3, :3] = np.column_stack((right, np.cross(forward, right), forward))
-        matrix[:3, 3] = self.xyz
-        return Pose.from_matrix(matrix)
+        axes = np.column_stack((right, np.cross(forward, right), forward))
+        return Pose.from_axes(np.array(self.xyz, dtype=float), axes.tolist())
 
 
 class LimitEntry(Value):

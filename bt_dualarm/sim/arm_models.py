@@ -161,10 +161,7 @@ def principal_with(*placed: tuple[ObjectSpec, Pose]) -> tuple[Pose, Vector]:
     moments, axes = np.linalg.eigh(inertia)
     if np.linalg.det(axes) < 0.0:
         axes = axes * (1.0, 1.0, -1.0)
-    matrix = np.eye(4)
-    matrix[:3, :3] = axes
-    matrix[:3, 3] = center
-    return Pose.from_matrix(matrix), np.asarray(moments, dtype=float)
+    return Pose.from_axes(center, axes.tolist()), np.asarray(moments, dtype=float)
 
 
 Rotations: TypeAlias = npt.NDArray[np.float64]

@@ -335,10 +335,7 @@ class ObjectBody:
         moments, axes = np.linalg.eigh(self.inertia)
         if np.linalg.det(axes) < 0.0:
             axes = axes * (1.0, 1.0, -1.0)
-        matrix = np.eye(4)
-        matrix[:3, :3] = axes
-        matrix[:3, 3] = self.center
-        return Pose.from_matrix(matrix), np.asarray(moments, dtype=float)
+        return Pose.from_axes(self.center, axes.tolist()), np.asarray(moments, dtype=float)
 
     def extents(self, turn: Matrix) -> tuple[Vector, Vector]:
         """Lowest and highest coordinates along the axes of the world, each of shape (3,), m.

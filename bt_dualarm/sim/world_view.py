@@ -85,10 +85,7 @@ class WorldView:
 
     def object_middle(self, name: str) -> Vector:
         """True position of the center of an object's shape in the world, of shape (3,), m."""
-        body = self.object_body(name)
-        middle = body_of(self.objects[name]).middle
-        position: Vector = self.data.xpos[body] + self.data.xmat[body].reshape(3, 3) @ middle
-        return position
+        return self.object_pose(name).apply(body_of(self.objects[name]).middle)
 
     def joint_of(self, name: str) -> Articulation | None:
         """Joint on which a present object moves; None for one that is free or fixed."""

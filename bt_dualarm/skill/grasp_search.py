@@ -490,9 +490,7 @@ def _turned_to(base: Vector, object_pose: Pose, solid: Solid) -> Pose:
         if np.linalg.norm(x) > 0.1 * np.linalg.norm(direction):
             break
     x /= np.linalg.norm(x)
-    matrix = np.eye(4)
-    matrix[:3, :3] = np.column_stack((x, np.cross(z, x), z))
-    turned = Pose.from_matrix(matrix)
+    turned = Pose.from_axes(np.zeros(3), np.column_stack((x, np.cross(z, x), z)).tolist())
     return Pose(np.zeros(3), object_pose.inverse.quaternion) @ turned
 
 
@@ -516,10 +514,8 @@ def obstacles_around(arm: Arm, name: str | None, position: Vector) -> list[Obsta
         solid = _solid_of_geom(model, geom)
         if solid is None:
             continue
-        matrix = np.eye(4)
-        matrix[:3, :3] = world.sensed.geom_xmat[geom].reshape(3, 3)
-        matrix[:3, 3] = world.sensed.geom_xpos[geom]
-        pose = Pose.from_matrix(matrix)
+        axes = world.sensed.geom_xmat[geom].reshape(3, 3)
+        pose = Pose.from_axes(world.sensed.geom_xpos[geom].copy(), axes.tolist())
         if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE:
             pose = pose @ Pose.from_rpy((0.0, 0.0, -_WIDE))
         if solid.distance(pose.inverse.apply(position[None]))[0] < _NEAR:

@@ -472,11 +472,10 @@ class HandoverSearch:
         for one in world.passengers_of(self._object):
             geoms.update(world.object_geoms(one.object))
         for geom in sorted(geoms):
-            matrix = np.eye(4)
-            matrix[:3, :3] = sensed.geom_xmat[geom].reshape(3, 3)
-            matrix[:3, 3] = sensed.geom_xpos[geom]
             center, half = world.model.geom_aabb[geom].reshape(2, 3)
-            pose = Pose.from_matrix(matrix) @ Pose.from_rpy(tuple(center.tolist()))
+            axes = sensed.geom_xmat[geom].reshape(3, 3)
+            pose = Pose.from_axes(sensed.geom_xpos[geom].copy(), axes.tolist())
+            pose = pose @ Pose.from_rpy(tuple(center.tolist()))
             found.append(Obstacle(Box(half.copy()), pose))
         return found
 
@@ -643,9 +642,7 @@ class HandoverSearch:
             if np.linalg.norm(x) < 1e-3:
                 x = now.rotation_matrix[:, 1] - (now.rotation_matrix[:, 1] @ z) * z
             x = x / np.linalg.norm(x)
-            matrix = np.eye(4)
-            matrix[:3, :3] = np.column_stack((x, np.cross(z, x), z))
-            first = Pose.from_matrix(matrix)
+            first = Pose.from_axes(np.zeros(3), np.column_stack((x, np.cross(z, x), z)).tolist())
             for turn in _TURNS:
                 tool = first @ Pose.from_rpy((0.0, 0.0, 0.0), (0.0, 0.0, float(turn)))
                 turned = tool.angle(Pose(np.zeros(3), now.quaternion)) / math.pi

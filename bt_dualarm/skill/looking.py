@@ -365,10 +365,9 @@ _PARALLEL: Final = 1e-6
 
 
 def _gaze(point: Vector, distance: float, sight: Vector, x: Vector, roll: float) -> Pose:
-    matrix = np.eye(4)
-    matrix[:3, :3] = np.column_stack((x, np.cross(sight, x), sight))
-    matrix[:3, 3] = point - distance * sight
-    return Pose.from_matrix(matrix) @ Pose.from_rpy((0, 0, 0), (0, 0, roll))
+    axes = np.column_stack((x, np.cross(sight, x), sight))
+    upright = Pose.from_axes(point - distance * sight, axes.tolist())
+    return upright @ Pose.from_rpy((0, 0, 0), (0, 0, roll))
 
 
 def look_at(

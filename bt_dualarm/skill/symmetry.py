@@ -37,17 +37,19 @@ def poses_alike(spec: ObjectSpec, goal: Pose) -> list[tuple[float, Pose]]:
         spec: The object.
         goal: Its pose in the world.
     """
-    axis, turns = _turns_into_itself(spec, goal)
-    center = goal.apply(np.array(KnownShape.of(spec).center))
+    shape = KnownShape.of(spec)
+    axis, turns = _turns_into_itself(spec, shape, goal)
+    center = goal.apply(np.array(shape.center))
     return [
         (angle, goal if angle == 0.0 else _turned(goal, axis, angle, center)) for angle in turns
     ]
 
 
-def _turns_into_itself(spec: ObjectSpec, goal: Pose) -> tuple[Vector, list[float]]:
+def _turns_into_itself(
+    spec: ObjectSpec, shape: KnownShape, goal: Pose
+) -> tuple[Vector, list[float]]:
     """Axis in the world, of shape (3,), and rotations about it, rad, the smallest first."""
     up = np.array((0.0, 0.0, 1.0))
-    shape = KnownShape.of(spec)
     if spec.marker:
         return up, [0.0]
     if spec.shape == "box":

@@ -205,10 +205,8 @@ def _look_at(eye: Vector, target: Vector) -> Pose:
     if np.linalg.norm(right) < 1e-6:
         right = np.array([1.0, 0.0, 0.0])
     right /= np.linalg.norm(right)
-    matrix = np.eye(4)
-    matrix[:3, :3] = np.column_stack((right, np.cross(forward, right), forward))
-    matrix[:3, 3] = eye
-    return Pose.from_matrix(matrix)
+    axes = np.column_stack((right, np.cross(forward, right), forward))
+    return Pose.from_axes(eye, axes.tolist())
 
 
 def _with_notations(others: Callable[[Json], list[Json]]) -> Callable[[Json], None]:

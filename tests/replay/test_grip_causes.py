@@ -98,13 +98,16 @@ def test_a_leaf_that_released_the_object_without_its_name(releases: str, tmp_pat
     assert f"({releases.partition(':')[0]}) had released obj at" in cause.sentence
 
 
+_WALL = "{shape: box, size: [0.1, 0.02, 0.2], mass: 1, pose: {xyz: [0.2, %g, 0.501]}}"
+WALLS = f"  north: {_WALL % -0.38}\n  south: {_WALL % -0.52}"
+BETWEEN = "place: {at: {xyz: [0.2, -0.45, 0.45]}}"
+"""Placing between these walls, where a hand has no room that holds the object from the side."""
+
+
 def test_a_hand_that_does_not_fit_at_the_goal_needs_another_grasp(tmp_path: Path) -> None:
     """With a grasp from the side, the hand would be in the wall; from above there is room."""
-    wall = "{shape: box, size: [0.1, 0.02, 0.2], mass: 1, pose: {xyz: [0.2, %g, 0.501]}}"
-    walls = f"  north: {wall % -0.38}\n  south: {wall % -0.52}"
-    place = "place: {at: {xyz: [0.2, -0.45, 0.45]}}"
-    steps = f"[grasp: {{object: obj, approach: [0, -1, 0]}}, {place}]"
-    cause = why(tmp_path, [0.04, 0.05, 0.1], steps, walls)
+    steps = f"[grasp: {{object: obj, approach: [0, -1, 0]}}, {BETWEEN}]"
+    cause = why(tmp_path, [0.04, 0.05, 0.1], steps, WALLS)
     assert cause.kind == "IN_THE_WAY"
     assert cause.remedy.startswith("grasp it otherwise: give `then_at` of `grasp` this goal")
 
@@ -119,11 +122,9 @@ def test_a_goal_out_of_reach_with_this_grasp_is_named_with_a_remedy(tmp_path: Pa
 
 def test_a_hand_in_the_way_after_regrasp_needs_another_approach_of_it(tmp_path: Path) -> None:
     """`regrasp` has no `then_at`."""
-    wall = "{shape: box, size: [0.1, 0.02, 0.2], mass: 1, pose: {xyz: [0.2, %g, 0.501]}}"
-    walls = f"  north: {wall % -0.38}\n  south: {wall % -0.52}"
     regrasp = "regrasp: {object: obj, approach: [0, -1, 0]}"
-    steps = f"[{GRASP}, {regrasp}, place: {{at: {{xyz: [0.2, -0.45, 0.45]}}}}]"
-    cause = why(tmp_path, [0.04, 0.05, 0.1], steps, walls)
+    steps = f"[{GRASP}, {regrasp}, {BETWEEN}]"
+    cause = why(tmp_path, [0.04, 0.05, 0.1], steps, WALLS)
     assert cause.kind == "IN_THE_WAY"
     assert cause.remedy.startswith("grasp it otherwise: another `approach` of `regrasp`")
 

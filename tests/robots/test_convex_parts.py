@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy
 
+from bt_dualarm.core.triangles import cut_at
 from bt_dualarm.robots import meshes
 from tests.families import some
 
@@ -58,7 +59,7 @@ def test_no_cut_saves_more_than_the_chosen_one(seed: int) -> None:
     high = triangles.max(axis=(0, 1))
     whole = volume_of(triangles)
     saved = [
-        whole - sum(volume_of(half) for half in meshes._halves(triangles, axis, float(offset)))
+        whole - sum(volume_of(half) for half in cut_at(triangles, axis, float(offset)))
         for axis in range(3)
         for offset in np.linspace(low[axis], high[axis], meshes._STEPS + 1)[1:-1]
     ]
