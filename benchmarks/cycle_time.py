@@ -125,7 +125,9 @@ def _file(
 
 def insert(robot: str, gripper: str, reality: str, seed: int) -> dict[str, Any]:
     """The tree file of `benchmarks.inserting` for a robot."""
-    options = argparse.Namespace(robot=robot, gripper=gripper, reality=reality, shape="cylinder")
+    options = argparse.Namespace(
+        robot=robot, gripper=gripper, reality=reality, shape="cylinder", direction="down"
+    )
     file, _ = inserting.task(options, seed)
     return file
 

@@ -111,6 +111,7 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.handover import object_in_tool as object_in_tool
     from bt_dualarm.skill.handover import retreat_from as retreat_from
     from bt_dualarm.skill.handover import tool_pose_of as tool_pose_of
+    from bt_dualarm.skill.inserting import HoleAxes as HoleAxes
     from bt_dualarm.skill.inserting import Inserting as Inserting
     from bt_dualarm.skill.inserting import InsertingPorts as InsertingPorts
     from bt_dualarm.skill.joint import JointPart as JointPart
@@ -325,6 +326,7 @@ _CONTENTS: Final = {
     "is_tied_to": "skill.left_standing:is_tied_to",
     "stands_without": "skill.left_standing:stands_without",
     "guarded_descent": "skill.guarded_move:guarded_descent",
+    "HoleAxes": "skill.inserting:HoleAxes",
     "Inserting": "skill.inserting:Inserting",
     "InsertingPorts": "skill.inserting:InsertingPorts",
     "SettingDown": "skill.placing:SettingDown",

@@ -11,6 +11,7 @@ from bt_dualarm import (
     CarriedPose,
     Failure,
     Grip,
+    HoleAxes,
     Inserting,
     InsertingPorts,
     KnownShape,
@@ -24,6 +25,7 @@ from bt_dualarm import (
     into_held,
     port,
     poses_alike,
+    unit_vector,
 )
 
 _CLEAR_M = 0.004  # height above the rim from which the peg is lowered
@@ -37,8 +39,8 @@ class _PegPorts(PortModel):
     at: CarriedPose = port(..., "pose of the peg when it is fully inserted")
     into: ObjectName | None = port(
         None,
-        "object, held by another arm with `hold_still`, that is a side of the hole: the peg "
-        "and the hand may touch it",
+        "object, held by another arm with `hold_still`, that has the hole or is a side of it: the "
+        "peg and the hand may touch it",
     )
     angle_tolerance: Angle = port(
         5.0, "largest rotation error of the peg at the end, up to its symmetry", ge=0.1, le=90
@@ -47,7 +49,7 @@ class _PegPorts(PortModel):
 
 
 class Insert(Skill):
-    """Insert a held peg into its hole: lower it, search around the goal, push it down."""
+    """Insert a held peg into its hole: lower it, search around the goal, push it in."""
 
     class Ports(InsertingPorts, _PegPorts):
         pass
@@ -74,6 +76,7 @@ class Insert(Skill):
         in_tool = arm.robot.tool.inverse @ held.relative
         goal = self.ports.at.pose_from(arm.commanded_tool_pose @ in_tool)
         alike = poses_alike(arm.world.declared_objects[name], goal)
+        self._axes = HoleAxes(unit_vector(self.ports.direction))
         self._bottoms = [(angle, pose @ in_tool.inverse) for angle, pose in alike]
         grip = Grip(arm, name)
         with into_held(arm, self.ports.into):
@@ -83,7 +86,7 @@ class Insert(Skill):
                 ((spun, bottom),) = self._bottoms
                 if spun:
                     self.metrics["spun_rad"] = spun
-                inserting = Inserting(arm, self.ports, name, grip, bottom, self.metrics)
+                inserting = Inserting(arm, self.ports, name, grip, self._axes, bottom, self.metrics)
                 yield from inserting.through()
             except Failure as failure:
                 if failure.code == "SLIPPED":
@@ -104,21 +107,21 @@ class Insert(Skill):
         ports = self.ports
         shape = KnownShape.of(self.arm.world.objects[name])
         true = shape.nearest(self.arm.world.object_pose(name), goal)
-        error = true.position - goal.position
-        beside = float(np.linalg.norm(error[:2]))
+        offset, height = self._axes.offset(true, goal)
+        beside = float(np.linalg.norm(offset))
         turned = shape.angle(true, goal)
         self.metrics |= {"inserted_error_m": true.distance(goal), "inserted_turned_rad": turned}
         if (
-            abs(error[2]) > ports.tolerance
+            abs(height) > ports.tolerance
             or beside > ports.radius + ports.tolerance
             or turned > ports.angle_tolerance
         ):
             raise Failure(
                 "NOT_INSERTED",
-                f"{name!r} is {1e3 * beside:.1f} mm beside and {1e3 * error[2]:.1f} mm above its "
+                f"{name!r} is {1e3 * beside:.1f} mm beside and {1e3 * height:.1f} mm above its "
                 f"goal, rotated by {np.degrees(turned):.1f}°",
                 beside_m=beside,
-                height_off_m=float(error[2]),
+                height_off_m=height,
                 turned_rad=turned,
             )
 
@@ -128,7 +131,7 @@ class Insert(Skill):
         ports = self.ports
         here = arm.commanded_tool_pose
         for _, bottom in self._bottoms:
-            *beside, height = here.position - bottom.position
+            beside, height = self._axes.offset(here, bottom)
             if (
                 np.hypot(*beside) <= ports.radius + ports.tolerance
                 and -ports.tolerance <= height < ports.depth
@@ -138,8 +141,9 @@ class Insert(Skill):
                 arm.controller.compliance.active = False  # it would sink as it relaxes
                 yield from arm.relax()
                 out = arm.commanded_tool_pose
-                above = float(bottom.position[2]) + ports.depth + _CLEAR_M
-                rows = arm.line_on(out.raised(above - float(out.position[2])))
+                _, height = self._axes.offset(out, bottom)
+                above = ports.depth + _CLEAR_M
+                rows = arm.line_on(out.shifted((above - height) * self._axes.out))
                 motion = arm.begin(arm.time_path(rows, _OUT), may_touch=True, compliant=True)
                 while not motion.done:
                     yield 0.0
@@ -187,8 +191,9 @@ class Insert(Skill):
         arm = self.arm
         ports = self.ports
         peg = frozenset({self.ports.object})
-        above = bottom.raised(ports.depth + _CLEAR_M)
-        deepest = bottom.raised(-ports.tolerance)
+        on_axis = np.zeros(2)
+        above = self._axes.pose(bottom, on_axis, ports.depth + _CLEAR_M)
+        deepest = self._axes.pose(bottom, on_axis, -ports.tolerance)
         starts: list[Matrix] = []
         refusals: list[Failure] = []
         for down, _ in arm.lines(above, bottom, deepest):

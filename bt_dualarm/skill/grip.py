@@ -121,6 +121,9 @@ class Grip:
 _TARE_S: Final = (0.1, 0.5)
 """Age of the force samples whose mean is the zero: they contain friction and model errors."""
 
+_LONG_TARE_S: Final = (2.0, 2.5)
+"""The same for a force that rises slowly, as against a soft hand: the other zero follows it."""
+
 _DEVIATIONS: Final = 5.0
 """Standard deviations of the noise that a contact has to exceed: of the 30 to 100 samples of an
 approach, less than one in a thousand would by chance."""
@@ -143,6 +146,7 @@ class TouchSense:
 
     Attributes:
         most: Largest force so far, N.
+        slow_rise: Current force relative to that of 2 to 2.5 s ago, N; 0 until there is one.
     """
 
     def __init__(self, arm: Arm, direction: Vector, *, alone: bool = False) -> None:
@@ -153,7 +157,7 @@ class TouchSense:
         self._latest: float | None = None
         self._changes = deque[float](maxlen=_CHANGES)
         self._zero = 0.0
-        self.most = 0.0
+        self.most = self.slow_rise = 0.0
 
     def listen(self) -> None:
         """Sample the noise, where no contact is expected yet; to be called once per tick."""
@@ -167,14 +171,17 @@ class TouchSense:
                 force may rise slowly.
         """
         now = self._arm.time
-        latest, earliest = _TARE_S
         felt = self._sample()
         self._felt.append((now, felt))
-        while now - self._felt[0][0] > earliest:
+        while now - self._felt[0][0] > _LONG_TARE_S[1]:
             self._felt.popleft()
-        before = [one for at, one in self._felt if now - at >= latest]
+        before, long_before = (
+            [one for at, one in self._felt if latest <= now - at <= earliest]
+            for latest, earliest in (_TARE_S, _LONG_TARE_S)
+        )
         if not stands:
             self._zero = float(np.mean(before)) if before else felt
+        self.slow_rise = felt - float(np.mean(long_before)) if long_before else 0.0
         rise = felt - self._zero
         self.most = max(self.most, rise)
         return rise

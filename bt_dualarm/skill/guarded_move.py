@@ -25,11 +25,14 @@ _LONG_S: Final = 0.13
 _VERY_LONG_S: Final = (
     0.5  # by then joints have broken away, however uneven the set-point's speed is
 )
+_CREEPS_S: Final = 1.5  # in which a tool is slowed by something soft
 _BRISK: Final = 0.1  # a guarded descent begins with this fraction of the acceleration limits
 _STEADY: Final = 0.75  # fraction of the highest speed, which varies along the path
 _SLOW: Final = 0.3  # the same for the longest window
 _STOPPED: Final = 0.35  # fraction of the distance; a joint that sticks briefly leaves more
 _LONG_STOPPED: Final = 0.2
+_CREEPING: Final = 0.5
+_SOFTLY: Final = 1.5  # multiple of the force, as friction may change within that time
 
 
 def guarded_descent(
@@ -44,7 +47,8 @@ def guarded_descent(
     """Compliant straight motion that stops on contact (guarded move); yields the progress.
 
     Contact is detected if a force against the motion rises and the tool lags its steadily moving
-    set-point: friction alone does not cause both.
+    set-point: friction alone does not cause both. Against something soft, such as a part in another
+    hand, both happen slowly.
 
     Args:
         arm: Arm that moves.
@@ -109,11 +113,20 @@ def until_contact(
         lag.look(motion.parameter.scale)
         stops = lag.stops and is_expected is not None and is_expected()
         felt = sense.force(stands=lag.has_stopped or lag.stands or stops)
+        yields = lag.creeps and sense.slow_rise > _SOFTLY * force
         meant = arm.commanded_tool_pose.position
         is_behind = float((meant - arm.tool_pose.position) @ along) > behind_m
-        if not (lag.is_steady or lag.stands or is_behind or stops):
+        if yields:
+            sense.most = max(sense.most, sense.slow_rise)
+        elif not (lag.is_steady or lag.stands or is_behind or stops):
             sense.most = 0.0
-        elif is_behind or stops or (felt > force and lag.has_stopped) or (lightly and lag.stands):
+        if (
+            yields
+            or is_behind
+            or stops
+            or (felt > force and lag.has_stopped)
+            or (lightly and lag.stands)
+        ):
             most = sense.most
             if touched is not None:
                 touched()
@@ -146,6 +159,7 @@ class Lag:
         is_steady: Whether the set-point is fast enough.
         has_stopped: Whether the tool has stopped.
         stands: Whether it has stopped for a longer time.
+        creeps: Whether it has covered less than half of the distance in a still longer time.
         stops: Whether it has come to a stop for a short time: joints that stick do so as well.
     """
 
@@ -154,7 +168,7 @@ class Lag:
         self._along = along
         self._steady_m_s = steady_m_s
         self._past = deque[tuple[float, float, float]]()
-        self.is_steady = self.has_stopped = self.stands = self.stops = False
+        self.is_steady = self.has_stopped = self.stands = self.stops = self.creeps = False
 
     def look(self, scale: float) -> None:
         """Take a sample; to be called once per tick.
@@ -168,7 +182,7 @@ class Lag:
         steady_m_s = max(scale, _LEAST_SCALE) * self._steady_m_s
         meant = float(arm.commanded_tool_pose.position @ self._along)
         past.append((arm.time, meant, float(arm.tool_pose.position @ self._along)))
-        while len(past) > 2 and arm.time - past[1][0] >= _VERY_LONG_S:
+        while len(past) > 2 and arm.time - past[1][0] >= _CREEPS_S:
             past.popleft()
         self.is_steady, share = self._share(_COMPARED_S, steady_m_s)
         self.has_stopped = self.is_steady and share < _STOPPED
@@ -179,6 +193,8 @@ class Lag:
         self.stands = (was_steady and share < _LONG_STOPPED) or (
             was_going and slow_share < _LONG_STOPPED
         )
+        was_going, slow_share = self._share(_CREEPS_S, _SLOW * steady_m_s)
+        self.creeps = was_going and slow_share < _CREEPING
 
     def _share(self, seconds: float, least_m_s: float) -> tuple[bool, float]:
         """Whether the set-point is fast enough; fraction of its distance covered by the tool."""

@@ -27,7 +27,7 @@ from bt_dualarm.arm.arm import Arm
 from bt_dualarm.arm.passengers import stands_at
 from bt_dualarm.arm.payload import UNKNOWN_KG, cup_measures, jaw_measures
 from bt_dualarm.collision.checker import CollisionChecker
-from bt_dualarm.collision.distance import PLANNING_MARGIN_M
+from bt_dualarm.collision.distance import HANDS_M, PLANNING_MARGIN_M
 from bt_dualarm.control.dynamics import ArmDynamics, refuse_overload
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose, Vector
@@ -40,7 +40,6 @@ from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.sim.world import World
 from bt_dualarm.skill.grasp_approach import refuse_goal
 from bt_dualarm.skill.grasp_search import GRAVITY, obstacles_around
-from bt_dualarm.skill.joint import HANDS_M
 from bt_dualarm.skill.symmetry import poses_alike, turns_alike
 from bt_dualarm.trajectory.paths import line
 from bt_dualarm.trajectory.trajectory import Trajectory

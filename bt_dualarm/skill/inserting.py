@@ -11,21 +11,20 @@ import numpy as np
 
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.core.errors import Failure, Number
-from bt_dualarm.core.pose import Pose, Vector
+from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.skill.grip import Grip
 from bt_dualarm.skill.guarded_move import TOUCHDOWN_M_S, guarded_descent, until_contact
 from bt_dualarm.spec.node_types import PortModel, port
-from bt_dualarm.spec.values import Speed
+from bt_dualarm.spec.values import Speed, Vector3
 from bt_dualarm.trajectory.overlap import OverlappedMotion
 from bt_dualarm.trajectory.set_points import TrajectorySource
 from bt_dualarm.trajectory.trajectory import Trajectory
 
 # The first touch
 _UNSURE_M: Final = 0.0015  # height above the expected rim from which the peg is lowered
-_HIGH_M: Final = (
-    0.0005  # a contact sensed within so much of the beginning of a descent is a false one
-)
-_FALSE: Final = 3  # descents until a false contact counts
+_HIGH_M: Final = 0.0003  # height above the expected rim above which a contact may be a false one
+_SAME_M: Final = 0.00015  # distance that a descent covers in vain on the rim
+_FALSE: Final = 5  # contacts until one counts that may be false
 _DEEP_M: Final = 0.005  # depth below the expected rim at which the first descent ends
 _INSIDE_M: Final = 0.0025  # depth below it at which the peg is in the hole
 
@@ -71,6 +70,7 @@ _LEAVE: Final = 0.1  # fraction of the limits with which a peg that is not in le
 class InsertingPorts(PortModel):
     """Ports of skills that insert."""
 
+    direction: Vector3 = port((0.0, 0.0, -1.0), "direction of insertion, world axes")
     depth: float = port(0.03, "depth of the inserted peg in the hole", unit="m", ge=0.005, le=0.3)
     radius: float = port(
         0.0018,
@@ -96,6 +96,34 @@ class InsertingPorts(PortModel):
     )
 
 
+class HoleAxes:
+    """Axes of a hole: the one out of it, and two across.
+
+    Args:
+        inward: Direction of insertion in the world, of unit length, of shape (3,).
+
+    Attributes:
+        out: The opposite direction: heights in the hole are measured along it, m.
+        across: Two directions at right angles to it and to each other, of shape (2, 3).
+    """
+
+    def __init__(self, inward: Vector) -> None:
+        self.out: Final = -inward
+        axis = np.eye(3)[int(np.argmin(np.abs(inward)))]
+        first = axis - (axis @ inward) * inward
+        first /= np.linalg.norm(first)
+        self.across: Final[Matrix] = np.array((first, np.cross(self.out, first)))
+
+    def pose(self, bottom: Pose, beside: Vector, height: float) -> Pose:
+        """Pose beside the bottom, by an offset of shape (2,), and above it; m."""
+        return bottom.shifted(beside @ self.across + height * self.out)
+
+    def offset(self, pose: Pose, bottom: Pose) -> tuple[Vector, float]:
+        """Offset of a pose beside the bottom, of shape (2,), and its height above it, m."""
+        offset = pose.position - bottom.position
+        return self.across @ offset, float(offset @ self.out)
+
+
 class Inserting:
     """Search of a hole by touch, and insertion of one held peg.
 
@@ -111,6 +139,7 @@ class Inserting:
         ports: Ports of the skill.
         peg: Name of the peg.
         grip: Monitor of the peg.
+        axes: Axes of the hole.
         bottom: Pose of the tool in the world with the peg at its goal.
         metrics: Metrics of the skill, to be filled.
 
@@ -119,6 +148,7 @@ class Inserting:
     """
 
     failures: Final[Mapping[str, str]] = {
+        "INVALID_TARGET": "the direction is a zero vector",
         "NO_CONTACT": "no bottom was detected in the hole",
         "NOT_FOUND": "the peg did not enter at any position of the search",
         "JAMMED": "the peg got stuck before it was fully inserted",
@@ -132,12 +162,14 @@ class Inserting:
         ports: InsertingPorts,
         peg: str,
         grip: Grip,
+        axes: HoleAxes,
         bottom: Pose,
         metrics: dict[str, Number],
     ) -> None:
         self._arm = arm
         self._ports = ports
         self._peg = frozenset({peg})
+        self._axes = axes
         self._bottom = bottom
         self._metrics = metrics
         self._grip = grip
@@ -176,10 +208,12 @@ class Inserting:
         touches = deque([rim] * (_TOUCHES // 2 + 1), _TOUCHES)
         first = rim + _HANGS_M
         count = 1
-        quickly = positions(ports.radius, ports.pitch)[1:]
+        places = positions(ports.radius, ports.pitch)[1:]
+        first_pass = places[: len(places) // _PASSES]
+        others = places[len(first_pass) :]
         # Where friction misleads the hops, each position is touched again, slowly.
-        slowly = quickly[: len(quickly) // _PASSES]
-        for offset, is_slow in [(at, False) for at in quickly] + [(at, True) for at in slowly]:
+        turns = ((first_pass, False), (first_pass, True), (others, False))
+        for offset, is_slow in [(one, is_slow) for part, is_slow in turns for one in part]:
             count += 1
             # A peg that slides into the fingers lowers the tool; nothing raises it.
             rim = min(float(np.median(touches)), first)
@@ -195,7 +229,7 @@ class Inserting:
             self._metrics |= {"search_places": count, "found_beside_m": beside}
             if (yield from self._push_in(inside, rim)):
                 return
-            at = (self._arm.commanded_tool_pose.position - self._bottom.position)[:2]
+            at, _ = self._axes.offset(self._arm.commanded_tool_pose, self._bottom)
             yield from self._leave(at, rim)
         yield from self._arm.relax()
         raise Failure(
@@ -211,23 +245,28 @@ class Inserting:
         ports = self._ports
         self._grip.firm_for(ports.force)  # before the peg comes near the rim
         middle = np.zeros(2)
-        start = ports.depth + _UNSURE_M
+        high = self._at(middle, ports.depth + _UNSURE_M)
+        if arm.commanded_tool_pose.distance(high) > 1e-6:
+            motion = arm.begin(
+                arm.time_path(arm.line_on(high), 0.3),
+                may_touch=True,
+                compliant=self._compliance.active,
+            )
+            while not motion.done:
+                yield 0.3
+                self._check()
+        height = yield from self._touch(middle)
         for _ in range(_FALSE):
-            high = self._at(middle, start)
-            if arm.commanded_tool_pose.distance(high) > 1e-6:
-                motion = arm.begin(
-                    arm.time_path(arm.line_on(high), 0.3),
-                    may_touch=True,
-                    compliant=self._compliance.active,
-                )
-                while not motion.done:
-                    yield 0.3
-                    self._check()
-            yield from self._touch(middle)
-            if self._height < start - _HIGH_M:
-                break  # otherwise the friction of a joint was taken for a contact
+            if height < ports.depth + _HIGH_M:
+                break
+            # It may be a joint that sticks: then the next descent goes farther.
+            before = height
+            yield from arm.relax(stays_compliant=True)
+            height = yield from self._touch(middle)
+            if height > before - _SAME_M:
+                break
         self._rising = self._descending  # until a rise shows what it takes
-        return self._height
+        return height
 
     def _touch(self, at: Vector) -> Generator[float | None, None, float]:
         """Lower the peg slowly until contact, and learn which torques a descent takes.
@@ -374,7 +413,7 @@ class Inserting:
                 arm,
                 motion,
                 whole.motion.duration,
-                np.array((0.0, 0.0, -1.0)),
+                -self._axes.out,
                 top,
                 push,
                 self._grip.look,
@@ -457,23 +496,22 @@ class Inserting:
         self._grip.look()
 
     def _at(self, beside: Vector, height: float) -> Pose:
-        """Pose of the tool in the world, off its goal: sideways, of shape (2,), and up; m."""
-        bottom = self._bottom
-        return bottom.shifted(np.array((*beside, height)))
+        """Pose of the tool in the world, off its goal: beside, of shape (2,), and above; m."""
+        return self._axes.pose(self._bottom, beside, height)
 
     @property
     def _measured(self) -> Vector:
         """Position of the tool beside its goal, from the encoders, of shape (2,), m."""
-        return self._arm.tool_pose.position[:2] - self._bottom.position[:2]
+        return self._axes.offset(self._arm.tool_pose, self._bottom)[0]
 
     @property
     def _height(self) -> float:
         """Height of the tool above its goal, from the encoders, m."""
-        return float(self._arm.tool_pose.position[2] - self._bottom.position[2])
+        return self._axes.offset(self._arm.tool_pose, self._bottom)[1]
 
     @property
     def _commanded_height(self) -> float:
-        return float(self._arm.commanded_tool_pose.position[2] - self._bottom.position[2])
+        return self._axes.offset(self._arm.commanded_tool_pose, self._bottom)[1]
 
 
 def positions(radius: float, pitch: float) -> list[Vector]:

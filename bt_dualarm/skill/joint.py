@@ -12,15 +12,11 @@ from contextlib import ExitStack, contextmanager
 from typing import Any, Final
 
 from bt_dualarm.arm.arm import Arm
-from bt_dualarm.collision.distance import HANDS_APART_M
+from bt_dualarm.collision.distance import HANDS_APART_M, HANDS_M
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.skill.cell import Appointment
 from bt_dualarm.skill.making_room import ASIDES, WaitingPlace
 from bt_dualarm.skill.skill import SkillContext
-
-HANDS_M: Final = 0.006
-"""Distance that two hands keep from each other while both are at one object, m: other arms keep
-0.03 m. Control errors are less than 2 mm."""
 
 _DONE: Final = "done"  # message of a member that has completed its part
 

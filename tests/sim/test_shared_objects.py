@@ -8,15 +8,13 @@ import numpy as np
 import pytest
 
 from bt_dualarm.collision.checker import CollisionChecker
-from bt_dualarm.collision.distance import ArmDistance
+from bt_dualarm.collision.distance import HANDS_M, ArmDistance
 from bt_dualarm.core.pose import Pose
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
 from bt_dualarm.safety.guard import CLEAR_M
 from bt_dualarm.sim.arm_models import BORNE_GYRATION_M
 from bt_dualarm.sim.world import World
 from tests.sim.worlds import arm, box, file_of
-
-HANDS_M = 0.006
 
 
 @pytest.fixture

@@ -20,7 +20,13 @@ LIMIT_N = 10.0
 @pytest.mark.parametrize("seed", [44])
 def test_search_hops_press_lightly_on_the_rim(seed: int) -> None:
     """A UR10 has the highest joint friction, so that an error of its model presses hardest."""
-    options = {"robot": "ur10", "gripper": "robotiq_2f85", "reality": "lab", "shape": "cylinder"}
+    options = {
+        "robot": "ur10",
+        "gripper": "robotiq_2f85",
+        "reality": "lab",
+        "shape": "cylinder",
+        "direction": "down",
+    }
     file, _ = inserting.task(argparse.Namespace(**options), seed)
     pressed = [0.0]
     with bt.open(file) as run:
@@ -71,7 +77,7 @@ def test_peg_that_was_halted_in_its_hole_is_inserted_again() -> None:
     file = yaml.safe_load((share_dir("trees") / "peg_in_hole.yaml").read_text())
     leaves = file["arms"]["arm1"]["tree"]["sequence"]
     insert = leaves[1]
-    leaves[1] = {"selector": [{"timeout": {"seconds": 7.0, "child": insert}}, insert]}
+    leaves[1] = {"selector": [{"timeout": {"seconds": 5.4, "child": insert}}, insert]}
     heights: dict[float, float] = {}
     with bt.open(file) as run:
         while not run.done:

@@ -778,6 +778,7 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("regrasp", "SLIPPED"): Trial(AGAIN, interventions=((3.6, shrinks("cube")),), moves=True),
     ("regrasp", "DROPPED"): Trial(AGAIN, interventions=((3.6, steals("cube")),), moves=True),
     ("insert", "NOT_HELD"): Trial(INSERT, {"before": ()}),
+    ("insert", "INVALID_TARGET"): Trial(inserted([0.25, -0.45, 0.425], direction=[0, 0, 0])),
     ("insert", "NO_CONTACT"): Trial(inserted([0.25, -0.45, 0.5]), moves=True),
     ("insert", "NOT_FOUND"): Trial(inserted([0.262, -0.45, 0.425], radius=0.0002), moves=True),
     ("insert", "JAMMED"): Trial(inserted([0.25, -0.45, 0.415], depth=0.022), moves=True),
