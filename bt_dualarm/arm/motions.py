@@ -97,6 +97,8 @@ class ArmMotions(ArmState):
         resting: Names of the other arms that are known to stay where they are.
         may_turn: Whether plans may end in their ``turned`` goals: not while another arm may be the
             reason that there is no motion to the others.
+        left_out: Names of other arms that plans leave out, to find out whether these are the reason
+            that there is none.
     """
 
     def __init__(self, shared: SharedArm, leaf: str) -> None:
@@ -110,6 +112,7 @@ class ArmMotions(ArmState):
         self.checks = CHECKS
         self.resting: frozenset[str] = frozenset()
         self.may_turn = True
+        self.left_out: frozenset[str] = frozenset()
 
     # The leaf's life
 
@@ -1013,9 +1016,9 @@ class ArmMotions(ArmState):
         they are), or the current distance from an arm that is already nearer. Arms that follow this
         one's tool are left out.
         """
-        followers = self._shared.traffic.followers(self.name)
-        ignore |= followers
-        margins = {name: PLANNING_MARGIN_M for name in self.world.arms if name not in followers}
+        left_out = self._shared.traffic.followers(self.name) | self.left_out
+        ignore |= left_out
+        margins = {name: PLANNING_MARGIN_M for name in self.world.arms if name not in left_out}
         margins |= dict.fromkeys(self.resting & margins.keys(), RESTING_MARGIN_M)
         while True:
             checker = CollisionChecker(self.world, self.name, margins, ignore)

@@ -265,7 +265,7 @@ class PastOthers:
         """
         arm = self.arm
         staying: frozenset[str] = frozenset()
-        is_last = has_stepped_back = False
+        is_last = has_stepped_back = is_called = False
         number = 0
         while True:
             number += 1
@@ -307,9 +307,32 @@ class PastOthers:
                 wanted=[np.array(one.at) for one in theirs if one.at],
                 why=why,
             )
+            if is_called and not theirs:
+                # Nothing else can go on, and a search without success does not tell what was in
+                # the way: it must not be a deadlock with arms that are not.
+                yield from self._refuse_without(blockers, attempt)
             yield from self._wait_for_others(until)
+            is_called = self.traffic.is_called(arm.name)
             if arm.refuse_deadlock():
                 staying |= blockers
+
+    def _refuse_without(
+        self, others: frozenset[str], attempt: Callable[[], Generator[None, None, _Found]]
+    ) -> Generator[None, None, None]:
+        """Refuse what is not possible without other arms, either: they are not the reason.
+
+        Args:
+            others: Names of these arms.
+            attempt: Plans in the current world.
+
+        Raises:
+            Failure: That of ``attempt``.
+        """
+        self.arm.left_out = others
+        try:
+            yield from attempt()
+        finally:
+            self.arm.left_out = frozenset()
 
     def _wait_for_others(self, until: float) -> Iterator[float | None]:
         """Wait before the next attempt, aside if an arm with the right of way waits for this one.

@@ -453,6 +453,12 @@ def _enter(
                     found, key=lambda one: float(np.abs(one.motion.start - motion.end).max())
                 )
                 return motion
+        if _is_at(arm.commanded_tool_pose, path.start):  # why does it not begin as it is?
+            try:
+                arm.kinematics.follow_on(path.poses, arm.setpoint.q, free=path.free)
+            except Failure as failure:
+                reason = f"{refusal.reason}; from its current configuration, {failure.reason}"
+                raise Failure(refusal.code, reason, **refusal.numbers) from refusal.__cause__
         raise refusal
 
     if float(np.abs(start - arm.setpoint.q).max()) >= 1e-9:

@@ -50,7 +50,12 @@ def test_near_arm_does_not_reduce_the_margin_to_another(robot: str) -> None:
     shared = SimpleNamespace(traffic=Traffic(lambda: 0.0))
     here = SimpleNamespace(q=q)
     state = SimpleNamespace(
-        world=world, name="arm1", setpoint=here, _shared=shared, resting=frozenset()
+        world=world,
+        name="arm1",
+        setpoint=here,
+        _shared=shared,
+        resting=frozenset(),
+        left_out=frozenset(),
     )
     checker = Arm.checker(cast("Arm", state))
     assert checker.free(q)

@@ -198,6 +198,33 @@ def test_arm_that_waits_for_an_arm_waiting_for_it_is_a_deadlock(tmp_path: Path) 
     assert "elsewhere" in remedy, "not in which order they claim or meet"
 
 
+@pytest.mark.parametrize("pause_s", [0.01, 3.0])
+def test_arm_without_a_plan_even_if_it_were_alone_blames_no_other_arm(pause_s: float) -> None:
+    """One of the arms, the last to wait, failed with `DEADLOCK`, although none was in the way."""
+    tree: dict[str, Any] = {
+        "bt_dualarm": 1,
+        "world": {"scene": "empty", "time_limit": 40},
+        "cell": {"signals": {"done": {"type": "boolean", "written_by": ["a"]}}},
+        "arms": {
+            "a": {
+                "robot": "ur5",
+                "tree": {"sequence": [{"reach_to_pose": {"posture": "up"}}, {"signal": "done"}]},
+            },
+            "b": {
+                "robot": "ur5",
+                "base": {"xyz": [0, 1.1, 0]},
+                "tree": {"sequence": [{"wait": pause_s}, {"await": "done"}]},
+            },
+        },
+    }
+    result = bt.run(tree, faults={"planless": {"kind": "no_plan", "arm": "a"}})
+    leaf = result.arms["a"].leaves["sequence/reach_to_pose"]
+    assert leaf.code == "NO_PLAN"
+    assert "planless" in leaf.reason
+    assert result.arms["b"].leaves["sequence/await"].code == "PARTNER_GONE"
+    assert result.sim_time_s < 20.0
+
+
 @pytest.mark.parametrize("waits", ["meet", "await"])
 def test_waiting_arm_moves_aside_and_comes_back(waits: str) -> None:
     """Such a run used to end with DEADLOCK although only the waiting arm blocked the path."""
