@@ -46,7 +46,9 @@ class CarryTogether(Skill):
     class Ports(CarryPorts, _ObjectPorts):
         pass
 
-    counterpart = Counterpart("carry_together", partner="with", its_partner="with")
+    counterpart = Counterpart(
+        "carry_together", partner="with", its_partner="with", by_one=("to", "path")
+    )
     failures = Carrying.failures
     example = "carry_together: {object: beam, with: [arm2], to: {xyz: [0.05, -0.5, 0.525]}}"
     needs = ("bt_dualarm.skill.preload_grasping",)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Generator, Iterator, Sequence
 from functools import partial
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
-from pydantic import create_model
+from pydantic import create_model, model_validator
 
 from bt_dualarm import (
     ArmName,
@@ -114,6 +114,15 @@ class _Ports(PortModel):
     speed: Speed = port(0.5, "fraction of the arm's limits up to the standoff")
     approach_speed: Speed = port(0.3, "fraction of the arm's limits on the straight parts")
 
+    @model_validator(mode="after")
+    def _goal_has_an_orientation(self) -> Self:
+        if self.then_at is not None and not self.then_at.is_oriented:
+            raise ValueError(
+                "then_at needs an orientation, such as rpy: [0, 0, 0]: the one at the handover is "
+                "not known yet"
+            )
+        return self
+
 
 class TakeOver(Skill):
     """Take an object out of the hand of another arm, without a moment in which nobody holds it."""
@@ -127,8 +136,7 @@ class TakeOver(Skill):
     failures = {
         "GRIPPER_FULL": "the gripper holds something else, or something is attached to the tool",
         "NOT_THERE": "the object is not in the world",
-        "INVALID_TARGET": "the arm takes over from itself, the object is fixed, or `then_at` has "
-        "no orientation",
+        "INVALID_TARGET": "the arm takes over from itself, or the object is fixed",
         "PARTNER_GONE": "the other arm has given up, ended or was removed",
         "OUT_OF_REACH": "there is no place at which one arm can present it and the other take it",
         "SLIPPED": "the object slid between the fingers",
@@ -148,12 +156,6 @@ class TakeOver(Skill):
         if giver == arm.name:
             raise Failure("INVALID_TARGET", f"{arm.name} cannot take over from itself")
         arm.world.objects.require(name)
-        if self.ports.then_at is not None and not self.ports.then_at.is_oriented:
-            raise Failure(
-                "INVALID_TARGET",
-                "`then_at` needs an orientation, such as `rpy: [0, 0, 0]`: the one at the handover "
-                "is not known yet",
-            )
         if arm.name in arm.world.grippers:
             yield from arm.gripper.until_decided()
         if (yield from self._has_taken(giver)):

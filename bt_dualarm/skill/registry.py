@@ -245,7 +245,8 @@ def faults(skill: type[Skill]) -> Iterator[str]:
             yield from (*_port_faults(part, model), *_choice_faults(part, model))
             yield from _brought_faults(skill) if part == "Ports" else ()
     if skill.counterpart is not None:
-        for name in (skill.counterpart.partner, *skill.counterpart.same):
+        joint = skill.counterpart
+        for name in (joint.partner, *joint.same, *joint.by_one):
             if name not in getattr(skill.Ports, "model_fields", {}):
                 yield f"counterpart names '{name}', which is not a port"
     yield from _name_faults(skill)

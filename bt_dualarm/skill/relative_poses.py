@@ -44,7 +44,7 @@ def resolve_poses(ports: PortModel, arm: Arm) -> ResolvedPorts:
 
     Raises:
         Failure: ``UNKNOWN_POSE``, as `KnownObjects.pose`, or if an arm is not in the world;
-            ``INVALID_TARGET`` if the result is too far away.
+            ``INVALID_TARGET`` if the result is too far away, or on what the arm holds itself.
     """
     resolver = _Resolver(arm, ports)
     now = resolver.all_of(ports)
@@ -115,6 +115,9 @@ class _Resolver:
         object_pose = self._object(name)
         turn = Pose(np.zeros(3), wanted.local.quaternion)
         what, moved, current = self._moved(of)
+        if what == "held" and wanted.on is not None and self._named(name)[0] in self._arm.held:
+            reason = f"the arm holds {wanted.on!r} itself: it cannot put anything on it"
+            raise Failure("INVALID_TARGET", reason)
         orientation = turn if wanted.is_oriented else current
         reference = self._body(name)
         along = wanted.direction

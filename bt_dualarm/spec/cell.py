@@ -359,26 +359,39 @@ class CellCheck:
             return
         # If several arms share one joint skill, each leaf names all others.
         members = frozenset({arm, *partners})
+        same = {name: node.ports.get(name) for name in joint.same}
+        if any(map(is_dynamic, same.values())):
+            return
+        acting = [node]
         for partner in partners:
-            if partner in self.trees:  # otherwise another check reports it
-                yield from self._misfit(node, joint, partner, members - {partner})
+            if partner not in self.trees:
+                continue  # another check reports it
+            leaves = [one for one in self.trees[partner].walk() if one.kind == joint.kind]
+            theirs = members - {partner}
+            fitting = [leaf for leaf in leaves if _fits(leaf, joint, theirs, same)]
+            if not fitting:
+                yield self._misfit(node, joint, partner, theirs, leaves)
+            acting += fitting
+        # One leaf reports for all: that of the first arm of the file.
+        is_first = arm == next(name for name in self.trees if name in members)
+        given = any(leaf.ports.get(name) is not None for leaf in acting for name in joint.by_one)
+        if joint.by_one and is_first and not given:
+            ports = " or ".join(f"'{name}'" for name in joint.by_one)
+            message = f"{node.kind}: no leaf of {_listed(sorted(members))} has {ports}"
+            hint = "one of them needs it, as the goal of all"
+            yield node.port_problem((), message, hint, key=True)
 
     def _misfit(
-        self, node: NodeSpec, joint: Counterpart, partner: str, theirs: frozenset[str]
-    ) -> Iterator[Problem]:
-        """Returns the error of a partner without a leaf that names ``theirs`` as its partners."""
+        self,
+        node: NodeSpec,
+        joint: Counterpart,
+        partner: str,
+        theirs: frozenset[str],
+        leaves: Sequence[NodeSpec],
+    ) -> Problem:
+        """Returns the error of a partner none of whose leaves names ``theirs`` as its partners."""
         is_list = not isinstance(node.ports.get(joint.partner), str)
         same = {name: node.ports.get(name) for name in joint.same}
-        if any(is_dynamic(value) for value in same.values()):
-            return
-        leaves = [one for one in self.trees[partner].walk() if one.kind == joint.kind]
-        for leaf in leaves:
-            named = leaf.ports.get(joint.its_partner)
-            if (is_dynamic(named) or frozenset(names_in(named)) == theirs) and all(
-                leaf.ports.get(name) == value or is_dynamic(leaf.ports.get(name))
-                for name, value in same.items()
-            ):
-                return
         members: Data = sorted(theirs) if is_list else next(iter(theirs))
         needed = flow_text({joint.its_partner: members, **same})
         message = f"{node.kind}: no '{joint.kind}' in the tree of {partner} fits this one"
@@ -393,7 +406,7 @@ class CellCheck:
                 for leaf in leaves[:3]
             )
             hint += f"; it has {has}"
-        yield node.port_problem((joint.partner,), message, hint)
+        return node.port_problem((joint.partner,), message, hint)
 
     def _never_written(self) -> Iterator[Problem]:
         """Returns awaited signals without initial value that no tree of a writer writes."""
@@ -567,6 +580,17 @@ class CellCheck:
         name, participants = self._meeting(arm, node)
         missing = [other for other in participants if not self._is_at(other, name, waits)]
         return [other for other in missing if other in halted]
+
+
+def _fits(
+    leaf: NodeSpec, joint: Counterpart, theirs: frozenset[str], same: Mapping[str, Data]
+) -> bool:
+    """Whether a leaf of a partner names ``theirs`` as its partners, and has the ports ``same``."""
+    named = leaf.ports.get(joint.its_partner)
+    return (is_dynamic(named) or frozenset(names_in(named)) == theirs) and all(
+        leaf.ports.get(name) == value or is_dynamic(leaf.ports.get(name))
+        for name, value in same.items()
+    )
 
 
 def _listed(names: Iterable[str]) -> str:

@@ -61,6 +61,7 @@ from bt_dualarm.spec.node_types import (
 )
 from bt_dualarm.spec.parser import ParamSpec, SubtreeSpec, not_a_body
 from bt_dualarm.spec.problems import Location, Problem, meant_by, nearest, suggestion
+from bt_dualarm.spec.relative_pose import PoseOf
 from bt_dualarm.spec.values import Refers
 from bt_dualarm.spec.yaml_reader import Data, DataPath, Json, Source, with_tuples
 
@@ -234,6 +235,11 @@ def check_node(
             what = "frame" if refers.words else " or ".join(kinds)
             hint = suggestion(name, names | set(refers.words), what)
             yield node.port_problem(path, f"{node.kind}: there is no {what} '{name}'", hint)
+        elif path[-1] == "on" and name.partition(".")[0] == node.ports.get("object"):
+            of = metadata_of(node_type.ports.model_fields[str(path[0])], PoseOf)
+            if of is not None and of.what in ("held", "object"):
+                message = f"{node.kind}: {path[0]}: '{node.ports['object']}' cannot be on itself"
+                yield node.port_problem(path, message)
     for name in node_type.ports.model_fields:
         if name in ports:
             yield from _wrong_units(node, node_type, name)

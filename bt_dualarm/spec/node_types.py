@@ -569,12 +569,14 @@ class Counterpart:
         partner: Port of this skill that names the other arm, or lists all others.
         its_partner: Port of that skill that names this arm, or lists this one and the others.
         same: Ports that have the same value in both.
+        by_one: Ports of which at least one is given, in this skill or in that of a partner.
     """
 
     kind: str
     partner: str
     its_partner: str
     same: tuple[str, ...] = ("object",)
+    by_one: tuple[str, ...] = ()
 
     def partners(self, ports: Mapping[str, Data]) -> tuple[str, ...]:
         """Names of the other arms by the ports of a node; none if the port is missing."""

@@ -217,6 +217,31 @@ def test_unknown_pose_is_a_failure_with_a_reason() -> None:
     assert resolved(arm, "tool", {"in_frame": "cube"}).xyz == (0.0, 0.0, 0.0)
 
 
+def test_nothing_is_put_on_what_the_arm_holds_itself() -> None:
+    """Such an object was lowered in the air (`NO_CONTACT`)."""
+    arm = Bench(gripper="robotiq_2f85", cube=box((0.3, 0.4, 0.5))).first
+    arm.gripper.hold("cube", arm.tool_pose)
+    with pytest.raises(Failure, match="INVALID_TARGET: the arm holds 'cube' itself"):
+        resolved(arm, "held", {"on": "cube"})
+    assert resolved(arm, "held", {"above": "cube", "by": 0.1}).xyz[2] > arm.tool_pose.position[2]
+
+
+def test_check_refuses_an_object_on_itself() -> None:
+    sequence: list[Data] = [
+        {"grasp": {"object": "cube", "then_at": {"on": "cube"}}},
+        {"transport": {"object": "cube", "to": {"above": "cube", "by": 0.1}}},
+        {"place": {"object": "cube", "at": {"on": "cube"}}},
+    ]
+    cube = {"shape": "box", "size": [0.05, 0.05, 0.05], "mass": 0.1}
+    arm = {"robot": "ur5", "gripper": "robotiq_2f85", "tree": {"sequence": sequence}}
+    tree = {"bt_dualarm": 1, "objects": {"cube": cube}, "arms": {"a": arm}}
+    messages = [problem.message for problem in check_file(tree, REGISTRY.kinds)]
+    assert messages == [
+        "grasp: then_at: 'cube' cannot be on itself",
+        "place: at: 'cube' cannot be on itself",
+    ]
+
+
 def test_pose_beyond_100_m_is_a_failure() -> None:
     arm = Bench(cube=box((0.3, 0.4, 0.5))).first
     with pytest.raises(Failure, match="more than 100 m away"):

@@ -144,9 +144,10 @@ def test_different_goals_are_refused_and_either_arm_may_lead() -> None:
         ({}, follows() | {"carry_together": follows()["carry_together"] | {"object": "cube"}},
          "carry_together: {with: [arm1], object: beam}; it has with: [arm1], object: cube"),
         ({"with": ["arm1"]}, follows(), "with: arm1 cannot be its own partner"),
+        ({"to": None}, follows(), "no leaf of arm1 and arm2 has 'to' or 'path'"),
         ({"path": [AIR]}, follows(), "give at most one of: to, path; given: to and path"),
     ],
-    ids=["no partner", "another object", "itself", "two goals"],
+    ids=["no partner", "another object", "itself", "no goal", "two goals"],
 )  # fmt: skip
 def test_check_finds_a_leaf_without_a_partner(ports: Tree, partner: Tree, message: str) -> None:
     cube = {"shape": "box", "size": [0.04, 0.04, 0.04], "mass": 0.1, "pose": {"xyz": [1, 1, 1]}}
