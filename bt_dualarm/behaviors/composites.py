@@ -22,6 +22,7 @@ from bt_dualarm.behaviors.node import (
     reset,
 )
 from bt_dualarm.core.errors import Failure
+from bt_dualarm.spec.cell import AWAIT, MEET
 from bt_dualarm.spec.node_types import (
     FAILURE,
     ONLY_IF,
@@ -566,6 +567,20 @@ def _until_outcomes(_: NodeSpec, children: ChildOutcomes) -> Outcomes:
     return Outcomes(condition.succeeds, child.fails or (child.succeeds and condition.fails))
 
 
+_WAITING: Final = frozenset({AWAIT, MEET})
+"""Leaves that run until something has happened, instead of telling whether it has."""
+
+
+def _waits_first(node: NodeSpec, _: ChildOutcomes) -> str:
+    condition = next(iter(node.children), None)
+    if condition is None or condition.kind not in _WAITING:
+        return ""
+    return (
+        f"unreachable: the child does not start while '{condition.name}' waits; "
+        "to run both, write a parallel with policy: any"
+    )
+
+
 class Until(Node):
     """Evaluates a condition before each tick of its child; halts it and succeeds once that holds.
 
@@ -579,6 +594,7 @@ class Until(Node):
         example="until: {condition: {compare: {value: 1, to: 1}}, child: {wait: 5}}",
         outcomes=_until_outcomes,
         revisits=always,
+        no_effect=_waits_first,
     )
 
     def tick_children(self) -> Ticks:

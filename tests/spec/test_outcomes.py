@@ -77,6 +77,16 @@ def test_warnings(tree: str, tmp_path: Path) -> None:
     assert messages_of(task(tmp_path, tree)) == [f"w: {message}" for message in WARNINGS[tree]]
 
 
+def test_until_that_waits_before_its_child_starts(tmp_path: Path) -> None:
+    """The child never ran: `until` starts it when it knows that its condition does not hold."""
+    cell = "cell: {signals: {done: {type: boolean, written_by: [arm1], initial: false}}}\n"
+    path = task(tmp_path, "sequence: [{look: {until: {await: done}}}, {signal: done}]", cell)
+    assert messages_of(path) == [
+        "w: unreachable: the child does not start while 'await' waits; to run both, write a "
+        "parallel with policy: any"
+    ]
+
+
 def test_more_successes_than_children_is_an_error(tmp_path: Path) -> None:
     path = task(tmp_path, "parallel: {policy: 3, children: [look, look]}")
     assert messages_of(path) == ["e: parallel: policy: 3 of 2 cannot succeed"]
