@@ -759,6 +759,9 @@ def _of_target(e: Evidence, name: str) -> Iterator[Cause]:
     worst = max(("seen", "hidden", "outside"), key=states.count)
     if worst == "seen" and states[0] != "seen":
         worst = states[0]
+    if e.code == "LOST":
+        # The arm stops without the target: what it does afterwards is not the cause.
+        worst = next((state for state in reversed(states) if state != "seen"), worst)
     if worst == "outside" and e.leaf.kind in _LOOKING_AROUND and "hidden" in states:
         worst = "hidden"
     sight = next(sight for _, sight in sights if sight.state == worst)
@@ -800,8 +803,8 @@ def _outside(e: Evidence, name: str, sight: CameraSight, last_seen: float | None
         f"{name} was outside the image: {sight.off_axis_deg:.0f}° off the camera's axis, "
         f"and its view ends at {sight.half_view_deg:.0f}°"
     )
-    mover = _mover(e, name) if last_seen is not None else ""
     if last_seen is not None:
+        mover = _mover(e, name, last_seen)
         sentence += f"; it was seen last at {last_seen:.2f} s" + (f", {mover}" if mover else "")
     remedy = f"a posture or base of {e.arm} from which its camera looks at {name}"
     return e.cause("OUT_OF_VIEW", sentence, remedy, time_s=last_seen)
@@ -809,15 +812,21 @@ def _outside(e: Evidence, name: str, sight: CameraSight, last_seen: float | None
 
 def _last_seen(e: Evidence) -> float | None:
     """Time in s of the last frame with the target; None if there is none."""
+    if e.code == "LOST" and "unseen_s" in e.numbers:
+        # Later frames may show an object of its color that the arm did not take for the target.
+        return e.ended - float(e.numbers["unseen_s"])
     looks = e.notes("look", since=e.began, until=e.ended)
     return max((look["stamp"] for look in looks if look["pixel"]), default=None)
 
 
-def _mover(e: Evidence, name: str) -> str:
-    """Clause on the arm that held the object at the end, and its leaf; empty if none did."""
+def _mover(e: Evidence, name: str, last_seen: float) -> str:
+    """Clause on the arm that held the object at the end, and on its leaf when it was seen last.
+
+    Empty if none did.
+    """
     for arm, root in e.timeline.roots.items():
         if name in e.scene(e.ended).held(arm):
-            leaves = [leaf.path for leaf in root.leaves_at(e.ended, "RUNNING")]
+            leaves = [leaf.path for leaf in root.leaves_at(last_seen, "RUNNING")]
             at = f" at {leaves[0]!r}" if leaves else ""
             return f"{arm} carried it away{at}"
     return ""

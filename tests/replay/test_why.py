@@ -76,6 +76,26 @@ MISTAKES = [
     )
     for mistake in SELECTED
 ]
+SCREEN = """\
+  screen:
+    shape: box
+    size: [0.01, 0.2, 0.2]
+    fixed: true
+    spawned: false
+    pose: {xyz: [0.76, 0.11, 0.7]}
+"""
+BEHIND_THE_SCREEN = """
+  arm2:
+    robot: ur3
+    base: {{xyz: [-2, 0, 0]}}
+    tree:
+      sequence:
+        - wait: 1.5
+        - spawn: {{object: screen}}
+        - wait: 0.8
+        - remove: {{object: cube}}
+        - spawn: {{object: cube, at: {far}}}
+"""
 HALF_HIDDEN = """
 bt_dualarm: 1
 world: {scene: empty}
@@ -249,6 +269,18 @@ def test_a_target_larger_than_the_image_is_the_cause(tmp_path: Path) -> None:
     [story] = stories(recorded(tmp_path, short))
     assert story.causes[0].kind == "TOO_LARGE_IN_VIEW", story.causes
     assert "cube reached from border to border" in story.causes[0].sentence
+
+
+def test_what_hid_a_lost_target_is_the_cause_and_not_where_it_is_later(tmp_path: Path) -> None:
+    """The cube is carried out of view while it is hidden, and most of the time is there."""
+    near, far = "{xyz: [0.68, 0.11, 0.7]}", "{xyz: [0.68, 1.4, 0.7]}"
+    text = FAR_TARGET.replace("{xyz: [0.68, 0.26, 0.7]}", near).replace("limit: 2.0", "limit: 20")
+    text = text.replace("reach: 0.1", "lost_timeout: 3.0")
+    text = text.replace("arms:\n", SCREEN + "arms:\n") + BEHIND_THE_SCREEN.format(far=far)
+    story = next(one for one in stories(recorded(tmp_path, text)) if one.leaf == "track")
+    assert story.code == "LOST"
+    assert story.causes[0].kind == "OCCLUDED", story.causes
+    assert "screen is between the camera and cube" in story.causes[0].sentence
 
 
 def test_a_bar_that_hides_a_part_of_an_outline_is_the_cause(tmp_path: Path) -> None:
