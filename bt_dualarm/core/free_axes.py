@@ -25,7 +25,7 @@ FreeAxes: TypeAlias = tuple[Axis, ...]
 AXES: Final[FreeAxes] = get_args(Axis)
 """All rotations, in the order x, y, z."""
 
-REMEDY: Final = "leave an axis of the tool free, as by free: [rz]"
+REMEDY: Final = "skills with the port `free` can leave an axis of the tool free, as by free: [rz]"
 """Advice to whoever asks an arm with too few joints for a whole pose."""
 
 _OPPOSITE: Final = 1e-9
