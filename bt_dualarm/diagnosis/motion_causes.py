@@ -302,7 +302,10 @@ def _too_far(e: Evidence) -> Iterator[Cause]:
             f"{what} is {1e3 * gap:.0f} mm outside the reach of {e.robot} from this base, "
             f"{away:.2f} m away from it"
         )
-        remedy = f"bring {what} or the base of {e.arm} at least {1e3 * gap:.0f} mm nearer"
+        if short > gap:  # the workspace is that of all orientations
+            sentence += f"; with this orientation, the tool stays {1e3 * short:.0f} mm away"
+        nearer = 1e3 * max(gap, short)
+        remedy = f"bring {what} or the base of {e.arm} at least {nearer:.0f} mm nearer"
         yield e.cause("OUT_OF_REACH", sentence, remedy)
         return
     sentence = f"{e.robot} cannot reach {what} with this orientation: {e.reason}"

@@ -252,6 +252,17 @@ def test_a_faster_motion_is_suggested_only_for_a_motion(
     assert ("a faster motion" in story.causes[0].remedy) == faster
 
 
+def test_advice_to_come_nearer_counts_the_orientation(tmp_path: Path) -> None:
+    """The tool, pointing down, stays much farther from the target than from the workspace."""
+    far = SHORT.replace(BACK, "reach_to_pose: {to: {xyz: [0.96, 0, 0.5], rpy: [180, 0, 0]}}")
+    [story] = stories(recorded(tmp_path, far))
+    [cause] = story.causes
+    assert cause.kind == "OUT_OF_REACH"
+    stays = round(1e3 * story.numbers["residual_m"])
+    assert f"with this orientation, the tool stays {stays} mm away" in cause.sentence
+    assert cause.remedy.endswith(f"at least {stays} mm nearer")
+
+
 def test_a_target_that_never_came_within_reach_is_the_cause_and_not_the_time(
     tmp_path: Path,
 ) -> None:
