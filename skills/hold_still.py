@@ -59,6 +59,7 @@ class HoldStill(Skill):
     }
     example = "hold_still: {compliance: 0.0005, duration: 2.0}"
     ports: Ports
+    _is_alone = False
 
     def run(self) -> Iterator[float | None]:
         """Become soft, measure displacement and force until the end, become stiff again."""
@@ -93,10 +94,14 @@ class HoldStill(Skill):
             return
         partner = str(self.ports.partner)
         self.arm.world.arms.require(partner)
+        failure = wait.failure
         if self.context.cell.shared.has_ended(partner):
-            raise Failure("PARTNER_GONE", f"the tree of {partner} has ended")
-        if wait.failure is not None:
-            raise wait.failure
+            failure = Failure("PARTNER_GONE", f"the tree of {partner} has ended")
+        # With the end of the partner's tree, the signal that it wrote last becomes visible: an
+        # `await` beside this leaf, whatever their order, may end it first.
+        if failure is not None and self._is_alone:
+            raise failure
+        self._is_alone = failure is not None
 
     def _hold(self, wait: CellWait | None) -> Iterator[float | None]:
         arm = self.arm

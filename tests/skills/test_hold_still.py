@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import bt_dualarm as bt
 from bt_dualarm.behaviors.report import LeafReport
 from bt_dualarm.core.pose import Vector
 from bt_dualarm.sim.world import World
@@ -116,3 +117,21 @@ def test_arm_halted_under_a_push_returns_without_a_jump(stage: Stage) -> None:
     push = ((2.0, pushes("arm1/panda_hand", NEWTON)), (4.5, pushes("arm1/panda_hand", 0.0)))
     play = stage.run(file, interventions=push)
     assert play.leaf("move_linear").status == "SUCCESS", play.leaf("move_linear").reason
+
+
+@pytest.mark.parametrize("order", [1, -1])
+def test_last_signal_of_the_partner_ends_it_before_the_end_of_the_partner(order: int) -> None:
+    """Both are visible in the same tick; it failed with `PARTNER_GONE`."""
+    both = [{"hold_still": {"partner": "works"}}, {"await": "done"}]
+    holds = {"parallel": {"policy": "any", "children": both[::order]}}
+    works = {"sequence": [{"wait": 0.5}, {"signal": "done"}]}
+    tree = {
+        "bt_dualarm": 1,
+        "world": {"scene": "empty", "time_limit": 5},
+        "cell": {"signals": {"done": {"type": "boolean", "written_by": ["works"]}}},
+        "arms": {
+            "holds": {"robot": "ur3", "tree": holds},
+            "works": {"robot": "ur3", "base": {"xyz": [0, 2, 0]}, "tree": works},
+        },
+    }
+    assert bt.run(tree).outcome == "SUCCESS"
