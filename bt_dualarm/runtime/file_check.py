@@ -43,9 +43,15 @@ from bt_dualarm.sim.penetration import MAX_DEPTH, SHALLOW_DEPTH
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ArmSpec, ObjectSpec, TreeFile
 from bt_dualarm.spec.faults import FaultSpec, fault_problems, joint_problems, read_faults
+from bt_dualarm.spec.joints import Articulation
 from bt_dualarm.spec.node_types import (
+    DEGREES,
+    METERS,
+    QUANTITY,
+    LanguageNode,
     NodeSpec,
     NodeType,
+    Unit,
     all_of,
     counted,
     is_dynamic,
@@ -57,6 +63,7 @@ from bt_dualarm.spec.problems import Location, Problem, SpecError, errors, in_or
 from bt_dualarm.spec.relative_pose import RELATIONS, RelativePose, relative_pose
 from bt_dualarm.spec.scene import is_scene_path
 from bt_dualarm.spec.values import (
+    JOINT_UNIT,
     Goal,
     MarkerSpec,
     OfGripper,
@@ -361,6 +368,47 @@ def _carried(node: NodeSpec, kinds: Mapping[str, NodeType]) -> Iterator[tuple[st
             yield port, value
 
 
+def wrong_joint_positions(file: TreeFile, kinds: Mapping[str, NodeType]) -> Iterator[Problem]:
+    """Yields an error for each literal position that a joint of an object cannot have.
+
+    Args:
+        file: File, or the valid part of a file with errors.
+        kinds: All node types, by name.
+    """
+    joints = [obj.joint for obj in file.objects.values() if obj.joint is not None]
+    for arm in file.arms.values():
+        for node in arm.tree.walk():
+            kind = kinds.get(node.kind)
+            if kind is None or isinstance(kind, LanguageNode):  # a condition may ask for any bound
+                continue
+            owner, name, part = (node.ports.get(port) for port in ("object", "joint", "part"))
+            for joint in joints:
+                if joint.owner == owner and (joint.name == name or part in joint.spec.parts):
+                    yield from _beyond_range(node, kind, joint)
+
+
+def _beyond_range(node: NodeSpec, kind: NodeType, joint: Articulation) -> Iterator[Problem]:
+    """Yields errors of the ports with a position of a joint that it cannot have."""
+    spec = joint.spec
+    what = f"{joint.owner}.{joint.name}"
+    low, high = spec.range
+    for port, declared in kind.ports.model_fields.items():
+        unit = metadata_of(declared, Unit)
+        value = node.ports.get(port)
+        if unit is None or unit.yaml != JOINT_UNIT or value is None or is_dynamic(value):
+            continue
+        own = DEGREES if spec.type == "hinge" else METERS
+        text = QUANTITY.fullmatch(str(value))
+        if text is not None and text[2] not in own:
+            message = f"{node.kind}: {port}: {what} is a {spec.type}, not at '{value}'"
+            yield node.port_problem((port,), message, f"its unit is one of {', '.join(own)}")
+            continue
+        position = float(text[1]) * own[text[2]] if text else value
+        if isinstance(position, int | float) and not low <= position <= high:
+            message = f"{node.kind}: {port}: {position:g} {spec.unit} is not in the range of {what}"
+            yield node.port_problem((port,), message, f"{low:g} to {high:g} {spec.unit}")
+
+
 def missing_markers(file: TreeFile, kinds: Mapping[str, NodeType]) -> Iterator[Problem]:
     """Yields a warning for every marker that a leaf looks for and no declared object has.
 
@@ -647,7 +695,8 @@ def check(
     of_world: list[Problem] = []
     if build and not names.problems and not loaded.left_out:
         of_world = _problems_of_the_world(file, source, loaded.name)
-    wrong = [*errors(loaded.problems), *names.problems, *errors(of_world)]
+    positions = wrong_joint_positions(file, kinds)
+    wrong = [*errors(loaded.problems), *names.problems, *positions, *errors(of_world)]
     if wrong or loaded.file is None:
         return Checked(None, in_order(wrong))
     robots = names.robots

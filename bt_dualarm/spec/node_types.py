@@ -58,12 +58,12 @@ QUANTITY: Final = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*
 
 SECONDS: Final[Mapping[str, float]] = {"ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0}
 DEGREES: Final[Mapping[str, float]] = {"deg": 1.0, "°": 1.0, "rad": math.degrees(1.0)}
-_METERS: Final[Mapping[str, float]] = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+METERS: Final[Mapping[str, float]] = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 _KILOGRAMS: Final[Mapping[str, float]] = {"g": 1e-3, "kg": 1.0}
 _HERTZ: Final[Mapping[str, float]] = {"Hz": 1.0, "kHz": 1e3, "fps": 1.0}
 _NEWTONS: Final[Mapping[str, float]] = {"N": 1.0, "kN": 1e3}
 _KNOWN: Final[Mapping[str, tuple[str, Mapping[str, float]]]] = {
-    "m": ("meters", _METERS),
+    "m": ("meters", METERS),
     "s": ("seconds", SECONDS),
     "deg": ("degrees", DEGREES),
     "kg": ("kilograms", _KILOGRAMS),

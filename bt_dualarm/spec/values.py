@@ -25,7 +25,16 @@ from pydantic import (
 from bt_dualarm.core.free_axes import AXES
 from bt_dualarm.core.free_axes import FreeAxes as _FreeAxes
 from bt_dualarm.core.pose import Pose, Vector
-from bt_dualarm.spec.node_types import DEGREES, QUANTITY, SECONDS, STRICT, PortModel, Unit, port
+from bt_dualarm.spec.node_types import (
+    DEGREES,
+    METERS,
+    QUANTITY,
+    SECONDS,
+    STRICT,
+    PortModel,
+    Unit,
+    port,
+)
 from bt_dualarm.spec.problems import suggestion
 from bt_dualarm.spec.yaml_reader import Data, Json, flow_text, with_tuples
 
@@ -90,6 +99,16 @@ def _degrees(value: Data) -> Data:
     return _quantity(value, DEGREES)
 
 
+JOINT_UNIT: Final = "deg or m"
+"""Unit of a position of a joint: that of a hinge or of a slide."""
+
+_OF_JOINTS: Final[Mapping[str, float]] = {**DEGREES, **METERS}
+
+
+def _degrees_or_meters(value: Data) -> Data:
+    return _quantity(value, _OF_JOINTS)
+
+
 Duration: TypeAlias = Annotated[
     float, BeforeValidator(_seconds), Field(ge=0.0, le=86400.0), Unit("s", SECONDS)
 ]
@@ -106,10 +125,13 @@ Angle: TypeAlias = Annotated[
 """Radians; in YAML degrees, at most ten turns: ``90``, or text with a unit: ``"1.57 rad"``."""
 
 JointPosition: TypeAlias = Annotated[
-    float, BeforeValidator(_degrees), Field(ge=-720.0, le=720.0), Unit("deg or m", DEGREES)
+    float,
+    BeforeValidator(_degrees_or_meters),
+    Field(ge=-720.0, le=720.0),
+    Unit(JOINT_UNIT, _OF_JOINTS),
 ]
 """Position of a joint of an object, as in YAML: degrees of a hinge, or meters of a slide; or text
-with a unit of an angle: ``"1.57 rad"``."""
+with a unit: ``"1.57 rad"``, ``"15 cm"``."""
 
 Tilt: TypeAlias = Annotated[
     float,

@@ -153,6 +153,60 @@ def test_a_pose_relative_to_a_randomized_object_is_a_warning_unless_located(
     assert all(words in one.message and "locate" in one.hint for one in found)
 
 
+CABINET = """\
+bt_dualarm: 1
+world: {scene: empty}
+objects:
+  cabinet:
+    shape: compound
+    fixed: true
+    pose: {xyz: [0.7, 0, 0.3]}
+    parts:
+      frame: {shape: box, size: [0.2, 0.02, 0.2], pose: {xyz: [0, 0.2, 0]}}
+      drawer: {shape: box, size: [0.2, 0.2, 0.1]}
+      door: {shape: box, size: [0.2, 0.01, 0.1], pose: {xyz: [0, 0, 0.2]}}
+    joints:
+      slide: {type: slide, parts: [drawer], axis: [0, -1, 0], range: [0, 0.17]}
+      hinge: {type: hinge, parts: [door], range: [-90, 0]}
+arms:
+  arm1: {robot: ur5, gripper: robotiq_2f85, tree: TREE}
+"""
+
+
+@pytest.mark.parametrize(
+    ("node", "message"),
+    [
+        ("operate: {object: cabinet, joint: slide, to: 15 cm}", ""),
+        ("operate: {object: cabinet, joint: hinge, to: -0.5 rad}", ""),
+        ("joint_at: {object: cabinet, joint: slide, above: 20 cm}", ""),
+        (
+            "operate: {object: cabinet, joint: slide, to: 17.1 cm}",
+            "operate: to: 0.171 m is not in the range of cabinet.slide",
+        ),
+        (
+            "grasp: {object: cabinet, part: door, then_to: 5}",
+            "grasp: then_to: 5 deg is not in the range of cabinet.hinge",
+        ),
+        (
+            "operate: {object: cabinet, joint: slide, to: 0.1 deg}",
+            "operate: to: cabinet.slide is a slide, not at '0.1 deg'",
+        ),
+        (
+            "operate: {object: cabinet, joint: hinge, to: -10 mm}",
+            "operate: to: cabinet.hinge is a hinge, not at '-10 mm'",
+        ),
+    ],
+)
+def test_position_that_a_joint_cannot_have_is_an_error(
+    tmp_path: Path, registry: Registry, node: str, message: str
+) -> None:
+    """The unit of the other kind of joint counted as its own; the range counted in the run only."""
+    path = tmp_path / "task.yaml"
+    path.write_text(CABINET.replace("TREE", "{" + node + "}"))
+    found = check(path, registry.kinds).problems
+    assert [one.message for one in found] == ([message] if message else [])
+
+
 @pytest.mark.parametrize(("robot", "most"), [("ur3", 3), ("xarm7", 3.5), ("ur5", 5), ("ur10", 10)])
 def test_a_load_beyond_the_payload_is_a_warning(
     tmp_path: Path, registry: Registry, robot: str, most: float
