@@ -84,6 +84,7 @@ class Locate(Skill):
     example = "locate: {object: cube, accuracy: 0.002}"
     needs_camera = True
     ports: Ports
+    _viewpoints = 1
 
     def run(self) -> Iterator[float | None]:
         """View, move around until the poses are accurate, write them to the blackboard."""
@@ -113,10 +114,9 @@ class Locate(Skill):
         choice = Viewpoints(
             self.arm, self._orientation, ports.speed, ports.accuracy, ports.angle_accuracy
         )
-        viewpoints = 1
         camera: Pose | None = None
         began_s: float | None = None
-        while viewpoints < ports.views and (unknown := self._to_be_seen()):
+        while self._viewpoints < ports.views and (unknown := self._to_be_seen()):
             if camera is None:
                 camera = self._next_of(choice, unknown)
                 began_s = None
@@ -127,7 +127,7 @@ class Locate(Skill):
             )
             camera = None
             if there:
-                viewpoints += 1
+                self._viewpoints += 1
                 # The next viewpoint is chosen, and the motion to it planned, during the exposures.
                 began_s = self.time
                 camera = self._next_of(choice, unknown, pending=True)
@@ -240,12 +240,15 @@ class Locate(Skill):
         known_size = f"to {100 * size.sigma:.1f} %" if size.sigma < 1.0 else "not at all"
         viewpoints = "one viewpoint" if len(best.views) == 1 else f"{len(best.views)} viewpoints"
         shows = "image shows" if len(best.astray) == 1 else "images show"
+        unseen = self._viewpoints - len(best.views) - len(best.astray)
+        others = "another one" if unseen == 1 else f"{unseen} others"
         raise Failure(
             "INACCURATE",
             f"from {viewpoints} the object is known to "
             f"{1e3 * best.best.sigma_m:.1f} mm and {np.degrees(sigma_rad):.1f}°, "
             f"its size {known_size}"
-            + (f"; {len(best.astray)} {shows} it elsewhere" if best.astray else ""),
+            + (f"; {len(best.astray)} {shows} it elsewhere" if best.astray else "")
+            + (f"; from {others} it was not seen: {self._seen.others}" if unseen > 0 else ""),
             views=len(best.views),
             rejected=len(best.astray),
             sigma_m=best.best.sigma_m,

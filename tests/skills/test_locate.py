@@ -253,6 +253,31 @@ def test_size_is_not_known_from_one_viewpoint(reality: str, stage: Stage) -> Non
     assert "its size not at all" in leaf.reason
 
 
+def test_viewpoints_without_the_object_are_counted(stage: Stage) -> None:
+    """Next to another cube, its outline merges with that one's from most sides."""
+    cube = {"shape": "box", "size": [0.05, 0.05, 0.05], "mass": 0.1, "color": "red"}
+    places = {"a": [0.40, -0.40, 0.425], "b": [0.40, -0.46, 0.425]}
+    look = {"look_at": {"at": {"xyz": [0.4, -0.45, 0.42]}, "distance": 0.45}}
+    locate = {"locate": {"object": "a", "views": 4, "frames": 1, "accuracy": 2e-4}}
+    file = {
+        "world": {"scene": "table", "reality": "lab", "seed": 0, "time_limit": 60},
+        "objects": {name: cube | {"pose": {"xyz": xyz}} for name, xyz in places.items()},
+        "arms": {
+            "arm1": {
+                "robot": "ur5e",
+                "base": {"xyz": [0, 0, 0.4]},
+                "camera": {},
+                "tree": {"sequence": [look, locate]},
+            }
+        },
+    }
+    leaf = stage.run(file).leaf("locate")
+    assert leaf.code == "INACCURATE"
+    without = 4 - int(leaf.metrics["views"]) - int(leaf.metrics["rejected"])
+    assert without > 1
+    assert f"from {without} others it was not seen: 1 region is of another shape" in leaf.reason
+
+
 def test_nearest_object_to_the_base_comes_first(stage: Stage) -> None:
     """The first pose is that of cube ``a``, whichever of the two identical cubes is named."""
     tree = TABLE.replace("LOCATE", "{object: b, score: a, pose: '{p}', count: '{count}'}")
