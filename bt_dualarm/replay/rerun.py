@@ -471,7 +471,8 @@ def resumed(
         The run at that time; its state hash equals that of an uninterrupted run.
 
     Raises:
-        PastChangedError: A step or status differs; the message states which, and why.
+        PastChangedError: A step or status differs; the message states which, and why. An earlier
+            record in the folder of a requested one stays, as for any error.
         ReplayError: The time is outside the record.
         DualArmError: The run cannot be prepared.
     """
@@ -491,9 +492,9 @@ def resumed(
                 return remade.run
             _raise_unless_frames_explain(record, remade, past, registry, changed.options)
         except BaseException:
-            remade.run.close()
+            remade.run.discard()
             raise
-        remade.run.close()
+        remade.run.discard()
     raise AssertionError("without known frames, _raise_unless_frames_explain always raises")
 
 

@@ -197,6 +197,10 @@ PARTS: Final = "samples.parts"
 LOCK: Final = ".recording"
 """Lock file of the run that records to a folder; a run that is killed leaves it behind."""
 
+EARLIER: Final = ".earlier"
+"""Folder with the files of an earlier run, until the new record is complete; a run that is killed
+leaves it behind."""
+
 _FILES: Final = (SUMMARY, EVENTS, SAMPLES, LOG, DIVERGENCE, HISTORY, FRAMES, OVERVIEW, SCENE)
 _PLOTS: Final = ("plane", "time")
 
@@ -218,7 +222,8 @@ class RecordFolder:
     """Folder of a record, locked by one run until the end of a ``with`` block.
 
     It is claimed before the run starts, so that no result is lost at the end. Files of an earlier
-    run are deleted, other files stay.
+    run are set aside and deleted at the end of the block, unless the record is withdrawn; other
+    files stay.
 
     Args:
         path: The folder, created if missing.
@@ -231,6 +236,8 @@ class RecordFolder:
 
     def __init__(self, path: Path, arms: Iterable[str]) -> None:
         self.path = path
+        self._names = [*_FILES, *_plots_of(arms)]
+        self._is_withdrawn = False
         try:
             path.mkdir(parents=True, exist_ok=True)
             was_left = (path / LOCK).exists()
@@ -242,9 +249,9 @@ class RecordFolder:
         except OSError as error:
             raise _cannot(path, error) from error
         try:
-            self._clear([*_FILES, *_plots_of(arms)], was_left=was_left)
+            self._set_earlier_aside(was_left=was_left)
         except BaseException:
-            self.release()
+            self._unlock()
             raise
         # Skills and notebooks may change the working directory before the record is written.
         self.path = path.absolute()
@@ -256,30 +263,67 @@ class RecordFolder:
         """Unlock the folder."""
         self.release()
 
+    def withdraw(self) -> None:
+        """Let the end of the block delete the files of this run and restore those set aside."""
+        self._is_withdrawn = True
+
     def release(self) -> None:
-        """Unlock the folder; the file is deleted before its lock is released, see `_locked`."""
+        """Delete the files of the earlier run, or those of a run that was withdrawn; unlock."""
+        try:
+            if self._is_withdrawn:
+                for name in self._names:
+                    (self.path / name).unlink(missing_ok=True)
+                _remove_folder(self.path / PARTS)
+                self._restore()
+            _remove_folder(self.path / EARLIER)
+        finally:
+            self._unlock()
+
+    def _unlock(self) -> None:
+        """Release the lock; its file is deleted before that, see `_locked`."""
         (self.path / LOCK).unlink(missing_ok=True)
         os.close(self._lock)
 
-    def _clear(self, names: list[str], *, was_left: bool) -> None:
-        """Delete the files of an earlier run.
+    def _set_earlier_aside(self, *, was_left: bool) -> None:
+        """Move the files of an earlier run out of the way.
 
         Raises:
-            RecordError: A file with one of these names does not come from a run.
+            RecordError: A file with the name of one of a record does not come from a run.
         """
+        aside = self.path / EARLIER
         try:
-            for name in names:
+            for name in self._names:  # before any of them is read
                 _refuse_other_kinds(self.path / name)
             earlier = _arms_of_earlier_run(self.path / SUMMARY)
             if earlier is None and not was_left:
-                self._refuse_foreign([*names, PARTS])
-            _remove_parts(self.path / PARTS)
-            for name in (*names, *_plots_of(earlier or ())):
-                (self.path / name).unlink(missing_ok=True)
+                self._refuse_foreign([*self._names, PARTS, EARLIER])
+            names = dict.fromkeys((*self._names, *_plots_of(earlier or ())))
+            for name in names:
+                _refuse_other_kinds(self.path / name)
+            _refuse_foreign_parts(self.path / PARTS)
+            _remove_folder(aside)
+            for name in names:
                 for half in leftovers(self.path / name):
                     half.unlink(missing_ok=True)
+            found = [name for name in (*names, PARTS) if os.path.lexists(self.path / name)]
+            if found:
+                aside.mkdir()
+            try:
+                for name in found:
+                    (self.path / name).rename(aside / name)
+            except BaseException:
+                self._restore()
+                raise
         except OSError as error:
             raise _cannot(self.path, error) from error
+
+    def _restore(self) -> None:
+        """Move the files of the earlier run back."""
+        aside = self.path / EARLIER
+        if aside.is_dir():
+            for file in aside.iterdir():
+                file.rename(self.path / file.name)
+            aside.rmdir()
 
     def _refuse_foreign(self, names: list[str]) -> None:
         for name in names:
@@ -307,23 +351,36 @@ def _refuse_other_kinds(path: Path) -> None:
         )
 
 
-def _remove_parts(folder: Path) -> None:
-    """Delete the samples of a run that was killed.
+def _refuse_foreign_parts(folder: Path) -> None:
+    """Refuse samples that do not come from a run that was killed.
 
     Raises:
-        RecordError: The path is not a folder.
-        OSError: The folder contains other files.
+        RecordError: The path is not a folder, or contains other files.
     """
-    try:
-        mode = folder.lstat().st_mode
-    except FileNotFoundError:
+    if not os.path.lexists(folder):
         return
-    if not stat.S_ISDIR(mode):
-        raise RecordError(
-            f"cannot record to {folder.parent}: {folder.name} exists and is not a folder"
-        )
-    for part in folder.glob("*.npy"):
-        part.unlink()
+    if folder.is_symlink() or not folder.is_dir():
+        what = "exists and is not a folder"
+    elif any(file.suffix != ".npy" for file in folder.iterdir()):
+        what = "contains files that are not from a run"
+    else:
+        return
+    raise RecordError(f"cannot record to {folder.parent}: {folder.name} {what}")
+
+
+def _remove_folder(folder: Path) -> None:
+    """Delete a folder that a run has made, with the files that runs write.
+
+    Raises:
+        OSError: The folder contains other files, or is none.
+    """
+    if not os.path.lexists(folder):
+        return
+    for file in folder.iterdir():
+        if file.name == PARTS:
+            _remove_folder(file)
+        elif file.name in _FILES or file.suffix in (".npy", ".png"):
+            file.unlink()
     folder.rmdir()
 
 

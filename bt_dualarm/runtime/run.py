@@ -539,13 +539,30 @@ class Run:
                 self._take_result()
             self.write_record()
 
+    def discard(self) -> None:
+        """End the run without a record, and release all resources.
+
+        An earlier record in its folder stays.
+        """
+        if self.open_record is not None and not self._is_recorded:
+            self._is_recorded = True
+            self.open_record.recorder.close()
+            self.open_record.folder.withdraw()
+        self.close()
+
     def __enter__(self) -> Run:
         return self
 
     def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
-        """Close the run; an error of the block takes precedence over an error of closing."""
+        """Close the run; an error of the block takes precedence over an error of closing.
+
+        A run that an error ends before its first step is discarded.
+        """
         try:
-            self.close()
+            if error is not None and self.time == 0.0:
+                self.discard()
+            else:
+                self.close()
         except DualArmError as another:
             if error is None:
                 raise

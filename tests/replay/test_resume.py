@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -53,6 +54,19 @@ def test_a_tree_edited_before_that_time_is_refused_with_its_node(
         resumed(short, end, REGISTRY, change)
     assert "the past is not that of the record: it differs from" in str(refused.value)
     assert "arm1:sequence/set began at 0.00 s and has another value now" in str(refused.value)
+
+
+def test_a_refused_run_leaves_an_earlier_record(short: Record, tmp_path: Path) -> None:
+    """Its record of the repeated past is withdrawn."""
+    change = edited(short, tmp_path, "value: {xyz: [0, 0.06, 0]}", "value: {xyz: [0, 0.05, 0]}")
+    recorded(tmp_path / "other", duration=0.1)
+    (folder,) = {path.parent for path in (tmp_path / "other").rglob("summary.json")}
+    before = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+    options = {"record": folder, "frames": True}
+    with pytest.raises(PastChangedError):
+        resumed(short, short.until - 0.1, REGISTRY, replace(change, options=options))
+    after = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+    assert after == before
 
 
 def test_a_changed_include_is_refused_if_it_changes_the_past(

@@ -15,7 +15,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import bt_dualarm
-from bt_dualarm.runtime.recorder import LOCK, RecordError, RecordFolder
+from bt_dualarm.core.errors import DualArmError
+from bt_dualarm.runtime.recorder import EARLIER, LOCK, PARTS, RecordError, RecordFolder
 
 RECORD_FILES = (
     "summary.json",
@@ -44,7 +45,7 @@ def test_an_earlier_record_is_removed_and_other_files_stay(tmp_path: Path) -> No
         (tmp_path / name).write_text("")
     (tmp_path / "summary.json").write_text(summary("arm1", "arm2"))
     with RecordFolder(tmp_path, ["arm1"]):
-        assert names(tmp_path) == {LOCK, "mine_plane.png", "notes.txt"}
+        assert names(tmp_path) == {LOCK, EARLIER, "mine_plane.png", "notes.txt"}
     assert names(tmp_path) == {"mine_plane.png", "notes.txt"}, "nothing of its own stays behind"
 
 
@@ -104,7 +105,8 @@ def test_the_folder_of_a_killed_run_is_free(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-c", program, str(tmp_path)], check=False)
     assert (done.returncode, names(tmp_path)) == (-9, {LOCK, "events.jsonl"})
     with RecordFolder(tmp_path, ["arm1"]):
-        assert names(tmp_path) == {LOCK}
+        assert names(tmp_path) == {LOCK, EARLIER}
+    assert names(tmp_path) == set()
 
 
 def test_files_that_a_killed_run_was_writing_are_removed(tmp_path: Path) -> None:
@@ -131,7 +133,62 @@ def test_a_second_run_is_refused_until_the_first_is_over(tmp_path: Path) -> None
                 RecordFolder(tmp_path, ["arm2"])
         (tmp_path / "summary.json").write_text(summary("arm1"))
     with RecordFolder(tmp_path, ["arm2"]):
+        assert names(tmp_path) == {LOCK, EARLIER}
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Contents of all files in a folder, by their path relative to it."""
+    files = (path for path in folder.rglob("*") if path.is_file())
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in files}
+
+
+def test_a_withdrawn_record_leaves_the_earlier_one(tmp_path: Path) -> None:
+    """Also the samples of a run that was killed, and whatever the withdrawn run has written."""
+    for name in (*RECORD_FILES, "arm2_plane.png", "notes.txt"):
+        (tmp_path / name).write_text(f"earlier {name}")
+    (tmp_path / "summary.json").write_text(summary("arm1", "arm2"))
+    (tmp_path / PARTS).mkdir()
+    (tmp_path / PARTS / "time.npy").write_text("earlier")
+    before = contents(tmp_path)
+    for _ in range(2):
+        with RecordFolder(tmp_path, ["arm1", "arm3"]) as folder:
+            for name in ("events.jsonl", "arm3_time.png"):
+                (tmp_path / name).write_text("new")
+            (tmp_path / PARTS).mkdir()
+            (tmp_path / PARTS / "tool.npy").write_text("new")
+            folder.withdraw()
+        assert contents(tmp_path) == before
+
+
+def test_files_set_aside_by_a_killed_run_are_removed(tmp_path: Path) -> None:
+    """They were those of the run before it; other files in their folder are not touched."""
+    (tmp_path / EARLIER).mkdir()
+    (tmp_path / EARLIER / "events.jsonl").write_text("x")
+    with pytest.raises(RecordError, match=f"{EARLIER} exists and is not from a run"):
+        RecordFolder(tmp_path, [])
+    (tmp_path / LOCK).touch()
+    with RecordFolder(tmp_path, []):
         assert names(tmp_path) == {LOCK}
+    (tmp_path / LOCK).touch()
+    (tmp_path / EARLIER).mkdir()
+    (tmp_path / EARLIER / "thesis.txt").write_text("x")
+    with pytest.raises(RecordError, match="Directory not empty"):
+        RecordFolder(tmp_path, [])
+    assert contents(tmp_path) == {f"{EARLIER}/thesis.txt": b"x"}
+
+
+def test_a_run_that_ends_with_an_error_before_it_begins_leaves_an_earlier_record(
+    tmp_path: Path,
+) -> None:
+    """For example because the port of the page is in use."""
+    bt_dualarm.run("circle", record=tmp_path, duration=0.02)
+    before = contents(tmp_path)
+    with (
+        pytest.raises(DualArmError, match="no"),
+        bt_dualarm.open("circle", record=tmp_path, frames=True),
+    ):
+        raise DualArmError("no")
+    assert contents(tmp_path) == before
 
 
 def test_a_file_is_no_folder(tmp_path: Path) -> None:
