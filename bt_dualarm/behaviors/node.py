@@ -14,7 +14,7 @@ from pydantic import ValidationError
 from bt_dualarm.behaviors.report import StatusChange, StatusName
 from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.skill.cell import CellAccess
-from bt_dualarm.spec.explain import explain
+from bt_dualarm.spec.explain import explain, valid_in_units
 from bt_dualarm.spec.expressions import ExpressionError, resolved
 from bt_dualarm.spec.node_types import (
     REFERENCE,
@@ -104,7 +104,7 @@ class BoundPorts:
                 raise Failure("NO_VALUE", f"{name}: {error}") from error
         values |= {name: self._blackboard.write_out(values[name]) for name in self._templates}
         try:
-            return validated(self._model, values)
+            return valid_in_units(self._model, values)
         except ValidationError as error:
             found = next(explain(error, self._model, values, "port"))
             raise Failure(

@@ -43,21 +43,20 @@ from bt_dualarm.sim.penetration import MAX_DEPTH, SHALLOW_DEPTH
 from bt_dualarm.sim.world import World
 from bt_dualarm.spec.document import ArmSpec, ObjectSpec, TreeFile
 from bt_dualarm.spec.faults import FaultSpec, fault_problems, joint_problems, read_faults
-from bt_dualarm.spec.joints import Articulation
+from bt_dualarm.spec.goals import SECTIONS
+from bt_dualarm.spec.joints import Articulation, moved_name
 from bt_dualarm.spec.node_types import (
-    DEGREES,
-    METERS,
-    QUANTITY,
     LanguageNode,
     NodeSpec,
     NodeType,
-    Unit,
     all_of,
     counted,
     is_dynamic,
     is_unknown,
     metadata_of,
     models_in,
+    number_in,
+    unit_of,
 )
 from bt_dualarm.spec.problems import Location, Problem, SpecError, errors, in_order, suggestion
 from bt_dualarm.spec.relative_pose import RELATIONS, RelativePose, relative_pose
@@ -71,6 +70,7 @@ from bt_dualarm.spec.values import (
     OfPosture,
     PoseSpec,
     Refers,
+    wrong_unit,
 )
 from bt_dualarm.spec.yaml_reader import Data, DataPath, Source, TreeInput, with_tuples
 
@@ -156,6 +156,7 @@ class Names:
         if self._knows_scene:
             self._scene()
         self._meshes()
+        self._goals()
         for name, arm in self.file.arms.items():
             robot = self._described(
                 ("arms", name, "robot"), "robot", arm.robot, robot_names(), load_robot
@@ -210,7 +211,17 @@ class Names:
         """The robot with its locked joints at the file's positions, if these are valid."""
         if not arm.locked or path in self.left_out:
             return robot
-        wrong = list(problems_of(robot.name, robot.joints, robot.locked, arm.locked))
+        wrong = [
+            (joint, False, complaint, "")
+            for joint in arm.locked
+            if joint in robot.locked
+            and (
+                complaint := wrong_unit(
+                    self.source.get((*path, joint)), turns=robot.locked[joint].turns
+                )
+            )
+        ]
+        wrong = wrong or [*problems_of(robot.name, robot.joints, robot.locked, arm.locked)]
         for joint, is_name, message, hint in wrong:
             self._add((*path, joint), message, hint, key=is_name)
         if wrong:
@@ -289,6 +300,33 @@ class Names:
                     yield from wrong
                     if not (wrong or of_joints.are_offsets):
                         self.warnings += _beyond_limits(node, port, value, robot)
+                joint = self._joint_of(node) if unit_of(declared) == JOINT_UNIT else None
+                if joint is not None:
+                    yield from _wrong_position(node, kind, port, joint)
+
+    def _joint_of(self, node: NodeSpec) -> Articulation | None:
+        """Joint that a node names, or on which the part that it names moves; None if unknown."""
+        owner, joint, part = (node.ports.get(name) for name in ("object", "joint", "part"))
+        for name, obj in self.file.objects.items():
+            hung = obj.joint
+            if hung is not None and (
+                name == owner or (hung.owner == owner and (hung.name == joint or part in obj.parts))
+            ):
+                return hung
+        return None
+
+    def _goals(self) -> None:
+        """Refuse goals and invariants of joints whose positions have the wrong unit."""
+        for section in SECTIONS:
+            for name, condition in getattr(self.file, section).items():
+                moved = moved_name(condition.object or "", condition.joint or "")
+                hung = self.file.objects[moved].joint if moved in self.file.objects else None
+                path = (section, name, "between")
+                if hung is not None:
+                    given = self.source.get(path)
+                    complaint = wrong_unit(given, turns=hung.spec.type == "hinge")
+                    if complaint:
+                        self._add(path, complaint)
 
     def _unknown(self, path: DataPath, what: str, given: str, known: Iterable[str]) -> None:
         self._add(path, f"there is no {what} '{given}'", _known(given, known))
@@ -368,43 +406,24 @@ def _carried(node: NodeSpec, kinds: Mapping[str, NodeType]) -> Iterator[tuple[st
             yield port, value
 
 
-def wrong_joint_positions(file: TreeFile, kinds: Mapping[str, NodeType]) -> Iterator[Problem]:
-    """Yields an error for each literal position that a joint of an object cannot have.
+def _wrong_position(
+    node: NodeSpec, kind: NodeType, port: str, joint: Articulation
+) -> Iterator[Problem]:
+    """Yields an error if a literal position is of the wrong unit, or beyond the joint's range.
 
-    Args:
-        file: File, or the valid part of a file with errors.
-        kinds: All node types, by name.
+    A condition may ask for any position.
     """
-    joints = [obj.joint for obj in file.objects.values() if obj.joint is not None]
-    for arm in file.arms.values():
-        for node in arm.tree.walk():
-            kind = kinds.get(node.kind)
-            if kind is None or isinstance(kind, LanguageNode):  # a condition may ask for any bound
-                continue
-            owner, name, part = (node.ports.get(port) for port in ("object", "joint", "part"))
-            for joint in joints:
-                if joint.owner == owner and (joint.name == name or part in joint.spec.parts):
-                    yield from _beyond_range(node, kind, joint)
-
-
-def _beyond_range(node: NodeSpec, kind: NodeType, joint: Articulation) -> Iterator[Problem]:
-    """Yields errors of the ports with a position of a joint that it cannot have."""
     spec = joint.spec
-    what = f"{joint.owner}.{joint.name}"
-    low, high = spec.range
-    for port, declared in kind.ports.model_fields.items():
-        unit = metadata_of(declared, Unit)
-        value = node.ports.get(port)
-        if unit is None or unit.yaml != JOINT_UNIT or value is None or is_dynamic(value):
-            continue
-        own = DEGREES if spec.type == "hinge" else METERS
-        text = QUANTITY.fullmatch(str(value))
-        if text is not None and text[2] not in own:
-            message = f"{node.kind}: {port}: {what} is a {spec.type}, not at '{value}'"
-            yield node.port_problem((port,), message, f"its unit is one of {', '.join(own)}")
-            continue
-        position = float(text[1]) * own[text[2]] if text else value
-        if isinstance(position, int | float) and not low <= position <= high:
+    value = node.ports[port]
+    complaint = wrong_unit(value, turns=spec.type == "hinge")
+    if complaint:
+        yield node.port_problem((port,), f"{node.kind}: {port}: {complaint}")
+    elif isinstance(value, int | float | str) and not isinstance(kind, LanguageNode):
+        unit = "deg" if spec.type == "hinge" else "m"
+        position = number_in(value, unit) if isinstance(value, str) else value
+        low, high = spec.range
+        if position is not None and not low <= position <= high:
+            what = f"{joint.owner}.{joint.name}"
             message = f"{node.kind}: {port}: {position:g} {spec.unit} is not in the range of {what}"
             yield node.port_problem((port,), message, f"{low:g} to {high:g} {spec.unit}")
 
@@ -695,8 +714,7 @@ def check(
     of_world: list[Problem] = []
     if build and not names.problems and not loaded.left_out:
         of_world = _problems_of_the_world(file, source, loaded.name)
-    positions = wrong_joint_positions(file, kinds)
-    wrong = [*errors(loaded.problems), *names.problems, *positions, *errors(of_world)]
+    wrong = [*errors(loaded.problems), *names.problems, *errors(of_world)]
     if wrong or loaded.file is None:
         return Checked(None, in_order(wrong))
     robots = names.robots

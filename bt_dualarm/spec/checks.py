@@ -17,7 +17,7 @@ from pydantic.fields import FieldInfo
 from bt_dualarm.spec.cell import CATEGORIES, CellCheck, CellSpec
 from bt_dualarm.spec.dimensions import ANYTHING, Dimension, ValueType, dimension_of, misfit
 from bt_dualarm.spec.document import TreeFile
-from bt_dualarm.spec.explain import explain, field_at, in_base_units
+from bt_dualarm.spec.explain import explain, field_at, in_base_units, valid_in_units
 from bt_dualarm.spec.expressions import (
     ExpressionError,
     as_number,
@@ -579,7 +579,7 @@ class Flow:
             given = dict(zip(writes, values, strict=True))
             try:
                 value = resolved(node.ports[port], given.__getitem__)
-                validated(wanted, {port: value})
+                valid_in_units(wanted, {port: value})
                 return
             except ExpressionError as error:
                 found = f"{_owner(port, ())}: {error}"
@@ -673,7 +673,7 @@ def _misfit(model: type[PortModel], port: str, write: KeyWrite) -> str:
     wanted = only(model, port)
     for value in write.literal:
         try:
-            validated(wanted, {port: value})
+            valid_in_units(wanted, {port: value})
         except ValidationError as error:
             return next(explain(error, wanted, {port: value}, "port")).message
     if write.model is None:

@@ -54,6 +54,7 @@ from bt_dualarm.spec.values import (
     Bend,
     Degrees,
     Duration,
+    JointPosition,
     MarkerSpec,
     Meters,
     PoseSpec,
@@ -410,7 +411,6 @@ LONGEST_NAME: Final = 100
 """Largest number of characters in the name of a task."""
 
 _HalfWidth: TypeAlias = Annotated[float, Field(ge=0.0, le=10.0)]
-_Locked: TypeAlias = Annotated[float, Field(ge=-720.0, le=720.0)]
 
 
 SceneName: TypeAlias = Annotated[
@@ -746,7 +746,7 @@ class ArmSpec(Value):
         "description relative to the tree file, or `none`; or by a parameter: "
         '`{value: "{grasp}", cases: {fingers: robotiq_2f85, attach: none}}`',
     )
-    locked: Annotated[dict[str, _Locked], Field(max_length=200)] = port(
+    locked: Annotated[dict[str, JointPosition], Field(max_length=200)] = port(
         {},
         "Positions of the description's locked joints by name, in meters (prismatic) or degrees "
         "(revolute); by default as in the description. "

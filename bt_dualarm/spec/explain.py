@@ -15,6 +15,7 @@ from pydantic_core import ErrorDetails
 from bt_dualarm.spec.node_types import (
     QUANTITY,
     NodeSpec,
+    PortModel,
     Template,
     Unit,
     WrittenKey,
@@ -31,6 +32,7 @@ from bt_dualarm.spec.node_types import (
     number_in,
     reference_of,
     unit_of,
+    validated,
 )
 from bt_dualarm.spec.problems import meant_by, nearest, suggestion
 from bt_dualarm.spec.values import Refers
@@ -256,13 +258,29 @@ def in_base_units(data: Data, validate: Callable[[Data], object], model: type[Ba
     except ValidationError as error:
         for details in error.errors(include_url=False):
             given = details["input"]
-            field = field_at(model, details["loc"])
-            unit = unit_of(field) if field else ""
-            if details["type"] == "float_type" and isinstance(given, str) and unit:
+            unit = _unit_at(model, details["loc"])
+            # A number stands for the model of an uncertainty, so that text is no number there.
+            is_wanted = details["type"] in ("float_type", "model_type")
+            if is_wanted and isinstance(given, str) and unit:
                 number = number_in(given, unit)
                 if number is not None:
                     data = _with(data, path_in(data, details["loc"]), number)
     return data
+
+
+def _unit_at(model: type[BaseModel], location: Location) -> str:
+    """Unit of the number at a location: of an uncertainty, that of the field that has it."""
+    unit = ""
+    for end in range(1, len(location) + 1):
+        field = field_at(model, location[:end])
+        unit = (unit_of(field) if field else "") or unit
+    return unit
+
+
+def valid_in_units(model: type[PortModel], ports: Mapping[str, Data]) -> PortModel:
+    """Returns the validated ports of a node, which may have texts with a unit: as `validated`."""
+    numbers = in_base_units(dict(ports), lambda data: validated(model, data), model)
+    return validated(model, numbers)
 
 
 def _has_quantity(data: Data) -> bool:

@@ -15,7 +15,7 @@ from bt_dualarm.spec.cell import CellSpec
 from bt_dualarm.spec.joints import moved_name
 from bt_dualarm.spec.node_types import port
 from bt_dualarm.spec.problems import Name, Problem, suggestion
-from bt_dualarm.spec.values import Duration, PoseSpec, Value
+from bt_dualarm.spec.values import Duration, JointPosition, PoseSpec, Value
 from bt_dualarm.spec.yaml_reader import Source
 
 CONDITIONS: Final = ("at", "in_zone", "on", "tilt", "height", "held_by", "held", "speed", "force",
@@ -24,11 +24,6 @@ CONDITIONS: Final = ("at", "in_zone", "on", "tilt", "height", "held_by", "held",
 
 _Bounds: TypeAlias = tuple[
     Annotated[float, Field(ge=-100.0, le=100.0)], Annotated[float, Field(ge=-100.0, le=100.0)]
-]
-
-
-_Positions: TypeAlias = tuple[
-    Annotated[float, Field(ge=-720.0, le=720.0)], Annotated[float, Field(ge=-720.0, le=720.0)]
 ]
 
 
@@ -55,7 +50,7 @@ class ConditionSpec(Value):
     distance_to: str | None = port(None, "Object or arm from which its center keeps `apart`")
     apart: float = port(0.1, "Smallest distance from `distance_to`", unit="m", gt=0.0, le=100.0)
     joint: str | None = port(None, "Joint of the object whose position is `between` two others")
-    between: _Positions | None = port(
+    between: tuple[JointPosition, JointPosition] | None = port(
         None, "Minimum and maximum position of `joint`, in degrees or in meters"
     )
     lasting: Duration = port(0.0, "Time for which it must hold until the end of the run", le=3600.0)

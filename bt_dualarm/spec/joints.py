@@ -19,7 +19,8 @@ from pydantic import Field, model_validator
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.spec.node_types import port
 from bt_dualarm.spec.problems import Name, suggestion
-from bt_dualarm.spec.values import Point, Value, Vector3
+from bt_dualarm.spec.values import JointPosition, Point, Value, Vector3, wrong_unit
+from bt_dualarm.spec.yaml_reader import Data
 
 JointKind: TypeAlias = Literal["hinge", "slide"]
 
@@ -28,7 +29,6 @@ MOST_JOINTS: Final = 8
 
 _FARTHEST: Final[Mapping[JointKind, float]] = {"hinge": 720.0, "slide": 10.0}
 _UNITS: Final[Mapping[JointKind, str]] = {"hinge": "°", "slide": " m"}
-_Limit: TypeAlias = Annotated[float, Field(ge=-720.0, le=720.0)]
 
 
 class PartJoint(Value):
@@ -44,26 +44,32 @@ class PartJoint(Value):
     anchor: Point = port(
         (0.0, 0.0, 0.0), "Point on the axis of a hinge, in the frame of the object", unit="m"
     )
-    range: tuple[_Limit, _Limit] = port(
+    range: tuple[JointPosition, JointPosition] = port(
         ...,
         "Minimum and maximum position, in degrees or meters; at 0 the parts are at their `pose`",
     )
-    at: float | None = port(
+    at: JointPosition | None = port(
         None,
         "Position at the start, in degrees or in meters; by default 0, or the nearest in the range",
-        ge=-720.0,
-        le=720.0,
     )
     mass: float = port(1.0, "Mass of the parts that it moves", unit="kg", ge=1e-3, le=1000.0)
     damping: float = port(1.0, "Viscous friction, in N m s/rad or in N s/m", ge=0.0, le=1e4)
     friction: float = port(0.5, "Dry friction, in N m or in N", ge=0.0, le=1e4)
     spring: float = port(0.0, "Stiffness of a spring, in N m/rad or in N/m", ge=0.0, le=1e5)
-    rest: float = port(
-        0.0, "Position where the spring is relaxed, in degrees or in meters", ge=-720.0, le=720.0
-    )
+    rest: JointPosition = port(0.0, "Position where the spring is relaxed, in degrees or in meters")
     sensor: bool = port(
         True, "Whether a sensor at the joint measures its position, which all arms then know"
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _has_its_unit(cls, data: Data) -> Data:
+        if isinstance(data, dict) and data.get("type") in _FARTHEST:
+            for name in ("range", "at", "rest"):
+                complaint = wrong_unit(data.get(name), turns=data["type"] == "hinge")
+                if complaint:
+                    raise ValueError(f"{name}: {complaint}")
+        return data
 
     @model_validator(mode="after")
     def _is_possible(self) -> PartJoint:

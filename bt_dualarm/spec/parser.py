@@ -13,7 +13,7 @@ from typing import Any, Final, Literal, TypeAlias
 from pydantic import Field, ValidationError, create_model, model_validator
 
 from bt_dualarm.spec.dimensions import ANYTHING, ValueType, dimension_of, misfit
-from bt_dualarm.spec.explain import explain
+from bt_dualarm.spec.explain import explain, in_base_units
 from bt_dualarm.spec.expressions import (
     Expression,
     ExpressionError,
@@ -86,6 +86,8 @@ _TYPES: Final[Mapping[str, Any]] = {
     "arm": str,
     "key": str,
 }
+_Model: TypeAlias = type[PortModel]
+_UNITS: Final = {"duration": "s", "angle": "deg"}
 _RANGED: Final = ("number", "integer", "duration", "angle")
 _WITH_UNIT: Final = ("number", "integer", "vector")
 
@@ -106,6 +108,20 @@ class ParamSpec(Value):
         None, "Unit of a number or of a vector's components; expressions check it"
     )
     description: str = port("", "One-line description")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _range_in_unit(cls, data: Data) -> Data:
+        """Converts texts with a unit in the range."""
+        given = data.get("range") if isinstance(data, dict) else None
+        if not isinstance(given, (list, tuple)):
+            return data
+        unit = data.get("unit") or _UNITS.get(data.get("type"), "")
+        ends = []
+        for end in given:
+            number = number_in(end, unit) if isinstance(end, str) else None
+            ends.append(end if number is None else number)
+        return {**data, "range": tuple(ends)}
 
     @model_validator(mode="after")
     def _fits_type(self) -> ParamSpec:
@@ -138,8 +154,13 @@ class ParamSpec(Value):
     def in_unit(self, value: Data) -> Data:
         """Returns a value with numbers in the place of texts with a unit, ``5 cm``.
 
-        Only for parameters with a ``unit``: durations and angles are converted where they are used.
+        Only for poses and parameters with a ``unit``: durations and angles are converted where they
+        are used.
         """
+        if self.type == "pose":
+            model = self._model("pose")
+            pose = in_base_units({"pose": value}, lambda data: validated(model, data), model)
+            return pose["pose"]
         if self.unit is None:
             return value
         if isinstance(value, list):
@@ -149,16 +170,20 @@ class ParamSpec(Value):
 
     def complaints(self, name: str, value: Data) -> list[str]:
         """Returns every reason why ``value`` cannot be the parameter's value."""
-        low, high = self.range or (None, None)
-        annotation = Literal[self.choices] if self.choices else _TYPES[self.type]
-        field: Any = (annotation, Field(ge=low, le=high))
-        model = create_model("Parameter", __base__=PortModel, **{name: field})
+        model = self._model(name)
         try:
             validated(model, {name: value})
         except ValidationError as error:
             found = explain(error, model, {name: value}, "parameter")
             return [f"{f.message} ({f.hint})" if f.hint else f.message for f in found]
         return []
+
+    def _model(self, name: str) -> _Model:
+        """Returns the model of a value under a name."""
+        low, high = self.range or (None, None)
+        annotation = Literal[self.choices] if self.choices else _TYPES[self.type]
+        field: Any = (annotation, Field(ge=low, le=high))
+        return create_model("Parameter", __base__=PortModel, **{name: field})
 
 
 class Misdeclared(ParamSpec):

@@ -281,7 +281,7 @@ _VALUE_MODELS: Final[tuple[type[BaseModel], ...]] = (
 _QUANTITIES: Final = {
     "duration": ("Simulated time", Duration, "500 ms"),
     "angle": ("A turn", Angle, "90 deg"),
-    "joint position": ("Position of a joint of an object", JointPosition, "90 deg"),
+    "joint position": ("Position of a joint", JointPosition, "20 cm"),
 }
 VALUE_NAMES: Final = (*_QUANTITIES, *map(model_name, _VALUE_MODELS))
 """Names of these types in the reference."""

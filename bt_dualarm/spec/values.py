@@ -100,13 +100,13 @@ def _degrees(value: Data) -> Data:
 
 
 JOINT_UNIT: Final = "deg or m"
-"""Unit of a position of a joint: that of a hinge or of a slide."""
+"""Unit of a bare `JointPosition`."""
 
-_OF_JOINTS: Final[Mapping[str, float]] = {**DEGREES, **METERS}
+_POSITIONS: Final = {**DEGREES, **METERS}
 
 
-def _degrees_or_meters(value: Data) -> Data:
-    return _quantity(value, _OF_JOINTS)
+def _position(value: Data) -> Data:
+    return _quantity(value, _POSITIONS)
 
 
 Duration: TypeAlias = Annotated[
@@ -125,13 +125,27 @@ Angle: TypeAlias = Annotated[
 """Radians; in YAML degrees, at most ten turns: ``90``, or text with a unit: ``"1.57 rad"``."""
 
 JointPosition: TypeAlias = Annotated[
-    float,
-    BeforeValidator(_degrees_or_meters),
-    Field(ge=-720.0, le=720.0),
-    Unit(JOINT_UNIT, _OF_JOINTS),
+    float, BeforeValidator(_position), Field(ge=-720.0, le=720.0), Unit(JOINT_UNIT, _POSITIONS)
 ]
-"""Position of a joint of an object, as in YAML: degrees of a hinge, or meters of a slide; or text
-with a unit: ``"1.57 rad"``, ``"15 cm"``."""
+"""Position of a joint, as in YAML: degrees of a joint that turns, or meters of one that slides; or
+text with a unit: ``"1.57 rad"``, ``"20 cm"``. The check knows which of them the joint does."""
+
+
+def wrong_unit(given: Data, *, turns: bool) -> str:
+    """Returns why positions of a joint have the unit of the other kind of joint; empty if not.
+
+    Args:
+        given: A `JointPosition` in YAML, or a list of them.
+        turns: Whether the joint turns rather than slides.
+    """
+    if isinstance(given, (list, tuple)):
+        return next(filter(None, (wrong_unit(one, turns=turns) for one in given)), "")
+    match = QUANTITY.fullmatch(given) if isinstance(given, str) else None
+    if match is None or match[2] not in (METERS if turns else DEGREES):
+        return ""
+    kind = "turns: its positions are angles" if turns else "slides: its positions are lengths"
+    return f"the joint {kind}, not '{given}'"
+
 
 Tilt: TypeAlias = Annotated[
     float,

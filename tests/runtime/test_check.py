@@ -189,11 +189,11 @@ arms:
         ),
         (
             "operate: {object: cabinet, joint: slide, to: 0.1 deg}",
-            "operate: to: cabinet.slide is a slide, not at '0.1 deg'",
+            "operate: to: the joint slides: its positions are lengths, not '0.1 deg'",
         ),
         (
             "operate: {object: cabinet, joint: hinge, to: -10 mm}",
-            "operate: to: cabinet.hinge is a hinge, not at '-10 mm'",
+            "operate: to: the joint turns: its positions are angles, not '-10 mm'",
         ),
     ],
 )

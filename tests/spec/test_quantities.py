@@ -10,8 +10,10 @@ from typing import Any
 import jsonschema
 import pytest
 
+import bt_dualarm
 from bt_dualarm.behaviors.language import LANGUAGE
 from bt_dualarm.behaviors.load import load
+from bt_dualarm.runtime.file_check import check
 from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.node_types import QUANTITY_PATTERN, NodeType
 from bt_dualarm.spec.reference import json_schema
@@ -165,3 +167,132 @@ def test_values_of_another_unit_or_beyond_the_range_are_refused(given: str) -> N
     loaded = load(PARAMETERS_TREE, params={"h": given})
     assert loaded.file is None
     assert "parameter h: " in str(loaded.problems[0])
+
+
+SPELLINGS_TREE = """\
+bt_dualarm: 1
+params:
+  pose: {type: pose, default: {xyz: [0.4, 0, 0.3], rpy: [180, 0, 0]}}
+  time: {type: duration, default: 1, range: [0, 10]}
+  size: {type: number, default: 0.05, unit: m, range: [0, 0.1]}
+world:
+  scene: empty
+  reality: {links: {center: 0.001}, camera: {rotation: {normal: 0.5}, stamp: 0.002}}
+objects:
+  cabinet:
+    shape: compound
+    fixed: true
+    pose: {xyz: [2, 0, 0.1]}
+    parts:
+      box: {shape: box, size: [0.1, 0.1, 0.1]}
+      front: {shape: box, size: [0.1, 0.1, 0.1], pose: {xyz: [0, 0.2, 0]}}
+      door: {shape: box, size: [0.1, 0.1, 0.1], pose: {xyz: [0, -0.2, 0]}}
+    joints:
+      slide: {type: slide, parts: [front], axis: [0, 1, 0], range: [0, 0.3], at: 0.1, rest: 0.01}
+      hinge: {type: hinge, parts: [door], range: [0, 90], at: 45}
+arms:
+  arm1:
+    robot: panda
+    locked: {panda_finger_joint1: 0.04}
+    tree:
+      sequence:
+        - reach_to_pose: {to: "{pose}"}
+        - wait: "{time}"
+        - circle: {plane: yz, radius: "{size}"}
+        - set: {key: length, value: 0.02}
+        - circle: {plane: yz, radius: "{length}"}
+        - for_each: {items: [0.01, 0.02], item: r, child: {circle: {plane: yz, radius: "{r}"}}}
+        - joint_at: {object: cabinet, joint: slide, between: [0, 0.2]}
+        - joint_at: {object: cabinet, joint: hinge, above: 30}
+goal:
+  open: {object: cabinet, joint: slide, between: [0, 0.2]}
+"""
+
+
+@pytest.mark.parametrize(
+    ("number", "quantity"),
+    [
+        ("default: {xyz: [0.4,", "default: {xyz: [40 cm,"),
+        ("rpy: [180,", "rpy: [180 deg,"),
+        ("range: [0, 10]", "range: [0, 10 s]"),
+        ("range: [0, 0.1]", "range: [0, 10 cm]"),
+        ("center: 0.001", "center: 1 mm"),
+        ("normal: 0.5", "normal: 0.5 deg"),
+        ("stamp: 0.002", "stamp: 2 ms"),
+        ("range: [0, 0.3]", "range: [0, 30 cm]"),
+        ("at: 0.1,", "at: 10 cm,"),
+        ("rest: 0.01", "rest: 1 cm"),
+        ("range: [0, 90], at: 45", "range: [0 deg, 90 deg], at: 45 deg"),
+        ("panda_finger_joint1: 0.04", "panda_finger_joint1: 4 cm"),
+        ("slide, between: [0, 0.2]", "slide, between: [0 cm, 20 cm]"),
+        ("above: 30", "above: 30 deg"),
+        ("value: 0.02", "value: 2 cm"),
+        ("items: [0.01,", "items: [1 cm,"),
+    ],
+)
+def test_every_number_with_a_unit_may_have_it(number: str, quantity: str) -> None:
+    """Also in parameters, distributions and positions of joints, and by way of the blackboard."""
+    assert number in SPELLINGS_TREE
+    kinds = Registry.load().kinds
+    text = SPELLINGS_TREE.replace(number, quantity)
+    plain, spelled = (check(one, kinds, {}, build=False) for one in (SPELLINGS_TREE, text))
+    assert not spelled.problems
+    assert plain.file is not None
+    assert spelled.file is not None
+    assert spelled.file.world == plain.file.world
+    assert spelled.file.goal == plain.file.goal
+    for name, obj in plain.file.objects.items():
+        other = spelled.file.objects[name]
+        assert other.model_dump() == obj.model_dump()
+        assert (other.joint and other.joint.spec) == (obj.joint and obj.joint.spec)
+    assert spelled.file.arms["arm1"].locked == plain.file.arms["arm1"].locked
+    first = [file.arms["arm1"].tree.children[0] for file in (plain.file, spelled.file)]
+    assert first[0].ports == first[1].ports
+    schema: Any = json_schema({**LANGUAGE, **kinds})
+    jsonschema.validate(read_text(text, "tree.yaml").data, schema)
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "message"),
+    [
+        ("range: [0, 0.3]", "range: [0, 30 deg]", "range: the joint slides"),
+        ("at: 45", "at: 4 cm", "at: the joint turns"),
+        ("joint1: 0.04", "joint1: 4 deg", "the joint slides: its positions are lengths"),
+        ("above: 30", "above: 3 cm", "joint_at: above: the joint turns: its positions are angles"),
+        (
+            "joint_at: {object: cabinet, joint: slide, between: [0, 0.2]}",
+            "grasp: {object: cabinet, part: front, then_to: 20 deg}",
+            "grasp: then_to: the joint slides",
+        ),
+        (
+            "joint_at: {object: cabinet, joint: slide, between: [0, 0.2]}",
+            "operate: {object: cabinet, joint: hinge, to: 20 cm}",
+            "operate: to: the joint turns",
+        ),
+        ("open: {object: cabinet, joint: slide, between: [0, 0.2]}",
+         "open: {object: cabinet, joint: slide, between: [0, 2 deg]}", "the joint slides"),
+    ],
+)  # fmt: skip
+def test_a_position_of_a_joint_has_the_unit_of_its_kind(
+    right: str, wrong: str, message: str
+) -> None:
+    assert right in SPELLINGS_TREE
+    text = SPELLINGS_TREE.replace(right, wrong)
+    problems = check(text, Registry.load().kinds, {}, build=False).problems
+    assert any(message in str(problem) for problem in problems), problems
+
+
+def test_a_quantity_on_the_blackboard_is_converted_where_it_is_read() -> None:
+    tree = """\
+bt_dualarm: 1
+arms:
+  arm1:
+    robot: ur5
+    tree:
+      sequence:
+        - set: {key: step, value: {xyz: [0, 0, -2 cm]}}
+        - reach_to_pose: {offset: "{step}"}
+        - set: {key: radius, value: 2 cm}
+        - circle: {plane: yz, radius: "{radius}"}
+"""
+    assert bt_dualarm.run(tree).outcome == "SUCCESS"
