@@ -185,7 +185,9 @@ class ArmGripper:
         """Command an opening, or closing if none is given; it holds until the next command.
 
         The fingers move at the speed until they meet resistance, and then keep up the force. A cup
-        sucks if the width is 0 or not given, and releases if it is not 0.
+        sucks if the width is 0 or not given, and releases if it is not 0. The arm's model bears
+        nothing of a held object from the command to open on: once the object is free, a light wrist
+        whose controller still believes in the inertia of a beam would swing ever faster.
 
         Args:
             width: Opening, m; None to close with the force.
@@ -206,13 +208,15 @@ class ArmGripper:
                 description.force.most if force is None else force,
             )
         )
+        closed = self.width + _OPEN_M + description.resolution if description.fingers else 0.0
+        opens = width is not None and width > closed
+        self._world.attachments.release(self._arm, opens=opens)
 
     def until_open(self, settle: float = 0.0) -> Iterator[float]:
         """Wait until the fingers are at the commanded opening, or a cup's vacuum is gone.
 
         Yields the progress once per tick. What a cup is commanded to release is detached at once:
-        with the last of the vacuum the object is free, and a wrist whose controller still believes
-        in the inertia of a tray would swing ever faster.
+        with the last of the vacuum the object is free.
 
         Args:
             settle: Simulated seconds for which it has to stay open.
@@ -234,6 +238,7 @@ class ArmGripper:
             if since is not None and now - since >= settle:
                 return
             if now - began > longest:
+                self._world.attachments.release(self._arm, opens=False)
                 apart = f"the fingers are {1e3 * self.width:.1f} mm apart"
                 raise Failure("NOT_OPEN", apart, width_m=self.width, force_n=self.force)
             yield (now - began) / longest

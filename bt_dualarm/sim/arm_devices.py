@@ -177,7 +177,7 @@ class ArmDevices:
                 continue
             known = one.mass_declared and self.errors[one.arm].payload.known
             obj = objects[one.object]
-            if obj.joint is not None:  # its joint supports it
+            if obj.joint is not None or one.is_released:  # its joint supports it; it gets free
                 continue
             upon = [(objects[each.object], each.relative) for each in passengers.of(one.object)]
             if one.borne_at is None:

@@ -594,6 +594,7 @@ class Attachment:
             of mass.
         carrier: Object in another arm's hand on which it rode when it was taken, or on which it is
             being placed: the two may touch. Empty if there is none.
+        is_released: Whether the gripper is opening: the arm's model bears nothing of it any more.
     """
 
     arm: str
@@ -608,6 +609,7 @@ class Attachment:
     share: float = 1.0
     borne_at: Pose | None = None
     carrier: str = ""
+    is_released: bool = False
 
     @property
     def name(self) -> str:
@@ -769,6 +771,19 @@ class Attachments:
         held = self._held.get((arm, obj))
         if held is not None and (held.share != share or held.borne_at is not at):
             self._held[arm, obj] = replace(held, share=share, borne_at=at)
+            self._reload(arm)
+
+    def release(self, arm: str, *, opens: bool) -> None:
+        """Take what a gripper holds out of the arm's model while it opens, or put it back.
+
+        Args:
+            arm: Name of the arm.
+            opens: Whether the gripper opens.
+        """
+        gripped = [one for one in self.gripped_by(arm) if one.is_released != opens]
+        for one in gripped:
+            self._held[arm, one.object] = replace(one, is_released=opens)
+        if gripped:
             self._reload(arm)
 
     def place_on(self, arm: str, obj: str, carrier: str) -> None:

@@ -70,6 +70,18 @@ def test_each_arm_bears_its_share_and_the_last_one_everything(world: World) -> N
     assert (load.borne, load.alone) == (1.0, True)
 
 
+def test_a_gripper_that_opens_bears_nothing_until_it_closes_again(world: World) -> None:
+    """The object counts as held until the skill lets go of it."""
+    world.hold("arm1", "bar", world.object_pose("bar"))
+    generation = world.generation
+    world.attachments.release("arm1", opens=True)
+    assert world.nominal["arm1"].loads == ()
+    assert world.attachments.holders("bar") == ("arm1",)
+    world.attachments.release("arm1", opens=False)
+    assert world.nominal["arm1"].loads[0].borne == 1.0
+    assert world.generation == generation
+
+
 def test_share_of_a_removed_arm_passes_to_the_other(world: World) -> None:
     for name in ("arm1", "arm2"):
         world.hold(name, "bar", world.object_pose("bar"))
