@@ -75,7 +75,7 @@ def test_a_gripper_that_opens_bears_nothing_until_it_closes_again(world: World) 
     world.hold("arm1", "bar", world.object_pose("bar"))
     generation = world.generation
     world.attachments.release("arm1", opens=True)
-    assert world.nominal["arm1"].loads == ()
+    assert not world.nominal["arm1"].loads
     assert world.attachments.holders("bar") == ("arm1",)
     world.attachments.release("arm1", opens=False)
     assert world.nominal["arm1"].loads[0].borne == 1.0

@@ -211,5 +211,5 @@ def test_a_light_wrist_is_calm_when_it_releases_a_long_rod() -> None:
         while not opened.done:
             opened.step(0.02)
             fastest = max(fastest, float(np.abs(opened.arms["arm1"].v).max()))
-        assert opened.result.outcome == "SUCCESS", opened.result.arms["arm1"].reason
+        assert opened.result.outcome == "SUCCESS"
     assert fastest < 2.0
