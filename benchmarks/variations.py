@@ -10,11 +10,12 @@ meshes: They are meshes, read from a file.
 world: The world is turned by 90° about the vertical and moved by 1.5 m.
 orders: Arms and objects are declared in the opposite order.
 nodes: Each leaf is the only child of a sequence, a selector and a timeout: the same hash.
-halts: Each leaf is halted once, 1.3, 2.1 and 3.1 s after its start, and started again.
+halts: Each leaf is halted once, 1.3, 2.1 and 3.1 s after its start, and started again. Where
+    several arms act together, those of one arm are, and the others try again.
 
 A variation is omitted, with the reason, where it would change the task: frames and the world if a
-pose is an expression or relative, the world also if there is a scene, halts of actions in which
-another arm takes part. Prints each outcome; exits with code 1 if one is not that of the original.
+pose is an expression or relative, the world also if there is a scene. Prints each outcome; exits
+with code 1 if one is not that of the original.
 """
 
 from __future__ import annotations
@@ -67,6 +68,9 @@ ELSEWHERE: Final = Pose.from_rpy((1.3, -0.7, 0.0), (0.0, 0.0, math.pi / 2))
 
 HALTS_S: Final = (1.3, 2.1, 3.1)
 """Times after which leaves are halted, s."""
+
+_TRIES: Final = 6
+"""Attempts at an action of several arms, one of which is halted in each of its own leaves."""
 
 _POSES: Final = ("to", "at", "then_at", "path")
 """Ports with poses in the world."""
@@ -253,16 +257,35 @@ def nodes(file: Tree, folder: Path) -> Iterator[tuple[str, Tree]]:
 def halts(file: Tree, folder: Path) -> Iterator[tuple[str, Tree]]:
     """See the module."""
     del folder
+    partners = set[str]()
+
+    def found(leaf: Tree) -> Tree:
+        (skill,) = leaf
+        if Registry.load().skills[skill].counterpart is not None:
+            partners.add(skill)
+        return leaf
+
+    _with_leaves(file, found)
     for seconds in HALTS_S:
 
         def halted(leaf: Tree, seconds: float = seconds) -> Tree:
             (skill,) = leaf
-            if Registry.load().skills[skill].counterpart is not None:
-                raise NotVariableError(f"{skill}: its partner would fail")
             once = {"timeout": {"seconds": seconds, "child": copy.deepcopy(leaf)}}
-            return {"selector": [once, leaf]}
+            return {"selector": [once, again(leaf) if skill in partners else leaf]}
 
-        yield f"halted after {seconds} s", _with_leaves(file, halted)
+        def again(leaf: Tree) -> Tree:
+            (skill,) = leaf
+            return {"retry": {"times": _TRIES, "child": leaf}} if skill in partners else leaf
+
+        if not partners:
+            yield f"halted after {seconds} s", _with_leaves(file, halted)
+            continue
+        for name in file["arms"]:
+            varied = _with_leaves(file, again)
+            varied["arms"][name]["tree"] = _leaves(
+                copy.deepcopy(file["arms"][name]["tree"]), halted
+            )
+            yield f"{name} halted after {seconds} s", varied
 
 
 VARIATIONS: Final[Mapping[str, Callable[[Tree, Path], Iterator[tuple[str, Tree]]]]] = {

@@ -12,7 +12,8 @@ TREES = Path(__file__).parents[1] / "trees"
 
 
 @pytest.mark.parametrize(
-    ("tree", "kind"), [("grasp_and_place", "halts"), ("carry_together", "frames")]
+    ("tree", "kind"),
+    [("grasp_and_place", "halts"), ("carry_together", "frames"), ("carry_together", "halts")],
 )
 def test_variation_ends_like_the_original(tree: str, kind: str) -> None:
     found = vary(str(TREES / f"{tree}.yaml"), kind, 0)
