@@ -121,9 +121,6 @@ class Grip:
 _TARE_S: Final = (0.1, 0.5)
 """Age of the force samples whose mean is the zero: they contain friction and model errors."""
 
-_LONG_TARE_S: Final = (2.0, 2.5)
-"""The same for a force that rises slowly, as against a soft hand: the other zero follows it."""
-
 _DEVIATIONS: Final = 5.0
 """Standard deviations of the noise that a contact has to exceed: of the 30 to 100 samples of an
 approach, less than one in a thousand would by chance."""
@@ -146,7 +143,8 @@ class TouchSense:
 
     Attributes:
         most: Largest force so far, N.
-        slow_rise: Current force relative to that of 2 to 2.5 s ago, N; 0 until there is one.
+        slow_rise: Current force relative to the smallest zero so far, N: a force that rises slowly,
+            as against something soft, shifts the zero with it.
     """
 
     def __init__(self, arm: Arm, direction: Vector, *, alone: bool = False) -> None:
@@ -157,6 +155,7 @@ class TouchSense:
         self._latest: float | None = None
         self._changes = deque[float](maxlen=_CHANGES)
         self._zero = 0.0
+        self._least = math.inf
         self.most = self.slow_rise = 0.0
 
     def listen(self) -> None:
@@ -171,17 +170,16 @@ class TouchSense:
                 force may rise slowly.
         """
         now = self._arm.time
+        latest, earliest = _TARE_S
         felt = self._sample()
         self._felt.append((now, felt))
-        while now - self._felt[0][0] > _LONG_TARE_S[1]:
+        while now - self._felt[0][0] > earliest:
             self._felt.popleft()
-        before, long_before = (
-            [one for at, one in self._felt if latest <= now - at <= earliest]
-            for latest, earliest in (_TARE_S, _LONG_TARE_S)
-        )
+        before = [one for at, one in self._felt if now - at >= latest]
         if not stands:
             self._zero = float(np.mean(before)) if before else felt
-        self.slow_rise = felt - float(np.mean(long_before)) if long_before else 0.0
+        self._least = min(self._least, self._zero)
+        self.slow_rise = felt - self._least
         rise = felt - self._zero
         self.most = max(self.most, rise)
         return rise

@@ -134,7 +134,7 @@ def until_contact(
                 yield 1.0
                 sense.force(stands=True)
             return True, sense.most if touched is None else most
-    return False, sense.most
+    return False, max(sense.most, sense.slow_rise)
 
 
 def _direction(start: Pose, end: Pose) -> Vector:

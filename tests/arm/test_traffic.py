@@ -283,7 +283,7 @@ def test_arm_that_holds_still_for_the_one_that_it_blocks_is_a_deadlock() -> None
     [deadlock] = [run for arm in result.arms.values() for run in arm.runs if run.code == "DEADLOCK"]
     assert deadlock.path == "sequence/reach_to_pose"
     assert "there holds still for late since" in deadlock.reason
-    assert "Let there hold still elsewhere, or in another posture" in deadlock.reason
+    assert "Let there hold still elsewhere, or in another posture; a skill" in deadlock.reason
     assert result.sim_time_s < 25.0
 
 

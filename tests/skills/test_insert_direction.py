@@ -118,6 +118,7 @@ def test_peg_goes_into_a_hole_that_another_arm_holds_sideways(
         "depth": inserting.HIGH,
         "into": "socket",
     }
+    retreat = {"offset": {"xyz": (0.12 * out).tolist()}, "into": "socket"}
     waits: list[Any] = [{"signal": "ready"}, {"await": "inserted"}]
     holds = [{"hold_still": {"partner": "inserter"}}, {"sequence": waits}]
     result = bt.run(
@@ -158,7 +159,7 @@ def test_peg_goes_into_a_hole_that_another_arm_holds_sideways(
                             {"await": "ready"},
                             {"insert": insert},
                             "release",
-                            {"move_linear": {"offset": {"xyz": (0.12 * out).tolist()}}},
+                            {"move_linear": retreat},
                             {"signal": "inserted"},
                             "go_home",
                         ]
