@@ -21,7 +21,8 @@ from bt_dualarm.trajectory.set_points import TrajectorySource
 from bt_dualarm.trajectory.trajectory import Trajectory
 
 # The first touch
-_UNSURE_M: Final = 0.0015  # height above the expected rim from which the peg is lowered
+_UNSURE_M: Final = 0.0025  # height above the expected rim from which the peg is lowered
+_UNLIKELY_M: Final = 0.0015  # height above it above which a contact has to withstand the force
 _HIGH_M: Final = 0.0003  # height above the expected rim above which a contact may be a false one
 _SAME_M: Final = 0.00015  # distance that a descent covers in vain on the rim
 _FALSE: Final = 5  # contacts until one counts that may be false
@@ -262,17 +263,19 @@ class Inserting:
             # It may be a joint that sticks: then the next descent goes farther.
             before = height
             yield from arm.relax(stays_compliant=True)
-            height = yield from self._touch(middle)
+            likely = height < ports.depth + _UNLIKELY_M
+            height = yield from self._touch(middle, lightly=likely)
             if height > before - _SAME_M:
                 break
         self._rising = self._descending  # until a rise shows what it takes
         return height
 
-    def _touch(self, at: Vector) -> Generator[float | None, None, float]:
+    def _touch(self, at: Vector, *, lightly: bool = True) -> Generator[float | None, None, float]:
         """Lower the peg slowly until contact, and learn which torques a descent takes.
 
         Args:
             at: Position relative to the goal, of shape (2,), m.
+            lightly: As `guarded_descent`.
 
         Returns:
             Its height at contact or inside, m.
@@ -292,7 +295,7 @@ class Inserting:
             ports.down_speed,
             self._grip.firm_for(ports.force),
             look,
-            lightly=True,
+            lightly=lightly,
         )
         self._descending = self._landing = self._compliance.compensation
         # From contact to its detection, the arm begins to take the contact force for friction: 1 N,

@@ -54,6 +54,25 @@ def test_search_hops_press_lightly_on_the_rim(seed: int) -> None:
     assert 1.0 < pressed[0] < LIMIT_N
 
 
+def test_rim_that_is_nearer_than_expected_is_touched_lightly() -> None:
+    """The descent began almost at the rim: the peg was pressed along the fingers, with 50 N."""
+    options = {
+        "robot": "ur5",
+        "gripper": "robotiq_2f85",
+        "reality": "lab",
+        "shape": "cylinder",
+        "direction": "down",
+    }
+    file, _ = inserting.task(argparse.Namespace(**options), 43)
+    file["arms"]["arm1"]["tree"]["sequence"][1]["insert"]["at"]["xyz"][2] -= 0.001
+    with bt.open(file) as run:
+        pressed = inserting.ContactForces(run.world, "down")
+        leaf = run.finish().arms["arm1"].runs[-1]
+    assert leaf.status == "SUCCESS", leaf.reason
+    assert 1.0 < pressed.rim_n < 15.0
+    assert abs(pressed.height) < 0.001
+
+
 @pytest.mark.parametrize("has_bottom", [True, False])
 def test_compliant_arm_on_the_bottom_need_not_reach_the_full_force(
     has_bottom: bool,
