@@ -66,8 +66,10 @@ def test_obstacle_in_the_path_of_the_part(tmp_path: Path) -> None:
 
 
 def test_goal_beyond_the_range(tmp_path: Path) -> None:
-    far: Tree = {"operate": {"object": "cabinet", "joint": "slide", "to": 0.25}}
-    cause = causes_of(tmp_path, PULLS, far)[0]
+    """The check refuses a literal goal; this one is known only in the run."""
+    known: Tree = {"set": {"key": "goal", "value": 0.25}}
+    far: Tree = {"operate": {"object": "cabinet", "joint": "slide", "to": "{goal}"}}
+    cause = causes_of(tmp_path, known, PULLS, far)[0]
     assert cause.kind == "OUT_OF_RANGE", cause
     assert "0 to 0.18 m" in cause.sentence
 

@@ -150,7 +150,7 @@ MESSAGES = {
     "0.04}, tree: go_home}\n  arm5": ("joint 'panda_finger_joint2' follows", "panda_finger_jo"),
     "slide": ("there is no locked joint of ur5 'slide'", "ur5 has none"),
     "panda_finger_joint1: 0.04}\n    tree": ("comes off for panda_hand", "use `open_gripper`"),
-    "wide": ("panda_finger_joint1: expected a number", "not text 'wide'"),
+    "wide": ("panda_finger_joint1: expected a number, or text with a unit", "not 'wide'"),
 }
 """Text at which each problem is reported, with its message and its hint."""
 

@@ -277,7 +277,8 @@ from bt_dualarm.sweeps.engine import ProcessEngine, Task
 engine = ProcessEngine(1)
 cases = [{"number": 0, "folder": sys.argv[1]}]
 engine.submit(Task(next(iter(calls_of("tests.sweeps.example_calls:linger", cases)))))
-while not Path(sys.argv[1], "lingers_0").exists():
+begun = Path(sys.argv[1], "lingers_0")
+while not (begun.exists() and begun.read_text()):  # it may exist, and not yet be written
     engine.completed(0.1)
 print("begun", flush=True)
 sys.stdin.read()
