@@ -86,7 +86,7 @@ class Insert(Skill):
                 ((spun, bottom),) = self._bottoms
                 if spun:
                     self.metrics["spun_rad"] = spun
-                inserting = Inserting(arm, self.ports, name, grip, self._axes, bottom, self.metrics)
+                inserting = Inserting(arm, self.ports, name, grip, bottom, self.metrics)
                 yield from inserting.through()
             except Failure as failure:
                 if failure.code == "SLIPPED":

@@ -796,10 +796,10 @@ def _remedy(stuck: Sequence[CellWait]) -> str:
             advice = f"Let {' and '.join(in_the_way)} wait elsewhere, for example after `go_home`, "
             advice += f"or come there only when {wait.arm} is done"
             if in_the_way == holding:
-                advice = (
-                    f"Let {holding[0]} hold still elsewhere, or in another posture; a skill whose "
+                advice = f"Let {holding[0]} hold still elsewhere, or in another posture; "
+                advice += (
+                    f"a skill whose `into` names what {holding[0]} holds may come nearer to that"
                 )
-                advice += f"`into` names what {holding[0]} holds may come nearer to that"
             found.append(f"; {wait.arm} cannot go on{why}. {advice}")
         elif not wait.has_other_path:
             found.append(f"; {wait.arm} cannot leave its prescribed path{why}")

@@ -25,13 +25,13 @@ _LONG_S: Final = 0.13
 _VERY_LONG_S: Final = (
     0.5  # by then joints have broken away, however uneven the set-point's speed is
 )
-_CREEPS_S: Final = 1.5  # in which a tool is slowed by something soft
+_CREEPS_S: Final = 1.5  # for something soft, which slows the tool, and does not stop it
 _BRISK: Final = 0.1  # a guarded descent begins with this fraction of the acceleration limits
 _STEADY: Final = 0.75  # fraction of the highest speed, which varies along the path
 _SLOW: Final = 0.3  # the same for the longest window
 _STOPPED: Final = 0.35  # fraction of the distance; a joint that sticks briefly leaves more
 _LONG_STOPPED: Final = 0.2
-_CREEPING: Final = 0.5
+_CREEPING: Final = 0.5  # the same for a tool that something soft slows
 _SOFTLY: Final = 1.5  # multiple of the force, as friction may change within that time
 
 

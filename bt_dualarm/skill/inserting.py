@@ -14,6 +14,7 @@ from bt_dualarm.core.errors import Failure, Number
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.skill.grip import Grip
 from bt_dualarm.skill.guarded_move import TOUCHDOWN_M_S, guarded_descent, until_contact
+from bt_dualarm.skill.skill import unit_vector
 from bt_dualarm.spec.node_types import PortModel, port
 from bt_dualarm.spec.values import Speed, Vector3
 from bt_dualarm.trajectory.overlap import OverlappedMotion
@@ -140,7 +141,6 @@ class Inserting:
         ports: Ports of the skill.
         peg: Name of the peg.
         grip: Monitor of the peg.
-        axes: Axes of the hole.
         bottom: Pose of the tool in the world with the peg at its goal.
         metrics: Metrics of the skill, to be filled.
 
@@ -163,14 +163,13 @@ class Inserting:
         ports: InsertingPorts,
         peg: str,
         grip: Grip,
-        axes: HoleAxes,
         bottom: Pose,
         metrics: dict[str, Number],
     ) -> None:
         self._arm = arm
         self._ports = ports
         self._peg = frozenset({peg})
-        self._axes = axes
+        self._axes = HoleAxes(unit_vector(ports.direction))
         self._bottom = bottom
         self._metrics = metrics
         self._grip = grip
