@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 
 import mujoco
@@ -62,6 +63,17 @@ class WorldView:
         state = np.empty(mujoco.mj_stateSize(self.model, kind))
         mujoco.mj_getState(self.model, self.data, state, kind)
         return state
+
+    def with_contact_forces(self) -> mujoco.MjData:
+        """Copy of the state in which the forces are those of its contacts.
+
+        A step ends with new constraints, but with the solver's forces of those before. Where one
+        comes or goes, such as the stop of an open finger, ``mj_contactForce`` then reads forces of
+        other ones.
+        """
+        data = copy.copy(self.data)
+        mujoco.mj_forward(self.model, data)
+        return data
 
     def object_body(self, name: str) -> int:
         """Id of an object's body."""

@@ -162,7 +162,7 @@ def stands_without(arm: Arm, name: str) -> bool:
     if any(one.object == name and one.arm != arm.name for one in world.attachments):
         return True
     model = world.model
-    data = world.data
+    data = world.with_contact_forces()
     geoms = world.payload_geoms(name)
     own = world.arms[arm.name].geom_ids
     force = np.empty(6)

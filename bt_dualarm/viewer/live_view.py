@@ -124,7 +124,7 @@ class Snapshot(IdleObserver):
             "time": round(float(data.time), 4),
             "generation": generation,
             "poses": signals.bodies(data),
-            "contacts": signals.contacts(model, data),
+            "contacts": signals.contacts(model, self._world.with_contact_forces()),
             "cameras": [
                 {**camera, "look": self.notes.look(str(camera["arm"]))}
                 for camera in signals.cameras(model, data, self._indices)

@@ -139,7 +139,12 @@ def bodies(data: mujoco.MjData) -> str:
 
 
 def contacts(model: mujoco.MjModel, data: mujoco.MjData) -> list[Json]:
-    """Contacts: point in m, force on the second body in N, names of both bodies."""
+    """Contacts: point in m, force on the second body in N, names of both bodies.
+
+    Args:
+        model: The model.
+        data: Its state, whose forces are those of its contacts.
+    """
     found = []
     force = np.zeros(6)
     for number in range(min(data.ncon, 4 * MOST_CONTACTS)):

@@ -164,6 +164,18 @@ def test_passenger_does_not_count_as_a_support() -> None:
     assert not stands_without(cast("Arm", SimpleNamespace(world=world, name="arm1")), "plate")
 
 
+def test_support_of_an_object_that_rocks_is_felt_in_each_step() -> None:
+    """Forces of other contacts were read where contacts had come or gone in the last step."""
+    place = PoseSpec(xyz=(0.285, -0.107, TOP + 0.0445))
+    can = ObjectSpec(shape="cylinder", size=(0.025, 0.088), mass=0.187, pose=place)
+    world = settled({"can": can}, steps=60)
+    stood = []
+    for _ in range(150):
+        world.step()
+        stood.append(stands_without(cast("Arm", SimpleNamespace(world=world, name="arm1")), "can"))
+    assert all(stood), stood.count(False)
+
+
 def test_object_taken_from_a_held_tray_may_be_near_it() -> None:
     file = file_of(
         {"arm1": arm("ur5", (0.0, 0.0, 0.4)), "arm2": arm("panda", (1.3, 0.0, 0.4), 180.0)},

@@ -20,7 +20,7 @@ import bt_dualarm
 from bt_dualarm.behaviors.report import StatusChange
 from bt_dualarm.runtime.interruption import StopRequest
 from bt_dualarm.runtime.run import Run
-from bt_dualarm.viewer.live_view import LiveView
+from bt_dualarm.viewer.live_view import LiveView, Snapshot
 from bt_dualarm.viewer.server import Gate, GateError, whole_page
 from tests.replay.runs import write_short
 from tests.viewer.browsers import Browser
@@ -64,6 +64,29 @@ def test_holding_and_stepping_do_not_change_the_hash(tree: Path) -> None:
         browser.press("go")
         thread.join(60)
         assert run.result.state_sha256 == plain
+
+
+STANDING = """\
+bt_dualarm: 1
+world: {scene: empty, reality: rough}
+objects:
+  can: {shape: cylinder, size: [0.025, 0.088], mass: 0.187, pose: {xyz: [0.3, -0.3, 0.0445]}}
+arms: {arm1: {robot: panda, gripper: robotiq_2f85, tree: {wait: 1}}}
+"""
+
+
+def test_contact_forces_add_up_to_the_weight_while_fingers_meet_their_stops() -> None:
+    """Forces of other constraints were read where those of stops had come or gone in a step."""
+    with bt_dualarm.open(STANDING) as run:
+        snapshot = Snapshot(run.world, run.assembly.arms, run.views)
+        run.step(0.1)
+        shown = []
+        for _ in range(100):
+            run.step(0.002)
+            snapshot.take()
+            contacts = [one for one in snapshot.now["contacts"] if "can" in one["between"]]
+            shown.append(sum(abs(one["force"][2]) for one in contacts))
+    assert shown == pytest.approx(np.full(100, 0.187 * 9.81), abs=0.3)
 
 
 def test_step_advances_one_step_and_tick_to_the_next_tick(tree: Path) -> None:
