@@ -7,7 +7,7 @@ Prints::
     grasp: SUCCESS after ... s
     place: SUCCESS after 7.4 s
     located from 3 views, 0.4 mm off
-    held by 5 N at a width of 50.1 mm
+    held by 5 N at a width of 50 mm
     placed 0.2 mm from the goal
 """
 
@@ -48,5 +48,5 @@ for leaf in leaves.values():
 # A leaf that never ran is missing: its name raises an error that lists those that ran.
 locate, grasp, place = (leaves[f"sequence/{name}"].metrics for name in ("locate", "grasp", "place"))
 print(f"located from {locate['views']} views, {1000 * locate['located_error_m']:.1f} mm off")
-print(f"held by {grasp['grip_force_n']:.0f} N at a width of {1000 * grasp['width_m']:.1f} mm")
+print(f"held by {grasp['grip_force_n']:.0f} N at a width of {1000 * grasp['width_m']:.0f} mm")
 print(f"placed {1000 * place['placed_error_m']:.1f} mm from the goal")

@@ -15,7 +15,7 @@ from pydantic import ConfigDict, Discriminator, Tag, ValidationError, model_vali
 
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.spec.node_types import port
-from bt_dualarm.spec.problems import nearest
+from bt_dualarm.spec.problems import meant_by, nearest
 from bt_dualarm.spec.values import Goal, Point, PoseSpec, Refers, Turn, Value
 from bt_dualarm.spec.yaml_reader import Data, Json, with_tuples
 
@@ -131,7 +131,10 @@ def _notation(value: object) -> str:
     unknown = value.keys() - PoseSpec.model_fields.keys()
     # A misspelled word decides as well, so that the message suggests the right one.
     words = {*_OWN_WORDS, *PoseSpec.model_fields}
-    is_relative = any(nearest(str(name), words) in _OWN_WORDS for name in unknown)
+    is_relative = any(
+        nearest(str(name), words) in _OWN_WORDS or meant_by(str(name), _OWN_WORDS)
+        for name in unknown
+    )
     return "relative" if is_relative else "pose"
 
 

@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 
 from bt_dualarm.behaviors.language import LANGUAGE
+from bt_dualarm.runtime.file_check import check
+from bt_dualarm.skill.registry import Registry
 from bt_dualarm.spec.node_types import NodeType, kind_hint, synonyms_in
 
 PAGE = Path(__file__).parents[2] / "docs" / "ticking.md"
@@ -47,3 +49,27 @@ def test_every_synonym_leads_to_a_node_type_and_none_is_one() -> None:
 def test_the_documentation_has_every_synonym() -> None:
     page = PAGE.read_text(encoding="utf-8")
     assert [name for name in SYNONYMS if f"`{name}`" not in page] == []
+
+
+@pytest.mark.parametrize(
+    ("pose", "meant"),
+    [
+        ("{relative_to: cube, xyz: [0, 0, 0.1]}", "in_frame"),
+        ("{frame_id: base, xyz: [0.4, 0, 0.1]}", "in_frame"),
+        ("{parent: cube}", "in_frame"),
+        ("{over: cube, by: 0.1}", "above"),
+        ("{onto: cube}", "on"),
+        ("{next_to: cube}", "beside"),
+    ],
+)
+def test_words_of_other_systems_for_a_relative_pose_lead_to_ours(pose: str, meant: str) -> None:
+    """They were taken for a pose in the world, whose fields were listed."""
+    tree = f"""
+bt_dualarm: 1
+world: {{scene: empty}}
+objects:
+  cube: {{shape: box, size: [0.05, 0.05, 0.05], mass: 0.1, pose: {{xyz: [0.5, 0, 0.025]}}}}
+arms: {{arm1: {{robot: panda, tree: {{reach_to_pose: {{to: {pose}}}}}}}}}
+"""
+    [problem] = check(tree, Registry.load().kinds).problems
+    assert problem.hint == f"here it is '{meant}'"
