@@ -774,24 +774,37 @@ def _problems_of_the_world(file: TreeFile, source: Source, name: str) -> list[Pr
         return [Problem(Location(name), str(error))]
     # A tool slightly inside an object is about to grasp it: only objects are pushed away.
     overlaps = [
-        _overlap(file, source, error)
+        error
         for error in world.overlaps(SHALLOW_DEPTH)
         if error.depth > MAX_DEPTH or error.obj in file.objects
     ]
-    return [*overlaps, *_near_arms(world, source)]
+    overlapping = [{error.obj, error.other} for error in overlaps]
+    return [
+        *(_overlap(file, source, error) for error in overlaps),
+        *_near_arms(world, source, overlapping),
+    ]
 
 
-def _near_arms(world: World, source: Source) -> Iterator[Problem]:
-    """Yields a warning for each pair of arms that begin nearer to each other than plans allow."""
+def _near_arms(world: World, source: Source, overlapping: Sequence[set[str]]) -> Iterator[Problem]:
+    """Yields a warning for each pair of arms that begin nearer to each other than plans allow.
+
+    Args:
+        world: The world at its start.
+        source: The file.
+        overlapping: Pairs of names that are reported already.
+    """
     names = list(world.arms)
     for i, name in enumerate(names):
         horizons = dict.fromkeys(names[:i], RESTING_MARGIN_M)
         for other, gap in ArmDistance(world, name).gaps({}, horizons).items() if horizons else ():
-            if 0.0 < gap.meters < RESTING_MARGIN_M:
-                message = f"{gap.first} begins {1e3 * gap.meters:.0f} mm from {gap.second}"
+            if gap.meters < RESTING_MARGIN_M and {name, other} not in overlapping:
+                where = f"{1e3 * gap.meters:.0f} mm from" if gap.meters > 0.0 else "in contact with"
+                message = f"{gap.first} begins {where} {gap.second}"
                 hint = (
                     f"plans keep {1e3 * RESTING_MARGIN_M:.0f} mm from other arms: once {name} or "
                     f"{other} has left this posture, it cannot return while the other one is there"
+                    if gap.meters > 0.0
+                    else f"no motion may begin there: another base, or another posture of {name}"
                 )
                 yield replace(_at_base(source, name, message, hint), severity="warning")
 
