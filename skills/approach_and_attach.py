@@ -90,6 +90,7 @@ class ApproachAndAttach(Skill):
         "BUSY": "another leaf moves the arm",
     }
     example = "approach_and_attach: {object: cube, standoff: 0.10}"
+    takes_hold = True
     ports: Ports
 
     def run(self) -> Iterator[float | None]:

@@ -53,6 +53,7 @@ class CarryTogether(Skill):
     example = "carry_together: {object: beam, with: [arm2], to: {xyz: [0.05, -0.5, 0.525]}}"
     needs = ("bt_dualarm.skill.preload_grasping",)
     needs_gripper = True
+    takes_hold = True
     ports: Ports
 
     def run(self) -> Iterator[float | None]:

@@ -51,6 +51,7 @@ class CloseGripper(Skill):
     }
     example = "close_gripper: {force: 40}"
     needs_gripper = True
+    takes_hold = True
     ports: Ports
 
     def run(self) -> Iterator[float | None]:

@@ -109,6 +109,7 @@ class Grasp(Skill):
     example = "grasp: {object: cube}"
     needs = ("bt_dualarm.skill.preload_grasping",)
     needs_gripper = True
+    takes_hold = True
     ports: Ports
 
     def run(self) -> Iterator[float | None]:

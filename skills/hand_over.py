@@ -76,6 +76,7 @@ class HandOver(Skill):
         "SPILLED": "what stood on the object fell off",
     }
     example = "hand_over: {object: cube, to: arm2}"
+    needs_held = True
     counterpart = Counterpart("take_over", partner="to", its_partner="from")
     needs = ("bt_dualarm.skill.preload_grasping",)
     ports: Ports

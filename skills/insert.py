@@ -63,6 +63,7 @@ class Insert(Skill):
         "insert: {object: cube, at: {xyz: [0.25, -0.45, 0.425], rpy: [0, 0, 0]}, depth: 0.012}"
     )
     needs_gripper = True
+    needs_held = True
     ports: Ports
 
     def run(self) -> Iterator[float | None]:

@@ -65,6 +65,7 @@ class Operate(Skill):
         "DROPPED": "the arm has lost the part",
     }
     example = "operate: {object: cabinet, joint: slide, to: 0.15}"
+    needs_held = True
     ports: Ports
 
     def run(self) -> Iterator[float | None]:

@@ -59,6 +59,7 @@ class Place(Skill):
     example = "place: {object: cube, at: {xyz: [0.35, -0.45, 0.425]}}"
     needs = ("scipy.spatial",)
     needs_gripper = True
+    needs_held = True
     ports: Ports
 
     def run(self) -> Iterator[float | None]:

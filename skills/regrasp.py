@@ -42,6 +42,7 @@ class Regrasp(Skill):
     example = "regrasp: {object: cube}"
     needs = ("scipy.spatial", "bt_dualarm.skill.preload_grasping")
     needs_gripper = True
+    takes_hold = True
     ports: Ports
 
     def run(self) -> Iterator[float | None]:

@@ -135,6 +135,8 @@ def world_causes(e: Evidence) -> Iterator[Cause]:
             yield gone
         elif e.code == "NOT_ATTACHED":
             yield not_attached(e, name)
+    if name is None and "object" in e.ports and e.code in ("NOT_HELD", "NOT_ATTACHED"):
+        yield _empty_handed(e)
     if e.code == "OVERLOADED":
         yield _too_heavy(e)
     is_carried = "joint" not in e.ports and e.ports.get("then_to") is None
@@ -335,7 +337,8 @@ def not_attached(e: Evidence, name: str) -> Cause:
             and node.kind in (*GRASPING_LEAVES, "take_over")
             and name in map(str, node.ports.values())
             for change in node.changes
-            if change.old == "RUNNING" and change.new != "SUCCESS"
+            # A leaf that is refused fails in its first tick.
+            if change.new == "FAILURE" or (change.old == "RUNNING" and change.new != "SUCCESS")
             if change.time <= e.ended + 1e-9
         ]
         if attempts:
@@ -359,6 +362,24 @@ def not_attached(e: Evidence, name: str) -> Cause:
     holders = e.scene(e.ended).holders(name)
     who = f"; {holders[0]} holds it" if holders else ""
     return e.cause("LOST_HOLD", f"{e.arm} no longer held {name}{who}")
+
+
+def _empty_handed(e: Evidence) -> Cause:
+    """Cause for an arm that holds nothing, while a leaf requires it to hold any object."""
+    objects = e.record.start["objects"]
+    tried = [
+        (change.index, obj)
+        for node in e.timeline.leaves()
+        if node.arm == e.arm and node.kind in (*GRASPING_LEAVES, "take_over")
+        for obj in map(str, node.ports.values())
+        if obj in objects
+        for change in node.changes
+        if change.time <= e.ended + 1e-9
+    ]
+    if tried:
+        return not_attached(e, max(tried)[1])
+    sentence = f"{e.arm} holds nothing: no leaf had grasped an object before"
+    return e.cause("NEVER_ATTACHED", sentence, "`grasp` an object before")
 
 
 def carried(e: Evidence) -> set[str]:

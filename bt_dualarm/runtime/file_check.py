@@ -307,6 +307,8 @@ class Names:
     def _joint_of(self, node: NodeSpec) -> Articulation | None:
         """Joint that a node names, or on which the part that it names moves; None if unknown."""
         owner, joint, part = (node.ports.get(name) for name in ("object", "joint", "part"))
+        if not isinstance(part, str):  # another check reports what is not a name
+            part = None
         for name, obj in self.file.objects.items():
             hung = obj.joint
             if hung is not None and (

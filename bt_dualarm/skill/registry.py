@@ -11,7 +11,7 @@ import re
 import sys
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType, ModuleType
@@ -186,7 +186,7 @@ class Registry:
             elif name in shipped and _shipped(shipped[name]) is not skill:
                 complaints.append(f"{origin}: skill '{name}' is already in {shipped[name]}")
             skills.setdefault(name, skill)
-            kinds.setdefault(name, kind_of(skill, origin))
+            kinds.setdefault(name, replace(kind_of(skill, origin), takes_hold=True))
         if complaints:
             raise RegistryError(complaints)
         return cls(
@@ -217,6 +217,8 @@ def kind_of(skill: type[Skill], origin: str) -> NodeType:
         brings_in=frozenset(skill.brings_in),
         needs_camera=skill.needs_camera,
         needs_gripper=skill.needs_gripper,
+        needs_held=skill.needs_held,
+        takes_hold=skill.takes_hold,
         counterpart=skill.counterpart,
         failures=skill.failures,
         example=skill.example,

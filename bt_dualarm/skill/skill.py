@@ -123,6 +123,9 @@ class Skill:
         needs: Modules that are slow to import; they are imported before the run.
         needs_camera: Whether it works only with a camera that moves with the arm.
         needs_gripper: Whether it works only with an arm that has a gripper.
+        needs_held: Whether it works only while the arm holds an object.
+        takes_hold: Whether the arm may hold an object after it that it did not hold before; the
+            check of the tree assumes it of every skill that is not shipped.
         counterpart: Skill of another arm with which it acts together; the check of the tree then
             looks for it.
         progress: Progress from 0 to 1, for the display; None if it is unknown.
@@ -138,6 +141,8 @@ class Skill:
     needs: ClassVar[tuple[str, ...]] = ()
     needs_camera: ClassVar[bool] = False
     needs_gripper: ClassVar[bool] = False
+    needs_held: ClassVar[bool] = False
+    takes_hold: ClassVar[bool] = False
     counterpart: ClassVar[Counterpart | None] = None
 
     ports: Any  # a subclass annotates the type of its own

@@ -881,6 +881,28 @@ def absent(file: TreeFile, source: Source, node_types: Mapping[str, NodeType]) -
                 yield replace(node.port_problem(path, message), severity="warning")
 
 
+# Warnings of arms that never hold what a node needs them to hold.
+
+
+def empty_handed(file: TreeFile, node_types: Mapping[str, NodeType]) -> Iterator[Problem]:
+    """Returns a warning for each arm whose tree needs a held object, but never takes one.
+
+    Args:
+        file: The file.
+        node_types: Node types by name, of the language and of the skills.
+    """
+    for name, arm in file.arms.items():
+        nodes = [node for node in arm.tree.walk() if node.kind in node_types]
+        if any(node_types[node.kind].takes_hold for node in nodes):
+            continue
+        needing = next((node for node in nodes if node_types[node.kind].needs_held), None)
+        if needing is not None:
+            message = f"{needing.kind}: {name} never holds an object: nothing in its tree takes one"
+            hint = "put `grasp` before it, or `take_over` or `approach_and_attach`"
+            problem = needing.problem(message, hint)
+            yield replace(problem, severity="warning")
+
+
 # Warnings of parameters and subtrees that a file declares but does not use.
 
 
@@ -1051,3 +1073,4 @@ class Examination:
             yield from outcome_warnings(arm.tree, self._node_types)
             yield from drift_warnings(arm.tree, self._node_types)
         yield from absent(file, source, self._node_types)
+        yield from empty_handed(file, self._node_types)

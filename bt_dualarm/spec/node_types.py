@@ -613,6 +613,8 @@ class NodeType:
         brings_in: Ports that name what the node spawns.
         needs_camera: Whether it works only with a camera that moves with the arm.
         needs_gripper: Whether it works only with an arm that has a gripper.
+        needs_held: Whether it works only while the arm holds an object.
+        takes_hold: Whether the arm may hold an object after it that it did not hold before.
         counterpart: Skill of another arm with which it acts together, if there is one.
         failures: Failure codes with their meaning.
         example: A node in YAML.
@@ -635,6 +637,8 @@ class NodeType:
     brings_in: frozenset[str] = frozenset()
     needs_camera: bool = False
     needs_gripper: bool = False
+    needs_held: bool = False
+    takes_hold: bool = False
     counterpart: Counterpart | None = None
     failures: Mapping[str, str] = field(default_factory=dict)
     example: str = ""

@@ -116,7 +116,9 @@ class ParamSpec(Value):
         given = data.get("range") if isinstance(data, dict) else None
         if not isinstance(given, (list, tuple)):
             return data
-        unit = data.get("unit") or _UNITS.get(data.get("type"), "")
+        unit = data.get("unit") or _UNITS.get(str(data.get("type")), "")
+        if not isinstance(unit, str):
+            return data  # the field's own check reports it
         ends = []
         for end in given:
             number = number_in(end, unit) if isinstance(end, str) else None

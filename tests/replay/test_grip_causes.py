@@ -91,6 +91,21 @@ def test_an_object_that_was_never_grasped(tmp_path: Path) -> None:
     assert (cause.kind, cause.remedy) == ("NEVER_ATTACHED", "grasp: {object: obj} before")
 
 
+@pytest.mark.parametrize("leaf", ["place: {at: {xyz: [0.25, -0.4, 0.47]}}", "regrasp"])
+def test_a_leaf_that_needs_any_object_in_an_empty_hand(leaf: str, tmp_path: Path) -> None:
+    """Without a port that names the object, no cause was given."""
+    cause = why(tmp_path / "never", CUBE, f"[{leaf}]")
+    assert cause.kind == "NEVER_ATTACHED"
+    assert cause.remedy == "`grasp` an object before"
+    cause = why(tmp_path / "released", CUBE, f"[{GRASP}, release, {leaf}]")
+    assert cause.kind == "LET_GO", cause
+    assert "'sequence/release' (release) had released obj at" in cause.sentence
+    wide = [0.12, 0.12, 0.05]
+    cause = why(tmp_path / "failed", wide, f"[force_success: {{child: {{{GRASP}}}}}, {leaf}]")
+    assert cause.kind == "NEVER_ATTACHED"
+    assert "arm1 never grasped obj: 'sequence/force_success/grasp' (grasp) failed" in cause.sentence
+
+
 @pytest.mark.parametrize("releases", ["place: {at: {xyz: [0.3, -0.4, 0.426]}}", "release"])
 def test_a_leaf_that_released_the_object_without_its_name(releases: str, tmp_path: Path) -> None:
     cause = why(tmp_path, CUBE, f"[{GRASP}, {releases}, {HIGH}]")
@@ -110,6 +125,13 @@ def test_a_hand_that_does_not_fit_at_the_goal_needs_another_grasp(tmp_path: Path
     cause = why(tmp_path, [0.04, 0.05, 0.1], steps, WALLS)
     assert cause.kind == "IN_THE_WAY"
     assert cause.remedy.startswith("grasp it otherwise: give `then_at` of `grasp` this goal")
+
+
+def test_what_belongs_to_the_scene_is_not_to_be_moved(tmp_path: Path) -> None:
+    """The remedy was to move the table away."""
+    cause = why(tmp_path, CUBE, f"[{GRASP}, move_linear: {{offset: {{xyz: [0.1, 0, -0.1]}}}}]")
+    assert cause.kind == "IN_THE_WAY"
+    assert cause.remedy == "take a path farther from table"
 
 
 def test_a_goal_out_of_reach_with_this_grasp_is_named_with_a_remedy(tmp_path: Path) -> None:

@@ -146,6 +146,32 @@ def test_a_skill_spawns_what_it_declares(name: str, brings: bool, tmp_path: Path
     assert bool(problems) is not brings
 
 
+@pytest.mark.parametrize(
+    ("tree", "is_warned_of"),
+    [
+        ("sequence: [look, place]", True),
+        ("sequence: [place, take]", False),
+        ("selector: [{sequence: [look, take]}, place]", False),
+        ("sequence: [look, look]", False),
+    ],
+)
+def test_an_arm_that_needs_a_held_object_but_takes_none(
+    tree: str, is_warned_of: bool, tmp_path: Path
+) -> None:
+    kinds = {
+        **SKILLS,
+        "place": replace(SKILLS["look"], name="place", needs_held=True),
+        "take": replace(SKILLS["look"], name="take", takes_hold=True),
+    }
+    warnings = [
+        problem.message
+        for problem in check_file(task(tmp_path, tree), kinds)
+        if "never holds" in problem.message
+    ]
+    message = "place: arm1 never holds an object: nothing in its tree takes one"
+    assert warnings == [message] * is_warned_of
+
+
 def test_an_arm_that_no_leaf_spawns(tmp_path: Path) -> None:
     path = task(tmp_path, "look")
     with path.open("a") as file:
