@@ -161,6 +161,12 @@ class Failure(DualArmError):
         self.numbers = {**self.numbers, **numbers}
         return self
 
+    def adding(self, clause: str) -> Self:
+        """Returns this failure, with a further clause at the end of its reason."""
+        self.reason = f"{self.reason}; {clause}"
+        self.args = (f"{self.code}: {self.reason}",)
+        return self
+
 
 class AbsentError(Failure, WorldError):
     """An arm or object is not in the world: it was removed, or has not been spawned.

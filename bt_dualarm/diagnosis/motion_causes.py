@@ -16,7 +16,7 @@ from bt_dualarm.diagnosis.evidence import LOOK_BACK_S, Cause, Evidence, descend
 from bt_dualarm.diagnosis.joint_causes import MovedJoint
 from bt_dualarm.diagnosis.object_causes import GRASPING_LEAVES, carried
 from bt_dualarm.kinematics.inverse_kinematics import Workspace
-from bt_dualarm.replay.timeline import ContactPoint, TimelineNode
+from bt_dualarm.replay.timeline import ContactPoint, TimelineNode, held_over_time
 from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.runtime.outcome import Ending
 from bt_dualarm.skill.cell import waiting_sentence
@@ -50,9 +50,61 @@ def _nothing_there(e: Evidence) -> Cause:
         below = 1e3 * float(e.ports["search"])
         sentence = f"there is no ground within {below:.0f} mm below the place: {e.reason}"
         return e.cause("NOTHING_THERE", sentence, "a lower `at`, or a longer `search`")
-    distance = 1e3 * float(e.numbers.get("distance_m", 0.0))
+    if "distance_m" not in e.numbers:  # the distance follows from a pose
+        return e.cause("NOTHING_THERE", e.reason, "another `at`, `depth` or `direction`")
+    distance = 1e3 * float(e.numbers["distance_m"])
     sentence = f"there was nothing to touch within {distance:.0f} mm"
     return e.cause("NOTHING_THERE", sentence, "a longer distance, or another direction")
+
+
+def held_still_causes(e: Evidence) -> Iterator[Cause]:
+    """Yields a cause for each arm that did not hold still what the leaf goes `into` to its end."""
+    into = e.ports.get("into")
+    if not isinstance(into, str) or not e.code or not e.scene(e.began).has(into):
+        return
+    for holder in e.scene(e.began).holders(into):
+        if holder == e.arm:
+            continue
+        remedy = f"hold_still: {{partner: {e.arm}}} in the tree of {holder} until {e.leaf.path!r}"
+        remedy += " has ended"
+        removal = e.timeline.removal(holder)
+        if removal is not None and removal[1].time <= e.ended:
+            node, change = removal
+            sentence = (
+                f"{node.arm}:{node.path} (remove) removed {holder}, which held {into}, at "
+                f"{change.time:.2f} s"
+            )
+            remedy = f"remove {holder} when {e.leaf.path!r} has ended"
+            yield e.cause("TAKEN_AWAY", sentence, remedy, leaf=node.path, time_s=change.time)
+            continue
+        lost = [
+            time
+            for time, names in held_over_time(e.record, holder)
+            if e.began < time <= e.ended and into not in names
+        ]
+        if lost:
+            doing = _running(e, holder, lost[0])
+            sentence = f"{holder} let go of {into} at {lost[0]:.2f} s{doing}"
+            yield e.cause("LET_GO", sentence, remedy, time_s=lost[0])
+            continue
+        running = e.timeline.roots[holder].leaves_at(e.ended, "RUNNING")
+        holding = [
+            leaf
+            for leaf in running
+            if leaf.kind == "hold_still" and leaf.ports.get("partner") == e.arm
+        ]
+        if not holding:
+            sentence = (
+                f"{holder}, which holds {into}, was not in hold_still with partner: {e.arm}"
+                f"{_running(e, holder, e.ended)}"
+            )
+            yield e.cause("OTHER_ARM", sentence, remedy)
+
+
+def _running(e: Evidence, arm: str, time: float) -> str:
+    """What another arm was doing at a time, as a parenthesis; empty if its tree had ended."""
+    running = e.timeline.roots[arm].leaves_at(time, "RUNNING")
+    return f" (running {running[0].path!r})" if running else ""
 
 
 def _pressed(e: Evidence) -> Iterator[Cause]:

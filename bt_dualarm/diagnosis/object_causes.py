@@ -78,7 +78,7 @@ def _writes(e: Evidence, node: TimelineNode, key: str) -> bool:
 GRASPING_LEAVES: Final = ("approach_and_attach", "grasp", "regrasp")
 """Node types that grasp an object."""
 
-_RELEASING_LEAVES: Final = ("detach", "place", "insert", "release")
+_RELEASING_LEAVES: Final = ("detach", "open_gripper", "place", "release")
 """Node types that release one."""
 
 _FALLEN_M: Final = 0.05

@@ -22,6 +22,7 @@ from bt_dualarm.diagnosis.joint_causes import joint_causes
 from bt_dualarm.diagnosis.motion_causes import (
     contact_causes,
     coordination_causes,
+    held_still_causes,
     reach_causes,
     time_causes,
 )
@@ -40,6 +41,7 @@ from bt_dualarm.spec.node_types import escaped
 _RULES: Final[tuple[Callable[[Evidence], Iterator[Cause]], ...]] = (
     injected_causes,
     coordination_causes,
+    held_still_causes,
     blackboard_causes,
     world_causes,
     joint_causes,

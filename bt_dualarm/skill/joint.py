@@ -196,10 +196,25 @@ def into_held(arm: Arm, obj: str | None) -> Iterator[None]:
     Args:
         arm: Arm of the leaf.
         obj: Name of the object; None for none. Of an object in no other hand nothing changes.
+
+    Raises:
+        Failure: As within the block; its reason names an arm that does not consent any more.
     """
+    attachments = arm.world.attachments
+    holders = [one for one in attachments.holders(obj) if one != arm.name] if obj else []
     with ExitStack() as shared:
-        if obj is not None:
-            for holder in arm.world.attachments.holders(obj):
-                if holder != arm.name:
-                    shared.enter_context(shared_grasp(arm, holder, obj, HANDS_APART_M))
-        yield
+        for holder in holders:
+            shared.enter_context(shared_grasp(arm, holder, str(obj), HANDS_APART_M))
+        try:
+            yield
+        except Failure as failure:
+            sharing = attachments.shared_grasps(arm.name)
+            consenting = [one.partner for one in sharing if one.object == obj]
+            for holder in holders:
+                if holder not in attachments.holders(str(obj)):
+                    failure.adding(f"{holder} no longer holds {obj}")
+                elif holder not in consenting:
+                    failure.adding(
+                        f"{holder} holds {obj}, but not in hold_still with partner: {arm.name}"
+                    )
+            raise

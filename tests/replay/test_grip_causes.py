@@ -172,6 +172,20 @@ def test_the_remedy_for_an_assumed_mass_is_to_give_it(tmp_path: Path) -> None:
     assert cause.remedy == "give the leaf the mass: mass: 0.2"
 
 
+def test_open_gripper_is_named_as_the_leaf_that_released(tmp_path: Path) -> None:
+    """`insert`, which keeps hold of its peg, was taken for such a leaf, and this was not."""
+    text = FILE.format(
+        size=CUBE,
+        height=0.425,
+        steps=f"[{GRASP}, open_gripper, transport: {{object: obj, to: {{xyz: [0.4, -0.3, 0.6]}}}}]",
+        others="",
+    )
+    [story] = stories(recorded(tmp_path, text))
+    assert story.code == "NOT_ATTACHED"
+    assert story.causes[0].kind == "LET_GO"
+    assert "(open_gripper) had released obj" in story.causes[0].sentence
+
+
 FAR = """\
 bt_dualarm: 1
 name: far

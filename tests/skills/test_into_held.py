@@ -1,0 +1,69 @@
+"""Skills that go `into` what another arm holds name the arm that does not hold it still."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from bt_dualarm.diagnosis.story import stories
+from tests.replay.runs import recorded
+
+FILE = """\
+bt_dualarm: 1
+name: into
+world: {{scene: table, time_limit: 20}}
+objects:
+  post: {{shape: box, size: [0.04, 0.04, 0.20], mass: 0.2, pose: {{xyz: [0.4, -0.45, 0.5]}}}}
+arms:
+  holder:
+    robot: ur5
+    base: {{xyz: [0, 0, 0.4]}}
+    tree: {{sequence: [{{approach_and_attach: {{object: post}}}}, {holding}, {{wait: 0.2}}]}}
+  comer:
+    robot: ur5
+    base: {{xyz: [1.1, -0.45, 0.4], rpy: [0, 0, 180]}}
+    tree:
+      sequence:
+        - wait: 4.0
+        - move_linear: {{offset: {{xyz: {offset}}}, into: post}}
+"""
+INTO = [-0.19, 0.11, -0.28]
+
+
+@pytest.mark.parametrize(
+    ("holding", "clause", "kind", "why"),
+    [
+        (
+            "{hold_still: {duration: 1.0}}",
+            "holder holds post, but not in hold_still with partner: comer",
+            "OTHER_ARM",
+            "holder, which holds post, was not in hold_still with partner: comer",
+        ),
+        (
+            "{hold_still: {partner: comer, duration: 0.5}}, {detach: {object: post}}",
+            "holder no longer holds post",
+            "LET_GO",
+            "holder let go of post at ",
+        ),
+    ],
+    ids=["without a partner", "released"],
+)
+def test_failure_names_the_arm_that_does_not_hold_still(
+    holding: str, clause: str, kind: str, why: str, tmp_path: Path
+) -> None:
+    """Only what the arm would touch was named, and `insert` into nothing had "nothing to touch"."""
+    [story] = stories(recorded(tmp_path, FILE.format(holding=holding, offset=INTO)))
+    assert story.reason.endswith(f"; {clause}")
+    assert story.causes[0].kind == kind
+    assert story.causes[0].sentence.startswith(why)
+    assert "hold_still: {partner: comer} in the tree of holder" in story.causes[0].remedy
+
+
+def test_arm_that_holds_still_is_not_blamed(tmp_path: Path) -> None:
+    holding = "{hold_still: {partner: comer, duration: 2.0}}"
+    far = [3, 0, 0]
+    record = recorded(tmp_path, FILE.format(holding=holding, offset=far))
+    [story] = [one for one in stories(record) if one.arm == "comer"]
+    assert "holder" not in story.reason
+    assert "holder" not in story.causes[0].sentence
