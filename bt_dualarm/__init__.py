@@ -181,6 +181,7 @@ if TYPE_CHECKING:
     from bt_dualarm.spec.values import JointPosition as JointPosition
     from bt_dualarm.spec.values import ObjectName as ObjectName
     from bt_dualarm.spec.values import Offset as Offset
+    from bt_dualarm.spec.values import OtherArmName as OtherArmName
     from bt_dualarm.spec.values import PartName as PartName
     from bt_dualarm.spec.values import Plane as Plane
     from bt_dualarm.spec.values import PlaneOrFree as PlaneOrFree
@@ -268,6 +269,7 @@ _CONTENTS: Final = {
     "ObjectName": "spec.values:ObjectName",
     "ObjectPose": "spec.relative_pose:ObjectPose",
     "Offset": "spec.values:Offset",
+    "OtherArmName": "spec.values:OtherArmName",
     "PartName": "spec.values:PartName",
     "Plane": "spec.values:Plane",
     "PlaneOrFree": "spec.values:PlaneOrFree",

@@ -6,10 +6,10 @@ import math
 from collections.abc import Iterator
 
 from bt_dualarm import (
-    ArmName,
     CellWait,
     Duration,
     Failure,
+    OtherArmName,
     PortModel,
     Pose,
     PoseSpec,
@@ -36,7 +36,7 @@ class FollowTool(Skill):
     """
 
     class Ports(PortModel):
-        arm: ArmName = port(..., "arm whose tool is followed")
+        arm: OtherArmName = port(..., "arm whose tool is followed")
         offset: PoseSpec | None = port(
             None,
             "pose of this tool in the frame of the other one; by default the current pose, and "

@@ -9,10 +9,10 @@ import numpy as np
 
 from bt_dualarm import (
     HANDS_APART_M,
-    ArmName,
     CellWait,
     Duration,
     Failure,
+    OtherArmName,
     PortModel,
     Skill,
     Trajectory,
@@ -42,7 +42,7 @@ class HoldStill(Skill):
             ge=0,
             le=0.02,
         )
-        partner: ArmName | None = port(
+        partner: OtherArmName | None = port(
             None,
             "arm that may touch what this arm holds, with its hand and with what it holds; that "
             "arm's skill has to name the object as well",

@@ -37,12 +37,12 @@ from bt_dualarm.spec.node_types import (
 )
 from bt_dualarm.spec.values import (
     Angle,
-    ArmName,
     Duration,
     Goal,
     JointName,
     JointPosition,
     ObjectName,
+    OtherArmName,
     PoseSpec,
     PostureName,
     Vector3,
@@ -103,7 +103,7 @@ class ArmNear(_Leaf):
     class Ports(PortModel):
         """Ports of arm_near."""
 
-        arm: ArmName = port(..., "The other arm")
+        arm: OtherArmName = port(..., "The other arm")
         within: float = port(0.3, "Largest distance of the two tools", unit="m", gt=0.0, le=10.0)
 
     node_type = LanguageNode(

@@ -7,7 +7,7 @@ whether claims can deadlock.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Final, Literal, Self, TypeAlias
 
@@ -207,6 +207,7 @@ class CellCheck:
         trees: Tree of each arm, by the arm's name.
         node_types: Node types by name.
         also_used: Category and name of what the rest of the file uses.
+        is_sound: Whether a node has no errors of its own: these may be why no other node fits it.
     """
 
     source: Source
@@ -215,12 +216,14 @@ class CellCheck:
     trees: Mapping[str, NodeSpec]
     node_types: Mapping[str, NodeType]
     also_used: frozenset[tuple[str, str]] = frozenset()
+    is_sound: Callable[[NodeSpec], bool] = lambda _: True
 
     def problems(self) -> Iterator[Problem]:
         """Returns every error."""
         yield from self._declarations()
         for arm, root in self.trees.items():
             for node in root.walk():
+                yield from self._own_arm(arm, node)
                 yield from self._node(arm, node)
                 yield from self._counterpart(arm, node)
         yield from self._never_written()
@@ -285,6 +288,17 @@ class CellCheck:
                 hint = suggestion(name, self.trees, "arm")
                 yield self.source.problem((*path, index), f"there is no arm '{name}'", hint)
 
+    def _own_arm(self, arm: str, node: NodeSpec) -> Iterator[Problem]:
+        """Returns the errors of ports that name the arm itself instead of another one."""
+        node_type = self.node_types.get(node.kind)
+        for name, info in node_type.ports.model_fields.items() if node_type else ():
+            refers = metadata_of(info, Refers)
+            if refers is not None and refers.to_others and node.ports.get(name) == arm:
+                others = [other for other in self.trees if other != arm]
+                hint = f"name another arm: {_listed(others)}" if others else ""
+                message = f"{node.kind}: {name}: {arm} is the arm of this tree"
+                yield node.port_problem((name,), message, hint)
+
     def _node(self, arm: str, node: NodeSpec) -> Iterator[Problem]:
         """Returns the errors of one node that follow from which arm it belongs to."""
         if node.kind in (SIGNAL, AWAIT):
@@ -338,7 +352,7 @@ class CellCheck:
                 for below in self.trees[other].walk()
                 if below.kind == IN_STEP
             ]
-            if arm not in theirs:
+            if arm not in theirs and self._lacks(other, IN_STEP):
                 message = f"{IN_STEP}: {other} never goes in step with {arm}"
                 hint = f"its tree has no 'in_step: {{with: {arm}, child: …}}'"
                 yield node.port_problem(("with",), message, hint)
@@ -360,18 +374,22 @@ class CellCheck:
         # If several arms share one joint skill, each leaf names all others.
         members = frozenset({arm, *partners})
         same = {name: node.ports.get(name) for name in joint.same}
-        if any(map(is_dynamic, same.values())):
+        if any(map(is_dynamic, same.values())) or not self.is_sound(node):
             return
         acting = [node]
+        is_complete = True
         for partner in partners:
             if partner not in self.trees:
-                continue  # another check reports it
+                return  # another check reports it
             leaves = [one for one in self.trees[partner].walk() if one.kind == joint.kind]
             theirs = members - {partner}
             fitting = [leaf for leaf in leaves if _fits(leaf, joint, theirs, same)]
-            if not fitting:
+            if not fitting and self._lacks(partner, joint.kind):
                 yield self._misfit(node, joint, partner, theirs, leaves)
+            is_complete &= bool(fitting)
             acting += fitting
+        if not is_complete:
+            return  # a leaf that is not there may be the one with these ports
         # One leaf reports for all: that of the first arm of the file.
         is_first = arm == next(name for name in self.trees if name in members)
         given = any(leaf.ports.get(name) is not None for leaf in acting for name in joint.by_one)
@@ -380,6 +398,16 @@ class CellCheck:
             message = f"{node.kind}: no leaf of {_listed(sorted(members))} has {ports}"
             hint = "one of them needs it, as the goal of all"
             yield node.port_problem((), message, hint, key=True)
+
+    def _lacks(self, arm: str, kind: str) -> bool:
+        """Whether no error in an arm's tree may be why it has no fitting node of a kind."""
+        suspects = []
+        for node in self.trees[arm].walk():
+            node_type = self.node_types.get(node.kind)
+            is_empty = node_type is not None and not (node_type.is_leaf or node.children)
+            if node.kind == kind or not node.whole or node_type is None or is_empty:
+                suspects.append(node)
+        return all(map(self.is_sound, suspects))
 
     def _misfit(
         self,
@@ -424,7 +452,10 @@ class CellCheck:
                 if node.kind != AWAIT or not isinstance(name, str):
                     continue
                 signal = self.cell.signals.get(name)
-                if signal is not None and signal.initial is None and name not in written:
+                if signal is None or signal.initial is not None or name in written:
+                    continue
+                writers = [arm for arm in signal.written_by if arm in self.trees]
+                if all(self._lacks(arm, SIGNAL) for arm in writers):
                     message = f"{AWAIT}: no tree writes '{name}', and it has no initial value"
                     hint = f"write it with 'signal' in the tree of {_listed(signal.written_by)}"
                     yield node.port_problem(("signal",), message, hint)
@@ -441,7 +472,7 @@ class CellCheck:
             ):
                 continue
             for arm, nodes in coming.items():
-                if not nodes:
+                if not nodes and self._lacks(arm, MEET):
                     there = next(node for nodes in coming.values() for node in nodes)
                     message = f"{MEET}: {arm} never reaches '{name}'"
                     hint = f"its tree has no 'meet: {name}'; or it is not a participant"
@@ -471,7 +502,8 @@ class CellCheck:
             hint = "claim them in the same order, or together: claim: {zone: [a, b], child: …}"
             yield cycle[0].inner.problem(message, hint)
         yield from self._meetings_within_claims()
-        yield from self._waits_for_good()
+        if all(self._lacks(arm, kind) for arm in self.trees for kind in (MEET, SIGNAL)):
+            yield from self._waits_for_good()
 
     def _meetings_within_claims(self) -> Iterator[Problem]:
         """Returns meetings that two participants can only come to while both hold the same."""

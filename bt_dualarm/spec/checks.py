@@ -330,6 +330,8 @@ def _misplaced_hint(
         given = set(node.slots)
         slot = next((one.name for one in node_type.slots if one.name not in given), "child")
         return f"write it within '{slot}': {{{slot}: {{{name}: …}}}}"
+    if "params" in node_type.ports.model_fields and not nearest(name, known):
+        return f"a parameter of the subtree belongs within 'params': {{params: {{{name}: …}}}}"
     if node.ports[name] is None and len(node.ports) == 1:
         return f'if the key or parameter is meant, quote it: "{{{name}}}"'
     return ""
@@ -1048,8 +1050,16 @@ class Examination:
             source: Source of the file.
             trees: Tree of each arm, by the arm's name.
         """
-        check = CellCheck(source, cell, self.names.of(("object",)), trees, self._node_types)
+        objects = self.names.of(("object",))
+        check = CellCheck(source, cell, objects, trees, self._node_types, is_sound=self._is_sound)
         self.problems += check.problems()
+
+    def _is_sound(self, node: NodeSpec) -> bool:
+        """Whether a node has no errors of its own."""
+        node_type = self._node_types.get(node.kind)
+        if node_type is None or not node.whole:
+            return node.whole and self.skills is None  # it may be one of the skills
+        return not any(check_node(node, node_type, self.names, self._node_types))
 
     def conditions(self, file: TreeFile, source: Source) -> None:
         """Check the names in goals and invariants."""

@@ -28,6 +28,7 @@ from bt_dualarm.spec.node_types import (
     key_name,
     list_of,
     mapping_of,
+    metadata_of,
     models_in,
     number_in,
     reference_of,
@@ -376,9 +377,21 @@ def explain(
     by_path: dict[DataPath, list[ErrorDetails]] = {}
     for details in error.errors(include_url=False):
         by_path.setdefault(path_in(data, details["loc"]), []).append(details)
+    # A required name that is misspelled is not reported as missing as well.
+    misspelled = {
+        (path[:-1], explainer.meant(details["loc"]))
+        for path, found in by_path.items()
+        for details in found
+        if details["type"] == "extra_forbidden"
+    }
     for path, found in by_path.items():
         deeper = any(other != path and other[: len(path)] == path for other in by_path)
-        yield from explainer.at(path, found, deeper=deeper)
+        there = [
+            details
+            for details in found
+            if details["type"] != "missing" or (path, details["loc"][-1]) not in misspelled
+        ]
+        yield from explainer.at(path, there, deeper=deeper)
 
 
 @dataclass(frozen=True)
@@ -414,12 +427,22 @@ class _Explainer:
         if values and not deeper and len(values) == len(found):
             yield self._value(path, values)
 
+    def meant(self, location: Location) -> str | None:
+        """Returns the valid name that an unknown one probably stands for, if there is one."""
+        name, valid = str(location[-1]), self._valid(location)
+        return meant_by(name, valid) or nearest(name, valid)
+
+    def _valid(self, location: Location) -> frozenset[str]:
+        """Returns the names that are valid instead of an unknown one."""
+        models = models_in(type_at(self.model, location[:-1]))
+        names = frozenset(name for model in models for name in model.model_fields)
+        return names | self.also if len(location) == 1 else names
+
     def _unknown(self, path: DataPath, location: Location) -> Finding:
-        names = {n for m in models_in(type_at(self.model, location[:-1])) for n in m.model_fields}
         top = len(location) == 1
         noun = self.noun if top else "field"
         name = str(location[-1])
-        valid = names | self.also if top else names
+        valid = self._valid(location)
         meant = meant_by(name, valid)
         if meant:
             hint = f"here it is '{meant}'"
@@ -471,8 +494,11 @@ class _Explainer:
         for details in found:
             field = field_at(self.model, details["loc"])
             given = details["input"]
-            if isinstance(given, str) and details["type"] in ("list_type", "tuple_type"):
-                return list_of(given)
+            if details["type"] in ("list_type", "tuple_type"):
+                is_of_names = field is not None and metadata_of(field, Refers) is not None
+                if isinstance(given, str) and is_of_names:
+                    return f"as a list: [{given}]"
+                return (isinstance(given, str) and list_of(given)) or _example(field)
             if isinstance(given, str) and details["type"] == "float_type" and field:
                 return bare(given, unit_of(field))
         return ""
@@ -557,6 +583,15 @@ class _Explainer:
             return f"here it is '{meant}'"
         close = nearest(str(found[0]["input"]), choices)
         return f"did you mean '{close}'?" if close else ""
+
+
+def _example(field: FieldInfo | None) -> str:
+    """Returns a hint with the default of a field that is a list, otherwise nothing."""
+    default = None if field is None else field.default
+    if not isinstance(default, (list, tuple)) or not default:
+        return ""
+    items = (f"{item:g}" if isinstance(item, float) else str(item) for item in default)
+    return f"for example: [{', '.join(items)}]"
 
 
 def _choices(details: ErrorDetails) -> list[str]:

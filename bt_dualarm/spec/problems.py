@@ -129,6 +129,9 @@ def _nearest(given: str, valid: tuple[str, ...]) -> str | None:
 def suggestion(given: object, valid: Iterable[str], noun: str) -> str:
     """Returns a hint for an unknown name: the nearest valid name, otherwise all of them."""
     names: Sequence[str] = sorted(valid)
+    meant = meant_by(str(given), names)
+    if meant:
+        return f"here it is '{meant}'"
     close = nearest(str(given), names)
     if close:
         return f"did you mean '{close}'?"
@@ -153,7 +156,8 @@ _SYNONYMS: Final[Mapping[str, str]] = {
     ">": "greater", ">=": "greater_or_equal", "<": "less", "<=": "less_or_equal",
     "==": "equal", "=": "equal", "!=": "not_equal",
     "cube": "box", "cuboid": "box", "ball": "sphere", "plate": "tray", "pipe": "tube",
-    "mug": "cup", "grey": "gray", "none": "ideal", "real": "lab",
+    "mug": "cup", "franka": "panda", "kinova": "jaco2",
+    "grey": "gray", "none": "ideal", "real": "lab",
 }  # fmt: skip
 """Names and values of other libraries and formats, each with those that stand for it here."""
 

@@ -58,10 +58,12 @@ class Refers:
             ``"part"`` and ``"joint"`` (of the object that the port ``object`` names), ``"object
             part"`` (``OBJECT.PART``).
         words: Words that are allowed as well.
+        to_others: Whether the name of the arm in whose tree the node is makes no sense.
     """
 
     to: tuple[str, ...]
     words: tuple[str, ...] = ()
+    to_others: bool = False
 
 
 ObjectName: TypeAlias = Annotated[str, Refers(("object",))]
@@ -75,6 +77,9 @@ JointName: TypeAlias = Annotated[str, Refers(("joint",))]
 
 ArmName: TypeAlias = Annotated[str, Refers(("arm",))]
 """The name of an arm of the tree file."""
+
+OtherArmName: TypeAlias = Annotated[str, Refers(("arm",), to_others=True)]
+"""The name of an arm of the tree file other than the node's own."""
 
 ObjectOrArmName: TypeAlias = Annotated[str, Refers(("object", "arm"))]
 """The name of an object or an arm of the tree file."""

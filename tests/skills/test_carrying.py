@@ -156,6 +156,24 @@ def test_check_finds_a_leaf_without_a_partner(ports: Tree, partner: Tree, messag
     assert message in str(raised.value)
 
 
+@pytest.mark.parametrize(
+    ("ports", "partner", "message"),
+    [
+        ({"with": "arm2"}, follows(), "with: expected a list, not text 'arm2'"),
+        ({"object": "beem"}, follows(), "there is no object 'beem'"),
+        ({}, {"carry_together": {"objekt": "beam", "with": ["arm1"]}}, "unknown port 'objekt'"),
+        ({}, {"sequence": follows()}, "sequence: unknown port 'carry_together'"),
+        ({}, {"sequence": ["wait 1", follows()]}, "there is no node or skill 'wait 1'"),
+    ],
+)
+def test_one_mistake_is_one_error(ports: Tree, partner: Tree, message: str) -> None:
+    """Leaves that fit a mistaken one were said to have no partner, too: up to four errors."""
+    with pytest.raises(bt.SpecError) as raised:
+        bt.run(file_of(TOGETHER | ports, partner))
+    [problem] = raised.value.problems
+    assert message in problem.message
+
+
 BARS: dict[str, Tree] = {
     "prism": {"shape": "prism", "size": [0.025, 1.2], "sides": 8},
     "compound": {
