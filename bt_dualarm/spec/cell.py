@@ -226,10 +226,9 @@ class CellCheck:
                 yield from self._own_arm(arm, node)
                 yield from self._node(arm, node)
                 yield from self._counterpart(arm, node)
-        yield from self._never_written()
-        unreachable = [*self._unreachable()]
-        yield from unreachable
-        if not unreachable:
+        never = [*self._never_written(), *self._unreachable()]
+        yield from never
+        if not never:
             yield from self._deadlocks()
 
     def warnings(self) -> Iterator[Problem]:

@@ -206,6 +206,7 @@ def check_node(
         name: node.ports[name] for name in node_type.outputs.model_fields if name in node.ports
     }
     ports = {name: value for name, value in node.ports.items() if name not in outputs}
+    mistaken: list[DataPath] = []
     try:
         validate_literals(node_type.ports, ports)
     except ValidationError as error:
@@ -219,12 +220,16 @@ def check_node(
             hint = _parameter_hint(node, key) if key else ""
             hint = hint or _misplaced_hint(node, node_type, found.path, node_types)
             yield node.port_problem(found.path, message, hint or found.hint, key=at_key)
+            if not at_key:
+                mistaken.append(found.path)
     for path, refers, name in _names_in(node_type.ports, ports):
+        if any(path[: len(wrong)] == wrong for wrong in mistaken):
+            continue  # a list of names, for example, where one is expected
         of_an_object = _OF_AN_OBJECT.get(refers.to[0])
         if of_an_object is not None:
             obj = node.ports.get("object")
-            if obj is None or is_dynamic(obj):
-                continue  # known only when the node runs
+            if not isinstance(obj, str) or obj not in declared.of(("object",)):
+                continue  # known only when the node runs, or reported already
             refers = Refers((of_an_object(obj),))
         names = declared.of(refers.to)
         if name in refers.words and name in names:
@@ -576,6 +581,12 @@ class Flow:
         ):
             return
         wanted = only(model, port)
+        literal = {port: node.ports[port]}
+        reported = set[str]()  # what is wrong whatever the keys are
+        try:
+            validate_literals(wanted, literal)
+        except ValidationError as error:
+            reported = {one.message for one in explain(error, wanted, literal, "port")}
         complaint = ""
         for values in itertools.product(*known):
             given = dict(zip(writes, values, strict=True))
@@ -587,6 +598,8 @@ class Flow:
                 found = f"{_owner(port, ())}: {error}"
             except ValidationError as error:
                 found = next(explain(error, wanted, {port: value}, "port")).message
+                if found in reported:
+                    return
             if not complaint:
                 shown = (f"'{{{key_name(key)}}}' is {in_words(one)}" for key, one in given.items())
                 complaint = f"{found}, where {' and '.join(shown)}"

@@ -118,7 +118,7 @@ class ParamSpec(Value):
             return data
         unit = data.get("unit") or _UNITS.get(str(data.get("type")), "")
         if not isinstance(unit, str):
-            return data  # the field's own check reports it
+            return data  # the check of the field reports it
         ends = []
         for end in given:
             number = number_in(end, unit) if isinstance(end, str) else None
@@ -540,6 +540,8 @@ class SubtreeUse:
         if name not in given:
             if spec.default is not None:
                 return spec.default
+            if name in self.ports:  # beside `params`: the check of the ports reports it
+                return unknown(name)
             message = f"subtree '{subtree.name}' needs its parameter '{name}'"
             self._add((), message, f"{name}: {spec.description or spec.type}", key=True)
             return unknown(name)

@@ -47,6 +47,7 @@ def test_a_value_of_another_kind_is_explained(file: Path) -> None:
     kinds = Registry.load().kinds
     for number, path in enumerate(places(data)):
         if number % STRIDE == 0:
+            value: object
             for value in ({"x": 1}, [[]], "1 furlong"):
                 found = check(changed(data, path, value), kinds, folder=file.parent, build=False)
                 assert all(problem.message for problem in found.problems)

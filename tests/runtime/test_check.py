@@ -15,7 +15,7 @@ from bt_dualarm.kinematics.inverse_kinematics import refuse_beyond
 from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.runtime.file_check import check
 from bt_dualarm.skill.registry import Registry
-from bt_dualarm.spec.problems import Problem, SpecError
+from bt_dualarm.spec.problems import Problem, SpecError, errors
 
 FILE = """\
 bt_dualarm: 1
@@ -38,6 +38,7 @@ GOOD = {
     "mount": "wrist",
     "tree": "{wait: {seconds: 1}}",
 }
+TAKE = "{approach_and_attach: {object: cube}}"
 
 
 @pytest.fixture(scope="module")
@@ -117,8 +118,11 @@ def test_a_name_that_the_scene_has_already_is_an_error(tmp_path: Path, registry:
     [
         ("{reach_to_pose: {to: {xyz: [5, 0, 0.3]}}}", "out of reach of arm1"),
         ("{reach_to_pose: {to: {xyz: [0.3, 0.2, 0.8], rpy: [0, 0, 0]}}}", ""),
-        ("{transport: {object: cube, to: {xyz: [0, 0, 3]}}}", "out of reach of arm1"),
-        ("{transport: {object: cube, to: {xyz: [0.4, 0.2, 0.4]}}}", ""),
+        (
+            f"{{sequence: [{TAKE}, {{transport: {{to: {{xyz: [0, 0, 3]}}}}}}]}}",
+            "out of reach of arm1",
+        ),
+        (f"{{sequence: [{TAKE}, {{transport: {{to: {{xyz: [0.4, 0.2, 0.4]}}}}}}]}}", ""),
     ],
 )
 def test_a_pose_out_of_reach_is_a_warning_and_no_error(
@@ -203,7 +207,7 @@ def test_position_that_a_joint_cannot_have_is_an_error(
     """The unit of the other kind of joint counted as its own; the range counted in the run only."""
     path = tmp_path / "task.yaml"
     path.write_text(CABINET.replace("TREE", "{" + node + "}"))
-    found = check(path, registry.kinds).problems
+    found = errors(check(path, registry.kinds).problems)
     assert [one.message for one in found] == ([message] if message else [])
 
 
@@ -212,7 +216,8 @@ def test_a_load_beyond_the_payload_is_a_warning(
     tmp_path: Path, registry: Registry, robot: str, most: float
 ) -> None:
     """This holds for every object that is carried; others may have any mass."""
-    carries = "{transport: {object: cube, to: {xyz: [0.3, 0.1, 0.4]}}}"
+    carry = "{transport: {object: cube, to: {xyz: [0.3, 0.1, 0.4]}}}"
+    carries = f"{{sequence: [{TAKE}, {carry}]}}"
     for mass, tree, count in ((most + 0.1, carries, 1), (most, carries, 0), (90, "succeed", 0)):
         file = FILE.replace("mass: 0.1", f"mass: {mass}")
         path = tmp_path / "task.yaml"
