@@ -64,7 +64,7 @@ class PartJoint(Value):
     @model_validator(mode="before")
     @classmethod
     def _has_its_unit(cls, data: Data) -> Data:
-        if isinstance(data, dict) and data.get("type") in _FARTHEST:
+        if isinstance(data, dict) and str(data.get("type")) in _FARTHEST:
             for name in ("range", "at", "rest"):
                 complaint = wrong_unit(data.get(name), turns=data["type"] == "hinge")
                 if complaint:

@@ -867,7 +867,9 @@ class Parser:
             return here.scope.fill_text(value)
         if WrittenKey in metadata and isinstance(value, str):
             if not KEY.fullmatch(value):
-                self._add(here, f"{port}: {in_words(value)} cannot be a key", _KEY_RULE)
+                bare = reference_of(value) or ""
+                hint = f"without braces: {bare}" if KEY.fullmatch(bare) else _KEY_RULE
+                self._add(here, f"{port}: {in_words(value)} cannot be a key", hint)
                 return unknown("key")
             return here.scope.key(value)
         return self._filled(value, here)
