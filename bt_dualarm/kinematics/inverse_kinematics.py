@@ -93,17 +93,17 @@ class Workspace(Chain):
                 return 0.0
         return nearest
 
-    def farthest(self) -> float:
-        """Largest distance of the tool from the first joint within the position limits, m.
+    def farthest(self, frame: str = TOOL) -> float:
+        """Largest distance of a link from the first joint within the position limits, m.
 
         The best of several local ascents: in practice the global maximum, to a millimeter.
         """
         center, _ = self.bounding_ball
-        return max(self._ascend(center, start) for start in self._starts)
+        return max(self._ascend(center, start, frame) for start in self._starts)
 
-    def _ascend(self, center: Vector, q: Vector) -> float:
+    def _ascend(self, center: Vector, q: Vector, frame: str) -> float:
         """Local maximum of the distance in m, by gradient steps halved when they do not help."""
-        away, slope = self._distance(center, q)
+        away, slope = self._distance(center, q, frame)
         step = _STEP
         while step > _STALLED:
             # Joints at a limit that the gradient pushes against are left out of the step.
@@ -113,7 +113,7 @@ class Workspace(Chain):
             if steepest == 0.0:
                 break
             moved = np.clip(q + step * slope / steepest, self.lower, self.upper)
-            farther, there = self._distance(center, moved)
+            farther, there = self._distance(center, moved, frame)
             if farther > away + _CLIMBED:
                 q = moved
                 away = farther
@@ -122,10 +122,10 @@ class Workspace(Chain):
                 step /= 2
         return away
 
-    def _distance(self, center: Vector, q: Vector) -> tuple[float, Vector]:
-        """Distance in m of the tool from the center; its gradient, of shape (dof,), m/rad."""
-        matrix, jacobian = self.tool(q)
-        arm = matrix[:3, 3] - center
+    def _distance(self, center: Vector, q: Vector, frame: str) -> tuple[float, Vector]:
+        """Distance in m of a link from the center; its gradient, of shape (dof,), m/rad."""
+        jacobian = self.jacobian(q, frame)
+        arm = self.frame(frame)[:3, 3] - center
         away = float(np.linalg.norm(arm))
         return away, jacobian[:3].T @ arm / away
 
@@ -148,6 +148,17 @@ class Workspace(Chain):
 def reach(robot: Robot) -> float:
     """Largest distance of the tool from the first joint, m; takes 30 ms, once per robot."""
     return Workspace(robot, Pose.identity()).farthest()
+
+
+@lru_cache(maxsize=64)
+def _wrist_reach(robot: Robot) -> float:
+    """Largest distance of the last joint but one from the first joint, m; takes 30 ms, once."""
+    workspace = Workspace(robot, Pose.identity())
+    return workspace.farthest(workspace.moved_links[-2])
+
+
+_UNSURE_M = 2e-3
+"""Distance beyond the largest one that was found, up to which a point may still be reached, m."""
 
 
 Preference: TypeAlias = Literal["nearest", "conditioned"]
@@ -212,6 +223,22 @@ class Kinematics(Chain):
         super().__init__(robot, base)
         self._seed = seed
         self._searches: dict[FreeAxes, _Search] = {(): _Search(self, seed, ())}
+
+    def is_beyond(self, pose: Pose) -> bool:
+        """Whether the tool cannot reach a pose in the world, known without a search for it.
+
+        The pose determines the axis of the last joint, and so a circle about it on which the joint
+        before it is. That has to have a point in a ball around the first joint.
+        """
+        joints, tool, axis = self._joints_at_home
+        # In the frame of the tool, from the last joint:
+        along = tool.inverse.turn(axis)
+        last = tool.inverse.apply(joints[-1])
+        center = pose.inverse.apply(joints[0]) - last
+        before = tool.inverse.apply(joints[-2]) - last
+        apart = float((center - before) @ along)
+        across = np.linalg.norm(np.cross(along, center)) - np.linalg.norm(np.cross(along, before))
+        return bool(np.hypot(apart, across) > _wrist_reach(self.robot) + _UNSURE_M)
 
     def _search(self, free: FreeAxes) -> _Search:
         """Search for targets that leave these axes free; made when it is first needed."""

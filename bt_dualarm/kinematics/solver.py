@@ -154,10 +154,10 @@ class Chain(Mechanism):
         """Pose of the tool in the world at ``q``, of shape (dof,), rad."""
         return Pose.from_matrix(self.matrix(q))
 
-    def jacobian(self, q: Vector) -> Matrix:
-        """Jacobian of the tool in world axes, linear velocity first, of shape (6, dof)."""
+    def jacobian(self, q: Vector, frame: str = TOOL) -> Matrix:
+        """Jacobian of a link in world axes, linear velocity first, of shape (6, dof)."""
         self.set_state(q)
-        jacobian: Matrix = self.placo.frame_jacobian(TOOL, "local_world_aligned")[:, self.v_ids]
+        jacobian: Matrix = self.placo.frame_jacobian(frame, "local_world_aligned")[:, self.v_ids]
         return jacobian
 
     def tool(self, q: Vector) -> tuple[Matrix, Matrix]:
@@ -189,23 +189,6 @@ class Chain(Mechanism):
         steps = np.diff([*joints, tool.position], axis=0)
         return joints[0].copy(), float(np.linalg.norm(steps, axis=1).sum())
 
-    def is_beyond(self, pose: Pose) -> bool:
-        """Whether the tool can certainly not reach a pose in the world, without a search.
-
-        The pose determines the axis of the last joint, and so a circle about it on which the joint
-        before it is. That has to have a point in a ball such as `bounding_ball`.
-        """
-        joints, tool, axis = self._joints_at_home
-        radius = float(np.linalg.norm(np.diff(joints[:-1], axis=0), axis=1).sum())
-        # In the frame of the tool, from the last joint:
-        along = tool.inverse.turn(axis)
-        last = tool.inverse.apply(joints[-1])
-        center = pose.inverse.apply(joints[0]) - last
-        before = tool.inverse.apply(joints[-2]) - last
-        apart = float((center - before) @ along)
-        across = np.linalg.norm(np.cross(along, center)) - np.linalg.norm(np.cross(along, before))
-        return bool(np.hypot(apart, across) > radius)
-
     @cached_property
     def _joints_at_home(self) -> tuple[Matrix, Pose, Vector]:
         """Positions of the joints, of shape (dof, 3), m, tool, and axis of the last joint, (3,).
@@ -213,14 +196,19 @@ class Chain(Mechanism):
         All in the world. Distances from joint to joint are the same in every configuration: any
         will do.
         """
+        axis = self.jacobian(self.robot.postures["home"])[3:, -1]
+        joints = np.array([self.frame(link)[:3, 3] for link in self.moved_links])
+        return joints, Pose.from_matrix(self.frame(TOOL)), axis
+
+    @cached_property
+    def moved_links(self) -> tuple[str, ...]:
+        """The link that each joint moves; its frame has its origin on the joint's axis."""
         children = {
             str(joint.get("name")): str(child.get("link"))
             for joint in ET.fromstring(self.robot.urdf_text).iter("joint")  # noqa: S314 # our own
             for child in joint.iter("child")
         }
-        axis = self.jacobian(self.robot.postures["home"])[3:, -1]
-        joints = np.array([self.frame(children[name])[:3, 3] for name in self.joints])
-        return joints, Pose.from_matrix(self.frame(TOOL)), axis
+        return tuple(children[name] for name in self.joints)
 
 
 def with_tool(robot: Robot) -> str:

@@ -391,7 +391,10 @@ def look_at(
         Failure: As `go_to_camera`; ``NO_PLAN`` if searches for a path to several of them failed.
     """
     searches = 0
+    tool_in_camera = camera_now(arm).inverse @ arm.tool_pose
     for camera in cameras:
+        if arm.kinematics.is_beyond(camera @ tool_in_camera):
+            continue  # at once: a search for it would take 30 ms, and a tick
         refusal = yield from _refusal(arm, camera, speed, ignore)
         if refusal is None:
             return camera

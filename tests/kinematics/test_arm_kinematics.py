@@ -150,6 +150,27 @@ def test_no_reachable_pose_is_beyond_the_bound(name: str) -> None:
     assert arm.is_beyond(Pose(center, np.array((1.0, 0.0, 0.0, 0.0))) @ away @ back)
 
 
+@pytest.mark.parametrize("name", ["ur3e", "panda"])
+def test_most_unreachable_poses_of_a_camera_are_beyond_the_bound(name: str) -> None:
+    """Hands that point down at the height of the shoulder and above, in front of the arm."""
+    arm = ARMS[name]
+    home = arm.robot.postures["home"]
+    rng = np.random.default_rng(3)
+    center, radius = arm.bounding_ball
+    count = refused = 0
+    while count < 15:
+        place = center + rng.uniform((0.3, -0.5, 0.2), (0.9, 0.5, 0.6)) * radius
+        pose = Pose.from_rpy(tuple(place.tolist()), (np.pi, 0.0, rng.uniform(-np.pi, np.pi)))
+        try:
+            arm.solve(pose, home)
+            assert not arm.is_beyond(pose)
+        except Failure as failure:
+            if failure.code == "UNREACHABLE":
+                count += 1
+                refused += arm.is_beyond(pose)
+    assert refused >= 12
+
+
 def test_target_outside_the_workspace_is_invalid() -> None:
     """There is no search for it, and a path that ends there is refused."""
     arm = ARMS["ur5"]
