@@ -44,7 +44,7 @@ from bt_dualarm.planning.problem import (
     refuse_contact,
     straight_motion,
 )
-from bt_dualarm.safety.guard import PlanMonitor, clearance
+from bt_dualarm.safety.guard import RESCALED, PlanMonitor, clearance
 from bt_dualarm.trajectory.coupled import CoupledSource
 from bt_dualarm.trajectory.overlap import OverlappedMotion
 from bt_dualarm.trajectory.path_timing import SpeedBound, point_to_point, time_path, time_path_below
@@ -447,7 +447,7 @@ class ArmMotions(ArmState):
             Failure: ``TIMED_OUT`` with what is in the way.
         """
         traffic = self._shared.traffic
-        if motion.held_since is None:
+        if motion.held_since is None or motion.held_up == RESCALED:
             traffic.advance(self.name)
             return
         waited_s = self.time - motion.held_since

@@ -65,6 +65,10 @@ NEAR = "another arm is near"
 PACED = "another arm must keep up"
 """Reason for slowing down because another arm follows, or moves in step."""
 
+RESCALED = "it is slowing down"
+"""Reason for holding a motion whose time scale changes and cannot change back before: it says
+nothing about other arms, and does not last."""
+
 LOOK_S = 0.02
 """Time between two checks near another arm, s."""
 
@@ -378,7 +382,7 @@ class TrajectoryGuard:
         if ahead is None:
             ahead = motion.to_brake_after(count, self._limits)
         if ahead is None:  # the time scale is changing, and cannot change back
-            return motion.held_up or "it is slowing down"
+            return motion.held_up or RESCALED
         gap = self._rule.admits(ahead.motion.to_come, time, RESUME_M if held else 0.0)
         if gap is not None:
             return reason_of(gap)

@@ -136,3 +136,31 @@ def test_path_waits_until_the_other_arm_has_left(robot: str, leaf: dict[str, Any
     leaves = next(run for run in result.arms["passes"].runs if run.skill == "go_home")
     assert follows.ended_s is not None
     assert follows.started_s < leaves.started_s < follows.ended_s
+
+
+BESIDE_AN_ENDED_TREE = """
+bt_dualarm: 1
+world: {scene: empty}
+arms:
+  left:
+    robot: ur3e
+    gripper: robotiq_2f85
+    tree: {sequence: [{wait: 4}, {circle: {plane: yz, radius: 0.068, speed: 1.0}}]}
+  right:
+    robot: ur10
+    gripper: robotiq_2f85
+    base: {xyz: [0.45, 0.75, 0], rpy: [0, 0, -90]}
+    tree: {move_joints: {to: [-179.5, -134.5, -10.3, -110.2, 89.9, 0.5]}}
+"""
+
+
+def test_motion_that_slows_down_beside_an_arm_that_has_ended_is_not_blocked() -> None:
+    """It was given up with TIMED_OUT, "blocked: it is slowing down", after 0.06 s.
+
+    The guard holds a motion for a moment where its time scale changes; the arm that it passes
+    counted as in its path, and, as its tree had ended, as staying there.
+    """
+    result = bt_dualarm.run(BESIDE_AN_ENDED_TREE)
+    circle = result.arms["left"].leaves["sequence/circle"]
+    assert circle.status == "SUCCESS", circle.reason
+    assert result.arms["left"].guard["slowed"] > 0
