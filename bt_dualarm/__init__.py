@@ -136,6 +136,7 @@ if TYPE_CHECKING:
     from bt_dualarm.skill.path_following import PathSkill as PathSkill
     from bt_dualarm.skill.path_following import check_arrival as check_arrival
     from bt_dualarm.skill.path_following import follow_curve as follow_curve
+    from bt_dualarm.skill.picking import MovedAwayFailure as MovedAwayFailure
     from bt_dualarm.skill.picking import Taking as Taking
     from bt_dualarm.skill.picking import object_at as object_at
     from bt_dualarm.skill.picking import refuse_too_frail as refuse_too_frail
@@ -335,6 +336,7 @@ _CONTENTS: Final = {
     "SettingDownPorts": "skill.placing:SettingDownPorts",
     "Taking": "skill.picking:Taking",
     "TakingPorts": "skill.grasp_search:TakingPorts",
+    "MovedAwayFailure": "skill.picking:MovedAwayFailure",
     "MovedPart": "skill.articulated:MovedPart",
     "HandForce": "skill.articulated:HandForce",
     "JointPath": "skill.articulated:JointPath",

@@ -14,6 +14,7 @@ from bt_dualarm import (
     JointPath,
     JointPosition,
     KnownShape,
+    MovedAwayFailure,
     MovedPart,
     ObjectName,
     ObjectPose,
@@ -38,6 +39,8 @@ _UNKNOWN_FRICTION = 0.5  # assumed for an object that is not declared
 _STILL_M_S = 0.02
 _LASTS_S = 0.1  # time for which an object that has moved must rest: it may bounce
 _LONGEST_S = 2.0  # longest wait
+
+_PURSUITS = 3  # plans for an object that other arms move before the gripper is there
 
 
 class _ObjectPorts(PortModel):
@@ -126,6 +129,18 @@ class Grasp(Skill):
             if gripper.holding:
                 return
             yield from Taking.open(self.arm)
+        for _ in range(_PURSUITS):
+            try:
+                yield from self._pick(name)
+            except MovedAwayFailure as failure:
+                moved = failure.with_traceback(None)
+            else:
+                return
+        raise moved
+
+    def _pick(self, name: str | None) -> Iterator[float | None]:
+        """Plan a grasp of the object where it is now, and execute it."""
+        gripper = self.arm.gripper
         object_pose = None if self.ports.at is None else self.ports.at.pose
         if name is not None:
             if object_pose is None:

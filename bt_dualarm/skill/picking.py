@@ -41,6 +41,13 @@ _ROOM_M: Final = (
 _BRISK: Final = 0.6  # fraction of the speed on straight parts without contact
 
 
+_AWAY_M: Final = 0.01  # displacement of an object after which the planned grasp would miss it
+
+
+class MovedAwayFailure(Failure):
+    """The object is no longer where its grasp was planned; the gripper has not been near it yet."""
+
+
 class Taking:
     """Pick of one object.
 
@@ -202,6 +209,7 @@ class Taking:
         touched = frozenset({wanted.name} if wanted.name else ())
 
         def to_standoff() -> Generator[None, None, Trajectory]:
+            self._refuse_moved_away()
             lift = 0.0 if self._hangs_on_a_joint else ports.lift
             approach = yield from first_approach(
                 arm, order, wanted, ports.standoff, ports.speed, self._seen, lift
@@ -238,6 +246,28 @@ class Taking:
                     yield from back.straight(approaches[-1].out, known_free=True)
                     self._entered = None
         return approaches[-1]
+
+    def _refuse_moved_away(self) -> None:
+        """Refuse to go on to an object that something has moved since the grasp was planned.
+
+        Another arm may have taken it while this one waited, and placed it elsewhere.
+
+        Raises:
+            MovedAwayFailure: ``NOT_GRASPED``, or ``NOT_THERE`` if it was removed.
+        """
+        name = self._wanted.name
+        if name is None or self._seen is not None or self._hangs_on_a_joint:
+            return
+        world = self._arm.world
+        if name not in world.objects:
+            raise MovedAwayFailure("NOT_THERE", f"{name!r} was removed meanwhile")
+        away = world.object_pose(name).distance(self._wanted.object_pose)
+        if away > _AWAY_M:
+            by = " and ".join(world.attachments.holders(name))
+            who = f" by {by}" if by else ""
+            raise MovedAwayFailure(
+                "NOT_GRASPED", f"{name!r} was moved by {1e3 * away:.0f} mm meanwhile{who}"
+            )
 
     @property
     def _hangs_on_a_joint(self) -> bool:
@@ -316,6 +346,7 @@ class Taking:
         arm = self._arm
         along = approach.ranked.tool.rotation_matrix[:, 2]
         standoff_s = self._motion.ends_s[0]
+        self._refuse_moved_away()
         running = arm.begin(motion)
         watch = arm.watch(running, unseen, standoff_s)
         opening = self._opening_of(approach)
@@ -325,6 +356,7 @@ class Taking:
         while running.parameter.s < standoff_s:
             yield 0.5 * running.parameter.s / standoff_s
             arm.check()
+            self._refuse_moved_away()
             watch.look(arm.time)
             sense.listen()
             arm.refuse_when_held_up(running, wait_s)
@@ -336,6 +368,8 @@ class Taking:
             yield 0.5 + 0.2 * running.progress
             arm.check()
             arm.refuse_when_held_up(running, wait_s)
+            if running.held_since is not None:  # this arm has not moved it
+                self._refuse_moved_away()
             if sense.exceeds(self._ports.touch) and arm.time - began > _EDGE_S:
                 stopped = True
                 yield from arm.halt(give_way=True)
@@ -412,6 +446,8 @@ class Taking:
             is_gone = name not in arm.world.objects  # removed meanwhile
             why_not = _NOT_IT if is_gone else gripper.why_not(name, arm.world.object_pose(name))
         if name is None or why_not is not None:
+            if name is not None and arm.world.attachments.holders(name):
+                self._refuse_moved_away()  # another arm was faster
             numbers = {"width_m": gripper.width, "expected_m": grasp.width}
             raise Failure("NOT_GRASPED", why_not or _NOT_IT, **numbers)
         object_pose = gripper.between_the_pads(self._wanted.object_pose, approach.ranked.grasp.tool)

@@ -164,3 +164,37 @@ def test_motion_that_slows_down_beside_an_arm_that_has_ended_is_not_blocked() ->
     circle = result.arms["left"].leaves["sequence/circle"]
     assert circle.status == "SUCCESS", circle.reason
     assert result.arms["left"].guard["slowed"] > 0
+
+
+TWO_FOR_ONE_CUBE = """
+bt_dualarm: 1
+world: {scene: empty, reality: lab, seed: 1, time_limit: 60}
+objects:
+  cube: {shape: box, size: [0.04, 0.04, 0.06], mass: 0.1, pose: {xyz: [0.5, 0, 0.03]}}
+arms:
+  a:
+    robot: xarm7
+    gripper: robotiq_2f85
+    tree:
+      sequence:
+        - grasp: {object: cube}
+        - place: {at: {xyz: [0.4, -0.2, 0.03]}}
+  b:
+    robot: ur5e
+    gripper: robotiq_2f85
+    base: {xyz: [1, 0, 0], rpy: [0, 0, 180]}
+    tree:
+      sequence:
+        - wait: 0.5
+        - grasp: {object: cube}
+        - place: {at: {xyz: [0.6, 0.2, 0.03]}}
+        - go_home
+"""
+
+
+def test_object_that_another_arm_has_placed_elsewhere_meanwhile_is_grasped_there() -> None:
+    """The arm waited at its standoff, went on to the old place, and closed on nothing."""
+    result = bt_dualarm.run(TWO_FOR_ONE_CUBE)
+    leaves = result.arms["a"].leaves
+    assert leaves["sequence/grasp"].status == "SUCCESS", leaves["sequence/grasp"].reason
+    assert result.outcome == "SUCCESS", str(result)
