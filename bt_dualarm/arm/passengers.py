@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from bt_dualarm.arm.time_scale import accelerations_of, largest_scale
+from bt_dualarm.arm.time_scale import largest_scale, link_motion
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics
@@ -134,12 +134,12 @@ def riding_speed_scale(motion: Trajectory, world: World, arm: str) -> float:
 
 def _scale(motion: Trajectory, world: World, held: Attachment, one: Passenger) -> float:
     place = held.relative.apply(one.relative.apply(body_of(world.objects[one.object]).center))
-    accelerations, turns = accelerations_of(motion, world.nominal[held.arm], place)
-    up = turns @ held.relative.turn(one.up)
+    moved = link_motion(motion, world.nominal[held.arm], place)
+    up = moved.turns @ held.relative.turn(one.up)
     slope = steepest(world, held.object, one)
 
     def stays(scale: float, samples: slice | np.ndarray) -> np.ndarray:
-        felt = _GRAVITY - scale**2 * accelerations[samples]
+        felt = _GRAVITY - scale**2 * moved.accelerations[samples]
         down = -np.einsum("ni,ni->n", felt, up[samples])
         sideways = np.linalg.norm(felt + down[:, None] * up[samples], axis=1)
         kept: np.ndarray = (down > 0.0) & (sideways <= slope * down)
@@ -162,7 +162,7 @@ def poured_out(motion: Trajectory, world: World, arm: str) -> frozenset[str]:
         upon = world.passengers_of(held.object) if held.arm == arm else ()
         if not upon:
             continue
-        _, turns = accelerations_of(motion, world.nominal[arm], held.relative.position)
+        turns = link_motion(motion, world.nominal[arm], held.relative.position).turns
         for one in upon:
             up = turns @ held.relative.turn(one.up)
             if up[:, 2].min() < math.cos(math.atan(steepest(world, held.object, one))):

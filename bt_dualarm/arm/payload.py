@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from bt_dualarm.arm.passengers import slowed_for_passengers
-from bt_dualarm.arm.time_scale import accelerations_of, largest_scale
+from bt_dualarm.arm.time_scale import largest_scale, link_motion
 from bt_dualarm.control.dynamics import ArmDynamics, refuse_overload, within_efforts
 from bt_dualarm.core.errors import Failure
 from bt_dualarm.core.pose import Matrix, Pose, Vector
@@ -176,13 +176,19 @@ def min_grip_force(description: Gripper, friction: float, load: NominalLoad) -> 
 def _speed_scale(motion: Trajectory, world: World, held: Attachment, load: NominalLoad) -> float:
     mass = load.share * (UNKNOWN_KG if load.mass is None else load.mass + load.mass_doubt)
     nominal = world.nominal[held.arm]
-    accelerations, turns = accelerations_of(motion, nominal, load.pose.position)
+    moved = link_motion(motion, nominal, load.pose.position)
+    axes = load.pose.rotation_matrix
+    moments = moved.moments(mass * (axes * load.gyration) @ axes.T)
     grip = _Grip(world, held, load)
-    at_rest = grip.forces_for(mass, turns, np.zeros_like(accelerations))
-    bearable = np.maximum(grip.force, _HARDLY_MORE * at_rest)
+
+    def needed(scale: float) -> Vector:
+        square = scale**2
+        return grip.forces_for(mass, moved.turns, square * moved.accelerations, square * moments)
+
+    bearable = np.maximum(grip.force, _HARDLY_MORE * needed(0.0))
 
     def bears(scale: float) -> bool:
-        return bool((grip.forces_for(mass, turns, scale**2 * accelerations) <= bearable).all())
+        return bool((needed(scale) <= bearable).all())
 
     return largest_scale(bears)
 
@@ -213,22 +219,34 @@ class _Grip:
             pad_center = jaw_measures(description, friction).pad_center
             self._offset = self._offset - np.array((0.0, 0.0, pad_center))
 
-    def forces_for(self, mass: float, turns: np.ndarray, accelerations: Matrix) -> Vector:
+    def forces_for(
+        self,
+        mass: float,
+        turns: np.ndarray,
+        accelerations: Matrix,
+        moments: Matrix | None = None,
+    ) -> Vector:
         """Forces in N that hold a mass that is accelerated so, with `IN_HAND`, of shape (n,).
 
         Args:
             mass: Mass in kg.
             turns: Axes of the tool's link in the world at each sample, of shape (n, 3, 3).
             accelerations: Accelerations of the load's center in the world, of shape (n, 3), m/s².
+            moments: Moments that turn the load about its center, in the axes of the tool's link,
+                of shape (n, 3), N m; none by default.
         """
         in_link = np.einsum("nij,ni->nj", turns, mass * (_GRAVITY - accelerations))
-        forces = in_link @ self._tool.rotation_matrix
+        axes = self._tool.rotation_matrix
+        forces = in_link @ axes
+        resisting = None if moments is None else -moments @ axes
         if self._cup is not None:
-            needed = suction_forces(forces, self._offset, np.array((0.0, 0.0, -1.0)), self._cup)
+            needed = suction_forces(
+                forces, self._offset, np.array((0.0, 0.0, -1.0)), self._cup, resisting
+            )
         else:
             closing = np.array((0.0, 1.0, 0.0))
             needed = pinching_forces(
-                forces, self._offset, closing, self._width, _LEVER_M, self._friction
+                forces, self._offset, closing, self._width, _LEVER_M, self._friction, resisting
             )
         forces_with_margin: Vector = IN_HAND * needed
         return forces_with_margin

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -33,22 +34,53 @@ def largest_scale(holds: Callable[[float], bool]) -> float:
     return least
 
 
-def accelerations_of(
-    motion: Trajectory, nominal: NominalArm, point: Vector
-) -> tuple[Matrix, np.ndarray]:
-    """Accelerations in the world of a point that moves with an arm's tool link.
+@dataclass(frozen=True, eq=False)
+class LinkMotion:
+    """Accelerations of what moves with an arm's tool link; they grow with the square of the scale.
+
+    Attributes:
+        accelerations: Accelerations of a point in the world, of shape (n, 3), m/s².
+        turns: Axes of the link in the world, of shape (n, 3, 3).
+        angular_velocities: Angular velocities in the link's axes, of shape (n, 3), rad/s.
+        angular_accelerations: Angular accelerations in the link's axes, of shape (n, 3), rad/s².
+    """
+
+    accelerations: Matrix
+    turns: np.ndarray
+    angular_velocities: Matrix
+    angular_accelerations: Matrix
+
+    def moments(self, inertia: Matrix) -> Matrix:
+        """Moments that a body about its center of mass needs, link axes, of shape (n, 3), N m.
+
+        Args:
+            inertia: Its moments of inertia in the link's axes, of shape (3, 3), kg m².
+        """
+        spinning = self.angular_velocities
+        needed: Matrix = self.angular_accelerations @ inertia  # Euler's equations
+        return needed + np.cross(spinning, spinning @ inertia)
+
+
+def link_motion(motion: Trajectory, nominal: NominalArm, point: Vector) -> LinkMotion:
+    """Accelerations of an arm's tool link, and of a point that moves with it.
 
     Args:
         motion: Motion from rest to rest.
         nominal: Model of the arm.
         point: The point in the frame of the tool link, of shape (3,), m.
-
-    Returns:
-        The accelerations, of shape (n, 3), m/s², and the axes of the link, of shape (n, 3, 3).
     """
     stride = max(1, round(_SAMPLE_S / motion.dt))
     count = max(2, (len(motion) - 1) // stride + 1)
     rows = np.minimum(np.arange(-1, count + 1) * stride, len(motion) - 1).clip(0)
     positions, turns = nominal.tool_link_frames_at(motion.rows(rows)[0])
+    period = stride * motion.dt
     centers = positions + turns @ point
-    return np.diff(centers, 2, axis=0) / (stride * motion.dt) ** 2, turns[1:-1]
+    steps = np.einsum("nji,njk->nik", turns[:-1], turns[1:])
+    # The antisymmetric part of a rotation is its vector, up to the third power of a small angle.
+    turned = 0.5 * (steps[:, (2, 0, 1), (1, 2, 0)] - steps[:, (1, 2, 0), (2, 0, 1)])
+    return LinkMotion(
+        np.diff(centers, 2, axis=0) / period**2,
+        turns[1:-1],
+        (turned[:-1] + turned[1:]) / (2.0 * period),
+        np.diff(turned, axis=0) / period**2,
+    )

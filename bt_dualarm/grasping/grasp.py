@@ -446,7 +446,13 @@ def pinching_force(
 
 
 def pinching_forces(
-    forces: Matrix, offset: Vector, axis: Vector, width: float, lever: float, friction: float
+    forces: Matrix,
+    offset: Vector,
+    axis: Vector,
+    width: float,
+    lever: float,
+    friction: float,
+    moments: Matrix | None = None,
 ) -> Vector:
     """Minimum force of each of two pads under each of several loads, of shape (n,), N.
 
@@ -457,6 +463,7 @@ def pinching_forces(
         width: Distance of the pads, m.
         lever: Lever of the frictional moment about the normal: the smaller one of both pads, m.
         friction: Coefficient of friction, reduced by the slope of the surface.
+        moments: Moments on the object besides, of shape (n, 3), N m; none by default.
 
     Returns:
         Forces; infinite if friction or its moment cannot hold a load.
@@ -464,10 +471,12 @@ def pinching_forces(
     from bt_dualarm.grasping.grasp_kernels import pinch
 
     # The kernel is compiled for contiguous arrays of floats alone.
-    forces, offset, axis = (
-        np.ascontiguousarray(array, dtype=float) for array in (forces, offset, axis)
+    if moments is None:
+        moments = np.zeros_like(forces)
+    forces, moments, offset, axis = (
+        np.ascontiguousarray(array, dtype=float) for array in (forces, moments, offset, axis)
     )
-    return pinch(forces, offset, axis, float(width), float(lever), float(friction))
+    return pinch(forces, moments, offset, axis, float(width), float(lever), float(friction))
 
 
 def suction_force(load: Load, place: Vector, normal: Vector, cup: CupMeasures) -> float:
@@ -485,7 +494,13 @@ def suction_force(load: Load, place: Vector, normal: Vector, cup: CupMeasures) -
     return float(suction_forces(shaken(load), load.center - place, normal, cup).max())
 
 
-def suction_forces(forces: Matrix, offset: Vector, normal: Vector, cup: CupMeasures) -> Vector:
+def suction_forces(
+    forces: Matrix,
+    offset: Vector,
+    normal: Vector,
+    cup: CupMeasures,
+    moments: Matrix | None = None,
+) -> Vector:
     """Minimum suction force of a cup under each of several loads, of shape (n,), N.
 
     Args:
@@ -493,10 +508,12 @@ def suction_forces(forces: Matrix, offset: Vector, normal: Vector, cup: CupMeasu
         offset: Vector from the center of the rim to the center of mass, of shape (3,), m.
         normal: Unit vector from the object to the cup, of shape (3,).
         cup: Measures of the cup.
+        moments: Moments on the object besides, of shape (n, 3), N m; none by default.
     """
     if cup.friction <= 0.0:
         return np.full(len(forces), math.inf)
-    moments = np.asarray(np.cross(offset, forces), dtype=float)
+    levered = np.asarray(np.cross(offset, forces), dtype=float)
+    moments = levered if moments is None else levered + moments
     # Suction minus the pull on the object presses the rim on. That must be enough for friction to
     # hold against sliding and turning about the normal, and to keep the rim from tipping off.
     pulling = np.maximum(-(forces @ normal), 0.0)

@@ -293,15 +293,16 @@ def hold(
 
 @kernel
 def pinch(
-    forces: Matrix, offset: Vector, axis: Vector, width: float, lever: float, friction: float
-) -> Vector:
+    forces: Matrix, moments: Matrix, offset: Vector, axis: Vector, width: float, lever: float,
+    friction: float,
+) -> Vector:  # fmt: skip
     """Minimum force of each of two pads under each of several loads, N: see `pinching_forces`."""
     needed = np.full(len(forces), np.inf)
     if friction <= 0.0 or width <= 0.0:
         return needed
     for i in range(len(forces)):
         force = forces[i]
-        moment = cross(offset, force)
+        moment = moments[i] + cross(offset, force)
         pressing = dot(force, axis)
         turning = dot(moment, axis)
         if lever <= 0.0 and 0.5 * abs(turning) > 1e-9:
@@ -382,7 +383,9 @@ def _is_held(
         return False
     # A tilted surface uses up a part of the friction cone.
     remaining = math.tan(math.atan(friction) - between[5])
-    needed = pinch(forces, center - between[:3], axis, width, between[4], remaining)
+    offset = center - between[:3]
+    none = np.zeros(forces.shape)  # the tool is shaken, but not turned
+    needed = pinch(forces, none, offset, axis, width, between[4], remaining)
     entry[9] = width
     entry[10] = needed.max()
     entry[:3] += dot(between[:3] - middle, axis) * axis

@@ -86,15 +86,16 @@ def test_force_of_a_pinch_agrees_with_its_formula(seed: int, width: float, frict
     offset = rng.normal(0.0, 0.02, 3)
     axis = rng.normal(size=3)
     axis /= np.linalg.norm(axis)
-    moments = np.cross(offset, forces)
+    turning = rng.normal(0.0, 0.1, (9, 3))
+    moments = np.cross(offset, forces) + turning
     flat = np.eye(3) - np.outer(axis, axis)
     sliding = 0.5 * np.linalg.norm(forces @ flat, axis=1)
     sliding = sliding + np.linalg.norm(moments @ flat, axis=1) / width
     twisting = 0.5 * np.abs(moments @ axis) / 0.005
     expected = np.hypot(sliding, twisting) / friction + 0.5 * np.abs(forces @ axis)
-    given = (forces, offset, axis, width, 0.005, friction)
-    assert pinching_forces(*given) == pytest.approx(expected, rel=1e-9)
-    assert plain(pinch)(*given) == pytest.approx(expected, rel=1e-9)
+    given = (offset, axis, width, 0.005, friction)
+    assert pinching_forces(forces, *given, turning) == pytest.approx(expected, rel=1e-9)
+    assert plain(pinch)(forces, turning, *given) == pytest.approx(expected, rel=1e-9)
 
 
 @settings(max_examples=4, deadline=None, suppress_health_check=[HealthCheck.too_slow])

@@ -7,7 +7,14 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 
 from bt_dualarm.grasping.candidates import cup_grasps
-from bt_dualarm.grasping.grasp import CupMeasures, Load, Solid, solid_of, suction_force
+from bt_dualarm.grasping.grasp import (
+    CupMeasures,
+    Load,
+    Solid,
+    solid_of,
+    suction_force,
+    suction_forces,
+)
 from bt_dualarm.sim.object_body import body_of
 from bt_dualarm.spec.document import ObjectSpec
 from tests.grasping.families import CUP, loads, primitives
@@ -92,3 +99,15 @@ def test_force_bears_the_weight_by_suction_or_friction() -> None:
     assert hanging == pytest.approx(max(weight / CUP.friction, weight * 0.05 / CUP.radius))
     slippery = CupMeasures(0.02, 0.004, 60.0, 0.0)
     assert suction_force(load, np.zeros(3), UP, slippery) == math.inf
+
+
+def test_moment_loads_a_cup_like_a_force_on_its_lever() -> None:
+    """Inertia turns the rim against a rotating tool as weight beside it does."""
+    rng = np.random.default_rng(3)
+    forces = rng.normal(0.0, 5.0, (9, 3))
+    offset = rng.normal(0.0, 0.1, 3)
+    beside = suction_forces(forces, offset, UP, CUP)
+    moments = np.asarray(np.cross(offset, forces), dtype=float)
+    turned = suction_forces(forces, np.zeros(3), UP, CUP, moments)
+    assert turned == pytest.approx(beside)
+    assert (turned > suction_forces(forces, np.zeros(3), UP, CUP)).all()
