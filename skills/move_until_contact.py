@@ -93,6 +93,8 @@ class MoveUntilContact(Skill):
         "NO_CONTACT": "no opposing force was detected over the whole distance",
         "IN_COLLISION": "a link that is not part of the tool would touch something first",
         "FORCE_LIMIT": "the contact force exceeded the arm's limit before it stopped",
+        "SLIPPED": "the held object slid between the fingers",
+        "DROPPED": "the gripper no longer holds the object",
         "TRACKING_ERROR": "the arm could not follow",
         "BUSY": "another leaf moves the arm",
     }
@@ -127,7 +129,12 @@ class MoveUntilContact(Skill):
             yield motion.progress
             self.arm.check()
             if grip is not None:
-                grip.look()
+                try:
+                    grip.look()
+                except Failure as failure:
+                    if failure.code == "SLIPPED":
+                        yield from grip.judge(failure)
+                    raise
             elapsed = motion.progress * duration
             moved = float(np.abs(self.arm.setpoint.q - rows[0]).max())
             opposing = self._opposing(direction)

@@ -610,6 +610,7 @@ TRIALS: dict[tuple[str, str], Trial] = {
     ("move_until_contact", "NO_CONTACT"): Trial(
         {"move_until_contact": {"direction": [0, 0, 1], "distance": 0.03}}, moves=True
     ),
+    **losing("move_until_contact", {"direction": [0, 0, 1], "distance": 0.3, "speed": 0.1}),
     **moving(
         "move_until_contact",
         {"move_until_contact": {"direction": [0, 1, 0], "force": 200, "speed": 0.3}},
