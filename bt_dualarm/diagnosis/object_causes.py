@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import colorsys
 import itertools
+import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Final
@@ -13,7 +14,7 @@ import numpy as np
 from bt_dualarm.core.errors import DualArmError
 from bt_dualarm.diagnosis.evidence import Cause, Evidence
 from bt_dualarm.replay.record import Facts
-from bt_dualarm.replay.timeline import CameraSight, Change, TimelineNode, held_over_time
+from bt_dualarm.replay.timeline import CameraSight, Change, Scene, TimelineNode, held_over_time
 from bt_dualarm.robots.gripper import load_gripper
 from bt_dualarm.sim.object_body import half_extents
 from bt_dualarm.spec.document import ObjectSpec
@@ -429,6 +430,65 @@ def _ended(
     """Leaves of a type that succeeded with an object before, in the order of their ends."""
     found = e.timeline.ended(kind, name, arm)
     return [(node, change) for node, change in found if change.time <= e.ended + 1e-9]
+
+
+_KNOCKED_S: Final = 3.0
+"""Seconds before the end of a leaf in which what it lost may have been knocked."""
+
+_TOUCHED_S: Final = 0.2
+"""Largest time in s between the last contact and the motion in the hand that it has caused."""
+
+_MOVED_M: Final = 0.003
+_MOVED_RAD: Final = math.radians(3.0)
+"""Motion of an object in the hand from which it has slipped."""
+
+_TOGETHER: Final = frozenset({"carry_together", "hand_over", "take_over"})
+"""Node types with which another arm takes hold of the object."""
+
+
+def knock_causes(e: Evidence) -> Iterator[Cause]:
+    """Yields what a lost object, or the hand around it, touched before it moved in the hand."""
+    if e.code not in ("SLIPPED", "DROPPED") or e.leaf.kind == "operate":
+        return
+    times = e.record.times
+    rows = range(e.record.index_at(max(e.began, e.ended - _KNOCKED_S)), e.record.index_at(e.ended))
+    recent = (Scene(e.record, float(times[row])) for row in rows)
+    scenes = itertools.dropwhile(lambda scene: not scene.held(e.arm), recent)
+    start = next(scenes, None)
+    if start is None:
+        return
+    name = start.held(e.arm)[0]  # a gripper holds one object
+    held = start.pose_in(e.arm, name)
+    from_the_start = {(touch.own, touch.other) for touch in start.touches(e.arm)}
+    first: dict[tuple[str, str], float] = {}
+    last: dict[tuple[str, str], float] = {}
+    moved_at = e.ended
+    for scene in itertools.chain((start,), scenes):
+        if not scene.has(name):
+            return
+        # A contact may begin and end between two recorded states.
+        ahead = scene.ahead(float(times[e.record.index_at(scene.time) + 1]) - scene.time)
+        touches = (*scene.touches(e.arm), *ahead.touches(e.arm))
+        for pair in {(touch.own, touch.other) for touch in touches} - from_the_start:
+            first.setdefault(pair, scene.time)
+            last[pair] = scene.time
+        pose = scene.pose_in(e.arm, name)
+        if pose.distance(held) > _MOVED_M or pose.angle(held) > _MOVED_RAD:
+            moved_at = scene.time
+            break
+    is_shared = e.leaf.kind in _TOGETHER
+    met = [
+        pair
+        for pair, time in last.items()
+        if moved_at - time <= _TOUCHED_S
+        and not (is_shared and pair[1].partition("/")[0] in e.record.arms)
+    ]
+    if not met:
+        return
+    own, other = max(met, key=lambda pair: (pair[0] == name, last[pair]))
+    sentence = f"{own} ran into {other} at {first[own, other]:.2f} s: {e.reason}"
+    remedy = f"move {other} away, take another path, or touch it more gently"
+    yield e.cause("RAN_INTO", sentence, remedy, time_s=first[own, other])
 
 
 _GRIP_CODES: Final = frozenset({"SLIPPED", "DROPPED", "NOT_GRASPED", "TOO_HEAVY", "NOT_HELD"})

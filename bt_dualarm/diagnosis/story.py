@@ -30,6 +30,7 @@ from bt_dualarm.diagnosis.object_causes import (
     blackboard_causes,
     camera_causes,
     grip_causes,
+    knock_causes,
     sight_causes,
     world_causes,
 )
@@ -45,6 +46,7 @@ _RULES: Final[tuple[Callable[[Evidence], Iterator[Cause]], ...]] = (
     blackboard_causes,
     world_causes,
     joint_causes,
+    knock_causes,
     grip_causes,
     contact_causes,
     camera_causes,

@@ -6,6 +6,7 @@ poses, contacts, gripper states, images.
 
 from __future__ import annotations
 
+import copy
 import io
 import math
 import os
@@ -19,9 +20,9 @@ import numpy as np
 import PIL.Image
 
 from bt_dualarm.core.later import Later
-from bt_dualarm.core.pose import Matrix, Vector
+from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.replay.record import Facts, GripperState, Record, ReplayError, check_picture
-from bt_dualarm.robots.gripper import FINGERS
+from bt_dualarm.robots.gripper import FINGERS, PALM
 from bt_dualarm.robots.mjspec import CUP, PARTS_GROUP, TOOL_SITE, joint_motors
 from bt_dualarm.runtime.history_file import Block, HistoryError, blocks_of
 from bt_dualarm.runtime.observations import KnownFrame
@@ -292,6 +293,28 @@ class Scene:
             return None
         found: Vector = self.data.site_xpos[site].copy()
         return found
+
+    def pose_in(self, arm: str, name: str) -> Pose:
+        """Pose of an object in the palm of an arm's gripper."""
+        palm, body = (self._body(each) for each in (f"{arm}/{PALM}", name))
+        data = self.data
+        return Pose(data.xpos[palm], data.xquat[palm]).inverse @ Pose(
+            data.xpos[body].copy(), data.xquat[body].copy()
+        )
+
+    def ahead(self, seconds: float) -> Scene:
+        """The world a moment later, if all velocities stayed as they are.
+
+        It shows a contact that begins and ends between two recorded states.
+        """
+        later = copy.copy(self)
+        later.time = self.time + seconds
+        later.data = mujoco.MjData(self.model)
+        later.data.qpos[:] = self.data.qpos
+        later.data.eq_active[:] = self.data.eq_active
+        mujoco.mj_integratePos(self.model, later.data.qpos, self.data.qvel, seconds)
+        mujoco.mj_fwdPosition(self.model, later.data)
+        return later
 
     def held(self, arm: str) -> list[str]:
         """Objects that an arm holds: those that are welded to it, and those assumed gripped."""

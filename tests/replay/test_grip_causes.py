@@ -307,3 +307,42 @@ def test_a_round_object_is_as_wide_as_twice_its_radius(tmp_path: Path) -> None:
     [story] = stories(recorded(tmp_path, text))
     assert story.code == "TOO_WIDE"
     assert "obj is 100 by 100 by 120 mm" in story.causes[0].sentence
+
+
+KNOCKED = """\
+bt_dualarm: 1
+name: knocked
+world: {{scene: table, time_limit: 20}}
+objects:
+  obj: {{shape: box, size: {size}, mass: 0.2, friction: 0.5, pose: {{xyz: [0.4, -0.45, {height}]}}}}
+  wall: {{shape: box, fixed: true, size: [0.05, 0.05, 0.1], pose: {{xyz: [0.15, -0.45, 0.45]}}}}
+arms:
+  arm1:
+    robot: ur5
+    gripper: {gripper}
+    base: {{xyz: [0, 0, 0.4]}}
+    tree:
+      sequence:
+        - grasp: {{object: obj, approach: [0, 0, -1], point: [0, 0, {top}]}}
+        - move_until_contact: {{direction: [-1, 0, 0], distance: 0.3, force: 60, speed: 0.2}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("gripper", "size", "top", "code"),
+    [
+        ("robotiq_2f85", [0.05, 0.05, 0.3], 0.13, "SLIPPED"),
+        ("suction_cup", [0.1, 0.1, 0.2], 0.1, "DROPPED"),  # touches between two recorded states
+    ],
+)
+def test_what_knocked_an_object_out_of_the_hand_is_named(
+    gripper: str, size: list[float], top: float, code: str, tmp_path: Path
+) -> None:
+    """The lower end of a bar hits a wall, and turns in the hand, or off the cup."""
+    text = KNOCKED.format(gripper=gripper, size=size, height=0.4 + size[2] / 2, top=top)
+    [story] = stories(recorded(tmp_path, text))
+    assert story.code == code, story.reason
+    cause = story.causes[0]
+    assert cause.kind == "RAN_INTO"
+    assert cause.sentence.startswith("obj ran into wall at ")
+    assert cause.remedy.startswith("move wall away")
