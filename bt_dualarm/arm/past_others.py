@@ -12,6 +12,7 @@ import numpy as np
 from bt_dualarm.arm.motions import PLANNING_S, REPLANS, WAIT_S, ArmMotions
 from bt_dualarm.arm.state import BACKOFF_S, Backoff
 from bt_dualarm.arm.traffic import Traffic
+from bt_dualarm.collision.distance import PLANNING_MARGIN_M
 from bt_dualarm.core.errors import BlockedFailure, CollisionFailure, Failure
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.planning.path_constraints import PathConstraint
@@ -243,16 +244,28 @@ class PastOthers:
         """Whether another arm is the reason of a failure, and has not ended where it is."""
         return bool(self.blockers(refusal) - self.arm.resting)
 
-    def blockers(self, refusal: Failure) -> frozenset[str]:
-        """Names of the arms that are, themselves or with what they hold, or may be, the reason."""
+    def blockers(self, refusal: Failure, were_near: frozenset[str] = frozenset()) -> frozenset[str]:
+        """Names of the arms that are, themselves or with what they hold, or may be, the reason.
+
+        A search without success does not tell what was in the way: it may be any arm that is where
+        this one can come.
+
+        Args:
+            refusal: The failure.
+            were_near: Names of the arms that were there when the attempt began.
+        """
         neighbors = frozenset(self.arm.controller.neighbors)
         found = set[str]()
         for one in _reasons(refusal):
             if isinstance(one, CollisionFailure):
                 found.add(self.arm.world.arm_of(one.obstacle))
             elif one.code == "NO_PLAN":
-                return neighbors
+                return neighbors & (were_near | self._near())
         return neighbors & found
+
+    def _near(self) -> frozenset[str]:
+        """Names of the arms that are where this one can come, as far as plans keep from them."""
+        return self.arm.controller.in_reach(PLANNING_MARGIN_M)
 
     def _when_clear(
         self, attempt: Callable[[], Generator[None, None, _Found]], until: float
@@ -273,10 +286,11 @@ class PastOthers:
             arm.checks = CHECKS if is_thorough else _QUICK_CHECKS[number > 1]
             arm.resting = staying
             arm.may_turn = is_last or not arm.controller.neighbors
+            were_near = self._near()
             try:
                 found = yield from attempt()
             except Failure as refusal:
-                blockers = self.blockers(refusal)
+                blockers = self.blockers(refusal, were_near)
                 theirs = _collisions_with(blockers, refusal, arm)
                 why = theirs[0].reason if theirs else refusal.reason
                 if blockers <= staying or arm.time > until:

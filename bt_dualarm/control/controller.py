@@ -159,6 +159,10 @@ class JointController:
         """Names of the arms whose workspace this arm can approach."""
         return self._guard.neighbors
 
+    def in_reach(self, within: float) -> frozenset[str]:
+        """Names of those that are within a distance in m of where this arm can come now."""
+        return self._guard.in_reach(within)
+
     @property
     def motion(self) -> SetPointSource | None:
         """Motion that is being followed, None while holding."""

@@ -81,6 +81,16 @@ class FailSafeCheck:
             self._approaches[self.tool_avoids_payloads] = found
         return found
 
+    def in_reach(self, within: float) -> frozenset[str]:
+        """Names of the other arms that are, or hold something, where this one can come now.
+
+        Args:
+            within: Distance that counts as reached, m.
+        """
+        ball = self._hulls[self._arm].ball
+        spheres = {name: self._hulls[name].spheres() for name in self.others}
+        return frozenset(name for name, at in spheres.items() if apart(ball, at) < within)
+
     def present(self, q: Vector, time: float) -> dict[str, Gap]:
         """Distances by other arm at the current set-points; own position of shape (dof,), rad."""
         if not self.others:

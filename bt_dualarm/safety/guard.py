@@ -144,6 +144,11 @@ class ArmGuard:
         self._refresh()
         return self._check.others
 
+    def in_reach(self, within: float) -> frozenset[str]:
+        """Names of those that are within a distance in m of where this one can come now."""
+        self._refresh()
+        return self._check.in_reach(within)
+
     def look(self, motion: SetPointSource, sent: SetPoint, time: float) -> Failure | None:
         """Let the motion continue, slow it down or hold it; return a failure that ends it.
 

@@ -225,6 +225,27 @@ def test_arm_without_a_plan_even_if_it_were_alone_blames_no_other_arm(pause_s: f
     assert result.sim_time_s < 20.0
 
 
+def test_arm_without_a_plan_waits_only_for_arms_that_it_can_come_near() -> None:
+    """The workspace of `far` overlaps with that of `a`, but the arm is not there."""
+    rests: dict[str, Any] = {"robot": "ur5", "tree": {"sequence": [{"wait": 10}]}}
+    tree: dict[str, Any] = {
+        "bt_dualarm": 1,
+        "world": {"scene": "empty", "time_limit": 40},
+        "faults": {"planless": {"kind": "no_plan", "arm": "a", "until": 3.0}},
+        "arms": {
+            "a": {"robot": "ur5", "tree": {"reach_to_pose": {"posture": "up"}}},
+            "near": rests | {"base": {"xyz": [0, 0.9, 0]}},
+            "far": rests | {"base": {"xyz": [0, -1.7, 0]}},
+        },
+    }
+    named = set[str]()
+    with bt.open(tree) as opened:
+        while opened.time < 2.5:
+            opened.step(0.05)
+            named.add(opened.trees["a"].snapshot().waiting.partition(" since")[0])
+    assert named == {"", "waits for near to leave its path"}
+
+
 @pytest.mark.parametrize("waits", ["meet", "await"])
 def test_waiting_arm_moves_aside_and_comes_back(waits: str) -> None:
     """Such a run used to end with DEADLOCK although only the waiting arm blocked the path."""
