@@ -80,7 +80,11 @@ _UNITS = {"width": "m", "speed": "m/s", "force": "N"}
 
 
 def gripper_problems(
-    arm: str, spec: ArmSpec, gripper: Gripper | None, kinds: Mapping[str, NodeType]
+    arm: str,
+    spec: ArmSpec,
+    gripper: Gripper | None,
+    kinds: Mapping[str, NodeType],
+    wrong: frozenset[Location] = frozenset(),
 ) -> Iterator[Problem]:
     """Yields problems of leaves that need a gripper that is missing, or exceed its limits.
 
@@ -89,6 +93,7 @@ def gripper_problems(
         spec: Specification of the arm in the file.
         gripper: Its gripper; None if it has none or its description could not be read.
         kinds: All node types, by name.
+        wrong: Places of values that no gripper could have, and that are known to be wrong.
     """
     for node in spec.tree.walk():
         kind = kinds.get(node.kind)
@@ -99,7 +104,7 @@ def gripper_problems(
             hint = f"give {arm} one: gripper: NAME ({known})"
             yield node.problem(f"{node.kind}: {arm} has no gripper", hint)
         elif gripper is not None:
-            yield from _beyond(node, kind, gripper)
+            yield from (one for one in _beyond(node, kind, gripper) if one.place not in wrong)
 
 
 def _beyond(node: NodeSpec, kind: NodeType, gripper: Gripper) -> Iterator[Problem]:
@@ -136,6 +141,7 @@ class Names:
         source: Source of the file.
         kinds: All node types, by name.
         left_out: Paths of fields of the file that could not be read.
+        wrong: Places of the errors that are known.
 
     Attributes:
         robots: Robots that could be read, by the arm's name.
@@ -147,6 +153,7 @@ class Names:
     source: Source
     kinds: Mapping[str, NodeType]
     left_out: frozenset[DataPath] = frozenset()
+    wrong: frozenset[Location] = frozenset()
     robots: dict[str, Robot] = field(default_factory=dict)
     problems: list[Problem] = field(default_factory=list)
     warnings: list[Problem] = field(default_factory=list)
@@ -172,7 +179,7 @@ class Names:
                 self._arm(("arms", name), arm, robot)
                 self.problems += self._nodes(name, arm, robot)
             if ("arms", name, "gripper") not in self.left_out:
-                self.problems += gripper_problems(name, arm, gripper, self.kinds)
+                self.problems += gripper_problems(name, arm, gripper, self.kinds, self.wrong)
         joints = {name: robot.joints for name, robot in self.robots.items()}
         self.problems += joint_problems(self.file.faults, self.source, joints)
 
@@ -711,7 +718,8 @@ def check(
     source = loaded.source
     if file is None or source is None:
         return Checked(None, loaded.wrong)
-    names = Names(file, source, kinds, loaded.left_out)
+    known = frozenset(one.place for one in errors(loaded.problems))
+    names = Names(file, source, kinds, loaded.left_out, known)
     names.look_up()
     of_world: list[Problem] = []
     if build and not names.problems and not loaded.left_out:

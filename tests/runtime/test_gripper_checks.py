@@ -64,6 +64,23 @@ def test_every_mistake_is_reported_at_its_position() -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("leaf", "message", "hint"),
+    [
+        ("open_gripper: {width: 85}", "must be at most 1 m, not 85", "in meters: 0.085, if 85 mm"),
+        ("open_gripper: {speed: 50}", "must be at most 2 m/s, not 50", ""),
+        ("close_gripper: {force: -3}", "must be greater than 0 N, not -3", ""),
+    ],
+)
+def test_value_that_no_gripper_could_have_is_one_mistake(
+    leaf: str, message: str, hint: str
+) -> None:
+    text = MISTAKEN[: MISTAKEN.index("    tree")].replace("f58", "f85") + f"    tree: {{{leaf}}}\n"
+    (problem,) = check(text, KINDS).problems
+    assert problem.message.endswith(message)
+    assert problem.hint.startswith(hint)
+
+
 @pytest.mark.parametrize(("gripper", "robot"), some(product(gripper_names(), robot_names()), 3))
 def test_any_gripper_fits_any_robot_of_the_catalog(gripper: str, robot: str) -> None:
     text = f"""\
