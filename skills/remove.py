@@ -16,6 +16,7 @@ class Remove(Skill):
         object: ObjectName | None = port(None, "object to remove, even if an arm holds it")
         arm: ArmName | None = port(None, "arm to remove; its tree ends as removed")
 
+    takes_out = ("object", "arm")
     failures = {
         "INVALID_TARGET": "an arm does not remove itself",
         "NOT_REMOVED": "it is not in the world, or a part of another object",

@@ -215,6 +215,7 @@ def kind_of(skill: type[Skill], origin: str) -> NodeType:
         skill.Ports,
         skill.Outputs,
         brings_in=frozenset(skill.brings_in),
+        takes_out=frozenset(skill.takes_out),
         needs_camera=skill.needs_camera,
         needs_gripper=skill.needs_gripper,
         needs_held=skill.needs_held,
@@ -292,10 +293,12 @@ def _choice_faults(part: str, model: type[PortModel]) -> Iterator[str]:
 
 
 def _brought_faults(skill: type[Skill]) -> Iterator[str]:
-    for name in skill.brings_in:
-        field = skill.Ports.model_fields.get(name)
-        if field is None or metadata_of(field, Refers) is None:
-            yield f"brings_in names '{name}', which is not a port with the name of an object or arm"
+    for attribute in ("brings_in", "takes_out"):
+        for name in getattr(skill, attribute):
+            field = skill.Ports.model_fields.get(name)
+            if field is None or metadata_of(field, Refers) is None:
+                what = "a port with the name of an object or arm"
+                yield f"{attribute} names '{name}', which is not {what}"
 
 
 def _name_faults(skill: type[Skill]) -> Iterator[str]:

@@ -120,6 +120,8 @@ class Skill:
     Attributes:
         brings_in: Ports that name an object or arm, declared with ``spawned: false``, which the
             skill adds to the world; the check of the tree then accepts later uses of it.
+        takes_out: Ports that name an object or arm that the skill removes from the world; the check
+            of the tree then accepts that another one brings it in again.
         needs: Modules that are slow to import; they are imported before the run.
         needs_camera: Whether it works only with a camera that moves with the arm.
         needs_gripper: Whether it works only with an arm that has a gripper.
@@ -138,6 +140,7 @@ class Skill:
     failures: ClassVar[Mapping[str, str]] = {}
     example: ClassVar[str] = ""
     brings_in: ClassVar[tuple[str, ...]] = ()
+    takes_out: ClassVar[tuple[str, ...]] = ()
     needs: ClassVar[tuple[str, ...]] = ()
     needs_camera: ClassVar[bool] = False
     needs_gripper: ClassVar[bool] = False

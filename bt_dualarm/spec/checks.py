@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from dataclasses import field as dataclass_field
 from functools import lru_cache
 from types import MappingProxyType
-from typing import Final
+from typing import Final, Literal
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
@@ -26,6 +26,7 @@ from bt_dualarm.spec.expressions import (
     resolved,
     type_of,
 )
+from bt_dualarm.spec.faults import RemovedObject
 from bt_dualarm.spec.goals import SECTIONS, condition_problems
 from bt_dualarm.spec.joints import moved_name
 from bt_dualarm.spec.many import MOST_OF_A_KIND, ManySpec, members
@@ -918,6 +919,67 @@ def empty_handed(file: TreeFile, node_types: Mapping[str, NodeType]) -> Iterator
             yield replace(problem, severity="warning")
 
 
+# Warnings of objects and arms that a tree spawns although they are there.
+
+
+def present(file: TreeFile, node_types: Mapping[str, NodeType]) -> Iterator[Problem]:
+    """Returns warnings of what is in the world from the start, and spawned before any removal.
+
+    Args:
+        file: The file; in all its trees, a removal may come before.
+        node_types: Node types by name, of the language and of the skills.
+    """
+    at_start = {name for name, item in file.objects.items() if item.spawned}
+    at_start |= {name for name, arm in file.arms.items() if arm.spawned}
+    at_start -= {one.object for one in file.faults.values() if isinstance(one, RemovedObject)}
+    spawns = [*_bodies(file, node_types, "brings_in")]
+    removals = [*_bodies(file, node_types, "takes_out")]
+    again = {body for *_, body in spawns}  # an arm that is spawned again runs its tree once more
+    for arm, stage, node, port, name in spawns:
+        may_be_removed = any(
+            one != arm or number <= stage or not {arm, None}.isdisjoint(again)
+            for one, number, *_, body in removals
+            if body in (name, None)
+        )
+        if name in at_start and not may_be_removed:
+            message = f"{node.kind}: '{name}' is in the world already: no leaf removes it before"
+            problem = node.port_problem((port,), message, f"{name}: {{spawned: false, …}}")
+            yield replace(problem, severity="warning")
+
+
+def _bodies(
+    file: TreeFile, node_types: Mapping[str, NodeType], ports: Literal["brings_in", "takes_out"]
+) -> Iterator[tuple[str, int, NodeSpec, str, str | None]]:
+    """Yields arm, stage, node, port and name of each object or arm that nodes bring in or take out.
+
+    The name is None if it is known only at run time.
+    """
+    for arm, spec in file.arms.items():
+        for number, stage in enumerate(_stages(spec.tree, node_types)):
+            for node in stage.walk():
+                named = getattr(node_types[node.kind], ports) if node.kind in node_types else ()
+                for port in sorted(named):
+                    value = node.ports.get(port)
+                    if value is not None:
+                        name = value if isinstance(value, str) and not is_dynamic(value) else None
+                        yield arm, number, node, port, name
+
+
+def _stages(node: NodeSpec, node_types: Mapping[str, NodeType]) -> Iterator[NodeSpec]:
+    """Yields parts of a tree of which each ends before the next begins, and never runs again."""
+    node_type = node_types.get(node.kind)
+    if (
+        isinstance(node_type, LanguageNode)
+        and node.children
+        and node_type.runs_all(node)
+        and not node_type.repeats(node)
+    ):
+        for child in node.children:
+            yield from _stages(child, node_types)
+    else:
+        yield node
+
+
 # Warnings of parameters and subtrees that a file declares but does not use.
 
 
@@ -1097,3 +1159,4 @@ class Examination:
             yield from drift_warnings(arm.tree, self._node_types)
         yield from absent(file, source, self._node_types)
         yield from empty_handed(file, self._node_types)
+        yield from present(file, self._node_types)

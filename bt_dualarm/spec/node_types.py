@@ -611,6 +611,7 @@ class NodeType:
         bare_child: Whether its child may be written in its place: ``not: holding``.
         uses: Port that names a subtree, whose tree becomes the node's child; empty if none does.
         brings_in: Ports that name what the node spawns.
+        takes_out: Ports that name what it removes.
         needs_camera: Whether it works only with a camera that moves with the arm.
         needs_gripper: Whether it works only with an arm that has a gripper.
         needs_held: Whether it works only while the arm holds an object.
@@ -635,6 +636,7 @@ class NodeType:
     bare_child: bool = False
     uses: str = ""
     brings_in: frozenset[str] = frozenset()
+    takes_out: frozenset[str] = frozenset()
     needs_camera: bool = False
     needs_gripper: bool = False
     needs_held: bool = False

@@ -96,6 +96,8 @@ def test_valid_skill_is_registered(folder: Path) -> None:
          "wave.py:3: cannot be imported: ModuleNotFoundError: No module named 'bt_dualarm.skil'"),
         ("failures =", 'brings_in = ("angle",)\n        failures =', "wave.py: WaveOnce: brings_in"
          " names 'angle', which is not a port with the name of an object or arm"),
+        ("failures =", 'takes_out = ("angle",)\n        failures =', "wave.py: WaveOnce: takes_out"
+         " names 'angle', which is not a port with the name of an object or arm"),
         ("class WaveOnce(Skill)", "class WaveOnce", "wave.py: has no subclass of Skill"),
         ('"""A skill."""', "1 / 0",
          "wave.py:2: cannot be imported: ZeroDivisionError: division by zero"),

@@ -111,6 +111,45 @@ def test_objects_that_no_leaf_spawns(tree: str, expected: list[str], tmp_path: P
     assert messages_of(task(tmp_path, tree, OBJECT)) == expected
 
 
+THERE = """objects: {cube: {shape: sphere, size: [0.1], mass: 1}}
+faults: {gone: {kind: removed_object, object: NAME}}
+"""
+"""An object that is in the world from the start, and a fault that may remove it."""
+SPAWNED_TWICE = ["w: spawn: 'cube' is in the world already: no leaf removes it before"]
+
+
+@pytest.mark.parametrize(
+    ("tree", "expected"),
+    [
+        ("{spawn: {object: cube}}", SPAWNED_TWICE),
+        ("sequence: [{spawn: {object: cube}}, {remove: {object: cube}}]", SPAWNED_TWICE),
+        ("sequence: [{remove: {object: cube}}, {spawn: {object: cube}}]", []),
+        ("sequence: [{remove: {arm: arm1}}, {spawn: {object: cube}}]", SPAWNED_TWICE),
+        ("sequence: [{set: {key: o, value: cube}}, {remove: {object: '{o}'}},"
+         " {spawn: {object: cube}}]", []),
+        ("parallel: [{spawn: {object: cube}}, {remove: {object: cube}}]", []),
+        ("retry: {times: 2, child: {sequence: [{spawn: {object: cube}}, {remove: {object: cube}},"
+         " look]}}", []),
+        ("selector: [{spawn: {object: cube}}, look]", SPAWNED_TWICE),
+        ("sequence: [{spawn: {object: cube}}, {spawn: {arm: arm1}}, {remove: {object: cube}}]",
+         ["w: spawn: 'arm1' is in the world already: no leaf removes it before"]),
+    ],
+)  # fmt: skip
+def test_what_is_there_is_spawned_in_vain(tree: str, expected: list[str], tmp_path: Path) -> None:
+    """Only if no removal can come before: an arm that is spawned again runs its tree once more."""
+    objects = THERE.partition("faults")[0]
+    assert messages_of(task(tmp_path, tree, objects)) == expected
+
+
+def test_what_another_arm_or_a_fault_removes_may_be_spawned(tmp_path: Path) -> None:
+    path = task(tmp_path, "{spawn: {object: cube}}", THERE.replace("NAME", "cube"))
+    assert messages_of(path) == []
+    path = task(tmp_path, "{spawn: {object: cube}}", THERE.partition("faults")[0])
+    with path.open("a") as file:
+        file.write("  arm2: {robot: ur5, tree: {remove: {object: cube}}}\n")
+    assert messages_of(path) == []
+
+
 CHEST = """objects:
   cube: {shape: sphere, size: [0.1], mass: 1, spawned: false}
   chest:

@@ -51,6 +51,7 @@ SKILLS: Mapping[str, NodeType] = {
     "carry": NodeType("carry", "Carries.", Kept),
     "bring": NodeType("bring", "Brings.", Carry),
     "spawn": NodeType("spawn", "Spawns.", Bring, brings_in=frozenset({"object", "arm"})),
+    "remove": NodeType("remove", "Removes.", Bring, takes_out=frozenset({"object", "arm"})),
 }
 
 
