@@ -464,7 +464,7 @@ def knock_causes(e: Evidence) -> Iterator[Cause]:
     last: dict[tuple[str, str], float] = {}
     moved_at = e.ended
     for scene in itertools.chain((start,), scenes):
-        if not scene.has(name):
+        if not scene.has(name) or scene.tool(e.arm) is None:
             return
         # A contact may begin and end between two recorded states.
         ahead = scene.ahead(float(times[e.record.index_at(scene.time) + 1]) - scene.time)

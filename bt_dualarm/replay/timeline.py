@@ -22,7 +22,7 @@ import PIL.Image
 from bt_dualarm.core.later import Later
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.replay.record import Facts, GripperState, Record, ReplayError, check_picture
-from bt_dualarm.robots.gripper import FINGERS, PALM
+from bt_dualarm.robots.gripper import FINGERS
 from bt_dualarm.robots.mjspec import CUP, PARTS_GROUP, TOOL_SITE, joint_motors
 from bt_dualarm.runtime.history_file import Block, HistoryError, blocks_of
 from bt_dualarm.runtime.observations import KnownFrame
@@ -295,12 +295,14 @@ class Scene:
         return found
 
     def pose_in(self, arm: str, name: str) -> Pose:
-        """Pose of an object in the palm of an arm's gripper."""
-        palm, body = (self._body(each) for each in (f"{arm}/{PALM}", name))
+        """Pose of an object in the tool frame of an arm that is in the world."""
         data = self.data
-        return Pose(data.xpos[palm], data.xquat[palm]).inverse @ Pose(
-            data.xpos[body].copy(), data.xquat[body].copy()
-        )
+        site = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SITE, f"{arm}/{TOOL_SITE}")
+        turn = np.empty(4)
+        mujoco.mju_mat2Quat(turn, data.site_xmat[site])
+        body = self._body(name)
+        tool = Pose(data.site_xpos[site].copy(), turn)
+        return tool.inverse @ Pose(data.xpos[body].copy(), data.xquat[body].copy())
 
     def ahead(self, seconds: float) -> Scene:
         """The world a moment later, if all velocities stayed as they are.
