@@ -16,6 +16,7 @@ from bt_dualarm.spec.values import PoseSpec
 from tests.sim.worlds import arm, file_of
 
 MARGIN_M = 0.045
+_ROUNDING_M = 1e-15  # two ways to compute the same distance; depends on the processor
 BALL = PoseSpec(xyz=(0.0, 0.6, 0.02))
 
 
@@ -78,7 +79,7 @@ def test_close_boxes_are_found_where_no_contact_is_reported() -> None:
             apart += contact is None
             continue
         assert contact is not None
-        assert -contact.depth <= nearest
+        assert -contact.depth <= nearest + _ROUNDING_M
         assert names_both_arms(contact)
         found = checker.data.contact
         missed += not (found.dist < checker.least[found.geom[:, 0], found.geom[:, 1]]).any()
