@@ -212,7 +212,7 @@ class ApproachAndAttach(Skill):
         raise Failure(
             "OUT_OF_REACH",
             f"no path to {self._name!r}: {first.reason}",
-            ways_tried=len(reasons),
+            plans_tried=len(reasons),
             **first.numbers,
         ) from ExceptionGroup("no approach is free", reasons)
 

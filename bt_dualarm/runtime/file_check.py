@@ -654,6 +654,8 @@ class _ReachCheck:
     def _has_configuration(self, pose: PoseSpec, free: FreeAxes) -> bool:
         if self._kinematics is None:
             self._kinematics = Kinematics(self.robot, self.base.pose)
+        if not free and self._kinematics.is_beyond(pose.pose):
+            return False  # a search takes 30 ms
         try:
             self._kinematics.solve(pose.pose, self.robot.postures["home"], free=free)
         except Failure:

@@ -253,7 +253,7 @@ class CarryPlanning:
             "OUT_OF_REACH",
             f"no grasps of {' and '.join(self._proposals)} allow the whole path: "
             f"{refusals[0].reason}",
-            ways_tried=len(refusals),
+            plans_tried=len(refusals),
             **refusals[0].numbers,
         ) from ExceptionGroup("no way", refusals)
 

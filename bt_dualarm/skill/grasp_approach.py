@@ -177,7 +177,7 @@ def first_approach(
     raise Failure(
         "OUT_OF_REACH",
         reason,
-        ways_tried=len(reasons),
+        plans_tried=len(reasons),
         **first.numbers,
     ) from ExceptionGroup("no way", reasons)
 
