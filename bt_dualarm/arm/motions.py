@@ -790,6 +790,12 @@ class ArmMotions(ArmState):
                 return pending.result()
             except Failure as refusal:
                 refusal.noting(planning_s=PLANNING_S)
+                if refusal.code == "NO_PLAN":
+                    enclosing = self.checker(ignore).enclosing(self.setpoint.q)
+                    if enclosing is not None:
+                        own, one, other = enclosing
+                        where = f"in {one}" if one == other else f"between {one} and {other}"
+                        refusal.adding(f"{own} is {where}: `move_linear` can take it out first")
                 raise
         finally:
             pending.abandon()

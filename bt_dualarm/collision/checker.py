@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import copy
 import functools
+import itertools
 import weakref
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -388,6 +389,12 @@ STANDING = 3e-3
 """Penetration up to which an existing contact may continue, m: tool and held objects are pressed
 against others when picking and placing."""
 
+NARROW = 2e-3
+"""Room up to which something is enclosed between two others, m: that of a peg in its hole."""
+
+_OPPOSITE = -0.9
+"""Cosine of the angle between two normals from which sides are opposite."""
+
 _DEPTH_SHOWN = 5e-5
 """Penetration from which a message states it, m."""
 
@@ -593,6 +600,34 @@ class CollisionChecker:
         found = self.data.contact
         pairs = found.geom[found.dist <= 0.0]
         return bool((gripping[pairs[:, 0]] ^ gripping[pairs[:, 1]]).any())
+
+    def enclosing(self, q: Vector) -> tuple[str, str, str] | None:
+        """Names of the tool, or of a held object, and of two things that it is between at ``q``.
+
+        Out of there leads a short straight line at most, which random samples hardly find. The
+        checker reports gaps from then on; use another one for anything else.
+
+        Args:
+            q: Configuration, of shape (dof,), rad.
+
+        Returns:
+            Both things may be the same one, with a hole. None if there is more than `NARROW` to one
+            of two opposite sides.
+        """
+        self._scratch.report_gaps(self._gripping, NARROW)
+        self.place(q)
+        found = self.data.contact
+        sides: list[tuple[Vector, int, int]] = []
+        for (first, second), frame in zip(found.geom.tolist(), found.frame, strict=True):
+            if self._gripping[first] and not self.moving[second]:
+                sides.append((frame[:3].copy(), first, second))
+            elif self._gripping[second] and not self.moving[first]:
+                sides.append((-frame[:3], second, first))
+        for (normal, own, one), (opposite, _, other) in itertools.combinations(sides, 2):
+            if normal @ opposite < _OPPOSITE:
+                names = [name_of_geom(self.model, geom) for geom in (own, one, other)]
+                return names[0], names[1], names[2]
+        return None
 
     def contact(self, q: Vector) -> Contact | None:
         """Deepest contact that the arm would have at ``q``, of shape (dof,), rad; None if free."""

@@ -152,6 +152,32 @@ def test_held_object_may_stay_as_deep_in_its_support_as_it_is() -> None:
     assert not checker.free(at(0.047))
 
 
+@pytest.mark.parametrize(
+    ("gap", "sides", "found"),
+    [
+        (0.001, "both", ("cube", "left", "right")),
+        (0.001, "left", None),
+        (0.003, "both", None),
+    ],
+)
+def test_held_object_between_two_things_is_enclosed(
+    gap: float, sides: str, found: tuple[str, str, str] | None
+) -> None:
+    """No plan leads out of a hole, and its refusal did not say that the peg is in one."""
+    beside = 0.05 + gap
+    walls = {"left": box((0.45, 0.1 - beside, 0.6)), "right": box((0.45, 0.1 + beside, 0.6))}
+    if sides == "left":
+        del walls["right"]
+    world = pick_world(**walls)
+    grasp = above(world, 0.0)
+    world.data.qpos[world.arms["arm1"].qpos_ids] = grasp
+    mujoco.mj_forward(world.model, world.data)
+    world.sense()
+    world.attach("arm1", "cube")
+    named = CollisionChecker(world, "arm1").enclosing(grasp)
+    assert (named and (named[0], *sorted(named[1:]))) == found
+
+
 def test_first_contact_of_several_configurations_has_its_index() -> None:
     world = pick_world()
     rows = np.array([above(world, height) for height in (0.03, 0.02, -0.005, -0.01)])
