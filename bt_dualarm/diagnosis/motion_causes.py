@@ -51,7 +51,10 @@ def _nothing_there(e: Evidence) -> Cause:
         sentence = f"there is no ground within {below:.0f} mm below the place: {e.reason}"
         return e.cause("NOTHING_THERE", sentence, "a lower `at`, or a longer `search`")
     if "distance_m" not in e.numbers:  # the distance follows from a pose
-        return e.cause("NOTHING_THERE", e.reason, "another `at`, `depth` or `direction`")
+        remedy = "another `at`, `depth` or `direction`"
+        if "push" in e.ports:
+            remedy += "; or a stiffer hold of the hole"
+        return e.cause("NOTHING_THERE", e.reason, remedy)
     distance = 1e3 * float(e.numbers["distance_m"])
     sentence = f"there was nothing to touch within {distance:.0f} mm"
     return e.cause("NOTHING_THERE", sentence, "a longer distance, or another direction")
@@ -345,7 +348,8 @@ def _too_far(e: Evidence) -> Iterator[Cause]:
         yield e.cause("OUT_OF_REACH", sentence, remedy)
         return
     if e.leaf.kind == "carry_together":  # each arm holds it elsewhere; one leaf plans for all
-        arms = " and ".join([e.arm, *e.ports.get("with", ())])
+        names = [e.arm, *map(str, e.ports.get("with", ()))]
+        arms = " and ".join((", ".join(names[:-1]), names[-1])) if names[1:] else e.arm
         obj = e.ports["object"]
         sentence = f"{arms} found no grasps with which they can carry {obj}: {e.reason}"
         yield e.cause("OUT_OF_REACH", sentence, "another path, or other positions of the bases")

@@ -510,7 +510,7 @@ def grip_causes(e: Evidence) -> Iterator[Cause]:
         sentence = f"{name} is slippery: its friction is {facts['friction']:g}; {e.reason}"
         yield e.cause("LOW_FRICTION", sentence, "a rougher surface, more force, or another grasp")
     elif e.code == "TOO_HEAVY" and _assumed_too_heavy(e, facts):
-        assumed = float(e.numbers["mass_kg"])
+        assumed = float(e.numbers["assumed_kg"])
         sentence = (
             f"the leaf assumes {assumed:.3g} kg, as `mass` is not given; {name} has "
             f"{facts['mass']:g} kg: {e.reason}"
@@ -555,12 +555,8 @@ def grip_causes(e: Evidence) -> Iterator[Cause]:
 
 def _assumed_too_heavy(e: Evidence, facts: Facts) -> bool:
     """Whether a leaf without a mass has assumed a larger one than the object has."""
-    assumed = e.numbers.get("mass_kg")
-    return (
-        e.ports.get("mass") is None
-        and isinstance(assumed, (int, float))
-        and assumed > 1.05 * float(facts["mass"])
-    )
+    assumed = e.numbers.get("assumed_kg")
+    return isinstance(assumed, (int, float)) and assumed > 1.05 * float(facts["mass"])
 
 
 def _crowded(e: Evidence, name: str, beside: list[tuple[str, float]]) -> Cause:

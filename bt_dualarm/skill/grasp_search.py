@@ -233,6 +233,11 @@ class WantedGrasp:
         return f"{self.mass:.3g} kg{assumed}"
 
     @property
+    def evidence(self) -> dict[str, float]:
+        """The mass in the numbers of failures, kg: as ``assumed_kg``, too, if nothing states it."""
+        return {"mass_kg": self.mass} | ({"assumed_kg": self.mass} if self.mass_is_assumed else {})
+
+    @property
     def label(self) -> str:
         """The object in messages."""
         if self.edges is not None:
@@ -414,7 +419,7 @@ def _grasps_on(
         raise Failure(
             "TOO_HEAVY" if lighter else "OUT_OF_REACH",
             f"no grasp of {wanted.label} {wanted.request} {bears}; {of_any_kind} others {do}",
-            mass_kg=wanted.mass,
+            **wanted.evidence,
             grasps=0,
             other_grasps=of_any_kind,
         )
@@ -434,7 +439,7 @@ def _grasps_on(
                     "TOO_HEAVY",
                     f"the grasps with which {description.name} bears {wanted.weight} of "
                     f"{wanted.label} have no room beside {' and '.join(worst)}",
-                    mass_kg=wanted.mass,
+                    **wanted.evidence,
                     grasps=len(found),
                 )
             near = f"{' and '.join(worst)} {'is' if len(worst) == 1 else 'are'} too near"
@@ -558,7 +563,7 @@ def _refuse_weight(arm: Arm, wanted: WantedGrasp) -> None:
         raise Failure(
             "TOO_HEAVY",
             f"{wanted.label} weighs {wanted.weight}; {gripper.name} may hold {most:g} kg",
-            mass_kg=wanted.mass,
+            **wanted.evidence,
             payload_kg=most,
         )
 
@@ -593,7 +598,7 @@ def _no_grasp(
             "TOO_HEAVY",
             f"no grasp of {description.name}{where} bears {wanted.weight} of {wanted.label} with "
             f"{min(description.force.most, wanted.most_force):g} N and friction {friction:g}",
-            mass_kg=wanted.mass,
+            **wanted.evidence,
             force_n=min(description.force.most, wanted.most_force),
             friction=friction,
         )

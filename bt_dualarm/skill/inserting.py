@@ -422,9 +422,12 @@ class Inserting:
             )
             stands = not felt and self._stands_on_bottom(most, push)
             if not felt and not stands:
+                how = f"with {most:.3g} of the {push:.3g} N of `push` at most"
+                if most > push:
+                    how = f"with {most:.3g} N, and what stopped it yielded"
                 raise Failure(
                     "NO_CONTACT",
-                    "no bottom was detected at the full depth of the peg",
+                    f"no bottom was detected at the full depth of the peg: it was pushed {how}",
                     force_n=most,
                     height_off_m=self._height,
                 )

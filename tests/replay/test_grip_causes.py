@@ -151,6 +151,14 @@ def test_a_hand_in_the_way_after_regrasp_needs_another_approach_of_it(tmp_path: 
     assert cause.remedy.startswith("grasp it otherwise: another `approach` of `regrasp`")
 
 
+def test_the_mass_of_what_stands_on_it_is_not_taken_for_an_assumption(tmp_path: Path) -> None:
+    """The advice was to give the leaf the mass of the object alone."""
+    top = NEIGHBOR.replace("mass: 1", "mass: 20").replace("0.55, -0.45, 0.425", "0.4, -0.45, 0.475")
+    cause = why(tmp_path, CUBE, f"[{GRASP}]", top)
+    assert cause.kind == "OVERLOADED"
+    assert "assumes" not in cause.sentence
+
+
 def test_no_neighbor_is_blamed_for_an_approach_without_a_grasp(tmp_path: Path) -> None:
     cause = why(
         tmp_path, [0.2, 0.2, 0.04], "[grasp: {object: obj, approach: [0, 0, -1]}]", NEIGHBOR
