@@ -82,6 +82,9 @@ GRASPING_LEAVES: Final = ("approach_and_attach", "grasp", "regrasp")
 _RELEASING_LEAVES: Final = ("detach", "open_gripper", "place", "release")
 """Node types that release one."""
 
+_LOCATING_LEAVES: Final = ("locate", "scan")
+"""Node types that find out where one lies."""
+
 _FALLEN_M: Final = 0.05
 """Loss of height in m of a fallen object: more than fingers and welds settle."""
 
@@ -269,6 +272,9 @@ def _fell_before(e: Evidence, name: str) -> Iterator[Cause]:
             return  # an arm has lowered it
     if before is None or _is_held(e, name, e.began):
         return
+    found = [leaf for kind in _LOCATING_LEAVES for leaf in _ended(e, kind, name, arm=e.arm)]
+    if any(change.time > before.time for _, change in found):
+        return  # the arm knew where it lay
     for lost in (*e.record.arms, *e.record.start["objects"]):
         removal = e.timeline.removal(lost)
         if (

@@ -69,6 +69,8 @@ def find_tree(given: str) -> Path:
     near = difflib.get_close_matches(name, names, n=1)
     files = difflib.get_close_matches(path.name, beside, n=1)
     near = [str(path.with_name(file)) for file in files] or near
+    own = path.with_name(f"{path.name}.yaml") if path.name else path
+    near = [str(own)] if own.is_file() else near
     hint = f"did you mean '{near[0]}'?" if near else f"shipped trees: {', '.join(names)}"
     raise NoSuchTree(f"{given}: there is no such file, nor a shipped tree of this name\n  = {hint}")
 

@@ -159,6 +159,22 @@ def test_the_mass_of_what_stands_on_it_is_not_taken_for_an_assumption(tmp_path: 
     assert "assumes" not in cause.sentence
 
 
+def test_fall_before_the_object_was_located_is_not_the_cause(tmp_path: Path) -> None:
+    """Another arm had let it fall; this one found it, and was told to place it on a support."""
+    text = FILE.replace("mass: 0.2", "mass: 0.2, color: yellow").format(
+        size=CUBE,
+        height=0.5,
+        steps="[wait: 1, look_at: {at: {xyz: [0.4, -0.45, 0.42]}}, locate: {object: obj}, "
+        "grasp: {object: obj, approach: [0, 0, 1]}]",
+        others="",
+    )
+    [story] = stories(
+        recorded(tmp_path, text.replace("robotiq_2f85", "robotiq_2f85\n    camera: {}"))
+    )
+    assert story.kind == "grasp"
+    assert [cause.kind for cause in story.causes] == ["NO_ROOM"]
+
+
 def test_no_neighbor_is_blamed_for_an_approach_without_a_grasp(tmp_path: Path) -> None:
     cause = why(
         tmp_path, [0.2, 0.2, 0.04], "[grasp: {object: obj, approach: [0, 0, -1]}]", NEIGHBOR
