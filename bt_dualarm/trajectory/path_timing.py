@@ -89,6 +89,15 @@ _SAME_RAD = 1e-9
 _ROUNDING_RAD = 1e-6
 """Most by which a configuration may be beyond a position limit, to which it is then moved, rad."""
 
+_SWING = 0.5
+"""Largest swing of a spline beyond its samples, as a fraction of the largest step between two."""
+
+_INWARD = 5.0
+"""Largest move of a sample inward from a limit, as a multiple of the swing beyond it."""
+
+_INWARD_ROUNDS = 12
+"""Maximum number of times that samples are moved inward from a limit."""
+
 _MARGIN = 1.0 + 1e-4
 """Additional stretch, so that few rounds are needed."""
 
@@ -267,14 +276,55 @@ def spline_through(samples: Matrix, limits: JointLimits, closed: bool) -> Spline
 
     The Euclidean norm makes this length smooth along the path. With the maximum over joints it
     would have kinks where the fastest joint changes, which would cost jerk.
+
+    Where a joint turns off at a position limit and stays there, the spline would swing beyond it:
+    samples near the limit are moved inward by a few times as much, if that keeps it within.
     """
-    steps = np.linalg.norm(np.diff(samples, axis=0) / limits.velocity, axis=1)
-    s = np.concatenate(((0.0,), np.cumsum(steps)))
-    if closed and len(samples) > 3:
+    steps = np.diff(samples, axis=0)
+    s = np.concatenate(((0.0,), np.cumsum(np.linalg.norm(steps / limits.velocity, axis=1))))
+    closed = closed and len(samples) > 3
+    if closed:
         samples = samples.copy()
         samples[-1] = samples[0]
-        return cubic_spline(s, samples, closed=True)
-    return cubic_spline(s, samples)
+    path = cubic_spline(s, samples, closed=closed)
+    swing = _SWING * np.abs(steps).max(axis=0)
+    if ((samples > limits.lower + swing) & (samples < limits.upper - swing)).all():
+        return path
+    inside, inward = path, np.zeros((2, samples.shape[1]))
+    most = _INWARD * np.maximum(_beyond(path, limits), _ROUNDING_RAD)
+    for round_ in range(_INWARD_ROUNDS):
+        beyond = _beyond(inside, limits)
+        if not (beyond > _SAME_RAD).any():
+            return inside
+        # Ever farther than the spline is beyond: next to an end, it hardly follows.
+        inward += np.where(beyond > _SAME_RAD, 2.0**round_ * beyond + _ROUNDING_RAD, 0.0)
+        if (inward > most).any():
+            break
+        moved = samples.clip(limits.lower + inward[0], limits.upper - inward[1])
+        moved[[0, -1]] = samples[[0, -1]]  # where the arm is, and where it has to arrive
+        inside = cubic_spline(s, moved, closed=closed)
+    return path
+
+
+def _beyond(path: Spline, limits: JointLimits) -> Matrix:
+    """Distance by which a spline exceeds the lower and the upper position limits, rad.
+
+    Returns:
+        Shape (2, dof); zero or less within the limits.
+    """
+    width = np.diff(path.knots)[:, None]
+    a, b, c, d = (path.pieces[:, i] for i in range(4))
+    # Where the derivative 3 a t² + 2 b t + c is zero, also if a is.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        root = -(b + np.copysign(np.sqrt(b * b - 3.0 * a * c), b))
+        times = np.stack(
+            (root / (3.0 * a), c / root, np.zeros_like(a), np.broadcast_to(width, a.shape))
+        )
+    times = np.where(np.isfinite(times), np.clip(times, 0.0, width), 0.0)
+    values = ((a * times + b) * times + c) * times + d
+    return np.stack(
+        (limits.lower - values.min(axis=(0, 1)), values.max(axis=(0, 1)) - limits.upper)
+    )
 
 
 def shortest_motion(
