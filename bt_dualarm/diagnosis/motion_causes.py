@@ -30,6 +30,13 @@ _DEFAULT_LIMIT_N: Final = 280.0
 
 _RESTING_M: Final = 1e-6
 
+_INSERTING: Final = {
+    "NOT_FOUND": "an `at` nearer to the hole, or a larger `radius`",
+    "JAMMED": "a `depth` no deeper than the hole, another rotation of `at`, or a wider hole",
+    "NOT_INSERTED": "an `at` nearer to the hole, or a firmer grasp of the peg",
+}
+"""What may be changed where a peg did not go in, by failure code."""
+
 
 def contact_causes(e: Evidence) -> Iterator[Cause]:
     """Yields causes in the contacts of the arm; of parts that it moves, see `joint_causes`."""
@@ -42,6 +49,8 @@ def contact_causes(e: Evidence) -> Iterator[Cause]:
         yield from _blocked(e)
     if e.code == "NO_CONTACT":
         yield _nothing_there(e)
+    if e.leaf.kind == "insert" and e.code in _INSERTING:
+        yield e.cause(e.code, e.reason, _INSERTING[e.code])
 
 
 def _nothing_there(e: Evidence) -> Cause:

@@ -175,6 +175,15 @@ def test_fall_before_the_object_was_located_is_not_the_cause(tmp_path: Path) -> 
     assert [cause.kind for cause in story.causes] == ["NO_ROOM"]
 
 
+def test_peg_without_a_hole_has_a_remedy(tmp_path: Path) -> None:
+    """Only the number of tried positions was repeated."""
+    at = "{xyz: [0.3, -0.4, 0.43], rpy: [0, 0, 0]}"
+    insert = f"insert: {{object: obj, at: {at}, depth: 0.01, radius: 0}}"
+    cause = why(tmp_path, [0.02, 0.02, 0.08], f"[{GRASP}, {insert}]")
+    assert cause.kind == "NOT_FOUND", cause
+    assert cause.remedy == "an `at` nearer to the hole, or a larger `radius`"
+
+
 def test_no_neighbor_is_blamed_for_an_approach_without_a_grasp(tmp_path: Path) -> None:
     cause = why(
         tmp_path, [0.2, 0.2, 0.04], "[grasp: {object: obj, approach: [0, 0, -1]}]", NEIGHBOR
