@@ -82,6 +82,12 @@ def names_of(model: type[BaseModel]) -> list[str]:
     return [name for form in forms for name in form.get("enum", [])]
 
 
+def _may_be_a_number(model: type[BaseModel]) -> bool:
+    """Whether a number may be written instead of a model's fields."""
+    forms: list[Json] = model.model_json_schema().get("anyOf", [])
+    return any(form.get("type") == "number" for form in forms)
+
+
 def _type_name(annotation: object) -> str:
     origin = get_origin(annotation)
     arguments = get_args(annotation)
@@ -512,6 +518,7 @@ class _Explainer:
                     if meant := mapping_of(details["input"], model):
                         return meant
                 names = [f"'{name}'" for model in models for name in names_of(model)]
+                names += ["a number"] * any(map(_may_be_a_number, models))
                 fields = [f"a mapping of {', '.join(model.model_fields)}" for model in models]
                 if models:
                     return " or ".join([*names, *fields])
