@@ -535,11 +535,12 @@ def _waited_for(e: Evidence) -> Cause | None:
         return None
     if float(np.linalg.norm(tools[1] - tools[0])) > _STILL_M:
         return None
-    for body in e.scene(e.ended).near(wanted[1], _AT_TARGET_M):
+    now = e.scene(e.ended)
+    meant = now.holders(str(e.ports.get("into")))  # it is to be there
+    for body in now.near(wanted[1], _AT_TARGET_M):
         owner = body.partition("/")[0]
-        holders = e.scene(e.ended).holders(owner)
-        other = (holders or [owner])[0]
-        if other in e.record.arms and other != e.arm:
+        other = (now.holders(owner) or [owner])[0]
+        if other not in meant and other in e.record.arms and other != e.arm:
             cause = other_arm(e, other)
             sentence = f"{cause.sentence}; {body} is at the tool's goal"
             return e.cause(cause.kind, sentence, cause.remedy, leaf=cause.leaf)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -29,6 +30,7 @@ arms:
         - move_linear: {{offset: {{xyz: {offset}}}, into: post}}
 """
 INTO = [-0.19, 0.11, -0.28]
+COOKBOOK = Path(__file__).parents[2] / "docs" / "cookbook"
 
 
 @pytest.mark.parametrize(
@@ -67,3 +69,20 @@ def test_arm_that_holds_still_is_not_blamed(tmp_path: Path) -> None:
     [story] = [one for one in stories(record) if one.arm == "comer"]
     assert "holder" not in story.reason
     assert "holder" not in story.causes[0].sentence
+
+
+def test_timeout_of_an_insertion_is_not_blamed_on_the_arm_that_holds_the_hole(
+    tmp_path: Path,
+) -> None:
+    """The tool hardly moves while it searches, and what it goes into is at its goal."""
+    text = (COOKBOOK / "plug.yaml").read_text(encoding="utf-8")
+    text = text.partition("\ngoal:")[0]
+    shutil.copytree(COOKBOOK / "scenes", tmp_path / "scenes")
+    before, insert, after = text.partition("- insert: ")
+    ports, _, rest = after.partition("\n")
+    child = f"{{insert: {ports}}}"
+    halted = f"{{timeout: {{seconds: 9, child: {child}}}}}"
+    text = f"{before}- retry: {{times: 3, child: {halted}}}\n{rest}"
+    found = [one for one in stories(recorded(tmp_path, text)) if one.kind == "insert"]
+    assert insert
+    assert [one.causes[0].kind for one in found] == ["TOO_LITTLE_TIME"]
