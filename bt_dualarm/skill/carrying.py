@@ -738,10 +738,12 @@ class _Coupled:
         """Lower the object until contact with its support."""
         ports = self._ports
         low = goal.raised(-ports.search)
+        # Otherwise fingers that hold a light object slide along it, and never feel the contact.
+        force = self._grip.firm_for(ports.force)
         leg = yield from self._next_leg(
             [goal.raised(FREE_M), low], ports.down_speed, compliant=True, slow=TOUCHDOWN_M_S
         )
-        yield from self._execute(leg, 0.8, ports.force)
+        yield from self._execute(leg, 0.8, force)
         began = self._arm.time
         while not self._arm.controller.at_rest and self._arm.time - began < _REST_S:
             yield 0.85

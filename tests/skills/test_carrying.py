@@ -554,3 +554,43 @@ def test_object_that_is_attached_to_a_tool_is_not_carried_together() -> None:
     result = bt.run(file)
     assert leaf(result).code == "GRIPPER_FULL"
     assert "'beam' is attached to the tool: `detach` it first" in leaf(result).reason
+
+
+LIGHT_BAR = """
+bt_dualarm: 1
+world: {{scene: empty, reality: lab, seed: 1, time_limit: 60}}
+objects:
+  bar:
+    shape: box
+    size: [0.37, 0.036, 0.036]
+    mass: {mass}
+    pose: {{xyz: [0.5, 0.05, 0.0183], rpy: [0, 0, 60]}}
+arms:
+  arm1:
+    robot: {first}
+    gripper: panda_hand
+    tree:
+      carry_together:
+        object: bar
+        with: [arm2]
+        to: {{xyz: [0.5, -0.05, 0.0183], rpy: [0, 0, 90]}}
+  arm2:
+    robot: {second}
+    gripper: robotiq_2f85
+    base: {{xyz: [1, 0, 0], rpy: [0, 0, 180]}}
+    tree: {{carry_together: {{object: bar, with: [arm1]}}}}
+"""
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "mass"),
+    some([(*pair, m) for pair in (("fr3", "xarm7"), ("panda", "ur5e")) for m in (0.05, 0.15)], 2),
+)
+def test_hands_that_hold_a_light_object_softly_feel_its_support(
+    first: str, second: str, mass: float
+) -> None:
+    """With 5 N of grip force, fingers slid along the bar by 15 mm, and felt nothing: NO_CONTACT."""
+    result = bt.run(LIGHT_BAR.format(first=first, second=second, mass=mass))
+    assert result.outcome == "SUCCESS", str(result)
+    for arm in ("arm1", "arm2"):
+        assert abs(leaf(result, arm).metrics["height_off_m"]) < 0.004
