@@ -9,7 +9,8 @@ on; no program makes sense as a task. Whatever the skills do, some things must n
 - a tick of more than 3 s;
 - a failure that goes away when the same leaf is tried again in the next tick. This may be right:
   the tool has moved meanwhile, and with it a relative path, or another arm has left. Each has to be
-  looked at.
+  looked at, and so has a failure of control or of a grip: an arm that presses against something may
+  be the reason.
 
 Prints these findings, with the number of the program, and how often each skill ended how.
 ``--write FOLDER`` writes the trees as YAML, to run one by itself.
@@ -57,6 +58,10 @@ BASES: Final[Sequence[Tree]] = (
 _SLOW_S: Final = 3.0
 _STEP_S: Final = 0.02
 _AGAIN_S: Final = 0.05
+_SUSPECT: Final = frozenset(
+    {"COLLISION", "DROPPED", "EXCEPTION", "FORCE_LIMIT", "SLIPPED", "TRACKING_ERROR"}
+)
+"""Codes of failures of control or of a grip."""
 
 
 class Dice:
@@ -311,7 +316,7 @@ def try_program(seed: int) -> Tree:
     findings += ["not at rest"] * (not result.at_rest)
     for name, arm in result.arms.items():
         findings += [f"{name}: {arm.fault}"] * bool(arm.fault)
-        findings += _vanished(name, arm)
+        findings += _suspect(name, arm)
     runs = [leaf for arm in result.arms.values() for leaf in arm.runs]
     leaves = [(leaf.skill, leaf.code or leaf.status) for leaf in runs]
     return {"outcome": str(result.outcome), "findings": findings, "leaves": leaves}
@@ -347,10 +352,12 @@ def _touching_arms(world: World) -> Iterator[tuple[str, str]]:
                 yield first, second
 
 
-def _vanished(name: str, arm: bt.ArmResult) -> Iterator[str]:
-    """Failures that went away when the same leaf was tried again at once."""
+def _suspect(name: str, arm: bt.ArmResult) -> Iterator[str]:
+    """Failures of control, and those that went away when the leaf was tried again at once."""
     last: dict[str, LeafReport] = {}
     for leaf in arm.runs:
+        if leaf.code in _SUSPECT:
+            yield f"{name}: {leaf.path} failed at {leaf.ended_s:.2f} s: {leaf.code} {leaf.reason}"
         before = last.get(leaf.path)
         if (
             before is not None

@@ -72,8 +72,12 @@ def test_an_object_that_lies_flat_is_too_wide(size: list[float], tmp_path: Path)
 
 
 def test_an_object_declared_in_the_air_falls_before_the_gripper_is_there(tmp_path: Path) -> None:
+    """An arm that does not know where it is grasps where it was; otherwise where it has landed."""
     text = FILE.format(size=CUBE, height=0.7, steps=f"[{GRASP}]", others="")
-    [story] = stories(recorded(tmp_path, text))
+    assert not stories(recorded(tmp_path / "known", text))
+    seen = "grasp: {object: obj, at: {xyz: [0.4, -0.45, 0.7]}}"
+    text = FILE.format(size=CUBE, height=0.7, steps=f"[{seen}]", others="")
+    [story] = stories(recorded(tmp_path / "seen", text))
     assert story.code == "NOT_GRASPED"
     assert story.causes[0].kind == "FELL"
     assert "obj fell by 275 mm while 'sequence/grasp' reached" in story.causes[0].sentence
