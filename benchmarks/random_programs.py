@@ -147,6 +147,7 @@ class Author:
         self._others = others
         self._things = things
         self._thing = dice.one(list(things))
+        self._has_taken = False
 
     def tree(self) -> Tree:
         """Four to eight skills, of which each may fail."""
@@ -167,10 +168,11 @@ class Author:
         if dice.happens(0.15):
             self._thing = dice.one(list(self._things))
         kinds: list[Callable[[], Tree]] = [
-            *[self._grasp] * 5, *[self._place] * 4, *[self._transport] * 2, *[self._reach] * 2,
-            *[self._curve] * 4, *[self._step] * 3, self._touch, self._look, self._gripper,
-            self._glue, self._wait,
+            *[self._grasp] * 4, *[self._reach] * 2, *[self._curve] * 4, *[self._step] * 3,
+            self._touch, self._look, self._gripper, self._glue, self._wait,
         ]  # fmt: skip
+        if self._has_taken or dice.happens(0.2):
+            kinds += [*[self._place] * 8, *[self._transport] * 4, self._regrasp]
         return dict(dice.one(kinds)())
 
     @property
@@ -181,7 +183,11 @@ class Author:
         ports: Tree = {"object": self._thing, "speed": self._speed}
         if self._dice.happens(0.2):
             ports["approach"] = self._dice.one(([0, 0, -1], [0, 1, 0], [1, 0, 0]))
-        return self._dice.one(({"grasp": ports}, {"grasp": ports}, {"regrasp": {}}))  # type: ignore[no-any-return]
+        self._has_taken = True
+        return {"grasp": ports}
+
+    def _regrasp(self) -> Tree:
+        return {"regrasp": {}}
 
     def _place(self) -> Tree:
         dice = self._dice
@@ -194,6 +200,7 @@ class Author:
                 {"beside": other, "side": dice.one(("+x", "-x", "+y")), "by": 0.05},
             )
         )
+        self._has_taken = False
         return {"place": {"at": at, "speed": self._speed}}
 
     def _transport(self) -> Tree:
