@@ -129,12 +129,7 @@ class MoveUntilContact(Skill):
             yield motion.progress
             self.arm.check()
             if grip is not None:
-                try:
-                    grip.look()
-                except Failure as failure:
-                    if failure.code == "SLIPPED":
-                        yield from grip.judge(failure)
-                    raise
+                yield from grip.watch()
             elapsed = motion.progress * duration
             moved = float(np.abs(self.arm.setpoint.q - rows[0]).max())
             opposing = self._opposing(direction)

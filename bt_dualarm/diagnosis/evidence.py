@@ -331,6 +331,13 @@ class Evidence:
         """Cause for the arm of this evidence."""
         return Cause(kind, sentence, remedy, self.arm, leaf, time_s)
 
+    def clearance(self, other: str) -> str:
+        """What to change about a body in the path; a part of the scene cannot be moved."""
+        name = other.partition("/")[0]
+        if name in self.record.start["objects"] or name in self.record.arms:
+            return f"move {name} away, or take another path"
+        return f"take a path farther from {name}"
+
 
 def _only(facts: Facts, *names: str) -> Facts:
     return {name: facts[name] for name in names}

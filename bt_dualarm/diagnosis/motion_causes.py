@@ -145,7 +145,7 @@ def _collided(e: Evidence) -> Iterator[Cause]:
     if met:
         touch = met[0]
         sentence = f"{touch.own} ran into {touch.other}: {e.reason}"
-        yield e.cause("RAN_INTO", sentence, _clearance(e, touch.other))
+        yield e.cause("RAN_INTO", sentence, e.clearance(touch.other))
     elif threshold < 1.0:
         sentence = f"the collision threshold is {threshold:g} times the usual one: {e.reason}"
         yield e.cause("LOW_THRESHOLD", sentence, "collision: {threshold: 1.0}")
@@ -160,7 +160,7 @@ def _blocked(e: Evidence) -> Iterator[Cause]:
         other = touch.other.partition("/")[0]
         kind = "OTHER_ARM" if other in e.record.arms else "BLOCKED"
         sentence = f"{touch.own} was blocked by {touch.other}: {e.reason}"
-        yield e.cause(kind, sentence, _clearance(e, other))
+        yield e.cause(kind, sentence, e.clearance(other))
         return
     saturated = int(e.numbers.get("saturated", 0) or _guard_saturated(e))
     held = e.scene(e.ended).held(e.arm)
@@ -297,18 +297,10 @@ def _in_the_way(e: Evidence) -> Iterator[Cause]:
         yield e.cause(cause.kind, cause.sentence + more, remedy, leaf=cause.leaf)
         return
     holds = f", which {e.arm} holds," if "/" not in first else ""
-    remedy = _clearance(e, other)
+    remedy = e.clearance(other)
     if e.leaf.kind == "place" and first.startswith(f"{e.arm}/"):
         remedy = f"grasp it otherwise: {_other_grasp(e)}; or {remedy}"
     yield e.cause("IN_THE_WAY", f"{second} is in the path: {first}{holds} would touch it", remedy)
-
-
-def _clearance(e: Evidence, other: str) -> str:
-    """What to change about something in the path; a part of the scene cannot be moved."""
-    name = other.partition("/")[0]
-    if name in e.record.start["objects"] or name in e.record.arms:
-        return f"move {name} away, or take another path"
-    return f"take a path farther from {name}"
 
 
 def _other_grasp(e: Evidence) -> str:

@@ -493,7 +493,7 @@ def knock_causes(e: Evidence) -> Iterator[Cause]:
         return
     own, other = max(met, key=lambda pair: (pair[0] == name, last[pair]))
     sentence = f"{own} ran into {other} at {first[own, other]:.2f} s: {e.reason}"
-    remedy = f"move {other} away, take another path, or touch it more gently"
+    remedy = f"{e.clearance(other)}, or touch it more gently"
     yield e.cause("RAN_INTO", sentence, remedy, time_s=first[own, other])
 
 

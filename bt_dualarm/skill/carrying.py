@@ -668,12 +668,7 @@ class _Coupled:
         while not source.done:
             yield done + 0.5 * motion.reached
             arm.check()
-            try:
-                self._grip.look()
-            except Failure as failure:
-                if failure.code == "SLIPPED":
-                    yield from self._grip.judge(failure)
-                raise
+            yield from self._grip.watch()
             self._watch(motion)
             self._follow_others(motion)
             if sense is None or not motion.has_begun or motion.is_braking:

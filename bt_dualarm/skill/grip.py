@@ -55,6 +55,15 @@ class Grip:
             if has_slipped(gripper.description, moved):
                 raise self._failure("SLIPPED", f"slips: the fingers moved {1e3 * moved:.1f} mm")
 
+    def watch(self) -> Iterator[None]:
+        """Check the hold as `look`; after a slip, stop and decide as `judge`."""
+        try:
+            self.look()
+        except Failure as failure:
+            if failure.code == "SLIPPED":
+                yield from self.judge(failure)
+            raise
+
     def firm_for(self, force_n: float) -> float:
         """Increase the grip force so that the object withstands a contact force without sliding.
 

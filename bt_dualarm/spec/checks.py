@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from dataclasses import field as dataclass_field
-from functools import lru_cache
+from functools import cache, lru_cache
 from types import MappingProxyType
 from typing import Final, Literal
 
@@ -1126,7 +1126,9 @@ class Examination:
             trees: Tree of each arm, by the arm's name.
         """
         objects = self.names.of(("object",))
-        check = CellCheck(source, cell, objects, trees, self._node_types, is_sound=self._is_sound)
+        check = CellCheck(
+            source, cell, objects, trees, self._node_types, is_sound=cache(self._is_sound)
+        )
         self.problems += check.problems()
 
     def _is_sound(self, node: NodeSpec) -> bool:

@@ -449,11 +449,8 @@ class _Explainer:
         noun = self.noun if top else "field"
         name = str(location[-1])
         valid = self._valid(location)
-        meant = meant_by(name, valid)
-        if meant:
-            hint = f"here it is '{meant}'"
-        else:
-            hint = (top and self._within(name)) or suggestion(name, valid, noun)
+        within = self._within(name) if top and not meant_by(name, valid) else ""
+        hint = within or suggestion(name, valid, noun)
         return Finding(path, f"unknown {noun} '{name}'", hint, at_key=True)
 
     def _within(self, name: str) -> str:
