@@ -23,6 +23,8 @@ class Mistake:
         kind: Kind of the cause that was planted.
         names: Texts that the sentence on the cause must contain: the object, the leaf, the key.
         duration: Simulated seconds of the run.
+        also: Other kinds of cause that are right as well.
+        original: The tree without the mistake, if it is not known to succeed.
     """
 
     name: str
@@ -30,6 +32,8 @@ class Mistake:
     kind: str
     names: tuple[str, ...] = ()
     duration: float = 25.0
+    also: tuple[str, ...] = ()
+    original: Tree | None = None
 
 
 def shipped(name: str) -> Tree:

@@ -76,11 +76,14 @@ class Scan(Skill):
         seen = self.ports.sighted(self.arm, self.context.cell.zones)
         yield from self.arm.come_to_rest()  # the motion of a halted leaf may still be braking
         viewpoints = 0
+        unreachable = 0
         self._left = self._parts()
         self._hints: list[Vector] = []
         point: Vector | None = None
         while True:
-            if point is None or (yield from self._look_at(point, viewpoints)):
+            is_there = point is None or (yield from self._look_at(point, viewpoints))
+            unreachable += not is_there
+            if is_there:
                 viewpoints += point is not None
                 picture = yield from still_picture(self.arm, self.ports.frames)
                 if picture is not None:
@@ -92,7 +95,7 @@ class Scan(Skill):
                     return
             point = self._next(seen)
             if point is None:
-                self._refuse(viewpoints, seen)
+                self._refuse(viewpoints, unreachable, seen)
 
     def _next(self, seen: SightedObjects) -> Vector | None:
         """Next point to look at; None if there is none."""
@@ -153,11 +156,12 @@ class Scan(Skill):
             self.arm.known.saw(self.ports.object, first)
         self.metrics |= {"found": len(seen.objects), "places": places}
 
-    def _refuse(self, viewpoints: int, seen: SightedObjects) -> None:
+    def _refuse(self, viewpoints: int, unreachable: int, seen: SightedObjects) -> None:
         found = len(seen.objects)
-        if not viewpoints:
+        if unreachable and not viewpoints:
             raise Failure("OUT_OF_REACH", "no viewpoint above the area is reachable")
-        places = "one place" if viewpoints == 1 else f"{viewpoints} places"
+        # The image from where the arm was may have shown the whole area.
+        places = {0: "where the arm was", 1: "one place"}.get(viewpoints, f"{viewpoints} places")
         raise Failure(
             "NOT_SEEN",
             f"{found} of {self.ports.least} objects of this color and shape from {places}; "

@@ -17,6 +17,7 @@ from bt_dualarm.diagnosis.joint_causes import MovedJoint
 from bt_dualarm.diagnosis.object_causes import GRASPING_LEAVES, carried
 from bt_dualarm.kinematics.inverse_kinematics import Workspace
 from bt_dualarm.replay.timeline import ContactPoint, TimelineNode, held_over_time
+from bt_dualarm.robots.robot import Robot
 from bt_dualarm.robots.robot_description import load_robot
 from bt_dualarm.runtime.outcome import Ending
 from bt_dualarm.skill.cell import waiting_sentence
@@ -57,7 +58,9 @@ def _nothing_there(e: Evidence) -> Cause:
     """Cause for a contact or support that was not found within the search distance."""
     if "search" in e.ports:
         below = 1e3 * float(e.ports["search"])
-        sentence = f"there is no ground within {below:.0f} mm below the place: {e.reason}"
+        name = e.ports.get("object")
+        place = f"the place of {name}" if name else "the place"
+        sentence = f"there is no ground within {below:.0f} mm below {place}: {e.reason}"
         return e.cause("NOTHING_THERE", sentence, "a lower `at`, or a longer `search`")
     if "distance_m" not in e.numbers:  # the distance follows from a pose
         remedy = "another `at`, `depth` or `direction`"
@@ -154,6 +157,7 @@ def _collided(e: Evidence) -> Iterator[Cause]:
 
 
 def _blocked(e: Evidence) -> Iterator[Cause]:
+    yield from _beyond_payload(e)
     met = _obstacles(e)
     if met:
         touch = met[0]
@@ -169,6 +173,20 @@ def _blocked(e: Evidence) -> Iterator[Cause]:
         mass = sum(float(objects[name]["mass"]) for name in held if name in objects)
         sentence = f"{e.arm} is too weak for the {mass:g} kg that it holds: {e.reason}"
         yield e.cause("OVERLOADED", sentence, "a lighter object, or a slower motion")
+
+
+def _beyond_payload(e: Evidence) -> Iterator[Cause]:
+    """Yields a cause if what the arm holds, or is about to lift, exceeds its payload."""
+    objects = e.record.start["objects"]
+    wanted = e.ports.get("object") if e.leaf.kind in GRASPING_LEAVES else None
+    names = {*e.scene(e.ended).held(e.arm), *([wanted] if isinstance(wanted, str) else [])}
+    mass = sum(float(objects[name]["mass"]) for name in names if name in objects)
+    robot = _robot(e)
+    if robot is not None and robot.payload is not None and mass > robot.payload:
+        weigh = "weigh" if len(names) > 1 else "weighs"
+        payload = f"the payload of {e.robot} is {robot.payload:g} kg"
+        sentence = f"{' and '.join(sorted(names))} {weigh} {mass:g} kg; {payload}: {e.reason}"
+        yield e.cause("OVERLOADED", sentence, "a lighter object or a stronger robot")
 
 
 def _obstacles(e: Evidence) -> list[ContactPoint]:
@@ -197,6 +215,9 @@ def _guard_saturated(e: Evidence) -> int:
 
 _TOO_FAR: Final = frozenset({"UNREACHABLE", "OUT_OF_REACH", "PATH_BROKEN", "SINGULAR"})
 _LEAST_GAP_M: Final = 1e-3
+
+_LOOKING: Final = frozenset({"look_at", "scan"})
+"""Leaves whose target is one of the camera, at a distance of the tool."""
 
 _DRIFT_M: Final = 0.03
 """Smallest distance in m between the first and the last start that counts as drift."""
@@ -358,6 +379,9 @@ def _too_far(e: Evidence) -> Iterator[Cause]:
     gap = _gap(e, point)
     away = float(np.linalg.norm(point - base))
     slip = _unit_slip(e, point)
+    if e.leaf.kind in _LOOKING and not slip:
+        yield _viewpoint(e, what, gap)
+        return
     if slip:
         sentence = f"{what} is {away:.0f} m away from {e.arm}: {slip}"
         yield e.cause("OUT_OF_REACH", sentence, "meters in the file")
@@ -381,6 +405,18 @@ def _too_far(e: Evidence) -> Iterator[Cause]:
     yield e.cause("OUT_OF_REACH", sentence + more, remedy)
 
 
+def _viewpoint(e: Evidence, what: str, gap: float | None) -> Cause:
+    """Cause for a point from which the camera cannot keep its distance."""
+    distance = float(e.ports["distance"])
+    sentence = f"{e.robot} cannot look at {what} from {distance:g} m: {e.reason}"
+    if gap is None or gap <= distance:
+        remedy = "a smaller `distance`, another direction, a larger `lean`, or a nearer base"
+        return e.cause("OUT_OF_REACH", sentence, remedy)
+    sentence += f"; its tool comes no nearer to it than {gap:.2f} m"
+    remedy = f"bring {what} or the base of {e.arm} at least {1e3 * (gap - distance):.0f} mm nearer"
+    return e.cause("OUT_OF_REACH", sentence, remedy)
+
+
 def _unit_slip(e: Evidence, point: Vector) -> str:
     """Clause on a distant point that would be within reach in another unit; otherwise empty."""
     if np.linalg.norm(point) < _ABSURD_M:
@@ -399,6 +435,9 @@ def target_of(e: Evidence) -> tuple[str, Vector] | None:
     moved = _moved_part(e)
     if moved is not None:
         return moved
+    if e.leaf.kind == "scan":  # where the object is, the arm does not know
+        point = np.array(e.ports["center"], dtype=float)
+        return f"the area around ({', '.join(f'{x:g}' for x in point)})", point
     if isinstance(to, dict) and "xyz" in to:
         point = np.array(to["xyz"], dtype=float)
         return f"({', '.join(f'{x:g}' for x in point)})", point
@@ -425,11 +464,18 @@ def _moved_part(e: Evidence) -> tuple[str, Vector] | None:
 
 def _gap(e: Evidence, point: Vector) -> float | None:
     """Smallest distance in m of the tool from a point; None for an unknown robot."""
+    robot = _robot(e)
+    if robot is None:
+        return None
+    base = PoseSpec.model_validate(with_tuples(e.record.arms[e.arm]["base"])).pose
+    return Workspace(robot, base).gap(point)
+
+
+def _robot(e: Evidence) -> Robot | None:
+    """The arm's robot; None if its description can no longer be read."""
     facts = e.record.arms[e.arm]
     try:
-        root = Path(e.record.start["path"]).parent
-        robot = load_robot(facts["robot"], root, facts.get("locked"))
-        return Workspace(robot, PoseSpec.model_validate(with_tuples(facts["base"])).pose).gap(point)
+        return load_robot(facts["robot"], Path(e.record.start["path"]).parent, facts.get("locked"))
     except (DualArmError, OSError, ValueError):
         return None
 
@@ -578,7 +624,7 @@ def coordination_causes(e: Evidence) -> Iterator[Cause]:
     if (waits and waits[-1].get("ended")) or (not waits and e.code != "PARTNER_GONE"):
         return
     others = [str(other) for other in waits[-1]["others"]] if waits else []
-    what = e.reason
+    what = f"{e.arm} {e.reason}" if e.reason.startswith("waits ") else e.reason
     if waits:
         since = float(waits[-1]["since"])
         wait = waiting_sentence(str(waits[-1]["target"]), others, since)
@@ -593,12 +639,28 @@ def coordination_causes(e: Evidence) -> Iterator[Cause]:
         if is_in_path and isinstance(named, str) and named in e.scene(e.ended).held(other):
             remedy = f"let {other} place {named} before {e.leaf.path!r}"
             yield e.cause("HELD", f"{other} holds {named} already: {what}", remedy)
+        removal = e.timeline.removal(other)
+        if removal is not None and removal[1].time <= e.ended:
+            node, change = removal
+            sentence = f"{node.arm}:{node.path} (remove) removed {other} at {change.time:.2f} s"
+            yield e.cause(
+                "TAKEN_AWAY",
+                f"{sentence}: {what.partition(f': {other} was removed')[0]}",
+                f"remove {other} when {e.leaf.path!r} has ended",
+                leaf=node.path,
+                time_s=change.time,
+            )
+            continue
         sentence, leaf, time = _meanwhile(e, other)
-        yield e.cause("OTHER_ARM", f"{what}: {sentence}", leaf=leaf, time_s=time)
+        if sentence:
+            yield e.cause("OTHER_ARM", f"{what}: {sentence}", leaf=leaf, time_s=time)
 
 
 def _meanwhile(e: Evidence, other: str) -> tuple[str, str, float | None]:
-    """What another arm did when the wait ended: a sentence, the leaf, the time of its end."""
+    """What another arm did when the wait ended: a sentence, the leaf, the time of its end.
+
+    The sentence is empty if the leaf's own reason says so.
+    """
     root = e.timeline.roots[other]
     failed = root.last("FAILURE")
     if failed is not None and failed.time <= e.ended:
@@ -606,9 +668,6 @@ def _meanwhile(e: Evidence, other: str) -> tuple[str, str, float | None]:
         end = deciding.end or failed
         sentence = f"{other} had failed at {end.time:.2f} s, at {deciding.leaf.path!r}"
         return f"{sentence} with {end.code}: {end.reason}", deciding.leaf.path, end.time
-    removal = e.timeline.removal(other)
-    if removal is not None and removal[1].time <= e.ended:
-        return f"{other} was removed at {removal[1].time:.2f} s", "", removal[1].time
     doing = [leaf.path for leaf in root.leaves_at(e.ended, "RUNNING")]
     if doing:
         return f"{other} was at {doing[0]!r} then", doing[0], None

@@ -233,12 +233,14 @@ def _hand_full(e: Evidence) -> Iterator[Cause]:
 
 
 def absence(e: Evidence, name: str) -> Cause | None:
-    """Why an object was not in the world when the leaf ended; None if it was."""
+    """Why an object was not in the world when the leaf ended; None if it was, or by a fault."""
     if e.scene(e.ended).has(name):
         return None
     removals = _ended(e, "remove", name)
     if removals:
         return _taken_away(e, name, removals[-1])
+    if e.scene(0.0).has(name):
+        return None
     sentence = f"{name} was not in the world: spawned is false, and no leaf had spawned it"
     return e.cause("NOT_SPAWNED_YET", sentence, f"a leaf that spawns {name} before")
 
@@ -308,6 +310,30 @@ def _fell_meanwhile(e: Evidence, name: str) -> Iterator[Cause]:
     if fallen > _FALLEN_M and not _is_held(e, name, e.ended):
         sentence = f"{name} fell by {1e3 * fallen:.0f} mm while {e.leaf.path!r} reached for it"
         yield e.cause("FELL", sentence, f"place {name} on a support")
+
+
+def _fell_in_view(e: Evidence, name: str) -> Cause | None:
+    """Cause if an arm let go of the target that it moved, and it fell; else None."""
+    lost = [
+        (time, arm)
+        for arm in e.record.arms
+        for (_, before), (time, after) in itertools.pairwise(held_over_time(e.record, arm))
+        if name in before and name not in after and e.began < time <= e.ended
+    ]
+    if not lost or _is_held(e, name, e.ended) or not e.scene(e.ended).has(name):
+        return None
+    time, arm = max(lost)
+    before, now = e.scene(max(time - _JUST_BEFORE_S, 0.0)), e.scene(e.ended)
+    fallen = float(before.position(name)[2] - now.position(name)[2])
+    if fallen < _FALLEN_M:
+        return None
+    running = e.timeline.roots[arm].leaves_at(time, "RUNNING")
+    leaf = running[0].path if running else ""
+    sentence = f"{name} fell by {1e3 * fallen:.0f} mm when {arm} let go of it at {time:.2f} s"
+    if leaf:
+        sentence += f", at {leaf!r}"
+    remedy = f"let {arm} hold {name} until {e.leaf.path!r} has ended, or set it down"
+    return e.cause("LET_GO", sentence, remedy, leaf=leaf, time_s=time)
 
 
 def _is_held(e: Evidence, name: str, time: float) -> bool:
@@ -649,6 +675,12 @@ def sight_causes(e: Evidence) -> Iterator[Cause]:
     if e.code == "UNREACHABLE" and e.leaf.kind == "track":
         yield e.cause("LEFT_REACH", e.reason, "a larger `reach`, or a target that stays nearer")
     meant = _candidates(e)
+    if len(meant) == 1 and e.code in VISION_CODES | {"INACCURATE"}:
+        (name,) = meant
+        lost = absence(e, name) or _fell_in_view(e, name)
+        if lost is not None:
+            yield lost
+            return
     if e.code == "INACCURATE":
         yield from filter(None, (_wrong_kind(e, meant),))
     if e.code not in VISION_CODES and not _saw_nothing(e):
@@ -816,11 +848,11 @@ def _wrong_color(e: Evidence, color: object, meant: list[str]) -> Cause | None:
 
 def _of_target(e: Evidence, name: str) -> Iterator[Cause]:
     """Yields causes of not finding a target of the right color, from its visibility."""
-    last_seen = _last_seen(e)
     gone = absence(e, name)
     if gone is not None:
         yield gone
         return
+    last_seen = _last_seen(e)
     since = e.began if last_seen is None else last_seen
     looks = e.notes("look", since=since, until=e.ended)
     if 2 * e.numbers.get("spanned_images", 0) > len(looks) > 0:

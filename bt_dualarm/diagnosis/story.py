@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from bt_dualarm.diagnosis.evidence import (
@@ -55,6 +55,37 @@ _RULES: Final[tuple[Callable[[Evidence], Iterator[Cause]], ...]] = (
     time_causes,
 )
 
+
+def _partner_causes(e: Evidence) -> Iterator[Cause]:
+    """Yields the cause of each other arm's failure that ended what the arms did together."""
+    if e.code != "PARTNER_GONE":
+        return
+    for other, root in e.timeline.roots.items():
+        if other == e.arm or f"{other} " not in e.reason:
+            continue
+        failed = root.last("FAILURE")
+        if failed is not None and failed.time <= e.ended:
+            deciding = descend(root, failed)
+        else:  # the tree may go on: it tries again, or does something else
+            ends = [
+                (change.index, leaf, change)
+                for leaf in root.walk()
+                for change in leaf.changes
+                if not leaf.children and change.new == "FAILURE" and leaf.path in e.reason
+                if e.began <= change.time <= e.ended + 1e-9
+            ]
+            if not ends:
+                continue
+            _, leaf, end = max(ends, key=lambda found: found[0])
+            deciding = RootCause(chain_of(root, leaf), end)
+        if deciding.end is None or deciding.end.code == "PARTNER_GONE":
+            continue
+        first = causes_of(Evidence(e.record, e.timeline, deciding))[0]
+        path = deciding.leaf.path
+        sentence = f"{other} had failed at {deciding.end.time:.2f} s, at {path!r}: {first.sentence}"
+        yield replace(first, sentence=sentence, leaf=first.leaf or path)
+
+
 _DATA_ERRORS: Final = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError)
 """Errors that Python raises when data do not have the structure that a rule expects."""
 
@@ -65,7 +96,7 @@ def causes_of(e: Evidence) -> tuple[Cause, ...]:
         return (e.cause("SUCCESS", f"{e.leaf.path!r} succeeded"),)
     found: list[Cause] = []
     unreadable: list[Cause] = []
-    for rule in _RULES:
+    for rule in (_partner_causes, *_RULES):
         try:
             causes = [*rule(e)]
         except _DATA_ERRORS as error:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import itertools
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from enum import IntEnum
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -150,6 +151,26 @@ class CarryPlan:
     set_down: bool
 
 
+class _Stage(IntEnum):
+    """How far the check of some grasps came before one of them was refused."""
+
+    GRASP = 0
+    PATH = 1
+    CONDITION = 2
+
+
+class _Refusal(NamedTuple):
+    """Why some grasps do not allow the path.
+
+    Attributes:
+        stage: How far their check came.
+        failure: The reason.
+    """
+
+    stage: _Stage
+    failure: Failure
+
+
 class CarryPlanning:
     """Choice of the grasps of all arms with which the whole path can be followed.
 
@@ -181,8 +202,8 @@ class CarryPlanning:
         """Choose grasps; yields once per attempt.
 
         Raises:
-            Failure: ``OUT_OF_REACH`` with the reason of the first attempt, caused by all; that of
-                the leader where no arm can hold the object at a section.
+            Failure: ``OUT_OF_REACH`` with the reason of the attempt that came farthest, caused by
+                all; that of the leader where no arm can hold the object at a section.
         """
         held = {name: self._world.attachments.find(name, self._object) for name in self._proposals}
         if all(held.values()):
@@ -210,7 +231,7 @@ class CarryPlanning:
                     **refusal.numbers,
                 ) from refusal
         poses = _poses_of(object_pose, goals, self._ports)
-        refusals: list[Failure] = []
+        refusals: list[_Refusal] = []
         best: tuple[float, CarryPlan] | None = None
         tried = (
             (False, False, _COMBINATIONS),
@@ -221,7 +242,7 @@ class CarryPlanning:
         for apart, around, count in tried:
             if best or (apart and not refusals):
                 break
-            if around and not any(isinstance(one, CollisionFailure) for one in refusals):
+            if around and not any(isinstance(one.failure, CollisionFailure) for one in refusals):
                 continue  # searching around obstacles takes much longer
             left = count
             for combination in self._combinations(object_pose, parts, apart):
@@ -229,13 +250,11 @@ class CarryPlanning:
                 if combination is None:
                     continue
                 left -= 1
-                try:
-                    found = yield from self._with(combination, poses, around)
-                except Failure as failure:
-                    refusals.append(failure.with_traceback(None))
-                else:
-                    if best is None or found[0] < best[0]:
-                        best = found
+                found = yield from self._with(combination, poses, around)
+                if isinstance(found, _Refusal):
+                    refusals.append(found)
+                elif best is None or found[0] < best[0]:
+                    best = found
                 if left <= 0 or (best is not None and (best[0] < _GOOD or around)):
                     break
         if best is not None:
@@ -249,13 +268,14 @@ class CarryPlanning:
             ) from self._beyond
         if not refusals:
             raise Failure("OUT_OF_REACH", "no arm has a grasp at its end of the object")
+        # Why some grasps are not possible says little where others are, and fail later.
+        failure = max(refusals, key=lambda one: one.stage).failure
         raise Failure(
             "OUT_OF_REACH",
-            f"no grasps of {' and '.join(self._proposals)} allow the whole path: "
-            f"{refusals[0].reason}",
+            f"no grasps of {' and '.join(self._proposals)} allow the whole path: {failure.reason}",
             plans_tried=len(refusals),
-            **refusals[0].numbers,
-        ) from ExceptionGroup("no way", refusals)
+            **failure.numbers,
+        ) from ExceptionGroup("no way", [one.failure for one in refusals])
 
     def _combinations(
         self, object_pose: Pose, parts: Sequence[Section], apart: bool
@@ -321,11 +341,10 @@ class CarryPlanning:
 
     def _with(
         self, chosen: Mapping[str, RankedGrasp], poses: Sequence[Pose], around: bool
-    ) -> Generator[None, None, tuple[float, CarryPlan]]:
+    ) -> Generator[None, None, tuple[float, CarryPlan] | _Refusal]:
         """Best conditioned plan with these grasps, with the largest condition number of its path.
 
-        Raises:
-            Failure: That of the first branch, if there is no plan.
+        If there is none, the refusal of the branch that came farthest.
         """
         object_pose = poses[0]
         grasps = {name: object_pose.inverse @ one.tool for name, one in chosen.items()}
@@ -335,24 +354,28 @@ class CarryPlanning:
         )
         planner = CarryPlanner(self._kinematics, grasps, checker, seed=0)
         near = {name: one.q for name, one in self._proposals.items()}
-        refusal: Failure | None = None
+        refusal: _Refusal | None = None
         best: tuple[float, CarryPlan] | None = None
         branches = self._kinematics.branches(holding(grasps, object_pose), near)
         for q in itertools.islice(branches, _AROUND if around else _BRANCHES):
             yield
             joined = planner.joined(q)
+            stage = _Stage.GRASP
             try:
                 found = checker.contact(joined)
                 if found is not None:
                     raise found.failure()
                 approach = self._approach(chosen, q)
+                stage = _Stage.PATH
                 if around:
                     path = yield from planner.through(poses, joined)
                 else:
                     path = planner.along(path_through(poses), joined)
+                stage = _Stage.CONDITION
                 condition = self._condition(path)
             except Failure as failure:
-                refusal = refusal or failure.with_traceback(None)
+                if refusal is None or stage > refusal.stage:
+                    refusal = _Refusal(stage, failure.with_traceback(None))
                 continue
             plan = CarryPlan(
                 self._leader, chosen, grasps, self._shares(grasps), approach, self._ports.set_down
@@ -363,7 +386,8 @@ class CarryPlanning:
                 break
         if best is not None:
             return best
-        raise refusal or Failure("UNREACHABLE", "the grasps are out of reach")
+        unreachable = Failure("UNREACHABLE", "the grasps are out of reach")
+        return refusal or _Refusal(_Stage.GRASP, unreachable)
 
     def _shares(self, grasps: Mapping[str, Pose]) -> dict[str, float]:
         """Share of the weight that each arm bears with these grasps."""

@@ -9,7 +9,9 @@ from pathlib import Path
 import pytest
 
 import bt_dualarm
+from benchmarks.random_programs import Dice
 from benchmarks.why import first_cause, is_named
+from benchmarks.why_generated import FAULTS, generated, planted
 from benchmarks.why_interactions import interactions
 from benchmarks.why_mistake import Mistake
 from benchmarks.why_mistakes import mistakes
@@ -119,6 +121,35 @@ def test_the_planted_mistake_is_named_first(mistake: Mistake, tmp_path: Path) ->
     assert is_named(mistake, cause), cause
 
 
+PLANTED = (
+    ("carry", "a crate in the path", 0),
+    ("carry", "a frozen joint", 0),
+    ("track", "the target is let go", 0),
+    ("sight", "removed by another arm", 0),
+    ("sight", "the wrong place", 4),
+    ("handover", "a partner that is removed", 0),
+    ("pick", "too heavy", 1),
+)
+"""Generated mistakes that were not named first: task, fault, seed."""
+
+
+@pytest.mark.parametrize(("task", "fault", "seed"), PLANTED)
+def test_a_generated_mistake_is_named_first(
+    task: str, fault: str, seed: int, tmp_path: Path
+) -> None:
+    mistake = planted(task, fault, Dice(seed))
+    assert mistake is not None
+    cause = first_cause(mistake, tmp_path)
+    assert is_named(mistake, cause), cause
+
+
+def test_generated_mistakes_are_of_all_kinds_and_repeatable() -> None:
+    first, again = (list(generated(7, 40)) for _ in range(2))
+    assert [(one.name, one.tree) for one in first] == [(one.name, one.tree) for one in again]
+    assert all(one.original != one.tree for one in first)
+    assert {one.name.split()[1] for one in generated(8, 120)} == set(FAULTS)
+
+
 def test_gains_that_make_the_tool_swing_are_to_be_smaller(tmp_path: Path) -> None:
     """It called the tool, which moved faster than its target, too slow, and asked for more."""
     text = find_tree("visual_tracking").read_text()
@@ -129,6 +160,16 @@ def test_gains_that_make_the_tool_swing_are_to_be_smaller(tmp_path: Path) -> Non
     assert "too slow" not in cause.sentence
     assert "proportional control by these gains does not follow" in cause.sentence
     assert cause.remedy == "smaller gains, or controller: predictive"
+
+
+def test_a_removed_partner_is_named_once(tmp_path: Path) -> None:
+    """The sentence named the removal twice, with two times."""
+    mistake = planted("handover", "a partner that is removed", Dice(0))
+    assert mistake is not None
+    cause = first_cause(mistake, tmp_path)
+    assert cause is not None
+    assert cause.sentence.count("removed") == 1
+    assert cause.leaf == "sequence/remove"
 
 
 def test_there_are_at_least_90_mistakes() -> None:

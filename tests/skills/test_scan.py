@@ -124,3 +124,21 @@ def test_object_at_the_image_border_is_viewed_next(
     assert leaf.status == "SUCCESS", leaf.reason
     assert leaf.metrics["places"] == 1
     assert (leaf.ended_s or 0.0) - leaf.started_s < 1.2
+
+
+@pytest.mark.parametrize("robot", ["ur5", "panda"])
+def test_an_empty_area_that_is_in_view_is_not_out_of_reach(robot: str, stage: Stage) -> None:
+    """It called every viewpoint unreachable where none was needed."""
+    file: dict[str, Any] = {
+        "world": {"scene": "table", "reality": "ideal", "time_limit": 60},
+        "objects": {"cube": {"shape": "box", "size": [0.05, 0.05, 0.05], "mass": 0.1}},
+        "arms": {"arm1": {"robot": robot, "camera": {}}},
+    }
+    file["objects"]["cube"] |= {"color": "red", "pose": {"xyz": [-0.35, -0.4, 0.425]}}
+    arm = file["arms"]["arm1"] | {"base": {"xyz": [0.35, 0.0, 0.4], "rpy": [0, 0, -90]}}
+    look = {"look_at": {"at": {"xyz": [0.35, -0.44, 0.4]}, "distance": 0.4, "speed": 1.0}}
+    scan = {"scan": {"object": "cube", "center": [0.35, -0.44, 0.4], "width": 0.08, "depth": 0.05}}
+    file["arms"]["arm1"] = arm | {"tree": {"sequence": [look, scan]}}
+    leaf = stage.run(file, seed=1).leaf("scan")
+    assert leaf.code == "NOT_SEEN", leaf.reason
+    assert "from where the arm was" in leaf.reason
