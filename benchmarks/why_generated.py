@@ -329,7 +329,7 @@ def _insertions(dice: Dice) -> Task:
     tree["world"]["reality"] = dice.one(["ideal", "lab"])
     tree["arms"]["arm1"]["robot"] = dice.one(["ur5", "ur5e"])
     leaves = list(tree["arms"]["arm1"]["tree"]["sequence"])
-    return Task(tree, leaves, object="peg", goal=(0.30, -0.48, 0.44), duration=90.0)
+    return Task(tree, leaves, object="peg", goal=(0.30, -0.48, 0.44), duration=150.0)
 
 
 def _meetings(dice: Dice) -> Task:
@@ -448,8 +448,8 @@ def _never_spawned(task: Task, dice: Dice) -> tuple[str, ...]:
 
 def _no_grasp(task: Task, dice: Dice) -> tuple[str, ...]:
     del dice
-    task.leaves.pop(task.index("grasp"))
-    return (task.object,)
+    leaf = task.leaves.pop(task.index("grasp"))
+    return (leaf["grasp"]["object"],)
 
 
 def _let_go_before(task: Task, dice: Dice) -> tuple[str, ...]:

@@ -652,6 +652,9 @@ _BACKGROUND_SHARE: Final = 0.15
 _SEEN_SHARE: Final = 0.7
 """Fraction of frames with the target from which visibility was not the cause."""
 
+_HARDLY_SEEN: Final = 0.2
+"""Fraction of frames up to which detections may be of something else that has its color."""
+
 _FOLLOWED_S: Final = 2.0
 """Seconds before the end whose frames count for that share."""
 
@@ -766,11 +769,12 @@ def _too_slow(e: Evidence, name: str) -> Cause:
 
 
 def _saw_nothing(e: Evidence) -> bool:
-    """Whether it was running or halted, and had not found its target in the last second."""
+    """Whether it was running or halted, and had hardly found its target in the last second."""
     if e.code not in ("", "HALTED"):
         return False
     looks = e.notes("look", since=max(e.began, e.ended - 1.0), until=e.ended)
-    return not any(look["pixel"] for look in looks)
+    seen = sum(bool(look["pixel"]) for look in looks)
+    return seen <= _HARDLY_SEEN * len(looks)
 
 
 def _candidates(e: Evidence) -> list[str]:
