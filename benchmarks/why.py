@@ -91,7 +91,10 @@ def evaluate(family: str, name: str, seed: int, count: int) -> dict[str, Any]:
 
 
 def _succeeds(tree: Tree, duration: float) -> bool:
-    return bt_dualarm.run(tree, duration=duration).outcome == "SUCCESS"
+    try:
+        return bt_dualarm.run(tree, duration=duration).outcome == "SUCCESS"
+    except DualArmError:  # the arms or objects of this world would overlap
+        return False
 
 
 def _not_counted(why: str) -> dict[str, Any]:

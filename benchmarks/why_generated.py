@@ -161,7 +161,7 @@ def _wrap(task: Task, dice: Dice) -> None:
             case 0:
                 task.leaves[i] = {"retry": {"times": 2, "child": leaf}}
             case 1:
-                task.leaves[i] = {"timeout": {"seconds": 90, "child": leaf}}
+                task.leaves[i] = {"timeout": {"seconds": 200, "child": leaf}}
             case 2:
                 fail = {"fail": {"code": "GAVE_UP", "reason": "the cell needs a person"}}
                 task.leaves[i] = {"selector": [leaf, fail]}

@@ -77,6 +77,7 @@ class HandOver(Skill):
     }
     example = "hand_over: {object: cube, to: arm2}"
     needs_held = True
+    lets_go = True
     counterpart = Counterpart("take_over", partner="to", its_partner="from")
     needs = ("bt_dualarm.skill.preload_grasping",)
     ports: Ports

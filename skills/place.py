@@ -60,6 +60,7 @@ class Place(Skill):
     needs = ("scipy.spatial",)
     needs_gripper = True
     needs_held = True
+    lets_go = True
     ports: Ports
 
     def run(self) -> Iterator[float | None]:

@@ -23,6 +23,7 @@ class Release(Skill):
     }
     example = "release: {width: 0.02}"
     needs_gripper = True
+    lets_go = True
     ports: Ports
 
     def run(self) -> Iterator[float | None]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Final, TypeVar
 
@@ -26,6 +27,7 @@ from bt_dualarm.core.errors import (
 from bt_dualarm.core.free_axes import AXES, REMEDY, FreeAxes
 from bt_dualarm.core.pose import Pose, Vector
 from bt_dualarm.kinematics.inverse_kinematics import Kinematics, Workspace
+from bt_dualarm.kinematics.solver import Chain
 from bt_dualarm.robots.gripper import Gripper, Interval, gripper_names, load_gripper
 from bt_dualarm.robots.meshes import MeshError, refuse_object_mesh
 from bt_dualarm.robots.robot import Robot, degrees_within, is_description_path, problems_of
@@ -402,6 +404,63 @@ def overloads(
                     yield replace(node.port_problem((port,), message, hint), severity="warning")
 
 
+def joint_actions(
+    file: TreeFile, robots: Mapping[str, Robot], kinds: Mapping[str, NodeType]
+) -> Iterator[Problem]:
+    """Yields a warning for every joint action that its arms cannot do.
+
+    They stand too far apart to hold one object, or it is heavier than all of their payloads.
+
+    Args:
+        file: File without errors.
+        robots: Robots by the arm's name.
+        kinds: All node types, by name.
+    """
+    balls: dict[str, tuple[Vector, float]] = {}
+    reported = set[tuple[frozenset[str], str]]()
+    for name, arm in file.arms.items():
+        for node in arm.tree.walk():
+            action = kinds[node.kind].counterpart if node.kind in kinds else None
+            partners = () if action is None else action.partners(node.ports)
+            obj = str(node.ports.get("object"))
+            spec = file.objects.get(obj)
+            members = [name, *partners]
+            key = frozenset(members), obj
+            if action is None or spec is None or not robots.keys() >= set(members):
+                continue
+            if key in reported or len(members) < 2:
+                continue
+            for one in set(members) - balls.keys():
+                balls[one] = Chain(robots[one], file.arms[one].base.pose).bounding_ball
+            first, second, gap = _farthest_apart({one: balls[one] for one in members})
+            if gap > _diagonal(spec):
+                reported.add(key)
+                message = f"{node.kind}: {first} and {second} cannot hold {obj} at once"
+                hint = f"their workspaces are at least {gap:.2f} m apart: move a `base`"
+                problem = node.port_problem((action.partner,), message, hint)
+                yield replace(problem, severity="warning")
+            # In an action of the same kind, all carry it; in others, it goes from hand to hand.
+            payloads = [robots[one].payload for one in members]
+            most = sum(0.0 if one is None else one for one in payloads)
+            if action.kind == node.kind and None not in payloads and spec.total_mass > most:
+                reported.add(key)
+                message = f"{node.kind}: object: {obj} weighs {spec.total_mass:g} kg"
+                together = f"{', '.join(members[:-1])} and {members[-1]} together"
+                hint = f"the payload of {together} is {most:g} kg"
+                yield replace(node.port_problem(("object",), message, hint), severity="warning")
+
+
+def _farthest_apart(balls: Mapping[str, tuple[Vector, float]]) -> tuple[str, str, float]:
+    """The two arms with the largest distance between their workspaces in m, and that distance."""
+    pairs = [
+        (first, second, float(np.linalg.norm(balls[first][0] - balls[second][0])))
+        for first, second in combinations(balls, 2)
+    ]
+    gaps = [(away - balls[a][1] - balls[b][1], a, b) for a, b, away in pairs]
+    gap, first, second = max(gaps)
+    return first, second, gap
+
+
 def _carried(node: NodeSpec, kinds: Mapping[str, NodeType]) -> Iterator[tuple[str, str]]:
     """Yields ports with the names of the objects that a node carries."""
     fields = kinds[node.kind].ports.model_fields if node.kind in kinds else {}
@@ -735,6 +794,7 @@ def check(
         *names.warnings,
         *out_of_reach(file, robots, kinds),
         *overloads(file, robots, kinds),
+        *joint_actions(file, robots, kinds),
         *missing_markers(file, kinds),
         *unknown_places(file, kinds),
     )

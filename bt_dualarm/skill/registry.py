@@ -220,6 +220,7 @@ def kind_of(skill: type[Skill], origin: str) -> NodeType:
         needs_gripper=skill.needs_gripper,
         needs_held=skill.needs_held,
         takes_hold=skill.takes_hold,
+        lets_go=skill.lets_go,
         counterpart=skill.counterpart,
         failures=skill.failures,
         example=skill.example,

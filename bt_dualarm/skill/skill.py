@@ -128,6 +128,7 @@ class Skill:
         needs_held: Whether it works only while the arm holds an object.
         takes_hold: Whether the arm may hold an object after it that it did not hold before; the
             check of the tree assumes it of every skill that is not shipped.
+        lets_go: Whether the gripper holds nothing after it has succeeded.
         counterpart: Skill of another arm with which it acts together; the check of the tree then
             looks for it.
         progress: Progress from 0 to 1, for the display; None if it is unknown.
@@ -146,6 +147,7 @@ class Skill:
     needs_gripper: ClassVar[bool] = False
     needs_held: ClassVar[bool] = False
     takes_hold: ClassVar[bool] = False
+    lets_go: ClassVar[bool] = False
     counterpart: ClassVar[Counterpart | None] = None
 
     ports: Any  # a subclass annotates the type of its own

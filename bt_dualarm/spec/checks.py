@@ -33,6 +33,7 @@ from bt_dualarm.spec.many import MOST_OF_A_KIND, ManySpec, members
 from bt_dualarm.spec.node_types import (
     CONDITION_FIELDS,
     EITHER,
+    FAILURE,
     KEY,
     REFERENCE,
     ChildOutcomes,
@@ -897,11 +898,16 @@ def absent(file: TreeFile, source: Source, node_types: Mapping[str, NodeType]) -
                 yield replace(node.port_problem(path, message), severity="warning")
 
 
-# Warnings of arms that never hold what a node needs them to hold.
+# Warnings of arms that do not hold what a node needs them to hold.
+
+_TAKE_FIRST: Final = "put `grasp` before it, or `take_over` or `approach_and_attach`"
 
 
 def empty_handed(file: TreeFile, node_types: Mapping[str, NodeType]) -> Iterator[Problem]:
-    """Returns a warning for each arm whose tree needs a held object, but never takes one.
+    """Returns a warning for each arm with a node that needs a held object when it holds none.
+
+    Only what must happen counts: that nothing in its tree takes an object, that nothing before the
+    node does, or that a node before it has let go of it and none has taken one since.
 
     Args:
         file: The file.
@@ -909,14 +915,66 @@ def empty_handed(file: TreeFile, node_types: Mapping[str, NodeType]) -> Iterator
     """
     for name, arm in file.arms.items():
         nodes = [node for node in arm.tree.walk() if node.kind in node_types]
-        if any(node_types[node.kind].takes_hold for node in nodes):
-            continue
-        needing = next((node for node in nodes if node_types[node.kind].needs_held), None)
+        taking = [node for node in nodes if node_types[node.kind].takes_hold]
+        if not taking:
+            needing = next((node for node in nodes if node_types[node.kind].needs_held), None)
+            why = "never holds an object: nothing in its tree takes one"
+        elif not all(node_types[node.kind].needs_gripper for node in taking):
+            continue  # besides the object in its gripper, it may carry attached ones
+        else:
+            needing, why = _Hand(node_types, taking[0]).first_in_need(arm.tree)
         if needing is not None:
-            message = f"{needing.kind}: {name} never holds an object: nothing in its tree takes one"
-            hint = "put `grasp` before it, or `take_over` or `approach_and_attach`"
-            problem = needing.problem(message, hint)
+            problem = needing.problem(f"{needing.kind}: {name} {why}", _TAKE_FIRST)
             yield replace(problem, severity="warning")
+
+
+class _Hand:
+    """What a gripper holds while a tree runs, as far as it is certain.
+
+    Args:
+        node_types: Node types by name.
+        first: First node of the tree that takes an object.
+    """
+
+    def __init__(self, node_types: Mapping[str, NodeType], first: NodeSpec) -> None:
+        self._node_types = node_types
+        self._why = f"holds no object yet: '{first.kind}' comes later"
+
+    def first_in_need(self, node: NodeSpec, *, certain: bool = True) -> tuple[NodeSpec | None, str]:
+        """First node from this one down that needs a held object while it holds none, and why.
+
+        Args:
+            node: Node that runs next.
+            certain: Whether the tree goes on only if the node has succeeded.
+        """
+        node_type = self._node_types.get(node.kind)
+        if node_type is None:  # it may do anything
+            self._why = ""
+        elif not node.children:
+            if self._why and node_type.needs_held:
+                return node, self._why
+            if node_type.takes_hold:
+                self._why = ""
+            elif node_type.lets_go and certain:
+                self._why = f"holds nothing any more: '{node.kind}' has let go of it before"
+        elif isinstance(node_type, LanguageNode) and (
+            len(node.children) == 1 or node_type.advances_on is True
+        ):
+            for number, child in enumerate(node.children):
+                ends = [EITHER] * len(node.children)
+                ends[number] = FAILURE
+                must = certain and not node_type.outcomes(node, ends).succeeds
+                found = self.first_in_need(child, certain=must)
+                if found[0] is not None:
+                    return found
+        else:  # its children run in another order, or not all of them
+            below = [one for one in node.walk() if one.kind in self._node_types]
+            if any(self._node_types[one.kind].takes_hold for one in below):
+                self._why = ""
+            needing = (one for one in below if self._node_types[one.kind].needs_held)
+            if self._why:
+                return next(needing, None), self._why
+        return None, ""
 
 
 # Warnings of objects and arms that a tree spawns although they are there.

@@ -616,6 +616,7 @@ class NodeType:
         needs_gripper: Whether it works only with an arm that has a gripper.
         needs_held: Whether it works only while the arm holds an object.
         takes_hold: Whether the arm may hold an object after it that it did not hold before.
+        lets_go: Whether the gripper holds nothing after it has succeeded.
         counterpart: Skill of another arm with which it acts together, if there is one.
         failures: Failure codes with their meaning.
         example: A node in YAML.
@@ -641,6 +642,7 @@ class NodeType:
     needs_gripper: bool = False
     needs_held: bool = False
     takes_hold: bool = False
+    lets_go: bool = False
     counterpart: Counterpart | None = None
     failures: Mapping[str, str] = field(default_factory=dict)
     example: str = ""

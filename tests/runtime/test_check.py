@@ -228,6 +228,50 @@ def test_a_load_beyond_the_payload_is_a_warning(
         assert all(f"a {robot}, is {most:g} kg" in one.hint for one in found)
 
 
+TOGETHER = """
+bt_dualarm: 1
+world: {{scene: empty}}
+objects: {{bar: {{shape: box, size: [0.4, 0.03, 0.03], mass: {mass}, pose: {{xyz: [0, -2, 0.1]}}}}}}
+arms:
+  a: {{robot: {robot}, gripper: robotiq_2f85, tree: {{{mine}}}}}
+  b: {{robot: {robot}, gripper: robotiq_2f85, base: {{xyz: [{away}, 0, 0]}}, tree: {{{its}}}}}
+"""
+CARRY = {
+    "mine": "carry_together: {object: bar, with: [b], to: {xyz: [0, 0.5, 0.2]}}",
+    "its": "carry_together: {object: bar, with: [a]}",
+}
+HAND = {
+    "mine": "sequence: [grasp: {object: bar}, hand_over: {object: bar, to: b}]",
+    "its": "take_over: {object: bar, from: a}",
+}
+
+
+@pytest.mark.parametrize("robot", ["ur3", "ur5", "xarm7", "panda"])
+@pytest.mark.parametrize("action", [CARRY, HAND], ids=["carry", "hand over"])
+def test_arms_that_cannot_hold_one_object_at_once(
+    tmp_path: Path, registry: Registry, robot: str, action: dict[str, str]
+) -> None:
+    """Nothing said so before the run."""
+    path = tmp_path / "task.yaml"
+    for away, count in ((0.8, 0), (4.0, 1)):
+        path.write_text(TOGETHER.format(robot=robot, away=away, mass=0.2, **action))
+        found = check(path, registry.kinds).problems
+        messages = [one.message for one in found if one.severity == "warning"]
+        assert sum("a and b cannot hold bar at once" in one for one in messages) == count, messages
+
+
+@pytest.mark.parametrize(("robot", "most"), [("ur3", 4.15), ("ur5", 8.15)])
+def test_a_load_beyond_the_payload_of_all_that_carry_it_is_a_warning(
+    tmp_path: Path, registry: Registry, robot: str, most: float
+) -> None:
+    path = tmp_path / "task.yaml"
+    for mass, count in ((most - 0.1, 0), (most + 0.1, 1)):
+        path.write_text(TOGETHER.format(robot=robot, away=0.8, mass=mass, **CARRY))
+        found = [one for one in check(path, registry.kinds).problems if "weighs" in one.message]
+        assert len(found) == count
+        assert all("a and b together is" in one.hint for one in found)
+
+
 @pytest.mark.parametrize(
     ("tree", "message", "hint"),
     [

@@ -185,30 +185,51 @@ def test_a_skill_spawns_what_it_declares(name: str, brings: bool, tmp_path: Path
     assert bool(problems) is not brings
 
 
+_NEVER = "never holds an object: nothing in its tree takes one"
+_YET = "holds no object yet: 'take' comes later"
+
+
+def _no_more(leaf: str) -> str:
+    return f"holds nothing any more: '{leaf}' has let go of it before"
+
+
 @pytest.mark.parametrize(
-    ("tree", "is_warned_of"),
+    ("tree", "why"),
     [
-        ("sequence: [look, place]", True),
-        ("sequence: [place, take]", False),
-        ("selector: [{sequence: [look, take]}, place]", False),
-        ("sequence: [look, look]", False),
+        ("sequence: [look, place]", _NEVER),
+        ("sequence: [look, look]", ""),
+        ("sequence: [place, take]", _YET),
+        ("sequence: [{timeout: {seconds: 9, child: place}}, take]", _YET),
+        ("sequence: [{selector: [place, look]}, take]", _YET),
+        ("selector: [{sequence: [look, take]}, place]", ""),
+        ("sequence: [take, place, place]", _no_more("place")),
+        ("sequence: [take, {retry: {times: 2, child: free}}, look, place]", _no_more("free")),
+        ("sequence: [take, {repeat: {times: 2, child: place}}]", ""),
+        ("sequence: [take, free, {selector: [look, place]}]", _no_more("free")),
+        ("sequence: [take, free, {selector: [take, look]}, place]", ""),
+        ("sequence: [take, {force_success: place}, place]", ""),
+        ("sequence: [take, {selector: [place, look]}, place]", ""),
+        ("sequence: [take, {skip_if: {condition: holding, child: free}}, place]", ""),
+        ("sequence: [take, free, attach, place]", ""),
     ],
 )
-def test_an_arm_that_needs_a_held_object_but_takes_none(
-    tree: str, is_warned_of: bool, tmp_path: Path
+def test_an_arm_that_needs_a_held_object_but_holds_none(
+    tree: str, why: str, tmp_path: Path
 ) -> None:
+    look = SKILLS["look"]
+    hand = replace(look, needs_gripper=True)
     kinds = {
         **SKILLS,
-        "place": replace(SKILLS["look"], name="place", needs_held=True),
-        "take": replace(SKILLS["look"], name="take", takes_hold=True),
+        "place": replace(hand, name="place", needs_held=True, lets_go=True),
+        "free": replace(hand, name="free", lets_go=True),
+        "take": replace(hand, name="take", takes_hold=True),
+        "attach": replace(look, name="attach", takes_hold=True),
+        "holding": replace(look, name="holding"),
     }
-    warnings = [
-        problem.message
-        for problem in check_file(task(tmp_path, tree), kinds)
-        if "never holds" in problem.message
-    ]
-    message = "place: arm1 never holds an object: nothing in its tree takes one"
-    assert warnings == [message] * is_warned_of
+    path = task(tmp_path, tree)
+    path.write_text(path.read_text().replace("robot: ur5", "robot: ur5\n    gripper: robotiq_2f85"))
+    warnings = [one.message for one in check_file(path, kinds) if "hold" in one.message]
+    assert warnings == [f"place: arm1 {why}"] * bool(why)
 
 
 def test_an_arm_that_no_leaf_spawns(tmp_path: Path) -> None:
