@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from bt_dualarm.core.errors import DualArmError as DualArmError
     from bt_dualarm.core.errors import Failure as Failure
     from bt_dualarm.core.errors import WorldError as WorldError
+    from bt_dualarm.core.errors import nearest_to_success as nearest_to_success
     from bt_dualarm.core.free_axes import nearest_allowed as nearest_allowed
     from bt_dualarm.core.pose import Matrix as Matrix
     from bt_dualarm.core.pose import Pose as Pose
@@ -294,6 +295,7 @@ _CONTENTS: Final = {
     "circle_path": "trajectory.paths:circle",
     "line_path": "trajectory.paths:line",
     "nearest_allowed": "core.free_axes:nearest_allowed",
+    "nearest_to_success": "core.errors:nearest_to_success",
     "lissajous_path": "trajectory.paths:lissajous",
     "blended_path": "trajectory.paths:blended",
     "drawn_path": "trajectory.paths:drawn",

@@ -23,6 +23,7 @@ from bt_dualarm import (
     beginning_at,
     first_possible,
     make_room,
+    nearest_to_success,
     port,
     unit_vector,
 )
@@ -208,12 +209,12 @@ class ApproachAndAttach(Skill):
                 reasons.append(
                     failure.with_traceback(None)
                 )  # a traceback would keep this frame alive
-        first = reasons[0]
+        nearest = nearest_to_success(reasons)
         raise Failure(
             "OUT_OF_REACH",
-            f"no path to {self._name!r}: {first.reason}",
+            f"no path to {self._name!r}: {nearest.reason}",
             plans_tried=len(reasons),
-            **first.numbers,
+            **nearest.numbers,
         ) from ExceptionGroup("no approach is free", reasons)
 
     def _targets(self) -> list[Pose]:

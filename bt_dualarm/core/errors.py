@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final, Self, TypeAlias
 
 Number: TypeAlias = float | int | bool | str
@@ -178,6 +178,28 @@ class AbsentError(Failure, WorldError):
     def __str__(self) -> str:
         """The sentence alone: it is also an error of Python code outside of skills."""
         return self.reason
+
+
+def nearest_to_success(failures: Sequence[Failure]) -> Failure:
+    """The failure of the attempt that came nearest to success; of equal ones the first.
+
+    It says more than that of the preferred attempt why all of them failed: a link that would be
+    deep in the table excludes one grasp, and what others touch by a millimeter is in the way. A
+    search that found no path (``NO_PLAN``) began where all checks had passed. Of paths that break
+    off, the one that leads farthest is the nearest.
+
+    Args:
+        failures: At least one, the preferred attempt first.
+    """
+
+    def miss(failure: Failure) -> tuple[float, float]:
+        numbers = failure.numbers
+        followed = float(numbers.get("fraction", 0.0))
+        if failure.code == "NO_PLAN":
+            return 0.0, -followed
+        return float(numbers.get("depth_m", numbers.get("residual_m", math.inf))), -followed
+
+    return min(failures, key=miss)
 
 
 class InjectedFailure(Failure):

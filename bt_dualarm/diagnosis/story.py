@@ -82,8 +82,10 @@ def _partner_causes(e: Evidence) -> Iterator[Cause]:
             continue
         first = causes_of(Evidence(e.record, e.timeline, deciding))[0]
         path = deciding.leaf.path
-        sentence = f"{other} had failed at {deciding.end.time:.2f} s, at {path!r}: {first.sentence}"
-        yield replace(first, sentence=sentence, leaf=first.leaf or path)
+        what = f"{other} had failed at {deciding.end.time:.2f} s, at {path!r}: {first.sentence}"
+        if e.reason.startswith("waits "):
+            what = f"{e.arm} {e.reason.partition(f': {other} ')[0]}: {what}"
+        yield replace(first, sentence=what, leaf=first.leaf or path)
 
 
 _DATA_ERRORS: Final = (LookupError, TypeError, ValueError, AttributeError, ArithmeticError)

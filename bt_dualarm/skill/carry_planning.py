@@ -15,7 +15,7 @@ from bt_dualarm.collision.checker import CollisionChecker
 from bt_dualarm.collision.distance import PLANNING_MARGIN_M, RESTING_MARGIN_M
 from bt_dualarm.collision.group import GroupChecker
 from bt_dualarm.control.internal_wrench import CarryingArm
-from bt_dualarm.core.errors import CollisionFailure, Failure
+from bt_dualarm.core.errors import CollisionFailure, Failure, nearest_to_success
 from bt_dualarm.core.pose import Matrix, Pose, Vector
 from bt_dualarm.grasping.candidates import RankedGrasp
 from bt_dualarm.grasping.sections import Section, shares_at
@@ -269,7 +269,8 @@ class CarryPlanning:
         if not refusals:
             raise Failure("OUT_OF_REACH", "no arm has a grasp at its end of the object")
         # Why some grasps are not possible says little where others are, and fail later.
-        failure = max(refusals, key=lambda one: one.stage).failure
+        farthest = max(one.stage for one in refusals)
+        failure = nearest_to_success([one.failure for one in refusals if one.stage is farthest])
         raise Failure(
             "OUT_OF_REACH",
             f"no grasps of {' and '.join(self._proposals)} allow the whole path: {failure.reason}",

@@ -10,7 +10,7 @@ import numpy as np
 
 from bt_dualarm.arm.arm import Arm
 from bt_dualarm.arm.branches import MOST_BRANCHES, beginning_at, first_possible
-from bt_dualarm.core.errors import CollisionFailure, Failure
+from bt_dualarm.core.errors import CollisionFailure, Failure, nearest_to_success
 from bt_dualarm.core.pose import Matrix, Pose
 from bt_dualarm.grasping.candidates import CLEAR, RankedGrasp
 from bt_dualarm.planning.problem import QUICK_CHECKS, refuse_contact
@@ -105,12 +105,12 @@ def first_approach(
         lift: Height by which the arm must be able to lift the object straight up, m.
 
     Raises:
-        Failure: ``OUT_OF_REACH`` with the reason of the best grasp, caused by all; ``OVERLOADED``;
-            ``BUSY``.
+        Failure: ``OUT_OF_REACH`` with the reason of the grasp that came nearest to success, caused
+            by all; ``OVERLOADED``; ``BUSY``.
     """
     began_s = arm.time
     reasons = list[Failure]()
-    reason = ""
+    unsuited = set[int]()
     touched = frozenset({wanted.name} if wanted.name else ())
     left = list(order)
     beyond = list[Pose]()
@@ -162,23 +162,23 @@ def first_approach(
             if failure.code in ("BUSY", "OVERLOADED"):
                 raise
             searched += failure.code == "NO_PLAN"
+            if not suits:
+                unsuited.add(len(reasons))
             reasons.append(failure.with_traceback(None))  # a traceback would keep this frame alive
-            reason = reason or (
-                f"no path to {wanted.label}: {failure.reason}"
-                if suits
-                else f"{wanted.label} could not be set down at `then_at`: {failure.reason}"
-            )
             if failure.code == "UNREACHABLE" or not suits:
                 beyond.append(ranked.tool)
         yield
     if cramped is not None:
         return cramped
-    first = reasons[0]
+    nearest = nearest_to_success(reasons)
+    what = f"no path to {wanted.label}"
+    if reasons.index(nearest) in unsuited:
+        what = f"{wanted.label} could not be set down at `then_at`"
     raise Failure(
         "OUT_OF_REACH",
-        reason,
+        f"{what}: {nearest.reason}",
         plans_tried=len(reasons),
-        **first.numbers,
+        **nearest.numbers,
     ) from ExceptionGroup("no way", reasons)
 
 

@@ -17,6 +17,7 @@ from benchmarks.why_mistake import Mistake
 from benchmarks.why_mistakes import mistakes
 from benchmarks.why_mistakes_unseen import unseen
 from bt_dualarm import cli
+from bt_dualarm.core.errors import CollisionFailure
 from bt_dualarm.diagnosis.story import stories
 from bt_dualarm.replay.record import Record
 from bt_dualarm.runtime.options import find_tree
@@ -123,6 +124,7 @@ def test_the_planted_mistake_is_named_first(mistake: Mistake, tmp_path: Path) ->
 
 PLANTED = (
     ("carry", "a crate in the path", 0),
+    ("drawer", "a crate before it", 4),
     ("carry", "a frozen joint", 0),
     ("track", "the target is let go", 0),
     ("sight", "removed by another arm", 0),
@@ -170,6 +172,29 @@ def test_a_removed_partner_is_named_once(tmp_path: Path) -> None:
     assert cause is not None
     assert cause.sentence.count("removed") == 1
     assert cause.leaf == "sequence/remove"
+
+
+class Bends(bt_dualarm.Skill):
+    """Fails because a partner would collide with itself."""
+
+    example = "bends"
+
+    def run(self) -> bt_dualarm.Ticks:
+        """Fail in the first tick."""
+        reason = "arm2/forearm_link would be 5 mm deep in arm2/pedestal"
+        raise CollisionFailure(reason, "arm2/forearm_link", "arm2/pedestal")
+        yield
+
+
+def test_partner_that_collides_with_itself_does_not_count_as_in_the_way(tmp_path: Path) -> None:
+    """A leaf may plan for its partners, too."""
+    other = {"robot": "ur3", "base": {"xyz": [2, 0, 0]}, "tree": {"wait": 1}}
+    arms = {"arm1": {"robot": "ur5", "tree": "bends"}, "arm2": other}
+    tree = {"bt_dualarm": 1, "world": {"scene": "empty"}, "arms": arms}
+    bt_dualarm.run(tree, skills=[Bends], record=tmp_path / "record")
+    cause = stories(Record.read(tmp_path / "record"))[0].causes[0]
+    assert cause.kind == "SELF_COLLISION"
+    assert cause.sentence.startswith("arm2 would collide with itself: arm2/forearm_link")
 
 
 def test_there_are_at_least_90_mistakes() -> None:
