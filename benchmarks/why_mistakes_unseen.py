@@ -1,4 +1,4 @@
-"""Nineteen more mistakes, planted before the rules of ``bt-why`` were checked for them.
+"""More mistakes, planted before the rules of ``bt-why`` were checked for them.
 
 Other robots, grippers, sight alone, perturbed realities, parameters of subtrees, wrong units.
 """
